@@ -1,0 +1,44 @@
+"""A start on a stop: moving in, moving out, at rest and pressed, at rest and pulled."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .._machine import Machine, State, resting_state
+from .._motion.flow import AbstractFlow
+from .._types import stack
+from .sticking import is_pressed
+
+
+def first_state(
+    flow: AbstractFlow,
+    machine: Machine,
+    phase: Float[Array, "2 harmonics ..."],
+    x: Float[Array, "n ..."],
+    v: Float[Array, "n ..."],
+) -> State:
+    """The state at t0. A mass that moves into its stop is hit by the first step."""
+    touching = is_touching(machine.gaps(x), machine.position)
+    xs = list(x)
+    for j, i in enumerate(machine.masses):
+        xs[i] = jnp.where(touching[j], machine.position[j], xs[i])
+    state = resting_state(machine, phase, stack(xs), v, jnp.zeros(touching.shape, bool))
+    state = eqx.tree_at(lambda s: s.gap, state, jnp.where(touching, 0, state.gap))
+    inward = machine.at_stops(v)
+    leaving, at_rest = touching & (inward < 0), touching & (inward == 0)
+    contact = jnp.where(leaving, jnp.int8(1), state.contact)
+    if not machine.can_stick:
+        return eqx.tree_at(lambda s: s.contact, state, contact)
+    motion = flow.expand(machine, state, machine.has_any(at_rest))
+    force = machine.at_stops(motion.force)
+    later = machine.at_stops(motion.force_rate), machine.at_stops(motion.force_curvature)
+    held = at_rest & is_pressed(force, later)
+    contact = jnp.where(at_rest & ~held, jnp.where(force < 0, jnp.int8(2), jnp.int8(3)), contact)
+    return eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
+
+
+def is_touching(
+    gaps: Float[Array, "stops ..."], position: Float[Array, "stops ..."]
+) -> Bool[Array, "stops ..."]:
+    """Whether a gap is zero to rounding."""
+    return jnp.abs(gaps) <= 8 * jnp.finfo(gaps.dtype).eps * jnp.abs(position)

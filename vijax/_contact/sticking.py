@@ -1,0 +1,58 @@
+"""When a mass stays on its stop, and when it lets go.
+
+A mass on its stop at rest is held while the contact force presses; the force is what acts on the
+mass from everything else, counted towards the stop (Wagg & Bishop 2004, Sec. 2.3).
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .._motion.bounds import short
+from .._types import Scalar
+
+
+def chatter_time(
+    speed: Float[Array, "stops ..."],
+    approach: Float[Array, "stops ..."],
+    restitution: Float[Array, "stops ..."],
+) -> Float[Array, "stops ..."]:
+    """How long bounces last that begin with `speed` against the acceleration `approach`.
+
+    Each bounce takes 2 v / a and the speeds form a geometric series: T = 2 v / (a (1 - r)). Infinite
+    where the mass is not pressed, or r = 1.
+    """
+    loss = approach * (1 - restitution)
+    return jnp.where(loss > 0, 2 * speed / jnp.where(loss > 0, loss, 1), jnp.where(speed > 0, jnp.inf, 0))
+
+
+def chatter_is_complete(
+    speed: Float[Array, "stops ..."],
+    approach: Float[Array, "stops ..."],
+    approach_rate: Float[Array, "stops ..."],
+    duration: Float[Array, "stops ..."],
+    rate: Scalar,
+) -> Bool[Array, "stops ..."]:
+    """Whether the bounces after an impact may be replaced by sticking at once.
+
+    The remaining bounces move the other masses by O(v^3) only, so they may be skipped when they are
+    light (v below 1e-6, and short against the motion: the change is then below rounding) and sure
+    to end, the pressing force staying positive while they last. Otherwise the mass bounces on,
+    and an incomplete chatter is followed to its end.
+    """
+    light = short(speed.dtype) / 6
+    is_light = (speed <= light) & (2 * speed * rate <= 2 * light * approach)
+    presses_on = approach + 2 * jnp.minimum(approach_rate, 0) * duration > 0
+    return is_light & (approach > 0) & presses_on & jnp.isfinite(duration)
+
+
+def is_pressed(
+    force: Float[Array, "stops ..."], derivatives: tuple[Float[Array, "stops ..."], ...]
+) -> Bool[Array, "stops ..."]:
+    """Whether a mass at rest on its stop is held: the sign of the first derivative that is not zero.
+
+    A contact force that stays zero holds the mass, which is at rest either way.
+    """
+    pressed = jnp.ones(force.shape, bool)
+    for value in (*derivatives[::-1], force):
+        pressed = jnp.where(value == 0, pressed, value > 0)
+    return pressed

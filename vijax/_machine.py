@@ -1,0 +1,187 @@
+"""What the engine computes with: the numbers of one machine, and the hybrid state of its motion."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ._system.system import ImpactSystem
+from ._types import Scalar, lift, matvec, stack
+
+
+class Machine(eqx.Module):
+    """An `ImpactSystem` as arrays over masses, stops and harmonics, lanes last.
+
+    The load is `mean + sum_h (cosine_h cos(h W t) + sine_h sin(h W t))`. `rate` bounds every
+    frequency and decay rate of the motion, whatever masses are held.
+    """
+
+    inverse_mass: Float[Array, "n ..."]
+    damping: Float[Array, "n n ..."]
+    stiffness: Float[Array, "n n ..."]
+    mean: Float[Array, "n ..."]
+    cosine: Float[Array, "harmonics n ..."]
+    sine: Float[Array, "harmonics n ..."]
+    frequency: Scalar
+    period: Scalar
+    position: Float[Array, "stops ..."]
+    restitution: Float[Array, "stops ..."]
+    rate: Scalar
+    masses: tuple[int, ...] = eqx.field(static=True)
+    signs: tuple[int, ...] = eqx.field(static=True)
+    can_stick: bool = eqx.field(static=True)
+
+    @property
+    def harmonics(self) -> Float[Array, " harmonics"]:
+        """1, 2, ... as numbers."""
+        return jnp.arange(1, self.cosine.shape[0] + 1, dtype=self.cosine.dtype)
+
+    def load(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
+        """The load at a phase of the forcing, given as cosines and sines of h W t."""
+        return self.mean + self.oscillating_load(phase)
+
+    def oscillating_load(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
+        """The load without its mean; linear in the phase, so it serves derivatives as well."""
+        waves = self.cosine * phase[0][:, None] + self.sine * phase[1][:, None]
+        return jnp.sum(waves, axis=0) if waves.shape[0] > 1 else waves[0]
+
+    def phase_rate(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "2 harmonics ..."]:
+        """Time derivative of the phase."""
+        speed = lift(self.harmonics, phase[0]) * self.frequency
+        return jnp.stack(jnp.broadcast_arrays(-speed * phase[1], speed * phase[0]))
+
+    def force(
+        self, phase: Float[Array, "2 harmonics ..."], x: Float[Array, "n ..."], v: Float[Array, "n ..."]
+    ) -> Float[Array, "n ..."]:
+        """The force on every mass, that of the stops left out: f - C v - K x."""
+        return self.load(phase) - matvec(self.damping, v) - matvec(self.stiffness, x)
+
+    def force_rate(
+        self, phase: Float[Array, "2 harmonics ..."], v: Float[Array, "n ..."], a: Float[Array, "n ..."]
+    ) -> Float[Array, "n ..."]:
+        """Time derivative of `force`, for the accelerations `a`."""
+        rate = self.oscillating_load(self.phase_rate(phase))
+        return rate - matvec(self.damping, a) - matvec(self.stiffness, v)
+
+    def at_stops(self, of_mass: Float[Array, "n ..."]) -> Float[Array, "stops ..."]:
+        """A vector over masses, read at each stop and counted positive towards the stop."""
+        if not self.masses:
+            return of_mass[:0]
+        return stack([s * of_mass[i] for i, s in zip(self.masses, self.signs, strict=True)])
+
+    def gaps(self, x: Float[Array, "n ..."]) -> Float[Array, "stops ..."]:
+        """The distance of every mass from its stop, positive while free."""
+        signs = lift(jnp.asarray(self.signs, self.position.dtype), self.position)
+        return signs * self.position - self.at_stops(x)
+
+    def has_any(self, of_stop: Bool[Array, "stops ..."]) -> Bool[Array, "n ..."]:
+        """Whether any stop of each mass has the flag."""
+        rows = [jnp.zeros(of_stop.shape[1:], bool)] * self.inverse_mass.shape[0]
+        for j, i in enumerate(self.masses):
+            rows[i] = rows[i] | of_stop[j]
+        return jnp.stack(rows)
+
+    def held_masses(self, held: Bool[Array, "stops ..."]) -> Bool[Array, "n ..."]:
+        """Masses that some stop holds; none, where the machine has no stop that can."""
+        return self.has_any(held if self.can_stick else jnp.zeros_like(held))
+
+
+class State(eqx.Module):
+    """Where one trajectory is: all that decides how it goes on.
+
+    Time is local to the forcing period, in two parts whose sum carries twice the digits, so that no
+    step is ever lost in a rounding. `gap` is carried beside x, counted from the last contact
+    instead of as the difference position - x: light bounces keep all their digits.
+
+    `contact` tells how a stop was last left: the number of leading derivatives of the gap that
+    vanish exactly (0 none, 1 just hit, 2 let go by a jump of the force, 3 let go as the force
+    crossed zero). It holds for the next step only.
+    """
+
+    periods: Int[Array, "..."]
+    time: Scalar
+    time_low: Scalar
+    phase: Float[Array, "2 harmonics ..."]
+    x: Float[Array, "n ..."]
+    v: Float[Array, "n ..."]
+    gap: Float[Array, "stops ..."]
+    held: Bool[Array, "stops ..."]
+    contact: Int[Array, "stops ..."]
+
+
+def resting_state(
+    machine: Machine,
+    phase: Float[Array, "2 harmonics ..."],
+    x: Float[Array, "n ..."],
+    v: Float[Array, "n ..."],
+    held: Bool[Array, "stops ..."],
+) -> State:
+    """A state in the open or held, at local time 0."""
+    gap = machine.gaps(x)
+    zero = jnp.zeros(x.shape[1:], x.dtype)
+    return State(
+        periods=jnp.zeros(zero.shape, int),
+        time=zero,
+        time_low=zero,
+        phase=phase,
+        x=x,
+        v=v,
+        gap=gap,
+        held=held,
+        contact=jnp.zeros(gap.shape, jnp.int8),
+    )
+
+
+def prepare(system: ImpactSystem, span: Scalar, *, can_stick: bool) -> Machine:
+    """Turn a system into the engine's arrays; `span` is the time that will be simulated.
+
+    Leaves of `system` may carry lanes as a last axis.
+    """
+    forcing = system.forcing
+    base = jnp.ndim(system.mass) - 1
+    per_harmonic = forcing.amplitude.ndim - base == 2
+    amplitude = forcing.amplitude if per_harmonic else forcing.amplitude[None]
+    phase = forcing.phase if per_harmonic else forcing.phase[None]
+    is_driven = forcing.frequency > 0
+    longest = jnp.asarray(jnp.finfo(system.mass.dtype).max ** 0.5, system.mass.dtype)
+    period = jnp.where(is_driven, 2 * jnp.pi / jnp.where(is_driven, forcing.frequency, 1.0), longest)
+    rate = jnp.maximum(_decay_and_frequency(system), amplitude.shape[0] * forcing.frequency)
+    lanes = jnp.zeros(system.mass.shape[1:], system.mass.dtype)
+    empty = jnp.zeros((0, *lanes.shape), system.mass.dtype)
+    return Machine(
+        inverse_mass=1 / system.mass,
+        damping=system.damping,
+        stiffness=system.stiffness,
+        mean=forcing.mean,
+        cosine=amplitude * jnp.cos(phase),
+        sine=-amplitude * jnp.sin(phase),
+        frequency=forcing.frequency,
+        period=period,
+        position=stack([s.position + lanes for s in system.stops]) if system.stops else empty,
+        restitution=stack([s.restitution + lanes for s in system.stops]) if system.stops else empty,
+        rate=jnp.maximum(rate, 1 / span),
+        masses=tuple(s.mass for s in system.stops),
+        signs=tuple(s.sign for s in system.stops),
+        can_stick=can_stick,
+    )
+
+
+def _decay_and_frequency(system: ImpactSystem) -> Scalar:
+    """Bound the norm of the first-order matrix of the machine, in the norm of its energy.
+
+    In that norm the matrix is [[0, S], [-S, -D]] with S^2 = M^-1/2 K M^-1/2 and D likewise from C;
+    holding masses can only make it smaller. Its norm is at most (d + sqrt(d^2 + 4 w^2)) / 2.
+    """
+    root = jnp.sqrt(system.mass)
+    scale = root[:, None] * root[None]
+    w2 = _norm(system.stiffness / scale)
+    d = _norm(system.damping / scale)
+    return (d + jnp.sqrt(d * d + 4 * w2)) / 2
+
+
+def _norm(matrix: Float[Array, "n n ..."]) -> Scalar:
+    """Bound the largest eigenvalue of a symmetric matrix: the Frobenius norm of A^4, to the 1/4."""
+    largest = jnp.max(jnp.abs(matrix), axis=(0, 1))
+    unit = matrix / jnp.where(largest > 0, largest, 1.0)
+    for _ in range(2):
+        unit = jnp.sum(unit[:, :, None] * unit[None], axis=1)
+    return largest * jnp.sum(unit * unit, axis=(0, 1)) ** 0.125

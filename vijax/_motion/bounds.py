@@ -1,0 +1,76 @@
+"""Steps that are proved free of events.
+
+A stop is watched through one function of time that is positive while nothing happens: the gap of a
+free mass, or the contact force of a held one. Its first Taylor coefficients at the present instant
+are known exactly and the rest is bounded, so on [0, U]
+
+    h(u) >= a0 + a1 u + a2 u^2 - rest u^3 >= a0 + a1 u - (rest U - a2) u^2,
+
+and up to the smallest positive root of the right-hand side nothing can happen. Far from a stop
+the step is of the order of 1/rate; near one it becomes a Newton step from the safe side that
+also knows the curvature, so stepping and root finding are the same code and no lane of a batch waits
+for another's root search. Any U gives a valid step: two are tried and the longer one kept.
+
+After a contact some leading coefficients vanish exactly (`State.contact`). They are divided out
+before the bound is made, so no tolerance decides whether a mass that is leaving is hit again.
+
+A positive a2 is used (the parabola may have no root at all): that is what carries a step past a near
+miss. The root of the parabola misses the event by the third-order term alone, so a step that is short
+against the motion, rate * u <= eps^(1/3), ends on the event to rounding.
+"""
+
+import jax.numpy as jnp
+
+from .._types import Flag, Scalar
+
+
+def short(dtype: jnp.dtype) -> float:
+    """The longest step, times the rate of the motion, whose cube is below rounding."""
+    return float(jnp.finfo(dtype).eps) ** (1 / 3)
+
+
+def deflate(
+    c: tuple[Scalar, Scalar, Scalar, Scalar], rest: Scalar, order: Scalar, limit: Scalar
+) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+    """Divide a gap c0 + c1 u + c2 u^2 + c3 u^3 -+ rest u^4 by u^order, for order 0 to 3.
+
+    Returns the coefficients a0, a1, a2 of the quotient and the bound of what follows, on [0, limit].
+    """
+    zero = jnp.zeros_like(rest)
+    of_order = (
+        (jnp.maximum(c[0], 0), c[1], c[2], jnp.maximum(-c[3], 0) + rest * limit),
+        (c[1], c[2], c[3], rest),
+        (c[2], c[3], -rest, zero),
+        (c[3], -rest, zero, zero),
+    )
+    chosen = of_order[0]
+    for p in (1, 2, 3):
+        chosen = tuple(jnp.where(order == p, new, old) for new, old in zip(of_order[p], chosen, strict=True))
+    return chosen
+
+
+def safe_step(a0: Scalar, a1: Scalar, a2: Scalar, rest: Scalar, limit: Scalar) -> tuple[Scalar, Flag]:
+    """Longest step that is proved free of an event, and whether it ends on a root of the bound.
+
+    Args:
+        a0: value now, not negative.
+        a1: first coefficient.
+        a2: second coefficient, exact or a lower bound.
+        rest: bound of the third and higher ones on [0, limit].
+        limit: longest step allowed.
+
+    Returns:
+        The step, and True if the lower bound crosses zero there with a slope.
+    """
+    tiny = jnp.finfo(jnp.result_type(a0)).tiny
+    trial, step, is_root = limit, limit, jnp.zeros(jnp.shape(limit), bool)
+    for _ in range(2):  # the second trial is never shorter than the first, its bound being tighter
+        fall = rest * trial - a2
+        under_root = a1 * a1 + 4 * fall * a0
+        root = jnp.sqrt(jnp.maximum(under_root, 0))
+        falling, rising = 2 * a0 / jnp.maximum(root - a1, tiny), (a1 + root) / jnp.maximum(2 * fall, tiny)
+        never = (under_root < 0) | ((a1 >= 0) & (fall <= 0))
+        step = jnp.where(never, trial, jnp.minimum(jnp.where(a1 < 0, falling, rising), trial))
+        is_root = ~never & (step < trial) & (root > 0)
+        trial = jnp.where(step > 0, jnp.minimum(limit, 1.5 * step), limit)
+    return step, is_root

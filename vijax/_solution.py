@@ -1,0 +1,181 @@
+"""What `simulate` returns."""
+
+from typing import Final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
+
+from ._machine import Machine, resting_state
+from ._motion.flow import AbstractFlow
+from ._types import Scalar
+
+IMPACT: Final = 0
+STICK: Final = 1
+RELEASE: Final = 2
+
+
+class RESULTS(eqx.Enumeration):
+    """What became of one trajectory. Each message says what to do."""
+
+    successful = "successful: the motion reached its end."
+    max_events_reached = (
+        "max_events_reached: the motion is complete, but there were more events than the log holds. "
+        "Increase `max_events`, or shorten the time span."
+    )
+    max_impacts_reached = (
+        "max_impacts_reached: the motion is complete, but there were more impacts than are recorded. "
+        "Increase `max_impacts`, or record fewer periods."
+    )
+    max_steps_reached = (
+        "max_steps_reached: the motion stopped before its end, because it took too many steps. "
+        "Increase `max_steps`; if that does not help, look for a scale of time far shorter than the rest."
+    )
+    non_finite = (
+        "non_finite: the motion stopped before its end at a number that is infinite or NaN. "
+        "Check that the system and the start are finite and of moderate size."
+    )
+
+
+class EventLog(eqx.Module):
+    """All events in the order of time, padded with NaN and -1.
+
+    Attributes:
+        t: time, (events,). A stick carries the end of the chatter it completes.
+        stop: index of the stop, (events,).
+        kind: `vx.IMPACT`, `vx.STICK` or `vx.RELEASE`, (events,).
+        velocity_minus: signed velocity of the mass just before, (events,); 0 unless an impact.
+        velocity_plus: just after, likewise.
+        impulse: m (velocity_plus - velocity_minus), (events,).
+    """
+
+    t: Float[Array, " events"]
+    stop: Int[Array, " events"]
+    kind: Int[Array, " events"]
+    velocity_minus: Float[Array, " events"]
+    velocity_plus: Float[Array, " events"]
+    impulse: Float[Array, " events"]
+
+
+class Restarts(eqx.Module):
+    """The state after every instant that had an event, the start first; the rest is padding."""
+
+    t: Float[Array, " rows"]
+    phase: Float[Array, "rows 2 harmonics"]
+    x: Float[Array, "rows n"]
+    v: Float[Array, "rows n"]
+    held: Bool[Array, "rows stops"]
+
+
+class Solution(eqx.Module):
+    """One trajectory.
+
+    Attributes:
+        ts: the times asked for, (times,).
+        xs: positions there, (times, n). At the time of an event, those after it.
+        vs: velocities there, (times, n).
+        x1: position at t1, (n,).
+        v1: velocity at t1, (n,).
+        stuck1: which stops hold their mass at t1, (stops,).
+        events: the log.
+        num_events: number of logged events.
+        num_steps: number of steps taken.
+        result: what became of it, a member of `vx.RESULTS`.
+        t0: start.
+        t1: end.
+    """
+
+    ts: Float[Array, " times"]
+    xs: Float[Array, "times n"]
+    vs: Float[Array, "times n"]
+    x1: Float[Array, " n"]
+    v1: Float[Array, " n"]
+    stuck1: Bool[Array, " stops"]
+    events: EventLog
+    num_events: Int[Array, ""]
+    num_steps: Int[Array, ""]
+    result: RESULTS
+    t0: Scalar
+    t1: Scalar
+    machine: Machine
+    flow: AbstractFlow
+    restarts: Restarts
+    known_until: Scalar
+
+    def evaluate(self, t: ArrayLike) -> tuple[Float[Array, "... n"], Float[Array, "... n"]]:
+        """Position and velocity at any time, as exact as the trajectory itself.
+
+        Args:
+            t: times in [t0, t1], any shape.
+
+        Returns:
+            x and v, the shape of `t` and then (n,). NaN outside [t0, t1], and after the last
+            logged event if the log was too short.
+
+        Example:
+            ```python
+            import jax.numpy as jnp, vijax as vx
+            sol = vx.simulate(vx.models.wagg_bishop_a(0.8), 0.0, 50.0)
+            x, v = sol.evaluate(jnp.linspace(0.0, 50.0, 1001))
+            ```
+        """
+        x, v, _ = self._at(t)
+        return x, v
+
+    def contact_force(self, t: ArrayLike) -> Float[Array, "... stops"]:
+        """Force with which each stop is pressed while it holds its mass; 0 while it does not.
+
+        Impacts are impulses and not part of it: see `events.impulse`.
+
+        Args:
+            t: times in [t0, t1], any shape.
+
+        Returns:
+            The force, the shape of `t` and then (stops,); NaN where `evaluate` is.
+
+        Example:
+            ```python
+            import vijax as vx
+            sol = vx.simulate(vx.models.wagg_bishop_b(0.2), 0.0, 80.0)
+            force = sol.contact_force(80.0)
+            ```
+
+        References:
+            Wagg & Bishop (2004), Eqs. 19-20.
+        """
+        return self._at(t)[2]
+
+    def _at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        times = jnp.asarray(t, self.t0.dtype)
+        x, v, force = _evaluate_all(self, times.ravel())
+        return tuple(a.reshape(*times.shape, a.shape[-1]) for a in (x, v, force))
+
+
+@eqx.filter_jit
+def _evaluate_all(solution: Solution, times: Float[Array, " times"]) -> tuple[Array, Array, Array]:
+    return jax.vmap(lambda t: _evaluate(solution, t))(times)
+
+
+def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
+    """Follow the smooth motion from the last event before t."""
+    rows, machine = solution.restarts, solution.machine
+    row = jnp.clip(jnp.searchsorted(rows.t, t, side="right") - 1, 0)
+    start = jax.tree.map(lambda a: a[row], rows)
+    state = resting_state(machine, start.phase, start.x, start.v, start.held)
+
+    def step(carry):
+        state, remaining = carry
+        motion = solution.flow.expand(machine, state, machine.held_masses(state.held))
+        length = jnp.minimum(remaining, motion.limit)
+        displacement, v, phase = motion.move(length)
+        state = eqx.tree_at(
+            lambda s: (s.x, s.v, s.phase), state, (state.x + displacement, v, phase)
+        )
+        return state, remaining - length
+
+    state, _ = jax.lax.while_loop(lambda c: c[1] > 0, step, (state, t - start.t))
+    pressing = machine.at_stops(machine.force(state.phase, state.x, state.v))
+    is_known = (t >= solution.t0) & (t <= solution.t1) & (t <= solution.known_until)
+    x, v, force = state.x, state.v, jnp.where(state.held, pressing, 0)
+    return tuple(jnp.where(is_known, a, jnp.nan) for a in (x, v, force))

@@ -1,0 +1,83 @@
+"""The periodic load on the masses."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from .._types import as_float, concrete
+
+
+class Harmonic(eqx.Module):
+    """A load of one or several harmonics of one angular frequency, and a constant part.
+
+    Mass i feels `mean_i + sum_h A_hi cos(h W t + phase_hi)`, h = 1, 2, ...
+
+    Args:
+        amplitude: A, shape (n,) for a single harmonic or (harmonics, n); a force.
+        frequency: angular frequency W of the first harmonic, 0 or more, in radians per time.
+            At 0 the load is constant.
+        phase: radians, the shape of `amplitude`; zero if left out.
+        mean: constant force, shape (n,); zero if left out.
+
+    Raises:
+        ValueError: for shapes that do not fit together or a negative frequency.
+
+    Example:
+        ```python
+        import vijax as vx
+        load = vx.Harmonic(amplitude=[0.3, 0.0], frequency=0.8)
+        ```
+
+    References:
+        Wagg & Bishop (2004), Sec. 2: f(t) = A cos(W t).
+    """
+
+    amplitude: Float[Array, "..."]
+    frequency: Float[Array, "..."]
+    phase: Float[Array, "..."]
+    mean: Float[Array, "..."]
+
+    def __init__(
+        self,
+        amplitude: ArrayLike | list[float] | list[list[float]],
+        frequency: ArrayLike,
+        phase: ArrayLike | list[float] | list[list[float]] | None = None,
+        mean: ArrayLike | list[float] | None = None,
+    ):
+        self.amplitude = as_float(jnp.asarray(amplitude))
+        self.frequency = as_float(frequency)
+        n = self.amplitude.shape[-1:]
+        self.phase = jnp.zeros_like(self.amplitude) if phase is None else as_float(jnp.asarray(phase))
+        self.mean = jnp.zeros(n, self.amplitude.dtype) if mean is None else as_float(jnp.asarray(mean))
+
+    def __check_init__(self):
+        shape = self.amplitude.shape
+        if len(shape) not in (1, 2) or 0 in shape:
+            raise ValueError(
+                f"Argument `amplitude` must have shape (n,) or (harmonics, n), but has shape {shape}."
+            )
+        if self.phase.shape != shape:
+            raise ValueError(
+                f"Argument `phase` must have the shape of `amplitude`, {shape}, "
+                f"but has shape {self.phase.shape}."
+            )
+        if self.mean.shape != shape[-1:]:
+            raise ValueError(
+                f"Argument `mean` must have shape (n,) = {shape[-1:]}, but has shape {self.mean.shape}."
+            )
+        if self.frequency.ndim != 0:
+            raise ValueError(
+                f"Argument `frequency` must be a number, but has shape {self.frequency.shape}."
+            )
+        frequency = concrete(self.frequency)
+        if frequency is not None and not 0 <= frequency < float("inf"):
+            raise ValueError(f"Argument `frequency` must be finite and not negative, but is {frequency}.")
+        for name in ("amplitude", "phase", "mean"):
+            value = concrete(getattr(self, name))
+            if value is not None and not jnp.isfinite(value).all():
+                raise ValueError(f"Argument `{name}` must be finite, but is {value}.")
+
+    @property
+    def period(self) -> Float[Array, "..."]:
+        """The forcing period, 2 pi / W."""
+        return 2 * jnp.pi / self.frequency

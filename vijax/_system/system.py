@@ -1,0 +1,186 @@
+"""The machine: masses, dampers, springs, the load and the stops."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from .._types import as_float, concrete
+from .forcing import Harmonic
+from .stop import Stop
+
+
+class ImpactSystem(eqx.Module):
+    """A linear machine with stops: M x'' + C x' + K x = f(t) while every gap is open.
+
+    Args:
+        mass: the lumped masses, the diagonal of M, shape (n,), positive.
+        damping: C, shape (n, n), symmetric positive semi-definite.
+        stiffness: K, shape (n, n), symmetric positive semi-definite.
+        forcing: the periodic load f(t).
+        stops: any number of stops, at most one on each side of a mass.
+
+    Raises:
+        ValueError: with the argument and the remedy, for wrong shapes or values. Values are
+            checked where they are known, not while they are traced.
+
+    Example:
+        ```python
+        import vijax as vx
+        load = vx.Harmonic(amplitude=[1.0], frequency=2.8)
+        wall = vx.Stop(mass=0, position=0.0, side="upper", restitution=0.8)
+        system = vx.ImpactSystem([1.0], [[0.0]], [[1.0]], load, [wall])
+        ```
+
+    References:
+        Wagg & Bishop (2004), Eq. 3.
+    """
+
+    mass: Float[Array, " n"]
+    damping: Float[Array, "n n"]
+    stiffness: Float[Array, "n n"]
+    forcing: Harmonic
+    stops: tuple[Stop, ...]
+
+    def __init__(
+        self,
+        mass: ArrayLike | Sequence[ArrayLike],
+        damping: ArrayLike | Sequence[Sequence[float]],
+        stiffness: ArrayLike | Sequence[Sequence[float]],
+        forcing: Harmonic,
+        stops: Sequence[Stop] = (),
+    ):
+        self.mass = as_float(jnp.asarray(mass))
+        self.damping = as_float(jnp.asarray(damping))
+        self.stiffness = as_float(jnp.asarray(stiffness))
+        self.forcing = forcing
+        self.stops = tuple(stops)
+
+    def __check_init__(self):
+        if self.mass.ndim != 1 or self.mass.size == 0:
+            raise ValueError(f"Argument `mass` must have shape (n,), but has shape {self.mass.shape}.")
+        n = self.mass.size
+        for name in ("damping", "stiffness"):
+            shape = getattr(self, name).shape
+            if shape != (n, n):
+                raise ValueError(f"Argument `{name}` must have shape ({n}, {n}), but has shape {shape}.")
+        if self.forcing.amplitude.shape[-1] != n:
+            raise ValueError(
+                f"`forcing.amplitude` must end in the number of masses, {n}, "
+                f"but has shape {self.forcing.amplitude.shape}."
+            )
+        self._check_stops()
+        self._check_values()
+
+    def _check_stops(self):
+        places: dict[tuple[int, str], int] = {}
+        for j, stop in enumerate(self.stops):
+            if stop.mass >= self.num_masses:
+                raise ValueError(
+                    f"`stops[{j}].mass` is {stop.mass}, but the machine has masses 0 to "
+                    f"{self.num_masses - 1}."
+                )
+            if (stop.mass, stop.side) in places:
+                raise ValueError(
+                    f"`stops[{places[stop.mass, stop.side]}]` and `stops[{j}]` are both {stop.side} stops "
+                    f"of mass {stop.mass}: keep the nearer one."
+                )
+            places[stop.mass, stop.side] = j
+        for (mass, side), j in places.items():
+            if side == "lower" and (mass, "upper") in places:
+                low = concrete(self.stops[j].position)
+                high = concrete(self.stops[places[mass, "upper"]].position)
+                if low is not None and high is not None and not low < high:
+                    raise ValueError(
+                        f"The lower stop of mass {mass} (at {low}) must lie below its upper stop (at {high})."
+                    )
+
+    def _check_values(self):
+        mass = concrete(self.mass)
+        if mass is not None and not (np.isfinite(mass).all() and (mass > 0).all()):
+            raise ValueError(f"Argument `mass` must be positive and finite, but is {mass}.")
+        for name in ("damping", "stiffness"):
+            matrix = concrete(getattr(self, name))
+            if matrix is not None:
+                _check_symmetric_semidefinite(name, matrix)
+
+    @property
+    def num_masses(self) -> int:
+        """Number of masses, n."""
+        return self.mass.shape[0]
+
+    @property
+    def num_stops(self) -> int:
+        """Number of stops."""
+        return len(self.stops)
+
+
+def _check_symmetric_semidefinite(name: str, matrix: np.ndarray) -> None:
+    """Refuse a matrix that is not symmetric or not positive semi-definite within n eps norm."""
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"Argument `{name}` must be finite, but is {matrix.tolist()}.")
+    slack = 4 * len(matrix) * np.finfo(matrix.dtype).eps * np.abs(matrix).max(initial=0.0)
+    if np.abs(matrix - matrix.T).max() > slack:
+        raise ValueError(
+            f"Argument `{name}` must be symmetric, but differs from its transpose by "
+            f"{np.abs(matrix - matrix.T).max():.3g}; use ({name} + {name}.T) / 2 if that is rounding."
+        )
+    lowest = np.linalg.eigvalsh(matrix).min()
+    if lowest < -slack * len(matrix):
+        raise ValueError(
+            f"Argument `{name}` must be positive semi-definite, but has the eigenvalue {lowest:.3g}: "
+            "it would feed energy into the motion."
+        )
+
+
+def chain(
+    masses: Sequence[ArrayLike] | ArrayLike,
+    dampings: Sequence[ArrayLike] | ArrayLike,
+    stiffnesses: Sequence[ArrayLike] | ArrayLike,
+    forcing: Harmonic,
+    stops: Sequence[Stop] = (),
+) -> ImpactSystem:
+    """Build a chain of masses: wall, spring and damper, mass, spring and damper, mass, ...
+
+    Spring and damper i join mass i to mass i - 1, the first of them to the wall; the last mass is
+    free on its far side (Wagg & Bishop 2004, Fig. 1).
+
+    Args:
+        masses: m, length n.
+        dampings: c, length n.
+        stiffnesses: k, length n.
+        forcing: the periodic load.
+        stops: the stops.
+
+    Returns:
+        The machine, with the matrices of Eqs. 1 and 2.
+
+    Raises:
+        ValueError: if the three sequences differ in length.
+
+    Example:
+        ```python
+        import vijax as vx
+        load = vx.Harmonic(amplitude=[0.3, 0.0], frequency=0.8)
+        system = vx.chain([1.0, 1.0], [0.1, 0.1], [1.0, 1.0], load, [vx.Stop(0, 0.3, "upper", 0.7)])
+        ```
+
+    References:
+        Wagg & Bishop (2004), Eqs. 1-2.
+    """
+    mass, damping, stiffness = (as_float(jnp.asarray(a)) for a in (masses, dampings, stiffnesses))
+    for name, values in (("masses", mass), ("dampings", damping), ("stiffnesses", stiffness)):
+        if values.shape != (mass.size,):
+            raise ValueError(
+                f"Argument `{name}` must have one entry per mass, shape ({mass.size},), "
+                f"but has shape {values.shape}."
+            )
+    return ImpactSystem(mass, _chain_matrix(damping), _chain_matrix(stiffness), forcing, stops)
+
+
+def _chain_matrix(links: Float[Array, " n"]) -> Float[Array, "n n"]:
+    """The matrix of n links in a row, [E] of Eq. 5 for equal links."""
+    after = jnp.concatenate([links[1:], jnp.zeros(1, links.dtype)])
+    return jnp.diag(links + after) - jnp.diag(links[1:], 1) - jnp.diag(links[1:], -1)

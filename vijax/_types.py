@@ -1,0 +1,68 @@
+"""Words for axes, and the small array helpers that every file shares.
+
+Axes: n (masses), stops, harmonics, times, events; lanes (trajectories side by side).
+
+Inside the engine every array carries its own axes first and lanes, if there are any, last: `x` is
+(n,) for one trajectory and (n, lanes) for many. The engine uses elementwise operations and
+indices and sums over leading axes alone, so it is written for one trajectory and runs on many, with
+the lanes in the contiguous axis, where a CPU vectorises. (`jax.vmap` with `in_axes=-1` was tried
+first: its rules for `stack` and `dot_general` move the lanes to the front, and the loop then runs
+several times slower.)
+"""
+
+import warnings
+from collections.abc import Sequence
+from functools import cache
+
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float
+
+Scalar = Float[Array, "..."]
+Flag = Bool[Array, "..."]
+
+
+@cache
+def _warn_about_float32() -> None:
+    warnings.warn(
+        "vijax works in float32 because 64-bit numbers are off: about 6 digits instead of 15. Call "
+        "jax.config.update('jax_enable_x64', True) first to have them.",
+        stacklevel=5,
+    )
+
+
+def as_float(value: ArrayLike) -> Array:
+    """Convert to a floating-point array in the precision that JAX is set to."""
+    array = jnp.asarray(value)
+    if not jnp.issubdtype(array.dtype, jnp.floating):
+        if jnp.issubdtype(array.dtype, jnp.complexfloating):
+            raise ValueError("Expected real numbers, but got complex ones.")
+        array = array.astype(jnp.result_type(float))
+    if array.dtype != jnp.float64:
+        _warn_about_float32()
+    return array
+
+
+def concrete(value: Array) -> np.ndarray | None:
+    """Return the value as NumPy's, or None while it is being traced."""
+    return None if isinstance(value, jax.core.Tracer) else np.asarray(value)
+
+
+def stack(rows: Sequence[Array]) -> Array:
+    """Stack along a new leading axis, after broadcasting the lanes."""
+    return jnp.stack(jnp.broadcast_arrays(*rows))
+
+
+def matvec(matrix: Float[Array, "m n ..."], vector: Float[Array, "n ..."]) -> Float[Array, "m ..."]:
+    """Multiply over the leading axes; unrolled while small, so that XLA can fuse it."""
+    m, n = matrix.shape[:2]
+    if m * n <= 16:
+        return stack([sum(matrix[i, j] * vector[j] for j in range(n)) for i in range(m)])
+    return jnp.sum(matrix * vector[None], axis=1)
+
+
+def lift(vector: Array, like: Array) -> Array:
+    """Append axes of length one to `vector` until it broadcasts with the lanes of `like`."""
+    return vector.reshape(vector.shape + (1,) * (like.ndim - vector.ndim))
