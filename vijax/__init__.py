@@ -19,3 +19,4 @@ from ._solution import (
 from ._system.forcing import Harmonic as Harmonic
 from ._system.stop import Stop as Stop
 from ._system.system import ImpactSystem as ImpactSystem, chain as chain
+from ._sweep.sweep import sweep as sweep
