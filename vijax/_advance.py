@@ -57,7 +57,6 @@ def advance(
     state: State,
     target: Scalar,
     resolution: Scalar,
-    always: Bool[Array, ""],
 ) -> tuple[State, Instant]:
     """Take one step towards the local time `target`, up to the first event if one comes before.
 
@@ -67,21 +66,20 @@ def advance(
         state: where the trajectory is.
         target: local time at which to stop.
         resolution: times closer than this are one instant.
-        always: True; see `compute_once`.
 
     Returns:
         The state after the step, and what happened there.
     """
     remaining = jnp.maximum((target - state.time) - state.time_low, 0)
     limit, steps, is_event = compute_once(
-        always, _steps_to_events, flow, machine, state, remaining + resolution
+        machine.always, _steps_to_events, flow, machine, state, remaining + resolution
     )
     step = jnp.min(steps, axis=0, initial=jnp.inf)
     one_instant = 8 * jnp.finfo(step.dtype).eps / machine.rate
     is_event = is_event & (steps <= step + one_instant)
     arrived = ~jnp.any(is_event, axis=0) & (jnp.minimum(step, limit) >= remaining)
     step = jnp.where(arrived, remaining, jax.lax.stop_gradient(jnp.minimum(step, limit)))
-    moved = _move(flow, machine, state, step, always)
+    moved = _move(flow, machine, state, step)
     moved = _land(machine, moved, is_event)
     after, instant = _resolve(machine, moved, is_event)
     return after, eqx.tree_at(lambda i: i.arrived, instant, arrived)
@@ -122,13 +120,11 @@ def _steps_to_events(
     return limit, stack(steps), stack(events)
 
 
-def _move(flow: AbstractFlow, machine: Machine, state: State, step: Scalar, always: Flag) -> State:
+def _move(flow: AbstractFlow, machine: Machine, state: State, step: Scalar) -> State:
     """Follow the smooth motion for `step`."""
 
-    def follow(flow, machine, state, step):
-        return flow.expand(machine, state, machine.held_masses(state.held)).move(step)
-
-    displacement, v, phase = compute_once(always, follow, flow, machine, state, step)
+    motion = flow.expand(machine, state, machine.held_masses(state.held))
+    displacement, v, phase = motion.move(step)
     time, low = _two_sum(state.time, step)
     return State(
         periods=state.periods,

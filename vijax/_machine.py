@@ -12,7 +12,8 @@ class Machine(eqx.Module):
     """An `ImpactSystem` as arrays over masses, stops and harmonics, lanes last.
 
     The load is `mean + sum_h (cosine_h cos(h W t) + sine_h sin(h W t))`. `rate` bounds every
-    frequency and decay rate of the motion, whatever masses are held.
+    frequency and decay rate of the motion, whatever masses are held. `always` is True: see
+    `compute_once`.
     """
 
     inverse_mass: Float[Array, "n ..."]
@@ -26,6 +27,7 @@ class Machine(eqx.Module):
     position: Float[Array, "stops ..."]
     restitution: Float[Array, "stops ..."]
     rate: Scalar
+    always: Bool[Array, ""]
     masses: tuple[int, ...] = eqx.field(static=True)
     signs: tuple[int, ...] = eqx.field(static=True)
     can_stick: bool = eqx.field(static=True)
@@ -131,7 +133,9 @@ def resting_state(
     )
 
 
-def prepare(system: ImpactSystem, span: Scalar, *, can_stick: bool) -> Machine:
+def prepare(
+    system: ImpactSystem, span: Scalar, always: Bool[Array, ""], *, can_stick: bool
+) -> Machine:
     """Turn a system into the engine's arrays; `span` is the time that will be simulated.
 
     Leaves of `system` may carry lanes as a last axis.
@@ -159,6 +163,7 @@ def prepare(system: ImpactSystem, span: Scalar, *, can_stick: bool) -> Machine:
         position=stack([s.position + lanes for s in system.stops]) if system.stops else empty,
         restitution=stack([s.restitution + lanes for s in system.stops]) if system.stops else empty,
         rate=jnp.maximum(rate, 1 / span),
+        always=always,
         masses=tuple(s.mass for s in system.stops),
         signs=tuple(s.sign for s in system.stops),
         can_stick=can_stick,

@@ -10,7 +10,7 @@ from ._advance import Instant, advance
 from ._contact.start import first_state, is_touching
 from ._machine import Machine, State, prepare
 from ._motion.flow import AbstractFlow
-from ._motion.taylor import TaylorFlow
+from ._motion.choose import choose_flow
 from ._solution import IMPACT, RELEASE, RESULTS, STICK, EventLog, Restarts, Solution
 from ._system.system import ImpactSystem
 from ._types import Flag, Scalar, as_float, concrete
@@ -83,6 +83,7 @@ def simulate(
     dtype = jnp.result_type(system.mass, t0, t1, ts, x0, v0)
     system, t0, t1, ts, x0, v0 = jax.tree.map(lambda a: a.astype(dtype), (system, t0, t1, ts, x0, v0))
     t0, x0 = _check_door(system, t0, t1, ts, x0)
+    can_stick = can_any_stick(system, x0, v0)
     solution = _run(
         system,
         t0,
@@ -90,11 +91,11 @@ def simulate(
         ts,
         x0,
         v0,
-        TaylorFlow() if flow is None else flow,
+        choose_flow(system, can_stick=can_stick) if flow is None else flow,
         None if max_steps is None else jnp.asarray(max_steps),
         jnp.array(True),
         max_events=max_events,
-        can_stick=can_any_stick(system, x0, v0),
+        can_stick=can_stick,
     )
     if throw:
         result = solution.result.error_if(solution.result, solution.result != RESULTS.successful)
@@ -184,7 +185,7 @@ def _run(
     can_stick: bool,
 ) -> Solution:
     span = t1 - t0
-    machine = prepare(system, jnp.where(span > 0, span, 1), can_stick=can_stick)
+    machine = prepare(system, jnp.where(span > 0, span, 1), always, can_stick=can_stick)
     if max_steps is None:
         max_steps = 100_000 + jnp.minimum(100 * span * machine.rate, 2e9).astype(int)
     angle = machine.harmonics * machine.frequency * t0
@@ -202,7 +203,7 @@ def _run(
         state, live = carry.state, is_live(carry)
         is_last_period = state.periods >= goal_periods[carry.goal]
         target = jnp.where(is_last_period, goal_times[carry.goal], machine.period)
-        after, instant = advance(flow, machine, state, target, resolution, always)
+        after, instant = advance(flow, machine, state, target, resolution)
         is_saved = live & instant.arrived & is_last_period
         slot = jnp.where(is_saved, carry.goal, goals.size)
         is_finite = jnp.all(jnp.isfinite(after.x) & jnp.isfinite(after.v)) & jnp.isfinite(after.time)

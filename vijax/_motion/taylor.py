@@ -23,6 +23,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._machine import Machine, State
 from .._types import Scalar, lift, matvec
+from .._xla import compute_once
 from .flow import AbstractFlow, Expansion
 
 _ORDER_AND_TRUST = {"float64": (22, 1.5), "float32": (11, 1.0)}
@@ -44,12 +45,14 @@ class TaylorFlow(AbstractFlow):
             x.append(response * force[k] * (1 / ((k + 1) * (k + 2))))
             turn = speed * (1 / (k + 1))
             phase.append(jnp.stack(jnp.broadcast_arrays(-turn * phase[k][1], turn * phase[k][0])))
-        return TaylorExpansion(tuple(x), tuple(force), tuple(phase), trust / machine.rate)
+        limit = trust / machine.rate
+        return TaylorExpansion(machine.always, tuple(x), tuple(force), tuple(phase), limit)
 
 
 class TaylorExpansion(Expansion):
     """Taylor coefficients of displacement, force and phase."""
 
+    always: Bool[Array, ""]
     x: tuple[Float[Array, "n ..."], ...]
     forces: tuple[Float[Array, "n ..."], ...]
     phase: tuple[Float[Array, "2 harmonics ..."], ...]
@@ -70,9 +73,12 @@ class TaylorExpansion(Expansion):
         self, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Sum the series at `step`."""
-        displacement = step * _horner(self.x[1:], step)
-        velocity = _horner([k * c for k, c in enumerate(self.x)][1:], step)
-        return displacement, velocity, _horner(self.phase, step)
+        return compute_once(self.always, _sum_series, self.x, self.phase, step)
+
+
+def _sum_series(x: tuple[Array, ...], phase: tuple[Array, ...], step: Scalar) -> tuple[Array, ...]:
+    velocity = [k * c for k, c in enumerate(x)][1:]
+    return step * _horner(x[1:], step), _horner(velocity, step), _horner(phase, step)
 
 
 def _horner(coefficients, u: Scalar) -> Array:

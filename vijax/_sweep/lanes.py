@@ -77,7 +77,7 @@ def run_lanes(
     """
     lanes = x0.shape[1]
     period = 2 * jnp.pi / system.forcing.frequency
-    machine = prepare(system, period, can_stick=can_stick)
+    machine = prepare(system, period, always, can_stick=can_stick)
     num_periods = transient + record
     start = jnp.zeros((machine.cosine.shape[0], lanes), x0.dtype)
     phase0 = jnp.stack([start + 1, start])
@@ -88,7 +88,7 @@ def run_lanes(
     def step(carry: _Carry) -> _Carry:
         state, live = carry.state, is_live(carry)
         resolution = 4 * jnp.finfo(x0.dtype).eps * machine.period
-        after, instant = advance(flow, machine, state, machine.period, resolution, always)
+        after, instant = advance(flow, machine, state, machine.period, resolution)
         is_finite = jnp.isfinite(after.time) & jnp.all(jnp.isfinite(after.x + after.v), axis=0)
         counted = live & (state.periods >= transient)
         passed = (state.periods - transient) * machine.period + instant.time

@@ -12,7 +12,7 @@ from jaxtyping import ArrayLike
 from tqdm.auto import tqdm
 
 from .._motion.flow import AbstractFlow
-from .._motion.taylor import TaylorFlow
+from .._motion.choose import choose_flow
 from .._solution import RESULTS
 from .._system.system import ImpactSystem
 from .._types import as_float
@@ -92,8 +92,11 @@ def sweep(
     dtype = base.system.mass.dtype
     swept = {path: axis[i].astype(dtype) for (path, axis), i in zip(axes.items(), grid, strict=True)}
     points = jax.tree.map(lambda a: a.astype(dtype), points_of_lanes(base, swept))
-    run = _runner(points, TaylorFlow() if flow is None else flow, transient, record, max_impacts, max_steps)
-    lanes = _run_all(run, points, grid.shape[1], progress)
+    can_stick = _can_any_stick(points)
+    if flow is None:
+        flow = choose_flow(points.system, can_stick=can_stick)
+    run = _runner(transient, record, max_impacts, max_steps, can_stick=can_stick)
+    lanes = _run_all(run, points, flow, grid.shape[1], progress)
     return _dataset(system, axes, lanes)
 
 
@@ -103,16 +106,14 @@ def _check_counts(**counts: int) -> None:
             raise ValueError(f"Argument `{name}` must be a whole number, 0 or more, but is {count!r}.")
 
 
-def _runner(points: Point, flow: AbstractFlow, transient: int, record: int, max_impacts: int, max_steps: int | None):
+def _runner(transient: int, record: int, max_impacts: int, max_steps: int | None, *, can_stick: bool):
     """A function from the lanes of one chunk to NumPy arrays, lanes first."""
-    system = points.system
-    can_stick = any((s.restitution < 1).any() for s in system.stops) or _starts_at_rest_on_stop(points)
     if max_steps is None:
         max_steps = 100_000 + 10_000 * (transient + record)
     counts = tuple(jnp.asarray(c) for c in (transient, record, max_steps))
     always = jnp.array(True)
 
-    def run(chunk: Point) -> dict[str, np.ndarray]:
+    def run(chunk: Point, flow: AbstractFlow) -> dict[str, np.ndarray]:
         state, log, steps, is_finite = run_lanes(
             flow, chunk.system, chunk.x0, chunk.v0, *counts, always, max_impacts=max_impacts, can_stick=can_stick
         )
@@ -137,9 +138,12 @@ def _runner(points: Point, flow: AbstractFlow, transient: int, record: int, max_
     return run
 
 
-def _starts_at_rest_on_stop(points: Point) -> bool:
+def _can_any_stick(points: Point) -> bool:
+    """Whether any stop of any lane might ever hold its mass."""
     return any(
-        ((points.x0[s.mass] == s.position) & (points.v0[s.mass] == 0)).any() for s in points.system.stops
+        (s.restitution < 1).any()
+        or ((points.x0[s.mass] == s.position) & (points.v0[s.mass] == 0)).any()
+        for s in points.system.stops
     )
 
 
@@ -147,14 +151,14 @@ def _code(name: str) -> int:
     return list(RESULTS._name_to_item).index(name)
 
 
-def _run_all(run, points: Point, num_lanes: int, progress: bool) -> dict[str, np.ndarray]:
+def _run_all(run, points: Point, flow: AbstractFlow, num_lanes: int, progress: bool) -> dict[str, np.ndarray]:
     """Run all chunks, one thread a core: XLA lets go of Python while it works."""
-    chunks = list(_chunks(points, num_lanes))
+    chunks = list(_chunks(points, flow, num_lanes))
     done: list[dict[str, np.ndarray] | None] = [None] * len(chunks)
     workers = ThreadPoolExecutor(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count())
     try:
         with tqdm(total=num_lanes, unit="point", disable=not progress) as bar:
-            jobs = {workers.submit(run, chunk): (i, size) for i, (chunk, size) in enumerate(chunks)}
+            jobs = {workers.submit(run, chunk, flow): (i, size) for i, (chunk, flow, size) in enumerate(chunks)}
             for job in as_completed(jobs):
                 i, size = jobs[job]
                 done[i] = {name: a[:size] for name, a in job.result().items()}
@@ -168,14 +172,17 @@ def _run_all(run, points: Point, num_lanes: int, progress: bool) -> dict[str, np
     return {name: np.concatenate([chunk[name] for chunk in done]) for name in done[0]}
 
 
-def _chunks(points: Point, num_lanes: int) -> Iterator[tuple[Point, int]]:
+def _chunks(
+    points: Point, flow: AbstractFlow, num_lanes: int
+) -> Iterator[tuple[Point, AbstractFlow, int]]:
     """Cut into chunks of one size, the last filled up with its last lane: one shape, one compilation."""
     size = min(_CHUNK, num_lanes)
     for first in range(0, num_lanes, size):
         lanes = np.minimum(np.arange(first, first + size), num_lanes - 1)
-        chunk = jax.tree.map(lambda a, lanes=lanes: a if a.shape[-1] == 1 else a[..., lanes], points)
+        cut = lambda a, lanes=lanes: a if a.shape[-1] == 1 else a[..., lanes]  # noqa: E731
+        chunk, motion = jax.tree.map(cut, (points, flow))
         x0, v0 = (np.broadcast_to(a, (*a.shape[:-1], size)) for a in (chunk.x0, chunk.v0))
-        yield Point(chunk.system, np.array(x0), np.array(v0)), min(size, num_lanes - first)
+        yield Point(chunk.system, np.array(x0), np.array(v0)), motion, min(size, num_lanes - first)
 
 
 def _dataset(system: ImpactSystem, axes: dict[str, np.ndarray], lanes: dict[str, np.ndarray]) -> xr.Dataset:
