@@ -69,7 +69,7 @@ def bifurcation(ds: xr.Dataset, stop: int = 0, *, ax: Axes | None = None) -> Axe
         velocity.values[is_drawn],
         linestyle="none",
         marker=".",
-        markersize=1.5,
+        markersize=2,
         markeredgewidth=0,
         color="black",
         rasterized=True,
