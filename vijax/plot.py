@@ -16,7 +16,7 @@ from ._solution import RELEASE, STICK, Solution
 
 _AXIS_LABELS = {
     "mass": ("Mass", "m", "units of mass"),
-    "damping": ("Damping", "C", "force × time / length"),
+    "damping": ("Damping", "C", r"force $\times$ time / length"),
     "stiffness": ("Stiffness", "K", "force / length"),
     "forcing.amplitude": ("Forcing amplitude", "A", "units of force"),
     "forcing.frequency": ("Forcing frequency", r"\Omega", "rad / time"),
@@ -77,7 +77,7 @@ def bifurcation(ds: xr.Dataset, stop: int = 0, *, ax: Axes | None = None) -> Axe
     ax.axhline(0, color="0.7", linewidth=0.8, zorder=0)
     ax.set_xlim(ds[path].values.min(), ds[path].values.max())
     ax.set_xlabel(_label(str(path)))
-    ax.set_ylabel(rf"Velocity $v^-$ before impact at stop {stop} (length / time)")
+    ax.set_ylabel(f"Velocity $v^-$ before impact\nat stop {stop} (length / time)")
     return ax
 
 
@@ -116,7 +116,9 @@ def time_series(sol: Solution, *, ax: Axes | None = None, num_samples: int = 200
         ax.plot(t, x[:, i], color=color, linewidth=1.3, label=f"$x_{{{i}}}$")
     for j, mass in enumerate(sol.machine.masses):
         position = float(sol.machine.position[j])
-        ax.axhline(position, color=colors[mass], linestyle=":", linewidth=1.0, label=f"stop {j}, of $x_{{{mass}}}$")
+        ax.axhline(
+            position, color=colors[mass], linestyle=":", linewidth=1.0, label=f"stop {j}, of $x_{{{mass}}}$"
+        )
         starts, ends = _held_intervals(sol, j)
         held = ax.hlines(
             np.full(len(starts), position), starts, ends, color=colors[mass], linewidth=6, alpha=0.5
