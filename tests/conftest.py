@@ -1,0 +1,19 @@
+"""What every test runs under: 64-bit numbers, no silent broadcasting, every annotation checked."""
+
+import jax
+import jaxtyping
+import pytest
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_rank_promotion", "raise")
+
+# Before anything imports vijax, so that beartype checks every call inside the package as well.
+jaxtyping.install_import_hook("vijax", "beartype.beartype")
+
+pytest.register_assert_rewrite("helpers")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep compiled programs beside pytest's own cache: a second run need not compile again."""
+    if getattr(config, "cache", None) is not None:
+        jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("jax")))

@@ -1,0 +1,142 @@
+"""Event logs as plain tuples, and the golden scenes with the way they are compared.
+
+A golden scene was solved by ball arithmetic to at least 36 proved digits. Rounding errors made at an
+event are magnified by all that follows; how much was measured with the scene, and errors are judged
+by that.
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+import vijax as vx
+
+GOLDEN = Path(__file__).parent / "data" / "golden"
+KINDS = {vx.IMPACT: "impact", vx.STICK: "stick", vx.RELEASE: "release"}
+
+# Some hundred steps of rounding 1e-16 each, before they are magnified.
+ROUNDING = 1e-12
+# The last bounces before a stick depend on when a solver ends a chatter.
+CHATTER_END = 1e-5
+# Events closer than this may come in any order.
+ONE_INSTANT = 1e-8
+# A rounding of the position by 1e-15 moves a light impact by 1e-15 / v.
+POSITION_ROUNDING = 1e-15
+
+
+class Event(NamedTuple):
+    """One line of a log; the velocity is that just before."""
+
+    t: float
+    kind: str
+    stop: int
+    velocity: float
+
+
+class Scene(NamedTuple):
+    """A machine, a start, and what must come of it."""
+
+    name: str
+    system: vx.ImpactSystem
+    t0: float
+    t1: float
+    x0: np.ndarray
+    v0: np.ndarray
+    events: list[Event]
+    x1: np.ndarray
+    v1: np.ndarray
+    held_at_start: list[int]
+    held_at_end: list[int]
+    state_amplification: float
+    time_amplification: float
+
+    def simulate(self) -> vx.Solution:
+        """The trajectory as vijax computes it, its result not yet looked at."""
+        return vx.simulate(self.system, self.t0, self.t1, self.x0, self.v0, throw=False)
+
+    def time_tolerance(self, event: Event) -> float:
+        """How exact the time of one of its events must be."""
+        tolerance = ROUNDING * max(1.0, event.t) * self.time_amplification
+        loss = 1 - float(self.system.stops[event.stop].restitution)
+        if event.kind == "impact" and loss > 0:
+            tolerance += POSITION_ROUNDING / (abs(event.velocity) * loss)
+        return tolerance
+
+    @property
+    def state_tolerance(self) -> float:
+        """How exact its end state must be."""
+        return ROUNDING * self.state_amplification
+
+
+def golden_names() -> list[str]:
+    """The names of all golden scenes."""
+    return sorted(path.stem for path in GOLDEN.glob("*.json"))
+
+
+def load_scene(name: str) -> Scene:
+    """Read one golden scene."""
+    data = json.loads((GOLDEN / f"{name}.json").read_text())
+    stops = [vx.Stop(s["mass"], s["position"], s["side"], s["restitution"]) for s in data["stops"]]
+    load = vx.Harmonic(data["A"], data["Omega"], data["phase"])
+    return Scene(
+        name=name,
+        system=vx.ImpactSystem(data["M"], data["C"], data["K"], load, stops),
+        t0=data["t0"],
+        t1=data["t1"],
+        x0=np.array(data["x0"]),
+        v0=np.array(data["v0"]),
+        events=[Event(e["t"], e["kind"], e["stop"], e["v_before"]) for e in data["events"]],
+        x1=np.array(data["x1"]),
+        v1=np.array(data["v1"]),
+        held_at_start=data["stuck_at_start"],
+        held_at_end=data["stuck_at_end"],
+        state_amplification=max(1.0, data["amplification_worst_restart"]),
+        time_amplification=max(1.0, data["amplification_worst_restart_events"]),
+    )
+
+
+def machine_shape(name: str) -> tuple:
+    """What a compiled program is special to: the number of masses, and the stops in their order."""
+    data = json.loads((GOLDEN / f"{name}.json").read_text())
+    return data["n"], tuple((s["mass"], s["side"]) for s in data["stops"])
+
+
+def log_of(solution: vx.Solution) -> list[Event]:
+    """The event log of a solution, without its padding."""
+    log, n = solution.events, int(solution.num_events)
+    columns = (np.asarray(a)[:n].tolist() for a in (log.t, log.kind, log.stop, log.velocity_minus))
+    return [Event(t, KINDS[kind], stop, v) for t, kind, stop, v in zip(*columns, strict=True)]
+
+
+def without_chatter_ends(events: Sequence[Event]) -> list[Event]:
+    """Drop, for every stop, the run of light impacts that ends in its stick."""
+    is_kept = [True] * len(events)
+    for i, stick in enumerate(events):
+        if stick.kind == "stick":
+            for j in range(i - 1, -1, -1):
+                if events[j].stop == stick.stop:
+                    if events[j].kind != "impact" or abs(events[j].velocity) >= CHATTER_END:
+                        break
+                    is_kept[j] = False
+    return [event for event, kept in zip(events, is_kept, strict=True) if kept]
+
+
+def paired(expected: Sequence[Event], found: Sequence[Event]) -> list[tuple[Event, Event]]:
+    """Pair the events of two logs, which must have the same kinds at every stop, and the same order.
+
+    The pairs come in the order of `expected`; ends of chatters are left out.
+    """
+    expected, found = without_chatter_ends(expected), without_chatter_ends(found)
+    partner = {}
+    for stop in {event.stop for event in (*expected, *found)}:
+        ours, theirs = ([i for i, e in enumerate(log) if e.stop == stop] for log in (found, expected))
+        assert [found[i].kind for i in ours] == [expected[i].kind for i in theirs], f"at stop {stop}"
+        partner |= dict(zip(theirs, ours, strict=True))
+    times = np.array([event.t for event in expected])
+    places = np.array([partner[i] for i in range(len(expected))])
+    is_before = times[:, None] + ONE_INSTANT < times[None]
+    assert not (is_before & (places[:, None] > places[None])).any(), "events in another order"
+    return [(event, found[partner[i]]) for i, event in enumerate(expected)]
