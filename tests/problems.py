@@ -52,8 +52,8 @@ def flown_by_matrix_exponentials(problem: Problem, impacts: int = 12) -> mpf:
     """
     system, start = problem.system, problem.start
     n = system.num_masses
-    z = mpmath.matrix([*start.x, *start.v, *_phase(system, start.t), 1])
-    a, t, error = _generator(system), start.t, mpf(0)
+    z = mpmath.matrix([*start.x, *start.v, *load_phase(system, start.t), 1])
+    a, t, error = first_order_matrix(system), start.t, mpf(0)
     known = [*problem.impacts[:impacts]]
     if len(known) == len(problem.impacts):
         known += problem.states
@@ -83,7 +83,8 @@ def _fly(system: vx.ImpactSystem, a: mpmath.matrix, z: mpmath.matrix, span: mpf)
     return z
 
 
-def _generator(system: vx.ImpactSystem) -> mpmath.matrix:
+def first_order_matrix(system: vx.ImpactSystem) -> mpmath.matrix:
+    """A of z' = A z for z = (x, v, cos W t, sin W t, cos 2 W t, ..., 1), no mass held."""
     n, load = system.num_masses, system.forcing
     amplitudes = load.amplitude.reshape(-1, n).tolist()
     phases = load.phase.reshape(-1, n).tolist()
@@ -104,7 +105,8 @@ def _generator(system: vx.ImpactSystem) -> mpmath.matrix:
     return a
 
 
-def _phase(system: vx.ImpactSystem, t: mpf) -> list[mpf]:
+def load_phase(system: vx.ImpactSystem, t: mpf) -> list[mpf]:
+    """The cosines and sines of the load at t."""
     harmonics = system.forcing.amplitude.reshape(-1, system.num_masses).shape[0]
     angles = [(h + 1) * mpf(float(system.forcing.frequency)) * t for h in range(harmonics)]
     return [f(angle) for angle in angles for f in (mpmath.cos, mpmath.sin)]
@@ -394,8 +396,8 @@ def three_masses() -> Problem:
     stiffness = [[3.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]]
     system = vx.ImpactSystem([1.0, 2.0, 0.5], damping, stiffness, load)
     start = State(mpf(0), (mpf(1), mpf(-0.5), mpf(0.25)), (mpf(0), mpf(1), mpf(0)))
-    values, vectors = mpmath.eig(_generator(system))
-    z = mpmath.matrix([*start.x, *start.v, *_phase(system, start.t), 1])
+    values, vectors = mpmath.eig(first_order_matrix(system))
+    z = mpmath.matrix([*start.x, *start.v, *load_phase(system, start.t), 1])
     weights = mpmath.lu_solve(vectors, z)
 
     def state(t: float) -> State:
