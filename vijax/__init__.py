@@ -1,11 +1,14 @@
 """Vibro-impact machines in JAX: exact between impacts, no impact missed, differentiable, in batches."""
 
+import importlib
+
 from . import models as models
 from ._contact.restitution import (
     impact_configurations as impact_configurations,
     modal_restitution_matrix as modal_restitution_matrix,
     restitution_matrix as restitution_matrix,
 )
+from ._motion.modal import ModalFlow as ModalFlow
 from ._motion.taylor import TaylorFlow as TaylorFlow
 from ._simulate import simulate as simulate
 from ._solution import (
@@ -16,7 +19,17 @@ from ._solution import (
     EventLog as EventLog,
     Solution as Solution,
 )
+from ._sweep.sweep import sweep as sweep
 from ._system.forcing import Harmonic as Harmonic
 from ._system.stop import Stop as Stop
 from ._system.system import ImpactSystem as ImpactSystem, chain as chain
-from ._sweep.sweep import sweep as sweep
+from ._xla import ask_for_fused_loops
+
+ask_for_fused_loops()
+
+
+def __getattr__(name: str):
+    """Import `vijax.plot`, and with it matplotlib, when it is first asked for."""
+    if name == "plot":
+        return importlib.import_module(".plot", __name__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

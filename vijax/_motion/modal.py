@@ -264,7 +264,7 @@ def _modes_of_set(system: ImpactSystem, held: tuple[int, ...]) -> tuple[np.ndarr
     eps = np.finfo(mass.dtype).eps
     if free and (between > 64 * eps * np.abs(modal_damping).max()).any():
         return None
-    if (w2 < 1e-6 * np.abs(w2).max(initial=0.0)).any():
+    if (w2 <= 1e-6 * np.abs(w2).max(initial=0.0)).any():
         return None
     lanes = max(len(w2), len(mass))
     shape, inverse = np.zeros((lanes, n, n)), np.zeros((lanes, n, n))
@@ -294,7 +294,7 @@ def _steady_response(
     load = np.moveaxis(amplitude * np.exp(1j * phase), -1, 0)
     speed = np.arange(1, load.shape[1] + 1) * np.atleast_1d(forcing.frequency)[:, None]
     impedance = w2[:, None] - speed[..., None] ** 2 + 2j * decay[:, None] * speed[..., None]
-    if (np.abs(impedance) < 1e-2 * (w2[:, None] + speed[..., None] ** 2)).any():
+    if (np.abs(impedance) <= 1e-2 * (w2[:, None] + speed[..., None] ** 2)).any():
         return None
     response = np.einsum("lij,lkj->lki", shape, np.einsum("lij,lki->lkj", shape, load) / impedance)
     return response.real, -response.imag
