@@ -25,7 +25,7 @@ LAYOUTS = {
     "five": (5, ((0, "upper"), (2, "lower"), (4, "upper"), (1, "lower"), (3, "upper"))),
     "six": (6, ((5, "upper"), (2, "lower"), (4, "upper"), (1, "lower"), (3, "upper"), (0, "upper"))),
 }
-FAST = [("two_opposed", 1, 96), ("three", 2, 64)]
+FAST = [("two_opposed", 1, 64), ("three", 2, 40)]
 SLOW = [
     *((name, 1, 400) for name in LAYOUTS),
     ("between_two_stops", 3, 400),
@@ -281,7 +281,7 @@ def test_every_stop_sticks_and_releases_in_turn(batch):
 
 @for_every_group
 def test_a_held_mass_rests_on_its_stop_and_presses(batch):
-    is_held = batch.force != 0
+    is_held = batch.force > 0
     assert is_held.any()
     x, v = batch.x[..., batch.masses], batch.v[..., batch.masses]
     position = np.broadcast_to(batch.machines["position"][:, None], x.shape)

@@ -1,0 +1,41 @@
+"""Ten thousand forcing periods: no drift, no leak, and no more work per period than at the start."""
+
+import numpy as np
+import pytest
+
+import vijax as vx
+
+FREQUENCY = 0.2
+PERIOD = 2 * np.pi / FREQUENCY
+# The motion is periodic; what is left are the roundings of one period.
+REPEATS = 1e-12
+# Save times are rounded, to half a spacing each; velocities and accelerations stay below 2.
+RATE = 2.0
+
+
+def run(periods: int, saved: int) -> vx.Solution:
+    """Case (b) from rest, saved at the starts of the last periods."""
+    ts = PERIOD * np.arange(periods - saved, periods + 1)
+    system = vx.models.wagg_bishop_b(FREQUENCY)
+    return vx.simulate(system, 0.0, ts[-1], ts=ts, max_events=0, throw=False)
+
+
+@pytest.mark.parametrize("periods", [300, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_the_stroboscopic_state_repeats_after_many_periods(periods):
+    sol = run(periods, 50)
+    # A log of no length overflows at once; that does not stop the motion.
+    assert sol.result == vx.RESULTS.max_events_reached
+    tolerance = REPEATS + RATE * np.spacing(periods * PERIOD)
+    for states in (np.asarray(sol.xs), np.asarray(sol.vs)):
+        assert np.abs(states).max() > 1e-2
+        assert np.abs(states - states[:1]).max() <= tolerance
+    # The same orbit as after a transient of a hundred periods.
+    early = run(100, 50)
+    np.testing.assert_allclose(sol.xs[-1], early.xs[-1], rtol=0, atol=tolerance)
+    np.testing.assert_allclose(sol.vs[-1], early.vs[-1], rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("periods", [100, pytest.param(5_000, marks=pytest.mark.slow)])
+def test_the_number_of_steps_grows_in_proportion(periods):
+    steps = [int(run(k * periods, 50).num_steps) for k in (1, 2, 3)]
+    assert steps[2] - steps[1] == pytest.approx(steps[1] - steps[0], rel=0.01)
