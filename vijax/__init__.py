@@ -8,17 +8,11 @@ from ._contact.restitution import (
     modal_restitution_matrix as modal_restitution_matrix,
     restitution_matrix as restitution_matrix,
 )
+from ._log import IMPACT as IMPACT, RELEASE as RELEASE, STICK as STICK, EventLog as EventLog
 from ._motion.modal import ModalFlow as ModalFlow
 from ._motion.taylor import TaylorFlow as TaylorFlow
 from ._simulate import simulate as simulate
-from ._solution import (
-    IMPACT as IMPACT,
-    RELEASE as RELEASE,
-    RESULTS as RESULTS,
-    STICK as STICK,
-    EventLog as EventLog,
-    Solution as Solution,
-)
+from ._solution import RESULTS as RESULTS, Solution as Solution
 from ._sweep.sweep import sweep as sweep
 from ._system.forcing import Harmonic as Harmonic
 from ._system.stop import Stop as Stop

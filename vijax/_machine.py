@@ -133,6 +133,20 @@ def resting_state(
     )
 
 
+def start_period(state: State, phase0: Float[Array, "2 harmonics ..."], is_over: Bool[Array, "..."]) -> State:
+    """Where a forcing period is over, count it and set time and phase back, so that neither drifts."""
+    return eqx.tree_at(
+        lambda s: (s.periods, s.time, s.time_low, s.phase),
+        state,
+        (
+            state.periods + is_over,
+            jnp.where(is_over, 0, state.time),
+            jnp.where(is_over, 0, state.time_low),
+            jnp.where(is_over, phase0, state.phase),
+        ),
+    )
+
+
 def prepare(
     system: ImpactSystem, span: Scalar, always: Bool[Array, ""], *, can_stick: bool
 ) -> Machine:

@@ -6,12 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from ._advance import Instant, advance
+from ._advance import advance
 from ._contact.start import first_state, is_touching
-from ._machine import Machine, State, prepare
+from ._log import Log, empty_log, event_log, write
+from ._machine import Machine, State, prepare, start_period
 from ._motion.flow import AbstractFlow
 from ._motion.choose import choose_flow
-from ._solution import IMPACT, RELEASE, RESULTS, STICK, EventLog, Restarts, Solution
+from ._solution import RESULTS, Solution
 from ._system.system import ImpactSystem
 from ._types import Flag, Scalar, as_float, concrete
 from ._xla import while_any
@@ -150,20 +151,53 @@ def _refuse(value: Array, is_wrong: Flag, sentence: str) -> Array:
     return value
 
 
-class _Log(eqx.Module):
-    """One row per instant that had an event, the start first."""
+class _Task(eqx.Module):
+    """What the loop does with its carry: all it depends on, so that derivatives see it."""
 
-    restarts: Restarts
-    instants: Instant
-    rows: Int[Array, ""]
-    num_events: Int[Array, ""]
+    flow: AbstractFlow
+    machine: Machine
+    t0: Scalar
+    phase0: Float[Array, "2 harmonics"]
+    goal_periods: Int[Array, " goals"]
+    goal_times: Float[Array, " goals"]
+    resolution: Scalar
+    max_steps: Int[Array, ""]
+
+    def is_live(self, carry: "_Carry") -> Bool[Array, ""]:
+        """Whether there is anything left to do."""
+        is_on = carry.is_finite & (carry.steps < self.max_steps)
+        return is_on & (carry.goal < self.goal_times.size)
+
+    def step(self, carry: "_Carry") -> "_Carry":
+        """One step of the motion, its events logged and its state saved where asked for."""
+        state, live = carry.state, self.is_live(carry)
+        goal = jnp.minimum(carry.goal, self.goal_times.size - 1)
+        is_last_period = state.periods >= self.goal_periods[goal]
+        target = jnp.where(is_last_period, self.goal_times[goal], self.machine.period)
+        after, instant = advance(self.flow, self.machine, state, target, self.resolution)
+        is_saved = live & instant.arrived & is_last_period
+        slot = jnp.where(is_saved, carry.goal, self.goal_times.size)
+        is_finite = jnp.all(jnp.isfinite(after.x + after.v)) & jnp.isfinite(after.time)
+        after = start_period(after, self.phase0, instant.arrived & ~is_last_period)
+        time = self.t0 + state.periods * self.machine.period + instant.time
+        return _Carry(
+            state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),
+            log=write(carry.log, after, instant, time, live),
+            xs=carry.xs.at[slot].set(after.x, mode="drop"),
+            vs=carry.vs.at[slot].set(after.v, mode="drop"),
+            goal=carry.goal + is_saved,
+            steps=carry.steps + live,
+            is_finite=is_finite | ~live,
+        )
 
 
 class _Carry(eqx.Module):
+    """Where the loop is."""
+
     state: State
-    log: _Log
-    xs: Float[Array, "times n"]
-    vs: Float[Array, "times n"]
+    log: Log
+    xs: Float[Array, "goals n"]
+    vs: Float[Array, "goals n"]
     goal: Int[Array, ""]
     steps: Int[Array, ""]
     is_finite: Bool[Array, ""]
@@ -193,121 +227,31 @@ def _run(
     goals = jnp.append(ts, t1)
     goal_periods = jnp.floor((goals - t0) / machine.period)
     goal_times = jnp.maximum((goals - t0) - goal_periods * machine.period, 0)
-    goal_periods = goal_periods.astype(int)
     resolution = 4 * jnp.finfo(t0.dtype).eps * jnp.maximum(jnp.abs(t0), jnp.abs(t1))
 
-    def is_live(carry: _Carry) -> Bool[Array, ""]:
-        return (carry.goal < goals.size) & carry.is_finite & (carry.steps < max_steps)
-
-    def step(carry: _Carry) -> _Carry:
-        state, live = carry.state, is_live(carry)
-        is_last_period = state.periods >= goal_periods[carry.goal]
-        target = jnp.where(is_last_period, goal_times[carry.goal], machine.period)
-        after, instant = advance(flow, machine, state, target, resolution)
-        is_saved = live & instant.arrived & is_last_period
-        slot = jnp.where(is_saved, carry.goal, goals.size)
-        is_finite = jnp.all(jnp.isfinite(after.x) & jnp.isfinite(after.v)) & jnp.isfinite(after.time)
-        after = start_period(after, phase0, instant.arrived & ~is_last_period)
-        time = t0 + state.periods * machine.period + instant.time
-        carry = _Carry(
-            state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),
-            log=_write(carry.log, after, instant, time, live),
-            xs=carry.xs.at[slot].set(after.x, mode="drop"),
-            vs=carry.vs.at[slot].set(after.v, mode="drop"),
-            goal=carry.goal + is_saved,
-            steps=carry.steps + live,
-            is_finite=is_finite | ~live,
-        )
-        return carry
-
+    task = _Task(
+        flow=flow,
+        machine=machine,
+        t0=t0,
+        phase0=phase0,
+        goal_periods=goal_periods.astype(int),
+        goal_times=goal_times,
+        resolution=resolution,
+        max_steps=jnp.asarray(max_steps),
+    )
     first = first_state(flow, machine, phase0, x0, v0)
     room = jnp.zeros((goals.size, x0.size), x0.dtype)
     carry = _Carry(
         state=first,
-        log=_empty_log(first, t0, max_events),
+        log=empty_log(first, t0, max_events),
         xs=room,
         vs=room,
         goal=jnp.array(0),
         steps=jnp.array(0),
         is_finite=jnp.array(True),
     )
-    last = while_any(is_live, step, carry)
+    last = while_any(task, carry)
     return _finish(system, machine, flow, last, ts, t0, t1, max_events)
-
-
-def start_period(state: State, phase0: Float[Array, "2 harmonics ..."], is_over: Flag) -> State:
-    """Where a forcing period is over, count it and set time and phase back, so that neither drifts."""
-    return eqx.tree_at(
-        lambda s: (s.periods, s.time, s.time_low, s.phase),
-        state,
-        (
-            state.periods + is_over,
-            jnp.where(is_over, 0, state.time),
-            jnp.where(is_over, 0, state.time_low),
-            jnp.where(is_over, phase0, state.phase),
-        ),
-    )
-
-
-def _empty_log(first: State, t0: Scalar, max_events: int) -> _Log:
-    rows = max_events + 1
-
-    def room(a: Array, fill: float | bool) -> Array:
-        return jnp.full((rows, *a.shape), fill, a.dtype).at[0].set(a)
-
-    gap, held = first.gap, first.held
-    none, zeros = jnp.zeros_like(held), jnp.zeros_like(gap)
-    nothing = Instant(none, none, none, zeros, zeros, zeros, jnp.array(False), t0)
-    return _Log(
-        restarts=Restarts(
-            t=room(t0, jnp.inf),
-            phase=room(first.phase, 0.0),
-            x=room(first.x, 0.0),
-            v=room(first.v, 0.0),
-            held=room(held, False),
-        ),
-        instants=jax.tree.map(lambda a: room(a, 0), nothing),
-        rows=jnp.array(1),
-        num_events=jnp.array(0),
-    )
-
-
-def _write(log: _Log, after: State, instant: Instant, time: Scalar, live: Flag) -> _Log:
-    """Write one row, if anything happened."""
-    count = jnp.sum(instant.hit) + jnp.sum(instant.stuck) + jnp.sum(instant.released)
-    is_row = live & (count > 0)
-    row = jnp.where(is_row, log.rows, log.restarts.t.size)
-    restart = Restarts(time, after.phase, after.x, after.v, after.held)
-    instant = eqx.tree_at(lambda i: i.time, instant, time)
-    write = lambda room, value: room.at[row].set(value, mode="drop")  # noqa: E731
-    return _Log(
-        restarts=jax.tree.map(write, log.restarts, restart),
-        instants=jax.tree.map(write, log.instants, instant),
-        rows=log.rows + is_row,
-        num_events=log.num_events + jnp.where(live, count, 0),
-    )
-
-
-def _event_log(machine: Machine, instants: Instant, max_events: int) -> EventLog:
-    """Spread the instants into single events, in the order of time."""
-    shape = instants.hit.shape
-    signs = jnp.asarray(machine.signs, instants.velocity_minus.dtype)
-    zeros = jnp.zeros(shape, instants.velocity_minus.dtype)
-    # Impacts of an instant come before its sticks and releases; a stick carries the end of its chatter.
-    happened = jnp.stack([instants.hit, instants.stuck, instants.released], axis=1)
-    times = instants.time[:, None, None] + jnp.stack([zeros, instants.chatter, zeros], axis=1)
-    order = jnp.argsort(jnp.where(happened, times, jnp.inf).ravel(), stable=True)[:max_events]
-    is_event = happened.ravel()[order]
-    kinds = jnp.asarray([IMPACT, STICK, RELEASE])
-    kind = jnp.broadcast_to(kinds[:, None], happened.shape).ravel()[order]
-    stop = jnp.broadcast_to(jnp.arange(shape[1]), happened.shape).ravel()[order]
-    read = lambda a: jnp.stack([signs * a, zeros, zeros], axis=1).ravel()[order]  # noqa: E731
-    minus, plus = read(instants.velocity_minus), read(instants.velocity_plus)
-    mass = (1 / machine.inverse_mass)[jnp.asarray(machine.masses, int)][stop] if shape[1] else minus
-    floats = times.ravel()[order], minus, plus, mass * (plus - minus)
-    t, minus, plus, impulse = (jnp.where(is_event, a, jnp.nan) for a in floats)
-    stop, kind = (jnp.where(is_event, a, -1) for a in (stop, kind))
-    return EventLog(t, stop, kind, minus, plus, impulse)
 
 
 def _finish(
@@ -336,7 +280,7 @@ def _finish(
         x1=state.x,
         v1=state.v,
         stuck1=state.held,
-        events=_event_log(machine, log.instants, max_events),
+        events=event_log(machine, log.instants, max_events),
         num_events=jnp.minimum(log.num_events, max_events),
         num_steps=last.steps,
         result=result,

@@ -1,19 +1,14 @@
 """What `simulate` returns."""
 
-from typing import Final
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
+from ._log import EventLog, Restarts
 from ._machine import Machine, resting_state
 from ._motion.flow import AbstractFlow
 from ._types import Scalar
-
-IMPACT: Final = 0
-STICK: Final = 1
-RELEASE: Final = 2
 
 
 class RESULTS(eqx.Enumeration):
@@ -36,36 +31,6 @@ class RESULTS(eqx.Enumeration):
         "non_finite: the motion stopped before its end at a number that is infinite or NaN. "
         "Check that the system and the start are finite and of moderate size."
     )
-
-
-class EventLog(eqx.Module):
-    """All events in the order of time, padded with NaN and -1.
-
-    Attributes:
-        t: time, (events,). A stick carries the end of the chatter it completes.
-        stop: index of the stop, (events,).
-        kind: `vx.IMPACT`, `vx.STICK` or `vx.RELEASE`, (events,).
-        velocity_minus: signed velocity of the mass just before, (events,); 0 unless an impact.
-        velocity_plus: just after, likewise.
-        impulse: m (velocity_plus - velocity_minus), (events,).
-    """
-
-    t: Float[Array, " events"]
-    stop: Int[Array, " events"]
-    kind: Int[Array, " events"]
-    velocity_minus: Float[Array, " events"]
-    velocity_plus: Float[Array, " events"]
-    impulse: Float[Array, " events"]
-
-
-class Restarts(eqx.Module):
-    """The state after every instant that had an event, the start first; the rest is padding."""
-
-    t: Float[Array, " rows"]
-    phase: Float[Array, "rows 2 harmonics"]
-    x: Float[Array, "rows n"]
-    v: Float[Array, "rows n"]
-    held: Bool[Array, "rows stops"]
 
 
 class Solution(eqx.Module):

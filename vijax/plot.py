@@ -12,7 +12,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from ._solution import RELEASE, STICK, Solution
+from ._log import RELEASE, STICK
+from ._solution import Solution
 
 _AXIS_LABELS = {
     "mass": ("Mass", "m", "units of mass"),

@@ -14,9 +14,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._advance import Instant, advance
 from .._contact.start import first_state
-from .._machine import Machine, State, prepare
+from .._machine import Machine, State, prepare, start_period
 from .._motion.flow import AbstractFlow
-from .._simulate import start_period
 from .._system.system import ImpactSystem
 from .._xla import while_any
 
@@ -42,6 +41,42 @@ class _Carry(eqx.Module):
     num_sticks: Int[Array, "stops lanes"]
     steps: Int[Array, " lanes"]
     is_finite: Bool[Array, " lanes"]
+
+
+class _Task(eqx.Module):
+    """What the loop does with its carry."""
+
+    flow: AbstractFlow
+    machine: Machine
+    phase0: Float[Array, "2 harmonics lanes"]
+    transient: Int[Array, ""]
+    num_periods: Int[Array, ""]
+    max_steps: Int[Array, ""]
+    max_impacts: int = eqx.field(static=True)
+
+    def is_live(self, carry: _Carry) -> Bool[Array, " lanes"]:
+        """Lanes that have something left to do."""
+        is_on = carry.is_finite & (carry.steps < self.max_steps)
+        return is_on & (carry.state.periods < self.num_periods)
+
+    def step(self, carry: _Carry) -> _Carry:
+        """One step of every lane."""
+        machine, state, live = self.machine, carry.state, self.is_live(carry)
+        resolution = 4 * jnp.finfo(state.x.dtype).eps * machine.period
+        after, instant = advance(self.flow, machine, state, machine.period, resolution)
+        is_finite = jnp.isfinite(after.time) & jnp.all(jnp.isfinite(after.x + after.v), axis=0)
+        counted = live & (state.periods >= self.transient)
+        passed = (state.periods - self.transient) * machine.period + instant.time
+        hit = instant.hit & counted
+        after = start_period(after, self.phase0, instant.arrived)
+        return _Carry(
+            state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),
+            room=_write(machine, carry, hit, passed, instant, self.max_impacts),
+            num_impacts=carry.num_impacts + hit,
+            num_sticks=carry.num_sticks + (instant.stuck & counted),
+            steps=carry.steps + live,
+            is_finite=is_finite | ~live,
+        )
 
 
 @eqx.filter_jit
@@ -82,28 +117,7 @@ def run_lanes(
     start = jnp.zeros((machine.cosine.shape[0], lanes), x0.dtype)
     phase0 = jnp.stack([start + 1, start])
 
-    def is_live(carry: _Carry) -> Bool[Array, " lanes"]:
-        return (carry.state.periods < num_periods) & carry.is_finite & (carry.steps < max_steps)
-
-    def step(carry: _Carry) -> _Carry:
-        state, live = carry.state, is_live(carry)
-        resolution = 4 * jnp.finfo(x0.dtype).eps * machine.period
-        after, instant = advance(flow, machine, state, machine.period, resolution)
-        is_finite = jnp.isfinite(after.time) & jnp.all(jnp.isfinite(after.x + after.v), axis=0)
-        counted = live & (state.periods >= transient)
-        passed = (state.periods - transient) * machine.period + instant.time
-        hit, stuck = instant.hit & counted, instant.stuck & counted
-        room = _write(machine, carry, hit, passed, instant, max_impacts)
-        after = start_period(after, phase0, instant.arrived)
-        return _Carry(
-            state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),
-            room=room,
-            num_impacts=carry.num_impacts + hit,
-            num_sticks=carry.num_sticks + stuck,
-            steps=carry.steps + live,
-            is_finite=is_finite | ~live,
-        )
-
+    task = _Task(flow, machine, phase0, transient, num_periods, max_steps, max_impacts)
     first = first_state(flow, machine, phase0, x0, v0)
     none = jnp.zeros(first.gap.shape, int)
     carry = _Carry(
@@ -114,7 +128,7 @@ def run_lanes(
         steps=jnp.zeros(lanes, int),
         is_finite=jnp.ones(lanes, bool),
     )
-    last = while_any(lambda c: jnp.any(is_live(c)), step, carry)
+    last = while_any(task, carry)
     impacts = last.room.reshape(lanes, max_impacts, 3)
     return last.state, Record(impacts, last.num_impacts, last.num_sticks), last.steps, last.is_finite
 

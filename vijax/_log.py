@@ -1,0 +1,119 @@
+"""The event log: written an instant at a time, read event by event."""
+
+from typing import Final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ._advance import Instant
+from ._machine import Machine, State
+from ._types import Flag, Scalar
+
+IMPACT: Final = 0
+STICK: Final = 1
+RELEASE: Final = 2
+
+
+class EventLog(eqx.Module):
+    """All events in the order of time, padded with NaN and -1.
+
+    Attributes:
+        t: time, (events,). A stick carries the end of the chatter it completes.
+        stop: index of the stop, (events,).
+        kind: `vx.IMPACT`, `vx.STICK` or `vx.RELEASE`, (events,).
+        velocity_minus: signed velocity of the mass just before, (events,); 0 unless an impact.
+        velocity_plus: just after, likewise.
+        impulse: m (velocity_plus - velocity_minus), (events,).
+    """
+
+    t: Float[Array, " events"]
+    stop: Int[Array, " events"]
+    kind: Int[Array, " events"]
+    velocity_minus: Float[Array, " events"]
+    velocity_plus: Float[Array, " events"]
+    impulse: Float[Array, " events"]
+
+
+class Restarts(eqx.Module):
+    """The state after every instant that had an event, the start first; the rest is padding."""
+
+    t: Float[Array, " rows"]
+    phase: Float[Array, "rows 2 harmonics"]
+    x: Float[Array, "rows n"]
+    v: Float[Array, "rows n"]
+    held: Bool[Array, "rows stops"]
+
+
+class Log(eqx.Module):
+    """One row per instant that had an event, the start first."""
+
+    restarts: Restarts
+    instants: Instant
+    rows: Int[Array, ""]
+    num_events: Int[Array, ""]
+
+
+def empty_log(first: State, t0: Scalar, max_events: int) -> Log:
+    rows = max_events + 1
+
+    def room(a: Array, fill: float | bool) -> Array:
+        return jnp.full((rows, *a.shape), fill, a.dtype).at[0].set(a)
+
+    gap, held = first.gap, first.held
+    none, zeros = jnp.zeros_like(held), jnp.zeros_like(gap)
+    nothing = Instant(none, none, none, zeros, zeros, zeros, jnp.array(False), t0)
+    return Log(
+        restarts=Restarts(
+            t=room(t0, jnp.inf),
+            phase=room(first.phase, 0.0),
+            x=room(first.x, 0.0),
+            v=room(first.v, 0.0),
+            held=room(held, False),
+        ),
+        instants=jax.tree.map(lambda a: room(a, 0), nothing),
+        rows=jnp.array(1),
+        num_events=jnp.array(0),
+    )
+
+
+def write(log: Log, after: State, instant: Instant, time: Scalar, live: Flag) -> Log:
+    """Write one row, if anything happened."""
+    count = jnp.sum(instant.hit) + jnp.sum(instant.stuck) + jnp.sum(instant.released)
+    is_row = live & (count > 0)
+    row = jnp.where(is_row, log.rows, log.restarts.t.size)
+    restart = Restarts(time, after.phase, after.x, after.v, after.held)
+    instant = eqx.tree_at(lambda i: i.time, instant, time)
+
+    def put(room: Array, value: Array) -> Array:
+        return room.at[row].set(value, mode="drop")
+
+    return Log(
+        restarts=jax.tree.map(put, log.restarts, restart),
+        instants=jax.tree.map(put, log.instants, instant),
+        rows=log.rows + is_row,
+        num_events=log.num_events + jnp.where(live, count, 0),
+    )
+
+
+def event_log(machine: Machine, instants: Instant, max_events: int) -> EventLog:
+    """Spread the instants into single events, in the order of time."""
+    shape = instants.hit.shape
+    signs = jnp.asarray(machine.signs, instants.velocity_minus.dtype)
+    zeros = jnp.zeros(shape, instants.velocity_minus.dtype)
+    # Impacts of an instant come before its sticks and releases; a stick carries the end of its chatter.
+    happened = jnp.stack([instants.hit, instants.stuck, instants.released], axis=1)
+    times = instants.time[:, None, None] + jnp.stack([zeros, instants.chatter, zeros], axis=1)
+    order = jnp.argsort(jnp.where(happened, times, jnp.inf).ravel(), stable=True)[:max_events]
+    is_event = happened.ravel()[order]
+    kinds = jnp.asarray([IMPACT, STICK, RELEASE])
+    kind = jnp.broadcast_to(kinds[:, None], happened.shape).ravel()[order]
+    stop = jnp.broadcast_to(jnp.arange(shape[1]), happened.shape).ravel()[order]
+    read = lambda a: jnp.stack([signs * a, zeros, zeros], axis=1).ravel()[order]  # noqa: E731
+    minus, plus = read(instants.velocity_minus), read(instants.velocity_plus)
+    mass = (1 / machine.inverse_mass)[jnp.asarray(machine.masses, int)][stop] if shape[1] else minus
+    floats = times.ravel()[order], minus, plus, mass * (plus - minus)
+    t, minus, plus, impulse = (jnp.where(is_event, a, jnp.nan) for a in floats)
+    stop, kind = (jnp.where(is_event, a, -1) for a in (stop, kind))
+    return EventLog(t, stop, kind, minus, plus, impulse)
