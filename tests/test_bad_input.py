@@ -90,15 +90,11 @@ BAD_MACHINES = {
         "`stops[0]` and `stops[1]` are both upper stops of mass 1: keep the nearer one.",
     ),
     "lower stop above upper": (
-        lambda: vx.ImpactSystem(
-            MASSES, EYE, EYE, LOAD, [vx.Stop(0, 0.3, "upper"), vx.Stop(0, 0.4, "lower")]
-        ),
+        lambda: vx.ImpactSystem(MASSES, EYE, EYE, LOAD, [vx.Stop(0, 0.3, "upper"), vx.Stop(0, 0.4, "lower")]),
         "The lower stop of mass 0 (at 0.4) must lie below its upper stop (at 0.3).",
     ),
     "lower stop at upper": (
-        lambda: vx.ImpactSystem(
-            MASSES, EYE, EYE, LOAD, [vx.Stop(0, 0.3, "upper"), vx.Stop(0, 0.3, "lower")]
-        ),
+        lambda: vx.ImpactSystem(MASSES, EYE, EYE, LOAD, [vx.Stop(0, 0.3, "upper"), vx.Stop(0, 0.3, "lower")]),
         "must lie below its upper stop",
     ),
     "chain of unequal lengths": (
@@ -216,7 +212,7 @@ def test_a_bad_run_is_refused_with_a_sentence(name):
 
 def test_an_unknown_side_is_refused():
     # The annotation is checked in these tests and may speak first; without it the sentence does.
-    with pytest.raises(Exception, match="upper|side"):
+    with pytest.raises(Exception, match=r"upper|side"):
         vx.Stop(0, 0.3, "left", 0.7)
 
 
@@ -259,7 +255,7 @@ def test_under_jit_the_same_sentence_comes_at_run_time(bad, sentence):
 
 
 def test_a_full_log_is_an_error_that_names_its_code_and_the_remedy():
-    with pytest.raises(RuntimeError, match="max_events_reached: .*Increase `max_events`"):
+    with pytest.raises(RuntimeError, match=r"max_events_reached: .*Increase `max_events`"):
         run(log=3)
 
 
@@ -275,7 +271,7 @@ def test_with_throw_off_a_full_log_is_a_code_and_the_motion_goes_on():
 
 
 def test_running_out_of_steps_names_its_code_and_the_remedy():
-    with pytest.raises(RuntimeError, match="max_steps_reached: .*Increase `max_steps`"):
+    with pytest.raises(RuntimeError, match=r"max_steps_reached: .*Increase `max_steps`"):
         run(max_steps=5)
 
 
@@ -289,7 +285,7 @@ def test_after_the_last_step_the_saved_states_repeat_the_last_one():
 
 
 def test_a_motion_that_overflows_names_its_code_and_the_remedy():
-    with pytest.raises(RuntimeError, match="non_finite: .*Check that"):
+    with pytest.raises(RuntimeError, match=r"non_finite: .*Check that"):
         run(UNSTABLE, 100.0, np.array([-1.0]))
 
 

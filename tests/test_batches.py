@@ -66,7 +66,7 @@ def assert_same(batch: vx.Solution, k: int, alone: vx.Solution, tolerance: float
 
 
 def test_a_batch_over_frequencies_equals_a_loop():
-    batch = of_frequency(jnp.asarray(FREQUENCIES), END, REST)
+    batch = of_system(systems(FREQUENCIES), END, REST)
     assert int(batch.num_events.min()) > 3
     for k, frequency in enumerate(FREQUENCIES):
         alone = one(frequency, END, REST)
@@ -81,6 +81,7 @@ def test_a_batch_over_starts_equals_a_loop():
         assert_same(batch, k, one(0.8, END, start), max(tolerance, 100 * ROUNDING))
 
 
+@pytest.mark.slow
 def test_a_batch_over_end_times_equals_a_loop():
     batch = of_end(0.8, ENDS, REST)
     np.testing.assert_array_equal(lane(batch, 0).x1, REST)
@@ -88,6 +89,7 @@ def test_a_batch_over_end_times_equals_a_loop():
         assert_same(batch, k, one(0.8, end, REST), 100 * ROUNDING)
 
 
+@pytest.mark.slow
 def test_a_batch_over_systems_equals_a_batch_over_what_they_are_made_of():
     made_inside = of_frequency(jnp.asarray(FREQUENCIES), END, REST)
     made_outside = of_system(systems(FREQUENCIES), END, REST)

@@ -153,7 +153,10 @@ def check(case: Case, count, stop, velocity):
 simulate_all = jax.jit(jax.vmap(simulate, in_axes=(None, 0, None)))
 
 
-@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(m, marks=pytest.mark.slow if m.startswith("two") else ()) for m in MACHINES],
+)
 def test_a_light_pass_has_the_right_number_of_impacts(name):
     c = case(name)
     machine = Machine(*(jnp.asarray(a) for a in c.machine))

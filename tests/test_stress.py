@@ -25,7 +25,7 @@ LAYOUTS = {
     "five": (5, ((0, "upper"), (2, "lower"), (4, "upper"), (1, "lower"), (3, "upper"))),
     "six": (6, ((5, "upper"), (2, "lower"), (4, "upper"), (1, "lower"), (3, "upper"), (0, "upper"))),
 }
-FAST = [("two_opposed", 1, 64), ("three", 2, 40)]
+FAST = [("two_opposed", 1, 64)]
 SLOW = [
     *((name, 1, 400) for name in LAYOUTS),
     ("between_two_stops", 3, 400),
@@ -112,7 +112,11 @@ def draw(rng: np.random.Generator, layout: str, harmonics: int) -> dict[str, np.
     offset = rng.normal(size=n) if rng.random() < 0.2 else np.zeros(n)
     position = signs * rng.uniform(0.02, 0.6, len(stops)) + offset[[i for i, _ in stops]]
     x0, v0 = draw_start(rng, n, stops, position)
-    rate = harmonics * frequency + np.sqrt(np.abs(stiffness).sum() / mass.min()) + np.abs(damping).sum() / mass.min()
+    rate = (
+        harmonics * frequency
+        + np.sqrt(np.abs(stiffness).sum() / mass.min())
+        + np.abs(damping).sum() / mass.min()
+    )
     t0 = 0.0 if rng.random() < 0.5 else rng.uniform(-5, 50)
     return {
         "mass": mass,
@@ -192,7 +196,9 @@ def simulate(layout: str, harmonics: int, lanes: int) -> Batch:
 
     solution = run(jax.tree.map(jnp.asarray, machines))
     t = sample_times(machines, np.asarray(solution.restarts.t))
-    (x, v), force = jax.jit(jax.vmap(lambda s, t: (s.evaluate(t), s.contact_force(t))))(solution, jnp.asarray(t))
+    (x, v), force = jax.jit(jax.vmap(lambda s, t: (s.evaluate(t), s.contact_force(t))))(
+        solution, jnp.asarray(t)
+    )
     signs = np.array([1 if side == "upper" else -1 for _, side in stops])
     masses = np.array([i for i, _ in stops])
     return Batch(machines, solution, t, np.asarray(x), np.asarray(v), np.asarray(force), signs, masses)
@@ -220,7 +226,9 @@ def test_every_lane_reaches_its_end_with_numbers(batch):
 @for_every_group
 def test_no_sample_lies_beyond_a_stop(batch):
     depth = -np.nanmin(batch.gaps, axis=(1, 2)) / batch.scale
-    assert (depth <= ROUNDING).all(), f"lanes {np.flatnonzero(depth > ROUNDING)} penetrate by {depth.max():.1e}"
+    assert (depth <= ROUNDING).all(), (
+        f"lanes {np.flatnonzero(depth > ROUNDING)} penetrate by {depth.max():.1e}"
+    )
 
 
 @for_every_group
@@ -230,7 +238,9 @@ def test_no_gap_dips_below_zero_between_two_samples(batch):
     h = np.diff(batch.t, axis=1)[..., None]
     start, end, falls, rises = gap[:, :-1], gap[:, 1:], h * slope[:, :-1], h * slope[:, 1:]
     events = np.asarray(batch.solution.restarts.t)
-    is_flight = np.array([np.diff(np.searchsorted(e, t, "right")) == 0 for e, t in zip(events, batch.t, strict=True)])
+    is_flight = np.array(
+        [np.diff(np.searchsorted(e, t, "right")) == 0 for e, t in zip(events, batch.t, strict=True)]
+    )
     has_minimum = (falls < 0) & (rises > 0) & is_flight[..., None]
     for u in np.linspace(0.1, 0.9, 9):
         weights = (1 + 2 * u) * (1 - u) ** 2, u * (1 - u) ** 2, u * u * (3 - 2 * u), -u * u * (1 - u)
