@@ -24,6 +24,8 @@ ENTRY = 1e-30
 ENTRY_ROUNDED = 1e-15
 # The engine against entries: rounding of 1e-16 at each of some hundred steps, of the largest value.
 EXACT = 2e-14
+# One rounding per step and unit of phase, the same way every time, is all that long motions may lose.
+EPSILON = float(np.finfo(float).eps)
 # A mass without a spring carries a rounding of its velocity on: so much more, per unit of time.
 RIGID = EXACT
 # The bounces under 1e-6 that end a chatter are summed for a constant acceleration: second order in 1e-6.
@@ -139,7 +141,7 @@ def test_free_motion_is_exact_in_every_regime_of_damping_and_load(problem):
     times = [float(state.t) for state in problem.states]
     solution = _simulate(problem, times[-1], times)
     scale = max(1.0, *(abs(float(a)) for state in problem.states for a in (*state.x, *state.v)))
-    tolerance = MANY_STEPS if problem.name == "heavily_damped" else EXACT * scale
+    tolerance = MANY_STEPS if problem.name == "heavily_damped" else (EXACT + EPSILON * times[-1]) * scale
     if not np.asarray(problem.system.stiffness).any():
         tolerance += RIGID * scale * times[-1]
     x = np.array([[float(a) for a in state.x] for state in problem.states])
@@ -175,7 +177,8 @@ def test_elastic_stops_keep_the_energy_of_an_undamped_machine():
     mass, stiffness = np.asarray(system.mass), np.asarray(system.stiffness)
     x, v = np.asarray(solution.xs), np.asarray(solution.vs)
     energy = (mass * v**2).sum(axis=1) / 2 + np.einsum("ti,ij,tj->t", x, stiffness, x) / 2
-    np.testing.assert_allclose(energy, energy[0], rtol=EXACT)
+    np.testing.assert_allclose(energy, energy[0], rtol=EPSILON * int(solution.num_steps))
+    assert int(solution.num_steps) < 5000
     assert int(solution.num_events) > 100
     assert np.ptp(v[:, 0]) > 1
 
