@@ -11,6 +11,8 @@ from helpers import load_scene
 PROGRAM = """
 import json, sys, warnings
 import jax
+
+sys.path.append("tests")
 from helpers import load_scene
 
 assert not jax.config.jax_enable_x64
@@ -32,13 +34,12 @@ ROUNDING_32 = 1e-5
 
 @pytest.fixture(scope="module")
 def outcome(pytestconfig):
-    tests = str(pytestconfig.rootpath / "tests")
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, *SCENES],
         capture_output=True,
         text=True,
         check=False,
-        cwd=tests,
+        cwd=pytestconfig.rootpath,
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
