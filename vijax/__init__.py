@@ -17,9 +17,6 @@ from ._sweep.sweep import sweep as sweep
 from ._system.forcing import Harmonic as Harmonic
 from ._system.stop import Stop as Stop
 from ._system.system import ImpactSystem as ImpactSystem, chain as chain
-from ._xla import ask_for_fused_loops
-
-ask_for_fused_loops()
 
 
 def __getattr__(name: str):

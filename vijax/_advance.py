@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float
 from ._contact.restitution import rebound
 from ._contact.sticking import chatter_is_complete, chatter_time
 from ._machine import Machine, State
-from ._motion.bounds import deflate, safe_step, short
+from ._motion.bounds import Bound, deflated, either, safe_step, short
 from ._motion.flow import AbstractFlow
 from ._types import Flag, Scalar, stack
 from ._xla import compute_once
@@ -71,9 +71,8 @@ def advance(
         The state after the step, and what happened there.
     """
     remaining = jnp.maximum((target - state.time) - state.time_low, 0)
-    limit, steps, is_event = compute_once(
-        machine.always, _steps_to_events, flow, machine, state, remaining + resolution
-    )
+    ahead = remaining + resolution
+    limit, steps, is_event = compute_once(machine.always, _steps_to_events, flow, machine, state, ahead)
     step = jnp.min(steps, axis=0, initial=jnp.inf)
     one_instant = 8 * jnp.finfo(step.dtype).eps / machine.rate
     is_event = is_event & (steps <= step + one_instant)
@@ -87,30 +86,22 @@ def advance(
 
 def _steps_to_events(
     flow: AbstractFlow, machine: Machine, state: State, limit: Scalar
-) -> tuple[Float[Array, "stops ..."], Bool[Array, "stops ..."]]:
+) -> tuple[Scalar, Float[Array, "stops ..."], Bool[Array, "stops ..."]]:
     """For every stop the longest step that is proved free of its events, and if it ends on one."""
     motion = flow.expand(machine, state, machine.held_masses(state.held))
-    limit = jnp.minimum(limit, motion.limit)
+    now, limit = motion.now, jnp.minimum(limit, motion.limit)
     x_rest, force_rest = motion.rest(limit)
-    nearly = short(state.x.dtype) / machine.rate
     steps, events = [], []
     for j, (i, sign) in enumerate(zip(machine.masses, machine.signs, strict=True)):
-        gap = (
-            state.gap[j],
-            -sign * state.v[i],
-            -sign * motion.acceleration[i] / 2,
-            -sign * motion.jerk[i] / 6,
-        )
-        bound = deflate(gap, x_rest[i], state.contact[j], limit)
+        gap = (state.gap[j], -sign * state.v[i], -sign * now.acceleration[i] / 2, -sign * now.jerk[i] / 6)
+        bound = deflated(gap, x_rest[i], state.contact[j], limit)
         if machine.can_stick:
-            contact_force = (
-                jnp.maximum(sign * motion.force[i], 0),
-                sign * motion.force_rate[i],
-                sign * motion.force_curvature[i] / 2,
-                force_rest[i],
-            )
-            bound = tuple(jnp.where(state.held[j], f, g) for f, g in zip(contact_force, bound, strict=True))
-        step, is_root = safe_step(*bound, limit)
+            pressing = jnp.maximum(sign * now.force[i], 0)
+            curvature = sign * now.force_curvature[i] / 2
+            contact_force = Bound(pressing, sign * now.force_rate[i], curvature, force_rest[i])
+            bound = either(state.held[j], contact_force, bound)
+        step, is_root = safe_step(bound, limit)
+        nearly = short(state.x.dtype) / machine.rate
         is_event = is_root & (step <= nearly)
         # Where a leading coefficient is lost in rounding the bound allows no step; the motion does.
         steps.append(jnp.where(is_event, step, jnp.maximum(step, jnp.minimum(nearly, limit))))
@@ -122,7 +113,6 @@ def _steps_to_events(
 
 def _move(flow: AbstractFlow, machine: Machine, state: State, step: Scalar) -> State:
     """Follow the smooth motion for `step`."""
-
     motion = flow.expand(machine, state, machine.held_masses(state.held))
     displacement, v, phase = motion.move(step)
     time, low = _two_sum(state.time, step)
@@ -157,9 +147,7 @@ def _land(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) ->
     value, slope = state.gap, -machine.at_stops(state.v)
     if machine.can_stick:
         value = jnp.where(state.held, machine.at_stops(force), value)
-        slope = jnp.where(
-            state.held, machine.at_stops(machine.force_rate(state.phase, state.v, a)), slope
-        )
+        slope = jnp.where(state.held, machine.at_stops(machine.force_rate(state.phase, state.v, a)), slope)
     usable = is_event & (slope < 0)
     newton = jnp.where(usable, value / jnp.where(usable, -slope, 1), jnp.inf)
     delay = jnp.min(newton, axis=0, initial=jnp.inf)
@@ -182,16 +170,12 @@ def _land(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) ->
     )
 
 
-def _accelerations(
-    machine: Machine, state: State, force: Float[Array, "n ..."]
-) -> Float[Array, "n ..."]:
+def _accelerations(machine: Machine, state: State, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
     """Acceleration by a force (or jerk by its rate), zero for held masses."""
     return jnp.where(machine.held_masses(state.held), 0, machine.inverse_mass * force)
 
 
-def _resolve(
-    machine: Machine, state: State, is_event: Bool[Array, "stops ..."]
-) -> tuple[State, Instant]:
+def _resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) -> tuple[State, Instant]:
     """Apply the impacts of this instant, then decide who sticks and who is let go."""
     v_minus = machine.at_stops(state.v)
     hit = is_event & ~state.held & (v_minus > 0)

@@ -147,9 +147,7 @@ def start_period(state: State, phase0: Float[Array, "2 harmonics ..."], is_over:
     )
 
 
-def prepare(
-    system: ImpactSystem, span: Scalar, always: Bool[Array, ""], *, can_stick: bool
-) -> Machine:
+def prepare(system: ImpactSystem, span: Scalar, always: Bool[Array, ""], *, can_stick: bool) -> Machine:
     """Turn a system into the engine's arrays; `span` is the time that will be simulated.
 
     Leaves of `system` may carry lanes as a last axis.

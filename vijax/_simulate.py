@@ -10,11 +10,11 @@ from ._advance import advance
 from ._contact.start import first_state, is_touching
 from ._log import Log, empty_log, event_log, write
 from ._machine import Machine, State, prepare, start_period
-from ._motion.flow import AbstractFlow
 from ._motion.choose import choose_flow
+from ._motion.flow import AbstractFlow
 from ._solution import RESULTS, Solution
 from ._system.system import ImpactSystem
-from ._types import Flag, Scalar, as_float, concrete
+from ._types import Flag, Numbers, Scalar, as_float, concrete
 from ._xla import while_any
 
 
@@ -22,10 +22,10 @@ def simulate(
     system: ImpactSystem,
     t0: ArrayLike,
     t1: ArrayLike,
-    x0: ArrayLike | None = None,
-    v0: ArrayLike | None = None,
+    x0: Numbers | None = None,
+    v0: Numbers | None = None,
     *,
-    ts: ArrayLike | None = None,
+    ts: Numbers | None = None,
     flow: AbstractFlow | None = None,
     args: object = None,
     max_events: int = 1024,
@@ -70,28 +70,28 @@ def simulate(
     """
     del args
     n = system.num_masses
-    t0, t1 = as_float(t0), as_float(t1)
-    ts = t1[None] if ts is None else as_float(jnp.asarray(ts))
-    x0 = jnp.zeros(n) if x0 is None else as_float(jnp.asarray(x0))
-    v0 = jnp.zeros(n) if v0 is None else as_float(jnp.asarray(v0))
-    for name, value in (("x0", x0), ("v0", v0)):
+    begin, end = as_float(t0), as_float(t1)
+    times = end[None] if ts is None else as_float(ts)
+    x, v = (jnp.zeros(n) if a is None else as_float(a) for a in (x0, v0))
+    for name, value in (("x0", x), ("v0", v)):
         if value.shape != (n,):
             raise ValueError(f"Argument `{name}` must have shape ({n},), but has shape {value.shape}.")
-    if ts.ndim != 1:
-        raise ValueError(f"Argument `ts` must have shape (times,), but has shape {ts.shape}.")
+    if times.ndim != 1:
+        raise ValueError(f"Argument `ts` must have shape (times,), but has shape {times.shape}.")
     if max_events < 0:
         raise ValueError(f"Argument `max_events` must not be negative, but is {max_events}.")
-    dtype = jnp.result_type(system.mass, t0, t1, ts, x0, v0)
-    system, t0, t1, ts, x0, v0 = jax.tree.map(lambda a: a.astype(dtype), (system, t0, t1, ts, x0, v0))
-    t0, x0 = _check_door(system, t0, t1, ts, x0)
-    can_stick = can_any_stick(system, x0, v0)
+    values = (system, begin, end, times, x, v)
+    dtype = jnp.result_type(*jax.tree.leaves(values))
+    system, begin, end, times, x, v = jax.tree.map(lambda a: a.astype(dtype), values)
+    begin, x = _check_door(system, begin, end, times, x)
+    can_stick = can_any_stick(system, x, v)
     solution = _run(
         system,
-        t0,
-        t1,
-        ts,
-        x0,
-        v0,
+        begin,
+        end,
+        times,
+        x,
+        v,
         choose_flow(system, can_stick=can_stick) if flow is None else flow,
         None if max_steps is None else jnp.asarray(max_steps),
         jnp.array(True),

@@ -3,12 +3,12 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ._log import EventLog, Restarts
 from ._machine import Machine, resting_state
 from ._motion.flow import AbstractFlow
-from ._types import Scalar
+from ._types import Numbers, Scalar
 
 
 class RESULTS(eqx.Enumeration):
@@ -68,7 +68,7 @@ class Solution(eqx.Module):
     restarts: Restarts
     known_until: Scalar
 
-    def evaluate(self, t: ArrayLike) -> tuple[Float[Array, "... n"], Float[Array, "... n"]]:
+    def evaluate(self, t: Numbers) -> tuple[Float[Array, "... n"], Float[Array, "... n"]]:
         """Position and velocity at any time, as exact as the trajectory itself.
 
         Args:
@@ -88,7 +88,7 @@ class Solution(eqx.Module):
         x, v, _ = self._at(t)
         return x, v
 
-    def contact_force(self, t: ArrayLike) -> Float[Array, "... stops"]:
+    def contact_force(self, t: Numbers) -> Float[Array, "... stops"]:
         """Force with which each stop is pressed while it holds its mass; 0 while it does not.
 
         Impacts are impulses and not part of it: see `events.impulse`.
@@ -111,10 +111,11 @@ class Solution(eqx.Module):
         """
         return self._at(t)[2]
 
-    def _at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+    def _at(self, t: Numbers) -> tuple[Array, Array, Array]:
         times = jnp.asarray(t, self.t0.dtype)
         x, v, force = _evaluate_all(self, times.ravel())
-        return tuple(a.reshape(*times.shape, a.shape[-1]) for a in (x, v, force))
+        x, v, force = (a.reshape(*times.shape, a.shape[-1]) for a in (x, v, force))
+        return x, v, force
 
 
 @eqx.filter_jit
@@ -134,13 +135,12 @@ def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
         motion = solution.flow.expand(machine, state, machine.held_masses(state.held))
         length = jnp.minimum(remaining, motion.limit)
         displacement, v, phase = motion.move(length)
-        state = eqx.tree_at(
-            lambda s: (s.x, s.v, s.phase), state, (state.x + displacement, v, phase)
-        )
+        state = eqx.tree_at(lambda s: (s.x, s.v, s.phase), state, (state.x + displacement, v, phase))
         return state, remaining - length
 
     state, _ = jax.lax.while_loop(lambda c: c[1] > 0, step, (state, t - start.t))
     pressing = machine.at_stops(machine.force(state.phase, state.x, state.v))
     is_known = (t >= solution.t0) & (t <= solution.t1) & (t <= solution.known_until)
-    x, v, force = state.x, state.v, jnp.where(state.held, pressing, 0)
-    return tuple(jnp.where(is_known, a, jnp.nan) for a in (x, v, force))
+    force = jnp.where(state.held, pressing, 0)
+    x, v, force = (jnp.where(is_known, a, jnp.nan) for a in (state.x, state.v, force))
+    return x, v, force

@@ -13,6 +13,7 @@ several times slower.)
 import warnings
 from collections.abc import Sequence
 from functools import cache
+from typing import Any
 
 import jax
 import jax.core
@@ -20,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
+Numbers = ArrayLike | Sequence[Any]
 Scalar = Float[Array, "..."]
 Flag = Bool[Array, "..."]
 
@@ -33,7 +35,7 @@ def _warn_about_float32() -> None:
     )
 
 
-def as_float(value: ArrayLike) -> Array:
+def as_float(value: Numbers) -> Array:
     """Convert to a floating-point array in the precision that JAX is set to."""
     array = jnp.asarray(value)
     if not jnp.issubdtype(array.dtype, jnp.floating):
@@ -59,7 +61,8 @@ def matvec(matrix: Float[Array, "m n ..."], vector: Float[Array, "n ..."]) -> Fl
     """Multiply over the leading axes; unrolled while small, so that XLA can fuse it."""
     m, n = matrix.shape[:2]
     if m * n <= 16:
-        return stack([sum(matrix[i, j] * vector[j] for j in range(n)) for i in range(m)])
+        terms = [[matrix[i, j] * vector[j] for j in range(n)] for i in range(m)]
+        return stack([sum(row[1:], row[0]) for row in terms])
     return jnp.sum(matrix * vector[None], axis=1)
 
 

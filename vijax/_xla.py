@@ -1,6 +1,5 @@
 """What the compiler needs to be told."""
 
-import os
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -9,20 +8,6 @@ import jax
 import jax.numpy as jnp
 from equinox.internal import unvmap_any, while_loop
 from jaxtyping import Array, Bool
-
-
-def ask_for_fused_loops() -> None:
-    """Let XLA compute what several results of a loop share once instead of once per result.
-
-    On a CPU that is an option of XLA, off by default, which makes the loops of this library 2 to 5
-    times faster and quicker to compile (measured with jaxlib 0.10.2; results are unchanged). It
-    can only be given in the environment, before JAX first computes anything: import vijax before. An
-    `XLA_FLAGS` that already holds backend options is left alone.
-    """
-    flags = os.environ.get("XLA_FLAGS", "")
-    if "xla_backend_extra_options" not in flags:
-        option = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion"
-        os.environ["XLA_FLAGS"] = f"{flags} {option}".strip()
 
 
 def compute_once(always: Bool[Array, ""], function: Callable, *args):

@@ -29,9 +29,9 @@ def first_state(
     contact = jnp.where(leaving, jnp.int8(1), state.contact)
     if not machine.can_stick:
         return eqx.tree_at(lambda s: s.contact, state, contact)
-    motion = flow.expand(machine, state, machine.has_any(at_rest))
-    force = machine.at_stops(motion.force)
-    later = machine.at_stops(motion.force_rate), machine.at_stops(motion.force_curvature)
+    now = flow.expand(machine, state, machine.has_any(at_rest)).now
+    force = machine.at_stops(now.force)
+    later = machine.at_stops(now.force_rate), machine.at_stops(now.force_curvature)
     held = at_rest & is_pressed(force, later)
     contact = jnp.where(at_rest & ~held, jnp.where(force < 0, jnp.int8(2), jnp.int8(3)), contact)
     return eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))

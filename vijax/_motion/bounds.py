@@ -19,6 +19,8 @@ miss. The root of the parabola misses the event by the third-order term alone, s
 against the motion, rate * u <= eps^(1/3), ends on the event to rounding.
 """
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from .._types import Flag, Scalar
@@ -29,43 +31,51 @@ def short(dtype: jnp.dtype) -> float:
     return float(jnp.finfo(dtype).eps) ** (1 / 3)
 
 
-def deflate(
-    c: tuple[Scalar, Scalar, Scalar, Scalar], rest: Scalar, order: Scalar, limit: Scalar
-) -> tuple[Scalar, Scalar, Scalar, Scalar]:
-    """Divide a gap c0 + c1 u + c2 u^2 + c3 u^3 -+ rest u^4 by u^order, for order 0 to 3.
+class Bound(eqx.Module):
+    """h(u) >= a0 + a1 u + a2 u^2 - rest u^3 on [0, limit]: what `safe_step` needs of a function."""
 
-    Returns the coefficients a0, a1, a2 of the quotient and the bound of what follows, on [0, limit].
-    """
+    a0: Scalar
+    a1: Scalar
+    a2: Scalar
+    rest: Scalar
+
+
+def deflated(gap: tuple[Scalar, Scalar, Scalar, Scalar], rest: Scalar, order: Scalar, limit: Scalar) -> Bound:
+    """Bound g0 + g1 u + g2 u^2 + g3 u^3 -+ rest u^4, divided by u^order, for order 0 to 3."""
+    g0, g1, g2, g3 = gap
     zero = jnp.zeros_like(rest)
-    of_order = (
-        (jnp.maximum(c[0], 0), c[1], c[2], jnp.maximum(-c[3], 0) + rest * limit),
-        (c[1], c[2], c[3], rest),
-        (c[2], c[3], -rest, zero),
-        (c[3], -rest, zero, zero),
+    bounds = (
+        Bound(jnp.maximum(g0, 0), g1, g2, jnp.maximum(-g3, 0) + rest * limit),
+        Bound(g1, g2, g3, rest),
+        Bound(g2, g3, -rest, zero),
+        Bound(g3, -rest, zero, zero),
     )
-    chosen = of_order[0]
+    chosen = bounds[0]
     for p in (1, 2, 3):
-        chosen = tuple(jnp.where(order == p, new, old) for new, old in zip(of_order[p], chosen, strict=True))
+        chosen = either(order == p, bounds[p], chosen)
     return chosen
 
 
-def safe_step(a0: Scalar, a1: Scalar, a2: Scalar, rest: Scalar, limit: Scalar) -> tuple[Scalar, Flag]:
+def either(condition: Flag, a: Bound, b: Bound) -> Bound:
+    """Choose elementwise between two bounds."""
+    return jax.tree.map(lambda new, old: jnp.where(condition, new, old), a, b)
+
+
+def safe_step(bound: Bound, limit: Scalar) -> tuple[Scalar, Flag]:
     """Longest step that is proved free of an event, and whether it ends on a root of the bound.
 
     Args:
-        a0: value now, not negative.
-        a1: first coefficient.
-        a2: second coefficient, exact or a lower bound.
-        rest: bound of the third and higher ones on [0, limit].
+        bound: of a function that is not negative now.
         limit: longest step allowed.
 
     Returns:
         The step, and True if the lower bound crosses zero there with a slope.
     """
+    a0, a1 = bound.a0, bound.a1
     tiny = jnp.finfo(jnp.result_type(a0)).tiny
     trial, step, is_root = limit, limit, jnp.zeros(jnp.shape(limit), bool)
     for _ in range(2):  # the second trial is never shorter than the first, its bound being tighter
-        fall = rest * trial - a2
+        fall = bound.rest * trial - bound.a2
         under_root = a1 * a1 + 4 * fall * a0
         root = jnp.sqrt(jnp.maximum(under_root, 0))
         falling, rising = 2 * a0 / jnp.maximum(root - a1, tiny), (a1 + root) / jnp.maximum(2 * fall, tiny)

@@ -9,24 +9,34 @@ from .._machine import Machine, State
 from .._types import Scalar
 
 
-class Expansion(eqx.Module):
-    """The motion from one instant on, with some masses held: exact derivatives, bounds, the future.
+class Derivatives(eqx.Module):
+    """The motion at one instant, exactly. Every field is (n,).
 
     Attributes:
-        acceleration: x'' of every mass, (n,); zero where held.
-        jerk: x''', likewise.
-        force: force on every mass without that of the stops, (n,): m x'' where free, what presses
-            on the stop where held.
+        acceleration: second derivative of the position of every mass; zero where held.
+        jerk: third derivative, likewise.
+        force: force on every mass without that of the stops: mass times acceleration where free,
+            what presses on the stop where held.
         force_rate: its first derivative.
         force_curvature: its second derivative.
+    """
+
+    acceleration: Float[Array, "n ..."]
+    jerk: Float[Array, "n ..."]
+    force: Float[Array, "n ..."]
+    force_rate: Float[Array, "n ..."]
+    force_curvature: Float[Array, "n ..."]
+
+
+class Expansion(eqx.Module):
+    """The motion from one instant on, with some masses held: the present, bounds, the future.
+
+    Attributes:
+        now: derivatives at the instant.
         limit: the longest step this expansion is good for.
     """
 
-    acceleration: eqx.AbstractVar[Float[Array, "n ..."]]
-    jerk: eqx.AbstractVar[Float[Array, "n ..."]]
-    force: eqx.AbstractVar[Float[Array, "n ..."]]
-    force_rate: eqx.AbstractVar[Float[Array, "n ..."]]
-    force_curvature: eqx.AbstractVar[Float[Array, "n ..."]]
+    now: eqx.AbstractVar[Derivatives]
     limit: eqx.AbstractVar[Scalar]
 
     @abc.abstractmethod

@@ -28,7 +28,7 @@ from .._machine import Machine, State
 from .._system.system import ImpactSystem
 from .._types import Scalar, concrete, lift, matvec
 from .._xla import compute_once
-from .flow import AbstractFlow, Expansion
+from .flow import AbstractFlow, Derivatives, Expansion
 
 _TRUST_AND_TERMS = {"float64": (1.5, 11), "float32": (1.0, 6)}
 _MAX_SETS = 8
@@ -74,7 +74,6 @@ class ModalFlow(AbstractFlow):
         return ModalExpansion(
             machine=machine,
             state=state,
-            response=response,
             squared_frequency=w2,
             decay=a,
             shape=shape,
@@ -82,11 +81,7 @@ class ModalFlow(AbstractFlow):
             q_rate=matvec(inverse, state.v - steady_v),
             cosine=cosine,
             sine=sine,
-            acceleration=acceleration,
-            jerk=jerk,
-            force=force,
-            force_rate=force_rate,
-            force_curvature=curvature,
+            now=Derivatives(acceleration, jerk, force, force_rate, curvature),
             limit=trust / machine.rate,
         )
 
@@ -116,7 +111,6 @@ class ModalExpansion(Expansion):
 
     machine: Machine
     state: State
-    response: Float[Array, "n ..."]
     squared_frequency: Float[Array, "modes ..."]
     decay: Float[Array, "modes ..."]
     shape: Float[Array, "n modes ..."]
@@ -124,11 +118,7 @@ class ModalExpansion(Expansion):
     q_rate: Float[Array, "modes ..."]
     cosine: Float[Array, "harmonics n ..."]
     sine: Float[Array, "harmonics n ..."]
-    acceleration: Float[Array, "n ..."]
-    jerk: Float[Array, "n ..."]
-    force: Float[Array, "n ..."]
-    force_rate: Float[Array, "n ..."]
-    force_curvature: Float[Array, "n ..."]
+    now: Derivatives
     limit: Scalar
 
     def rest(self, limit: Scalar) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
@@ -149,7 +139,9 @@ class ModalExpansion(Expansion):
         x4 = matvec(shape, fourth) + jnp.sum(size * speed[:, None] ** 4, axis=0)
         load = jnp.abs(self.machine.cosine) + jnp.abs(self.machine.sine)
         load3 = jnp.sum(load * speed[:, None] ** 3, axis=0)
-        force3 = load3 + matvec(jnp.abs(self.machine.damping), x4) + matvec(jnp.abs(self.machine.stiffness), x3)
+        force3 = (
+            load3 + matvec(jnp.abs(self.machine.damping), x4) + matvec(jnp.abs(self.machine.stiffness), x3)
+        )
         return x4 / 24, force3 / 6
 
     def move(
@@ -212,7 +204,9 @@ def _polynomial(coefficients: list[float], z: Array) -> Array:
     return total
 
 
-def _over_harmonics(of_harmonic: Float[Array, "harmonics n ..."], wave: Float[Array, "harmonics ..."]) -> Array:
+def _over_harmonics(
+    of_harmonic: Float[Array, "harmonics n ..."], wave: Float[Array, "harmonics ..."]
+) -> Array:
     total = of_harmonic[0] * wave[0]
     for h in range(1, of_harmonic.shape[0]):
         total = total + of_harmonic[h] * wave[h]
@@ -229,6 +223,7 @@ def modal_flow(system: ImpactSystem, *, can_stick: bool) -> ModalFlow | None:
     Returns:
         The flow, or None.
     """
+    dtype = system.mass.dtype
     leaves = [concrete(leaf) for leaf in jax.tree.leaves(system)]
     holdable = sorted({stop.mass for stop in system.stops}) if can_stick else []
     if any(leaf is None for leaf in leaves) or 2 ** len(holdable) > _MAX_SETS:
@@ -247,18 +242,20 @@ def modal_flow(system: ImpactSystem, *, can_stick: bool) -> ModalFlow | None:
     arrays = [np.moveaxis(np.stack(column), 1, -1) for column in zip(*tables, strict=True)]
     if not has_lanes:
         arrays = [a[..., 0] for a in arrays]
-    return ModalFlow(*(jnp.asarray(a, leaves[0].dtype) for a in arrays), sets=sets)
+    return ModalFlow(*(jnp.asarray(a, dtype) for a in arrays), sets=sets)
 
 
 def _modes_of_set(system: ImpactSystem, held: tuple[int, ...]) -> tuple[np.ndarray, ...] | None:
     """Modes and steady response with the masses `held` at rest, lanes first; None where digits would go."""
-    mass, damping, stiffness = (np.moveaxis(a, -1, 0) for a in (system.mass, system.damping, system.stiffness))
+    mass, damping, stiffness = (_lanes_first(a) for a in (system.mass, system.damping, system.stiffness))
     n = mass.shape[1]
     free = [i for i in range(n) if i not in held]
     root = np.sqrt(mass[:, free])
     scale = root[:, :, None] * root[:, None]
     w2, vectors = np.linalg.eigh(stiffness[np.ix_(range(len(stiffness)), free, free)] / scale)
-    modal_damping = np.swapaxes(vectors, 1, 2) @ (damping[np.ix_(range(len(damping)), free, free)] / scale) @ vectors
+    modal_damping = (
+        np.swapaxes(vectors, 1, 2) @ (damping[np.ix_(range(len(damping)), free, free)] / scale) @ vectors
+    )
     decay = np.diagonal(modal_damping, axis1=1, axis2=2) / 2
     between = np.abs(modal_damping - np.eye(len(free)) * modal_damping)
     eps = np.finfo(mass.dtype).eps
@@ -268,7 +265,7 @@ def _modes_of_set(system: ImpactSystem, held: tuple[int, ...]) -> tuple[np.ndarr
         return None
     lanes = max(len(w2), len(mass))
     shape, inverse = np.zeros((lanes, n, n)), np.zeros((lanes, n, n))
-    modes = np.arange(len(free))
+    modes = range(len(free))
     shape[np.ix_(range(lanes), free, modes)] = vectors / root[:, :, None]
     inverse[np.ix_(range(lanes), modes, free)] = np.swapaxes(vectors * root[:, :, None], 1, 2)
     pad = ((0, 0), (0, n - len(free)))
@@ -277,7 +274,7 @@ def _modes_of_set(system: ImpactSystem, held: tuple[int, ...]) -> tuple[np.ndarr
     if steady is None:
         return None
     flexibility = shape / w2[:, None] @ np.swapaxes(shape, 1, 2)
-    offset = (flexibility @ np.moveaxis(system.forcing.mean, -1, 0)[..., None])[..., 0]
+    offset = (flexibility @ _lanes_first(system.forcing.mean)[..., None])[..., 0]
     anchor = np.zeros((lanes, n, n))
     for i in held:
         anchor[:, :, i] = -(flexibility @ stiffness[:, :, i, None])[..., 0]
@@ -291,10 +288,14 @@ def _steady_response(
     """Amplitudes of the cosines and sines of every harmonic; None near undamped resonance."""
     forcing = system.forcing
     amplitude, phase = (a if a.ndim == 3 else a[None] for a in (forcing.amplitude, forcing.phase))
-    load = np.moveaxis(amplitude * np.exp(1j * phase), -1, 0)
+    load = _lanes_first(amplitude * np.exp(1j * np.asarray(phase)))
     speed = np.arange(1, load.shape[1] + 1) * np.atleast_1d(forcing.frequency)[:, None]
     impedance = w2[:, None] - speed[..., None] ** 2 + 2j * decay[:, None] * speed[..., None]
     if (np.abs(impedance) <= 1e-2 * (w2[:, None] + speed[..., None] ** 2)).any():
         return None
     response = np.einsum("lij,lkj->lki", shape, np.einsum("lij,lki->lkj", shape, load) / impedance)
     return response.real, -response.imag
+
+
+def _lanes_first(array: Array | np.ndarray) -> np.ndarray:
+    return np.moveaxis(np.asarray(array), -1, 0)

@@ -17,14 +17,13 @@ damping and for resonance, another method for damping that the modes do not diag
 is heavy.
 """
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._machine import Machine, State
 from .._types import Scalar, lift, matvec
 from .._xla import compute_once
-from .flow import AbstractFlow, Expansion
+from .flow import AbstractFlow, Derivatives, Expansion
 
 _ORDER_AND_TRUST = {"float64": (22, 1.5), "float32": (11, 1.0)}
 
@@ -45,24 +44,20 @@ class TaylorFlow(AbstractFlow):
             x.append(response * force[k] * (1 / ((k + 1) * (k + 2))))
             turn = speed * (1 / (k + 1))
             phase.append(jnp.stack(jnp.broadcast_arrays(-turn * phase[k][1], turn * phase[k][0])))
+        now = Derivatives(2 * x[2], 6 * x[3], force[0], force[1], 2 * force[2])
         limit = trust / machine.rate
-        return TaylorExpansion(machine.always, tuple(x), tuple(force), tuple(phase), limit)
+        return TaylorExpansion(now, limit, machine.always, tuple(x), tuple(force), tuple(phase))
 
 
 class TaylorExpansion(Expansion):
     """Taylor coefficients of displacement, force and phase."""
 
+    now: Derivatives
+    limit: Scalar
     always: Bool[Array, ""]
     x: tuple[Float[Array, "n ..."], ...]
     forces: tuple[Float[Array, "n ..."], ...]
     phase: tuple[Float[Array, "2 harmonics ..."], ...]
-    limit: Scalar
-
-    acceleration = property(lambda self: 2 * self.x[2])
-    jerk = property(lambda self: 6 * self.x[3])
-    force = property(lambda self: self.forces[0])
-    force_rate = property(lambda self: self.forces[1])
-    force_curvature = property(lambda self: 2 * self.forces[2])
 
     def rest(self, limit: Scalar) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Bound |x''''| / 24 and |force'''| / 6 on [0, limit]: sums of absolute coefficients."""

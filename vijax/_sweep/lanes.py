@@ -85,24 +85,20 @@ def run_lanes(
     system: ImpactSystem,
     x0: Float[Array, "n lanes"],
     v0: Float[Array, "n lanes"],
-    transient: Int[Array, ""],
-    record: Int[Array, ""],
-    max_steps: Int[Array, ""],
+    bounds: tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""]],
     always: Bool[Array, ""],
     *,
     max_impacts: int,
     can_stick: bool,
 ) -> tuple[State, Record, Int[Array, " lanes"], Bool[Array, " lanes"]]:
-    """Follow every lane from rest of phase for `transient` and then `record` forcing periods.
+    """Follow every lane from phase 0 through its transient and its recorded forcing periods.
 
     Args:
         flow: the motion between events.
         system: the machine; leaves carry lanes, or a single one for all, as their last axis.
         x0: where each lane starts.
         v0: and how fast.
-        transient: periods that are not recorded.
-        record: periods that are.
-        max_steps: bound on the steps of a lane.
+        bounds: periods that are not recorded, periods that are, and the most steps of a lane.
         always: True; see `compute_once`.
         max_impacts: room for the impacts of one lane.
         can_stick: whether any stop of any lane might hold its mass.
@@ -110,6 +106,7 @@ def run_lanes(
     Returns:
         The last state, the record, the number of steps of each lane, and whether it stayed finite.
     """
+    transient, record, max_steps = bounds
     lanes = x0.shape[1]
     period = 2 * jnp.pi / system.forcing.frequency
     machine = prepare(system, period, always, can_stick=can_stick)

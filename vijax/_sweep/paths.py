@@ -1,25 +1,33 @@
 """Swept quantities by name: "forcing.frequency", "stops[*].restitution", "damping", "x0[1]"."""
 
 import re
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from .._contact.start import is_touching
-from .._system.system import ImpactSystem
+from .._system.system import ImpactSystem, check_semidefinite
 
-_PART = re.compile(r"([A-Za-z_]\w*)((?:\[(?:\d+|\*)\])*)$")
-_INDEX = re.compile(r"\[(\d+|\*)\]")
+_PATH = re.compile(
+    r"(?:stops\[(?P<stop>\d+|\*)\]\.|(?P<forcing>forcing)\.)?(?P<field>\w+)(?P<index>(\[\d+\])*)"
+)
+_FIELDS = {
+    "stops": ("position", "restitution"),
+    "forcing": ("amplitude", "frequency", "phase", "mean"),
+    "system": ("mass", "damping", "stiffness"),
+    "start": ("x0", "v0"),
+}
 
 
 class Point(eqx.Module):
     """What a lane is made of: a machine and a start."""
 
     system: ImpactSystem
-    x0: np.ndarray
-    v0: np.ndarray
+    x0: Array | np.ndarray
+    v0: Array | np.ndarray
 
 
 def points_of_lanes(base: Point, swept: dict[str, np.ndarray]) -> Point:
@@ -35,110 +43,95 @@ def points_of_lanes(base: Point, swept: dict[str, np.ndarray]) -> Point:
     Raises:
         ValueError: for a path that names nothing or values that do not fit or make no machine.
     """
-    leaves = jax.tree.map(lambda a: np.asarray(a)[..., None], base)
+    points = jax.tree.map(lambda a: np.asarray(a)[..., None], base)
     for path, values in swept.items():
-        for leaf, index in _find(base, path):
-            leaves = eqx.tree_at(leaf, leaves, _set(leaf(leaves), index, values, path))
-    _check(leaves)
-    return leaves
+        leaves, index = _find(base, path)
+        for leaf in leaves:
+            points = eqx.tree_at(leaf, points, _set(leaf(points), index, values, path))
+    _check(points)
+    return points
 
 
-def _find(base: Point, path: str):
-    """List the leaves that a path names, each as a getter and the index inside."""
-    parts = [_PART.match(part) for part in path.split(".")]
-    if any(part is None for part in parts):
+def _find(base: Point, path: str) -> tuple[list[Callable], tuple[int, ...]]:
+    """The leaves that a path names, as getters, and the index inside them."""
+    match = _PATH.fullmatch(path)
+    if match is None:
         raise ValueError(_names_nothing(base, path))
-    found = [((), ())]
-    for part in parts:
-        name, indices = part[1], _INDEX.findall(part[2])
-        found = [step for old in found for step in _enter(base, *old, name, indices, path)]
-    for trail, _ in found:
-        if not eqx.is_array_like(_follow(base, trail)):
-            raise ValueError(_names_nothing(base, path))
-    return [(lambda point, trail=trail: _follow(point, trail), index) for trail, index in found]
-
-
-def _enter(base: Point, trail: tuple, index: tuple, name: str, indices: list[str], path: str):
-    """Go one name and its indices deeper."""
-    node = _follow(base, trail)
-    if index:
+    stop, field = match["stop"], match["field"]
+    index = tuple(int(i) for i in re.findall(r"\[(\d+)\]", match["index"]))
+    owners: list[Callable]
+    if stop is not None:
+        numbers = range(len(base.system.stops)) if stop == "*" else [int(stop)]
+        kind, owners = "stops", [lambda p, j=j: p.system.stops[j] for j in numbers]
+        is_there = len(numbers) > 0 and max(numbers) < len(base.system.stops)
+    elif match["forcing"]:
+        kind, owners, is_there = "forcing", [lambda p: p.system.forcing], True
+    elif field in _FIELDS["start"]:
+        kind, owners, is_there = "start", [lambda p: p], True
+    else:
+        kind, owners, is_there = "system", [lambda p: p.system], True
+    if not is_there or field not in _FIELDS[kind]:
         raise ValueError(_names_nothing(base, path))
-    if trail == () and name not in ("x0", "v0"):
-        node, trail = base.system, ("system",)
-    if not isinstance(node, eqx.Module) or name not in {f for f in vars(node)}:
+    leaves = [lambda p, owner=owner: getattr(owner(p), field) for owner in owners]
+    shape = np.shape(leaves[0](base))
+    if len(index) > len(shape) or any(i >= n for i, n in zip(index, shape, strict=False)):
         raise ValueError(_names_nothing(base, path))
-    node, trail = getattr(node, name), (*trail, name)
-    if not isinstance(node, tuple):
-        if isinstance(node, (int, str)):
-            raise ValueError(_names_nothing(base, path))
-        shape = np.shape(node)
-        if len(indices) > len(shape) or any(i == "*" or int(i) >= n for i, n in zip(indices, shape, strict=False)):
-            raise ValueError(_names_nothing(base, path))
-        return [(trail, tuple(int(i) for i in indices))]
-    if len(indices) != 1 or (indices[0] != "*" and int(indices[0]) >= len(node)):
-        raise ValueError(_names_nothing(base, path))
-    chosen = range(len(node)) if indices[0] == "*" else [int(indices[0])]
-    return [((*trail, j), ()) for j in chosen]
-
-
-def _follow(point, trail: tuple):
-    for name in trail:
-        point = point[name] if isinstance(name, int) else getattr(point, name)
-    return point
+    return leaves, index
 
 
 def _set(leaf: np.ndarray, index: tuple[int, ...], values: np.ndarray, path: str) -> np.ndarray:
     shape = leaf[index].shape[:-1]
     if values.shape[1:] != shape:
+        wanted = ", ".join(("points", *map(str, shape)))
         raise ValueError(
-            f"The values of `{path}` must have shape (points, {', '.join(map(str, shape))}), "
-            f"one value per point, but have shape {values.shape}."
+            f"The values of `{path}` must have shape ({wanted}), one value per point, "
+            f"but have shape {values.shape}."
         )
-    lanes = np.moveaxis(values, 0, -1)
-    new = np.array(np.broadcast_to(leaf, np.broadcast_shapes(leaf.shape, (*leaf.shape[:-1], values.shape[0]))))
-    new[index] = lanes
+    lanes = max(leaf.shape[-1], len(values))
+    new = np.array(np.broadcast_to(leaf, (*leaf.shape[:-1], lanes)))
+    new[index] = np.moveaxis(values, 0, -1)
     return new
 
 
 def _names_nothing(base: Point, path: str) -> str:
-    fields = [f for f in vars(base.system) if f not in ("forcing", "stops")]
-    names = [*fields, *(f"forcing.{f}" for f in vars(base.system.forcing)), "x0", "v0"]
-    names += ["stops[j].position", "stops[j].restitution"] if base.system.stops else []
+    names = [*_FIELDS["system"], *(f"forcing.{name}" for name in _FIELDS["forcing"]), *_FIELDS["start"]]
+    if base.system.stops:
+        names += [f"stops[{j}].{name}" for j in ("j", "*") for name in _FIELDS["stops"]]
     return (
-        f"The path `{path}` names nothing that can be swept. There are {', '.join(names)}; entries as in "
-        "`x0[1]` or `damping[0][1]`, all stops as in `stops[*].restitution`."
+        f"The path `{path}` names nothing that can be swept. There are {', '.join(names)}, and entries of "
+        f"them as in `x0[1]` or `damping[0][1]`; the machine has {base.system.num_masses} masses and "
+        f"{base.system.num_stops} stops."
     )
 
 
-def _check(lanes: Point) -> None:
+def _check(points: Point) -> None:
     """Refuse values that make no machine, all lanes at once."""
-    system = lanes.system
-    for leaf in jax.tree.leaves(lanes):
+    system = points.system
+    for leaf in jax.tree.leaves(points):
         if not np.isfinite(leaf).all():
             raise ValueError("All swept values must be finite.")
     if not (system.mass > 0).all():
         raise ValueError("Every swept `mass` must be positive.")
     if not (system.forcing.frequency > 0).all():
-        raise ValueError("Every swept `forcing.frequency` must be positive: a sweep counts forcing periods.")
+        raise ValueError("Every `forcing.frequency` must be positive: a sweep counts forcing periods.")
     for name in ("damping", "stiffness"):
-        _check_matrices(name, np.moveaxis(np.asarray(getattr(system, name)), -1, 0))
-    for j, stop in enumerate(system.stops):
+        check_semidefinite(name, np.moveaxis(np.asarray(getattr(system, name)), -1, 0))
+    _check_stops(points)
+
+
+def _check_stops(points: Point) -> None:
+    stops = points.system.stops
+    for j, stop in enumerate(stops):
         if not ((stop.restitution >= 0) & (stop.restitution <= 1)).all():
             raise ValueError(f"Every `stops[{j}].restitution` must lie between 0 and 1.")
-        gap = stop.sign * (stop.position - lanes.x0[stop.mass])
-        if ((gap < 0) & ~np.asarray(is_touching(jnp.asarray(gap), jnp.asarray(stop.position)))).any():
+        gap = stop.sign * (stop.position - points.x0[stop.mass])
+        if ((gap < 0) & ~np.asarray(is_touching(gap, stop.position))).any():
             raise ValueError(
-                f"Some lanes start beyond a stop: `x0[{stop.mass}]` is past `stops[{j}]`. Start mass "
+                f"Some points start beyond a stop: `x0[{stop.mass}]` is past `stops[{j}]`. Start mass "
                 f"{stop.mass} on its free side ({stop.side} stop), or on the stop."
             )
-        for other in system.stops[j + 1 :]:
+        for other in stops[j + 1 :]:
             if other.mass == stop.mass and not (stop.sign * (stop.position - other.position) > 0).all():
-                raise ValueError(f"The lower stop of mass {stop.mass} must lie below its upper stop everywhere.")
-
-
-def _check_matrices(name: str, matrices: np.ndarray) -> None:
-    slack = 4 * matrices.shape[-1] ** 2 * np.finfo(matrices.dtype).eps * np.abs(matrices).max(initial=0.0)
-    if np.abs(matrices - np.swapaxes(matrices, 1, 2)).max() > slack:
-        raise ValueError(f"Every swept `{name}` must be symmetric.")
-    if np.linalg.eigvalsh(matrices).min() < -slack:
-        raise ValueError(f"Every swept `{name}` must be positive semi-definite.")
+                raise ValueError(
+                    f"The lower stop of mass {stop.mass} must lie below its upper stop at every point."
+                )

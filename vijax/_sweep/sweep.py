@@ -8,14 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import ArrayLike
 from tqdm.auto import tqdm
 
-from .._motion.flow import AbstractFlow
 from .._motion.choose import choose_flow
+from .._motion.flow import AbstractFlow
 from .._solution import RESULTS
 from .._system.system import ImpactSystem
-from .._types import as_float
+from .._types import Numbers, as_float
 from .lanes import run_lanes
 from .paths import Point, points_of_lanes
 
@@ -26,12 +25,12 @@ _CHUNK = 128
 
 def sweep(
     system: ImpactSystem,
-    values: Mapping[str, ArrayLike],
+    values: Mapping[str, Numbers],
     *,
     transient: int = 100,
     record: int = 20,
-    x0: ArrayLike | None = None,
-    v0: ArrayLike | None = None,
+    x0: Numbers | None = None,
+    v0: Numbers | None = None,
     flow: AbstractFlow | None = None,
     max_impacts: int = 2048,
     max_steps: int | None = None,
@@ -79,16 +78,18 @@ def sweep(
         Wagg & Bishop (2004), Secs. 4.4-4.5.
     """
     _check_counts(transient=transient, record=record, max_impacts=max_impacts)
-    axes = {path: np.asarray(as_float(jnp.asarray(v))) for path, v in values.items()}
+    axes = {path: np.asarray(as_float(v)) for path, v in values.items()}
     for path, axis in axes.items():
         if axis.ndim == 0 or len(axis) == 0:
             raise ValueError(f"The values of `{path}` must have shape (points, ...), but have {axis.shape}.")
     grid = np.indices([len(axis) for axis in axes.values()]).reshape(len(axes), -1)
     n = system.num_masses
-    base = Point(system, *(np.zeros(n) if a is None else np.asarray(as_float(jnp.asarray(a))) for a in (x0, v0)))
+    base = Point(system, *(np.zeros(n) if a is None else np.asarray(as_float(a)) for a in (x0, v0)))
     for name in ("x0", "v0"):
         if getattr(base, name).shape != (n,):
-            raise ValueError(f"Argument `{name}` must have shape ({n},), but has {getattr(base, name).shape}.")
+            raise ValueError(
+                f"Argument `{name}` must have shape ({n},), but has {getattr(base, name).shape}."
+            )
     dtype = base.system.mass.dtype
     swept = {path: axis[i].astype(dtype) for (path, axis), i in zip(axes.items(), grid, strict=True)}
     points = jax.tree.map(lambda a: a.astype(dtype), points_of_lanes(base, swept))
@@ -110,12 +111,18 @@ def _runner(transient: int, record: int, max_impacts: int, max_steps: int | None
     """A function from the lanes of one chunk to NumPy arrays, lanes first."""
     if max_steps is None:
         max_steps = 100_000 + 10_000 * (transient + record)
-    counts = tuple(jnp.asarray(c) for c in (transient, record, max_steps))
-    always = jnp.array(True)
+    bounds = jnp.asarray(transient), jnp.asarray(record), jnp.asarray(max_steps)
 
     def run(chunk: Point, flow: AbstractFlow) -> dict[str, np.ndarray]:
         state, log, steps, is_finite = run_lanes(
-            flow, chunk.system, chunk.x0, chunk.v0, *counts, always, max_impacts=max_impacts, can_stick=can_stick
+            flow,
+            chunk.system,
+            jnp.asarray(chunk.x0),
+            jnp.asarray(chunk.v0),
+            bounds,
+            jnp.array(True),
+            max_impacts=max_impacts,
+            can_stick=can_stick,
         )
         is_done = np.asarray(state.periods) >= transient + record
         per_stop = np.asarray(log.num_impacts).T
@@ -141,8 +148,7 @@ def _runner(transient: int, record: int, max_impacts: int, max_steps: int | None
 def _can_any_stick(points: Point) -> bool:
     """Whether any stop of any lane might ever hold its mass."""
     return any(
-        (s.restitution < 1).any()
-        or ((points.x0[s.mass] == s.position) & (points.v0[s.mass] == 0)).any()
+        (s.restitution < 1).any() or ((points.x0[s.mass] == s.position) & (points.v0[s.mass] == 0)).any()
         for s in points.system.stops
     )
 
@@ -154,27 +160,30 @@ def _code(name: str) -> int:
 def _run_all(run, points: Point, flow: AbstractFlow, num_lanes: int, progress: bool) -> dict[str, np.ndarray]:
     """Run all chunks, one thread a core: XLA lets go of Python while it works."""
     chunks = list(_chunks(points, flow, num_lanes))
-    done: list[dict[str, np.ndarray] | None] = [None] * len(chunks)
-    workers = ThreadPoolExecutor(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count())
+    done: dict[int, dict[str, np.ndarray]] = {}
+    workers = ThreadPoolExecutor(
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    )
     try:
         with tqdm(total=num_lanes, unit="point", disable=not progress) as bar:
-            jobs = {workers.submit(run, chunk, flow): (i, size) for i, (chunk, flow, size) in enumerate(chunks)}
+            jobs = {
+                workers.submit(run, chunk, flow): (i, size) for i, (chunk, flow, size) in enumerate(chunks)
+            }
             for job in as_completed(jobs):
                 i, size = jobs[job]
                 done[i] = {name: a[:size] for name, a in job.result().items()}
                 bar.update(size)
     finally:
         workers.shutdown(wait=True, cancel_futures=True)
-    longest = max(chunk["impacts"].shape[1] for chunk in done)
-    for chunk in done:
-        pad = longest - chunk["impacts"].shape[1]
-        chunk["impacts"] = np.pad(chunk["impacts"], ((0, 0), (0, pad), (0, 0)), constant_values=np.nan)
-    return {name: np.concatenate([chunk[name] for chunk in done]) for name in done[0]}
+    parts = [done[i] for i in range(len(chunks))]
+    longest = max(part["impacts"].shape[1] for part in parts)
+    for part in parts:
+        room = ((0, 0), (0, longest - part["impacts"].shape[1]), (0, 0))
+        part["impacts"] = np.pad(part["impacts"], room, constant_values=np.nan)
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def _chunks(
-    points: Point, flow: AbstractFlow, num_lanes: int
-) -> Iterator[tuple[Point, AbstractFlow, int]]:
+def _chunks(points: Point, flow: AbstractFlow, num_lanes: int) -> Iterator[tuple[Point, AbstractFlow, int]]:
     """Cut into chunks of one size, the last filled up with its last lane: one shape, one compilation."""
     size = min(_CHUNK, num_lanes)
     for first in range(0, num_lanes, size):
@@ -204,5 +213,8 @@ def _dataset(system: ImpactSystem, axes: dict[str, np.ndarray], lanes: dict[str,
     frequency = ds["forcing.frequency"] if "forcing.frequency" in ds else float(system.forcing.frequency)
     ds["impact_phase"] = np.mod(frequency * ds.impact_time, 2 * np.pi).transpose(*ds.impact_time.dims)
     names = list(RESULTS._name_to_item)
-    ds["result"].attrs = {"flag_values": np.arange(len(names), dtype=np.int8), "flag_meanings": " ".join(names)}
+    ds["result"].attrs = {
+        "flag_values": np.arange(len(names), dtype=np.int8),
+        "flag_meanings": " ".join(names),
+    }
     return ds

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._types import as_float, concrete
+from .._types import Numbers, as_float, concrete
 
 
 class Harmonic(eqx.Module):
@@ -39,16 +39,16 @@ class Harmonic(eqx.Module):
 
     def __init__(
         self,
-        amplitude: ArrayLike | list[float] | list[list[float]],
+        amplitude: Numbers,
         frequency: ArrayLike,
-        phase: ArrayLike | list[float] | list[list[float]] | None = None,
-        mean: ArrayLike | list[float] | None = None,
+        phase: Numbers | None = None,
+        mean: Numbers | None = None,
     ):
-        self.amplitude = as_float(jnp.asarray(amplitude))
+        self.amplitude = as_float(amplitude)
         self.frequency = as_float(frequency)
         n = self.amplitude.shape[-1:]
-        self.phase = jnp.zeros_like(self.amplitude) if phase is None else as_float(jnp.asarray(phase))
-        self.mean = jnp.zeros(n, self.amplitude.dtype) if mean is None else as_float(jnp.asarray(mean))
+        self.phase = jnp.zeros_like(self.amplitude) if phase is None else as_float(phase)
+        self.mean = jnp.zeros(n, self.amplitude.dtype) if mean is None else as_float(mean)
 
     def __check_init__(self):
         shape = self.amplitude.shape
@@ -66,9 +66,7 @@ class Harmonic(eqx.Module):
                 f"Argument `mean` must have shape (n,) = {shape[-1:]}, but has shape {self.mean.shape}."
             )
         if self.frequency.ndim != 0:
-            raise ValueError(
-                f"Argument `frequency` must be a number, but has shape {self.frequency.shape}."
-            )
+            raise ValueError(f"Argument `frequency` must be a number, but has shape {self.frequency.shape}.")
         frequency = concrete(self.frequency)
         if frequency is not None and not 0 <= frequency < float("inf"):
             raise ValueError(f"Argument `frequency` must be finite and not negative, but is {frequency}.")

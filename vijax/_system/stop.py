@@ -58,9 +58,7 @@ class Stop(eqx.Module):
                 f"but is {self.side!r}."
             )
         if isinstance(self.mass, bool) or not isinstance(self.mass, int) or self.mass < 0:
-            raise ValueError(
-                f"Argument `mass` must be the index of a mass, 0 or more, but is {self.mass!r}."
-            )
+            raise ValueError(f"Argument `mass` must be the index of a mass, 0 or more, but is {self.mass!r}.")
         for name, value in (("position", self.position), ("restitution", self.restitution)):
             if value.ndim != 0:
                 raise ValueError(f"Argument `{name}` must be a number, but has shape {value.shape}.")
@@ -69,8 +67,7 @@ class Stop(eqx.Module):
             raise ValueError(f"Argument `position` must be finite, but is {position}.")
         if restitution is not None and not 0 <= restitution <= 1:
             raise ValueError(
-                f"Argument `restitution` must lie between 0 (plastic) and 1 (elastic), "
-                f"but is {restitution}."
+                f"Argument `restitution` must lie between 0 (plastic) and 1 (elastic), but is {restitution}."
             )
 
     @property

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
-from .._types import as_float, concrete
+from .._types import Numbers, as_float, concrete
 from .forcing import Harmonic
 from .stop import Stop
 
@@ -46,15 +46,15 @@ class ImpactSystem(eqx.Module):
 
     def __init__(
         self,
-        mass: ArrayLike | Sequence[ArrayLike],
-        damping: ArrayLike | Sequence[Sequence[float]],
-        stiffness: ArrayLike | Sequence[Sequence[float]],
+        mass: Numbers,
+        damping: Numbers,
+        stiffness: Numbers,
         forcing: Harmonic,
         stops: Sequence[Stop] = (),
     ):
-        self.mass = as_float(jnp.asarray(mass))
-        self.damping = as_float(jnp.asarray(damping))
-        self.stiffness = as_float(jnp.asarray(stiffness))
+        self.mass = as_float(mass)
+        self.damping = as_float(damping)
+        self.stiffness = as_float(stiffness)
         self.forcing = forcing
         self.stops = tuple(stops)
 
@@ -104,7 +104,7 @@ class ImpactSystem(eqx.Module):
         for name in ("damping", "stiffness"):
             matrix = concrete(getattr(self, name))
             if matrix is not None:
-                _check_symmetric_semidefinite(name, matrix)
+                check_semidefinite(name, matrix)
 
     @property
     def num_masses(self) -> int:
@@ -117,28 +117,30 @@ class ImpactSystem(eqx.Module):
         return len(self.stops)
 
 
-def _check_symmetric_semidefinite(name: str, matrix: np.ndarray) -> None:
-    """Refuse a matrix that is not symmetric or not positive semi-definite within n eps norm."""
-    if not np.isfinite(matrix).all():
-        raise ValueError(f"Argument `{name}` must be finite, but is {matrix.tolist()}.")
-    slack = 4 * len(matrix) * np.finfo(matrix.dtype).eps * np.abs(matrix).max(initial=0.0)
-    if np.abs(matrix - matrix.T).max() > slack:
+def check_semidefinite(name: str, matrices: np.ndarray) -> None:
+    """Refuse matrices, (..., n, n), not symmetric or not positive semi-definite to n eps norm."""
+    if not np.isfinite(matrices).all():
+        raise ValueError(f"Argument `{name}` must be finite, but is {matrices.tolist()}.")
+    norm = np.abs(matrices).max(axis=(-2, -1), initial=0.0)
+    slack = 4 * matrices.shape[-1] * np.finfo(matrices.dtype).eps * norm
+    skew = np.abs(matrices - np.swapaxes(matrices, -2, -1)).max(axis=(-2, -1))
+    if (skew > slack).any():
         raise ValueError(
-            f"Argument `{name}` must be symmetric, but differs from its transpose by "
-            f"{np.abs(matrix - matrix.T).max():.3g}; use ({name} + {name}.T) / 2 if that is rounding."
+            f"Argument `{name}` must be symmetric, but differs from its transpose by {skew.max():.3g}; "
+            f"use ({name} + {name}.T) / 2 if that is rounding."
         )
-    lowest = np.linalg.eigvalsh(matrix).min()
-    if lowest < -slack * len(matrix):
+    lowest = np.linalg.eigvalsh(matrices)[..., 0]
+    if (lowest < -slack * matrices.shape[-1]).any():
         raise ValueError(
-            f"Argument `{name}` must be positive semi-definite, but has the eigenvalue {lowest:.3g}: "
+            f"Argument `{name}` must be positive semi-definite, but has the eigenvalue {lowest.min():.3g}: "
             "it would feed energy into the motion."
         )
 
 
 def chain(
-    masses: Sequence[ArrayLike] | ArrayLike,
-    dampings: Sequence[ArrayLike] | ArrayLike,
-    stiffnesses: Sequence[ArrayLike] | ArrayLike,
+    masses: Numbers,
+    dampings: Numbers,
+    stiffnesses: Numbers,
     forcing: Harmonic,
     stops: Sequence[Stop] = (),
 ) -> ImpactSystem:
@@ -170,7 +172,7 @@ def chain(
     References:
         Wagg & Bishop (2004), Eqs. 1-2.
     """
-    mass, damping, stiffness = (as_float(jnp.asarray(a)) for a in (masses, dampings, stiffnesses))
+    mass, damping, stiffness = (as_float(a) for a in (masses, dampings, stiffnesses))
     for name, values in (("masses", mass), ("dampings", damping), ("stiffnesses", stiffness)):
         if values.shape != (mass.size,):
             raise ValueError(
