@@ -39,11 +39,11 @@ class EventLog(eqx.Module):
 class Restarts(eqx.Module):
     """The state after every instant that had an event, the start first; the rest is padding."""
 
-    t: Float[Array, " rows"]
-    phase: Float[Array, "rows 2 harmonics"]
-    x: Float[Array, "rows n"]
-    v: Float[Array, "rows n"]
-    held: Bool[Array, "rows stops"]
+    t: Float[Array, "..."]
+    phase: Float[Array, "*rows 2 harmonics"]
+    x: Float[Array, "*rows n"]
+    v: Float[Array, "*rows n"]
+    held: Bool[Array, "*rows stops"]
 
 
 class Log(eqx.Module):
@@ -58,7 +58,7 @@ class Log(eqx.Module):
 def empty_log(first: State, t0: Scalar, max_events: int) -> Log:
     rows = max_events + 1
 
-    def room(a: Array, fill: float | bool) -> Array:
+    def room(a: Array, fill: bool | int | float) -> Array:
         return jnp.full((rows, *a.shape), fill, a.dtype).at[0].set(a)
 
     gap, held = first.gap, first.held
@@ -110,7 +110,7 @@ def event_log(machine: Machine, instants: Instant, max_events: int) -> EventLog:
     kinds = jnp.asarray([IMPACT, STICK, RELEASE])
     kind = jnp.broadcast_to(kinds[:, None], happened.shape).ravel()[order]
     stop = jnp.broadcast_to(jnp.arange(shape[1]), happened.shape).ravel()[order]
-    read = lambda a: jnp.stack([signs * a, zeros, zeros], axis=1).ravel()[order]  # noqa: E731
+    read = lambda a: jnp.stack([signs[None] * a, zeros, zeros], axis=1).ravel()[order]  # noqa: E731
     minus, plus = read(instants.velocity_minus), read(instants.velocity_plus)
     mass = (1 / machine.inverse_mass)[jnp.asarray(machine.masses, int)][stop] if shape[1] else minus
     floats = times.ravel()[order], minus, plus, mass * (plus - minus)

@@ -15,7 +15,7 @@ from ._motion.flow import AbstractFlow
 from ._solution import RESULTS, Solution
 from ._system.system import ImpactSystem
 from ._types import Flag, Numbers, Scalar, as_float, concrete
-from ._xla import while_any
+from ._xla import AbstractTask, while_any
 
 
 def simulate(
@@ -151,7 +151,7 @@ def _refuse(value: Array, is_wrong: Flag, sentence: str) -> Array:
     return value
 
 
-class _Task(eqx.Module):
+class _Task(AbstractTask):
     """What the loop does with its carry: all it depends on, so that derivatives see it."""
 
     flow: AbstractFlow

@@ -47,7 +47,7 @@ def as_float(value: Numbers) -> Array:
     return array
 
 
-def concrete(value: Array) -> np.ndarray | None:
+def concrete(value: Array | np.ndarray) -> np.ndarray | None:
     """Return the value as NumPy's, or None while it is being traced."""
     return None if isinstance(value, jax.core.Tracer) else np.asarray(value)
 

@@ -1,7 +1,7 @@
 """What the compiler needs to be told."""
 
+import abc
 from collections.abc import Callable
-from typing import Any, Protocol
 
 import equinox as eqx
 import jax
@@ -22,19 +22,19 @@ def compute_once(always: Bool[Array, ""], function: Callable, *args):
     return jax.lax.cond(always, function, zeros, *args)
 
 
-class Task(Protocol):
-    """What `while_any` does: a pytree of all that the loop depends on, with two methods."""
+class AbstractTask(eqx.Module):
+    """What `while_any` does: all that the loop depends on, so that derivatives see it."""
 
-    def is_live(self, carry: Any) -> Bool[Array, "..."]:
+    @abc.abstractmethod
+    def is_live(self, carry) -> Bool[Array, "..."]:
         """Lanes that have something left to do."""
-        ...
 
-    def step(self, carry: Any) -> Any:
+    @abc.abstractmethod
+    def step(self, carry):
         """The next carry, unchanged in every lane that is not live."""
-        ...
 
 
-def while_any(task: Task, carry):
+def while_any(task: AbstractTask, carry):
     """Step while any lane is live, those of a `vmap` included. Differentiable both ways.
 
     A plain `while_loop` under `vmap` copies the whole carry in every step to leave the finished
@@ -49,7 +49,7 @@ def while_any(task: Task, carry):
 
 
 @eqx.filter_custom_jvp
-def _while_any(carry, task: Task):
+def _while_any(carry, task: AbstractTask):
     return jax.lax.while_loop(lambda c: unvmap_any(task.is_live(c)), lambda c: task.step(c), carry)
 
 

@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._machine import Machine, State, resting_state
@@ -38,7 +39,7 @@ def first_state(
 
 
 def is_touching(
-    gaps: Float[Array, "stops ..."], position: Float[Array, "stops ..."]
-) -> Bool[Array, "stops ..."]:
+    gap: Float[Array | np.ndarray, "..."], position: Float[Array | np.ndarray, "..."]
+) -> Bool[Array | np.ndarray, "..."]:
     """Whether a gap is zero to rounding."""
-    return jnp.abs(gaps) <= 8 * jnp.finfo(gaps.dtype).eps * jnp.abs(position)
+    return abs(gap) <= 8 * jnp.finfo(gap.dtype).eps * abs(position)

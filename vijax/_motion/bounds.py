@@ -22,6 +22,7 @@ against the motion, rate * u <= eps^(1/3), ends on the event to rounding.
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Int
 
 from .._types import Flag, Scalar
 
@@ -40,7 +41,9 @@ class Bound(eqx.Module):
     rest: Scalar
 
 
-def deflated(gap: tuple[Scalar, Scalar, Scalar, Scalar], rest: Scalar, order: Scalar, limit: Scalar) -> Bound:
+def deflated(
+    gap: tuple[Scalar, Scalar, Scalar, Scalar], rest: Scalar, order: Int[Array, "..."], limit: Scalar
+) -> Bound:
     """Bound g0 + g1 u + g2 u^2 + g3 u^3 -+ rest u^4, divided by u^order, for order 0 to 3."""
     g0, g1, g2, g3 = gap
     zero = jnp.zeros_like(rest)

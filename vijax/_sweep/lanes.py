@@ -17,7 +17,7 @@ from .._contact.start import first_state
 from .._machine import Machine, State, prepare, start_period
 from .._motion.flow import AbstractFlow
 from .._system.system import ImpactSystem
-from .._xla import while_any
+from .._xla import AbstractTask, while_any
 
 
 class Record(eqx.Module):
@@ -43,7 +43,7 @@ class _Carry(eqx.Module):
     is_finite: Bool[Array, " lanes"]
 
 
-class _Task(eqx.Module):
+class _Task(AbstractTask):
     """What the loop does with its carry."""
 
     flow: AbstractFlow

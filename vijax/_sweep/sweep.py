@@ -114,16 +114,18 @@ def _runner(transient: int, record: int, max_impacts: int, max_steps: int | None
     bounds = jnp.asarray(transient), jnp.asarray(record), jnp.asarray(max_steps)
 
     def run(chunk: Point, flow: AbstractFlow) -> dict[str, np.ndarray]:
-        state, log, steps, is_finite = run_lanes(
-            flow,
-            chunk.system,
-            jnp.asarray(chunk.x0),
-            jnp.asarray(chunk.v0),
-            bounds,
-            jnp.array(True),
-            max_impacts=max_impacts,
-            can_stick=can_stick,
-        )
+        # Lanes stand last, and a thread has settings of its own: what has none is broadcast to them.
+        with jax.numpy_rank_promotion("allow"):
+            state, log, steps, is_finite = run_lanes(
+                flow,
+                chunk.system,
+                jnp.asarray(chunk.x0),
+                jnp.asarray(chunk.v0),
+                bounds,
+                jnp.array(True),
+                max_impacts=max_impacts,
+                can_stick=can_stick,
+            )
         is_done = np.asarray(state.periods) >= transient + record
         per_stop = np.asarray(log.num_impacts).T
         full = per_stop.sum(1) > max_impacts
