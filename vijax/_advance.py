@@ -206,13 +206,17 @@ def _stick_and_release(
     speed = jnp.abs(instant.velocity_plus)
     chatter = chatter_time(speed, approach, machine.restitution)
     stuck = instant.hit & chatter_is_complete(speed, approach, approach_rate, chatter, machine.rate)
-    thrown = state.held & (approach < 0) & jnp.any(instant.hit, axis=0)
+    is_jump = jnp.any(instant.hit, axis=0)
+    thrown = state.held & (approach < 0) & is_jump
+    # Let go at this very instant, and pressed again before it could leave.
+    pressed_again = ~state.held & (state.contact >= 2) & (approach > 0) & is_jump
     pulled = instant.hit & ~stuck & (speed == 0)
-    contact = jnp.where(let_go | pulled, jnp.int8(3), jnp.where(stuck, jnp.int8(0), state.contact))
+    contact = jnp.where(stuck | pressed_again, jnp.int8(0), state.contact)
+    contact = jnp.where(let_go | pulled, jnp.int8(3), contact)
     contact = jnp.where(thrown | (pulled & (approach < 0)), jnp.int8(2), contact)
 
     v = jnp.where(machine.has_any(stuck), 0, state.v)
-    held = (state.held & ~thrown) | stuck
+    held = (state.held & ~thrown) | stuck | pressed_again
     after = eqx.tree_at(lambda s: (s.v, s.held, s.contact), state, (v, held, contact))
     instant = eqx.tree_at(
         lambda i: (i.stuck, i.released, i.chatter),
