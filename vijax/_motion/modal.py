@@ -270,7 +270,7 @@ def _modes_of_set(system: ImpactSystem, held: tuple[int, ...]) -> tuple[np.ndarr
     inverse[np.ix_(range(lanes), modes, free)] = np.swapaxes(vectors * root[:, :, None], 1, 2)
     pad = ((0, 0), (0, n - len(free)))
     w2, decay = np.pad(w2, pad, constant_values=1.0), np.pad(decay, pad)
-    steady = _steady_response(system, shape, w2, decay)
+    steady = _steady_response(system, shape, w2, decay, len(free))
     if steady is None:
         return None
     flexibility = shape / w2[:, None] @ np.swapaxes(shape, 1, 2)
@@ -283,7 +283,7 @@ def _modes_of_set(system: ImpactSystem, held: tuple[int, ...]) -> tuple[np.ndarr
 
 
 def _steady_response(
-    system: ImpactSystem, shape: np.ndarray, w2: np.ndarray, decay: np.ndarray
+    system: ImpactSystem, shape: np.ndarray, w2: np.ndarray, decay: np.ndarray, num_modes: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Amplitudes of the cosines and sines of every harmonic; None near undamped resonance."""
     forcing = system.forcing
@@ -291,6 +291,7 @@ def _steady_response(
     load = _lanes_first(amplitude * np.exp(1j * np.asarray(phase)))
     speed = np.arange(1, load.shape[1] + 1) * np.atleast_1d(forcing.frequency)[:, None]
     impedance = w2[:, None] - speed[..., None] ** 2 + 2j * decay[:, None] * speed[..., None]
+    impedance[..., num_modes:] = np.inf  # what fills the table up is no mode
     if (np.abs(impedance) <= 1e-2 * (w2[:, None] + speed[..., None] ** 2)).any():
         return None
     response = np.einsum("lij,lkj->lki", shape, np.einsum("lij,lki->lkj", shape, load) / impedance)
