@@ -11,6 +11,11 @@ from ._contact.restitution import (
 from ._log import IMPACT as IMPACT, RELEASE as RELEASE, STICK as STICK, EventLog as EventLog
 from ._motion.modal import ModalFlow as ModalFlow
 from ._motion.taylor import TaylorFlow as TaylorFlow
+from ._orbits.maps import (
+    monodromy_matrix as monodromy_matrix,
+    saltation_matrix as saltation_matrix,
+    stroboscopic_map as stroboscopic_map,
+)
 from ._simulate import simulate as simulate
 from ._solution import RESULTS as RESULTS, Solution as Solution
 from ._sweep.sweep import sweep as sweep

@@ -11,10 +11,9 @@ held masses (their coefficients are zeros). It has no division that could fail, 
 by every parameter are as good as its values. The same numbers give the derivatives of every gap
 and contact force, their bounds, and increments instead of differences.
 
-Set aside: a normal-mode solution per set of held masses. It needs case distinctions for the regimes of
-damping and for resonance, another method for damping that the modes do not diagonalise, tables of
-2^stops sets, and has no derivative at repeated frequencies. It takes longer steps only where damping
-is heavy.
+A normal-mode solution per set of held masses needs case distinctions for resonance, another method for
+damping that the modes do not diagonalise, tables of 2^stops sets, and has no derivative at repeated
+frequencies. Where none of that matters it is faster, and `ModalFlow` is taken instead.
 """
 
 import jax.numpy as jnp

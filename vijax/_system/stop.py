@@ -19,7 +19,9 @@ class Stop(eqx.Module):
         mass: index of the mass, counted from 0.
         position: where the stop stands, in units of length.
         side: `"upper"` or `"lower"`.
-        restitution: coefficient of restitution, from 0 (plastic) to 1 (elastic).
+        restitution: coefficient of restitution, from 0 (plastic) to 1 (elastic). At 1 a mass never
+            comes to rest on its stop: pressed on it while dampers take the energy, it bounces ever
+            faster, and `simulate` ends with `max_steps_reached`.
 
     Raises:
         ValueError: for an unknown side, a negative index, or a restitution outside [0, 1].

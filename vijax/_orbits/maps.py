@@ -1,0 +1,126 @@
+"""Maps of the motion onto itself, and their derivatives."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from .._simulate import simulate
+from .._solution import RESULTS
+from .._system.system import ImpactSystem
+from .._types import Numbers, as_float
+
+
+def stroboscopic_map(
+    system: ImpactSystem, x0: Numbers, v0: Numbers, num_periods: int = 1, *, max_steps: int | None = None
+) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """Return the state some forcing periods later, as a differentiable function.
+
+    Starts at phase 0. Derivatives by state and parameters include those of the period.
+
+    Args:
+        system: the machine; its load must have a frequency.
+        x0: positions, (n,).
+        v0: velocities, (n,).
+        num_periods: whole forcing periods.
+        max_steps: as for `simulate`.
+
+    Returns:
+        Positions and velocities, (n,) each.
+
+    Raises:
+        RuntimeError: if the motion does not get there, see `RESULTS`.
+
+    Example:
+        ```python
+        import jax, vijax as vx
+        system = vx.models.wagg_bishop_a(0.8)
+        jacobian = jax.jacfwd(lambda x: vx.stroboscopic_map(system, x, [0.0, 0.0]))
+        ```
+
+    References:
+        Wagg & Bishop (2004), Sec. 2.2.
+    """
+    end = num_periods * system.forcing.period
+    sol = simulate(system, 0.0, end, x0, v0, max_events=0, max_steps=max_steps, throw=False)
+    is_lost = (sol.result != RESULTS.successful) & (sol.result != RESULTS.max_events_reached)
+    return sol.result.error_if((sol.x1, sol.v1), is_lost)
+
+
+def monodromy_matrix(
+    system: ImpactSystem, x0: Numbers, v0: Numbers, num_periods: int = 1
+) -> Float[Array, "2*n 2*n"]:
+    """Derivative of the stroboscopic map by the state (x, v).
+
+    On a periodic orbit its eigenvalues are the Floquet multipliers.
+
+    Args:
+        system: the machine.
+        x0: positions at phase 0, (n,).
+        v0: velocities, (n,).
+        num_periods: forcing periods, the period of the orbit.
+
+    Returns:
+        The matrix, (2 n, 2 n).
+
+    Example:
+        ```python
+        import vijax as vx
+        system = vx.models.wagg_bishop_a(0.8)
+        matrix = vx.monodromy_matrix(system, [0.0, 0.0], [0.0, 0.0])
+        ```
+
+    References:
+        Wagg & Bishop (2004), Sec. 2.2; M. di Bernardo et al., Piecewise-smooth Dynamical Systems
+        (2008), Sec. 2.5.
+    """
+    n = system.num_masses
+    start = jnp.concatenate([as_float(x0), as_float(v0)])
+    return jax.jacfwd(lambda y: jnp.concatenate(stroboscopic_map(system, y[:n], y[n:], num_periods)))(start)
+
+
+def saltation_matrix(
+    system: ImpactSystem, t: ArrayLike, x: Numbers, v: Numbers, stop: int
+) -> Float[Array, "2*n 2*n"]:
+    """Derivative of the state just after an impact by the state just before, no other mass held.
+
+    With the reset R (v_i to -r v_i), the gap g, and the vector fields f- = (v-, a-) and f+ before and
+    after: S = R + (f+ - R f-) (dg/dy) / (dg/dy f-). It is infinite at a grazing impact.
+
+    Args:
+        system: the machine.
+        t: time of the impact.
+        x: positions, (n,).
+        v: velocities before the impact, (n,).
+        stop: index of the stop that is hit.
+
+    Returns:
+        The matrix for the state (x, v), (2 n, 2 n).
+
+    Example:
+        ```python
+        import vijax as vx
+        system = vx.models.wagg_bishop_a(0.8)
+        matrix = vx.saltation_matrix(system, 1.0, [0.3, 0.1], [0.5, 0.0], stop=0)
+        ```
+
+    References:
+        M. di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), Sec. 2.5.
+    """
+    x, v = as_float(x), as_float(v)
+    n, i = system.num_masses, system.stops[stop].mass
+    reset = jnp.ones(2 * n).at[n + i].set(-system.stops[stop].restitution)
+    before = jnp.concatenate([v, _acceleration(system, as_float(t), x, v)])
+    v_plus = v * reset[n:]
+    after = jnp.concatenate([v_plus, _acceleration(system, as_float(t), x, v_plus)])
+    towards = jnp.zeros(2 * n).at[i].set(1 / v[i])
+    return jnp.diag(reset) + jnp.outer(after - reset * before, towards)
+
+
+def _acceleration(
+    system: ImpactSystem, t: Float[Array, ""], x: Float[Array, " n"], v: Float[Array, " n"]
+) -> Float[Array, " n"]:
+    forcing = system.forcing
+    amplitude, phase = jnp.atleast_2d(forcing.amplitude), jnp.atleast_2d(forcing.phase)
+    angle = jnp.arange(1, len(amplitude) + 1)[:, None] * forcing.frequency * t + phase
+    load = forcing.mean + jnp.sum(amplitude * jnp.cos(angle), axis=0)
+    return (load - system.damping @ v - system.stiffness @ x) / system.mass
