@@ -164,6 +164,22 @@ def test_a_light_pass_has_the_right_number_of_impacts(name):
     check(c, *map(np.asarray, (sol.num_events, sol.events.stop, sol.events.velocity_minus)))
 
 
+def test_the_trajectory_tells_how_close_to_grazing_it_came():
+    c = case("light_damping")
+    machine = Machine(*(jnp.asarray(a) for a in c.machine))
+    met = simulate_all(machine, jnp.asarray(c.positions), c.end).grazing
+    narrow = (CLEARANCES > 0) & (CLEARANCES < 1e-5)
+    np.testing.assert_allclose(
+        np.asarray(met.clearance)[narrow], CLEARANCES[narrow], rtol=1e-2, atol=GAP_ROUNDING
+    )
+    is_hit = CLEARANCES < 0
+    speed = np.abs(c.velocity[is_hit])
+    np.testing.assert_allclose(np.asarray(met.impact_speed)[is_hit], speed, rtol=1e-6, atol=1e-8)
+    is_near = np.asarray(met.is_near)
+    assert is_near[np.abs(CLEARANCES) < 3e-12].all()
+    assert not is_near[np.abs(CLEARANCES) > 3e-8].any()
+
+
 @pytest.mark.parametrize("name", ["light_damping", "two_masses_in_proportion"])
 def test_a_light_pass_of_one_machine_at_a_time_has_the_right_number_of_impacts(name):
     c = case(name)

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from ._advance import advance
+from ._contact.grazing import Grazing, meet, nothing_met
 from ._contact.start import first_state, is_touching
 from ._log import Log, empty_log, event_log, write
 from ._machine import Machine, State, prepare, start_period
@@ -178,6 +179,7 @@ class _Task(AbstractTask):
         is_saved = live & instant.arrived & is_last_period
         slot = jnp.where(is_saved, carry.goal, self.goal_times.size)
         is_finite = jnp.all(jnp.isfinite(after.x + after.v)) & jnp.isfinite(after.time)
+        grazing = meet(self.machine, state, after, instant, carry.grazing)
         after = start_period(after, self.phase0, instant.arrived & ~is_last_period)
         time = self.t0 + state.periods * self.machine.period + instant.time
         return _Carry(
@@ -188,6 +190,7 @@ class _Task(AbstractTask):
             goal=carry.goal + is_saved,
             steps=carry.steps + live,
             is_finite=is_finite | ~live,
+            grazing=jax.tree.map(lambda new, old: jnp.where(live, new, old), grazing, carry.grazing),
         )
 
 
@@ -201,6 +204,7 @@ class _Carry(eqx.Module):
     goal: Int[Array, ""]
     steps: Int[Array, ""]
     is_finite: Bool[Array, ""]
+    grazing: Grazing
 
 
 @eqx.filter_jit
@@ -249,6 +253,7 @@ def _run(
         goal=jnp.array(0),
         steps=jnp.array(0),
         is_finite=jnp.array(True),
+        grazing=nothing_met(t0),
     )
     last = while_any(task, carry)
     return _finish(system, machine, flow, last, ts, t0, t1, max_events)
@@ -283,6 +288,7 @@ def _finish(
         events=event_log(machine, log.instants, max_events),
         num_events=jnp.minimum(log.num_events, max_events),
         num_steps=last.steps,
+        grazing=last.grazing,
         result=result,
         t0=t0,
         t1=t1,

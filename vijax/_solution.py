@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ._contact.grazing import Grazing
 from ._log import EventLog, Restarts
 from ._machine import Machine, resting_state
 from ._motion.flow import AbstractFlow
@@ -46,6 +47,8 @@ class Solution(eqx.Module):
         events: the log.
         num_events: number of logged events.
         num_steps: number of steps taken.
+        grazing: the closest to grazing it came: `grazing.impact_speed`, `grazing.clearance` and the flag
+            `grazing.is_near`, which warns that derivatives are unreliable or one-sided.
         result: what became of it, a member of `vx.RESULTS`.
         t0: start.
         t1: end.
@@ -60,6 +63,7 @@ class Solution(eqx.Module):
     events: EventLog
     num_events: Int[Array, ""]
     num_steps: Int[Array, ""]
+    grazing: Grazing
     result: RESULTS
     t0: Scalar
     t1: Scalar

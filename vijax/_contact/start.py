@@ -40,6 +40,6 @@ def first_state(
 
 def is_touching(
     gap: Float[Array | np.ndarray, "..."], position: Float[Array | np.ndarray, "..."]
-) -> Bool[Array | np.ndarray, "..."]:
+) -> Bool[Array, "..."]:
     """Whether a gap is zero to rounding."""
-    return abs(gap) <= 8 * jnp.finfo(gap.dtype).eps * abs(position)
+    return jnp.abs(gap) <= 8 * jnp.finfo(gap.dtype).eps * jnp.abs(position)
