@@ -1,0 +1,310 @@
+"""A sweep is a loop of single runs, with names."""
+
+import re
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+
+import vijax as vx
+
+FREQUENCIES = [0.5, 0.8, 1.4]
+TRANSIENT, RECORD = 4, 3
+# Some hundred roundings, magnified as much as these motions magnify (measured: below 100).
+ROUNDING = 1e-11
+# A machine whose modes its damping does not diagonalise.
+NONPROPORTIONAL = [[0.3, -0.1], [-0.1, 0.1]]
+CASES = {"a": vx.models.wagg_bishop_a, "b": vx.models.wagg_bishop_b}
+SYSTEM = vx.models.wagg_bishop_b(0.8)
+
+
+def sweep(system: vx.ImpactSystem, values: dict, **options) -> xr.Dataset:
+    """A short sweep."""
+    options = {"transient": TRANSIENT, "record": RECORD, "progress": False} | options
+    return vx.sweep(system, values, **options)
+
+
+def alone(system: vx.ImpactSystem, x0=None, v0=None) -> tuple[vx.Solution, dict[str, np.ndarray]]:
+    """One run over the same periods, and its impacts after the transient."""
+    period = 2 * np.pi / float(system.forcing.frequency)
+    sol = vx.simulate(system, 0.0, (TRANSIENT + RECORD) * period, x0, v0)
+    log = sol.events
+    kept = np.asarray((log.kind == vx.IMPACT) & (log.t > TRANSIENT * period))
+    t, velocity, stop = (np.asarray(a)[kept] for a in (log.t, log.velocity_minus, log.stop))
+    return sol, {"time": t - TRANSIENT * period, "velocity": velocity, "stop": stop}
+
+
+def assert_same(point: xr.Dataset, system: vx.ImpactSystem, x0=None, v0=None):
+    """A point of a sweep is what the machine does alone."""
+    sol, impacts = alone(system, x0, v0)
+    count = len(impacts["time"])
+    assert point.num_impacts.values.tolist() == [
+        int((impacts["stop"] == j).sum()) for j in range(system.num_stops)
+    ]
+    np.testing.assert_array_equal(point.impact_stop[:count], impacts["stop"])
+    for name in ("time", "velocity"):
+        np.testing.assert_allclose(point[f"impact_{name}"][:count], impacts[name], rtol=0, atol=ROUNDING)
+        assert np.isnan(point[f"impact_{name}"][count:]).all()
+    assert (point.impact_stop[count:] == -1).all()
+    phase = np.asarray(system.forcing.frequency * point.impact_time[:count].values)
+    np.testing.assert_allclose(point.impact_phase[:count], phase % (2 * np.pi), rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(point.x, sol.x1, rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(point.v, sol.v1, rtol=0, atol=ROUNDING)
+    np.testing.assert_array_equal(point.stuck, sol.stuck1)
+    assert result_name(point) == "successful"
+
+
+def result_name(point: xr.Dataset) -> str:
+    """The code in words, as the attributes tell it."""
+    attributes = point.result.attrs
+    names = dict(zip(attributes["flag_values"], attributes["flag_meanings"].split(), strict=True))
+    return names[int(point.result)]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_sweep_equals_a_loop(case):
+    ds = sweep(CASES[case](1.0), {"forcing.frequency": FREQUENCIES})
+    assert int(ds.num_impacts.sum()) > 10
+    for k, frequency in enumerate(FREQUENCIES):
+        assert_same(ds.isel({"forcing.frequency": k}), CASES[case](frequency))
+
+
+def test_a_grid_of_two_quantities_has_a_dimension_for_each():
+    amplitudes = [0.4, 0.5]
+    ds = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES, "forcing.amplitude[0]": amplitudes})
+    grid = ("forcing.frequency", "forcing.amplitude[0]")
+    assert ds.result.dims == ds.steps.dims == grid
+    assert ds.num_impacts.dims == ds.num_sticks.dims == ds.stuck.dims == (*grid, "stop")
+    assert ds.x.dims == ds.v.dims == (*grid, "mass")
+    for name in ("time", "velocity", "phase", "stop"):
+        assert ds[f"impact_{name}"].dims == (*grid, "impact")
+    np.testing.assert_array_equal(ds["forcing.frequency"], FREQUENCIES)
+    np.testing.assert_array_equal(ds["forcing.amplitude[0]"], amplitudes)
+    assert (ds.sizes["mass"], ds.sizes["stop"]) == (2, 2)
+    assert ds.sizes["impact"] == int(ds.num_impacts.sum("stop").max())
+    for frequency in FREQUENCIES:
+        for amplitude in amplitudes:
+            point = ds.sel({"forcing.frequency": frequency, "forcing.amplitude[0]": amplitude})
+            assert_same(point, vx.models.wagg_bishop_b(frequency, amplitude))
+
+
+def changed(where, value) -> vx.ImpactSystem:
+    return eqx.tree_at(where, SYSTEM, value)
+
+
+PATHS = {
+    "forcing.amplitude[0]": (0.4, lambda a: changed(lambda s: s.forcing.amplitude, jnp.array([a, 0.0]))),
+    "forcing.phase[0]": (1.0, lambda a: changed(lambda s: s.forcing.phase, jnp.array([a, 0.0]))),
+    "forcing.mean[1]": (0.05, lambda a: changed(lambda s: s.forcing.mean, jnp.array([0.0, a]))),
+    "stops[*].restitution": (
+        0.5,
+        lambda a: changed(lambda s: [stop.restitution for stop in s.stops], [jnp.array(a)] * 2),
+    ),
+    "stops[0].restitution": (0.5, lambda a: changed(lambda s: s.stops[0].restitution, jnp.array(a))),
+    "stops[1].position": (0.2, lambda a: changed(lambda s: s.stops[1].position, jnp.array(a))),
+    "mass[0]": (1.25, lambda a: changed(lambda s: s.mass, jnp.array([a, 1.0]))),
+    "damping": (
+        np.array(NONPROPORTIONAL),
+        lambda a: changed(lambda s: s.damping, jnp.asarray(a)),
+    ),
+    "stiffness[1][1]": (1.5, lambda a: changed(lambda s: s.stiffness, jnp.array([[2.0, -1.0], [-1.0, a]]))),
+}
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_a_path_sets_what_it_names(path):
+    value, build = PATHS[path]
+    ds = sweep(SYSTEM, {path: np.array([value])})
+    assert_same(ds.isel({path: 0}), build(value))
+
+
+def test_a_start_is_swept_by_its_path():
+    ds = sweep(SYSTEM, {"x0[1]": [-0.4, 0.05, 0.1]}, x0=[0.1, 0.0])
+    for x in (-0.4, 0.05, 0.1):
+        assert_same(ds.sel({"x0[1]": x}), SYSTEM, [0.1, x])
+
+
+def test_a_swept_matrix_is_labelled_by_number():
+    dampings = np.array([NONPROPORTIONAL, SYSTEM.damping, 2 * np.array(NONPROPORTIONAL)])
+    ds = sweep(SYSTEM, {"damping": dampings})
+    assert ds.result.dims == ("damping",)
+    np.testing.assert_array_equal(ds.damping, [0, 1, 2])
+    for k, damping in enumerate(dampings):
+        assert_same(ds.isel(damping=k), changed(lambda s: s.damping, jnp.asarray(damping)))
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "frequency",
+        "forcing.omega",
+        "stops[2].position",
+        "stops[0].side",
+        "stops.position",
+        "mass[2]",
+        "mass[0][0]",
+        "damping[0][2]",
+        "x0[-1]",
+        "x0 [1]",
+        "",
+    ],
+)
+def test_a_path_that_names_nothing_is_refused(path):
+    sentence = re.escape(f"The path `{path}` names nothing that can be swept. There are mass, damping, ")
+    with pytest.raises(ValueError, match=sentence) as refusal:
+        sweep(SYSTEM, {path: [1.0]})
+    assert "the machine has 2 masses and 2 stops." in str(refusal.value)
+
+
+NO_MACHINES = {
+    "mass of zero": ({"mass[0]": [1.0, 0.0]}, "Every swept `mass` must be positive."),
+    "NaN": ({"mass[0]": [np.nan]}, "All swept values must be finite."),
+    "restitution above 1": (
+        {"stops[*].restitution": [0.5, 1.1]},
+        "Every `stops[0].restitution` must lie between 0 and 1.",
+    ),
+    "negative restitution": (
+        {"stops[1].restitution": [-0.1]},
+        "Every `stops[1].restitution` must lie between 0 and 1.",
+    ),
+    "no frequency": ({"forcing.frequency": [0.5, 0.0]}, "Every `forcing.frequency` must be positive"),
+    "negative damping": ({"damping": -np.eye(2)[None]}, "Argument `damping` must be positive semi-definite"),
+    "stiffness not symmetric": ({"stiffness[0][1]": [-0.5]}, "Argument `stiffness` must be symmetric"),
+    "scalar": ({"forcing.frequency": 0.5}, "The values of `forcing.frequency` must have shape (points, ...)"),
+    "no points": ({"forcing.frequency": []}, "The values of `forcing.frequency` must have shape"),
+    "vector for an entry": ({"mass[0]": [[1.0, 2.0]]}, "The values of `mass[0]` must have shape (points)"),
+    "entry for a matrix": ({"damping": [1.0, 2.0]}, "The values of `damping` must have shape (points, 2, 2)"),
+    "start beyond a stop": (
+        {"x0[1]": [0.0, 0.2]},
+        "Some points start beyond a stop: `x0[1]` is past `stops[1]`.",
+    ),
+    "stop before the start": (
+        {"stops[0].position": [-0.3, 0.1]},
+        "Some points start beyond a stop: `x0[0]` is past `stops[0]`.",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", NO_MACHINES)
+def test_values_that_make_no_machine_are_refused(case):
+    values, sentence = NO_MACHINES[case]
+    with pytest.raises(ValueError, match=re.escape(sentence)):
+        sweep(SYSTEM, values)
+
+
+def test_stops_that_leave_no_room_are_refused():
+    load = vx.Harmonic([0.5], 0.8)
+    stops = [vx.Stop(0, -0.3, "lower", 0.7), vx.Stop(0, 0.3, "upper", 0.7)]
+    system = vx.chain([1.0], [0.1], [1.0], load, stops)
+    with pytest.raises(ValueError, match="lower stop of mass 0 must lie below its upper stop"):
+        sweep(system, {"stops[1].position": [0.2, -0.3]}, x0=[-0.3])
+
+
+@pytest.mark.parametrize(("name", "value"), [("transient", -1), ("record", -2), ("max_impacts", True)])
+def test_counts_must_be_whole(name, value):
+    with pytest.raises(ValueError, match=f"Argument `{name}` must be a whole number"):
+        sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, **{name: value})
+
+
+@pytest.mark.parametrize("name", ["x0", "v0"])
+def test_a_start_of_the_wrong_shape_is_refused(name):
+    with pytest.raises(ValueError, match=re.escape(f"Argument `{name}` must have shape (2,)")):
+        sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, **{name: [0.0]})
+
+
+def test_too_little_room_cuts_the_log_and_nothing_else():
+    whole = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES})
+    total = whole.num_impacts.sum("stop").values
+    room = int(total.min())
+    assert room < total.max()
+    cut = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, max_impacts=room)
+    for name in ("num_impacts", "num_sticks", "x", "v", "stuck", "steps"):
+        np.testing.assert_array_equal(cut[name], whole[name])
+    assert cut.sizes["impact"] == room
+    for name in ("impact_time", "impact_velocity", "impact_stop", "impact_phase"):
+        np.testing.assert_array_equal(cut[name], whole[name][:, :room])
+    for k, count in enumerate(total):
+        expected = "max_impacts_reached" if count > room else "successful"
+        assert result_name(cut.isel({"forcing.frequency": k})) == expected
+
+
+def test_too_few_steps_are_told_and_only_of_their_point():
+    whole = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES})
+    bound = int(whole.steps.min())
+    cut = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, max_steps=bound)
+    for k, steps in enumerate(whole.steps.values):
+        expected = "max_steps_reached" if steps > bound else "successful"
+        assert result_name(cut.isel({"forcing.frequency": k})) == expected
+        if steps <= bound:
+            np.testing.assert_array_equal(cut.x[k], whole.x[k])
+    assert np.isfinite(cut.x).all()
+
+
+def test_the_result_names_its_codes():
+    attributes = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}).result.attrs
+    names = attributes["flag_meanings"].split()
+    assert {"successful", "max_impacts_reached", "max_steps_reached", "non_finite"} <= set(names)
+    assert attributes["flag_values"].dtype == np.int8
+    assert len(attributes["flag_values"]) == len(names) == len(set(names))
+
+
+def test_the_recorded_periods_follow_the_transient():
+    early = sweep(SYSTEM, {"forcing.frequency": [0.8]}, transient=0, record=TRANSIENT + RECORD)
+    late = sweep(SYSTEM, {"forcing.frequency": [0.8]})
+    shift = TRANSIENT * 2 * np.pi / 0.8
+    count = late.sizes["impact"]
+    assert 0 < count < early.sizes["impact"]
+    np.testing.assert_allclose(
+        late.impact_time[0], early.impact_time[0, -count:] - shift, rtol=0, atol=ROUNDING
+    )
+    np.testing.assert_array_equal(late.impact_velocity[0], early.impact_velocity[0, -count:])
+    assert (late.impact_time >= 0).all()
+    assert (late.impact_time <= RECORD * 2 * np.pi / 0.8).all()
+
+
+def test_points_in_different_chunks_are_what_they_are_alone():
+    frequencies = np.linspace(0.7, 1.7, 131)
+    chosen = [0, 60, 127, 128, 130]
+    whole = sweep(SYSTEM, {"forcing.frequency": frequencies})
+    np.testing.assert_array_equal(whole["forcing.frequency"], frequencies)
+    few = sweep(SYSTEM, {"forcing.frequency": frequencies[chosen]})
+    part = whole.isel({"forcing.frequency": chosen})
+    np.testing.assert_array_equal(part.num_impacts, few.num_impacts)
+    assert int(few.num_impacts.sum()) > 10
+    room = few.sizes["impact"]
+    assert np.isnan(part.impact_time[:, room:]).all()
+    np.testing.assert_array_equal(part.impact_stop[:, :room], few.impact_stop)
+    for name in ("impact_time", "impact_velocity"):
+        np.testing.assert_allclose(part[name][:, :room], few[name], rtol=0, atol=ROUNDING)
+    for name in ("x", "v"):
+        np.testing.assert_allclose(part[name], few[name], rtol=0, atol=ROUNDING)
+
+
+def test_both_flows_give_the_same_sweep():
+    modal, taylor = (
+        sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, flow=flow) for flow in (None, vx.TaylorFlow())
+    )
+    np.testing.assert_array_equal(modal.num_impacts, taylor.num_impacts)
+    np.testing.assert_array_equal(modal.impact_stop, taylor.impact_stop)
+    for name in ("impact_time", "impact_velocity", "x", "v"):
+        np.testing.assert_allclose(modal[name], taylor[name], rtol=0, atol=ROUNDING)
+
+
+@pytest.mark.slow
+def test_a_sweep_of_nonproportional_damping_equals_a_loop():
+    build = lambda w: eqx.tree_at(  # noqa: E731
+        lambda s: s.damping, vx.models.wagg_bishop_b(w), jnp.array(NONPROPORTIONAL)
+    )
+    ds = sweep(build(1.0), {"forcing.frequency": FREQUENCIES})
+    assert int(ds.num_impacts.sum()) > 3
+    for k, frequency in enumerate(FREQUENCIES):
+        assert_same(ds.isel({"forcing.frequency": k}), build(frequency))
+
+
+def test_the_progress_bar_is_shown_only_where_wanted(capsys):
+    sweep(SYSTEM, {"forcing.frequency": FREQUENCIES})
+    assert capsys.readouterr().err == ""
+    sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, progress=True)
+    assert "3/3" in capsys.readouterr().err
