@@ -86,8 +86,10 @@ def fig11(out: Path) -> None:
         is_it = (events.kind == kind) & (events.stop == stop) & (events.t > after)
         print(f"{name:<26} {float(events.t[is_it][0]):8.2f}  {paper}")
     out.mkdir(parents=True, exist_ok=True)
-    ax = plot.time_series(sol)
-    ax.figure.savefig(out / "fig11.png", dpi=200)
+    fig, ax = plt.subplots(figsize=(8, 4), layout="constrained")
+    plot.time_series(sol, ax=ax)
+    fig.savefig(out / "fig11.png", dpi=200)
+    plt.close(fig)
     columns = {
         name: getattr(events, name)[: sol.num_events] for name in ("t", "stop", "kind", "velocity_minus")
     }

@@ -23,7 +23,7 @@ from ._contact.sticking import chatter_is_complete, chatter_time
 from ._machine import Machine, State
 from ._motion.bounds import Bound, deflated, either, safe_step, short
 from ._motion.flow import AbstractFlow
-from ._types import Flag, Scalar, stack
+from ._types import Flag, Scalar, not_negative, stack
 from ._xla import compute_once
 
 
@@ -70,7 +70,7 @@ def advance(
     Returns:
         The state after the step, and what happened there.
     """
-    remaining = jnp.maximum((target - state.time) - state.time_low, 0)
+    remaining = not_negative((target - state.time) - state.time_low)
     ahead = remaining + resolution
     limit, steps, is_event = compute_once(machine.always, _steps_to_events, flow, machine, state, ahead)
     step = jnp.min(steps, axis=0, initial=jnp.inf)
@@ -139,17 +139,23 @@ def _two_sum(a: Scalar, b: Scalar) -> tuple[Scalar, Scalar]:
 def _land(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) -> State:
     """Move on to the exact instant of the event: one Newton step, whose derivative is that of the time.
 
-    The step is below rounding in its effect on everything but the time of a light impact.
+    The step is below rounding in its effect on everything but the time of a light impact. First and
+    second derivatives of that time are exact.
     """
     force = machine.force(state.phase, state.x, state.v)
     a = _accelerations(machine, state, force)
     jerk = _accelerations(machine, state, machine.force_rate(state.phase, state.v, a))
-    value, slope = state.gap, -machine.at_stops(state.v)
+    value, slope, curve = state.gap, -machine.at_stops(state.v), -machine.at_stops(a)
     if machine.can_stick:
+        bend = machine.force_rate(machine.phase_rate(state.phase), a, jerk)
         value = jnp.where(state.held, machine.at_stops(force), value)
+        curve = jnp.where(state.held, machine.at_stops(bend), curve)
         slope = jnp.where(state.held, machine.at_stops(machine.force_rate(state.phase, state.v, a)), slope)
     usable = is_event & (slope < 0)
-    newton = jnp.where(usable, value / jnp.where(usable, -slope, 1), jnp.inf)
+    safe_slope = jnp.where(usable, slope, -1)
+    # Newton, and for second derivatives Halley: the root of value + slope d + curve d^2 / 2.
+    newton = -value / safe_slope
+    newton = jnp.where(usable, newton - curve * newton**2 / (2 * safe_slope), jnp.inf)
     delay = jnp.min(newton, axis=0, initial=jnp.inf)
     nearly = short(state.x.dtype) / machine.rate
     delay = jnp.where(jnp.abs(delay) <= nearly, delay, 0)

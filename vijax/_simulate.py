@@ -15,7 +15,7 @@ from ._motion.choose import choose_flow
 from ._motion.flow import AbstractFlow
 from ._solution import RESULTS, Solution
 from ._system.system import ImpactSystem
-from ._types import Flag, Numbers, Scalar, as_float, concrete
+from ._types import Flag, Numbers, Scalar, as_float, concrete, not_negative
 from ._xla import AbstractTask, while_any
 
 
@@ -230,7 +230,7 @@ def _run(
     phase0 = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
     goals = jnp.append(ts, t1)
     goal_periods = jnp.floor((goals - t0) / machine.period)
-    goal_times = jnp.maximum((goals - t0) - goal_periods * machine.period, 0)
+    goal_times = not_negative((goals - t0) - goal_periods * machine.period)
     resolution = 4 * jnp.finfo(t0.dtype).eps * jnp.maximum(jnp.abs(t0), jnp.abs(t1))
 
     task = _Task(

@@ -52,6 +52,11 @@ def concrete(value: Array | np.ndarray) -> np.ndarray | None:
     return None if isinstance(value, jax.core.Tracer) else np.asarray(value)
 
 
+def not_negative(time: Array) -> Array:
+    """The time, or 0 if rounding made it negative; its derivative is that of the time in any case."""
+    return time - jax.lax.stop_gradient(jnp.minimum(time, 0))
+
+
 def stack(rows: Sequence[Array]) -> Array:
     """Stack along a new leading axis, after broadcasting the lanes."""
     return jnp.stack(jnp.broadcast_arrays(*rows))

@@ -48,7 +48,7 @@ def stroboscopic_map(
 
 def monodromy_matrix(
     system: ImpactSystem, x0: Numbers, v0: Numbers, num_periods: int = 1
-) -> Float[Array, "2*n 2*n"]:
+) -> Float[Array, "state state"]:
     """Derivative of the stroboscopic map by the state (x, v).
 
     On a periodic orbit its eigenvalues are the Floquet multipliers.
@@ -80,7 +80,7 @@ def monodromy_matrix(
 
 def saltation_matrix(
     system: ImpactSystem, t: ArrayLike, x: Numbers, v: Numbers, stop: int
-) -> Float[Array, "2*n 2*n"]:
+) -> Float[Array, "state state"]:
     """Derivative of the state just after an impact by the state just before, no other mass held.
 
     With the reset R (v_i to -r v_i), the gap g, and the vector fields f- = (v-, a-) and f+ before and
