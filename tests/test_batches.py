@@ -132,3 +132,13 @@ def test_a_lane_that_fails_leaves_the_others_alone_bit_for_bit(name):
         old, new = (jax.tree.leaves(eqx.filter(lane(b, k), eqx.is_array)) for b in (before, after))
         for a, b in zip(old, new, strict=True):
             np.testing.assert_array_equal(a, b)
+
+
+def test_a_lane_that_starts_beyond_a_stop_is_told_so_and_leaves_the_others_alone():
+    sound = of_start(0.8, END, STARTS)
+    unsound = of_start(0.8, END, STARTS.at[1, 1].set(0.2))
+    assert lane(unsound, 1).result == vx.RESULTS.unsound_start
+    for k in (0, 2, 3):
+        assert lane(unsound, k).result == vx.RESULTS.successful
+        np.testing.assert_array_equal(unsound.x1[k], sound.x1[k])
+        np.testing.assert_array_equal(unsound.events.t[k], sound.events.t[k])

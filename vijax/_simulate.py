@@ -56,7 +56,8 @@ def simulate(
         The trajectory, see `vx.Solution`.
 
     Raises:
-        ValueError: for shapes that do not fit, a start beyond a stop, t1 < t0, or ts out of order.
+        ValueError: for shapes that do not fit, a start beyond a stop, t1 < t0, or ts out of order. While
+            values are traced a RuntimeError instead, or without `throw` the code `unsound_start`.
         RuntimeError: with `throw`, for every result but `successful`.
 
     Example:
@@ -84,7 +85,11 @@ def simulate(
     values = (system, begin, end, times, x, v)
     dtype = jnp.result_type(*jax.tree.leaves(values))
     system, begin, end, times, x, v = jax.tree.map(lambda a: a.astype(dtype), values)
-    begin, x = _check_door(system, begin, end, times, x)
+    is_sound, doubts = jnp.array(True), _doubts_at_the_door(system, begin, end, times, x)
+    for is_wrong, sentence in doubts:
+        if throw:
+            x = eqx.error_if(x, is_wrong, sentence)
+        is_sound = is_sound & ~is_wrong
     can_stick = can_any_stick(system, x, v)
     solution = _run(
         system,
@@ -95,6 +100,7 @@ def simulate(
         v,
         choose_flow(system, can_stick=can_stick) if flow is None else flow,
         None if max_steps is None else jnp.asarray(max_steps),
+        is_sound,
         jnp.array(True),
         max_events=max_events,
         can_stick=can_stick,
@@ -121,35 +127,26 @@ def can_any_stick(system: ImpactSystem, x0: Array, v0: Array) -> bool:
     return False
 
 
-def _check_door(
+def _doubts_at_the_door(
     system: ImpactSystem, t0: Scalar, t1: Scalar, ts: Float[Array, " times"], x0: Float[Array, " n"]
-) -> tuple[Scalar, Float[Array, " n"]]:
-    """Refuse what is wrong from the start; return t0 and x0, bound to the checks under tracing."""
-    checks_of_time = [(t1 < t0, "Argument `t1` must not lie before `t0`.")]
+) -> list[tuple[Flag, str]]:
+    """Refuse what is wrong from the start, and return what cannot be told while it is traced."""
+    checks = [(t1 < t0, "Argument `t1` must not lie before `t0`.")]
     if ts.size:
         in_order = jnp.all(jnp.diff(ts) >= 0) & (ts[0] >= t0) & (ts[-1] <= t1)
-        checks_of_time.append((~in_order, "Argument `ts` must be in increasing order, within [t0, t1]."))
-    for is_wrong, sentence in checks_of_time:
-        t0 = _refuse(t0, is_wrong, sentence)
+        checks.append((~in_order, "Argument `ts` must be in increasing order, within [t0, t1]."))
     for j, stop in enumerate(system.stops):
         gap = stop.sign * (stop.position - x0[stop.mass])
-        is_beyond = (gap < 0) & ~is_touching(gap, stop.position)
         sentence = (
             f"The start lies beyond a stop: `x0[{stop.mass}]` is past `stops[{j}]`. "
             f"Start mass {stop.mass} on its free side ({stop.side} stop), or on the stop."
         )
-        x0 = _refuse(x0, is_beyond, sentence)
-    return t0, x0
-
-
-def _refuse(value: Array, is_wrong: Flag, sentence: str) -> Array:
-    """Raise where the verdict is known, else raise when it is computed."""
-    verdict = concrete(is_wrong)
-    if verdict is None:
-        return eqx.error_if(value, is_wrong, sentence)
-    if verdict.any():
-        raise ValueError(sentence)
-    return value
+        checks.append(((gap < 0) & ~is_touching(gap, stop.position), sentence))
+    verdicts = [concrete(is_wrong) for is_wrong, _ in checks]
+    for verdict, (_, sentence) in zip(verdicts, checks, strict=True):
+        if verdict is not None and verdict.any():
+            raise ValueError(sentence)
+    return [check for verdict, check in zip(verdicts, checks, strict=True) if verdict is None]
 
 
 class _Task(AbstractTask):
@@ -217,6 +214,7 @@ def _run(
     v0: Float[Array, " n"],
     flow: AbstractFlow,
     max_steps: Int[Array, ""] | None,
+    is_sound: Bool[Array, ""],
     always: Bool[Array, ""],
     *,
     max_events: int,
@@ -252,23 +250,22 @@ def _run(
         vs=room,
         goal=jnp.array(0),
         steps=jnp.array(0),
-        is_finite=jnp.array(True),
+        is_finite=is_sound,
         grazing=nothing_met(t0),
     )
     last = while_any(task, carry)
-    return _finish(system, machine, flow, last, ts, t0, t1, max_events)
+    return _finish(task, last, ts, t1, is_sound, max_events)
 
 
 def _finish(
-    system: ImpactSystem,
-    machine: Machine,
-    flow: AbstractFlow,
+    task: _Task,
     last: _Carry,
     ts: Float[Array, " times"],
-    t0: Scalar,
     t1: Scalar,
+    is_sound: Bool[Array, ""],
     max_events: int,
 ) -> Solution:
+    machine, t0 = task.machine, task.t0
     state, log = last.state, last.log
     is_reached = (jnp.arange(ts.size) < last.goal)[:, None]
     is_done = last.goal > ts.size
@@ -276,6 +273,7 @@ def _finish(
     result = RESULTS.where(is_full, RESULTS.max_events_reached, RESULTS.successful)
     result = RESULTS.where(is_done, result, RESULTS.max_steps_reached)
     result = RESULTS.where(last.is_finite, result, RESULTS.non_finite)
+    result = RESULTS.where(is_sound, result, RESULTS.unsound_start)
     time = t0 + state.periods * machine.period + state.time
     last_row = log.restarts.t[jnp.minimum(log.rows, max_events + 1) - 1]
     return Solution(
@@ -293,7 +291,7 @@ def _finish(
         t0=t0,
         t1=t1,
         machine=machine,
-        flow=flow,
+        flow=task.flow,
         restarts=log.restarts,
         known_until=jnp.where(is_full, last_row, jnp.where(is_done, t1, time)),
     )

@@ -32,6 +32,10 @@ class RESULTS(eqx.Enumeration):
         "non_finite: the motion stopped before its end at a number that is infinite or NaN. "
         "Check that the system and the start are finite and of moderate size."
     )
+    unsound_start = (
+        "unsound_start: nothing was simulated, because the start lies beyond a stop or times are out of "
+        "order. Start every mass between its stops, with t0 <= ts <= t1."
+    )
 
 
 class Solution(eqx.Module):
