@@ -73,6 +73,7 @@ def test_a_batch_over_frequencies_equals_a_loop():
         assert_same(batch, k, alone, ROUNDING * amplification(frequency, END, REST))
 
 
+@pytest.mark.slow
 def test_a_batch_over_starts_equals_a_loop():
     # The last two start on the lower stop of mass 0 and in the open.
     batch = of_start(0.8, END, STARTS)

@@ -396,6 +396,7 @@ def test_the_multipliers_are_those_published(name):
     np.testing.assert_allclose(multipliers, PUBLISHED[name], rtol=0, atol=5 * SIX_DECIMALS)
 
 
+@pytest.mark.slow
 def test_the_stroboscopic_map_is_differentiable_by_the_frequency():
     @jax.jit
     def mapped(frequency):
