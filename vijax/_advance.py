@@ -144,13 +144,14 @@ def _land(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) ->
     """
     force = machine.force(state.phase, state.x, state.v)
     a = _accelerations(machine, state, force)
-    jerk = _accelerations(machine, state, machine.force_rate(state.phase, state.v, a))
+    force_rate = machine.force_rate(state.phase, state.v, a)
+    jerk = _accelerations(machine, state, force_rate)
     value, slope, curve = state.gap, -machine.at_stops(state.v), -machine.at_stops(a)
     if machine.can_stick:
         bend = machine.force_rate(machine.phase_rate(state.phase), a, jerk)
         value = jnp.where(state.held, machine.at_stops(force), value)
         curve = jnp.where(state.held, machine.at_stops(bend), curve)
-        slope = jnp.where(state.held, machine.at_stops(machine.force_rate(state.phase, state.v, a)), slope)
+        slope = jnp.where(state.held, machine.at_stops(force_rate), slope)
     usable = is_event & (slope < 0)
     safe_slope = jnp.where(usable, slope, -1)
     # Newton, and for second derivatives Halley: the root of value + slope d + curve d^2 / 2.

@@ -111,10 +111,10 @@ def simulate(
     return solution
 
 
-def can_any_stick(system: ImpactSystem, x0: Array, v0: Array) -> bool:
+def can_any_stick(system: ImpactSystem, x0: Array | np.ndarray, v0: Array | np.ndarray) -> bool:
     """Whether any stop might ever hold its mass: r < 1, or the mass starts at rest on it.
 
-    Known only from concrete values; while any is traced the answer is yes.
+    Known only from concrete values; while any is traced the answer is yes. Lanes may stand last.
     """
     for stop in system.stops:
         r, position, x, v = (concrete(a) for a in (stop.restitution, stop.position, x0, v0))

@@ -12,6 +12,7 @@ from tqdm.auto import tqdm
 
 from .._motion.choose import choose_flow
 from .._motion.flow import AbstractFlow
+from .._simulate import can_any_stick
 from .._solution import RESULTS
 from .._system.system import ImpactSystem
 from .._types import Numbers, as_float
@@ -93,7 +94,7 @@ def sweep(
     dtype = base.system.mass.dtype
     swept = {path: axis[i].astype(dtype) for (path, axis), i in zip(axes.items(), grid, strict=True)}
     points = jax.tree.map(lambda a: a.astype(dtype), points_of_lanes(base, swept))
-    can_stick = _can_any_stick(points)
+    can_stick = can_any_stick(points.system, points.x0, points.v0)
     if flow is None:
         flow = choose_flow(points.system, can_stick=can_stick)
     run = _runner(transient, record, max_impacts, max_steps, can_stick=can_stick)
@@ -145,14 +146,6 @@ def _runner(transient: int, record: int, max_impacts: int, max_steps: int | None
         }
 
     return run
-
-
-def _can_any_stick(points: Point) -> bool:
-    """Whether any stop of any lane might ever hold its mass."""
-    return any(
-        (s.restitution < 1).any() or ((points.x0[s.mass] == s.position) & (points.v0[s.mass] == 0)).any()
-        for s in points.system.stops
-    )
 
 
 def _code(name: str) -> int:
