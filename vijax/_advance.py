@@ -3,25 +3,21 @@
 `advance` is all that moves a trajectory. `simulate` and `sweep` call it in their loops, which know
 nothing of contacts; it knows nothing of their logs. It goes through
 
-    expand the motion -> safe step for every stop -> move -> what happened at the end
+    fly (`_flight.py`) -> impacts -> who sticks, who is let go
 
 An instant may hold several events: all its impacts are applied first, and only then is it decided
 who sticks and who is let go, because one impact can release a mass (through the dampers)
 that another impact of the same instant presses again.
-
-For derivatives the length of a step is a constant, except where it ends on something that moves
-with the parameters: an impact or a release (one Newton step, `_land`) or the target time itself.
 """
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ._contact.restitution import rebound
 from ._contact.sticking import chatter_is_complete, chatter_time
+from ._flight import fly
 from ._machine import Machine, State
-from ._motion.bounds import Bound, deflated, either, safe_step, short
 from ._motion.flow import AbstractFlow
 from ._types import Flag, Scalar, not_negative, stack
 from ._xla import compute_once
@@ -71,110 +67,10 @@ def advance(
         The state after the step, and what happened there.
     """
     remaining = not_negative((target - state.time) - state.time_low)
-    ahead = remaining + resolution
-    limit, steps, is_event = compute_once(machine.always, _steps_to_events, flow, machine, state, ahead)
-    step = jnp.min(steps, axis=0, initial=jnp.inf)
-    one_instant = 8 * jnp.finfo(step.dtype).eps / machine.rate
-    is_event = is_event & (steps <= step + one_instant)
-    arrived = ~jnp.any(is_event, axis=0) & (jnp.minimum(step, limit) >= remaining)
-    step = jnp.where(arrived, remaining, jax.lax.stop_gradient(jnp.minimum(step, limit)))
-    moved = _move(flow, machine, state, step)
-    moved = _land(machine, moved, is_event)
-    after, instant = _resolve(machine, moved, is_event)
+    flight = fly(flow, machine, state, remaining, resolution)
+    after, instant = compute_once(machine.always, _resolve, machine, flight.end, flight.is_event)
+    arrived = flight.is_last & ~jnp.any(flight.is_event, axis=0)
     return after, eqx.tree_at(lambda i: i.arrived, instant, arrived)
-
-
-def _steps_to_events(
-    flow: AbstractFlow, machine: Machine, state: State, limit: Scalar
-) -> tuple[Scalar, Float[Array, "stops ..."], Bool[Array, "stops ..."]]:
-    """For every stop the longest step that is proved free of its events, and if it ends on one."""
-    motion = flow.expand(machine, state, machine.held_masses(state.held))
-    now, limit = motion.now, jnp.minimum(limit, motion.limit)
-    x_rest, force_rest = motion.rest(limit)
-    steps, events = [], []
-    for j, (i, sign) in enumerate(zip(machine.masses, machine.signs, strict=True)):
-        gap = (state.gap[j], -sign * state.v[i], -sign * now.acceleration[i] / 2, -sign * now.jerk[i] / 6)
-        bound = deflated(gap, x_rest[i], state.contact[j], limit)
-        if machine.can_stick:
-            pressing = jnp.maximum(sign * now.force[i], 0)
-            curvature = sign * now.force_curvature[i] / 2
-            contact_force = Bound(pressing, sign * now.force_rate[i], curvature, force_rest[i])
-            bound = either(state.held[j], contact_force, bound)
-        step, is_root = safe_step(bound, limit)
-        nearly = short(state.x.dtype) / machine.rate
-        is_event = is_root & (step <= nearly)
-        # Where a leading coefficient is lost in rounding the bound allows no step; the motion does.
-        steps.append(jnp.where(is_event, step, jnp.maximum(step, jnp.minimum(nearly, limit))))
-        events.append(is_event)
-    if not steps:
-        return limit, state.gap, state.held
-    return limit, stack(steps), stack(events)
-
-
-def _move(flow: AbstractFlow, machine: Machine, state: State, step: Scalar) -> State:
-    """Follow the smooth motion for `step`."""
-    motion = flow.expand(machine, state, machine.held_masses(state.held))
-    displacement, v, phase = motion.move(step)
-    time, low = _two_sum(state.time, step)
-    return State(
-        periods=state.periods,
-        time=time,
-        time_low=state.time_low + low,
-        phase=phase,
-        x=state.x + displacement,
-        v=v,
-        gap=state.gap - machine.at_stops(displacement),
-        held=state.held,
-        contact=jnp.where(step > 0, jnp.int8(0), state.contact),
-    )
-
-
-def _two_sum(a: Scalar, b: Scalar) -> tuple[Scalar, Scalar]:
-    """The rounded sum and its rounding error (Knuth)."""
-    total = a + b
-    part = total - a
-    return total, (a - (total - part)) + (b - part)
-
-
-def _land(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) -> State:
-    """Move on to the exact instant of the event: one Newton step, whose derivative is that of the time.
-
-    The step is below rounding in its effect on everything but the time of a light impact. First and
-    second derivatives of that time are exact.
-    """
-    force = machine.force(state.phase, state.x, state.v)
-    a = _accelerations(machine, state, force)
-    force_rate = machine.force_rate(state.phase, state.v, a)
-    jerk = _accelerations(machine, state, force_rate)
-    value, slope, curve = state.gap, -machine.at_stops(state.v), -machine.at_stops(a)
-    if machine.can_stick:
-        bend = machine.force_rate(machine.phase_rate(state.phase), a, jerk)
-        value = jnp.where(state.held, machine.at_stops(force), value)
-        curve = jnp.where(state.held, machine.at_stops(bend), curve)
-        slope = jnp.where(state.held, machine.at_stops(force_rate), slope)
-    usable = is_event & (slope < 0)
-    safe_slope = jnp.where(usable, slope, -1)
-    # Newton, and for second derivatives Halley: the root of value + slope d + curve d^2 / 2.
-    newton = -value / safe_slope
-    newton = jnp.where(usable, newton - curve * newton**2 / (2 * safe_slope), jnp.inf)
-    delay = jnp.min(newton, axis=0, initial=jnp.inf)
-    nearly = short(state.x.dtype) / machine.rate
-    delay = jnp.where(jnp.abs(delay) <= nearly, delay, 0)
-    time, low = _two_sum(state.time, delay)
-    displacement = delay * (state.v + delay * a / 2)
-    turn = machine.phase_rate(state.phase)
-    return eqx.tree_at(
-        lambda s: (s.time, s.time_low, s.phase, s.x, s.v, s.gap),
-        state,
-        (
-            time,
-            state.time_low + low,
-            state.phase + delay * (turn + delay * machine.phase_rate(turn) / 2),
-            state.x + displacement,
-            state.v + delay * (a + delay * jerk / 2),
-            state.gap - machine.at_stops(displacement),
-        ),
-    )
 
 
 def _accelerations(machine: Machine, state: State, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:

@@ -66,9 +66,12 @@ class Machine(eqx.Module):
 
     def at_stops(self, of_mass: Float[Array, "n ..."]) -> Float[Array, "stops ..."]:
         """A vector over masses, read at each stop and counted positive towards the stop."""
-        if not self.masses:
-            return of_mass[:0]
-        return stack([s * of_mass[i] for i, s in zip(self.masses, self.signs, strict=True)])
+        signs = lift(jnp.asarray(self.signs, self.position.dtype), self.position)
+        return signs * self.of_stops(of_mass)
+
+    def of_stops(self, of_mass: Float[Array, "n ..."]) -> Float[Array, "stops ..."]:
+        """A vector over masses, read at the mass of each stop."""
+        return stack([of_mass[i] for i in self.masses]) if self.masses else of_mass[:0]
 
     def gaps(self, x: Float[Array, "n ..."]) -> Float[Array, "stops ..."]:
         """The distance of every mass from its stop, positive while free."""

@@ -15,7 +15,7 @@ from ._motion.choose import choose_flow
 from ._motion.flow import AbstractFlow
 from ._solution import RESULTS, Solution
 from ._system.system import ImpactSystem
-from ._types import Flag, Numbers, Scalar, as_float, concrete, not_negative
+from ._types import Flag, Numbers, Scalar, as_float, at_once, concrete, not_negative
 from ._xla import AbstractTask, while_any
 
 
@@ -84,7 +84,7 @@ def simulate(
         raise ValueError(f"Argument `max_events` must not be negative, but is {max_events}.")
     values = (system, begin, end, times, x, v)
     dtype = jnp.result_type(*jax.tree.leaves(values))
-    system, begin, end, times, x, v = jax.tree.map(lambda a: a.astype(dtype), values)
+    system, begin, end, times, x, v = jax.tree.map(at_once(lambda a: a.astype(dtype)), values)
     is_sound, doubts = jnp.array(True), _doubts_at_the_door(system, begin, end, times, x)
     for is_wrong, sentence in doubts:
         if throw:
@@ -222,6 +222,7 @@ def _run(
 ) -> Solution:
     span = t1 - t0
     machine = prepare(system, jnp.where(span > 0, span, 1), always, can_stick=can_stick)
+    flow = flow.prepare(machine)
     if max_steps is None:
         max_steps = 100_000 + jnp.minimum(100 * span * machine.rate, 2e9).astype(int)
     angle = machine.harmonics * machine.frequency * t0

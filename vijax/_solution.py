@@ -142,7 +142,7 @@ def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
         state, remaining = carry
         motion = solution.flow.expand(machine, state, machine.held_masses(state.held))
         length = jnp.minimum(remaining, motion.limit)
-        displacement, v, phase = motion.move(length)
+        displacement, v, phase = motion.move(machine, state, length)
         state = eqx.tree_at(lambda s: (s.x, s.v, s.phase), state, (state.x + displacement, v, phase))
         return state, remaining - length
 

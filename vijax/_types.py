@@ -11,9 +11,9 @@ several times slower.)
 """
 
 import warnings
-from collections.abc import Sequence
-from functools import cache
-from typing import Any
+from collections.abc import Callable, Sequence
+from functools import cache, wraps
+from typing import Any, ParamSpec, TypeVar
 
 import jax
 import jax.core
@@ -21,6 +21,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
+P = ParamSpec("P")
+R = TypeVar("R")
 Numbers = ArrayLike | Sequence[Any]
 Scalar = Float[Array, "..."]
 Flag = Bool[Array, "..."]
@@ -35,6 +37,24 @@ def _warn_about_float32() -> None:
     )
 
 
+def at_once(function: Callable[P, R]) -> Callable[P, R]:
+    """Let a function of arrays be computed at once where they are concrete, also while `jit` is tracing.
+
+    What is known at the door, a stiffness for instance, then stays known inside, and can be checked and
+    chosen by.
+    """
+
+    @wraps(function)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((args, kwargs))):
+            return function(*args, **kwargs)
+        with jax.ensure_compile_time_eval():
+            return function(*args, **kwargs)
+
+    return wrapped
+
+
+@at_once
 def as_float(value: Numbers) -> Array:
     """Convert to a floating-point array in the precision that JAX is set to."""
     array = jnp.asarray(value)

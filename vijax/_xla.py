@@ -17,9 +17,9 @@ def compute_once(always: Bool[Array, ""], function: Callable, *args):
     A conditional ends a fusion. `always` is True, but traced, so that it is not optimised away, and
     without lanes, so that it stays a conditional.
     """
-    shapes = jax.eval_shape(function, *args)
+    shapes = jax.eval_shape(lambda *a: function(*a), *args)
     zeros = lambda *_: jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)  # noqa: E731
-    return jax.lax.cond(always, function, zeros, *args)
+    return jax.lax.cond(always, lambda *a: function(*a), zeros, *args)
 
 
 class AbstractTask(eqx.Module):

@@ -40,12 +40,12 @@ class Expansion(eqx.Module):
     limit: eqx.AbstractVar[Scalar]
 
     @abc.abstractmethod
-    def rest(self, limit: Scalar) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+    def rest(self, machine: Machine, limit: Scalar) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Bound |x''''| / 24 and |force'''| / 6 on [0, limit], both (n,)."""
 
     @abc.abstractmethod
     def move(
-        self, step: Scalar
+        self, machine: Machine, state: State, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Go `step` ahead: the displacement x(step) - x(0), v(step), and the forcing phase there."""
 
@@ -56,9 +56,20 @@ class AbstractFlow(eqx.Module):
     To add one: write `expand`, and an `Expansion` that keeps its promises. `rest` must be a bound,
     for no impact is ever looked for where it says that there is none. `move` returns
     the displacement as an increment, exact relative to itself however short the step, and is
-    differentiable. The engine never asks for more.
+    differentiable. The engine never asks for more; the other methods are there to save time.
     """
 
     @abc.abstractmethod
     def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> Expansion:
         """Expand the motion at `state` with the masses `is_held` at rest."""
+
+    def prepare(self, machine: Machine) -> "AbstractFlow":
+        """Compute, before the first step, what all steps need."""
+        del machine
+        return self
+
+    def propagate(
+        self, machine: Machine, state: State, is_held: Bool[Array, "n ..."], step: Scalar
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+        """Expand and move at once. Derivatives are taken through this."""
+        return self.expand(machine, state, is_held).move(machine, state, step)

@@ -26,135 +26,170 @@ from jaxtyping import Array, Bool, Float
 
 from .._machine import Machine, State
 from .._system.system import ImpactSystem
-from .._types import Scalar, concrete, lift, matvec
+from .._types import Scalar, concrete, lift, matvec, stack
 from .._xla import compute_once
 from .flow import AbstractFlow, Derivatives, Expansion
 
-_TRUST_AND_TERMS = {"float64": (1.5, 11), "float32": (1.0, 6)}
+_TRUST_AND_TERMS = {"float64": (3.0, 15), "float32": (1.0, 6)}
 _MAX_SETS = 8
+
+
+class Modes(eqx.Module):
+    """Normal modes with one set of masses held, or with a leading axis for every set.
+
+    Attributes:
+        squared_frequency: w^2, (modes,).
+        decay: a, (modes,).
+        shape: positions of the masses by the modal coordinates, (n, modes).
+        inverse: and back, (modes, n).
+        anchor: displacement of the rest position by the positions of held masses, (n, n).
+    """
+
+    squared_frequency: Float[Array, "..."]
+    decay: Float[Array, "..."]
+    shape: Float[Array, "..."]
+    inverse: Float[Array, "..."]
+    anchor: Float[Array, "..."]
+
+
+class Response(eqx.Module):
+    """The steady response to the load, offset + sum_h (cosine_h cos(h W t) + sine_h sin(h W t)).
+
+    Attributes:
+        offset: (n,), or with a leading axis for every set of held masses, as the others.
+        cosine: (harmonics, n).
+        sine: (harmonics, n).
+    """
+
+    offset: Float[Array, "..."]
+    cosine: Float[Array, "..."]
+    sine: Float[Array, "..."]
 
 
 class ModalFlow(AbstractFlow):
     """Exact motion of a linear machine with proportional damping. Made by `modal_flow`.
 
-    Every array has the sets of held masses as its first axis and lanes as its last.
+    Arrays have the sets of held masses as their first axis and lanes as their last.
     """
 
-    squared_frequency: Float[Array, "sets modes ..."]
-    decay: Float[Array, "sets modes ..."]
-    shape: Float[Array, "sets n modes ..."]
-    inverse: Float[Array, "sets modes n ..."]
-    offset: Float[Array, "sets n ..."]
-    anchor: Float[Array, "sets n n ..."]
-    cosine: Float[Array, "sets harmonics n ..."]
-    sine: Float[Array, "sets harmonics n ..."]
+    modes: Modes
+    sets: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+
+    def prepare(self, machine: Machine) -> "DrivenModes":
+        """Add the steady response to the load."""
+        sets = range(len(self.sets))
+        each = [_response(machine, jax.tree.map(lambda a, k=k: a[k], self.modes)) for k in sets]
+        return DrivenModes(self.modes, jax.tree.map(lambda *a: stack(a), *each), self.sets)
+
+    def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> "ModalExpansion":
+        """Expand the motion at `state` with the masses `is_held` at rest."""
+        return self.prepare(machine).expand(machine, state, is_held)
+
+
+def _response(machine: Machine, modes: Modes) -> Response:
+    w2, a, shape = modes.squared_frequency, modes.decay, modes.shape
+    transposed = jnp.swapaxes(shape, 0, 1)
+    cosine, sine = [], []
+    for h in range(machine.cosine.shape[0]):
+        speed = (h + 1) * machine.frequency
+        stiff, drag = w2 - speed * speed, 2 * a * speed
+        scale = stiff * stiff + drag * drag
+        c, s = (matvec(transposed, load[h]) for load in (machine.cosine, machine.sine))
+        cosine.append(matvec(shape, (stiff * c - drag * s) / scale))
+        sine.append(matvec(shape, (stiff * s + drag * c) / scale))
+    return Response(matvec(shape, matvec(transposed, machine.mean) / w2), stack(cosine), stack(sine))
+
+
+class DrivenModes(AbstractFlow):
+    """The modes of a machine and its steady response."""
+
+    modes: Modes
+    response: Response
     sets: tuple[tuple[int, ...], ...] = eqx.field(static=True)
 
     def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> "ModalExpansion":
         """Expand the motion at `state` with the masses `is_held` at rest."""
         trust, _ = _TRUST_AND_TERMS[str(state.x.dtype)]
-        w2, a, shape, inverse, offset, anchor, cosine, sine = self._of_set(is_held)
+        modes, response = self._of_set(is_held)
         cos, sin = state.phase
         speed = lift(machine.harmonics, cos) * machine.frequency
-        steady = offset + _over_harmonics(cosine, cos) + _over_harmonics(sine, sin)
+        steady = response.offset + _over_harmonics(response.cosine, cos) + _over_harmonics(response.sine, sin)
         if len(self.sets) > 1:
-            steady = steady + matvec(anchor, state.x)
-        steady_v = _over_harmonics(sine, speed * cos) - _over_harmonics(cosine, speed * sin)
-        force = machine.force(state.phase, state.x, state.v)
-        response = jnp.where(is_held, 0, machine.inverse_mass)
-        acceleration = response * force
-        force_rate = machine.force_rate(state.phase, state.v, acceleration)
-        jerk = response * force_rate
-        turn2 = machine.phase_rate(machine.phase_rate(state.phase))
-        curvature = (
-            machine.oscillating_load(turn2)
-            - matvec(machine.damping, jerk)
-            - matvec(machine.stiffness, acceleration)
-        )
+            steady = steady + matvec(modes.anchor, state.x)
+        steady_v = _over_harmonics(response.sine, speed * cos) - _over_harmonics(response.cosine, speed * sin)
         return ModalExpansion(
-            machine=machine,
-            state=state,
-            squared_frequency=w2,
-            decay=a,
-            shape=shape,
-            q=matvec(inverse, state.x - steady),
-            q_rate=matvec(inverse, state.v - steady_v),
-            cosine=cosine,
-            sine=sine,
-            now=Derivatives(acceleration, jerk, force, force_rate, curvature),
+            modes=modes,
+            response=response,
+            q=matvec(modes.inverse, state.x - steady),
+            q_rate=matvec(modes.inverse, state.v - steady_v),
+            now=_derivatives(machine, state, is_held),
             limit=trust / machine.rate,
         )
 
-    def _of_set(self, is_held: Bool[Array, "n ..."]) -> tuple[Array, ...]:
+    def _of_set(self, is_held: Bool[Array, "n ..."]) -> tuple[Modes, Response]:
         """The tables of the masses held now: a chain of selections, cheaper than a gather."""
-        tables = (
-            self.squared_frequency,
-            self.decay,
-            self.shape,
-            self.inverse,
-            self.offset,
-            self.anchor,
-            self.cosine,
-            self.sine,
-        )
-        chosen = tuple(table[0] for table in tables)
+        tables = (self.modes, self.response)
+        chosen = jax.tree.map(lambda a: a[0], tables)
         for k, held in enumerate(self.sets[1:], 1):
             is_this = jnp.ones(is_held.shape[1:], bool)
             for i in sorted(set().union(*self.sets)):
                 is_this = is_this & (is_held[i] if i in held else ~is_held[i])
-            chosen = tuple(jnp.where(is_this, t[k], old) for t, old in zip(tables, chosen, strict=True))
+            chosen = jax.tree.map(lambda a, old, k=k, yes=is_this: jnp.where(yes, a[k], old), tables, chosen)
         return chosen
+
+
+def _derivatives(machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> Derivatives:
+    response = jnp.where(is_held, 0, machine.inverse_mass)
+    force = machine.force(state.phase, state.x, state.v)
+    acceleration = response * force
+    force_rate = machine.force_rate(state.phase, state.v, acceleration)
+    jerk = response * force_rate
+    curvature = machine.force_rate(machine.phase_rate(state.phase), acceleration, jerk)
+    return Derivatives(acceleration, jerk, force, force_rate, curvature)
 
 
 class ModalExpansion(Expansion):
     """Modal coordinates of the free motion, and the steady response."""
 
-    machine: Machine
-    state: State
-    squared_frequency: Float[Array, "modes ..."]
-    decay: Float[Array, "modes ..."]
-    shape: Float[Array, "n modes ..."]
+    modes: Modes
+    response: Response
     q: Float[Array, "modes ..."]
     q_rate: Float[Array, "modes ..."]
-    cosine: Float[Array, "harmonics n ..."]
-    sine: Float[Array, "harmonics n ..."]
     now: Derivatives
     limit: Scalar
 
-    def rest(self, limit: Scalar) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+    def rest(self, machine: Machine, limit: Scalar) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Bound |x''''| / 24 and |force'''| / 6 for all later times.
 
         The energy q'^2 + w^2 q^2 of a mode never grows, and q''' and q'''' are linear in q and q'.
         """
         del limit
-        w2, a = self.squared_frequency, self.decay
+        w2, a = self.modes.squared_frequency, self.modes.decay
         w = jnp.sqrt(w2)
         energy = jnp.sqrt(self.q_rate**2 + w2 * self.q**2)
         third = energy * (jnp.abs(4 * a * a - w2) + 2 * a * w)
         fourth = energy * (w * jnp.abs(4 * a * a - w2) + 4 * a * jnp.abs(w2 - 2 * a * a))
-        shape = jnp.abs(self.shape)
-        speed = lift(self.machine.harmonics, self.cosine[:, 0]) * self.machine.frequency
-        size = jnp.abs(self.cosine) + jnp.abs(self.sine)
+        shape = jnp.abs(self.modes.shape)
+        speed = lift(machine.harmonics, self.response.cosine[:, 0]) * machine.frequency
+        size = jnp.abs(self.response.cosine) + jnp.abs(self.response.sine)
         x3 = matvec(shape, third) + jnp.sum(size * speed[:, None] ** 3, axis=0)
         x4 = matvec(shape, fourth) + jnp.sum(size * speed[:, None] ** 4, axis=0)
-        load = jnp.abs(self.machine.cosine) + jnp.abs(self.machine.sine)
+        load = jnp.abs(machine.cosine) + jnp.abs(machine.sine)
         load3 = jnp.sum(load * speed[:, None] ** 3, axis=0)
-        force3 = (
-            load3 + matvec(jnp.abs(self.machine.damping), x4) + matvec(jnp.abs(self.machine.stiffness), x3)
-        )
+        force3 = load3 + matvec(jnp.abs(machine.damping), x4) + matvec(jnp.abs(machine.stiffness), x3)
         return x4 / 24, force3 / 6
 
     def move(
-        self, step: Scalar
+        self, machine: Machine, state: State, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Go `step` ahead in every mode and in the phase of the forcing."""
-        cos, sin = self.state.phase
-        speed = lift(self.machine.harmonics, cos) * self.machine.frequency
+        cos, sin = state.phase
+        speed = lift(machine.harmonics, cos) * machine.frequency
         fade, wave, arc, turn, slide = compute_once(
-            self.machine.always, _factors, self.squared_frequency, self.decay, speed, step
+            machine.always, _factors, self.modes.squared_frequency, self.modes.decay, speed, step
         )
         # exp(-a t) (c + a s) - 1, exp(-a t) s: the increment of q, and of q' likewise.
-        a, w2 = self.decay, self.squared_frequency
+        a, w2 = self.modes.decay, self.modes.squared_frequency
         grow = fade + (1 + fade) * (wave + a * arc)
         reach = (1 + fade) * arc
         slow = fade + (1 + fade) * (wave - a * arc)
@@ -162,15 +197,17 @@ class ModalExpansion(Expansion):
         dq_rate = slow * self.q_rate - reach * w2 * self.q
         dcos, dsin = turn * cos - slide * sin, turn * sin + slide * cos
         displacement = (
-            matvec(self.shape, dq) + _over_harmonics(self.cosine, dcos) + _over_harmonics(self.sine, dsin)
+            matvec(self.modes.shape, dq)
+            + _over_harmonics(self.response.cosine, dcos)
+            + _over_harmonics(self.response.sine, dsin)
         )
         gained = (
-            matvec(self.shape, dq_rate)
-            + _over_harmonics(self.sine, speed * dcos)
-            - _over_harmonics(self.cosine, speed * dsin)
+            matvec(self.modes.shape, dq_rate)
+            + _over_harmonics(self.response.sine, speed * dcos)
+            - _over_harmonics(self.response.cosine, speed * dsin)
         )
         phase = jnp.stack(jnp.broadcast_arrays(cos + dcos, sin + dsin))
-        return displacement, self.state.v + gained, phase
+        return displacement, state.v + gained, phase
 
 
 def _factors(w2: Array, a: Array, speed: Array, step: Scalar) -> tuple[Array, ...]:
@@ -224,30 +261,40 @@ def modal_flow(system: ImpactSystem, *, can_stick: bool) -> ModalFlow | None:
         The flow, or None.
     """
     dtype = system.mass.dtype
-    leaves = [concrete(leaf) for leaf in jax.tree.leaves(system)]
+    mass, damping, stiffness = (concrete(a) for a in (system.mass, system.damping, system.stiffness))
     holdable = sorted({stop.mass for stop in system.stops}) if can_stick else []
-    if any(leaf is None for leaf in leaves) or 2 ** len(holdable) > _MAX_SETS:
+    if mass is None or damping is None or stiffness is None or 2 ** len(holdable) > _MAX_SETS:
         return None
-    system = jax.tree.unflatten(jax.tree.structure(system), leaves)
+    has_lanes = mass.ndim == 2
+    mass, damping, stiffness = (
+        np.moveaxis(a, -1, 0) if has_lanes else a[None] for a in (mass, damping, stiffness)
+    )
+    speed = _speeds(system)
     sets = tuple(s for k in range(len(holdable) + 1) for s in combinations(holdable, k))
-    has_lanes = system.mass.ndim == 2
-    if not has_lanes:
-        system = jax.tree.map(lambda leaf: leaf[..., None], system)
     tables = []
     for held in sets:
-        table = _modes_of_set(system, held)
-        if table is None:
+        table = _modes_of_set(mass, damping, stiffness, held)
+        if table is None or not _responds_well(table[0], table[1], speed):
             return None
         tables.append(table)
     arrays = [np.moveaxis(np.stack(column), 1, -1) for column in zip(*tables, strict=True)]
     if not has_lanes:
         arrays = [a[..., 0] for a in arrays]
-    return ModalFlow(*(jnp.asarray(a, dtype) for a in arrays), sets=sets)
+    return ModalFlow(Modes(*(jnp.asarray(a, dtype) for a in arrays)), sets)
 
 
-def _modes_of_set(system: ImpactSystem, held: tuple[int, ...]) -> tuple[np.ndarray, ...] | None:
-    """Modes and steady response with the masses `held` at rest, lanes first; None where digits would go."""
-    mass, damping, stiffness = (_lanes_first(a) for a in (system.mass, system.damping, system.stiffness))
+def _speeds(system: ImpactSystem) -> np.ndarray | None:
+    """Frequency of every harmonic, (lanes, harmonics), or None while traced."""
+    frequency = concrete(system.forcing.frequency)
+    amplitude = system.forcing.amplitude
+    harmonics = amplitude.shape[0] if amplitude.ndim - system.mass.ndim == 1 else 1
+    return None if frequency is None else np.atleast_1d(frequency)[:, None] * np.arange(1, harmonics + 1)
+
+
+def _modes_of_set(
+    mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, held: tuple[int, ...]
+) -> tuple[np.ndarray, ...] | None:
+    """Modes with the masses `held` at rest, lanes first; None where digits would go."""
     n = mass.shape[1]
     free = [i for i in range(n) if i not in held]
     root = np.sqrt(mass[:, free])
@@ -263,40 +310,26 @@ def _modes_of_set(system: ImpactSystem, held: tuple[int, ...]) -> tuple[np.ndarr
         return None
     if (w2 <= 1e-6 * np.abs(w2).max(initial=0.0)).any():
         return None
-    lanes = max(len(w2), len(mass))
+    lanes = max(len(w2), len(decay))
     shape, inverse = np.zeros((lanes, n, n)), np.zeros((lanes, n, n))
     modes = range(len(free))
     shape[np.ix_(range(lanes), free, modes)] = vectors / root[:, :, None]
     inverse[np.ix_(range(lanes), modes, free)] = np.swapaxes(vectors * root[:, :, None], 1, 2)
+    # What fills the tables up is a mode that nothing drives.
     pad = ((0, 0), (0, n - len(free)))
-    w2, decay = np.pad(w2, pad, constant_values=1.0), np.pad(decay, pad)
-    steady = _steady_response(system, shape, w2, decay, len(free))
-    if steady is None:
-        return None
+    w2, decay = (np.pad(a, pad, constant_values=1.0) for a in (w2, decay))
     flexibility = shape / w2[:, None] @ np.swapaxes(shape, 1, 2)
-    offset = (flexibility @ _lanes_first(system.forcing.mean)[..., None])[..., 0]
     anchor = np.zeros((lanes, n, n))
     for i in held:
         anchor[:, :, i] = -(flexibility @ stiffness[:, :, i, None])[..., 0]
         anchor[:, i, i] = 1.0
-    return w2, decay, shape, inverse, offset, anchor, *steady
+    w2, decay = (np.broadcast_to(a, (lanes, n)) for a in (w2, decay))
+    return w2, decay, shape, inverse, anchor
 
 
-def _steady_response(
-    system: ImpactSystem, shape: np.ndarray, w2: np.ndarray, decay: np.ndarray, num_modes: int
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Amplitudes of the cosines and sines of every harmonic; None near undamped resonance."""
-    forcing = system.forcing
-    amplitude, phase = (a if a.ndim == 3 else a[None] for a in (forcing.amplitude, forcing.phase))
-    load = _lanes_first(amplitude * np.exp(1j * np.asarray(phase)))
-    speed = np.arange(1, load.shape[1] + 1) * np.atleast_1d(forcing.frequency)[:, None]
+def _responds_well(w2: np.ndarray, decay: np.ndarray, speed: np.ndarray | None) -> bool:
+    """Whether no mode is driven near its resonance without damping; at no frequency, while that is traced."""
+    if speed is None:
+        return bool((decay >= 1e-2 * np.sqrt(w2)).all())
     impedance = w2[:, None] - speed[..., None] ** 2 + 2j * decay[:, None] * speed[..., None]
-    impedance[..., num_modes:] = np.inf  # what fills the table up is no mode
-    if (np.abs(impedance) <= 1e-2 * (w2[:, None] + speed[..., None] ** 2)).any():
-        return None
-    response = np.einsum("lij,lkj->lki", shape, np.einsum("lij,lki->lkj", shape, load) / impedance)
-    return response.real, -response.imag
-
-
-def _lanes_first(array: Array | np.ndarray) -> np.ndarray:
-    return np.moveaxis(np.asarray(array), -1, 0)
+    return bool((np.abs(impedance) > 1e-2 * (w2[:, None] + speed[..., None] ** 2)).all())

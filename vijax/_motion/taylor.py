@@ -11,20 +11,26 @@ held masses (their coefficients are zeros). It has no division that could fail, 
 by every parameter are as good as its values. The same numbers give the derivatives of every gap
 and contact force, their bounds, and increments instead of differences.
 
+The recurrence is a loop over the order (`scan`). Unrolled, XLA computes every coefficient from the first
+one anew, which was 3 times slower and took twice as long to compile.
+
 A normal-mode solution per set of held masses needs case distinctions for resonance, another method for
 damping that the modes do not diagonalise, tables of 2^stops sets, and has no derivative at repeated
 frequencies. Where none of that matters it is faster, and `ModalFlow` is taken instead.
 """
 
+from collections.abc import Callable
+
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._machine import Machine, State
-from .._types import Scalar, lift, matvec
-from .._xla import compute_once
+from .._types import Scalar, matvec
 from .flow import AbstractFlow, Derivatives, Expansion
 
 _ORDER_AND_TRUST = {"float64": (22, 1.5), "float32": (11, 1.0)}
+_SHORT = 4
 
 
 class TaylorFlow(AbstractFlow):
@@ -33,50 +39,138 @@ class TaylorFlow(AbstractFlow):
     def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> "TaylorExpansion":
         """Expand the motion at `state` with the masses `is_held` at rest."""
         order, trust = _ORDER_AND_TRUST[str(state.x.dtype)]
-        response = jnp.where(is_held, 0, machine.inverse_mass)
-        speed = lift(machine.harmonics, state.phase[0]) * machine.frequency
-        x, force, phase = [state.x, state.v], [], [state.phase]
-        for k in range(order - 1):
-            load = machine.oscillating_load(phase[k]) + (machine.mean if k == 0 else 0)
-            damped = matvec(machine.damping, x[k + 1] * (k + 1))
-            force.append(load - damped - matvec(machine.stiffness, x[k]))
-            x.append(response * force[k] * (1 / ((k + 1) * (k + 2))))
-            turn = speed * (1 / (k + 1))
-            phase.append(jnp.stack(jnp.broadcast_arrays(-turn * phase[k][1], turn * phase[k][0])))
+        x, force, phase = taylor_series(machine, state, is_held, order)
         now = Derivatives(2 * x[2], 6 * x[3], force[0], force[1], 2 * force[2])
-        limit = trust / machine.rate
-        return TaylorExpansion(now, limit, machine.always, tuple(x), tuple(force), tuple(phase))
+        return TaylorExpansion(now, trust / machine.rate, x, force, phase)
+
+    def propagate(
+        self, machine: Machine, state: State, is_held: Bool[Array, "n ..."], step: Scalar
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+        """Sum the series as it is made, without keeping it."""
+        order, _ = _ORDER_AND_TRUST[str(state.x.dtype)]
+        extend, start = _recurrence(machine, is_held), _rows_of_state(state)
+
+        def add(carry, k):
+            last, power, totals = carry
+            now, (x, _, phase) = extend(last, k)
+            power = power * step
+            displacement, v, waves = totals
+            totals = (
+                [d + power * step * row for d, row in zip(displacement, x, strict=True)],
+                [d + (k + 2) * power * row for d, row in zip(v, x, strict=True)],
+                [d + power * row for d, row in zip(waves, phase, strict=True)],
+            )
+            return (now, power, totals), None
+
+        _, v, phase = start
+        first = (start, jnp.ones_like(step), ([step * row for row in v], v, phase))
+        (_, _, (displacement, v, phase)), _ = jax.lax.scan(add, first, _orders(order, state), unroll=5)
+        n = len(state.x)
+        return _vector(displacement, n), _vector(v, n), jnp.stack(phase).reshape(state.phase.shape)
 
 
 class TaylorExpansion(Expansion):
-    """Taylor coefficients of displacement, force and phase."""
+    """Taylor coefficients of position, force and phase."""
 
     now: Derivatives
     limit: Scalar
-    always: Bool[Array, ""]
-    x: tuple[Float[Array, "n ..."], ...]
-    forces: tuple[Float[Array, "n ..."], ...]
-    phase: tuple[Float[Array, "2 harmonics ..."], ...]
+    x: Float[Array, "order n ..."]
+    forces: Float[Array, "order n ..."]
+    phase: Float[Array, "order 2 harmonics ..."]
 
-    def rest(self, limit: Scalar) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+    def rest(self, machine: Machine, limit: Scalar) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Bound |x''''| / 24 and |force'''| / 6 on [0, limit]: sums of absolute coefficients."""
-        x_rest = _horner([jnp.abs(c) for c in self.x[4:]], limit)
-        return x_rest, _horner([jnp.abs(c) for c in self.forces[3:]], limit)
+        del machine
+        return horner(jnp.abs(self.x[4:]), limit), horner(jnp.abs(self.forces[3:]), limit)
 
     def move(
-        self, step: Scalar
+        self, machine: Machine, state: State, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Sum the series at `step`."""
-        return compute_once(self.always, _sum_series, self.x, self.phase, step)
+        del machine, state
+        return sum_series(self.x, self.phase, step)
 
 
-def _sum_series(x: tuple[Array, ...], phase: tuple[Array, ...], step: Scalar) -> tuple[Array, ...]:
-    velocity = [k * c for k, c in enumerate(x)][1:]
-    return step * _horner(x[1:], step), _horner(velocity, step), _horner(phase, step)
+def taylor_series(
+    machine: Machine, state: State, is_held: Bool[Array, "n ..."], order: int, *, unroll: bool = False
+) -> tuple[Float[Array, "order n ..."], Float[Array, "order n ..."], Float[Array, "order 2 harmonics ..."]]:
+    """Taylor coefficients of positions, up to `order` - 1, of forces, and of the phase of the forcing."""
+    extend, start = _recurrence(machine, is_held), _rows_of_state(state)
+    _, coefficients = jax.lax.scan(extend, start, _orders(order, state), unroll=unroll)
+    x, force = (_vector(rows, len(state.x), axis=1) for rows in coefficients[:2])
+    phase = jnp.stack(coefficients[2], axis=1).reshape(len(x), *state.phase.shape)
+    x = jnp.concatenate([jnp.stack([state.x, state.v]), x])
+    return x, force, jnp.concatenate([state.phase[None], phase])
 
 
-def _horner(coefficients, u: Scalar) -> Array:
+def _orders(order: int, state: State) -> Float[Array, " orders"]:
+    return jnp.arange(order - 2, dtype=state.x.dtype)
+
+
+def _rows_of_state(state: State) -> tuple[list[Array], list[Array], list[Array]]:
+    _, waves = state.phase.shape[:2]
+    return _rows(state.x), _rows(state.v), [state.phase[i, h] for i in range(2) for h in range(waves)]
+
+
+def _recurrence(machine: Machine, is_held: Bool[Array, "n ..."]) -> Callable:
+    """From coefficients k and k + 1 of x and k of the phase to the next ones, and coefficient k of the force.
+
+    Short vectors are lists of their rows: each is then computed in one sweep over the lanes, wherever
+    `vmap` has put those.
+    """
+    n = is_held.shape[0]
+    response, mean = _rows(jnp.where(is_held, 0, machine.inverse_mass)), _rows(machine.mean)
+    waves = [_rows(row) for load in (machine.cosine, machine.sine) for row in load]
+    speeds = [machine.frequency * (h + 1) for h in range(len(machine.cosine))]
+
+    def product(matrix: Float[Array, "n n ..."], x: list[Array]) -> list[Array]:
+        if n > _SHORT:
+            return [matvec(matrix, x[0])]
+        return [_sum([matrix[i, j] * x[j] for j in range(n)]) for i in range(n)]
+
+    def extend(last, k):
+        x, x_next, phase = last
+        spring, drag = product(machine.stiffness, x), product(machine.damping, x_next)
+        force, x_new = [], []
+        for i in range(len(x)):
+            load = _sum([wave[i] * p for wave, p in zip(waves, phase, strict=True)])
+            force.append(load + jnp.where(k == 0, mean[i], 0) - (k + 1) * drag[i] - spring[i])
+            x_new.append(response[i] * force[i] / ((k + 1) * (k + 2)))
+        cos, sin = phase[: len(speeds)], phase[len(speeds) :]
+        phase_new = [-w * s / (k + 1) for w, s in zip(speeds, sin, strict=True)]
+        phase_new += [w * c / (k + 1) for w, c in zip(speeds, cos, strict=True)]
+        return (x_next, x_new, phase_new), (x_new, force, phase_new)
+
+    return extend
+
+
+def _sum(terms: list[Array]) -> Array:
+    return sum(terms[1:], terms[0])
+
+
+def _rows(vector: Float[Array, "n ..."]) -> list[Array]:
+    return list(vector) if len(vector) <= _SHORT else [vector]
+
+
+def _vector(rows: list[Array], n: int, axis: int = 0) -> Array:
+    return jnp.stack(rows, axis) if n <= _SHORT else rows[0]
+
+
+def sum_series(
+    x: Float[Array, "order n ..."], phase: Float[Array, "order 2 harmonics ..."], step: Scalar
+) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+    """Displacement, velocity and phase at `step`."""
+    return step * horner(x[1:], step), horner(derivative(x), step), horner(phase, step)
+
+
+def derivative(coefficients: Float[Array, "order ..."] | list[Array]) -> list[Array]:
+    """Coefficients of the derivative of a polynomial."""
+    return [k * coefficients[k] for k in range(1, len(coefficients))]
+
+
+def horner(coefficients: Float[Array, "order ..."] | list[Array], u: Scalar) -> Array:
+    """The polynomial at u."""
     total = coefficients[-1]
-    for c in coefficients[-2::-1]:
-        total = total * u + c
+    for k in range(len(coefficients) - 2, -1, -1):
+        total = total * u + coefficients[k]
     return total

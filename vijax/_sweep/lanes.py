@@ -110,6 +110,7 @@ def run_lanes(
     lanes = x0.shape[1]
     period = 2 * jnp.pi / system.forcing.frequency
     machine = prepare(system, period, always, can_stick=can_stick)
+    flow = flow.prepare(machine)
     num_periods = transient + record
     start = jnp.zeros((machine.cosine.shape[0], lanes), x0.dtype)
     phase0 = jnp.stack([start + 1, start])

@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._types import Numbers, as_float, concrete
@@ -72,7 +73,7 @@ class Harmonic(eqx.Module):
             raise ValueError(f"Argument `frequency` must be finite and not negative, but is {frequency}.")
         for name in ("amplitude", "phase", "mean"):
             value = concrete(getattr(self, name))
-            if value is not None and not jnp.isfinite(value).all():
+            if value is not None and not np.isfinite(value).all():
                 raise ValueError(f"Argument `{name}` must be finite, but is {value}.")
 
     @property

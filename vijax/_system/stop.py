@@ -3,7 +3,7 @@
 from typing import Literal
 
 import equinox as eqx
-import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._types import as_float, concrete
@@ -65,7 +65,7 @@ class Stop(eqx.Module):
             if value.ndim != 0:
                 raise ValueError(f"Argument `{name}` must be a number, but has shape {value.shape}.")
         position, restitution = concrete(self.position), concrete(self.restitution)
-        if position is not None and not jnp.isfinite(position):
+        if position is not None and not np.isfinite(position):
             raise ValueError(f"Argument `position` must be finite, but is {position}.")
         if restitution is not None and not 0 <= restitution <= 1:
             raise ValueError(

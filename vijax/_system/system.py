@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._types import Numbers, as_float, concrete
+from .._types import Numbers, as_float, at_once, concrete
 from .forcing import Harmonic
 from .stop import Stop
 
@@ -182,6 +182,7 @@ def chain(
     return ImpactSystem(mass, _chain_matrix(damping), _chain_matrix(stiffness), forcing, stops)
 
 
+@at_once
 def _chain_matrix(links: Float[Array, " n"]) -> Float[Array, "n n"]:
     """The matrix of n links in a row, [E] of Eq. 5 for equal links."""
     after = jnp.concatenate([links[1:], jnp.zeros(1, links.dtype)])

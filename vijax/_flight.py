@@ -1,0 +1,241 @@
+"""The smooth part of a step: as far as is proved free of events, or exactly to the next one.
+
+    expand the motion -> safe step for every stop -> move -> land on the event, if one is near
+
+Derivatives: the length of a flight is a constant, except where it ends on something that moves with
+the parameters, the target time or an event. Of an event it moves by -(value) / (slope), dots over
+both, of the gap or contact force whose zero the event is. That is the rule of differentiation of `fly`;
+it is made of differentiable functions, so second derivatives follow from it.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ._machine import Machine, State
+from ._motion.bounds import Bound, deflated, either, safe_step, short
+from ._motion.flow import AbstractFlow, Expansion
+from ._motion.taylor import derivative, horner, sum_series, taylor_series
+from ._types import Flag, Scalar
+from ._xla import compute_once
+
+# An event this near, times the rate of the motion, is reached by the first terms of the Taylor
+# series: what they leave of the velocity, 1e-3^5 / 5!, is below rounding.
+_NEAR = {"float64": (1e-3, 6), "float32": (1e-2, 5)}
+
+
+class Flight(eqx.Module):
+    """What a flight comes to.
+
+    Attributes:
+        end: the state at its end, before anything happens there.
+        duration: how long it lasted.
+        is_event: stops that have an event there, (stops,).
+        is_last: whether it ended at the target, or would have but for an event.
+    """
+
+    end: State
+    duration: Scalar
+    is_event: Bool[Array, "stops ..."]
+    is_last: Flag
+
+
+@eqx.filter_custom_jvp
+def fly(flow: AbstractFlow, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
+    """Fly towards a time that lies `remaining` ahead, up to the first event if one comes before.
+
+    Args:
+        flow: the motion.
+        machine: the numbers of the machine.
+        state: where the trajectory is.
+        remaining: time to the target.
+        resolution: times closer than this are one instant.
+    """
+    is_held = machine.held_masses(state.held)
+    ahead = remaining + resolution
+    motion = compute_once(machine.always, flow.expand, machine, state, is_held)
+    step, is_root = compute_once(machine.always, _safe_step, machine, state, motion, ahead)
+    is_last = step >= remaining
+    step = jnp.where(is_last, remaining, step)
+    moved = compute_once(machine.always, _move, machine, state, motion, step)
+    series = compute_once(machine.always, _near_future, machine, moved, is_held)
+    delay, is_event = compute_once(
+        machine.always, _nearest_event, machine, moved, series, is_root, ahead - step
+    )
+    landed = compute_once(machine.always, _land, machine, moved, series, delay)
+    return Flight(landed, step + delay, is_event, is_last)
+
+
+@fly.def_jvp
+def _fly_jvp(primals, tangents):
+    _, machine, state, remaining, _ = primals
+    flight = fly(*primals)
+    end, is_held = flight.end, machine.held_masses(state.held)
+
+    def after_the_same_time(flow: AbstractFlow, machine: Machine, state: State):
+        displacement, v, phase = flow.propagate(machine, state, is_held, flight.duration)
+        x, gap = state.x + displacement, state.gap - machine.at_stops(displacement)
+        force = machine.at_stops(machine.force(phase, x, v))
+        return x, v, phase, gap, jnp.where(state.held, force, gap)
+
+    _, (x, v, phase, gap, value) = eqx.filter_jvp(after_the_same_time, primals[:3], tangents[:3])
+    a = jnp.where(is_held, 0, machine.inverse_mass * machine.force(end.phase, end.x, end.v))
+    slope = -machine.at_stops(end.v)
+    if machine.can_stick:
+        force_rate = machine.at_stops(machine.force_rate(end.phase, end.v, a))
+        slope = jnp.where(state.held, force_rate, slope)
+    is_crossing = flight.is_event & (slope < 0)
+    delays = -_plus(value, jnp.zeros_like(slope)) / jnp.where(is_crossing, slope, -1)
+    later = jnp.where(flight.is_last, _plus(tangents[3], jnp.zeros_like(remaining)), 0)
+    for j in range(len(machine.masses)):
+        later = jnp.where(is_crossing[j], delays[j], later)
+    moved = (
+        _plus(tangents[2].time, later),
+        tangents[2].time_low,
+        _plus(phase, machine.phase_rate(end.phase) * later),
+        _plus(x, end.v * later),
+        _plus(v, a * later),
+        _plus(gap, -machine.at_stops(end.v) * later),
+        later,
+    )
+    where = lambda f: (  # noqa: E731
+        *(getattr(f.end, name) for name in ("time", "time_low", "phase", "x", "v", "gap")),
+        f.duration,
+    )
+    nothing = jax.tree.map(lambda _: None, flight)
+    return flight, eqx.tree_at(where, nothing, moved, is_leaf=lambda leaf: leaf is None)
+
+
+def _plus(tangent: Array | None, other: Array) -> Array:
+    """A sum in which None stands for a tangent that is zero."""
+    return other if tangent is None else tangent + other
+
+
+def _safe_step(
+    machine: Machine, state: State, motion: Expansion, limit: Scalar
+) -> tuple[Scalar, Bool[Array, "stops ..."]]:
+    """The longest step that is proved free of events, and for every stop if it surely ends on one."""
+    limit = jnp.minimum(limit, motion.limit)
+    if not machine.masses:
+        return limit, state.held
+    bound = compute_once(machine.always, _bound, machine, state, motion, limit)
+    steps, is_root = safe_step(bound, limit)
+    nearly = short(state.x.dtype) / machine.rate
+    is_root = is_root & (steps <= nearly)
+    # Where a leading coefficient is lost in rounding the bound allows no step; the motion does.
+    steps = jnp.where(is_root, steps, jnp.maximum(steps, jnp.minimum(nearly, limit)))
+    step = jnp.minimum(limit, jnp.min(steps, axis=0))
+    return step, is_root & (steps <= step + _one_instant(machine))
+
+
+def _one_instant(machine: Machine) -> Scalar:
+    """Events closer than this are simultaneous."""
+    return 8 * jnp.finfo(machine.rate.dtype).eps / machine.rate
+
+
+def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
+    """Bound the gap of every free stop and the contact force of every held one from below."""
+    now = motion.now
+    x_rest, force_rest = motion.rest(machine, limit)
+    a, jerk = machine.at_stops(now.acceleration), machine.at_stops(now.jerk)
+    gap = (state.gap, -machine.at_stops(state.v), -a / 2, -jerk / 6)
+    bound = deflated(gap, machine.of_stops(x_rest), state.contact, limit)
+    if not machine.can_stick:
+        return bound
+    contact_force = Bound(
+        jnp.maximum(machine.at_stops(now.force), 0),
+        machine.at_stops(now.force_rate),
+        machine.at_stops(now.force_curvature) / 2,
+        machine.of_stops(force_rest),
+    )
+    return either(state.held, contact_force, bound)
+
+
+def _move(machine: Machine, state: State, motion: Expansion, step: Scalar) -> State:
+    """Follow the smooth motion for `step`."""
+    displacement, v, phase = motion.move(machine, state, step)
+    moved = _displaced(machine, state, displacement, v, phase, step)
+    return eqx.tree_at(lambda s: s.contact, moved, jnp.where(step > 0, jnp.int8(0), state.contact))
+
+
+def _near_future(machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> tuple[Array, ...]:
+    return taylor_series(machine, state, is_held, _NEAR[str(state.x.dtype)][1], unroll=True)
+
+
+def _nearest_event(
+    machine: Machine,
+    state: State,
+    series: tuple[Array, ...],
+    is_root: Bool[Array, "stops ..."],
+    ahead: Scalar,
+) -> tuple[Scalar, Bool[Array, "stops ..."]]:
+    """How far ahead the next event is, if it is near, and of which stops; else 0 and none.
+
+    A step that ends on a root of its bound falls short of the event by little, and from there the Taylor
+    polynomial of the gap or contact force has its root to rounding. So has every other stop whose
+    event may be as near.
+
+    Args:
+        machine: the numbers of the machine.
+        state: at the end of the step.
+        series: Taylor coefficients of position, force and phase there.
+        is_root: stops on whose event the step ended, to rounding.
+        ahead: how far ahead an event may be.
+    """
+    x, force, _ = series
+    h = [state.gap, *(-machine.at_stops(x[k]) for k in range(1, len(x)))]
+    if machine.can_stick:
+        contact_force = [machine.at_stops(force[k]) for k in range(len(force))]
+        h = [jnp.where(state.held, f, g) for f, g in zip(contact_force, h, strict=False)]
+    value, slope, curve, bend = h[:4]
+    square = slope * slope - 4 * curve * value
+    is_simple = (slope < 0) & (4 * square > slope * slope)
+    root = jnp.sqrt(jnp.where(is_simple, square, 1))
+    delay = 2 * value / (root - jnp.where(is_simple, slope, 0))
+    is_simple = is_simple & (jnp.abs(bend) * delay * delay <= 1e-3 * root)
+    for _ in range(2):
+        rate = jnp.where(is_simple, horner(derivative(h), delay), -1)
+        delay = delay - horner(h, delay) / rate
+    near = _NEAR[str(state.x.dtype)][0] / machine.rate
+    is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
+    delays = jnp.where(is_near, delay, jnp.where(is_root, 0, jnp.inf))
+    delay = jnp.min(delays, axis=0, initial=jnp.inf)
+    is_event = (delays <= delay + _one_instant(machine)) & (delays < jnp.inf)
+    return jnp.where(delay < jnp.inf, delay, 0), is_event
+
+
+def _land(machine: Machine, state: State, series: tuple[Array, ...], delay: Scalar) -> State:
+    """Go on by `delay`, which is short."""
+    displacement, v, phase = sum_series(series[0], series[2], delay)
+    return _displaced(machine, state, displacement, v, phase, delay)
+
+
+def _displaced(
+    machine: Machine,
+    state: State,
+    displacement: Float[Array, "n ..."],
+    v: Float[Array, "n ..."],
+    phase: Float[Array, "2 harmonics ..."],
+    step: Scalar,
+) -> State:
+    time, low = _two_sum(state.time, step)
+    return eqx.tree_at(
+        lambda s: (s.time, s.time_low, s.phase, s.x, s.v, s.gap),
+        state,
+        (
+            time,
+            state.time_low + low,
+            phase,
+            state.x + displacement,
+            v,
+            state.gap - machine.at_stops(displacement),
+        ),
+    )
+
+
+def _two_sum(a: Scalar, b: Scalar) -> tuple[Scalar, Scalar]:
+    """The rounded sum and its rounding error (Knuth)."""
+    total = a + b
+    part = total - a
+    return total, (a - (total - part)) + (b - part)
