@@ -96,6 +96,7 @@ class Case(NamedTuple):
     end: float
     grazed: int
     velocity: np.ndarray
+    curvature: float
 
 
 @cache
@@ -126,7 +127,7 @@ def case(name: str) -> Case:
             velocity.append(float(motion.derivative(mass, hit, 1)))
         # Half a swing of the gap later nothing else can have been reached.
         end = float(time + mp.mpf("0.3") * min(1, 1 / machine.frequency))
-    return Case(machine, np.array(positions), end, grazed, np.array(velocity))
+    return Case(machine, np.array(positions), end, grazed, np.array(velocity), float(curvature))
 
 
 def simulate(machine: Machine, positions, end) -> vx.Solution:
@@ -144,10 +145,9 @@ def check(case: Case, count, stop, velocity):
     np.testing.assert_array_equal(count, CLEARANCES < 0)
     is_hit = CLEARANCES < 0
     np.testing.assert_array_equal(stop[is_hit, 0], case.grazed)
-    # Half the square of the velocity is the depth times the curvature: known as well as the gap is.
-    np.testing.assert_allclose(
-        velocity[is_hit, 0] ** 2 / 2, case.velocity[is_hit] ** 2 / 2, rtol=1e-9, atol=GAP_ROUNDING
-    )
+    # Half the square of the velocity over the curvature is the depth: known as well as the gap is.
+    depth, exact = (v**2 / (2 * case.curvature) for v in (velocity[is_hit, 0], case.velocity[is_hit]))
+    np.testing.assert_allclose(depth, exact, rtol=1e-9, atol=GAP_ROUNDING)
 
 
 simulate_all = jax.jit(jax.vmap(simulate, in_axes=(None, 0, None)))

@@ -8,6 +8,8 @@ both, of the gap or contact force whose zero the event is. That is the rule of d
 it is made of differentiable functions, so second derivatives follow from it.
 """
 
+from itertools import zip_longest
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -21,8 +23,10 @@ from ._types import Flag, Scalar
 from ._xla import compute_once
 
 # An event this near, times the rate of the motion, is reached by the first terms of the Taylor
-# series: what they leave of the velocity, 1e-3^5 / 5!, is below rounding.
-_NEAR = {"float64": (1e-3, 6), "float32": (1e-2, 5)}
+# series: what five terms leave of the velocity, 1e-3^5 / 5!, is below rounding. Two terms fewer are known of
+# a contact force, so its zero has to be nearer.
+_TERMS = 5
+_NEAR_GAP, _NEAR_FORCE = {"float64": 1e-3, "float32": 1e-2}, {"float64": 1e-4, "float32": 1e-3}
 
 
 class Flight(eqx.Module):
@@ -160,7 +164,7 @@ def _move(machine: Machine, state: State, motion: Expansion, step: Scalar) -> St
 
 
 def _near_future(machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> tuple[Array, ...]:
-    return taylor_series(machine, state, is_held, _NEAR[str(state.x.dtype)][1], unroll=True)
+    return taylor_series(machine, state, is_held, _TERMS, unroll=True)
 
 
 def _nearest_event(
@@ -187,7 +191,8 @@ def _nearest_event(
     h = [state.gap, *(-machine.at_stops(x[k]) for k in range(1, len(x)))]
     if machine.can_stick:
         contact_force = [machine.at_stops(force[k]) for k in range(len(force))]
-        h = [jnp.where(state.held, f, g) for f, g in zip(contact_force, h, strict=False)]
+        pairs = zip_longest(contact_force, h, fillvalue=0.0)
+        h = [jnp.where(state.held, f, g) for f, g in pairs]
     value, slope, curve, bend = h[:4]
     square = slope * slope - 4 * curve * value
     is_simple = (slope < 0) & (4 * square > slope * slope)
@@ -197,7 +202,8 @@ def _nearest_event(
     for _ in range(2):
         rate = jnp.where(is_simple, horner(derivative(h), delay), -1)
         delay = delay - horner(h, delay) / rate
-    near = _NEAR[str(state.x.dtype)][0] / machine.rate
+    dtype = str(state.x.dtype)
+    near = jnp.where(state.held, _NEAR_FORCE[dtype], _NEAR_GAP[dtype]) / machine.rate
     is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
     delays = jnp.where(is_near, delay, jnp.where(is_root, 0, jnp.inf))
     delay = jnp.min(delays, axis=0, initial=jnp.inf)

@@ -74,9 +74,9 @@ class TaylorExpansion(Expansion):
 
     now: Derivatives
     limit: Scalar
-    x: Float[Array, "order n ..."]
-    forces: Float[Array, "order n ..."]
-    phase: Float[Array, "order 2 harmonics ..."]
+    x: Float[Array, "_ n ..."]
+    forces: Float[Array, "_ n ..."]
+    phase: Float[Array, "_ 2 harmonics ..."]
 
     def rest(self, machine: Machine, limit: Scalar) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Bound |x''''| / 24 and |force'''| / 6 on [0, limit]: sums of absolute coefficients."""
@@ -93,8 +93,8 @@ class TaylorExpansion(Expansion):
 
 def taylor_series(
     machine: Machine, state: State, is_held: Bool[Array, "n ..."], order: int, *, unroll: bool = False
-) -> tuple[Float[Array, "order n ..."], Float[Array, "order n ..."], Float[Array, "order 2 harmonics ..."]]:
-    """Taylor coefficients of positions, up to `order` - 1, of forces, and of the phase of the forcing."""
+) -> tuple[Float[Array, "_ n ..."], Float[Array, "_ n ..."], Float[Array, "_ 2 harmonics ..."]]:
+    """Taylor coefficients of positions, up to `order`, of forces, and of the phase of the forcing."""
     extend, start = _recurrence(machine, is_held), _rows_of_state(state)
     _, coefficients = jax.lax.scan(extend, start, _orders(order, state), unroll=unroll)
     x, force = (_vector(rows, len(state.x), axis=1) for rows in coefficients[:2])
@@ -104,7 +104,7 @@ def taylor_series(
 
 
 def _orders(order: int, state: State) -> Float[Array, " orders"]:
-    return jnp.arange(order - 2, dtype=state.x.dtype)
+    return jnp.arange(order - 1, dtype=state.x.dtype)
 
 
 def _rows_of_state(state: State) -> tuple[list[Array], list[Array], list[Array]]:
@@ -157,18 +157,18 @@ def _vector(rows: list[Array], n: int, axis: int = 0) -> Array:
 
 
 def sum_series(
-    x: Float[Array, "order n ..."], phase: Float[Array, "order 2 harmonics ..."], step: Scalar
+    x: Float[Array, "_ n ..."], phase: Float[Array, "_ 2 harmonics ..."], step: Scalar
 ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
     """Displacement, velocity and phase at `step`."""
     return step * horner(x[1:], step), horner(derivative(x), step), horner(phase, step)
 
 
-def derivative(coefficients: Float[Array, "order ..."] | list[Array]) -> list[Array]:
+def derivative(coefficients: Float[Array, "_ ..."] | list[Array]) -> list[Array]:
     """Coefficients of the derivative of a polynomial."""
     return [k * coefficients[k] for k in range(1, len(coefficients))]
 
 
-def horner(coefficients: Float[Array, "order ..."] | list[Array], u: Scalar) -> Array:
+def horner(coefficients: Float[Array, "_ ..."] | list[Array], u: Scalar) -> Array:
     """The polynomial at u."""
     total = coefficients[-1]
     for k in range(len(coefficients) - 2, -1, -1):
