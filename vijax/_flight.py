@@ -64,9 +64,10 @@ def fly(flow: AbstractFlow, machine: Machine, state: State, remaining: Scalar, r
     step = jnp.where(is_last, remaining, step)
     moved = compute_once(machine.always, _move, machine, state, motion, step)
     series = compute_once(machine.always, _near_future, machine, moved, is_held)
-    delay, is_event = compute_once(
-        machine.always, _nearest_event, machine, moved, series, is_root, ahead - step
-    )
+    delays = compute_once(machine.always, _delays, machine, moved, series, is_root, ahead - step)
+    delay = jnp.min(delays, axis=0, initial=jnp.inf)
+    is_event = (delays <= delay + _one_instant(machine)) & (delays < jnp.inf)
+    delay = jnp.where(delay < jnp.inf, delay, 0)
     landed = compute_once(machine.always, _land, machine, moved, series, delay)
     return Flight(landed, step + delay, is_event, is_last)
 
@@ -167,14 +168,14 @@ def _near_future(machine: Machine, state: State, is_held: Bool[Array, "n ..."]) 
     return taylor_series(machine, state, is_held, _TERMS, unroll=True)
 
 
-def _nearest_event(
+def _delays(
     machine: Machine,
     state: State,
     series: tuple[Array, ...],
     is_root: Bool[Array, "stops ..."],
     ahead: Scalar,
-) -> tuple[Scalar, Bool[Array, "stops ..."]]:
-    """How far ahead the next event is, if it is near, and of which stops; else 0 and none.
+) -> Float[Array, "stops ..."]:
+    """How far ahead the next event of every stop is, if it is near; else infinite.
 
     A step that ends on a root of its bound falls short of the event by little, and from there the Taylor
     polynomial of the gap or contact force has its root to rounding. So has every other stop whose
@@ -205,10 +206,7 @@ def _nearest_event(
     dtype = str(state.x.dtype)
     near = jnp.where(state.held, _NEAR_FORCE[dtype], _NEAR_GAP[dtype]) / machine.rate
     is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
-    delays = jnp.where(is_near, delay, jnp.where(is_root, 0, jnp.inf))
-    delay = jnp.min(delays, axis=0, initial=jnp.inf)
-    is_event = (delays <= delay + _one_instant(machine)) & (delays < jnp.inf)
-    return jnp.where(delay < jnp.inf, delay, 0), is_event
+    return jnp.where(is_near, delay, jnp.where(is_root, 0, jnp.inf))
 
 
 def _land(machine: Machine, state: State, series: tuple[Array, ...], delay: Scalar) -> State:

@@ -1,11 +1,8 @@
 """Sweeps: a machine over a grid of parameter values, as a labelled dataset."""
 
-import os
-from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Callable, Mapping
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from tqdm.auto import tqdm
@@ -13,15 +10,12 @@ from tqdm.auto import tqdm
 from .._motion.choose import choose_flow
 from .._motion.flow import AbstractFlow
 from .._simulate import can_any_stick
-from .._solution import RESULTS
 from .._system.system import ImpactSystem
 from .._types import Numbers, as_float
-from .lanes import run_lanes
+from .carry import run_chain
+from .dataset import dataset
 from .paths import Point, points_of_lanes
-
-# Neighbouring lanes do similar work, so a chunk wastes little on its slowest; fewer lanes than this
-# leave the processor waiting for the overhead of the compiled loop.
-_CHUNK = 128
+from .queues import Counts, Found, run_points
 
 
 def sweep(
@@ -30,6 +24,8 @@ def sweep(
     *,
     transient: int = 100,
     record: int = 20,
+    carry: str | None = None,
+    carry_from: xr.Dataset | None = None,
     x0: Numbers | None = None,
     v0: Numbers | None = None,
     flow: AbstractFlow | None = None,
@@ -50,6 +46,12 @@ def sweep(
             (points, n, n). Several quantities make a product grid, a dimension each.
         transient: forcing periods before recording.
         record: forcing periods that are recorded.
+        carry: None runs every point from the same start. "up" lets every point start where the one
+            before it along the first dimension ended, in the order given, "down" in the reverse order,
+            and "both" up and then down again, with a dimension `direction` in front. The others of
+            several dimensions are independent.
+        carry_from: an earlier sweep to go on from, of the same grid: point by point from its end
+            states, or with `carry` from the last point that it visited.
         x0: positions at the start of every point, (n,); zero if left out.
         v0: velocities, likewise.
         flow: the motion between events; exact for linear machines if left out.
@@ -79,11 +81,40 @@ def sweep(
         Wagg & Bishop (2004), Secs. 4.4-4.5.
     """
     _check_counts(transient=transient, record=record, max_impacts=max_impacts)
+    if carry not in (None, "up", "down", "both"):
+        raise ValueError(f'Argument `carry` must be None, "up", "down" or "both", but is {carry!r}.')
     axes = {path: np.asarray(as_float(v)) for path, v in values.items()}
     for path, axis in axes.items():
         if axis.ndim == 0 or len(axis) == 0:
             raise ValueError(f"The values of `{path}` must have shape (points, ...), but have {axis.shape}.")
-    grid = np.indices([len(axis) for axis in axes.values()]).reshape(len(axes), -1)
+    if carry is not None and not axes:
+        raise ValueError("Argument `carry` needs a swept quantity to go along.")
+    points = _points(system, axes, x0, v0, twice=carry == "both")
+    shape = ((2,) if carry == "both" else ()) + tuple(len(axis) for axis in axes.values())
+    chain = _chain(shape, carry)
+    if carry_from is not None:
+        points = _start_from(points, carry_from, chain, shape, carry)
+    can_stick = carry is not None or can_any_stick(points.system, points.x0, points.v0)
+    if max_steps is None:
+        max_steps = 100_000 + 10_000 * (transient + record)
+    counts = Counts(transient, record, max_impacts, max_steps, can_stick)
+
+    def run(points: Point, tell: Callable[[int], object] = lambda _: None) -> Found:
+        motion = choose_flow(points.system, can_stick=can_stick) if flow is None else flow
+        return run_points(points, motion, counts, tell, of=num_points)
+
+    num_points = points.x0.shape[-1]
+    with tqdm(total=num_points, unit="point", disable=not progress) as bar:
+        found = run(points, bar.update) if chain is None else run_chain(points, chain, run, bar.update)
+    ds = dataset(points, axes, shape, counts, found)
+    ds.attrs["carry"] = carry or "none"
+    return ds
+
+
+def _points(
+    system: ImpactSystem, axes: dict[str, np.ndarray], x0: Numbers | None, v0: Numbers | None, *, twice: bool
+) -> Point:
+    """The machines and starts of a product grid, of two after one another if `twice`."""
     n = system.num_masses
     base = Point(system, *(np.zeros(n) if a is None else np.asarray(as_float(a)) for a in (x0, v0)))
     for name in ("x0", "v0"):
@@ -92,124 +123,49 @@ def sweep(
                 f"Argument `{name}` must have shape ({n},), but has {getattr(base, name).shape}."
             )
     dtype = base.system.mass.dtype
+    grid = np.indices([len(axis) for axis in axes.values()]).reshape(len(axes), -1)
+    grid = np.tile(grid, 2 if twice else 1)
     swept = {path: axis[i].astype(dtype) for (path, axis), i in zip(axes.items(), grid, strict=True)}
-    points = jax.tree.map(lambda a: a.astype(dtype), points_of_lanes(base, swept))
-    can_stick = can_any_stick(points.system, points.x0, points.v0)
-    if flow is None:
-        flow = choose_flow(points.system, can_stick=can_stick)
-    run = _runner(transient, record, max_impacts, max_steps, can_stick=can_stick)
-    lanes = _run_all(run, points, flow, grid.shape[1], progress)
-    return _dataset(system, axes, lanes)
+    points = jax.tree.map(lambda a: np.asarray(a, dtype), points_of_lanes(base, swept))
+    full = lambda a: np.array(np.broadcast_to(a, (n, grid.shape[1])))  # noqa: E731
+    return Point(points.system, full(points.x0), full(points.v0))
+
+
+def _chain(shape: tuple[int, ...], carry: str | None) -> np.ndarray | None:
+    """The points in the order in which they are visited, (visits, chains)."""
+    if carry is None:
+        return None
+    numbers = np.arange(np.prod(shape))
+    if carry == "both":
+        up, down = numbers.reshape(2, shape[1], -1)
+        return np.concatenate([up, down[::-1]])
+    rows = numbers.reshape(shape[0], -1)
+    return rows if carry == "up" else rows[::-1]
+
+
+def _start_from(
+    points: Point, before: xr.Dataset, chain: np.ndarray | None, shape: tuple[int, ...], carry: str | None
+) -> Point:
+    """Start where an earlier sweep ended: point by point, or a chain where the chain before it ended."""
+    n = len(points.x0)
+    x, v = (before[name].transpose("mass", ...).values for name in ("x", "v"))
+    if "direction" in before.dims:
+        x, v = x[:, 1], v[:, 1]
+    others = shape[2:] if carry == "both" else shape[1:] if carry else shape
+    if carry is not None:
+        last = 0 if before.attrs.get("carry") in ("down", "both") else -1
+        x, v = x[:, last], v[:, last]
+    if x.shape != (n, *others):
+        raise ValueError(
+            f"The end states of `carry_from` have shape {x.shape[1:]} where {others} is needed: sweep the same grid."
+        )
+    x0, v0 = points.x0.copy(), points.v0.copy()
+    which = np.arange(x0.shape[1]) if chain is None else chain[0]
+    x0[:, which], v0[:, which] = x.reshape(n, -1), v.reshape(n, -1)
+    return Point(points.system, x0, v0)
 
 
 def _check_counts(**counts: int) -> None:
     for name, count in counts.items():
         if isinstance(count, bool) or count != int(count) or count < 0:
             raise ValueError(f"Argument `{name}` must be a whole number, 0 or more, but is {count!r}.")
-
-
-def _runner(transient: int, record: int, max_impacts: int, max_steps: int | None, *, can_stick: bool):
-    """A function from the lanes of one chunk to NumPy arrays, lanes first."""
-    if max_steps is None:
-        max_steps = 100_000 + 10_000 * (transient + record)
-    bounds = jnp.asarray(transient), jnp.asarray(record), jnp.asarray(max_steps)
-
-    def run(chunk: Point, flow: AbstractFlow) -> dict[str, np.ndarray]:
-        # Lanes stand last, and a thread has settings of its own: what has none is broadcast to them.
-        with jax.numpy_rank_promotion("allow"):
-            state, log, steps, is_finite = run_lanes(
-                flow,
-                chunk.system,
-                jnp.asarray(chunk.x0),
-                jnp.asarray(chunk.v0),
-                bounds,
-                jnp.array(True),
-                max_impacts=max_impacts,
-                can_stick=can_stick,
-            )
-        is_done = np.asarray(state.periods) >= transient + record
-        per_stop = np.asarray(log.num_impacts).T
-        full = per_stop.sum(1) > max_impacts
-        longest = min(int(per_stop.sum(1).max(initial=0)), max_impacts)
-        code = np.where(full, _code("max_impacts_reached"), _code("successful"))
-        code = np.where(is_done, code, _code("max_steps_reached"))
-        code = np.where(np.asarray(is_finite), code, _code("non_finite"))
-        return {
-            "impacts": np.asarray(log.impacts[:, :longest]),
-            "num_impacts": per_stop,
-            "num_sticks": np.asarray(log.num_sticks).T,
-            "x": np.asarray(state.x).T,
-            "v": np.asarray(state.v).T,
-            "stuck": np.asarray(state.held).T,
-            "steps": np.asarray(steps),
-            "result": code.astype(np.int8),
-        }
-
-    return run
-
-
-def _code(name: str) -> int:
-    return list(RESULTS._name_to_item).index(name)
-
-
-def _run_all(run, points: Point, flow: AbstractFlow, num_lanes: int, progress: bool) -> dict[str, np.ndarray]:
-    """Run all chunks, one thread a core: XLA lets go of Python while it works."""
-    chunks = list(_chunks(points, flow, num_lanes))
-    done: dict[int, dict[str, np.ndarray]] = {}
-    workers = ThreadPoolExecutor(
-        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    )
-    try:
-        with tqdm(total=num_lanes, unit="point", disable=not progress) as bar:
-            jobs = {
-                workers.submit(run, chunk, flow): (i, size) for i, (chunk, flow, size) in enumerate(chunks)
-            }
-            for job in as_completed(jobs):
-                i, size = jobs[job]
-                done[i] = {name: a[:size] for name, a in job.result().items()}
-                bar.update(size)
-    finally:
-        workers.shutdown(wait=True, cancel_futures=True)
-    parts = [done[i] for i in range(len(chunks))]
-    longest = max(part["impacts"].shape[1] for part in parts)
-    for part in parts:
-        room = ((0, 0), (0, longest - part["impacts"].shape[1]), (0, 0))
-        part["impacts"] = np.pad(part["impacts"], room, constant_values=np.nan)
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-
-
-def _chunks(points: Point, flow: AbstractFlow, num_lanes: int) -> Iterator[tuple[Point, AbstractFlow, int]]:
-    """Cut into chunks of one size, the last filled up with its last lane: one shape, one compilation."""
-    size = min(_CHUNK, num_lanes)
-    for first in range(0, num_lanes, size):
-        lanes = np.minimum(np.arange(first, first + size), num_lanes - 1)
-        cut = lambda a, lanes=lanes: a if a.shape[-1] == 1 else a[..., lanes]  # noqa: E731
-        chunk, motion = jax.tree.map(cut, (points, flow))
-        x0, v0 = (np.broadcast_to(a, (*a.shape[:-1], size)) for a in (chunk.x0, chunk.v0))
-        yield Point(chunk.system, np.array(x0), np.array(v0)), motion, min(size, num_lanes - first)
-
-
-def _dataset(system: ImpactSystem, axes: dict[str, np.ndarray], lanes: dict[str, np.ndarray]) -> xr.Dataset:
-    shape = tuple(len(axis) for axis in axes.values())
-    time, velocity, stop = np.moveaxis(lanes.pop("impacts"), -1, 0)
-    lanes |= {
-        "impact_time": time,
-        "impact_velocity": velocity,
-        "impact_stop": np.where(np.isnan(stop), -1, stop).astype(int),
-    }
-    last = {"num_impacts": "stop", "num_sticks": "stop", "stuck": "stop", "x": "mass", "v": "mass"}
-    last |= dict.fromkeys(("impact_time", "impact_velocity", "impact_stop"), "impact")
-    variables = {
-        name: ((*axes, last[name]) if name in last else tuple(axes), a.reshape(*shape, *a.shape[1:]))
-        for name, a in lanes.items()
-    }
-    coordinates = {path: axis if axis.ndim == 1 else np.arange(len(axis)) for path, axis in axes.items()}
-    ds = xr.Dataset(variables, coords=coordinates)
-    frequency = ds["forcing.frequency"] if "forcing.frequency" in ds else float(system.forcing.frequency)
-    ds["impact_phase"] = np.mod(frequency * ds.impact_time, 2 * np.pi).transpose(*ds.impact_time.dims)
-    names = list(RESULTS._name_to_item)
-    ds["result"].attrs = {
-        "flag_values": np.arange(len(names), dtype=np.int8),
-        "flag_meanings": " ".join(names),
-    }
-    return ds

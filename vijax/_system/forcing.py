@@ -48,8 +48,12 @@ class Harmonic(eqx.Module):
         self.amplitude = as_float(amplitude)
         self.frequency = as_float(frequency)
         n = self.amplitude.shape[-1:]
-        self.phase = jnp.zeros_like(self.amplitude) if phase is None else as_float(phase)
-        self.mean = jnp.zeros(n, self.amplitude.dtype) if mean is None else as_float(mean)
+        self.phase = (
+            as_float(np.zeros(self.amplitude.shape, self.amplitude.dtype))
+            if phase is None
+            else as_float(phase)
+        )
+        self.mean = as_float(np.zeros(n, self.amplitude.dtype)) if mean is None else as_float(mean)
 
     def __check_init__(self):
         shape = self.amplitude.shape

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._types import Numbers, as_float, at_once, concrete
+from .._types import Numbers, as_float, concrete
 from .forcing import Harmonic
 from .stop import Stop
 
@@ -182,8 +182,11 @@ def chain(
     return ImpactSystem(mass, _chain_matrix(damping), _chain_matrix(stiffness), forcing, stops)
 
 
-@at_once
 def _chain_matrix(links: Float[Array, " n"]) -> Float[Array, "n n"]:
     """The matrix of n links in a row, [E] of Eq. 5 for equal links."""
-    after = jnp.concatenate([links[1:], jnp.zeros(1, links.dtype)])
-    return jnp.diag(links + after) - jnp.diag(links[1:], 1) - jnp.diag(links[1:], -1)
+    known = concrete(links)
+    if known is None:
+        after = jnp.append(links[1:], 0)
+        return jnp.diag(links + after) - jnp.diag(links[1:], 1) - jnp.diag(links[1:], -1)
+    after = np.append(known[1:], known.dtype.type(0))
+    return as_float(np.diag(known + after) - np.diag(known[1:], 1) - np.diag(known[1:], -1))

@@ -1,0 +1,84 @@
+"""Sweeps that go on from point to point: every point starts where the one before it ended.
+
+Such a chain is sequential by nature. But a motion that settles forgets its start, so most ends can be
+had without the true start: all points are run at once from a guess, then again from the ends so found,
+until no start changes any more by more than rounding. What has been found then is what running one
+after another finds, also where attractors coexist. Where the motion is chaotic, and remembers its
+start, one more point of the chain gets its true start in every round. (To ask for the same bits
+makes every round like that: a settled motion never forgets the last ones.)
+"""
+
+from collections.abc import Callable
+
+import jax
+import numpy as np
+
+from .paths import Point
+from .queues import Found
+
+# Points of a chain past the last whose end is known that are run again in one round.
+_AHEAD = 256
+# Starts that differ by less, compared with the largest anywhere, are the same.
+_SAME = 1e-11
+
+
+def run_chain(
+    points: Point, chain: np.ndarray, run: Callable[[Point], Found], tell: Callable[[int], object]
+) -> Found:
+    """Run points along chains.
+
+    Args:
+        points: the machines and starts; `x0` and `v0` have all points as their last axis. The start of
+            the first point of a chain holds, those of the others are first guesses.
+        chain: the points in the order in which they are visited, one chain a column, (visits, chains).
+        run: runs points, all at once.
+        tell: called with the number of points whose true end was found.
+
+    Returns:
+        What came of the points, in their order.
+    """
+    given = np.concatenate([points.x0, points.v0])
+    starts = given.copy()
+    first = run(points)
+    ends, runs = first.ends, [first.impacts]
+    used, last_run = given.copy(), np.zeros(given.shape[1], int)
+    row = np.arange(len(chain))[:, None]
+    num_known = np.zeros(chain.shape[1], int)
+    while True:
+        starts[:, chain[1:]] = _next_starts(points, given, ends, chain)
+        scale = np.abs(starts).max(axis=1)[:, None, None]
+        is_same = (np.abs(used[:, chain] - starts[:, chain]) <= _SAME * scale).all(axis=0)
+        is_true = np.logical_and.accumulate(is_same, axis=0)
+        tell(int((is_true.sum(axis=0) - num_known).sum()))
+        num_known = is_true.sum(axis=0)
+        if is_true.all():
+            break
+        which = chain[~is_same & (row < num_known + _AHEAD)]
+        found = run(_restarted(points, which, starts))
+        found.impacts[:, 3] = which[found.impacts[:, 3].astype(int)]
+        used[:, which], last_run[which] = starts[:, which], len(runs)
+        runs.append(found.impacts)
+        for name, a in found.ends.items():
+            ends[name][..., which] = a
+    impacts = [rows[last_run[rows[:, 3].astype(int)] == k] for k, rows in enumerate(runs)]
+    return Found(ends, np.concatenate(impacts))
+
+
+def _next_starts(
+    points: Point, given: np.ndarray, ends: dict[str, np.ndarray], chain: np.ndarray
+) -> np.ndarray:
+    """Where the points after the first start: at the end before, pushed back by stops that moved in."""
+    before, after = chain[:-1], chain[1:]
+    x, v = ends["x"][:, before], ends["v"][:, before]
+    for stop in points.system.stops:
+        position = np.broadcast_to(stop.position, given.shape[1])[after]
+        x[stop.mass] = stop.sign * np.minimum(stop.sign * x[stop.mass], stop.sign * position)
+    carried = np.concatenate([x, v])
+    return np.where(np.isfinite(carried).all(axis=0), carried, given[:, after])
+
+
+def _restarted(points: Point, which: np.ndarray, starts: np.ndarray) -> Point:
+    """Some of the points, from new starts."""
+    system = jax.tree.map(lambda a: a if a.shape[-1] == 1 else a[..., which], points.system)
+    n = len(starts) // 2
+    return Point(system, starts[:n, which], starts[n:, which])

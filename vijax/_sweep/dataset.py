@@ -1,0 +1,76 @@
+"""What a sweep found, as a labelled dataset."""
+
+import numpy as np
+import xarray as xr
+
+from .._solution import RESULTS
+from .paths import Point
+from .queues import Counts, Found
+
+
+def dataset(
+    points: Point, axes: dict[str, np.ndarray], shape: tuple[int, ...], counts: Counts, found: Found
+) -> xr.Dataset:
+    """Label what was found.
+
+    Args:
+        points: the machines and starts.
+        axes: the values of every swept quantity.
+        shape: the points as a grid; with one more dimension than `axes` if they were visited up and down.
+        counts: what was asked of every point.
+        found: what came of them.
+    """
+    directions = {"direction": np.array(["up", "down"])} if len(shape) > len(axes) else {}
+    dims = (*directions, *axes)
+    last = {"num_impacts": "stop", "num_sticks": "stop", "stuck": "stop", "x": "mass", "v": "mass"}
+    impacts = _impact_table(points, counts, found)
+    last |= dict.fromkeys(impacts, "impact")
+    variables = {}
+    for name, a in (impacts | _end_table(counts, found)).items():
+        own = (last[name],) if name in last else ()
+        variables[name] = ((*dims, *own), a.reshape(*shape, *a.shape[1:]))
+    coordinates = {path: axis if axis.ndim == 1 else np.arange(len(axis)) for path, axis in axes.items()}
+    ds = xr.Dataset(variables, coords=directions | coordinates)
+    names = list(RESULTS._name_to_item)
+    ds["result"].attrs = {
+        "flag_values": np.arange(len(names), dtype=np.int8),
+        "flag_meanings": " ".join(names),
+    }
+    return ds
+
+
+def _impact_table(points: Point, counts: Counts, found: Found) -> dict[str, np.ndarray]:
+    """The impacts of every point in a row, padded to the longest, (points, impacts)."""
+    time, velocity = found.impacts[:, 0], found.impacts[:, 1]
+    stop, point, number = found.impacts[:, 2:].T.astype(int)
+    num_points = points.x0.shape[-1]
+    frequency = np.broadcast_to(points.system.forcing.frequency, num_points)[point]
+    longest = min(int(found.ends["num_impacts"].sum(axis=0).max(initial=0)), counts.max_impacts)
+
+    def table(column: np.ndarray, fill: float | int) -> np.ndarray:
+        rows = np.full((num_points, longest), fill, column.dtype)
+        rows[point, number] = column
+        return rows
+
+    return {
+        "impact_time": table(time, np.nan),
+        "impact_velocity": table(velocity, np.nan),
+        "impact_phase": table(np.mod(frequency * time, 2 * np.pi), np.nan),
+        "impact_stop": table(stop, -1),
+    }
+
+
+def _end_table(counts: Counts, found: Found) -> dict[str, np.ndarray]:
+    """What became of every point, points first."""
+    ends = found.ends
+    is_full = ends["num_impacts"].sum(axis=0) > counts.max_impacts
+    is_done = ends["periods"] >= counts.transient + counts.record
+    code = np.where(is_full, _code("max_impacts_reached"), _code("successful"))
+    code = np.where(is_done, code, _code("max_steps_reached"))
+    code = np.where(ends["is_finite"], code, _code("non_finite"))
+    kept = {name: ends[name].T for name in ("num_impacts", "num_sticks", "x", "v", "steps")}
+    return kept | {"stuck": ends["held"].T, "result": code.astype(np.int8)}
+
+
+def _code(name: str) -> int:
+    return list(RESULTS._name_to_item).index(name)

@@ -1,0 +1,143 @@
+"""A queue of points on every core: the host's side of a sweep."""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from threading import Event
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._motion.flow import AbstractFlow
+from .lanes import Work, new_queue, run_lanes
+from .paths import Point
+
+# Enough lanes to hide the overhead of the compiled loop, few enough to stay in the cache; enough points
+# to a queue that its end, where lanes have nothing left to do, is a small part of it.
+_LANES, _POINTS = 96, 2048
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What is asked of every point: see `sweep`."""
+
+    transient: int
+    record: int
+    max_impacts: int
+    max_steps: int
+    can_stick: bool
+
+
+@dataclass(frozen=True)
+class Found:
+    """What came of some points.
+
+    Attributes:
+        ends: `x`, `v`, `held`, `periods`, `num_impacts`, `num_sticks`, `steps` and `is_finite`, the points
+            as last axis.
+        impacts: one row an impact: time, velocity, stop, point, number.
+    """
+
+    ends: dict[str, np.ndarray]
+    impacts: np.ndarray
+
+
+def run_points(
+    points: Point,
+    flow: AbstractFlow,
+    counts: Counts,
+    tell: Callable[[int], object] = lambda _: None,
+    *,
+    of: int | None = None,
+) -> Found:
+    """Run all points, a queue on every core: XLA lets go of Python while it works.
+
+    Args:
+        points: the machines and starts; `x0` and `v0` have all points as their last axis.
+        flow: the motion between events.
+        counts: what is asked of every point.
+        tell: called with the number of points done since the last call.
+        of: the number of points of the whole sweep, if these are some of them: it decides what is compiled.
+
+    Returns:
+        What came of them, in their order.
+    """
+    num_points = points.x0.shape[-1]
+    in_all = num_points if of is None else of
+    num_lanes = _LANES if in_all > _LANES else max(8, 1 << (in_all - 1).bit_length())
+    width = _POINTS if in_all > num_lanes else num_lanes
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    num_queues = max(-(-num_points // width), min(cores, -(-num_points // num_lanes)))
+    # The longest periods have most to do: they come first, and every queue has its share of them.
+    frequency = np.broadcast_to(points.system.forcing.frequency, num_points)
+    order = np.argsort(frequency, kind="stable")
+    shares = [order[k::num_queues] for k in range(num_queues)]
+    stop, shape = Event(), (width, num_lanes)
+    # An empty queue first, or every thread would compile the same thing.
+    _run_queue(points, flow, counts, order[:0], shape, tell, stop)
+    workers = ThreadPoolExecutor(cores)
+    try:
+        jobs = [
+            workers.submit(_run_queue, points, flow, counts, share, shape, tell, stop) for share in shares
+        ]
+        _wait_for(jobs)
+    finally:
+        stop.set()
+        workers.shutdown(wait=True, cancel_futures=True)
+    parts = [job.result() for job in jobs]
+    back = np.argsort(np.concatenate(shares))
+    ends = {name: np.concatenate([part.ends[name] for part in parts], axis=-1) for name in parts[0].ends}
+    return Found(
+        {name: a[..., back] for name, a in ends.items()}, np.concatenate([part.impacts for part in parts])
+    )
+
+
+def _wait_for(jobs: list[Future]) -> None:
+    """Wait in short turns, so that an interrupt is heard, and raise the first error."""
+    waiting = set(jobs)
+    while waiting:
+        done, waiting = wait(waiting, timeout=0.5, return_when=FIRST_COMPLETED)
+        for job in done:
+            job.result()
+
+
+def _run_queue(
+    points: Point,
+    flow: AbstractFlow,
+    counts: Counts,
+    share: np.ndarray,
+    shape: tuple[int, int],
+    tell: Callable[[int], object],
+    stop: Event,
+) -> Found:
+    """Run some points, filled up to one width: one shape, one compilation."""
+    width, num_lanes = shape
+    filled = np.append(share, np.zeros(width - len(share), int))
+    cut = lambda a: jnp.asarray(a if a.shape[-1] == 1 else np.asarray(a)[..., filled])  # noqa: E731
+    # A thread has settings of its own; what all points share is broadcast to them.
+    with jax.numpy_rank_promotion("allow"):
+        system, motion = jax.tree.map(cut, (points.system, flow))
+        x0, v0 = (jnp.asarray(a[:, filled]) for a in (points.x0, points.v0))
+        periods = (counts.transient, counts.transient + counts.record)
+        work = Work(*(jnp.asarray(k) for k in (len(share), *periods, counts.max_steps, counts.max_impacts)))
+        task = (motion, system, x0, v0, work, jnp.array(True))
+        queue = new_queue(system, x0, num_lanes)
+        impacts, is_left, told = [], True, 0
+        while is_left and not stop.is_set():
+            queue, more = run_lanes(task, queue, can_stick=counts.can_stick)
+            is_left, found = bool(more), np.array(np.asarray(queue.log)[: int(queue.num_rows)])
+            found[:, 3] = share[found[:, 3].astype(int)]
+            impacts.append(found)
+            queue = eqx.tree_at(lambda q: q.num_rows, queue, jnp.zeros((), int))
+            done = int(np.sum(np.asarray(queue.ends.steps)[: len(share)] > 0))
+            tell(done - told)
+            told = done
+    ends, state = queue.ends, queue.ends.state
+    columns = {"x": state.x, "v": state.v, "held": state.held, "periods": state.periods} | {
+        name: getattr(ends, name) for name in ("num_impacts", "num_sticks", "steps", "is_finite")
+    }
+    kept = {name: np.asarray(a)[..., : len(share)] for name, a in columns.items()}
+    return Found(kept, np.concatenate(impacts))
