@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 
 import vijax as vx
+from vijax._sweep import lanes, queues
 
 FREQUENCIES = [0.5, 0.8, 1.4]
 TRANSIENT, RECORD = 4, 3
@@ -264,7 +265,7 @@ def test_the_recorded_periods_follow_the_transient():
     assert (late.impact_time <= RECORD * 2 * np.pi / 0.8).all()
 
 
-def test_points_in_different_chunks_are_what_they_are_alone():
+def test_points_that_follow_others_in_their_lane_are_what_they_are_alone():
     frequencies = np.linspace(0.7, 1.7, 131)
     chosen = [0, 60, 127, 128, 130]
     whole = sweep(SYSTEM, {"forcing.frequency": frequencies})
@@ -280,6 +281,33 @@ def test_points_in_different_chunks_are_what_they_are_alone():
         np.testing.assert_allclose(part[name][:, :room], few[name], rtol=0, atol=ROUNDING)
     for name in ("x", "v"):
         np.testing.assert_allclose(part[name], few[name], rtol=0, atol=ROUNDING)
+
+
+def test_nothing_is_lost_where_the_log_is_emptied_on_the_way(monkeypatch):
+    whole = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES})
+    monkeypatch.setattr(lanes, "_ROWS", 17)
+    # Another lane width, or what was compiled for the long log would be used again.
+    wide = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES, "x0[0]": np.zeros(3)})
+    assert int(whole.num_impacts.sum()) > 17
+    for k in range(3):
+        xr.testing.assert_allclose(wide.isel({"x0[0]": k}, drop=True), whole, rtol=0, atol=ROUNDING)
+
+
+def test_the_steps_of_a_call_bound_no_motion(monkeypatch):
+    whole = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES})
+    monkeypatch.setattr(lanes, "_STEPS_PER_CALL", 50)
+    wide = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES, "x0[0]": np.zeros(6)})
+    for k in range(6):
+        xr.testing.assert_allclose(wide.isel({"x0[0]": k}, drop=True), whole, rtol=0, atol=ROUNDING)
+
+
+def test_an_interrupt_is_heard_in_a_long_sweep(monkeypatch):
+    def interrupted(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(queues, "wait", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        vx.sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, transient=10**6, record=0, progress=False)
 
 
 def test_both_flows_give_the_same_sweep():

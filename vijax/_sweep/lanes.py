@@ -108,9 +108,8 @@ def new_queue(system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int
         return Ends(state, count, count, fill(int, size), fill(bool, size, value=True))
 
     idle = fill(int, num_lanes, value=points)
-    return Queue(
-        nothing(num_lanes), idle, nothing(points), fill(int), fill(dtype, _ROWS, _COLUMNS), fill(int)
-    )
+    rows = max(_ROWS, stops * num_lanes)  # one step at least
+    return Queue(nothing(num_lanes), idle, nothing(points), fill(int), fill(dtype, rows, _COLUMNS), fill(int))
 
 
 @eqx.filter_jit(compiler_options={"xla_cpu_prefer_vector_width": 512})  # pyright: ignore[reportCallIssue]
@@ -145,7 +144,7 @@ def run_lanes(
     stops = len(machine.masses)
 
     def is_open(queue: Queue, steps: Int[Array, ""]) -> Bool[Array, ""]:
-        return (queue.num_rows + stops * lanes <= _ROWS) & (steps < _STEPS_PER_CALL)
+        return (queue.num_rows + stops * lanes <= len(queue.log)) & (steps < _STEPS_PER_CALL)
 
     def feed(carry):
         queue, steps = carry
@@ -252,7 +251,7 @@ def _write(
         return queue.log, queue.num_rows
     number = jnp.sum(queue.lanes.num_impacts, axis=0) + jnp.cumsum(hit, axis=0) - hit
     kept = (hit & (number < work.max_impacts)).ravel()
-    row = jnp.where(kept, queue.num_rows + jnp.cumsum(kept) - 1, _ROWS)
+    row = jnp.where(kept, queue.num_rows + jnp.cumsum(kept) - 1, len(queue.log))
     signs = jnp.asarray(machine.signs, passed.dtype)[:, None]
     columns = (passed, signs * instant.velocity_minus, jnp.arange(stops)[:, None], queue.point, number)
     values = [jnp.broadcast_to(a, hit.shape).astype(passed.dtype).ravel() for a in columns]
