@@ -40,7 +40,7 @@ def run_chain(
     given = np.concatenate([points.x0, points.v0])
     starts = given.copy()
     first = run(points)
-    ends, runs = first.ends, [first.impacts]
+    ends, runs, lane_steps = first.ends, [first.impacts], first.lane_steps
     used, last_run = given.copy(), np.zeros(given.shape[1], int)
     row = np.arange(len(chain))[:, None]
     num_known = np.zeros(chain.shape[1], int)
@@ -58,10 +58,11 @@ def run_chain(
         found.impacts[:, 3] = which[found.impacts[:, 3].astype(int)]
         used[:, which], last_run[which] = starts[:, which], len(runs)
         runs.append(found.impacts)
+        lane_steps += found.lane_steps
         for name, a in found.ends.items():
             ends[name][..., which] = a
     impacts = [rows[last_run[rows[:, 3].astype(int)] == k] for k, rows in enumerate(runs)]
-    return Found(ends, np.concatenate(impacts))
+    return Found(ends, np.concatenate(impacts), lane_steps)
 
 
 def _next_starts(

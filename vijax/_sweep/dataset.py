@@ -31,6 +31,7 @@ def dataset(
         variables[name] = ((*dims, *own), a.reshape(*shape, *a.shape[1:]))
     coordinates = {path: axis if axis.ndim == 1 else np.arange(len(axis)) for path, axis in axes.items()}
     ds = xr.Dataset(variables, coords=directions | coordinates)
+    ds["steps"].attrs["lane_steps"] = found.lane_steps
     names = list(RESULTS._name_to_item)
     ds["result"].attrs = {
         "flag_values": np.arange(len(names), dtype=np.int8),

@@ -56,6 +56,7 @@ class Queue(eqx.Module):
         following: the next point that waits.
         log: impacts, one a row, (rows, 5).
         num_rows: rows written.
+        turns: turns of the loop, each a step of every lane, idle or not.
     """
 
     lanes: Ends
@@ -64,6 +65,7 @@ class Queue(eqx.Module):
     following: Int[Array, ""]
     log: Float[Array, "rows columns"]
     num_rows: Int[Array, ""]
+    turns: Int[Array, ""]
 
 
 class Work(eqx.Module):
@@ -109,7 +111,8 @@ def new_queue(system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int
 
     idle = fill(int, num_lanes, value=points)
     rows = max(_ROWS, stops * num_lanes)  # one step at least
-    return Queue(nothing(num_lanes), idle, nothing(points), fill(int), fill(dtype, rows, _COLUMNS), fill(int))
+    log = fill(dtype, rows, _COLUMNS)
+    return Queue(nothing(num_lanes), idle, nothing(points), fill(int), log, fill(int), fill(int))
 
 
 @eqx.filter_jit(compiler_options={"xla_cpu_prefer_vector_width": 512})  # pyright: ignore[reportCallIssue]
@@ -206,7 +209,7 @@ def _refill(work: Work, first: State, queue: Queue) -> Queue:
     )
     lanes = jax.tree.map(lambda new, old: jnp.where(is_new, new, old), fresh, queue.lanes)
     following = queue.following + jnp.sum(is_new)
-    return Queue(lanes, point, ends, following, queue.log, queue.num_rows)
+    return Queue(lanes, point, ends, following, queue.log, queue.num_rows, queue.turns)
 
 
 def _step(
@@ -234,7 +237,7 @@ def _step(
         steps=lanes.steps + live,
         is_finite=is_finite | ~live,
     )
-    return Queue(moved, queue.point, queue.ends, queue.following, log, num_rows)
+    return Queue(moved, queue.point, queue.ends, queue.following, log, num_rows, queue.turns + 1)
 
 
 def _write(

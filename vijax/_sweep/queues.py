@@ -39,10 +39,12 @@ class Found:
         ends: `x`, `v`, `held`, `periods`, `num_impacts`, `num_sticks`, `steps` and `is_finite`, the points
             as last axis.
         impacts: one row an impact: time, velocity, stop, point, number.
+        lane_steps: steps of all lanes, idle ones included.
     """
 
     ends: dict[str, np.ndarray]
     impacts: np.ndarray
+    lane_steps: int
 
 
 def run_points(
@@ -90,9 +92,9 @@ def run_points(
     parts = [job.result() for job in jobs]
     back = np.argsort(np.concatenate(shares))
     ends = {name: np.concatenate([part.ends[name] for part in parts], axis=-1) for name in parts[0].ends}
-    return Found(
-        {name: a[..., back] for name, a in ends.items()}, np.concatenate([part.impacts for part in parts])
-    )
+    ends = {name: a[..., back] for name, a in ends.items()}
+    impacts = np.concatenate([part.impacts for part in parts])
+    return Found(ends, impacts, sum(part.lane_steps for part in parts))
 
 
 def _wait_for(jobs: list[Future]) -> None:
@@ -140,4 +142,4 @@ def _run_queue(
         name: getattr(ends, name) for name in ("num_impacts", "num_sticks", "steps", "is_finite")
     }
     kept = {name: np.asarray(a)[..., : len(share)] for name, a in columns.items()}
-    return Found(kept, np.concatenate(impacts))
+    return Found(kept, np.concatenate(impacts), int(queue.turns) * num_lanes)
