@@ -1,0 +1,66 @@
+"""What makes a sweep fast, told from its compiled text: nothing here is timed."""
+
+import re
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import vijax as vx
+from vijax._motion.choose import choose_flow
+from vijax._sweep import lanes, queues
+from vijax._sweep.paths import Point, points_of_lanes
+
+POINTS, LANES = 16, 8
+
+
+@pytest.fixture(scope="module")
+def compiled() -> str:
+    """The text of the loop over lanes for a frequency sweep of case (b)."""
+    base = Point(vx.models.wagg_bishop_b(1.0), np.zeros(2), np.zeros(2))
+    points = points_of_lanes(base, {"forcing.frequency": np.linspace(0.5, 1.5, POINTS)})
+    flow = choose_flow(points.system, can_stick=True)
+    system, flow = jax.tree.map(jnp.asarray, (points.system, flow))
+    start, work = jnp.zeros((2, POINTS)), lanes.Work(*(jnp.asarray(k) for k in (POINTS, 1, 2, 1000, 16)))
+    with jax.numpy_rank_promotion("allow"):
+        queue = lanes.new_queue(system, start, LANES)
+        task = (flow, system, start, start, work, jnp.array(True))
+        return lanes.run_lanes.lower(task, queue, can_stick=True).compile().compiled.as_text()
+
+
+def test_no_library_sine_is_computed_in_the_loop(compiled):
+    shapes = re.findall(r"f64\[([\d,]*)\]\S* (?:cosine|sine|exponential)\(", compiled)
+    # Before it starts they turn the phases of the load into amplitudes: no shape ends in the lanes.
+    assert shapes
+    assert not any(shape.endswith(f",{LANES}") or shape == str(LANES) for shape in shapes)
+
+
+def test_there_is_one_loop_over_the_queue_and_one_over_steps(compiled):
+    assert compiled.count(" while(") == 2
+
+
+def test_shared_parts_of_a_step_are_computed_once(compiled):
+    # Every conditional is a fence. XLA repeats what two results share, unless a fence lies between; without
+    # any the text holds twice as many operations.
+    assert compiled.count(" conditional(") >= 8
+    operations = sum(compiled.count(f" {name}(") for name in ("add", "subtract", "multiply", "divide"))
+    assert operations < 4000
+
+
+def test_a_second_sweep_of_the_same_shape_is_not_traced_again(monkeypatch):
+    traces = []
+    original = lanes.advance
+    monkeypatch.setattr(lanes, "advance", lambda *args: traces.append(1) or original(*args))
+    # A shape that no other test has.
+    monkeypatch.setattr(queues, "_POINTS", 40)
+    monkeypatch.setattr(queues, "_LANES", 24)
+    run = lambda first: vx.sweep(  # noqa: E731
+        vx.models.wagg_bishop_b(0.8), {"forcing.frequency": np.linspace(first, 1.6, 30)}, transient=1, record=1,
+        progress=False,
+    )  # fmt: skip
+    run(0.5)
+    num_traces = len(traces)
+    assert num_traces > 0
+    run(0.7)
+    assert len(traces) == num_traces
