@@ -22,7 +22,10 @@ def compiled() -> str:
     points = points_of_lanes(base, {"forcing.frequency": np.linspace(0.5, 1.5, POINTS)})
     flow = choose_flow(points.system, can_stick=True)
     system, flow = jax.tree.map(jnp.asarray, (points.system, flow))
-    start, work = jnp.zeros((2, POINTS)), lanes.Work(*(jnp.asarray(k) for k in (POINTS, 1, 2, 1000, 16)))
+    start, work = (
+        jnp.zeros((2, POINTS)),
+        lanes.Work(*(jnp.asarray(k) for k in (POINTS, 1, 2, 1000, 16, 1000))),
+    )
     with jax.numpy_rank_promotion("allow"):
         queue = lanes.new_queue(system, start, LANES)
         task = (flow, system, start, start, work, jnp.array(True))

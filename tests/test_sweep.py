@@ -295,7 +295,7 @@ def test_nothing_is_lost_where_the_log_is_emptied_on_the_way(monkeypatch):
 
 def test_the_steps_of_a_call_bound_no_motion(monkeypatch):
     whole = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES})
-    monkeypatch.setattr(lanes, "_STEPS_PER_CALL", 50)
+    monkeypatch.setattr(queues, "_TURNS", 50)
     wide = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES, "x0[0]": np.zeros(6)})
     for k in range(6):
         xr.testing.assert_allclose(wide.isel({"x0[0]": k}, drop=True), whole, rtol=0, atol=ROUNDING)

@@ -24,8 +24,6 @@ from .._system.system import ImpactSystem
 # Rows of the log, and their columns: time since the transient, velocity before, stop, point, number
 # of the impact among those of its point.
 _ROWS, _COLUMNS = 1 << 15, 5
-# Steps of the loop after which it returns to the host, so that it can be watched and interrupted.
-_STEPS_PER_CALL = 1 << 14
 
 
 class Ends(eqx.Module):
@@ -77,6 +75,7 @@ class Work(eqx.Module):
         num_periods: forcing periods in all.
         max_steps: the most steps of one point.
         max_impacts: recorded impacts of one point that are logged.
+        max_turns: turns of the loop after which it returns to the host.
     """
 
     num_points: Int[Array, ""]
@@ -84,6 +83,7 @@ class Work(eqx.Module):
     num_periods: Int[Array, ""]
     max_steps: Int[Array, ""]
     max_impacts: Int[Array, ""]
+    max_turns: Int[Array, ""]
 
 
 def new_queue(system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int) -> Queue:
@@ -147,7 +147,7 @@ def run_lanes(
     stops = len(machine.masses)
 
     def is_open(queue: Queue, steps: Int[Array, ""]) -> Bool[Array, ""]:
-        return (queue.num_rows + stops * lanes <= len(queue.log)) & (steps < _STEPS_PER_CALL)
+        return (queue.num_rows + stops * lanes <= len(queue.log)) & (steps < work.max_turns)
 
     def feed(carry):
         queue, steps = carry

@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
-from threading import Event
+from threading import Event, Lock
 
 import equinox as eqx
 import jax
@@ -18,6 +18,8 @@ from .paths import Point
 # Enough lanes to hide the overhead of the compiled loop, few enough to stay in the cache; enough points
 # to a queue that its end, where lanes have nothing left to do, is a small part of it.
 _LANES, _POINTS = 96, 2048
+# Turns of the loop after which it comes back, so that it can be watched and interrupted.
+_TURNS = 1 << 14
 
 
 @dataclass(frozen=True)
@@ -78,12 +80,12 @@ def run_points(
     order = np.argsort(frequency, kind="stable")
     shares = [order[k::num_queues] for k in range(num_queues)]
     stop, shape = Event(), (width, num_lanes)
-    # An empty queue first, or every thread would compile the same thing.
-    _run_queue(points, flow, counts, order[:0], shape, tell, stop)
+    compiling = Lock()
     workers = ThreadPoolExecutor(cores)
     try:
         jobs = [
-            workers.submit(_run_queue, points, flow, counts, share, shape, tell, stop) for share in shares
+            workers.submit(_run_queue, points, flow, counts, share, shape, tell, stop, compiling)
+            for share in shares
         ]
         _wait_for(jobs)
     finally:
@@ -114,6 +116,7 @@ def _run_queue(
     shape: tuple[int, int],
     tell: Callable[[int], object],
     stop: Event,
+    compiling: Lock,
 ) -> Found:
     """Run some points, filled up to one width: one shape, one compilation."""
     width, num_lanes = shape
@@ -124,9 +127,13 @@ def _run_queue(
         system, motion = jax.tree.map(cut, (points.system, flow))
         x0, v0 = (jnp.asarray(a[:, filled]) for a in (points.x0, points.v0))
         periods = (counts.transient, counts.transient + counts.record)
-        work = Work(*(jnp.asarray(k) for k in (len(share), *periods, counts.max_steps, counts.max_impacts)))
+        numbers = (len(share), *periods, counts.max_steps, counts.max_impacts, 0)
+        work = Work(*(jnp.asarray(k) for k in numbers))
         task = (motion, system, x0, v0, work, jnp.array(True))
         queue = new_queue(system, x0, num_lanes)
+        with compiling:  # no turn at first, or every thread would compile the same thing
+            run_lanes(task, queue, can_stick=counts.can_stick)
+        task = eqx.tree_at(lambda t: t[4].max_turns, task, jnp.asarray(_TURNS))
         impacts, is_left, told = [], True, 0
         while is_left and not stop.is_set():
             queue, more = run_lanes(task, queue, can_stick=counts.can_stick)
