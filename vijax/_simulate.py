@@ -38,6 +38,11 @@ def simulate(
     Between events the motion is exact to rounding, and every step is proved free of impacts, so
     none is missed however light. Works under `jax.jit` and `jax.vmap`.
 
+    Derivatives, forward and reverse, go through every event. Where the sequence of events is about to
+    change, at a grazing impact above all, they are one-sided, those of the sequence that happened:
+    `Solution.grazing` tells how close that was. They are taken faster where mass, damping and
+    stiffness are not among what is differentiated.
+
     Args:
         system: the machine.
         t0: start time.
