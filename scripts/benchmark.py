@@ -232,7 +232,7 @@ def draw_work_precision(rows: list[dict], path: Path) -> None:
         ax.text(2.0, 0.04, "an impact missed", rotation=90, transform=ax.get_xaxis_transform(), va="bottom")
         ax.set(title=SCENES[scene], xlabel="largest error of an impact time", xlim=(3e-17, 30.0))
     axes[0].set_ylabel("run time / s")
-    axes[0].legend(loc="center left")
+    axes[-1].legend(loc="lower left")
     fig.savefig(path, dpi=150)
     plt.close(fig)
 
