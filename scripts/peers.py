@@ -5,6 +5,9 @@ its impacts as (time, stop) pairs. The three solvers stop at an impact, reverse 
 their manuals show; they know no sticking. A run is given up after `LIMIT` impacts.
 """
 
+# The peers are optional, and missing where only the library is installed.
+# pyright: reportMissingImports=false
+
 import shutil
 import subprocess
 import time
