@@ -110,7 +110,5 @@ def test_a_stop_that_moves_in_pushes_its_mass_back():
 def test_what_cannot_be_carried_is_refused():
     with pytest.raises(ValueError, match="carry"):
         sweep(COEXISTING, carry="left")
-    with pytest.raises(ValueError, match="carry"):
-        vx.sweep(vx.models.wagg_bishop_a(1.0), {}, carry="up", progress=False)
     with pytest.raises(ValueError, match="sweep the same grid"):
         sweep(COEXISTING, carry_from=sweep(COEXISTING[:2]))

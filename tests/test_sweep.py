@@ -310,6 +310,11 @@ def test_an_interrupt_is_heard_in_a_long_sweep(monkeypatch):
         vx.sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, transient=10**6, record=0, progress=False)
 
 
+def test_a_sweep_of_nothing_is_refused():
+    with pytest.raises(ValueError, match="`values` is empty"):
+        sweep(SYSTEM, {})
+
+
 def test_both_flows_give_the_same_sweep():
     modal, taylor = (
         sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, flow=flow) for flow in (None, vx.TaylorFlow())

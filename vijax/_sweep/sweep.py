@@ -87,8 +87,8 @@ def sweep(
     for path, axis in axes.items():
         if axis.ndim == 0 or len(axis) == 0:
             raise ValueError(f"The values of `{path}` must have shape (points, ...), but have {axis.shape}.")
-    if carry is not None and not axes:
-        raise ValueError("Argument `carry` needs a swept quantity to go along.")
+    if not axes:
+        raise ValueError("Argument `values` is empty: name a quantity to sweep, or use `simulate`.")
     points = _points(system, axes, x0, v0, twice=carry == "both")
     shape = ((2,) if carry == "both" else ()) + tuple(len(axis) for axis in axes.values())
     chain = _chain(shape, carry)
