@@ -2,7 +2,7 @@
 
 from .._system.system import ImpactSystem
 from .flow import AbstractFlow
-from .modal import modal_flow
+from .modes import modal_flow
 from .taylor import TaylorFlow
 
 
