@@ -313,6 +313,9 @@ def test_a_mass_at_rest_on_its_stop_is_held_once_the_hit_of_another_presses_it()
     sol = vx.simulate(system, 0.0, 1.0, *start, ts=np.linspace(0.0, 1.0, 6), max_events=16)
     np.testing.assert_array_equal(sol.xs[:, 1], 0.0)
     assert sol.stuck1[1]
+    # It was not held before that instant, so the log says that it is now.
+    first = (sol.events.stop == 1) & (sol.events.kind == vx.STICK)
+    np.testing.assert_array_equal(sol.events.t[first], [0.0])
 
 
 def test_a_mass_without_any_spring_falls_and_comes_to_rest():

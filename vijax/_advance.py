@@ -124,6 +124,6 @@ def _stick_and_release(
     instant = eqx.tree_at(
         lambda i: (i.stuck, i.released, i.chatter),
         instant,
-        (stuck, let_go | thrown, jnp.where(stuck, chatter, 0)),
+        (stuck | pressed_again, let_go | thrown, jnp.where(stuck, chatter, 0)),
     )
     return after, instant

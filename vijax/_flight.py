@@ -160,8 +160,7 @@ def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> 
 def _move(machine: Machine, state: State, motion: Expansion, step: Scalar) -> State:
     """Follow the smooth motion for `step`."""
     displacement, v, phase = motion.move(machine, state, step)
-    moved = _displaced(machine, state, displacement, v, phase, step)
-    return eqx.tree_at(lambda s: s.contact, moved, jnp.where(step > 0, jnp.int8(0), state.contact))
+    return _displaced(machine, state, displacement, v, phase, step)
 
 
 def _near_future(machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> tuple[Array, ...]:
@@ -225,7 +224,7 @@ def _displaced(
 ) -> State:
     time, low = _two_sum(state.time, step)
     return eqx.tree_at(
-        lambda s: (s.time, s.time_low, s.phase, s.x, s.v, s.gap),
+        lambda s: (s.time, s.time_low, s.phase, s.x, s.v, s.gap, s.contact),
         state,
         (
             time,
@@ -234,6 +233,7 @@ def _displaced(
             state.x + displacement,
             v,
             state.gap - machine.at_stops(displacement),
+            jnp.where(step > 0, jnp.int8(0), state.contact),
         ),
     )
 
