@@ -73,11 +73,6 @@ def advance(
     return after, eqx.tree_at(lambda i: i.arrived, instant, arrived)
 
 
-def _accelerations(machine: Machine, state: State, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
-    """Acceleration by a force (or jerk by its rate), zero for held masses."""
-    return jnp.where(machine.held_masses(state.held), 0, machine.inverse_mass * force)
-
-
 def _resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) -> tuple[State, Instant]:
     """Apply the impacts of this instant, then decide who sticks and who is let go."""
     v_minus = machine.at_stops(state.v)
@@ -101,7 +96,7 @@ def _stick_and_release(
     let_go = is_event & state.held
     state = eqx.tree_at(lambda s: s.held, state, state.held & ~let_go)
     force = machine.force(state.phase, state.x, state.v)
-    a = _accelerations(machine, state, force)
+    a = machine.accelerations(force, machine.held_masses(state.held))
     force_rate = machine.force_rate(state.phase, state.v, a)
     approach = machine.at_stops(machine.inverse_mass * force)
     approach_rate = machine.at_stops(machine.inverse_mass * force_rate)

@@ -85,7 +85,7 @@ def _fly_jvp(primals, tangents):
         return x, v, phase, gap, jnp.where(state.held, force, gap)
 
     _, (x, v, phase, gap, value) = eqx.filter_jvp(after_the_same_time, primals[:3], tangents[:3])
-    a = jnp.where(is_held, 0, machine.inverse_mass * machine.force(end.phase, end.x, end.v))
+    a = machine.accelerations(machine.force(end.phase, end.x, end.v), is_held)
     slope = -machine.at_stops(end.v)
     if machine.can_stick:
         force_rate = machine.at_stops(machine.force_rate(end.phase, end.v, a))

@@ -64,6 +64,12 @@ class Machine(eqx.Module):
         rate = self.oscillating_load(self.phase_rate(phase))
         return rate - matvec(self.damping, a) - matvec(self.stiffness, v)
 
+    def accelerations(
+        self, force: Float[Array, "n ..."], is_held: Bool[Array, "n ..."]
+    ) -> Float[Array, "n ..."]:
+        """Accelerations by a force (or jerks by its rate), zero for held masses."""
+        return jnp.where(is_held, 0, self.inverse_mass * force)
+
     def at_stops(self, of_mass: Float[Array, "n ..."]) -> Float[Array, "stops ..."]:
         """A vector over masses, read at each stop and counted positive towards the stop."""
         signs = lift(jnp.asarray(self.signs, self.position.dtype), self.position)

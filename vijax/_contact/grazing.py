@@ -67,7 +67,7 @@ def _lowest(
 ) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."], Float[Array, "stops ..."]]:
     """For every stop the second derivative of the gap, its minimum by the cubic from here, and when."""
     force = machine.force(state.phase, state.x, state.v)
-    a = jnp.where(machine.held_masses(state.held), 0, machine.inverse_mass * force)
+    a = machine.accelerations(force, machine.held_masses(state.held))
     force_rate = machine.force_rate(state.phase, state.v, a)
     slope = -machine.at_stops(state.v)
     curvature = -machine.at_stops(machine.inverse_mass * force)
