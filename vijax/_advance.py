@@ -68,7 +68,7 @@ def advance(
     """
     remaining = not_negative((target - state.time) - state.time_low)
     flight = fly(flow, machine, state, remaining, resolution)
-    after, instant = compute_once(machine.always, _resolve, machine, flight.end, flight.is_event)
+    after, instant = compute_once(_resolve, machine, flight.end, flight.is_event)
     arrived = flight.is_last & ~jnp.any(flight.is_event, axis=0)
     return after, eqx.tree_at(lambda i: i.arrived, instant, arrived)
 

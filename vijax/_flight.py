@@ -58,17 +58,17 @@ def fly(flow: AbstractFlow, machine: Machine, state: State, remaining: Scalar, r
     """
     is_held = machine.held_masses(state.held)
     ahead = remaining + resolution
-    motion = compute_once(machine.always, flow.expand, machine, state, is_held)
-    step, is_root = compute_once(machine.always, _safe_step, machine, state, motion, ahead)
+    motion = compute_once(flow.expand, machine, state, is_held)
+    step, is_root = compute_once(_safe_step, machine, state, motion, ahead)
     is_last = step >= remaining
     step = jnp.where(is_last, remaining, step)
-    moved = compute_once(machine.always, _move, machine, state, motion, step)
-    series = compute_once(machine.always, _near_future, machine, moved, is_held)
-    delays = compute_once(machine.always, _delays, machine, moved, series, is_root, ahead - step)
+    moved = compute_once(_move, machine, state, motion, step)
+    series = compute_once(_near_future, machine, moved, is_held)
+    delays = compute_once(_delays, machine, moved, series, is_root, ahead - step)
     delay = jnp.min(delays, axis=0, initial=jnp.inf)
     is_event = (delays <= delay + _one_instant(machine)) & (delays < jnp.inf)
     delay = jnp.where(delay < jnp.inf, delay, 0)
-    landed = compute_once(machine.always, _land, machine, moved, series, delay)
+    landed = compute_once(_land, machine, moved, series, delay)
     return Flight(landed, step + delay, is_event, is_last)
 
 
@@ -124,9 +124,9 @@ def _safe_step(
     limit = jnp.minimum(limit, motion.limit)
     if not machine.masses:
         return limit, state.held
-    bound = compute_once(machine.always, _bound, machine, state, motion, limit)
+    bound = compute_once(_bound, machine, state, motion, limit)
     steps, is_root = safe_step(bound, limit)
-    nearly = short(state.x.dtype) / machine.rate
+    nearly = short(state.x.dtype) * machine.timescale
     is_root = is_root & (steps <= nearly)
     # Where a leading coefficient is lost in rounding the bound allows no step; the motion does.
     steps = jnp.where(is_root, steps, jnp.maximum(steps, jnp.minimum(nearly, limit)))
@@ -136,7 +136,7 @@ def _safe_step(
 
 def _one_instant(machine: Machine) -> Scalar:
     """Events closer than this are simultaneous."""
-    return 8 * jnp.finfo(machine.rate.dtype).eps / machine.rate
+    return 8 * jnp.finfo(machine.rate.dtype).eps * machine.timescale
 
 
 def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
@@ -144,7 +144,7 @@ def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> 
     now = motion.now
     x_rest, force_rest = motion.rest(machine, limit)
     a, jerk = machine.at_stops(now.acceleration), machine.at_stops(now.jerk)
-    gap = (state.gap, -machine.at_stops(state.v), -a / 2, -jerk / 6)
+    gap = (state.gap, -machine.at_stops(state.v), -a / 2, -jerk * (1 / 6))
     bound = deflated(gap, machine.of_stops(x_rest), state.contact, limit)
     if not machine.can_stick:
         return bound
@@ -203,7 +203,7 @@ def _delays(
         rate = jnp.where(is_simple, horner(derivative(h), delay), -1)
         delay = delay - horner(h, delay) / rate
     dtype = str(state.x.dtype)
-    near = jnp.where(state.held, _NEAR_FORCE[dtype], _NEAR_GAP[dtype]) / machine.rate
+    near = jnp.where(state.held, _NEAR_FORCE[dtype], _NEAR_GAP[dtype]) * machine.timescale
     is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
     return jnp.where(is_near, delay, jnp.where(is_root, 0, jnp.inf))
 

@@ -12,8 +12,7 @@ class Machine(eqx.Module):
     """An `ImpactSystem` as arrays over masses, stops and harmonics, lanes last.
 
     The load is `mean + sum_h (cosine_h cos(h W t) + sine_h sin(h W t))`. `rate` bounds every
-    frequency and decay rate of the motion, whatever masses are held. `always` is True: see
-    `compute_once`.
+    frequency and decay rate of the motion, whatever masses are held; `timescale` is its inverse.
     """
 
     inverse_mass: Float[Array, "n ..."]
@@ -27,7 +26,7 @@ class Machine(eqx.Module):
     position: Float[Array, "stops ..."]
     restitution: Float[Array, "stops ..."]
     rate: Scalar
-    always: Bool[Array, ""]
+    timescale: Scalar
     masses: tuple[int, ...] = eqx.field(static=True)
     signs: tuple[int, ...] = eqx.field(static=True)
     can_stick: bool = eqx.field(static=True)
@@ -156,7 +155,7 @@ def start_period(state: State, phase0: Float[Array, "2 harmonics ..."], is_over:
     )
 
 
-def prepare(system: ImpactSystem, span: Scalar, always: Bool[Array, ""], *, can_stick: bool) -> Machine:
+def prepare(system: ImpactSystem, span: Scalar, *, can_stick: bool) -> Machine:
     """Turn a system into the engine's arrays; `span` is the time that will be simulated.
 
     Leaves of `system` may carry lanes as a last axis.
@@ -170,6 +169,7 @@ def prepare(system: ImpactSystem, span: Scalar, always: Bool[Array, ""], *, can_
     longest = jnp.asarray(jnp.finfo(system.mass.dtype).max ** 0.5, system.mass.dtype)
     period = jnp.where(is_driven, 2 * jnp.pi / jnp.where(is_driven, forcing.frequency, 1.0), longest)
     rate = jnp.maximum(_decay_and_frequency(system), amplitude.shape[0] * forcing.frequency)
+    rate = jnp.maximum(rate, 1 / span)
     lanes = jnp.zeros(system.mass.shape[1:], system.mass.dtype)
     empty = jnp.zeros((0, *lanes.shape), system.mass.dtype)
     return Machine(
@@ -183,8 +183,8 @@ def prepare(system: ImpactSystem, span: Scalar, always: Bool[Array, ""], *, can_
         period=period,
         position=stack([s.position + lanes for s in system.stops]) if system.stops else empty,
         restitution=stack([s.restitution + lanes for s in system.stops]) if system.stops else empty,
-        rate=jnp.maximum(rate, 1 / span),
-        always=always,
+        rate=rate,
+        timescale=1 / rate,
         masses=tuple(s.mass for s in system.stops),
         signs=tuple(s.sign for s in system.stops),
         can_stick=can_stick,

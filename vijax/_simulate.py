@@ -106,7 +106,6 @@ def simulate(
         choose_flow(system, can_stick=can_stick) if flow is None else flow,
         None if max_steps is None else jnp.asarray(max_steps),
         is_sound,
-        jnp.array(True),
         max_events=max_events,
         can_stick=can_stick,
     )
@@ -220,13 +219,12 @@ def _run(
     flow: AbstractFlow,
     max_steps: Int[Array, ""] | None,
     is_sound: Bool[Array, ""],
-    always: Bool[Array, ""],
     *,
     max_events: int,
     can_stick: bool,
 ) -> Solution:
     span = t1 - t0
-    machine = prepare(system, jnp.where(span > 0, span, 1), always, can_stick=can_stick)
+    machine = prepare(system, jnp.where(span > 0, span, 1), can_stick=can_stick)
     flow = flow.prepare(machine)
     if max_steps is None:
         max_steps = 100_000 + jnp.minimum(100 * span * machine.rate, 2e9).astype(int)

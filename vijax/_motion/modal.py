@@ -175,7 +175,7 @@ class ModalExpansion(Expansion):
         load = jnp.abs(machine.cosine) + jnp.abs(machine.sine)
         load3 = jnp.sum(load * speed[:, None] ** 3, axis=0)
         force3 = load3 + matvec(jnp.abs(machine.damping), x4) + matvec(jnp.abs(machine.stiffness), x3)
-        return x4 / 24, force3 / 6
+        return x4 * (1 / 24), force3 * (1 / 6)
 
     def move(
         self, machine: Machine, state: State, step: Scalar
@@ -184,7 +184,7 @@ class ModalExpansion(Expansion):
         cos, sin = state.phase
         speed = lift(machine.harmonics, cos) * machine.frequency
         fade, wave, arc, turn, slide = compute_once(
-            machine.always, _factors, self.modes.squared_frequency, self.modes.decay, speed, step
+            _factors, self.modes.squared_frequency, self.modes.decay, speed, step
         )
         # exp(-a t) (c + a s) - 1, exp(-a t) s: the increment of q, and of q' likewise.
         a, w2 = self.modes.decay, self.modes.squared_frequency

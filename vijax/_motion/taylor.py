@@ -23,6 +23,7 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._machine import Machine, State
@@ -41,7 +42,7 @@ class TaylorFlow(AbstractFlow):
         order, trust = _ORDER_AND_TRUST[str(state.x.dtype)]
         x, force, phase = taylor_series(machine, state, is_held, order)
         now = Derivatives(2 * x[2], 6 * x[3], force[0], force[1], 2 * force[2])
-        return TaylorExpansion(now, trust / machine.rate, x, force, phase)
+        return TaylorExpansion(now, trust * machine.timescale, x, force, phase)
 
     def propagate(
         self, machine: Machine, state: State, is_held: Bool[Array, "n ..."], step: Scalar
@@ -50,9 +51,9 @@ class TaylorFlow(AbstractFlow):
         order, _ = _ORDER_AND_TRUST[str(state.x.dtype)]
         extend, start = _recurrence(machine, is_held), _rows_of_state(state)
 
-        def add(carry, k):
-            last, power, totals = carry
-            now, (x, _, phase) = extend(last, k)
+        def add(carry, order):
+            (k, *_), (last, power, totals) = order, carry
+            now, (x, _, phase) = extend(last, order)
             power = power * step
             displacement, v, waves = totals
             totals = (
@@ -103,8 +104,10 @@ def taylor_series(
     return x, force, jnp.concatenate([state.phase[None], phase])
 
 
-def _orders(order: int, state: State) -> Float[Array, " orders"]:
-    return jnp.arange(order - 1, dtype=state.x.dtype)
+def _orders(order: int, state: State) -> tuple[Float[Array, " orders"], ...]:
+    """k, 1 / (k + 1) and 1 / ((k + 1) (k + 2)) for every order: divisions are dear."""
+    k = np.arange(order - 1)
+    return tuple(jnp.asarray(a, state.x.dtype) for a in (k, 1 / (k + 1), 1 / ((k + 1) * (k + 2))))
 
 
 def _rows_of_state(state: State) -> tuple[list[Array], list[Array], list[Array]]:
@@ -128,17 +131,17 @@ def _recurrence(machine: Machine, is_held: Bool[Array, "n ..."]) -> Callable:
             return [matvec(matrix, x[0])]
         return [_sum([matrix[i, j] * x[j] for j in range(n)]) for i in range(n)]
 
-    def extend(last, k):
-        x, x_next, phase = last
+    def extend(last, order):
+        (x, x_next, phase), (k, by_next, by_next_two) = last, order
         spring, drag = product(machine.stiffness, x), product(machine.damping, x_next)
         force, x_new = [], []
         for i in range(len(x)):
             load = _sum([wave[i] * p for wave, p in zip(waves, phase, strict=True)])
             force.append(load + jnp.where(k == 0, mean[i], 0) - (k + 1) * drag[i] - spring[i])
-            x_new.append(response[i] * force[i] / ((k + 1) * (k + 2)))
+            x_new.append(response[i] * force[i] * by_next_two)
         cos, sin = phase[: len(speeds)], phase[len(speeds) :]
-        phase_new = [-w * s / (k + 1) for w, s in zip(speeds, sin, strict=True)]
-        phase_new += [w * c / (k + 1) for w, c in zip(speeds, cos, strict=True)]
+        phase_new = [-w * s * by_next for w, s in zip(speeds, sin, strict=True)]
+        phase_new += [w * c * by_next for w, c in zip(speeds, cos, strict=True)]
         return (x_next, x_new, phase_new), (x_new, force, phase_new)
 
     return extend

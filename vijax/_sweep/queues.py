@@ -12,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._motion.flow import AbstractFlow
-from .lanes import Work, new_queue, run_lanes
+from .lanes import Queue, new_queue, run_lanes
 from .paths import Point
+from .turns import Work
 
 # Enough lanes to hide the overhead of the compiled loop, few enough to stay in the cache; enough points
 # to a queue that its end, where lanes have nothing left to do, is a small part of it.
@@ -80,11 +81,11 @@ def run_points(
     order = np.argsort(frequency, kind="stable")
     shares = [order[k::num_queues] for k in range(num_queues)]
     stop, shape = Event(), (width, num_lanes)
-    compiling = Lock()
+    starting = Lock()
     workers = ThreadPoolExecutor(cores)
     try:
         jobs = [
-            workers.submit(_run_queue, points, flow, counts, share, shape, tell, stop, compiling)
+            workers.submit(_run_queue, points, flow, counts, share, shape, tell, stop, starting)
             for share in shares
         ]
         _wait_for(jobs)
@@ -116,31 +117,20 @@ def _run_queue(
     shape: tuple[int, int],
     tell: Callable[[int], object],
     stop: Event,
-    compiling: Lock,
+    starting: Lock,
 ) -> Found:
-    """Run some points, filled up to one width: one shape, one compilation."""
-    width, num_lanes = shape
-    filled = np.append(share, np.zeros(width - len(share), int))
-    cut = lambda a: jnp.asarray(a if a.shape[-1] == 1 else np.asarray(a)[..., filled])  # noqa: E731
-    # A thread has settings of its own; what all points share is broadcast to them.
-    with jax.numpy_rank_promotion("allow"):
-        system, motion = jax.tree.map(cut, (points.system, flow))
-        x0, v0 = (jnp.asarray(a[:, filled]) for a in (points.x0, points.v0))
-        periods = (counts.transient, counts.transient + counts.record)
-        numbers = (len(share), *periods, counts.max_steps, counts.max_impacts, 0)
-        work = Work(*(jnp.asarray(k) for k in numbers))
-        task = (motion, system, x0, v0, work, jnp.array(True))
-        queue = new_queue(system, x0, num_lanes)
-        with compiling:  # no turn at first, or every thread would compile the same thing
-            run_lanes(task, queue, can_stick=counts.can_stick)
-        task = eqx.tree_at(lambda t: t[4].max_turns, task, jnp.asarray(_TURNS))
+    """Run some points."""
+    with jax.numpy_rank_promotion("allow"):  # what all points share is broadcast to them
+        with starting:  # one after another: each would compile, and wait for Python's lock
+            task, queue = _start(points, flow, counts, share, shape)
         impacts, is_left, told = [], True, 0
         while is_left and not stop.is_set():
             queue, more = run_lanes(task, queue, can_stick=counts.can_stick)
-            is_left, found = bool(more), np.array(np.asarray(queue.log)[: int(queue.num_rows)])
+            is_left, progress = bool(more), queue.progress
+            found = np.array(np.asarray(progress.log)[: int(progress.num_rows)])
             found[:, 3] = share[found[:, 3].astype(int)]
             impacts.append(found)
-            queue = eqx.tree_at(lambda q: q.num_rows, queue, jnp.zeros((), int))
+            queue = eqx.tree_at(lambda q: q.progress.num_rows, queue, jnp.zeros((), int))
             done = int(np.sum(np.asarray(queue.ends.steps)[: len(share)] > 0))
             tell(done - told)
             told = done
@@ -149,4 +139,21 @@ def _run_queue(
         name: getattr(ends, name) for name in ("num_impacts", "num_sticks", "steps", "is_finite")
     }
     kept = {name: np.asarray(a)[..., : len(share)] for name, a in columns.items()}
-    return Found(kept, np.concatenate(impacts), int(queue.turns) * num_lanes)
+    return Found(kept, np.concatenate(impacts), int(queue.progress.turns) * shape[1])
+
+
+def _start(
+    points: Point, flow: AbstractFlow, counts: Counts, share: np.ndarray, shape: tuple[int, int]
+) -> tuple[tuple, Queue]:
+    """Make a queue of some points, filled up to one width: one shape, one compilation, made here."""
+    width, num_lanes = shape
+    filled = np.append(share, np.zeros(width - len(share), int))
+    cut = lambda a: jnp.asarray(a if a.shape[-1] == 1 else np.asarray(a)[..., filled])  # noqa: E731
+    system, motion = jax.tree.map(cut, (points.system, flow))
+    x0, v0 = (jnp.asarray(a[:, filled]) for a in (points.x0, points.v0))
+    periods = (counts.transient, counts.transient + counts.record)
+    numbers = (len(share), *periods, counts.max_steps, counts.max_impacts, 0)
+    work = Work(*(jnp.asarray(k) for k in numbers))
+    task = (motion, system, x0, v0, work)
+    queue, _ = run_lanes(task, new_queue(system, x0, num_lanes), can_stick=counts.can_stick)  # no turn yet
+    return eqx.tree_at(lambda t: t[4].max_turns, task, jnp.asarray(_TURNS)), queue
