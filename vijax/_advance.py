@@ -95,15 +95,11 @@ def _stick_and_release(
     """Decide, all impacts of this instant applied, who comes to rest on a stop and who leaves one."""
     let_go = is_event & state.held
     state = eqx.tree_at(lambda s: s.held, state, state.held & ~let_go)
-    force = machine.force(state.phase, state.x, state.v)
-    a = machine.accelerations(force, machine.held_masses(state.held))
-    force_rate = machine.force_rate(state.phase, state.v, a)
-    approach = machine.at_stops(machine.inverse_mass * force)
-    approach_rate = machine.at_stops(machine.inverse_mass * force_rate)
-
+    approach, approach_rate = compute_once(_approach, machine, state)
     speed = jnp.abs(instant.velocity_plus)
-    chatter = chatter_time(speed, approach, machine.restitution)
-    stuck = instant.hit & chatter_is_complete(speed, approach, approach_rate, chatter, machine.rate)
+    chatter = compute_once(chatter_time, speed, approach, machine.restitution)
+    is_complete = compute_once(chatter_is_complete, speed, approach, approach_rate, chatter, machine.rate)
+    stuck = instant.hit & is_complete
     is_jump = jnp.any(instant.hit, axis=0)
     thrown = state.held & (approach < 0) & is_jump
     # Let go at this very instant, and pressed again before it could leave.
@@ -122,3 +118,11 @@ def _stick_and_release(
         (stuck | pressed_again, let_go | thrown, jnp.where(stuck, chatter, 0)),
     )
     return after, instant
+
+
+def _approach(machine: Machine, state: State) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."]]:
+    """With what acceleration every mass would be pressed towards its stops, and how fast that grows."""
+    force = machine.force(state.phase, state.x, state.v)
+    a = machine.accelerations(force, machine.held_masses(state.held))
+    force_rate = machine.force_rate(state.phase, state.v, a)
+    return machine.at_stops(machine.inverse_mass * force), machine.at_stops(machine.inverse_mass * force_rate)

@@ -142,7 +142,7 @@ def _one_instant(machine: Machine) -> Scalar:
 def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
     """Bound the gap of every free stop and the contact force of every held one from below."""
     now = motion.now
-    x_rest, force_rest = motion.rest(machine, limit)
+    x_rest, force_rest = compute_once(motion.rest, machine, limit)
     a, jerk = machine.at_stops(now.acceleration), machine.at_stops(now.jerk)
     gap = (state.gap, -machine.at_stops(state.v), -a / 2, -jerk * (1 / 6))
     bound = deflated(gap, machine.of_stops(x_rest), state.contact, limit)

@@ -108,7 +108,7 @@ class DrivenModes(AbstractFlow):
 
     def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> "ModalExpansion":
         """Expand the motion at `state` with the masses `is_held` at rest."""
-        modes, response = self._of_set(is_held)
+        modes, response = compute_once(self._of_set, is_held) if len(self.sets) > 1 else self._of_set(is_held)
         cos, sin = state.phase
         speed = lift(machine.harmonics, cos) * machine.frequency
         steady = response.offset + _over_harmonics(response.cosine, cos) + _over_harmonics(response.sine, sin)
@@ -219,11 +219,14 @@ def _factors(w2: Array, a: Array, speed: Array, step: Scalar) -> tuple[Array, ..
 
 def _cosine_and_sine(z: Array, terms: int) -> tuple[Array, Array]:
     """cos(y) - 1 and sin(y) / y as series of z = y^2, which may be negative, at y / 2, doubled once."""
+    wave, arc = compute_once(_series_of_cosine_and_sine, z / 4, terms)
+    return 2 * wave * (2 + wave), arc * (1 + wave)
+
+
+def _series_of_cosine_and_sine(z: Array, terms: int) -> tuple[Array, Array]:
     cosine = [(-1) ** k / factorial(2 * k) for k in range(1, terms)]
     sine = [(-1) ** k / factorial(2 * k + 1) for k in range(terms)]
-    part = z / 4
-    wave = part * _polynomial(cosine, part)
-    return 2 * wave * (2 + wave), _polynomial(sine, part) * (1 + wave)
+    return z * _polynomial(cosine, z), _polynomial(sine, z)
 
 
 def _expm1(y: Array, terms: int) -> Array:

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._advance import advance
 from .._machine import Machine, State, start_period
 from .._motion.flow import AbstractFlow
+from .._xla import compute_once
 
 
 class Ends(eqx.Module):
@@ -114,7 +115,7 @@ def has_room(progress: Progress) -> Bool[Array, ""]:
 
 def _turn(task: Task, progress: Progress) -> Progress:
     lanes, machine, work = progress.lanes, task.machine, task.work
-    state, live = lanes.state, is_live(work, lanes, task.point)
+    state, live = lanes.state, compute_once(is_live, work, lanes, task.point)
     resolution = 4 * jnp.finfo(state.x.dtype).eps * machine.period
     after, instant = advance(task.flow, machine, state, machine.period, resolution)
     is_finite = jnp.isfinite(after.time) & jnp.all(jnp.isfinite(after.x + after.v), axis=0)
@@ -146,10 +147,10 @@ def _write(
     if kept.size == 0:
         return log, num_rows
     values = [jnp.broadcast_to(a, kept.shape).ravel() for a in columns]
-    kept, places = kept.ravel(), jnp.arange(kept.size)
+    kept, places = kept.ravel(), jnp.arange(kept.size, dtype=jnp.int32)
 
     def next_after(place: Int[Array, ""] | int) -> Int[Array, ""]:
-        return jnp.min(jnp.where(kept & (places > place), places, kept.size))
+        return jnp.min(jnp.where(kept & (places > place), places, jnp.int32(kept.size)))
 
     def put(carry):
         log, row, place = carry
