@@ -19,7 +19,7 @@ from ._machine import Machine, State
 from ._motion.bounds import Bound, deflated, either, safe_step, short
 from ._motion.flow import AbstractFlow, Expansion
 from ._motion.taylor import derivative, horner, sum_series, taylor_series
-from ._types import Flag, Scalar
+from ._types import Flag, Scalar, smallest
 from ._xla import compute_once
 
 # An event this near, times the rate of the motion, is reached by the first terms of the Taylor
@@ -65,7 +65,7 @@ def fly(flow: AbstractFlow, machine: Machine, state: State, remaining: Scalar, r
     moved = compute_once(_move, machine, state, motion, step)
     series = compute_once(_near_future, machine, moved, is_held)
     delays = compute_once(_delays, machine, moved, series, is_root, ahead - step)
-    delay = jnp.min(delays, axis=0, initial=jnp.inf)
+    delay = smallest(delays)
     is_event = (delays <= delay + _one_instant(machine)) & (delays < jnp.inf)
     delay = jnp.where(delay < jnp.inf, delay, 0)
     landed = compute_once(_land, machine, moved, series, delay)
@@ -130,7 +130,7 @@ def _safe_step(
     is_root = is_root & (steps <= nearly)
     # Where a leading coefficient is lost in rounding the bound allows no step; the motion does.
     steps = jnp.where(is_root, steps, jnp.maximum(steps, jnp.minimum(nearly, limit)))
-    step = jnp.minimum(limit, jnp.min(steps, axis=0))
+    step = jnp.minimum(limit, smallest(steps))
     return step, is_root & (steps <= step + _one_instant(machine))
 
 

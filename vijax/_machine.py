@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ._system.system import ImpactSystem
-from ._types import Scalar, lift, matvec, stack
+from ._types import Scalar, add_up, lift, matvec, stack
 
 
 class Machine(eqx.Module):
@@ -42,8 +42,7 @@ class Machine(eqx.Module):
 
     def oscillating_load(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
         """The load without its mean; linear in the phase, so it serves derivatives as well."""
-        waves = self.cosine * phase[0][:, None] + self.sine * phase[1][:, None]
-        return jnp.sum(waves, axis=0) if waves.shape[0] > 1 else waves[0]
+        return add_up(self.cosine * phase[0][:, None] + self.sine * phase[1][:, None])
 
     def phase_rate(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "2 harmonics ..."]:
         """Time derivative of the phase."""

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._machine import Machine, State
-from .._types import Scalar, lift, matvec, stack
+from .._types import Scalar, add_up, lift, matvec, stack
 from .._xla import compute_once
 from .flow import AbstractFlow, Derivatives, Expansion
 
@@ -170,10 +170,10 @@ class ModalExpansion(Expansion):
         shape = jnp.abs(self.modes.shape)
         speed = lift(machine.harmonics, self.response.cosine[:, 0]) * machine.frequency
         size = jnp.abs(self.response.cosine) + jnp.abs(self.response.sine)
-        x3 = matvec(shape, third) + jnp.sum(size * speed[:, None] ** 3, axis=0)
-        x4 = matvec(shape, fourth) + jnp.sum(size * speed[:, None] ** 4, axis=0)
+        x3 = matvec(shape, third) + add_up(size * speed[:, None] ** 3)
+        x4 = matvec(shape, fourth) + add_up(size * speed[:, None] ** 4)
         load = jnp.abs(machine.cosine) + jnp.abs(machine.sine)
-        load3 = jnp.sum(load * speed[:, None] ** 3, axis=0)
+        load3 = add_up(load * speed[:, None] ** 3)
         force3 = load3 + matvec(jnp.abs(machine.damping), x4) + matvec(jnp.abs(machine.stiffness), x3)
         return x4 * (1 / 24), force3 * (1 / 6)
 
@@ -248,7 +248,4 @@ def _polynomial(coefficients: list[float], z: Array) -> Array:
 def _over_harmonics(
     of_harmonic: Float[Array, "harmonics n ..."], wave: Float[Array, "harmonics ..."]
 ) -> Array:
-    total = of_harmonic[0] * wave[0]
-    for h in range(1, of_harmonic.shape[0]):
-        total = total + of_harmonic[h] * wave[h]
-    return total
+    return add_up(of_harmonic * wave[:, None])

@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._machine import Machine, State
-from .._types import Scalar, matvec
+from .._types import Scalar, add_up, matvec
 from .flow import AbstractFlow, Derivatives, Expansion
 
 _ORDER_AND_TRUST = {"float64": (22, 1.5), "float32": (11, 1.0)}
@@ -129,14 +129,14 @@ def _recurrence(machine: Machine, is_held: Bool[Array, "n ..."]) -> Callable:
     def product(matrix: Float[Array, "n n ..."], x: list[Array]) -> list[Array]:
         if n > _SHORT:
             return [matvec(matrix, x[0])]
-        return [_sum([matrix[i, j] * x[j] for j in range(n)]) for i in range(n)]
+        return [add_up([matrix[i, j] * x[j] for j in range(n)]) for i in range(n)]
 
     def extend(last, order):
         (x, x_next, phase), (k, by_next, by_next_two) = last, order
         spring, drag = product(machine.stiffness, x), product(machine.damping, x_next)
         force, x_new = [], []
         for i in range(len(x)):
-            load = _sum([wave[i] * p for wave, p in zip(waves, phase, strict=True)])
+            load = add_up([wave[i] * p for wave, p in zip(waves, phase, strict=True)])
             force.append(load + jnp.where(k == 0, mean[i], 0) - (k + 1) * drag[i] - spring[i])
             x_new.append(response[i] * force[i] * by_next_two)
         cos, sin = phase[: len(speeds)], phase[len(speeds) :]
@@ -145,10 +145,6 @@ def _recurrence(machine: Machine, is_held: Bool[Array, "n ..."]) -> Callable:
         return (x_next, x_new, phase_new), (x_new, force, phase_new)
 
     return extend
-
-
-def _sum(terms: list[Array]) -> Array:
-    return sum(terms[1:], terms[0])
 
 
 def _rows(vector: Float[Array, "n ..."]) -> list[Array]:

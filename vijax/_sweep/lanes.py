@@ -8,6 +8,8 @@ Impacts are written one after another, with the point they belong to, to a log o
 host empties; so memory does not depend on how many there are, and nothing is written in the transient.
 """
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -19,6 +21,7 @@ from .._contact.start import first_state
 from .._machine import State, prepare
 from .._motion.flow import AbstractFlow
 from .._system.system import ImpactSystem
+from .._types import UNROLLED
 from .._xla import in_one_kernel
 from .turns import Ends, Progress, Task, Work, has_room, is_live, turn_until_fed
 
@@ -96,13 +99,15 @@ def run_lanes(
     phase0 = jnp.stack([zeros + 1, zeros])
     first = first_state(flow, machine, phase0, x0, v0)
     last_turn = queue.progress.turns + work.max_turns
+    is_small = max(machine.position.shape[0], *machine.cosine.shape[:2]) <= UNROLLED
+    run = partial(in_one_kernel, turn_until_fed) if is_small else turn_until_fed
 
     def feed(queue: Queue) -> Queue:
         motion, numbers = (_gather(tree, queue.point, num_points) for tree in (flow, machine))
         is_waiting = queue.following < work.num_points
         is_enough = jnp.where(is_waiting, num_lanes - max(num_lanes // 16, 1), 0)
         task = Task(motion, numbers, phase0[..., :1], work, queue.point, is_enough, last_turn)
-        progress, _ = in_one_kernel(turn_until_fed, (queue.progress, task))
+        progress, _ = run((queue.progress, task))
         return _refill(work, first, eqx.tree_at(lambda q: q.progress, queue, progress))
 
     def is_left(queue: Queue) -> Bool[Array, ""]:
