@@ -74,7 +74,7 @@ def ball_on_table(
         ```python
         import vijax as vx
         system = vx.models.ball_on_table(frequency=60.0, amplitude=0.004)
-        sol = vx.simulate(system, 0.0, 5.0, x0=[0.01])
+        sol = vx.simulate(system, 0.0, 5.0, v0=[0.34])
         ```
 
     References:

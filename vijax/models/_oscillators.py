@@ -120,7 +120,7 @@ def impact_pair(
     Example:
         ```python
         import vijax as vx
-        system = vx.models.impact_pair(1.0, amplitude=0.5, restitution=0.6)
+        system = vx.models.impact_pair(1.0, amplitude=0.8, restitution=0.6)
         sol = vx.simulate(system, 0.0, 100.0)
         ```
 
