@@ -19,6 +19,7 @@ from ._orbits.maps import (
 from ._simulate import simulate as simulate
 from ._solution import RESULTS as RESULTS, Solution as Solution
 from ._sweep.sweep import sweep as sweep
+from ._system.base import base_excitation as base_excitation
 from ._system.forcing import Harmonic as Harmonic
 from ._system.stop import Stop as Stop
 from ._system.system import ImpactSystem as ImpactSystem, chain as chain
