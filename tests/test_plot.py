@@ -344,7 +344,7 @@ def test_sticking_orbits_end_on_the_boundary_of_fig_12(sticking):
         assert len(x) >= 2
         assert set(discs(ax, filled=filled)) == set(zip(x.tolist(), v.tolist(), strict=True))
     released = np.array(discs(ax, filled=True))
-    np.testing.assert_allclose(released[:, 1], -10 * released[:, 0] + 1, atol=1e-11)
+    np.testing.assert_allclose(released[:, 1], -10 * released[:, 0] + 1, atol=1e-12)
     assert "x_{0}" in ax.get_xlabel()
 
 
@@ -353,7 +353,7 @@ def test_a_boundary_that_the_load_moves_is_drawn_at_each_release(sticking):
     released, lines = np.array(discs(ax, filled=True)), np.array(boundaries(ax))
     assert len(lines) == len(released) >= 2
     for x, v in released:
-        assert np.abs(lines[:, 0] * x + lines[:, 1] - v).min() < 1e-11
+        assert np.abs(lines[:, 0] * x + lines[:, 1] - v).min() < 1e-12
     assert np.ptp(lines[:, 1]) > 0.01
 
 
