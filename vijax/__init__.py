@@ -8,6 +8,10 @@ from ._contact.restitution import (
     modal_restitution_matrix as modal_restitution_matrix,
     restitution_matrix as restitution_matrix,
 )
+from ._contact.sticking_region import (
+    StickingRegion as StickingRegion,
+    sticking_region as sticking_region,
+)
 from ._log import IMPACT as IMPACT, RELEASE as RELEASE, STICK as STICK, EventLog as EventLog
 from ._motion.modal import ModalFlow as ModalFlow
 from ._motion.taylor import TaylorFlow as TaylorFlow
