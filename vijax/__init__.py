@@ -18,6 +18,7 @@ from ._orbits.maps import (
 )
 from ._simulate import simulate as simulate
 from ._solution import RESULTS as RESULTS, Solution as Solution
+from ._sweep.origin import system_of as system_of
 from ._sweep.sweep import sweep as sweep
 from ._system.forcing import Harmonic as Harmonic
 from ._system.stop import Stop as Stop
