@@ -22,6 +22,7 @@ from ._orbits.maps import (
 )
 from ._simulate import simulate as simulate
 from ._solution import RESULTS as RESULTS, Solution as Solution
+from ._sweep.origin import system_of as system_of
 from ._sweep.sweep import sweep as sweep
 from ._system.base import base_excitation as base_excitation
 from ._system.forcing import Harmonic as Harmonic

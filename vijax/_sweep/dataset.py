@@ -3,13 +3,19 @@
 import numpy as np
 import xarray as xr
 
+from .._labels import flags, label
 from .._solution import RESULTS
 from .paths import Point
 from .queues import Counts, Found
 
 
 def dataset(
-    points: Point, axes: dict[str, np.ndarray], shape: tuple[int, ...], counts: Counts, found: Found
+    points: Point,
+    axes: dict[str, np.ndarray],
+    shape: tuple[int, ...],
+    counts: Counts,
+    found: Found,
+    attributes: dict[str, str | int],
 ) -> xr.Dataset:
     """Label what was found.
 
@@ -19,8 +25,11 @@ def dataset(
         shape: the points as a grid; with one more dimension than `axes` if they were visited up and down.
         counts: what was asked of every point.
         found: what came of them.
+        attributes: how the sweep was made.
     """
-    directions = {"direction": np.array(["up", "down"])} if len(shape) > len(axes) else {}
+    # Text of any length: Zarr has no standard form of NumPy's text of a fixed one.
+    names = np.array(["up", "down"], np.dtypes.StringDType())
+    directions = {"direction": names} if len(shape) > len(axes) else {}
     dims = (*directions, *axes)
     last = {"num_impacts": "stop", "num_sticks": "stop", "stuck": "stop", "x": "mass", "v": "mass"}
     impacts = _impact_table(points, counts, found)
@@ -29,15 +38,23 @@ def dataset(
     for name, a in (impacts | _end_table(counts, found)).items():
         own = (last[name],) if name in last else ()
         variables[name] = ((*dims, *own), a.reshape(*shape, *a.shape[1:]))
-    coordinates = {path: axis if axis.ndim == 1 else np.arange(len(axis)) for path, axis in axes.items()}
-    ds = xr.Dataset(variables, coords=directions | coordinates)
+    ds = xr.Dataset(variables, coords=directions | _coordinates(axes), attrs=attributes)
+    for name, variable in ds.variables.items():
+        variable.attrs = label(str(name).removesuffix(".values"))
     ds["steps"].attrs["lane_steps"] = found.lane_steps
-    names = list(RESULTS._name_to_item)
-    ds["result"].attrs = {
-        "flag_values": np.arange(len(names), dtype=np.int8),
-        "flag_meanings": " ".join(names),
-    }
+    ds["result"].attrs |= flags(list(RESULTS._name_to_item))
     return ds
+
+
+def _coordinates(axes: dict[str, np.ndarray]) -> dict[str, tuple | np.ndarray]:
+    """The swept values; those that are arrays beside the numbers by which they are counted."""
+    coordinates = {}
+    for path, axis in axes.items():
+        coordinates[path] = axis if axis.ndim == 1 else np.arange(len(axis))
+        if axis.ndim > 1:
+            last = ("harmonic" if path.startswith("forcing") else "row", "mass")[-(axis.ndim - 1) :]
+            coordinates[f"{path}.values"] = ((path, *last), axis)
+    return coordinates
 
 
 def _impact_table(points: Point, counts: Counts, found: Found) -> dict[str, np.ndarray]:

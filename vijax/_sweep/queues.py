@@ -50,35 +50,42 @@ class Found:
     lane_steps: int
 
 
+def count_cores() -> int:
+    """The cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def run_points(
     points: Point,
     flow: AbstractFlow,
     counts: Counts,
     tell: Callable[[int], object] = lambda _: None,
     *,
-    of: int | None = None,
+    which: np.ndarray | None = None,
 ) -> Found:
-    """Run all points, a queue on every core: XLA lets go of Python while it works.
+    """Run points, a queue on every core: XLA lets go of Python while it works.
 
     Args:
-        points: the machines and starts; `x0` and `v0` have all points as their last axis.
+        points: the machines and starts of a whole sweep, whose size decides what is compiled; `x0` and `v0`
+            have all points as their last axis.
         flow: the motion between events.
         counts: what is asked of every point.
         tell: called with the number of points done since the last call.
-        of: the number of points of the whole sweep, if these are some of them: it decides what is compiled.
+        which: the points to run, in increasing order; all if left out.
 
     Returns:
-        What came of them, in their order.
+        What came of them, in their order; the impacts with their numbers in the whole sweep.
     """
-    num_points = points.x0.shape[-1]
-    in_all = num_points if of is None else of
+    in_all = points.x0.shape[-1]
+    which = np.arange(in_all) if which is None else which
+    num_points = len(which)
     num_lanes = _LANES if in_all > _LANES else max(8, 1 << (in_all - 1).bit_length())
     width = _POINTS if in_all > num_lanes else num_lanes
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = count_cores()
     num_queues = max(-(-num_points // width), min(cores, -(-num_points // num_lanes)))
     # The longest periods have most to do: they come first, and every queue has its share of them.
-    frequency = np.broadcast_to(points.system.forcing.frequency, num_points)
-    order = np.argsort(frequency, kind="stable")
+    frequency = np.broadcast_to(points.system.forcing.frequency, in_all)[which]
+    order = which[np.argsort(frequency, kind="stable")]
     shares = [order[k::num_queues] for k in range(num_queues)]
     stop, shape = Event(), (width, num_lanes)
     starting = Lock()
