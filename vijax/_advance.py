@@ -11,11 +11,12 @@ that another impact of the same instant presses again.
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ._contact.restitution import rebound
-from ._contact.sticking import chatter_is_complete, chatter_time
+from ._contact.sticking import chatter_is_complete, chatter_time, is_light
 from ._flight import fly
 from ._machine import Machine, State
 from ._motion.flow import AbstractFlow
@@ -86,7 +87,14 @@ def _resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."])
     none, zeros = jnp.zeros_like(hit), jnp.zeros_like(gap)
     arrived = jnp.zeros_like(state.time, bool)
     instant = Instant(hit, none, none, v_minus, machine.at_stops(v), zeros, arrived, state.time)
-    return _stick_and_release(machine, after, instant, is_event) if machine.can_stick else (after, instant)
+    if not machine.can_stick:
+        return after, instant
+    is_doubtful = state.held | (state.contact >= 2) | (hit & is_light(instant.velocity_plus))
+    return jax.lax.cond(
+        jnp.any(is_doubtful),
+        lambda: _stick_and_release(machine, after, instant, is_event),
+        lambda: (after, instant),
+    )
 
 
 def _stick_and_release(

@@ -124,7 +124,11 @@ def _safe_step(
     limit = jnp.minimum(limit, motion.limit)
     if not machine.masses:
         return limit, state.held
-    bound = compute_once(_bound, machine, state, motion, limit)
+    if machine.can_stick:
+        is_any_held = jnp.any(state.held)
+        bound = jax.lax.cond(is_any_held, _bound, _bound_of_gap, machine, state, motion, limit)
+    else:
+        bound = compute_once(_bound_of_gap, machine, state, motion, limit)
     steps, is_root = safe_step(bound, limit)
     nearly = short(state.x.dtype) * machine.timescale
     is_root = is_root & (steps <= nearly)
@@ -141,20 +145,21 @@ def _one_instant(machine: Machine) -> Scalar:
 
 def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
     """Bound the gap of every free stop and the contact force of every held one from below."""
-    now = motion.now
-    x_rest, force_rest = compute_once(motion.rest, machine, limit)
-    a, jerk = machine.at_stops(now.acceleration), machine.at_stops(now.jerk)
-    gap = (state.gap, -machine.at_stops(state.v), -a / 2, -jerk * (1 / 6))
-    bound = deflated(gap, machine.of_stops(x_rest), state.contact, limit)
-    if not machine.can_stick:
-        return bound
+    now, (_, force_rest) = motion.now, compute_once(motion.rest, machine, limit)
     contact_force = Bound(
         jnp.maximum(machine.at_stops(now.force), 0),
         machine.at_stops(now.force_rate),
         machine.at_stops(now.force_curvature) / 2,
         machine.of_stops(force_rest),
     )
-    return either(state.held, contact_force, bound)
+    return either(state.held, contact_force, _bound_of_gap(machine, state, motion, limit))
+
+
+def _bound_of_gap(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
+    now, (x_rest, _) = motion.now, compute_once(motion.rest, machine, limit)
+    a, jerk = machine.at_stops(now.acceleration), machine.at_stops(now.jerk)
+    gap = (state.gap, -machine.at_stops(state.v), -a / 2, -jerk * (1 / 6))
+    return deflated(gap, machine.of_stops(x_rest), state.contact, limit)
 
 
 def _move(machine: Machine, state: State, motion: Expansion, step: Scalar) -> State:

@@ -108,7 +108,7 @@ class DrivenModes(AbstractFlow):
 
     def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> "ModalExpansion":
         """Expand the motion at `state` with the masses `is_held` at rest."""
-        modes, response = compute_once(self._of_set, is_held) if len(self.sets) > 1 else self._of_set(is_held)
+        modes, response = self._of_set(is_held)
         cos, sin = state.phase
         speed = lift(machine.harmonics, cos) * machine.frequency
         steady = response.offset + _over_harmonics(response.cosine, cos) + _over_harmonics(response.sine, sin)
@@ -125,7 +125,15 @@ class DrivenModes(AbstractFlow):
         )
 
     def _of_set(self, is_held: Bool[Array, "n ..."]) -> tuple[Modes, Response]:
-        """The tables of the masses held now: a chain of selections, cheaper than a gather."""
+        """The tables of the masses held now."""
+        free = jax.tree.map(lambda a: a[0], (self.modes, self.response))
+        if len(self.sets) == 1:
+            return free
+        full = lambda a: jnp.broadcast_to(a, jnp.broadcast_shapes(a.shape, is_held.shape[1:]))  # noqa: E731
+        return jax.lax.cond(jnp.any(is_held), lambda: self._select(is_held), lambda: jax.tree.map(full, free))
+
+    def _select(self, is_held: Bool[Array, "n ..."]) -> tuple[Modes, Response]:
+        """The tables of every lane: a chain of selections, cheaper than a gather."""
         tables = (self.modes, self.response)
         chosen = jax.tree.map(lambda a: a[0], tables)
         for k, held in enumerate(self.sets[1:], 1):
