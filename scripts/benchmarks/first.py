@@ -79,7 +79,10 @@ def main() -> None:
         with Compilations() as compilations:
             error = run(frequency)
         told |= {f"{name} / s": time.perf_counter() - start}
-        told |= {f"traced, {name}": compilations.traces, f"compiled or fetched, {name}": compilations.programs}
+        told |= {
+            f"traced, {name}": compilations.traces,
+            f"compiled or fetched, {name}": compilations.programs,
+        }
         told.setdefault("error", error)
     print(json.dumps(told))
 

@@ -7,6 +7,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from .report import size
 from .single import SCENES
 
 # Colour and marker of each program, in the order of the legend; those of one family share the marker.
@@ -39,8 +40,8 @@ def work_precision(rows: list[dict], path: Path) -> None:
         chosen = [row for row in rows if row["scene"] == scene]
         panel(column[0], chosen, "time error")
         panel(column[1], chosen, "state error")
-        column[0].set(title=title, xlabel="largest error of an impact time")
-        column[1].set(xlabel="largest error of the state at t = 80")
+        column[0].set(title=title, xlabel="largest error of an impact time / time unit")
+        column[1].set(xlabel="largest error of x, v at t = 80 / unit")
     for ax in axes[:, 0]:
         ax.set_ylabel("run time of a trajectory / s")
     handles = {h.get_label(): h for ax in axes.flat for h in ax.get_legend_handles_labels()[0]}
@@ -78,27 +79,28 @@ def panel(ax: Axes, rows: list[dict], kind: str) -> None:
 
 def scaling(results: dict[str, Any], path: Path) -> None:
     """Time against points, masses and stops."""
-    fig, axes = plt.subplots(1, 3, figsize=(11, 3.6), layout="constrained")
-    for ax, (name, by, title) in zip(
-        axes,
-        (
-            ("throughput", "points", "points of a sweep, 20 periods each"),
-            ("masses", "masses", "masses, half of them with a stop; 96 points"),
-            ("stops", "stops", "stops of 16 masses; 96 points"),
-        ),
-        strict=True,
-    ):
+    panels = {
+        ("throughput", "points"): "sweep of 20 periods",
+        ("masses", "masses"): "half of the masses with a stop, 96 points",
+        ("stops", "stops"): "16 masses, 96 points",
+    }
+    fig, axes = plt.subplots(1, len(panels), figsize=(11, 4.0), layout="constrained")
+    for ax, ((name, by), title) in zip(axes, panels.items(), strict=True):
         rows = results.get(name) or []
-        size = [row[by] for row in rows]
-        ax.loglog(size, [row["min / s"] for row in rows], "o-", label="run")
-        ax.loglog(size, [row["compiling / s"] for row in rows], "s--", color="0.6", label="compilation")
-        ax.set(xlabel=f"number of {by}", title=title, ylabel="time / s")
+        sizes = [row[by] for row in rows]
+        ax.loglog(sizes, [row["min / s"] for row in rows], "o-", label="run")
+        if name != "throughput":  # most of its sizes share a compiled program
+            ax.loglog(sizes, [row["compiling / s"] for row in rows], "s--", color="0.6", label="compilation")
+            ax.set_xticks(sizes, sizes)
+            ax.minorticks_off()
+        errors = [row["error"] for row in rows]
+        known = [error for error in errors if error is not None]
+        worst = max(known) if known and len(known) == len(errors) else None
+        ax.set(xlabel=f"number of {by}", ylabel="time / s")
+        ax.set_title(f"{title}\nimpact times: {size(worst)}", fontsize=10)
         ax.grid(alpha=0.3)
-        if rows:
-            worst = max((row["error"] for row in rows if row["error"] is not None), default=float("nan"))
-            ax.text(
-                0.03, 0.97, f"impact times right to {worst:.0e}", transform=ax.transAxes, va="top", fontsize=8
-            )
-            ax.legend(loc="lower right")
+    fig.legend(
+        handles=axes[1].get_legend_handles_labels()[0], loc="outside lower center", ncols=2, frameon=False
+    )
     fig.savefig(path, dpi=150)
     plt.close(fig)

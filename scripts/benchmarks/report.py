@@ -92,7 +92,9 @@ def sweep_table(rows: list[dict]) -> list[str]:
 
 def size(error: float | None) -> str:
     """An error in words."""
-    return "impacts missed" if error is None else f"error {error:.0e}"
+    if error is None:
+        return "impacts missed"
+    return f"error {error:.0e}" if error else "right in every digit"
 
 
 def of_work(rows: list[dict]) -> list[tuple[str, str]]:

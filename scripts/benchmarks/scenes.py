@@ -91,16 +91,16 @@ def time_error(found: Impacts, exact: Impacts) -> float | None:
 def sweep_error(ds: xr.Dataset, scene: Scene, point: int = 0) -> float | None:
     """The largest error of an impact time of one point of a sweep without transient that is a scene.
 
-    If the room for its impacts was too small, those that found room are compared.
+    If the room for its impacts was too small, those that found room are compared; if the machine has
+    more stops than the scene, those of the scene, which come first.
     """
     row = ds.isel({ds[FREQUENCY].dims[0]: point})
-    times, stops, velocities = (row[f"impact_{name}"].values for name in ("time", "stop", "velocity"))
-    rows = [r for r in zip(times.tolist(), stops.tolist(), velocities.tolist(), strict=True) if r[1] >= 0]
-    exact = exact_impacts(scene)
+    columns = (row[f"impact_{name}"].values.tolist() for name in ("time", "stop", "velocity"))
+    rows = [impact for impact in zip(*columns, strict=True) if impact[1] >= 0]
     is_cut = int(row.num_impacts.sum()) > len(rows)
     until: float = min(scene["t1"], rows[-1][0] + 1e-9) if is_cut and rows else scene["t1"]
-    found = [r for r in rows if r[0] <= until and abs(r[2]) > LIGHT]
-    return time_error(found, [e for e in exact if e[0] <= until])
+    own = [r for r in rows if r[1] < len(scene["stops"]) and abs(r[2]) > LIGHT]
+    return time_error([r for r in own if r[0] <= until], exact_impacts(scene, until))
 
 
 def deepest(outcome: Outcome, scene: Scene) -> float:

@@ -54,7 +54,7 @@ def work_precision(full: bool) -> list[dict]:
                 if program is not None:
                     programs[key] = program, judge(program.outcome(), scene), compiling
         runs = {f"{m} {t}": program.seconds for (m, t), (program, *_) in programs.items()}
-        found = in_turns(runs, 7 if full else 3)
+        found = in_turns(runs, 7 if full else 2)
         for (method, tolerance), (_, judged, compiling) in programs.items():
             row = {"scene": name, "method": method, "tolerance": tolerance, **judged}
             rows.append(row | found[f"{method} {tolerance}"] | {"compiling / s": compiling.seconds or None})
