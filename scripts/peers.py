@@ -1,45 +1,25 @@
-"""What one would take instead of vijax: heyoka, SciPy, diffrax with events, and a scalar C++ program.
+"""What one would take instead of vijax: heyoka, SciPy, diffrax with events.
 
 Every peer makes of a scene (and a tolerance) a `Program`. The three solvers stop at an impact, reverse the
 velocity and go on, as their manuals show; they know no sticking. A run is given up after `LIMIT` impacts.
-A peer that is not installed raises an ImportError; the C++ needs a compiler.
+A peer that is not installed raises an ImportError. The scalar C++ program is in benchmarks/cpp.py.
 """
 
 # The peers are optional, and missing where only the library is installed.
 # pyright: reportMissingImports=false
 
-import atexit
 import multiprocessing
-import shutil
-import subprocess
-import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from benchmarks.scenes import Outcome, Scene
+from benchmarks.scenes import RECORD, TRANSIENT, Outcome, Program, Scene
 from benchmarks.timing import repeated
 
 LIMIT = 1000
-SOURCE = Path(__file__).parent / "scalar_reference.cpp"
-# Forcing periods of the paper's sweeps: discarded, recorded.
-TRANSIENT, RECORD = 100, 20
-
-
-class Program(NamedTuple):
-    """A scene, ready to run.
-
-    Attributes:
-        outcome: runs it and tells what became of it.
-        seconds: runs it a number of times and tells how long each took.
-    """
-
-    outcome: Callable[[], Outcome]
-    seconds: Callable[[int], list[float]]
 
 
 class Machine:
@@ -265,60 +245,3 @@ def _diffrax_program(solver: str, masses: tuple[int, ...]) -> Callable[..., tupl
         return jax.lax.while_loop(lambda c: (c[0] < t1) & (c[2] < LIMIT), fly, first)
 
     return run
-
-
-@cache
-def compiled(source: Path) -> Path | None:
-    """A C++ program, built for this machine, or None where there is no compiler."""
-    compiler = shutil.which("g++") or shutil.which("clang++")
-    if compiler is None:
-        return None
-    folder = tempfile.mkdtemp()
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    program = Path(folder) / source.stem
-    subprocess.run(
-        [compiler, "-O3", "-march=native", "-ffast-math", "-o", str(program), str(source)], check=True
-    )
-    return program
-
-
-def scalar(scene: Scene) -> Program | None:
-    """The scalar C++ program on a scene of the paper's machine; None where there is no compiler."""
-    program = compiled(SOURCE)
-    if program is None:
-        return None
-    positions = [s["position"] for s in sorted(scene["stops"], key=lambda s: s["mass"])]
-    numbers = map(repr, (*positions, scene["A"][0], scene["Omega"], scene["t1"]))
-    command = [str(program), "trajectory", *numbers]
-
-    def lines(repeats: int) -> list[list[str]]:
-        done = subprocess.run([*command, str(repeats)], check=True, capture_output=True, text=True)
-        return [line.split() for line in done.stdout.splitlines()]
-
-    def outcome() -> Outcome:
-        rows = lines(1)
-        impacts = [
-            (float(t), int(j), float(v))
-            for name, *numbers in rows
-            if name == "impact"
-            for j, t, v in [numbers]
-        ]
-        end = next(numbers for name, *numbers in rows if name == "end")
-        return Outcome(impacts, np.array(end, float))
-
-    return Program(outcome, lambda repeats: [float(row[1]) for row in lines(repeats) if row[0] == "seconds"])
-
-
-def scalar_sweep(
-    program: Path, stops: tuple[float, float, float], frequencies: np.ndarray, cores: int
-) -> None:
-    """Run a sweep of a paper case by the scalar program: one process a core, their start included."""
-    processes = []
-    for k in range(cores):
-        share = frequencies[k::cores]
-        numbers = [*stops, share[0], share[-1], len(share), TRANSIENT, RECORD]
-        arguments = [repr(float(a)) if isinstance(a, float) else str(a) for a in numbers]
-        processes.append(subprocess.Popen([program, "sweep", *arguments], stdout=subprocess.DEVNULL))
-    for process in processes:
-        if process.wait() != 0:
-            raise RuntimeError("The scalar program failed.")

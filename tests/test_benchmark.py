@@ -10,8 +10,8 @@ import pytest
 
 sys.path.append(str(Path(__file__).parents[1] / "scripts"))
 
-import peers  # noqa: E402
-from benchmarks import peak, scenes, sizes, timing  # noqa: E402
+import peers
+from benchmarks import cpp, peak, scenes, sizes, timing
 
 LIGHT, CHATTER = scenes.load("paper_a_om080"), scenes.load("paper_b_om030")
 # Peers at tight tolerances, with the roundings of some twenty impacts.
@@ -66,10 +66,10 @@ def test_scipy_is_right_in_a_light_scene():
     assert scenes.judge(peers.scipy(LIGHT, 1e-12).outcome(), LIGHT)["time error"] < 2 * TIGHT
 
 
-@pytest.mark.skipif(peers.compiled(peers.SOURCE) is None, reason="needs a C++ compiler")
+@pytest.mark.skipif(cpp.compiled(cpp.SCALAR) is None, reason="needs a C++ compiler")
 @pytest.mark.parametrize(("scene", "tolerance"), [(LIGHT, TIGHT), (CHATTER, CHATTER_ENDED)])
 def test_the_scalar_program_is_right_in_every_scene(scene, tolerance):
-    program = peers.scalar(scene)
+    program = cpp.scalar(scene)
     assert program is not None
     judged = scenes.judge(program.outcome(), scene)
     assert judged["outcome"] == "right"

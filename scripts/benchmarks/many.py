@@ -14,9 +14,21 @@ import xarray as xr
 
 import vijax as vx
 
+from . import cpp
 from .peak import floating_point_peak, operations_per_step, recorded_call
 from .report import say
-from .scenes import FREQUENCY, Scene, judge, load, machine, scenes_of_case, sweep_error
+from .scenes import (
+    FREQUENCY,
+    RECORD,
+    TRANSIENT,
+    Program,
+    Scene,
+    judge,
+    load,
+    machine,
+    scenes_of_case,
+    sweep_error,
+)
 from .single import installed, simulate_batch
 from .timing import Compilations, in_turns, memory_high_water, num_cores, repeated, summary, times
 
@@ -25,7 +37,7 @@ CASES: dict[str, tuple[Callable, np.ndarray, tuple[float, float, float]]] = {
     "a": (vx.models.wagg_bishop_a, np.linspace(0.2, 2.0, 721), (0.3, 0.3, 0.3)),
     "b": (vx.models.wagg_bishop_b, np.linspace(0.1, 2.5, 961), (-0.3, 0.1, 0.5)),
 }
-PERIODS = peers.TRANSIENT + peers.RECORD
+PERIODS = TRANSIENT + RECORD
 HEYOKA_TOLERANCE = 1e-13
 # Points from which on a size is run in a process of its own, to know its memory.
 LARGE = 100_000
@@ -43,14 +55,14 @@ def sweeps(full: bool) -> list[dict]:
     process a core, their start included; heyoka likewise, but started and compiled, and in a quick
     run with every fourth frequency, the time in proportion.
     """
-    rows, cores, program = [], num_cores(), peers.compiled(peers.SOURCE)
+    rows, cores, program = [], num_cores(), cpp.compiled(cpp.SCALAR)
     for case, (build, frequencies, stops) in CASES.items():
         system, values = build(1.0), {FREQUENCY: frequencies}
         runs = {"vijax": repeated(partial(run_sweep, system, values))}
         errors = {"vijax": case_error(case)}
         if program is not None:
-            runs["scalar C++"] = repeated(partial(peers.scalar_sweep, program, stops, frequencies, cores))
-            errors["scalar C++"] = peer_error(case, peers.scalar)
+            runs["scalar C++"] = repeated(partial(cpp.scalar_sweep, program, stops, frequencies, cores))
+            errors["scalar C++"] = peer_error(case, cpp.scalar)
         found = in_turns(runs, 15 if full else 7)
         if case == "a":  # in the other it falls through a stop
             seconds = installed(partial(heyoka_seconds, stops, frequencies, full))
@@ -85,7 +97,7 @@ def case_error(case: str) -> float | None:
     return worst([sweep_error(ds, scene, k) for k, scene in enumerate(scenes)])
 
 
-def peer_error(case: str, build: Callable[[Scene], peers.Program | None]) -> float | None:
+def peer_error(case: str, build: Callable[[Scene], Program | None]) -> float | None:
     """Likewise, of a peer."""
     programs = [(build(scene), scene) for scene in scenes_of_case(case)]
     return worst([judge(p.outcome(), scene)["time error"] for p, scene in programs if p is not None])

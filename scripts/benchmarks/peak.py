@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-import peers
 
 from vijax._sweep import queues
 
+from . import cpp
 from .timing import num_cores, times
 
 _SOURCE = Path(__file__).parent / "peak.cpp"
@@ -53,7 +53,7 @@ class Peak(NamedTuple):
 
 def floating_point_peak() -> Peak:
     """Measure it, all cores at work at once."""
-    program, cores = peers.compiled(_SOURCE), num_cores()
+    program, cores = cpp.compiled(_SOURCE), num_cores()
     if program is not None:
         running = [subprocess.Popen([program], stdout=subprocess.PIPE, text=True) for _ in range(cores)]
         rate = sum(float(process.communicate()[0]) for process in running)

@@ -56,7 +56,7 @@ def write(results: dict[str, Any], folder: Path) -> None:
     """Everything as JSON, and every part as CSV."""
     (folder / "benchmark.json").write_text(json.dumps(results, indent=1, allow_nan=False))
     for name, rows in results.items():
-        if not isinstance(rows, list):
+        if not isinstance(rows, list) or not rows:
             continue
         columns = list(dict.fromkeys(k for row in rows for k in row))
         with (folder / f"benchmark_{name}.csv").open("w", newline="") as file:

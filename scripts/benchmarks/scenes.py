@@ -1,6 +1,7 @@
 """What is right: scenes solved to 36 digits by an independent method, and how far from them a program is."""
 
 import json
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +19,8 @@ _DEEP = 1e-4
 # Looks between two impacts when a log is played again.
 _LOOKS = 50
 FREQUENCY = "forcing.frequency"
+# Forcing periods of the paper's sweeps: discarded, recorded.
+TRANSIENT, RECORD = 100, 20
 
 Impacts = list[tuple[float, int, float]]
 Scene = dict[str, Any]
@@ -35,6 +38,18 @@ class Outcome(NamedTuple):
     impacts: Impacts
     end: np.ndarray
     gave_up: bool = False
+
+
+class Program(NamedTuple):
+    """A scene, ready to run.
+
+    Attributes:
+        outcome: runs it and tells what became of it.
+        seconds: runs it a number of times and tells how long each took.
+    """
+
+    outcome: Callable[[], Outcome]
+    seconds: Callable[[int], list[float]]
 
 
 @cache

@@ -11,8 +11,9 @@ import peers
 
 import vijax as vx
 
+from . import cpp
 from .report import say
-from .scenes import Outcome, Scene, judge, load, machine
+from .scenes import Outcome, Program, Scene, judge, load, machine
 from .timing import Compilations, in_turns, repeated
 
 Made = TypeVar("Made")
@@ -23,7 +24,7 @@ SCENES = {
     "paper_b_om030": "chatter and sticking: case (b), W = 0.3",
 }
 TOLERANCES = (1e-6, 1e-9, 1e-12)
-PEERS: dict[str, tuple[Callable[..., peers.Program | None], tuple[float, ...]]] = {
+PEERS: dict[str, tuple[Callable[..., Program | None], tuple[float, ...]]] = {
     "heyoka": (peers.heyoka, (1e-6, 1e-9, 1e-12, 1e-15)),
     "SciPy DOP853": (peers.scipy, TOLERANCES),
     **{f"diffrax {s}": (partial(peers.diffrax, solver=s), TOLERANCES) for s in ("Tsit5", "Dopri5", "Dopri8")},
@@ -41,10 +42,10 @@ def work_precision(full: bool) -> list[dict]:
     rows = []
     for name in SCENES:
         scene, programs = load(name), {}
-        makers: dict[tuple[str, float | None], Callable[[], peers.Program | None]] = {
+        makers: dict[tuple[str, float | None], Callable[[], Program | None]] = {
             ("vijax", None): lambda scene=scene: by_vijax(scene),
             (f"vijax, {BATCH} at once", None): lambda scene=scene: by_vijax(scene, BATCH),
-            ("scalar C++", None): lambda scene=scene: peers.scalar(scene),
+            ("scalar C++", None): lambda scene=scene: cpp.scalar(scene),
         }
         for peer, (build, tolerances) in PEERS.items():
             makers |= {(peer, t): partial(build, scene, t) for t in tolerances}
@@ -62,7 +63,7 @@ def work_precision(full: bool) -> list[dict]:
     return rows
 
 
-def by_vijax(scene: Scene, batch: int | None = None) -> peers.Program:
+def by_vijax(scene: Scene, batch: int | None = None) -> Program:
     """A scene by `simulate`, or a batch of it; of a batch the seconds are those of one."""
     system, ends = machine(scene), (scene["t0"], scene["t1"])
     x0, v0 = (jnp.asarray(scene[name], float) for name in ("x0", "v0"))
@@ -79,7 +80,7 @@ def by_vijax(scene: Scene, batch: int | None = None) -> peers.Program:
         return Outcome(list(zip(*columns, strict=True)), np.concatenate([sol.x1, sol.v1]))
 
     seconds = repeated(run)
-    return peers.Program(outcome, lambda repeats: [s / (batch or 1) for s in seconds(repeats)])
+    return Program(outcome, lambda repeats: [s / (batch or 1) for s in seconds(repeats)])
 
 
 @jax.jit
@@ -100,7 +101,7 @@ def installed(make: Callable[[], Made]) -> Made | None:
 
 
 def derivatives(full: bool) -> list[dict]:
-    """The Jacobian of an end state by the start and three parameters, and a gradient, per plain run."""
+    """The Jacobian of an end state by the start and three parameters, and a gradient (if full), per plain run."""
     rows = []
     sets = {"frequency, amplitude, restitution": by_load, "mass, amplitude, stiffness": by_matrices}
     for name, build in list(sets.items())[: 2 if full else 1]:
@@ -109,7 +110,9 @@ def derivatives(full: bool) -> list[dict]:
             sol = vx.simulate(build(p), 0.0, 80.0, p[:2], p[2:4], max_events=0, throw=False)
             return jnp.concatenate([sol.x1, sol.v1])
 
-        functions = {"plain": end, "jacfwd": jax.jacfwd(end), "grad": jax.grad(lambda p, f=end: f(p).sum())}
+        functions = {"plain": end, "jacfwd": jax.jacfwd(end)}
+        if full:
+            functions["grad"] = jax.grad(lambda p, f=end: f(p).sum())
         programs = {k: jax.jit(jax.vmap(f)) for k, f in functions.items()}
         points, exact, compiling, errors = lanes(build), reference(build), {}, {}
         for method, program in programs.items():
