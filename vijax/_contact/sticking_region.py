@@ -214,5 +214,5 @@ def sticking_region(system: ImpactSystem, held: int | Sequence[int]) -> Sticking
         raise ValueError(
             f"Argument `held` must name one stop of a mass, but stops {list(stops)} are of masses {masses}."
         )
-    machine = prepare(system, jnp.ones((), system.mass.dtype), jnp.array(True), can_stick=True)
+    machine = prepare(system, jnp.ones((), system.mass.dtype), can_stick=True)
     return StickingRegion(machine, tuple(int(j) for j in stops))
