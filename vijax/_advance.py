@@ -21,7 +21,7 @@ from ._flight import fly
 from ._machine import Machine, State
 from ._motion.flow import AbstractFlow
 from ._types import Flag, Scalar, not_negative, stack
-from ._xla import compute_once
+from ._xla import compute_once, is_any
 
 
 class Instant(eqx.Module):
@@ -91,7 +91,7 @@ def _resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."])
         return after, instant
     is_doubtful = state.held | (state.contact >= 2) | (hit & is_light(instant.velocity_plus))
     return jax.lax.cond(
-        jnp.any(is_doubtful),
+        is_any(is_doubtful),
         lambda: _stick_and_release(machine, after, instant, is_event),
         lambda: (after, instant),
     )

@@ -20,7 +20,7 @@ from ._motion.bounds import Bound, deflated, either, safe_step, short
 from ._motion.flow import AbstractFlow, Expansion
 from ._motion.taylor import derivative, horner, sum_series, taylor_series
 from ._types import Flag, Scalar, smallest
-from ._xla import compute_once
+from ._xla import compute_once, is_any
 
 # An event this near, times the rate of the motion, is reached by the first terms of the Taylor
 # series: what five terms leave of the velocity, 1e-3^5 / 5!, is below rounding. Two terms fewer are known of
@@ -125,7 +125,7 @@ def _safe_step(
     if not machine.masses:
         return limit, state.held
     if machine.can_stick:
-        is_any_held = jnp.any(state.held)
+        is_any_held = is_any(state.held)
         bound = jax.lax.cond(is_any_held, _bound, _bound_of_gap, machine, state, motion, limit)
     else:
         bound = compute_once(_bound_of_gap, machine, state, motion, limit)

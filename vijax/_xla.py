@@ -50,6 +50,11 @@ def _call(function: Callable, args: tuple, **attributes: str):
         return jax.jit(called)(arrays)
 
 
+def is_any(flags: Bool[Array, "..."]) -> Bool[Array, ""]:
+    """Whether any flag is up in any lane, those of a `vmap` included: what skips work may ask no less."""
+    return unvmap_any(flags)
+
+
 class AbstractTask(eqx.Module):
     """What `while_any` does: all that the loop depends on, so that derivatives see it."""
 
@@ -78,14 +83,14 @@ def while_any(task: AbstractTask, carry):
 
 @eqx.filter_custom_jvp
 def _while_any(carry, task: AbstractTask):
-    return jax.lax.while_loop(lambda c: unvmap_any(task.is_live(c)), lambda c: task.step(c), carry)
+    return jax.lax.while_loop(lambda c: is_any(task.is_live(c)), lambda c: task.step(c), carry)
 
 
 @_while_any.def_jvp
 def _while_any_jvp(primals, tangents):
     def bounded(carry, task):
         return while_loop(
-            lambda c: unvmap_any(task.is_live(c)),
+            lambda c: is_any(task.is_live(c)),
             lambda c: task.step(c),
             carry,
             max_steps=16**4,

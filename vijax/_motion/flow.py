@@ -7,6 +7,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._machine import Machine, State
 from .._types import Scalar
+from .._xla import compute_once
 
 
 class Derivatives(eqx.Module):
@@ -72,4 +73,5 @@ class AbstractFlow(eqx.Module):
         self, machine: Machine, state: State, is_held: Bool[Array, "n ..."], step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Expand and move at once. Derivatives are taken through this."""
-        return self.expand(machine, state, is_held).move(machine, state, step)
+        motion = compute_once(self.expand, machine, state, is_held)
+        return compute_once(motion.move, machine, state, step)

@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._machine import Machine, State
 from .._types import Scalar, add_up, lift, matvec, stack
-from .._xla import compute_once
+from .._xla import compute_once, is_any
 from .flow import AbstractFlow, Derivatives, Expansion
 
 _TRUST_AND_TERMS = {"float64": (3.0, 11), "float32": (1.0, 6)}
@@ -130,7 +130,7 @@ class DrivenModes(AbstractFlow):
         if len(self.sets) == 1:
             return free
         full = lambda a: jnp.broadcast_to(a, jnp.broadcast_shapes(a.shape, is_held.shape[1:]))  # noqa: E731
-        return jax.lax.cond(jnp.any(is_held), lambda: self._select(is_held), lambda: jax.tree.map(full, free))
+        return jax.lax.cond(is_any(is_held), lambda: self._select(is_held), lambda: jax.tree.map(full, free))
 
     def _select(self, is_held: Bool[Array, "n ..."]) -> tuple[Modes, Response]:
         """The tables of every lane: a chain of selections, cheaper than a gather."""

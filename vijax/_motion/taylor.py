@@ -28,6 +28,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._machine import Machine, State
 from .._types import Scalar, add_up, matvec
+from .._xla import compute_once
 from .flow import AbstractFlow, Derivatives, Expansion
 
 _ORDER_AND_TRUST = {"float64": (22, 1.5), "float32": (11, 1.0)}
@@ -53,7 +54,7 @@ class TaylorFlow(AbstractFlow):
 
         def add(carry, order):
             (k, *_), (last, power, totals) = order, carry
-            now, (x, _, phase) = extend(last, order)
+            now, (x, _, phase) = compute_once(extend, last, order)
             power = power * step
             displacement, v, waves = totals
             totals = (
