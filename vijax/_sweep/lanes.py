@@ -22,8 +22,8 @@ from .._motion.flow import AbstractFlow
 from .._system.system import ImpactSystem
 
 # Rows of the log, and their columns: time since the transient, velocity before, stop, point, number
-# of the impact among those of its point.
-_ROWS, _COLUMNS = 1 << 15, 5
+# of the impact among those of its point, time to the end of the chatter that it completes (or 0).
+_ROWS, _COLUMNS = 1 << 15, 6
 
 
 class Ends(eqx.Module):
@@ -33,6 +33,7 @@ class Ends(eqx.Module):
         state: at the end, (..., points).
         num_impacts: recorded impacts of each stop, (stops, points), also those that found no room.
         num_sticks: likewise.
+        held_time: for how long each stop held its mass in the recorded periods, (stops, points).
         steps: steps taken, (points,).
         is_finite: whether it stayed finite, (points,).
     """
@@ -40,6 +41,7 @@ class Ends(eqx.Module):
     state: State
     num_impacts: Int[Array, "stops points"]
     num_sticks: Int[Array, "stops points"]
+    held_time: Float[Array, "stops points"]
     steps: Int[Array, " points"]
     is_finite: Bool[Array, " points"]
 
@@ -52,8 +54,9 @@ class Queue(eqx.Module):
         point: the point of each lane; the number of points, if it has none.
         ends: what became of the points that are done.
         following: the next point that waits.
-        log: impacts, one a row, (rows, 5).
+        log: impacts, one a row, (rows, 6).
         num_rows: rows written.
+        section: x, v and `held_time` at the end of every recorded period, (points, periods, 2 n + stops).
         turns: turns of the loop, each a step of every lane, idle or not.
     """
 
@@ -63,6 +66,7 @@ class Queue(eqx.Module):
     following: Int[Array, ""]
     log: Float[Array, "rows columns"]
     num_rows: Int[Array, ""]
+    section: Float[Array, "points periods columns"]
     turns: Int[Array, ""]
 
 
@@ -86,8 +90,8 @@ class Work(eqx.Module):
     max_turns: Int[Array, ""]
 
 
-def new_queue(system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int) -> Queue:
-    """A queue with all lanes idle, for points that start at `x0`."""
+def new_queue(system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int, record: int = 1) -> Queue:
+    """A queue with all lanes idle, for points that start at `x0`, with room for `record` periods."""
     (n, points), stops, dtype = x0.shape, len(system.stops), x0.dtype
     harmonics = system.forcing.amplitude.shape[0] if system.forcing.amplitude.ndim == 3 else 1
 
@@ -107,12 +111,14 @@ def new_queue(system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int
             held=fill(bool, stops, size),
             contact=fill(np.int8, stops, size),
         )
-        return Ends(state, count, count, fill(int, size), fill(bool, size, value=True))
+        held_time = fill(dtype, stops, size)
+        return Ends(state, count, count, held_time, fill(int, size), fill(bool, size, value=True))
 
     idle = fill(int, num_lanes, value=points)
     rows = max(_ROWS, stops * num_lanes)  # one step at least
     log = fill(dtype, rows, _COLUMNS)
-    return Queue(nothing(num_lanes), idle, nothing(points), fill(int), log, fill(int), fill(int))
+    section = fill(dtype, points, record, 2 * n + stops)
+    return Queue(nothing(num_lanes), idle, nothing(points), fill(int), log, fill(int), section, fill(int))
 
 
 @eqx.filter_jit(compiler_options={"xla_cpu_prefer_vector_width": 512})  # pyright: ignore[reportCallIssue]
@@ -204,12 +210,13 @@ def _refill(work: Work, first: State, queue: Queue) -> Queue:
         state=_gather(first, point, num_points),
         num_impacts=jnp.zeros_like(queue.lanes.num_impacts),
         num_sticks=jnp.zeros_like(queue.lanes.num_sticks),
+        held_time=jnp.zeros_like(queue.lanes.held_time),
         steps=jnp.zeros_like(queue.lanes.steps),
         is_finite=jnp.ones_like(queue.lanes.is_finite),
     )
     lanes = jax.tree.map(lambda new, old: jnp.where(is_new, new, old), fresh, queue.lanes)
     following = queue.following + jnp.sum(is_new)
-    return Queue(lanes, point, ends, following, queue.log, queue.num_rows, queue.turns)
+    return Queue(lanes, point, ends, following, queue.log, queue.num_rows, queue.section, queue.turns)
 
 
 def _step(
@@ -234,10 +241,27 @@ def _step(
         state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),
         num_impacts=lanes.num_impacts + hit,
         num_sticks=lanes.num_sticks + (instant.stuck & counted),
+        held_time=lanes.held_time + jnp.where(counted, _held(state, instant), 0),
         steps=lanes.steps + live,
         is_finite=is_finite | ~live,
     )
-    return Queue(moved, queue.point, queue.ends, queue.following, log, num_rows, queue.turns + 1)
+    section = _mark(work, queue, moved, counted & instant.arrived)
+    return Queue(moved, queue.point, queue.ends, queue.following, log, num_rows, section, queue.turns + 1)
+
+
+def _held(state: State, instant: Instant) -> Float[Array, "stops lanes"]:
+    """For how long each stop held its mass in a step; a stick counts from the end of its chatter."""
+    return jnp.where(state.held, instant.time - state.time, 0) - instant.chatter
+
+
+def _mark(
+    work: Work, queue: Queue, moved: Ends, is_mark: Bool[Array, " lanes"]
+) -> Float[Array, "points periods columns"]:
+    """Write where the lanes are at the end of a recorded period."""
+    point = jnp.where(is_mark, queue.point, len(queue.section))
+    row = jnp.concatenate([moved.state.x, moved.state.v, moved.held_time]).T
+    put = lambda room: room.at[point, moved.state.periods - 1 - work.transient].set(row, mode="drop")  # noqa: E731
+    return jax.lax.cond(jnp.any(is_mark), put, lambda room: room, queue.section)
 
 
 def _write(
@@ -256,7 +280,8 @@ def _write(
     kept = (hit & (number < work.max_impacts)).ravel()
     row = jnp.where(kept, queue.num_rows + jnp.cumsum(kept) - 1, len(queue.log))
     signs = jnp.asarray(machine.signs, passed.dtype)[:, None]
-    columns = (passed, signs * instant.velocity_minus, jnp.arange(stops)[:, None], queue.point, number)
+    stop, velocity = jnp.arange(stops)[:, None], signs * instant.velocity_minus
+    columns = (passed, velocity, stop, queue.point, number, instant.chatter)
     values = [jnp.broadcast_to(a, hit.shape).astype(passed.dtype).ravel() for a in columns]
     put = lambda log: log.at[row].set(jnp.stack(values, axis=-1), mode="drop")  # noqa: E731
     log = jax.lax.cond(jnp.any(kept), put, lambda log: log, queue.log)
