@@ -1,5 +1,6 @@
 """Impact maps, stroboscopic sections and kinds of motion of machines: the paper's, and some solved exactly."""
 
+import jax
 import numpy as np
 import pytest
 import xarray as xr
@@ -254,6 +255,20 @@ def test_a_motion_without_a_forcing_period_is_refused():
     for look in (vx.classify, vx.impact_map, vx.stroboscopic_section):
         with pytest.raises(ValueError, match="The load has no frequency"):
             look(sol)
+
+
+def test_several_trajectories_at_once_are_refused(held_both):
+    batch = jax.tree.map(lambda a: a[None], held_both)
+    for look in (vx.classify, vx.impact_map, vx.stroboscopic_section):
+        with pytest.raises(ValueError, match="holds several trajectories"):
+            look(batch)
+
+
+def test_bounds_that_are_not_positive_are_refused(case_a):
+    with pytest.raises(ValueError, match="Argument `tolerance` must be positive"):
+        vx.classify(case_a, tolerance=0.0)
+    with pytest.raises(ValueError, match="Argument `double_impact_within` must be positive"):
+        vx.classify(case_a, double_impact_within=-1.0)
 
 
 def test_a_stop_that_is_not_there_is_refused(case_a):

@@ -177,6 +177,13 @@ def test_the_contraction_is_that_of_a_period():
     assert found.contraction.item() == pytest.approx(0.6, rel=1e-3)
 
 
+def test_in_single_precision_a_motion_is_told_to_what_can_be_known():
+    cycle = np.sin(K * np.pi + 0.3) + 1e-5 * np.random.default_rng(5).uniform(-0.03, 0.03, RECORD)
+    ds = record(cycle)
+    assert motion_of(ds) == ("not_settled", 0)
+    assert motion_of(ds.assign(section_v=ds.section_v.astype(np.float32))) == ("non_impacting", 2)
+
+
 def test_a_larger_tolerance_settles_earlier():
     ds = record(0.3 + 1e-3 * 0.8**K)
     assert motion_of(ds) == ("not_settled", 0)

@@ -1,6 +1,7 @@
 """What kind of motion: with how many impacts, in how many forcing periods, or none that repeats."""
 
-from typing import Final
+import math
+from typing import Final, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -54,7 +55,8 @@ def classify(
         What belongs to n periods is NaN if there is no n, and counts are if the log was cut.
 
     Raises:
-        ValueError: if fewer than two periods are recorded, or the load has no frequency.
+        ValueError: if fewer than two periods are recorded, the load has no frequency, or an argument is
+            not positive.
 
     Example:
         ```python
@@ -67,8 +69,10 @@ def classify(
         Wagg & Bishop (2004), Sec. 4.4 with Table 2, Sec. 4.5 with Table 3.
     """
     section, last = _section(source, last)
-    if tolerance is None:
-        tolerance = _TOLERANCES[section.v.dtype.itemsize]
+    tolerance = _TOLERANCES[section.v.dtype.itemsize] if tolerance is None else tolerance
+    for name, value in (("tolerance", tolerance), ("double_impact_within", double_impact_within)):
+        if value is not None and not value > 0:
+            raise ValueError(f"Argument `{name}` must be positive, but is {value}.")
     period, masses, impacts = forcing_periods(source), stop_masses(source), impacts_of(source)
     in_periods = impacts.time / period[impacts.point]
     number = np.floor(in_periods + _EDGE).astype(int)  # of the period of each impact, from 0
@@ -77,31 +81,38 @@ def classify(
     is_failed = np.isnan(relative.sum(axis=(1, 2)))
     found = recurrence(np.where(is_failed[:, None, None], 0, relative), tolerance)
     n = np.where(is_failed, 0, found.num_periods)
-
-    # What belongs to the last n periods.
-    recorded = section.sizes["period"]
-    is_ours = (number >= (recorded - n)[impacts.point]) & (number < recorded)
-    counts = _counts(impacts, is_ours, len(n), len(masses))
+    tally = _tally(section, impacts, number, n, masses)
     within = period / 1000 if double_impact_within is None else np.full(len(n), double_impact_within)
-    doubles = _double_impacts(impacts, is_ours, masses, within)
-    is_last = np.arange(recorded) >= (recorded - n)[:, None]
-    held = np.where(is_last[..., None], section.held_time.values, 0).sum(axis=1)
+    doubles = _double_impacts(impacts, tally.is_ours, masses, within)
     is_cut = _is_cut(source, impacts, len(n))
-    motion = _motion(n, is_failed, found.is_settling, counts, is_cut, held)
     is_counted = (n > 0) & ~is_cut
     columns = {
-        "motion": ((), motion),
+        "motion": ((), _motion(n, is_failed, found.is_settling, tally, is_cut)),
         "num_periods": ((), n),
-        "num_impacts": (("stop",), np.where(is_counted[:, None], counts, np.nan)),
-        "held_time": (("stop",), np.where((n > 0)[:, None], held, np.nan)),
+        "num_impacts": (("stop",), np.where(is_counted[:, None], tally.num_impacts, np.nan)),
+        "held_time": (("stop",), np.where((n > 0)[:, None], tally.held_time, np.nan)),
         "num_double_impacts": ((), np.where(is_counted, doubles, np.nan)),
         "recurrence_error": ((), np.where(is_failed, np.nan, found.error)),
         "contraction": ((), np.where(is_failed, np.nan, found.contraction)),
     }
     ds = label(source, columns)
-    names = np.arange(len(MOTIONS), dtype=np.int8)
-    ds["motion"].attrs = {"flag_values": names, "flag_meanings": " ".join(MOTIONS)}
+    flags = np.arange(len(MOTIONS), dtype=np.int8)
+    ds["motion"].attrs = {"flag_values": flags, "flag_meanings": " ".join(MOTIONS)}
     return ds
+
+
+class _Tally(NamedTuple):
+    """What happens in the last n periods.
+
+    Attributes:
+        is_ours: the impacts in them.
+        num_impacts: of each stop, infinite where a complete chatter ends, (points, stops).
+        held_time: likewise.
+    """
+
+    is_ours: np.ndarray
+    num_impacts: np.ndarray
+    held_time: np.ndarray
 
 
 def _section(source: Solution | xr.Dataset, last: int | None) -> tuple[xr.Dataset, int]:
@@ -121,16 +132,12 @@ def _section(source: Solution | xr.Dataset, last: int | None) -> tuple[xr.Datase
 
 
 def _motion(
-    n: np.ndarray,
-    is_failed: np.ndarray,
-    is_settling: np.ndarray,
-    counts: np.ndarray,
-    is_cut: np.ndarray,
-    held: np.ndarray,
+    n: np.ndarray, is_failed: np.ndarray, is_settling: np.ndarray, tally: _Tally, is_cut: np.ndarray
 ) -> np.ndarray:
     """The kind of each motion, as a number; if the log is cut, a mass that is held must testify to chatter."""
-    is_chattering = np.isinf(counts).any(axis=1) | is_cut & (held > 0).any(axis=1)
-    is_impacting = (counts > 0).any(axis=1) | is_cut
+    is_held = (tally.held_time > 0).any(axis=1)
+    is_chattering = np.isinf(tally.num_impacts).any(axis=1) | (is_cut & is_held)
+    is_impacting = (tally.num_impacts > 0).any(axis=1) | is_cut
     kinds = {
         "failed": is_failed,
         "not_settled": (n == 0) & is_settling,
@@ -174,20 +181,25 @@ def _is_cut(source: Solution | xr.Dataset, impacts: Impacts, num_points: int) ->
     return np.bincount(impacts.point, minlength=num_points) < happened
 
 
-def _counts(impacts: Impacts, is_late: np.ndarray, num_points: int, num_stops: int) -> np.ndarray:
-    """Impacts of each stop, infinitely many where a complete chatter ends, (points, stops)."""
-    place = impacts.point * num_stops + impacts.stop
-    count = lambda which: np.bincount(place[which], minlength=num_points * num_stops)  # noqa: E731
-    counts = np.where(count(is_late & impacts.sticks) > 0, np.inf, count(is_late))
-    return counts.reshape(num_points, num_stops)
+def _tally(
+    section: xr.Dataset, impacts: Impacts, number: np.ndarray, n: np.ndarray, masses: np.ndarray
+) -> _Tally:
+    """Count what happens in the last n periods of each point."""
+    recorded, shape = section.sizes["period"], (len(n), len(masses))
+    is_ours = (number >= (recorded - n)[impacts.point]) & (number < recorded)
+    place = impacts.point * len(masses) + impacts.stop
+    count = lambda which: np.bincount(place[which], minlength=math.prod(shape)).reshape(shape)  # noqa: E731
+    counts = np.where(count(is_ours & impacts.sticks) > 0, np.inf, count(is_ours))
+    is_last = np.arange(recorded) >= (recorded - n)[:, None]
+    return _Tally(is_ours, counts, np.where(is_last[..., None], section.held_time.values, 0).sum(axis=1))
 
 
 def _double_impacts(
-    impacts: Impacts, is_late: np.ndarray, masses: np.ndarray, within: np.ndarray
+    impacts: Impacts, is_ours: np.ndarray, masses: np.ndarray, within: np.ndarray
 ) -> np.ndarray:
     """Neighbouring impacts of two masses, closer than `within`; they belong to the period of the second."""
     first, second = slice(None, -1), slice(1, None)
     point, mass = impacts.point, masses[impacts.stop]
-    is_double = (point[first] == point[second]) & (mass[first] != mass[second]) & is_late[second]
+    is_double = (point[first] == point[second]) & (mass[first] != mass[second]) & is_ours[second]
     is_double &= np.diff(impacts.time) <= within[point[second]]
     return np.bincount(point[second][is_double], minlength=len(within)).astype(float)
