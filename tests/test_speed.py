@@ -50,8 +50,8 @@ def test_the_loop_over_turns_is_one_kernel(compiled):
     assert " while(" not in body[0]
 
 
-def test_there_are_loops_over_the_queue_the_turns_and_the_impacts_of_a_turn(compiled):
-    assert compiled.count(" while(") == 3
+def test_there_are_loops_over_queue_turns_and_the_impacts_and_period_ends_of_a_turn(compiled):
+    assert compiled.count(" while(") == 4
 
 
 def test_shared_parts_of_a_step_are_computed_once(compiled):

@@ -193,8 +193,9 @@ def test_the_number_of_the_layout_stands_for_what_a_chunk_holds(full):
         layout = {name: a.shape[:-1] if name != "impacts" else a.shape[1:] for name, a in arrays.items()}
     assert stores._LAYOUT == 1
     assert layout == {
-        "impacts": (5,),
+        "impacts": (6,),
         "lane_steps": (),
+        "section": (2 * SYSTEM.num_masses + SYSTEM.num_stops, RECORD),
         "x": (2,),
         "v": (2,),
         "held": (2,),

@@ -3,6 +3,8 @@
 import importlib
 
 from . import models as models
+from ._attractors.maps import impact_map as impact_map, stroboscopic_section as stroboscopic_section
+from ._attractors.motion_class import classify as classify
 from ._contact.restitution import (
     impact_configurations as impact_configurations,
     modal_restitution_matrix as modal_restitution_matrix,

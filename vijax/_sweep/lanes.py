@@ -26,7 +26,7 @@ from .._xla import in_one_kernel
 from .turns import Ends, Progress, Task, Work, has_room, is_live, turn_until_fed
 
 # Rows of the log, and their columns: see `Progress`.
-_ROWS, _COLUMNS = 1 << 15, 5
+_ROWS, _COLUMNS = 1 << 15, 6
 
 
 class Queue(eqx.Module):
@@ -45,8 +45,8 @@ class Queue(eqx.Module):
     following: Int[Array, ""]
 
 
-def new_queue(system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int) -> Queue:
-    """A queue with all lanes idle, for points that start at `x0`."""
+def new_queue(system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int, record: int = 1) -> Queue:
+    """A queue with all lanes idle, for points that start at `x0`, with room for `record` periods."""
     (n, points), stops, dtype = x0.shape, len(system.stops), x0.dtype
     harmonics = system.forcing.amplitude.shape[0] if system.forcing.amplitude.ndim == 3 else 1
 
@@ -66,10 +66,12 @@ def new_queue(system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int
             held=fill(bool, stops, size),
             contact=fill(np.int8, stops, size),
         )
-        return Ends(state, count, count, fill(int, size), fill(bool, size, value=True))
+        held_time = fill(dtype, stops, size)
+        return Ends(state, count, count, held_time, fill(int, size), fill(bool, size, value=True))
 
     rows = max(_ROWS, stops * num_lanes)  # one turn at least
-    progress = Progress(nothing(num_lanes), fill(dtype, rows, _COLUMNS), fill(int), fill(int))
+    log, section = fill(dtype, rows, _COLUMNS), fill(dtype, points, record, 2 * n + stops)
+    progress = Progress(nothing(num_lanes), log, fill(int), section, fill(int))
     return Queue(progress, fill(int, num_lanes, value=points), nothing(points), fill(int))
 
 
@@ -143,6 +145,7 @@ def _refill(work: Work, first: State, queue: Queue) -> Queue:
         state=_gather(first, point, num_points),
         num_impacts=jnp.zeros_like(lanes.num_impacts),
         num_sticks=jnp.zeros_like(lanes.num_sticks),
+        held_time=jnp.zeros_like(lanes.held_time),
         steps=jnp.zeros_like(lanes.steps),
         is_finite=jnp.ones_like(lanes.is_finite),
     )

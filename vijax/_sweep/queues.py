@@ -19,6 +19,8 @@ from .turns import Work
 # Enough lanes to hide the overhead of the compiled loop, few enough to stay in the cache; enough points
 # to a queue that its end, where lanes have nothing left to do, is a small part of it.
 _LANES, _POINTS = 96, 2048
+# Room for the recorded periods: at least so many, or a power of 2, so that few shapes are compiled.
+_PERIODS = 32
 # Turns of the loop after which it comes back, so that it can be watched and interrupted.
 _TURNS = 1 << 14
 
@@ -39,9 +41,9 @@ class Found:
     """What came of some points.
 
     Attributes:
-        ends: `x`, `v`, `held`, `periods`, `num_impacts`, `num_sticks`, `steps` and `is_finite`, the points
-            as last axis.
-        impacts: one row an impact: time, velocity, stop, point, number.
+        ends: `x`, `v`, `held`, `periods`, `num_impacts`, `num_sticks`, `steps`, `is_finite` and `section`
+            (`x`, `v` and time held at the end of each recorded period), the points as last axis.
+        impacts: one row an impact: time, velocity, stop, point, number, time to the end of its chatter.
         lane_steps: steps of all lanes, idle ones included.
     """
 
@@ -145,6 +147,7 @@ def _run_queue(
     columns = {"x": state.x, "v": state.v, "held": state.held, "periods": state.periods} | {
         name: getattr(ends, name) for name in ("num_impacts", "num_sticks", "steps", "is_finite")
     }
+    columns["section"] = np.asarray(queue.progress.section)[:, : counts.record].T
     kept = {name: np.asarray(a)[..., : len(share)] for name, a in columns.items()}
     return Found(kept, np.concatenate(impacts), int(queue.progress.turns) * shape[1])
 
@@ -162,5 +165,8 @@ def _start(
     numbers = (len(share), *periods, counts.max_steps, counts.max_impacts, 0)
     work = Work(*(jnp.asarray(k) for k in numbers))
     task = (motion, system, x0, v0, work)
-    queue, _ = run_lanes(task, new_queue(system, x0, num_lanes), can_stick=counts.can_stick)  # no turn yet
+    room = max(_PERIODS, 1 << (counts.record - 1).bit_length())
+    queue, _ = run_lanes(
+        task, new_queue(system, x0, num_lanes, room), can_stick=counts.can_stick
+    )  # no turn yet
     return eqx.tree_at(lambda t: t[4].max_turns, task, jnp.asarray(_TURNS)), queue

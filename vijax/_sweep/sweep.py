@@ -70,10 +70,12 @@ def sweep(
     Returns:
         A dataset with a dimension for every path, named by it, and `stop`, `mass`, `impact`:
         `impact_velocity` (signed, before the impact), `impact_time` (since the transient),
-        `impact_phase` (W t mod 2 pi), `impact_stop`, all padded with NaN or -1 to the longest;
-        `num_impacts` and `num_sticks` per stop, complete even if the room was not; the end
-        state `x`, `v`, `stuck`; and `result`, what became of each point. Its attributes tell how it was
-        made, see also `vx.system_of`; it may be written to NetCDF and Zarr.
+        `impact_phase` (W t mod 2 pi), `impact_stop`, all padded with NaN or -1 to the longest, and
+        `impact_sticks`, whether a complete chatter ends there; `num_impacts` and `num_sticks` per stop,
+        complete even if the room was not; `section_x` and `section_v`, the state at the end of each recorded
+        `period`, and `held_time`, for how long each stop held its mass in it; the end state `x`, `v`,
+        `stuck`; `forcing_period`; and `result`, what became of each point. Its attributes
+        tell how it was made, see also `vx.system_of`; it may be written to NetCDF and Zarr.
 
     Raises:
         ValueError: for a path that names nothing, values that make no machine, a start beyond

@@ -3,12 +3,14 @@
 The loop is one kernel. It is left when enough lanes are done to be given new points.
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._advance import advance
+from .._advance import Instant, advance
 from .._machine import Machine, State, start_period
 from .._motion.flow import AbstractFlow
 from .._xla import compute_once
@@ -21,6 +23,7 @@ class Ends(eqx.Module):
         state: at the end, (..., points).
         num_impacts: recorded impacts of each stop, (stops, points), also those that found no room.
         num_sticks: likewise.
+        held_time: for how long each stop held its mass in the recorded periods, (stops, points).
         steps: steps taken, (points,).
         is_finite: whether it stayed finite, (points,).
     """
@@ -28,6 +31,7 @@ class Ends(eqx.Module):
     state: State
     num_impacts: Int[Array, "stops points"]
     num_sticks: Int[Array, "stops points"]
+    held_time: Float[Array, "stops points"]
     steps: Int[Array, " points"]
     is_finite: Bool[Array, " points"]
 
@@ -57,15 +61,17 @@ class Progress(eqx.Module):
 
     Attributes:
         lanes: what the lanes do.
-        log: impacts, one a row, (rows, 5): time since the transient, velocity before, stop, point, number
-            of the impact among those of its point.
+        log: impacts, one a row, (rows, 6): time since the transient, velocity before, stop, point, number
+            of the impact among those of its point, time to the end of the chatter that it completes (or 0).
         num_rows: rows written.
+        section: x, v and `held_time` at the end of every recorded period, (points, periods, 2 n + stops).
         turns: turns so far, each a step of every lane, idle or not.
     """
 
     lanes: Ends
     log: Float[Array, "rows columns"]
     num_rows: Int[Array, ""]
+    section: Float[Array, "points periods marks"]
     turns: Int[Array, ""]
 
 
@@ -125,16 +131,24 @@ def _turn(task: Task, progress: Progress) -> Progress:
     after = start_period(after, task.phase0, instant.arrived)
     number = jnp.sum(lanes.num_impacts, axis=0) + jnp.cumsum(hit, axis=0) - hit
     signs = jnp.asarray(machine.signs, passed.dtype)[:, None]
-    columns = [passed, signs * instant.velocity_minus, jnp.arange(len(hit))[:, None], task.point, number]
-    log, num_rows = _write(progress.log, progress.num_rows, hit & (number < work.max_impacts), columns)
+    stop, velocity = jnp.arange(len(hit))[:, None], signs * instant.velocity_minus
+    columns = [passed, velocity, stop, task.point, number, instant.chatter]
     moved = Ends(
         state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),
         num_impacts=lanes.num_impacts + hit,
         num_sticks=lanes.num_sticks + (instant.stuck & counted),
+        held_time=lanes.held_time + jnp.where(counted, _held(state, instant), 0),
         steps=lanes.steps + live,
         is_finite=is_finite | ~live,
     )
-    return Progress(moved, log, num_rows, progress.turns + 1)
+    log, num_rows = _write(progress.log, progress.num_rows, hit & (number < work.max_impacts), columns)
+    section = _mark(progress.section, task, moved, counted & instant.arrived)
+    return Progress(moved, log, num_rows, section, progress.turns + 1)
+
+
+def _held(state: State, instant: Instant) -> Float[Array, "stops lanes"]:
+    """For how long each stop held its mass in a step; a stick counts from the end of its chatter."""
+    return jnp.where(state.held, instant.time - state.time, 0) - instant.chatter
 
 
 def _write(
@@ -143,21 +157,44 @@ def _write(
     kept: Bool[Array, "stops lanes"],
     columns: list[Array],
 ) -> tuple[Float[Array, "rows columns"], Int[Array, ""]]:
-    """Append a row for each impact that is kept, one after another: in a turn there are few."""
-    if kept.size == 0:
-        return log, num_rows
+    """Append a row for each impact that is kept, those of several stops of one lane in their order."""
     values = [jnp.broadcast_to(a, kept.shape).ravel() for a in columns]
-    kept, places = kept.ravel(), jnp.arange(kept.size, dtype=jnp.int32)
+
+    def put(carry, place):
+        log, row = carry
+        here = [a[place].astype(log.dtype) for a in values]
+        return jax.lax.dynamic_update_index_in_dim(log, jnp.stack(here), row, 0), row + 1
+
+    return _for_each(kept.ravel(), put, (log, num_rows))
+
+
+def _mark(
+    section: Float[Array, "points periods marks"], task: Task, moved: Ends, is_mark: Bool[Array, " lanes"]
+) -> Float[Array, "points periods marks"]:
+    """Write where the lanes are at the end of a recorded period."""
+    rows = jnp.concatenate([moved.state.x, moved.state.v, moved.held_time])
+    period = moved.state.periods - 1 - task.work.transient
+
+    def put(section, lane):
+        row = jax.lax.dynamic_index_in_dim(rows, lane, 1, keepdims=False)
+        place = (task.point[lane], period[lane], 0)
+        return jax.lax.dynamic_update_slice(section, row[None, None], place)
+
+    return _for_each(is_mark, put, section)
+
+
+def _for_each(flags: Bool[Array, " places"], put: Callable, carry):
+    """Call `put` for every place whose flag is up, one after another: in a turn there are few."""
+    if flags.size == 0:
+        return carry
+    places = jnp.arange(flags.size, dtype=jnp.int32)
 
     def next_after(place: Int[Array, ""] | int) -> Int[Array, ""]:
-        return jnp.min(jnp.where(kept & (places > place), places, jnp.int32(kept.size)))
+        return jnp.min(jnp.where(flags & (places > place), places, jnp.int32(flags.size)))
 
-    def put(carry):
-        log, row, place = carry
-        values_here = [a[place].astype(log.dtype) for a in values]
-        log = jax.lax.dynamic_update_index_in_dim(log, jnp.stack(values_here), row, 0)
-        return log, row + 1, next_after(place)
+    def step(carry):
+        carry, place = carry
+        return put(carry, place), next_after(place)
 
-    carry = (log, num_rows, next_after(-1))
-    log, num_rows, _ = jax.lax.while_loop(lambda carry: carry[2] < kept.size, put, carry)
-    return log, num_rows
+    carry, _ = jax.lax.while_loop(lambda carry: carry[1] < flags.size, step, (carry, next_after(-1)))
+    return carry
