@@ -8,6 +8,7 @@ import importlib.metadata
 import platform
 import re
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
@@ -68,6 +69,7 @@ def flags(names: Sequence[str]) -> dict[str, str | np.ndarray]:
     return {"flag_values": np.arange(len(names), dtype=np.int8), "flag_meanings": " ".join(names)}
 
 
+@cache
 def versions() -> dict[str, str]:
     """The versions of what computes."""
     found = {f"{name}_version": _version(name) for name in ("vijax", "jax", "numpy")}
