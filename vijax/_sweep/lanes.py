@@ -52,7 +52,7 @@ def new_queue(system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int
     harmonics = system.forcing.amplitude.shape[0] if system.forcing.amplitude.ndim == 3 else 1
 
     def fill(dtype: DTypeLike, *shape: int, value: int = 0) -> Array:
-        return jnp.asarray(np.full(shape, value, dtype))  # NumPy has nothing to compile
+        return jax.device_put(np.full(shape, value, dtype))  # nothing to compile, unlike `jnp.full`
 
     def nothing(size: int) -> Ends:
         state = State(

@@ -8,8 +8,8 @@ from threading import Event, Lock
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from .._motion.flow import AbstractFlow
 from .lanes import Queue, new_queue, run_lanes
@@ -136,7 +136,7 @@ def _run_queue(
             is_left, progress = bool(more), queue.progress
             impacts.append(_taken(progress.impacts))
             marks.append(_taken(progress.marks))
-            zeros = (jnp.zeros((), int), jnp.zeros((), int))
+            zeros = (_whole(0), _whole(0))
             queue = eqx.tree_at(lambda q: (q.progress.impacts.size, q.progress.marks.size), queue, zeros)
             done = int(np.sum(np.asarray(queue.ends.steps)[: len(share)] > 0))
             tell(done - told)
@@ -150,6 +150,10 @@ def _run_queue(
     found = np.concatenate(impacts)
     found[:, 3] = share[found[:, 3].astype(int)]
     return Found(kept, found, int(queue.progress.turns) * shape[1])
+
+
+def _whole(number: int) -> Array:
+    return jax.device_put(np.asarray(number, jax.dtypes.canonicalize_dtype(int)))
 
 
 def _taken(rows: Rows) -> np.ndarray:
@@ -171,12 +175,12 @@ def _start(
     """Make a queue of some points, filled up to one width: one shape, one compilation, made here."""
     width, num_lanes = shape
     filled = np.append(share, np.zeros(width - len(share), int))
-    cut = lambda a: jnp.asarray(a if a.shape[-1] == 1 else np.asarray(a)[..., filled])  # noqa: E731
+    cut = lambda a: jax.device_put(np.asarray(a) if a.shape[-1] == 1 else np.asarray(a)[..., filled])  # noqa: E731
     system, motion = jax.tree.map(cut, (points.system, flow))
-    x0, v0 = (jnp.asarray(a[:, filled]) for a in (points.x0, points.v0))
+    x0, v0 = (jax.device_put(a[:, filled]) for a in (points.x0, points.v0))
     periods = (counts.transient, counts.transient + counts.record)
     numbers = (len(share), *periods, counts.max_steps, counts.max_impacts, 0)
-    work = Work(*(jnp.asarray(k) for k in numbers))
+    work = Work(*map(_whole, numbers))
     task = (motion, system, x0, v0, work)
     queue, _ = run_lanes(task, new_queue(system, x0, num_lanes), can_stick=counts.can_stick)  # no turn yet
-    return eqx.tree_at(lambda t: t[4].max_turns, task, jnp.asarray(_TURNS)), queue
+    return eqx.tree_at(lambda t: t[4].max_turns, task, _whole(_TURNS)), queue
