@@ -34,7 +34,9 @@ def agree(said: str, printed: str) -> bool:
     ours, theirs = (re.findall(NUMBER, text) for text in (said, printed))
     words_agree = re.sub(rf"{NUMBER}|\s", "", said) == re.sub(rf"{NUMBER}|\s", "", printed)
     digits = [len(number.partition(".")[2]) for number in ours]
-    near = [abs(float(a) - float(b)) <= 0.5001 * 10**-d for a, b, d in zip(ours, theirs, digits, strict=False)]
+    near = [
+        abs(float(a) - float(b)) <= 0.5001 * 10**-d for a, b, d in zip(ours, theirs, digits, strict=False)
+    ]
     return words_agree and len(ours) == len(theirs) and all(near)
 
 
@@ -44,7 +46,8 @@ def test_the_code_of_a_document_runs_and_prints_what_it_says(document, elsewhere
     said = re.findall(r"^print\(.*\)  # (.*)$", code, re.M)
     exec(compile(code, document, "exec"), {"__name__": "__main__"})
     printed = capsys.readouterr().out.splitlines()
-    assert said and len(said) == len(printed)
+    assert said
+    assert len(said) == len(printed)
     assert [line for pair in zip(said, printed, strict=True) if not agree(*pair) for line in pair] == []
 
 
