@@ -1,0 +1,97 @@
+"""Fig. 6: the motions of case (a) in the plane of forcing frequency and amplitude."""
+
+from collections import Counter
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+import vijax as vx
+import xarray as xr
+from vijax import plot
+
+from .motions import is_kind, words
+from .output import AMPLITUDE, FREQUENCY, compare, save
+
+# Steps of 0.0025 and 0.004. The paper discards 100 periods, within which many motions do not settle.
+_POINTS = (721, 201)
+_TRANSIENT = 400
+# The impacts of the whole plane at once would fill the memory.
+_ROWS = 21
+
+
+def fig6(out: Path, coarse: int = 1) -> None:
+    """Case (a): regions of the motions reached from rest."""
+    right, up = ((n - 1) // coarse + 1 for n in _POINTS)
+    amplitudes = np.linspace(0.2, 1.0, up)
+    strips = [
+        _classified(np.linspace(0.2, 2.0, right), amplitudes[k : k + _ROWS]) for k in range(0, up, _ROWS)
+    ]
+    motions = xr.concat(strips, dim=AMPLITUDE, data_vars="minimal", combine_attrs="override")
+    print(f"Fig. 6, case (a), {right} x {up} points, each from rest, after {_TRANSIENT} forcing periods")
+    compare(_facts(motions))
+    fig, ax = plt.subplots(figsize=(10, 5), layout="constrained")
+    plot.regions(motions, max_classes=8, ax=ax)
+    ax.set_title("Fig. 6, case (a): motions reached from rest", loc="left")
+    save(fig, _as_table(motions), out / "fig6")
+
+
+def _classified(frequencies: np.ndarray, amplitudes: np.ndarray) -> xr.Dataset:
+    """The motions of a strip of the plane."""
+    ds = vx.sweep(
+        vx.models.wagg_bishop_a(1.0),
+        {FREQUENCY: frequencies, AMPLITUDE: amplitudes},
+        transient=_TRANSIENT,
+        max_impacts=256,
+        progress=False,
+    )
+    return vx.classify(ds)[["motion", "num_periods", "num_impacts"]]
+
+
+def _facts(motions: xr.Dataset) -> list[tuple[str, str, str]]:
+    """What Sec. 4.4.1 says of the picture."""
+    left = motions.motion[FREQUENCY] < 0.4
+    chatter = is_kind(motions, "chattering") & left
+    at_rest = is_kind(motions, "non_impacting") & left
+    chaos = is_kind(motions, "non_periodic")
+    amplitude = motions[AMPLITUDE].values
+    return [
+        ("no impact, Omega < 0.4", "at A1 = 0.2", _span(at_rest, amplitude)),
+        ("complete chatter, Omega < 0.4", "a small region at A1 > 0.8", _span(chatter, amplitude)),
+        ("windows in the chaotic region", "for the most part period 1", _windows(motions, chaos)),
+        ("non-periodic", "-", f"{float(chaos.mean()):.1%} of the plane"),
+        ("not settled", "-", f"{float(is_kind(motions, 'not_settled').mean()):.1%} of the plane"),
+    ]
+
+
+def _span(where: xr.DataArray, amplitude: np.ndarray) -> str:
+    """The amplitudes at which something is so."""
+    found = amplitude[where.any(FREQUENCY).values]
+    return f"A1 = {found[0]:.3f} ... {found[-1]:.3f}" if len(found) else "nowhere"
+
+
+def _windows(motions: xr.Dataset, chaos: xr.DataArray) -> str:
+    """The most frequent motions between the first and the last chaotic frequency of each amplitude."""
+    after = chaos.cumsum(FREQUENCY) > 0
+    before = chaos.isel({FREQUENCY: slice(None, None, -1)}).cumsum(FREQUENCY) > 0
+    is_between = (after & before.sortby(FREQUENCY) & ~chaos).stack(point=chaos.dims)
+    inside = motions.stack(point=chaos.dims).isel(point=is_between.values)
+    common = Counter(words(inside.transpose("point", "stop"))).most_common(3)
+    return "; ".join(f"{' | '.join(motion)} {count / is_between.sum():.0%}" for motion, count in common)
+
+
+def _as_table(motions: xr.Dataset) -> pd.DataFrame:
+    """A row for each point."""
+    flat = motions.stack(point=motions.motion.dims)
+    kinds = np.array(motions.motion.attrs["flag_meanings"].split())
+    impacts = flat.num_impacts.transpose("point", "stop").values
+    return pd.DataFrame(
+        {
+            "frequency": flat[FREQUENCY].values,
+            "amplitude": flat[AMPLITUDE].values,
+            "motion": kinds[flat.motion.values],
+            "num_periods": flat.num_periods.values,
+            "impacts of mass 1": impacts[:, 0],
+            "impacts of mass 2": impacts[:, 1],
+        }
+    )
