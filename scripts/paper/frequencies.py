@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+
 import vijax as vx
 
 from .output import save_table
@@ -40,7 +41,9 @@ def modes(system: vx.ImpactSystem, free: tuple[int, ...]) -> tuple[np.ndarray, n
     """Natural frequencies, damping ratios and damped frequencies while all but some masses are held."""
     which = np.ix_(free, free)
     root = np.sqrt(np.asarray(system.mass))[list(free)]
-    stiffness, damping = (np.asarray(a)[which] / np.outer(root, root) for a in (system.stiffness, system.damping))
+    stiffness, damping = (
+        np.asarray(a)[which] / np.outer(root, root) for a in (system.stiffness, system.damping)
+    )
     squares, shapes = np.linalg.eigh(stiffness)
     frequency = np.sqrt(squares)
     ratio = np.diag(shapes.T @ damping @ shapes) / (2 * frequency)

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import vijax as vx
 import xarray as xr
+
+import vijax as vx
 
 from .output import FREQUENCY, save_table
 
@@ -51,10 +52,14 @@ def random_starts(system: vx.ImpactSystem, count: int) -> np.ndarray:
     low, high = np.full((2, system.num_masses), [[-1.0], [1.0]])
     for stop in system.stops:
         (high if stop.side == "upper" else low)[stop.mass] = stop.position
-    return np.append([0 * low], np.random.default_rng(0).uniform(low, high, (count - 1, len(low))), axis=0)
+    starts = np.random.default_rng(0).uniform(low, high, (count, len(low)))
+    starts[0] = 0.0
+    return starts
 
 
-def from_many_starts(system: vx.ImpactSystem, frequencies: list[float], count: int, transient: int) -> xr.Dataset:
+def from_many_starts(
+    system: vx.ImpactSystem, frequencies: list[float], count: int, transient: int
+) -> xr.Dataset:
     """A sweep over frequencies and random starts, of which the first is at rest."""
     values = {FREQUENCY: np.array(frequencies), "x0": random_starts(system, count)}
     return vx.sweep(system, values, transient=transient, progress=False)
@@ -65,7 +70,7 @@ def is_kind(motions: xr.Dataset, kind: str) -> xr.DataArray:
     return motions.motion == motions.motion.attrs["flag_meanings"].split().index(kind)
 
 
-def words(motions: xr.Dataset) -> list[tuple[str, str]]:
+def words(motions: xr.Dataset) -> list[tuple[str, ...]]:
     """Describe the motion of either mass at each start of one frequency: 'm in n', 'no impact', ..."""
     kinds = motions.motion.attrs["flag_meanings"].split()
     table = zip(motions.motion.values, motions.num_periods.values, motions.num_impacts.values, strict=True)
@@ -74,7 +79,7 @@ def words(motions: xr.Dataset) -> list[tuple[str, str]]:
 
 def _words_of_mass(kind: str, num_periods: int, num_impacts: float) -> str:
     if num_periods == 0:
-        return kind.replace("_", " ")
+        return kind.replace("non_", "non-").replace("_", " ")
     return f"{num_impacts:.0f} in {num_periods}" if num_impacts else "no impact"
 
 
@@ -97,6 +102,10 @@ def _table(
     columns = ["Omega", f"repeat after {SHORT}", "starts", "mass 1", "mass 2"]
     columns += ["paper: mass 1", "paper: mass 2", "note"]
     print(f"{count} starts at each frequency, at random positions at rest, {LONG} forcing periods before 20")
-    print(f"that are looked at; 'repeat after {SHORT}' is how many starts do so after as many periods as in the")
-    print("paper. 'm in n' is m impacts in n forcing periods, 'inf' a complete chatter that ends in sticking.")
+    print(
+        f"that are looked at; 'repeat after {SHORT}' is how many starts do so after as many periods as in the"
+    )
+    print(
+        "paper. 'm in n' is m impacts in n forcing periods, 'inf' a complete chatter that ends in sticking."
+    )
     save_table(pd.DataFrame(rows, columns=columns), title, path)

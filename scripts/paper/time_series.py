@@ -1,13 +1,15 @@
 """Figs. 5 and 8: time series at the frequencies of Tables 2 and 3, coexisting motions told apart."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-import vijax as vx
 import xarray as xr
+
+import vijax as vx
 from vijax import plot
 
 from .motions import LONG, SHORT, TABLE_2, TABLE_3, from_many_starts, words
@@ -22,8 +24,8 @@ class _Panel(NamedTuple):
     name: str
     frequency: float
     point: xr.Dataset
-    paper: tuple[str, str]
-    found: tuple[str, str]
+    paper: tuple[str, ...]
+    found: tuple[str, ...]
 
 
 def fig5(out: Path, coarse: int = 1) -> None:
@@ -59,7 +61,7 @@ def _panels(ds: xr.Dataset, paper: dict[float, tuple[str, str, str]]) -> list[_P
     return panels
 
 
-def _draw(system, panels: list[_Panel], title: str, path: Path) -> None:
+def _draw(system: Callable[[float], vx.ImpactSystem], panels: list[_Panel], title: str, path: Path) -> None:
     """A picture of all panels in two columns, and the table of their curves."""
     rows = -(-len(panels) // 2)
     fig, axes = plt.subplots(rows, 2, figsize=(12, 2.1 * rows + 0.8), layout="constrained")
@@ -70,14 +72,18 @@ def _draw(system, panels: list[_Panel], title: str, path: Path) -> None:
         ax.get_legend().remove()
         words_found = " | ".join(panel.found).replace("inf", r"$\infty$")
         ax.set_title(f"({panel.name}) $\\Omega$ = {panel.frequency}: {words_found}", loc="left", fontsize=10)
-        ax.label_outer()
+        ax.set(xlabel="", ylabel="")
         t = np.linspace(0.0, float(sol.t1), 1501)
         x, v = (np.asarray(a) for a in sol.evaluate(t))
         columns = {"t": t, "x1": x[:, 0], "x2": x[:, 1], "v1": v[:, 0], "v2": v[:, 1]}
         curves.append(pd.DataFrame({"panel": panel.name, "frequency": panel.frequency, **columns}))
     for ax in axes.flat[len(panels) :]:
         ax.set_axis_off()
-    fig.legend(*axes.flat[0].get_legend_handles_labels(), loc="outside upper right", ncols=4, frameon=False)
+    handles = axes.flat[0].get_legend_handles_labels()[0]
+    names = ["mass 1", "mass 2", "its stop", "its stop", "held"]
+    fig.legend(handles, names[: len(handles)], loc="outside upper right", ncols=5, frameon=False)
+    fig.supxlabel("Time $t$ (units of time)", fontsize="medium")
+    fig.supylabel("Position of the masses (units of length)", fontsize="medium")
     fig.suptitle(title, x=0.01, ha="left")
     print(f"{title}; impacts m in n forcing periods of mass 1 | mass 2")
     table = [(f"({p.name})", p.frequency, " | ".join(p.found), " | ".join(p.paper)) for p in panels]
