@@ -17,7 +17,7 @@ from .output import AMPLITUDE, FREQUENCY, compare, save
 # Steps of 0.0025 and 0.004.
 _POINTS = (721, 201)
 # The paper discards 100 periods. Where a motion does not repeat after them, far more are.
-_SHORT, _LONG = 100, 2000
+_SHORT, _LONG = 100, 1000
 # The impacts of the whole plane at once would fill the memory.
 _COLUMNS = 30
 
@@ -34,7 +34,7 @@ def fig6(out: Path, coarse: int = 1) -> None:
     print("more where there is a motion that does not repeat")
     compare(_facts(motions))
     fig, ax = plt.subplots(figsize=(10, 5), layout="constrained")
-    plot.regions(motions, max_classes=8, ax=ax)
+    plot.regions(motions, max_classes=10, ax=ax)
     ax.set_title("Fig. 6, case (a): motions reached from rest", loc="left")
     save(fig, _as_table(motions), out / "fig6")
 
@@ -66,7 +66,11 @@ def _facts(motions: xr.Dataset) -> list[tuple[str, str, str]]:
     at_rest = is_kind(motions, "non_impacting") & left
     chaos = is_kind(motions, "non_periodic")
     amplitude = motions[AMPLITUDE].values
+    lowest = motions.isel({AMPLITUDE: 0})
+    is_simple = (lowest.num_periods == 1) & (lowest.num_impacts == 1).all("stop")
+    edge = float(lowest[FREQUENCY][~is_simple.values & (lowest[FREQUENCY] < 0.6).values].max())
     return [
+        ("line between others and 1 | 1, at A1 = 0.2", "Omega = 0.4", f"Omega = {edge:.4f}"),
         ("no impact, Omega < 0.4", "at A1 = 0.2", _span(at_rest, amplitude)),
         ("complete chatter, Omega < 0.4", "a small region at A1 > 0.8", _span(chatter, amplitude)),
         ("windows in the chaotic region", "for the most part period 1", _windows(motions, chaos)),
