@@ -87,6 +87,17 @@ def test_a_region_chart_shows_every_motion_where_it_is(classes):
     assert ax.get_legend().get_title().get_text() == "impacts at stop 0 | 1\nin forcing periods"
 
 
+def test_infinite_and_unknown_numbers_of_impacts_have_words():
+    impacts = [[[1.0, 0.0], [np.inf, 12.0]], [[np.nan, np.nan], [np.nan, np.nan]]]
+    drawn = drawn_classes(vx.plot.regions(chart([[1, 2], [1, 1]], [[1, 1], [3, 3]], impacts)))
+    assert drawn == {
+        (0.2, 0.3): "1 | 0 in 1",
+        (0.2, 0.4): r"$\infty$ | 12 in 1",
+        (0.1, 0.3): "? | ? in 3",
+        (0.1, 0.4): "? | ? in 3",
+    }
+
+
 def test_a_region_chart_calls_the_rare_motions_other(classes):
     drawn = drawn_classes(vx.plot.regions(classes, max_classes=1))
     assert drawn[0.3, 0.3] == "no impact"

@@ -63,7 +63,8 @@ def recurrence(section: np.ndarray, tolerance: float) -> Recurrence:
         rows, least = section[:, left], error[left]
         steps = np.abs(rows[..., n:] - rows[..., :-n]).max(axis=0)
         last, factor, is_falling = _trend(steps, n)
-        distance = last * np.maximum(1, factor / np.maximum(1 - factor, _TINY))
+        # Not 0 times an unknown factor.
+        distance = np.maximum(last, _TINY) * np.maximum(1, factor / np.maximum(1 - factor, _TINY))
         near = np.minimum(tolerance, least / _MARGIN)
         is_cycle = (last <= _FLOOR * near) | (distance <= near)
         is_better = is_cycle | (last < least)

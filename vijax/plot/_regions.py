@@ -16,6 +16,9 @@ _REPEATING = ("periodic", "chattering")
 _WORDS = {"non_impacting": "no impact", "non_periodic": "non-periodic", "not_settled": "not settled"}
 # White, then ever darker, then black: in grey too no two entries of the legend look the same.
 _NO_IMPACT, _OTHER, _NON_PERIODIC = "#ffffff", "#dedede", "#000000"
+# Instead of a number of impacts: infinitely many, and not counted because the log was cut.
+_ENDLESS, _UNKNOWN = -1, -2
+_COUNTS = {_ENDLESS: r"$\infty$", _UNKNOWN: "?"}
 
 
 class _Class(NamedTuple):
@@ -29,7 +32,7 @@ class _Class(NamedTuple):
     def words(self) -> str:
         if self.motion not in _REPEATING:
             return _WORDS.get(self.motion, self.motion.replace("_", " "))
-        impacts = " | ".join(r"$\infty$" if m < 0 else str(m) for m in self.num_impacts)
+        impacts = " | ".join(_COUNTS.get(m, str(m)) for m in self.num_impacts)
         return f"{impacts} in {self.num_periods}"
 
 
@@ -37,13 +40,13 @@ def regions(classes: xr.Dataset, *, max_classes: int = 6, ax: Axes | None = None
     """Draw the motions found over a plane of two swept quantities as regions of colour.
 
     "1 | 2 in 1" is a motion that repeats after 1 forcing period, with 1 impact at stop 0 and 2 at
-    stop 1 in it; an infinity sign is a complete chatter. Motions without impacts are white,
-    non-periodic ones black.
+    stop 1 in it; an infinity sign is a complete chatter, a question mark a log that was cut. Motions without
+    impacts are white, non-periodic ones black.
 
     Args:
-        classes: over two swept dimensions, the first one drawn to the right and the second upwards:
-            `motion`, an integer with the attributes `flag_values` and `flag_meanings`, `num_periods`,
-            and with a dimension `stop` more `num_impacts`, -1 for a complete chatter.
+        classes: what `vx.classify` returned over two swept quantities, the first one drawn to the right and
+            the second upwards: `motion`, an integer with the attributes `flag_values` and `flag_meanings`,
+            `num_periods`, and with a dimension `stop` more `num_impacts`, infinite or -1 for a complete chatter.
         max_classes: how many motions, the most frequent ones, have a colour of their own beside the white
             and the black; the rest is "other".
         ax: where to draw; new axes if left out.
@@ -56,12 +59,10 @@ def regions(classes: xr.Dataset, *, max_classes: int = 6, ax: Axes | None = None
 
     Example:
         ```python
-        import numpy as np, vijax as vx, xarray as xr
-        flags = {"flag_values": [0, 1], "flag_meanings": "non_impacting periodic"}
-        plane = ("forcing.frequency", "forcing.amplitude[0]")
-        tables = {"motion": (plane, [[0, 0], [0, 1]], flags), "num_periods": (plane, [[1, 1], [1, 2]])}
-        tables["num_impacts"] = ((*plane, "stop"), [[[0], [0]], [[0], [1]]])
-        ax = vx.plot.regions(xr.Dataset(tables, {plane[0]: [0.5, 1.0], plane[1]: [0.2, 0.4]}))
+        import numpy as np, vijax as vx
+        plane = {"forcing.frequency": np.arange(0.4, 2, 0.1), "forcing.amplitude[0]": np.arange(0.2, 1, 0.1)}
+        ds = vx.sweep(vx.models.wagg_bishop_a(1.0), plane)
+        ax = vx.plot.regions(vx.classify(ds))
         ```
 
     References:
@@ -119,7 +120,8 @@ def _classes_of_points(classes: xr.Dataset) -> list[_Class]:
     dims = classes.motion.dims
     motion = classes.motion.values.ravel().tolist()
     periods = classes.num_periods.transpose(*dims).values.ravel().tolist()
-    impacts = classes.num_impacts.transpose(*dims, "stop").values.reshape(len(motion), -1).tolist()
+    counts = classes.num_impacts.transpose(*dims, "stop").values.reshape(len(motion), -1)
+    impacts = np.nan_to_num(counts, nan=_UNKNOWN, posinf=_ENDLESS).astype(int).tolist()
     return [
         _Class(meaning[k], n, tuple(m)) if meaning[k] in _REPEATING else _Class(meaning[k])
         for k, n, m in zip(motion, periods, impacts, strict=True)
