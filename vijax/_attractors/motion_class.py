@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import xarray as xr
 
+from .._labels import flags
 from .._solution import Solution
 from .maps import stroboscopic_section
 from .record import Impacts, flat, forcing_periods, impacts_of, label, stop_masses
@@ -96,8 +97,7 @@ def classify(
         "contraction": ((), np.where(is_failed, np.nan, found.contraction)),
     }
     ds = label(source, columns)
-    flags = np.arange(len(MOTIONS), dtype=np.int8)
-    ds["motion"].attrs = {"flag_values": flags, "flag_meanings": " ".join(MOTIONS)}
+    ds["motion"].attrs = flags(MOTIONS)
     return ds
 
 

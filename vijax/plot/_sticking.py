@@ -9,7 +9,7 @@ from .._contact.sticking_region import StickingRegion
 from .._log import RELEASE, STICK
 from .._solution import Solution
 from ._axes import check_index, legend_beside, new_axes, shades
-from ._trajectories import curve_of_mass, draw_jumps, held_intervals, span_of
+from ._trajectories import curve_of_mass, draw_jumps, held_within, span_of
 
 _ALL_PHASES = np.linspace(0, 2 * np.pi, 721)
 # Neighbours in the legend differ in more than their shade.
@@ -60,7 +60,7 @@ def sticking_region(
     if not many:
         raise ValueError("Argument `sols` is empty: give one trajectory or more.")
     mass = _mass_to_draw(many[0], stop, mass)
-    held = [held_intervals(sol, stop, *span_of(sol, span)) for sol in many]
+    held = [held_within(sol, stop, *span_of(sol, span)) for sol in many]
     if not any(len(starts) for starts, _ in held):
         raise ValueError(f"Stop {stop} holds its mass at no time that is to be drawn.")
     ax = new_axes() if ax is None else ax

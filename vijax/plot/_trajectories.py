@@ -4,7 +4,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from .._log import IMPACT, RELEASE, STICK
+from .._attractors.record import held_intervals
+from .._log import IMPACT
 from .._solution import Solution
 from ._axes import check_index, legend_beside, new_axes, shades
 
@@ -54,7 +55,7 @@ def time_series(
         ax.axhline(
             position, color=colors[mass], linestyle=":", linewidth=1.0, label=f"stop {j}, of $x_{{{mass}}}$"
         )
-        starts, ends = held_intervals(sol, j, begin, end)
+        starts, ends = held_within(sol, j, begin, end)
         held = ax.hlines(
             np.full(len(starts), position), starts, ends, color=colors[mass], linewidth=6, alpha=0.5
         )
@@ -114,7 +115,7 @@ def phase_portrait(
         if of_mass == mass:
             position = float(sol.machine.position[j])
             ax.axvline(position, color="0.8", linewidth=4, zorder=0, label=f"stop {j}")
-            if len(held_intervals(sol, j, begin, end)[0]):
+            if len(held_within(sol, j, begin, end)[0]):
                 ax.plot(position, 0, "o", color="#f59b42", markeredgecolor="black", label=f"held by stop {j}")
     ax.set_xlabel(f"Position $x_{{{mass}}}$ (units of length)")
     ax.set_ylabel(f"Velocity $\\dot x_{{{mass}}}$ (length / time)")
@@ -164,16 +165,9 @@ def draw_jumps(
         jumps.set_label(label)
 
 
-def held_intervals(sol: Solution, stop: int, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
+def held_within(sol: Solution, stop: int, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
     """Starts and ends of the intervals in which a stop holds its mass, as far as they lie in the span."""
-    is_ours = np.asarray(sol.events.stop) == stop
-    t, kind = np.asarray(sol.events.t)[is_ours], np.asarray(sol.events.kind)[is_ours]
-    starts, ends = t[kind == STICK], t[kind == RELEASE]
-    turns = kind[(kind == STICK) | (kind == RELEASE)]
-    if turns[0] == RELEASE if turns.size else bool(sol.stuck1[stop]):
-        starts = np.append(float(sol.t0), starts)
-    if len(starts) > len(ends):
-        ends = np.append(ends, min(float(sol.t1), float(sol.known_until)))
+    starts, ends = held_intervals(sol, stop)
     is_inside = (starts < end) & (ends > begin)
     return starts[is_inside].clip(begin, end), ends[is_inside].clip(begin, end)
 
