@@ -35,7 +35,7 @@ def fig5(out: Path, coarse: int = 1) -> None:
     early = from_many_starts(system(1.0), [_TRANSIENT_CHAOS], count, SHORT).isel({FREQUENCY: 0})
     worst = int(vx.classify(early).recurrence_error.argmax("x0"))
     is_at = [panel.frequency == _TRANSIENT_CHAOS for panel in panels].index(True)
-    found = (f"after {SHORT} periods: chaos", "that dies out")
+    found = (f"chaotic after {SHORT} periods",) * 2
     chaotic = panels[is_at]._replace(name="f", point=early.isel(x0=worst), found=found)
     panels[is_at] = panels[is_at]._replace(name="f'")
     panels.insert(is_at, chaotic)
