@@ -70,7 +70,9 @@ def advance(
     remaining = not_negative((target - state.time) - state.time_low)
     flight = fly(flow, machine, state, remaining, resolution)
     after, instant = compute_once(_resolve, machine, flight.end, flight.is_event)
-    arrived = flight.is_last & ~jnp.any(flight.is_event, axis=0)
+    # Not by `is_event`: a mass that has just left may seem to come back at once, by rounding, for ever.
+    happened = instant.hit | instant.stuck | instant.released
+    arrived = flight.is_last & ~jnp.any(happened, axis=0)
     return after, eqx.tree_at(lambda i: i.arrived, instant, arrived)
 
 
