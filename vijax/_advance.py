@@ -3,7 +3,7 @@
 `advance` is all that moves a trajectory. `simulate` and `sweep` call it in their loops, which know
 nothing of contacts; it knows nothing of their logs. It goes through
 
-    fly (`_flight.py`) -> impacts -> who sticks, who is let go
+    fly (`_motion/flight.py`) -> impacts -> who sticks, who is let go
 
 An instant may hold several events: all its impacts are applied first, and only then is it decided
 who sticks and who is let go, because one impact can release a mass (through the dampers)
@@ -16,8 +16,8 @@ from jaxtyping import Array, Bool, Float
 
 from ._contact.restitution import rebound
 from ._contact.sticking import chatter_is_complete, chatter_time
-from ._flight import fly
 from ._machine import Machine, State
+from ._motion.flight import fly
 from ._motion.flow import AbstractFlow
 from ._types import Flag, Scalar, not_negative, stack
 from ._xla import compute_once

@@ -15,12 +15,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ._machine import Machine, State
-from ._motion.bounds import Bound, deflated, either, safe_step, short
-from ._motion.flow import AbstractFlow, Expansion
-from ._motion.taylor import derivative, horner, sum_series, taylor_series
-from ._types import Flag, Scalar
-from ._xla import compute_once
+from .._machine import Machine, State
+from .._types import Flag, Scalar
+from .._xla import compute_once
+from .bounds import Bound, deflated, either, safe_step, short
+from .flow import AbstractFlow, Expansion
+from .series import derivative, horner, sum_series, taylor_series
 
 # An event this near, times the rate of the motion, is reached by the first terms of the Taylor
 # series: what five terms leave of the velocity, 1e-3^5 / 5!, is below rounding. Two terms fewer are known of
