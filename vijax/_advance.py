@@ -95,9 +95,9 @@ def _stick_and_release(
     """Decide, all impacts of this instant applied, who comes to rest on a stop and who leaves one."""
     let_go = is_event & state.held
     state = eqx.tree_at(lambda s: s.held, state, state.held & ~let_go)
-    force = machine.force(state.phase, state.x, state.v)
+    force = machine.total_force(state)
     a = machine.accelerations(force, machine.held_masses(state.held))
-    force_rate = machine.force_rate(state.phase, state.v, a)
+    force_rate = machine.total_force_rate(state, a)
     approach = machine.at_stops(machine.inverse_mass * force)
     approach_rate = machine.at_stops(machine.inverse_mass * force_rate)
 

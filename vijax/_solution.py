@@ -7,7 +7,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ._contact.grazing import Grazing
 from ._log import EventLog, Restarts
-from ._machine import Machine, resting_state
+from ._machine import Machine, remembering, resting_state
 from ._motion.flow import AbstractFlow
 from ._types import Numbers, Scalar
 
@@ -137,17 +137,16 @@ def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
     row = jnp.clip(jnp.searchsorted(rows.t, t, side="right") - 1, 0)
     start = jax.tree.map(lambda a: a[row], rows)
     state = resting_state(machine, start.phase, start.x, start.v, start.held)
+    state = eqx.tree_at(lambda s: s.time, state, start.t - solution.t0)
+    state = remembering(state, solution.flow.memory(state.time))
 
     def step(carry):
         state, remaining = carry
-        motion = solution.flow.expand(machine, state, machine.held_masses(state.held))
-        length = jnp.minimum(remaining, motion.limit)
-        displacement, v, phase = motion.move(machine, state, length)
-        state = eqx.tree_at(lambda s: (s.x, s.v, s.phase), state, (state.x + displacement, v, phase))
+        state, length = solution.flow.coast(machine, state, remaining)
         return state, remaining - length
 
     state, _ = jax.lax.while_loop(lambda c: c[1] > 0, step, (state, t - start.t))
-    pressing = machine.at_stops(machine.force(state.phase, state.x, state.v))
+    pressing = machine.at_stops(machine.total_force(state))
     is_known = (t >= solution.t0) & (t <= solution.t1) & (t <= solution.known_until)
     force = jnp.where(state.held, pressing, 0)
     x, v, force = (jnp.where(is_known, a, jnp.nan) for a in (state.x, state.v, force))

@@ -23,7 +23,8 @@ from jaxtyping import Array, Bool, Float
 from .._machine import Machine, State
 from .._types import Scalar, lift, matvec, stack
 from .._xla import compute_once
-from .flow import AbstractFlow, Derivatives, Expansion
+from .flight import ExpandingFlow
+from .flow import Derivatives, Expansion
 
 _TRUST_AND_TERMS = {"float64": (3.0, 11), "float32": (1.0, 6)}
 
@@ -60,7 +61,7 @@ class Response(eqx.Module):
     sine: Float[Array, "..."]
 
 
-class ModalFlow(AbstractFlow):
+class ModalFlow(ExpandingFlow):
     """Exact motion of a linear machine with proportional damping. Made by `modal_flow`.
 
     Arrays have the sets of held masses as their first axis and lanes as their last.
@@ -98,7 +99,7 @@ def _response(machine: Machine, modes: Modes) -> Response:
     return Response(matvec(shape, matvec(transposed, machine.mean) / w2), stack(cosine), stack(sine))
 
 
-class DrivenModes(AbstractFlow):
+class DrivenModes(ExpandingFlow):
     """The modes of a machine and its steady response."""
 
     modes: Modes

@@ -6,13 +6,14 @@ from jaxtyping import Array, Bool, Float
 
 from .._machine import Machine, State
 from .._types import Scalar
-from .flow import AbstractFlow, Derivatives, Expansion
+from .flight import ExpandingFlow
+from .flow import Derivatives, Expansion
 from .series import horner, orders, recurrence, rows_of_state, sum_series, taylor_series, vector
 
 _ORDER_AND_TRUST = {"float64": (22, 1.5), "float32": (11, 1.0)}
 
 
-class TaylorFlow(AbstractFlow):
+class TaylorFlow(ExpandingFlow):
     """Exact motion of a linear machine, by its Taylor series to rounding."""
 
     def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> "TaylorExpansion":

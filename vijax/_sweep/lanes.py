@@ -86,8 +86,10 @@ class Work(eqx.Module):
     max_turns: Int[Array, ""]
 
 
-def new_queue(system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int) -> Queue:
-    """A queue with all lanes idle, for points that start at `x0`."""
+def new_queue(
+    system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int, flow: AbstractFlow | None = None
+) -> Queue:
+    """A queue with all lanes idle, for points that start at `x0` and are moved by `flow`."""
     (n, points), stops, dtype = x0.shape, len(system.stops), x0.dtype
     harmonics = system.forcing.amplitude.shape[0] if system.forcing.amplitude.ndim == 3 else 1
 
@@ -106,6 +108,7 @@ def new_queue(system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int
             gap=fill(dtype, stops, size),
             held=fill(bool, stops, size),
             contact=fill(np.int8, stops, size),
+            memory=None if flow is None else flow.memory(number),
         )
         return Ends(state, count, count, fill(int, size), fill(bool, size, value=True))
 
@@ -138,7 +141,7 @@ def run_lanes(
     """
     flow, system, x0, v0, work, always = points
     period = 2 * jnp.pi / system.forcing.frequency
-    machine = prepare(system, period, always, can_stick=can_stick)
+    machine = prepare(system, period, always, (jnp.zeros(1, x0.dtype), x0, v0), can_stick=can_stick)
     flow = flow.prepare(machine)
     zeros = jnp.zeros((machine.cosine.shape[0], x0.shape[1]), x0.dtype)
     phase0 = jnp.stack([zeros + 1, zeros])

@@ -130,7 +130,7 @@ def _run_queue(
         numbers = (len(share), *periods, counts.max_steps, counts.max_impacts, 0)
         work = Work(*(jnp.asarray(k) for k in numbers))
         task = (motion, system, x0, v0, work, jnp.array(True))
-        queue = new_queue(system, x0, num_lanes)
+        queue = new_queue(system, x0, num_lanes, motion)
         with compiling:  # no turn at first, or every thread would compile the same thing
             run_lanes(task, queue, can_stick=counts.can_stick)
         task = eqx.tree_at(lambda t: t[4].max_turns, task, jnp.asarray(_TURNS))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
+import equinox as eqx
 import jax
 import numpy as np
 import xarray as xr
@@ -10,6 +11,7 @@ from tqdm.auto import tqdm
 from .._motion.choose import choose_flow
 from .._motion.flow import AbstractFlow
 from .._simulate import can_any_stick
+from .._system.force import bind
 from .._system.system import ImpactSystem
 from .._types import Numbers, as_float
 from .carry import run_chain
@@ -29,6 +31,7 @@ def sweep(
     x0: Numbers | None = None,
     v0: Numbers | None = None,
     flow: AbstractFlow | None = None,
+    args: object = None,
     max_impacts: int = 2048,
     max_steps: int | None = None,
     progress: bool = True,
@@ -54,7 +57,9 @@ def sweep(
             states, or with `carry` from the last point that it visited.
         x0: positions at the start of every point, (n,); zero if left out.
         v0: velocities, likewise.
-        flow: the motion between events; exact for linear machines if left out.
+        flow: the motion between events. If left out, exact for a linear machine, and `vx.DiffraxFlow()` for
+            one with a `force`, which must depend on t with the period of the load, or not at all.
+        args: passed to the `force` of the machine.
         max_impacts: room for the recorded impacts of one point.
         max_steps: bound on the steps of one point; far more than any sound motion takes if left out.
         progress: show a progress bar.
@@ -89,6 +94,9 @@ def sweep(
             raise ValueError(f"The values of `{path}` must have shape (points, ...), but have {axis.shape}.")
     if not axes:
         raise ValueError("Argument `values` is empty: name a quantity to sweep, or use `simulate`.")
+    if system.force is not None or args is not None:
+        force = bind(system.force, args, system.num_masses)
+        system = eqx.tree_at(lambda s: s.force, system, force)
     points = _points(system, axes, x0, v0, twice=carry == "both")
     shape = ((2,) if carry == "both" else ()) + tuple(len(axis) for axis in axes.values())
     chain = _chain(shape, carry)
@@ -100,7 +108,7 @@ def sweep(
     counts = Counts(transient, record, max_impacts, max_steps, can_stick)
 
     def run(points: Point, tell: Callable[[int], object] = lambda _: None) -> Found:
-        motion = choose_flow(points.system, can_stick=can_stick) if flow is None else flow
+        motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
         return run_points(points, motion, counts, tell, of=num_points)
 
     num_points = points.x0.shape[-1]
