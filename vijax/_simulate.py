@@ -296,6 +296,7 @@ def _finish(
         events=event_log(machine, log.instants, max_events),
         num_events=jnp.minimum(log.num_events, max_events),
         num_steps=last.steps,
+        num_rejected=task.flow.num_rejected(state.memory),
         grazing=last.grazing,
         result=result,
         t0=t0,

@@ -50,7 +50,8 @@ class Solution(eqx.Module):
         stuck1: which stops hold their mass at t1, (stops,).
         events: the log.
         num_events: number of logged events.
-        num_steps: number of steps taken.
+        num_steps: number of steps, those included that were tried and not taken.
+        num_rejected: those among them that were not accurate enough; none for an exact motion.
         grazing: the closest to grazing it came: `grazing.impact_speed`, `grazing.clearance` and the flag
             `grazing.is_near`, which warns that derivatives are unreliable or one-sided.
         result: what became of it, a member of `vx.RESULTS`.
@@ -67,6 +68,7 @@ class Solution(eqx.Module):
     events: EventLog
     num_events: Int[Array, ""]
     num_steps: Int[Array, ""]
+    num_rejected: Int[Array, ""]
     grazing: Grazing
     result: RESULTS
     t0: Scalar

@@ -8,6 +8,7 @@ over a zero, and closes in on the first one as fast as Newton's method on a simp
 """
 
 from functools import cache
+from itertools import pairwise
 from math import comb
 
 import jax
@@ -86,10 +87,10 @@ def _between(
     rows, low = list(coefficients), []
     for _ in range(len(rows)):
         low.append(rows[0])
-        rows = [a + right * (b - a) for a, b in zip(rows[:-1], rows[1:], strict=True)]
+        rows = [a + right * (b - a) for a, b in pairwise(rows)]
     cut = left / jnp.where(right > 0, right, 1)
     rows, high = low, []
     for _ in range(len(rows)):
         high.append(rows[-1])
-        rows = [a + cut * (b - a) for a, b in zip(rows[:-1], rows[1:], strict=True)]
+        rows = [a + cut * (b - a) for a, b in pairwise(rows)]
     return jnp.stack(high[::-1])

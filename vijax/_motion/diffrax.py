@@ -18,10 +18,10 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PyTree
+from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
 
 from .._machine import Machine, State
-from .._types import Scalar
+from .._types import Scalar, as_float
 from .bernstein import nodes
 from .stepping import Attempt, SteppingFlow, turned
 from .watch import Inside
@@ -57,19 +57,19 @@ class DiffraxFlow(SteppingFlow):
 
     solver: Any = eqx.field(static=True)
     stepsize_controller: Any = eqx.field(static=True)
-    dt0: float | None = eqx.field(static=True)
     degree: int = eqx.field(static=True)
+    dt0: Float[Array, " 1"] | None
 
     def __init__(
         self,
         solver: diffrax.AbstractSolver | None = None,
         stepsize_controller: diffrax.AbstractStepSizeController | None = None,
-        dt0: float | None = None,
+        dt0: ArrayLike | None = None,
         degree: int = 6,
     ):
         self.solver = diffrax.Dopri8() if solver is None else solver
         self.stepsize_controller = stepsize_controller
-        self.dt0 = None if dt0 is None else float(dt0)
+        self.dt0 = None if dt0 is None else as_float(dt0).reshape(1)
         self.degree = degree
 
     def __check_init__(self):
@@ -88,14 +88,14 @@ class DiffraxFlow(SteppingFlow):
 
     def attempt(self, machine: Machine, state: State, is_held: Bool[Array, " n"], step: Scalar) -> Attempt:
         """Try one step."""
-        end, error, dense = self._step(machine, state, is_held, step, "lax")
+        (displacement, gain), error, dense = self._step(machine, state, is_held, step, "lax")
         zero = jnp.zeros_like(step)
         path = self.solver.interpolation_cls(t0=zero, t1=step, **dense)
         inside = jax.vmap(path.evaluate)(step * jnp.asarray(nodes(self.degree), step.dtype))
         # The gain of a held mass is no part of the motion.
         error = (error[0], jnp.where(is_held, 0, error[1]))
         start = (state.x, state.v)
-        after = (state.x + end[0], state.v + jnp.where(is_held, 0, end[1]))
+        after = (state.x + displacement, state.v + jnp.where(is_held, 0, gain))
         keep, begin, stop, _, control, _ = self._controller(step.dtype).adapt_step_size(
             zero, step, start, after, None, error, self._error_order(), state.memory.control
         )
@@ -103,7 +103,7 @@ class DiffraxFlow(SteppingFlow):
         is_finite = jnp.all(jnp.isfinite(numbers))
         following = jnp.where(is_finite, stop - begin, step / 4)
         control = jax.tree.map(lambda a, old: jnp.asarray(a, old.dtype), control, state.memory.control)
-        return Attempt(*end, Inside(*inside), is_finite & keep, following, control)
+        return Attempt(displacement, gain, Inside(*inside), is_finite & keep, following, control)
 
     def step_by(
         self, machine: Machine, state: State, is_held: Bool[Array, " n"], step: Scalar
@@ -113,15 +113,15 @@ class DiffraxFlow(SteppingFlow):
 
     def control(self, like: Scalar) -> PyTree:
         """What the controller keeps at first."""
-        one = jnp.ones((), like.dtype)
-        first = self._controller(like.dtype).init(
-            None, 0 * one, jnp.inf * one, None, one, None, None, self._error_order()
-        )[1]
+        term, one = diffrax.ODETerm(_field), jnp.ones((), like.dtype)
+        _, first = self._controller(like.dtype).init(
+            term, 0 * one, jnp.inf * one, one, one, None, self.solver.func, self._error_order()
+        )
         return jax.tree.map(lambda a: jnp.broadcast_to(jnp.asarray(a), like.shape), first)
 
     def first_step(self, machine: Machine) -> Scalar:
         """`dt0`, or a tenth of the shortest time in the motion."""
-        return 0.1 / machine.rate if self.dt0 is None else jnp.full_like(machine.rate, self.dt0)
+        return 0.1 / machine.rate if self.dt0 is None else self.dt0[0].astype(machine.rate.dtype)
 
     def _controller(self, dtype: jnp.dtype) -> diffrax.AbstractStepSizeController:
         if self.stepsize_controller is not None:
@@ -129,10 +129,12 @@ class DiffraxFlow(SteppingFlow):
         rtol, atol = _TOLERANCES[str(dtype)]
         return diffrax.PIDController(rtol=rtol, atol=atol)
 
-    def _error_order(self) -> int:
+    def _error_order(self) -> float:
         return self.solver.error_order(diffrax.ODETerm(_field))
 
-    def _step(self, machine: Machine, state: State, is_held: Bool[Array, " n"], step: Scalar, loop: str):
+    def _step(
+        self, machine: Machine, state: State, is_held: Bool[Array, " n"], step: Scalar, loop: str
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array], dict[str, PyTree]]:
         """Gains, their errors and the dense output of one step of the solver."""
         solver = eqx.tree_at(lambda s: s.scan_kind, self.solver, loop, is_leaf=lambda leaf: leaf is None)
         term, args = diffrax.ODETerm(_field), (machine, state, is_held)

@@ -3,7 +3,8 @@
 import abc
 
 import equinox as eqx
-from jaxtyping import Array, Bool, Float, PyTree
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._machine import Machine, State
 from .._types import Flag, Scalar
@@ -112,3 +113,8 @@ class AbstractFlow(eqx.Module):
     def memory(self, like: Scalar) -> PyTree:
         """What `State.memory` holds at first, every array of it in the shape and type of `like`."""
         del like
+
+    def num_rejected(self, memory: PyTree) -> Int[Array, "..."]:
+        """Steps so far that were tried and found not accurate enough."""
+        del memory
+        return jnp.array(0)

@@ -26,10 +26,10 @@ from .._types import Flag, Scalar, lift, over_lanes
 from .bernstein import first_crossing
 from .flight import displaced, one_instant
 from .flow import AbstractFlow, Flight
-from .watch import Inside, Rates, delays, is_due, nearness, polynomials, rates
+from .watch import Inside, Rates, delays, is_due, nearness, rates, watch
 
 # Steps shorter than this part of what accuracy asks for are taken whatever their polynomial says.
-_SHORTEST = 1e-7
+_SHORTEST = 1e-9
 
 
 class Memory(eqx.Module):
@@ -106,6 +106,10 @@ class SteppingFlow(AbstractFlow):
         zero = jnp.zeros_like(like)
         return Memory(zero, zero + jnp.inf, self.control(like), jnp.zeros(zero.shape, int))
 
+    def num_rejected(self, memory: Memory) -> Int[Array, "..."]:
+        """Trials that were not accurate enough."""
+        return memory.rejected
+
     def fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
         """Try one step."""
         return over_lanes(self._fly, state.x, machine, state, remaining, resolution)
@@ -135,7 +139,7 @@ class SteppingFlow(AbstractFlow):
         is_event = (late <= delay + one_instant(machine)) & (late < jnp.inf)
         delay = jnp.where(delay < jnp.inf, jnp.maximum(delay, -trial.step), 0)
         landed = _choose(is_taken, _landed(machine, arrived, end, delay), state)
-        landed = remembering(landed, _learnt(state.memory, trial, is_taken, cut))
+        landed = remembering(landed, _learnt(state.memory, trial, is_taken, jnp.any(is_event), cut))
         duration = jnp.where(is_taken, trial.step + delay, 0)
         return Flight(
             _or_lost(machine, trial, landed), duration, is_event, is_taken & (trial.step >= remaining)
@@ -146,7 +150,7 @@ class SteppingFlow(AbstractFlow):
         trial = self._try(machine, state, is_held, remaining)
         is_taken = trial.attempt.is_good
         end = _choose(is_taken, _moved(machine, state, trial, is_held), state)
-        end = remembering(end, _learnt(state.memory, trial, is_taken, jnp.inf))
+        end = remembering(end, _learnt(state.memory, trial, is_taken, is_taken, state.memory.cut))
         length = jnp.where(is_taken, trial.step, jnp.where(_is_lost(machine, trial), remaining, 0))
         return _or_lost(machine, trial, end), length
 
@@ -172,29 +176,28 @@ def _clearance(
     step, wanted = trial.step, trial.wanted
     if not machine.masses:
         return jnp.array(True), jnp.full_like(step, jnp.inf)
-    likely, error = polynomials(machine, state, now, trial.attempt.inside, step)
-    sure = jnp.concatenate([likely[:1], likely[1:] - error])
-    free = step * first_crossing(jnp.concatenate([likely, sure], axis=1))
-    likely, sure = free[: len(error)], free[len(error) :]
-    is_near = late < jnp.inf
-    window = jnp.where(is_near, wanted * nearness(state.held, step.dtype), 0)
-    # The mass is as near to its stop as the error this much before it is there.
-    before = jnp.where(is_near, 2 * error / jnp.where(is_near, -end.slope, 1), 0)
-    is_crossed, is_doubtful = likely < step - window, sure < step - window - before
-    shortest = _SHORTEST * wanted
+    watched = watch(machine, state, now, end, trial.attempt.inside, step)
+    free = step * first_crossing(jnp.concatenate([watched.likely, watched.sure], axis=1))
+    likely, sure = free[: len(late)], free[len(late) :]
+    window = jnp.where(late < jnp.inf, wanted * nearness(state.held, step.dtype), 0)
+    # A mass on its way to its stop is for so long nearer than the error, before it is there.
+    before = jnp.where(end.slope < 0, 2 * watched.error / jnp.where(end.slope < 0, -end.slope, 1), 0)
+    is_crossed = watched.is_crossed & (likely < step - window)
+    is_clear = ~jnp.any(is_crossed | (sure < step - window - before)) | (step <= _SHORTEST * wanted)
     crossing = jnp.min(jnp.where(is_crossed, likely, jnp.inf))
-    cut = jnp.maximum(jnp.where(crossing < jnp.inf, crossing, step / 4), shortest)
-    return ~jnp.any(is_crossed | is_doubtful) | (step <= shortest), cut
+    return is_clear, jnp.maximum(jnp.where(crossing < jnp.inf, crossing, step / 4), _SHORTEST * wanted)
 
 
-def _learnt(memory: Memory, trial: Trial, is_taken: Flag, cut: Scalar) -> Memory:
+def _learnt(memory: Memory, trial: Trial, is_taken: Flag, is_event: Flag, cut: Scalar) -> Memory:
     """What is kept after a trial."""
     attempt, is_whole = trial.attempt, trial.step >= trial.wanted
     # A step cut short says that accuracy allows it, not that it allows no more.
     grown = jnp.where(is_whole, attempt.following, jnp.maximum(attempt.following, trial.wanted))
     step = jnp.where(is_taken, grown, jnp.where(attempt.is_good, trial.wanted, attempt.following))
     control = _choose(is_taken | ~attempt.is_good, attempt.control, memory.control)
-    cut = jnp.where(attempt.is_good & ~is_taken, cut, jnp.inf)
+    # A step that was cut and then taken has no event: what made it doubtful may not be over yet.
+    cut = jnp.where(is_taken, 8 * memory.cut, jnp.where(attempt.is_good, cut, memory.cut))
+    cut = jnp.where(is_event, jnp.inf, cut)
     return Memory(step, cut, control, memory.rejected + ~attempt.is_good)
 
 

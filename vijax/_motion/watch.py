@@ -90,29 +90,52 @@ def nearness(held: Bool[Array, " stops"], dtype: jnp.dtype) -> Float[Array, " st
     return jnp.where(held, eps**0.5, eps ** (1 / 3))
 
 
-def polynomials(
-    machine: Machine, state: State, now: Rates, inside: Inside, step: Scalar
-) -> tuple[Float[Array, "coefficients stops"], Float[Array, " stops"]]:
-    """Bernstein coefficients on the step of what is watched at every stop, and how wrong they may be.
+class Watched(eqx.Module):
+    """What is watched at every stop during a step.
 
-    How wrong is told by what the velocity inside the step differs from the derivative of the position.
+    Attributes:
+        likely: Bernstein coefficients of what the polynomial inside the step says, (degree + 1, stops).
+        sure: of what is left of it if the polynomial is as wrong as it may be.
+        is_crossed: whether an event happens even so, (stops,).
+        error: how wrong it may be, (stops,).
+    """
+
+    likely: Float[Array, "coefficients stops"]
+    sure: Float[Array, "coefficients stops"]
+    is_crossed: Bool[Array, " stops"]
+    error: Float[Array, " stops"]
+
+
+def watch(machine: Machine, state: State, now: Rates, end: Rates, inside: Inside, step: Scalar) -> Watched:
+    """Watch every stop during a step.
+
+    Its ends are exact, as far as the step is. The position between them may be as wrong as its derivative differs from
+    the velocity, times the time since the start.
     """
     degree = len(inside.gain) - 1
-    to_bernstein, to_slope = from_nodes(degree), slopes_from_nodes(degree)
+    to_bernstein, to_slope = (jnp.asarray(f(degree), step.dtype) for f in (from_nodes, slopes_from_nodes))
     at_stops = jax.vmap(machine.at_stops)
-    gap = to_bernstein @ _deflated(machine, state, now, at_stops(inside.displacement), step)
+    displacement = at_stops(inside.displacement)
+    gap = to_bernstein @ _deflated(machine, state, now, displacement, step)
     pressed = to_slope @ at_stops(inside.gain)
-    pressed = pressed.at[0].set(step * machine.at_stops(now.pull))
+    first, last = (step * machine.at_stops(r.pull)[None] for r in (now, end))
+    likely = jnp.where(state.held, jnp.concatenate([first, pressed[1:-1], last]), gap)
+
     defect = to_slope @ inside.displacement - step * (state.v + to_bernstein @ inside.gain)
-    defect = machine.of_stops(jnp.max(jnp.abs(defect), axis=0))
-    return jnp.where(state.held, pressed, gap), jnp.where(state.held, 0, defect)
+    error = jnp.where(state.held, 0, machine.of_stops(jnp.max(jnp.abs(defect), axis=0)))
+    time = jnp.arange(degree + 1, dtype=step.dtype)[:, None] / degree
+    sure = likely - jnp.where((state.contact == 0) | (time == 0), time, 1) * error
+    lowest = jnp.where(
+        state.held, jnp.min(likely, axis=0), jnp.min(state.gap - displacement[1:], axis=0) + error
+    )
+    return Watched(likely, sure, (lowest < 0) | (end.value < 0), error)
 
 
 def _deflated(
     machine: Machine, state: State, now: Rates, displacement: Float[Array, "nodes stops"], step: Scalar
 ) -> Float[Array, "nodes stops"]:
     """The gap at the nodes, divided by as many powers of time as derivatives of it vanish at the start."""
-    time = nodes(len(displacement) - 1)[1:, None]
+    time = jnp.asarray(nodes(len(displacement) - 1), step.dtype)[1:, None]
     v, a, jerk = (-machine.at_stops(w) for w in (state.v, now.a, now.jerk))
     leading = (state.gap, step * v, step**2 * a / 2, step**3 * jerk / 6)
     start, later = leading[0], state.gap - displacement[1:]
