@@ -8,13 +8,14 @@ over a zero, and closes in on the first one as fast as Newton's method on a simp
 """
 
 from functools import cache
-from itertools import pairwise
 from math import comb
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+
+from .._types import Scalar
 
 # A first zero this near is near enough, and intervals in doubt get no shorter than this.
 _CLOSE = 1e-9
@@ -46,51 +47,48 @@ def slopes_from_nodes(degree: int) -> np.ndarray:
     return raised @ difference @ from_nodes(degree)
 
 
-def first_crossing(coefficients: Float[Array, "coefficients many"]) -> Float[Array, " many"]:
-    """How far each of many polynomials is proved not to fall below zero: to its first zero, or to 1.
+def first_crossing(coefficients: Float[Array, " coefficients"]) -> Scalar:
+    """How far a polynomial is proved not to fall below zero: to its first zero, or to 1.
 
     The first coefficient counts as zero where it is negative.
     """
-    first = coefficients.at[0].set(jnp.maximum(coefficients[0], 0))
+    first = jnp.maximum(coefficients, jnp.where(jnp.arange(len(coefficients)) == 0, 0, -jnp.inf))
+    degree = len(coefficients) - 1
 
     def is_open(carry):
         left, _, is_found, turns = carry
-        return jnp.any((left < 1) & ~is_found) & (turns < _MOST_TURNS)
+        return (left < 1) & ~is_found & (turns < _MOST_TURNS)
 
     def look(carry):
-        left, width, is_found, turns = carry
+        left, width, _, turns = carry
         part = _between(first, left, width)
         height = jnp.maximum(part[0], 0)
-        rise = (part[1:] - height) / (jnp.arange(1, len(part)) / (len(part) - 1))[:, None]
-        steepest, flattest = jnp.min(rise, axis=0), jnp.max(jnp.diff(part, axis=0), axis=0) * (len(part) - 1)
-        is_free = jnp.min(part[1:], axis=0) > 0
-        step = jnp.where(
-            is_free, width, width * jnp.minimum(height / jnp.where(steepest < 0, -steepest, 1), 1)
-        )
-        is_close = (flattest < 0) & (width * height <= -_CLOSE * flattest)
-        is_close = ~is_free & (is_close | (width <= _CLOSE))
-        is_on = (left < 1) & ~is_found & ~is_close
-        moved = jnp.where(is_on, jnp.minimum(left + step, 1), left)
-        wider = jnp.where(is_free, 4 * width, jnp.maximum(2 * step, width / 32))
-        return moved, jnp.minimum(jnp.where(is_on, wider, width), 1 - moved), is_found | is_close, turns + 1
+        slopes = (part[1:] - height) / (jnp.arange(1, degree + 1) / degree)
+        steepest, flattest = jnp.min(slopes), jnp.max(jnp.diff(part)) * degree
+        is_free = jnp.min(part[1:]) > 0
+        to_line = width * jnp.minimum(height / jnp.where(steepest < 0, -steepest, 1), 1)
+        is_found = ~is_free & ((width <= _CLOSE) | ((flattest < 0) & (width * height <= -_CLOSE * flattest)))
+        step = jnp.where(is_found, 0, jnp.where(is_free, width, to_line))
+        left = jnp.minimum(left + step, 1)
+        width = jnp.where(is_free, 4 * width, jnp.maximum(2 * step, width / 32))
+        return left, jnp.minimum(width, 1 - left), is_found, turns + 1
 
-    left = jnp.where(jnp.min(first[1:], axis=0) > 0, 1.0, jnp.zeros_like(first[0]))
-    carry = (left, 1 - left, jnp.zeros(left.shape, bool), 0)
-    return jax.lax.while_loop(is_open, look, carry)[0]
+    left = jnp.where(jnp.min(first[1:]) > 0, jnp.ones_like(first[0]), 0)
+    return jax.lax.while_loop(is_open, look, (left, 1 - left, jnp.array(False), 0))[0]
 
 
 def _between(
-    coefficients: Float[Array, "coefficients many"], left: Float[Array, " many"], width: Float[Array, " many"]
-) -> Float[Array, "coefficients many"]:
+    coefficients: Float[Array, " coefficients"], left: Scalar, width: Scalar
+) -> Float[Array, " coefficients"]:
     """Bernstein coefficients on [left, left + width] (de Casteljau, from either end)."""
     right = left + width
-    rows, low = list(coefficients), []
-    for _ in range(len(rows)):
+    rows, low = coefficients, []
+    for _ in range(len(coefficients)):
         low.append(rows[0])
-        rows = [a + right * (b - a) for a, b in pairwise(rows)]
+        rows = rows[:-1] + right * jnp.diff(rows)
     cut = left / jnp.where(right > 0, right, 1)
-    rows, high = low, []
-    for _ in range(len(rows)):
+    rows, high = jnp.stack(low), []
+    for _ in range(len(coefficients)):
         high.append(rows[-1])
-        rows = [a + cut * (b - a) for a, b in pairwise(rows)]
+        rows = rows[:-1] + cut * jnp.diff(rows)
     return jnp.stack(high[::-1])

@@ -129,7 +129,7 @@ class DiffraxFlow(SteppingFlow):
         rtol, atol = _TOLERANCES[str(dtype)]
         return diffrax.PIDController(rtol=rtol, atol=atol)
 
-    def _error_order(self) -> float:
+    def _error_order(self) -> Any:
         return self.solver.error_order(diffrax.ODETerm(_field))
 
     def _step(
@@ -144,9 +144,7 @@ class DiffraxFlow(SteppingFlow):
         return end, error, dense
 
 
-def _field(
-    time: Scalar, gains: tuple[Array, Array], args: tuple[Machine, State, Array]
-) -> tuple[Array, Array]:
+def _field(time: Any, gains: tuple[Array, Array], args: tuple[Machine, State, Array]) -> tuple[Array, Array]:
     """Velocities of the free masses, and accelerations of all as if none were held."""
     machine, state, is_held = args
     v = jnp.where(is_held, 0, state.v + gains[1])

@@ -177,7 +177,8 @@ def _clearance(
     if not machine.masses:
         return jnp.array(True), jnp.full_like(step, jnp.inf)
     watched = watch(machine, state, now, end, trial.attempt.inside, step)
-    free = step * first_crossing(jnp.concatenate([watched.likely, watched.sure], axis=1))
+    both = jnp.concatenate([watched.likely, watched.sure], axis=1)
+    free = step * jax.vmap(first_crossing, in_axes=1)(both)
     likely, sure = free[: len(late)], free[len(late) :]
     window = jnp.where(late < jnp.inf, wanted * nearness(state.held, step.dtype), 0)
     # A mass on its way to its stop is for so long nearer than the error, before it is there.

@@ -119,14 +119,15 @@ def watch(machine: Machine, state: State, now: Rates, end: Rates, inside: Inside
     gap = to_bernstein @ _deflated(machine, state, now, displacement, step)
     pressed = to_slope @ at_stops(inside.gain)
     first, last = (step * machine.at_stops(r.pull)[None] for r in (now, end))
-    likely = jnp.where(state.held, jnp.concatenate([first, pressed[1:-1], last]), gap)
+    likely = jnp.where(state.held[None], jnp.concatenate([first, pressed[1:-1], last]), gap)
 
-    defect = to_slope @ inside.displacement - step * (state.v + to_bernstein @ inside.gain)
+    defect = to_slope @ inside.displacement - step * (state.v[None] + to_bernstein @ inside.gain)
     error = jnp.where(state.held, 0, machine.of_stops(jnp.max(jnp.abs(defect), axis=0)))
     time = jnp.arange(degree + 1, dtype=step.dtype)[:, None] / degree
-    sure = likely - jnp.where((state.contact == 0) | (time == 0), time, 1) * error
+    share = jnp.where((state.contact[None] == 0) | (time == 0), time, 1)
+    sure = likely - share * error[None]
     lowest = jnp.where(
-        state.held, jnp.min(likely, axis=0), jnp.min(state.gap - displacement[1:], axis=0) + error
+        state.held, jnp.min(likely, axis=0), state.gap - jnp.max(displacement[1:], axis=0) + error
     )
     return Watched(likely, sure, (lowest < 0) | (end.value < 0), error)
 
@@ -138,8 +139,8 @@ def _deflated(
     time = jnp.asarray(nodes(len(displacement) - 1), step.dtype)[1:, None]
     v, a, jerk = (-machine.at_stops(w) for w in (state.v, now.a, now.jerk))
     leading = (state.gap, step * v, step**2 * a / 2, step**3 * jerk / 6)
-    start, later = leading[0], state.gap - displacement[1:]
+    start, later = leading[0], state.gap[None] - displacement[1:]
     for order in (1, 2, 3):
         start = jnp.where(state.contact == order, leading[order], start)
-        later = jnp.where(state.contact == order, -displacement[1:] / time**order, later)
+        later = jnp.where(state.contact[None] == order, -displacement[1:] / time**order, later)
     return jnp.concatenate([start[None], later])

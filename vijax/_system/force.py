@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, PyTree
 from .._types import as_float
 
 
-def as_force(force: Callable | None) -> Callable | None:
+def as_force(force: Any) -> Callable | None:
     """Turn a force into a pytree whose leaves are floating-point arrays.
 
     An `eqx.Module` all of whose leaves are numbers keeps its class, so that its parameters have
@@ -51,9 +51,7 @@ class BoundForce(eqx.Module):
     force: Callable
     args: PyTree
 
-    def __call__(
-        self, t: Float[Array, ""], x: Float[Array, " n"], v: Float[Array, " n"]
-    ) -> Float[Array, " n"]:
+    def __call__(self, t: Float[Array, ""], x: Float[Array, " n"], v: Float[Array, " n"]) -> Array:
         return jnp.asarray(self.force(t, x, v, self.args), x.dtype)
 
 

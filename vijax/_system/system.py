@@ -1,6 +1,7 @@
 """The machine: masses, dampers, springs, the load and the stops."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -58,7 +59,7 @@ class ImpactSystem(eqx.Module):
         stiffness: Numbers,
         forcing: Harmonic,
         stops: Sequence[Stop] = (),
-        force: Callable | None = None,
+        force: Any = None,
     ):
         self.mass = as_float(mass)
         self.damping = as_float(damping)
@@ -152,7 +153,7 @@ def chain(
     stiffnesses: Numbers,
     forcing: Harmonic,
     stops: Sequence[Stop] = (),
-    force: Callable | None = None,
+    force: Any = None,
 ) -> ImpactSystem:
     """Build a chain of masses: wall, spring and damper, mass, spring and damper, mass, ...
 
