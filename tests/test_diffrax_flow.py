@@ -169,25 +169,26 @@ def test_a_load_written_as_a_force_chatters_sticks_and_is_let_go_as_the_load():
 def test_a_force_that_is_not_finite_ends_its_own_lane_alone():
     run = lambda k3: vx.simulate(duffing(k3), 0.0, 20.0, [-1.2], [0.0], throw=False)  # noqa: E731
     both = jax.vmap(run)(jnp.array([2.5, jnp.nan]))
-    assert both.result[0] == vx.RESULTS.successful
-    assert both.result[1] == vx.RESULTS.non_finite
+    assert int(both.num_events[0]) >= 8
+    assert (both.result == vx.RESULTS.successful).tolist() == [True, False]
+    assert (both.result == vx.RESULTS.non_finite).tolist() == [False, True]
 
 
 # Derivatives
 
 
-def end_and_impacts(k3, position, speed, args=None):
+def end_and_impacts(k3, position, speed):
     system = duffing(k3, r=0.7, c=0.1, amplitude=0.6)
     system = eqx.tree_at(lambda s: s.stops[0].position, system, position)
     sol = vx.simulate(system, 0.0, 15.0, [-1.0], speed[None], max_events=8)
-    return jnp.concatenate([sol.x1, sol.v1, sol.events.t[:3]])
+    return jnp.concatenate([sol.x1, sol.v1, sol.events.t[:2]])
 
 
 def test_derivatives_are_those_of_differences_and_the_same_both_ways():
     point = (jnp.array(1.5), jnp.array(0.5), jnp.array(0.2))
     forward = jax.jit(jax.jacfwd(end_and_impacts, (0, 1, 2)))(*point)
     value = jax.jit(jax.vmap(end_and_impacts))
-    weights = jnp.arange(1.0, 6.0)
+    weights = jnp.arange(1.0, 5.0)
     reverse = jax.jit(jax.grad(lambda *p: jnp.sum(weights * end_and_impacts(*p)), (0, 1, 2)))(*point)
     h = 1e-3 * np.array([-2, -1, 1, 2])
     for i in range(3):
@@ -286,7 +287,10 @@ def test_a_motion_of_ones_own_needs_three_methods_and_drives_the_same_loop():
         (lambda: vx.simulate(one_with(lambda t, x, v, args: x[0]), 0.0, 1.0), "one force per mass"),
         (lambda: vx.DiffraxFlow(diffrax.SemiImplicitEuler()), "Runge-Kutta"),
         (lambda: vx.DiffraxFlow(stepsize_controller=diffrax.ConstantStepSize()), "`dt0` must be given"),
-        (lambda: vx.DiffraxFlow(stepsize_controller=diffrax.ClipStepSizeController(PID)), "must choose steps"),
+        (
+            lambda: vx.DiffraxFlow(stepsize_controller=diffrax.ClipStepSizeController(PID)),
+            "must choose steps",
+        ),
     ],
 )
 def test_wrong_use_says_what_to_do(call, sentence):

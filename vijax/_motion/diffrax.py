@@ -113,9 +113,17 @@ class DiffraxFlow(SteppingFlow):
 
     def control(self, like: Scalar) -> PyTree:
         """What the controller keeps at first."""
-        term, one = diffrax.ODETerm(_field), jnp.ones((), like.dtype)
+        zero = jnp.zeros((), like.dtype)
+        dt0 = zero + (1 if self.dt0 is None else self.dt0[0])
         _, first = self._controller(like.dtype).init(
-            term, 0 * one, jnp.inf * one, one, one, None, self.solver.func, self._error_order()
+            diffrax.ODETerm(_field),
+            zero,
+            zero + jnp.inf,
+            zero,
+            dt0,
+            None,
+            self.solver.func,
+            self._error_order(),
         )
         return jax.tree.map(lambda a: jnp.broadcast_to(jnp.asarray(a), like.shape), first)
 
