@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 from .._types import Scalar
 
 # A first zero this near is near enough, and intervals in doubt get no shorter than this.
-_CLOSE = 1e-9
+_CLOSE = 1e-7
 _MOST_TURNS = 40
 
 

@@ -90,8 +90,9 @@ class DiffraxFlow(SteppingFlow):
         """Try one step."""
         (displacement, gain), error, dense = self._step(machine, state, is_held, step, "lax")
         zero = jnp.zeros_like(step)
-        path = self.solver.interpolation_cls(t0=zero, t1=step, **dense)
-        inside = jax.vmap(path.evaluate)(step * jnp.asarray(nodes(self.degree), step.dtype))
+        # A Runge-Kutta method keeps slopes times the step: on [0, 1] its dense output is a constant matrix.
+        path = self.solver.interpolation_cls(t0=0.0, t1=1.0, **dense)
+        inside = jax.vmap(path.evaluate)(jnp.asarray(nodes(self.degree), step.dtype))
         # The gain of a held mass is no part of the motion.
         error = (error[0], jnp.where(is_held, 0, error[1]))
         start = (state.x, state.v)

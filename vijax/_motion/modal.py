@@ -26,7 +26,7 @@ from .._xla import compute_once
 from .flight import ExpandingFlow
 from .flow import Derivatives, Expansion
 
-_TRUST_AND_TERMS = {"float64": (3.0, 11), "float32": (1.0, 6)}
+TRUST_AND_TERMS = {"float64": (3.0, 11), "float32": (1.0, 6)}
 
 
 class Modes(eqx.Module):
@@ -74,7 +74,7 @@ class ModalFlow(ExpandingFlow):
         """Add the steady response to the load."""
         sets = range(len(self.sets))
         each = [_response(machine, jax.tree.map(lambda a, k=k: a[k], self.modes)) for k in sets]
-        trust, _ = _TRUST_AND_TERMS[str(machine.mean.dtype)]
+        trust, _ = TRUST_AND_TERMS[str(machine.mean.dtype)]
         # Overdamped modes are differences of growing parts: half the step there.
         excess = jnp.max(self.modes.decay**2 - self.modes.squared_frequency, axis=(0, 1))
         limit = trust / jnp.maximum(machine.rate, 2 * jnp.sqrt(jnp.maximum(excess, 0)))
@@ -211,14 +211,14 @@ class ModalExpansion(Expansion):
 
 def _factors(w2: Array, a: Array, speed: Array, step: Scalar) -> tuple[Array, ...]:
     """exp(-a t) - 1, c - 1 and s of every mode; cos - 1 and sin of every harmonic."""
-    terms = _TRUST_AND_TERMS[str(step.dtype)][1]
-    wave, arc = _cosine_and_sine((w2 - a * a) * step * step, terms)
-    turn, slide = _cosine_and_sine(speed * speed * step * step, terms)
+    terms = TRUST_AND_TERMS[str(step.dtype)][1]
+    wave, arc = cosine_and_sine((w2 - a * a) * step * step, terms)
+    turn, slide = cosine_and_sine(speed * speed * step * step, terms)
     fade = _expm1(-a * step, terms)
     return fade, wave, arc * step, turn, slide * speed * step
 
 
-def _cosine_and_sine(z: Array, terms: int) -> tuple[Array, Array]:
+def cosine_and_sine(z: Array, terms: int) -> tuple[Array, Array]:
     """cos(y) - 1 and sin(y) / y as series of z = y^2, which may be negative, at y / 2, doubled once."""
     cosine = [(-1) ** k / factorial(2 * k) for k in range(1, terms)]
     sine = [(-1) ** k / factorial(2 * k + 1) for k in range(terms)]
