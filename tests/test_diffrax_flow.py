@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.integrate
-import scipy.linalg
 from helpers import load_scene, log_of, paired
 from problems import one_mass
 
@@ -197,6 +196,31 @@ def test_derivatives_are_those_of_differences_and_the_same_both_ways():
         # The differences are wrong by their spacing to the fourth, and by the solver's error over it.
         np.testing.assert_allclose(forward[i], difference, rtol=2e-6, atol=2e-6)
         np.testing.assert_allclose(reverse[i], jnp.sum(weights * forward[i]), rtol=1e-10, atol=1e-10)
+
+
+def test_the_monodromy_matrix_of_a_cubic_spring_is_a_saltation_between_two_flights():
+    system = duffing(1.5, r=0.7, c=0.1, amplitude=0.6)
+    start = jnp.array([-1.0, 0.2])
+    sol = vx.simulate(system, 0.0, system.forcing.period, start[:1], start[1:])
+    assert int(sol.num_events) == 1
+    t, before, after = sol.events.t[0], sol.events.velocity_minus[0], sol.events.velocity_plus[0]
+
+    def field(s, y):
+        return np.array([y[1], 0.6 * np.cos(0.9 * s) - 0.1 * y[1] - y[0] - 1.5 * y[0] ** 3])
+
+    def variation(s, z):
+        jacobian = np.array([[0, 1], [-1 - 4.5 * z[0] ** 2, -0.1]])
+        return np.concatenate([field(s, z[:2]), (jacobian @ z[2:].reshape(2, 2)).ravel()])
+
+    def flight(t0, t1, y):
+        z = np.concatenate([y, np.eye(2).ravel()])
+        return scipy.integrate.solve_ivp(variation, (t0, t1), z, "DOP853", rtol=1e-12, atol=1e-13).y[2:, -1]
+
+    saltation = vx.saltation_matrix(system, t, [0.5], [before], 0)
+    first = flight(0.0, float(t), np.asarray(start)).reshape(2, 2)
+    second = flight(float(t), float(system.forcing.period), np.array([0.5, float(after)])).reshape(2, 2)
+    matrix = vx.monodromy_matrix(system, start[:1], start[1:])
+    np.testing.assert_allclose(matrix, second @ saltation @ first, rtol=0, atol=10 * SOLVER)
 
 
 # Sweeps

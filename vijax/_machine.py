@@ -5,37 +5,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from ._system.force import BoundForce
+from ._system.force import BoundForce, ExtraForce
 from ._system.system import ImpactSystem
-from ._types import Scalar, lift, matvec, over_lanes, stack
-
-
-class ExtraForce(eqx.Module):
-    """What acts on the masses beside the linear forces.
-
-    Attributes:
-        force: of time, positions and velocities, for one trajectory.
-        origin: the time at which the forcing periods are counted from.
-    """
-
-    force: BoundForce
-    origin: Scalar
-
-    def __call__(
-        self, t: Scalar, x: Float[Array, "n ..."], v: Float[Array, "n ..."]
-    ) -> Float[Array, "n ..."]:
-        return over_lanes(lambda force, t, x, v: force(t, x, v), x, self.force, t, x, v)
-
-    def rate(self, t: Scalar, x: Float[Array, "n ..."], v: Float[Array, "n ..."], mass: Array) -> Scalar:
-        """An estimate, from one state, of the frequency or decay rate it adds to the motion."""
-
-        def of_one(force, t, x, v, mass):
-            by_x, by_v = jax.jacfwd(force, (1, 2))(t, x, v)
-            root = jnp.sqrt(mass)
-            w2, d = (jnp.linalg.norm(a / (root[:, None] * root[None])) for a in (by_x, by_v))
-            return (d + jnp.sqrt(d * d + 4 * w2)) / 2
-
-        return over_lanes(of_one, x, self.force, t, x, v, mass)
+from ._types import Scalar, lift, matvec, stack
 
 
 class Machine(eqx.Module):

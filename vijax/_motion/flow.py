@@ -80,7 +80,7 @@ class AbstractFlow(eqx.Module):
     Two ways to find events are ready. A motion whose derivatives are known exactly and bounded
     ahead extends `ExpandingFlow` and writes `expand` alone, with an `Expansion` that keeps its
     promises: no impact is ever looked for where `rest` says that there is none. One that takes
-    approximate steps with a polynomial inside extends `SteppingFlow` and writes `attempt`. What a flow
+    approximate steps with a polynomial inside extends `SteppingFlow` and writes `attempt` and `step_by`. What a flow
     has to remember from step to step, it keeps in `State.memory`, which `memory` begins.
     """
 
