@@ -63,7 +63,7 @@ def first_crossing(coefficients: Float[Array, " coefficients"]) -> Scalar:
         left, width, _, turns = carry
         part = _between(first, left, width)
         height = jnp.maximum(part[0], 0)
-        slopes = (part[1:] - height) / (jnp.arange(1, degree + 1) / degree)
+        slopes = degree * (part[1:] - height) / jnp.arange(1, degree + 1, dtype=part.dtype)
         steepest, flattest = jnp.min(slopes), jnp.max(jnp.diff(part)) * degree
         is_free = jnp.min(part[1:]) > 0
         to_line = width * jnp.minimum(height / jnp.where(steepest < 0, -steepest, 1), 1)
