@@ -310,6 +310,8 @@ def test_a_motion_of_ones_own_needs_three_methods_and_drives_the_same_loop():
         (lambda: one_with(3.0), "must be a function force"),
         (lambda: vx.simulate(one_with(lambda t, x, v, args: x[0]), 0.0, 1.0), "one force per mass"),
         (lambda: vx.DiffraxFlow(diffrax.SemiImplicitEuler()), "Runge-Kutta"),
+        (lambda: vx.DiffraxFlow(diffrax.KenCarp4()), "for one term"),
+        (lambda: vx.DiffraxFlow(diffrax.Kvaerno5()), "needs tolerances of its own"),
         (lambda: vx.DiffraxFlow(stepsize_controller=diffrax.ConstantStepSize()), "`dt0` must be given"),
         (
             lambda: vx.DiffraxFlow(stepsize_controller=diffrax.ClipStepSizeController(PID)),

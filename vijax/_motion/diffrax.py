@@ -73,9 +73,20 @@ class DiffraxFlow(SteppingFlow):
         self.degree = degree
 
     def __check_init__(self):
-        if not isinstance(self.solver, diffrax.AbstractRungeKutta):
+        solver = self.solver
+        if (
+            not isinstance(solver, diffrax.AbstractRungeKutta)
+            or solver.term_structure is not diffrax.AbstractTerm
+        ):
             raise ValueError(
-                f"Argument `solver` must be a Runge-Kutta method of diffrax, but is {self.solver}: every step starts afresh."
+                f"Argument `solver` must be a Runge-Kutta method for one term, but is {solver}: every step starts afresh."
+            )
+        if isinstance(solver, diffrax.AbstractImplicitSolver) and not isinstance(
+            solver.root_finder.rtol, float
+        ):
+            raise ValueError(
+                "An implicit `solver` needs tolerances of its own: for instance "
+                "diffrax.Kvaerno5(root_finder=diffrax.VeryChord(rtol=1e-8, atol=1e-8))."
             )
         controller = self.stepsize_controller
         if isinstance(controller, (diffrax.ClipStepSizeController, diffrax.StepTo)):
