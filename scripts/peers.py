@@ -1,31 +1,31 @@
-"""What one would take instead of vijax: heyoka, SciPy, diffrax with events, and a scalar C++ program.
+"""What one would take instead of vijax: heyoka, SciPy, diffrax with events.
 
-Every peer is a function of a scene and a tolerance that returns another one, which runs it and returns
-its impacts as (time, stop) pairs. The three solvers stop at an impact, reverse the velocity and go on, as
-their manuals show; they know no sticking. A run is given up after `LIMIT` impacts.
+Every peer makes of a scene (and a tolerance) a `Program`. The three solvers stop at an impact, reverse the
+velocity and go on, as their manuals show; they know no sticking. A run is given up after `LIMIT` impacts.
+A peer that is not installed raises an ImportError. The scalar C++ program is in benchmarks/cpp.py.
 """
 
 # The peers are optional, and missing where only the library is installed.
 # pyright: reportMissingImports=false
 
-import shutil
-import subprocess
+import multiprocessing
 import time
 from collections.abc import Callable
-from pathlib import Path
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from typing import Any
 
 import numpy as np
+from benchmarks.scenes import RECORD, TRANSIENT, Outcome, Program, Scene
+from benchmarks.timing import repeated
 
-Impacts = list[tuple[float, int]]
-Run = Callable[[], Impacts]
-LIMIT = 2000
-SOURCE = Path(__file__).parent / "scalar_reference.cpp"
+LIMIT = 1000
 
 
 class Machine:
     """The equations of motion of a scene, y = (x, v), and its stops."""
 
-    def __init__(self, scene: dict):
+    def __init__(self, scene: Scene):
         self.n = scene["n"]
         self.mass, self.damping = np.array(scene["M"]), np.array(scene["C"])
         self.stiffness, self.load = np.array(scene["K"]), np.array(scene["A"])
@@ -37,14 +37,14 @@ class Machine:
         self.start = np.array([*scene["x0"], *scene["v0"]], float)
         self.t0, self.t1 = scene["t0"], scene["t1"]
 
-    def rate(self, t, y, xp=np):
+    def rate(self, t, y):
         """Time derivative of y."""
         x, v = y[: self.n], y[self.n :]
-        load = self.load * xp.cos(self.frequency * t + self.phase)
-        return xp.concatenate([v, (load - self.damping @ v - self.stiffness @ x) / self.mass])
+        load = self.load * np.cos(self.frequency * t + self.phase)
+        return np.concatenate([v, (load - self.damping @ v - self.stiffness @ x) / self.mass])
 
 
-def scipy(scene: dict, tolerance: float) -> Run:
+def scipy(scene: Scene, tolerance: float) -> Program:
     """DOP853 of SciPy with terminal events."""
     from scipy.integrate import solve_ivp
 
@@ -58,37 +58,38 @@ def scipy(scene: dict, tolerance: float) -> Run:
         gap.terminal, gap.direction = True, -1
         events.append(gap)
 
-    def run() -> Impacts:
+    def run() -> Outcome:
         t, y, impacts = machine.t0, machine.start, []
         while t < machine.t1 and len(impacts) < LIMIT:
             sol = solve_ivp(
                 machine.rate, (t, machine.t1), y, "DOP853", rtol=tolerance, atol=tolerance, events=events
             )
             t, y = sol.t[-1], sol.y[:, -1].copy()
-            for j, times in enumerate(sol.t_events):
-                if len(times) and sol.status == 1:
+            for j, found in enumerate(sol.t_events):
+                if len(found) and sol.status == 1:
                     mass, position, _, restitution = machine.stops[j]
+                    impacts.append((float(t), j, float(y[machine.n + mass])))
                     y[mass], y[machine.n + mass] = position, -restitution * y[machine.n + mass]
-                    impacts.append((t, j))
-        return impacts
+        return Outcome(impacts, y, len(impacts) == LIMIT)
 
-    return run
+    return Program(run, repeated(run))
 
 
-def heyoka(scene: dict, tolerance: float) -> Run:
-    """Heyoka's adaptive Taylor method with terminal events."""
+def heyoka(scene: Scene, tolerance: float, number: type = float) -> Program:
+    """Heyoka's adaptive Taylor method with terminal events; `number` may be `np.longdouble`."""
     import heyoka as hy
 
     machine, impacts = Machine(scene), []
-    names = [f"{kind}{i}" for kind in "xv" for i in range(machine.n)]
-    y = hy.make_vars(*names)
+    y = hy.make_vars(*(f"{kind}{i}" for kind in "xv" for i in range(machine.n)))
     x, v = y[: machine.n], y[machine.n :]
     rates = list(v)
     for i in range(machine.n):
-        force = machine.load[i] * hy.cos(machine.frequency * hy.time + machine.phase[i])
+        force = number(machine.load[i]) * hy.cos(
+            number(machine.frequency) * hy.time + number(machine.phase[i])
+        )
         for k in range(machine.n):
-            force = force - machine.damping[i, k] * v[k] - machine.stiffness[i, k] * x[k]
-        rates.append(force / machine.mass[i])
+            force -= number(machine.damping[i, k]) * v[k] + number(machine.stiffness[i, k]) * x[k]
+        rates.append(force / number(machine.mass[i]))
 
     class Rebound:
         def __init__(self, j: int):
@@ -96,31 +97,53 @@ def heyoka(scene: dict, tolerance: float) -> Run:
 
         def __call__(self, ta, d_sgn):
             mass, _, _, restitution = machine.stops[self.j]
-            ta.state[machine.n + mass] *= -restitution
-            impacts.append((float(ta.time), self.j))
+            impacts.append((float(ta.time), self.j, float(ta.state[machine.n + mass])))
+            ta.state[machine.n + mass] *= -number(restitution)
             return len(impacts) < LIMIT
 
     directions = {1: hy.event_direction.positive, -1: hy.event_direction.negative}
     events = [
-        hy.t_event(x[mass] - position, callback=Rebound(j), direction=directions[sign])
+        hy.t_event(
+            x[mass] - number(position), callback=Rebound(j), direction=directions[sign], fp_type=number
+        )
         for j, (mass, position, sign, _) in enumerate(machine.stops)
     ]
+    start = machine.start.astype(number)
     ta = hy.taylor_adaptive(
-        list(zip(y, rates, strict=True)), machine.start, time=machine.t0, t_events=events, tol=tolerance
-    )
+        list(zip(y, rates, strict=True)), start, time=number(machine.t0), t_events=events,
+        tol=number(tolerance), fp_type=number,
+    )  # fmt: skip
 
-    def run() -> Impacts:
+    def run() -> Outcome:
         impacts.clear()
-        ta.time, ta.state[:] = machine.t0, machine.start
+        ta.time, ta.state[:] = number(machine.t0), start
         ta.reset_cooldowns()
-        ta.propagate_until(machine.t1, max_steps=100_000)
-        return list(impacts)
+        ta.propagate_until(number(machine.t1), max_steps=100_000)
+        return Outcome(list(impacts), ta.state.copy(), len(impacts) == LIMIT)
 
-    return run
+    return Program(run, repeated(run))
 
 
-def heyoka_sweep(stops: tuple[float, float, float], frequencies: np.ndarray, tolerance: float) -> float:
-    """Run a sweep of a paper case, 120 periods, on one core; return the time without the compilation."""
+def heyoka_sweep(
+    stops: tuple[float, float, float], frequencies: np.ndarray, tolerance: float, cores: int, repeats: int
+) -> list[float]:
+    """Run a sweep of a paper case on all cores, a process on each, its share of the frequencies in turn.
+
+    Returns:
+        For each repeat the seconds of the slowest process, without its start and its compilation.
+    """
+    import heyoka as _  # noqa: F401 - to say at once that it is missing
+
+    with ProcessPoolExecutor(cores, multiprocessing.get_context("spawn")) as pool:
+        shares = [frequencies[k::cores] for k in range(cores)]
+        jobs = [pool.submit(_heyoka_share, stops, share, tolerance, repeats) for share in shares]
+        return np.max([job.result() for job in jobs], axis=0).tolist()
+
+
+def _heyoka_share(
+    stops: tuple[float, float, float], frequencies: np.ndarray, tolerance: float, repeats: int
+) -> list[float]:
+    """Run some frequencies on one core: one compiled integrator, the frequency a parameter of it."""
     import heyoka as hy
 
     x1, x2, v1, v2 = hy.make_vars("x1", "x2", "v1", "v2")
@@ -142,94 +165,83 @@ def heyoka_sweep(stops: tuple[float, float, float], frequencies: np.ndarray, tol
         for i, (x, s, d) in enumerate(zip((x1, x2), stops, directions, strict=False))
     ]
     ta = hy.taylor_adaptive(rates, [0.0] * 4, pars=[1.0], t_events=events, tol=tolerance)
-    start = time.perf_counter()
-    for frequency in frequencies:
-        ta.time, ta.state[:], ta.pars[0] = 0.0, 0.0, frequency
-        ta.reset_cooldowns()
-        ta.propagate_until(240 * np.pi / frequency)
-    return time.perf_counter() - start
+    seconds = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        for frequency in frequencies:
+            ta.time, ta.state[:], ta.pars[0] = 0.0, 0.0, frequency
+            ta.reset_cooldowns()
+            ta.propagate_until((TRANSIENT + RECORD) * 2 * np.pi / frequency)
+        seconds.append(time.perf_counter() - start)
+    return seconds
 
 
-def diffrax(scene: dict, tolerance: float) -> Run:
-    """Dopri8 of diffrax with `Event`, compiled once, restarted from Python at every impact."""
+def diffrax(scene: Scene, tolerance: float, solver: str) -> Program:
+    """`diffeqsolve` of diffrax with `Event`; the loop over impacts is compiled with it."""
+    import jax
+    import jax.numpy as jnp
+
+    machine = Machine(scene)
+    stops = [np.array(a, float) for a in zip(*machine.stops, strict=True)]
+    numbers = {name: getattr(machine, name) for name in ("mass", "damping", "stiffness", "load", "phase")}
+    numbers |= dict(zip(("position", "sign", "restitution"), stops[1:], strict=True))
+    numbers = jax.tree.map(jnp.asarray, numbers | {"frequency": machine.frequency})
+    program = _diffrax_program(solver, tuple(stop[0] for stop in machine.stops))
+    arguments = jax.tree.map(jnp.asarray, (machine.t0, machine.t1, machine.start, tolerance))
+
+    def run() -> tuple[Any, ...]:
+        return program(numbers, *arguments)
+
+    def outcome() -> Outcome:
+        _, y, count, log = run()
+        rows = [(float(t), int(j), float(v)) for t, j, v in np.asarray(log)[: int(count)]]
+        return Outcome(rows, np.asarray(y), int(count) == LIMIT)
+
+    return Program(outcome, repeated(run))
+
+
+@cache
+def _diffrax_program(solver: str, masses: tuple[int, ...]) -> Callable[..., tuple[Any, ...]]:
+    """The compiled loop over impacts, for all machines with these masses at stops."""
     import diffrax as dfx
     import jax
     import jax.numpy as jnp
     import optimistix as optx
 
-    machine = Machine(scene)
-    term = dfx.ODETerm(lambda t, y, args: machine.rate(t, y, jnp))
-    controller = dfx.PIDController(rtol=tolerance, atol=tolerance)
+    def rate(t, y, args):
+        x, v = jnp.split(y, 2)
+        load = args["load"] * jnp.cos(args["frequency"] * t + args["phase"])
+        return jnp.concatenate([v, (load - args["damping"] @ v - args["stiffness"] @ x) / args["mass"]])
 
     def gap(j: int) -> Callable:
-        mass, position, sign, _ = machine.stops[j]
-        return lambda t, y, args, **kwargs: sign * (position - y[mass])
+        return lambda t, y, args, **_: args["sign"][j] * (args["position"][j] - y[masses[j]])
 
-    gaps = [gap(j) for j in range(len(machine.stops))]
+    gaps = [gap(j) for j in range(len(masses))]
     event = dfx.Event(gaps, optx.Newton(1e-12, 1e-12), direction=[False] * len(gaps))
 
     @jax.jit
-    def fly(t, y):
-        sol = dfx.diffeqsolve(
-            term, dfx.Dopri8(), t, machine.t1, None, y, stepsize_controller=controller, event=event,
-            max_steps=100_000, throw=False,
-        )  # fmt: skip
-        assert sol.ts is not None
-        assert sol.ys is not None
-        return sol.ts[-1], sol.ys[-1], jnp.stack(jax.tree.leaves(sol.event_mask))
+    def run(args, t0, t1, start, tolerance):
+        controller = dfx.PIDController(rtol=tolerance, atol=tolerance)
+        n = start.size // 2
 
-    def run() -> Impacts:
-        t, y, impacts = machine.t0, machine.start, []
-        while t < machine.t1 and len(impacts) < LIMIT:
-            t, y, mask = (np.array(a) for a in fly(t, y))
-            if not mask.any():
-                break
-            j = int(np.argmax(mask))
-            mass, position, _, restitution = machine.stops[j]
-            y[mass], y[machine.n + mass] = position, -restitution * y[machine.n + mass]
-            impacts.append((float(t), j))
-        return impacts
+        def fly(carry):
+            t, y, count, log = carry
+            sol = dfx.diffeqsolve(
+                dfx.ODETerm(rate), getattr(dfx, solver)(), t, t1, None, y, args, event=event,
+                stepsize_controller=controller, max_steps=100_000, throw=False,
+            )  # fmt: skip
+            assert sol.ts is not None
+            assert sol.ys is not None
+            t, y = sol.ts[-1], sol.ys[-1]
+            is_hit = jnp.stack(jax.tree.leaves(sol.event_mask))
+            j, hit = jnp.argmax(is_hit), jnp.any(is_hit)
+            mass = jnp.array(masses)[j]
+            speed = y[n + mass]
+            after = y.at[mass].set(args["position"][j]).at[n + mass].set(-args["restitution"][j] * speed)
+            log = log.at[jnp.where(hit, count, LIMIT)].set(jnp.stack([t, j, speed]), mode="drop")
+            return jnp.where(hit, t, t1), jnp.where(hit, after, y), count + hit, log
+
+        first = (t0, start, jnp.array(0), jnp.full((LIMIT, 3), jnp.nan))
+        return jax.lax.while_loop(lambda c: (c[0] < t1) & (c[2] < LIMIT), fly, first)
 
     return run
-
-
-def build_scalar(folder: Path) -> Path | None:
-    """Compile the scalar C++ program, if there is a compiler."""
-    compiler = shutil.which("g++") or shutil.which("clang++")
-    if compiler is None:
-        return None
-    program = folder / "scalar_reference"
-    command = [compiler, "-O3", "-march=native", "-ffast-math", "-o", str(program), str(SOURCE)]
-    subprocess.run(command, check=True)
-    return program
-
-
-def scalar_sweep(
-    program: Path, stops: tuple[float, float, float], frequencies: np.ndarray, cores: int
-) -> None:
-    """Run a sweep of a paper case, 100 + 20 periods, by the scalar program: one process a core."""
-    processes = []
-    for k in range(cores):
-        share = frequencies[k::cores]
-        arguments = [
-            *map(repr, map(float, (*stops, share[0], share[-1]))),
-            str(len(share)),
-            "100",
-            "20",
-            "1.5",
-            "0",
-        ]
-        processes.append(subprocess.Popen([program, *arguments], stderr=subprocess.DEVNULL))
-    for process in processes:
-        process.wait()
-
-
-def scalar_impacts(program: Path, scene: dict) -> Impacts:
-    """The impacts of a scene of the paper's two-mass chain by the scalar program."""
-    positions = [s["position"] for s in sorted(scene["stops"], key=lambda s: s["mass"])]
-    periods = int(np.ceil(scene["t1"] * scene["Omega"] / (2 * np.pi)))
-    numbers = (*positions, scene["A"][0], scene["Omega"], scene["Omega"])
-    arguments = [*map(repr, map(float, numbers)), "1", "0", str(periods), "1.5", "2"]
-    text = subprocess.run([program, *arguments], check=True, capture_output=True, text=True).stdout
-    rows = [line.split() for line in text.splitlines()]
-    return [(float(t), int(i)) for i, t in rows if float(t) <= scene["t1"]]

@@ -1,55 +1,336 @@
-// A scalar program for the paper's two-mass chain, written for that purpose and nothing else: exact modal flow,
-// proved steps, impacts, sticking. What the sweep of vijax is measured against.
-// Arguments: s1 s2 A Omega0 Omega1 points transient record max_step print (2: the impact times).
-#include <cstdio>
-#include <cmath>
-#include <cstdlib>
-#include <vector>
-#include <cstring>
-#include <chrono>
+// The paper's two-mass chain and nothing else, one trajectory after another: exact modal flow, proved steps,
+// impacts, sticking. What vijax is measured against.
+//
+//     scalar_reference sweep s1 s2 A W0 W1 points transient record
+//     scalar_reference trajectory s1 s2 A W t1 repeats
+//
+// `sweep` starts every frequency from rest and prints the impacts of the recorded periods, all counted
+// together. `trajectory` prints "impact stop time velocity" for every impact, "end x1 x2 v1 v2" and, for each
+// repeat, "seconds s". Stop i belongs to mass i; it is an upper stop if s >= 0, else a lower one.
 #include <algorithm>
-using namespace std;
-struct Modal{int n;double W[2],Z[2],WD[2],PS[2][2],xs[2];double xr[2],xi[2];};
-struct Par{double s[2],sg[2],r,A,c,k,Om;};
-static void build(const Par&p,int mask,Modal&m){ memset(&m,0,sizeof m); double E[2][2]={{2,-1},{-1,1}}; 
-  if(mask==0){m.n=2;double s5=sqrt(5.);double lam[2]={(3-s5)/2,(3+s5)/2};for(int j=0;j<2;j++){double a=1,b=2-lam[j],n=hypot(a,b);m.PS[0][j]=a/n;m.PS[1][j]=b/n;m.W[j]=sqrt(lam[j]*p.k);m.Z[j]=p.c*lam[j]/2;}}
-  else if(mask<3){int f=mask==1?1:0;m.n=1;double lam=E[f][f];m.PS[f][0]=1;m.W[0]=sqrt(lam*p.k);m.Z[0]=p.c*lam/2;int q=1-f;m.xs[q]=p.s[q];m.xs[f]=p.s[q]/lam;}
-  else {m.n=0;m.xs[0]=p.s[0];m.xs[1]=p.s[1];}
-  for(int j=0;j<m.n;j++){m.WD[j]=sqrt(m.W[j]*m.W[j]-m.Z[j]*m.Z[j]);double fj=m.PS[0][j]*p.A,dr=m.W[j]*m.W[j]-p.Om*p.Om,di=2*m.Z[j]*p.Om,d=dr*dr+di*di;for(int i=0;i<2;i++){m.xr[i]+=m.PS[i][j]*fj*dr/d;m.xi[i]-=m.PS[i][j]*fj*di/d;}}
-}
-long NIT=0,NEV=0,NST=0,NREL=0;
-struct St{double x[2],v[2],th;int mask;};
-static inline void force(const Par&p,const double*x,const double*v,double co,double*f){f[0]=-p.k*(2*x[0]-x[1])-p.c*(2*v[0]-v[1])+p.A*co;f[1]=-p.k*(x[1]-x[0])-p.c*(v[1]-v[0]);}
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <string>
+#include <vector>
+using std::max;
+using std::min;
 
-// largest safe step for lower polynomial, kind: 0 open,1 just impacted,2 released by jump,3 released by force crossing
-static inline double safe(int kind,double g,double gd,double gdd,double g3,double B4,double Umax){
-  double best=0,U=Umax;
-  if(kind==3){ double u=4*max(g3,0.0)/(B4+1e-300); return min(max(u,1e-5),Umax);} 
-  if(kind==2){ for(int it=0;it<3;it++){double K=max(1e-300,-g3/3+B4*U/12);double u=max(gdd,0.0)/K;best=max(best,min(u,U)); if(u>=U)break; U=(u+U)/2;} return max(best,1e-5);} 
-  if(kind==1) g=0;
-  double lo=0,hi=Umax;
-  for(int it=0;it<5;it++){ double K=max(0.0,-gdd+max(0.0,-g3)*U/3+B4*U*U/12); double disc=sqrt(gd*gd+2*K*g); double u = gd<0 ? 2*g/(disc-gd+1e-300) : (gd+disc)/(K+1e-300); double f=min(u,U); if(f>best)best=f; if(u>=U){ if(it==0) return U; lo=U; } else hi=U; U= (u>lo&&u<hi&&it==0)? min(u*1.5,hi) : 0.5*(max(best,lo)+hi); }
-  return best; }
-template<class F> void adv(const Par&p,const Modal*M,St&s,double T,double gtol,double vst,double Umax,F cb,int*just){ double t=0; long guard=0;
-  while(t<T){ if(++guard>300000){fprintf(stderr,"guard Om=%g mask %d x %g %g v %g %g t %g/%g just %d %d\n",p.Om,s.mask,s.x[0],s.x[1],s.v[0],s.v[1],t,T,just[0],just[1]);return;} NIT++; const Modal&m=M[s.mask]; double co=cos(s.th),si=sin(s.th); double B[2],C[2],amp[2]; double y[2],w[2]; for(int i=0;i<2;i++){y[i]=s.x[i]-m.xs[i]-(m.xr[i]*co-m.xi[i]*si);w[i]=s.v[i]+p.Om*(m.xr[i]*si+m.xi[i]*co);} 
-    for(int j=0;j<m.n;j++){B[j]=m.PS[0][j]*y[0]+m.PS[1][j]*y[1];double qd=m.PS[0][j]*w[0]+m.PS[1][j]*w[1];C[j]=(qd+m.Z[j]*B[j])/m.WD[j];amp[j]=sqrt(B[j]*B[j]+C[j]*C[j]);}
-    double f[2];force(p,s.x,s.v,co,f); double a[2]={f[0],f[1]};for(int i=0;i<2;i++)if(s.mask>>i&1)a[i]=0;
-    double fd[2]; force(p,s.v,a,0,fd); fd[0]-=p.A*p.Om*si; double jk[2]={fd[0],fd[1]};for(int i=0;i<2;i++)if(s.mask>>i&1)jk[i]=0;
-    double D2[2],D3[2],D4[2];for(int i=0;i<2;i++){double fa=hypot(m.xr[i],m.xi[i]);D2[i]=p.Om*p.Om*fa;D3[i]=p.Om*D2[i];D4[i]=p.Om*D3[i];for(int j=0;j<m.n;j++){double q=fabs(m.PS[i][j])*m.W[j]*m.W[j]*amp[j];D2[i]+=q;q*=m.W[j];D3[i]+=q;D4[i]+=q*m.W[j];}}
-    double tau=min(T-t,Umax);
-    for(int i=0;i<2;i++){ double sg=p.sg[i]; if(!(s.mask>>i&1)){double g=max(0.0,sg*(p.s[i]-s.x[i])); tau=min(tau,safe(just[i],g,-sg*s.v[i],-sg*a[i],-sg*jk[i],D4[i],Umax));}
-      else {double lam=max(0.0,sg*f[i]);double ld=sg*fd[i],lb; if(i==0)lb=p.k*D2[1]+p.c*D3[1]+p.A*p.Om*p.Om;else lb=p.k*D2[0]+p.c*D3[0]; double disc=sqrt(ld*ld+2*lb*lam);double u=ld<0?2*lam/(disc-ld+1e-300):(ld+disc)/(lb+1e-300); tau=min(tau,u+1e-13);} }
-    s.th+=p.Om*tau;t+=tau;co=cos(s.th);si=sin(s.th); double X[2],V[2];for(int i=0;i<2;i++){X[i]=m.xs[i]+m.xr[i]*co-m.xi[i]*si;V[i]=-p.Om*(m.xr[i]*si+m.xi[i]*co);}
-    for(int j=0;j<m.n;j++){double e=exp(-m.Z[j]*tau),cj=e*cos(m.WD[j]*tau),sj=e*sin(m.WD[j]*tau);double q=B[j]*cj+C[j]*sj,qd=-m.Z[j]*q+m.WD[j]*(C[j]*cj-B[j]*sj);for(int i=0;i<2;i++){X[i]+=m.PS[i][j]*q;V[i]+=m.PS[i][j]*qd;}}
-    for(int i=0;i<2;i++){if(s.mask>>i&1){X[i]=p.s[i];V[i]=0;}s.x[i]=X[i];s.v[i]=V[i]; if(tau>0)just[i]=0;}
-    bool jump=false; bool hit[2]={false,false};
-    for(int i=0;i<2;i++)if(!(s.mask>>i&1)){double gap=p.sg[i]*(p.s[i]-s.x[i]),gd=-p.sg[i]*s.v[i]; if(gap<=gtol&&gd<0){double vi=s.v[i];s.x[i]=p.s[i];s.v[i]=-p.r*vi;just[i]=1;hit[i]=true;NEV++;cb(i,t,s.th,vi);jump=true;}}
-    force(p,s.x,s.v,co,f); for(int i=0;i<2;i++)a[i]=(s.mask>>i&1)?0:f[i]; force(p,s.v,a,0,fd); fd[0]-=p.A*p.Om*si;
-    for(int i=0;i<2;i++) if(hit[i]){ double lam=p.sg[i]*f[i],ld=p.sg[i]*fd[i],vp=fabs(s.v[i]); if(lam>0&&vp<vst){double Tc=2*vp/(lam*(1-p.r)+1e-300); if(vp<1e-13||(Tc<1e-3&&lam+2*min(ld,0.0)*Tc>0)){s.v[i]=0;s.mask|=1<<i;NST++;just[i]=0;}} else if(lam<=0&&vp<1e-13){s.v[i]=0;just[i]=lam<0?2:3;} }
-    for(int i=0;i<2;i++)if(!hit[i]&&(s.mask>>i&1)&&p.sg[i]*f[i]<=0){s.mask&=~(1<<i);NREL++; just[i]=(jump&&p.sg[i]*f[i]<-1e-9)?2:3; }
-  } }
-int main(int argc,char**argv){ double s1=atof(argv[1]),s2=atof(argv[2]),A=atof(argv[3]),O0=atof(argv[4]),O1=atof(argv[5]);int n=atoi(argv[6]);int nt=atoi(argv[7]),nr=atoi(argv[8]);double Umax=atof(argv[9]);int print=atoi(argv[10]); double r=argc>11?atof(argv[11]):0.7; double vst=argc>12?atof(argv[12]):1e-6; double seed=argc>13?atof(argv[13]):0;
-  auto T0=chrono::steady_clock::now(); for(int a=0;a<n;a++){ Par p;p.s[0]=s1;p.s[1]=s2;p.sg[0]=s1>=0?1:-1;p.sg[1]=s2>=0?1:-1;p.r=r;p.A=A;p.c=0.1;p.k=1;p.Om=n>1?O0+(O1-O0)*a/(n-1):O0; Modal M[4];for(int q=0;q<4;q++)build(p,q,M[q]); St s;memset(&s,0,sizeof s); if(seed>0){srand48((long)seed+a*0);for(int i=0;i<2;i++){s.x[i]=p.s[i]-p.sg[i]*drand48()*1.0;s.v[i]=2*(drand48()-0.5);}} double Tp=2*M_PI/p.Om; long it0=NIT;int just[2]={0,0};
-    for(int q=0;q<nt;q++){s.th=0;adv(p,M,s,Tp,1e-14,vst,Umax,[](int,double,double,double){},just);} int c[2]={0,0};long st0=NST;vector<double> vs[2]; for(int q=0;q<nr;q++){s.th=0;adv(p,M,s,Tp,1e-14,vst,Umax,[&](int i,double t,double,double v){c[i]++;vs[i].push_back(v);if(print==2)::printf("%d %.17g\n",i,q*Tp+t);},just);}
-    if(print==1){printf("Om=%.4f it/per %.1f m1 %.3f m2 %.3f stick %.2f |",p.Om,(NIT-it0)/(double)(nt+nr),c[0]/(double)nr,c[1]/(double)nr,(NST-st0)/(double)nr);for(int i=0;i<2;i++){for(int q=0;q<min<int>(5,vs[i].size());q++)printf(" %.5f",vs[i][q]);printf(" |");}printf("\n");} }
-  double dt=chrono::duration<double>(chrono::steady_clock::now()-T0).count(); double lp=(double)n*(nt+nr); fprintf(stderr,"%.3f s, %.2f us/lane-period, it/lp %.2f ev/lp %.2f ns/it %.1f stick %ld rel %ld\n",dt,dt/lp*1e6,NIT/lp,NEV/lp,dt/NIT*1e9,NST,NREL); }
+const double DAMPING = 0.1, STIFFNESS = 1, RESTITUTION = 0.7;
+const double LONGEST_STEP = 1.5, TOUCHING = 1e-14, TINY = 1e-300;
+// A chatter whose impacts are lighter than LIGHT and which ends within SOON is ended at once.
+const double LIGHT = 1e-6, SOON = 1e-3, STILL = 1e-13;
+
+struct Impact {
+    int stop;
+    double time, velocity;
+};
+
+struct Log {
+    bool is_on;
+    double start;
+    std::vector<Impact> impacts;
+};
+
+struct Machine {
+    double stop[2], sign[2], amplitude, frequency;
+};
+
+// The motion with some masses held: modes, and the forced motion x = re cos(th) - im sin(th) around `rest`.
+struct Modes {
+    int count;
+    double frequency[2], decay[2], damped[2], shape[2][2], rest[2], re[2], im[2];
+};
+
+// How a mass got where it is; it decides what the polynomial of its gap starts with.
+enum Contact { OPEN, JUST_HIT, LET_GO_BY_JUMP, LET_GO_BY_FORCE };
+
+struct State {
+    double x[2], v[2], phase;
+    int held;  // bit i: mass i
+    int contact[2];
+    bool is_held(int i) const { return held >> i & 1; }
+};
+
+static Modes modes(const Machine& p, int held) {
+    Modes m;
+    memset(&m, 0, sizeof m);
+    if (held == 0) {
+        m.count = 2;
+        const double root = sqrt(5.0), value[2] = {(3 - root) / 2, (3 + root) / 2};
+        for (int j = 0; j < 2; j++) {
+            double b = 2 - value[j], length = hypot(1, b);
+            m.shape[0][j] = 1 / length;
+            m.shape[1][j] = b / length;
+            m.frequency[j] = sqrt(value[j] * STIFFNESS);
+            m.decay[j] = DAMPING * value[j] / 2;
+        }
+    } else if (held < 3) {
+        int fixed = held - 1, free = 1 - fixed;
+        double value = free == 0 ? 2 : 1;
+        m.count = 1;
+        m.shape[free][0] = 1;
+        m.frequency[0] = sqrt(value * STIFFNESS);
+        m.decay[0] = DAMPING * value / 2;
+        m.rest[fixed] = p.stop[fixed];
+        m.rest[free] = p.stop[fixed] / value;
+    } else {
+        for (int i = 0; i < 2; i++) m.rest[i] = p.stop[i];
+    }
+    for (int j = 0; j < m.count; j++) {
+        m.damped[j] = sqrt(m.frequency[j] * m.frequency[j] - m.decay[j] * m.decay[j]);
+        double load = m.shape[0][j] * p.amplitude;
+        double re = m.frequency[j] * m.frequency[j] - p.frequency * p.frequency;
+        double im = 2 * m.decay[j] * p.frequency, square = re * re + im * im;
+        for (int i = 0; i < 2; i++) {
+            m.re[i] += m.shape[i][j] * load * re / square;
+            m.im[i] -= m.shape[i][j] * load * im / square;
+        }
+    }
+    return m;
+}
+
+// Acceleration of free masses, or with (v, a, -W sin th) in place of (x, v, cos th) its rate.
+static inline void accelerations(const Machine& p, const double* x, const double* v, double load, double* f) {
+    f[0] = -STIFFNESS * (2 * x[0] - x[1]) - DAMPING * (2 * v[0] - v[1]) + p.amplitude * load;
+    f[1] = -STIFFNESS * (x[1] - x[0]) - DAMPING * (v[1] - v[0]);
+}
+
+struct Forces {
+    double force[2], rate[2], acceleration[2], jerk[2];
+};
+
+static inline Forces forces(const Machine& p, const State& s, double cosine, double sine) {
+    Forces f;
+    accelerations(p, s.x, s.v, cosine, f.force);
+    for (int i = 0; i < 2; i++) f.acceleration[i] = s.is_held(i) ? 0 : f.force[i];
+    accelerations(p, s.v, f.acceleration, -p.frequency * sine, f.rate);
+    for (int i = 0; i < 2; i++) f.jerk[i] = s.is_held(i) ? 0 : f.rate[i];
+    return f;
+}
+
+// A time in which g + g1 t + g2 t^2 / 2 + g3 t^3 / 6 - bound t^4 / 24 stays positive.
+static inline double safe_step(int contact, double g, double g1, double g2, double g3, double bound) {
+    double best = 0, trial = LONGEST_STEP;
+    if (contact == LET_GO_BY_FORCE) return min(max(4 * max(g3, 0.0) / (bound + TINY), 1e-5), LONGEST_STEP);
+    if (contact == LET_GO_BY_JUMP) {
+        for (int turn = 0; turn < 3; turn++) {
+            double u = max(g2, 0.0) / max(TINY, -g3 / 3 + bound * trial / 12);
+            best = max(best, min(u, trial));
+            if (u >= trial) break;
+            trial = (u + trial) / 2;
+        }
+        return max(best, 1e-5);
+    }
+    if (contact == JUST_HIT) g = 0;
+    double low = 0, high = LONGEST_STEP;
+    for (int turn = 0; turn < 5; turn++) {
+        double curvature = max(0.0, -g2 + max(0.0, -g3) * trial / 3 + bound * trial * trial / 12);
+        double root = sqrt(g1 * g1 + 2 * curvature * g);
+        double u = g1 < 0 ? 2 * g / (root - g1 + TINY) : (g1 + root) / (curvature + TINY);
+        best = max(best, min(u, trial));
+        if (u >= trial) {
+            if (turn == 0) return trial;
+            low = trial;
+        } else {
+            high = trial;
+        }
+        trial = u > low && u < high && turn == 0 ? min(u * 1.5, high) : 0.5 * (max(best, low) + high);
+    }
+    return best;
+}
+
+// A time in which the force that presses a held mass stays positive.
+static inline double safe_hold(double force, double rate, double bound) {
+    double root = sqrt(rate * rate + 2 * bound * force);
+    return (rate < 0 ? 2 * force / (root - rate + TINY) : (rate + root) / (bound + TINY)) + 1e-13;
+}
+
+// q = e^(-decay t) (B cos + C sin) of each mode.
+struct Amplitudes {
+    double B[2], C[2];
+};
+
+static inline Amplitudes amplitudes(const Machine& p, const Modes& m, const State& s, double cosine,
+                                    double sine) {
+    Amplitudes a;
+    double y[2], w[2];
+    for (int i = 0; i < 2; i++) {
+        y[i] = s.x[i] - m.rest[i] - (m.re[i] * cosine - m.im[i] * sine);
+        w[i] = s.v[i] + p.frequency * (m.re[i] * sine + m.im[i] * cosine);
+    }
+    for (int j = 0; j < m.count; j++) {
+        a.B[j] = m.shape[0][j] * y[0] + m.shape[1][j] * y[1];
+        double rate = m.shape[0][j] * w[0] + m.shape[1][j] * w[1];
+        a.C[j] = (rate + m.decay[j] * a.B[j]) / m.damped[j];
+    }
+    return a;
+}
+
+static inline double step_length(const Machine& p, const Modes& m, const State& s, const Amplitudes& a,
+                                 const Forces& f, double longest) {
+    double second[2], third[2], fourth[2];  // bounds of the derivatives of x
+    for (int i = 0; i < 2; i++) {
+        second[i] = p.frequency * p.frequency * hypot(m.re[i], m.im[i]);
+        third[i] = p.frequency * second[i];
+        fourth[i] = p.frequency * third[i];
+        for (int j = 0; j < m.count; j++) {
+            double size = sqrt(a.B[j] * a.B[j] + a.C[j] * a.C[j]);
+            double q = fabs(m.shape[i][j]) * m.frequency[j] * m.frequency[j] * size;
+            second[i] += q;
+            third[i] += q * m.frequency[j];
+            fourth[i] += q * m.frequency[j] * m.frequency[j];
+        }
+    }
+    double step = min(longest, LONGEST_STEP);
+    for (int i = 0; i < 2; i++) {
+        double sign = p.sign[i];
+        if (s.is_held(i)) {
+            double bound = STIFFNESS * second[1 - i] + DAMPING * third[1 - i];
+            if (i == 0) bound += p.amplitude * p.frequency * p.frequency;
+            step = min(step, safe_hold(max(0.0, sign * f.force[i]), sign * f.rate[i], bound));
+        } else {
+            double gap = max(0.0, sign * (p.stop[i] - s.x[i]));
+            step = min(step, safe_step(s.contact[i], gap, -sign * s.v[i], -sign * f.acceleration[i],
+                                       -sign * f.jerk[i], fourth[i]));
+        }
+    }
+    return step;
+}
+
+static inline void move(const Machine& p, const Modes& m, State& s, const Amplitudes& a, double step,
+                        double cosine, double sine) {
+    double x[2], v[2];
+    for (int i = 0; i < 2; i++) {
+        x[i] = m.rest[i] + m.re[i] * cosine - m.im[i] * sine;
+        v[i] = -p.frequency * (m.re[i] * sine + m.im[i] * cosine);
+    }
+    for (int j = 0; j < m.count; j++) {
+        double decay = exp(-m.decay[j] * step);
+        double c = decay * cos(m.damped[j] * step), d = decay * sin(m.damped[j] * step);
+        double q = a.B[j] * c + a.C[j] * d;
+        double rate = -m.decay[j] * q + m.damped[j] * (a.C[j] * c - a.B[j] * d);
+        for (int i = 0; i < 2; i++) {
+            x[i] += m.shape[i][j] * q;
+            v[i] += m.shape[i][j] * rate;
+        }
+    }
+    for (int i = 0; i < 2; i++) {
+        s.x[i] = s.is_held(i) ? p.stop[i] : x[i];
+        s.v[i] = s.is_held(i) ? 0 : v[i];
+        if (step > 0) s.contact[i] = OPEN;
+    }
+}
+
+// Impacts, and after them the masses that stick and those that are let go.
+static inline void contacts(const Machine& p, State& s, double cosine, double sine, double t, Log& log) {
+    bool hit[2] = {false, false};
+    for (int i = 0; i < 2; i++) {
+        if (s.is_held(i) || p.sign[i] * (p.stop[i] - s.x[i]) > TOUCHING || p.sign[i] * s.v[i] <= 0) continue;
+        if (log.is_on) log.impacts.push_back({i, log.start + t, s.v[i]});
+        s.x[i] = p.stop[i];
+        s.v[i] *= -RESTITUTION;
+        s.contact[i] = JUST_HIT;
+        hit[i] = true;
+    }
+    const Forces f = forces(p, s, cosine, sine);
+    for (int i = 0; i < 2; i++) {
+        double force = p.sign[i] * f.force[i], rate = p.sign[i] * f.rate[i], speed = fabs(s.v[i]);
+        if (hit[i] && force > 0 && speed < LIGHT) {
+            double end = 2 * speed / (force * (1 - RESTITUTION) + TINY);
+            if (speed < STILL || (end < SOON && force + 2 * min(rate, 0.0) * end > 0)) {
+                s.v[i] = 0;
+                s.held |= 1 << i;
+                s.contact[i] = OPEN;
+            }
+        } else if (hit[i] && force <= 0 && speed < STILL) {
+            s.v[i] = 0;
+            s.contact[i] = force < 0 ? LET_GO_BY_JUMP : LET_GO_BY_FORCE;
+        } else if (!hit[i] && s.is_held(i) && force <= 0) {
+            s.held &= ~(1 << i);
+            s.contact[i] = (hit[0] || hit[1]) && force < -1e-9 ? LET_GO_BY_JUMP : LET_GO_BY_FORCE;
+        }
+    }
+}
+
+// Follow the motion for a time from phase 0.
+static void advance(const Machine& p, const Modes* all, State& s, double duration, Log& log) {
+    double t = 0, cosine = 1, sine = 0;
+    s.phase = 0;
+    for (long steps = 0; t < duration; steps++) {
+        if (steps > 300000) {
+            fprintf(stderr, "no end at W = %g\n", p.frequency);
+            exit(1);
+        }
+        const Modes& m = all[s.held];
+        const Amplitudes a = amplitudes(p, m, s, cosine, sine);
+        double step = step_length(p, m, s, a, forces(p, s, cosine, sine), duration - t);
+        s.phase += p.frequency * step;
+        t += step;
+        cosine = cos(s.phase);
+        sine = sin(s.phase);
+        move(p, m, s, a, step, cosine, sine);
+        contacts(p, s, cosine, sine, t, log);
+    }
+}
+
+struct Run {
+    Machine machine;
+    Modes all[4];
+    State state;
+    Log log;
+    Run(double s1, double s2, double amplitude, double frequency)
+        : machine{{s1, s2}, {s1 >= 0 ? 1.0 : -1.0, s2 >= 0 ? 1.0 : -1.0}, amplitude, frequency}, log{} {
+        for (int held = 0; held < 4; held++) all[held] = modes(machine, held);
+        memset(&state, 0, sizeof state);
+    }
+    double period() const { return 2 * M_PI / machine.frequency; }
+    void one_period(double longest) { advance(machine, all, state, min(period(), longest), log); }
+};
+
+static void sweep(char** a) {
+    double W0 = atof(a[3]), W1 = atof(a[4]);
+    int points = atoi(a[5]), transient = atoi(a[6]), record = atoi(a[7]);
+    size_t impacts = 0;
+    for (int k = 0; k < points; k++) {
+        Run run(atof(a[0]), atof(a[1]), atof(a[2]), points > 1 ? W0 + (W1 - W0) * k / (points - 1) : W0);
+        for (int q = 0; q < transient + record; q++) {
+            run.log.is_on = q >= transient;
+            run.log.start = (q - transient) * run.period();
+            run.one_period(run.period());
+        }
+        impacts += run.log.impacts.size();
+    }
+    printf("%zu\n", impacts);
+}
+
+static void trajectory(char** a) {
+    double t1 = atof(a[4]);
+    for (int repeat = 0; repeat < atoi(a[5]); repeat++) {
+        auto start = std::chrono::steady_clock::now();
+        Run run(atof(a[0]), atof(a[1]), atof(a[2]), atof(a[3]));
+        run.log.is_on = true;
+        for (int q = 0; q * run.period() < t1; q++) {
+            run.log.start = q * run.period();
+            run.one_period(t1 - run.log.start);
+        }
+        double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+        const State& s = run.state;
+        if (repeat == 0) {
+            for (const Impact& i : run.log.impacts)
+                printf("impact %d %.17g %.17g\n", i.stop, i.time, i.velocity);
+            printf("end %.17g %.17g %.17g %.17g\n", s.x[0], s.x[1], s.v[0], s.v[1]);
+        }
+        printf("seconds %.9f\n", seconds);
+    }
+}
+
+int main(int argc, char** argv) {
+    std::string what = argc > 1 ? argv[1] : "";
+    if (what == "sweep" && argc == 10) return sweep(argv + 2), 0;
+    if (what == "trajectory" && argc == 8) return trajectory(argv + 2), 0;
+    fprintf(stderr, "See the head of scalar_reference.cpp for the arguments.\n");
+    return 2;
+}

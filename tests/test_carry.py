@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import vijax as vx
+from vijax._sweep import carry, lanes
 
 FREQUENCY = "forcing.frequency"
 TRANSIENT, RECORD = 60, 5
@@ -112,3 +113,13 @@ def test_what_cannot_be_carried_is_refused():
         sweep(COEXISTING, carry="left")
     with pytest.raises(ValueError, match="sweep the same grid"):
         sweep(COEXISTING, carry_from=sweep(COEXISTING[:2]))
+
+
+def test_a_round_of_one_point_is_not_compiled_anew(both, monkeypatch):
+    traces = []
+    original = lanes.advance
+    monkeypatch.setattr(lanes, "advance", lambda *args: traces.append(1) or original(*args))
+    monkeypatch.setattr(carry, "_AHEAD", 1)
+    one_by_one = sweep(COEXISTING, carry="both")
+    assert not traces
+    np.testing.assert_allclose(one_by_one.x, both.x, rtol=0, atol=SETTLED)

@@ -15,6 +15,7 @@ from helpers import load_scene, log_of, paired
 from problems import one_mass
 
 import vijax as vx
+from vijax._contact.sticking_region import StickingRegion
 from vijax._motion.bernstein import first_crossing, from_nodes, nodes
 from vijax._motion.stepping import Attempt, SteppingFlow
 from vijax._motion.watch import Inside
@@ -99,12 +100,14 @@ def near_grazing() -> tuple[np.ndarray, vx.Solution, vx.Solution]:
     return excess, exact, found
 
 
+@pytest.mark.slow
 def test_near_grazing_impacts_are_found_and_near_misses_are_none(near_grazing):
     _, exact, found = near_grazing
     assert exact.num_events.tolist() == [1] * 7 + [0] * 7
     assert found.num_events.tolist() == exact.num_events.tolist()
 
 
+@pytest.mark.slow
 def test_a_near_miss_costs_a_bounded_number_of_steps(near_grazing):
     _, exact, found = near_grazing
     assert int(jnp.max(found.num_steps)) < 2 * int(jnp.max(exact.num_steps)) + 100
@@ -183,6 +186,7 @@ def end_and_impacts(k3, position, speed):
     return jnp.concatenate([sol.x1, sol.v1, sol.events.t[:2]])
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_differences_and_the_same_both_ways():
     point = (jnp.array(1.5), jnp.array(0.5), jnp.array(0.2))
     forward = jax.jit(jax.jacfwd(end_and_impacts, (0, 1, 2)))(*point)
@@ -240,6 +244,39 @@ def test_a_sweep_of_a_machine_with_a_force_is_its_trajectories():
         assert int(ds.num_impacts[i].sum()) == int(late.sum())
         times = ds.impact_time[i].dropna("impact")
         np.testing.assert_allclose(times, np.asarray(sol.events.t)[late] - 2 * period, rtol=0, atol=1e-7)
+
+
+def solved(t, x, v, args):
+    """A cubic spring by what a kernel without libraries could not hold."""
+    return -jnp.linalg.solve(args["compliance"] * jnp.eye(1), jnp.sort(x**3))
+
+
+def test_a_sweep_with_a_force_that_calls_libraries_is_carried_along_and_kept(tmp_path):
+    plain = duffing(1.5, r=0.7, c=0.1, amplitude=0.6)
+    frequencies = np.array([0.8, 0.9, 1.3])
+
+    def run(force, compliance):
+        system, args = vx.ImpactSystem(**(vars(plain) | {"force": force})), {"compliance": compliance}
+        return vx.sweep(
+            system, {"forcing.frequency": frequencies}, transient=2, record=3, carry="up", args=args,
+            store=tmp_path / "kept", progress=False,
+        )  # fmt: skip
+
+    ds = run(solved, 1 / 1.5)
+    assert (ds.result == 0).all()
+    np.testing.assert_array_equal(ds.section_x.isel(period=-1), ds.x)
+    last = eqx.tree_at(
+        lambda s: s.forcing.frequency, duffing(1.5, r=0.7, c=0.1, amplitude=0.6), jnp.asarray(1.3)
+    )
+    end = vx.simulate(last, 0.0, 5 * float(last.forcing.period), ds.x[1].values, ds.v[1].values).x1
+    np.testing.assert_allclose(ds.x[2], end, rtol=0, atol=SOLVER)
+    np.testing.assert_array_equal(run(solved, 1 / 1.5).x, ds.x)
+    with pytest.raises(ValueError, match="`numbers of the force` is"):
+        run(solved, 1 / 1.6)
+    with pytest.raises(ValueError, match=r"`system\.force` is <function solved>"):
+        run(lambda t, x, v, args: -x, 1 / 1.5)
+    with pytest.raises(ValueError, match=r"the force <function solved> with args \{.*\}, which no text"):
+        vx.system_of(ds)
 
 
 # A motion of one's own
@@ -306,6 +343,8 @@ def test_a_motion_of_ones_own_needs_three_methods_and_drives_the_same_loop():
             "exact for linear machines alone",
         ),
         (lambda: vx.simulate(driven(), 0.0, 1.0, args=1.0), "the machine has no `force`"),
+        (lambda: vx.sticking_region(duffing(1.0), 0), "known for linear machines alone"),
+        (lambda: StickingRegion(vx.simulate(duffing(1.0), 0.0, 0.0).machine, (0,)), "known for linear"),
         (lambda: vx.simulate(duffing(1.0), 0.0, 1.0, args="stiff"), "made of real numbers"),
         (lambda: one_with(3.0), "must be a function force"),
         (lambda: vx.simulate(one_with(lambda t, x, v, args: x[0]), 0.0, 1.0), "one force per mass"),

@@ -1,5 +1,7 @@
 """The pictures show what is there, in the axes they are given."""
 
+import io
+
 import matplotlib as mpl
 
 mpl.use("Agg")
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgb
 
 import vijax as vx
 
@@ -35,6 +38,34 @@ def held() -> vx.Solution:
     load = vx.Harmonic([1.0], 0.5)
     system = vx.ImpactSystem([1.0], [[0.0]], [[1.0]], load, [vx.Stop(0, 0.0, "upper", 0.5)])
     return vx.simulate(system, 0.0, END)
+
+
+@pytest.fixture(scope="module")
+def sticking() -> vx.Solution:
+    """Case (b) of the paper, where both masses stick."""
+    return vx.simulate(vx.models.wagg_bishop_b(0.2), 0.0, 80.0)
+
+
+@pytest.fixture(scope="module")
+def both_ways(swept) -> xr.Dataset:
+    """As from `carry="both"`, with other velocities on the way down."""
+    down = swept.assign(impact_velocity=swept.impact_velocity / 2)
+    return xr.concat([swept, down], dim="direction").assign_coords(direction=["up", "down"])
+
+
+def grey(color) -> float:
+    return float(np.dot([0.299, 0.587, 0.114], to_rgb(color)))
+
+
+def events(sol: vx.Solution, kind: int, stop: int) -> np.ndarray:
+    return np.asarray(sol.events.t)[(sol.events.kind == kind) & (sol.events.stop == stop)]
+
+
+def discs(ax, *, filled: bool) -> list[tuple[float, float]]:
+    """The round marks, white or filled."""
+    marks = [line for line in ax.lines if line.get_marker() == "o"]
+    is_white = [mpl.colors.same_color(mark.get_markerfacecolor(), "white") for mark in marks]
+    return [points(mark).pop() for mark, white in zip(marks, is_white, strict=True) if white != filled]
 
 
 def points(line) -> set[tuple[float, float]]:
@@ -134,3 +165,229 @@ def test_a_time_series_goes_into_the_axes_given(held):
     _, ax = plt.subplots()
     assert vx.plot.time_series(held, ax=ax, num_samples=SAMPLES) is ax
     assert len(plt.get_fignums()) == 1
+
+
+@pytest.mark.parametrize(
+    "name", ["bifurcation", "time_series", "phase_portrait", "impact_map", "sticking_region"]
+)
+def test_a_picture_leaves_the_current_axes_alone_and_can_be_printed(name, swept, sticking):
+    arguments = {"bifurcation": (swept,), "sticking_region": (sticking, 1)}.get(name, (sticking,))
+    figure, (current, other) = plt.subplots(1, 2)
+    plt.sca(current)
+    assert getattr(vx.plot, name)(*arguments, ax=other) is other
+    assert plt.gca() is current
+    assert not current.lines
+    assert len(plt.get_fignums()) == 1
+    assert "(" in other.get_xlabel()
+    assert "(" in other.get_ylabel()
+    figure.savefig(io.BytesIO(), format="pdf")
+
+
+def test_a_bifurcation_diagram_of_all_stops_has_a_panel_for_each(swept):
+    column = vx.plot.bifurcation(swept, stop=None)
+    assert len(column) == 2
+    for stop, ax in enumerate(column):
+        assert points(ax.lines[0]) == points(vx.plot.bifurcation(swept, stop).lines[0])
+        assert f"stop {stop}" in ax.get_ylabel()
+    assert [ax.get_xlabel() != "" for ax in column] == [False, True]
+
+
+def test_a_bifurcation_diagram_of_all_stops_goes_into_the_axes_given(swept):
+    _, axes = plt.subplots(2)
+    assert list(vx.plot.bifurcation(swept, None, ax=axes)) == list(axes)
+    with pytest.raises(ValueError, match="Argument `ax` must hold 2 axes, but holds 1"):
+        vx.plot.bifurcation(swept, None, ax=[axes[0]])
+
+
+def test_a_bifurcation_diagram_tells_up_from_down_in_grey_too(both_ways, swept):
+    ax = vx.plot.bifurcation(both_ways, 1)
+    lines = {line.get_label(): line for line in ax.lines if line.get_marker() == "."}
+    up, down = lines["swept up"], lines["swept down"]
+    assert points(up) == points(vx.plot.bifurcation(swept, 1).lines[0])
+    assert points(down) == {(x, v / 2) for x, v in points(up)}
+    assert grey(down.get_color()) - grey(up.get_color()) > 0.4
+    assert up.get_rasterized()
+    # Where both agree the dark points lie on the light ones, and are smaller.
+    assert up.get_markersize() < down.get_markersize()
+    assert list(ax.lines).index(up) > list(ax.lines).index(down)
+    assert {text.get_text() for text in ax.get_legend().get_texts()} == {"swept up", "swept down"}
+
+
+def test_a_bifurcation_diagram_can_show_phases(swept):
+    ax = vx.plot.bifurcation(swept, 1, ordinate="phase")
+    expected = swept.impact_phase.values[swept.impact_stop.values == 1]
+    np.testing.assert_array_equal(ax.lines[0].get_ydata(), expected)
+    assert ax.get_ylim() == (0, 2 * np.pi)
+    with pytest.raises(ValueError, match='Argument `ordinate` must be "velocity" or "phase", but is "time"'):
+        vx.plot.bifurcation(swept, ordinate="time")
+
+
+def test_a_close_up_of_a_time_series_shows_its_span_only(sticking):
+    stick, release = events(sticking, vx.STICK, 1)[1], events(sticking, vx.RELEASE, 1)[1]
+    span = (stick - 1.0, (stick + release) / 2)
+    ax = vx.plot.time_series(sticking, span=span, num_samples=SAMPLES)
+    assert ax.get_xlim() == span
+    t, x = ax.lines[0].get_data()
+    assert (t[0], t[-1]) == span
+    np.testing.assert_array_equal(x, sticking.evaluate(t)[0][:, 0])
+    segments = [c.get_segments() for c in ax.collections if isinstance(c, LineCollection)]
+    assert [(start, end) for (start, _), (end, _) in segments[1]] == [(stick, span[1])]
+
+
+@pytest.mark.parametrize("span", [(-1.0, 5.0), (5.0, 81.0), (5.0, 5.0), (6.0, 5.0)])
+def test_a_span_outside_the_trajectory_is_refused(sticking, span):
+    with pytest.raises(ValueError, match=r"must be two times in order within \[0.0, 80.0\]"):
+        vx.plot.time_series(sticking, span=span)
+
+
+def test_a_phase_portrait_is_the_motion_broken_at_impacts(sticking):
+    ax = vx.plot.phase_portrait(sticking, 1, num_samples=SAMPLES)
+    x, v = (np.asarray(a) for a in ax.lines[0].get_data())
+    is_hit = np.asarray((sticking.events.kind == vx.IMPACT) & (sticking.events.stop == 1))
+    minus, plus = (
+        np.asarray(a)[is_hit] for a in (sticking.events.velocity_minus, sticking.events.velocity_plus)
+    )
+    (gaps,) = np.nonzero(np.isnan(v))
+    assert len(gaps) == is_hit.sum() > 10
+    np.testing.assert_array_equal(v[gaps - 1], minus)
+    np.testing.assert_array_equal(x[gaps - 1], 0.1)
+    # After the last impact before it sticks the mass is at rest.
+    bounces = minus > 1e-5
+    np.testing.assert_allclose(v[gaps + 1][bounces], plus[bounces], rtol=1e-9)
+    t = np.sort(np.append(np.linspace(0, 80, SAMPLES), np.nan_to_num(sticking.events.t, nan=80.0)))
+    drawn = set(zip(x.tolist(), v.tolist(), strict=True))
+    for state in zip(*(np.asarray(a)[:, 1].tolist() for a in sticking.evaluate(t)), strict=True):
+        assert state in drawn
+
+
+def test_a_phase_portrait_dashes_the_jumps_and_marks_stop_and_rest(sticking):
+    ax = vx.plot.phase_portrait(sticking, 0, num_samples=SAMPLES)
+    (jumps,) = (c for c in ax.collections if isinstance(c, LineCollection))
+    is_hit = np.asarray((sticking.events.kind == vx.IMPACT) & (sticking.events.stop == 0))
+    minus, plus = (
+        np.asarray(a)[is_hit] for a in (sticking.events.velocity_minus, sticking.events.velocity_plus)
+    )
+    found = np.array([[start[1], end[1]] for start, end in jumps.get_segments()])
+    np.testing.assert_array_equal(found, np.stack([minus, plus], axis=1))
+    assert jumps.get_linestyle()[0][1] is not None
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert labels == ["impact", "stop 0", "held by stop 0"]
+    assert discs(ax, filled=True) == [(-0.3, 0.0)]
+    with pytest.raises(ValueError, match="Argument `mass` must lie in 0 to 1, but is 2"):
+        vx.plot.phase_portrait(sticking, 2)
+
+
+def test_a_phase_portrait_without_contacts_is_one_line():
+    sol = vx.simulate(vx.models.wagg_bishop_b(0.8, 0.01), 0.0, END)
+    ax = vx.plot.phase_portrait(sol, num_samples=SAMPLES)
+    assert not np.isnan(ax.lines[0].get_ydata()).any()
+    assert discs(ax, filled=True) == []
+
+
+@pytest.mark.parametrize("stop", [0, 1])
+def test_an_impact_map_has_the_phase_and_velocity_of_every_impact(sticking, stop):
+    ax = vx.plot.impact_map(sticking, stop)
+    is_hit = np.asarray((sticking.events.kind == vx.IMPACT) & (sticking.events.stop == stop))
+    phase = np.mod(0.2 * np.asarray(sticking.events.t), 2 * np.pi)[is_hit]
+    np.testing.assert_array_equal(ax.lines[0].get_xdata(), phase)
+    np.testing.assert_array_equal(ax.lines[0].get_ydata(), sticking.events.velocity_minus[is_hit])
+    assert ax.lines[0].get_rasterized()
+    assert ax.get_xlim() == (0, 2 * np.pi)
+    assert f"stop {stop}" in ax.get_ylabel()
+
+
+def test_an_impact_map_of_a_sweep_is_of_one_machine_and_any_starts(swept):
+    one = swept.sel({"forcing.frequency": 1.1})
+    found = points(vx.plot.impact_map(one, 1).lines[0])
+    is_ours = one.impact_stop.values == 1
+    phases, velocities = (one[name].values[is_ours].tolist() for name in ("impact_phase", "impact_velocity"))
+    assert found == set(zip(phases, velocities, strict=True))
+    starts = xr.concat([one, one.assign(impact_phase=one.impact_phase / 2)], dim="x0[1]")
+    assert points(vx.plot.impact_map(starts, 1).lines[0]) == found | {(p / 2, v) for p, v in found}
+    with pytest.raises(ValueError, match=r"is of one machine, but \['forcing.frequency'\] are swept"):
+        vx.plot.impact_map(swept, 1)
+
+
+def test_the_global_impact_map_tells_the_stops_apart_in_grey_too(sticking):
+    ax = vx.plot.impact_map(sticking, stop=None)
+    for stop in (0, 1):
+        assert points(ax.lines[stop]) == points(vx.plot.impact_map(sticking, stop).lines[0])
+    first, second = ax.lines[:2]
+    assert first.get_marker() != second.get_marker()
+    assert abs(grey(first.get_color()) - grey(second.get_color())) > 0.4
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["stop 0", "stop 1"]
+
+
+def test_an_impact_map_without_impacts_or_stop_is_refused(sticking):
+    quiet = vx.simulate(vx.models.wagg_bishop_b(0.8, 0.01), 0.0, END)
+    with pytest.raises(ValueError, match="There are no impacts at stop 1 to draw"):
+        vx.plot.impact_map(quiet, 1)
+    with pytest.raises(ValueError, match="There are no impacts at any stop to draw"):
+        vx.plot.impact_map(quiet, None)
+    with pytest.raises(ValueError, match="Argument `stop` must lie in 0 to 1, but is 2"):
+        vx.plot.impact_map(sticking, 2)
+
+
+def boundaries(ax) -> list[tuple[float, float]]:
+    """Slope and intercept of every endless line."""
+    lines = [line for line in ax.lines if isinstance(line, mpl.lines.AxLine)]
+    ends = [(*line.get_xy1(), *line.get_xy2()) for line in lines]
+    return [((v2 - v1) / (x2 - x1), v1 - x1 * (v2 - v1) / (x2 - x1)) for x1, v1, x2, v2 in ends]
+
+
+def test_sticking_orbits_end_on_the_boundary_of_fig_12(sticking):
+    ax = vx.plot.sticking_region(sticking, 1, num_samples=SAMPLES)
+    (line,) = boundaries(ax)
+    np.testing.assert_allclose(line, (-10, 1), rtol=1e-13)
+    for filled, kind in ((False, vx.STICK), (True, vx.RELEASE)):
+        x, v = (np.asarray(a)[:, 0] for a in sticking.evaluate(events(sticking, kind, 1)))
+        assert len(x) >= 2
+        assert set(discs(ax, filled=filled)) == set(zip(x.tolist(), v.tolist(), strict=True))
+    released = np.array(discs(ax, filled=True))
+    np.testing.assert_allclose(released[:, 1], -10 * released[:, 0] + 1, atol=1e-12)
+    assert "x_{0}" in ax.get_xlabel()
+
+
+def test_a_boundary_that_the_load_moves_is_drawn_at_each_release(sticking):
+    ax = vx.plot.sticking_region(sticking, 0, num_samples=SAMPLES)
+    released, lines = np.array(discs(ax, filled=True)), np.array(boundaries(ax))
+    assert len(lines) == len(released) >= 2
+    for x, v in released:
+        assert np.abs(lines[:, 0] * x + lines[:, 1] - v).min() < 1e-12
+    assert np.ptp(lines[:, 1]) > 0.01
+
+
+def test_the_orbits_of_a_sticking_region_are_the_motion_while_the_mass_is_held(sticking):
+    stick, release = events(sticking, vx.STICK, 1)[1], events(sticking, vx.RELEASE, 1)[1]
+    ax = vx.plot.sticking_region(sticking, 1, span=(stick - 0.5, release + 0.5), num_samples=SAMPLES)
+    x, v = sticking.evaluate(np.linspace(stick, release, SAMPLES))
+    assert set(zip(x[:, 0].tolist(), v[:, 0].tolist(), strict=True)) <= points(ax.lines[0])
+    assert len(discs(ax, filled=True)) == 1
+    cut = vx.plot.sticking_region(sticking, 1, span=(stick + 0.1, release - 0.1), num_samples=SAMPLES)
+    assert discs(cut, filled=True) == discs(cut, filled=False) == []
+
+
+def test_a_boundary_that_depends_on_a_third_mass_is_left_out():
+    stops = [vx.Stop(1, 0.0, "upper", 0.5), vx.Stop(2, 0.0, "upper", 0.5)]
+    load = vx.Harmonic([0.0, 0.0, 0.0], 1.0, mean=[0.1, 0.5, 1.0])
+    system = vx.chain([1.0] * 3, [0.1] * 3, [1.0] * 3, load, stops)
+    middle_and_end = vx.simulate(system, 0.0, 3.0)
+    assert boundaries(vx.plot.sticking_region(middle_and_end, 0, mass=2, num_samples=SAMPLES)) == []
+    # The last mass feels the one before it alone.
+    assert boundaries(vx.plot.sticking_region(middle_and_end, 1, mass=0, num_samples=SAMPLES)) == []
+    (line,) = boundaries(vx.plot.sticking_region(middle_and_end, 1, mass=1, num_samples=SAMPLES))
+    # 0.1 v + x - 0 + 1 = 0.
+    np.testing.assert_allclose(line, (-10, -10), rtol=1e-13)
+    with pytest.raises(ValueError, match=r"Argument `mass` must be one of \[0, 2\]: name the mass"):
+        vx.plot.sticking_region(middle_and_end, 0)
+
+
+def test_a_sticking_region_that_cannot_be_drawn_is_refused(sticking):
+    with pytest.raises(ValueError, match="Argument `sols` is empty"):
+        vx.plot.sticking_region([], 0)
+    with pytest.raises(ValueError, match="Stop 1 holds its mass at no time that is to be drawn"):
+        vx.plot.sticking_region(sticking, 1, span=(0.0, 1.0))
+    with pytest.raises(ValueError, match=r"must be one of \[0\], but 1 is the mass of stop 1"):
+        vx.plot.sticking_region(sticking, 1, mass=1)
+    with pytest.raises(ValueError, match="Argument `stop` must lie in 0 to 1, but is 5"):
+        vx.plot.sticking_region(sticking, 5)

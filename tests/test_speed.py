@@ -9,7 +9,7 @@ import pytest
 
 import vijax as vx
 from vijax._motion.choose import choose_flow
-from vijax._sweep import lanes, queues
+from vijax._sweep import lanes, queues, turns
 from vijax._sweep.paths import Point, points_of_lanes
 
 POINTS, LANES = 16, 8
@@ -24,11 +24,11 @@ def compiled() -> str:
     system, flow = jax.tree.map(jnp.asarray, (points.system, flow))
     start, work = (
         jnp.zeros((2, POINTS)),
-        lanes.Work(*(jnp.asarray(k) for k in (POINTS, 1, 2, 1000, 16, 1000))),
+        turns.Work(*(jnp.asarray(k) for k in (POINTS, 1, 2, 1000, 16, 1000))),
     )
     with jax.numpy_rank_promotion("allow"):
         queue = lanes.new_queue(system, start, LANES)
-        task = (flow, system, start, start, work, jnp.array(True))
+        task = (flow, system, start, start, work)
         return lanes.run_lanes.lower(task, queue, can_stick=True).compile().compiled.as_text()
 
 
@@ -39,22 +39,39 @@ def test_no_library_sine_is_computed_in_the_loop(compiled):
     assert not any(shape.endswith(f",{LANES}") or shape == str(LANES) for shape in shapes)
 
 
-def test_there_is_one_loop_over_the_queue_and_one_over_steps(compiled):
-    assert compiled.count(" while(") == 2
+def test_the_loop_over_turns_is_one_kernel(compiled):
+    entry = re.search(r"^ENTRY .*?^\}", compiled, re.DOTALL | re.MULTILINE)
+    assert entry
+    (feed,) = re.findall(r" while\(.*body=%([\w.]+)", entry[0])
+    body = re.search(rf"^%{re.escape(feed)} .*?^\}}", compiled, re.DOTALL | re.MULTILINE)
+    assert body
+    (kernel,) = re.findall(r" call\(.*", body[0])
+    assert 'xla_cpu_small_call="true"' in kernel
+    assert " while(" not in body[0]
+
+
+def test_there_are_loops_over_queue_turns_and_the_impacts_and_period_ends_of_a_turn(compiled):
+    assert compiled.count(" while(") == 4
 
 
 def test_shared_parts_of_a_step_are_computed_once(compiled):
-    # Every conditional is a fence. XLA repeats what two results share, unless a fence lies between; without
-    # any the text holds twice as many operations.
-    assert compiled.count(" conditional(") >= 8
+    # XLA repeats what two results share, unless a call lies between; without those the text
+    # holds twice as many operations.
+    assert compiled.count(" call(") >= 12
     operations = sum(compiled.count(f" {name}(") for name in ("add", "subtract", "multiply", "divide"))
-    assert operations < 4000
+    assert operations < 2500
+
+
+def test_nothing_but_what_has_to_be_is_divided_or_rooted_in_a_turn(compiled):
+    # A division takes as long as ten multiplications.
+    in_lanes = re.findall(rf"f64\[(?:\d+,)*{LANES}\]\S* (?:divide|sqrt)\(", compiled)
+    assert len(in_lanes) <= 30
 
 
 def test_a_second_sweep_of_the_same_shape_is_not_traced_again(monkeypatch):
     traces = []
-    original = lanes.advance
-    monkeypatch.setattr(lanes, "advance", lambda *args: traces.append(1) or original(*args))
+    original = turns.advance
+    monkeypatch.setattr(turns, "advance", lambda *args: traces.append(1) or original(*args))
     # A shape that no other test has.
     monkeypatch.setattr(queues, "_POINTS", 40)
     monkeypatch.setattr(queues, "_LANES", 24)

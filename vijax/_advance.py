@@ -11,16 +11,17 @@ that another impact of the same instant presses again.
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ._contact.restitution import rebound
-from ._contact.sticking import chatter_is_complete, chatter_time
+from ._contact.sticking import chatter_is_complete, chatter_time, is_light
 from ._machine import Machine, State
 from ._motion.flight import fly
 from ._motion.flow import AbstractFlow
 from ._types import Flag, Scalar, not_negative, stack
-from ._xla import compute_once
+from ._xla import compute_once, is_any
 
 
 class Instant(eqx.Module):
@@ -68,7 +69,7 @@ def advance(
     """
     remaining = not_negative((target - state.time) - state.time_low)
     flight = fly(flow, machine, state, remaining, resolution)
-    after, instant = compute_once(machine.always, _resolve, machine, flight.end, flight.is_event)
+    after, instant = compute_once(_resolve, machine, flight.end, flight.is_event)
     arrived = flight.is_last & ~jnp.any(flight.is_event, axis=0)
     return after, eqx.tree_at(lambda i: i.arrived, instant, arrived)
 
@@ -86,7 +87,14 @@ def _resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."])
     none, zeros = jnp.zeros_like(hit), jnp.zeros_like(gap)
     arrived = jnp.zeros_like(state.time, bool)
     instant = Instant(hit, none, none, v_minus, machine.at_stops(v), zeros, arrived, state.time)
-    return _stick_and_release(machine, after, instant, is_event) if machine.can_stick else (after, instant)
+    if not machine.can_stick:
+        return after, instant
+    is_doubtful = state.held | (state.contact >= 2) | (hit & is_light(instant.velocity_plus))
+    return jax.lax.cond(
+        is_any(is_doubtful),
+        lambda: _stick_and_release(machine, after, instant, is_event),
+        lambda: (after, instant),
+    )
 
 
 def _stick_and_release(
@@ -95,15 +103,11 @@ def _stick_and_release(
     """Decide, all impacts of this instant applied, who comes to rest on a stop and who leaves one."""
     let_go = is_event & state.held
     state = eqx.tree_at(lambda s: s.held, state, state.held & ~let_go)
-    force = machine.total_force(state)
-    a = machine.accelerations(force, machine.held_masses(state.held))
-    force_rate = machine.total_force_rate(state, a)
-    approach = machine.at_stops(machine.inverse_mass * force)
-    approach_rate = machine.at_stops(machine.inverse_mass * force_rate)
-
+    approach, approach_rate = compute_once(_approach, machine, state)
     speed = jnp.abs(instant.velocity_plus)
-    chatter = chatter_time(speed, approach, machine.restitution)
-    stuck = instant.hit & chatter_is_complete(speed, approach, approach_rate, chatter, machine.rate)
+    chatter = compute_once(chatter_time, speed, approach, machine.restitution)
+    is_complete = compute_once(chatter_is_complete, speed, approach, approach_rate, chatter, machine.rate)
+    stuck = instant.hit & is_complete
     is_jump = jnp.any(instant.hit, axis=0)
     thrown = state.held & (approach < 0) & is_jump
     # Let go at this very instant, and pressed again before it could leave.
@@ -122,3 +126,11 @@ def _stick_and_release(
         (stuck | pressed_again, let_go | thrown, jnp.where(stuck, chatter, 0)),
     )
     return after, instant
+
+
+def _approach(machine: Machine, state: State) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."]]:
+    """With what acceleration every mass would be pressed towards its stops, and how fast that grows."""
+    force = machine.total_force(state)
+    a = machine.accelerations(force, machine.held_masses(state.held))
+    force_rate = machine.total_force_rate(state, a)
+    return machine.at_stops(machine.inverse_mass * force), machine.at_stops(machine.inverse_mass * force_rate)

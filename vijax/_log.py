@@ -14,6 +14,7 @@ from ._types import Flag, Scalar
 IMPACT: Final = 0
 STICK: Final = 1
 RELEASE: Final = 2
+KINDS: Final = ("impact", "stick", "release")
 
 
 class EventLog(eqx.Module):

@@ -7,15 +7,15 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ._system.force import BoundForce, ExtraForce
 from ._system.system import ImpactSystem
-from ._types import Scalar, lift, matvec, stack
+from ._types import Scalar, add_up, lift, matvec, stack
 
 
 class Machine(eqx.Module):
     """An `ImpactSystem` as arrays over masses, stops and harmonics, lanes last.
 
     The load is `mean + sum_h (cosine_h cos(h W t) + sine_h sin(h W t))`. `rate` bounds every
-    frequency and decay rate of the linear motion, whatever masses are held. `always` is True: see
-    `compute_once`. `extra` is None for a linear machine.
+    frequency and decay rate of the linear motion, whatever masses are held; `timescale` is its inverse.
+    `extra` is None for a linear machine.
     """
 
     inverse_mass: Float[Array, "n ..."]
@@ -29,7 +29,7 @@ class Machine(eqx.Module):
     position: Float[Array, "stops ..."]
     restitution: Float[Array, "stops ..."]
     rate: Scalar
-    always: Bool[Array, ""]
+    timescale: Scalar
     masses: tuple[int, ...] = eqx.field(static=True)
     signs: tuple[int, ...] = eqx.field(static=True)
     can_stick: bool = eqx.field(static=True)
@@ -46,8 +46,7 @@ class Machine(eqx.Module):
 
     def oscillating_load(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
         """The load without its mean; linear in the phase, so it serves derivatives as well."""
-        waves = self.cosine * phase[0][:, None] + self.sine * phase[1][:, None]
-        return jnp.sum(waves, axis=0) if waves.shape[0] > 1 else waves[0]
+        return add_up(self.cosine * phase[0][:, None] + self.sine * phase[1][:, None])
 
     def phase_rate(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "2 harmonics ..."]:
         """Time derivative of the phase."""
@@ -205,7 +204,6 @@ def start_period(state: State, phase0: Float[Array, "2 harmonics ..."], is_over:
 def prepare(
     system: ImpactSystem,
     span: Scalar,
-    always: Bool[Array, ""],
     start: tuple[Scalar, Float[Array, "n ..."], Float[Array, "n ..."]],
     *,
     can_stick: bool,
@@ -215,7 +213,6 @@ def prepare(
     Args:
         system: the machine, its force bound to its `args`. Leaves may carry lanes as a last axis.
         span: the time that will be simulated.
-        always: True, see `compute_once`.
         start: time, positions and velocities.
         can_stick: whether any stop might hold its mass.
     """
@@ -232,6 +229,7 @@ def prepare(
     if isinstance(system.force, BoundForce):
         extra = ExtraForce(system.force, start[0])
         rate = rate + extra.rate(*start, system.mass)
+    rate = jnp.maximum(rate, 1 / span)
     lanes = jnp.zeros(system.mass.shape[1:], system.mass.dtype)
     empty = jnp.zeros((0, *lanes.shape), system.mass.dtype)
     return Machine(
@@ -245,8 +243,8 @@ def prepare(
         period=period,
         position=stack([s.position + lanes for s in system.stops]) if system.stops else empty,
         restitution=stack([s.restitution + lanes for s in system.stops]) if system.stops else empty,
-        rate=jnp.maximum(rate, 1 / span),
-        always=always,
+        rate=rate,
+        timescale=1 / rate,
         masses=tuple(s.mass for s in system.stops),
         signs=tuple(s.sign for s in system.stops),
         can_stick=can_stick,

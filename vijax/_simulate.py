@@ -14,8 +14,7 @@ from ._machine import Machine, State, prepare, start_period
 from ._motion.choose import choose_flow
 from ._motion.flow import AbstractFlow
 from ._solution import RESULTS, Solution
-from ._system.force import bind
-from ._system.system import ImpactSystem
+from ._system.system import ImpactSystem, with_args
 from ._types import Flag, Numbers, Scalar, as_float, at_once, concrete, not_negative
 from ._xla import AbstractTask, while_any
 
@@ -77,9 +76,7 @@ def simulate(
     References:
         Wagg & Bishop (2004), Sec. 3.
     """
-    n = system.num_masses
-    if system.force is not None or args is not None:
-        system = eqx.tree_at(lambda s: s.force, system, bind(system.force, args, n))
+    n, system = system.num_masses, with_args(system, args)
     begin, end = as_float(t0), as_float(t1)
     times = end[None] if ts is None else as_float(ts)
     x, v = (jnp.zeros(n) if a is None else as_float(a) for a in (x0, v0))
@@ -109,7 +106,6 @@ def simulate(
         choose_flow(system, can_stick=can_stick, wanted=flow),
         None if max_steps is None else jnp.asarray(max_steps),
         is_sound,
-        jnp.array(True),
         max_events=max_events,
         can_stick=can_stick,
     )
@@ -223,14 +219,12 @@ def _run(
     flow: AbstractFlow,
     max_steps: Int[Array, ""] | None,
     is_sound: Bool[Array, ""],
-    always: Bool[Array, ""],
     *,
     max_events: int,
     can_stick: bool,
 ) -> Solution:
     span = t1 - t0
-    span_or_one = jnp.where(span > 0, span, 1)
-    machine = prepare(system, span_or_one, always, (t0, x0, v0), can_stick=can_stick)
+    machine = prepare(system, jnp.where(span > 0, span, 1), (t0, x0, v0), can_stick=can_stick)
     flow = flow.prepare(machine)
     if max_steps is None:
         max_steps = 100_000 + jnp.minimum(100 * span * machine.rate, 2e9).astype(int)

@@ -1,15 +1,20 @@
 """What `simulate` returns."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
+import xarray as xr
 from jaxtyping import Array, Bool, Float, Int
 
 from ._contact.grazing import Grazing
-from ._log import EventLog, Restarts
+from ._labels import flags, label, versions
+from ._log import KINDS, EventLog, Restarts
 from ._machine import Machine, remembering, resting_state
 from ._motion.flow import AbstractFlow
-from ._types import Numbers, Scalar
+from ._types import Numbers, Scalar, concrete
 
 
 class RESULTS(eqx.Enumeration):
@@ -121,6 +126,35 @@ class Solution(eqx.Module):
         """
         return self._at(t)[2]
 
+    def to_xarray(self) -> xr.Dataset:
+        """Label what was computed.
+
+        Returns:
+            A dataset of `x` and `v` at the saved times, (time, mass); the logged events, (event,):
+            `event_time`, `event_stop`, `event_kind` with its flags, `event_velocity_minus`,
+            `event_velocity_plus`, `event_impulse`; the end state `x1`, `v1`, `stuck1`; `result` with its
+            flags, and what else the attributes of this class are. A batch of `jax.vmap` has the
+            dimension `lane` in front, and its events are padded with NaN and -1 to the longest log.
+
+        Raises:
+            ValueError: while values are traced, or for a batch of batches.
+
+        Example:
+            ```python
+            import vijax as vx
+            ds = vx.simulate(vx.models.wagg_bishop_b(0.2), 0.0, 80.0).to_xarray()
+            speeds = abs(ds.event_velocity_minus).where(ds.event_stop == 1, drop=True)
+            ```
+        """
+        if concrete(self.t1) is None:
+            raise ValueError("`to_xarray` needs numbers: call it outside of `jax.jit` and `jax.vmap`.")
+        if self.t1.ndim > 1:
+            raise ValueError(
+                f"`to_xarray` labels one trajectory or one batch, but this is a batch of shape {self.t1.shape}: "
+                "label its parts."
+            )
+        return _dataset(self)
+
     def _at(self, t: Numbers) -> tuple[Array, Array, Array]:
         times = jnp.asarray(t, self.t0.dtype)
         x, v, force = _evaluate_all(self, times.ravel())
@@ -153,3 +187,37 @@ def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
     force = jnp.where(state.held, pressing, 0)
     x, v, force = (jnp.where(is_known, a, jnp.nan) for a in (state.x, state.v, force))
     return x, v, force
+
+
+def _dataset(solution: Solution) -> xr.Dataset:
+    """Label one trajectory, or a batch with its lanes in front."""
+    log, grazing = solution.events, solution.grazing
+    longest = int(jnp.max(solution.num_events, initial=0))
+    names = ("stop", "kind", "velocity_minus", "velocity_plus", "impulse")
+    events = {"event_time": log.t} | {f"event_{name}": getattr(log, name) for name in names}
+    columns: dict[str, tuple[tuple[str, ...], Any]] = {
+        "x": (("time", "mass"), solution.xs),
+        "v": (("time", "mass"), solution.vs),
+        **{name: (("event",), a[..., :longest]) for name, a in events.items()},
+        "x1": (("mass",), solution.x1),
+        "v1": (("mass",), solution.v1),
+        "stuck1": (("stop",), solution.stuck1),
+        "result": ((), solution.result._value),
+        **{
+            name: ((), getattr(solution, name))
+            for name in ("num_events", "num_steps", "num_rejected", "t0", "t1")
+        },
+        **{f"grazing_{f}": ((), getattr(grazing, f)) for f in ("impact_speed", "clearance", "is_near")},
+    }
+    lanes = ("lane",) * solution.t1.ndim
+    variables = {name: ((*lanes, *dims), np.asarray(a)) for name, (dims, a) in columns.items()}
+    ts, of_time = np.asarray(solution.ts), (*lanes, "time")
+    if lanes and (ts == ts[:1]).all():  # one axis for all, by which one may select
+        ts, of_time = ts[0], ("time",)
+    ds = xr.Dataset(variables, {"time": (of_time, ts)}, versions() | {"dtype": str(solution.t1.dtype)})
+    for name, variable in ds.variables.items():
+        variable.attrs = label(str(name))
+    for name, meanings in (("event_kind", KINDS), ("result", tuple(RESULTS._name_to_item))):
+        ds[name] = ds[name].astype(np.int8)
+        ds[name].attrs |= flags(meanings)
+    return ds

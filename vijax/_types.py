@@ -10,9 +10,10 @@ first: its rules for `stack` and `dot_general` move the lanes to the front, and 
 several times slower.)
 """
 
+import operator
 import warnings
 from collections.abc import Callable, Sequence
-from functools import cache, wraps
+from functools import cache, reduce, wraps
 from typing import Any, ParamSpec, TypeVar
 
 import jax
@@ -82,12 +83,28 @@ def stack(rows: Sequence[Array]) -> Array:
     return jnp.stack(jnp.broadcast_arrays(*rows))
 
 
+# So many rows are added up one by one: XLA fuses that with what is around it, and hands no part of it to
+# a library, which `in_one_kernel` could not call.
+UNROLLED = 16
+
+
+def add_up(rows: Sequence[Array] | Array) -> Array:
+    """Sum over the leading axis."""
+    return reduce(operator.add, rows) if 0 < len(rows) <= UNROLLED else jnp.sum(jnp.asarray(rows), axis=0)
+
+
+def smallest(rows: Float[Array, "rows ..."]) -> Array:
+    """Minimum over the leading axis, infinite if it is empty."""
+    return reduce(jnp.minimum, rows) if 0 < len(rows) <= UNROLLED else jnp.min(rows, axis=0, initial=jnp.inf)
+
+
 def matvec(matrix: Float[Array, "m n ..."], vector: Float[Array, "n ..."]) -> Float[Array, "m ..."]:
-    """Multiply over the leading axes; unrolled while small, so that XLA can fuse it."""
+    """Multiply over the leading axes, row by row while that is little to compile."""
     m, n = matrix.shape[:2]
     if m * n <= 16:
-        terms = [[matrix[i, j] * vector[j] for j in range(n)] for i in range(m)]
-        return stack([sum(row[1:], row[0]) for row in terms])
+        return stack([add_up([matrix[i, j] * vector[j] for j in range(n)]) for i in range(m)])
+    if n <= UNROLLED:
+        return add_up([matrix[:, j] * vector[j] for j in range(n)])
     return jnp.sum(matrix * vector[None], axis=1)
 
 

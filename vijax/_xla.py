@@ -2,24 +2,57 @@
 
 import abc
 from collections.abc import Callable
+from typing import TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from equinox.internal import unvmap_any, while_loop
+from jax.experimental.xla_metadata import set_xla_metadata
 from jaxtyping import Array, Bool
 
+Carry = TypeVar("Carry")
 
-def compute_once(always: Bool[Array, ""], function: Callable, *args):
+
+def compute_once(function: Callable, *args):
     """Call `function` so that XLA computes what it shares once, not once per result.
 
-    On a CPU XLA fuses every result of a loop body separately and repeats in each whatever they share.
-    A conditional ends a fusion. `always` is True, but traced, so that it is not optimised away, and
-    without lanes, so that it stays a conditional.
+    On a CPU XLA fuses every result of a loop body separately and repeats in each whatever they share. No
+    fusion crosses a call, but a call is inlined, unless it says that it must not be.
     """
-    shapes = jax.eval_shape(lambda *a: function(*a), *args)
-    zeros = lambda *_: jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)  # noqa: E731
-    return jax.lax.cond(always, lambda *a: function(*a), zeros, *args)
+    return _call(function, args, inlineable="false")
+
+
+def in_one_kernel(function: Callable[[Carry], Carry], carry: Carry) -> Carry:
+    """Call `function`, all of it compiled into one kernel: on a CPU XLA runs every fusion as a kernel.
+
+    A kernel takes 50 ns to start, as long as it takes to compute when it has a hundred lanes. Calls that
+    are marked as small, as XLA itself marks its small loops, are compiled whole. Scatter, sort and
+    custom calls are impossible in them, and so are arguments that nothing reads, so the function has to
+    return what it was given, changed or not.
+    """
+    return _call(function, (carry,), inlineable="false", xla_cpu_small_call="true")
+
+
+def _call(function: Callable, args: tuple, **attributes: str):
+    """Call `function` by a call that carries `attributes`, but nothing in it does."""
+    if jax.default_backend() != "cpu":
+        return function(*args)
+    # XLA removes what has no elements, and would be left with an argument that nothing reads.
+    arrays, rest = eqx.partition(args, lambda a: eqx.is_array(a) and a.size > 0)
+
+    def called(arrays):
+        with set_xla_metadata(**dict.fromkeys(attributes)):
+            empty = jax.tree.map(lambda a: jnp.zeros_like(a) if eqx.is_array(a) else a, rest)
+            return function(*eqx.combine(arrays, empty))
+
+    with set_xla_metadata(**attributes):
+        return jax.jit(called)(arrays)
+
+
+def is_any(flags: Bool[Array, "..."]) -> Bool[Array, ""]:
+    """Whether any flag is up in any lane, those of a `vmap` included: what skips work may ask no less."""
+    return unvmap_any(flags)
 
 
 class AbstractTask(eqx.Module):
@@ -50,14 +83,14 @@ def while_any(task: AbstractTask, carry):
 
 @eqx.filter_custom_jvp
 def _while_any(carry, task: AbstractTask):
-    return jax.lax.while_loop(lambda c: unvmap_any(task.is_live(c)), lambda c: task.step(c), carry)
+    return jax.lax.while_loop(lambda c: is_any(task.is_live(c)), lambda c: task.step(c), carry)
 
 
 @_while_any.def_jvp
 def _while_any_jvp(primals, tangents):
     def bounded(carry, task):
         return while_loop(
-            lambda c: unvmap_any(task.is_live(c)),
+            lambda c: is_any(task.is_live(c)),
             lambda c: task.step(c),
             carry,
             max_steps=16**4,

@@ -39,10 +39,18 @@ def chatter_is_complete(
     to end, the pressing force staying positive while they last. Otherwise the mass bounces on,
     and an incomplete chatter is followed to its end.
     """
-    light = short(speed.dtype) / 6
-    is_light = (speed <= light) & (2 * speed * rate <= 2 * light * approach)
+    is_short = 2 * speed * rate <= 2 * _light(speed) * approach
     presses_on = approach + 2 * jnp.minimum(approach_rate, 0) * duration > 0
-    return is_light & (approach > 0) & presses_on & jnp.isfinite(duration)
+    return is_light(speed) & is_short & (approach > 0) & presses_on & jnp.isfinite(duration)
+
+
+def is_light(velocity: Float[Array, "stops ..."]) -> Bool[Array, "stops ..."]:
+    """Whether an impact that is left at this velocity may be the last before sticking."""
+    return jnp.abs(velocity) <= _light(velocity)
+
+
+def _light(velocity: Array) -> float:
+    return short(velocity.dtype) / 6
 
 
 def is_pressed(

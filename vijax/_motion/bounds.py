@@ -81,9 +81,11 @@ def safe_step(bound: Bound, limit: Scalar) -> tuple[Scalar, Flag]:
         fall = bound.rest * trial - bound.a2
         under_root = a1 * a1 + 4 * fall * a0
         root = jnp.sqrt(jnp.maximum(under_root, 0))
-        falling, rising = 2 * a0 / jnp.maximum(root - a1, tiny), (a1 + root) / jnp.maximum(2 * fall, tiny)
-        never = (under_root < 0) | ((a1 >= 0) & (fall <= 0))
-        step = jnp.where(never, trial, jnp.minimum(jnp.where(a1 < 0, falling, rising), trial))
+        # Of the two forms of the root the one that cancels nothing; one division, for those are dear.
+        falls = a1 < 0
+        over, under = jnp.where(falls, 2 * a0, a1 + root), jnp.where(falls, root - a1, 2 * fall)
+        never = (under_root < 0) | (~falls & (fall <= 0))
+        step = jnp.where(never, trial, jnp.minimum(over / jnp.maximum(under, tiny), trial))
         is_root = ~never & (step < trial) & (root > 0)
         trial = jnp.where(step > 0, jnp.minimum(limit, 1.5 * step), limit)
     return step, is_root

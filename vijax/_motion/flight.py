@@ -17,8 +17,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._machine import Machine, State
-from .._types import Scalar
-from .._xla import compute_once
+from .._types import Scalar, smallest
+from .._xla import compute_once, is_any
 from .bounds import Bound, deflated, either, safe_step, short
 from .flow import AbstractFlow, Expansion, Flight
 from .series import derivative, horner, sum_series, taylor_series
@@ -92,24 +92,25 @@ class ExpandingFlow(AbstractFlow):
         """Take the longest step that is proved free of events, and land on the one it ends close to."""
         is_held = machine.held_masses(state.held)
         ahead = remaining + resolution
-        motion = compute_once(machine.always, self.expand, machine, state, is_held)
-        step, is_root = compute_once(machine.always, _safe_step, machine, state, motion, ahead)
+        motion = compute_once(self.expand, machine, state, is_held)
+        step, is_root = compute_once(_safe_step, machine, state, motion, ahead)
         is_last = step >= remaining
         step = jnp.where(is_last, remaining, step)
-        moved = compute_once(machine.always, _move, machine, state, motion, step)
-        series = compute_once(machine.always, _near_future, machine, moved, is_held)
-        delays = compute_once(machine.always, _delays, machine, moved, series, is_root, ahead - step)
-        delay = jnp.min(delays, axis=0, initial=jnp.inf)
+        moved = compute_once(_move, machine, state, motion, step)
+        series = compute_once(_near_future, machine, moved, is_held)
+        delays = compute_once(_delays, machine, moved, series, is_root, ahead - step)
+        delay = smallest(delays)
         is_event = (delays <= delay + one_instant(machine)) & (delays < jnp.inf)
         delay = jnp.where(delay < jnp.inf, delay, 0)
-        landed = compute_once(machine.always, _land, machine, moved, series, delay)
+        landed = compute_once(_land, machine, moved, series, delay)
         return Flight(landed, step + delay, is_event, is_last)
 
     def propagate(
         self, machine: Machine, state: State, is_held: Bool[Array, "n ..."], step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Expand and move at once."""
-        return self.expand(machine, state, is_held).move(machine, state, step)
+        motion = compute_once(self.expand, machine, state, is_held)
+        return compute_once(motion.move, machine, state, step)
 
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
         """Go on by one step, whatever the stops say."""
@@ -125,37 +126,42 @@ def _safe_step(
     limit = jnp.minimum(limit, motion.limit)
     if not machine.masses:
         return limit, state.held
-    bound = compute_once(machine.always, _bound, machine, state, motion, limit)
+    if machine.can_stick:
+        is_any_held = is_any(state.held)
+        bound = jax.lax.cond(is_any_held, _bound, _bound_of_gap, machine, state, motion, limit)
+    else:
+        bound = compute_once(_bound_of_gap, machine, state, motion, limit)
     steps, is_root = safe_step(bound, limit)
-    nearly = short(state.x.dtype) / machine.rate
+    nearly = short(state.x.dtype) * machine.timescale
     is_root = is_root & (steps <= nearly)
     # Where a leading coefficient is lost in rounding the bound allows no step; the motion does.
     steps = jnp.where(is_root, steps, jnp.maximum(steps, jnp.minimum(nearly, limit)))
-    step = jnp.minimum(limit, jnp.min(steps, axis=0))
+    step = jnp.minimum(limit, smallest(steps))
     return step, is_root & (steps <= step + one_instant(machine))
 
 
 def one_instant(machine: Machine) -> Scalar:
     """Events closer than this are simultaneous."""
-    return 8 * jnp.finfo(machine.rate.dtype).eps / machine.rate
+    return 8 * jnp.finfo(machine.rate.dtype).eps * machine.timescale
 
 
 def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
     """Bound the gap of every free stop and the contact force of every held one from below."""
-    now = motion.now
-    x_rest, force_rest = motion.rest(machine, limit)
-    a, jerk = machine.at_stops(now.acceleration), machine.at_stops(now.jerk)
-    gap = (state.gap, -machine.at_stops(state.v), -a / 2, -jerk / 6)
-    bound = deflated(gap, machine.of_stops(x_rest), state.contact, limit)
-    if not machine.can_stick:
-        return bound
+    now, (_, force_rest) = motion.now, compute_once(motion.rest, machine, limit)
     contact_force = Bound(
         jnp.maximum(machine.at_stops(now.force), 0),
         machine.at_stops(now.force_rate),
         machine.at_stops(now.force_curvature) / 2,
         machine.of_stops(force_rest),
     )
-    return either(state.held, contact_force, bound)
+    return either(state.held, contact_force, _bound_of_gap(machine, state, motion, limit))
+
+
+def _bound_of_gap(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
+    now, (x_rest, _) = motion.now, compute_once(motion.rest, machine, limit)
+    a, jerk = machine.at_stops(now.acceleration), machine.at_stops(now.jerk)
+    gap = (state.gap, -machine.at_stops(state.v), -a / 2, -jerk * (1 / 6))
+    return deflated(gap, machine.of_stops(x_rest), state.contact, limit)
 
 
 def _move(machine: Machine, state: State, motion: Expansion, step: Scalar) -> State:
@@ -204,7 +210,7 @@ def _delays(
         rate = jnp.where(is_simple, horner(derivative(h), delay), -1)
         delay = delay - horner(h, delay) / rate
     dtype = str(state.x.dtype)
-    near = jnp.where(state.held, _NEAR_FORCE[dtype], _NEAR_GAP[dtype]) / machine.rate
+    near = jnp.where(state.held, _NEAR_FORCE[dtype], _NEAR_GAP[dtype]) * machine.timescale
     is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
     return jnp.where(is_near, delay, jnp.where(is_root, 0, jnp.inf))
 

@@ -21,8 +21,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._machine import Machine, State
-from .._types import Scalar, lift, matvec, stack
-from .._xla import compute_once
+from .._types import Scalar, add_up, lift, matvec, stack
+from .._xla import compute_once, is_any
 from .flight import ExpandingFlow
 from .flow import Derivatives, Expansion
 
@@ -126,7 +126,15 @@ class DrivenModes(ExpandingFlow):
         )
 
     def _of_set(self, is_held: Bool[Array, "n ..."]) -> tuple[Modes, Response]:
-        """The tables of the masses held now: a chain of selections, cheaper than a gather."""
+        """The tables of the masses held now."""
+        free = jax.tree.map(lambda a: a[0], (self.modes, self.response))
+        if len(self.sets) == 1:
+            return free
+        full = lambda a: jnp.broadcast_to(a, jnp.broadcast_shapes(a.shape, is_held.shape[1:]))  # noqa: E731
+        return jax.lax.cond(is_any(is_held), lambda: self._select(is_held), lambda: jax.tree.map(full, free))
+
+    def _select(self, is_held: Bool[Array, "n ..."]) -> tuple[Modes, Response]:
+        """The tables of every lane: a chain of selections, cheaper than a gather."""
         tables = (self.modes, self.response)
         chosen = jax.tree.map(lambda a: a[0], tables)
         for k, held in enumerate(self.sets[1:], 1):
@@ -171,12 +179,12 @@ class ModalExpansion(Expansion):
         shape = jnp.abs(self.modes.shape)
         speed = lift(machine.harmonics, self.response.cosine[:, 0]) * machine.frequency
         size = jnp.abs(self.response.cosine) + jnp.abs(self.response.sine)
-        x3 = matvec(shape, third) + jnp.sum(size * speed[:, None] ** 3, axis=0)
-        x4 = matvec(shape, fourth) + jnp.sum(size * speed[:, None] ** 4, axis=0)
+        x3 = matvec(shape, third) + add_up(size * speed[:, None] ** 3)
+        x4 = matvec(shape, fourth) + add_up(size * speed[:, None] ** 4)
         load = jnp.abs(machine.cosine) + jnp.abs(machine.sine)
-        load3 = jnp.sum(load * speed[:, None] ** 3, axis=0)
+        load3 = add_up(load * speed[:, None] ** 3)
         force3 = load3 + matvec(jnp.abs(machine.damping), x4) + matvec(jnp.abs(machine.stiffness), x3)
-        return x4 / 24, force3 / 6
+        return x4 * (1 / 24), force3 * (1 / 6)
 
     def move(
         self, machine: Machine, state: State, step: Scalar
@@ -185,7 +193,7 @@ class ModalExpansion(Expansion):
         cos, sin = state.phase
         speed = lift(machine.harmonics, cos) * machine.frequency
         fade, wave, arc, turn, slide = compute_once(
-            machine.always, _factors, self.modes.squared_frequency, self.modes.decay, speed, step
+            _factors, self.modes.squared_frequency, self.modes.decay, speed, step
         )
         # exp(-a t) (c + a s) - 1, exp(-a t) s: the increment of q, and of q' likewise.
         a, w2 = self.modes.decay, self.modes.squared_frequency
@@ -220,11 +228,14 @@ def _factors(w2: Array, a: Array, speed: Array, step: Scalar) -> tuple[Array, ..
 
 def cosine_and_sine(z: Array, terms: int) -> tuple[Array, Array]:
     """cos(y) - 1 and sin(y) / y as series of z = y^2, which may be negative, at y / 2, doubled once."""
+    wave, arc = compute_once(_series_of_cosine_and_sine, z / 4, terms)
+    return 2 * wave * (2 + wave), arc * (1 + wave)
+
+
+def _series_of_cosine_and_sine(z: Array, terms: int) -> tuple[Array, Array]:
     cosine = [(-1) ** k / factorial(2 * k) for k in range(1, terms)]
     sine = [(-1) ** k / factorial(2 * k + 1) for k in range(terms)]
-    part = z / 4
-    wave = part * _polynomial(cosine, part)
-    return 2 * wave * (2 + wave), _polynomial(sine, part) * (1 + wave)
+    return z * _polynomial(cosine, z), _polynomial(sine, z)
 
 
 def _expm1(y: Array, terms: int) -> Array:
@@ -246,7 +257,4 @@ def _polynomial(coefficients: list[float], z: Array) -> Array:
 def _over_harmonics(
     of_harmonic: Float[Array, "harmonics n ..."], wave: Float[Array, "harmonics ..."]
 ) -> Array:
-    total = of_harmonic[0] * wave[0]
-    for h in range(1, of_harmonic.shape[0]):
-        total = total + of_harmonic[h] * wave[h]
-    return total
+    return add_up(of_harmonic * wave[:, None])

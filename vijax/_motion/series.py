@@ -23,10 +23,11 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._machine import Machine, State
-from .._types import Scalar, matvec
+from .._types import Scalar, add_up, matvec
 
 _SHORT = 4
 
@@ -43,8 +44,10 @@ def taylor_series(
     return x, force, jnp.concatenate([state.phase[None], phase])
 
 
-def orders(order: int, state: State) -> Float[Array, " orders"]:
-    return jnp.arange(order - 1, dtype=state.x.dtype)
+def orders(order: int, state: State) -> tuple[Float[Array, " orders"], ...]:
+    """k, 1 / (k + 1) and 1 / ((k + 1) (k + 2)) for every order: divisions are dear."""
+    k = np.arange(order - 1)
+    return tuple(jnp.asarray(a, state.x.dtype) for a in (k, 1 / (k + 1), 1 / ((k + 1) * (k + 2))))
 
 
 def rows_of_state(state: State) -> tuple[list[Array], list[Array], list[Array]]:
@@ -66,26 +69,22 @@ def recurrence(machine: Machine, is_held: Bool[Array, "n ..."]) -> Callable:
     def product(matrix: Float[Array, "n n ..."], x: list[Array]) -> list[Array]:
         if n > _SHORT:
             return [matvec(matrix, x[0])]
-        return [_sum([matrix[i, j] * x[j] for j in range(n)]) for i in range(n)]
+        return [add_up([matrix[i, j] * x[j] for j in range(n)]) for i in range(n)]
 
-    def extend(last, k):
-        x, x_next, phase = last
+    def extend(last, order):
+        (x, x_next, phase), (k, by_next, by_next_two) = last, order
         spring, drag = product(machine.stiffness, x), product(machine.damping, x_next)
         force, x_new = [], []
         for i in range(len(x)):
-            load = _sum([wave[i] * p for wave, p in zip(waves, phase, strict=True)])
+            load = add_up([wave[i] * p for wave, p in zip(waves, phase, strict=True)])
             force.append(load + jnp.where(k == 0, mean[i], 0) - (k + 1) * drag[i] - spring[i])
-            x_new.append(response[i] * force[i] / ((k + 1) * (k + 2)))
+            x_new.append(response[i] * force[i] * by_next_two)
         cos, sin = phase[: len(speeds)], phase[len(speeds) :]
-        phase_new = [-w * s / (k + 1) for w, s in zip(speeds, sin, strict=True)]
-        phase_new += [w * c / (k + 1) for w, c in zip(speeds, cos, strict=True)]
+        phase_new = [-w * s * by_next for w, s in zip(speeds, sin, strict=True)]
+        phase_new += [w * c * by_next for w, c in zip(speeds, cos, strict=True)]
         return (x_next, x_new, phase_new), (x_new, force, phase_new)
 
     return extend
-
-
-def _sum(terms: list[Array]) -> Array:
-    return sum(terms[1:], terms[0])
 
 
 def _rows(vector: Float[Array, "n ..."]) -> list[Array]:

@@ -6,6 +6,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._machine import Machine, State
 from .._types import Scalar
+from .._xla import compute_once
 from .flight import ExpandingFlow
 from .flow import Derivatives, Expansion
 from .series import horner, orders, recurrence, rows_of_state, sum_series, taylor_series, vector
@@ -21,7 +22,7 @@ class TaylorFlow(ExpandingFlow):
         order, trust = _ORDER_AND_TRUST[str(state.x.dtype)]
         x, force, phase = taylor_series(machine, state, is_held, order)
         now = Derivatives(2 * x[2], 6 * x[3], force[0], force[1], 2 * force[2])
-        return TaylorExpansion(now, trust / machine.rate, x, force, phase)
+        return TaylorExpansion(now, trust * machine.timescale, x, force, phase)
 
     def propagate(
         self, machine: Machine, state: State, is_held: Bool[Array, "n ..."], step: Scalar
@@ -30,9 +31,9 @@ class TaylorFlow(ExpandingFlow):
         order, _ = _ORDER_AND_TRUST[str(state.x.dtype)]
         extend, start = recurrence(machine, is_held), rows_of_state(state)
 
-        def add(carry, k):
-            last, power, totals = carry
-            now, (x, _, phase) = extend(last, k)
+        def add(carry, order):
+            (k, *_), (last, power, totals) = order, carry
+            now, (x, _, phase) = compute_once(extend, last, order)
             power = power * step
             displacement, v, waves = totals
             totals = (

@@ -10,7 +10,6 @@ makes every round like that: a settled motion never forgets the last ones.)
 
 from collections.abc import Callable
 
-import jax
 import numpy as np
 
 from .paths import Point
@@ -23,7 +22,10 @@ _SAME = 1e-11
 
 
 def run_chain(
-    points: Point, chain: np.ndarray, run: Callable[[Point], Found], tell: Callable[[int], object]
+    points: Point,
+    chain: np.ndarray,
+    run: Callable[[Point, np.ndarray], Found],
+    tell: Callable[[int], object],
 ) -> Found:
     """Run points along chains.
 
@@ -31,7 +33,7 @@ def run_chain(
         points: the machines and starts; `x0` and `v0` have all points as their last axis. The start of
             the first point of a chain holds, those of the others are first guesses.
         chain: the points in the order in which they are visited, one chain a column, (visits, chains).
-        run: runs points, all at once.
+        run: runs those of the points that have the given numbers, all at once.
         tell: called with the number of points whose true end was found.
 
     Returns:
@@ -39,7 +41,7 @@ def run_chain(
     """
     given = np.concatenate([points.x0, points.v0])
     starts = given.copy()
-    first = run(points)
+    first = run(points, np.arange(given.shape[1]))
     ends, runs, lane_steps = first.ends, [first.impacts], first.lane_steps
     used, last_run = given.copy(), np.zeros(given.shape[1], int)
     row = np.arange(len(chain))[:, None]
@@ -53,9 +55,8 @@ def run_chain(
         num_known = is_true.sum(axis=0)
         if is_true.all():
             break
-        which = chain[~is_same & (row < num_known + _AHEAD)]
-        found = run(_restarted(points, which, starts))
-        found.impacts[:, 3] = which[found.impacts[:, 3].astype(int)]
+        which = np.sort(chain[~is_same & (row < num_known + _AHEAD)])
+        found = run(Point(points.system, *np.split(starts, 2)), which)
         used[:, which], last_run[which] = starts[:, which], len(runs)
         runs.append(found.impacts)
         lane_steps += found.lane_steps
@@ -76,10 +77,3 @@ def _next_starts(
         x[stop.mass] = stop.sign * np.minimum(stop.sign * x[stop.mass], stop.sign * position)
     carried = np.concatenate([x, v])
     return np.where(np.isfinite(carried).all(axis=0), carried, given[:, after])
-
-
-def _restarted(points: Point, which: np.ndarray, starts: np.ndarray) -> Point:
-    """Some of the points, from new starts."""
-    system = jax.tree.map(lambda a: a if a.shape[-1] == 1 else a[..., which], points.system)
-    n = len(starts) // 2
-    return Point(system, starts[:n, which], starts[n:, which])

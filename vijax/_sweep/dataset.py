@@ -3,13 +3,28 @@
 import numpy as np
 import xarray as xr
 
+from .._labels import flags, label
 from .._solution import RESULTS
 from .paths import Point
 from .queues import Counts, Found
 
+_OF_STOPS = ("num_impacts", "num_sticks", "stuck")
+_DIMS = dict.fromkeys(_OF_STOPS, ("stop",)) | {
+    "x": ("mass",),
+    "v": ("mass",),
+    "section_x": ("period", "mass"),
+    "section_v": ("period", "mass"),
+    "held_time": ("period", "stop"),
+}
+
 
 def dataset(
-    points: Point, axes: dict[str, np.ndarray], shape: tuple[int, ...], counts: Counts, found: Found
+    points: Point,
+    axes: dict[str, np.ndarray],
+    shape: tuple[int, ...],
+    counts: Counts,
+    found: Found,
+    attributes: dict[str, str | int],
 ) -> xr.Dataset:
     """Label what was found.
 
@@ -19,36 +34,49 @@ def dataset(
         shape: the points as a grid; with one more dimension than `axes` if they were visited up and down.
         counts: what was asked of every point.
         found: what came of them.
+        attributes: how the sweep was made.
     """
-    directions = {"direction": np.array(["up", "down"])} if len(shape) > len(axes) else {}
+    # Text of any length: Zarr has no standard form of NumPy's text of a fixed one.
+    names = np.array(["up", "down"], np.dtypes.StringDType())
+    directions = {"direction": names} if len(shape) > len(axes) else {}
     dims = (*directions, *axes)
-    last = {"num_impacts": "stop", "num_sticks": "stop", "stuck": "stop", "x": "mass", "v": "mass"}
     impacts = _impact_table(points, counts, found)
-    last |= dict.fromkeys(impacts, "impact")
+    own = dict.fromkeys(impacts, ("impact",)) | _DIMS
     variables = {}
-    for name, a in (impacts | _end_table(counts, found)).items():
-        own = (last[name],) if name in last else ()
-        variables[name] = ((*dims, *own), a.reshape(*shape, *a.shape[1:]))
-    coordinates = {path: axis if axis.ndim == 1 else np.arange(len(axis)) for path, axis in axes.items()}
-    ds = xr.Dataset(variables, coords=directions | coordinates)
+    tables = impacts | _section_table(points, counts, found) | _end_table(points, counts, found)
+    for name, a in tables.items():
+        variables[name] = ((*dims, *own.get(name, ())), a.reshape(*shape, *a.shape[1:]))
+    masses = {"stop_mass": ("stop", np.array([stop.mass for stop in points.system.stops], int))}
+    coordinates = directions | _coordinates(axes) | masses
+    ds = xr.Dataset(variables, coords=coordinates, attrs=attributes)
+    for name, variable in ds.variables.items():
+        variable.attrs = label(str(name).removesuffix(".values"))
     ds["steps"].attrs["lane_steps"] = found.lane_steps
-    names = list(RESULTS._name_to_item)
-    ds["result"].attrs = {
-        "flag_values": np.arange(len(names), dtype=np.int8),
-        "flag_meanings": " ".join(names),
-    }
+    ds["result"].attrs |= flags(list(RESULTS._name_to_item))
     return ds
+
+
+def _coordinates(axes: dict[str, np.ndarray]) -> dict[str, tuple | np.ndarray]:
+    """The swept values; those that are arrays beside the numbers by which they are counted."""
+    coordinates = {}
+    for path, axis in axes.items():
+        coordinates[path] = axis if axis.ndim == 1 else np.arange(len(axis))
+        if axis.ndim > 1:
+            last = ("harmonic" if path.startswith("forcing") else "row", "mass")[-(axis.ndim - 1) :]
+            coordinates[f"{path}.values"] = ((path, *last), axis)
+    return coordinates
 
 
 def _impact_table(points: Point, counts: Counts, found: Found) -> dict[str, np.ndarray]:
     """The impacts of every point in a row, padded to the longest, (points, impacts)."""
     time, velocity = found.impacts[:, 0], found.impacts[:, 1]
-    stop, point, number = found.impacts[:, 2:].T.astype(int)
+    stop, point, number = found.impacts[:, 2:5].T.astype(int)
+    sticks = found.impacts[:, 5] > 0
     num_points = points.x0.shape[-1]
     frequency = np.broadcast_to(points.system.forcing.frequency, num_points)[point]
     longest = min(int(found.ends["num_impacts"].sum(axis=0).max(initial=0)), counts.max_impacts)
 
-    def table(column: np.ndarray, fill: float | int) -> np.ndarray:
+    def table(column: np.ndarray, fill: float | int | bool) -> np.ndarray:
         rows = np.full((num_points, longest), fill, column.dtype)
         rows[point, number] = column
         return rows
@@ -58,10 +86,20 @@ def _impact_table(points: Point, counts: Counts, found: Found) -> dict[str, np.n
         "impact_velocity": table(velocity, np.nan),
         "impact_phase": table(np.mod(frequency * time, 2 * np.pi), np.nan),
         "impact_stop": table(stop, -1),
+        "impact_sticks": table(sticks, False),
     }
 
 
-def _end_table(counts: Counts, found: Found) -> dict[str, np.ndarray]:
+def _section_table(points: Point, counts: Counts, found: Found) -> dict[str, np.ndarray]:
+    """Where every point was at the end of each recorded period; NaN for those it did not reach."""
+    n = len(points.x0)
+    is_reached = np.arange(counts.record) < (found.ends["periods"] - counts.transient)[:, None]
+    section = np.where(is_reached[..., None], found.ends["section"].T, np.nan)
+    held_time = np.diff(section[..., 2 * n :], axis=1, prepend=0)
+    return {"section_x": section[..., :n], "section_v": section[..., n : 2 * n], "held_time": held_time}
+
+
+def _end_table(points: Point, counts: Counts, found: Found) -> dict[str, np.ndarray]:
     """What became of every point, points first."""
     ends = found.ends
     is_full = ends["num_impacts"].sum(axis=0) > counts.max_impacts
@@ -70,7 +108,8 @@ def _end_table(counts: Counts, found: Found) -> dict[str, np.ndarray]:
     code = np.where(is_done, code, _code("max_steps_reached"))
     code = np.where(ends["is_finite"], code, _code("non_finite"))
     kept = {name: ends[name].T for name in ("num_impacts", "num_sticks", "x", "v", "steps")}
-    return kept | {"stuck": ends["held"].T, "result": code.astype(np.int8)}
+    period = 2 * np.pi / np.broadcast_to(points.system.forcing.frequency, code.shape)
+    return kept | {"stuck": ends["held"].T, "result": code.astype(np.int8), "forcing_period": period}
 
 
 def _code(name: str) -> int:

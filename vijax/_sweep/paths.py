@@ -52,6 +52,13 @@ def points_of_lanes(base: Point, swept: dict[str, np.ndarray]) -> Point:
     return points
 
 
+def is_of_machine(path: str) -> bool:
+    """Whether this is the path of a quantity of the machine, such as one may sweep."""
+    match = _PATH.fullmatch(path)
+    kind = "system" if match is None else "stops" if match["stop"] else match["forcing"] or "system"
+    return match is not None and match["field"] in _FIELDS[kind]
+
+
 def _find(base: Point, path: str) -> tuple[list[Callable], tuple[int, ...]]:
     """The leaves that a path names, as getters, and the index inside them."""
     match = _PATH.fullmatch(path)

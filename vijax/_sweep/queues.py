@@ -12,12 +12,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._motion.flow import AbstractFlow
-from .lanes import Work, new_queue, run_lanes
+from .lanes import Queue, new_queue, run_lanes
 from .paths import Point
+from .turns import Work
 
 # Enough lanes to hide the overhead of the compiled loop, few enough to stay in the cache; enough points
 # to a queue that its end, where lanes have nothing left to do, is a small part of it.
 _LANES, _POINTS = 96, 2048
+# Room for the recorded periods: at least so many, or a power of 2, so that few shapes are compiled.
+_PERIODS = 32
 # Turns of the loop after which it comes back, so that it can be watched and interrupted.
 _TURNS = 1 << 14
 
@@ -38,9 +41,9 @@ class Found:
     """What came of some points.
 
     Attributes:
-        ends: `x`, `v`, `held`, `periods`, `num_impacts`, `num_sticks`, `steps` and `is_finite`, the points
-            as last axis.
-        impacts: one row an impact: time, velocity, stop, point, number.
+        ends: `x`, `v`, `held`, `periods`, `num_impacts`, `num_sticks`, `steps`, `is_finite` and `section`
+            (`x`, `v` and time held at the end of each recorded period), the points as last axis.
+        impacts: one row an impact: time, velocity, stop, point, number, time to the end of its chatter.
         lane_steps: steps of all lanes, idle ones included.
     """
 
@@ -49,42 +52,49 @@ class Found:
     lane_steps: int
 
 
+def count_cores() -> int:
+    """The cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def run_points(
     points: Point,
     flow: AbstractFlow,
     counts: Counts,
     tell: Callable[[int], object] = lambda _: None,
     *,
-    of: int | None = None,
+    which: np.ndarray | None = None,
 ) -> Found:
-    """Run all points, a queue on every core: XLA lets go of Python while it works.
+    """Run points, a queue on every core: XLA lets go of Python while it works.
 
     Args:
-        points: the machines and starts; `x0` and `v0` have all points as their last axis.
+        points: the machines and starts of a whole sweep, whose size decides what is compiled; `x0` and `v0`
+            have all points as their last axis.
         flow: the motion between events.
         counts: what is asked of every point.
         tell: called with the number of points done since the last call.
-        of: the number of points of the whole sweep, if these are some of them: it decides what is compiled.
+        which: the points to run, in increasing order; all if left out.
 
     Returns:
-        What came of them, in their order.
+        What came of them, in their order; the impacts with their numbers in the whole sweep.
     """
-    num_points = points.x0.shape[-1]
-    in_all = num_points if of is None else of
+    in_all = points.x0.shape[-1]
+    which = np.arange(in_all) if which is None else which
+    num_points = len(which)
     num_lanes = _LANES if in_all > _LANES else max(8, 1 << (in_all - 1).bit_length())
     width = _POINTS if in_all > num_lanes else num_lanes
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = count_cores()
     num_queues = max(-(-num_points // width), min(cores, -(-num_points // num_lanes)))
     # The longest periods have most to do: they come first, and every queue has its share of them.
-    frequency = np.broadcast_to(points.system.forcing.frequency, num_points)
-    order = np.argsort(frequency, kind="stable")
+    frequency = np.broadcast_to(points.system.forcing.frequency, in_all)[which]
+    order = which[np.argsort(frequency, kind="stable")]
     shares = [order[k::num_queues] for k in range(num_queues)]
     stop, shape = Event(), (width, num_lanes)
-    compiling = Lock()
+    starting = Lock()
     workers = ThreadPoolExecutor(cores)
     try:
         jobs = [
-            workers.submit(_run_queue, points, flow, counts, share, shape, tell, stop, compiling)
+            workers.submit(_run_queue, points, flow, counts, share, shape, tell, stop, starting)
             for share in shares
         ]
         _wait_for(jobs)
@@ -116,31 +126,20 @@ def _run_queue(
     shape: tuple[int, int],
     tell: Callable[[int], object],
     stop: Event,
-    compiling: Lock,
+    starting: Lock,
 ) -> Found:
-    """Run some points, filled up to one width: one shape, one compilation."""
-    width, num_lanes = shape
-    filled = np.append(share, np.zeros(width - len(share), int))
-    cut = lambda a: jnp.asarray(a if a.shape[-1] == 1 else np.asarray(a)[..., filled])  # noqa: E731
-    # A thread has settings of its own; what all points share is broadcast to them.
-    with jax.numpy_rank_promotion("allow"):
-        system, motion = jax.tree.map(cut, (points.system, flow))
-        x0, v0 = (jnp.asarray(a[:, filled]) for a in (points.x0, points.v0))
-        periods = (counts.transient, counts.transient + counts.record)
-        numbers = (len(share), *periods, counts.max_steps, counts.max_impacts, 0)
-        work = Work(*(jnp.asarray(k) for k in numbers))
-        task = (motion, system, x0, v0, work, jnp.array(True))
-        queue = new_queue(system, x0, num_lanes, motion)
-        with compiling:  # no turn at first, or every thread would compile the same thing
-            run_lanes(task, queue, can_stick=counts.can_stick)
-        task = eqx.tree_at(lambda t: t[4].max_turns, task, jnp.asarray(_TURNS))
+    """Run some points."""
+    with jax.numpy_rank_promotion("allow"):  # what all points share is broadcast to them
+        with starting:  # one after another: each would compile, and wait for Python's lock
+            task, queue = _start(points, flow, counts, share, shape)
         impacts, is_left, told = [], True, 0
         while is_left and not stop.is_set():
             queue, more = run_lanes(task, queue, can_stick=counts.can_stick)
-            is_left, found = bool(more), np.array(np.asarray(queue.log)[: int(queue.num_rows)])
+            is_left, progress = bool(more), queue.progress
+            found = np.array(np.asarray(progress.log)[: int(progress.num_rows)])
             found[:, 3] = share[found[:, 3].astype(int)]
             impacts.append(found)
-            queue = eqx.tree_at(lambda q: q.num_rows, queue, jnp.zeros((), int))
+            queue = eqx.tree_at(lambda q: q.progress.num_rows, queue, jnp.zeros((), int))
             done = int(np.sum(np.asarray(queue.ends.steps)[: len(share)] > 0))
             tell(done - told)
             told = done
@@ -148,5 +147,25 @@ def _run_queue(
     columns = {"x": state.x, "v": state.v, "held": state.held, "periods": state.periods} | {
         name: getattr(ends, name) for name in ("num_impacts", "num_sticks", "steps", "is_finite")
     }
+    columns["section"] = np.asarray(queue.progress.section)[:, : counts.record].T
     kept = {name: np.asarray(a)[..., : len(share)] for name, a in columns.items()}
-    return Found(kept, np.concatenate(impacts), int(queue.turns) * num_lanes)
+    return Found(kept, np.concatenate(impacts), int(queue.progress.turns) * shape[1])
+
+
+def _start(
+    points: Point, flow: AbstractFlow, counts: Counts, share: np.ndarray, shape: tuple[int, int]
+) -> tuple[tuple, Queue]:
+    """Make a queue of some points, filled up to one width: one shape, one compilation, made here."""
+    width, num_lanes = shape
+    filled = np.append(share, np.zeros(width - len(share), int))
+    cut = lambda a: jnp.asarray(a if a.shape[-1] == 1 else np.asarray(a)[..., filled])  # noqa: E731
+    system, motion = jax.tree.map(cut, (points.system, flow))
+    x0, v0 = (jnp.asarray(a[:, filled]) for a in (points.x0, points.v0))
+    periods = (counts.transient, counts.transient + counts.record)
+    numbers = (len(share), *periods, counts.max_steps, counts.max_impacts, 0)
+    work = Work(*(jnp.asarray(k) for k in numbers))
+    task = (motion, system, x0, v0, work)
+    room = max(_PERIODS, 1 << (counts.record - 1).bit_length())
+    queue = new_queue(system, x0, num_lanes, room, motion)
+    queue, _ = run_lanes(task, queue, can_stick=counts.can_stick)  # no turn yet
+    return eqx.tree_at(lambda t: t[4].max_turns, task, jnp.asarray(_TURNS)), queue

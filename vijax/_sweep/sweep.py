@@ -1,23 +1,25 @@
 """Sweeps: a machine over a grid of parameter values, as a labelled dataset."""
 
+import os
 from collections.abc import Callable, Mapping
 
 import equinox as eqx
 import jax
 import numpy as np
 import xarray as xr
-from tqdm.auto import tqdm
 
 from .._motion.choose import choose_flow
 from .._motion.flow import AbstractFlow
+from .._progress import tqdm
 from .._simulate import can_any_stick
-from .._system.force import bind
-from .._system.system import ImpactSystem
+from .._system.system import ImpactSystem, with_args
 from .._types import Numbers, as_float
 from .carry import run_chain
 from .dataset import dataset
+from .origin import origin
 from .paths import Point, points_of_lanes
 from .queues import Counts, Found, run_points
+from .store import describe_sweep, open_store, run_chunks
 
 
 def sweep(
@@ -34,6 +36,7 @@ def sweep(
     args: object = None,
     max_impacts: int = 2048,
     max_steps: int | None = None,
+    store: str | os.PathLike[str] | None = None,
     progress: bool = True,
 ) -> xr.Dataset:
     """Run a machine from one start at every point of a grid of parameter values.
@@ -62,18 +65,24 @@ def sweep(
         args: passed to the `force` of the machine.
         max_impacts: room for the recorded impacts of one point.
         max_steps: bound on the steps of one point; far more than any sound motion takes if left out.
+        store: a folder in which to keep finished chunks of points. The same call with the same folder goes
+            on where the one before it was stopped or killed, by one process at a time, and finds the same,
+            bit for bit. It may be deleted afterwards.
         progress: show a progress bar.
 
     Returns:
         A dataset with a dimension for every path, named by it, and `stop`, `mass`, `impact`:
         `impact_velocity` (signed, before the impact), `impact_time` (since the transient),
-        `impact_phase` (W t mod 2 pi), `impact_stop`, all padded with NaN or -1 to the longest;
-        `num_impacts` and `num_sticks` per stop, complete even if the room was not; the end
-        state `x`, `v`, `stuck`; and `result`, what became of each point.
+        `impact_phase` (W t mod 2 pi), `impact_stop`, all padded with NaN or -1 to the longest, and
+        `impact_sticks`, whether a complete chatter ends there; `num_impacts` and `num_sticks` per stop,
+        complete even if the room was not; `section_x` and `section_v`, the state at the end of each recorded
+        `period`, and `held_time`, for how long each stop held its mass in it; the end state `x`, `v`,
+        `stuck`; `forcing_period`; and `result`, what became of each point. Its attributes
+        tell how it was made, see also `vx.system_of`; it may be written to NetCDF and Zarr.
 
     Raises:
-        ValueError: for a path that names nothing, values that make no machine, or a start beyond
-            a stop.
+        ValueError: for a path that names nothing, values that make no machine, a start beyond
+            a stop, or a store of another sweep.
 
     Example:
         ```python
@@ -88,16 +97,9 @@ def sweep(
     _check_counts(transient=transient, record=record, max_impacts=max_impacts)
     if carry not in (None, "up", "down", "both"):
         raise ValueError(f'Argument `carry` must be None, "up", "down" or "both", but is {carry!r}.')
-    axes = {path: np.asarray(as_float(v)) for path, v in values.items()}
-    for path, axis in axes.items():
-        if axis.ndim == 0 or len(axis) == 0:
-            raise ValueError(f"The values of `{path}` must have shape (points, ...), but have {axis.shape}.")
-    if not axes:
-        raise ValueError("Argument `values` is empty: name a quantity to sweep, or use `simulate`.")
-    if system.force is not None or args is not None:
-        force = bind(system.force, args, system.num_masses)
-        system = eqx.tree_at(lambda s: s.force, system, force)
-    points = _points(system, axes, x0, v0, twice=carry == "both")
+    axes = _axes(values)
+    base = _base(with_args(system, args), x0, v0)
+    points = _points(base, axes, twice=carry == "both")
     shape = ((2,) if carry == "both" else ()) + tuple(len(axis) for axis in axes.values())
     chain = _chain(shape, carry)
     if carry_from is not None:
@@ -106,23 +108,42 @@ def sweep(
     if max_steps is None:
         max_steps = 100_000 + 10_000 * (transient + record)
     counts = Counts(transient, record, max_impacts, max_steps, can_stick)
+    motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
+    name = type(motion).__name__ if flow is None else eqx.tree_pformat(flow, width=10**6)
+    attributes = origin(base, counts, flow=name, carry=carry, goes_on=carry_from is not None)
+    kept = store if store is None else open_store(store, describe_sweep(attributes, axes, points, flow))
 
-    def run(points: Point, tell: Callable[[int], object] = lambda _: None) -> Found:
-        motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
-        return run_points(points, motion, counts, tell, of=num_points)
+    def run(points: Point, which: np.ndarray, tell: Callable[[int], object] = lambda _: None) -> Found:
+        if kept is None:
+            return run_points(points, motion, counts, tell, which=which)
+        return run_chunks(kept, points, motion, counts, tell, which)
 
-    num_points = points.x0.shape[-1]
-    with tqdm(total=num_points, unit="point", disable=not progress) as bar:
-        found = run(points, bar.update) if chain is None else run_chain(points, chain, run, bar.update)
-    ds = dataset(points, axes, shape, counts, found)
-    ds.attrs["carry"] = carry or "none"
-    return ds
+    all_points = np.arange(points.x0.shape[-1])
+    with tqdm(total=len(all_points), unit="point", disable=not progress) as bar:
+        if chain is None:
+            found = run(points, all_points, bar.update)
+        else:
+            found = run_chain(points, chain, run, bar.update)
+    return dataset(points, axes, shape, counts, found, attributes)
 
 
-def _points(
-    system: ImpactSystem, axes: dict[str, np.ndarray], x0: Numbers | None, v0: Numbers | None, *, twice: bool
-) -> Point:
-    """The machines and starts of a product grid, of two after one another if `twice`."""
+def _axes(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:
+    """The values of every swept quantity, at least one, (points, ...)."""
+    axes = {path: np.asarray(as_float(v)) for path, v in values.items()}
+    if not axes:
+        raise ValueError("Argument `values` is empty: name a quantity to sweep, or use `simulate`.")
+    if "mass" in axes:
+        raise ValueError(
+            "The path `mass` names a dimension already: sweep `mass[0]`, `mass[1]`, ... instead."
+        )
+    for path, axis in axes.items():
+        if axis.ndim == 0 or len(axis) == 0:
+            raise ValueError(f"The values of `{path}` must have shape (points, ...), but have {axis.shape}.")
+    return axes
+
+
+def _base(system: ImpactSystem, x0: Numbers | None, v0: Numbers | None) -> Point:
+    """The machine and start that hold where nothing is swept."""
     n = system.num_masses
     base = Point(system, *(np.zeros(n) if a is None else np.asarray(as_float(a)) for a in (x0, v0)))
     for name in ("x0", "v0"):
@@ -130,12 +151,17 @@ def _points(
             raise ValueError(
                 f"Argument `{name}` must have shape ({n},), but has {getattr(base, name).shape}."
             )
+    return base
+
+
+def _points(base: Point, axes: dict[str, np.ndarray], *, twice: bool) -> Point:
+    """The machines and starts of a product grid, of two after one another if `twice`."""
     dtype = base.system.mass.dtype
     grid = np.indices([len(axis) for axis in axes.values()]).reshape(len(axes), -1)
     grid = np.tile(grid, 2 if twice else 1)
     swept = {path: axis[i].astype(dtype) for (path, axis), i in zip(axes.items(), grid, strict=True)}
     points = jax.tree.map(lambda a: np.asarray(a, dtype), points_of_lanes(base, swept))
-    full = lambda a: np.array(np.broadcast_to(a, (n, grid.shape[1])))  # noqa: E731
+    full = lambda a: np.array(np.broadcast_to(a, (base.system.num_masses, grid.shape[1])))  # noqa: E731
     return Point(points.system, full(points.x0), full(points.v0))
 
 

@@ -45,6 +45,15 @@ class _Frozen(eqx.Module):
         return eqx.combine(self.numbers, self.rest)(t, x, v, args)
 
 
+def name_of_force(force: Callable) -> str:
+    """What a force is called, and what it is made of but for its numbers."""
+    if isinstance(force, BoundForce):
+        args = "" if force.args is None else f" with args {eqx.tree_pformat(force.args, width=10**6)}"
+        return name_of_force(force.force) + args
+    whole = eqx.combine(force.numbers, force.rest) if isinstance(force, _Frozen) else force
+    return eqx.tree_pformat(whole, width=10**6)
+
+
 class BoundForce(eqx.Module):
     """A force together with its `args`, which then are parameters of the machine like any other."""
 

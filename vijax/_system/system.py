@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._types import Numbers, as_float, concrete
-from .force import as_force
+from .force import as_force, bind
 from .forcing import Harmonic
 from .stop import Stop
 
@@ -145,6 +145,12 @@ def check_semidefinite(name: str, matrices: np.ndarray) -> None:
             f"Argument `{name}` must be positive semi-definite, but has the eigenvalue {lowest.min():.3g}: "
             "it would feed energy into the motion."
         )
+
+
+def with_args(system: ImpactSystem, args: object) -> ImpactSystem:
+    """The machine, its force bound to its `args`, see `bind`."""
+    force = bind(system.force, args, system.num_masses)
+    return system if force is None else eqx.tree_at(lambda s: s.force, system, force)
 
 
 def chain(

@@ -1,0 +1,106 @@
+"""The pictures of the benchmark."""
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from .report import size
+from .single import SCENES
+
+# Colour and marker of each program, in the order of the legend; those of one family share the marker.
+STYLES = {
+    "vijax": ("C0", "*"),
+    "vijax, 1000 at once": ("C9", "*"),
+    "scalar C++": ("0.3", "P"),
+    "heyoka": ("C1", "o"),
+    "SciPy DOP853": ("C2", "s"),
+    "diffrax Tsit5": ("C3", "d"),
+    "diffrax Dopri5": ("C4", "d"),
+    "diffrax Dopri8": ("C5", "d"),
+}
+# Where what is infinitely wrong stands, and what is exact to the last digit.
+FAILED, EXACT = 30.0, 1e-16
+
+
+def draw(results: dict[str, Any], folder: Path) -> None:
+    """All pictures of what was measured."""
+    if results.get("work_precision"):
+        work_precision(results["work_precision"], folder / "work_precision.png")
+    if any(results.get(name) for name in ("throughput", "masses", "stops")):
+        scaling(results, folder / "scaling.png")
+
+
+def work_precision(rows: list[dict], path: Path) -> None:
+    """Run time against the error of impact times above, of the state at the end below; a scene a column."""
+    fig, axes = plt.subplots(2, len(SCENES), figsize=(11, 6.6), sharey=True, layout="constrained")
+    for column, (scene, title) in zip(axes.T, SCENES.items(), strict=True):
+        chosen = [row for row in rows if row["scene"] == scene]
+        panel(column[0], chosen, "time error")
+        panel(column[1], chosen, "state error")
+        column[0].set(title=title, xlabel="largest error of an impact time / time unit")
+        column[1].set(xlabel="largest error of x, v at t = 80 / unit")
+    for ax in axes[:, 0]:
+        ax.set_ylabel("run time of a trajectory / s")
+    handles = {h.get_label(): h for ax in axes.flat for h in ax.get_legend_handles_labels()[0]}
+    handles = [handles[name] for name in STYLES if name in handles]
+    hollow = [
+        Line2D([], [], color="k", marker="o", ls="", mfc="none", label="fell through a stop"),
+        Line2D([], [], color="k", marker="x", ls="", label="gave up after 1000 impacts"),
+    ]
+    fig.legend(handles=handles + hollow, loc="outside lower center", ncols=5, frameon=False)
+    fig.savefig(path, dpi=150)
+    plt.close(fig)
+
+
+def panel(ax: Axes, rows: list[dict], kind: str) -> None:
+    """One scene and one kind of error. What went wrong is hollow; what has no error at all is on the right."""
+    for method, (colour, marker) in STYLES.items():
+        found = [row for row in rows if row["method"] == method]
+        place = [FAILED if row[kind] is None else max(row[kind], EXACT) for row in found]
+        right = [k for k, row in enumerate(found) if row["outcome"] == "right"]
+        size = 11 if marker == "*" else 6
+        ax.loglog(
+            [place[k] for k in right], [found[k]["min / s"] for k in right], color=colour, marker=marker,
+            ms=size, label=method,
+        )  # fmt: skip
+        for x, row in zip(place, found, strict=True):
+            if row["outcome"] != "right":
+                mark = "x" if row["outcome"] == "gave up" else marker
+                ax.loglog(x, row["min / s"], color=colour, marker=mark, ms=size, mfc="none")
+    ax.axvspan(FAILED / 8, FAILED * 8, color="0.92", zorder=0)
+    words = "impacts missed or added" if kind == "time error" else "never got there"
+    ax.text(FAILED * 2, 0.97, words, rotation=90, transform=ax.get_xaxis_transform(), va="top", fontsize=8)
+    ax.set_xlim(EXACT / 3, FAILED * 8)
+    ax.grid(alpha=0.3)
+
+
+def scaling(results: dict[str, Any], path: Path) -> None:
+    """Time against points, masses and stops."""
+    panels = {
+        ("throughput", "points"): "sweep of 20 periods",
+        ("masses", "masses"): "half of the masses with a stop, 96 points",
+        ("stops", "stops"): "16 masses, 96 points",
+    }
+    fig, axes = plt.subplots(1, len(panels), figsize=(11, 4.0), layout="constrained")
+    for ax, ((name, by), title) in zip(axes, panels.items(), strict=True):
+        rows = results.get(name) or []
+        sizes = [row[by] for row in rows]
+        ax.loglog(sizes, [row["min / s"] for row in rows], "o-", label="run")
+        if name != "throughput":  # most of its sizes share a compiled program
+            ax.loglog(sizes, [row["compiling / s"] for row in rows], "s--", color="0.6", label="compilation")
+            ax.set_xticks(sizes, sizes)
+            ax.minorticks_off()
+        errors = [row["error"] for row in rows]
+        known = [error for error in errors if error is not None]
+        worst = max(known) if known and len(known) == len(errors) else None
+        ax.set(xlabel=f"number of {by}", ylabel="time / s")
+        ax.set_title(f"{title}\nimpact times: {size(worst)}", fontsize=10)
+        ax.grid(alpha=0.3)
+    fig.legend(
+        handles=axes[1].get_legend_handles_labels()[0], loc="outside lower center", ncols=2, frameon=False
+    )
+    fig.savefig(path, dpi=150)
+    plt.close(fig)

@@ -1,0 +1,158 @@
+"""What is printed and written."""
+
+import csv
+import json
+import os
+import platform
+import shutil
+import subprocess
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from .timing import num_cores
+
+PACKAGES = ("vijax", "jax", "jaxlib", "equinox", "numpy", "heyoka", "scipy", "diffrax", "optimistix")
+
+
+def say(row: dict[str, Any]) -> None:
+    """Print one result."""
+    known = {k: v for k, v in row.items() if v is not None}
+    parts = (f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}" for k, v in known.items())
+    print("  ".join(parts), flush=True)
+
+
+def surroundings() -> dict[str, Any]:
+    """Versions, processor, memory, and how busy the machine was."""
+    versions = {}
+    for name in PACKAGES:
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = None
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
+    compiler = shutil.which("g++") or shutil.which("clang++")
+    if compiler is not None:
+        done = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True)
+        compiler = done.stdout.splitlines()[0]
+    return {
+        "processor": (names or [platform.processor()])[0],
+        "cores": num_cores(),
+        "load before": os.getloadavg(),
+        "memory / GB": os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9,
+        "devices": [device.device_kind for device in jax.devices()],
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "compiler": compiler,
+        "versions": versions,
+    }
+
+
+def write(results: dict[str, Any], folder: Path) -> None:
+    """Everything as JSON, and every part as CSV."""
+    (folder / "benchmark.json").write_text(json.dumps(results, indent=1, allow_nan=False))
+    for name, rows in results.items():
+        if not isinstance(rows, list) or not rows:
+            continue
+        columns = list(dict.fromkeys(k for row in rows for k in row))
+        with (folder / f"benchmark_{name}.csv").open("w", newline="") as file:
+            writer = csv.DictWriter(file, columns)
+            writer.writeheader()
+            writer.writerows(rows)
+
+
+def table(results: dict[str, Any]) -> str:
+    """The short tables of the README, of what was measured."""
+    lines = []
+    if "sweeps" in results:
+        lines += [*sweep_table(results["sweeps"]), ""]
+    facts = [fact for name, tell in FACTS.items() if results.get(name) for fact in tell(results[name])]
+    if facts:
+        lines += ["| | |", "| --- | --- |", *(f"| {what} | {value} |" for what, value in facts)]
+    return "\n".join(lines)
+
+
+def sweep_table(rows: list[dict]) -> list[str]:
+    """Time and error of the paper's sweeps, a row a case and a column a program."""
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    lines = [f"| | {' | '.join(methods)} |", "| --- " * (len(methods) + 1) + "|"]
+    for case in dict.fromkeys(row["case"] for row in rows):
+        found = {row["method"]: row for row in rows if row["case"] == case}
+        cells = [
+            f"{found[m]['min / s']:.2g} s, {size(found[m]['error'])}" if m in found else "-" for m in methods
+        ]
+        points = next(iter(found.values()))["points"]
+        lines.append(f"| case ({case}), {points} frequencies | {' | '.join(cells)} |")
+    return lines
+
+
+def size(error: float | None) -> str:
+    """An error in words."""
+    if error is None:
+        return "impacts missed"
+    return f"error {error:.0e}" if error else "right in every digit"
+
+
+def of_work(rows: list[dict]) -> list[tuple[str, str]]:
+    """Waste, steps and distance from the peak."""
+    return [
+        (
+            f"case ({r['case']}): lane-steps wasted, steps per impact, share of floating-point peak",
+            f"{r['wasted lane-steps']:.1%}, {r['steps per impact']:.1f}, {r['share of peak']:.1%}",
+        )
+        for r in rows
+    ]
+
+
+def of_throughput(rows: list[dict]) -> list[tuple[str, str]]:
+    """Time of the most points."""
+    last = rows[-1]
+    memory = f", at most {last['memory high-water / MB']:.0f} MB" if "memory high-water / MB" in last else ""
+    value = f"{last['min / s']:.2g} s, {last['microseconds per point']:.2g} us each, {size(last['error'])}{memory}"
+    return [(f"{last['points']} points, 20 periods each", value)]
+
+
+def of_masses(rows: list[dict]) -> list[tuple[str, str]]:
+    """Time of the largest machine beside that of two masses."""
+    two, last = rows[1], rows[-1]
+    value = f"{last['min / s'] / two['min / s']:.3g} times that of two, {size(last['error'])}"
+    return [(f"{last['masses']} masses with {last['stops']} stops", value)]
+
+
+def of_first_results(rows: list[dict]) -> list[tuple[str, str]]:
+    """Wait for a first result with and without the cache on disk."""
+    facts = []
+    for what in dict.fromkeys(row["what"] for row in rows):
+        waits = {row["cache"]: row["process / s"] for row in rows if row["what"] == what}
+        value = f"{waits['none']:.2g} s; with a filled cache {waits['filled']:.2g} s"
+        facts.append((f"first result of `{what}` in a fresh process", value))
+    return facts
+
+
+def of_chattering_point(rows: list[dict]) -> list[tuple[str, str]]:
+    """A chattering point among quiet ones."""
+    last = rows[-1]
+    return [("a chattering point among 1000", f"{last['ratio']:.2f} times without it, {size(last['error'])}")]
+
+
+def of_derivatives(rows: list[dict]) -> list[tuple[str, str]]:
+    """Derivatives per plain run."""
+    return [
+        (f"{r['method']} by start, {r['by']}", f"{r['ratio']:.2g} times a plain run, {size(r['error'])}")
+        for r in rows
+        if r["method"] != "plain"
+    ]
+
+
+FACTS = {
+    "work": of_work,
+    "throughput": of_throughput,
+    "masses": of_masses,
+    "first_results": of_first_results,
+    "chattering_point": of_chattering_point,
+    "derivatives": of_derivatives,
+}

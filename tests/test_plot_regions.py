@@ -1,0 +1,126 @@
+"""A region chart shows every motion where it was found, in colours that survive a printer without colour."""
+
+import io
+from itertools import pairwise
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import to_rgb
+
+import vijax as vx
+
+# What two greys must differ by, from black 0 to white 1, to be told apart in print.
+GREY_STEP = 0.05
+PLANE = ("forcing.frequency", "forcing.amplitude[0]")
+MOTIONS = ("non_impacting", "periodic", "chattering", "non_periodic", "not_settled", "failed")
+
+
+@pytest.fixture(autouse=True)
+def _close_figures():
+    yield
+    plt.close("all")
+
+
+def chart(motion: list[list[int]], num_periods: list[list[int]], num_impacts: list) -> xr.Dataset:
+    """A classified sweep of two quantities, the frequency in falling order."""
+    flags = {"flag_values": np.arange(6, dtype=np.int8), "flag_meanings": " ".join(MOTIONS)}
+    tables = {
+        "motion": (PLANE, np.asarray(motion, np.int8), flags),
+        "num_periods": (PLANE, num_periods),
+        "num_impacts": ((*PLANE, "stop"), num_impacts),
+    }
+    frequency = np.arange(len(motion), 0, -1) / 10
+    return xr.Dataset(tables, {PLANE[0]: frequency, PLANE[1]: 0.3 + 0.1 * np.arange(len(motion[0]))})
+
+
+@pytest.fixture(scope="module")
+def classes() -> xr.Dataset:
+    """Frequencies 0.3, 0.2, 0.1 by two amplitudes; the six points have six motions but for one pair."""
+    impacts = [[[0, 0], [1, 2]], [[1, 2], [-1, 3]], [[7, 8], [5, 5]]]
+    return chart([[0, 1], [1, 2], [3, 4]], [[1, 1], [1, 2], [0, 0]], impacts)
+
+
+def grey(color) -> float:
+    return float(np.dot([0.299, 0.587, 0.114], to_rgb(color)))
+
+
+def legend_colors(ax) -> dict:
+    legend = ax.get_legend()
+    names = [text.get_text() for text in legend.get_texts()]
+    return dict(zip(names, (patch.get_facecolor() for patch in legend.get_patches()), strict=True))
+
+
+def drawn_classes(ax) -> dict[tuple[float, float], str]:
+    """What the legend says of the colour of every cell, by the middle of the cell."""
+    ax.figure.canvas.draw()
+    (mesh,) = (c for c in ax.collections if isinstance(c, QuadMesh))
+    corners = np.asarray(mesh.get_coordinates())
+    middles = (corners[:-1, :-1] + corners[1:, 1:]) / 2
+    words = {tuple(np.round(color, 6)): name for name, color in legend_colors(ax).items()}
+    assert len(words) == len(legend_colors(ax))
+    rows = np.round(mesh.get_facecolors().reshape(*middles.shape[:2], 4), 6)
+    return {
+        tuple(np.round(middle, 9)): words[tuple(color)]
+        for middle, color in zip(middles.reshape(-1, 2), rows.reshape(-1, 4), strict=True)
+    }
+
+
+def test_a_region_chart_shows_every_motion_where_it_is(classes):
+    ax = vx.plot.regions(classes)
+    assert drawn_classes(ax) == {
+        (0.3, 0.3): "no impact",
+        (0.3, 0.4): "1 | 2 in 1",
+        (0.2, 0.3): "1 | 2 in 1",
+        (0.2, 0.4): r"$\infty$ | 3 in 2",
+        (0.1, 0.3): "non-periodic",
+        (0.1, 0.4): "not settled",
+    }
+    assert ax.get_xlabel() == r"Forcing frequency $\Omega$ (rad / time)"
+    assert ax.get_ylabel() == "Forcing amplitude $A_{0}$ (units of force)"
+    assert ax.get_legend().get_title().get_text() == "impacts at stop 0 | 1\nin forcing periods"
+
+
+def test_a_region_chart_calls_the_rare_motions_other(classes):
+    drawn = drawn_classes(vx.plot.regions(classes, max_classes=1))
+    assert drawn[0.3, 0.3] == "no impact"
+    assert drawn[0.3, 0.4] == drawn[0.2, 0.3] == "1 | 2 in 1"
+    assert drawn[0.2, 0.4] == drawn[0.1, 0.4] == "other"
+    assert drawn[0.1, 0.3] == "non-periodic"
+
+
+def test_the_colours_of_a_region_chart_differ_in_grey(classes):
+    motion = [[0, 1, 1, 1], [1, 1, 1, 1], [1, 1, 2, 3]]
+    impacts = np.stack([np.arange(12).reshape(3, 4), np.ones((3, 4), int)], axis=-1)
+    ax = vx.plot.regions(chart(motion, np.ones((3, 4), int).tolist(), impacts.tolist()))
+    greys = sorted(grey(color) for color in legend_colors(ax).values())
+    assert len(greys) == 9
+    assert min(b - a for a, b in pairwise(greys)) > GREY_STEP
+
+
+def test_a_region_chart_goes_into_the_axes_given_and_can_be_printed(classes):
+    figure, (left, right) = plt.subplots(1, 2)
+    assert vx.plot.regions(classes, ax=right) is right
+    assert not left.collections
+    assert right.collections[0].get_rasterized()
+    figure.savefig(io.BytesIO(), format="pdf")
+
+
+def test_a_region_chart_of_anything_else_is_refused(classes):
+    with pytest.raises(ValueError, match="needs the variable `num_periods`"):
+        vx.plot.regions(classes.drop_vars("num_periods"))
+    with pytest.raises(ValueError, match="needs two swept quantities, but there are"):
+        vx.plot.regions(classes.isel({PLANE[0]: 0}))
+    with pytest.raises(ValueError, match="needs two values or more of each quantity"):
+        vx.plot.regions(classes.isel({PLANE[0]: [0]}))
+    with pytest.raises(ValueError, match="Argument `max_classes` must be 0 or more, but is -1"):
+        vx.plot.regions(classes, max_classes=-1)
+    without_flags = classes.assign(motion=(PLANE, classes.motion.values))
+    with pytest.raises(ValueError, match="must have the attributes `flag_values` and `flag_meanings`"):
+        vx.plot.regions(without_flags)

@@ -1,0 +1,306 @@
+"""A sweep that is stopped, killed or damaged on disk is gone on with, and finds the same, bit for bit."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+import xarray as xr
+
+import vijax as vx
+from vijax._sweep import queues, store as stores
+
+FREQUENCY = "forcing.frequency"
+# Case (b) chatters and sticks at the first, and is chaotic at the last.
+FREQUENCIES = np.linspace(0.2, 2.1, 24)
+SYSTEM = vx.models.wagg_bishop_b(1.0)
+# Chunks of the 24 points: 5, 5, 5, 5, 4.
+POINTS_PER_CHUNK, NUM_CHUNKS = 5, 5
+
+
+def sweep(store: Path | None = None, system: vx.ImpactSystem = SYSTEM, values=None, **options) -> xr.Dataset:
+    """A short sweep, long enough for chaos to show the last bit."""
+    values = {FREQUENCY: FREQUENCIES} if values is None else values
+    options = {"transient": 40, "record": 5, "progress": False} | options
+    return vx.sweep(system, values, store=store, **options)
+
+
+def cut_into_small_chunks() -> None:
+    stores.count_cores, stores._MOST = (lambda: 1), POINTS_PER_CHUNK
+
+
+@pytest.fixture(autouse=True)
+def _small_chunks(monkeypatch):
+    monkeypatch.setattr(stores, "count_cores", lambda: 1)
+    monkeypatch.setattr(stores, "_MOST", POINTS_PER_CHUNK)
+
+
+@pytest.fixture
+def ran(monkeypatch) -> list[int]:
+    """How many points were run by each call that was not answered by the store."""
+    numbers = []
+    original = stores.run_points
+
+    def counted(points, *args, **options):
+        numbers.append(len(options["which"]))
+        return original(points, *args, **options)
+
+    monkeypatch.setattr(stores, "run_points", counted)
+    return numbers
+
+
+@pytest.fixture(scope="module")
+def plain() -> dict[str | None, xr.Dataset]:
+    """The sweeps without a store."""
+    return {carry: sweep(carry=carry) for carry in (None, "up")}
+
+
+def assert_same(found: xr.Dataset, expected: xr.Dataset):
+    """Every bit and every attribute, but for how many steps of idle lanes were taken."""
+    for ds in (found, expected):
+        ds.steps.attrs.pop("lane_steps", None)
+    xr.testing.assert_identical(found, expected)
+    for name, variable in expected.variables.items():
+        assert found[name].dtype == variable.dtype
+
+
+def stop_at_chunk(number: int, monkeypatch, stop) -> None:
+    """Call `stop` where the chunk of this number was written, but does not have its name yet."""
+    replace, written = os.replace, []
+
+    def replace_or_stop(part, file):
+        written.append(file)
+        if sum(str(f).endswith(".npz") for f in written) == number:
+            stop()
+        replace(part, file)
+
+    monkeypatch.setattr(stores.os, "replace", replace_or_stop)
+
+
+def chunks_of(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.npz"))
+
+
+@pytest.mark.parametrize("carry", [None, "up"])
+def test_a_store_changes_nothing(plain, tmp_path, ran, carry):
+    first = sweep(tmp_path / "a", carry=carry)
+    assert max(ran) <= POINTS_PER_CHUNK
+    assert first.result.max() == 0
+    assert first.num_sticks.sum() > 0
+    assert_same(first, plain[carry])
+    ran.clear()
+    again = sweep(tmp_path / "a", carry=carry)
+    assert ran == []
+    assert_same(again, plain[carry])
+
+
+def test_the_size_of_the_chunks_changes_nothing(plain, tmp_path, ran, monkeypatch):
+    monkeypatch.setattr(stores, "_MOST", 7)
+    assert_same(sweep(tmp_path), plain[None])
+    assert ran == [6, 6, 6, 6]
+
+
+@pytest.mark.parametrize("carry", [None, "up"])
+def test_an_interrupted_sweep_goes_on_where_it_stopped(plain, tmp_path, ran, carry):
+    whole = sweep(tmp_path / "whole", carry=carry)
+    num_runs = len(ran)
+    with pytest.MonkeyPatch.context() as patch:
+        stop_at_chunk(4, patch, lambda: signal.raise_signal(signal.SIGINT))
+        with pytest.raises(KeyboardInterrupt):
+            sweep(tmp_path / "cut", carry=carry)
+    assert len(chunks_of(tmp_path / "cut")) == 3
+    ran.clear()
+    resumed = sweep(tmp_path / "cut", carry=carry)
+    assert len(ran) == num_runs - 3
+    xr.testing.assert_identical(resumed, whole)
+    assert_same(resumed, plain[carry])
+
+
+CHILD = """
+import os, signal, sys
+import jax, pytest
+sys.path.insert(0, sys.argv[1])
+jax.config.update("jax_enable_x64", True)
+if sys.argv[3] != "None":
+    jax.config.update("jax_compilation_cache_dir", sys.argv[3])
+import test_store
+test_store.cut_into_small_chunks()
+test_store.stop_at_chunk(3, pytest.MonkeyPatch(), lambda: os.kill(os.getpid(), signal.SIGKILL))
+test_store.sweep(sys.argv[2])
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal here")
+def test_a_killed_sweep_loses_one_chunk(plain, tmp_path, ran):
+    arguments = [str(Path(__file__).parent), str(tmp_path / "a"), str(jax.config.jax_compilation_cache_dir)]
+    child = subprocess.run([sys.executable, "-c", CHILD, *arguments], capture_output=True, text=True)
+    assert child.returncode == -signal.SIGKILL, child.stderr
+    assert len(chunks_of(tmp_path / "a")) == 2
+    assert_same(sweep(tmp_path / "a"), plain[None])
+    assert len(ran) == NUM_CHUNKS - 2
+
+
+def flip(data: bytes, place: int) -> bytes:
+    return data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :]
+
+
+DAMAGES = {
+    "cut in half": lambda data: data[: len(data) // 2],
+    "empty": lambda data: b"",
+    "last byte missing": lambda data: data[:-1],
+    "a flipped bit at the beginning": lambda data: flip(data, 30),
+    "a flipped bit in the middle": lambda data: flip(data, len(data) // 2),
+    "a flipped bit at the end": lambda data: flip(data, len(data) - 1),
+    "of something else": lambda data: b"\0" * len(data),
+}
+
+
+@pytest.fixture(scope="module")
+def full(tmp_path_factory) -> Path:
+    """A store that holds all chunks."""
+    folder = tmp_path_factory.mktemp("full")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stores, "count_cores", lambda: 1)
+        patch.setattr(stores, "_MOST", POINTS_PER_CHUNK)
+        sweep(folder)
+    return folder
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_chunk_is_made_again(plain, full, ran, damage):
+    chunk = chunks_of(full)[2]
+    sound = chunk.read_bytes()
+    chunk.write_bytes(DAMAGES[damage](sound))
+    assert_same(sweep(full), plain[None])
+    assert len(ran) == 1
+    assert chunk.read_bytes() == sound
+
+
+def test_a_chunk_is_a_file_that_numpy_reads(full):
+    with np.load(chunks_of(full)[0]) as arrays:
+        assert arrays["x"].shape[0] == SYSTEM.num_masses
+
+
+def test_the_number_of_the_layout_stands_for_what_a_chunk_holds(full):
+    """If this fails, a change of `Found` made old stores unreadable: `_LAYOUT` must go up with it."""
+    with np.load(chunks_of(full)[0]) as arrays:
+        layout = {name: a.shape[:-1] if name != "impacts" else a.shape[1:] for name, a in arrays.items()}
+    assert stores._LAYOUT == 1
+    assert layout == {
+        "impacts": (6,),
+        "lane_steps": (),
+        "section": (2 * SYSTEM.num_masses + SYSTEM.num_stops, RECORD),
+        "x": (2,),
+        "v": (2,),
+        "held": (2,),
+        "periods": (),
+        "num_impacts": (2,),
+        "num_sticks": (2,),
+        "steps": (),
+        "is_finite": (),
+    }
+
+
+MOVED = vx.models.wagg_bishop_b(1.0, 0.4)
+OTHERS = {
+    "machine": ({"system": MOVED}, "`system.forcing.amplitude[0]` is 0.5 there, but 0.4 here"),
+    "values": ({"values": {FREQUENCY: FREQUENCIES[:-1]}}, "`values.forcing.frequency` is 24 values from 0.2"),
+    "one value": ({"values": {FREQUENCY: np.append(FREQUENCIES[:-1], 2.0)}}, "24 values from 0.2 to 2.0 ("),
+    "path": ({"values": {"forcing.phase[0]": FREQUENCIES}}, "but missing here"),
+    "transient": ({"transient": 41}, "`transient` is 40 there, but 41 here"),
+    "record": ({"record": 6}, "`record` is 5 there, but 6 here"),
+    "carry": ({"carry": "up"}, "`carry` is none there, but up here"),
+    "start": ({"x0": [0.1, 0.0]}, "`x0` is [0.0, 0.0] there, but [0.1, 0.0] here"),
+    "speed": ({"v0": [0.0, 0.1]}, "`v0` is [0.0, 0.0] there, but [0.0, 0.1] here"),
+    "room": ({"max_impacts": 100}, "`max_impacts` is 2048 there, but 100 here"),
+    "bound": ({"max_steps": 1000}, "`max_steps` is 550000 there, but 1000 here"),
+    "flow": ({"flow": vx.TaylorFlow()}, "`flow` is ModalFlow there, but TaylorFlow() here"),
+}
+
+
+@pytest.mark.parametrize("what", OTHERS)
+def test_a_store_of_another_sweep_is_refused(full, what):
+    options, sentence = OTHERS[what]
+    with pytest.raises(ValueError, match=re.escape(sentence)) as refusal:
+        sweep(full, **options)
+    assert str(refusal.value).startswith(f"The store {full} holds another sweep: ")
+
+
+def test_going_on_from_other_ends_is_refused(plain, tmp_path, ran):
+    sweep(tmp_path, carry_from=plain[None])
+    with pytest.raises(ValueError, match="`starts` is"):
+        sweep(tmp_path, carry_from=plain["up"])
+    with pytest.raises(ValueError, match="`carry_from` is an earlier sweep there, but none here"):
+        sweep(tmp_path)
+
+
+def test_a_store_of_other_versions_is_refused(full, monkeypatch):
+    monkeypatch.setattr(stores, "_LAYOUT", 2)
+    with pytest.raises(ValueError, match="`layout` is 1 there, but 2 here"):
+        sweep(full)
+    monkeypatch.setattr(stores, "_LAYOUT", 1)
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    with pytest.raises(ValueError, match="`device` is cpu there, but gpu here"):
+        sweep(full)
+
+
+def test_a_folder_that_holds_something_else_is_refused(tmp_path):
+    (tmp_path / "letter.txt").write_text("Dear sir")
+    for path in (tmp_path, tmp_path / "letter.txt"):
+        with pytest.raises(ValueError, match="`store` must name a new or empty folder"):
+            sweep(path)
+    assert [file.name for file in tmp_path.iterdir()] == ["letter.txt"]
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", json.dumps({"sweep": {}}), json.dumps({"points_per_chunk": 5})]
+)
+def test_a_damaged_manifest_is_refused(tmp_path, text):
+    (tmp_path / "sweep.json").write_text(text)
+    with pytest.raises(ValueError, match="is damaged: delete the folder"):
+        sweep(tmp_path)
+
+
+def test_an_interrupted_write_of_the_manifest_is_no_obstacle(plain, tmp_path, ran):
+    (tmp_path / "sweep.part").write_text("{")
+    assert_same(sweep(tmp_path), plain[None])
+
+
+def test_the_progress_bar_counts_what_was_restored(full, capsys):
+    chunks_of(full)[0].unlink()
+    sweep(full, progress=True)
+    assert "24/24" in capsys.readouterr().err
+
+
+NOTEBOOK = """
+import runpy, sys, types, warnings
+warnings.simplefilter("error")
+kernel = types.SimpleNamespace(config={"IPKernelApp": {}})
+sys.modules |= {"IPython": types.SimpleNamespace(get_ipython=lambda: kernel), "ipywidgets": None}
+with runpy.run_path(sys.argv[1])["tqdm"](total=2) as bar:
+    bar.update(2)
+"""
+
+
+def test_a_notebook_that_has_no_widgets_shows_a_line_of_text_and_no_warning():
+    file = Path(vx.__file__).parent / "_progress.py"
+    child = subprocess.run([sys.executable, "-c", NOTEBOOK, str(file)], capture_output=True, text=True)
+    assert child.returncode == 0, child.stderr
+    assert "2/2" in child.stderr
+    assert "Warning" not in child.stderr
+
+
+def test_a_chunk_is_the_work_of_seconds(tmp_path, monkeypatch):
+    monkeypatch.setattr(stores, "_MOST", 2048)
+    sizes = []
+    for periods in (10, 10**4, 10**7):
+        made = {"transient": 0, "record": periods}
+        sizes.append(stores.open_store(tmp_path / str(periods), made).points_per_chunk)
+    assert sizes[0] == queues._POINTS
+    assert sizes[0] > sizes[1] >= sizes[2] >= queues._LANES

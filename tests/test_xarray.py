@@ -1,0 +1,261 @@
+"""Datasets that say how they were made, and files of them that are read back as they were."""
+
+import dataclasses
+import json
+import platform
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+
+import vijax as vx
+from vijax._sweep.origin import origin
+from vijax._sweep.paths import Point
+from vijax._sweep.queues import Counts
+from vijax._system.description import build, describe
+
+FREQUENCY, RESTITUTION = "forcing.frequency", "stops[*].restitution"
+SYSTEM = vx.models.wagg_bishop_b(0.8)
+THIRD = 1 / 3
+# Every kind of number that a machine has, most of them without an end in decimals.
+LOAD = vx.Harmonic([[THIRD, 0.0, 0.1], [0.7, 1e-300, -0.2]], np.pi, [[0.1, 0.2, 0.3]] * 2, [THIRD, 0.0, -0.1])
+STOPS = [vx.Stop(0, -THIRD, "lower", 0.7), vx.Stop(2, np.sqrt(2), "upper", THIRD)]
+MACHINE = vx.chain([1.0, THIRD, np.e], [0.1, 0.2, 0.3], [1.0, np.pi, 7.0], LOAD, STOPS)
+DAMPINGS = np.array([[[0.3, -0.1], [-0.1, 0.1]], [[0.2, -0.1], [-0.1, 0.1]]])
+
+
+def sweep(values: dict, system: vx.ImpactSystem = SYSTEM, **options) -> xr.Dataset:
+    return vx.sweep(system, values, transient=4, record=2, progress=False, **options)
+
+
+@pytest.fixture(scope="module")
+def grid() -> xr.Dataset:
+    """Three dimensions with names of every kind, and a fourth with words."""
+    return sweep({FREQUENCY: [0.5, 0.8], RESTITUTION: [0.5, THIRD], "x0[1]": [0.05]}, carry="both")
+
+
+@pytest.fixture(scope="module")
+def matrices() -> xr.Dataset:
+    """A swept matrix."""
+    return sweep({"damping": DAMPINGS, "stops[0].position": [-0.3, -THIRD]})
+
+
+@pytest.fixture(scope="module")
+def solution() -> vx.Solution:
+    return vx.simulate(vx.models.wagg_bishop_b(0.2), 0.0, 40.0, ts=np.linspace(0.0, 40.0, 5), max_events=128)
+
+
+@pytest.fixture(scope="module")
+def batch() -> vx.Solution:
+    """Lanes of 1 to 3 periods, each with times of its own; the last starts beyond a stop."""
+
+    def run(frequency, x):
+        system = vx.models.wagg_bishop_b(frequency)
+        ts = jnp.linspace(0.0, 25.0, 4) / frequency
+        return vx.simulate(system, 0.0, 25.0 / frequency, [0.0, x], ts=ts, max_events=32, throw=False)
+
+    return jax.jit(jax.vmap(run))(jnp.array([0.8, 1.1, 1.4]), jnp.array([0.0, 0.05, 0.2]))
+
+
+def assert_same_machine(found: vx.ImpactSystem, expected: vx.ImpactSystem):
+    """Every bit, every type, every word."""
+    assert eqx.tree_equal(found, expected, typematch=True)
+
+
+def test_a_machine_comes_back_from_text_bit_for_bit():
+    text = json.dumps(describe(MACHINE))
+    assert_same_machine(build(json.loads(text), "float64"), MACHINE)
+
+
+@pytest.mark.filterwarnings("ignore:vijax works in float32")
+def test_a_machine_of_float32_comes_back_as_it_was():
+    narrow = jax.tree.map(lambda a: a.astype("float32"), MACHINE)
+    assert_same_machine(build(json.loads(json.dumps(describe(narrow))), "float32"), narrow)
+
+
+def test_no_field_of_a_machine_is_left_out():
+    """If this fails, the machine has learned something that `describe` and `build` must learn too."""
+    description = describe(MACHINE)
+    parts = [(MACHINE, description), (LOAD, description["forcing"]), (STOPS[0], description["stops"][0])]
+    for part, told in parts:
+        assert {field.name for field in dataclasses.fields(part)} == set(told)
+
+
+def test_a_sweep_gives_its_machine_back(grid):
+    assert_same_machine(vx.system_of(grid), SYSTEM)
+
+
+def test_a_selected_point_gives_the_machine_that_was_run_there(grid):
+    point = grid.isel({FREQUENCY: 1, RESTITUTION: 1, "x0[1]": 0}).sel(direction="down")
+    found = vx.system_of(point)
+    where = lambda s: [stop.restitution for stop in s.stops]  # noqa: E731
+    assert_same_machine(found, eqx.tree_at(where, SYSTEM, [jnp.asarray(THIRD)] * 2))
+    # What is not selected stays as it was.
+    assert float(vx.system_of(grid.isel({FREQUENCY: 0})).stops[1].restitution) == 0.7
+
+
+def test_a_swept_matrix_is_kept_and_given_back(matrices):
+    np.testing.assert_array_equal(matrices["damping.values"], DAMPINGS)
+    assert matrices["damping.values"].dims == ("damping", "row", "mass")
+    assert_same_machine(vx.system_of(matrices), SYSTEM)
+    found = vx.system_of(matrices.isel({"damping": 0, "stops[0].position": 1}))
+    where = lambda s: (s.damping, s.stops[0].position)  # noqa: E731
+    assert_same_machine(found, eqx.tree_at(where, SYSTEM, (jnp.asarray(DAMPINGS[0]), jnp.asarray(-THIRD))))
+
+
+def test_the_dimension_of_masses_is_not_swept_by_that_name():
+    with pytest.raises(ValueError, match="`mass` names a dimension already"):
+        sweep({"mass": np.ones((3, 2))})
+
+
+def test_a_dataset_without_a_machine_is_refused():
+    with pytest.raises(ValueError, match="has no `system`"):
+        vx.system_of(xr.Dataset())
+
+
+def test_the_attributes_tell_how_a_sweep_was_made(grid):
+    told = grid.attrs
+    assert {name: told[name] for name in ("transient", "record", "max_impacts", "max_steps")} == {
+        "transient": 4, "record": 2, "max_impacts": 2048, "max_steps": 160_000,
+    }  # fmt: skip
+    assert (told["carry"], told["carry_from"]) == ("both", "none")
+    assert (told["flow"], told["dtype"], told["device"]) == ("ModalFlow", "float64", "cpu")
+    assert json.loads(told["x0"]) == json.loads(told["v0"]) == [0.0, 0.0]
+    assert told["jax_version"] == jax.__version__
+    assert told["numpy_version"] == np.__version__
+    assert told["python_version"] == platform.python_version()
+    assert told["vijax_version"]
+
+
+def test_variables_tell_what_they_are(grid, matrices, solution):
+    for ds in (grid, matrices, solution.to_xarray()):
+        for name, variable in ds.variables.items():
+            assert "long_name" in variable.attrs, name
+    assert grid.impact_phase.attrs["units"] == "rad"
+    assert grid[RESTITUTION].attrs["units"] == "1"
+    assert grid[FREQUENCY].attrs["long_name"] == "angular frequency of the load"
+
+
+WAYS = {
+    "NetCDF by h5netcdf": (
+        "h5netcdf",
+        lambda ds, path: ds.to_netcdf(path, engine="h5netcdf"),
+        xr.open_dataset,
+    ),
+    "Zarr, format 2": ("zarr", lambda ds, path: ds.to_zarr(path, zarr_format=2), xr.open_zarr),
+    "Zarr, format 3": (
+        "zarr",
+        lambda ds, path: ds.to_zarr(path, zarr_format=3, consolidated=False),
+        lambda path: xr.open_zarr(path, consolidated=False),
+    ),
+}
+
+
+@pytest.mark.parametrize("what", ["grid", "matrices", "solution", "batch"])
+@pytest.mark.parametrize("way", WAYS)
+def test_a_dataset_comes_back_from_a_file_as_it_was(request, tmp_path, way, what):
+    module, write, read = WAYS[way]
+    pytest.importorskip(module)
+    ds = request.getfixturevalue(what)
+    ds = ds.to_xarray() if isinstance(ds, vx.Solution) else ds
+    write(ds, tmp_path / "file")
+    with read(tmp_path / "file") as found:
+        xr.testing.assert_identical(found, ds)
+        for name, variable in ds.variables.items():
+            assert (
+                np.asarray(found[name]).dtype.kind == np.asarray(variable).dtype.kind or name == "direction"
+            )
+            assert found[name].dtype.itemsize == variable.dtype.itemsize or name == "direction"
+    if what == "grid":
+        assert (ds.impact_stop == -1).any()
+        assert np.isnan(ds.impact_time).any()
+        assert found.sel(direction="up").sizes["impact"] == ds.sizes["impact"]
+        assert_same_machine(vx.system_of(found), SYSTEM)
+    if what == "matrices":
+        where = lambda s: s.damping  # noqa: E731
+        expected = eqx.tree_at(where, SYSTEM, jnp.asarray(DAMPINGS[1]))
+        assert_same_machine(vx.system_of(found.isel(damping=1)), expected)
+
+
+@pytest.mark.parametrize("num_masses", [1, 90])
+def test_attributes_of_one_mass_and_of_many_survive(tmp_path, num_masses):
+    """One entry is what NetCDF turns into a scalar, and many are more than HDF5 keeps in a short attribute."""
+    pytest.importorskip("h5netcdf")
+    load = vx.Harmonic(np.full(num_masses, THIRD), 0.8)
+    links = np.full(num_masses, THIRD)
+    system = vx.chain(links, links, links, load)
+    start = np.zeros(num_masses)
+    counts = Counts(transient=1, record=1, max_impacts=1, max_steps=1, can_stick=False)
+    attributes = origin(Point(system, start, start), counts, flow="", carry=None, goes_on=False)
+    assert (len(attributes["system"]) > 1 << 16) == (num_masses == 90)
+    xr.Dataset(attrs=attributes).to_netcdf(tmp_path / "file.nc", engine="h5netcdf")
+    with xr.open_dataset(tmp_path / "file.nc") as found:
+        assert found.attrs == attributes
+        assert_same_machine(vx.system_of(found), system)
+
+
+def test_a_solution_is_labelled(solution):
+    ds, count = solution.to_xarray(), int(solution.num_events)
+    assert 0 < count < solution.events.t.size
+    assert dict(ds.sizes) == {"time": 5, "mass": 2, "event": count, "stop": 2}
+    np.testing.assert_array_equal(ds.time, solution.ts)
+    np.testing.assert_array_equal(ds.x, solution.xs)
+    np.testing.assert_array_equal(ds.v, solution.vs)
+    np.testing.assert_array_equal(ds.event_time, solution.events.t[:count])
+    for name in ("stop", "kind", "velocity_minus", "velocity_plus", "impulse"):
+        np.testing.assert_array_equal(ds[f"event_{name}"], getattr(solution.events, name)[:count])
+    for name in ("x1", "v1", "stuck1", "t0", "t1", "num_events", "num_steps"):
+        np.testing.assert_array_equal(ds[name], getattr(solution, name))
+    for name in ("impact_speed", "clearance", "is_near"):
+        np.testing.assert_array_equal(ds[f"grazing_{name}"], getattr(solution.grazing, name))
+
+
+def names_of(codes: xr.DataArray) -> list[str]:
+    """The codes in words, as their attributes tell them."""
+    names = dict(zip(codes.attrs["flag_values"], codes.attrs["flag_meanings"].split(), strict=True))
+    return [names[code] for code in codes.values.ravel()]
+
+
+def test_the_flags_of_a_solution_name_its_codes(solution):
+    ds = solution.to_xarray()
+    kinds = {vx.IMPACT: "impact", vx.STICK: "stick", vx.RELEASE: "release"}
+    logged = np.asarray(solution.events.kind)[: int(solution.num_events)]
+    assert names_of(ds.event_kind) == [kinds[kind] for kind in logged.tolist()]
+    assert set(names_of(ds.event_kind)) == set(kinds.values())
+    assert names_of(ds.result) == ["successful"]
+    for name in ("event_kind", "result"):
+        assert ds[name].dtype == ds[name].attrs["flag_values"].dtype == np.int8
+
+
+def test_a_batch_has_lanes_in_front(batch):
+    ds = batch.to_xarray()
+    longest = int(batch.num_events.max())
+    assert dict(ds.sizes) == {"lane": 3, "time": 4, "mass": 2, "event": longest, "stop": 2}
+    assert ds.time.dims == ("lane", "time")
+    assert names_of(ds.result) == ["successful", "successful", "unsound_start"]
+    for k in (0, 1):
+        one = jax.tree.map(lambda a: a[k], batch).to_xarray()  # noqa: B023
+        count = one.sizes["event"]
+        lane = ds.isel(lane=k)
+        assert (lane.event_stop[count:] == -1).all()
+        assert (lane.event_kind[count:] == -1).all()
+        assert np.isnan(lane.event_time[count:]).all()
+        xr.testing.assert_equal(lane.isel(event=slice(count)).drop_vars("time"), one.drop_vars("time"))
+        np.testing.assert_array_equal(lane.time, one.time)
+
+
+def test_lanes_that_share_their_times_share_one_axis(batch):
+    shared = eqx.tree_at(lambda s: s.ts, batch, jnp.broadcast_to(batch.ts[0], batch.ts.shape))
+    ds = shared.to_xarray()
+    assert ds.time.dims == ("time",)
+    np.testing.assert_array_equal(ds.sel(time=batch.ts[0, 1], method="nearest").x, batch.xs[:, 1])
+
+
+def test_what_cannot_be_labelled_is_refused(solution, batch):
+    with pytest.raises(ValueError, match="call it outside"):
+        jax.jit(lambda t1: eqx.tree_at(lambda s: s.t1, solution, t1).to_xarray().x1.values)(1.0)
+    with pytest.raises(ValueError, match="one trajectory or one batch"):
+        jax.tree.map(lambda a: a[None], batch).to_xarray()

@@ -1,0 +1,90 @@
+"""After how many forcing periods a motion comes again, told from its stroboscopic section.
+
+A motion that repeats after n forcing periods is a cycle of n points of the section. Let d_k = |z_k - z_(k-n)|,
+k the number of the period. While a motion settles on a cycle d_k falls like c^(k/n), and what still
+separates it from the cycle is d c / (1 - c), with d the largest of the last n. This distance must be
+small, not d alone: near a period doubling the deviation changes its sign in every period and hardly shrinks,
+so that after two periods the motion is almost back, though it is far from the cycle of one period to
+which it tends. For the same reason the distance must be small beside the d of every smaller n.
+
+c is read from the largest d_k of the second and of the last third of the record, and from those of the last
+two cycles, of which the larger counts; it is not believed where a third is shorter than a cycle. So n
+up to a quarter of the record can be told by settling, n up to half of it only by coming back to
+well below the tolerance.
+
+Measured on 20 periods of 240 000 orbits of the logistic map, at rates of 3.7, 3.9 and 4: none is called a
+cycle at a tolerance of 1e-6, below 1 % are called settling. Far more are so called where chaos is
+interrupted by long laminar phases, which look the same.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+# A motion that comes back to this part of the tolerance does come back, whatever c says: rounding
+# errors do not shrink.
+_FLOOR = 1e-3
+# The least ratio of d of a smaller n to the distance from the cycle of this n.
+_MARGIN = 10
+# A motion that keeps coming back so near, in parts of its size, and no farther than before, is settling.
+_NEAR = 1e-2
+_TINY = np.finfo(np.float32).tiny
+
+
+class Recurrence(NamedTuple):
+    """What is known of the recurrence of each point.
+
+    Attributes:
+        num_periods: the least n that is proved, 0 if none is.
+        error: d of that n; if there is none, of the n for which it is least.
+        contraction: the factor by which it falls in one forcing period, NaN if the record is too short.
+        is_settling: whether the motion is on the way to a cycle, but not there.
+    """
+
+    num_periods: np.ndarray
+    error: np.ndarray
+    contraction: np.ndarray
+    is_settling: np.ndarray
+
+
+def recurrence(section: np.ndarray, tolerance: float) -> Recurrence:
+    """Find the number of periods of each point.
+
+    Args:
+        section: the states, relative to the size of the motion, (points, periods, states).
+        tolerance: distance from the cycle below which a motion is on it.
+    """
+    num_points, num_periods = section.shape[:2]
+    found, is_settling = np.zeros(num_points, int), np.zeros(num_points, bool)
+    error, contraction = np.full(num_points, np.inf), np.full(num_points, np.nan)
+    left = np.arange(num_points)
+    section = np.ascontiguousarray(np.moveaxis(section, 2, 0))  # NumPy is slow along short last axes
+    for n in range(1, num_periods // 2 + 1):
+        rows, least = section[:, left], error[left]
+        steps = np.abs(rows[..., n:] - rows[..., :-n]).max(axis=0)
+        last, factor, is_falling = _trend(steps, n)
+        distance = last * np.maximum(1, factor / np.maximum(1 - factor, _TINY))
+        near = np.minimum(tolerance, least / _MARGIN)
+        is_cycle = (last <= _FLOOR * near) | (distance <= near)
+        is_better = is_cycle | (last < least)
+        better = left[is_better]
+        error[better], contraction[better] = last[is_better], factor[is_better] ** (1 / n)
+        is_settling[left] |= is_falling | (last <= tolerance)
+        found[left[is_cycle]] = n
+        left = left[~is_cycle]
+    contraction[np.isinf(contraction)] = np.nan
+    return Recurrence(found, error, contraction, is_settling & (found == 0))
+
+
+def _trend(steps: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The last error, the factor by which n periods change it (infinite if not known), whether it falls."""
+    third, last = steps.shape[1] // 3, steps[:, -n:].max(axis=1)
+    if third < n:
+        return last, np.full(len(steps), np.inf), np.zeros(len(steps), bool)
+    thirds = steps[:, steps.shape[1] - 3 * third :].reshape(len(steps), 3, third).max(axis=2)
+    factor = (thirds[:, 2] / np.maximum(thirds[:, 1], _TINY)) ** (n / third)
+    # A chaotic motion that has just come near an unstable cycle leaves it.
+    now, before = (steps[:, steps.shape[1] - k * n :][:, :n].max(axis=1) for k in (1, 2))
+    factor = np.maximum(factor, now / np.maximum(before, _TINY))
+    is_near = (thirds[:, 2] <= _NEAR) & (thirds[:, 2] <= thirds[:, 0])
+    return last, factor, is_near | (np.diff(steps[:, third:]) < 0).all(axis=1)

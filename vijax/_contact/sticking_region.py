@@ -1,0 +1,231 @@
+"""The part of the phase space in which masses stay held by their stops, and where it is left.
+
+With some masses held, the motion goes on in the reduced phase space of the others. There the contact
+force of each holding stop p is linear,
+
+    lam_p = a_p . x + b_p . v - c_p(phase),
+
+so that S = {every lam_p > 0} is an intersection of half spaces which the load moves to and fro. Only its
+exit boundary dS = {lam_p = 0, lam_p' < 0} can be stated; where S is entered depends on the chatter
+before. With lam_p = 0 and lam_p' > 0 a motion comes into S, as it does from a start at rest on the stop.
+"""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .._machine import Machine, prepare
+from .._system.system import ImpactSystem
+from .._types import Numbers, as_float
+from .sticking import is_pressed
+
+_NOT_LINEAR = (
+    "The sticking region is known for linear machines alone, but this one has a `force`: look for its releases "
+    "in the log of `vx.simulate` instead."
+)
+
+
+class StickingRegion(eqx.Module):
+    """Region S of the phase space of the free masses, while some stops hold the others.
+
+    Its functions take the phase W t of the forcing in radians, any shape, and positions and velocities of
+    the free masses, in the order of `free`, as last axis: (..., free). They broadcast.
+
+    Attributes:
+        held: the stops that hold their masses.
+        free: the masses that no stop holds, in rising order.
+        x_normal: a, (held, free): a row for each holding stop.
+        v_normal: b, likewise.
+
+    References:
+        Wagg & Bishop (2004), Secs. 2.3 and 4.6.2.
+    """
+
+    machine: Machine
+    held: tuple[int, ...] = eqx.field(static=True)
+
+    def __check_init__(self):
+        if self.machine.extra is not None:
+            raise ValueError(_NOT_LINEAR)
+
+    @property
+    def free(self) -> tuple[int, ...]:
+        """The masses that no stop holds."""
+        held = {self.machine.masses[j] for j in self.held}
+        return tuple(i for i in range(len(self.machine.inverse_mass)) if i not in held)
+
+    @property
+    def x_normal(self) -> Float[Array, "held free"]:
+        """How the contact forces grow with the positions of the free masses."""
+        return self._normal(self.machine.stiffness)
+
+    @property
+    def v_normal(self) -> Float[Array, "held free"]:
+        """How the contact forces grow with the velocities of the free masses."""
+        return self._normal(self.machine.damping)
+
+    def level(self, phase: Numbers) -> Float[Array, "... held"]:
+        """Bounds c of the half spaces a . x + b . v >= c: minus the contact force with the others at 0.
+
+        Args:
+            phase: W t in radians, any shape.
+
+        Returns:
+            c, the shape of `phase` and then (held,).
+        """
+        origin = jnp.zeros(len(self.free), self.machine.position.dtype)
+        return -self.contact_force(phase, origin, origin)
+
+    def contact_force(self, phase: Numbers, x: Numbers, v: Numbers) -> Float[Array, "... held"]:
+        """Force with which each held mass is pressed onto its stop; negative outside of S.
+
+        Args:
+            phase: W t in radians.
+            x: positions of the free masses, (..., free).
+            v: velocities of the free masses, likewise.
+
+        Returns:
+            lam, (..., held).
+
+        Example:
+            ```python
+            import vijax as vx
+            region = vx.sticking_region(vx.models.wagg_bishop_b(0.2), held=1)
+            force = region.contact_force(0.0, [0.2], [0.5])  # 0.2 + 0.1 * 0.5 - 0.1
+            ```
+
+        References:
+            Wagg & Bishop (2004), Eqs. 19-20.
+        """
+        return self._derivatives(phase, x, v)[0]
+
+    def contact_force_rate(self, phase: Numbers, x: Numbers, v: Numbers) -> Float[Array, "... held"]:
+        """Time derivative of `contact_force` along the motion of the free masses.
+
+        Where the force is zero its sign tells whether the mass leaves (-) or is pressed anew (+).
+
+        Args:
+            phase: W t in radians.
+            x: positions of the free masses, (..., free).
+            v: velocities of the free masses, likewise.
+
+        Returns:
+            lam', (..., held).
+
+        References:
+            Wagg & Bishop (2004), Eqs. 18-20.
+        """
+        return self._derivatives(phase, x, v)[1]
+
+    def contains(self, phase: Numbers, x: Numbers, v: Numbers) -> Bool[Array, "..."]:
+        """Whether all held masses stay held: where a force is exactly zero, its derivatives decide.
+
+        Args:
+            phase: W t in radians.
+            x: positions of the free masses, (..., free).
+            v: velocities of the free masses, likewise.
+
+        Returns:
+            True in S, False outside and on its exit boundary.
+        """
+        force, *later = self._derivatives(phase, x, v)
+        return jnp.all(is_pressed(force, tuple(later)), axis=-1)
+
+    def _derivatives(self, phase: Numbers, x: Numbers, v: Numbers) -> tuple[Array, Array, Array]:
+        """The contact forces and their first two derivatives, (..., held) each."""
+        phase, x, v = as_float(phase), as_float(x), as_float(v)
+        for name, value in (("x", x), ("v", v)):
+            if value.ndim == 0 or value.shape[-1] != len(self.free):
+                raise ValueError(
+                    f"Argument `{name}` must have shape (..., {len(self.free)}), one value for each of the "
+                    f"free masses {self.free}, but has shape {value.shape}."
+                )
+        batch = jnp.broadcast_shapes(phase.shape, x.shape[:-1], v.shape[:-1])
+        x, v = (jnp.broadcast_to(a, (*batch, len(self.free))) for a in (x, v))
+        phase = jnp.broadcast_to(phase, batch)
+        return self._compiled(phase, x, v)
+
+    @eqx.filter_jit
+    def _compiled(self, phase: Array, x: Array, v: Array) -> tuple[Array, Array, Array]:
+        signature = "(),(free),(free)->(held),(held),(held)"
+        return jnp.vectorize(self._derivatives_of_one, signature=signature)(phase, x, v)
+
+    def _derivatives_of_one(
+        self, phase: Float[Array, ""], x: Float[Array, " free"], v: Float[Array, " free"]
+    ) -> tuple[Array, Array, Array]:
+        """The same at one point, (held,) each."""
+        machine, angle = self.machine, self.machine.harmonics * phase
+        waves = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+        held, free = (jnp.asarray(i, int) for i in ([machine.masses[j] for j in self.held], self.free))
+        origin = jnp.zeros_like(machine.inverse_mass)
+        whole_x = origin.at[free].set(x).at[held].set(machine.position[jnp.asarray(self.held)])
+        whole_v = origin.at[free].set(v)
+        is_held = jnp.zeros(origin.shape, bool).at[held].set(True)
+        force = machine.force(waves, whole_x, whole_v)
+        a = machine.accelerations(force, is_held)
+        rate = machine.force_rate(waves, whole_v, a)
+        jerk = machine.accelerations(rate, is_held)
+        # The rate is linear: that of the rates is the second derivative.
+        curvature = machine.force_rate(machine.phase_rate(waves), a, jerk)
+        return self._towards_stops(force), self._towards_stops(rate), self._towards_stops(curvature)
+
+    def _normal(self, matrix: Float[Array, "n n"]) -> Float[Array, "held free"]:
+        """The forces -matrix that unit motions of the free masses make at the holding stops."""
+        return jax.vmap(self._towards_stops, 1, 1)(-matrix[:, jnp.asarray(self.free, int)])
+
+    def _towards_stops(self, of_masses: Float[Array, " n"]) -> Float[Array, " held"]:
+        """A vector over masses, read at the holding stops and counted positive towards them."""
+        return self.machine.at_stops(of_masses)[jnp.asarray(self.held)]
+
+
+def sticking_region(system: ImpactSystem, held: int | Sequence[int]) -> StickingRegion:
+    """Describe where masses stay held by their stops: region S, as the other masses move.
+
+    With the masses at the stops `held` at rest, S is where every contact force presses,
+    a . x + b . v > c(phase), x and v those of the free masses, and it is left on its exit boundary dS,
+    where a force falls through zero.
+
+    Args:
+        system: the machine, a linear one.
+        held: index of the stop that holds its mass, or of several that hold a mass each.
+
+    Returns:
+        The region; see `vx.StickingRegion`.
+
+    Raises:
+        ValueError: if `held` names no stop, one that does not exist, or two of the same mass, or if the
+            machine has a `force`.
+
+    Example:
+        ```python
+        import vijax as vx
+        region = vx.sticking_region(vx.models.wagg_bishop_b(0.2), held=1)
+        a, b, c = region.x_normal, region.v_normal, region.level(0.0)
+        # dS: a x + b v = c, which is v = -10 x + 1
+        ```
+
+    References:
+        Wagg & Bishop (2004), Eqs. 18-20, Sec. 4.6.2, Fig. 12.
+    """
+    if system.force is not None:
+        raise ValueError(_NOT_LINEAR)
+    stops = (held,) if isinstance(held, int | np.integer) else tuple(held)
+    if not stops:
+        raise ValueError("Argument `held` is empty: name the stops that hold their masses.")
+    for j in stops:
+        if not 0 <= j < system.num_stops:
+            raise ValueError(
+                f"Argument `held` names stop {j}, but the machine has {system.num_stops} stops, counted from 0."
+            )
+    masses = [system.stops[j].mass for j in stops]
+    if len(set(masses)) < len(masses):
+        raise ValueError(
+            f"Argument `held` must name one stop of a mass, but stops {list(stops)} are of masses {masses}."
+        )
+    one, rest = jnp.ones((), system.mass.dtype), jnp.zeros_like(system.mass)
+    machine = prepare(system, one, (0 * one, rest, rest), can_stick=True)
+    return StickingRegion(machine, tuple(int(j) for j in stops))

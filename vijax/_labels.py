@@ -1,0 +1,82 @@
+"""What the attributes of a dataset say: meanings, units, flags, versions.
+
+Units of mass, length and time are the user's, so `units` are given only where they are not. All attributes
+are text, numbers or arrays of several numbers: NetCDF and Zarr keep nothing else.
+"""
+
+import importlib.metadata
+import platform
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+_MEANINGS = {
+    "mass": "mass",
+    "damping": "damping",
+    "stiffness": "stiffness",
+    "forcing.amplitude": "amplitude of the load",
+    "forcing.frequency": "angular frequency of the load",
+    "forcing.phase": "phase of the load",
+    "forcing.mean": "mean of the load",
+    "stops.position": "position of the stop",
+    "stops.restitution": "coefficient of restitution",
+    "x0": "position at the start",
+    "v0": "velocity at the start",
+    "direction": "direction in which the points were visited",
+    "impact_time": "time of the impact since the end of the transient",
+    "impact_velocity": "velocity before the impact",
+    "impact_phase": "phase of the load at the impact",
+    "impact_stop": "stop of the impact, -1 where there is none",
+    "num_impacts": "number of impacts in the recorded periods",
+    "num_sticks": "number of sticks in the recorded periods",
+    "x": "position",
+    "v": "velocity",
+    "steps": "number of steps",
+    "stuck": "whether the stop holds its mass at the end",
+    "result": "what became of the trajectory",
+    "time": "time",
+    "event_time": "time of the event, of a stick the end of its chatter",
+    "event_stop": "stop of the event, -1 where there is none",
+    "event_kind": "kind of the event, -1 where there is none",
+    "event_velocity_minus": "velocity before the event",
+    "event_velocity_plus": "velocity after the event",
+    "event_impulse": "mass times change of velocity",
+    "x1": "position at the end",
+    "v1": "velocity at the end",
+    "stuck1": "whether the stop holds its mass at the end",
+    "num_events": "number of logged events",
+    "num_steps": "number of steps",
+    "num_rejected": "number of steps that were not accurate enough",
+    "grazing_impact_speed": "smallest speed of an impact that is no chatter",
+    "grazing_clearance": "smallest gap at which a mass turned back",
+    "grazing_is_near": "whether derivatives are unreliable or one-sided",
+    "t0": "start time",
+    "t1": "end time",
+}
+_UNITS = {"impact_phase": "rad", "forcing.phase": "rad", "stops.restitution": "1"}
+
+
+def label(name: str) -> dict[str, str]:
+    """The attributes of a variable or of a swept path: meaning, and unit where there is one."""
+    name = re.sub(r"\[[^]]*\]", "", name)
+    units = {"units": _UNITS[name]} if name in _UNITS else {}
+    return ({"long_name": _MEANINGS[name]} if name in _MEANINGS else {}) | units
+
+
+def flags(names: Sequence[str]) -> dict[str, str | np.ndarray]:
+    """The attributes that name the codes 0, 1, 2, ... of a variable."""
+    return {"flag_values": np.arange(len(names), dtype=np.int8), "flag_meanings": " ".join(names)}
+
+
+def versions() -> dict[str, str]:
+    """The versions of what computes."""
+    found = {f"{name}_version": _version(name) for name in ("vijax", "jax", "numpy")}
+    return found | {"python_version": platform.python_version()}
+
+
+def _version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed"  # a checkout on the path

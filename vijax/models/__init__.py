@@ -1,0 +1,13 @@
+"""Ready-made machines, each with its reference."""
+
+from ._balls import ball_on_table as ball_on_table, bouncing_ball as bouncing_ball
+from ._chains import (
+    uniform_chain as uniform_chain,
+    wagg_bishop_a as wagg_bishop_a,
+    wagg_bishop_b as wagg_bishop_b,
+)
+from ._oscillators import (
+    impact_oscillator as impact_oscillator,
+    impact_pair as impact_pair,
+    two_sided_oscillator as two_sided_oscillator,
+)

@@ -1,0 +1,94 @@
+"""The sections of the impact maps: phase and velocity of every impact."""
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+
+from .._log import IMPACT
+from .._solution import Solution
+from ._axes import check_index, legend_above, new_axes, shades, span_of_phase
+
+# Few points are drawn large, the thousands of a chaotic attractor small.
+_SIZES = ((100, 7.0), (1000, 4.0), (np.inf, 1.5))
+_MARKERS = "os^Dv"
+
+
+def impact_map(sol_or_ds: Solution | xr.Dataset, stop: int | None = 0, *, ax: Axes | None = None) -> Axes:
+    """Draw the impacts in the plane of forcing phase and velocity before impact.
+
+    That is the section on which the map of a stop, P_i, takes one impact to the next; with
+    `stop=None` it is that of the global map P_g, the stops told apart.
+
+    Args:
+        sol_or_ds: a trajectory, or what `vx.sweep` returned, of which one machine is selected; from
+            several starts all impacts are drawn.
+        stop: the stop whose impacts are drawn; None for all.
+        ax: where to draw; new axes if left out.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if there is no such stop, it has no impacts, or the dataset is of several machines.
+
+    Example:
+        ```python
+        import vijax as vx
+        sol = vx.simulate(vx.models.wagg_bishop_b(0.3), 0.0, 300.0)
+        ax = vx.plot.impact_map(sol, stop=1)
+        ```
+
+    References:
+        Wagg & Bishop (2004), Sec. 2.2 and Fig. 9.
+    """
+    num_stops, phase, velocity, of_stop = _impacts(sol_or_ds)
+    check_index("stop", 0 if stop is None else stop, num_stops)
+    drawn = range(num_stops) if stop is None else [stop]
+    counts = [np.count_nonzero(of_stop == j) for j in drawn]
+    if not sum(counts):
+        where = "any stop" if stop is None else f"stop {stop}"
+        raise ValueError(f"There are no impacts at {where} to draw.")
+    size = next(size for most, size in _SIZES if sum(counts) <= most)
+    ax = new_axes() if ax is None else ax
+    for j, color in zip(drawn, shades(num_stops) if stop is None else ["black"], strict=True):
+        ax.plot(
+            phase[of_stop == j],
+            velocity[of_stop == j],
+            linestyle="none",
+            marker=_MARKERS[j % len(_MARKERS)] if stop is None else "o",
+            markersize=size,
+            markeredgewidth=0,
+            color=color,
+            label=f"stop {j}",
+            rasterized=True,
+        )
+    ax.axhline(0, color="0.7", linewidth=0.8, zorder=0)
+    span_of_phase(ax.set_xlim, ax.set_xticks)
+    ax.set_xlabel(r"Phase $\varphi$ of impact (rad)")
+    ax.set_ylabel(f"Velocity $v^-$ before impact{'' if stop is None else f' at stop {stop}'} (length / time)")
+    if stop is None:
+        legend_above(ax, markerscale=7 / size)
+    return ax
+
+
+def _impacts(sol_or_ds: Solution | xr.Dataset) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+    """Number of stops, and phase, velocity and stop of every impact."""
+    if isinstance(sol_or_ds, xr.Dataset):
+        ds = sol_or_ds
+        several = [
+            str(dim)
+            for dim in ds.result.dims
+            if ds.sizes[dim] > 1 and not str(dim).startswith(("x0", "v0", "direction"))
+        ]
+        if several:
+            raise ValueError(
+                f"An impact map is of one machine, but {several} are swept: select one value of each, "
+                "as in `ds.sel({path: value})`."
+            )
+        columns = (ds.impact_phase, ds.impact_velocity, ds.impact_stop)
+        return ds.sizes["stop"], *(column.values.ravel() for column in columns)
+    log = sol_or_ds.events
+    is_impact = np.asarray(log.kind) == IMPACT
+    t, velocity, stop = (np.asarray(a)[is_impact] for a in (log.t, log.velocity_minus, log.stop))
+    phase = np.mod(float(sol_or_ds.machine.frequency) * t, 2 * np.pi)
+    return len(sol_or_ds.machine.masses), phase, velocity, stop

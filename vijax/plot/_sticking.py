@@ -1,0 +1,163 @@
+"""The sticking region in the phase space of one of the masses that go on moving."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from .._contact.sticking_region import StickingRegion
+from .._log import RELEASE, STICK
+from .._solution import Solution
+from ._axes import check_index, legend_beside, new_axes, shades
+from ._trajectories import curve_of_mass, draw_jumps, held_intervals, span_of
+
+_ALL_PHASES = np.linspace(0, 2 * np.pi, 721)
+# Neighbours in the legend differ in more than their shade.
+_STYLES = ("-", (0, (6, 1.5)))
+
+
+def sticking_region(
+    sols: Solution | Sequence[Solution],
+    stop: int,
+    mass: int | None = None,
+    *,
+    span: tuple[float, float] | None = None,
+    ax: Axes | None = None,
+    num_samples: int = 400,
+) -> Axes:
+    """Draw the motion of another mass while a stop holds its own, up to the exit boundary of region S.
+
+    A circle is where the mass sticks, a disc where it is released. The exit boundary, contact force
+    zero, is drawn where the machine is linear and the force depends on no third mass, and region S beyond it
+    is shaded. A load on the held mass moves it to and fro: then it is drawn as it lies at each release.
+
+    Args:
+        sols: one trajectory, or several, of machines that differ in their load.
+        stop: the stop that holds its mass.
+        mass: the mass whose velocity is drawn against its position; the other one of two if left out.
+        span: first and last time to draw; the whole of each trajectory if left out.
+        ax: where to draw; new axes if left out.
+        num_samples: evenly spaced times to draw in each sticking interval, beside those of the events.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if there is no such stop or mass, the stop holds the mass that is to be drawn, or
+            it never holds its own.
+
+    Example:
+        ```python
+        import vijax as vx
+        sol = vx.simulate(vx.models.wagg_bishop_b(0.2), 0.0, 80.0)
+        ax = vx.plot.sticking_region(sol, stop=1)
+        ```
+
+    References:
+        Wagg & Bishop (2004), Sec. 4.6.2 and Fig. 12.
+    """
+    many = [sols] if isinstance(sols, Solution) else list(sols)
+    if not many:
+        raise ValueError("Argument `sols` is empty: give one trajectory or more.")
+    mass = _mass_to_draw(many[0], stop, mass)
+    held = [held_intervals(sol, stop, *span_of(sol, span)) for sol in many]
+    if not any(len(starts) for starts, _ in held):
+        raise ValueError(f"Stop {stop} holds its mass at no time that is to be drawn.")
+    ax = new_axes() if ax is None else ax
+    colors = shades(len(many))
+    for k, (sol, spans) in enumerate(zip(many, held, strict=True)):
+        for begin, end in zip(*spans, strict=True):
+            x, v = curve_of_mass(sol, mass, begin, end, num_samples)
+            ax.plot(x, v, color=colors[k], linestyle=_STYLES[k % 2], linewidth=1.2)
+            draw_jumps(ax, sol, mass, begin, end, colors[k])
+        _draw_ends(ax, sol, stop, mass, spans, colors[k])
+    _draw_boundaries(ax, many, stop, mass, held, colors)
+    ax.set_xlabel(f"Position $x_{{{mass}}}$ (units of length)")
+    ax.set_ylabel(f"Velocity $\\dot x_{{{mass}}}$ (length / time)")
+    for k, sol in enumerate(many):
+        words = f"$\\Omega$ = {float(sol.machine.frequency):.4g}"
+        ax.plot([], [], color=colors[k], linestyle=_STYLES[k % 2], label=words)
+    legend_beside(ax)
+    return ax
+
+
+def _mass_to_draw(sol: Solution, stop: int, mass: int | None) -> int:
+    machine = sol.machine
+    n = machine.inverse_mass.shape[0]
+    check_index("stop", stop, len(machine.masses))
+    others = [i for i in range(n) if i != machine.masses[stop]]
+    if mass is None and len(others) != 1:
+        raise ValueError(f"Argument `mass` must be one of {others}: name the mass that is to be drawn.")
+    mass = others[0] if mass is None else mass
+    check_index("mass", mass, n)
+    if mass not in others:
+        raise ValueError(f"Argument `mass` must be one of {others}, but {mass} is the mass of stop {stop}.")
+    return mass
+
+
+def _events_at(sol: Solution, stop: int, kind: int, times: np.ndarray) -> np.ndarray:
+    """Those of the times at which the stop has an event of the kind; others are ends of a span."""
+    log = sol.events
+    is_it = (np.asarray(log.stop) == stop) & (np.asarray(log.kind) == kind)
+    return times[np.isin(times, np.asarray(log.t)[is_it])]
+
+
+def _draw_ends(
+    ax: Axes, sol: Solution, stop: int, mass: int, spans: tuple[np.ndarray, np.ndarray], color: np.ndarray
+) -> None:
+    """A circle where the held mass sticks, a disc where it is released."""
+    for times, kind, face in zip(spans, (STICK, RELEASE), ("white", color), strict=True):
+        for t in _events_at(sol, stop, kind, times):
+            x, v = (float(a[mass]) for a in sol.evaluate(t))
+            ax.plot(x, v, "o", color=color, markerfacecolor=face, markersize=5, zorder=3)
+
+
+def _draw_boundaries(
+    ax: Axes,
+    sols: list[Solution],
+    stop: int,
+    mass: int,
+    held: list[tuple[np.ndarray, np.ndarray]],
+    colors: np.ndarray,
+) -> None:
+    """The line a x + b v = c: one for all if nothing moves it, else as it lies at each release."""
+    if any(sol.machine.extra is not None for sol in sols):
+        return
+    limits = ax.get_xlim(), ax.get_ylim()
+    regions = [StickingRegion(sol.machine, (stop,)) for sol in sols]
+    place = regions[0].free.index(mass)
+    normals = np.array([[r.x_normal[0], r.v_normal[0]] for r in regions])
+    if np.delete(normals, place, axis=2).any() or not normals.any(axis=(1, 2)).all():
+        return
+    normals = normals[:, :, place]
+    levels = np.array([r.level(_ALL_PHASES)[:, 0] for r in regions])
+    planes = np.stack([normals[:, :1] + 0 * levels, normals[:, 1:] + 0 * levels, levels])
+    is_fixed = np.ptp(planes, axis=(1, 2)).max() <= 1e-12 * np.abs(planes).max()
+    words = r"exit boundary $\partial S$"
+    if is_fixed:
+        _draw_line(ax, normals[0], levels[0, 0], color="black", label=words, linewidth=2.0)
+        x, v = np.meshgrid(*limits)
+        force = normals[0, 0] * x + normals[0, 1] * v - levels[0, 0]
+        ax.contourf(x, v, force, levels=[0, max(force.max(), 1e-300)], colors=["0.92"], zorder=0)
+    else:
+        for sol, region, normal, (_, ends), color in zip(sols, regions, normals, held, colors, strict=True):
+            for t in _events_at(sol, stop, RELEASE, ends):
+                level = float(region.level(float(sol.machine.frequency) * t)[0])
+                _draw_line(ax, normal, level, color=color, label=None, linewidth=0.8)
+        ax.plot([], [], color="black", linewidth=0.8, label=f"{words} at release")
+    ax.set(xlim=limits[0], ylim=limits[1])
+
+
+def _draw_line(
+    ax: Axes,
+    normal: np.ndarray,
+    level: float,
+    *,
+    color: str | np.ndarray,
+    label: str | None,
+    linewidth: float,
+) -> None:
+    """All points (x, v) with a x + b v = level, (a, b) the normal."""
+    x, v = level * normal / (normal @ normal)
+    a, b = normal
+    ax.axline((x, v), (x - b, v + a), color=color, label=label, linewidth=linewidth, zorder=1)

@@ -1,0 +1,190 @@
+"""One trajectory: against time, and velocity against position."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from .._log import IMPACT, RELEASE, STICK
+from .._solution import Solution
+from ._axes import check_index, legend_beside, new_axes, shades
+
+
+def time_series(
+    sol: Solution,
+    *,
+    span: tuple[float, float] | None = None,
+    ax: Axes | None = None,
+    num_samples: int = 2000,
+) -> Axes:
+    """Draw the positions of all masses against time, with their stops.
+
+    A dotted line is a stop, in the colour of its mass; where it is thick the stop holds the mass.
+
+    Args:
+        sol: one trajectory.
+        span: first and last time of a close-up; the whole trajectory if left out.
+        ax: where to draw; new axes if left out.
+        num_samples: evenly spaced times to draw, beside those of the events.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if the span does not lie within the trajectory.
+
+    Example:
+        ```python
+        import vijax as vx
+        sol = vx.simulate(vx.models.wagg_bishop_b(0.2), 0.0, 80.0)
+        ax = vx.plot.time_series(sol, span=(70.0, 80.0))
+        ```
+
+    References:
+        Wagg & Bishop (2004), Figs. 5, 8, 10 and 11.
+    """
+    begin, end = span_of(sol, span)
+    t = sample_times(sol, begin, end, num_samples)
+    x = np.asarray(sol.evaluate(t)[0])
+    ax = new_axes() if ax is None else ax
+    colors = shades(x.shape[1])
+    for i, color in enumerate(colors):
+        ax.plot(t, x[:, i], color=color, linewidth=1.3, label=f"$x_{{{i}}}$")
+    for j, mass in enumerate(sol.machine.masses):
+        position = float(sol.machine.position[j])
+        ax.axhline(
+            position, color=colors[mass], linestyle=":", linewidth=1.0, label=f"stop {j}, of $x_{{{mass}}}$"
+        )
+        starts, ends = held_intervals(sol, j, begin, end)
+        held = ax.hlines(
+            np.full(len(starts), position), starts, ends, color=colors[mass], linewidth=6, alpha=0.5
+        )
+        if len(starts):
+            held.set_label(f"$x_{{{mass}}}$ held")
+    ax.set_xlim(begin, end)
+    ax.xaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10]))
+    ax.set_xlabel("Time $t$ (units of time)")
+    ax.set_ylabel("Position $x_i$ (units of length)")
+    legend_beside(ax)
+    return ax
+
+
+def phase_portrait(
+    sol: Solution,
+    mass: int = 0,
+    *,
+    span: tuple[float, float] | None = None,
+    ax: Axes | None = None,
+    num_samples: int = 2000,
+) -> Axes:
+    """Draw the velocity of one mass against its position.
+
+    The jumps at impacts are dashed, a grey line is a stop, and a disc on it marks a mass that is held.
+
+    Args:
+        sol: one trajectory.
+        mass: the mass.
+        span: first and last time to draw, to leave a transient out; the whole trajectory if left out.
+        ax: where to draw; new axes if left out.
+        num_samples: evenly spaced times to draw, beside those of the events.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if there is no such mass, or the span does not lie within the trajectory.
+
+    Example:
+        ```python
+        import vijax as vx
+        sol = vx.simulate(vx.models.wagg_bishop_b(0.8), 0.0, 200.0)
+        ax = vx.plot.phase_portrait(sol, mass=1, span=(150.0, 200.0))
+        ```
+
+    References:
+        Wagg & Bishop (2004), Sec. 2.2.
+    """
+    check_index("mass", mass, sol.machine.inverse_mass.shape[0])
+    begin, end = span_of(sol, span)
+    x, v = curve_of_mass(sol, mass, begin, end, num_samples)
+    ax = new_axes() if ax is None else ax
+    dark = shades(1)[0]
+    ax.plot(x, v, color=dark, linewidth=1.0)
+    draw_jumps(ax, sol, mass, begin, end, dark, "impact")
+    for j, of_mass in enumerate(sol.machine.masses):
+        if of_mass == mass:
+            position = float(sol.machine.position[j])
+            ax.axvline(position, color="0.8", linewidth=4, zorder=0, label=f"stop {j}")
+            if len(held_intervals(sol, j, begin, end)[0]):
+                ax.plot(position, 0, "o", color="#f59b42", markeredgecolor="black", label=f"held by stop {j}")
+    ax.set_xlabel(f"Position $x_{{{mass}}}$ (units of length)")
+    ax.set_ylabel(f"Velocity $\\dot x_{{{mass}}}$ (length / time)")
+    if ax.get_legend_handles_labels()[0]:
+        legend_beside(ax)
+    return ax
+
+
+def span_of(sol: Solution, span: tuple[float, float] | None) -> tuple[float, float]:
+    """First and last time to draw."""
+    t0, t1 = float(sol.t0), float(sol.t1)
+    begin, end = (t0, t1) if span is None else map(float, span)
+    if not (t0 <= begin < end <= t1 or span is None):
+        raise ValueError(f"Argument `span` must be two times in order within [{t0}, {t1}], but is {span}.")
+    return begin, end
+
+
+def sample_times(sol: Solution, begin: float, end: float, num_samples: int) -> np.ndarray:
+    """Evenly spaced times and those of the events, in order."""
+    # The padding of the log is kept, at the end: one shape for all trajectories, so one compilation.
+    events = np.nan_to_num(np.asarray(sol.events.t), nan=end)
+    return np.sort(np.concatenate([np.linspace(begin, end, num_samples), events])).clip(begin, end)
+
+
+def curve_of_mass(
+    sol: Solution, mass: int, begin: float, end: float, num_samples: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities of a mass, as a line that is broken at its impacts."""
+    t = sample_times(sol, begin, end, num_samples)
+    x, v = (np.asarray(a)[:, mass] for a in sol.evaluate(t))
+    when, where, minus, _ = _impacts(sol, mass, begin, end)
+    gap = np.full_like(when, np.nan)
+    # At an impact: where the mass arrives, a gap in the line, and where it goes on.
+    order = np.lexsort(
+        (np.repeat([2, 0, 1], [len(t), len(when), len(when)]), np.concatenate([t, when, when]))
+    )
+    return np.concatenate([x, where, gap])[order], np.concatenate([v, minus, gap])[order]
+
+
+def draw_jumps(
+    ax: Axes, sol: Solution, mass: int, begin: float, end: float, color: np.ndarray, label: str | None = None
+) -> None:
+    """Dashed lines from the velocities before the impacts of a mass to those after."""
+    _, where, minus, plus = _impacts(sol, mass, begin, end)
+    jumps = ax.vlines(where, minus, plus, color=color, linestyles="dashed", linewidth=0.8)
+    if len(where) and label:
+        jumps.set_label(label)
+
+
+def held_intervals(sol: Solution, stop: int, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
+    """Starts and ends of the intervals in which a stop holds its mass, as far as they lie in the span."""
+    is_ours = np.asarray(sol.events.stop) == stop
+    t, kind = np.asarray(sol.events.t)[is_ours], np.asarray(sol.events.kind)[is_ours]
+    starts, ends = t[kind == STICK], t[kind == RELEASE]
+    turns = kind[(kind == STICK) | (kind == RELEASE)]
+    if turns[0] == RELEASE if turns.size else bool(sol.stuck1[stop]):
+        starts = np.append(float(sol.t0), starts)
+    if len(starts) > len(ends):
+        ends = np.append(ends, min(float(sol.t1), float(sol.known_until)))
+    is_inside = (starts < end) & (ends > begin)
+    return starts[is_inside].clip(begin, end), ends[is_inside].clip(begin, end)
+
+
+def _impacts(
+    sol: Solution, mass: int, begin: float, end: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Times, positions, and velocities before and after the impacts of a mass."""
+    log = sol.events
+    stops = [j for j, i in enumerate(sol.machine.masses) if i == mass]
+    t, stop = np.asarray(log.t), np.asarray(log.stop)
+    is_it = (np.asarray(log.kind) == IMPACT) & np.isin(stop, stops) & (t >= begin) & (t <= end)
+    where = np.asarray(sol.machine.position)[stop[is_it]] if stops else t[is_it]
+    return t[is_it], where, np.asarray(log.velocity_minus)[is_it], np.asarray(log.velocity_plus)[is_it]
