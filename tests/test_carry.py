@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import vijax as vx
-from vijax._sweep import carry, lanes
+from vijax._sweep import carry, turns
 
 FREQUENCY = "forcing.frequency"
 TRANSIENT, RECORD = 60, 5
@@ -117,8 +117,8 @@ def test_what_cannot_be_carried_is_refused():
 
 def test_a_round_of_one_point_is_not_compiled_anew(both, monkeypatch):
     traces = []
-    original = lanes.advance
-    monkeypatch.setattr(lanes, "advance", lambda *args: traces.append(1) or original(*args))
+    original = turns.advance
+    monkeypatch.setattr(turns, "advance", lambda *args: traces.append(1) or original(*args))
     monkeypatch.setattr(carry, "_AHEAD", 1)
     one_by_one = sweep(COEXISTING, carry="both")
     assert not traces

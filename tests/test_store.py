@@ -195,7 +195,7 @@ def test_the_number_of_the_layout_stands_for_what_a_chunk_holds(full):
     assert layout == {
         "impacts": (6,),
         "lane_steps": (),
-        "section": (2 * SYSTEM.num_masses + SYSTEM.num_stops, RECORD),
+        "section": (2 * SYSTEM.num_masses + SYSTEM.num_stops, 5),
         "x": (2,),
         "v": (2,),
         "held": (2,),

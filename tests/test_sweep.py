@@ -283,9 +283,10 @@ def test_points_that_follow_others_in_their_lane_are_what_they_are_alone():
         np.testing.assert_allclose(part[name], few[name], rtol=0, atol=ROUNDING)
 
 
-def test_nothing_is_lost_where_the_log_is_emptied_on_the_way(monkeypatch):
+@pytest.mark.parametrize("room", ["_IMPACTS", "_MARKS"])
+def test_nothing_is_lost_where_rows_are_taken_away_on_the_way(monkeypatch, room):
     whole = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES})
-    monkeypatch.setattr(lanes, "_ROWS", 17)
+    monkeypatch.setattr(lanes, room, 17)
     # Another lane width, or what was compiled for the long log would be used again.
     wide = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES, "x0[0]": np.zeros(3)})
     assert int(whole.num_impacts.sum()) > 17

@@ -8,6 +8,7 @@ import importlib.metadata
 import platform
 import re
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
@@ -28,6 +29,12 @@ _MEANINGS = {
     "impact_velocity": "velocity before the impact",
     "impact_phase": "phase of the load at the impact",
     "impact_stop": "stop of the impact, -1 where there is none",
+    "impact_sticks": "whether the impact completes a chatter",
+    "section_x": "position at the end of the period",
+    "section_v": "velocity at the end of the period",
+    "held_time": "for how long the stop holds its mass in the period",
+    "forcing_period": "period of the load",
+    "stop_mass": "mass of the stop",
     "num_impacts": "number of impacts in the recorded periods",
     "num_sticks": "number of sticks in the recorded periods",
     "x": "position",
@@ -69,6 +76,7 @@ def flags(names: Sequence[str]) -> dict[str, str | np.ndarray]:
     return {"flag_values": np.arange(len(names), dtype=np.int8), "flag_meanings": " ".join(names)}
 
 
+@cache
 def versions() -> dict[str, str]:
     """The versions of what computes."""
     found = {f"{name}_version": _version(name) for name in ("vijax", "jax", "numpy")}

@@ -4,8 +4,9 @@ A loop over lanes lasts as long as its slowest lane. So a lane that is done take
 queue: when enough lanes are done, the loop is left, their results are put aside and new points
 gathered, and it goes on. With points in the order of falling work little of the last round is idle.
 
-Impacts are written one after another, with the point they belong to, to a log of fixed size that the
-host empties; so memory does not depend on how many there are, and nothing is written in the transient.
+Impacts, and where the points are at the end of every recorded period, are written one after another to
+rows that the host takes away; so memory does not depend on how many there are, and nothing is written in
+the transient.
 """
 
 from functools import partial
@@ -15,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._contact.start import first_state
 from .._machine import State, prepare
@@ -24,10 +25,10 @@ from .._motion.flow import AbstractFlow
 from .._system.system import ImpactSystem
 from .._types import UNROLLED
 from .._xla import in_one_kernel
-from .turns import Ends, Progress, Task, Work, has_room, is_live, turn_until_fed
+from .turns import Ends, Progress, Rows, Task, Work, has_room, is_live, turn_until_fed
 
-# Rows of the log, and their columns: see `Progress`.
-_ROWS, _COLUMNS = 1 << 15, 6
+# Room for impacts and for the ends of periods, in rows.
+_IMPACTS, _MARKS = 1 << 15, 1 << 13
 
 
 class Queue(eqx.Module):
@@ -47,13 +48,9 @@ class Queue(eqx.Module):
 
 
 def new_queue(
-    system: ImpactSystem,
-    x0: Float[Array, "n points"],
-    num_lanes: int,
-    record: int = 1,
-    flow: AbstractFlow | None = None,
+    system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int, flow: AbstractFlow | None = None
 ) -> Queue:
-    """A queue with all lanes idle, for points that start at `x0`, with room for `record` periods.
+    """A queue with all lanes idle, for points that start at `x0`.
 
     Lanes remember from step to step what `flow` asks for; nothing, if it is left out.
     """
@@ -61,32 +58,40 @@ def new_queue(
     harmonics = system.forcing.amplitude.shape[0] if system.forcing.amplitude.ndim == 3 else 1
 
     def fill(dtype: DTypeLike, *shape: int, value: int = 0) -> Array:
-        return jnp.asarray(np.full(shape, value, dtype))  # NumPy has nothing to compile
+        return jax.device_put(np.full(shape, value, dtype))  # nothing to compile, unlike `jnp.full`
+
+    def memory(size: int) -> PyTree:
+        found = None if flow is None else flow.memory(fill(dtype, size))
+        return jax.tree.map(lambda a: jax.device_put(np.array(a)), found)  # no two arrays in one place
 
     def nothing(size: int) -> Ends:
-        count, number, x = fill(int, stops, size), fill(dtype, size), fill(dtype, n, size)
         state = State(
             periods=fill(int, size),
-            time=number,
-            time_low=number,
+            time=fill(dtype, size),
+            time_low=fill(dtype, size),
             phase=fill(dtype, 2, harmonics, size),
-            x=x,
-            v=x,
+            x=fill(dtype, n, size),
+            v=fill(dtype, n, size),
             gap=fill(dtype, stops, size),
             held=fill(bool, stops, size),
             contact=fill(np.int8, stops, size),
-            memory=None if flow is None else flow.memory(number),
+            memory=memory(size),
         )
+        counts = fill(int, stops, size), fill(int, stops, size)
         held_time = fill(dtype, stops, size)
-        return Ends(state, count, count, held_time, fill(int, size), fill(bool, size, value=True))
+        return Ends(state, *counts, held_time, fill(int, size), fill(bool, size, value=True))
 
-    rows = max(_ROWS, stops * num_lanes)  # one turn at least
-    log, section = fill(dtype, rows, _COLUMNS), fill(dtype, points, record, 2 * n + stops)
-    progress = Progress(nothing(num_lanes), log, fill(int), section, fill(int))
+    impacts = fill(dtype, max(_IMPACTS, stops * num_lanes), 6)  # one turn at least
+    marks = fill(dtype, max(_MARKS, num_lanes), 2 + 2 * n + stops)
+    progress = Progress(nothing(num_lanes), Rows(impacts, fill(int)), Rows(marks, fill(int)), fill(int))
     return Queue(progress, fill(int, num_lanes, value=points), nothing(points), fill(int))
 
 
-@eqx.filter_jit(compiler_options={"xla_cpu_prefer_vector_width": 512})  # pyright: ignore[reportCallIssue]
+# The queue is given away: its buffers, a few MB, are written in place instead of copied.
+@eqx.filter_jit(
+    donate="all-except-first",
+    compiler_options={"xla_cpu_prefer_vector_width": 512},  # pyright: ignore[reportCallIssue]
+)
 def run_lanes(
     points: tuple[AbstractFlow, ImpactSystem, Float[Array, "n points"], Float[Array, "n points"], Work],
     queue: Queue,

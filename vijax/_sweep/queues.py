@@ -8,19 +8,17 @@ from threading import Event, Lock
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from .._motion.flow import AbstractFlow
 from .lanes import Queue, new_queue, run_lanes
 from .paths import Point
-from .turns import Work
+from .turns import Rows, Work
 
 # Enough lanes to hide the overhead of the compiled loop, few enough to stay in the cache; enough points
 # to a queue that its end, where lanes have nothing left to do, is a small part of it.
 _LANES, _POINTS = 96, 2048
-# Room for the recorded periods: at least so many, or a power of 2, so that few shapes are compiled.
-_PERIODS = 32
 # Turns of the loop after which it comes back, so that it can be watched and interrupted.
 _TURNS = 1 << 14
 
@@ -132,14 +130,14 @@ def _run_queue(
     with jax.numpy_rank_promotion("allow"):  # what all points share is broadcast to them
         with starting:  # one after another: each would compile, and wait for Python's lock
             task, queue = _start(points, flow, counts, share, shape)
-        impacts, is_left, told = [], True, 0
+        impacts, marks, is_left, told = [], [], True, 0
         while is_left and not stop.is_set():
             queue, more = run_lanes(task, queue, can_stick=counts.can_stick)
             is_left, progress = bool(more), queue.progress
-            found = np.array(np.asarray(progress.log)[: int(progress.num_rows)])
-            found[:, 3] = share[found[:, 3].astype(int)]
-            impacts.append(found)
-            queue = eqx.tree_at(lambda q: q.progress.num_rows, queue, jnp.zeros((), int))
+            impacts.append(_taken(progress.impacts))
+            marks.append(_taken(progress.marks))
+            zeros = (_whole(0), _whole(0))
+            queue = eqx.tree_at(lambda q: (q.progress.impacts.size, q.progress.marks.size), queue, zeros)
             done = int(np.sum(np.asarray(queue.ends.steps)[: len(share)] > 0))
             tell(done - told)
             told = done
@@ -147,9 +145,28 @@ def _run_queue(
     columns = {"x": state.x, "v": state.v, "held": state.held, "periods": state.periods} | {
         name: getattr(ends, name) for name in ("num_impacts", "num_sticks", "steps", "is_finite")
     }
-    columns["section"] = np.asarray(queue.progress.section)[:, : counts.record].T
     kept = {name: np.asarray(a)[..., : len(share)] for name, a in columns.items()}
-    return Found(kept, np.concatenate(impacts), int(queue.progress.turns) * shape[1])
+    kept["section"] = _section(np.concatenate(marks), counts.record, len(share))
+    found = np.concatenate(impacts)
+    found[:, 3] = share[found[:, 3].astype(int)]
+    return Found(kept, found, int(queue.progress.turns) * shape[1])
+
+
+def _whole(number: int) -> Array:
+    return jax.device_put(np.asarray(number, jax.dtypes.canonicalize_dtype(int)))
+
+
+def _taken(rows: Rows) -> np.ndarray:
+    """A copy of what is written: the room is used again."""
+    return np.array(np.asarray(rows.room)[: int(rows.size)])
+
+
+def _section(marks: np.ndarray, record: int, num_points: int) -> np.ndarray:
+    """The marks as a table, (marks, periods, points)."""
+    section = np.zeros((marks.shape[1] - 2, record, num_points), marks.dtype)
+    point, period = marks[:, :2].T.astype(int)
+    section[:, period, point] = marks[:, 2:].T
+    return section
 
 
 def _start(
@@ -158,14 +175,13 @@ def _start(
     """Make a queue of some points, filled up to one width: one shape, one compilation, made here."""
     width, num_lanes = shape
     filled = np.append(share, np.zeros(width - len(share), int))
-    cut = lambda a: jnp.asarray(a if a.shape[-1] == 1 else np.asarray(a)[..., filled])  # noqa: E731
+    cut = lambda a: jax.device_put(np.asarray(a) if a.shape[-1] == 1 else np.asarray(a)[..., filled])  # noqa: E731
     system, motion = jax.tree.map(cut, (points.system, flow))
-    x0, v0 = (jnp.asarray(a[:, filled]) for a in (points.x0, points.v0))
+    x0, v0 = (jax.device_put(a[:, filled]) for a in (points.x0, points.v0))
     periods = (counts.transient, counts.transient + counts.record)
     numbers = (len(share), *periods, counts.max_steps, counts.max_impacts, 0)
-    work = Work(*(jnp.asarray(k) for k in numbers))
+    work = Work(*map(_whole, numbers))
     task = (motion, system, x0, v0, work)
-    room = max(_PERIODS, 1 << (counts.record - 1).bit_length())
-    queue = new_queue(system, x0, num_lanes, room, motion)
+    queue = new_queue(system, x0, num_lanes, motion)
     queue, _ = run_lanes(task, queue, can_stick=counts.can_stick)  # no turn yet
-    return eqx.tree_at(lambda t: t[4].max_turns, task, jnp.asarray(_TURNS)), queue
+    return eqx.tree_at(lambda t: t[4].max_turns, task, _whole(_TURNS)), queue

@@ -1,0 +1,69 @@
+"""The code in README.md and docs/guide.md runs as it stands and prints what it says."""
+
+import re
+from pathlib import Path
+
+import jax
+import matplotlib
+import matplotlib.pyplot as plt
+import pytest
+
+import vijax as vx
+
+ROOT = Path(__file__).parent.parent
+NUMBER = r"-?\d+\.?\d*(?:e-?\d+)?"
+
+
+@pytest.fixture
+def elsewhere(tmp_path, monkeypatch):
+    """A folder for what the code writes, pictures that open no window, and no rule of ours about ranks."""
+    monkeypatch.chdir(tmp_path)
+    matplotlib.use("Agg")
+    with jax.numpy_rank_promotion("allow"):
+        yield tmp_path
+    plt.close("all")
+
+
+def python_of(document: str) -> str:
+    """The Python blocks of a document, one after the other."""
+    return "\n".join(re.findall(r"^```python\n(.*?)^```", (ROOT / document).read_text(), re.M | re.S))
+
+
+def agree(said: str, printed: str) -> bool:
+    """Whether what is printed, rounded to the digits that are said, is what is said."""
+    ours, theirs = (re.findall(NUMBER, text) for text in (said, printed))
+    words_agree = re.sub(rf"{NUMBER}|\s", "", said) == re.sub(rf"{NUMBER}|\s", "", printed)
+    digits = [len(number.partition(".")[2]) for number in ours]
+    near = [
+        abs(float(a) - float(b)) <= 0.5001 * 10**-d for a, b, d in zip(ours, theirs, digits, strict=False)
+    ]
+    return words_agree and len(ours) == len(theirs) and all(near)
+
+
+@pytest.mark.parametrize("document", ["README.md", "docs/guide.md"])
+def test_the_code_of_a_document_runs_and_prints_what_it_says(document, elsewhere, capsys):
+    code = python_of(document)
+    said = re.findall(r"^print\(.*\)  # (.*)$", code, re.M)
+    exec(compile(code, document, "exec"), {"__name__": "__main__"})
+    printed = capsys.readouterr().out.splitlines()
+    assert said
+    assert len(said) == len(printed)
+    assert [line for pair in zip(said, printed, strict=True) if not agree(*pair) for line in pair] == []
+
+
+def test_what_is_printed_is_compared_to_its_last_digit():
+    assert agree("True [1.20 -3.]", "True [ 1.2049 -3.4]")
+    assert not agree("1.20", "1.206")
+    assert not agree("True 1.20", "False 1.20")
+
+
+def test_the_guide_names_every_result_and_what_to_do():
+    guide = (ROOT / "docs/guide.md").read_text()
+    named = re.findall(r"^\| `(\w+)` \|", guide, re.M)
+    assert named == list(vx.RESULTS._name_to_item)
+
+
+@pytest.mark.parametrize("document", ["README.md", "CONTRIBUTING.md", "docs/guide.md"])
+def test_every_link_to_a_file_leads_somewhere(document):
+    links = re.findall(r"\]\((?!https?:)([^)#]+)\)", (ROOT / document).read_text())
+    assert [link for link in links if not (ROOT / document).parent.joinpath(link).exists()] == []
