@@ -15,6 +15,7 @@ from ._contact.sticking_region import (
     sticking_region as sticking_region,
 )
 from ._log import IMPACT as IMPACT, RELEASE as RELEASE, STICK as STICK, EventLog as EventLog
+from ._motion.choose import load_diffrax_flow
 from ._motion.modal import ModalFlow as ModalFlow
 from ._motion.taylor import TaylorFlow as TaylorFlow
 from ._orbits.maps import (
@@ -33,7 +34,9 @@ from ._system.system import ImpactSystem as ImpactSystem, chain as chain
 
 
 def __getattr__(name: str):
-    """Import `vijax.plot`, and with it matplotlib, when it is first asked for."""
+    """Import `vijax.plot`, and with it matplotlib, and diffrax, when they are first asked for."""
     if name == "plot":
         return importlib.import_module(".plot", __name__)
+    if name == "DiffraxFlow":
+        return load_diffrax_flow()
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

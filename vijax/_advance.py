@@ -3,7 +3,7 @@
 `advance` is all that moves a trajectory. `simulate` and `sweep` call it in their loops, which know
 nothing of contacts; it knows nothing of their logs. It goes through
 
-    fly (`_flight.py`) -> impacts -> who sticks, who is let go
+    fly (`_motion/flight.py`) -> impacts -> who sticks, who is let go
 
 An instant may hold several events: all its impacts are applied first, and only then is it decided
 who sticks and who is let go, because one impact can release a mass (through the dampers)
@@ -17,8 +17,8 @@ from jaxtyping import Array, Bool, Float
 
 from ._contact.restitution import rebound
 from ._contact.sticking import chatter_is_complete, chatter_time, is_light
-from ._flight import fly
 from ._machine import Machine, State
+from ._motion.flight import fly
 from ._motion.flow import AbstractFlow
 from ._types import Flag, Scalar, not_negative, stack
 from ._xla import compute_once, is_any
@@ -132,7 +132,7 @@ def _stick_and_release(
 
 def _approach(machine: Machine, state: State) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."]]:
     """With what acceleration every mass would be pressed towards its stops, and how fast that grows."""
-    force = machine.force(state.phase, state.x, state.v)
+    force = machine.total_force(state)
     a = machine.accelerations(force, machine.held_masses(state.held))
-    force_rate = machine.force_rate(state.phase, state.v, a)
+    force_rate = machine.total_force_rate(state, a)
     return machine.at_stops(machine.inverse_mass * force), machine.at_stops(machine.inverse_mass * force_rate)

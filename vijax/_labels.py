@@ -54,6 +54,7 @@ _MEANINGS = {
     "stuck1": "whether the stop holds its mass at the end",
     "num_events": "number of logged events",
     "num_steps": "number of steps",
+    "num_rejected": "number of steps that were not accurate enough",
     "grazing_impact_speed": "smallest speed of an impact that is no chatter",
     "grazing_clearance": "smallest gap at which a mass turned back",
     "grazing_is_near": "whether derivatives are unreliable or one-sided",

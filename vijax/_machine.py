@@ -1,9 +1,11 @@
 """What the engine computes with: the numbers of one machine, and the hybrid state of its motion."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
+from ._system.force import BoundForce, ExtraForce
 from ._system.system import ImpactSystem
 from ._types import Scalar, add_up, lift, matvec, stack
 
@@ -12,7 +14,8 @@ class Machine(eqx.Module):
     """An `ImpactSystem` as arrays over masses, stops and harmonics, lanes last.
 
     The load is `mean + sum_h (cosine_h cos(h W t) + sine_h sin(h W t))`. `rate` bounds every
-    frequency and decay rate of the motion, whatever masses are held; `timescale` is its inverse.
+    frequency and decay rate of the linear motion, whatever masses are held; `timescale` is its inverse.
+    `extra` is None for a linear machine.
     """
 
     inverse_mass: Float[Array, "n ..."]
@@ -30,6 +33,7 @@ class Machine(eqx.Module):
     masses: tuple[int, ...] = eqx.field(static=True)
     signs: tuple[int, ...] = eqx.field(static=True)
     can_stick: bool = eqx.field(static=True)
+    extra: ExtraForce | None = None
 
     @property
     def harmonics(self) -> Float[Array, " harmonics"]:
@@ -52,7 +56,7 @@ class Machine(eqx.Module):
     def force(
         self, phase: Float[Array, "2 harmonics ..."], x: Float[Array, "n ..."], v: Float[Array, "n ..."]
     ) -> Float[Array, "n ..."]:
-        """The force on every mass, that of the stops left out: f - C v - K x."""
+        """The linear force on every mass: f - C v - K x."""
         return self.load(phase) - matvec(self.damping, v) - matvec(self.stiffness, x)
 
     def force_rate(
@@ -61,6 +65,41 @@ class Machine(eqx.Module):
         """Time derivative of `force`, for the accelerations `a`."""
         rate = self.oscillating_load(self.phase_rate(phase))
         return rate - matvec(self.damping, a) - matvec(self.stiffness, v)
+
+    def total_force(self, state: "State") -> Float[Array, "n ..."]:
+        """The force on every mass, that of the stops left out."""
+        linear = self.force(state.phase, state.x, state.v)
+        if self.extra is None:
+            return linear
+        return linear + self.extra(self.clock(state), state.x, state.v)
+
+    def total_force_rate(self, state: "State", a: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
+        """Time derivative of `total_force`, for the accelerations `a`."""
+        linear = self.force_rate(state.phase, state.v, a)
+        if self.extra is None:
+            return linear
+        t = self.clock(state)
+        return linear + jax.jvp(self.extra, (t, state.x, state.v), (jnp.ones_like(t), state.v, a))[1]
+
+    def total_force_curvature(
+        self, state: "State", a: Float[Array, "n ..."], jerk: Float[Array, "n ..."]
+    ) -> Float[Array, "n ..."]:
+        """Second time derivative of `total_force`, for the accelerations `a` and their rates `jerk`."""
+        linear = self.force_rate(self.phase_rate(state.phase), a, jerk)
+        if self.extra is None:
+            return linear
+        t, extra = self.clock(state), self.extra
+
+        def rate(s):
+            path = lambda s: (t + s, state.x + s * (state.v + s * a / 2), state.v + s * (a + s * jerk / 2))  # noqa: E731
+            return jax.jvp(lambda s: extra(*path(s)), (s,), (jnp.ones_like(s),))[1]
+
+        return linear + jax.jvp(rate, (jnp.zeros_like(t),), (jnp.ones_like(t),))[1]
+
+    def clock(self, state: "State") -> Scalar:
+        """The time, as an extra force sees it."""
+        origin = 0.0 if self.extra is None else self.extra.origin
+        return origin + state.periods * self.period + state.time
 
     def accelerations(
         self, force: Float[Array, "n ..."], is_held: Bool[Array, "n ..."]
@@ -104,6 +143,8 @@ class State(eqx.Module):
     `contact` tells how a stop was last left: the number of leading derivatives of the gap that
     vanish exactly (0 none, 1 just hit, 2 let go by a jump of the force, 3 let go as the force
     crossed zero). It holds for the next step only.
+
+    `memory` is what the flow that drives the motion keeps from step to step; exact ones keep nothing.
     """
 
     periods: Int[Array, "..."]
@@ -115,6 +156,7 @@ class State(eqx.Module):
     gap: Float[Array, "stops ..."]
     held: Bool[Array, "stops ..."]
     contact: Int[Array, "stops ..."]
+    memory: PyTree = None
 
 
 def resting_state(
@@ -140,6 +182,11 @@ def resting_state(
     )
 
 
+def remembering(state: State, memory: PyTree) -> State:
+    """The state with another memory."""
+    return eqx.tree_at(lambda s: s.memory, state, memory, is_leaf=lambda leaf: leaf is None)
+
+
 def start_period(state: State, phase0: Float[Array, "2 harmonics ..."], is_over: Bool[Array, "..."]) -> State:
     """Where a forcing period is over, count it and set time and phase back, so that neither drifts."""
     return eqx.tree_at(
@@ -154,10 +201,20 @@ def start_period(state: State, phase0: Float[Array, "2 harmonics ..."], is_over:
     )
 
 
-def prepare(system: ImpactSystem, span: Scalar, *, can_stick: bool) -> Machine:
-    """Turn a system into the engine's arrays; `span` is the time that will be simulated.
+def prepare(
+    system: ImpactSystem,
+    span: Scalar,
+    start: tuple[Scalar, Float[Array, "n ..."], Float[Array, "n ..."]],
+    *,
+    can_stick: bool,
+) -> Machine:
+    """Turn a system into the engine's arrays.
 
-    Leaves of `system` may carry lanes as a last axis.
+    Args:
+        system: the machine, its force bound to its `args`. Leaves may carry lanes as a last axis.
+        span: the time that will be simulated.
+        start: time, positions and velocities.
+        can_stick: whether any stop might hold its mass.
     """
     forcing = system.forcing
     base = jnp.ndim(system.mass) - 1
@@ -168,6 +225,10 @@ def prepare(system: ImpactSystem, span: Scalar, *, can_stick: bool) -> Machine:
     longest = jnp.asarray(jnp.finfo(system.mass.dtype).max ** 0.5, system.mass.dtype)
     period = jnp.where(is_driven, 2 * jnp.pi / jnp.where(is_driven, forcing.frequency, 1.0), longest)
     rate = jnp.maximum(_decay_and_frequency(system), amplitude.shape[0] * forcing.frequency)
+    extra = None
+    if isinstance(system.force, BoundForce):
+        extra = ExtraForce(system.force, start[0])
+        rate = rate + extra.rate(*start, system.mass)
     rate = jnp.maximum(rate, 1 / span)
     lanes = jnp.zeros(system.mass.shape[1:], system.mass.dtype)
     empty = jnp.zeros((0, *lanes.shape), system.mass.dtype)
@@ -187,6 +248,7 @@ def prepare(system: ImpactSystem, span: Scalar, *, can_stick: bool) -> Machine:
         masses=tuple(s.mass for s in system.stops),
         signs=tuple(s.sign for s in system.stops),
         can_stick=can_stick,
+        extra=extra,
     )
 
 

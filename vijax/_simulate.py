@@ -14,7 +14,7 @@ from ._machine import Machine, State, prepare, start_period
 from ._motion.choose import choose_flow
 from ._motion.flow import AbstractFlow
 from ._solution import RESULTS, Solution
-from ._system.system import ImpactSystem
+from ._system.system import ImpactSystem, with_args
 from ._types import Flag, Numbers, Scalar, as_float, at_once, concrete, not_negative
 from ._xla import AbstractTask, while_any
 
@@ -35,8 +35,8 @@ def simulate(
 ) -> Solution:
     """Follow one trajectory from t0 to t1, through every impact, chatter, stick and release.
 
-    Between events the motion is exact to rounding, and every step is proved free of impacts, so
-    none is missed however light. Works under `jax.jit` and `jax.vmap`.
+    Between events the motion of a linear machine is exact to rounding, and every step is proved free of
+    impacts, so none is missed however light. Works under `jax.jit` and `jax.vmap`.
 
     Derivatives, forward and reverse, go through every event. Where the sequence of events is about to
     change, at a grazing impact above all, they are one-sided, those of the sequence that happened:
@@ -50,8 +50,9 @@ def simulate(
         x0: positions at t0, (n,); zero if left out. May lie on a stop.
         v0: velocities at t0, (n,); zero if left out.
         ts: times at which to save the state, in increasing order; t1 if left out.
-        flow: the motion between events; `TaylorFlow()`, exact for linear machines, if left out.
-        args: passed to the forces of the machine; linear machines have none that take it.
+        flow: the motion between events. If left out, exact for a linear machine, and `vx.DiffraxFlow()` for
+            one with a `force`.
+        args: passed to the `force` of the machine: numbers and arrays in any nesting.
         max_events: length of the event log.
         max_steps: bound on the number of steps. If left out, far more than any sound motion
             takes: 100 000, and 100 per unit of (t1 - t0) * (highest frequency or decay rate).
@@ -75,8 +76,7 @@ def simulate(
     References:
         Wagg & Bishop (2004), Sec. 3.
     """
-    del args
-    n = system.num_masses
+    n, system = system.num_masses, with_args(system, args)
     begin, end = as_float(t0), as_float(t1)
     times = end[None] if ts is None else as_float(ts)
     x, v = (jnp.zeros(n) if a is None else as_float(a) for a in (x0, v0))
@@ -103,7 +103,7 @@ def simulate(
         times,
         x,
         v,
-        choose_flow(system, can_stick=can_stick) if flow is None else flow,
+        choose_flow(system, can_stick=can_stick, wanted=flow),
         None if max_steps is None else jnp.asarray(max_steps),
         is_sound,
         max_events=max_events,
@@ -224,7 +224,7 @@ def _run(
     can_stick: bool,
 ) -> Solution:
     span = t1 - t0
-    machine = prepare(system, jnp.where(span > 0, span, 1), can_stick=can_stick)
+    machine = prepare(system, jnp.where(span > 0, span, 1), (t0, x0, v0), can_stick=can_stick)
     flow = flow.prepare(machine)
     if max_steps is None:
         max_steps = 100_000 + jnp.minimum(100 * span * machine.rate, 2e9).astype(int)
@@ -290,6 +290,7 @@ def _finish(
         events=event_log(machine, log.instants, max_events),
         num_events=jnp.minimum(log.num_events, max_events),
         num_steps=last.steps,
+        num_rejected=task.flow.num_rejected(state.memory),
         grazing=last.grazing,
         result=result,
         t0=t0,

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ._contact.grazing import Grazing
 from ._labels import flags, label, versions
 from ._log import KINDS, EventLog, Restarts
-from ._machine import Machine, resting_state
+from ._machine import Machine, remembering, resting_state
 from ._motion.flow import AbstractFlow
 from ._types import Numbers, Scalar, concrete
 
@@ -55,7 +55,8 @@ class Solution(eqx.Module):
         stuck1: which stops hold their mass at t1, (stops,).
         events: the log.
         num_events: number of logged events.
-        num_steps: number of steps taken.
+        num_steps: number of steps, those included that were tried and not taken.
+        num_rejected: those among them that were not accurate enough; none for an exact motion.
         grazing: the closest to grazing it came: `grazing.impact_speed`, `grazing.clearance` and the flag
             `grazing.is_near`, which warns that derivatives are unreliable or one-sided.
         result: what became of it, a member of `vx.RESULTS`.
@@ -72,6 +73,7 @@ class Solution(eqx.Module):
     events: EventLog
     num_events: Int[Array, ""]
     num_steps: Int[Array, ""]
+    num_rejected: Int[Array, ""]
     grazing: Grazing
     result: RESULTS
     t0: Scalar
@@ -171,17 +173,16 @@ def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
     row = jnp.clip(jnp.searchsorted(rows.t, t, side="right") - 1, 0)
     start = jax.tree.map(lambda a: a[row], rows)
     state = resting_state(machine, start.phase, start.x, start.v, start.held)
+    state = eqx.tree_at(lambda s: s.time, state, start.t - solution.t0)
+    state = remembering(state, solution.flow.memory(state.time))
 
     def step(carry):
         state, remaining = carry
-        motion = solution.flow.expand(machine, state, machine.held_masses(state.held))
-        length = jnp.minimum(remaining, motion.limit)
-        displacement, v, phase = motion.move(machine, state, length)
-        state = eqx.tree_at(lambda s: (s.x, s.v, s.phase), state, (state.x + displacement, v, phase))
+        state, length = solution.flow.coast(machine, state, remaining)
         return state, remaining - length
 
     state, _ = jax.lax.while_loop(lambda c: c[1] > 0, step, (state, t - start.t))
-    pressing = machine.at_stops(machine.force(state.phase, state.x, state.v))
+    pressing = machine.at_stops(machine.total_force(state))
     is_known = (t >= solution.t0) & (t <= solution.t1) & (t <= solution.known_until)
     force = jnp.where(state.held, pressing, 0)
     x, v, force = (jnp.where(is_known, a, jnp.nan) for a in (state.x, state.v, force))
@@ -202,7 +203,10 @@ def _dataset(solution: Solution) -> xr.Dataset:
         "v1": (("mass",), solution.v1),
         "stuck1": (("stop",), solution.stuck1),
         "result": ((), solution.result._value),
-        **{name: ((), getattr(solution, name)) for name in ("num_events", "num_steps", "t0", "t1")},
+        **{
+            name: ((), getattr(solution, name))
+            for name in ("num_events", "num_steps", "num_rejected", "t0", "t1")
+        },
         **{f"grazing_{f}": ((), getattr(grazing, f)) for f in ("impact_speed", "clearance", "is_near")},
     }
     lanes = ("lane",) * solution.t1.ndim

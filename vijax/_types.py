@@ -111,3 +111,22 @@ def matvec(matrix: Float[Array, "m n ..."], vector: Float[Array, "n ..."]) -> Fl
 def lift(vector: Array, like: Array) -> Array:
     """Append axes of length one to `vector` until it broadcasts with the lanes of `like`."""
     return vector.reshape(vector.shape + (1,) * (like.ndim - vector.ndim))
+
+
+def over_lanes(function: Callable, like: Array, *trees: Any) -> Any:
+    """Call a function written for one trajectory, for every lane if there are lanes.
+
+    Args:
+        function: of unbatched arrays.
+        like: an array with one axis, and lanes last if there are any.
+        trees: arguments, whose leaves carry the lanes, or a single one for all, as their last axis.
+    """
+    if like.ndim == 1:
+        return function(*trees)
+    lanes = like.shape[-1]
+    leaves, structure = jax.tree.flatten(trees)
+    is_shared = [jnp.ndim(a) == 0 or jnp.shape(a)[-1] != lanes for a in leaves]
+    leaves = [a[..., 0] if jnp.ndim(a) and alone else a for a, alone in zip(leaves, is_shared, strict=True)]
+    axes = [None if alone else -1 for alone in is_shared]
+    call = lambda *leaves: function(*jax.tree.unflatten(structure, leaves))  # noqa: E731
+    return jax.vmap(call, axes, out_axes=-1)(*leaves)

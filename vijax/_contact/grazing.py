@@ -66,9 +66,9 @@ def _lowest(
     machine: Machine, state: State
 ) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."], Float[Array, "stops ..."]]:
     """For every stop the second derivative of the gap, its minimum by the cubic from here, and when."""
-    force = machine.force(state.phase, state.x, state.v)
+    force = machine.total_force(state)
     a = machine.accelerations(force, machine.held_masses(state.held))
-    force_rate = machine.force_rate(state.phase, state.v, a)
+    force_rate = machine.total_force_rate(state, a)
     slope = -machine.at_stops(state.v)
     curvature = -machine.at_stops(machine.inverse_mass * force)
     third = -machine.at_stops(machine.inverse_mass * force_rate)

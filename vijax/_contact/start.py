@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._machine import Machine, State, resting_state
+from .._machine import Machine, State, remembering, resting_state
 from .._motion.flow import AbstractFlow
 from .._types import stack
 from .sticking import is_pressed
@@ -25,15 +25,19 @@ def first_state(
         xs[i] = jnp.where(touching[j], machine.position[j], xs[i])
     state = resting_state(machine, phase, stack(xs), v, jnp.zeros(touching.shape, bool))
     state = eqx.tree_at(lambda s: s.gap, state, jnp.where(touching, 0, state.gap))
+    state = remembering(state, flow.memory(state.time))
     inward = machine.at_stops(v)
     leaving, at_rest = touching & (inward < 0), touching & (inward == 0)
     contact = jnp.where(leaving, jnp.int8(1), state.contact)
     if not machine.can_stick:
         return eqx.tree_at(lambda s: s.contact, state, contact)
-    now = flow.expand(machine, state, machine.has_any(at_rest)).now
-    force = machine.at_stops(now.force)
-    later = machine.at_stops(now.force_rate), machine.at_stops(now.force_curvature)
-    held = at_rest & is_pressed(force, later)
+    force = machine.total_force(state)
+    a = machine.accelerations(force, machine.has_any(at_rest))
+    force_rate = machine.total_force_rate(state, a)
+    jerk = machine.accelerations(force_rate, machine.has_any(at_rest))
+    later = force_rate, machine.total_force_curvature(state, a, jerk)
+    force, *later = (machine.at_stops(f) for f in (force, *later))
+    held = at_rest & is_pressed(force, tuple(later))
     contact = jnp.where(at_rest & ~held, jnp.where(force < 0, jnp.int8(2), jnp.int8(3)), contact)
     return eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
 

@@ -23,6 +23,11 @@ from .._system.system import ImpactSystem
 from .._types import Numbers, as_float
 from .sticking import is_pressed
 
+_NOT_LINEAR = (
+    "The sticking region is known for linear machines alone, but this one has a `force`: look for its releases "
+    "in the log of `vx.simulate` instead."
+)
+
 
 class StickingRegion(eqx.Module):
     """Region S of the phase space of the free masses, while some stops hold the others.
@@ -42,6 +47,10 @@ class StickingRegion(eqx.Module):
 
     machine: Machine
     held: tuple[int, ...] = eqx.field(static=True)
+
+    def __check_init__(self):
+        if self.machine.extra is not None:
+            raise ValueError(_NOT_LINEAR)
 
     @property
     def free(self) -> tuple[int, ...]:
@@ -181,14 +190,15 @@ def sticking_region(system: ImpactSystem, held: int | Sequence[int]) -> Sticking
     where a force falls through zero.
 
     Args:
-        system: the machine.
+        system: the machine, a linear one.
         held: index of the stop that holds its mass, or of several that hold a mass each.
 
     Returns:
         The region; see `vx.StickingRegion`.
 
     Raises:
-        ValueError: if `held` names no stop, one that does not exist, or two of the same mass.
+        ValueError: if `held` names no stop, one that does not exist, or two of the same mass, or if the
+            machine has a `force`.
 
     Example:
         ```python
@@ -201,6 +211,8 @@ def sticking_region(system: ImpactSystem, held: int | Sequence[int]) -> Sticking
     References:
         Wagg & Bishop (2004), Eqs. 18-20, Sec. 4.6.2, Fig. 12.
     """
+    if system.force is not None:
+        raise ValueError(_NOT_LINEAR)
     stops = (held,) if isinstance(held, int | np.integer) else tuple(held)
     if not stops:
         raise ValueError("Argument `held` is empty: name the stops that hold their masses.")
@@ -214,5 +226,6 @@ def sticking_region(system: ImpactSystem, held: int | Sequence[int]) -> Sticking
         raise ValueError(
             f"Argument `held` must name one stop of a mass, but stops {list(stops)} are of masses {masses}."
         )
-    machine = prepare(system, jnp.ones((), system.mass.dtype), can_stick=True)
+    one, rest = jnp.ones((), system.mass.dtype), jnp.zeros_like(system.mass)
+    machine = prepare(system, one, (0 * one, rest, rest), can_stick=True)
     return StickingRegion(machine, tuple(int(j) for j in stops))

@@ -3,11 +3,11 @@
 import abc
 
 import equinox as eqx
-from jaxtyping import Array, Bool, Float
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._machine import Machine, State
-from .._types import Scalar
-from .._xla import compute_once
+from .._types import Flag, Scalar
 
 
 class Derivatives(eqx.Module):
@@ -51,27 +51,70 @@ class Expansion(eqx.Module):
         """Go `step` ahead: the displacement x(step) - x(0), v(step), and the forcing phase there."""
 
 
-class AbstractFlow(eqx.Module):
-    """A motion between events.
+class Flight(eqx.Module):
+    """What a flight comes to.
 
-    To add one: write `expand`, and an `Expansion` that keeps its promises. `rest` must be a bound,
-    for no impact is ever looked for where it says that there is none. `move` returns
-    the displacement as an increment, exact relative to itself however short the step, and is
-    differentiable. The engine never asks for more; the other methods are there to save time.
+    Attributes:
+        end: the state at its end, before anything happens there.
+        duration: how long it lasted.
+        is_event: stops that have an event there, (stops,).
+        is_last: whether it ended at the target, or would have but for an event.
+    """
+
+    end: State
+    duration: Scalar
+    is_event: Bool[Array, "stops ..."]
+    is_last: Flag
+
+
+class AbstractFlow(eqx.Module):
+    """A motion between events. The loops that it drives know nothing else of it.
+
+    To add one: write
+
+    - `fly`: one step towards a time, proved free of events, or up to the first of them;
+    - `propagate`: the smooth motion over a time that `fly` took, differentiable both ways, as an
+      increment that is exact relative to itself however short the time: a light bounce lives in it;
+    - `coast`: one step of the smooth motion, whatever the stops say.
+
+    Two ways to find events are ready. A motion whose derivatives are known exactly and bounded
+    ahead extends `ExpandingFlow` and writes `expand` alone, with an `Expansion` that keeps its
+    promises: no impact is ever looked for where `rest` says that there is none. One that takes
+    approximate steps with a polynomial inside extends `SteppingFlow` and writes `attempt` and `step_by`. What a flow
+    has to remember from step to step, it keeps in `State.memory`, which `memory` begins.
     """
 
     @abc.abstractmethod
-    def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> Expansion:
-        """Expand the motion at `state` with the masses `is_held` at rest."""
+    def fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
+        """Fly towards a time that lies `remaining` ahead, up to the first event if one comes before.
+
+        Args:
+            machine: the numbers of the machine.
+            state: where the trajectory is.
+            remaining: time to the target.
+            resolution: times closer than this are one instant.
+        """
+
+    @abc.abstractmethod
+    def propagate(
+        self, machine: Machine, state: State, is_held: Bool[Array, "n ..."], step: Scalar
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+        """Go `step` ahead: the displacement x(step) - x(0), v(step), and the forcing phase there."""
+
+    @abc.abstractmethod
+    def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
+        """Take one step towards `remaining`, passing through stops; the state there, and how long it was."""
 
     def prepare(self, machine: Machine) -> "AbstractFlow":
         """Compute, before the first step, what all steps need."""
         del machine
         return self
 
-    def propagate(
-        self, machine: Machine, state: State, is_held: Bool[Array, "n ..."], step: Scalar
-    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
-        """Expand and move at once. Derivatives are taken through this."""
-        motion = compute_once(self.expand, machine, state, is_held)
-        return compute_once(motion.move, machine, state, step)
+    def memory(self, like: Scalar) -> PyTree:
+        """What `State.memory` holds at first, every array of it in the shape and type of `like`."""
+        del like
+
+    def num_rejected(self, memory: PyTree) -> Int[Array, "..."]:
+        """Steps so far that were tried and found not accurate enough."""
+        del memory
+        return jnp.array(0)

@@ -23,9 +23,10 @@ from jaxtyping import Array, Bool, Float
 from .._machine import Machine, State
 from .._types import Scalar, add_up, lift, matvec, stack
 from .._xla import compute_once, is_any
-from .flow import AbstractFlow, Derivatives, Expansion
+from .flight import ExpandingFlow
+from .flow import Derivatives, Expansion
 
-_TRUST_AND_TERMS = {"float64": (3.0, 11), "float32": (1.0, 6)}
+TRUST_AND_TERMS = {"float64": (3.0, 11), "float32": (1.0, 6)}
 
 
 class Modes(eqx.Module):
@@ -60,7 +61,7 @@ class Response(eqx.Module):
     sine: Float[Array, "..."]
 
 
-class ModalFlow(AbstractFlow):
+class ModalFlow(ExpandingFlow):
     """Exact motion of a linear machine with proportional damping. Made by `modal_flow`.
 
     Arrays have the sets of held masses as their first axis and lanes as their last.
@@ -73,7 +74,7 @@ class ModalFlow(AbstractFlow):
         """Add the steady response to the load."""
         sets = range(len(self.sets))
         each = [_response(machine, jax.tree.map(lambda a, k=k: a[k], self.modes)) for k in sets]
-        trust, _ = _TRUST_AND_TERMS[str(machine.mean.dtype)]
+        trust, _ = TRUST_AND_TERMS[str(machine.mean.dtype)]
         # Overdamped modes are differences of growing parts: half the step there.
         excess = jnp.max(self.modes.decay**2 - self.modes.squared_frequency, axis=(0, 1))
         limit = trust / jnp.maximum(machine.rate, 2 * jnp.sqrt(jnp.maximum(excess, 0)))
@@ -98,7 +99,7 @@ def _response(machine: Machine, modes: Modes) -> Response:
     return Response(matvec(shape, matvec(transposed, machine.mean) / w2), stack(cosine), stack(sine))
 
 
-class DrivenModes(AbstractFlow):
+class DrivenModes(ExpandingFlow):
     """The modes of a machine and its steady response."""
 
     modes: Modes
@@ -218,14 +219,14 @@ class ModalExpansion(Expansion):
 
 def _factors(w2: Array, a: Array, speed: Array, step: Scalar) -> tuple[Array, ...]:
     """exp(-a t) - 1, c - 1 and s of every mode; cos - 1 and sin of every harmonic."""
-    terms = _TRUST_AND_TERMS[str(step.dtype)][1]
-    wave, arc = _cosine_and_sine((w2 - a * a) * step * step, terms)
-    turn, slide = _cosine_and_sine(speed * speed * step * step, terms)
+    terms = TRUST_AND_TERMS[str(step.dtype)][1]
+    wave, arc = cosine_and_sine((w2 - a * a) * step * step, terms)
+    turn, slide = cosine_and_sine(speed * speed * step * step, terms)
     fade = _expm1(-a * step, terms)
     return fade, wave, arc * step, turn, slide * speed * step
 
 
-def _cosine_and_sine(z: Array, terms: int) -> tuple[Array, Array]:
+def cosine_and_sine(z: Array, terms: int) -> tuple[Array, Array]:
     """cos(y) - 1 and sin(y) / y as series of z = y^2, which may be negative, at y / 2, doubled once."""
     wave, arc = compute_once(_series_of_cosine_and_sine, z / 4, terms)
     return 2 * wave * (2 + wave), arc * (1 + wave)

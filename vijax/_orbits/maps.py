@@ -4,24 +4,35 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
+from .._motion.flow import AbstractFlow
 from .._simulate import simulate
 from .._solution import RESULTS
+from .._system.force import bind
 from .._system.system import ImpactSystem
 from .._types import Numbers, as_float
 
 
 def stroboscopic_map(
-    system: ImpactSystem, x0: Numbers, v0: Numbers, num_periods: int = 1, *, max_steps: int | None = None
+    system: ImpactSystem,
+    x0: Numbers,
+    v0: Numbers,
+    num_periods: int = 1,
+    *,
+    flow: AbstractFlow | None = None,
+    args: object = None,
+    max_steps: int | None = None,
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     """Return the state some forcing periods later, as a differentiable function.
 
     Starts at phase 0. Derivatives by state and parameters include those of the period.
 
     Args:
-        system: the machine; its load must have a frequency.
+        system: the machine; its load must have a frequency, and its `force`, if it has one, that period.
         x0: positions, (n,).
         v0: velocities, (n,).
         num_periods: whole forcing periods.
+        flow: as for `simulate`.
+        args: likewise.
         max_steps: as for `simulate`.
 
     Returns:
@@ -41,13 +52,15 @@ def stroboscopic_map(
         Wagg & Bishop (2004), Sec. 2.2.
     """
     end = num_periods * system.forcing.period
-    sol = simulate(system, 0.0, end, x0, v0, max_events=0, max_steps=max_steps, throw=False)
+    sol = simulate(
+        system, 0.0, end, x0, v0, flow=flow, args=args, max_events=0, max_steps=max_steps, throw=False
+    )
     is_lost = (sol.result != RESULTS.successful) & (sol.result != RESULTS.max_events_reached)
     return sol.result.error_if((sol.x1, sol.v1), is_lost)
 
 
 def monodromy_matrix(
-    system: ImpactSystem, x0: Numbers, v0: Numbers, num_periods: int = 1
+    system: ImpactSystem, x0: Numbers, v0: Numbers, num_periods: int = 1, *, args: object = None
 ) -> Float[Array, "state state"]:
     """Derivative of the stroboscopic map by the state (x, v).
 
@@ -58,6 +71,7 @@ def monodromy_matrix(
         x0: positions at phase 0, (n,).
         v0: velocities, (n,).
         num_periods: forcing periods, the period of the orbit.
+        args: as for `simulate`.
 
     Returns:
         The matrix, (2 n, 2 n).
@@ -75,11 +89,12 @@ def monodromy_matrix(
     """
     n = system.num_masses
     start = jnp.concatenate([as_float(x0), as_float(v0)])
-    return jax.jacfwd(lambda y: jnp.concatenate(stroboscopic_map(system, y[:n], y[n:], num_periods)))(start)
+    strobe = lambda y: stroboscopic_map(system, y[:n], y[n:], num_periods, args=args)  # noqa: E731
+    return jax.jacfwd(lambda y: jnp.concatenate(strobe(y)))(start)
 
 
 def saltation_matrix(
-    system: ImpactSystem, t: ArrayLike, x: Numbers, v: Numbers, stop: int
+    system: ImpactSystem, t: ArrayLike, x: Numbers, v: Numbers, stop: int, *, args: object = None
 ) -> Float[Array, "state state"]:
     """Derivative of the state just after an impact by the state just before, no other mass held.
 
@@ -92,6 +107,7 @@ def saltation_matrix(
         x: positions, (n,).
         v: velocities before the impact, (n,).
         stop: index of the stop that is hit.
+        args: as for `simulate`.
 
     Returns:
         The matrix for the state (x, v), (2 n, 2 n).
@@ -109,18 +125,20 @@ def saltation_matrix(
     x, v = as_float(x), as_float(v)
     n, i = system.num_masses, system.stops[stop].mass
     reset = jnp.ones(2 * n).at[n + i].set(-system.stops[stop].restitution)
-    before = jnp.concatenate([v, _acceleration(system, as_float(t), x, v)])
+    before = jnp.concatenate([v, _acceleration(system, as_float(t), x, v, args)])
     v_plus = v * reset[n:]
-    after = jnp.concatenate([v_plus, _acceleration(system, as_float(t), x, v_plus)])
+    after = jnp.concatenate([v_plus, _acceleration(system, as_float(t), x, v_plus, args)])
     towards = jnp.zeros(2 * n).at[i].set(1 / v[i])
     return jnp.diag(reset) + jnp.outer(after - reset * before, towards)
 
 
 def _acceleration(
-    system: ImpactSystem, t: Float[Array, ""], x: Float[Array, " n"], v: Float[Array, " n"]
+    system: ImpactSystem, t: Float[Array, ""], x: Float[Array, " n"], v: Float[Array, " n"], args: object
 ) -> Float[Array, " n"]:
     forcing = system.forcing
     amplitude, phase = jnp.atleast_2d(forcing.amplitude), jnp.atleast_2d(forcing.phase)
     angle = jnp.arange(1, len(amplitude) + 1)[:, None] * forcing.frequency * t + phase
     load = forcing.mean + jnp.sum(amplitude * jnp.cos(angle), axis=0)
-    return (load - system.damping @ v - system.stiffness @ x) / system.mass
+    linear = load - system.damping @ v - system.stiffness @ x
+    force = bind(system.force, args, system.num_masses)
+    return (linear if force is None else linear + force(t, x, v)) / system.mass

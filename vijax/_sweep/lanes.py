@@ -16,10 +16,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._contact.start import first_state
 from .._machine import State, prepare
+from .._motion.flight import ExpandingFlow
 from .._motion.flow import AbstractFlow
 from .._system.system import ImpactSystem
 from .._types import UNROLLED
@@ -46,13 +47,22 @@ class Queue(eqx.Module):
     following: Int[Array, ""]
 
 
-def new_queue(system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int) -> Queue:
-    """A queue with all lanes idle, for points that start at `x0`."""
+def new_queue(
+    system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int, flow: AbstractFlow | None = None
+) -> Queue:
+    """A queue with all lanes idle, for points that start at `x0`.
+
+    Lanes remember from step to step what `flow` asks for; nothing, if it is left out.
+    """
     (n, points), stops, dtype = x0.shape, len(system.stops), x0.dtype
     harmonics = system.forcing.amplitude.shape[0] if system.forcing.amplitude.ndim == 3 else 1
 
     def fill(dtype: DTypeLike, *shape: int, value: int = 0) -> Array:
         return jax.device_put(np.full(shape, value, dtype))  # nothing to compile, unlike `jnp.full`
+
+    def memory(size: int) -> PyTree:
+        found = None if flow is None else flow.memory(fill(dtype, size))
+        return jax.tree.map(lambda a: jax.device_put(np.array(a)), found)  # no two arrays in one place
 
     def nothing(size: int) -> Ends:
         state = State(
@@ -65,6 +75,7 @@ def new_queue(system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int
             gap=fill(dtype, stops, size),
             held=fill(bool, stops, size),
             contact=fill(np.int8, stops, size),
+            memory=memory(size),
         )
         counts = fill(int, stops, size), fill(int, stops, size)
         held_time = fill(dtype, stops, size)
@@ -99,7 +110,8 @@ def run_lanes(
         Where it is then, and whether there is anything left to do.
     """
     flow, system, x0, v0, work = points
-    machine = prepare(system, 2 * jnp.pi / system.forcing.frequency, can_stick=can_stick)
+    period = 2 * jnp.pi / system.forcing.frequency
+    machine = prepare(system, period, (jnp.zeros(1, x0.dtype), x0, v0), can_stick=can_stick)
     flow = flow.prepare(machine)
     num_points, num_lanes = x0.shape[1], queue.point.size
     zeros = jnp.zeros((machine.cosine.shape[0], num_points), x0.dtype)
@@ -107,7 +119,9 @@ def run_lanes(
     first = first_state(flow, machine, phase0, x0, v0)
     last_turn = queue.progress.turns + work.max_turns
     is_small = max(machine.position.shape[0], *machine.cosine.shape[:2]) <= UNROLLED
-    run = partial(in_one_kernel, turn_until_fed) if is_small else turn_until_fed
+    # What else a flow does in its steps, or a force, may be impossible in one.
+    is_elementary = isinstance(flow, ExpandingFlow)
+    run = partial(in_one_kernel, turn_until_fed) if is_small and is_elementary else turn_until_fed
 
     def feed(queue: Queue) -> Queue:
         motion, numbers = (_gather(tree, queue.point, num_points) for tree in (flow, machine))

@@ -54,7 +54,7 @@ def system_of(ds: xr.Dataset) -> ImpactSystem:
         The machine, bit for bit.
 
     Raises:
-        ValueError: if the attributes hold no machine.
+        ValueError: if the attributes hold no machine, or one with a `force`, a function.
 
     Example:
         ```python

@@ -182,5 +182,6 @@ def _start(
     numbers = (len(share), *periods, counts.max_steps, counts.max_impacts, 0)
     work = Work(*map(_whole, numbers))
     task = (motion, system, x0, v0, work)
-    queue, _ = run_lanes(task, new_queue(system, x0, num_lanes), can_stick=counts.can_stick)  # no turn yet
+    queue = new_queue(system, x0, num_lanes, motion)
+    queue, _ = run_lanes(task, queue, can_stick=counts.can_stick)  # no turn yet
     return eqx.tree_at(lambda t: t[4].max_turns, task, _whole(_TURNS)), queue

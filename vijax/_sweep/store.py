@@ -99,6 +99,7 @@ def describe_sweep(
         "system": json.loads(attributes["system"]),
         "values": {path: _summary(axis) for path, axis in axes.items()},
         "starts": _digest((points.x0, points.v0)),
+        "numbers of the force": _digest(points.system.force),
         "numbers of the flow": _digest(eqx.filter(flow, eqx.is_array)),
     }
 

@@ -12,7 +12,7 @@ from .._motion.choose import choose_flow
 from .._motion.flow import AbstractFlow
 from .._progress import tqdm
 from .._simulate import can_any_stick
-from .._system.system import ImpactSystem
+from .._system.system import ImpactSystem, with_args
 from .._types import Numbers, as_float
 from .carry import run_chain
 from .dataset import dataset
@@ -33,6 +33,7 @@ def sweep(
     x0: Numbers | None = None,
     v0: Numbers | None = None,
     flow: AbstractFlow | None = None,
+    args: object = None,
     max_impacts: int = 2048,
     max_steps: int | None = None,
     store: str | os.PathLike[str] | None = None,
@@ -59,7 +60,9 @@ def sweep(
             states, or with `carry` from the last point that it visited.
         x0: positions at the start of every point, (n,); zero if left out.
         v0: velocities, likewise.
-        flow: the motion between events; exact for linear machines if left out.
+        flow: the motion between events. If left out, exact for a linear machine, and `vx.DiffraxFlow()` for
+            one with a `force`, which must depend on t with the period of the load, or not at all.
+        args: passed to the `force` of the machine.
         max_impacts: room for the recorded impacts of one point.
         max_steps: bound on the steps of one point; far more than any sound motion takes if left out.
         store: a folder in which to keep finished chunks of points. The same call with the same folder goes
@@ -95,7 +98,7 @@ def sweep(
     if carry not in (None, "up", "down", "both"):
         raise ValueError(f'Argument `carry` must be None, "up", "down" or "both", but is {carry!r}.')
     axes = _axes(values)
-    base = _base(system, x0, v0)
+    base = _base(with_args(system, args), x0, v0)
     points = _points(base, axes, twice=carry == "both")
     shape = ((2,) if carry == "both" else ()) + tuple(len(axis) for axis in axes.values())
     chain = _chain(shape, carry)
@@ -105,7 +108,7 @@ def sweep(
     if max_steps is None:
         max_steps = 100_000 + 10_000 * (transient + record)
     counts = Counts(transient, record, max_impacts, max_steps, can_stick)
-    motion = choose_flow(points.system, can_stick=can_stick) if flow is None else flow
+    motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
     name = type(motion).__name__ if flow is None else eqx.tree_pformat(flow, width=10**6)
     attributes = origin(base, counts, flow=name, carry=carry, goes_on=carry_from is not None)
     kept = store if store is None else open_store(store, describe_sweep(attributes, axes, points, flow))

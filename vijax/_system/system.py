@@ -1,6 +1,7 @@
 """The machine: masses, dampers, springs, the load and the stops."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -8,12 +9,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._types import Numbers, as_float, concrete
+from .force import as_force, bind
 from .forcing import Harmonic
 from .stop import Stop
 
 
 class ImpactSystem(eqx.Module):
-    """A linear machine with stops: M x'' + C x' + K x = f(t) while every gap is open.
+    """A machine with stops: M x'' + C x' + K x = f(t) + force(t, x, x', args) while every gap is open.
 
     Args:
         mass: the lumped masses, the diagonal of M, shape (n,), positive.
@@ -21,6 +23,11 @@ class ImpactSystem(eqx.Module):
         stiffness: K, shape (n, n), symmetric positive semi-definite.
         forcing: the periodic load f(t).
         stops: any number of stops, at most one on each side of a mass.
+        force: what else acts on the masses, a smooth JAX function of the time (a number), positions and
+            velocities (n,) and the `args` given to `simulate` or `sweep`, which returns (n,): an
+            `eqx.Module`, whose numbers are parameters of the machine, or a plain function. A machine that
+            has one is not linear, and is simulated by `DiffraxFlow`. Stroboscopic maps and sweeps need
+            one that depends on t with the period of the load, or not at all.
 
     Raises:
         ValueError: with the argument and the remedy, for wrong shapes or values. Values are
@@ -43,6 +50,7 @@ class ImpactSystem(eqx.Module):
     stiffness: Float[Array, "n n"]
     forcing: Harmonic
     stops: tuple[Stop, ...]
+    force: Callable | None
 
     def __init__(
         self,
@@ -51,12 +59,14 @@ class ImpactSystem(eqx.Module):
         stiffness: Numbers,
         forcing: Harmonic,
         stops: Sequence[Stop] = (),
+        force: Any = None,
     ):
         self.mass = as_float(mass)
         self.damping = as_float(damping)
         self.stiffness = as_float(stiffness)
         self.forcing = forcing
         self.stops = tuple(stops)
+        self.force = as_force(force)
 
     def __check_init__(self):
         if self.mass.ndim != 1 or self.mass.size == 0:
@@ -137,12 +147,19 @@ def check_semidefinite(name: str, matrices: np.ndarray) -> None:
         )
 
 
+def with_args(system: ImpactSystem, args: object) -> ImpactSystem:
+    """The machine, its force bound to its `args`, see `bind`."""
+    force = bind(system.force, args, system.num_masses)
+    return system if force is None else eqx.tree_at(lambda s: s.force, system, force)
+
+
 def chain(
     masses: Numbers,
     dampings: Numbers,
     stiffnesses: Numbers,
     forcing: Harmonic,
     stops: Sequence[Stop] = (),
+    force: Any = None,
 ) -> ImpactSystem:
     """Build a chain of masses: wall, spring and damper, mass, spring and damper, mass, ...
 
@@ -155,6 +172,7 @@ def chain(
         stiffnesses: k, length n.
         forcing: the periodic load.
         stops: the stops.
+        force: what else acts on the masses, see `ImpactSystem`.
 
     Returns:
         The machine, with the matrices of Eqs. 1 and 2.
@@ -179,7 +197,7 @@ def chain(
                 f"Argument `{name}` must have one entry per mass, shape ({mass.size},), "
                 f"but has shape {values.shape}."
             )
-    return ImpactSystem(mass, _chain_matrix(damping), _chain_matrix(stiffness), forcing, stops)
+    return ImpactSystem(mass, _chain_matrix(damping), _chain_matrix(stiffness), forcing, stops, force)
 
 
 def _chain_matrix(links: Float[Array, " n"]) -> Float[Array, "n n"]:

@@ -28,8 +28,8 @@ def sticking_region(
     """Draw the motion of another mass while a stop holds its own, up to the exit boundary of region S.
 
     A circle is where the mass sticks, a disc where it is released. The exit boundary, contact force
-    zero, is drawn where the force depends on no third mass, and region S beyond it is shaded. A load on
-    the held mass moves it to and fro: then it is drawn as it lies at each release.
+    zero, is drawn where the machine is linear and the force depends on no third mass, and region S beyond it
+    is shaded. A load on the held mass moves it to and fro: then it is drawn as it lies at each release.
 
     Args:
         sols: one trajectory, or several, of machines that differ in their load.
@@ -121,6 +121,8 @@ def _draw_boundaries(
     colors: np.ndarray,
 ) -> None:
     """The line a x + b v = c: one for all if nothing moves it, else as it lies at each release."""
+    if any(sol.machine.extra is not None for sol in sols):
+        return
     limits = ax.get_xlim(), ax.get_ylim()
     regions = [StickingRegion(sol.machine, (stop,)) for sol in sols]
     place = regions[0].free.index(mass)

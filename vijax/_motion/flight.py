@@ -8,6 +8,7 @@ both, of the gap or contact force whose zero the event is. That is the rule of d
 it is made of differentiable functions, so second derivatives follow from it.
 """
 
+import abc
 from itertools import zip_longest
 
 import equinox as eqx
@@ -15,12 +16,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ._machine import Machine, State
-from ._motion.bounds import Bound, deflated, either, safe_step, short
-from ._motion.flow import AbstractFlow, Expansion
-from ._motion.taylor import derivative, horner, sum_series, taylor_series
-from ._types import Flag, Scalar, smallest
-from ._xla import compute_once, is_any
+from .._machine import Machine, State
+from .._types import Scalar, smallest
+from .._xla import compute_once, is_any
+from .bounds import Bound, deflated, either, safe_step, short
+from .flow import AbstractFlow, Expansion, Flight
+from .series import derivative, horner, sum_series, taylor_series
 
 # An event this near, times the rate of the motion, is reached by the first terms of the Taylor
 # series: what five terms leave of the velocity, 1e-3^5 / 5!, is below rounding. Two terms fewer are known of
@@ -29,47 +30,10 @@ _TERMS = 5
 _NEAR_GAP, _NEAR_FORCE = {"float64": 1e-3, "float32": 1e-2}, {"float64": 1e-4, "float32": 1e-3}
 
 
-class Flight(eqx.Module):
-    """What a flight comes to.
-
-    Attributes:
-        end: the state at its end, before anything happens there.
-        duration: how long it lasted.
-        is_event: stops that have an event there, (stops,).
-        is_last: whether it ended at the target, or would have but for an event.
-    """
-
-    end: State
-    duration: Scalar
-    is_event: Bool[Array, "stops ..."]
-    is_last: Flag
-
-
 @eqx.filter_custom_jvp
 def fly(flow: AbstractFlow, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
-    """Fly towards a time that lies `remaining` ahead, up to the first event if one comes before.
-
-    Args:
-        flow: the motion.
-        machine: the numbers of the machine.
-        state: where the trajectory is.
-        remaining: time to the target.
-        resolution: times closer than this are one instant.
-    """
-    is_held = machine.held_masses(state.held)
-    ahead = remaining + resolution
-    motion = compute_once(flow.expand, machine, state, is_held)
-    step, is_root = compute_once(_safe_step, machine, state, motion, ahead)
-    is_last = step >= remaining
-    step = jnp.where(is_last, remaining, step)
-    moved = compute_once(_move, machine, state, motion, step)
-    series = compute_once(_near_future, machine, moved, is_held)
-    delays = compute_once(_delays, machine, moved, series, is_root, ahead - step)
-    delay = smallest(delays)
-    is_event = (delays <= delay + _one_instant(machine)) & (delays < jnp.inf)
-    delay = jnp.where(delay < jnp.inf, delay, 0)
-    landed = compute_once(_land, machine, moved, series, delay)
-    return Flight(landed, step + delay, is_event, is_last)
+    """Fly towards a time that lies `remaining` ahead, see `AbstractFlow.fly`; differentiable."""
+    return flow.fly(machine, state, remaining, resolution)
 
 
 @fly.def_jvp
@@ -79,16 +43,16 @@ def _fly_jvp(primals, tangents):
     end, is_held = flight.end, machine.held_masses(state.held)
 
     def after_the_same_time(flow: AbstractFlow, machine: Machine, state: State):
-        displacement, v, phase = flow.propagate(machine, state, is_held, flight.duration)
-        x, gap = state.x + displacement, state.gap - machine.at_stops(displacement)
-        force = machine.at_stops(machine.force(phase, x, v))
-        return x, v, phase, gap, jnp.where(state.held, force, gap)
+        moved = flow.propagate(machine, state, is_held, flight.duration)
+        end = displaced(machine, state, *moved, flight.duration)
+        force = machine.at_stops(machine.total_force(end))
+        return end.x, end.v, end.phase, end.gap, jnp.where(state.held, force, end.gap)
 
     _, (x, v, phase, gap, value) = eqx.filter_jvp(after_the_same_time, primals[:3], tangents[:3])
-    a = machine.accelerations(machine.force(end.phase, end.x, end.v), is_held)
+    a = machine.accelerations(machine.total_force(end), is_held)
     slope = -machine.at_stops(end.v)
     if machine.can_stick:
-        force_rate = machine.at_stops(machine.force_rate(end.phase, end.v, a))
+        force_rate = machine.at_stops(machine.total_force_rate(end, a))
         slope = jnp.where(state.held, force_rate, slope)
     is_crossing = flight.is_event & (slope < 0)
     delays = -_plus(value, jnp.zeros_like(slope)) / jnp.where(is_crossing, slope, -1)
@@ -117,6 +81,44 @@ def _plus(tangent: Array | None, other: Array) -> Array:
     return other if tangent is None else tangent + other
 
 
+class ExpandingFlow(AbstractFlow):
+    """A motion whose derivatives are known exactly, and bounded ahead: see `Expansion`."""
+
+    @abc.abstractmethod
+    def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> Expansion:
+        """Expand the motion at `state` with the masses `is_held` at rest."""
+
+    def fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
+        """Take the longest step that is proved free of events, and land on the one it ends close to."""
+        is_held = machine.held_masses(state.held)
+        ahead = remaining + resolution
+        motion = compute_once(self.expand, machine, state, is_held)
+        step, is_root = compute_once(_safe_step, machine, state, motion, ahead)
+        is_last = step >= remaining
+        step = jnp.where(is_last, remaining, step)
+        moved = compute_once(_move, machine, state, motion, step)
+        series = compute_once(_near_future, machine, moved, is_held)
+        delays = compute_once(_delays, machine, moved, series, is_root, ahead - step)
+        delay = smallest(delays)
+        is_event = (delays <= delay + one_instant(machine)) & (delays < jnp.inf)
+        delay = jnp.where(delay < jnp.inf, delay, 0)
+        landed = compute_once(_land, machine, moved, series, delay)
+        return Flight(landed, step + delay, is_event, is_last)
+
+    def propagate(
+        self, machine: Machine, state: State, is_held: Bool[Array, "n ..."], step: Scalar
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+        """Expand and move at once."""
+        motion = compute_once(self.expand, machine, state, is_held)
+        return compute_once(motion.move, machine, state, step)
+
+    def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
+        """Go on by one step, whatever the stops say."""
+        motion = self.expand(machine, state, machine.held_masses(state.held))
+        step = jnp.minimum(remaining, motion.limit)
+        return _move(machine, state, motion, step), step
+
+
 def _safe_step(
     machine: Machine, state: State, motion: Expansion, limit: Scalar
 ) -> tuple[Scalar, Bool[Array, "stops ..."]]:
@@ -135,10 +137,10 @@ def _safe_step(
     # Where a leading coefficient is lost in rounding the bound allows no step; the motion does.
     steps = jnp.where(is_root, steps, jnp.maximum(steps, jnp.minimum(nearly, limit)))
     step = jnp.minimum(limit, smallest(steps))
-    return step, is_root & (steps <= step + _one_instant(machine))
+    return step, is_root & (steps <= step + one_instant(machine))
 
 
-def _one_instant(machine: Machine) -> Scalar:
+def one_instant(machine: Machine) -> Scalar:
     """Events closer than this are simultaneous."""
     return 8 * jnp.finfo(machine.rate.dtype).eps * machine.timescale
 
@@ -165,7 +167,7 @@ def _bound_of_gap(machine: Machine, state: State, motion: Expansion, limit: Scal
 def _move(machine: Machine, state: State, motion: Expansion, step: Scalar) -> State:
     """Follow the smooth motion for `step`."""
     displacement, v, phase = motion.move(machine, state, step)
-    return _displaced(machine, state, displacement, v, phase, step)
+    return displaced(machine, state, displacement, v, phase, step)
 
 
 def _near_future(machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> tuple[Array, ...]:
@@ -216,10 +218,10 @@ def _delays(
 def _land(machine: Machine, state: State, series: tuple[Array, ...], delay: Scalar) -> State:
     """Go on by `delay`, which is short."""
     displacement, v, phase = sum_series(series[0], series[2], delay)
-    return _displaced(machine, state, displacement, v, phase, delay)
+    return displaced(machine, state, displacement, v, phase, delay)
 
 
-def _displaced(
+def displaced(
     machine: Machine,
     state: State,
     displacement: Float[Array, "n ..."],

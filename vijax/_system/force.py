@@ -1,0 +1,119 @@
+"""Forces beyond the linear ones, written by the user."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PyTree
+
+from .._types import Scalar, as_float, over_lanes
+
+
+def as_force(force: Any) -> Callable | None:
+    """Turn a force into a pytree whose leaves are floating-point arrays.
+
+    An `eqx.Module` all of whose leaves are numbers keeps its class, so that its parameters have
+    names; of anything else what is no number goes into the structure.
+    """
+    if force is None:
+        return None
+    if not callable(force):
+        raise ValueError(f"Argument `force` must be a function force(t, x, v, args), but is {force!r}.")
+    leaves = jax.tree.leaves(force)
+    if all(_is_number(leaf) for leaf in leaves):
+        return jax.tree.map(as_float, force)
+    numbers, rest = eqx.partition(force, _is_number)
+    return _Frozen(jax.tree.map(as_float, numbers), rest)
+
+
+def _is_number(leaf: Any) -> bool:
+    if isinstance(leaf, (float, np.floating)):
+        return True
+    return isinstance(leaf, (jax.Array, np.ndarray)) and jnp.issubdtype(leaf.dtype, jnp.floating)
+
+
+class _Frozen(eqx.Module):
+    """A callable some of whose leaves are no numbers: plain functions, activations of a network."""
+
+    numbers: PyTree
+    rest: Any = eqx.field(static=True)
+
+    def __call__(self, t: Array, x: Array, v: Array, args: PyTree) -> Array:
+        return eqx.combine(self.numbers, self.rest)(t, x, v, args)
+
+
+def name_of_force(force: Callable) -> str:
+    """What a force is called, and what it is made of but for its numbers."""
+    if isinstance(force, BoundForce):
+        args = "" if force.args is None else f" with args {eqx.tree_pformat(force.args, width=10**6)}"
+        return name_of_force(force.force) + args
+    whole = eqx.combine(force.numbers, force.rest) if isinstance(force, _Frozen) else force
+    return eqx.tree_pformat(whole, width=10**6)
+
+
+class BoundForce(eqx.Module):
+    """A force together with its `args`, which then are parameters of the machine like any other."""
+
+    force: Callable
+    args: PyTree
+
+    def __call__(self, t: Float[Array, ""], x: Float[Array, " n"], v: Float[Array, " n"]) -> Array:
+        return jnp.asarray(self.force(t, x, v, self.args), x.dtype)
+
+
+class ExtraForce(eqx.Module):
+    """What acts on the masses beside the linear forces.
+
+    Attributes:
+        force: of time, positions and velocities, for one trajectory.
+        origin: the time at which the forcing periods are counted from.
+    """
+
+    force: BoundForce
+    origin: Scalar
+
+    def __call__(
+        self, t: Scalar, x: Float[Array, "n ..."], v: Float[Array, "n ..."]
+    ) -> Float[Array, "n ..."]:
+        return over_lanes(lambda force, t, x, v: force(t, x, v), x, self.force, t, x, v)
+
+    def rate(self, t: Scalar, x: Float[Array, "n ..."], v: Float[Array, "n ..."], mass: Array) -> Scalar:
+        """An estimate, from one state, of the frequency or decay rate it adds to the motion."""
+
+        def of_one(force, t, x, v, mass):
+            by_x, by_v = jax.jacfwd(force, (1, 2))(t, x, v)
+            root = jnp.sqrt(mass)
+            w2, d = (jnp.linalg.norm(a / (root[:, None] * root[None])) for a in (by_x, by_v))
+            return (d + jnp.sqrt(d * d + 4 * w2)) / 2
+
+        return over_lanes(of_one, x, self.force, t, x, v, mass)
+
+
+def bind(force: Callable | None, args: PyTree, num_masses: int) -> BoundForce | None:
+    """Give a force its `args`, and refuse what cannot be a force.
+
+    Args:
+        force: of a machine, or None.
+        args: numbers and arrays in any nesting, or None.
+        num_masses: n.
+    """
+    if force is None:
+        if args is not None:
+            raise ValueError("Argument `args` is passed to `force`, but the machine has no `force`.")
+        return None
+    if not all(_is_number(leaf) or isinstance(leaf, int) for leaf in jax.tree.leaves(args)):
+        raise ValueError(
+            "Argument `args` must be made of real numbers and arrays of them: keep what else the force needs "
+            "in the force itself, an `eqx.Module` or a function with a closure."
+        )
+    bound = BoundForce(force, jax.tree.map(as_float, args))
+    x = jax.ShapeDtypeStruct((num_masses,), jnp.result_type(float))
+    found = eqx.filter_eval_shape(bound, jax.ShapeDtypeStruct((), x.dtype), x, x)
+    if found.shape != x.shape:
+        raise ValueError(
+            f"Argument `force` must return one force per mass, shape ({num_masses},), but returned {found.shape}."
+        )
+    return bound
