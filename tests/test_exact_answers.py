@@ -1,5 +1,7 @@
 """Machines whose motion is known in closed form, and numbers that others published."""
 
+import jax
+import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
@@ -244,3 +246,12 @@ def _assert_impacts(solution: vx.Solution, problem: Problem) -> None:
     np.testing.assert_allclose([event.t for event in found], times, rtol=EXACT)
     atol = EXACT * max(1.0, np.abs(velocities).max())
     np.testing.assert_allclose([event.velocity for event in found], velocities, rtol=0, atol=atol)
+
+
+def test_a_span_that_ends_in_the_instant_of_a_release_comes_to_its_end():
+    system, span = sticking_orbit().problem.system, 5 * 4 * np.pi
+    starts = np.pi + np.arange(-200, 201) * np.spacing(np.pi) / 2
+    run = lambda t0: vx.simulate(system, t0, t0 + span, throw=False, max_steps=5000, max_events=0)  # noqa: E731
+    sol = jax.vmap(run)(jnp.asarray(starts))
+    assert int(sol.num_steps.max()) < 2000
+    np.testing.assert_allclose(sol.x1, 0.0, rtol=0, atol=CHATTER_END)
