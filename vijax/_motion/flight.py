@@ -147,18 +147,30 @@ def one_instant(machine: Machine) -> Scalar:
 
 def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
     """Bound the gap of every free stop and the contact force of every held one from below."""
-    now, (_, force_rest) = motion.now, compute_once(motion.rest, machine, limit)
+    now, (x_rest, force_rest) = motion.now, compute_once(motion.rest, machine, limit)
     contact_force = Bound(
         jnp.maximum(machine.at_stops(now.force), 0),
         machine.at_stops(now.force_rate),
         machine.at_stops(now.force_curvature) / 2,
         machine.of_stops(force_rest),
     )
-    return either(state.held, contact_force, _bound_of_gap(machine, state, motion, limit))
+    return either(state.held, contact_force, _bound_by(x_rest, machine, state, motion, limit))
 
 
 def _bound_of_gap(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
-    now, (x_rest, _) = motion.now, compute_once(motion.rest, machine, limit)
+    """Bound the gaps alone, where no mass is held."""
+    x_rest = compute_once(_rest_of_gap, motion, machine, limit)
+    return _bound_by(x_rest, machine, state, motion, limit)
+
+
+def _rest_of_gap(motion: Expansion, machine: Machine, limit: Scalar) -> Float[Array, "n ..."]:
+    return motion.rest(machine, limit)[0]
+
+
+def _bound_by(
+    x_rest: Float[Array, "n ..."], machine: Machine, state: State, motion: Expansion, limit: Scalar
+) -> Bound:
+    now = motion.now
     a, jerk = machine.at_stops(now.acceleration), machine.at_stops(now.jerk)
     gap = (state.gap, -machine.at_stops(state.v), -a / 2, -jerk * (1 / 6))
     return deflated(gap, machine.of_stops(x_rest), state.contact, limit)
