@@ -22,6 +22,9 @@ _MEANINGS = {
     "forcing.mean": "mean of the load",
     "stops.position": "position of the stop",
     "stops.restitution": "coefficient of restitution",
+    "stops.motion.amplitude": "amplitude of the motion of the stop",
+    "stops.motion.phase": "phase of the motion of the stop",
+    "stops.motion.mean": "mean of the motion of the stop",
     "x0": "position at the start",
     "v0": "velocity at the start",
     "direction": "direction in which the points were visited",
@@ -61,7 +64,12 @@ _MEANINGS = {
     "t0": "start time",
     "t1": "end time",
 }
-_UNITS = {"impact_phase": "rad", "forcing.phase": "rad", "stops.restitution": "1"}
+_UNITS = {
+    "impact_phase": "rad",
+    "forcing.phase": "rad",
+    "stops.motion.phase": "rad",
+    "stops.restitution": "1",
+}
 
 
 def label(name: str) -> dict[str, str]:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ._advance import Instant
+from ._frame import Frame
 from ._machine import Machine, State
 from ._types import Flag, Scalar
 
@@ -24,7 +25,8 @@ class EventLog(eqx.Module):
         t: time, (events,). A stick carries the end of the chatter it completes.
         stop: index of the stop, (events,).
         kind: `vx.IMPACT`, `vx.STICK` or `vx.RELEASE`, (events,).
-        velocity_minus: signed velocity of the mass just before, (events,); 0 unless an impact.
+        velocity_minus: signed velocity of the mass just before, (events,); that of the stop unless an impact,
+            0 where it stands still.
         velocity_plus: just after, likewise.
         impulse: m (velocity_plus - velocity_minus), (events,).
     """
@@ -98,9 +100,9 @@ def write(log: Log, after: State, instant: Instant, time: Scalar, live: Flag) ->
     )
 
 
-def event_log(machine: Machine, instants: Instant, max_events: int) -> EventLog:
+def event_log(machine: Machine, log: Log, max_events: int) -> EventLog:
     """Spread the instants into single events, in the order of time."""
-    shape = instants.hit.shape
+    instants, shape = log.instants, log.instants.hit.shape
     signs = jnp.asarray(machine.signs, instants.velocity_minus.dtype)
     zeros = jnp.zeros(shape, instants.velocity_minus.dtype)
     # Impacts of an instant come before its sticks and releases; a stick carries the end of its chatter.
@@ -111,10 +113,28 @@ def event_log(machine: Machine, instants: Instant, max_events: int) -> EventLog:
     kinds = jnp.asarray([IMPACT, STICK, RELEASE])
     kind = jnp.broadcast_to(kinds[:, None], happened.shape).ravel()[order]
     stop = jnp.broadcast_to(jnp.arange(shape[1]), happened.shape).ravel()[order]
-    read = lambda a: jnp.stack([signs[None] * a, zeros, zeros], axis=1).ravel()[order]  # noqa: E731
+    of_stops = 0.0 if machine.frame is None else _velocities_of_stops(machine, machine.frame, log)
+    read = lambda a: (jnp.stack([signs[None] * a, zeros, zeros], axis=1) + of_stops).ravel()[order]  # noqa: E731
     minus, plus = read(instants.velocity_minus), read(instants.velocity_plus)
     mass = (1 / machine.inverse_mass)[jnp.asarray(machine.masses, int)][stop] if shape[1] else minus
     floats = times.ravel()[order], minus, plus, mass * (plus - minus)
     t, minus, plus, impulse = (jnp.where(is_event, a, jnp.nan) for a in floats)
     stop, kind = (jnp.where(is_event, a, -1) for a in (stop, kind))
     return EventLog(t, stop, kind, minus, plus, impulse)
+
+
+def _velocities_of_stops(machine: Machine, frame: Frame, log: Log) -> Float[Array, "rows kinds stops"]:
+    """How fast the stops themselves move at the events of every instant."""
+
+    def after(phase: Array, delay: Scalar) -> Float[Array, " stops"]:
+        angle = machine.harmonics * machine.frequency * delay
+        c, s = jnp.cos(angle), jnp.sin(angle)
+        later = jnp.stack([c * phase[0] - s * phase[1], c * phase[1] + s * phase[0]])
+        return machine.of_stops(frame.at(later)[1])
+
+    def of_row(phase: Array, chatter: Float[Array, " stops"]) -> Float[Array, "kinds stops"]:
+        at_stick = jnp.diagonal(jax.vmap(lambda delay: after(phase, delay))(chatter))
+        now = machine.of_stops(frame.at(phase)[1])
+        return jnp.stack([now, at_stick, now])
+
+    return jax.vmap(of_row)(log.restarts.phase, log.instants.chatter)

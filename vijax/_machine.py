@@ -5,7 +5,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from ._system.force import BoundForce, ExtraForce
+from ._extra_force import ExtraForce
+from ._frame import Frame, frame_of, num_harmonics, padded
+from ._system.force import BoundForce
 from ._system.system import ImpactSystem
 from ._types import Scalar, add_up, lift, matvec, stack
 
@@ -15,7 +17,8 @@ class Machine(eqx.Module):
 
     The load is `mean + sum_h (cosine_h cos(h W t) + sine_h sin(h W t))`. `rate` bounds every
     frequency and decay rate of the linear motion, whatever masses are held; `timescale` is its inverse.
-    `extra` is None for a linear machine.
+    `extra` is None for a linear machine, `frame` where all stops stand still. Otherwise all is as seen from it,
+    the load included: positions and velocities are relative to the stops of their mass.
     """
 
     inverse_mass: Float[Array, "n ..."]
@@ -34,6 +37,7 @@ class Machine(eqx.Module):
     signs: tuple[int, ...] = eqx.field(static=True)
     can_stick: bool = eqx.field(static=True)
     extra: ExtraForce | None = None
+    frame: Frame | None = None
 
     @property
     def harmonics(self) -> Float[Array, " harmonics"]:
@@ -95,6 +99,22 @@ class Machine(eqx.Module):
             return jax.jvp(lambda s: extra(*path(s)), (s,), (jnp.ones_like(s),))[1]
 
         return linear + jax.jvp(rate, (jnp.zeros_like(t),), (jnp.ones_like(t),))[1]
+
+    def in_space(self, state: "State") -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+        """Positions and velocities as users know them."""
+        if self.frame is None:
+            return state.x, state.v
+        w, rate = self.frame.at(state.phase)
+        return state.x + w, state.v + rate
+
+    def seen_from_stops(
+        self, phase: Float[Array, "2 harmonics ..."], x: Float[Array, "n ..."], v: Float[Array, "n ..."]
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+        """The inverse of `in_space`."""
+        if self.frame is None:
+            return x, v
+        w, rate = self.frame.at(phase)
+        return x - w, v - rate
 
     def clock(self, state: "State") -> Scalar:
         """The time, as an extra force sees it."""
@@ -217,17 +237,17 @@ def prepare(
         can_stick: whether any stop might hold its mass.
     """
     forcing = system.forcing
-    base = jnp.ndim(system.mass) - 1
-    per_harmonic = forcing.amplitude.ndim - base == 2
-    amplitude = forcing.amplitude if per_harmonic else forcing.amplitude[None]
-    phase = forcing.phase if per_harmonic else forcing.phase[None]
+    cosine, sine = (padded(wave, num_harmonics(system)) for wave in forcing.waves(system.mass.ndim - 1))
+    frame = frame_of(system)
+    if frame is not None:
+        cosine, sine = (a + b for a, b in zip((cosine, sine), frame.load(system), strict=True))
     is_driven = forcing.frequency > 0
     longest = jnp.asarray(jnp.finfo(system.mass.dtype).max ** 0.5, system.mass.dtype)
     period = jnp.where(is_driven, 2 * jnp.pi / jnp.where(is_driven, forcing.frequency, 1.0), longest)
-    rate = jnp.maximum(_decay_and_frequency(system), amplitude.shape[0] * forcing.frequency)
+    rate = jnp.maximum(_decay_and_frequency(system), len(cosine) * forcing.frequency)
     extra = None
     if isinstance(system.force, BoundForce):
-        extra = ExtraForce(system.force, start[0])
+        extra = ExtraForce(system.force, start[0], frame)
         rate = rate + extra.rate(*start, system.mass)
     rate = jnp.maximum(rate, 1 / span)
     lanes = jnp.zeros(system.mass.shape[1:], system.mass.dtype)
@@ -237,11 +257,11 @@ def prepare(
         damping=system.damping,
         stiffness=system.stiffness,
         mean=forcing.mean,
-        cosine=amplitude * jnp.cos(phase),
-        sine=-amplitude * jnp.sin(phase),
+        cosine=cosine,
+        sine=sine,
         frequency=forcing.frequency,
         period=period,
-        position=stack([s.position + lanes for s in system.stops]) if system.stops else empty,
+        position=stack([s.centre + lanes for s in system.stops]) if system.stops else empty,
         restitution=stack([s.restitution + lanes for s in system.stops]) if system.stops else empty,
         rate=rate,
         timescale=1 / rate,
@@ -249,6 +269,7 @@ def prepare(
         signs=tuple(s.sign for s in system.stops),
         can_stick=can_stick,
         extra=extra,
+        frame=frame,
     )
 
 

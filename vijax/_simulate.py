@@ -14,7 +14,7 @@ from ._machine import Machine, State, prepare, start_period
 from ._motion.choose import choose_flow
 from ._motion.flow import AbstractFlow
 from ._solution import RESULTS, Solution
-from ._system.system import ImpactSystem, with_args
+from ._system.system import ImpactSystem, not_alike, with_args
 from ._types import Flag, Numbers, Scalar, as_float, at_once, concrete, not_negative
 from ._xla import AbstractTask, while_any
 
@@ -121,6 +121,8 @@ def can_any_stick(system: ImpactSystem, x0: Array | np.ndarray, v0: Array | np.n
     Known only from concrete values; while any is traced the answer is yes. Lanes may stand last.
     """
     for stop in system.stops:
+        if stop.motion is not None:
+            return True  # at rest on it, or not: the start time decides
         r, position, x, v = (concrete(a) for a in (stop.restitution, stop.position, x0, v0))
         if r is None or (r < 1).any():
             return True
@@ -140,12 +142,17 @@ def _doubts_at_the_door(
         in_order = jnp.all(jnp.diff(ts) >= 0) & (ts[0] >= t0) & (ts[-1] <= t1)
         checks.append((~in_order, "Argument `ts` must be in increasing order, within [t0, t1]."))
     for j, stop in enumerate(system.stops):
-        gap = stop.sign * (stop.position - x0[stop.mass])
+        gap = stop.sign * (stop.at(system.forcing.frequency * t0) - x0[stop.mass])
         sentence = (
             f"The start lies beyond a stop: `x0[{stop.mass}]` is past `stops[{j}]`. "
             f"Start mass {stop.mass} on its free side ({stop.side} stop), or on the stop."
         )
-        checks.append(((gap < 0) & ~is_touching(gap, stop.position), sentence))
+        checks.append(((gap < 0) & ~is_touching(gap, stop.reach), sentence))
+        checks += [
+            (~stop.moves_like(other), not_alike(stop.mass))
+            for other in system.stops[:j]
+            if other.mass == stop.mass and other.motion is not None
+        ]
     verdicts = [concrete(is_wrong) for is_wrong, _ in checks]
     for verdict, (_, sentence) in zip(verdicts, checks, strict=True):
         if verdict is not None and verdict.any():
@@ -182,12 +189,13 @@ class _Task(AbstractTask):
         is_finite = jnp.all(jnp.isfinite(after.x + after.v)) & jnp.isfinite(after.time)
         grazing = meet(self.machine, state, after, instant, carry.grazing)
         after = start_period(after, self.phase0, instant.arrived & ~is_last_period)
+        x, v = self.machine.in_space(after)
         time = self.t0 + state.periods * self.machine.period + instant.time
         return _Carry(
             state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),
             log=write(carry.log, after, instant, time, live),
-            xs=carry.xs.at[slot].set(after.x, mode="drop"),
-            vs=carry.vs.at[slot].set(after.v, mode="drop"),
+            xs=carry.xs.at[slot].set(x, mode="drop"),
+            vs=carry.vs.at[slot].set(v, mode="drop"),
             goal=carry.goal + is_saved,
             steps=carry.steps + live,
             is_finite=is_finite | ~live,
@@ -278,16 +286,17 @@ def _finish(
     result = RESULTS.where(is_done, result, RESULTS.max_steps_reached)
     result = RESULTS.where(last.is_finite, result, RESULTS.non_finite)
     result = RESULTS.where(is_sound, result, RESULTS.unsound_start)
+    x1, v1 = machine.in_space(state)
     time = t0 + state.periods * machine.period + state.time
     last_row = log.restarts.t[jnp.minimum(log.rows, max_events + 1) - 1]
     return Solution(
         ts=ts,
-        xs=jnp.where(is_reached, last.xs[:-1], state.x),
-        vs=jnp.where(is_reached, last.vs[:-1], state.v),
-        x1=state.x,
-        v1=state.v,
+        xs=jnp.where(is_reached, last.xs[:-1], x1),
+        vs=jnp.where(is_reached, last.vs[:-1], v1),
+        x1=x1,
+        v1=v1,
         stuck1=state.held,
-        events=event_log(machine, log.instants, max_events),
+        events=event_log(machine, log, max_events),
         num_events=jnp.minimum(log.num_events, max_events),
         num_steps=last.steps,
         num_rejected=task.flow.num_rejected(state.memory),

@@ -185,7 +185,7 @@ def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
     pressing = machine.at_stops(machine.total_force(state))
     is_known = (t >= solution.t0) & (t <= solution.t1) & (t <= solution.known_until)
     force = jnp.where(state.held, pressing, 0)
-    x, v, force = (jnp.where(is_known, a, jnp.nan) for a in (state.x, state.v, force))
+    x, v, force = (jnp.where(is_known, a, jnp.nan) for a in (*machine.in_space(state), force))
     return x, v, force
 
 

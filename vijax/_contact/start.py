@@ -19,10 +19,13 @@ def first_state(
     v: Float[Array, "n ..."],
 ) -> State:
     """The state at t0. A mass that moves into its stop is hit by the first step."""
-    touching = is_touching(machine.gaps(x), machine.position)
+    x, v = machine.seen_from_stops(phase, x, v)
+    reach, speed = _sizes(machine)
+    touching = is_touching(machine.gaps(x), reach)
     xs = list(x)
     for j, i in enumerate(machine.masses):
         xs[i] = jnp.where(touching[j], machine.position[j], xs[i])
+    v = jnp.where(machine.has_any(touching & is_touching(machine.of_stops(v), speed)), 0, v)
     state = resting_state(machine, phase, stack(xs), v, jnp.zeros(touching.shape, bool))
     state = eqx.tree_at(lambda s: s.gap, state, jnp.where(touching, 0, state.gap))
     state = remembering(state, flow.memory(state.time))
@@ -42,8 +45,16 @@ def first_state(
     return eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
 
 
+def _sizes(machine: Machine) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."]]:
+    """Of the numbers whose differences gaps and velocities relative to the stops are."""
+    if machine.frame is None:
+        return machine.position, jnp.zeros_like(machine.position)
+    travel, speed = (machine.of_stops(a) for a in machine.frame.extent())
+    return jnp.abs(machine.position) + travel, speed
+
+
 def is_touching(
-    gap: Float[Array | np.ndarray, "..."], position: Float[Array | np.ndarray, "..."]
+    gap: Float[Array | np.ndarray, "..."], size: Float[Array | np.ndarray, "..."]
 ) -> Bool[Array, "..."]:
-    """Whether a gap is zero to rounding."""
-    return jnp.abs(gap) <= 8 * jnp.finfo(gap.dtype).eps * jnp.abs(position)
+    """Whether a gap is zero to rounding, as the difference of numbers of some size."""
+    return jnp.abs(gap) <= 8 * jnp.finfo(gap.dtype).eps * jnp.abs(size)

@@ -99,7 +99,8 @@ def saltation_matrix(
     """Derivative of the state just after an impact by the state just before, no other mass held.
 
     With the reset R (v_i to -r v_i), the gap g, and the vector fields f- = (v-, a-) and f+ before and
-    after: S = R + (f+ - R f-) (dg/dy) / (dg/dy f-). It is infinite at a grazing impact.
+    after: S = R + (f+ - R f-) (dg/dy) / (dg/dy f-). It is infinite at a grazing impact. Where the stop itself
+    moves by w(t), v_i is reset to -r v_i + (1 + r) w': f+ is then less by (1 + r) w'', dg/dt less by w'.
 
     Args:
         system: the machine.
@@ -123,13 +124,16 @@ def saltation_matrix(
         M. di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), Sec. 2.5.
     """
     x, v = as_float(x), as_float(v)
-    n, i = system.num_masses, system.stops[stop].mass
-    reset = jnp.ones(2 * n).at[n + i].set(-system.stops[stop].restitution)
-    before = jnp.concatenate([v, _acceleration(system, as_float(t), x, v, args)])
-    v_plus = v * reset[n:]
-    after = jnp.concatenate([v_plus, _acceleration(system, as_float(t), x, v_plus, args)])
-    towards = jnp.zeros(2 * n).at[i].set(1 / v[i])
-    return jnp.diag(reset) + jnp.outer(after - reset * before, towards)
+    time, wall = as_float(t), system.stops[stop]
+    n, i, r = system.num_masses, wall.mass, wall.restitution
+    speed = jax.grad(lambda t: wall.at(system.forcing.frequency * t))
+    w1, w2 = speed(time), jax.grad(speed)(time)
+    reset = jnp.ones(2 * n).at[n + i].set(-r)
+    before = jnp.concatenate([v, _acceleration(system, time, x, v, args)])
+    v_plus = (v * reset[n:]).at[i].add((1 + r) * w1)
+    after = jnp.concatenate([v_plus, _acceleration(system, time, x, v_plus, args)])
+    jump = (after - reset * before).at[n + i].add(-(1 + r) * w2)
+    return jnp.diag(reset) + jnp.outer(jump, jnp.zeros(2 * n).at[i].set(1 / (v[i] - w1)))
 
 
 def _acceleration(

@@ -19,7 +19,8 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._contact.start import first_state
-from .._machine import State, prepare
+from .._frame import num_harmonics
+from .._machine import Machine, State, prepare
 from .._motion.flight import ExpandingFlow
 from .._motion.flow import AbstractFlow
 from .._system.system import ImpactSystem
@@ -55,7 +56,7 @@ def new_queue(
     Lanes remember from step to step what `flow` asks for; nothing, if it is left out.
     """
     (n, points), stops, dtype = x0.shape, len(system.stops), x0.dtype
-    harmonics = system.forcing.amplitude.shape[0] if system.forcing.amplitude.ndim == 3 else 1
+    harmonics = num_harmonics(system)
 
     def fill(dtype: DTypeLike, *shape: int, value: int = 0) -> Array:
         return jax.device_put(np.full(shape, value, dtype))  # nothing to compile, unlike `jnp.full`
@@ -129,7 +130,7 @@ def run_lanes(
         is_enough = jnp.where(is_waiting, num_lanes - max(num_lanes // 16, 1), 0)
         task = Task(motion, numbers, phase0[..., :1], work, queue.point, is_enough, last_turn)
         progress, _ = run((queue.progress, task))
-        return _refill(work, first, eqx.tree_at(lambda q: q.progress, queue, progress))
+        return _refill(work, first, numbers, eqx.tree_at(lambda q: q.progress, queue, progress))
 
     def is_left(queue: Queue) -> Bool[Array, ""]:
         live = is_live(work, queue.progress.lanes, queue.point)
@@ -151,12 +152,13 @@ def _gather(tree, point: Int[Array, " lanes"], num_points: int):
     return jax.tree.map(take, tree)
 
 
-def _refill(work: Work, first: State, queue: Queue) -> Queue:
+def _refill(work: Work, first: State, machine: Machine, queue: Queue) -> Queue:
     """Put aside what the lanes that are done found, and give them new points."""
     lanes, num_points = queue.progress.lanes, queue.ends.steps.size
     free = ~is_live(work, lanes, queue.point)
     done = jnp.where(free, queue.point, num_points)
-    ends = jax.tree.map(lambda all_, a: all_.at[..., done].set(a, mode="drop"), queue.ends, lanes)
+    told = eqx.tree_at(lambda e: (e.state.x, e.state.v), lanes, machine.in_space(lanes.state))
+    ends = jax.tree.map(lambda all_, a: all_.at[..., done].set(a, mode="drop"), queue.ends, told)
     candidate = queue.following + jnp.cumsum(free) - free
     is_new = free & (candidate < work.num_points)
     point = jnp.where(is_new, candidate, jnp.where(free, num_points, queue.point))

@@ -156,6 +156,8 @@ def _turn(task: Task, progress: Progress) -> Progress:
     number = jnp.sum(lanes.num_impacts, axis=0) + jnp.cumsum(hit, axis=0) - hit
     signs = jnp.asarray(machine.signs, passed.dtype)[:, None]
     stop, velocity = jnp.arange(len(hit))[:, None], signs * instant.velocity_minus
+    if machine.frame is not None:
+        velocity += machine.of_stops(machine.frame.at(after.phase)[1])
     columns = [passed, velocity, stop, task.point, number, instant.chatter]
     moved = Ends(
         state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),
@@ -165,8 +167,9 @@ def _turn(task: Task, progress: Progress) -> Progress:
         steps=lanes.steps + live,
         is_finite=is_finite | ~live,
     )
+    x, v = machine.in_space(moved.state)
     impacts = _append(progress.impacts, hit & (number < work.max_impacts), columns)
-    columns = [task.point, state.periods - work.transient, *moved.state.x, *moved.state.v, *moved.held_time]
+    columns = [task.point, state.periods - work.transient, *x, *v, *moved.held_time]
     marks = _append(progress.marks, counted & instant.arrived, columns)
     return Progress(moved, impacts, marks, progress.turns + 1)
 

@@ -20,13 +20,14 @@ def describe(system: ImpactSystem) -> dict[str, Any]:
     """
     return {
         **{name: np.asarray(getattr(system, name)).tolist() for name in _ARRAYS},
-        "forcing": {name: np.asarray(getattr(system.forcing, name)).tolist() for name in _OF_FORCING},
+        "forcing": _lists(system.forcing),
         "stops": [
             {
                 "mass": stop.mass,
                 "position": float(stop.position),
                 "side": stop.side,
                 "restitution": float(stop.restitution),
+                "motion": None if stop.motion is None else _lists(stop.motion),
             }
             for stop in system.stops
         ],
@@ -46,14 +47,27 @@ def build(description: dict[str, Any], dtype: DTypeLike) -> ImpactSystem:
             "as it was built for the sweep."
         )
     arrays = {name: np.asarray(description[name], dtype) for name in _ARRAYS}
-    forcing = {name: np.asarray(description["forcing"][name], dtype) for name in _OF_FORCING}
+    forcing = Harmonic(**{name: np.asarray(description["forcing"][name], dtype) for name in _OF_FORCING})
     stops = [
         Stop(
             stop["mass"],
             np.asarray(stop["position"], dtype),
             stop["side"],
             np.asarray(stop["restitution"], dtype),
+            _motion(stop.get("motion"), forcing, dtype),
         )
         for stop in description["stops"]
     ]
-    return ImpactSystem(**arrays, forcing=Harmonic(**forcing), stops=stops)
+    return ImpactSystem(**arrays, forcing=forcing, stops=stops)
+
+
+def _lists(harmonic: Harmonic) -> dict[str, Any]:
+    """A load, or a motion, which has no frequency of its own."""
+    values = ((name, getattr(harmonic, name)) for name in _OF_FORCING)
+    return {name: np.asarray(value).tolist() for name, value in values if value is not None}
+
+
+def _motion(lists: dict[str, Any] | None, forcing: Harmonic, dtype: DTypeLike) -> Harmonic | None:
+    if lists is None:
+        return None
+    return Harmonic(frequency=forcing.frequency, **{name: np.asarray(a, dtype) for name, a in lists.items()})

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-from .._types import Scalar, as_float, over_lanes
+from .._types import as_float
 
 
 def as_force(force: Any) -> Callable | None:
@@ -62,34 +62,6 @@ class BoundForce(eqx.Module):
 
     def __call__(self, t: Float[Array, ""], x: Float[Array, " n"], v: Float[Array, " n"]) -> Array:
         return jnp.asarray(self.force(t, x, v, self.args), x.dtype)
-
-
-class ExtraForce(eqx.Module):
-    """What acts on the masses beside the linear forces.
-
-    Attributes:
-        force: of time, positions and velocities, for one trajectory.
-        origin: the time at which the forcing periods are counted from.
-    """
-
-    force: BoundForce
-    origin: Scalar
-
-    def __call__(
-        self, t: Scalar, x: Float[Array, "n ..."], v: Float[Array, "n ..."]
-    ) -> Float[Array, "n ..."]:
-        return over_lanes(lambda force, t, x, v: force(t, x, v), x, self.force, t, x, v)
-
-    def rate(self, t: Scalar, x: Float[Array, "n ..."], v: Float[Array, "n ..."], mass: Array) -> Scalar:
-        """An estimate, from one state, of the frequency or decay rate it adds to the motion."""
-
-        def of_one(force, t, x, v, mass):
-            by_x, by_v = jax.jacfwd(force, (1, 2))(t, x, v)
-            root = jnp.sqrt(mass)
-            w2, d = (jnp.linalg.norm(a / (root[:, None] * root[None])) for a in (by_x, by_v))
-            return (d + jnp.sqrt(d * d + 4 * w2)) / 2
-
-        return over_lanes(of_one, x, self.force, t, x, v, mass)
 
 
 def bind(force: Callable | None, args: PyTree, num_masses: int) -> BoundForce | None:

@@ -34,7 +34,7 @@ class Harmonic(eqx.Module):
     """
 
     amplitude: Float[Array, "..."]
-    frequency: Float[Array, "..."]
+    frequency: Float[Array, "..."]  # None in the motion of a stop of a machine, which has but one
     phase: Float[Array, "..."]
     mean: Float[Array, "..."]
 
@@ -79,6 +79,16 @@ class Harmonic(eqx.Module):
             value = concrete(getattr(self, name))
             if value is not None and not np.isfinite(value).all():
                 raise ValueError(f"Argument `{name}` must be finite, but is {value}.")
+
+    def num_harmonics(self, lane_axes: int = 0) -> int:
+        """How many there are; lanes may stand last."""
+        return len(self.amplitude) if self.amplitude.ndim - lane_axes == 2 else 1
+
+    def waves(self, lane_axes: int = 0) -> tuple[Array, Array]:
+        """The load but for its mean as cosines and sines of h W t, (harmonics, n, ...) each; lanes last."""
+        is_single = self.amplitude.ndim - lane_axes == 1
+        amplitude, phase = (a[None] if is_single else a for a in (self.amplitude, self.phase))
+        return amplitude * jnp.cos(phase), -amplitude * jnp.sin(phase)
 
     @property
     def period(self) -> Float[Array, "..."]:

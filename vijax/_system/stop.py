@@ -3,10 +3,12 @@
 from typing import Literal
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
-from .._types import as_float, concrete
+from .._types import Scalar, as_float, concrete
+from .forcing import Harmonic
 
 
 class Stop(eqx.Module):
@@ -15,21 +17,30 @@ class Stop(eqx.Module):
     An `"upper"` stop keeps `x <= position`, a `"lower"` one `x >= position`. On contact the
     velocity of the mass is multiplied by `-restitution` (Wagg & Bishop 2004, Eq. 11).
 
+    A stop with a `motion` w(t) stands at `position + w(t)`, and it is the velocity relative to it, v - w',
+    that is multiplied. While it holds its mass they move together.
+
     Args:
         mass: index of the mass, counted from 0.
-        position: where the stop stands, in units of length.
+        position: where the stop stands, in units of length; the middle of its motion, if it moves.
         side: `"upper"` or `"lower"`.
         restitution: coefficient of restitution, from 0 (plastic) to 1 (elastic). At 1 a mass never
             comes to rest on its stop: pressed on it while dampers take the energy, it bounces ever
             faster, and `simulate` ends with `max_steps_reached`.
+        motion: how the stop moves, a length: one column, amplitude (1,) or (harmonics, 1), of the frequency
+            of the load. The machine has one frequency, `forcing.frequency`, and keeps no other. Two stops of
+            one mass must move alike. The stop stands still, if left out.
 
     Raises:
-        ValueError: for an unknown side, a negative index, or a restitution outside [0, 1].
+        ValueError: for an unknown side, a negative index, a restitution outside [0, 1], or a motion
+            of more than one column.
 
     Example:
         ```python
         import vijax as vx
         wall = vx.Stop(mass=0, position=0.3, side="upper", restitution=0.7)
+        shaken = vx.Harmonic(amplitude=[0.1], frequency=0.8)
+        table = vx.Stop(mass=1, position=0.0, side="lower", restitution=0.7, motion=shaken)
         ```
 
     References:
@@ -40,6 +51,7 @@ class Stop(eqx.Module):
     position: Float[Array, "..."] = eqx.field(converter=as_float)
     side: Literal["upper", "lower"] = eqx.field(static=True)
     restitution: Float[Array, "..."] = eqx.field(converter=as_float)
+    motion: Harmonic | None
 
     def __init__(
         self,
@@ -47,11 +59,13 @@ class Stop(eqx.Module):
         position: ArrayLike = 0.0,
         side: Literal["upper", "lower"] = "upper",
         restitution: ArrayLike = 1.0,
+        motion: Harmonic | None = None,
     ):
         self.mass = mass
         self.position = as_float(position)
         self.side = side
         self.restitution = as_float(restitution)
+        self.motion = motion
 
     def __check_init__(self):
         if self.side not in ("upper", "lower"):
@@ -72,7 +86,48 @@ class Stop(eqx.Module):
                 f"Argument `restitution` must lie between 0 (plastic) and 1 (elastic), but is {restitution}."
             )
 
+        if self.motion is not None and self.motion.amplitude.shape[-1] != 1:
+            raise ValueError(
+                "Argument `motion` must move one stop, with an amplitude of shape (1,) or (harmonics, 1), "
+                f"but its amplitude has shape {self.motion.amplitude.shape}."
+            )
+
     @property
     def sign(self) -> int:
         """+1 for an upper stop, -1 for a lower one: the gap is `sign (position - x)`."""
         return 1 if self.side == "upper" else -1
+
+    @property
+    def centre(self) -> Float[Array, "..."]:
+        """Where the stop stands in the mean."""
+        return self.position if self.motion is None else self.position + self.motion.mean[0]
+
+    @property
+    def reach(self) -> Float[Array, "..."]:
+        """It never stands farther from the origin; lanes may stand last."""
+        if self.motion is None:
+            return abs(self.position)
+        amplitude = self.motion.amplitude
+        return abs(self.centre) + abs(amplitude).sum(axis=self._own_axes(amplitude))
+
+    def at(self, angle: Scalar | float) -> Float[Array, "..."]:
+        """Where the stop stands at the phase `angle` = W t of the load; lanes may stand last."""
+        if self.motion is None:
+            return self.position
+        amplitude, phase = self.motion.amplitude, self.motion.phase
+        own = self._own_axes(amplitude)
+        order = jnp.arange(1, len(amplitude) + 1).reshape(-1, *[1] * (amplitude.ndim - 1))
+        return self.centre + (amplitude * jnp.cos(order * angle + phase)).sum(axis=own)
+
+    def moves_like(self, other: "Stop") -> Bool[Array, "..."]:
+        """Whether two stops keep their distance; lanes may stand last."""
+        if self.motion is None or other.motion is None:
+            return jnp.asarray(self.motion is other.motion)
+        (a, p), (b, q) = ((m.amplitude, m.phase) for m in (self.motion, other.motion))
+        own = self._own_axes(a)
+        if [a.shape[k] for k in own] != [b.shape[k] for k in own] or a.ndim != b.ndim:
+            return jnp.asarray(False)
+        return ((a == b) & (p == q)).all(axis=own)
+
+    def _own_axes(self, a: Float[Array, "..."]) -> tuple[int, ...]:
+        return tuple(range(a.ndim - self.position.ndim))

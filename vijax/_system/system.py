@@ -64,8 +64,7 @@ class ImpactSystem(eqx.Module):
         self.mass = as_float(mass)
         self.damping = as_float(damping)
         self.stiffness = as_float(stiffness)
-        self.forcing = forcing
-        self.stops = tuple(stops)
+        self.stops, self.forcing = _of_one_frequency(stops, forcing)
         self.force = as_force(force)
 
     def __check_init__(self):
@@ -100,8 +99,11 @@ class ImpactSystem(eqx.Module):
             places[stop.mass, stop.side] = j
         for (mass, side), j in places.items():
             if side == "lower" and (mass, "upper") in places:
-                low = concrete(self.stops[j].position)
-                high = concrete(self.stops[places[mass, "upper"]].position)
+                upper = self.stops[places[mass, "upper"]]
+                is_alike = concrete(self.stops[j].moves_like(upper))
+                if is_alike is not None and not is_alike:
+                    raise ValueError(not_alike(mass))
+                low, high = concrete(self.stops[j].centre), concrete(upper.centre)
                 if low is not None and high is not None and not low < high:
                     raise ValueError(
                         f"The lower stop of mass {mass} (at {low}) must lie below its upper stop (at {high})."
@@ -125,6 +127,32 @@ class ImpactSystem(eqx.Module):
     def num_stops(self) -> int:
         """Number of stops."""
         return len(self.stops)
+
+
+def _of_one_frequency(stops: Sequence[Stop], forcing: Harmonic) -> tuple[tuple[Stop, ...], Harmonic]:
+    """Leave the frequency to the load alone, so that what changes it there changes it everywhere."""
+    same = []
+    for j, stop in enumerate(stops):
+        if stop.motion is not None and stop.motion.frequency is not None:
+            differs = stop.motion.frequency != forcing.frequency
+            sentence = f"The frequency of `stops[{j}].motion` must be that of the load, `forcing.frequency`."
+            known = concrete(differs)
+            if known is not None and known.any():
+                raise ValueError(sentence)
+            if known is None and stop.motion.frequency is not forcing.frequency:
+                checked = eqx.error_if(forcing.frequency, differs, sentence)
+                forcing = eqx.tree_at(lambda f: f.frequency, forcing, checked)
+            stop = eqx.tree_at(lambda s: s.motion.frequency, stop, None)
+        same.append(stop)
+    return tuple(same), forcing
+
+
+def not_alike(mass: int) -> str:
+    """What is told of stops of one mass that move differently."""
+    return (
+        f"The two stops of mass {mass} must move alike, as the two walls of one slot: give both the same "
+        "`motion`, or none."
+    )
 
 
 def check_semidefinite(name: str, matrices: np.ndarray) -> None:
