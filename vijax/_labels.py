@@ -22,6 +22,8 @@ _MEANINGS = {
     "forcing.mean": "mean of the load",
     "stops.position": "position of the stop",
     "stops.restitution": "coefficient of restitution",
+    "force": "parameter of the force",
+    "args": "argument of the force",
     "x0": "position at the start",
     "v0": "velocity at the start",
     "direction": "direction in which the points were visited",
@@ -66,7 +68,8 @@ _UNITS = {"impact_phase": "rad", "forcing.phase": "rad", "stops.restitution": "1
 
 def label(name: str) -> dict[str, str]:
     """The attributes of a variable or of a swept path: meaning, and unit where there is one."""
-    name = re.sub(r"\[[^]]*\]", "", name)
+    name = re.sub(r"\[[^]]*\]|\.values$", "", name)
+    name = re.sub(r"^(force|args)\..*", r"\1", name)
     units = {"units": _UNITS[name]} if name in _UNITS else {}
     return ({"long_name": _MEANINGS[name]} if name in _MEANINGS else {}) | units
 
