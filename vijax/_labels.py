@@ -25,6 +25,8 @@ _MEANINGS = {
     "stops.motion.amplitude": "amplitude of the motion of the stop",
     "stops.motion.phase": "phase of the motion of the stop",
     "stops.motion.mean": "mean of the motion of the stop",
+    "force": "parameter of the force",
+    "args": "argument of the force",
     "x0": "position at the start",
     "v0": "velocity at the start",
     "direction": "direction in which the points were visited",
@@ -74,7 +76,8 @@ _UNITS = {
 
 def label(name: str) -> dict[str, str]:
     """The attributes of a variable or of a swept path: meaning, and unit where there is one."""
-    name = re.sub(r"\[[^]]*\]", "", name)
+    name = re.sub(r"\[[^]]*\]|\.values$", "", name)
+    name = re.sub(r"^(force|args)\..*", r"\1", name)
     units = {"units": _UNITS[name]} if name in _UNITS else {}
     return ({"long_name": _MEANINGS[name]} if name in _MEANINGS else {}) | units
 

@@ -1,5 +1,7 @@
 """What a sweep found, as a labelled dataset."""
 
+import re
+
 import numpy as np
 import xarray as xr
 
@@ -50,7 +52,7 @@ def dataset(
     coordinates = directions | _coordinates(axes) | masses
     ds = xr.Dataset(variables, coords=coordinates, attrs=attributes)
     for name, variable in ds.variables.items():
-        variable.attrs = label(str(name).removesuffix(".values"))
+        variable.attrs = label(str(name))
     ds["steps"].attrs["lane_steps"] = found.lane_steps
     ds["result"].attrs |= flags(list(RESULTS._name_to_item))
     return ds
@@ -62,9 +64,15 @@ def _coordinates(axes: dict[str, np.ndarray]) -> dict[str, tuple | np.ndarray]:
     for path, axis in axes.items():
         coordinates[path] = axis if axis.ndim == 1 else np.arange(len(axis))
         if axis.ndim > 1:
-            last = ("harmonic" if path.startswith("forcing") else "row", "mass")[-(axis.ndim - 1) :]
-            coordinates[f"{path}.values"] = ((path, *last), axis)
+            coordinates[f"{path}.values"] = ((path, *_axis_names(path, axis.ndim - 1)), axis)
     return coordinates
+
+
+def _axis_names(path: str, ndim: int) -> list[str]:
+    """What the axes of a swept array count."""
+    if re.match(r"(force|args)\b", path):
+        return [f"{path}.axis{k}" for k in range(ndim)]
+    return ["harmonic" if path.startswith("forcing") else "row", "mass"][-ndim:]
 
 
 def _impact_table(points: Point, counts: Counts, found: Found) -> dict[str, np.ndarray]:

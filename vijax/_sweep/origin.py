@@ -10,7 +10,7 @@ import xarray as xr
 from .._labels import versions
 from .._system.description import build, describe
 from .._system.system import ImpactSystem
-from .paths import Point, is_of_machine, points_of_lanes
+from .paths import Point, only_paths, with_values
 from .queues import Counts
 
 
@@ -67,12 +67,13 @@ def system_of(ds: xr.Dataset) -> ImpactSystem:
     if "system" not in ds.attrs:
         raise ValueError("Argument `ds` must carry the attributes of `vx.sweep`, but has no `system`.")
     system = build(json.loads(ds.attrs["system"]), ds.attrs["dtype"])
-    swept = {}
+    start = np.zeros(system.num_masses, ds.attrs["dtype"])
+    base, single = Point(system, start, start), {}
     for name, values in ds.coords.items():
         path = str(name).removesuffix(".values")
-        has_one = path not in ds.dims and (name != path or f"{path}.values" not in ds.coords)
-        if has_one and is_of_machine(path):
-            swept[path] = np.asarray(values.values, ds.attrs["dtype"])[None]
-    start = np.zeros(system.num_masses, ds.attrs["dtype"])
-    point = points_of_lanes(Point(system, start, start), swept)
+        if path not in ds.dims and (name != path or f"{path}.values" not in ds.coords):
+            single[path] = values.values
+    paths = only_paths(base, single)
+    # The sweep has checked the values, with a start that is not known here.
+    point = with_values(base, {path: np.asarray(single[path], start.dtype)[None] for path in paths})
     return jax.tree.map(lambda a: jnp.asarray(a[..., 0]), point.system)

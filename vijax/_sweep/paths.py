@@ -1,25 +1,17 @@
-"""Swept quantities by name: "forcing.frequency", "stops[*].restitution", "damping", "x0[1]"."""
+"""Swept quantities by name: "forcing.frequency", "stops[*].restitution", "damping", "x0[1]", "force.k3"."""
 
 import re
-from collections.abc import Callable
+from collections import OrderedDict
+from collections.abc import Iterable
 
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from .._contact.start import is_touching
-from .._system.system import ImpactSystem, check_semidefinite
-
-_PATH = re.compile(
-    r"(?:stops\[(?P<stop>\d+|\*)\]\.|(?P<forcing>forcing)\.)?(?P<field>\w+)(?P<index>(\[\d+\])*)"
-)
-_FIELDS = {
-    "stops": ("position", "restitution"),
-    "forcing": ("amplitude", "frequency", "phase", "mean"),
-    "system": ("mass", "damping", "stiffness"),
-    "start": ("x0", "v0"),
-}
+from .._system.force import numbers_of
+from .._system.system import ImpactSystem, check_semidefinite, not_alike
 
 
 class Point(eqx.Module):
@@ -43,47 +35,61 @@ def points_of_lanes(base: Point, swept: dict[str, np.ndarray]) -> Point:
     Raises:
         ValueError: for a path that names nothing or values that do not fit or make no machine.
     """
-    points = jax.tree.map(lambda a: np.asarray(a)[..., None], base)
-    for path, values in swept.items():
-        leaves, index = _find(base, path)
-        for leaf in leaves:
-            points = eqx.tree_at(leaf, points, _set(leaf(points), index, values, path))
+    points = with_values(base, swept)
     _check(points)
     return points
 
 
-def is_of_machine(path: str) -> bool:
-    """Whether this is the path of a quantity of the machine, such as one may sweep."""
-    match = _PATH.fullmatch(path)
-    kind = "system" if match is None else "stops" if match["stop"] else match["forcing"] or "system"
-    return match is not None and match["field"] in _FIELDS[kind]
+def with_values(base: Point, swept: dict[str, np.ndarray]) -> Point:
+    """What `points_of_lanes` returns, not checked for being machines."""
+    points = jax.tree.map(lambda a: np.asarray(a)[..., None], base)
+    for path, values in swept.items():
+        leaves, index = _find(base, path)
+        if not leaves:
+            raise ValueError(_names_nothing(base, path))
+        for i in leaves:
+            at = lambda p, i=i: jax.tree.leaves(_named(p))[i]  # noqa: E731
+            points = eqx.tree_at(at, points, _set(at(points), index, values, path))
+    return points
 
 
-def _find(base: Point, path: str) -> tuple[list[Callable], tuple[int, ...]]:
-    """The leaves that a path names, as getters, and the index inside them."""
-    match = _PATH.fullmatch(path)
-    if match is None:
-        raise ValueError(_names_nothing(base, path))
-    stop, field = match["stop"], match["field"]
-    index = tuple(int(i) for i in re.findall(r"\[(\d+)\]", match["index"]))
-    owners: list[Callable]
-    if stop is not None:
-        numbers = range(len(base.system.stops)) if stop == "*" else [int(stop)]
-        kind, owners = "stops", [lambda p, j=j: p.system.stops[j] for j in numbers]
-        is_there = len(numbers) > 0 and max(numbers) < len(base.system.stops)
-    elif match["forcing"]:
-        kind, owners, is_there = "forcing", [lambda p: p.system.forcing], True
-    elif field in _FIELDS["start"]:
-        kind, owners, is_there = "start", [lambda p: p], True
-    else:
-        kind, owners, is_there = "system", [lambda p: p.system], True
-    if not is_there or field not in _FIELDS[kind]:
-        raise ValueError(_names_nothing(base, path))
-    leaves = [lambda p, owner=owner: getattr(owner(p), field) for owner in owners]
-    shape = np.shape(leaves[0](base))
-    if len(index) > len(shape) or any(i >= n for i, n in zip(index, shape, strict=False)):
-        raise ValueError(_names_nothing(base, path))
-    return leaves, index
+def only_paths(base: Point, names: Iterable[str]) -> list[str]:
+    """Those of some names that are paths."""
+    return [name for name in names if _find(base, name)[0]]
+
+
+def _find(base: Point, path: str) -> tuple[list[int], tuple[int, ...]]:
+    """The numbers of the leaves that a path names, none if it names nothing, and the index inside them."""
+    names, shapes = _names(base), [np.shape(leaf) for leaf in jax.tree.leaves(_named(base))]
+    name, index = _plain(path), ()
+    while True:
+        pattern = re.escape(name).replace(r"\[\*\]", r"\[\d+\]")
+        leaves = [i for i, known in enumerate(names) if re.fullmatch(pattern, known)]
+        match = re.fullmatch(r"(.+)\[(\d+)\]", name)
+        if leaves or match is None:
+            return leaves if all(_is_inside(index, shapes[i]) for i in leaves) else [], index
+        name, index = match[1], (int(match[2]), *index)
+
+
+def _is_inside(index: tuple[int, ...], shape: tuple[int, ...]) -> bool:
+    return len(index) <= len(shape) and all(i < n for i, n in zip(index, shape, strict=False))
+
+
+def _named(point: Point) -> PyTree:
+    """The numbers of a point, in a tree whose keys are the names that the user knows."""
+    force, args = numbers_of(point.system.force)
+    return OrderedDict(vars(point.system) | {"force": force, "args": args, "x0": point.x0, "v0": point.v0})
+
+
+def _names(base: Point) -> list[str]:
+    """The paths of whole leaves, in their order."""
+    leaves, _ = jax.tree_util.tree_flatten_with_path(_named(base))
+    return [_plain(jax.tree_util.keystr(keys)).lstrip(".") for keys, _ in leaves]
+
+
+def _plain(path: str) -> str:
+    """Entries of a `dict` are named as fields are: `args.k3` is `args['k3']`."""
+    return re.sub(r"\[(['\"])(\w+)\1\]", r".\2", path)
 
 
 def _set(leaf: np.ndarray, index: tuple[int, ...], values: np.ndarray, path: str) -> np.ndarray:
@@ -101,14 +107,18 @@ def _set(leaf: np.ndarray, index: tuple[int, ...], values: np.ndarray, path: str
 
 
 def _names_nothing(base: Point, path: str) -> str:
-    names = [*_FIELDS["system"], *(f"forcing.{name}" for name in _FIELDS["forcing"]), *_FIELDS["start"]]
-    if base.system.stops:
-        names += [f"stops[{j}].{name}" for j in ("j", "*") for name in _FIELDS["stops"]]
-    return (
+    names = _names(base)
+    of_stops = dict.fromkeys(re.sub(r"stops\[\d+\]", "", name) for name in names if name.startswith("stops["))
+    names = [name for name in names if not name.startswith("stops[")]
+    names += [f"stops[{j}]{name}" for j in ("j", "*") for name in of_stops]
+    sentence = (
         f"The path `{path}` names nothing that can be swept. There are {', '.join(names)}, and entries of "
         f"them as in `x0[1]` or `damping[0][1]`; the machine has {base.system.num_masses} masses and "
         f"{base.system.num_stops} stops."
     )
+    if base.system.force is None:
+        return sentence
+    return f"{sentence} Of its force, floating-point numbers have paths: write 1.0 in it, not 1."
 
 
 def _check(points: Point) -> None:
@@ -131,14 +141,18 @@ def _check_stops(points: Point) -> None:
     for j, stop in enumerate(stops):
         if not ((stop.restitution >= 0) & (stop.restitution <= 1)).all():
             raise ValueError(f"Every `stops[{j}].restitution` must lie between 0 and 1.")
-        gap = stop.sign * (stop.position - points.x0[stop.mass])
-        if ((gap < 0) & ~np.asarray(is_touching(gap, stop.position))).any():
+        gap = stop.sign * (np.asarray(stop.at(0.0)) - points.x0[stop.mass])
+        if ((gap < 0) & ~np.asarray(is_touching(gap, stop.reach))).any():
             raise ValueError(
                 f"Some points start beyond a stop: `x0[{stop.mass}]` is past `stops[{j}]`. Start mass "
                 f"{stop.mass} on its free side ({stop.side} stop), or on the stop."
             )
         for other in stops[j + 1 :]:
-            if other.mass == stop.mass and not (stop.sign * (stop.position - other.position) > 0).all():
+            if other.mass != stop.mass:
+                continue
+            if not np.asarray(stop.moves_like(other)).all():
+                raise ValueError(not_alike(stop.mass))
+            if not (stop.sign * (stop.centre - other.centre) > 0).all():
                 raise ValueError(
                     f"The lower stop of mass {stop.mass} must lie below its upper stop at every point."
                 )

@@ -49,7 +49,8 @@ def sweep(
         values: for each swept quantity, by its path, the values to visit: "forcing.frequency",
             "forcing.amplitude[0]", "stops[1].position", "stops[*].restitution" (all stops at once),
             "mass[0]", "x0[1]", ..., shape (points,); a whole array such as "damping" takes
-            (points, n, n). Several quantities make a product grid, a dimension each.
+            (points, n, n). Numbers of the force are named by its fields, "force.cubic", those of `args` by
+            "args.cubic" or "args[0]". Several quantities make a product grid, a dimension each.
         transient: forcing periods before recording.
         record: forcing periods that are recorded.
         carry: None runs every point from the same start. "up" lets every point start where the one

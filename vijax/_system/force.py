@@ -64,6 +64,14 @@ class BoundForce(eqx.Module):
         return jnp.asarray(self.force(t, x, v, self.args), x.dtype)
 
 
+def numbers_of(force: Callable | None) -> tuple[PyTree, PyTree]:
+    """The numbers of a force that is bound, and of its `args`, in trees that the user knows."""
+    if not isinstance(force, BoundForce):
+        return None, None
+    own = force.force
+    return own.numbers if isinstance(own, _Frozen) else own, force.args
+
+
 def bind(force: Callable | None, args: PyTree, num_masses: int) -> BoundForce | None:
     """Give a force its `args`, and refuse what cannot be a force.
 

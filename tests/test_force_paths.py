@@ -1,0 +1,191 @@
+"""Parameters of a force, and of its args, are swept by their names."""
+
+import re
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+
+import vijax as vx
+from vijax._sweep.paths import Point, points_of_lanes
+from vijax._system.system import with_args
+
+# Two computations of the same bits apart from the order of sums in a batch.
+ROUNDING = 1e-9
+CUBICS = np.array([0.5, 1.0, 1.5])
+
+
+class Spring(eqx.Module):
+    """A hardening spring, with a part inside it and something that is no number."""
+
+    cubic: jax.Array | float
+    parts: dict[str, jax.Array | float]
+    law: object
+
+    def __call__(self, t, x, v, args):
+        return -self.cubic * self.law(x) - self.parts["drag"] * v
+
+
+def cube(x):
+    return x**3
+
+
+def by_args(t, x, v, args):
+    return -args["cubic"] * x**3 - args["drag"][0] * v
+
+
+def of_pair(t, x, v, args):
+    return -args[0] * x**3 - args[1][0] * v
+
+
+def machine(force) -> vx.ImpactSystem:
+    load = vx.Harmonic([0.6], 0.9)
+    return vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, [vx.Stop(0, 0.5, "upper", 0.7)], force)
+
+
+def spring(cubic=1.0, drag=0.05) -> Spring:
+    return Spring(cubic, {"drag": drag}, cube)
+
+
+def sweep(force, values, **options) -> xr.Dataset:
+    return vx.sweep(machine(force), values, transient=2, record=3, progress=False, **options)
+
+
+@pytest.fixture(scope="module")
+def by_force() -> xr.Dataset:
+    return sweep(spring(), {"force.cubic": CUBICS})
+
+
+def test_a_parameter_of_a_force_is_swept_by_its_name(by_force):
+    assert by_force.result.dims == ("force.cubic",)
+    assert (by_force.result == 0).all()
+    assert len(np.unique(by_force.x)) == 3
+    for cubic in CUBICS:
+        one = machine(spring(cubic))
+        sol = vx.simulate(one, 0.0, 5 * float(one.forcing.period), max_events=64)
+        point = by_force.sel({"force.cubic": cubic})
+        np.testing.assert_allclose(point.x, sol.x1, rtol=0, atol=ROUNDING)
+        np.testing.assert_allclose(point.v, sol.v1, rtol=0, atol=ROUNDING)
+        late = np.asarray((sol.events.kind == vx.IMPACT) & (sol.events.t > 2 * one.forcing.period))
+        assert int(point.num_impacts.sum()) == late.sum() > 0
+        found = point.impact_velocity.dropna("impact")
+        np.testing.assert_allclose(found, sol.events.velocity_minus[late], rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("force", "args", "path"),
+    [
+        (by_args, {"cubic": 1.0, "drag": [0.05]}, "args.cubic"),
+        (by_args, {"cubic": 1, "drag": np.array([0.05])}, "args['cubic']"),
+        (of_pair, (1.0, jnp.array([0.05])), "args[0]"),
+    ],
+    ids=["dict", "dict as in Python", "tuple"],
+)
+def test_a_number_of_args_is_swept_by_its_name(force, args, path, by_force):
+    ds = sweep(force, {path: CUBICS}, args=args)
+    assert ds.result.dims == (path,)
+    np.testing.assert_allclose(ds.x, by_force.x, rtol=0, atol=ROUNDING)
+    np.testing.assert_array_equal(ds.impact_stop, by_force.impact_stop)
+
+
+SYSTEM = with_args(machine(spring()), {"k": (1.0, jnp.arange(6.0).reshape(2, 3)), "two words": 3.0})
+BASE = Point(SYSTEM, np.zeros(1), np.zeros(1))
+PLACES = {
+    "force.cubic": (2.0, lambda s: s.force.force.numbers.cubic),
+    "force.parts.drag": (2.0, lambda s: s.force.force.numbers.parts["drag"]),
+    'force.parts["drag"]': (2.0, lambda s: s.force.force.numbers.parts["drag"]),
+    "args.k[0]": (2.0, lambda s: s.force.args["k"][0]),
+    "args.k[1][1][2]": (2.0, lambda s: s.force.args["k"][1][1, 2]),
+    "args.k[1][0]": (np.array([7.0, 8.0, 9.0]), lambda s: s.force.args["k"][1][0]),
+    "args['two words']": (2.0, lambda s: s.force.args["two words"]),
+    "stops[*].restitution": (0.2, lambda s: s.stops[0].restitution),
+    "forcing.amplitude[0]": (0.2, lambda s: s.forcing.amplitude[0]),
+}
+
+
+@pytest.mark.parametrize("path", PLACES)
+def test_a_path_sets_what_it_names_and_nothing_else(path):
+    value, place = PLACES[path]
+    points = points_of_lanes(BASE, {path: np.array([value, value])})
+    np.testing.assert_array_equal(place(points.system), np.stack([value, value], -1))
+    before, after = (jax.tree.leaves(a) for a in (BASE, points))
+    changed = sum((np.asarray(a)[..., None] != b).sum() for a, b in zip(before, after, strict=True))
+    assert changed == 2 * np.size(value)
+
+
+@pytest.mark.parametrize(
+    "path", ["force", "force.k3", "force.law", "args.k", "args.k[2]", "args.k[1][2]", "args.k[1][0][3]"]
+)
+def test_a_path_that_names_no_number_of_a_force_is_told_what_there_is(path):
+    names = (
+        "stiffness, forcing.amplitude, forcing.frequency, forcing.phase, forcing.mean, force.cubic, "
+        "force.parts.drag, args.k[0], args.k[1], args['two words'], x0, v0, stops[j].position"
+    )
+    sentence = f"The path `{path}` names nothing that can be swept. There are mass, damping, {names}, "
+    with pytest.raises(ValueError, match=re.escape(sentence)) as refusal:
+        points_of_lanes(BASE, {path: np.array([1.0])})
+    assert "write 1.0 in it, not 1" in str(refusal.value)
+
+
+def test_a_machine_without_a_force_has_no_paths_of_one():
+    with pytest.raises(ValueError, match=r"There are mass, damping, stiffness, .* x0, v0, stops\[j\]"):
+        sweep(None, {"force.cubic": CUBICS})
+
+
+def test_values_of_the_wrong_shape_are_refused():
+    sentence = re.escape("The values of `args.k[1][0]` must have shape (points, 3), one value per point")
+    with pytest.raises(ValueError, match=sentence):
+        points_of_lanes(BASE, {"args.k[1][0]": np.ones(2)})
+
+
+# The dataset
+
+
+def test_the_dataset_says_what_is_swept_and_refuses_to_build_the_force(by_force):
+    assert by_force["force.cubic"].attrs == {"long_name": "parameter of the force"}
+    with pytest.raises(
+        ValueError, match=r"the force Spring\(.*law=<function cube>.*\), which no text can hold"
+    ):
+        vx.system_of(by_force.isel({"force.cubic": 0}))
+
+
+def test_a_swept_array_has_axes_of_its_own_and_survives_a_file(tmp_path):
+    arrays = np.array([[0.05], [0.1], [0.2]])
+    ds = sweep(of_pair, {"args[1]": arrays}, args=(1.0, jnp.array([0.05])))
+    np.testing.assert_array_equal(ds["args[1]"], [0, 1, 2])
+    assert ds["args[1].values"].dims == ("args[1]", "args[1].axis0")
+    assert ds["args[1].values"].attrs == {"long_name": "argument of the force"}
+    np.testing.assert_array_equal(ds["args[1].values"], arrays)
+    ds.to_netcdf(tmp_path / "kept.nc", engine="h5netcdf")
+    xr.testing.assert_identical(xr.load_dataset(tmp_path / "kept.nc", engine="h5netcdf"), ds)
+
+
+def test_a_sweep_of_a_force_goes_along_and_is_kept_as_any_other(tmp_path):
+    run = lambda values: sweep(  # noqa: E731
+        spring(), {"force.cubic": values}, carry="both", store=tmp_path / "kept"
+    )
+    ds = run(CUBICS)
+    before, after = (
+        ds.sel(direction="up").isel({"force.cubic": 0}),
+        ds.sel(direction="up").isel({"force.cubic": 1}),
+    )
+    one = machine(spring(CUBICS[1]))
+    end = vx.simulate(
+        one, 0.0, 5 * float(one.forcing.period), before.x.values, before.v.values, max_events=64
+    )
+    np.testing.assert_allclose(after.x, end.x1, rtol=0, atol=ROUNDING)
+    xr.testing.assert_identical(run(CUBICS), ds)
+    with pytest.raises(ValueError, match=r"holds another sweep: `values\.force\.cubic`"):
+        run(2 * CUBICS)
+
+
+def test_the_machine_of_a_sweep_is_built_again_where_only_its_start_is_clear_of_the_stops():
+    system = vx.ImpactSystem(
+        [1.0], [[0.1]], [[1.0]], vx.Harmonic([0.3], 0.8), [vx.Stop(0, 0.2, "lower", 0.7)]
+    )
+    ds = vx.sweep(system, {"stops[0].position": [0.2, 0.3]}, x0=[0.3], transient=1, record=1, progress=False)
+    again = vx.system_of(ds.isel({"stops[0].position": 1}))
+    assert float(again.stops[0].position) == 0.3
