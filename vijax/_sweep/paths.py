@@ -1,5 +1,6 @@
 """Swept quantities by name: "forcing.frequency", "stops[*].restitution", "damping", "x0[1]", "force.k3"."""
 
+import dataclasses
 import re
 from collections import OrderedDict
 from collections.abc import Iterable
@@ -77,8 +78,10 @@ def _is_inside(index: tuple[int, ...], shape: tuple[int, ...]) -> bool:
 
 def _named(point: Point) -> PyTree:
     """The numbers of a point, in a tree whose keys are the names that the user knows."""
-    force, args = numbers_of(point.system.force)
-    return OrderedDict(vars(point.system) | {"force": force, "args": args, "x0": point.x0, "v0": point.v0})
+    system = point.system
+    own = {field.name: getattr(system, field.name) for field in dataclasses.fields(system)}
+    force, args = numbers_of(system.force)
+    return OrderedDict(own | {"force": force, "args": args, "x0": point.x0, "v0": point.v0})
 
 
 def _names(base: Point) -> list[str]:

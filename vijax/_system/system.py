@@ -64,7 +64,7 @@ class ImpactSystem(eqx.Module):
         self.mass = as_float(mass)
         self.damping = as_float(damping)
         self.stiffness = as_float(stiffness)
-        self.stops, self.forcing = _of_one_frequency(stops, forcing)
+        self.forcing, self.stops = _of_one_frequency(forcing, stops)
         self.force = as_force(force)
 
     def __check_init__(self):
@@ -129,7 +129,7 @@ class ImpactSystem(eqx.Module):
         return len(self.stops)
 
 
-def _of_one_frequency(stops: Sequence[Stop], forcing: Harmonic) -> tuple[tuple[Stop, ...], Harmonic]:
+def _of_one_frequency(forcing: Harmonic, stops: Sequence[Stop]) -> tuple[Harmonic, tuple[Stop, ...]]:
     """Leave the frequency to the load alone, so that what changes it there changes it everywhere."""
     same = []
     for j, stop in enumerate(stops):
@@ -144,7 +144,7 @@ def _of_one_frequency(stops: Sequence[Stop], forcing: Harmonic) -> tuple[tuple[S
                 forcing = eqx.tree_at(lambda f: f.frequency, forcing, checked)
             stop = eqx.tree_at(lambda s: s.motion.frequency, stop, None)
         same.append(stop)
-    return tuple(same), forcing
+    return forcing, tuple(same)
 
 
 def not_alike(mass: int) -> str:
