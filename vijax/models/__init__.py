@@ -6,6 +6,12 @@ from ._chains import (
     wagg_bishop_a as wagg_bishop_a,
     wagg_bishop_b as wagg_bishop_b,
 )
+from ._nonlinear import (
+    CubicSpring as CubicSpring,
+    PendulumWeight as PendulumWeight,
+    duffing_oscillator as duffing_oscillator,
+    impacting_pendulum as impacting_pendulum,
+)
 from ._oscillators import (
     impact_oscillator as impact_oscillator,
     impact_pair as impact_pair,
