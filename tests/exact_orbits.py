@@ -40,7 +40,12 @@ class Table(NamedTuple):
     @property
     def speed(self) -> float:
         """Relative to the table."""
-        return self.gravity * self.n * 2 * np.pi / self.frequency / (1 + self.restitution)
+        return 2 * self.fall / (1 + self.restitution)
+
+    @property
+    def fall(self) -> float:
+        """In space: it comes down as fast as it went up."""
+        return self.gravity * self.n * np.pi / self.frequency
 
     @property
     def amplitude(self) -> float:
@@ -58,11 +63,11 @@ class Table(NamedTuple):
         r, g, w = self.restitution, self.gravity, self.frequency
         t = share * 2 * np.pi * self.n / w
         angle = self.angle + w * t
-        # Height and speed in the frame at rest, less those of the table.
+        # Height and velocity in space.
         height = self.amplitude * np.cos(self.angle)
         speed = r * self.speed - self.amplitude * w * np.sin(self.angle)
-        x = height + speed * t - g * t**2 / 2 - self.amplitude * np.cos(angle)
-        v = speed - g * t + self.amplitude * w * np.sin(angle)
+        x = height + speed * t - g * t**2 / 2
+        v = speed - g * t
         return Start(self.system(angle), np.array([x]), np.array([v]))
 
 

@@ -145,7 +145,7 @@ def test_a_ball_on_a_table_repeats_the_orbit_of_one_impact_in_n_periods(table):
     period, turns = 2 * np.pi * table.n / table.frequency, 6
     start = table.later(0.5)
     solution = vx.simulate(start.system, 0.0, turns * period, start.x, start.v)
-    _assert_repeats(solution, start, (np.arange(turns) + 0.5) * period, np.full(turns, -table.speed))
+    _assert_repeats(solution, start, (np.arange(turns) + 0.5) * period, np.full(turns, -table.fall))
 
 
 @pytest.mark.parametrize("n", [1, 2])
@@ -166,7 +166,7 @@ def test_a_sweep_over_the_weight_of_a_ball_on_a_table_finds_the_exact_orbit_up_t
     weights = {"forcing.mean[0]": [-table.gravity for table in tables]}
     ds = _sweep(start.system, weights, x0=start.x, v0=start.v)
     for k, table in enumerate(tables[:3]):
-        np.testing.assert_allclose(ds.impact_velocity[k, :2], -table.speed, rtol=SETTLED)
+        np.testing.assert_allclose(ds.impact_velocity[k, :2], -table.fall, rtol=SETTLED)
         np.testing.assert_allclose(ds.impact_phase[k, :2], (table.angle - first) % (2 * np.pi), rtol=SETTLED)
     # The bound is a strength of sqrt((pi / 3)^2 + (10 / 9)^2) = 1.527.
     assert abs(ds.impact_velocity[3, 0] - ds.impact_velocity[3, 1]) > 0.1

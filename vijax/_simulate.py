@@ -3,19 +3,19 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from ._advance import advance
 from ._contact.grazing import Grazing, meet, nothing_met
-from ._contact.start import first_state, is_touching
+from ._contact.start import first_state
+from ._door import can_any_stick, doubts_at_the_door
 from ._log import Log, empty_log, event_log, write
 from ._machine import Machine, State, prepare, start_period
 from ._motion.choose import choose_flow
 from ._motion.flow import AbstractFlow
 from ._solution import RESULTS, Solution
-from ._system.system import ImpactSystem, not_alike, with_args
-from ._types import Flag, Numbers, Scalar, as_float, at_once, concrete, not_negative
+from ._system.system import ImpactSystem, with_args
+from ._types import Numbers, Scalar, as_float, at_once, not_negative
 from ._xla import AbstractTask, while_any
 
 
@@ -90,7 +90,7 @@ def simulate(
     values = (system, begin, end, times, x, v)
     dtype = jnp.result_type(*jax.tree.leaves(values))
     system, begin, end, times, x, v = jax.tree.map(at_once(lambda a: a.astype(dtype)), values)
-    is_sound, doubts = jnp.array(True), _doubts_at_the_door(system, begin, end, times, x)
+    is_sound, doubts = jnp.array(True), doubts_at_the_door(system, begin, end, times, x)
     for is_wrong, sentence in doubts:
         if throw:
             x = eqx.error_if(x, is_wrong, sentence)
@@ -113,51 +113,6 @@ def simulate(
         result = solution.result.error_if(solution.result, solution.result != RESULTS.successful)
         solution = eqx.tree_at(lambda s: s.result, solution, result)
     return solution
-
-
-def can_any_stick(system: ImpactSystem, x0: Array | np.ndarray, v0: Array | np.ndarray) -> bool:
-    """Whether any stop might ever hold its mass: r < 1, or the mass starts at rest on it.
-
-    Known only from concrete values; while any is traced the answer is yes. Lanes may stand last.
-    """
-    for stop in system.stops:
-        if stop.motion is not None:
-            return True  # at rest on it, or not: the start time decides
-        r, position, x, v = (concrete(a) for a in (stop.restitution, stop.position, x0, v0))
-        if r is None or (r < 1).any():
-            return True
-        if position is None or x is None or v is None:
-            return True
-        if ((np.abs(x[stop.mass] - position) <= 1e-3 * np.abs(position)) & (v[stop.mass] == 0)).any():
-            return True
-    return False
-
-
-def _doubts_at_the_door(
-    system: ImpactSystem, t0: Scalar, t1: Scalar, ts: Float[Array, " times"], x0: Float[Array, " n"]
-) -> list[tuple[Flag, str]]:
-    """Refuse what is wrong from the start, and return what cannot be told while it is traced."""
-    checks = [(t1 < t0, "Argument `t1` must not lie before `t0`.")]
-    if ts.size:
-        in_order = jnp.all(jnp.diff(ts) >= 0) & (ts[0] >= t0) & (ts[-1] <= t1)
-        checks.append((~in_order, "Argument `ts` must be in increasing order, within [t0, t1]."))
-    for j, stop in enumerate(system.stops):
-        gap = stop.sign * (stop.at(system.forcing.frequency * t0) - x0[stop.mass])
-        sentence = (
-            f"The start lies beyond a stop: `x0[{stop.mass}]` is past `stops[{j}]`. "
-            f"Start mass {stop.mass} on its free side ({stop.side} stop), or on the stop."
-        )
-        checks.append(((gap < 0) & ~is_touching(gap, stop.reach), sentence))
-        checks += [
-            (~stop.moves_like(other), not_alike(stop.mass))
-            for other in system.stops[:j]
-            if other.mass == stop.mass and other.motion is not None
-        ]
-    verdicts = [concrete(is_wrong) for is_wrong, _ in checks]
-    for verdict, (_, sentence) in zip(verdicts, checks, strict=True):
-        if verdict is not None and verdict.any():
-            raise ValueError(sentence)
-    return [check for verdict, check in zip(verdicts, checks, strict=True) if verdict is None]
 
 
 class _Task(AbstractTask):

@@ -126,6 +126,24 @@ class Solution(eqx.Module):
         """
         return self._at(t)[2]
 
+    def evaluate_stops(self, t: Numbers) -> tuple[Float[Array, "... stops"], Float[Array, "... stops"]]:
+        """Where the stops stand at any time, and how fast they move.
+
+        Args:
+            t: times, any shape.
+
+        Returns:
+            Positions and velocities, the shape of `t` and then (stops,).
+
+        Example:
+            ```python
+            import vijax as vx
+            sol = vx.simulate(vx.models.ball_on_table(60.0, 0.004), 0.0, 5.0)
+            height_above_table = sol.evaluate(2.0)[0] - sol.evaluate_stops(2.0)[0]
+            ```
+        """
+        return _evaluate_stops(self.machine, jnp.asarray(t, self.t0.dtype))
+
     def to_xarray(self) -> xr.Dataset:
         """Label what was computed.
 
@@ -165,6 +183,16 @@ class Solution(eqx.Module):
 @eqx.filter_jit
 def _evaluate_all(solution: Solution, times: Float[Array, " times"]) -> tuple[Array, Array, Array]:
     return jax.vmap(lambda t: _evaluate(solution, t))(times)
+
+
+@eqx.filter_jit
+def _evaluate_stops(machine: Machine, times: Float[Array, "..."]) -> tuple[Array, Array]:
+    still = jnp.broadcast_to(machine.position, (*times.shape, *machine.position.shape))
+    if machine.frame is None:
+        return still, jnp.zeros_like(still)
+    x, v = jnp.vectorize(machine.frame.at_time, signature="()->(n),(n)")(times)
+    masses = jnp.asarray(machine.masses)
+    return still + x[..., masses], v[..., masses]
 
 
 def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:

@@ -8,10 +8,10 @@ import jax
 import numpy as np
 import xarray as xr
 
+from .._door import can_any_stick
 from .._motion.choose import choose_flow
 from .._motion.flow import AbstractFlow
 from .._progress import tqdm
-from .._simulate import can_any_stick
 from .._system.system import ImpactSystem, with_args
 from .._types import Numbers, as_float
 from .carry import run_chain

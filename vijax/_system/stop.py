@@ -1,14 +1,16 @@
 """A stop: a rigid wall on one side of one mass."""
 
-from typing import Literal
+from typing import Any, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .._types import Scalar, as_float, concrete
 from .forcing import Harmonic
+
+Reals = Any  # arrays of JAX, or of NumPy where the points of a sweep are checked
 
 
 class Stop(eqx.Module):
@@ -98,19 +100,19 @@ class Stop(eqx.Module):
         return 1 if self.side == "upper" else -1
 
     @property
-    def centre(self) -> Float[Array, "..."]:
+    def centre(self) -> Reals:
         """Where the stop stands in the mean."""
         return self.position if self.motion is None else self.position + self.motion.mean[0]
 
     @property
-    def reach(self) -> Float[Array, "..."]:
+    def reach(self) -> Reals:
         """It never stands farther from the origin; lanes may stand last."""
         if self.motion is None:
             return abs(self.position)
         amplitude = self.motion.amplitude
         return abs(self.centre) + abs(amplitude).sum(axis=self._own_axes(amplitude))
 
-    def at(self, angle: Scalar | float) -> Float[Array, "..."]:
+    def at(self, angle: Scalar | float) -> Reals:
         """Where the stop stands at the phase `angle` = W t of the load; lanes may stand last."""
         if self.motion is None:
             return self.position
@@ -119,7 +121,7 @@ class Stop(eqx.Module):
         order = jnp.arange(1, len(amplitude) + 1).reshape(-1, *[1] * (amplitude.ndim - 1))
         return self.centre + (amplitude * jnp.cos(order * angle + phase)).sum(axis=own)
 
-    def moves_like(self, other: "Stop") -> Bool[Array, "..."]:
+    def moves_like(self, other: "Stop") -> Reals:
         """Whether two stops keep their distance; lanes may stand last."""
         if self.motion is None or other.motion is None:
             return jnp.asarray(self.motion is other.motion)
@@ -129,5 +131,5 @@ class Stop(eqx.Module):
             return jnp.asarray(False)
         return ((a == b) & (p == q)).all(axis=own)
 
-    def _own_axes(self, a: Float[Array, "..."]) -> tuple[int, ...]:
+    def _own_axes(self, a: Reals) -> tuple[int, ...]:
         return tuple(range(a.ndim - self.position.ndim))

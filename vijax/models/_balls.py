@@ -1,8 +1,10 @@
 """Balls that bounce under their weight."""
 
+import math
+
 from jaxtyping import ArrayLike
 
-from .._system.base import base_excitation
+from .._system.forcing import Harmonic
 from .._system.stop import Stop
 from .._system.system import ImpactSystem
 from .._types import as_float
@@ -40,47 +42,53 @@ def bouncing_ball(
     References:
         A. D. Bernstein, "Listening to the coefficient of restitution", American J. Physics 45 (1977) 41-44.
     """
-    return ball_on_table(frequency, 0.0, restitution=restitution, gravity=gravity, mass=mass)
+    return _ball(Stop(0, 0.0, "lower", restitution), mass, gravity, frequency)
 
 
 def ball_on_table(
     frequency: ArrayLike,
     amplitude: ArrayLike,
     *,
-    phase: ArrayLike = 0.0,
+    phase: ArrayLike = -math.pi / 2,
     restitution: ArrayLike = 0.5,
     gravity: ArrayLike = 9.81,
     mass: ArrayLike = 1.0,
 ) -> ImpactSystem:
-    """Let a ball bounce on a table that shakes up and down by y(t) = a cos(W t + phase).
+    """Let a ball bounce on a table that moves up and down: m x'' = -m g, x >= a cos(W t + phase).
 
-    Seen from the table: m x'' = -m g - m y'', x >= 0, no approximation of high bounces. With
-    s = (1 - r) / (1 + r), the ball hits the table once in n periods T of it, always at g n T / (1 + r)
-    relative to it, when a W^2 sin(W t + phase) = -pi n s g. Of the two such instants in a period
-    that with y'' < 0 can be stable, and is while -y'' < (1 + s^2) g at the impact.
+    No approximation of high bounces. With s = (1 - r) / (1 + r), the ball hits the table once in n periods T
+    of it, always at the velocity -g n T / 2, when a W^2 sin(W t + phase) = -pi n s g. Of the two such instants in
+    a period that with y'' < 0, y the height of the table, can be stable, and is while -y'' < (1 + s^2) g at the
+    impact. A ball that lies on the table is thrown off when y'' falls below -g.
 
     Args:
         frequency: angular frequency W of the table.
-        amplitude: a, a length.
-        phase: radians.
+        amplitude: a, a length; `stops[0].motion.amplitude[0]` to a sweep.
+        phase: radians. If left out the table rises through its middle at time 0.
         restitution: r.
         gravity: g, an acceleration.
         mass: m; it scales impulses and contact forces, and changes no motion.
 
     Returns:
-        The machine; x is the height of the ball above the table.
+        The machine; x is the height of the ball in space.
 
     Example:
         ```python
         import vijax as vx
         system = vx.models.ball_on_table(frequency=60.0, amplitude=0.004)
-        sol = vx.simulate(system, 0.0, 5.0, v0=[0.34])
+        sol = vx.simulate(system, 0.0, 5.0, v0=[0.5])
         ```
 
     References:
         P. J. Holmes, "The dynamics of repeated impacts with a sinusoidally vibrating table", J. Sound
         and Vibration 84 (1982) 173-189, who neglects a against the height of the bounces.
     """
+    motion = Harmonic(as_float(amplitude)[None], frequency, as_float(phase)[None])
+    return _ball(Stop(0, 0.0, "lower", restitution, motion), mass, gravity, frequency)
+
+
+def _ball(floor: Stop, mass: ArrayLike, gravity: ArrayLike, frequency: ArrayLike) -> ImpactSystem:
+    """A ball that nothing but its weight and the floor acts on."""
     masses = as_float(mass)[None]
-    load = base_excitation(masses, amplitude, frequency, phase, mean=-masses * gravity)
-    return ImpactSystem(masses, [[0.0]], [[0.0]], load, [Stop(0, 0.0, "lower", restitution)])
+    load = Harmonic([0.0], frequency, mean=-masses * gravity)
+    return ImpactSystem(masses, [[0.0]], [[0.0]], load, [floor])

@@ -51,16 +51,19 @@ def time_series(
     for i, color in enumerate(colors):
         ax.plot(t, x[:, i], color=color, linewidth=1.3, label=f"$x_{{{i}}}$")
     for j, mass in enumerate(sol.machine.masses):
-        position = float(sol.machine.position[j])
-        ax.axhline(
-            position, color=colors[mass], linestyle=":", linewidth=1.0, label=f"stop {j}, of $x_{{{mass}}}$"
+        position = np.asarray(sol.evaluate_stops(t)[0])[:, j]
+        ax.plot(
+            t,
+            position,
+            color=colors[mass],
+            linestyle=":",
+            linewidth=1.0,
+            label=f"stop {j}, of $x_{{{mass}}}$",
         )
-        starts, ends = held_within(sol, j, begin, end)
-        held = ax.hlines(
-            np.full(len(starts), position), starts, ends, color=colors[mass], linewidth=6, alpha=0.5
-        )
-        if len(starts):
-            held.set_label(f"$x_{{{mass}}}$ held")
+        is_held = _is_held(sol, j, begin, end, t)
+        if is_held.any():
+            held = np.where(is_held, position, np.nan)
+            ax.plot(t, held, color=colors[mass], linewidth=6, alpha=0.5, label=f"$x_{{{mass}}}$ held")
     ax.set_xlim(begin, end)
     ax.xaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10]))
     ax.set_xlabel("Time $t$ (units of time)")
@@ -79,7 +82,8 @@ def phase_portrait(
 ) -> Axes:
     """Draw the velocity of one mass against its position.
 
-    The jumps at impacts are dashed, a grey line is a stop, and a disc on it marks a mass that is held.
+    The jumps at impacts are dashed, a grey line is a stop, or the curve on which a stop moves; a disc
+    on it, or thick orange, marks a mass that is held.
 
     Args:
         sol: one trajectory.
@@ -113,10 +117,7 @@ def phase_portrait(
     draw_jumps(ax, sol, mass, begin, end, dark, "impact")
     for j, of_mass in enumerate(sol.machine.masses):
         if of_mass == mass:
-            position = float(sol.machine.position[j])
-            ax.axvline(position, color="0.8", linewidth=4, zorder=0, label=f"stop {j}")
-            if len(held_within(sol, j, begin, end)[0]):
-                ax.plot(position, 0, "o", color="#f59b42", markeredgecolor="black", label=f"held by stop {j}")
+            _draw_stop(ax, sol, j, begin, end, num_samples)
     ax.set_xlabel(f"Position $x_{{{mass}}}$ (units of length)")
     ax.set_ylabel(f"Velocity $\\dot x_{{{mass}}}$ (length / time)")
     if ax.get_legend_handles_labels()[0]:
@@ -172,6 +173,26 @@ def held_within(sol: Solution, stop: int, begin: float, end: float) -> tuple[np.
     return starts[is_inside].clip(begin, end), ends[is_inside].clip(begin, end)
 
 
+def _is_held(sol: Solution, stop: int, begin: float, end: float, t: np.ndarray) -> np.ndarray:
+    starts, ends = held_within(sol, stop, begin, end)
+    return np.any((t[:, None] >= starts) & (t[:, None] <= ends), axis=1)
+
+
+def _draw_stop(ax: Axes, sol: Solution, stop: int, begin: float, end: float, num_samples: int) -> None:
+    """A stop that stands still as a line across the plane, one that moves as its curve."""
+    t = sample_times(sol, begin, end, num_samples)
+    is_held = _is_held(sol, stop, begin, end, t)
+    x, v = (np.asarray(a)[:, stop] for a in sol.evaluate_stops(t))
+    if v.any():
+        ax.plot(x, v, color="0.8", linewidth=4, zorder=0, label=f"stop {stop}")
+        mark = np.where(is_held, x, np.nan), v, "-"
+    else:
+        ax.axvline(x[0], color="0.8", linewidth=4, zorder=0, label=f"stop {stop}")
+        mark = x[0], 0, "o"
+    if is_held.any():
+        ax.plot(*mark, color="#f59b42", markeredgecolor="black", linewidth=4, label=f"held by stop {stop}")
+
+
 def _impacts(
     sol: Solution, mass: int, begin: float, end: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -180,5 +201,5 @@ def _impacts(
     stops = [j for j, i in enumerate(sol.machine.masses) if i == mass]
     t, stop = np.asarray(log.t), np.asarray(log.stop)
     is_it = (np.asarray(log.kind) == IMPACT) & np.isin(stop, stops) & (t >= begin) & (t <= end)
-    where = np.asarray(sol.machine.position)[stop[is_it]] if stops else t[is_it]
+    where = np.asarray(sol.evaluate_stops(t)[0])[is_it, stop[is_it]] if stops else t[is_it]
     return t[is_it], where, np.asarray(log.velocity_minus)[is_it], np.asarray(log.velocity_plus)[is_it]
