@@ -271,7 +271,7 @@ def test_a_sweep_with_a_force_that_calls_libraries_is_carried_along_and_kept(tmp
     end = vx.simulate(last, 0.0, 5 * float(last.forcing.period), ds.x[1].values, ds.v[1].values).x1
     np.testing.assert_allclose(ds.x[2], end, rtol=0, atol=SOLVER)
     np.testing.assert_array_equal(run(solved, 1 / 1.5).x, ds.x)
-    with pytest.raises(ValueError, match="`numbers of the force` is"):
+    with pytest.raises(ValueError, match=r"`force_parameters\.args\.compliance` is 0\.66"):
         run(solved, 1 / 1.6)
     with pytest.raises(ValueError, match=r"`system\.force` is <function solved>"):
         run(lambda t, x, v, args: -x, 1 / 1.5)

@@ -1,5 +1,6 @@
 """Parameters of a force, and of its args, are swept by their names."""
 
+import json
 import re
 
 import equinox as eqx
@@ -10,7 +11,7 @@ import pytest
 import xarray as xr
 
 import vijax as vx
-from vijax._sweep.paths import Point, points_of_lanes
+from vijax._sweep.paths import Point, force_parameters, points_of_lanes
 from vijax._system.system import with_args
 
 # Two computations of the same bits apart from the order of sums in a batch.
@@ -150,6 +151,13 @@ def test_the_dataset_says_what_is_swept_and_refuses_to_build_the_force(by_force)
         ValueError, match=r"the force Spring\(.*law=<function cube>.*\), which no text can hold"
     ):
         vx.system_of(by_force.isel({"force.cubic": 0}))
+
+
+def test_the_dataset_tells_the_numbers_of_the_force(by_force):
+    told = json.loads(by_force.attrs["force_parameters"])
+    assert told == {"force.cubic": 1.0, "force.parts.drag": 0.05}
+    many = with_args(machine(spring()), jnp.ones((3, 6)))
+    assert force_parameters(Point(many, np.zeros(1), np.zeros(1)))["args"] == "shape (3, 6)"
 
 
 def test_a_swept_array_has_axes_of_its_own_and_survives_a_file(tmp_path):
