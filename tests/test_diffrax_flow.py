@@ -168,6 +168,14 @@ def test_a_load_written_as_a_force_chatters_sticks_and_is_let_go_as_the_load():
     np.testing.assert_allclose(sol.contact_force(times), exact.contact_force(times), rtol=0, atol=1e-6)
 
 
+def test_a_short_push_is_not_stepped_over_where_steps_are_bounded():
+    push = lambda t, x, v, args: jnp.exp(-(((t - 5.0) / 0.01) ** 2)) + 0.0 * x  # noqa: E731
+    system = vx.ImpactSystem([1.0], [[0.0]], [[0.0]], vx.Harmonic([0.0], 0.0), (), push)
+    flow = vx.DiffraxFlow(stepsize_controller=diffrax.PIDController(rtol=1e-10, atol=1e-12, dtmax=0.05))
+    sol = vx.simulate(system, 0.0, 10.0, flow=flow)
+    np.testing.assert_allclose(sol.v1, 0.01 * np.sqrt(np.pi), rtol=SOLVER)
+
+
 def test_a_force_that_is_not_finite_ends_its_own_lane_alone():
     run = lambda k3: vx.simulate(duffing(k3), 0.0, 20.0, [-1.2], [0.0], throw=False)  # noqa: E731
     both = jax.vmap(run)(jnp.array([2.5, jnp.nan]))
