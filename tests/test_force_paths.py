@@ -30,6 +30,12 @@ class Spring(eqx.Module):
         return -self.cubic * self.law(x) - self.parts["drag"] * v
 
 
+class Magnet(eqx.Module):
+    """Args with names."""
+
+    pull: jax.Array | float
+
+
 def cube(x):
     return x**3
 
@@ -92,7 +98,9 @@ def test_a_number_of_args_is_swept_by_its_name(force, args, path, by_force):
     np.testing.assert_array_equal(ds.impact_stop, by_force.impact_stop)
 
 
-SYSTEM = with_args(machine(spring()), {"k": (1.0, jnp.arange(6.0).reshape(2, 3)), "two words": 3.0})
+SYSTEM = with_args(
+    machine(spring()), {"k": (1.0, jnp.arange(6.0).reshape(2, 3)), "two words": 3.0, "z": Magnet(4.0)}
+)
 BASE = Point(SYSTEM, np.zeros(1), np.zeros(1))
 PLACES = {
     "force.cubic": (2.0, lambda s: s.force.force.numbers.cubic),
@@ -102,6 +110,7 @@ PLACES = {
     "args.k[1][1][2]": (2.0, lambda s: s.force.args["k"][1][1, 2]),
     "args.k[1][0]": (np.array([7.0, 8.0, 9.0]), lambda s: s.force.args["k"][1][0]),
     "args['two words']": (2.0, lambda s: s.force.args["two words"]),
+    "args.z.pull": (2.0, lambda s: s.force.args["z"].pull),
     "stops[*].restitution": (0.2, lambda s: s.stops[0].restitution),
     "forcing.amplitude[0]": (0.2, lambda s: s.forcing.amplitude[0]),
 }
@@ -123,7 +132,7 @@ def test_a_path_sets_what_it_names_and_nothing_else(path):
 def test_a_path_that_names_no_number_of_a_force_is_told_what_there_is(path):
     names = (
         "stiffness, forcing.amplitude, forcing.frequency, forcing.phase, forcing.mean, force.cubic, "
-        "force.parts.drag, args.k[0], args.k[1], args['two words'], x0, v0, stops[j].position"
+        "force.parts.drag, args.k[0], args.k[1], args['two words'], args.z.pull, x0, v0, stops[j].position"
     )
     sentence = f"The path `{path}` names nothing that can be swept. There are mass, damping, {names}, "
     with pytest.raises(ValueError, match=re.escape(sentence)) as refusal:
