@@ -1,5 +1,6 @@
 """Parameters of a force, and of its args, are swept by their names."""
 
+import json
 import re
 
 import equinox as eqx
@@ -10,7 +11,7 @@ import pytest
 import xarray as xr
 
 import vijax as vx
-from vijax._sweep.paths import Point, points_of_lanes
+from vijax._sweep.paths import Point, force_parameters, points_of_lanes
 from vijax._system.system import with_args
 
 # Two computations of the same bits apart from the order of sums in a batch.
@@ -27,6 +28,12 @@ class Spring(eqx.Module):
 
     def __call__(self, t, x, v, args):
         return -self.cubic * self.law(x) - self.parts["drag"] * v
+
+
+class Magnet(eqx.Module):
+    """Args with names."""
+
+    pull: jax.Array | float
 
 
 def cube(x):
@@ -91,7 +98,9 @@ def test_a_number_of_args_is_swept_by_its_name(force, args, path, by_force):
     np.testing.assert_array_equal(ds.impact_stop, by_force.impact_stop)
 
 
-SYSTEM = with_args(machine(spring()), {"k": (1.0, jnp.arange(6.0).reshape(2, 3)), "two words": 3.0})
+SYSTEM = with_args(
+    machine(spring()), {"k": (1.0, jnp.arange(6.0).reshape(2, 3)), "two words": 3.0, "z": Magnet(4.0)}
+)
 BASE = Point(SYSTEM, np.zeros(1), np.zeros(1))
 PLACES = {
     "force.cubic": (2.0, lambda s: s.force.force.numbers.cubic),
@@ -101,6 +110,7 @@ PLACES = {
     "args.k[1][1][2]": (2.0, lambda s: s.force.args["k"][1][1, 2]),
     "args.k[1][0]": (np.array([7.0, 8.0, 9.0]), lambda s: s.force.args["k"][1][0]),
     "args['two words']": (2.0, lambda s: s.force.args["two words"]),
+    "args.z.pull": (2.0, lambda s: s.force.args["z"].pull),
     "stops[*].restitution": (0.2, lambda s: s.stops[0].restitution),
     "forcing.amplitude[0]": (0.2, lambda s: s.forcing.amplitude[0]),
 }
@@ -122,7 +132,7 @@ def test_a_path_sets_what_it_names_and_nothing_else(path):
 def test_a_path_that_names_no_number_of_a_force_is_told_what_there_is(path):
     names = (
         "stiffness, forcing.amplitude, forcing.frequency, forcing.phase, forcing.mean, force.cubic, "
-        "force.parts.drag, args.k[0], args.k[1], args['two words'], x0, v0, stops[j].position"
+        "force.parts.drag, args.k[0], args.k[1], args['two words'], args.z.pull, x0, v0, stops[j].position"
     )
     sentence = f"The path `{path}` names nothing that can be swept. There are mass, damping, {names}, "
     with pytest.raises(ValueError, match=re.escape(sentence)) as refusal:
@@ -150,6 +160,13 @@ def test_the_dataset_says_what_is_swept_and_refuses_to_build_the_force(by_force)
         ValueError, match=r"the force Spring\(.*law=<function cube>.*\), which no text can hold"
     ):
         vx.system_of(by_force.isel({"force.cubic": 0}))
+
+
+def test_the_dataset_tells_the_numbers_of_the_force(by_force):
+    told = json.loads(by_force.attrs["force_parameters"])
+    assert told == {"force.cubic": 1.0, "force.parts.drag": 0.05}
+    many = with_args(machine(spring()), jnp.ones((3, 6)))
+    assert force_parameters(Point(many, np.zeros(1), np.zeros(1)))["args"] == "shape (3, 6)"
 
 
 def test_a_swept_array_has_axes_of_its_own_and_survives_a_file(tmp_path):

@@ -271,7 +271,7 @@ def test_a_sweep_tells_of_the_motion_in_space(swept):
 
 def test_the_frequency_of_the_load_is_swept_with_that_of_the_stops():
     system = ball(0.05)  # never thrown off below W = 6.3: the ball lies on the table
-    x, v = table(0.0, amplitude=0.05)
+    x, _ = table(0.0, amplitude=0.05)
     frequencies = np.array([1.0, 2.0, 3.0])
     ds = vx.sweep(
         system, {"forcing.frequency": frequencies}, x0=[x + 1e-3], transient=3, record=1, progress=False

@@ -1,13 +1,11 @@
 """What a sweep found, as a labelled dataset."""
 
-import re
-
 import numpy as np
 import xarray as xr
 
 from .._labels import flags, label
 from .._solution import RESULTS
-from .paths import Point
+from .paths import Point, is_of_force
 from .queues import Counts, Found
 
 _OF_STOPS = ("num_impacts", "num_sticks", "stuck")
@@ -70,7 +68,7 @@ def _coordinates(axes: dict[str, np.ndarray]) -> dict[str, tuple | np.ndarray]:
 
 def _axis_names(path: str, ndim: int) -> list[str]:
     """What the axes of a swept array count."""
-    if re.match(r"(force|args)\b", path):
+    if is_of_force(path):
         return [f"{path}.axis{k}" for k in range(ndim)]
     return ["harmonic" if path.startswith("forcing") else "row", "mass"][-ndim:]
 

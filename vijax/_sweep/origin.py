@@ -10,7 +10,7 @@ import xarray as xr
 from .._labels import versions
 from .._system.description import build, describe
 from .._system.system import ImpactSystem
-from .paths import Point, only_paths, with_values
+from .paths import Point, force_parameters, only_paths, with_values
 from .queues import Counts
 
 
@@ -26,7 +26,8 @@ def origin(
         carry: as in `sweep`.
         goes_on: whether it starts from the end states of an earlier sweep.
     """
-    return {
+    of_force = {} if base.system.force is None else {"force_parameters": json.dumps(force_parameters(base))}
+    return of_force | {
         "system": json.dumps(describe(base.system)),
         "x0": json.dumps(np.asarray(base.x0).tolist()),
         "v0": json.dumps(np.asarray(base.v0).tolist()),

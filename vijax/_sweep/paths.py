@@ -14,6 +14,9 @@ from .._contact.start import is_touching
 from .._system.force import numbers_of
 from .._system.system import ImpactSystem, check_semidefinite, not_alike
 
+# Longer arrays of a force, weights of a network, are not written out: attributes of files have little room.
+_LONG = 16
+
 
 class Point(eqx.Module):
     """What a lane is made of: a machine and a start."""
@@ -57,6 +60,21 @@ def with_values(base: Point, swept: dict[str, np.ndarray]) -> Point:
 def only_paths(base: Point, names: Iterable[str]) -> list[str]:
     """Those of some names that are paths."""
     return [name for name in names if _find(base, name)[0]]
+
+
+def force_parameters(base: Point) -> dict[str, float | list | str]:
+    """The numbers of a force and its args by their paths; of arrays that are long the shape alone."""
+    leaves = dict(zip(_names(base), map(np.asarray, jax.tree.leaves(_named(base))), strict=True))
+    return {
+        name: leaf.tolist() if leaf.size <= _LONG else f"shape {leaf.shape}"
+        for name, leaf in leaves.items()
+        if is_of_force(name)
+    }
+
+
+def is_of_force(path: str) -> bool:
+    """Whether this would be the path of a number of a force or its args."""
+    return re.match(r"(force|args)\b", path) is not None
 
 
 def _find(base: Point, path: str) -> tuple[list[int], tuple[int, ...]]:

@@ -97,6 +97,7 @@ def describe_sweep(
         "layout": _LAYOUT,
         **told,
         "system": json.loads(attributes["system"]),
+        "force_parameters": json.loads(attributes.get("force_parameters", "{}")),
         "values": {path: _summary(axis) for path, axis in axes.items()},
         "starts": _digest((points.x0, points.v0)),
         "numbers of the force": _digest(points.system.force),
