@@ -160,6 +160,8 @@ class DiffraxFlow(SteppingFlow):
         term, args = diffrax.ODETerm(_field), (machine, state, is_held)
         nothing, zero = (jnp.zeros_like(state.x), jnp.zeros_like(state.v)), jnp.zeros_like(step)
         memory = solver.init(term, zero, step, nothing, args)
+        if memory is not None:  # A method whose last stage is the first of the next step asks for that one.
+            memory = (False, _field(zero, nothing, args))
         end, error, dense, _, _ = solver.step(term, zero, step, nothing, args, memory, made_jump=False)
         return end, error, dense
 
