@@ -23,7 +23,7 @@ def compute_once(function: Callable, *args):
     return _call(function, args, inlineable="false")
 
 
-def in_one_kernel(function: Callable[[Carry], Carry], carry: Carry) -> Carry:
+def in_one_kernel(function: Callable, *args):
     """Call `function`, all of it compiled into one kernel: on a CPU XLA runs every fusion as a kernel.
 
     A kernel takes 50 ns to start, as long as it takes to compute when it has a hundred lanes. Calls that
@@ -31,7 +31,7 @@ def in_one_kernel(function: Callable[[Carry], Carry], carry: Carry) -> Carry:
     custom calls are impossible in them, and so are arguments that nothing reads, so the function has to
     return what it was given, changed or not.
     """
-    return _call(function, (carry,), inlineable="false", xla_cpu_small_call="true")
+    return _call(function, args, inlineable="false", xla_cpu_small_call="true")
 
 
 def _call(function: Callable, args: tuple, **attributes: str):
