@@ -95,11 +95,9 @@ def add_up(rows: Sequence[Array] | Array) -> Array:
 
 def smallest(rows: Sequence[Array] | Array) -> Array:
     """Minimum over the leading axis, infinite if it is empty."""
-    return (
-        reduce(jnp.minimum, rows)
-        if 0 < len(rows) <= UNROLLED
-        else jnp.min(jnp.asarray(rows), axis=0, initial=jnp.inf)
-    )
+    if 0 < len(rows) <= UNROLLED:
+        return reduce(jnp.minimum, rows)
+    return jnp.min(jnp.asarray(rows), axis=0, initial=jnp.inf)
 
 
 def matvec(matrix: Float[Array, "m n ..."], vector: Float[Array, "n ..."]) -> Float[Array, "m ..."]:

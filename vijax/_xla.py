@@ -2,7 +2,6 @@
 
 import abc
 from collections.abc import Callable
-from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -10,8 +9,6 @@ import jax.numpy as jnp
 from equinox.internal import unvmap_any, while_loop
 from jax.experimental.xla_metadata import set_xla_metadata
 from jaxtyping import Array, Bool
-
-Carry = TypeVar("Carry")
 
 
 def compute_once(function: Callable, *args):
@@ -28,8 +25,8 @@ def in_one_kernel(function: Callable, *args):
 
     A kernel takes 50 ns to start, as long as it takes to compute when it has a hundred lanes. Calls that
     are marked as small, as XLA itself marks its small loops, are compiled whole. Scatter, sort and
-    custom calls are impossible in them, and so are arguments that nothing reads, so the function has to
-    return what it was given, changed or not.
+    custom calls are impossible in them, and so are arguments that nothing reads: the function has to read
+    all of each, or to return it.
     """
     return _call(function, args, inlineable="false", xla_cpu_small_call="true")
 

@@ -39,7 +39,7 @@ class DiffraxFlow(SteppingFlow):
             (1e-5 and 1e-6 in 32-bit numbers).
         dt0: length of the first step, or of all steps if it is constant; chosen if left out.
         degree: of the polynomial in which events are looked for, not below that of the solver's dense
-            output; diffrax has none above 6.
+            output; diffrax has none above 6. That of `Tsit5` and `Dopri5` is 4, which is faster.
 
     Raises:
         ValueError: for a solver that is no Runge-Kutta method, or a controller for fixed times.
