@@ -16,7 +16,7 @@ from problems import one_mass
 
 import vijax as vx
 from vijax._contact.sticking_region import StickingRegion
-from vijax._motion.bernstein import first_crossing, from_nodes, nodes
+from vijax._motion.bernstein import bernstein, divided, first_crossing, nodes, slopes
 from vijax._motion.stepping import Attempt, SteppingFlow
 from vijax._motion.watch import Inside
 
@@ -55,8 +55,20 @@ def test_the_first_zero_of_a_polynomial_is_found_and_never_passed(degree):
     inside = np.where((roots > 0) & (roots <= 1), roots, 1.0)
     values = np.prod(nodes(degree)[:, None, None] - roots[None], axis=-1)
     values *= np.sign(values[0])
-    found = jax.jit(jax.vmap(first_crossing, 1))(jnp.asarray(from_nodes(degree) @ values))
+    found = jax.jit(jax.vmap(lambda v: first_crossing(bernstein(v)), 1))(jnp.asarray(values))
     np.testing.assert_allclose(found, inside.min(axis=-1), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("degree", [4, 6])
+def test_bernstein_coefficients_of_a_slope_and_of_a_quotient_are_those_of_their_values(degree):
+    times, powers = nodes(degree), np.random.default_rng(degree).normal(size=degree)
+    values = np.polynomial.Polynomial([0.0, *powers])  # 0 at 0
+    found = bernstein(jnp.asarray(values(times)))
+    for coefficients, expected in (
+        (slopes(found), values.deriv()),
+        (divided(found, jnp.asarray(powers[0])), np.polynomial.Polynomial(powers)),
+    ):
+        np.testing.assert_allclose(coefficients, bernstein(jnp.asarray(expected(times))), rtol=0, atol=1e-11)
 
 
 # Linear machines

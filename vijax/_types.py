@@ -93,9 +93,11 @@ def add_up(rows: Sequence[Array] | Array) -> Array:
     return reduce(operator.add, rows) if 0 < len(rows) <= UNROLLED else jnp.sum(jnp.asarray(rows), axis=0)
 
 
-def smallest(rows: Float[Array, "rows ..."]) -> Array:
+def smallest(rows: Sequence[Array] | Array) -> Array:
     """Minimum over the leading axis, infinite if it is empty."""
-    return reduce(jnp.minimum, rows) if 0 < len(rows) <= UNROLLED else jnp.min(rows, axis=0, initial=jnp.inf)
+    if 0 < len(rows) <= UNROLLED:
+        return reduce(jnp.minimum, rows)
+    return jnp.min(jnp.asarray(rows), axis=0, initial=jnp.inf)
 
 
 def matvec(matrix: Float[Array, "m n ..."], vector: Float[Array, "n ..."]) -> Float[Array, "m ..."]:

@@ -2,7 +2,6 @@
 
 import abc
 from collections.abc import Callable
-from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -10,8 +9,6 @@ import jax.numpy as jnp
 from equinox.internal import unvmap_any, while_loop
 from jax.experimental.xla_metadata import set_xla_metadata
 from jaxtyping import Array, Bool
-
-Carry = TypeVar("Carry")
 
 
 def compute_once(function: Callable, *args):
@@ -23,15 +20,15 @@ def compute_once(function: Callable, *args):
     return _call(function, args, inlineable="false")
 
 
-def in_one_kernel(function: Callable[[Carry], Carry], carry: Carry) -> Carry:
+def in_one_kernel(function: Callable, *args):
     """Call `function`, all of it compiled into one kernel: on a CPU XLA runs every fusion as a kernel.
 
     A kernel takes 50 ns to start, as long as it takes to compute when it has a hundred lanes. Calls that
     are marked as small, as XLA itself marks its small loops, are compiled whole. Scatter, sort and
-    custom calls are impossible in them, and so are arguments that nothing reads, so the function has to
-    return what it was given, changed or not.
+    custom calls are impossible in them, and so are arguments that nothing reads: the function has to read
+    all of each, or to return it.
     """
-    return _call(function, (carry,), inlineable="false", xla_cpu_small_call="true")
+    return _call(function, args, inlineable="false", xla_cpu_small_call="true")
 
 
 def _call(function: Callable, args: tuple, **attributes: str):

@@ -8,6 +8,7 @@ over a zero, and closes in on the first one as fast as Newton's method on a simp
 """
 
 from functools import cache
+from itertools import pairwise
 from math import comb
 
 import jax
@@ -15,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._types import Scalar
+from .._types import Scalar, add_up, smallest
+from .._xla import compute_once
 
 # A first zero this near is near enough, and intervals in doubt get no shorter than this.
 _CLOSE = 1e-7
@@ -35,25 +37,39 @@ def from_nodes(degree: int) -> np.ndarray:
     return np.linalg.inv(np.array([comb(degree, i) for i in k]) * x**k * (1 - x) ** (degree - k))
 
 
-@cache
-def slopes_from_nodes(degree: int) -> np.ndarray:
-    """The matrix from values at the nodes to Bernstein coefficients of the derivative, of the same degree."""
-    difference = degree * (np.eye(degree + 1, k=1) - np.eye(degree + 1))[:degree]
-    k = np.arange(1, degree)[:, None] / degree
-    raised = np.zeros((degree + 1, degree))
-    raised[0, 0] = raised[-1, -1] = 1
-    raised[np.arange(1, degree), np.arange(degree - 1)] = k[:, 0]
-    raised[np.arange(1, degree), np.arange(1, degree)] = 1 - k[:, 0]
-    return raised @ difference @ from_nodes(degree)
+def bernstein(values: Float[Array, " nodes"]) -> list[Scalar]:
+    """Bernstein coefficients of the polynomial through values at the nodes.
+
+    By sums, for a library's product would split the kernel that this is part of.
+    """
+    rows = [values[j] for j in range(len(values))]
+    return [
+        add_up([float(weight) * row for weight, row in zip(line, rows, strict=True)])
+        for line in from_nodes(len(rows) - 1)
+    ]
 
 
-def first_crossing(coefficients: Float[Array, " coefficients"]) -> Scalar:
+def slopes(coefficients: list[Scalar]) -> list[Scalar]:
+    """Coefficients of the derivative, of the same degree."""
+    n, rise = len(coefficients) - 1, [b - a for a, b in pairwise(coefficients)]
+    inner = [k * rise[k - 1] + (n - k) * rise[k] for k in range(1, n)]
+    return [n * rise[0], *inner, n * rise[-1]]
+
+
+def divided(coefficients: list[Scalar], start: Scalar) -> list[Scalar]:
+    """Coefficients, of the same degree, of a polynomial that is 0 at 0, divided by time: `start` at 0."""
+    n = len(coefficients) - 1
+    later = [a + (n - k) / (k + 1) * b for k, (a, b) in enumerate(pairwise(coefficients))][1:]
+    return [start, *later, coefficients[-1]]
+
+
+def first_crossing(coefficients: list[Scalar]) -> Scalar:
     """How far a polynomial is proved not to fall below zero: to its first zero, or to 1.
 
     The first coefficient counts as zero where it is negative.
     """
-    first = jnp.maximum(coefficients, jnp.where(jnp.arange(len(coefficients)) == 0, 0, -jnp.inf))
-    degree = len(coefficients) - 1
+    first = [jnp.maximum(coefficients[0], 0), *coefficients[1:]]
+    degree = len(first) - 1
 
     def is_open(carry):
         left, _, is_found, turns = carry
@@ -61,11 +77,11 @@ def first_crossing(coefficients: Float[Array, " coefficients"]) -> Scalar:
 
     def look(carry):
         left, width, _, turns = carry
-        part = _between(first, left, width)
+        part = compute_once(_between, first, left, width)
         height = jnp.maximum(part[0], 0)
-        slopes = degree * (part[1:] - height) / jnp.arange(1, degree + 1, dtype=part.dtype)
-        steepest, flattest = jnp.min(slopes), jnp.max(jnp.diff(part)) * degree
-        is_free = jnp.min(part[1:]) > 0
+        steepest = smallest([(part[k] - height) * (degree / k) for k in range(1, degree + 1)])
+        flattest = -degree * smallest([a - b for a, b in pairwise(part)])
+        is_free = smallest(part[1:]) > 0
         to_line = width * jnp.minimum(height / jnp.where(steepest < 0, -steepest, 1), 1)
         is_found = ~is_free & ((width <= _CLOSE) | ((flattest < 0) & (width * height <= -_CLOSE * flattest)))
         step = jnp.where(is_found, 0, jnp.where(is_free, width, to_line))
@@ -73,22 +89,22 @@ def first_crossing(coefficients: Float[Array, " coefficients"]) -> Scalar:
         width = jnp.where(is_free, 4 * width, jnp.maximum(2 * step, width / 32))
         return left, jnp.minimum(width, 1 - left), is_found, turns + 1
 
-    left = jnp.where(jnp.min(first[1:]) > 0, jnp.ones_like(first[0]), 0)
+    left = jnp.where(smallest(first[1:]) > 0, jnp.ones_like(first[0]), 0)
     return jax.lax.while_loop(is_open, look, (left, 1 - left, jnp.array(False), 0))[0]
 
 
-def _between(
-    coefficients: Float[Array, " coefficients"], left: Scalar, width: Scalar
-) -> Float[Array, " coefficients"]:
+def _between(coefficients: list[Scalar], left: Scalar, width: Scalar) -> list[Scalar]:
     """Bernstein coefficients on [left, left + width] (de Casteljau, from either end)."""
     right = left + width
-    rows, low = coefficients, []
-    for _ in range(len(coefficients)):
-        low.append(rows[0])
-        rows = rows[:-1] + right * jnp.diff(rows)
+    low = compute_once(_begin, coefficients, right)
     cut = left / jnp.where(right > 0, right, 1)
-    rows, high = jnp.stack(low), []
-    for _ in range(len(coefficients)):
-        high.append(rows[-1])
-        rows = rows[:-1] + cut * jnp.diff(rows)
-    return jnp.stack(high[::-1])
+    return compute_once(_begin, low[::-1], 1 - cut)[::-1]
+
+
+def _begin(coefficients: list[Scalar], end: Scalar) -> list[Scalar]:
+    """Bernstein coefficients on [0, end]."""
+    rows, begun = coefficients, []
+    while rows:
+        begun.append(rows[0])
+        rows = [a + end * (b - a) for a, b in pairwise(rows)]
+    return begun

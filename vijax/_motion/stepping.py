@@ -23,7 +23,6 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._machine import Machine, State, remembering
 from .._types import Flag, Scalar, lift, over_lanes
-from .bernstein import first_crossing
 from .flight import displaced, one_instant
 from .flow import AbstractFlow, Flight
 from .modal import TRUST_AND_TERMS, cosine_and_sine
@@ -182,16 +181,14 @@ def _clearance(
     step, wanted = trial.step, trial.wanted
     if not machine.masses:
         return jnp.array(True), jnp.full_like(step, jnp.inf)
-    watched = watch(machine, state, now, end, trial.attempt.inside, step)
     is_near = late < jnp.inf
+    proof = watch(machine, state, now, end, trial.attempt.inside, step, is_near)
+    free = step * proof.free
     window = jnp.where(is_near, wanted * nearness(state.held, step.dtype), 0)
     # A mass on its way to its stop is for so long nearer than the error, before it is there.
-    before = jnp.where(end.slope < 0, 2 * watched.error / jnp.where(end.slope < 0, -end.slope, 1), 0)
-    is_crossed = watched.is_crossed & ~is_near
-    asked = jnp.where(is_crossed[None], watched.likely, watched.sure)
-    free = step * jax.vmap(first_crossing, in_axes=1)(asked)
-    is_open = ~is_crossed & (free >= step - window - before)
-    crossing = jnp.min(jnp.where(is_crossed, free, jnp.inf))
+    before = jnp.where(end.slope < 0, 2 * proof.error / jnp.where(end.slope < 0, -end.slope, 1), 0)
+    is_open = ~proof.is_crossed & (free >= step - window - before)
+    crossing = jnp.min(jnp.where(proof.is_crossed, free, jnp.inf))
     shortest = _SHORTEST * wanted
     cut = jnp.maximum(jnp.where(crossing < step, crossing, step / 4), shortest)
     return jnp.all(is_open) | (step <= shortest), cut

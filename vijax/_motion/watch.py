@@ -7,11 +7,12 @@ mass, divided by the power of time that it begins with, or the contact force of 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from .._machine import Machine, State
-from .._types import Scalar
-from .bernstein import from_nodes, nodes, slopes_from_nodes
+from .._types import Flag, Scalar, smallest
+from .._xla import compute_once, in_one_kernel
+from .bernstein import bernstein, divided, first_crossing, slopes
 
 
 class Inside(eqx.Module):
@@ -90,57 +91,109 @@ def nearness(held: Bool[Array, " stops"], dtype: jnp.dtype) -> Float[Array, " st
     return jnp.where(held, eps**0.5, eps ** (1 / 3))
 
 
-class Watched(eqx.Module):
-    """What is watched at every stop during a step.
+class View(eqx.Module):
+    """A step as one stop sees it: at its start, and counted towards the stop.
 
     Attributes:
-        likely: Bernstein coefficients of what the polynomial inside the step says, (degree + 1, stops).
-        sure: of what is left of it if the polynomial is as wrong as it may be.
-        is_crossed: whether an event happens even so, (stops,).
-        error: how wrong it may be, (stops,).
+        held: whether the stop holds its mass.
+        contact: how it was last left, see `State`.
+        gap: distance to it.
+        v: velocity.
+        a: acceleration.
+        jerk: its rate.
+        pull: what the acceleration were, if the mass were not held.
+        last_pull: the same at the end of the step.
+        last: what is watched, at the end of the step.
+        displacement: of its mass since the start, at the nodes of `bernstein.py`, (nodes,).
+        gain: of velocity, likewise.
     """
 
-    likely: Float[Array, "coefficients stops"]
-    sure: Float[Array, "coefficients stops"]
-    is_crossed: Bool[Array, " stops"]
-    error: Float[Array, " stops"]
+    held: Flag
+    contact: Int[Array, "..."]
+    gap: Scalar
+    v: Scalar
+    a: Scalar
+    jerk: Scalar
+    pull: Scalar
+    last_pull: Scalar
+    last: Scalar
+    displacement: Float[Array, "*stops nodes"]
+    gain: Float[Array, "*stops nodes"]
 
 
-def watch(machine: Machine, state: State, now: Rates, end: Rates, inside: Inside, step: Scalar) -> Watched:
-    """Watch every stop during a step.
+class Proof(eqx.Module):
+    """What the polynomial inside a step tells of one stop.
+
+    Attributes:
+        free: the part of the step in which nothing happens: up to the event, if there is one, else as far as
+            the polynomial tells for sure.
+        is_crossed: whether an event happens even if the polynomial is as wrong as it may be.
+        error: how wrong it may be.
+    """
+
+    free: Scalar
+    is_crossed: Flag
+    error: Scalar
+
+
+def watch(
+    machine: Machine,
+    state: State,
+    now: Rates,
+    end: Rates,
+    inside: Inside,
+    step: Scalar,
+    is_expected: Bool[Array, " stops"],
+) -> Proof:
+    """Watch every stop during a step; an event `is_expected` at its end does not count as crossed."""
+    at_nodes = jax.vmap(machine.at_stops, out_axes=1)
+    view = View(
+        held=state.held,
+        contact=state.contact,
+        gap=state.gap,
+        v=machine.at_stops(state.v),
+        a=machine.at_stops(now.a),
+        jerk=machine.at_stops(now.jerk),
+        pull=machine.at_stops(now.pull),
+        last_pull=machine.at_stops(end.pull),
+        last=end.value,
+        displacement=at_nodes(inside.displacement),
+        gain=at_nodes(inside.gain),
+    )
+    return in_one_kernel(jax.vmap(_prove, (0, None, 0)), view, step, is_expected)
+
+
+def _prove(view: View, step: Scalar, is_expected: Flag) -> Proof:
+    """Prove as much of a step as possible free of events of one stop.
 
     Its ends are exact, as far as the step is. The position between them may be as wrong as its derivative differs from
     the velocity, times the time since the start.
     """
-    degree = len(inside.gain) - 1
-    to_bernstein, to_slope = (jnp.asarray(f(degree), step.dtype) for f in (from_nodes, slopes_from_nodes))
-    at_stops = jax.vmap(machine.at_stops)
-    displacement = at_stops(inside.displacement)
-    gap = to_bernstein @ _deflated(machine, state, now, displacement, step)
-    pressed = to_slope @ at_stops(inside.gain)
-    first, last = (step * machine.at_stops(r.pull)[None] for r in (now, end))
-    likely = jnp.where(state.held[None], jnp.concatenate([first, pressed[1:-1], last]), gap)
-
-    defect = to_slope @ inside.displacement - step * (state.v[None] + to_bernstein @ inside.gain)
-    error = jnp.where(state.held, 0, machine.of_stops(jnp.max(jnp.abs(defect), axis=0)))
-    time = jnp.arange(degree + 1, dtype=step.dtype)[:, None] / degree
-    share = jnp.where((state.contact[None] == 0) | (time == 0), time, 1)
-    sure = likely - share * error[None]
-    lowest = jnp.where(
-        state.held, jnp.min(likely, axis=0), state.gap - jnp.max(displacement[1:], axis=0) + error
-    )
-    return Watched(likely, sure, (lowest < 0) | (end.value < 0), error)
+    displacement = compute_once(bernstein, view.displacement)
+    gain = compute_once(bernstein, view.gain)
+    error = compute_once(_error, view, displacement, gain, step)
+    likely = compute_once(_likely, view, displacement, gain, step)
+    nearest = view.gap + smallest([-view.displacement[j] for j in range(1, len(displacement))]) + error
+    is_crossed = (jnp.where(view.held, smallest(likely), nearest) < 0) | (view.last < 0)
+    is_crossed = is_crossed & ~is_expected
+    degree = len(likely) - 1
+    share = [jnp.where(view.contact == 0, k / degree, min(k, 1)) for k in range(degree + 1)]
+    doubt = jnp.where(is_crossed, 0, error)
+    asked = [c - part * doubt for c, part in zip(likely, share, strict=True)]
+    return Proof(compute_once(first_crossing, asked), is_crossed, error)
 
 
-def _deflated(
-    machine: Machine, state: State, now: Rates, displacement: Float[Array, "nodes stops"], step: Scalar
-) -> Float[Array, "nodes stops"]:
-    """The gap at the nodes, divided by as many powers of time as derivatives of it vanish at the start."""
-    time = jnp.asarray(nodes(len(displacement) - 1), step.dtype)[1:, None]
-    v, a, jerk = (-machine.at_stops(w) for w in (state.v, now.a, now.jerk))
-    leading = (state.gap, step * v, step**2 * a / 2, step**3 * jerk / 6)
-    start, later = leading[0], state.gap[None] - displacement[1:]
-    for order in (1, 2, 3):
-        start = jnp.where(state.contact == order, leading[order], start)
-        later = jnp.where(state.contact[None] == order, -displacement[1:] / time**order, later)
-    return jnp.concatenate([start[None], later])
+def _error(view: View, displacement: list[Scalar], gain: list[Scalar], step: Scalar) -> Scalar:
+    speeds = [step * (view.v + g) for g in gain]
+    defects = [-jnp.abs(s - v) for s, v in zip(slopes(displacement), speeds, strict=True)]
+    return jnp.where(view.held, 0, -smallest(defects))
+
+
+def _likely(view: View, displacement: list[Scalar], gain: list[Scalar], step: Scalar) -> list[Scalar]:
+    """Coefficients of what the polynomial says of the gap, without the powers of time it begins with, or the force."""
+    gap = [view.gap, *(view.gap - d for d in displacement[1:])]
+    for order, start in ((1, -step * view.v), (2, -(step**2) * view.a / 2), (3, -(step**3) * view.jerk / 6)):
+        shorter = divided(gap, start)
+        gap = [jnp.where(view.contact >= order, s, g) for s, g in zip(shorter, gap, strict=True)]
+    force = [step * view.pull, *slopes(gain)[1:-1], step * view.last_pull]
+    return [jnp.where(view.held, f, g) for f, g in zip(force, gap, strict=True)]
