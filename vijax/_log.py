@@ -108,8 +108,12 @@ def event_log(machine: Machine, log: Log, max_events: int) -> EventLog:
     # Impacts of an instant come before its sticks and releases; a stick carries the end of its chatter.
     happened = jnp.stack([instants.hit, instants.stuck, instants.released], axis=1)
     times = instants.time[:, None, None] + jnp.stack([zeros, instants.chatter, zeros], axis=1)
-    order = jnp.argsort(jnp.where(happened, times, jnp.inf).ravel(), stable=True)[:max_events]
-    is_event = happened.ravel()[order]
+    # Rows are in order but for those sticks, of which a stop has one to come at most: little is to be sorted.
+    room = min(max_events + shape[1], happened.size)
+    found = jnp.nonzero(happened.ravel(), size=room, fill_value=0)[0]
+    is_event = jnp.arange(room) < jnp.sum(happened)
+    order = jnp.argsort(jnp.where(is_event, times.ravel()[found], jnp.inf), stable=True)[:max_events]
+    order, is_event = found[order], is_event[order]
     kinds = jnp.asarray([IMPACT, STICK, RELEASE])
     kind = jnp.broadcast_to(kinds[:, None], happened.shape).ravel()[order]
     stop = jnp.broadcast_to(jnp.arange(shape[1]), happened.shape).ravel()[order]
