@@ -47,15 +47,20 @@ Span = tuple[Array, Array, Array]
 
 
 def convergence(full: bool) -> list[dict]:
-    """Errors of both by the length of constant steps and by tolerance; with tolerances run times as well."""
+    """Errors of both by the length of constant steps and by tolerance; with tolerances run times as well.
+
+    Each tolerance is a program to compile, so a quick run has one, and in a batch alone, which `batch_cost` needs too.
+    """
     rows: list[dict] = []
     for solver in ORDERS if full else ("Heun", "Tsit5", "Dopri8"):
         for name in SCENES:
             rows += constant_steps(name, solver)
     rows += orders(rows)
-    for solver in ("Tsit5", "Dopri8") if full else ("Dopri8",):
-        for name in SCENES:
-            rows += adaptive_steps(name, solver, TOLERANCES if full else [TOLERANCE], full)
+    if not full:
+        return rows + adaptive_steps(IMPACTS, "Dopri8", [TOLERANCE], [BATCH], 2)
+    for solver in ("Tsit5", "Dopri8"):
+        rows += adaptive_steps(IMPACTS, solver, TOLERANCES, [1, BATCH], 3)
+        rows += adaptive_steps(LIGHT, solver, TOLERANCES, [1], 3)
     return rows
 
 
@@ -73,17 +78,19 @@ def constant_steps(name: str, solver: str) -> list[dict]:
     return rows
 
 
-def adaptive_steps(name: str, solver: str, tolerances: list[float], full: bool) -> list[dict]:
-    """Errors and times of a scene for each tolerance, by itself and, if it has many impacts, in a batch."""
+def adaptive_steps(
+    name: str, solver: str, tolerances: list[float], batches: list[int], rounds: int
+) -> list[dict]:
+    """Errors and times of a scene for each tolerance, by itself or the first of a batch."""
     scene, rows = two_stops(load(name)), []
     runs: dict[tuple[str, float, int], Run] = {
         (method, tolerance, lanes): partial(build(solver, tolerance, lanes), scene)
         for tolerance in tolerances
-        for lanes in ((1, BATCH) if name == IMPACTS else (1,))
+        for lanes in batches
         for method, build in BUILD.items()
     }
     fates = {key: run() for key, run in runs.items()}
-    timed = in_turns({str(key): repeated(run) for key, run in runs.items()}, 3 if full else 2)
+    timed = in_turns({str(key): repeated(run) for key, run in runs.items()}, rounds)
     for key, fate in fates.items():
         method, tolerance, lanes = key
         first = nth(fate, 0)
@@ -115,8 +122,14 @@ def batch_cost(full: bool) -> list[dict]:
             end = smooth_end(scene) if impacts == "none" else np.array([*scene["x1"], *scene["v1"]])
             row = {"solver": solver, "method": method, "lanes": BATCH, "tolerance": TOLERANCE}
             row |= {"impacts": float(jnp.mean(fate.num_impacts)), **timed[str(key)]}
-            row |= {"steps kept": float(jnp.mean(fate.num_kept)), "nanoseconds a step": 1e9 * per_step[key]}
-            row |= {"ratio": per_step[key] / next(iter(per_step.values()))}
+            row |= {
+                "steps tried": float(jnp.mean(fate.num_steps)),
+                "steps kept": float(jnp.mean(fate.num_kept)),
+            }
+            row |= {
+                "nanoseconds a step": 1e9 * per_step[key],
+                "ratio": per_step[key] / next(iter(per_step.values())),
+            }
             rows.append(row | {"error": float(np.max(np.abs(np.asarray(first.y) - end)))})
             say(rows[-1])
     return rows

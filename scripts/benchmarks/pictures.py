@@ -43,26 +43,23 @@ def draw(results: dict[str, Any], folder: Path) -> None:
 
 
 def converging(rows: list[dict], path: Path) -> None:
-    """Errors by the number of constant steps above, run times by the error of adaptive steps below."""
-    fig, axes = plt.subplots(2, 2, figsize=(11, 8.4), sharey="row", layout="constrained")
+    """Errors by the number of constant steps above, run times by the error of adaptive steps below, if there are several."""
     constant = [row for row in rows if "length of steps" in row]
+    adaptive = [row for row in rows if "tolerance" in row and row["scene"] == convergence.IMPACTS]
+    count = 2 if len({row["tolerance"] for row in adaptive}) > 1 else 1
+    figsize = (11, 0.6 + 3.9 * count)
+    fig, axes = plt.subplots(count, 2, figsize=figsize, sharey="row", layout="constrained", squeeze=False)
     for ax, (scene, title) in zip(axes[0], convergence.SCENES.items(), strict=True):
         orders_panel(ax, [row for row in constant if row["scene"] == scene])
         ax.set(
             title=f"{title}\nsteps of constant length", xlabel="span / length of steps", ylim=(EXACT / 3, 10)
         )
-    adaptive = [row for row in rows if "tolerance" in row and row["scene"] == convergence.IMPACTS]
-    for ax, lanes in zip(axes[1], (1, convergence.BATCH), strict=True):
-        for (solver, method), style in solver_styles().items():
-            chosen = [
-                r for r in adaptive if (r["solver"], r["method"], r["at once"]) == (solver, method, lanes)
-            ]
-            lines(ax, chosen, "state error", "each: min / s", style)
-        many = f"{lanes} trajectories at once" if lanes > 1 else "one trajectory"
-        ax.set(title=f"20 impacts, adaptive steps: {many}", xlabel="largest error of x, v at t = 80 / unit")
-        ax.set_xlim(1e-14, 1e-2)
     axes[0, 0].set_ylabel("largest error of x, v at the end / unit")
-    axes[1, 0].set_ylabel("run time of a trajectory / s")
+    for ax, lanes in zip(axes[1:].flat, (1, convergence.BATCH), strict=False):
+        costs_panel(ax, [row for row in adaptive if row["at once"] == lanes])
+        many = f"{lanes} trajectories at once" if lanes > 1 else "one trajectory"
+        ax.set(title=f"20 impacts, adaptive steps: {many}", ylabel="run time of a trajectory / s")
+        ax.label_outer()
     shown = {row["solver"] for row in constant}
     handles = [Line2D([], [], color=c, lw=4, label=s) for s, c in SOLVERS.items() if s in shown]
     handles += [Line2D([], [], color="k", **kind, label=method) for method, kind in METHODS.items()]
@@ -91,6 +88,14 @@ def orders_panel(ax: Axes, rows: list[dict]) -> None:
             ax.plot(
                 steps, [last["state error"] * (last["steps"] / n) ** order for n in steps], ":", color="0.5"
             )
+
+
+def costs_panel(ax: Axes, rows: list[dict]) -> None:
+    """Run times by errors."""
+    for (solver, method), style in solver_styles().items():
+        chosen = [row for row in rows if (row["solver"], row["method"]) == (solver, method)]
+        lines(ax, chosen, "state error", "each: min / s", style)
+    ax.set(xlabel="largest error of x, v at t = 80 / unit", xlim=(1e-14, 1e-2))
 
 
 def lines(ax: Axes, rows: list[dict], across: str, up: str, style: dict[str, Any]) -> None:
