@@ -1,6 +1,6 @@
 """Measure vijax beside what one would take instead: run time against error, throughput, size, first result.
 
-    python scripts/benchmark.py               # quick: about three minutes on two cores
+    python scripts/benchmark.py               # quick: about four minutes on two cores
     python scripts/benchmark.py --full        # everything, all sizes: about forty
     python scripts/benchmark.py --only sweeps derivatives
 
@@ -15,13 +15,14 @@ import argparse
 import time
 from pathlib import Path
 
-from benchmarks import first, many, pictures, report, single, sizes
+from benchmarks import convergence, first, many, pictures, report, single, sizes
 
 PARTS = {
     part.__name__: part
     for part in (
         single.work_precision, many.sweeps, many.work, many.throughput, sizes.masses, sizes.stops,
-        first.first_results, many.chattering_point, single.derivatives, many.accelerator,
+        first.first_results, many.chattering_point, single.derivatives, convergence.convergence,
+        convergence.batch_cost, many.accelerator,
     )
 }  # fmt: skip
 

@@ -1,8 +1,9 @@
-"""What one would take instead of vijax: heyoka, SciPy, diffrax with events.
+"""What one would take instead of vijax: heyoka, SciPy.
 
-Every peer makes of a scene (and a tolerance) a `Program`. The three solvers stop at an impact, reverse the
-velocity and go on, as their manuals show; they know no sticking. A run is given up after `LIMIT` impacts.
-A peer that is not installed raises an ImportError. The scalar C++ program is in benchmarks/cpp.py.
+Every peer makes of a scene (and a tolerance) a `Program`. They stop at an impact, reverse the velocity and go
+on, as their manuals show; they know no sticking. A run is given up after `LIMIT` impacts. A peer that is not
+installed raises an ImportError. diffrax with events is in benchmarks/diffeqsolve.py, the scalar C++ program
+in benchmarks/cpp.py.
 """
 
 # The peers are optional, and missing where only the library is installed.
@@ -10,10 +11,7 @@ A peer that is not installed raises an ImportError. The scalar C++ program is in
 
 import multiprocessing
 import time
-from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from functools import cache
-from typing import Any
 
 import numpy as np
 from benchmarks.scenes import RECORD, TRANSIENT, Outcome, Program, Scene
@@ -174,74 +172,3 @@ def _heyoka_share(
             ta.propagate_until((TRANSIENT + RECORD) * 2 * np.pi / frequency)
         seconds.append(time.perf_counter() - start)
     return seconds
-
-
-def diffrax(scene: Scene, tolerance: float, solver: str) -> Program:
-    """`diffeqsolve` of diffrax with `Event`; the loop over impacts is compiled with it."""
-    import jax
-    import jax.numpy as jnp
-
-    machine = Machine(scene)
-    stops = [np.array(a, float) for a in zip(*machine.stops, strict=True)]
-    numbers = {name: getattr(machine, name) for name in ("mass", "damping", "stiffness", "load", "phase")}
-    numbers |= dict(zip(("position", "sign", "restitution"), stops[1:], strict=True))
-    numbers = jax.tree.map(jnp.asarray, numbers | {"frequency": machine.frequency})
-    program = _diffrax_program(solver, tuple(stop[0] for stop in machine.stops))
-    arguments = jax.tree.map(jnp.asarray, (machine.t0, machine.t1, machine.start, tolerance))
-
-    def run() -> tuple[Any, ...]:
-        return program(numbers, *arguments)
-
-    def outcome() -> Outcome:
-        _, y, count, log = run()
-        rows = [(float(t), int(j), float(v)) for t, j, v in np.asarray(log)[: int(count)]]
-        return Outcome(rows, np.asarray(y), int(count) == LIMIT)
-
-    return Program(outcome, repeated(run))
-
-
-@cache
-def _diffrax_program(solver: str, masses: tuple[int, ...]) -> Callable[..., tuple[Any, ...]]:
-    """The compiled loop over impacts, for all machines with these masses at stops."""
-    import diffrax as dfx
-    import jax
-    import jax.numpy as jnp
-    import optimistix as optx
-
-    def rate(t, y, args):
-        x, v = jnp.split(y, 2)
-        load = args["load"] * jnp.cos(args["frequency"] * t + args["phase"])
-        return jnp.concatenate([v, (load - args["damping"] @ v - args["stiffness"] @ x) / args["mass"]])
-
-    def gap(j: int) -> Callable:
-        return lambda t, y, args, **_: args["sign"][j] * (args["position"][j] - y[masses[j]])
-
-    gaps = [gap(j) for j in range(len(masses))]
-    event = dfx.Event(gaps, optx.Newton(1e-12, 1e-12), direction=[False] * len(gaps))
-
-    @jax.jit
-    def run(args, t0, t1, start, tolerance):
-        controller = dfx.PIDController(rtol=tolerance, atol=tolerance)
-        n = start.size // 2
-
-        def fly(carry):
-            t, y, count, log = carry
-            sol = dfx.diffeqsolve(
-                dfx.ODETerm(rate), getattr(dfx, solver)(), t, t1, None, y, args, event=event,
-                stepsize_controller=controller, max_steps=100_000, throw=False,
-            )  # fmt: skip
-            assert sol.ts is not None
-            assert sol.ys is not None
-            t, y = sol.ts[-1], sol.ys[-1]
-            is_hit = jnp.stack(jax.tree.leaves(sol.event_mask))
-            j, hit = jnp.argmax(is_hit), jnp.any(is_hit)
-            mass = jnp.array(masses)[j]
-            speed = y[n + mass]
-            after = y.at[mass].set(args["position"][j]).at[n + mass].set(-args["restitution"][j] * speed)
-            log = log.at[jnp.where(hit, count, LIMIT)].set(jnp.stack([t, j, speed]), mode="drop")
-            return jnp.where(hit, t, t1), jnp.where(hit, after, y), count + hit, log
-
-        first = (t0, start, jnp.array(0), jnp.full((LIMIT, 3), jnp.nan))
-        return jax.lax.while_loop(lambda c: (c[0] < t1) & (c[2] < LIMIT), fly, first)
-
-    return run

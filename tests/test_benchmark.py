@@ -11,7 +11,7 @@ import pytest
 sys.path.append(str(Path(__file__).parents[1] / "scripts"))
 
 import peers
-from benchmarks import cpp, peak, scenes, sizes, timing
+from benchmarks import convergence, cpp, diffeqsolve, peak, scenes, sizes, timing
 
 LIGHT, CHATTER = scenes.load("paper_a_om080"), scenes.load("paper_b_om030")
 # Peers at tight tolerances, with the roundings of some twenty impacts.
@@ -64,6 +64,34 @@ def test_heyoka_is_right_in_a_light_scene_and_falls_through_a_stop_where_masses_
 def test_scipy_is_right_in_a_light_scene():
     pytest.importorskip("scipy")
     assert scenes.judge(peers.scipy(LIGHT, 1e-12).outcome(), LIGHT)["time error"] < 2 * TIGHT
+
+
+def test_diffeqsolve_is_right_in_a_light_scene_and_misses_an_impact_that_comes_and_goes_in_a_step():
+    loose, tight = (diffeqsolve.by_diffeqsolve(LIGHT, t, "Tsit5").outcome() for t in (1e-4, 1e-12))
+    assert scenes.judge(loose, LIGHT)["outcome"] == "right"
+    assert scenes.judge(tight, LIGHT)["time error"] < TIGHT
+    grazing = convergence.two_stops(scenes.load(convergence.LIGHT))
+    found = diffeqsolve.by_diffeqsolve(grazing, 1e-7, "Tsit5").outcome()
+    assert found.impacts == []
+    assert scenes.judge(found, grazing)["outcome"] == "impacts missed or added"
+
+
+def test_a_stop_far_off_changes_nothing_in_a_scene():
+    scene = scenes.load(convergence.LIGHT)
+    assert scenes.deepest(truth(convergence.two_stops(scene)), convergence.two_stops(scene)) < 1e-12
+    end = np.array([*scene["x1"], *scene["v1"]])
+    assert 1e-5 < np.max(np.abs(scenes.smooth_end(scene) - end)) < 1e-3
+
+
+def test_an_order_is_fitted_to_the_shortest_steps_above_rounding():
+    lengths = convergence.LENGTHS
+    errors = np.where(lengths > 0.3, 1.0, np.maximum(1e-3 * lengths**5, 1e-15))
+    rows = [
+        {"length of steps": h, "state error": e, "outcome": "right"}
+        for h, e in zip(lengths.tolist(), errors.tolist(), strict=True)
+    ]
+    assert convergence.fitted_order(rows, "state error") == pytest.approx(5)
+    assert convergence.fitted_order(rows[:1], "state error") is None
 
 
 @pytest.mark.skipif(cpp.compiled(cpp.SCALAR) is None, reason="needs a C++ compiler")

@@ -7,6 +7,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from . import convergence
 from .report import size
 from .single import SCENES
 
@@ -21,6 +22,12 @@ STYLES = {
     "diffrax Dopri5": ("C4", "d"),
     "diffrax Dopri8": ("C5", "d"),
 }
+# Colours of the solvers of diffrax; by `DiffraxFlow` they are full, by `diffeqsolve` hollow.
+SOLVERS = dict(zip(convergence.ORDERS, ("C2", "C1", "C3", "C5"), strict=True))
+METHODS: dict[str, dict[str, Any]] = {
+    convergence.OURS: {"ls": "-", "marker": "o"},
+    convergence.THEIRS: {"ls": "--", "marker": "s", "mfc": "none"},
+}
 # Where what is infinitely wrong stands, and what is exact to the last digit.
 FAILED, EXACT = 30.0, 1e-16
 
@@ -29,8 +36,75 @@ def draw(results: dict[str, Any], folder: Path) -> None:
     """All pictures of what was measured."""
     if results.get("work_precision"):
         work_precision(results["work_precision"], folder / "work_precision.png")
+    if results.get("convergence"):
+        converging(results["convergence"], folder / "diffrax_convergence.png")
     if any(results.get(name) for name in ("throughput", "masses", "stops")):
         scaling(results, folder / "scaling.png")
+
+
+def converging(rows: list[dict], path: Path) -> None:
+    """Errors by the number of constant steps above, run times by the error of adaptive steps below, if there are several."""
+    constant = [row for row in rows if "length of steps" in row]
+    adaptive = [row for row in rows if "tolerance" in row and row["scene"] == convergence.IMPACTS]
+    count = 2 if len({row["tolerance"] for row in adaptive}) > 1 else 1
+    figsize = (11, 0.6 + 3.9 * count)
+    fig, axes = plt.subplots(count, 2, figsize=figsize, sharey="row", layout="constrained", squeeze=False)
+    for ax, (scene, title) in zip(axes[0], convergence.SCENES.items(), strict=True):
+        orders_panel(ax, [row for row in constant if row["scene"] == scene])
+        ax.set(
+            title=f"{title}\nsteps of constant length", xlabel="span / length of steps", ylim=(EXACT / 3, 10)
+        )
+    axes[0, 0].set_ylabel("largest error of x, v at the end / unit")
+    for ax, lanes in zip(axes[1:].flat, (1, convergence.BATCH), strict=False):
+        costs_panel(ax, [row for row in adaptive if row["at once"] == lanes])
+        many = f"{lanes} trajectories at once" if lanes > 1 else "one trajectory"
+        ax.set(title=f"20 impacts, adaptive steps: {many}", ylabel="run time of a trajectory / s")
+        ax.label_outer()
+    shown = {row["solver"] for row in constant}
+    handles = [Line2D([], [], color=c, lw=4, label=s) for s, c in SOLVERS.items() if s in shown]
+    handles += [Line2D([], [], color="k", **kind, label=method) for method, kind in METHODS.items()]
+    handles.append(Line2D([], [], color="k", marker="x", ms=9, ls="", label="impacts missed or added"))
+    handles.append(Line2D([], [], color="0.5", ls=":", label="order of the solver"))
+    fig.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
+    fig.savefig(path, dpi=150)
+    plt.close(fig)
+
+
+def solver_styles() -> dict[tuple[str, str], dict[str, Any]]:
+    """How each solver is drawn in each method."""
+    return {(s, m): {"color": c, "ms": 5, **kind} for m, kind in METHODS.items() for s, c in SOLVERS.items()}
+
+
+def orders_panel(ax: Axes, rows: list[dict]) -> None:
+    """Errors by the number of steps, and lines that fall as the order of each solver says."""
+    for (solver, method), style in solver_styles().items():
+        chosen = [row for row in rows if (row["solver"], row["method"]) == (solver, method)]
+        points = [row | {"steps": row["span"] / row["length of steps"]} for row in chosen]
+        lines(ax, points, "steps", "state error", style)
+        right = [p for p in points if p["outcome"] == "right" and p["state error"] > convergence.ROUNDING]
+        if method == convergence.OURS and right and right[-1]["scene"] == convergence.IMPACTS:
+            last, order = right[-1], convergence.ORDERS[solver]
+            steps = [points[0]["steps"], last["steps"]]
+            ax.plot(
+                steps, [last["state error"] * (last["steps"] / n) ** order for n in steps], ":", color="0.5"
+            )
+
+
+def costs_panel(ax: Axes, rows: list[dict]) -> None:
+    """Run times by errors."""
+    for (solver, method), style in solver_styles().items():
+        chosen = [row for row in rows if (row["solver"], row["method"]) == (solver, method)]
+        lines(ax, chosen, "state error", "each: min / s", style)
+    ax.set(xlabel="largest error of x, v at t = 80 / unit", xlim=(1e-14, 1e-2))
+
+
+def lines(ax: Axes, rows: list[dict], across: str, up: str, style: dict[str, Any]) -> None:
+    """A line through results, those with other impacts than the true ones crossed."""
+    ax.loglog([max(row[across], EXACT) for row in rows], [max(row[up], EXACT) for row in rows], **style)
+    wrong = [row for row in rows if row["outcome"] != "right"]
+    crossed = {"color": style["color"], "marker": "x", "ls": "", "ms": 9}
+    ax.loglog([row[across] for row in wrong], [row[up] for row in wrong], **crossed)
+    ax.grid(alpha=0.3)
 
 
 def work_precision(rows: list[dict], path: Path) -> None:

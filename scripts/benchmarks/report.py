@@ -148,6 +148,30 @@ def of_derivatives(rows: list[dict]) -> list[tuple[str, str]]:
     ]
 
 
+def of_convergence(rows: list[dict]) -> list[tuple[str, str]]:
+    """Orders of solvers, as they are found."""
+    return [
+        (
+            f"order of {r['solver']}, {r['order']}, by {r['method']}",
+            f"{r['fitted to state error']:.1f} of the end state, {r['fitted to time error']:.1f} of impact times",
+        )
+        for r in rows
+        if r.get("fitted to state error") and r.get("fitted to time error")
+    ]
+
+
+def of_batch_cost(rows: list[dict]) -> list[tuple[str, str]]:
+    """A step in a batch, in steps of the smooth motion."""
+    return [
+        (
+            f"a step of {r['solver']} by {r['method']} in a batch of {r['lanes']}, {r['impacts']:.0f} impacts each",
+            f"{r['ratio']:.2f} times one by diffeqsolve without events, {size(r['error'])}",
+        )
+        for r in rows
+        if r["ratio"] != 1
+    ]
+
+
 FACTS = {
     "work": of_work,
     "throughput": of_throughput,
@@ -155,4 +179,6 @@ FACTS = {
     "first_results": of_first_results,
     "chattering_point": of_chattering_point,
     "derivatives": of_derivatives,
+    "convergence": of_convergence,
+    "batch_cost": of_batch_cost,
 }

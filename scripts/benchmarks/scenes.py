@@ -143,6 +143,14 @@ def deepest(outcome: Outcome, scene: Scene) -> float:
     return depth
 
 
+def smooth_end(scene: Scene) -> np.ndarray:
+    """What x and v at the end of a scene were without its stops."""
+    rate, z = _free_motion(scene)
+    values, vectors = np.linalg.eig(rate)
+    motion = (vectors * np.exp(values * (scene["t1"] - scene["t0"]))) @ np.linalg.solve(vectors, z)
+    return motion.real[: 2 * scene["n"]]
+
+
 def _free_motion(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """F and the start of z."""
     n, frequency = scene["n"], scene["Omega"]

@@ -12,6 +12,7 @@ import peers
 import vijax as vx
 
 from . import cpp
+from .diffeqsolve import by_diffeqsolve
 from .report import say
 from .scenes import Outcome, Program, Scene, judge, load, machine
 from .timing import Compilations, in_turns, repeated
@@ -27,7 +28,9 @@ TOLERANCES = (1e-6, 1e-9, 1e-12)
 PEERS: dict[str, tuple[Callable[..., Program | None], tuple[float, ...]]] = {
     "heyoka": (peers.heyoka, (1e-6, 1e-9, 1e-12, 1e-15)),
     "SciPy DOP853": (peers.scipy, TOLERANCES),
-    **{f"diffrax {s}": (partial(peers.diffrax, solver=s), TOLERANCES) for s in ("Tsit5", "Dopri5", "Dopri8")},
+    **{
+        f"diffrax {s}": (partial(by_diffeqsolve, solver=s), TOLERANCES) for s in ("Tsit5", "Dopri5", "Dopri8")
+    },
 }
 # Trajectories of a batch: the first is the scene, the others start a little beside it.
 BATCH, BESIDE = 1000, 1e-2
