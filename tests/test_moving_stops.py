@@ -269,6 +269,16 @@ def test_a_sweep_tells_of_the_motion_in_space(swept):
     np.testing.assert_allclose(point.v, solution.v1, rtol=0, atol=MAGNIFIED)
 
 
+def test_whole_motions_are_swept_and_have_no_frequency_of_their_own(swept):
+    system = vx.system_of(swept)
+    amplitudes = np.array([[[0.05], [0.0]], [[0.05], [0.04]]])
+    ds = vx.sweep(system, {"stops[*].motion.amplitude": amplitudes}, transient=3, record=3, progress=False)
+    np.testing.assert_array_equal(ds.x[1], swept.x[0])
+    np.testing.assert_array_equal(ds["stops[*].motion.amplitude.values"], amplitudes)
+    with pytest.raises(ValueError, match="names nothing that can be swept"):
+        vx.sweep(system, {"stops[0].motion.frequency": [1.0]}, progress=False)
+
+
 def test_the_frequency_of_the_load_is_swept_with_that_of_the_stops():
     system = ball(0.05)  # never thrown off below W = 6.3: the ball lies on the table
     x, _ = table(0.0, amplitude=0.05)

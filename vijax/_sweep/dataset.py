@@ -68,7 +68,7 @@ def _coordinates(axes: dict[str, np.ndarray]) -> dict[str, tuple | np.ndarray]:
 
 def _axis_names(path: str, ndim: int) -> list[str]:
     """What the axes of a swept array count."""
-    if is_of_force(path):
+    if is_of_force(path) or path.startswith("stops"):
         return [f"{path}.axis{k}" for k in range(ndim)]
     return ["harmonic" if path.startswith("forcing") else "row", "mass"][-ndim:]
 
