@@ -62,20 +62,23 @@ def num_harmonics(system: ImpactSystem) -> int:
 
 def frame_of(system: ImpactSystem) -> Frame | None:
     """The frame in which the stops stand still, if any of them moves."""
-    motions = [[stop.motion for stop in system.stops if stop.mass == i] for i in range(len(system.mass))]
-    if not any(motion for of_mass in motions for motion in of_mass):
+    moving = [(stop.mass, stop.motion) for stop in system.stops if stop.motion is not None]
+    if not moving:
         return None
     lanes = system.mass.ndim - 1
     nothing = jnp.zeros((num_harmonics(system), *system.mass.shape[1:]), system.mass.dtype)
-    cosine, sine = [], []
-    for of_mass in motions:
+
+    def waves_of(mass: int) -> tuple[Array, Array]:
+        waves = [motion.waves(lanes) for i, motion in moving if i == mass]
+        if not waves:
+            return nothing, nothing
+        own = [[padded(wave[:, 0], len(nothing)) for wave in part] for part in zip(*waves, strict=True)]
         # Two stops of one mass move alike: the mean of both gives each its half of a derivative.
-        waves = [motion.waves(lanes) for motion in of_mass if motion is not None]
-        for rows, part in ((cosine, 0), (sine, 1)):
-            own = [padded(wave[part][:, 0], len(nothing)) for wave in waves]
-            rows.append(add_up(own) / len(own) if own else nothing)
-    join = lambda rows: jnp.stack(jnp.broadcast_arrays(*rows), axis=1)  # noqa: E731
-    return Frame(join(cosine), join(sine), system.forcing.frequency)
+        return add_up(own[0]) / len(waves), add_up(own[1]) / len(waves)
+
+    rows = zip(*map(waves_of, range(len(system.mass))), strict=True)
+    cosine, sine = (jnp.stack(jnp.broadcast_arrays(*part), axis=1) for part in rows)
+    return Frame(cosine, sine, system.forcing.frequency)
 
 
 def padded(waves: Float[Array, "harmonics ..."], size: int) -> Float[Array, "size ..."]:
