@@ -108,6 +108,20 @@ def test_a_ball_is_thrown_off_where_the_table_falls_faster_than_it():
     assert float(solution.events.velocity_minus[1]) == pytest.approx(velocity, abs=MAGNIFIED)
 
 
+def test_a_held_mass_is_held_where_a_late_trajectory_goes_on():
+    whole = vx.simulate(ball(), 0.0, 302.0, [1.0], [0.5], max_events=4096)
+    last = int(whole.num_events) - 1
+    kinds, times = np.asarray(whole.events.kind), np.asarray(whole.events.t)
+    stick = max(k for k in range(last) if kinds[k] == vx.STICK)
+    assert kinds[stick + 1] == vx.RELEASE
+    for share in (0.1, 0.3, 0.5, 0.7, 0.9):
+        t = times[stick] + share * (times[stick + 1] - times[stick])
+        x, v = whole.evaluate(t)
+        on = vx.simulate(ball(), t, t + 1.0, x, v)
+        assert on.events.kind[0] == vx.RELEASE
+        assert float(on.events.t[0]) == pytest.approx(times[stick + 1], abs=2 * np.spacing(W * t))
+
+
 # Two masses, the second between walls that are shaken by two harmonics
 
 

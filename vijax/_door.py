@@ -35,13 +35,14 @@ def doubts_at_the_door(
     if ts.size:
         in_order = jnp.all(jnp.diff(ts) >= 0) & (ts[0] >= t0) & (ts[-1] <= t1)
         checks.append((~in_order, "Argument `ts` must be in increasing order, within [t0, t1]."))
+    angle = system.forcing.frequency * t0
     for j, stop in enumerate(system.stops):
-        gap = stop.sign * (stop.at(system.forcing.frequency * t0) - x0[stop.mass])
+        gap = stop.sign * (stop.at(angle) - x0[stop.mass])
         sentence = (
             f"The start lies beyond a stop: `x0[{stop.mass}]` is past `stops[{j}]`. "
             f"Start mass {stop.mass} on its free side ({stop.side} stop), or on the stop."
         )
-        checks.append(((gap < 0) & ~is_touching(gap, stop.reach), sentence))
+        checks.append(((gap < 0) & ~is_touching(gap, stop.reach(angle)), sentence))
         checks += [
             (~stop.moves_like(other), not_alike(stop.mass))
             for other in system.stops[:j]

@@ -35,10 +35,12 @@ class Frame(eqx.Module):
         angle = self._orders(self.cosine[:, 0]) * (self.frequency * t)
         return self.at(jnp.stack([jnp.cos(angle), jnp.sin(angle)]))
 
-    def extent(self) -> tuple[Array, Array]:
-        """Bounds of the positions and of the velocities, (n, ...)."""
+    def extent(self, t: Scalar | float) -> tuple[Array, Array]:
+        """Bounds of w and w', (n, ...), by which their rounding is told at a time: that of h W t counts."""
         size = jnp.abs(self.cosine) + jnp.abs(self.sine)
-        return add_up(size), add_up(self._orders(size) * self.frequency * size)
+        speed = self._orders(size) * self.frequency
+        rounding = size * (1 + speed * jnp.abs(t))
+        return add_up(rounding), add_up(speed * rounding)
 
     def load(self, system: ImpactSystem) -> tuple[Array, Array]:
         """The load - M w'' - C w' - K w, as waves over harmonics and masses."""

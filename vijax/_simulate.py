@@ -208,7 +208,7 @@ def _run(
         resolution=resolution,
         max_steps=jnp.asarray(max_steps),
     )
-    first = first_state(flow, machine, phase0, x0, v0)
+    first = first_state(flow, machine, phase0, x0, v0, t0)
     room = jnp.zeros((goals.size, x0.size), x0.dtype)
     carry = _Carry(
         state=first,

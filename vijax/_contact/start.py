@@ -7,7 +7,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._machine import Machine, State, remembering, resting_state
 from .._motion.flow import AbstractFlow
-from .._types import stack
+from .._types import Scalar, stack
 from .sticking import is_pressed
 
 
@@ -17,10 +17,11 @@ def first_state(
     phase: Float[Array, "2 harmonics ..."],
     x: Float[Array, "n ..."],
     v: Float[Array, "n ..."],
+    t0: Scalar | float = 0.0,
 ) -> State:
     """The state at t0. A mass that moves into its stop is hit by the first step."""
     x, v = machine.seen_from_stops(phase, x, v)
-    reach, speed = _sizes(machine)
+    reach, speed = _sizes(machine, t0)
     touching = is_touching(machine.gaps(x), reach)
     xs = list(x)
     for j, i in enumerate(machine.masses):
@@ -45,11 +46,13 @@ def first_state(
     return eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
 
 
-def _sizes(machine: Machine) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."]]:
+def _sizes(
+    machine: Machine, t0: Scalar | float
+) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."]]:
     """Of the numbers whose differences gaps and velocities relative to the stops are."""
     if machine.frame is None:
         return machine.position, jnp.zeros_like(machine.position)
-    travel, speed = (machine.of_stops(a) for a in machine.frame.extent())
+    travel, speed = (machine.of_stops(a) for a in machine.frame.extent(t0))
     return jnp.abs(machine.position) + travel, speed
 
 

@@ -163,7 +163,7 @@ def _check_stops(points: Point) -> None:
         if not ((stop.restitution >= 0) & (stop.restitution <= 1)).all():
             raise ValueError(f"Every `stops[{j}].restitution` must lie between 0 and 1.")
         gap = stop.sign * (np.asarray(stop.at(0.0)) - points.x0[stop.mass])
-        if ((gap < 0) & ~np.asarray(is_touching(gap, stop.reach))).any():
+        if ((gap < 0) & ~np.asarray(is_touching(gap, stop.reach(0.0)))).any():
             raise ValueError(
                 f"Some points start beyond a stop: `x0[{stop.mass}]` is past `stops[{j}]`. Start mass "
                 f"{stop.mass} on its free side ({stop.side} stop), or on the stop."

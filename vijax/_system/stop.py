@@ -104,22 +104,21 @@ class Stop(eqx.Module):
         """Where the stop stands in the mean."""
         return self.position if self.motion is None else self.position + self.motion.mean[0]
 
-    @property
-    def reach(self) -> Reals:
-        """It never stands farther from the origin; lanes may stand last."""
+    def reach(self, angle: Scalar | float) -> Reals:
+        """The size of what a gap is computed from at that phase, by which its rounding is told: W t counts."""
         if self.motion is None:
             return abs(self.position)
-        amplitude = self.motion.amplitude
-        return abs(self.centre) + abs(amplitude).sum(axis=self._own_axes(amplitude))
+        amplitude = abs(self.motion.amplitude)
+        rounding = amplitude * (1 + self._orders(amplitude) * abs(angle))
+        return abs(self.centre) + rounding.sum(axis=self._own_axes(amplitude))
 
     def at(self, angle: Scalar | float) -> Reals:
         """Where the stop stands at the phase `angle` = W t of the load; lanes may stand last."""
         if self.motion is None:
             return self.position
         amplitude, phase = self.motion.amplitude, self.motion.phase
-        own = self._own_axes(amplitude)
-        order = jnp.arange(1, len(amplitude) + 1).reshape(-1, *[1] * (amplitude.ndim - 1))
-        return self.centre + (amplitude * jnp.cos(order * angle + phase)).sum(axis=own)
+        waves = amplitude * jnp.cos(self._orders(amplitude) * angle + phase)
+        return self.centre + waves.sum(axis=self._own_axes(amplitude))
 
     def moves_like(self, other: "Stop") -> Reals:
         """Whether two stops keep their distance; lanes may stand last."""
@@ -130,6 +129,9 @@ class Stop(eqx.Module):
         if [a.shape[k] for k in own] != [b.shape[k] for k in own] or a.ndim != b.ndim:
             return jnp.asarray(False)
         return ((a == b) & (p == q)).all(axis=own)
+
+    def _orders(self, amplitude: Reals) -> Reals:
+        return np.arange(1, len(amplitude) + 1).reshape(-1, *[1] * (amplitude.ndim - 1))
 
     def _own_axes(self, a: Reals) -> tuple[int, ...]:
         return tuple(range(a.ndim - self.position.ndim))
