@@ -17,6 +17,7 @@ from problems import one_mass
 import vijax as vx
 from vijax._contact.sticking_region import StickingRegion
 from vijax._motion.bernstein import bernstein, divided, first_crossing, nodes, slopes
+from vijax._motion.diffrax import degree_inside
 from vijax._motion.stepping import Attempt, SteppingFlow
 from vijax._motion.watch import Inside
 
@@ -46,7 +47,12 @@ def duffing(k3: float, *, r: float = 1.0, c: float = 0.0, amplitude: float = 0.0
 # Where a polynomial falls below zero
 
 
-@pytest.mark.parametrize("degree", [4, 6])
+def test_events_are_looked_for_in_the_polynomial_that_the_solver_has():
+    solvers = [diffrax.Heun(), diffrax.Bosh3(), diffrax.Tsit5(), diffrax.Dopri5(), diffrax.Dopri8()]
+    assert [degree_inside(solver) for solver in solvers] == [3, 3, 4, 4, 6]
+
+
+@pytest.mark.parametrize("degree", [3, 4, 6])
 def test_the_first_zero_of_a_polynomial_is_found_and_never_passed(degree):
     rng = np.random.default_rng(degree)
     roots = rng.uniform(-0.5, 1.5, (2000, degree))
@@ -59,7 +65,7 @@ def test_the_first_zero_of_a_polynomial_is_found_and_never_passed(degree):
     np.testing.assert_allclose(found, inside.min(axis=-1), rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("degree", [4, 6])
+@pytest.mark.parametrize("degree", [3, 4, 6])
 def test_bernstein_coefficients_of_a_slope_and_of_a_quotient_are_those_of_their_values(degree):
     times, powers = nodes(degree), np.random.default_rng(degree).normal(size=degree)
     values = np.polynomial.Polynomial([0.0, *powers])  # 0 at 0

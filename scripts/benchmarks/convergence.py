@@ -190,7 +190,7 @@ def by_length(solver: str) -> Callable[..., Fate]:
 def by_flow(solver: str, tolerance: float, lanes: int) -> Callable[[Scene], Fate]:
     """Trajectories of a scene and of others of near frequency, by `DiffraxFlow`."""
     controller = diffrax.PIDController(rtol=tolerance, atol=tolerance)
-    flow = Kept(getattr(diffrax, solver)(), controller, dt0=None, degree=6)
+    flow = Kept(getattr(diffrax, solver)(), controller, dt0=None)
 
     def one(system: vx.ImpactSystem, span: Span, frequency: Array) -> Fate:
         return simulated(flow, eqx.tree_at(lambda s: s.forcing.frequency, system, frequency), *span)

@@ -12,12 +12,15 @@ keeps all its digits. The gain of a held mass is that of the force on it, which 
 the contact force inside the step.
 """
 
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
 
 from .._machine import Machine, State
@@ -26,6 +29,8 @@ from .bernstein import nodes
 from .stepping import Attempt, SteppingFlow, turned
 from .watch import Inside
 
+# Degrees of dense outputs that there might be; those of diffrax go from 3 to 6.
+_LEAST, _MOST = 3, 8
 _TOLERANCES = {"float64": (1e-10, 1e-12), "float32": (1e-5, 1e-6)}
 
 
@@ -38,8 +43,6 @@ class DiffraxFlow(SteppingFlow):
             `diffrax.ConstantStepSize`. If left out a `PIDController` with rtol 1e-10 and atol 1e-12
             (1e-5 and 1e-6 in 32-bit numbers).
         dt0: length of the first step, or of all steps if it is constant; chosen if left out.
-        degree: of the polynomial in which events are looked for, not below that of the solver's dense
-            output; diffrax has none above 6. That of `Tsit5` and `Dopri5` is 4, which is faster.
 
     Raises:
         ValueError: for a solver that is no Runge-Kutta method, or a controller for fixed times.
@@ -57,7 +60,6 @@ class DiffraxFlow(SteppingFlow):
 
     solver: Any = eqx.field(static=True)
     stepsize_controller: Any = eqx.field(static=True)
-    degree: int = eqx.field(static=True)
     dt0: Float[Array, " 1"] | None
 
     def __init__(
@@ -65,12 +67,10 @@ class DiffraxFlow(SteppingFlow):
         solver: diffrax.AbstractSolver | None = None,
         stepsize_controller: diffrax.AbstractStepSizeController | None = None,
         dt0: ArrayLike | None = None,
-        degree: int = 6,
     ):
         self.solver = diffrax.Dopri8() if solver is None else solver
         self.stepsize_controller = stepsize_controller
         self.dt0 = None if dt0 is None else as_float(dt0).reshape(1)
-        self.degree = degree
 
     def __check_init__(self):
         solver = self.solver
@@ -103,7 +103,7 @@ class DiffraxFlow(SteppingFlow):
         zero = jnp.zeros_like(step)
         # A Runge-Kutta method keeps slopes times the step: on [0, 1] its dense output is a constant matrix.
         path = self.solver.interpolation_cls(t0=0.0, t1=1.0, **dense)
-        inside = jax.vmap(path.evaluate)(jnp.asarray(nodes(self.degree), step.dtype))
+        inside = jax.vmap(path.evaluate)(jnp.asarray(nodes(degree_inside(self.solver)), step.dtype))
         # The gain of a held mass is no part of the motion.
         error = (error[0], jnp.where(is_held, 0, error[1]))
         start = (state.x, state.v)
@@ -164,6 +164,22 @@ class DiffraxFlow(SteppingFlow):
             memory = (False, _field(zero, nothing, args))
         end, error, dense, _, _ = solver.step(term, zero, step, nothing, args, memory, made_jump=False)
         return end, error, dense
+
+
+def degree_inside(solver: Any) -> int:
+    """The degree of a solver's dense output, the polynomial in which events are looked for."""
+    return _degree(type(solver).interpolation_cls, solver.tableau.num_stages)
+
+
+@cache
+def _degree(interpolation: Callable, num_stages: int) -> int:
+    """The last Chebyshev coefficient that slopes of no motion in particular give."""
+    with jax.ensure_compile_time_eval():
+        y, k = jnp.asarray([0.3, 0.8]), jnp.asarray(np.random.default_rng(0).normal(size=num_stages))
+        path = interpolation(t0=0.0, t1=1.0, y0=y[0], y1=y[1], k=k)
+        values = np.asarray(jax.jit(jax.vmap(path.evaluate))(jnp.asarray(nodes(_MOST))))
+    size = np.abs(np.polynomial.Chebyshev.fit(nodes(_MOST), values, _MOST, domain=[0, 1]).coef)
+    return max(_LEAST, int(np.flatnonzero(size > 1e-5 * size.max())[-1]))
 
 
 def _field(time: Any, gains: tuple[Array, Array], args: tuple[Machine, State, Array]) -> tuple[Array, Array]:
