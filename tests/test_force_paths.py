@@ -206,3 +206,31 @@ def test_the_machine_of_a_sweep_is_built_again_where_only_its_start_is_clear_of_
     ds = vx.sweep(system, {"stops[0].position": [0.2, 0.3]}, x0=[0.3], transient=1, record=1, progress=False)
     again = vx.system_of(ds.isel({"stops[0].position": 1}))
     assert float(again.stops[0].position) == 0.3
+
+
+def test_a_store_knows_a_force_whose_body_was_changed(tmp_path):
+    def of_power(power):
+        def force(t, x, v, args):
+            return -args * jnp.abs(x) ** power * jnp.sign(x)
+
+        return force
+
+    run = lambda power: sweep(of_power(power), {"args": CUBICS}, args=1.0, store=tmp_path / "kept")  # noqa: E731
+    xr.testing.assert_identical(run(3), run(3))
+    with pytest.raises(ValueError, match="holds another sweep: `program of the force`"):
+        run(5)
+
+
+@pytest.mark.parametrize(
+    "force",
+    [
+        lambda t, x, v: x,
+        lambda t, x, v, args: x if x[0] > 0 else v,
+        lambda t, x, v, args: args["k"] * x,
+        lambda t, x, v, args: None,
+    ],
+    ids=["three arguments", "if", "without args", "returns nothing"],
+)
+def test_a_force_that_cannot_be_called_is_told_how_to_be_written(force):
+    with pytest.raises(ValueError, match=r"Argument `force` failed as force\(t, x, v, args\) .* `jnp.where`"):
+        vx.simulate(machine(force), 0.0, 1.0)

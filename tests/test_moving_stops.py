@@ -278,6 +278,10 @@ def test_a_sweep_tells_of_the_motion_in_space(swept):
     is_recorded = (log.kind == vx.IMPACT) & (log.t > 3 * period)
     velocity = point.impact_velocity.dropna("impact")
     np.testing.assert_allclose(velocity, log.velocity_minus[is_recorded], rtol=0, atol=MAGNIFIED)
+    _, of_stops = solution.evaluate_stops(log.t[is_recorded])
+    relative = velocity - of_stops[jnp.arange(len(velocity)), log.stop[is_recorded]]
+    found = point.impact_relative_velocity.dropna("impact")
+    np.testing.assert_allclose(found, relative, rtol=0, atol=MAGNIFIED)
     np.testing.assert_allclose(point.section_x, solution.xs, rtol=0, atol=MAGNIFIED)
     np.testing.assert_allclose(point.section_v, solution.vs, rtol=0, atol=MAGNIFIED)
     np.testing.assert_allclose(point.v, solution.v1, rtol=0, atol=MAGNIFIED)
@@ -305,6 +309,43 @@ def test_the_frequency_of_the_load_is_swept_with_that_of_the_stops():
     assert ds.stuck.all()
 
 
+def carried_by_hand(systems):
+    """End states of one machine after another, each started where the one before it ended, from rest."""
+    x, v, ends = [0.0], [0.0], []
+    for system in systems:
+        end = vx.simulate(system, 0.0, system.forcing.period, x, v)
+        x, v = end.x1, end.v1
+        ends.append([*x, *v])
+    return np.array(ends)
+
+
+def test_where_a_stop_is_at_the_start_decides_what_is_carried():
+    # At the start of every period the stop is at 1.8, far beyond its middle.
+    walls = [vx.Stop(0, 0.3, "upper", 0.7, vx.Harmonic([1.5], 1.3))]
+    system = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic([0.8], 1.3, mean=[1.0]), walls)
+    amplitudes = np.array([0.1, 0.2, 0.3, 0.4])
+    ds = vx.sweep(
+        system, {"forcing.amplitude[0]": amplitudes}, transient=0, record=1, carry="up", progress=False
+    )
+    loads = [eqx.tree_at(lambda s: s.forcing.amplitude, system, jnp.array([a])) for a in amplitudes]
+    ends = carried_by_hand(loads)
+    assert ends[:, 0].max() > 0.3
+    np.testing.assert_allclose(np.stack([ds.x[:, 0], ds.v[:, 0]], axis=1), ends, rtol=0, atol=MAGNIFIED)
+
+
+def test_a_mass_that_is_held_is_carried_with_its_stop():
+    travel = np.array([0.05, 0.1, 0.15])
+    ds = vx.sweep(
+        ball(0.05), {"stops[0].motion.amplitude[0]": travel}, x0=[0.15], transient=5, record=1,
+        carry="up", progress=False,
+    )  # fmt: skip
+    assert ds.stuck.all()
+    # The first one falls onto the table, the others lie on it, from first to last.
+    np.testing.assert_allclose(ds.held_time[1:, 0, 0], 2 * np.pi / W, rtol=1e-13)
+    np.testing.assert_allclose(ds.x[:, 0], travel * np.cos(0.3), rtol=1e-13)
+    assert (ds.steps[1:] < ds.steps[0]).all()
+
+
 # What is refused
 
 
@@ -324,6 +365,17 @@ def test_a_motion_of_another_frequency_than_the_load_is_refused():
         build(jnp.asarray(2.0))
 
 
+def test_a_frequency_that_a_motion_is_given_later_is_refused_too():
+    load, stop = vx.Harmonic([1.0], 3.0), vx.Stop(0, 0.0, "lower", 0.5, vx.Harmonic([0.1], 3.0))
+    system = vx.ImpactSystem([1.0], [[0.0]], [[1.0]], load, [stop])
+    other = eqx.tree_at(lambda s: s.stops[0].motion, system, vx.Harmonic([0.1], 5.0))
+    for run in (lambda: vx.simulate(other, 0.0, 1.0, [1.0]), lambda: vx.sweep(other, {"x0[0]": [1.0]})):
+        with pytest.raises(ValueError, match=r"`stops\[0\].motion` must be that of the load"):
+            run()
+    with pytest.raises(ValueError, match=r"ask for `forcing.period` of the machine"):
+        _ = system.stops[0].motion.period
+
+
 def test_two_stops_of_one_mass_must_move_alike():
     load, walls = vx.Harmonic([1.0], 3.0), []
     for motion in (None, vx.Harmonic([0.1], 3.0), vx.Harmonic([0.2], 3.0), vx.Harmonic([[0.1], [0.2]], 3.0)):
@@ -337,11 +389,15 @@ def test_two_stops_of_one_mass_must_move_alike():
     differ = eqx.tree_at(lambda s: s.stops[0].motion.amplitude, slot, jnp.array([0.2]))
     with pytest.raises(ValueError, match="two stops of mass 0 must move alike"):
         vx.simulate(differ, 0.0, 1.0)
+    same = [walls[1][0], vx.Stop(0, 0.5, "upper", 0.5, vx.Harmonic([[0.1]], 3.0))]
+    assert vx.ImpactSystem([1.0], [[0.0]], [[1.0]], load, same).num_stops == 2
 
 
 def test_a_motion_is_that_of_one_stop():
     with pytest.raises(ValueError, match="Argument `motion` must move one stop"):
         vx.Stop(0, 0.0, "lower", 0.5, vx.Harmonic([0.1, 0.2], 2.0))
+    with pytest.raises(ValueError, match=r"Argument `amplitude` must be a number, but has shape \(1,\)"):
+        vx.models.ball_on_table(6.0, np.array([0.1]))
 
 
 def test_a_start_beyond_a_moving_stop_is_refused():

@@ -224,7 +224,7 @@ def test_a_bifurcation_diagram_can_show_phases(swept):
     expected = swept.impact_phase.values[swept.impact_stop.values == 1]
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), expected)
     assert ax.get_ylim() == (0, 2 * np.pi)
-    with pytest.raises(ValueError, match='Argument `ordinate` must be "velocity" or "phase", but is "time"'):
+    with pytest.raises(ValueError, match='"velocity" or "relative velocity" or "phase", but is "time"'):
         vx.plot.bifurcation(swept, ordinate="time")
 
 

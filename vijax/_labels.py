@@ -32,6 +32,7 @@ _MEANINGS = {
     "direction": "direction in which the points were visited",
     "impact_time": "time of the impact since the end of the transient",
     "impact_velocity": "velocity before the impact",
+    "impact_relative_velocity": "velocity before the impact, relative to that of the stop",
     "impact_phase": "phase of the load at the impact",
     "impact_stop": "stop of the impact, -1 where there is none",
     "impact_sticks": "whether the impact completes a chatter",

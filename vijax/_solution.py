@@ -31,11 +31,12 @@ class RESULTS(eqx.Enumeration):
     )
     max_steps_reached = (
         "max_steps_reached: the motion stopped before its end, because it took too many steps. "
-        "Increase `max_steps`; if that does not help, look for a scale of time far shorter than the rest."
+        "Increase `max_steps`; if that does not help, look for a scale of time far shorter than the rest, "
+        "or a force that jumps."
     )
     non_finite = (
         "non_finite: the motion stopped before its end at a number that is infinite or NaN. "
-        "Check that the system and the start are finite and of moderate size."
+        "Check that the system, the start, and a force with its derivatives, are finite and of moderate size."
     )
     unsound_start = (
         "unsound_start: nothing was simulated, because the start lies beyond a stop or times are out of "

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._machine import Machine, prepare
-from .._system.system import ImpactSystem
+from .._system.system import ImpactSystem, with_args
 from .._types import Numbers, as_float
 from .sticking import is_pressed
 
@@ -228,5 +228,5 @@ def sticking_region(system: ImpactSystem, held: int | Sequence[int]) -> Sticking
             f"Argument `held` must name one stop of a mass, but stops {list(stops)} are of masses {masses}."
         )
     one, rest = jnp.ones((), system.mass.dtype), jnp.zeros_like(system.mass)
-    machine = prepare(system, one, (0 * one, rest, rest), can_stick=True)
+    machine = prepare(with_args(system, None), one, (0 * one, rest, rest), can_stick=True)
     return StickingRegion(machine, tuple(int(j) for j in stops))

@@ -11,6 +11,10 @@ from .taylor import TaylorFlow
 
 def choose_flow(system: ImpactSystem, *, can_stick: bool, wanted: AbstractFlow | None = None) -> AbstractFlow:
     """The flow that is wanted, if it can; else mode by mode, by Taylor series, or, not linear, by diffrax."""
+    if not isinstance(wanted, AbstractFlow | None):
+        raise ValueError(
+            f"Argument `flow` must be a motion, as `vx.DiffraxFlow(diffrax.Tsit5())` makes of a solver, but is {wanted!r}."
+        )
     if system.force is None:
         return wanted or modal_flow(system, can_stick=can_stick) or TaylorFlow()
     if isinstance(wanted, ExpandingFlow):

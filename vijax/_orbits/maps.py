@@ -7,8 +7,8 @@ from jaxtyping import Array, ArrayLike, Float
 from .._motion.flow import AbstractFlow
 from .._simulate import simulate
 from .._solution import RESULTS
-from .._system.force import bind
-from .._system.system import ImpactSystem
+from .._system.force import BoundForce
+from .._system.system import ImpactSystem, with_args
 from .._types import Numbers, as_float
 
 
@@ -60,7 +60,14 @@ def stroboscopic_map(
 
 
 def monodromy_matrix(
-    system: ImpactSystem, x0: Numbers, v0: Numbers, num_periods: int = 1, *, args: object = None
+    system: ImpactSystem,
+    x0: Numbers,
+    v0: Numbers,
+    num_periods: int = 1,
+    *,
+    flow: AbstractFlow | None = None,
+    args: object = None,
+    max_steps: int | None = None,
 ) -> Float[Array, "state state"]:
     """Derivative of the stroboscopic map by the state (x, v).
 
@@ -71,7 +78,9 @@ def monodromy_matrix(
         x0: positions at phase 0, (n,).
         v0: velocities, (n,).
         num_periods: forcing periods, the period of the orbit.
-        args: as for `simulate`.
+        flow: as for `simulate`.
+        args: likewise.
+        max_steps: likewise.
 
     Returns:
         The matrix, (2 n, 2 n).
@@ -89,8 +98,12 @@ def monodromy_matrix(
     """
     n = system.num_masses
     start = jnp.concatenate([as_float(x0), as_float(v0)])
-    strobe = lambda y: stroboscopic_map(system, y[:n], y[n:], num_periods, args=args)  # noqa: E731
-    return jax.jacfwd(lambda y: jnp.concatenate(strobe(y)))(start)
+
+    def strobe(y: Float[Array, " state"]) -> Float[Array, " state"]:
+        end = stroboscopic_map(system, y[:n], y[n:], num_periods, flow=flow, args=args, max_steps=max_steps)
+        return jnp.concatenate(end)
+
+    return jax.jacfwd(strobe)(start)
 
 
 def saltation_matrix(
@@ -124,25 +137,26 @@ def saltation_matrix(
         M. di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), Sec. 2.5.
     """
     x, v = as_float(x), as_float(v)
-    time, wall = as_float(t), system.stops[stop]
-    n, i, r = system.num_masses, wall.mass, wall.restitution
-    speed = jax.grad(lambda t: wall.at(system.forcing.frequency * t))
+    system, time = with_args(system, args), as_float(t)
+    n, wall, w = system.num_masses, system.stops[stop], system.forcing.frequency
+    i, r = wall.mass, wall.restitution
+    speed = lambda t: w * wall.slope_at(w * t)  # noqa: E731
     w1, w2 = speed(time), jax.grad(speed)(time)
     reset = jnp.ones(2 * n).at[n + i].set(-r)
-    before = jnp.concatenate([v, _acceleration(system, time, x, v, args)])
+    before = jnp.concatenate([v, _acceleration(system, time, x, v)])
     v_plus = (v * reset[n:]).at[i].add((1 + r) * w1)
-    after = jnp.concatenate([v_plus, _acceleration(system, time, x, v_plus, args)])
+    after = jnp.concatenate([v_plus, _acceleration(system, time, x, v_plus)])
     jump = (after - reset * before).at[n + i].add(-(1 + r) * w2)
     return jnp.diag(reset) + jnp.outer(jump, jnp.zeros(2 * n).at[i].set(1 / (v[i] - w1)))
 
 
 def _acceleration(
-    system: ImpactSystem, t: Float[Array, ""], x: Float[Array, " n"], v: Float[Array, " n"], args: object
+    system: ImpactSystem, t: Float[Array, ""], x: Float[Array, " n"], v: Float[Array, " n"]
 ) -> Float[Array, " n"]:
     forcing = system.forcing
     amplitude, phase = jnp.atleast_2d(forcing.amplitude), jnp.atleast_2d(forcing.phase)
     angle = jnp.arange(1, len(amplitude) + 1)[:, None] * forcing.frequency * t + phase
     load = forcing.mean + jnp.sum(amplitude * jnp.cos(angle), axis=0)
     linear = load - system.damping @ v - system.stiffness @ x
-    force = bind(system.force, args, system.num_masses)
-    return (linear if force is None else linear + force(t, x, v)) / system.mass
+    force = system.force
+    return (linear + force(t, x, v) if isinstance(force, BoundForce) else linear) / system.mass

@@ -69,11 +69,19 @@ def run_chain(
 def _next_starts(
     points: Point, given: np.ndarray, ends: dict[str, np.ndarray], chain: np.ndarray
 ) -> np.ndarray:
-    """Where the points after the first start: at the end before, pushed back by stops that moved in."""
+    """Where the points after the first start: at the end before, pushed back by stops that moved in.
+
+    A mass that a moving stop holds goes on with it, however it moves from now on.
+    """
     before, after = chain[:-1], chain[1:]
     x, v = ends["x"][:, before], ends["v"][:, before]
-    for stop in points.system.stops:
-        position = np.broadcast_to(stop.position, given.shape[1])[after]
+    frequency = points.system.forcing.frequency
+    for stop, held in zip(points.system.stops, ends["held"], strict=True):
+        at_start = stop.at(0.0), frequency * stop.slope_at(0.0)
+        position, speed = (np.broadcast_to(np.asarray(a), given.shape[1])[after] for a in at_start)
         x[stop.mass] = stop.sign * np.minimum(stop.sign * x[stop.mass], stop.sign * position)
+        goes_with = held[before] & (stop.motion is not None)
+        x[stop.mass] = np.where(goes_with, position, x[stop.mass])
+        v[stop.mass] = np.where(goes_with, speed, v[stop.mass])
     carried = np.concatenate([x, v])
     return np.where(np.isfinite(carried).all(axis=0), carried, given[:, after])

@@ -1,10 +1,14 @@
 """What a sweep found, as a labelled dataset."""
 
+from functools import partial
+
+import jax
 import numpy as np
 import xarray as xr
 
 from .._labels import flags, label
 from .._solution import RESULTS
+from .._system.stop import Stop
 from .paths import Point, is_of_force
 from .queues import Counts, Found
 
@@ -87,13 +91,32 @@ def _impact_table(points: Point, counts: Counts, found: Found) -> dict[str, np.n
         rows[point, number] = column
         return rows
 
-    return {
+    phase = np.mod(frequency * time, 2 * np.pi)
+    own = velocity - frequency * _slopes(points.system.stops, stop, point, phase)
+    is_moving = any(one.motion is not None for one in points.system.stops)
+    relative = {"impact_relative_velocity": table(own, np.nan)} if is_moving else {}
+    return relative | {
         "impact_time": table(time, np.nan),
         "impact_velocity": table(velocity, np.nan),
-        "impact_phase": table(np.mod(frequency * time, 2 * np.pi), np.nan),
+        "impact_phase": table(phase, np.nan),
         "impact_stop": table(stop, -1),
         "impact_sticks": table(sticks, False),
     }
+
+
+def _slopes(stops: tuple[Stop, ...], stop: np.ndarray, point: np.ndarray, phase: np.ndarray) -> np.ndarray:
+    """How the place of the stop of every impact changes with the phase, (impacts,)."""
+    slopes = np.zeros_like(phase)
+    for j, one in enumerate(stops):
+        if one.motion is not None:
+            ours = stop == j
+            of_points = partial(_of_points, point[ours])
+            slopes[ours] = jax.tree.map(of_points, one).slope_at(phase[ours])
+    return slopes
+
+
+def _of_points(point: np.ndarray, a: np.ndarray) -> np.ndarray:
+    return a[..., point] if a.shape[-1] > 1 else a
 
 
 def _section_table(points: Point, counts: Counts, found: Found) -> dict[str, np.ndarray]:

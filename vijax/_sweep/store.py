@@ -28,6 +28,8 @@ import jax
 import numpy as np
 
 from .._motion.flow import AbstractFlow
+from .._system.force import BoundForce, program_of
+from .._system.system import ImpactSystem
 from .paths import Point
 from .queues import Counts, Found, count_cores, run_points
 
@@ -101,6 +103,7 @@ def describe_sweep(
         "values": {path: _summary(axis) for path, axis in axes.items()},
         "starts": _digest((points.x0, points.v0)),
         "numbers of the force": _digest(points.system.force),
+        "program of the force": _program(points.system),
         "numbers of the flow": _digest(eqx.filter(flow, eqx.is_array)),
     }
 
@@ -165,6 +168,13 @@ def _digest(tree: object) -> str:
         digest.update(f"{leaf.dtype}{leaf.shape}".encode())
         digest.update(np.ascontiguousarray(leaf).tobytes())
     return digest.hexdigest()[:32]
+
+
+def _program(system: ImpactSystem) -> str:
+    """A name for what a force computes: its own may stay while its body is changed."""
+    if not isinstance(system.force, BoundForce):
+        return "none"
+    return _digest(program_of(jax.tree.map(lambda a: a[..., 0], system.force), system.num_masses))
 
 
 def _summary(values: np.ndarray) -> str:

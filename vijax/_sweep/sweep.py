@@ -56,7 +56,8 @@ def sweep(
         carry: None runs every point from the same start. "up" lets every point start where the one
             before it along the first dimension ended, in the order given, "down" in the reverse order,
             and "both" up and then down again, with a dimension `direction` in front. The others of
-            several dimensions are independent.
+            several dimensions are independent. What is carried are positions and velocities in space, but a
+            mass that a moving stop holds goes on with its stop.
         carry_from: an earlier sweep to go on from, of the same grid: point by point from its end
             states, or with `carry` from the last point that it visited.
         x0: positions at the start of every point, (n,); zero if left out.
@@ -73,7 +74,7 @@ def sweep(
 
     Returns:
         A dataset with a dimension for every path, named by it, and `stop`, `mass`, `impact`:
-        `impact_velocity` (signed, before the impact), `impact_time` (since the transient),
+        `impact_velocity` (signed, before the impact; where stops move `impact_relative_velocity` too), `impact_time` (since the transient),
         `impact_phase` (W t mod 2 pi), `impact_stop`, all padded with NaN or -1 to the longest, and
         `impact_sticks`, whether a complete chatter ends there; `num_impacts` and `num_sticks` per stop,
         complete even if the room was not; `section_x` and `section_v`, the state at the end of each recorded

@@ -1,5 +1,6 @@
 """Forces beyond the linear ones, written by the user."""
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -72,6 +73,16 @@ def numbers_of(force: Callable | None) -> tuple[PyTree, PyTree]:
     return own.numbers if isinstance(own, _Frozen) else own, force.args
 
 
+def program_of(force: BoundForce, num_masses: int) -> tuple[str, list[np.ndarray]]:
+    """What a force computes, as text without its numbers, and the arrays that it closes over."""
+    numbers, rest = eqx.partition(force, eqx.is_array)
+    x = jax.ShapeDtypeStruct((num_masses,), jnp.result_type(float))
+    run = lambda numbers, *at: eqx.combine(numbers, rest)(*at)  # noqa: E731
+    program = jax.make_jaxpr(run)(numbers, jax.ShapeDtypeStruct((), x.dtype), x, x)
+    # Addresses of functions differ from run to run.
+    return re.sub(r"0x[0-9a-f]+", "", str(program.jaxpr)), [np.asarray(a) for a in program.consts]
+
+
 def bind(force: Callable | None, args: PyTree, num_masses: int) -> BoundForce | None:
     """Give a force its `args`, and refuse what cannot be a force.
 
@@ -91,7 +102,14 @@ def bind(force: Callable | None, args: PyTree, num_masses: int) -> BoundForce | 
         )
     bound = BoundForce(force, jax.tree.map(as_float, args))
     x = jax.ShapeDtypeStruct((num_masses,), jnp.result_type(float))
-    found = eqx.filter_eval_shape(bound, jax.ShapeDtypeStruct((), x.dtype), x, x)
+    try:
+        found = eqx.filter_eval_shape(bound, jax.ShapeDtypeStruct((), x.dtype), x, x)
+    except Exception as error:
+        raise ValueError(
+            f"Argument `force` failed as force(t, x, v, args) with x and v of shape ({num_masses},) and "
+            f"args = {args!r}. It must be written with `jax.numpy`, `jnp.where` instead of `if`, and return an array; "
+            f"what it reads of `args` must be given. {type(error).__name__}: {error}"
+        ) from error
     if found.shape != x.shape:
         raise ValueError(
             f"Argument `force` must return one force per mass, shape ({num_masses},), but returned {found.shape}."

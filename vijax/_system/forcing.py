@@ -93,4 +93,6 @@ class Harmonic(eqx.Module):
     @property
     def period(self) -> Float[Array, "..."]:
         """The forcing period, 2 pi / W."""
+        if self.frequency is None:
+            raise ValueError("Stops have the period of the load: ask for `forcing.period` of the machine.")
         return 2 * jnp.pi / self.frequency

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._types import Scalar, as_float, concrete
+from .._types import as_float, concrete
 from .forcing import Harmonic
 
-Reals = Any  # arrays of JAX, or of NumPy where the points of a sweep are checked
+Reals = Any  # arrays of JAX, or of NumPy where a sweep looks at its points
 
 
 class Stop(eqx.Module):
@@ -88,7 +88,11 @@ class Stop(eqx.Module):
                 f"Argument `restitution` must lie between 0 (plastic) and 1 (elastic), but is {restitution}."
             )
 
-        if self.motion is not None and self.motion.amplitude.shape[-1] != 1:
+        if self.motion is None:
+            return
+        if not isinstance(self.motion, Harmonic):
+            raise ValueError(f"Argument `motion` must be a `vx.Harmonic` or None, but is {self.motion!r}.")
+        if self.motion.amplitude.shape[-1] != 1:
             raise ValueError(
                 "Argument `motion` must move one stop, with an amplitude of shape (1,) or (harmonics, 1), "
                 f"but its amplitude has shape {self.motion.amplitude.shape}."
@@ -104,7 +108,7 @@ class Stop(eqx.Module):
         """Where the stop stands in the mean."""
         return self.position if self.motion is None else self.position + self.motion.mean[0]
 
-    def reach(self, angle: Scalar | float) -> Reals:
+    def reach(self, angle: Reals) -> Reals:
         """The size of what a gap is computed from at that phase, by which its rounding is told: W t counts."""
         if self.motion is None:
             return abs(self.position)
@@ -112,7 +116,7 @@ class Stop(eqx.Module):
         rounding = amplitude * (1 + self._orders(amplitude) * abs(angle))
         return abs(self.centre) + rounding.sum(axis=self._own_axes(amplitude))
 
-    def at(self, angle: Scalar | float) -> Reals:
+    def at(self, angle: Reals) -> Reals:
         """Where the stop stands at the phase `angle` = W t of the load; lanes may stand last."""
         if self.motion is None:
             return self.position
@@ -120,15 +124,24 @@ class Stop(eqx.Module):
         waves = amplitude * jnp.cos(self._orders(amplitude) * angle + phase)
         return self.centre + waves.sum(axis=self._own_axes(amplitude))
 
+    def slope_at(self, angle: Reals) -> Reals:
+        """By how much that changes with the phase: its velocity is W times as much."""
+        if self.motion is None:
+            return 0 * self.position
+        amplitude, phase = self.motion.amplitude, self.motion.phase
+        orders = self._orders(amplitude)
+        waves = -orders * amplitude * jnp.sin(orders * angle + phase)
+        return waves.sum(axis=self._own_axes(amplitude))
+
     def moves_like(self, other: "Stop") -> Reals:
         """Whether two stops keep their distance; lanes may stand last."""
         if self.motion is None or other.motion is None:
             return jnp.asarray(self.motion is other.motion)
-        (a, p), (b, q) = ((m.amplitude, m.phase) for m in (self.motion, other.motion))
-        own = self._own_axes(a)
-        if [a.shape[k] for k in own] != [b.shape[k] for k in own] or a.ndim != b.ndim:
+        lanes = self.position.ndim
+        ours, theirs = (jnp.stack(motion.waves(lanes)) for motion in (self.motion, other.motion))
+        if ours.shape[1] != theirs.shape[1]:
             return jnp.asarray(False)
-        return ((a == b) & (p == q)).all(axis=own)
+        return (ours == theirs).all(axis=(0, 1, 2))
 
     def _orders(self, amplitude: Reals) -> Reals:
         return np.arange(1, len(amplitude) + 1).reshape(-1, *[1] * (amplitude.ndim - 1))

@@ -176,7 +176,10 @@ def check_semidefinite(name: str, matrices: np.ndarray) -> None:
 
 
 def with_args(system: ImpactSystem, args: object) -> ImpactSystem:
-    """The machine, its force bound to its `args`, see `bind`."""
+    """The machine, its force bound to its `args`, see `bind`; its stops without a frequency that they were given since."""
+    if any(stop.motion is not None and stop.motion.frequency is not None for stop in system.stops):
+        same = _of_one_frequency(system.forcing, system.stops)
+        system = eqx.tree_at(lambda s: (s.forcing, s.stops), system, same)
     force = bind(system.force, args, system.num_masses)
     return system if force is None else eqx.tree_at(lambda s: s.force, system, force)
 

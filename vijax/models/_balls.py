@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 from jaxtyping import ArrayLike
 
 from .._system.forcing import Harmonic
@@ -72,6 +73,9 @@ def ball_on_table(
     Returns:
         The machine; x is the height of the ball in space.
 
+    Raises:
+        ValueError: for an amplitude or phase that is no number.
+
     Example:
         ```python
         import vijax as vx
@@ -83,6 +87,9 @@ def ball_on_table(
         P. J. Holmes, "The dynamics of repeated impacts with a sinusoidally vibrating table", J. Sound
         and Vibration 84 (1982) 173-189, who neglects a against the height of the bounces.
     """
+    for name, value in (("amplitude", amplitude), ("phase", phase)):
+        if np.ndim(value):
+            raise ValueError(f"Argument `{name}` must be a number, but has shape {np.shape(value)}.")
     motion = Harmonic(as_float(amplitude)[None], frequency, as_float(phase)[None])
     return _ball(Stop(0, 0.0, "lower", restitution, motion), mass, gravity, frequency)
 

@@ -17,6 +17,9 @@ _AXIS_LABELS = {
     "forcing.mean": ("Constant force", "F", "units of force"),
     "stops.position": ("Stop position", "s", "units of length"),
     "stops.restitution": ("Restitution", "r", "ratio"),
+    "stops.motion.amplitude": ("Travel of the stop", "A", "units of length"),
+    "stops.motion.phase": ("Phase of the stop", r"\varphi", "rad"),
+    "stops.motion.mean": ("Stop position", "s", "units of length"),
     "x0": ("Start position", "x", "units of length"),
     "v0": ("Start velocity", r"\dot x", "length / time"),
 }

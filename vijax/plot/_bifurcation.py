@@ -11,6 +11,10 @@ from ._axes import check_index, column_of_axes, label, legend_above, span_of_pha
 
 _ORDINATES = {
     "velocity": ("impact_velocity", "Velocity $v^-$ before impact\nat stop {} (length / time)"),
+    "relative velocity": (
+        "impact_relative_velocity",
+        "Velocity before impact, relative\nto stop {} (length / time)",
+    ),
     "phase": ("impact_phase", "Phase $\\varphi$ of impact\nat stop {} (rad)"),
 }
 # Drawn one over the other: where both agree, a dark point in a light one.
@@ -48,7 +52,8 @@ def bifurcation(
     Args:
         ds: what `vx.sweep` returned for one swept quantity; of several, select all but one first.
         stop: the stop whose impacts are drawn; None for all, one panel a stop.
-        ordinate: "velocity" before the impacts, or their "phase" in the forcing period.
+        ordinate: "velocity" before the impacts, "relative velocity" where stops move, counted from theirs, or
+            the "phase" of the impacts in the forcing period.
         ax: where to draw, for `stop=None` one axes for each stop; new axes if left out.
 
     Returns:
@@ -75,7 +80,12 @@ def bifurcation(
             "select one value of the others, as in `ds.sel({path: value})`."
         )
     if ordinate not in _ORDINATES:
-        raise ValueError(f'Argument `ordinate` must be "velocity" or "phase", but is "{ordinate}".')
+        names = " or ".join(f'"{name}"' for name in _ORDINATES)
+        raise ValueError(f'Argument `ordinate` must be {names}, but is "{ordinate}".')
+    if _ORDINATES[ordinate][0] not in ds:
+        raise ValueError(
+            'Argument `ordinate` must be "velocity" where no stop moves: there it is the relative one.'
+        )
     check_index("stop", 0 if stop is None else stop, ds.sizes["stop"])
     stops = range(ds.sizes["stop"]) if stop is None else [stop]
     column = column_of_axes(ax, len(stops))
