@@ -391,3 +391,10 @@ def test_wrong_use_says_what_to_do(call, sentence):
 
 def one_with(force) -> vx.ImpactSystem:
     return vx.ImpactSystem([1.0], [[0.0]], [[1.0]], vx.Harmonic([0.0], 0.0), (), force)
+
+
+@pytest.mark.slow
+def test_the_monodromy_matrix_of_a_linear_machine_by_diffrax_is_the_exact_one():
+    machine = vx.models.wagg_bishop_a(0.8), [0.1, 0.2], [0.3, 0.0]
+    by_steps = vx.monodromy_matrix(*machine, flow=vx.DiffraxFlow(), max_steps=1000)
+    np.testing.assert_allclose(by_steps, vx.monodromy_matrix(*machine), rtol=0, atol=SOLVER)

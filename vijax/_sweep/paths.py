@@ -7,12 +7,14 @@ from collections.abc import Iterable
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, PyTree
 
 from .._contact.start import is_touching
-from .._system.force import numbers_of
+from .._system.force import BoundForce, numbers_of
 from .._system.system import ImpactSystem, check_semidefinite, not_alike
+from .._types import over_lanes
 
 # Longer arrays of a force, weights of a network, are not written out: attributes of files have little room.
 _LONG = 16
@@ -155,6 +157,27 @@ def _check(points: Point) -> None:
     for name in ("damping", "stiffness"):
         check_semidefinite(name, np.moveaxis(np.asarray(getattr(system, name)), -1, 0))
     _check_stops(points)
+    if isinstance(system.force, BoundForce) and _is_off_period(points):
+        raise ValueError(
+            "The force does not have the period of the load, 2 pi / `forcing.frequency`, at every point: a sweep, which "
+            "counts forcing periods, needs one that has, or that does not depend on t. `vx.simulate` takes any."
+        )
+
+
+def _is_off_period(points: Point) -> bool:
+    """Whether a force differs after a forcing period somewhere, as far as a few times at the starts tell."""
+    system = points.system
+    lanes = max(leaf.shape[-1] for leaf in jax.tree.leaves(points))
+    x, v = (np.broadcast_to(a, (len(a), lanes)) for a in (points.x0, points.v0))
+    period = 2 * np.pi / system.forcing.frequency
+
+    def change(force: BoundForce, period: Array, x: Array, v: Array) -> Array:
+        times = period * jnp.asarray([0.1234, 0.5678], period.dtype)
+        now, later = (jax.vmap(lambda t: force(t, x, v))(t) for t in (times, times + period))
+        return jnp.max(jnp.abs(later - now)) / jnp.maximum(jnp.max(jnp.abs(now)), jnp.finfo(x.dtype).tiny)
+
+    changes = jax.jit(over_lanes, static_argnums=0)(change, x, system.force, period, x, v)
+    return bool(np.any(np.asarray(changes) > 1e-4))
 
 
 def _check_stops(points: Point) -> None:
