@@ -87,12 +87,9 @@ class Stop(eqx.Module):
             raise ValueError(
                 f"Argument `restitution` must lie between 0 (plastic) and 1 (elastic), but is {restitution}."
             )
-
-        if self.motion is None:
-            return
-        if not isinstance(self.motion, Harmonic):
+        if not isinstance(self.motion, Harmonic | None):
             raise ValueError(f"Argument `motion` must be a `vx.Harmonic` or None, but is {self.motion!r}.")
-        if self.motion.amplitude.shape[-1] != 1:
+        if self.motion is not None and self.motion.amplitude.shape[-1] != 1:
             raise ValueError(
                 "Argument `motion` must move one stop, with an amplitude of shape (1,) or (harmonics, 1), "
                 f"but its amplitude has shape {self.motion.amplitude.shape}."
@@ -108,43 +105,38 @@ class Stop(eqx.Module):
         """Where the stop stands in the mean."""
         return self.position if self.motion is None else self.position + self.motion.mean[0]
 
-    def reach(self, angle: Reals) -> Reals:
-        """The size of what a gap is computed from at that phase, by which its rounding is told: W t counts."""
-        if self.motion is None:
-            return abs(self.position)
-        amplitude = abs(self.motion.amplitude)
-        rounding = amplitude * (1 + self._orders(amplitude) * abs(angle))
-        return abs(self.centre) + rounding.sum(axis=self._own_axes(amplitude))
-
     def at(self, angle: Reals) -> Reals:
         """Where the stop stands at the phase `angle` = W t of the load; lanes may stand last."""
         if self.motion is None:
             return self.position
-        amplitude, phase = self.motion.amplitude, self.motion.phase
-        waves = amplitude * jnp.cos(self._orders(amplitude) * angle + phase)
-        return self.centre + waves.sum(axis=self._own_axes(amplitude))
+        h, c, s = self._waves()
+        return self.centre + (c * jnp.cos(h * angle) + s * jnp.sin(h * angle)).sum(axis=(0, 1))
 
     def slope_at(self, angle: Reals) -> Reals:
         """By how much that changes with the phase: its velocity is W times as much."""
         if self.motion is None:
             return 0 * self.position
-        amplitude, phase = self.motion.amplitude, self.motion.phase
-        orders = self._orders(amplitude)
-        waves = -orders * amplitude * jnp.sin(orders * angle + phase)
-        return waves.sum(axis=self._own_axes(amplitude))
+        h, c, s = self._waves()
+        return (h * (s * jnp.cos(h * angle) - c * jnp.sin(h * angle))).sum(axis=(0, 1))
+
+    def reach(self, angle: Reals) -> Reals:
+        """The size of what a gap is computed from at that phase, by which its rounding is told: W t counts."""
+        if self.motion is None:
+            return abs(self.position)
+        h, c, s = self._waves()
+        return abs(self.centre) + ((abs(c) + abs(s)) * (1 + h * abs(angle))).sum(axis=(0, 1))
 
     def moves_like(self, other: "Stop") -> Reals:
         """Whether two stops keep their distance; lanes may stand last."""
         if self.motion is None or other.motion is None:
             return jnp.asarray(self.motion is other.motion)
-        lanes = self.position.ndim
-        ours, theirs = (jnp.stack(motion.waves(lanes)) for motion in (self.motion, other.motion))
+        ours, theirs = (jnp.stack(stop._waves()[1:]) for stop in (self, other))
         if ours.shape[1] != theirs.shape[1]:
             return jnp.asarray(False)
         return (ours == theirs).all(axis=(0, 1, 2))
 
-    def _orders(self, amplitude: Reals) -> Reals:
-        return np.arange(1, len(amplitude) + 1).reshape(-1, *[1] * (amplitude.ndim - 1))
-
-    def _own_axes(self, a: Reals) -> tuple[int, ...]:
-        return tuple(range(a.ndim - self.position.ndim))
+    def _waves(self) -> tuple[Reals, Reals, Reals]:
+        """The numbers of the harmonics, and their cosines and sines, (harmonics, 1, ...)."""
+        assert self.motion is not None
+        cosine, sine = self.motion.waves(self.position.ndim)
+        return np.arange(1, len(cosine) + 1).reshape(-1, *[1] * (cosine.ndim - 1)), cosine, sine
