@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from shaken import GRAVITY, MAGNIFIED, A, R, W, ball, seen_from_the_table, table, two_masses
 
 import vijax as vx
 
@@ -16,30 +17,8 @@ import vijax as vx
 EXACT = 2e-14
 # DOP853 at rtol 1e-13, its events found by Brent's method in a step's dense output.
 INTEGRATED = 2e-10
-# The same motion computed another way, rounding magnified by some ten impacts (measured: 2e-14).
-MAGNIFIED = 2e-13
 # Derivatives of bounces, each of which magnifies rounding.
 DERIVATIVES = 1e-12
-W, A, R, GRAVITY = 3.0, 0.3, 0.3, 2.0
-
-
-def ball(amplitude=A, frequency=W, restitution=R, phase=0.3, **others):
-    """A ball on a table, in space."""
-    return vx.models.ball_on_table(
-        frequency, amplitude, phase=phase, restitution=restitution, gravity=GRAVITY, **others
-    )
-
-
-def seen_from_the_table(amplitude=A, frequency=W, restitution=R, phase=0.3):
-    """The same as it is seen from the table."""
-    load = vx.base_excitation([1.0], amplitude, frequency, phase, mean=[-GRAVITY])
-    return vx.ImpactSystem([1.0], [[0.0]], [[0.0]], load, [vx.Stop(0, 0.0, "lower", restitution)])
-
-
-def table(t, amplitude=A, frequency=W, phase=0.3):
-    """Where the table is and how fast it moves."""
-    angle = frequency * t + phase
-    return amplitude * jnp.cos(angle), -amplitude * frequency * jnp.sin(angle)
 
 
 @pytest.fixture(scope="module")
@@ -123,17 +102,6 @@ def test_a_held_mass_is_held_where_a_late_trajectory_goes_on():
 
 
 # Two masses, the second between walls that are shaken by two harmonics
-
-
-MOTION = vx.Harmonic([[0.1], [0.04]], 1.3, phase=[[0.2], [1.0]], mean=[0.02])
-
-
-def two_masses(**others):
-    """A mass with a wall that stands still, and one in a slot that is shaken."""
-    slot = [vx.Stop(1, 0.25, "upper", 0.6, MOTION), vx.Stop(1, -0.35, "lower", 0.8, MOTION)]
-    load = vx.Harmonic([0.5, 0.0], 1.3)
-    stops = [vx.Stop(0, 0.4, "upper", 0.7), *slot]
-    return vx.chain([1.0, 0.8], [0.1, 0.05], [1.0, 1.5], load, stops, **others)
 
 
 def integrated(until):
@@ -253,97 +221,6 @@ def test_the_sticking_region_is_left_where_the_ball_is_thrown_off():
     force = region.contact_force([angle, 0.0], nothing, nothing)
     np.testing.assert_allclose(force[:, 0], [0, GRAVITY], rtol=0, atol=EXACT)
     assert region.contains([angle - 1e-6, angle + 1e-6], nothing, nothing).tolist() == [True, False]
-
-
-# Sweeps
-
-
-@pytest.fixture(scope="module")
-def swept():
-    """A sweep over the travel of the walls, and one of its points."""
-    values = {"stops[*].motion.amplitude[0][0]": np.linspace(0.05, 0.15, 5)}
-    # A machine all of whose stops move.
-    system = eqx.tree_at(lambda s: s.stops, two_masses(), two_masses().stops[1:])
-    return vx.sweep(system, values, transient=3, record=3, progress=False)
-
-
-def test_a_sweep_tells_of_the_motion_in_space(swept):
-    (path,) = swept.result.dims
-    point = swept.isel({path: 3})
-    system = vx.system_of(point)
-    assert float(system.stops[1].motion.amplitude[0, 0]) == float(point[path])
-    period = 2 * np.pi / 1.3
-    solution = vx.simulate(system, 0.0, 6 * period, ts=np.arange(4, 7) * period)
-    log = solution.events
-    is_recorded = (log.kind == vx.IMPACT) & (log.t > 3 * period)
-    velocity = point.impact_velocity.dropna("impact")
-    np.testing.assert_allclose(velocity, log.velocity_minus[is_recorded], rtol=0, atol=MAGNIFIED)
-    _, of_stops = solution.evaluate_stops(log.t[is_recorded])
-    relative = velocity - of_stops[jnp.arange(len(velocity)), log.stop[is_recorded]]
-    found = point.impact_relative_velocity.dropna("impact")
-    np.testing.assert_allclose(found, relative, rtol=0, atol=MAGNIFIED)
-    np.testing.assert_allclose(point.section_x, solution.xs, rtol=0, atol=MAGNIFIED)
-    np.testing.assert_allclose(point.section_v, solution.vs, rtol=0, atol=MAGNIFIED)
-    np.testing.assert_allclose(point.v, solution.v1, rtol=0, atol=MAGNIFIED)
-
-
-def test_whole_motions_are_swept_and_have_no_frequency_of_their_own(swept):
-    system = vx.system_of(swept)
-    amplitudes = np.array([[[0.05], [0.0]], [[0.05], [0.04]]])
-    ds = vx.sweep(system, {"stops[*].motion.amplitude": amplitudes}, transient=3, record=3, progress=False)
-    np.testing.assert_array_equal(ds.x[1], swept.x[0])
-    np.testing.assert_array_equal(ds["stops[*].motion.amplitude.values"], amplitudes)
-    with pytest.raises(ValueError, match="names nothing that can be swept"):
-        vx.sweep(system, {"stops[0].motion.frequency": [1.0]}, progress=False)
-
-
-def test_the_frequency_of_the_load_is_swept_with_that_of_the_stops():
-    system = ball(0.05)  # never thrown off below W = 6.3: the ball lies on the table
-    x, _ = table(0.0, amplitude=0.05)
-    frequencies = np.array([1.0, 2.0, 3.0])
-    ds = vx.sweep(
-        system, {"forcing.frequency": frequencies}, x0=[x + 1e-3], transient=3, record=1, progress=False
-    )
-    speeds = -0.05 * frequencies * np.sin(0.3)
-    np.testing.assert_allclose(ds.v[:, 0], speeds, rtol=1e-13)
-    assert ds.stuck.all()
-
-
-def carried_by_hand(systems):
-    """End states of one machine after another, each started where the one before it ended, from rest."""
-    x, v, ends = [0.0], [0.0], []
-    for system in systems:
-        end = vx.simulate(system, 0.0, system.forcing.period, x, v)
-        x, v = end.x1, end.v1
-        ends.append([*x, *v])
-    return np.array(ends)
-
-
-def test_where_a_stop_is_at_the_start_decides_what_is_carried():
-    # At the start of every period the stop is at 1.8, far beyond its middle.
-    walls = [vx.Stop(0, 0.3, "upper", 0.7, vx.Harmonic([1.5], 1.3))]
-    system = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic([0.8], 1.3, mean=[1.0]), walls)
-    amplitudes = np.array([0.1, 0.2, 0.3, 0.4])
-    ds = vx.sweep(
-        system, {"forcing.amplitude[0]": amplitudes}, transient=0, record=1, carry="up", progress=False
-    )
-    loads = [eqx.tree_at(lambda s: s.forcing.amplitude, system, jnp.array([a])) for a in amplitudes]
-    ends = carried_by_hand(loads)
-    assert ends[:, 0].max() > 0.3
-    np.testing.assert_allclose(np.stack([ds.x[:, 0], ds.v[:, 0]], axis=1), ends, rtol=0, atol=MAGNIFIED)
-
-
-def test_a_mass_that_is_held_is_carried_with_its_stop():
-    travel = np.array([0.05, 0.1, 0.15])
-    ds = vx.sweep(
-        ball(0.05), {"stops[0].motion.amplitude[0]": travel}, x0=[0.15], transient=5, record=1,
-        carry="up", progress=False,
-    )  # fmt: skip
-    assert ds.stuck.all()
-    # The first one falls onto the table, the others lie on it, from first to last.
-    np.testing.assert_allclose(ds.held_time[1:, 0, 0], 2 * np.pi / W, rtol=1e-13)
-    np.testing.assert_allclose(ds.x[:, 0], travel * np.cos(0.3), rtol=1e-13)
-    assert (ds.steps[1:] < ds.steps[0]).all()
 
 
 # What is refused

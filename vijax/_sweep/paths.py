@@ -171,13 +171,19 @@ def _is_off_period(points: Point) -> bool:
     x, v = (np.broadcast_to(a, (len(a), lanes)) for a in (points.x0, points.v0))
     period = 2 * np.pi / system.forcing.frequency
 
-    def change(force: BoundForce, period: Array, x: Array, v: Array) -> Array:
-        times = period * jnp.asarray([0.1234, 0.5678], period.dtype)
-        now, later = (jax.vmap(lambda t: force(t, x, v))(t) for t in (times, times + period))
-        return jnp.max(jnp.abs(later - now)) / jnp.maximum(jnp.max(jnp.abs(now)), jnp.finfo(x.dtype).tiny)
+    return bool(np.any(np.asarray(_changes(system.force, period, x, v)) > 1e-4))
 
-    changes = jax.jit(over_lanes, static_argnums=0)(change, x, system.force, period, x, v)
-    return bool(np.any(np.asarray(changes) > 1e-4))
+
+@jax.jit
+def _changes(force: BoundForce, period: Array, x: Array, v: Array) -> Array:
+    """By what part a force changes in a period, (lanes,)."""
+    return over_lanes(_change, x, force, period, x, v)
+
+
+def _change(force: BoundForce, period: Array, x: Array, v: Array) -> Array:
+    times = period * jnp.asarray([0.1234, 0.5678], period.dtype)
+    now, later = (jax.vmap(lambda t: force(t, x, v))(t) for t in (times, times + period))
+    return jnp.max(jnp.abs(later - now)) / jnp.maximum(jnp.max(jnp.abs(now)), jnp.finfo(x.dtype).tiny)
 
 
 def _check_stops(points: Point) -> None:
