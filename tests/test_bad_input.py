@@ -120,7 +120,7 @@ BAD_MACHINES = {
     ),
     "negative mass index": (
         lambda: vx.Stop(-1, 0.3),
-        "Argument `mass` must be the index of a mass, 0 or more, but is -1.",
+        "Argument `mass` must be a whole number, 0 or more, but is -1.",
     ),
     "amplitude without axis": (
         lambda: vx.Harmonic(0.5, 0.8),
@@ -172,7 +172,7 @@ BAD_RUNS = {
     ),
     "negative log": (
         lambda: vx.simulate(ONE, 0.0, 1.0, max_events=-1),
-        "Argument `max_events` must not be negative, but is -1.",
+        "Argument `max_events` must be a whole number, 0 or more, but is -1.",
     ),
     "end before start": (
         lambda: vx.simulate(ONE, 1.0, 0.0),

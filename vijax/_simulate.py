@@ -15,7 +15,7 @@ from ._motion.choose import choose_flow
 from ._motion.flow import AbstractFlow
 from ._solution import RESULTS, Solution
 from ._system.system import ImpactSystem, with_args
-from ._types import Numbers, Scalar, as_float, at_once, not_negative
+from ._types import Numbers, Scalar, as_float, at_once, not_negative, whole_number
 from ._xla import AbstractTask, while_any
 
 
@@ -85,8 +85,7 @@ def simulate(
             raise ValueError(f"Argument `{name}` must have shape ({n},), but has shape {value.shape}.")
     if times.ndim != 1:
         raise ValueError(f"Argument `ts` must have shape (times,), but has shape {times.shape}.")
-    if max_events < 0:
-        raise ValueError(f"Argument `max_events` must not be negative, but is {max_events}.")
+    max_events = whole_number("max_events", max_events)
     values = (system, begin, end, times, x, v)
     dtype = jnp.result_type(*jax.tree.leaves(values))
     system, begin, end, times, x, v = jax.tree.map(at_once(lambda a: a.astype(dtype)), values)

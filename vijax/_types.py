@@ -73,6 +73,20 @@ def concrete(value: Array | np.ndarray) -> np.ndarray | None:
     return None if isinstance(value, jax.core.Tracer) else np.asarray(value)
 
 
+def whole_number(name: str, value: Any, least: int = 0) -> int:
+    """The value of a count, from Python or NumPy; refused in one sentence if it is none.
+
+    A float is refused even where it is whole: `10.0` says that a quantity was meant, not a count.
+    """
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = None
+    if number is None or isinstance(value, bool | np.bool_) or number < least:
+        raise ValueError(f"Argument `{name}` must be a whole number, {least} or more, but is {value!r}.")
+    return number
+
+
 def not_negative(time: Array) -> Array:
     """The time, or 0 if rounding made it negative; its derivative is that of the time in any case."""
     return time - jax.lax.stop_gradient(jnp.minimum(time, 0))

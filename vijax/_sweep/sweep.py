@@ -13,7 +13,7 @@ from .._motion.choose import choose_flow
 from .._motion.flow import AbstractFlow
 from .._progress import tqdm
 from .._system.system import ImpactSystem, with_args
-from .._types import Numbers, as_float
+from .._types import Numbers, as_float, whole_number
 from .carry import run_chain
 from .dataset import dataset
 from .origin import origin
@@ -96,7 +96,8 @@ def sweep(
     References:
         Wagg & Bishop (2004), Secs. 4.4-4.5.
     """
-    _check_counts(transient=transient, record=record, max_impacts=max_impacts)
+    transient, record = whole_number("transient", transient), whole_number("record", record)
+    max_impacts = whole_number("max_impacts", max_impacts)
     if carry not in (None, "up", "down", "both"):
         raise ValueError(f'Argument `carry` must be None, "up", "down" or "both", but is {carry!r}.')
     axes = _axes(values)
@@ -200,8 +201,3 @@ def _start_from(
     x0[:, which], v0[:, which] = x.reshape(n, -1), v.reshape(n, -1)
     return Point(points.system, x0, v0)
 
-
-def _check_counts(**counts: int) -> None:
-    for name, count in counts.items():
-        if isinstance(count, bool) or count != int(count) or count < 0:
-            raise ValueError(f"Argument `{name}` must be a whole number, 0 or more, but is {count!r}.")

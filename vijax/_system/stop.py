@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._types import as_float, concrete
+from .._types import as_float, concrete, whole_number
 from .forcing import Harmonic
 
 Reals = Any  # arrays of JAX, or of NumPy where a sweep looks at its points
@@ -63,7 +63,7 @@ class Stop(eqx.Module):
         restitution: ArrayLike = 1.0,
         motion: Harmonic | None = None,
     ):
-        self.mass = mass
+        self.mass = whole_number("mass", mass)
         self.position = as_float(position)
         self.side = side
         self.restitution = as_float(restitution)
@@ -75,8 +75,6 @@ class Stop(eqx.Module):
                 f'Argument `side` must be "upper" (x <= position) or "lower" (x >= position), '
                 f"but is {self.side!r}."
             )
-        if isinstance(self.mass, bool) or not isinstance(self.mass, int) or self.mass < 0:
-            raise ValueError(f"Argument `mass` must be the index of a mass, 0 or more, but is {self.mass!r}.")
         for name, value in (("position", self.position), ("restitution", self.restitution)):
             if value.ndim != 0:
                 raise ValueError(f"Argument `{name}` must be a number, but has shape {value.shape}.")
