@@ -23,6 +23,7 @@ from ._orbits.maps import (
     saltation_matrix as saltation_matrix,
     stroboscopic_map as stroboscopic_map,
 )
+from ._refusal import SimulationError as SimulationError
 from ._simulate import simulate as simulate
 from ._solution import RESULTS as RESULTS, Solution as Solution
 from ._sweep.origin import system_of as system_of

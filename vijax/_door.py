@@ -28,10 +28,17 @@ def can_any_stick(system: ImpactSystem, x0: Array | np.ndarray, v0: Array | np.n
 
 
 def doubts_at_the_door(
-    system: ImpactSystem, t0: Scalar, t1: Scalar, ts: Float[Array, " times"], x0: Float[Array, " n"]
+    system: ImpactSystem,
+    t0: Scalar,
+    t1: Scalar,
+    ts: Float[Array, " times"],
+    x0: Float[Array, " n"],
+    v0: Float[Array, " n"],
 ) -> list[tuple[Flag, str]]:
     """Refuse what is wrong from the start, and return what cannot be told while it is traced."""
-    checks = [(t1 < t0, "Argument `t1` must not lie before `t0`.")]
+    named = {"t0": t0, "t1": t1, "x0": x0, "v0": v0}
+    checks = [(~jnp.all(jnp.isfinite(a)), f"Argument `{name}` must be finite.") for name, a in named.items()]
+    checks.append((t1 < t0, "Argument `t1` must not lie before `t0`."))
     if ts.size:
         in_order = jnp.all(jnp.diff(ts) >= 0) & (ts[0] >= t0) & (ts[-1] <= t1)
         checks.append((~in_order, "Argument `ts` must be in increasing order, within [t0, t1]."))

@@ -40,9 +40,14 @@ class EventLog(eqx.Module):
 
 
 class Restarts(eqx.Module):
-    """The state after every instant that had an event, the start first; the rest is padding."""
+    """The state after every instant that had an event, the start first; the rest is padding.
+
+    `t` is the time, `periods` and `time` the same as whole forcing periods since the start and what is left.
+    """
 
     t: Float[Array, "..."]
+    periods: Int[Array, "..."]
+    time: Float[Array, "..."]
     phase: Float[Array, "*rows 2 harmonics"]
     x: Float[Array, "*rows n"]
     v: Float[Array, "*rows n"]
@@ -70,6 +75,8 @@ def empty_log(first: State, t0: Scalar, max_events: int) -> Log:
     return Log(
         restarts=Restarts(
             t=room(t0, jnp.inf),
+            periods=room(first.periods, 0),
+            time=room(first.time, 0.0),
             phase=room(first.phase, 0.0),
             x=room(first.x, 0.0),
             v=room(first.v, 0.0),
@@ -86,7 +93,7 @@ def write(log: Log, after: State, instant: Instant, time: Scalar, live: Flag) ->
     count = jnp.sum(instant.hit) + jnp.sum(instant.stuck) + jnp.sum(instant.released)
     is_row = live & (count > 0)
     row = jnp.where(is_row, log.rows, log.restarts.t.size)
-    restart = Restarts(time, after.phase, after.x, after.v, after.held)
+    restart = Restarts(time, after.periods, after.time, after.phase, after.x, after.v, after.held)
     instant = eqx.tree_at(lambda i: i.time, instant, time)
 
     def put(room: Array, value: Array) -> Array:

@@ -9,7 +9,7 @@ from ._extra_force import ExtraForce
 from ._frame import Frame, frame_of, num_harmonics, padded
 from ._system.force import BoundForce
 from ._system.system import ImpactSystem
-from ._types import Scalar, add_up, lift, matvec, stack
+from ._types import Scalar, add_up, lift, matvec, not_negative, stack
 
 
 class Machine(eqx.Module):
@@ -205,6 +205,12 @@ def resting_state(
 def remembering(state: State, memory: PyTree) -> State:
     """The state with another memory."""
     return eqx.tree_at(lambda s: s.memory, state, memory, is_leaf=lambda leaf: leaf is None)
+
+
+def in_periods(machine: Machine, span: Float[Array, "..."]) -> tuple[Int[Array, "..."], Float[Array, "..."]]:
+    """A time since the start as whole forcing periods and what is left."""
+    whole = jnp.floor(span / machine.period)
+    return whole.astype(int), not_negative(span - whole * machine.period)
 
 
 def start_period(state: State, phase0: Float[Array, "2 harmonics ..."], is_over: Bool[Array, "..."]) -> State:

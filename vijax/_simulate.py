@@ -1,5 +1,8 @@
 """One trajectory."""
 
+from functools import partial
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -10,12 +13,13 @@ from ._contact.grazing import Grazing, meet, nothing_met
 from ._contact.start import first_state
 from ._door import can_any_stick, doubts_at_the_door
 from ._log import Log, empty_log, event_log, write
-from ._machine import Machine, State, prepare, start_period
+from ._machine import Machine, State, in_periods, prepare, start_period
 from ._motion.choose import choose_flow
 from ._motion.flow import AbstractFlow
-from ._solution import RESULTS, Solution
+from ._refusal import checked, lock
+from ._solution import RESULTS, Solution, told
 from ._system.system import ImpactSystem, with_args
-from ._types import Numbers, Scalar, as_float, at_once, not_negative, whole_number
+from ._types import Numbers, Scalar, as_float, at_once, whole_number
 from ._xla import AbstractTask, while_any
 
 
@@ -31,6 +35,7 @@ def simulate(
     args: object = None,
     max_events: int = 1024,
     max_steps: int | None = None,
+    max_reverse_steps: int = 65_536,
     throw: bool = True,
 ) -> Solution:
     """Follow one trajectory from t0 to t1, through every impact, chatter, stick and release.
@@ -56,14 +61,19 @@ def simulate(
         max_events: length of the event log.
         max_steps: bound on the number of steps. If left out, far more than any sound motion
             takes: 100 000, and 100 per unit of (t1 - t0) * (highest frequency or decay rate).
-        throw: raise if the result is not `successful`; otherwise return the code.
+        max_reverse_steps: the most steps that derivatives in reverse mode (`jax.grad`, `jax.jacrev`) go
+            back through; memory grows with its logarithm. Forward mode (`jax.jacfwd`) has no such limit.
+        throw: raise if the result is not `successful`, whatever of it is asked for, under `jax.jit` too;
+            otherwise return the code. Derivatives in reverse mode of a motion of more than `max_reverse_steps`
+            raise too, and are NaN without `throw`.
 
     Returns:
         The trajectory, see `vx.Solution`.
 
     Raises:
-        ValueError: for shapes that do not fit, a start beyond a stop, t1 < t0, or ts out of order. While
-            values are traced a RuntimeError instead, or without `throw` the code `unsound_start`.
+        ValueError: for shapes that do not fit, a start beyond a stop, t1 < t0, ts out of order, or numbers
+            that are not finite. While values are traced a RuntimeError instead, or without `throw` the
+            code `unsound_start`.
         RuntimeError: with `throw`, for every result but `successful`.
 
     Example:
@@ -76,6 +86,36 @@ def simulate(
     References:
         Wagg & Bishop (2004), Sec. 3.
     """
+    settings = Settings(max_events, max_steps, max_reverse_steps, () if throw else None)
+    return follow(system, t0, t1, x0, v0, settings, ts=ts, flow=flow, args=args)
+
+
+class Settings(NamedTuple):
+    """How a trajectory is followed: see `simulate`.
+
+    Attributes:
+        allowed: the results that are not raised beside `successful`; None for all.
+    """
+
+    max_events: int
+    max_steps: int | None
+    max_reverse_steps: int
+    allowed: tuple[RESULTS, ...] | None
+
+
+def follow(
+    system: ImpactSystem,
+    t0: ArrayLike,
+    t1: ArrayLike,
+    x0: Numbers | None,
+    v0: Numbers | None,
+    settings: Settings,
+    *,
+    ts: Numbers | None = None,
+    flow: AbstractFlow | None = None,
+    args: object = None,
+) -> Solution:
+    """What `simulate` does."""
     n, system = system.num_masses, with_args(system, args)
     begin, end = as_float(t0), as_float(t1)
     times = end[None] if ts is None else as_float(ts)
@@ -85,15 +125,10 @@ def simulate(
             raise ValueError(f"Argument `{name}` must have shape ({n},), but has shape {value.shape}.")
     if times.ndim != 1:
         raise ValueError(f"Argument `ts` must have shape (times,), but has shape {times.shape}.")
-    max_events = whole_number("max_events", max_events)
     values = (system, begin, end, times, x, v)
     dtype = jnp.result_type(*jax.tree.leaves(values))
     system, begin, end, times, x, v = jax.tree.map(at_once(lambda a: a.astype(dtype)), values)
-    is_sound, doubts = jnp.array(True), doubts_at_the_door(system, begin, end, times, x)
-    for is_wrong, sentence in doubts:
-        if throw:
-            x = eqx.error_if(x, is_wrong, sentence)
-        is_sound = is_sound & ~is_wrong
+    doubts = doubts_at_the_door(system, begin, end, times, x, v)
     can_stick = can_any_stick(system, x, v)
     solution = _run(
         system,
@@ -103,15 +138,26 @@ def simulate(
         x,
         v,
         choose_flow(system, can_stick=can_stick, wanted=flow),
-        None if max_steps is None else jnp.asarray(max_steps),
-        is_sound,
-        max_events=max_events,
+        _bound_of_steps(settings.max_steps),
+        ~jnp.any(jnp.stack([is_wrong for is_wrong, _ in doubts])) if doubts else jnp.array(True),
+        max_events=whole_number("max_events", settings.max_events),
+        max_reverse_steps=whole_number("max_reverse_steps", settings.max_reverse_steps, 1),
+        raises=settings.allowed is not None,
         can_stick=can_stick,
     )
-    if throw:
-        result = solution.result.error_if(solution.result, solution.result != RESULTS.successful)
-        solution = eqx.tree_at(lambda s: s.result, solution, result)
-    return solution
+    if settings.allowed is None:
+        return solution
+    number, sentences = told(solution.result, settings.allowed)
+    for is_wrong, sentence in doubts[::-1]:
+        number = jnp.where(is_wrong, len(sentences), number)
+        sentences.append(sentence)
+    return checked(solution, number, sentences)
+
+
+def _bound_of_steps(max_steps: int | Array | None) -> Array | None:
+    if max_steps is None or isinstance(max_steps, jax.core.Tracer):
+        return max_steps
+    return jnp.asarray(whole_number("max_steps", max_steps))
 
 
 class _Task(AbstractTask):
@@ -183,6 +229,8 @@ def _run(
     is_sound: Bool[Array, ""],
     *,
     max_events: int,
+    max_reverse_steps: int,
+    raises: bool,
     can_stick: bool,
 ) -> Solution:
     span = t1 - t0
@@ -192,9 +240,7 @@ def _run(
         max_steps = 100_000 + jnp.minimum(100 * span * machine.rate, 2e9).astype(int)
     angle = machine.harmonics * machine.frequency * t0
     phase0 = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
-    goals = jnp.append(ts, t1)
-    goal_periods = jnp.floor((goals - t0) / machine.period)
-    goal_times = not_negative((goals - t0) - goal_periods * machine.period)
+    goal_periods, goal_times = in_periods(machine, jnp.append(ts, t1) - t0)
     resolution = 4 * jnp.finfo(t0.dtype).eps * jnp.maximum(jnp.abs(t0), jnp.abs(t1))
 
     task = _Task(
@@ -202,13 +248,13 @@ def _run(
         machine=machine,
         t0=t0,
         phase0=phase0,
-        goal_periods=goal_periods.astype(int),
+        goal_periods=goal_periods,
         goal_times=goal_times,
         resolution=resolution,
         max_steps=jnp.asarray(max_steps),
     )
     first = first_state(flow, machine, phase0, x0, v0, t0)
-    room = jnp.zeros((goals.size, x0.size), x0.dtype)
+    room = jnp.zeros((goal_times.size, x0.size), x0.dtype)
     carry = _Carry(
         state=first,
         log=empty_log(first, t0, max_events),
@@ -219,8 +265,18 @@ def _run(
         is_finite=is_sound,
         grazing=nothing_met(t0),
     )
-    last = while_any(task, carry)
+    refuse = partial(_factor_in_reverse, raises=raises)
+    last = while_any(task, carry, max_reverse_steps=max_reverse_steps, refuse=refuse)
     return _finish(task, last, ts, t1, is_sound, max_events)
+
+
+def _factor_in_reverse(is_cut: Bool[Array, ""], *, raises: bool) -> Scalar:
+    """By what derivatives in reverse mode are multiplied: NaN or an error, if the loop back was too short."""
+    factor = jnp.where(is_cut, jnp.nan, 1.0)
+    if raises:
+        number, sentences = told(RESULTS.where(is_cut, RESULTS.max_reverse_steps_reached, RESULTS.successful))
+        factor = factor * lock(number, sentences)
+    return factor
 
 
 def _finish(
@@ -261,5 +317,6 @@ def _finish(
         machine=machine,
         flow=task.flow,
         restarts=log.restarts,
+        max_steps=task.max_steps,
         known_until=jnp.where(is_full, last_row, jnp.where(is_done, t1, time)),
     )

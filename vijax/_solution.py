@@ -1,5 +1,6 @@
 """What `simulate` returns."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -12,8 +13,10 @@ from jaxtyping import Array, Bool, Float, Int
 from ._contact.grazing import Grazing
 from ._labels import flags, label, versions
 from ._log import KINDS, EventLog, Restarts
-from ._machine import Machine, remembering, resting_state
+from ._machine import Machine, in_periods, remembering, resting_state
+from ._motion.coasting import coast
 from ._motion.flow import AbstractFlow
+from ._refusal import checked
 from ._types import Numbers, Scalar, concrete
 
 
@@ -39,9 +42,21 @@ class RESULTS(eqx.Enumeration):
         "Check that the system, the start, and a force with its derivatives, are finite and of moderate size."
     )
     unsound_start = (
-        "unsound_start: nothing was simulated, because the start lies beyond a stop or times are out of "
-        "order. Start every mass between its stops, with t0 <= ts <= t1."
+        "unsound_start: nothing was simulated, because the start lies beyond a stop, times are out of "
+        "order, or a number is not finite. Start every mass between its stops, with t0 <= ts <= t1."
     )
+    max_reverse_steps_reached = (
+        "max_reverse_steps_reached: the motion took more steps than derivatives in reverse mode go back "
+        "through. Increase `max_reverse_steps`, or use forward mode (`jax.jacfwd`), which has no such limit."
+    )
+
+
+def told(result: RESULTS, allowed: Sequence[RESULTS] = ()) -> tuple[Int[Array, ""], list[str]]:
+    """What `checked` needs: 0, or the number of what is to be raised, and the sentences of all."""
+    number = result._value
+    for one in allowed:
+        number = jnp.where(result == one, 0, number)
+    return number, [RESULTS[getattr(RESULTS, name)] for name in RESULTS._name_to_item]
 
 
 class Solution(eqx.Module):
@@ -61,6 +76,7 @@ class Solution(eqx.Module):
         grazing: the closest to grazing it came: `grazing.impact_speed`, `grazing.clearance` and the flag
             `grazing.is_near`, which warns that derivatives are unreliable or one-sided.
         result: what became of it, a member of `vx.RESULTS`.
+        max_steps: the bound on the number of steps.
         t0: start.
         t1: end.
     """
@@ -82,17 +98,21 @@ class Solution(eqx.Module):
     machine: Machine
     flow: AbstractFlow
     restarts: Restarts
+    max_steps: Int[Array, ""]
     known_until: Scalar
 
     def evaluate(self, t: Numbers) -> tuple[Float[Array, "... n"], Float[Array, "... n"]]:
         """Position and velocity at any time, as exact as the trajectory itself.
 
         Args:
-            t: times in [t0, t1], any shape.
+            t: times in [t0, t1], any shape; for a batch of `jax.vmap` the same times for each.
 
         Returns:
-            x and v, the shape of `t` and then (n,). NaN outside [t0, t1], and after the last
-            logged event if the log was too short.
+            x and v, the shape of `t` and then (n,), behind the axes of a batch.
+
+        Raises:
+            ValueError: for times outside [t0, t1], or after the last logged event if the log was too
+                short. Where times are traced a RuntimeError when the compiled program runs.
 
         Example:
             ```python
@@ -113,7 +133,10 @@ class Solution(eqx.Module):
             t: times in [t0, t1], any shape.
 
         Returns:
-            The force, the shape of `t` and then (stops,); NaN where `evaluate` is.
+            The force, the shape of `t` and then (stops,), behind the axes of a batch.
+
+        Raises:
+            ValueError: as `evaluate` does.
 
         Example:
             ```python
@@ -134,7 +157,7 @@ class Solution(eqx.Module):
             t: times, any shape.
 
         Returns:
-            Positions and velocities, the shape of `t` and then (stops,).
+            Positions and velocities, the shape of `t` and then (stops,), behind the axes of a batch.
 
         Example:
             ```python
@@ -143,7 +166,10 @@ class Solution(eqx.Module):
             height_above_table = sol.evaluate(2.0)[0] - sol.evaluate_stops(2.0)[0]
             ```
         """
-        return _evaluate_stops(self.machine, jnp.asarray(t, self.t0.dtype))
+        evaluate = _evaluate_stops
+        for _ in range(self.t1.ndim):
+            evaluate = eqx.filter_vmap(evaluate, in_axes=(0, None))
+        return evaluate(self.machine, jnp.asarray(t, self.t0.dtype))
 
     def to_xarray(self) -> xr.Dataset:
         """Label what was computed.
@@ -176,13 +202,36 @@ class Solution(eqx.Module):
 
     def _at(self, t: Numbers) -> tuple[Array, Array, Array]:
         times = jnp.asarray(t, self.t0.dtype)
-        x, v, force = _evaluate_all(self, times.ravel())
-        x, v, force = (a.reshape(*times.shape, a.shape[-1]) for a in (x, v, force))
-        return x, v, force
+        evaluate = evaluate_all
+        for _ in range(self.t1.ndim):
+            evaluate = eqx.filter_vmap(evaluate, in_axes=(0, None))
+        found = evaluate(self, times.ravel())
+        number = jnp.max(_is_out(self, times), initial=0)
+        if concrete(number):
+            raise ValueError(_OUT[int(number)])
+        x, v, force = (a.reshape(*self.t1.shape, *times.shape, a.shape[-1]) for a in found)
+        return checked((x, v, force), number, _OUT)
+
+
+_OUT = (
+    "",
+    "Argument `t` must lie within [t0, t1] of the solution: simulate a longer span.",
+    "Argument `t` lies after what is known of the motion, which is cut: see `result`, and increase `max_events` "
+    "or `max_steps` of `simulate`.",
+)
+
+
+def _is_out(solution: Solution, times: Array) -> Int[Array, "..."]:
+    """Which of the sentences tells why a time cannot be evaluated; 0 where it can."""
+    t0, t1, known = (a[..., None] for a in (solution.t0, solution.t1, solution.known_until))
+    slack, t = 8 * jnp.finfo(times.dtype).eps * jnp.maximum(jnp.abs(t0), jnp.abs(t1)), times.ravel()
+    is_outside = ~((t >= t0 - slack) & (t <= t1 + slack))
+    return jnp.where(is_outside, 1, jnp.where(t > known + slack, 2, 0))
 
 
 @eqx.filter_jit
-def _evaluate_all(solution: Solution, times: Float[Array, " times"]) -> tuple[Array, Array, Array]:
+def evaluate_all(solution: Solution, times: Float[Array, " times"]) -> tuple[Array, Array, Array]:
+    """Positions, velocities and contact forces; NaN where they are not known."""
     return jax.vmap(lambda t: _evaluate(solution, t))(times)
 
 
@@ -198,21 +247,17 @@ def _evaluate_stops(machine: Machine, times: Float[Array, "..."]) -> tuple[Array
 
 def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
     """Follow the smooth motion from the last event before t."""
-    rows, machine = solution.restarts, solution.machine
+    rows, machine, flow = solution.restarts, solution.machine, solution.flow
+    is_known = _is_out(solution, t) == 0
+    t = jnp.clip(t, solution.t0, solution.t1)
     row = jnp.clip(jnp.searchsorted(rows.t, t, side="right") - 1, 0)
     start = jax.tree.map(lambda a: a[row], rows)
     state = resting_state(machine, start.phase, start.x, start.v, start.held)
-    state = eqx.tree_at(lambda s: s.time, state, start.t - solution.t0)
-    state = remembering(state, solution.flow.memory(state.time))
-
-    def step(carry):
-        state, remaining = carry
-        state, length = solution.flow.coast(machine, state, remaining)
-        return state, remaining - length
-
-    state, _ = jax.lax.while_loop(lambda c: c[1] > 0, step, (state, t - start.t))
+    state = eqx.tree_at(lambda s: (s.periods, s.time), state, (start.periods, start.time))
+    state = remembering(state, flow.memory(state.time))
+    end = in_periods(machine, t - solution.t0)
+    state = coast(flow, machine, state, rows.phase[0], *end, solution.max_steps)
     pressing = machine.at_stops(machine.total_force(state))
-    is_known = (t >= solution.t0) & (t <= solution.t1) & (t <= solution.known_until)
     force = jnp.where(state.held, pressing, 0)
     x, v, force = (jnp.where(is_known, a, jnp.nan) for a in (*machine.in_space(state), force))
     return x, v, force

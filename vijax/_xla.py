@@ -10,6 +10,8 @@ from equinox.internal import unvmap_any, while_loop
 from jax.experimental.xla_metadata import set_xla_metadata
 from jaxtyping import Array, Bool
 
+from ._both_ways import both_ways
+
 
 def compute_once(function: Callable, *args):
     """Call `function` so that XLA computes what it shares once, not once per result.
@@ -64,35 +66,37 @@ class AbstractTask(eqx.Module):
         """The next carry, unchanged in every lane that is not live."""
 
 
-def while_any(task: AbstractTask, carry):
+def while_any(task: AbstractTask, carry, *, max_reverse_steps: int, refuse: Callable):
     """Step while any lane is live, those of a `vmap` included. Differentiable both ways.
 
     A plain `while_loop` under `vmap` copies the whole carry in every step to leave the finished
     lanes alone, logs and all; here `step` does that itself, and knows how.
 
-    Values come from an ordinary loop. Derivatives go through a loop whose memory is bounded by
-    checkpoints and which JAX can transpose; it ends after 16^4 steps, far more than a motion takes
-    whose derivative has any digits left. (Of the two loops that JAX or equinox offer for one of the
-    two modes, each raises in the other.)
+    Values and forward derivatives come from an ordinary loop. Derivatives in reverse go through one that
+    JAX can transpose, with checkpoints and a bound.
+
+    Args:
+        task: what the loop does.
+        carry: where it begins.
+        max_reverse_steps: the most steps that derivatives in reverse mode go back through.
+        refuse: given whether there were more, returns by what those derivatives are multiplied.
     """
-    return _while_any(carry, task)
 
+    def unbounded(start):
+        task, carry = start
+        return jax.lax.while_loop(lambda c: is_any(task.is_live(c)), lambda c: task.step(c), carry)
 
-@eqx.filter_custom_jvp
-def _while_any(carry, task: AbstractTask):
-    return jax.lax.while_loop(lambda c: is_any(task.is_live(c)), lambda c: task.step(c), carry)
-
-
-@_while_any.def_jvp
-def _while_any_jvp(primals, tangents):
-    def bounded(carry, task):
-        return while_loop(
+    def bounded(start):
+        task, carry = start
+        last = while_loop(
             lambda c: is_any(task.is_live(c)),
             lambda c: task.step(c),
             carry,
-            max_steps=16**4,
+            max_steps=max_reverse_steps,
             base=16,
             kind="bounded",
         )
+        factor = refuse(task.is_live(last))
+        return jax.tree.map(lambda a: a * factor if eqx.is_inexact_array(a) else a, last)
 
-    return eqx.filter_jvp(bounded, primals, tangents)
+    return both_ways(unbounded, bounded, (task, carry))

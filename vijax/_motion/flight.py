@@ -84,6 +84,8 @@ def _plus(tangent: Array | None, other: Array) -> Array:
 class ExpandingFlow(AbstractFlow):
     """A motion whose derivatives are known exactly, and bounded ahead: see `Expansion`."""
 
+    is_linear = True
+
     @abc.abstractmethod
     def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> Expansion:
         """Expand the motion at `state` with the masses `is_held` at rest."""

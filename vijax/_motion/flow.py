@@ -1,6 +1,7 @@
 """What the engine asks of a motion between events."""
 
 import abc
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -81,8 +82,11 @@ class AbstractFlow(eqx.Module):
     ahead extends `ExpandingFlow` and writes `expand` alone, with an `Expansion` that keeps its
     promises: no impact is ever looked for where `rest` says that there is none. One that takes
     approximate steps with a polynomial inside extends `SteppingFlow` and writes `attempt` and `step_by`. What a flow
-    has to remember from step to step, it keeps in `State.memory`, which `memory` begins.
+    has to remember from step to step, it keeps in `State.memory`, which `memory` begins. A motion that is
+    affine in positions and velocities says so by `is_linear`.
     """
+
+    is_linear: ClassVar[bool] = False
 
     @abc.abstractmethod
     def fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:

@@ -5,11 +5,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._motion.flow import AbstractFlow
-from .._simulate import simulate
+from .._simulate import Settings, follow
 from .._solution import RESULTS
 from .._system.force import BoundForce
 from .._system.system import ImpactSystem, with_args
-from .._types import Numbers, as_float
+from .._types import Numbers, as_float, concrete, whole_number
 
 
 def stroboscopic_map(
@@ -21,6 +21,7 @@ def stroboscopic_map(
     flow: AbstractFlow | None = None,
     args: object = None,
     max_steps: int | None = None,
+    max_reverse_steps: int = 65_536,
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     """Return the state some forcing periods later, as a differentiable function.
 
@@ -34,11 +35,13 @@ def stroboscopic_map(
         flow: as for `simulate`.
         args: likewise.
         max_steps: as for `simulate`.
+        max_reverse_steps: likewise.
 
     Returns:
         Positions and velocities, (n,) each.
 
     Raises:
+        ValueError: if the load has no frequency.
         RuntimeError: if the motion does not get there, see `RESULTS`.
 
     Example:
@@ -51,12 +54,13 @@ def stroboscopic_map(
     References:
         Wagg & Bishop (2004), Sec. 2.2.
     """
-    end = num_periods * system.forcing.period
-    sol = simulate(
-        system, 0.0, end, x0, v0, flow=flow, args=args, max_events=0, max_steps=max_steps, throw=False
-    )
-    is_lost = (sol.result != RESULTS.successful) & (sol.result != RESULTS.max_events_reached)
-    return sol.result.error_if((sol.x1, sol.v1), is_lost)
+    frequency = concrete(system.forcing.frequency)
+    if frequency is not None and not frequency > 0:
+        raise ValueError("The load has no frequency, so there is no forcing period: use `vx.simulate`.")
+    end = whole_number("num_periods", num_periods) * system.forcing.period
+    settings = Settings(0, max_steps, max_reverse_steps, (RESULTS.max_events_reached,))
+    sol = follow(system, 0.0, end, x0, v0, settings, flow=flow, args=args)
+    return sol.x1, sol.v1
 
 
 def monodromy_matrix(

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._refusal import checked
 from .._types import Numbers, as_float, concrete
 from .force import as_force, bind
 from .forcing import Harmonic
@@ -140,8 +141,8 @@ def _of_one_frequency(forcing: Harmonic, stops: Sequence[Stop]) -> tuple[Harmoni
             if known is not None and known.any():
                 raise ValueError(sentence)
             if known is None and stop.motion.frequency is not forcing.frequency:
-                checked = eqx.error_if(forcing.frequency, differs, sentence)
-                forcing = eqx.tree_at(lambda f: f.frequency, forcing, checked)
+                sure = checked(forcing.frequency, differs.astype(int), ("", sentence))
+                forcing = eqx.tree_at(lambda f: f.frequency, forcing, sure)
             stop = eqx.tree_at(lambda s: s.motion.frequency, stop, None)
         same.append(stop)
     return forcing, tuple(same)

@@ -1,0 +1,68 @@
+"""Errors that depend on numbers, raised whatever of a result is asked for.
+
+Numbers that are known are looked at here and now. Under `jax.jit` they are not, and XLA leaves out whatever
+the output does not depend on: a check whose result nobody reads, and for a derivative even one that
+changes nothing but values. So everything that is returned is multiplied by a number, 1, which is made
+by the check; all derivatives, forward and reverse, then have it as a factor as well.
+
+`equinox.error_if` puts the check into values alone, and its message under `jax.jit` ends in a paragraph
+about equinox; here the last line is the sentence.
+"""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from equinox.internal import unvmap_max
+from jaxtyping import Array, ArrayLike, Int, PyTree
+
+from ._types import Scalar, concrete
+
+
+class SimulationError(RuntimeError):
+    """What was asked for cannot be had; the message says what to do."""
+
+
+SimulationError.__module__ = "vijax"  # as it is told
+
+
+def checked(tree: PyTree, number: Int[ArrayLike, ""], sentences: Sequence[str]) -> PyTree:
+    """Return a tree, every array of which can be had only if nothing is wrong.
+
+    Args:
+        tree: what is returned to the user.
+        number: 0 if all is well, else that of the sentence that is raised.
+        sentences: the first, of number 0, is not used. In a batch the last that is wrong counts.
+
+    Raises:
+        SimulationError: at once, or when what is compiled runs.
+    """
+    one = lock(number, sentences)
+    if concrete(one) is not None:
+        return tree
+
+    def locked(a: Array) -> Array:
+        return (
+            a * one.astype(a.dtype) if eqx.is_inexact_array(a) else jnp.where(one > 0, a, jnp.zeros_like(a))
+        )
+
+    return jax.tree.map(lambda a: locked(a) if eqx.is_array(a) else a, tree)
+
+
+def lock(number: Int[ArrayLike, ""], sentences: Sequence[str]) -> Scalar:
+    """The number 1, which can be had only if nothing is wrong, see `checked`."""
+    number = unvmap_max(jax.lax.stop_gradient(jnp.asarray(number)))
+    known = concrete(number)
+    if known is not None:
+        if known:
+            raise SimulationError(sentences[int(known)])
+        return jnp.ones(())
+
+    def refuse(number: np.ndarray) -> np.ndarray:
+        raise SimulationError(sentences[int(number)])
+
+    one = jnp.ones(())
+    shape = jax.ShapeDtypeStruct(one.shape, one.dtype)
+    return jax.lax.cond(number > 0, lambda: jax.pure_callback(refuse, shape, number), lambda: one)
