@@ -14,7 +14,6 @@ from collections.abc import Sequence
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from equinox.internal import unvmap_max
 from jaxtyping import Array, ArrayLike, Int, PyTree
 
@@ -60,7 +59,7 @@ def lock(number: Int[ArrayLike, ""], sentences: Sequence[str]) -> Scalar:
             raise SimulationError(sentences[int(known)])
         return jnp.ones(())
 
-    def refuse(number: np.ndarray) -> np.ndarray:
+    def refuse(number: ArrayLike) -> ArrayLike:
         raise SimulationError(sentences[int(number)])
 
     one = jnp.ones(())
