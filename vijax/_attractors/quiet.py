@@ -77,7 +77,7 @@ def never_hits(machine: Machine, angle: float, x: np.ndarray, v: np.ndarray) -> 
         row = sign * modes.shapes[:, mass]
         waves = (response.waves @ row[..., None])[..., 0]
         room = sign * positions[:, j] - modes.rounding * abs(positions[:, j])
-        room = room - waves[:, 0].real - np.linalg.norm(row, axis=1) * left
+        room = room - np.real(waves[:, 0]) - np.linalg.norm(row, axis=1) * left
         is_clear &= highest(waves[:, 1:], room) < room
     factor = np.exp(modes.decay * lanes_first(machine.period))
     return is_clear, np.broadcast_to(factor, left.shape)
@@ -98,7 +98,7 @@ def highest(waves: np.ndarray, room: np.ndarray) -> np.ndarray:
         angles = orders[:, None] * (2 * np.pi / num * np.arange(num))
         left = np.flatnonzero(bound >= room)
         for part in np.array_split(left, 1 + len(left) * num // _ROOM):
-            samples = waves[part].real @ np.cos(angles) - waves[part].imag @ np.sin(angles)
+            samples = np.real(waves[part] @ np.exp(1j * angles))
             closer = samples.max(axis=1) + curvature[part] * (np.pi / num) ** 2 / 2
             bound[part] = np.minimum(bound[part], closer)
     return bound

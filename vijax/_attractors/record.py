@@ -3,6 +3,7 @@
 import math
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +13,8 @@ from .._log import IMPACT, RELEASE, STICK
 from .._machine import Machine, prepare
 from .._solution import Solution
 from .._sweep.origin import machines_of
+
+_prepared = eqx.filter_jit(prepare)  # operation by operation it would take seconds to compile
 
 
 class Impacts(NamedTuple):
@@ -97,7 +100,7 @@ def machines(source: Solution | xr.Dataset, which: np.ndarray) -> tuple[Machine 
     one = jnp.ones(1, system.mass.dtype)
     with jax.numpy_rank_promotion("allow"):  # what all points share is broadcast to them
         # Of the span and the start only steps and forces would know.
-        return prepare(system, one, (0 * one, one, one), can_stick=False), 0.0
+        return _prepared(system, one, (0 * one, one, one), can_stick=False), 0.0
 
 
 def held_intervals(sol: Solution, stop: int) -> tuple[np.ndarray, np.ndarray]:

@@ -79,7 +79,7 @@ def response_of(machine: Machine, modes: Modes) -> Response:
     mean = np.broadcast_to(mean, (1, *np.broadcast_shapes(mean.shape, cosine.shape)[1:]))
     waves = np.broadcast_to(cosine - 1j * sine, (len(cosine), *mean.shape[1:]))
     loads = lanes_first(np.concatenate([mean, waves])) @ modes.shapes
-    w, eye = modes.frequencies[:, None], np.eye(len(machine.mean))
+    w, eye = modes.frequencies[:, None], np.eye(len(machine.mean))[None, None]
     speeds = lanes_first(machine.frequency)[:, None] * np.arange(loads.shape[1])
     s = speeds[..., None, None]
     # K, M and C in the coordinates y.
@@ -110,14 +110,12 @@ def vibration_left(
         angle: a phase of the load.
         state: positions and velocities in space at that phase, (lanes, n) each.
     """
-    parts = [_at(_frame_waves(machine), response.speeds, angle)]
-    parts += [tuple(-a for a in state)]
-    # y and u of both.
-    parts = [(_solve(modes.shapes, z), _solve(modes.shapes, rate) / modes.frequencies) for z, rate in parts]
-    y, rate = _at(response.waves, response.speeds, angle)
-    parts += [(y, rate / modes.frequencies)]
-    left = np.hypot(*(_norm(sum(same)) for same in zip(*parts, strict=True)))
-    size = sum(_norm(a) for part in parts for a in part)
+    x, v = (_solve(modes.shapes, a) for a in state)
+    w, w_rate = (_solve(modes.shapes, a) for a in _at(_frame_waves(machine), response.speeds, angle))
+    y, y_rate = _at(response.waves, response.speeds, angle)
+    u, w_u, y_u = (a / modes.frequencies for a in (v, w_rate, y_rate))
+    left = np.hypot(_norm(x - w - y), _norm(u - w_u - y_u))
+    size = sum(_norm(a) for a in (x, w, y, u, w_u, y_u))
     return left + response.rounding + modes.rounding * size
 
 

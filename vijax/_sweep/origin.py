@@ -96,7 +96,8 @@ def machines_of(
     base, sizes = Point(system, start, start), [ds.sizes[dim] for dim in dims]
     which = np.arange(math.prod(sizes)) if which is None else which
     places = dict(zip(dims, np.unravel_index(which, sizes), strict=True)) if dims else {}
-    swept, known = {}, {"direction"}
+    swept: dict[str, np.ndarray] = {}
+    known: set[Hashable] = {"direction"}
     for path, (along, values) in _swept_values(ds, base, set(dims)).items():
         lanes = values.values[tuple(places[dim] for dim in along)]
         swept[path] = np.asarray(lanes if along else lanes[None], start.dtype)
