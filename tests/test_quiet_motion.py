@@ -339,9 +339,13 @@ def test_the_order_of_dimensions_does_not_matter(many):
     assert turned.result.dims != many.result.dims
     found, expected = (vx.classify(ds).transpose(*DIMS, "stop") for ds in (turned, many))
     assert_same(found, expected)
-    # Nor for the machine of a point, whose arrays have axes of their own.
-    point = dict.fromkeys(many.result.dims, 0)
-    assert eqx.tree_equal(vx.system_of(turned.isel(point)), vx.system_of(many.isel(point)))
+
+
+def test_the_machine_of_a_point_does_not_depend_on_the_order_of_dimensions():
+    loads = np.array([LOAD.amplitude, 2 * np.asarray(LOAD.amplitude)])
+    ds = sweep(UNEVEN, {"forcing.amplitude": loads}, transient=0, record=1)
+    found = vx.system_of(ds.transpose("mass", "harmonic", ...).isel({"forcing.amplitude": 1}))
+    np.testing.assert_array_equal(found.forcing.amplitude, loads[1])
 
 
 def test_a_file_is_judged_as_the_sweep(many, tmp_path):
@@ -407,7 +411,7 @@ def test_moving_stops_are_swept_as_well():
 @pytest.mark.parametrize("t0", [0.0, 1.3])
 def test_a_trajectory_is_judged_likewise(t0):
     system = eqx.tree_at(lambda s: s.forcing.frequency, LIGHT, jnp.asarray(2.2))
-    system = eqx.tree_at(lambda s: [stop.position for stop in s.stops], system, [jnp.asarray(0.9)] * 3)
+    system = eqx.tree_at(lambda s: [stop.position for stop in s.stops], system, [jnp.asarray(0.3)] * 3)
     x, v = response_at(system, 2.2 * t0)
     t1 = t0 + 6 * float(system.forcing.period)
     second_mode = np.array([-0.74, -0.33, 0.59])
@@ -417,7 +421,7 @@ def test_a_trajectory_is_judged_likewise(t0):
     assert found.num_periods == 1
     assert found.recurrence_error > 1e-4
     # With more free vibration it does not hit, for it all stays in that mode, but energy does not tell so.
-    wide = vx.simulate(system, t0, t1, x + 0.7 * second_mode, v)
+    wide = vx.simulate(system, t0, t1, x + 0.2 * second_mode, v)
     assert int(wide.num_events) == 0
     assert kinds(wide) != "non_impacting"
 
