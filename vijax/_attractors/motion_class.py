@@ -9,8 +9,9 @@ import xarray as xr
 from .._labels import flags
 from .._solution import Solution
 from .maps import stroboscopic_section
+from .quiet import stays_quiet
 from .record import Impacts, flat, forcing_periods, impacts_of, label, stop_masses
-from .recurrence import recurrence
+from .recurrence import Recurrence, recurrence
 
 MOTIONS: Final = ("non_impacting", "periodic", "chattering", "non_periodic", "not_settled", "failed")
 # An impact so short before the end of a period, in parts of it, counts as one just after it: of a cycle with
@@ -32,6 +33,11 @@ def classify(
     before; an (m, n) motion has m impacts in them. Within `record` periods only n up to record / 2 can be
     told, and only n up to record / 4 while the motion still settles: a longer period looks like chaos.
 
+    Where nothing is hit, and the machine is known and linear, it is not the section that decides: the periodic
+    response to the load is computed, and what is left of the free vibration. If the response stays between the
+    stops, every mode is damped, and the energy of the free vibration cannot carry any mass to a stop,
+    the motion is `non_impacting` with n = 1 however slowly it settles, whatever the `tolerance`.
+
     Args:
         source: what `vx.simulate` or `vx.sweep` returned.
         tolerance: how near a motion must be to the cycle it settles on, relative to its size;
@@ -43,7 +49,7 @@ def classify(
 
     Returns:
         With the dimensions of the sweep,
-        `motion`: `non_impacting` (and periodic), `periodic`, `chattering` (periodic, with a complete
+        `motion`: `non_impacting` (and periodic, or about to be, see above), `periodic`, `chattering` (periodic, with a complete
         chatter), `non_periodic`, `not_settled` (coming closer to a cycle, or close to one, but not on it),
         or `failed`, as numbers named by its attributes;
         `num_periods`: n, 0 if the motion does not repeat;
@@ -52,7 +58,8 @@ def classify(
         `num_double_impacts`: in n periods, neighbours in time of different masses;
         `recurrence_error`: the largest change of the state in n periods, relative to the size of the motion,
         and `contraction`, the factor by which it falls from period to period, NaN if that is not known; where
-        the motion does not repeat, those of the n for which it does best.
+        the motion does not repeat, those of the n for which it does best, and where the machine decides, the
+        exact factor of its slowest mode, exp(T max Re lambda).
         What belongs to n periods is NaN if there is no n, and counts are if the log was cut.
 
     Raises:
@@ -81,11 +88,13 @@ def classify(
     relative = _relative(section.x.values, v, 2 * np.pi / period, impacts)[:, -last:]
     is_failed = np.isnan(relative.sum(axis=(1, 2)))
     found = recurrence(np.where(is_failed[:, None, None], 0, relative), tolerance)
+    is_cut = _is_cut(source, impacts, len(period))
+    is_asked = ~(is_failed | is_cut | _is_touched(section, impacts, number, last))
+    found = _with_quiet(source, found, section, np.flatnonzero(is_asked), relative)
     n = np.where(is_failed, 0, found.num_periods)
     tally = _tally(section, impacts, number, n, masses)
     within = period / 1000 if double_impact_within is None else np.full(len(n), double_impact_within)
     doubles = _double_impacts(impacts, tally.is_ours, masses, within)
-    is_cut = _is_cut(source, impacts, len(n))
     is_counted = (n > 0) & ~is_cut
     columns = {
         "motion": ((), _motion(n, is_failed, found.is_settling, tally, is_cut)),
@@ -171,6 +180,31 @@ def _relative(x: np.ndarray, v: np.ndarray, frequency: np.ndarray, impacts: Impa
     size = np.maximum(*(np.abs(a).max(axis=(1, 2), initial=0) for a in (x, v)))
     np.fmax.at(size, impacts.point, np.abs(impacts.velocity))
     return np.concatenate([x, v], axis=2) / np.where(size == 0, 1, size)[:, None, None]
+
+
+def _is_touched(section: xr.Dataset, impacts: Impacts, number: np.ndarray, last: int) -> np.ndarray:
+    """Whether anything hits a stop, or is held by one, in the periods that are looked at."""
+    is_late = number >= section.sizes["period"] - last
+    num_impacts = np.bincount(impacts.point[is_late], minlength=section.sizes["point"])
+    return (num_impacts > 0) | (section.held_time.values[:, -last:] > 0).any(axis=(1, 2))
+
+
+def _with_quiet(
+    source: Solution | xr.Dataset,
+    found: Recurrence,
+    section: xr.Dataset,
+    asked: np.ndarray,
+    relative: np.ndarray,
+) -> Recurrence:
+    """Let the machine itself tell where a motion without impacts goes: beats hide it from the section."""
+    is_quiet, contraction = stays_quiet(source, asked, *(section[name].values[:, -1] for name in ("x", "v")))
+    step = np.abs(relative[:, -1] - relative[:, -2]).max(axis=1)
+    return Recurrence(
+        np.where(is_quiet, 1, found.num_periods),
+        np.where(is_quiet, step, found.error),
+        np.where(is_quiet, contraction, found.contraction),
+        found.is_settling & ~is_quiet,
+    )
 
 
 def _is_cut(source: Solution | xr.Dataset, impacts: Impacts, num_points: int) -> np.ndarray:

@@ -3,11 +3,18 @@
 import math
 from typing import NamedTuple
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
 from .._log import IMPACT, RELEASE, STICK
+from .._machine import Machine, prepare
 from .._solution import Solution
+from .._sweep.origin import machines_of
+
+_prepared = eqx.filter_jit(prepare)  # operation by operation it would take seconds to compile
 
 
 class Impacts(NamedTuple):
@@ -78,6 +85,22 @@ def forcing_periods(source: Solution | xr.Dataset) -> np.ndarray:
     if not source.machine.frequency > 0:
         raise ValueError("The load has no frequency, so there is no forcing period to compare with.")
     return np.array([source.machine.period], float)
+
+
+def machines(source: Solution | xr.Dataset, which: np.ndarray) -> tuple[Machine | None, float]:
+    """The machines of some points, lanes last, if they are known, and the phase of the load at the ends of periods."""
+    if isinstance(source, Solution):
+        angle = float(source.machine.frequency) * float(source.t0)
+        return jax.tree.map(lambda a: np.asarray(a)[..., None], source.machine), angle
+    try:
+        system = machines_of(source, tuple(dims_of(source)), which)
+    except ValueError:  # none is told, or one with a force
+        return None, 0.0
+    system = jax.tree.map(jnp.asarray, system)
+    one = jnp.ones(1, system.mass.dtype)
+    with jax.numpy_rank_promotion("allow"):  # what all points share is broadcast to them
+        # Of the span and the start only steps and forces would know.
+        return _prepared(system, one, (0 * one, one, one), can_stick=False), 0.0
 
 
 def held_intervals(sol: Solution, stop: int) -> tuple[np.ndarray, np.ndarray]:

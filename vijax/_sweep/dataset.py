@@ -66,12 +66,12 @@ def _coordinates(axes: dict[str, np.ndarray]) -> dict[str, tuple | np.ndarray]:
     for path, axis in axes.items():
         coordinates[path] = axis if axis.ndim == 1 else np.arange(len(axis))
         if axis.ndim > 1:
-            coordinates[f"{path}.values"] = ((path, *_axis_names(path, axis.ndim - 1)), axis)
+            coordinates[f"{path}.values"] = ((path, *axis_names(path, axis.ndim - 1)), axis)
     return coordinates
 
 
-def _axis_names(path: str, ndim: int) -> list[str]:
-    """What the axes of a swept array count."""
+def axis_names(path: str, ndim: int) -> list[str]:
+    """What the axes of a swept array count, those of all points apart."""
     if is_of_force(path) or path.startswith("stops"):
         return [f"{path}.axis{k}" for k in range(ndim)]
     return ["harmonic" if path.startswith("forcing") else "row", "mass"][-ndim:]

@@ -1,0 +1,435 @@
+"""Motions without impacts: the periodic response of linear machines, and the proof that they stay quiet."""
+
+import json
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+
+import vijax as vx
+from vijax._attractors import quiet
+from vijax._attractors.quiet import highest, never_hits
+from vijax._attractors.response import modes_of, response_of, vibration_left
+from vijax._sweep.origin import machines_of
+
+FREQUENCY, POSITION = "forcing.frequency", "stops[*].position"
+# Some hundred roundings of numbers of about 1.
+ROUNDED = 1e-12
+# A margin that no rounding makes, and no sampling without a proof would see.
+MARGIN = 1e-9
+
+
+def matrices(system: vx.ImpactSystem) -> tuple[np.ndarray, ...]:
+    return np.diag(system.mass), np.asarray(system.damping), np.asarray(system.stiffness)
+
+
+def amplitudes(system: vx.ImpactSystem, waves: np.ndarray) -> np.ndarray:
+    """The response to a load Re sum_h waves_h exp(i h W t), h = 1, 2, ..., harmonic by harmonic."""
+    m, c, k = matrices(system)
+    speeds = float(system.forcing.frequency) * np.arange(1, len(waves) + 1)
+    return np.array(
+        [np.linalg.solve(k - s**2 * m + 1j * s * c, f) for s, f in zip(speeds, waves, strict=True)]
+    )
+
+
+def response_at(system: vx.ImpactSystem, angle: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Position and velocity of the periodic response, in space."""
+    load = system.forcing
+    waves = amplitudes(system, np.atleast_2d(load.amplitude * np.exp(1j * np.asarray(load.phase))))
+    orders = np.arange(1, len(waves) + 1)[:, None]
+    turned = waves * np.exp(1j * orders * angle)
+    rate = 1j * orders * float(load.frequency) * turned
+    mean = np.linalg.solve(system.stiffness, load.mean)
+    return mean + turned.real.sum(axis=0), rate.real.sum(axis=0)
+
+
+def machine_of(system: vx.ImpactSystem):
+    """The engine's machine as a single lane."""
+    machine = vx.simulate(system, 0.0, 1e-3, np.full(system.num_masses, -0.01), max_events=1).machine
+    return jax.tree.map(lambda a: np.asarray(a)[..., None], machine)
+
+
+def is_proved(system: vx.ImpactSystem, x, v, angle: float = 0.0) -> bool:
+    clear, _ = never_hits(machine_of(system), angle, np.asarray(x)[None], np.asarray(v)[None])
+    return bool(clear[0])
+
+
+def kinds(source, **options) -> np.ndarray:
+    """The kind of every motion in words."""
+    motion = vx.classify(source, **options).motion
+    return np.array(motion.attrs["flag_meanings"].split())[motion.values]
+
+
+LOAD = vx.Harmonic(
+    [[0.3, 0.1, 0.0], [0.05, 0.0, 0.2]], 0.9, [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]], [0.1, 0.0, -0.2]
+)
+SHAKEN = vx.Harmonic([[0.4], [0.1]], 0.9, [[0.7], [0.2]], [0.05])
+# Far from everything, but one of them moves, and so does the frame.
+FAR = [vx.Stop(0, 50.0, "upper", 0.7), vx.Stop(2, 60.0, "upper", 0.7, SHAKEN)]
+UNEVEN = vx.chain([1.0, 0.5, 2.0], [0.3, 0.1, 0.2], [1.0, 3.0, 0.7], LOAD, FAR)
+
+
+# The response and the free vibration
+
+
+def test_the_response_is_where_a_long_run_ends():
+    period = 2 * np.pi / 0.9
+    times = np.linspace(299, 300, 7) * period
+    sol = vx.simulate(UNEVEN, 0.0, 300 * period, ts=times)
+    machine = machine_of(UNEVEN)
+    modes = modes_of(machine)
+    response = response_of(machine, modes)
+    for t, x, v in zip(times, np.asarray(sol.xs), np.asarray(sol.vs), strict=True):
+        left = vibration_left(machine, modes, response, 0.9 * t, (x[None], v[None]))
+        assert left[0] < MARGIN  # with the errors that are allowed for
+        np.testing.assert_allclose((x, v), response_at(UNEVEN, 0.9 * t), rtol=0, atol=ROUNDED)
+
+
+def test_what_is_left_is_the_energy_of_the_free_vibration():
+    m, _, k = matrices(UNEVEN)
+    machine = machine_of(UNEVEN)
+    modes = modes_of(machine)
+    dx, dv = np.array([0.3, -0.2, 0.1]), np.array([0.05, 0.4, -0.3])
+    x, v = response_at(UNEVEN, 0.4)
+    left = vibration_left(machine, modes, response_of(machine, modes), 0.4, ((x + dx)[None], (v + dv)[None]))
+    np.testing.assert_allclose(left, np.sqrt(dv @ m @ dv + dx @ k @ dx), rtol=1e-9)
+
+
+def test_the_bound_of_a_sum_of_harmonics_is_above_it_and_close():
+    rng = np.random.default_rng(0)
+    waves = rng.standard_normal((40, 3)) + 1j * rng.standard_normal((40, 3))
+    angles = np.linspace(0, 2 * np.pi, 100_001)
+    dense = (waves @ np.exp(1j * np.arange(1, 4)[:, None] * angles)).real.max(axis=1)
+    bound = highest(waves, np.full(40, -1.0))
+    assert (bound >= dense).all()
+    np.testing.assert_allclose(bound, dense, rtol=1e-4)
+    # A harmonic alone is its own bound.
+    np.testing.assert_allclose(highest(waves[:, :1], np.zeros(40)), abs(waves[:, 0]), rtol=1e-15)
+
+
+# How near a stop may be
+
+
+def one_upper(position: float, mass: int = 0, motion=None, load=LOAD) -> vx.ImpactSystem:
+    stops = [vx.Stop(mass, position, "upper", 0.7, motion)]
+    return vx.chain([1.0, 0.5, 2.0], [1e-3] * 3, [1.0, 3.0, 0.7], load, stops)
+
+
+def peak(waves: np.ndarray) -> float:
+    """The maximum of Re sum_h waves_h exp(i h a), by Newton's method from the best of many samples."""
+    orders = np.arange(1, len(waves) + 1)
+    angles = np.linspace(0, 2 * np.pi, 10_000)
+    a = angles[(waves @ np.exp(1j * orders[:, None] * angles)).real.argmax()]
+    for _ in range(5):
+        slope, curvature = ((waves * (1j * orders) ** n @ np.exp(1j * orders * a)).real for n in (1, 2))
+        a -= slope / curvature
+    return (waves @ np.exp(1j * orders * a)).real
+
+
+ONE = vx.Harmonic([0.3, 0.1, 0.0], 0.9, mean=[0.1, 0.0, -0.2])
+
+
+@pytest.mark.parametrize(("load", "room"), [(ONE, MARGIN), (LOAD, 1e-4)])
+@pytest.mark.parametrize("side", ["upper", "lower"])
+def test_a_response_that_touches_a_stop_is_not_quiet(load, room, side):
+    far = one_upper(50.0, load=load)
+    waves = amplitudes(far, np.atleast_2d(load.amplitude * np.exp(1j * np.asarray(load.phase))))[:, 0]
+    mean = np.linalg.solve(far.stiffness, load.mean)[0]
+    sign = 1 if side == "upper" else -1
+    edge = mean + sign * peak(sign * waves)
+    for gap, expected in ((-MARGIN, False), (0.0, False), (room, True)):
+        wall = vx.Stop(0, float(edge + sign * gap), side, 0.7)
+        system = eqx.tree_at(lambda s: s.stops, far, (wall,))
+        assert is_proved(system, *response_at(far)) is expected
+
+
+def test_a_moving_stop_is_judged_by_what_lies_between_it_and_its_mass():
+    motion = vx.Harmonic([0.5], 0.9, [2.0], [0.03])
+    far = one_upper(50.0, load=ONE)
+    wave = amplitudes(far, np.asarray(ONE.amplitude)[None])[0, 0]
+    mean = np.linalg.solve(far.stiffness, ONE.mean)[0] - 0.03
+    relative = abs(wave - 0.5 * np.exp(2.0j))
+    # It comes nearer than it would if it stood still, though it never comes to where the mass is at its peak.
+    assert relative > abs(wave) + 0.1
+    state = response_at(far)
+    for gap, expected in ((-MARGIN, False), (MARGIN, True)):
+        assert is_proved(one_upper(mean + relative + gap, motion=motion, load=ONE), *state) is expected
+    assert is_proved(one_upper(mean + relative - MARGIN, load=ONE), *state)
+
+
+def test_a_free_vibration_that_could_reach_the_stop_is_not_quiet():
+    far = one_upper(50.0, load=ONE)
+    m, _, k = matrices(far)
+    wave = amplitudes(far, np.asarray(ONE.amplitude)[None])[0, 0]
+    edge = np.linalg.solve(k, ONE.mean)[0] + abs(wave)
+    x, v = response_at(far)
+    dx, dv = np.array([-0.01, 0.02, 0.01]), np.array([0.01, -0.05, 0.02])
+    reach = np.sqrt((dv @ m @ dv + dx @ k @ dx) * np.linalg.inv(k)[0, 0])
+    for gap, expected in ((-1e-7, False), (1e-7, True)):
+        assert is_proved(one_upper(float(edge + reach + gap), load=ONE), x + dx, v + dv) is expected
+
+
+@pytest.mark.parametrize("name", ["damping", "stiffness"])
+def test_a_machine_with_a_mode_without_damper_or_spring_is_left_alone(name):
+    system = one_upper(50.0, load=ONE)
+    x, v = response_at(system)
+    assert is_proved(system, x, v)
+    links = np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    free = {
+        "damping": np.outer([1.0, 0.0, 0.0], [1.0, 0.0, 0.0]) * 0.0,
+        "stiffness": links,
+    }[name]
+    assert not is_proved(eqx.tree_at(lambda s: getattr(s, name), system, jnp.asarray(free)), x, v)
+
+
+def test_a_damper_at_a_node_leaves_its_mode_undamped():
+    # Two equal masses: the damper between them does nothing while they move alike.
+    k = np.array([[2.0, -1.0], [-1.0, 2.0]])
+    c = 0.1 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    load = vx.Harmonic([0.1, 0.0], 0.6)
+    system = vx.ImpactSystem([1.0, 1.0], c, k, load, [vx.Stop(0, 9.0, "upper", 0.7)])
+    x, v = response_at(system)
+    assert not is_proved(system, x, v)
+    assert is_proved(eqx.tree_at(lambda s: s.damping, system, jnp.asarray(c + 1e-6 * np.eye(2))), x, v)
+
+
+# Sweeps
+
+LIGHT = vx.chain(
+    [1.0] * 3,
+    [0.02] * 3,
+    [1.0] * 3,
+    vx.Harmonic([0.3, 0.0, 0.0], 1.0),
+    [vx.Stop(i, 0.6, "upper", 0.7) for i in range(3)],
+)
+GRID = {FREQUENCY: np.linspace(0.25, 2.35, 15), POSITION: np.array([0.5, 1.0, 2.0])}
+
+
+def sweep(system, values, **options) -> xr.Dataset:
+    return vx.sweep(system, values, progress=False, **({"transient": 100, "record": 20} | options))
+
+
+@pytest.fixture(scope="module")
+def light() -> xr.Dataset:
+    return sweep(LIGHT, GRID)
+
+
+def without_machine(ds: xr.Dataset) -> xr.Dataset:
+    """The section alone decides."""
+    return ds.drop_attrs()
+
+
+def test_beats_of_a_lightly_damped_chain_are_no_longer_taken_for_something_else(light):
+    before, after = kinds(without_machine(light)), kinds(light)
+    has_hit = (light.num_impacts.sum("stop") > 0).values
+    changed = before != after
+    assert {"not_settled", "non_periodic"} <= set(before[changed])
+    assert set(after[changed]) == {"non_impacting"}
+    assert not changed[has_hit].any()
+    assert has_hit.sum() > 10
+    found = vx.classify(light)
+    is_quiet = after == "non_impacting"
+    assert is_quiet.sum() > 10
+    assert (found.num_periods.values[is_quiet] == 1).all()
+    for name in ("num_impacts", "held_time"):
+        assert (found[name].values[is_quiet] == 0).all()
+    assert (found.num_double_impacts.values[is_quiet] == 0).all()
+    # What has happened is told as it was: the state has changed in the last period.
+    assert (found.recurrence_error.values[is_quiet] > 1e-6).any()
+
+
+def test_no_impact_comes_in_a_much_longer_run(light):
+    later = sweep(LIGHT, GRID, carry_from=light, transient=0, record=1000)
+    num_impacts = later.num_impacts.sum("stop").values
+    assert (num_impacts[kinds(light) == "non_impacting"] == 0).all()
+    assert (num_impacts > 0).any()
+
+
+def test_the_contraction_is_that_of_the_slowest_mode(light):
+    m, c, k = matrices(LIGHT)
+    first_order = np.block([[np.zeros((3, 3)), np.eye(3)], [-np.linalg.solve(m, k), -np.linalg.solve(m, c)]])
+    slowest = np.linalg.eigvals(first_order).real.max()
+    expected = np.exp(slowest * 2 * np.pi / light[FREQUENCY]).broadcast_like(light.result).values
+    found, is_quiet = vx.classify(light).contraction.values, kinds(light) == "non_impacting"
+    np.testing.assert_allclose(found[is_quiet], expected[is_quiet], rtol=ROUNDED)
+
+
+def test_what_will_hit_after_the_record_is_not_quiet():
+    # Energy in the last mass, which reaches the first one later; nothing is recorded but the beginning.
+    wall = [vx.Stop(0, 0.5, "upper", 0.7)]
+    system = vx.chain([1.0] * 3, [1e-3] * 3, [1.0] * 3, vx.Harmonic([0.001, 0.0, 0.0], 8.0), wall)
+    values = {"x0[2]": [0.2, 1.2]}
+    early = sweep(system, values, transient=0, record=2)
+    later = sweep(system, values, carry_from=early, transient=0, record=400)
+    assert (early.num_impacts == 0).all()
+    np.testing.assert_array_equal(later.num_impacts.values[:, 0] > 0, [False, True])
+    assert kinds(early)[0] == "non_impacting"
+    assert kinds(early)[1] != "non_impacting"
+
+
+def test_an_undamped_sweep_is_judged_as_before(light):
+    undamped = eqx.tree_at(lambda s: s.damping, LIGHT, jnp.zeros((3, 3)))
+    ds = sweep(undamped, {POSITION: [40.0, 50.0]})
+    assert (ds.num_impacts == 0).all()
+    np.testing.assert_array_equal(kinds(ds), kinds(without_machine(ds)))
+    assert "non_impacting" not in kinds(ds)
+
+
+# Whatever the dataset looks like
+
+DAMPINGS = np.stack(
+    [0.01 * np.asarray(LIGHT.stiffness), np.zeros((3, 3)), 0.05 * np.asarray(LIGHT.stiffness)]
+)
+
+
+DIMS = ("direction", "forcing.amplitude", "damping", POSITION, "x0[0]", FREQUENCY)
+
+
+@pytest.fixture(scope="module")
+def many() -> xr.Dataset:
+    """Swept matrices, loads, stops and starts, up and down; the second machine is undamped."""
+    values = {
+        "forcing.amplitude": [[0.3, 0.0, 0.0], [0.0, 0.1, 0.4]],
+        "damping": DAMPINGS,
+        POSITION: [0.4, 3.0],
+        "x0[0]": [0.0, 0.1],
+        FREQUENCY: [0.7, 1.6],
+    }
+    return sweep(LIGHT, values, carry="both", transient=10)
+
+
+def assert_same(found: xr.Dataset, expected: xr.Dataset):
+    """Verdicts and counts; the rest to rounding, for BLAS adds up in another order."""
+    xr.testing.assert_equal(found[["motion", "num_periods"]], expected[["motion", "num_periods"]])
+    xr.testing.assert_allclose(found, expected, rtol=ROUNDED, atol=ROUNDED)
+
+
+def test_each_point_is_judged_by_its_own_machine(many):
+    after, before = kinds(many), kinds(without_machine(many))
+    assert (after != before).any()
+    motion = vx.classify(many).motion
+    is_quiet = motion.copy(data=after == "non_impacting")
+    assert not is_quiet.isel(damping=1).any()
+    for k in (0, 2):
+        assert 0 < is_quiet.isel(damping=k).mean() < 1
+
+
+@pytest.mark.parametrize(
+    "select",
+    [
+        lambda ds: ds.isel({"damping": [2, 0], POSITION: 1}),
+        lambda ds: ds.isel({"damping": 2, "forcing.amplitude": 1}).sel(direction="down"),
+        lambda ds: ds.isel(dict.fromkeys(DIMS, 0)),
+        lambda ds: ds.isel(dict.fromkeys(DIMS, slice(None, None, -1))),
+        lambda ds: ds.isel(
+            {POSITION: xr.DataArray([1, 0, 1], dims="some"), "damping": xr.DataArray([2, 0, 0], dims="some")}
+        ),
+    ],
+)
+def test_a_part_is_judged_as_in_the_whole(many, select):
+    assert_same(vx.classify(select(many)), select(vx.classify(many)))
+
+
+def test_the_order_of_dimensions_does_not_matter(many):
+    turned = many.transpose(*reversed(list(many.dims)))
+    assert turned["damping.values"].dims != many["damping.values"].dims
+    assert turned.result.dims != many.result.dims
+    found, expected = (vx.classify(ds).transpose(*DIMS, "stop") for ds in (turned, many))
+    assert_same(found, expected)
+
+
+def test_the_machine_of_a_point_does_not_depend_on_the_order_of_dimensions():
+    loads = np.array([LOAD.amplitude, 2 * np.asarray(LOAD.amplitude)])
+    ds = sweep(UNEVEN, {"forcing.amplitude": loads}, transient=0, record=1)
+    found = vx.system_of(ds.transpose("mass", "harmonic", ...).isel({"forcing.amplitude": 1}))
+    np.testing.assert_array_equal(found.forcing.amplitude, loads[1])
+
+
+def test_a_file_is_judged_as_the_sweep(many, tmp_path):
+    pytest.importorskip("h5netcdf")
+    many.to_netcdf(tmp_path / "file.nc", engine="h5netcdf")
+    with xr.open_dataset(tmp_path / "file.nc") as found:
+        assert_same(vx.classify(found), vx.classify(many))
+
+
+def test_blocks_of_points_do_not_matter(many, monkeypatch):
+    whole = vx.classify(many)
+    monkeypatch.setattr(quiet, "_BLOCK", 5)
+    assert_same(vx.classify(many), whole)
+
+
+def test_the_machines_of_all_points_are_those_of_each(many):
+    grid = many.isel({"x0[0]": [0], FREQUENCY: [1, 0]})
+    dims = grid.result.dims
+    sizes = [grid.sizes[dim] for dim in dims]
+    which = np.array([17, 3, 40])
+    found = machines_of(grid, dims, which)
+    for lane, number in enumerate(which):
+        place = dict(zip(dims, np.unravel_index(number, sizes), strict=True))
+        own = jax.tree.map(lambda a: jnp.asarray(a[..., min(lane, a.shape[-1] - 1)]), found)  # noqa: B023
+        assert eqx.tree_equal(own, vx.system_of(grid.isel(place)), typematch=True)
+
+
+def test_where_the_machine_is_not_known_the_section_decides(light):
+    by_section = kinds(without_machine(light))
+    assert (kinds(light) != by_section).any()
+    told = json.loads(light.attrs["system"]) | {"force": "spring"}
+    strange = [
+        light.assign_attrs(system=json.dumps(told)),
+        light.rename({POSITION: "gap"}),
+        light.drop_vars(FREQUENCY),
+        light.isel({FREQUENCY: [3]}).squeeze(FREQUENCY, drop=True),
+    ]
+    for ds in strange:
+        np.testing.assert_array_equal(kinds(ds), kinds(without_machine(ds)))
+    assert (kinds(light)[3] != by_section[3]).any()
+    with pytest.raises(ValueError, match="must have swept quantities as coordinates along `gap`"):
+        machines_of(light.rename({POSITION: "gap"}), ("gap",))
+
+
+# Moving stops, and single trajectories
+
+
+def test_moving_stops_are_swept_as_well():
+    motion = vx.Harmonic([[0.2], [0.05]], 1.9)
+    stops = [vx.Stop(0, 0.6, "upper", 0.7, motion), vx.Stop(1, -2.0, "lower", 0.7)]
+    system = vx.chain([1.0] * 2, [0.01] * 2, [1.0] * 2, vx.Harmonic([0.2, 0.0], 1.9), stops)
+    values = {"stops[0].motion.amplitude[0][0]": [0.0, 0.9, 1.5], "stops[0].position": [0.9, 2.4]}
+    ds = sweep(system, values)
+    after = kinds(ds)
+    assert set(kinds(without_machine(ds)).ravel()) & {"not_settled", "non_periodic"}
+    later = sweep(system, values, carry_from=ds, transient=0, record=1000)
+    is_quiet = after == "non_impacting"
+    assert is_quiet.sum() >= 2
+    assert (~is_quiet).sum() >= 2
+    assert (later.num_impacts.sum("stop").values[is_quiet] == 0).all()
+
+
+@pytest.mark.parametrize("t0", [0.0, 1.3])
+def test_a_trajectory_is_judged_likewise(t0):
+    system = eqx.tree_at(lambda s: s.forcing.frequency, LIGHT, jnp.asarray(2.2))
+    system = eqx.tree_at(lambda s: [stop.position for stop in s.stops], system, [jnp.asarray(0.3)] * 3)
+    x, v = response_at(system, 2.2 * t0)
+    t1 = t0 + 6 * float(system.forcing.period)
+    second_mode = np.array([-0.74, -0.33, 0.59])
+    sol = vx.simulate(system, t0, t1, x + 0.05 * second_mode, v)
+    assert kinds(sol) == "non_impacting"
+    found = vx.classify(sol)
+    assert found.num_periods == 1
+    assert found.recurrence_error > 1e-4
+    # With more free vibration it does not hit, for it all stays in that mode, but energy does not tell so.
+    wide = vx.simulate(system, t0, t1, x + 0.2 * second_mode, v)
+    assert int(wide.num_events) == 0
+    assert kinds(wide) != "non_impacting"
+
+
+def test_a_trajectory_with_a_force_is_judged_by_its_section():
+    spring = lambda t, x, v, args: -0.001 * x  # noqa: E731
+    load = vx.Harmonic([0.1, 0.0], 1.9)
+    links = [1.0] * 2, [0.01] * 2, [1.0] * 2
+    ends = [vx.simulate(vx.chain(*links, load, [], force), 0.0, 60.0, [0.1, 0.3]) for force in (None, spring)]
+    assert kinds(ends[0]) == "non_impacting"
+    assert kinds(ends[1]) != "non_impacting"

@@ -1,0 +1,147 @@
+"""The periodic response of a linear machine, and the free vibration about it, as they are seen from the stops.
+
+Between impacts z = x - w obeys M z'' + C z' + K z = f(t), w the motion of the stops, see `Frame`. With Phi the modes,
+of unit mass, and w_k their frequencies, the coordinates y = diag(w) Phi^-1 z and u = Phi^-1 z' make the energy E of the
+free vibration (|y|^2 + |u|^2) / 2. In them K is the unit matrix, the first-order matrix is skew but for the damping,
+and one norm, sqrt(2 E), tells of vibrations and rounding errors alike.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._machine import Machine
+
+# The rounding of numbers of about 1 is taken for this many times n eps.
+_SLACK = 64
+
+
+class Modes(NamedTuple):
+    """The free vibration, lanes first.
+
+    Attributes:
+        shapes: z = shapes @ y, (lanes, n, n): the norm of row i is sqrt((K^-1)_ii).
+        frequencies: w, (lanes, n).
+        damping: Phi^T C Phi, (lanes, n, n).
+        decay: the largest real part of all eigenvalues, (lanes,).
+        rounding: a bound of the errors of numbers of about 1 in these coordinates, (lanes,).
+        is_damped: whether K is regular and every mode damped, both beyond doubt; if not, the rest is finite
+            and means nothing.
+    """
+
+    shapes: np.ndarray
+    frequencies: np.ndarray
+    damping: np.ndarray
+    decay: np.ndarray
+    rounding: np.ndarray
+    is_damped: np.ndarray
+
+
+class Response(NamedTuple):
+    """The periodic response, y = Re sum_h waves_h exp(i h W t), h = 0, 1, ..., lanes first.
+
+    Attributes:
+        waves: (lanes, 1 + harmonics, n).
+        speeds: h W, (lanes, 1 + harmonics).
+        rounding: a bound of the error in the norm of E, (lanes,).
+    """
+
+    waves: np.ndarray
+    speeds: np.ndarray
+    rounding: np.ndarray
+
+
+def modes_of(machine: Machine) -> Modes:
+    """The modes of linear machines, lanes last: one for each motion, or one for all."""
+    inverse_mass, c, k = map(lanes_first, (machine.inverse_mass, machine.damping, machine.stiffness))
+    root = np.sqrt(inverse_mass)
+    scale = root[:, :, None] * root[:, None]
+    unit = _SLACK * root.shape[1] * float(np.finfo(machine.damping.dtype).eps)
+    squares, vectors = np.linalg.eigh(k * scale)
+    is_stiff = squares[:, 0] > unit * squares[:, -1]
+    squares = np.where(is_stiff[:, None], squares, 1)
+    w = np.sqrt(squares)
+    damping = np.swapaxes(vectors, 1, 2) @ (c * scale) @ vectors
+    diagonal = np.broadcast_to(w[:, :, None] * np.eye(w.shape[1]), damping.shape)
+    # Almost skew where damping is light, so that rounding moves its eigenvalues by no more than itself.
+    first_order = np.block([[np.zeros_like(damping), diagonal], [-diagonal, -damping]])
+    decay = np.linalg.eigvals(first_order).real.max(axis=1)
+    is_damped = is_stiff & (decay < -unit * np.linalg.norm(first_order, axis=(1, 2)))
+    # Low modes are less well known than high ones.
+    rounding = unit * squares[:, -1] / squares[:, 0]
+    return Modes(root[:, :, None] * vectors / w[:, None], w, damping, decay, rounding, is_damped)
+
+
+def response_of(machine: Machine, modes: Modes) -> Response:
+    """The response to the load, that of moving stops included."""
+    mean, cosine, sine = map(np.asarray, (machine.mean[None], machine.cosine, machine.sine))
+    mean = np.broadcast_to(mean, (1, *np.broadcast_shapes(mean.shape, cosine.shape)[1:]))
+    waves = np.broadcast_to(cosine - 1j * sine, (len(cosine), *mean.shape[1:]))
+    loads = lanes_first(np.concatenate([mean, waves])) @ modes.shapes
+    w, eye = modes.frequencies[:, None], np.eye(len(machine.mean))[None, None]
+    speeds = lanes_first(machine.frequency)[:, None] * np.arange(loads.shape[1])
+    s = speeds[..., None, None]
+    # K, M and C in the coordinates y.
+    parts = (
+        eye,
+        s**2 * (eye / w[..., None] ** 2),
+        s * (modes.damping[:, None] / (w[..., None] * w[:, :, None])),
+    )
+    stiffness = np.where(modes.is_damped[:, None, None, None], parts[0] - parts[1] + 1j * parts[2], eye)
+    inverse = np.linalg.inv(stiffness)
+    waves = (inverse @ loads[..., None])[..., 0]
+    # The parts may cancel, and so may those of the load that the frame adds, which are as large as its motion.
+    magnified = _norm(inverse, 2) * sum(_norm(part, 2) for part in parts)
+    moved = np.linalg.solve(modes.shapes[:, None], _frame_waves(machine)[..., None])[..., 0]
+    size = (_norm(waves) + _norm(moved)) * (1 + speeds / w.min(axis=2))
+    return Response(waves, speeds, modes.rounding * (magnified * size).sum(axis=1))
+
+
+def vibration_left(
+    machine: Machine, modes: Modes, response: Response, angle: float, state: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Bound what separates a motion from the response, sqrt(2 E), errors of both included.
+
+    Args:
+        machine: the machines.
+        modes: theirs.
+        response: theirs.
+        angle: a phase of the load.
+        state: positions and velocities in space at that phase, (lanes, n) each.
+    """
+    x, v = (_solve(modes.shapes, a) for a in state)
+    w, w_rate = (_solve(modes.shapes, a) for a in _at(_frame_waves(machine), response.speeds, angle))
+    y, y_rate = _at(response.waves, response.speeds, angle)
+    u, w_u, y_u = (a / modes.frequencies for a in (v, w_rate, y_rate))
+    left = np.hypot(_norm(x - w - y), _norm(u - w_u - y_u))
+    size = sum(_norm(a) for a in (x, w, y, u, w_u, y_u))
+    return left + response.rounding + modes.rounding * size
+
+
+def lanes_first(a: ArrayLike) -> np.ndarray:
+    """In double precision, lanes where NumPy's linear algebra wants them."""
+    a = np.asarray(a)
+    return np.moveaxis(a.astype(np.result_type(a, float)), -1, 0)
+
+
+def _frame_waves(machine: Machine) -> np.ndarray:
+    """The motion of the stops as their masses follow it, h = 0, 1, ..., (lanes, 1 + harmonics, n)."""
+    if machine.frame is None:
+        return np.zeros((1, 1 + len(machine.cosine), len(machine.mean)), complex)
+    waves = np.asarray(machine.frame.cosine) - 1j * np.asarray(machine.frame.sine)
+    return lanes_first(np.concatenate([np.zeros_like(waves[:1]), waves]))
+
+
+def _at(waves: np.ndarray, speeds: np.ndarray, angle: float) -> tuple[np.ndarray, np.ndarray]:
+    """The sum of harmonics and its rate at a phase."""
+    turned = waves * np.exp(1j * angle * np.arange(waves.shape[1]))[:, None]
+    return turned.real.sum(axis=1), (1j * speeds[..., None] * turned).real.sum(axis=1)
+
+
+def _solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    return np.linalg.solve(matrix, vector[..., None])[..., 0]
+
+
+def _norm(a: np.ndarray, axes: int = 1) -> np.ndarray:
+    return np.linalg.norm(a, axis=tuple(range(-axes, 0)))
