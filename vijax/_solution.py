@@ -14,6 +14,7 @@ from ._labels import flags, label, versions
 from ._log import KINDS, EventLog, Restarts
 from ._machine import Machine, remembering, resting_state
 from ._motion.flow import AbstractFlow
+from ._printing import as_html, as_text, told_of_solution
 from ._types import Numbers, Scalar, concrete
 
 
@@ -173,6 +174,12 @@ class Solution(eqx.Module):
                 "label its parts."
             )
         return _dataset(self)
+
+    def __repr__(self) -> str:
+        return as_text(told_of_solution, self, tuple(RESULTS._name_to_item), KINDS)
+
+    def _repr_html_(self) -> str:
+        return as_html(told_of_solution, self, tuple(RESULTS._name_to_item), KINDS)
 
     def _at(self, t: Numbers) -> tuple[Array, Array, Array]:
         times = jnp.asarray(t, self.t0.dtype)

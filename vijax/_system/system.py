@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._printing import as_html, as_text, told_of_system
 from .._types import Numbers, as_float, concrete
-from .force import as_force, bind
+from .force import as_force, bind, name_of_force
 from .forcing import Harmonic
 from .stop import Stop
 
@@ -117,6 +118,12 @@ class ImpactSystem(eqx.Module):
             matrix = concrete(getattr(self, name))
             if matrix is not None:
                 check_semidefinite(name, matrix)
+
+    def __repr__(self) -> str:
+        return as_text(told_of_system, self, name_of_force)
+
+    def _repr_html_(self) -> str:
+        return as_html(told_of_system, self, name_of_force)
 
     @property
     def num_masses(self) -> int:
