@@ -147,7 +147,6 @@ def test_a_machine_that_is_not_finished_is_shown():
     assert "ImpactSystem(" in repr(object.__new__(vx.ImpactSystem))
 
 
-@pytest.mark.filterwarnings("ignore:vijax works in float32")
 def test_numbers_of_single_precision_are_called_so():
     assert "float32" in show(jax.tree.map(lambda a: a.astype("float32"), MACHINE)).splitlines()[0]
 

@@ -9,7 +9,7 @@ from .._simulate import simulate
 from .._solution import RESULTS
 from .._system.force import BoundForce
 from .._system.system import ImpactSystem, with_args
-from .._types import Numbers, as_float
+from .._types import Numbers, as_float, in_full_precision
 
 
 def stroboscopic_map(
@@ -51,6 +51,7 @@ def stroboscopic_map(
     References:
         Wagg & Bishop (2004), Sec. 2.2.
     """
+    system = in_full_precision(system)
     end = num_periods * system.forcing.period
     sol = simulate(
         system, 0.0, end, x0, v0, flow=flow, args=args, max_events=0, max_steps=max_steps, throw=False

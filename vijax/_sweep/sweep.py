@@ -200,4 +200,3 @@ def _start_from(
     which = np.arange(x0.shape[1]) if chain is None else chain[0]
     x0[:, which], v0[:, which] = x.reshape(n, -1), v.reshape(n, -1)
     return Point(points.system, x0, v0)
-
