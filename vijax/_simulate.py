@@ -16,9 +16,10 @@ from ._motion.flow import AbstractFlow
 from ._solution import RESULTS, Solution
 from ._system.system import ImpactSystem, with_args
 from ._types import Numbers, Scalar, as_float, at_once, not_negative, whole_number
-from ._xla import AbstractTask, while_any
+from ._xla import AbstractTask, padding_allowed, while_any
 
 
+@padding_allowed
 def simulate(
     system: ImpactSystem,
     t0: ArrayLike,

@@ -16,6 +16,7 @@ from ._machine import Machine, remembering, resting_state
 from ._motion.flow import AbstractFlow
 from ._printing import as_html, as_text, told_of_solution
 from ._types import Numbers, Scalar, concrete
+from ._xla import padding_allowed
 
 
 class RESULTS(eqx.Enumeration):
@@ -181,6 +182,7 @@ class Solution(eqx.Module):
     def _repr_html_(self) -> str:
         return as_html(told_of_solution, self, tuple(RESULTS._name_to_item), KINDS)
 
+    @padding_allowed
     def _at(self, t: Numbers) -> tuple[Array, Array, Array]:
         times = jnp.asarray(t, self.t0.dtype)
         x, v, force = _evaluate_all(self, times.ravel())
@@ -225,6 +227,7 @@ def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
     return x, v, force
 
 
+@padding_allowed
 def _dataset(solution: Solution) -> xr.Dataset:
     """Label one trajectory, or a batch with its lanes in front."""
     log, grazing = solution.events, solution.grazing

@@ -10,8 +10,10 @@ from .._solution import RESULTS
 from .._system.force import BoundForce
 from .._system.system import ImpactSystem, with_args
 from .._types import Numbers, as_float, in_full_precision
+from .._xla import padding_allowed
 
 
+@padding_allowed
 def stroboscopic_map(
     system: ImpactSystem,
     x0: Numbers,
@@ -60,6 +62,7 @@ def stroboscopic_map(
     return sol.result.error_if((sol.x1, sol.v1), is_lost)
 
 
+@padding_allowed
 def monodromy_matrix(
     system: ImpactSystem,
     x0: Numbers,
