@@ -1,16 +1,15 @@
 """The code in README.md and docs/guide.md runs as it stands and prints what it says."""
 
 import re
-from pathlib import Path
 
 import jax
 import matplotlib
 import matplotlib.pyplot as plt
 import pytest
+from documents import ROOT, python_of
 
 import vijax as vx
 
-ROOT = Path(__file__).parent.parent
 NUMBER = r"-?\d+\.?\d*(?:e-?\d+)?"
 
 
@@ -22,11 +21,6 @@ def elsewhere(tmp_path, monkeypatch):
     with jax.numpy_rank_promotion("allow"):
         yield tmp_path
     plt.close("all")
-
-
-def python_of(document: str) -> str:
-    """The Python blocks of a document, one after the other."""
-    return "\n".join(re.findall(r"^```python\n(.*?)^```", (ROOT / document).read_text(), re.M | re.S))
 
 
 def agree(said: str, printed: str) -> bool:

@@ -18,6 +18,8 @@ import vijax as vx
 FREQUENCIES = [0.8, 1.1, 1.4]
 END = 25.0
 SAMPLES = 100
+# The darkest colour told from black on a screen, of 1 for white.
+SEEN = 0.3
 
 
 @pytest.fixture(autouse=True)
@@ -396,3 +398,18 @@ def test_a_sticking_region_that_cannot_be_drawn_is_refused(sticking):
         vx.plot.sticking_region(sticking, 1, mass=1)
     with pytest.raises(ValueError, match="Argument `stop` must lie in 0 to 1, but is 5"):
         vx.plot.sticking_region(sticking, 5)
+
+
+def test_curves_and_points_are_seen_on_a_dark_background(swept, both_ways, sticking):
+    with plt.style.context("dark_background"):
+        drawn = [
+            vx.plot.bifurcation(swept),
+            vx.plot.bifurcation(both_ways),
+            vx.plot.impact_map(sticking),
+            vx.plot.impact_map(sticking, stop=None),
+            vx.plot.time_series(sticking),
+            vx.plot.phase_portrait(sticking, mass=1),
+            vx.plot.sticking_region(sticking, stop=0),
+        ]
+    lines = [line for ax in drawn for line in ax.lines]
+    assert min(grey(line.get_color()) for line in lines) > SEEN

@@ -70,7 +70,6 @@ def test_a_machine_comes_back_from_text_bit_for_bit():
     assert_same_machine(build(json.loads(text), "float64"), MACHINE)
 
 
-@pytest.mark.filterwarnings("ignore:vijax works in float32")
 def test_a_machine_of_float32_comes_back_as_it_was():
     narrow = jax.tree.map(lambda a: a.astype("float32"), MACHINE)
     assert_same_machine(build(json.loads(json.dumps(describe(narrow))), "float32"), narrow)

@@ -1,6 +1,7 @@
 """Vibro-impact machines in JAX: exact between impacts, no impact missed, differentiable, in batches."""
 
-import importlib
+import typing as _typing
+from importlib import import_module as _import_module
 
 from . import models as models
 from ._attractors.maps import impact_map as impact_map, stroboscopic_section as stroboscopic_section
@@ -14,8 +15,9 @@ from ._contact.sticking_region import (
     StickingRegion as StickingRegion,
     sticking_region as sticking_region,
 )
+from ._labels import version as _version
 from ._log import IMPACT as IMPACT, RELEASE as RELEASE, STICK as STICK, EventLog as EventLog
-from ._motion.choose import load_diffrax_flow
+from ._motion.choose import load_diffrax_flow as _load_diffrax_flow
 from ._motion.modal import ModalFlow as ModalFlow
 from ._motion.taylor import TaylorFlow as TaylorFlow
 from ._orbits.maps import (
@@ -33,11 +35,56 @@ from ._system.forcing import Harmonic as Harmonic
 from ._system.stop import Stop as Stop
 from ._system.system import ImpactSystem as ImpactSystem, chain as chain
 
+if _typing.TYPE_CHECKING:
+    from . import plot as plot
+    from ._motion.diffrax import DiffraxFlow as DiffraxFlow
+else:  # hidden from type checkers, to which every misspelt name would be one that comes late
 
-def __getattr__(name: str):
-    """Import `vijax.plot`, and with it matplotlib, and diffrax, when they are first asked for."""
-    if name == "plot":
-        return importlib.import_module(".plot", __name__)
-    if name == "DiffraxFlow":
-        return load_diffrax_flow()
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    def __getattr__(name: str) -> object:
+        """Import `vijax.plot`, and with it matplotlib, and diffrax, when they are first asked for."""
+        if name == "plot":
+            return _import_module(".plot", __name__)
+        if name == "DiffraxFlow":
+            return _load_diffrax_flow()
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+__version__ = _version("vijax")
+
+__all__ = [
+    "IMPACT",
+    "RELEASE",
+    "RESULTS",
+    "STICK",
+    "DiffraxFlow",
+    "EventLog",
+    "Harmonic",
+    "ImpactSystem",
+    "ModalFlow",
+    "Solution",
+    "StickingRegion",
+    "Stop",
+    "TaylorFlow",
+    "base_excitation",
+    "chain",
+    "classify",
+    "impact_configurations",
+    "impact_map",
+    "modal_restitution_matrix",
+    "models",
+    "monodromy_matrix",
+    "plot",
+    "restitution_matrix",
+    "saltation_matrix",
+    "simulate",
+    "sticking_region",
+    "stroboscopic_map",
+    "stroboscopic_section",
+    "sweep",
+    "system_of",
+]
+
+
+def __dir__() -> list[str]:
+    """All names, those that are imported late among them."""
+    return sorted({*globals(), *__all__})

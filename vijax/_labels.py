@@ -91,12 +91,13 @@ def flags(names: Sequence[str]) -> dict[str, str | np.ndarray]:
 @cache
 def versions() -> dict[str, str]:
     """The versions of what computes."""
-    found = {f"{name}_version": _version(name) for name in ("vijax", "jax", "numpy")}
+    found = {f"{name}_version": version(name) for name in ("vijax", "jax", "numpy")}
     return found | {"python_version": platform.python_version()}
 
 
-def _version(name: str) -> str:
+def version(name: str) -> str:
+    """The version of a package that is installed."""
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
-        return "not installed"  # a checkout on the path
+        return "0+not.installed"  # a checkout on the path; a version that tools can parse

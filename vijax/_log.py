@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ._advance import Instant
 from ._frame import Frame
 from ._machine import Machine, State
+from ._printing import as_html, as_text, told_of_events
 from ._types import Flag, Scalar
 
 IMPACT: Final = 0
@@ -37,6 +38,12 @@ class EventLog(eqx.Module):
     velocity_minus: Float[Array, " events"]
     velocity_plus: Float[Array, " events"]
     impulse: Float[Array, " events"]
+
+    def __repr__(self) -> str:
+        return as_text(told_of_events, self, KINDS)
+
+    def _repr_html_(self) -> str:
+        return as_html(told_of_events, self, KINDS)
 
 
 class Restarts(eqx.Module):

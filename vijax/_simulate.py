@@ -20,9 +20,10 @@ from ._refusal import checked, lock
 from ._solution import RESULTS, Solution, told
 from ._system.system import ImpactSystem, with_args
 from ._types import Numbers, Scalar, as_float, at_once, whole_number
-from ._xla import AbstractTask, while_any
+from ._xla import AbstractTask, padding_allowed, while_any
 
 
+@padding_allowed
 def simulate(
     system: ImpactSystem,
     t0: ArrayLike,

@@ -16,8 +16,10 @@ from ._log import KINDS, EventLog, Restarts
 from ._machine import Machine, in_periods, remembering, resting_state
 from ._motion.coasting import coast
 from ._motion.flow import AbstractFlow
+from ._printing import as_html, as_text, told_of_solution
 from ._refusal import checked
 from ._types import Numbers, Scalar, concrete
+from ._xla import padding_allowed
 
 
 class RESULTS(eqx.Enumeration):
@@ -200,6 +202,13 @@ class Solution(eqx.Module):
             )
         return _dataset(self)
 
+    def __repr__(self) -> str:
+        return as_text(told_of_solution, self, tuple(RESULTS._name_to_item), KINDS)
+
+    def _repr_html_(self) -> str:
+        return as_html(told_of_solution, self, tuple(RESULTS._name_to_item), KINDS)
+
+    @padding_allowed
     def _at(self, t: Numbers) -> tuple[Array, Array, Array]:
         times = jnp.asarray(t, self.t0.dtype)
         evaluate = evaluate_all
@@ -263,6 +272,7 @@ def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
     return x, v, force
 
 
+@padding_allowed
 def _dataset(solution: Solution) -> xr.Dataset:
     """Label one trajectory, or a batch with its lanes in front."""
     log, grazing = solution.events, solution.grazing

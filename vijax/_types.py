@@ -24,6 +24,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 P = ParamSpec("P")
 R = TypeVar("R")
+T = TypeVar("T")
 Numbers = ArrayLike | Sequence[Any]
 Scalar = Float[Array, "..."]
 Flag = Bool[Array, "..."]
@@ -34,6 +35,16 @@ def _warn_about_float32() -> None:
     warnings.warn(
         "vijax works in float32 because 64-bit numbers are off: about 6 digits instead of 15. Call "
         "jax.config.update('jax_enable_x64', True) first to have them.",
+        stacklevel=5,
+    )
+
+
+@cache
+def _warn_about_lost_digits() -> None:
+    warnings.warn(
+        "A machine, or a part of it, was built while 64-bit numbers were off: its numbers are rounded to 7 "
+        "digits, and what is computed with them now is no better. Build it again after "
+        "jax.config.update('jax_enable_x64', True).",
         stacklevel=5,
     )
 
@@ -57,15 +68,28 @@ def at_once(function: Callable[P, R]) -> Callable[P, R]:
 
 @at_once
 def as_float(value: Numbers) -> Array:
-    """Convert to a floating-point array in the precision that JAX is set to."""
-    array = jnp.asarray(value)
-    if not jnp.issubdtype(array.dtype, jnp.floating):
-        if jnp.issubdtype(array.dtype, jnp.complexfloating):
-            raise ValueError("Expected real numbers, but got complex ones.")
-        array = array.astype(jnp.result_type(float))
-    if array.dtype != jnp.float64:
+    """Convert to a floating-point array in the precision that JAX is set to, from any other."""
+    array, wanted = jnp.asarray(value), jnp.result_type(float)
+    if jnp.issubdtype(array.dtype, jnp.complexfloating):
+        raise ValueError("Expected real numbers, but got complex ones.")
+    if wanted != jnp.float64:
         _warn_about_float32()
-    return array
+    return array if array.dtype == wanted else array.astype(wanted)
+
+
+def in_full_precision(tree: T) -> T:
+    """A machine, or parts of one, in the precision that JAX is set to; warns of what has lost digits before."""
+    wanted = jnp.result_type(float)
+
+    def is_other(a: Any) -> bool:
+        is_float = isinstance(a, jax.Array | np.ndarray) and jnp.issubdtype(a.dtype, jnp.floating)
+        return is_float and a.dtype != wanted
+
+    if not any(map(is_other, jax.tree.leaves(tree))):
+        return tree
+    if wanted == jnp.float64:
+        _warn_about_lost_digits()
+    return jax.tree.map(lambda a: as_float(a) if is_other(a) else a, tree)
 
 
 def concrete(value: Array | np.ndarray) -> np.ndarray | None:

@@ -2,6 +2,8 @@
 
 import abc
 from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
@@ -11,6 +13,24 @@ from jax.experimental.xla_metadata import set_xla_metadata
 from jaxtyping import Array, Bool
 
 from ._both_ways import both_ways
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def padding_allowed(function: Callable[P, R]) -> Callable[P, R]:
+    """Let a function return NaN and infinity where JAX is set to stop at them, `jax_debug_nans` for instance.
+
+    Logs are padded with them, and steps that are not needed overflow unseen. Inside a `jit` of the user's it
+    is that which is checked, when all is over, and nothing can be done here.
+    """
+
+    @wraps(function)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+        with jax.debug_nans(False), jax.debug_infs(False):  # no part of what compilations are kept by
+            return function(*args, **kwargs)
+
+    return wrapped
 
 
 def compute_once(function: Callable, *args):

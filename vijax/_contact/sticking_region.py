@@ -227,6 +227,7 @@ def sticking_region(system: ImpactSystem, held: int | Sequence[int]) -> Sticking
         raise ValueError(
             f"Argument `held` must name one stop of a mass, but stops {list(stops)} are of masses {masses}."
         )
+    system = with_args(system, None)
     one, rest = jnp.ones((), system.mass.dtype), jnp.zeros_like(system.mass)
-    machine = prepare(with_args(system, None), one, (0 * one, rest, rest), can_stick=True)
+    machine = prepare(system, one, (0 * one, rest, rest), can_stick=True)
     return StickingRegion(machine, tuple(int(j) for j in stops))

@@ -9,9 +9,11 @@ from .._simulate import Settings, follow
 from .._solution import RESULTS
 from .._system.force import BoundForce
 from .._system.system import ImpactSystem, with_args
-from .._types import Numbers, as_float, concrete, whole_number
+from .._types import Numbers, as_float, concrete, in_full_precision, whole_number
+from .._xla import padding_allowed
 
 
+@padding_allowed
 def stroboscopic_map(
     system: ImpactSystem,
     x0: Numbers,
@@ -54,6 +56,7 @@ def stroboscopic_map(
     References:
         Wagg & Bishop (2004), Sec. 2.2.
     """
+    system = in_full_precision(system)
     frequency = concrete(system.forcing.frequency)
     if frequency is not None and not frequency > 0:
         raise ValueError("The load has no frequency, so there is no forcing period: use `vx.simulate`.")
@@ -63,6 +66,7 @@ def stroboscopic_map(
     return sol.x1, sol.v1
 
 
+@padding_allowed
 def monodromy_matrix(
     system: ImpactSystem,
     x0: Numbers,

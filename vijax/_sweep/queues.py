@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .._motion.flow import AbstractFlow
+from .._xla import padding_allowed
 from .lanes import Queue, new_queue, run_lanes
 from .paths import Point
 from .turns import Rows, Work
@@ -116,6 +117,7 @@ def _wait_for(jobs: list[Future]) -> None:
             job.result()
 
 
+@padding_allowed  # here, for it is a matter of threads
 def _run_queue(
     points: Point,
     flow: AbstractFlow,

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import numpy as np
 from jax.typing import DTypeLike
 
@@ -58,7 +59,10 @@ def build(description: dict[str, Any], dtype: DTypeLike) -> ImpactSystem:
         )
         for stop in description["stops"]
     ]
-    return ImpactSystem(**arrays, forcing=forcing, stops=stops)
+    system = ImpactSystem(**arrays, forcing=forcing, stops=stops)
+    # Made in the precision that JAX is set to, which holds every number of a narrower one.
+    narrow = jax.dtypes.canonicalize_dtype(dtype)
+    return jax.tree.map(lambda a: a.astype(narrow), system)
 
 
 def _lists(harmonic: Harmonic) -> dict[str, Any]:

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .._printing import as_html, as_text, told_of_harmonic
 from .._types import Numbers, as_float, concrete
 
 
@@ -79,6 +80,12 @@ class Harmonic(eqx.Module):
             value = concrete(getattr(self, name))
             if value is not None and not np.isfinite(value).all():
                 raise ValueError(f"Argument `{name}` must be finite, but is {value}.")
+
+    def __repr__(self) -> str:
+        return as_text(told_of_harmonic, self)
+
+    def _repr_html_(self) -> str:
+        return as_html(told_of_harmonic, self)
 
     def num_harmonics(self, lane_axes: int = 0) -> int:
         """How many there are; lanes may stand last."""

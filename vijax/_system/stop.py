@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .._printing import as_html, as_text, told_of_stop
 from .._types import as_float, concrete, whole_number
 from .forcing import Harmonic
 
@@ -92,6 +93,12 @@ class Stop(eqx.Module):
                 "Argument `motion` must move one stop, with an amplitude of shape (1,) or (harmonics, 1), "
                 f"but its amplitude has shape {self.motion.amplitude.shape}."
             )
+
+    def __repr__(self) -> str:
+        return as_text(told_of_stop, self)
+
+    def _repr_html_(self) -> str:
+        return as_html(told_of_stop, self)
 
     @property
     def sign(self) -> int:

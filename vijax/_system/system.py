@@ -8,9 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._printing import as_html, as_text, told_of_system
 from .._refusal import checked
-from .._types import Numbers, as_float, concrete
-from .force import as_force, bind
+from .._types import Numbers, as_float, concrete, in_full_precision
+from .force import as_force, bind, name_of_force
 from .forcing import Harmonic
 from .stop import Stop
 
@@ -65,7 +66,7 @@ class ImpactSystem(eqx.Module):
         self.mass = as_float(mass)
         self.damping = as_float(damping)
         self.stiffness = as_float(stiffness)
-        self.forcing, self.stops = _of_one_frequency(forcing, stops)
+        self.forcing, self.stops = _of_one_frequency(*in_full_precision((forcing, tuple(stops))))
         self.force = as_force(force)
 
     def __check_init__(self):
@@ -119,6 +120,12 @@ class ImpactSystem(eqx.Module):
             if matrix is not None:
                 check_semidefinite(name, matrix)
 
+    def __repr__(self) -> str:
+        return as_text(told_of_system, self, name_of_force)
+
+    def _repr_html_(self) -> str:
+        return as_html(told_of_system, self, name_of_force)
+
     @property
     def num_masses(self) -> int:
         """Number of masses, n."""
@@ -161,7 +168,11 @@ def check_semidefinite(name: str, matrices: np.ndarray) -> None:
     if not np.isfinite(matrices).all():
         raise ValueError(f"Argument `{name}` must be finite, but is {matrices.tolist()}.")
     norm = np.abs(matrices).max(axis=(-2, -1), initial=0.0)
-    slack = 4 * matrices.shape[-1] * np.finfo(matrices.dtype).eps * norm
+    with np.errstate(over="ignore"):
+        is_narrow = (matrices == matrices.astype(np.float32)).all()
+    # Numbers that were once single precision carry its rounding, of whatever type they are now.
+    eps = np.finfo(np.float32 if is_narrow else matrices.dtype).eps
+    slack = 4 * matrices.shape[-1] * eps * norm
     skew = np.abs(matrices - np.swapaxes(matrices, -2, -1)).max(axis=(-2, -1))
     if (skew > slack).any():
         raise ValueError(
@@ -177,7 +188,12 @@ def check_semidefinite(name: str, matrices: np.ndarray) -> None:
 
 
 def with_args(system: ImpactSystem, args: object) -> ImpactSystem:
-    """The machine, its force bound to its `args`, see `bind`; its stops without a frequency that they were given since."""
+    """The machine as it is computed with.
+
+    Its numbers are of one precision, its force is bound to its `args`, see `bind`, and its stops are without a
+    frequency that they were given since.
+    """
+    system = in_full_precision(system)
     if any(stop.motion is not None and stop.motion.frequency is not None for stop in system.stops):
         same = _of_one_frequency(system.forcing, system.stops)
         system = eqx.tree_at(lambda s: (s.forcing, s.stops), system, same)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 
 _AXIS_LABELS = {
     "mass": ("Mass", "m", "units of mass"),
@@ -44,6 +45,20 @@ def column_of_axes(ax: Axes | Sequence[Axes] | np.ndarray | None, rows: int) -> 
 def shades(count: int, first: float = 0.0, last: float = 0.75) -> np.ndarray:
     """Colours from dark to light, so that curves and points differ in print as well."""
     return plt.get_cmap("viridis")(np.linspace(first, last, count))
+
+
+def of_curves(count: int) -> np.ndarray:
+    """The same, from light to dark where the background is dark."""
+    return shades(count, 1.0, 0.4) if _is_dark() else shades(count)
+
+
+def ink(on_light: str = "black", on_dark: str = "white") -> str:
+    """A colour that is seen on the background of the style in use."""
+    return on_dark if _is_dark() else on_light
+
+
+def _is_dark() -> bool:
+    return bool(np.mean(to_rgb(plt.rcParams["axes.facecolor"])) < 0.5)
 
 
 def label(path: str) -> str:

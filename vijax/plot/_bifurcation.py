@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from ._axes import check_index, column_of_axes, label, legend_above, span_of_phase
+from ._axes import check_index, column_of_axes, ink, label, legend_above, span_of_phase
 
 _ORDINATES = {
     "velocity": ("impact_velocity", "Velocity $v^-$ before impact\nat stop {} (length / time)"),
@@ -18,7 +18,10 @@ _ORDINATES = {
     "phase": ("impact_phase", "Phase $\\varphi$ of impact\nat stop {} (rad)"),
 }
 # Drawn one over the other: where both agree, a dark point in a light one.
-_DIRECTIONS = {"down": ("swept down", "#f59b42", 4.0), "up": ("swept up", "#10264f", 1.8)}
+_DIRECTIONS = {
+    "down": ("swept down", ("#f59b42", "#d9731a"), 4.0),
+    "up": ("swept up", ("#10264f", "#bcd4ff"), 1.8),
+}
 
 
 @overload
@@ -98,12 +101,12 @@ def bifurcation(
 def _draw(ds: xr.Dataset, path: str, stop: int, ordinate: str, ax: Axes, *, with_legend: bool) -> None:
     """One panel."""
     if "direction" in ds.result.dims:
-        for direction, (words, color, size) in _DIRECTIONS.items():
-            _draw_points(ds.sel(direction=direction), path, stop, ordinate, ax, color, size, words)
+        for direction, (words, colors, size) in _DIRECTIONS.items():
+            _draw_points(ds.sel(direction=direction), path, stop, ordinate, ax, ink(*colors), size, words)
         if with_legend:
             legend_above(ax, markerscale=2.5)
     else:
-        _draw_points(ds, path, stop, ordinate, ax, "black", 2.0, "")
+        _draw_points(ds, path, stop, ordinate, ax, ink(), 2.0, "")
     ax.set_xlim(ds[path].values.min(), ds[path].values.max())
     ax.set_ylabel(_ORDINATES[ordinate][1].format(stop))
     if ordinate == "phase":

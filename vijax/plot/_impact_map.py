@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 
 from .._log import IMPACT
 from .._solution import Solution
-from ._axes import check_index, legend_above, new_axes, shades, span_of_phase
+from ._axes import check_index, ink, legend_above, new_axes, of_curves, span_of_phase
 
 # Few points are drawn large, the thousands of a chaotic attractor small.
 _SIZES = ((100, 7.0), (1000, 4.0), (np.inf, 1.5))
@@ -50,7 +50,7 @@ def impact_map(sol_or_ds: Solution | xr.Dataset, stop: int | None = 0, *, ax: Ax
         raise ValueError(f"There are no impacts at {where} to draw.")
     size = next(size for most, size in _SIZES if sum(counts) <= most)
     ax = new_axes() if ax is None else ax
-    for j, color in zip(drawn, shades(num_stops) if stop is None else ["black"], strict=True):
+    for j, color in zip(drawn, of_curves(num_stops) if stop is None else [ink()], strict=True):
         ax.plot(
             phase[of_stop == j],
             velocity[of_stop == j],

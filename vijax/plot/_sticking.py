@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from .._contact.sticking_region import StickingRegion
 from .._log import RELEASE, STICK
 from .._solution import Solution
-from ._axes import check_index, legend_beside, new_axes, shades
+from ._axes import check_index, ink, legend_beside, new_axes, of_curves
 from ._trajectories import curve_of_mass, draw_jumps, held_within, span_of
 
 _ALL_PHASES = np.linspace(0, 2 * np.pi, 721)
@@ -64,7 +64,7 @@ def sticking_region(
     if not any(len(starts) for starts, _ in held):
         raise ValueError(f"Stop {stop} holds its mass at no time that is to be drawn.")
     ax = new_axes() if ax is None else ax
-    colors = shades(len(many))
+    colors = of_curves(len(many))
     for k, (sol, spans) in enumerate(zip(many, held, strict=True)):
         for begin, end in zip(*spans, strict=True):
             x, v = curve_of_mass(sol, mass, begin, end, num_samples)
@@ -135,7 +135,7 @@ def _draw_boundaries(
     is_fixed = np.ptp(planes, axis=(1, 2)).max() <= 1e-12 * np.abs(planes).max()
     words = r"exit boundary $\partial S$"
     if is_fixed:
-        _draw_line(ax, normals[0], levels[0, 0], color="black", label=words, linewidth=2.0)
+        _draw_line(ax, normals[0], levels[0, 0], color=ink(), label=words, linewidth=2.0)
         x, v = np.meshgrid(*limits)
         force = normals[0, 0] * x + normals[0, 1] * v - levels[0, 0]
         ax.contourf(x, v, force, levels=[0, max(force.max(), 1e-300)], colors=["0.92"], zorder=0)
@@ -144,7 +144,7 @@ def _draw_boundaries(
             for t in _events_at(sol, stop, RELEASE, ends):
                 level = float(region.level(float(sol.machine.frequency) * t)[0])
                 _draw_line(ax, normal, level, color=color, label=None, linewidth=0.8)
-        ax.plot([], [], color="black", linewidth=0.8, label=f"{words} at release")
+        ax.plot([], [], color=ink(), linewidth=0.8, label=f"{words} at release")
     ax.set(xlim=limits[0], ylim=limits[1])
 
 

@@ -7,7 +7,7 @@ from matplotlib.ticker import MaxNLocator
 from .._attractors.record import held_intervals
 from .._log import IMPACT
 from .._solution import Solution
-from ._axes import check_index, legend_beside, new_axes, shades
+from ._axes import check_index, legend_beside, new_axes, of_curves
 
 
 def time_series(
@@ -47,7 +47,7 @@ def time_series(
     t = sample_times(sol, begin, end, num_samples)
     x = np.asarray(sol.evaluate(t)[0])
     ax = new_axes() if ax is None else ax
-    colors = shades(x.shape[1])
+    colors = of_curves(x.shape[1])
     for i, color in enumerate(colors):
         ax.plot(t, x[:, i], color=color, linewidth=1.3, label=f"$x_{{{i}}}$")
     for j, mass in enumerate(sol.machine.masses):
@@ -112,9 +112,9 @@ def phase_portrait(
     begin, end = span_of(sol, span)
     x, v = curve_of_mass(sol, mass, begin, end, num_samples)
     ax = new_axes() if ax is None else ax
-    dark = shades(1)[0]
-    ax.plot(x, v, color=dark, linewidth=1.0)
-    draw_jumps(ax, sol, mass, begin, end, dark, "impact")
+    color = of_curves(1)[0]
+    ax.plot(x, v, color=color, linewidth=1.0)
+    draw_jumps(ax, sol, mass, begin, end, color, "impact")
     for j, of_mass in enumerate(sol.machine.masses):
         if of_mass == mass:
             _draw_stop(ax, sol, j, begin, end, num_samples)

@@ -1,0 +1,79 @@
+"""The names of `vijax`: all are found, and those that are slow to import come when they are asked for."""
+
+import ast
+import importlib.metadata
+import subprocess
+import sys
+
+import pytest
+from documents import ROOT
+
+import vijax as vx
+
+LATE = {"plot", "DiffraxFlow"}
+
+
+def in_a_new_process(program: str, **where) -> str:
+    """What a program prints that has the library on its path."""
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=False,
+        **({"cwd": ROOT} | where),
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_public_names_are_those_that_are_imported():
+    lines = ast.walk(ast.parse((ROOT / "vijax/__init__.py").read_text()))
+    imported = {alias.asname for line in lines if isinstance(line, ast.ImportFrom) for alias in line.names}
+    assert set(vx.__all__) == {name for name in imported if not name.startswith("_")}
+    assert set(vx.__all__) >= LATE
+
+
+def test_every_public_name_is_there_and_listed():
+    assert set(vx.__all__) <= set(dir(vx))
+    assert all(getattr(vx, name) is not None for name in vx.__all__)
+
+
+def test_a_star_brings_all_of_them():
+    names = {}
+    exec("from vijax import *", names)
+    assert names.keys() - {"__builtins__"} == set(vx.__all__)
+
+
+def test_a_misspelt_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="'vijax' has no attribute 'simulat'"):
+        vx.simulat  # noqa: B018
+
+
+def test_what_is_slow_to_import_comes_late():
+    program = """
+import sys, vijax
+print("plot" in dir(vijax), not {"matplotlib", "diffrax"} & set(sys.modules))
+vijax.DiffraxFlow, vijax.plot
+print({"matplotlib", "diffrax"} <= set(sys.modules))
+"""
+    assert in_a_new_process(program).split() == ["True"] * 3
+
+
+def test_the_version_is_that_of_the_package():
+    assert vx.__version__ == importlib.metadata.version("vijax")
+
+
+def test_a_checkout_that_is_not_installed_has_a_version(tmp_path):
+    program = f"""
+import importlib.metadata, sys
+found = importlib.metadata.version
+def version(name):
+    if name == "vijax":
+        raise importlib.metadata.PackageNotFoundError(name)
+    return found(name)
+importlib.metadata.version = version
+sys.path.insert(0, {str(ROOT)!r})
+import vijax
+print(vijax.__version__)
+"""
+    assert in_a_new_process(program, cwd=tmp_path).strip() == "0+not.installed"

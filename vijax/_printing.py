@@ -1,0 +1,249 @@
+"""What `print` and a notebook show of machines, trajectories and logs: numbers, in ten lines or so.
+
+Everything is told twice from one table: as text, and as HTML without colours, which takes on those of the
+notebook. Of a batch only ranges are told, of what is traced only shapes. Nothing here may raise: half of what
+is printed is printed because something else went wrong.
+"""
+
+import html
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from ._types import concrete
+
+# Numbers of a vector, rows of a matrix, stops of a machine, and events of a log that are told one by one.
+_NUMBERS, _ROWS, _STOPS, _EVENTS = 6, 3, 3, 7
+_WIDTH = 90
+_COLUMNS = ("t", "kind", "stop", "velocity_minus", "velocity_plus", "impulse")
+
+
+class Told(NamedTuple):
+    """A title, and rows of which the first cell says what the others are."""
+
+    title: str
+    rows: list[tuple[str, ...]]
+
+
+def as_text(tell: Callable[..., Told], thing: Any, *words: Any) -> str:
+    """What `tell` tells of a thing, in aligned columns."""
+    told = _told(tell, thing, *words)
+    if told is None:
+        return eqx.tree_pformat(thing)
+    columns = max((len(row) for row in told.rows), default=0)
+    widths = [max(len(row[k]) for row in told.rows if k < len(row)) for k in range(columns)]
+    lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in told.rows]
+    return "\n".join([told.title, *(f"  {line}" for line in lines)])
+
+
+def as_html(tell: Callable[..., Told], thing: Any, *words: Any) -> str:
+    """The same as a table."""
+    told = _told(tell, thing, *words)
+    if told is None:
+        return f"<pre>{html.escape(eqx.tree_pformat(thing))}</pre>"
+    left = 'style="text-align: left"'
+    rows = [
+        f"<tr><th {left}>{html.escape(row[0])}</th>"
+        + "".join(f"<td {left}>{html.escape(cell)}</td>" for cell in row[1:])
+        + "</tr>"
+        for row in told.rows
+    ]
+    return f"<div>{html.escape(told.title)}</div><table>{''.join(rows)}</table>"
+
+
+def _told(tell: Callable[..., Told], thing: Any, *words: Any) -> Told | None:
+    """What is told of a thing; None of one that is in no state to be told of, its fields odd or missing."""
+    try:
+        return tell(thing, *words)
+    except Exception:
+        return None
+
+
+def told_of_harmonic(harmonic: Any) -> Told:
+    """A load, or the motion of a stop, which has no frequency."""
+    batch = _batch((harmonic.frequency, 0), (harmonic.mean, 1))
+    own = harmonic.amplitude.ndim - len(batch)
+    rows = [("amplitude", _numbers(harmonic.amplitude, own))]
+    if harmonic.frequency is not None:
+        rows.append(("frequency", _numbers(harmonic.frequency, 0)))
+    parts = (("phase", harmonic.phase, own), ("mean", harmonic.mean, 1))
+    rows += [(name, _numbers(value, own)) for name, value, own in parts if not _is_zero(value)]
+    kind = harmonic.num_harmonics(len(batch))
+    return Told(f"Harmonic with {_count(kind, 'harmonic')}{_beside(harmonic.amplitude, batch)}", rows)
+
+
+def told_of_stop(stop: Any) -> Told:
+    """A stop on one line."""
+    batch = _batch((stop.position, 0), (stop.restitution, 0))
+    return Told(f"Stop of mass {stop.mass}: {_wall(stop)}{_beside(stop.position, batch)}", [])
+
+
+def told_of_system(system: Any, name_of_force: Callable[[Any], str]) -> Told:
+    """A machine: its matrices, its load, its stops, its force."""
+    forcing, stops = system.forcing, system.stops
+    walls = [(value, 0) for stop in stops for value in (stop.position, stop.restitution)]
+    batch = _batch((system.mass, 1), (system.damping, 2), (forcing.frequency, 0), *walls)
+    masses = _count(system.mass.shape[-1], "mass", "masses")
+    load = told_of_harmonic(forcing).rows
+    rows = [
+        ("mass", _numbers(system.mass, 1)),
+        ("damping", _numbers(system.damping, 2)),
+        ("stiffness", _numbers(system.stiffness, 2)),
+        ("load", _line(load[:2])),
+        *([("", _line(load[2:]))] if load[2:] else []),
+    ]
+    rows += [(f"stop {j}", f"mass {stop.mass}, {_wall(stop)}") for j, stop in enumerate(stops[:_STOPS])]
+    if len(stops) > _STOPS:
+        rows.append(("...", _count(len(stops) - _STOPS, "more stop")))
+    if system.force is not None:
+        rows.append(("force", _short(name_of_force(jax.tree.map(_as_number, system.force)))))
+    count = _count(len(stops), "stop")
+    return Told(f"ImpactSystem of {masses} and {count}{_beside(system.mass, batch)}", rows)
+
+
+def told_of_events(log: Any, kinds: Sequence[str]) -> Told:
+    """The first and the last events."""
+    kind = concrete(log.kind)
+    room, batch = log.t.shape[-1], log.t.shape[:-1]
+    title = f"EventLog with room for {_count(room, 'event')}{_beside(log.t, batch)}"
+    if kind is None:
+        return Told(title, [(name, _shape(getattr(log, name))) for name in ("t", "stop", "kind")])
+    title += f": {_kinds(kind, kinds)}"
+    count = int(np.count_nonzero(kind >= 0))
+    if batch or not count:
+        return Told(title, [])
+    rows = [("...",) if i is None else _event(log, i, kinds) for i in _first_and_last(count)]
+    return Told(title, [("", *_COLUMNS), *rows])
+
+
+def _first_and_last(count: int) -> list[int | None]:
+    """The events to show, None for those left out."""
+    if count <= _EVENTS:
+        return [*range(count)]
+    ends = _EVENTS // 2
+    return [*range(ends), None, *range(count - ends, count)]
+
+
+def _event(log: Any, i: int, kinds: Sequence[str]) -> tuple[str, ...]:
+    cells = {name: np.asarray(getattr(log, name))[i] for name in _COLUMNS}
+    numbers = {name: f"{value:.6g}" for name, value in cells.items()} | {"kind": kinds[int(cells["kind"])]}
+    return (str(i), *numbers.values())
+
+
+def told_of_solution(solution: Any, results: Sequence[str], kinds: Sequence[str]) -> Told:
+    """A trajectory, or a batch of them: what became of it, its events, and its end."""
+    batch, log = solution.t1.shape, solution.events
+    kind, held = concrete(log.kind), concrete(solution.stuck1)
+    code = concrete(solution.result._value)
+    span = f"t = {_numbers(solution.t0, 0)} to {_numbers(solution.t1, 0)}"
+    rows = [
+        ("result", _shape(solution.result._value) if code is None else _results(code, results)),
+        ("events", _shape(log.kind) if kind is None else _kinds(kind, kinds)),
+        ("x1", _numbers(solution.x1, 1)),
+        ("v1", _numbers(solution.v1, 1)),
+        ("stuck1", _shape(solution.stuck1) if held is None else _held(held)),
+        ("grazing", _grazing(solution.grazing)),
+        ("ts", f"{_count(solution.ts.shape[-1], 'saved state')}, xs {list(solution.xs.shape)}"),
+        ("steps", f"{_numbers(solution.num_steps, 0)}, rejected {_numbers(solution.num_rejected, 0)}"),
+    ]
+    return Told(f"Solution from {span}{_beside(solution.t1, batch)}", rows)
+
+
+def _line(rows: list[tuple[str, ...]]) -> str:
+    return ", ".join(map(" ".join, rows))
+
+
+def _wall(stop: Any) -> str:
+    side = "<=" if stop.side == "upper" else ">="
+    motion = stop.motion
+    moving = "" if motion is None else f" + motion of amplitude {_numbers(motion.amplitude, 1)}"
+    return f"x {side} {_numbers(stop.position, 0)}{moving}, restitution {_numbers(stop.restitution, 0)}"
+
+
+def _results(code: np.ndarray, results: Sequence[str]) -> str:
+    found = [(name, int(np.count_nonzero(code == k))) for k, name in enumerate(results)]
+    return ", ".join(f"{count} {name}" if code.ndim else name for name, count in found if count)
+
+
+def _kinds(kind: np.ndarray, kinds: Sequence[str]) -> str:
+    return ", ".join(_count(int(np.count_nonzero(kind == k)), name) for k, name in enumerate(kinds))
+
+
+def _held(held: np.ndarray) -> str:
+    if held.ndim > 1:
+        lanes = held.reshape(-1, held.shape[-1]).any(axis=-1)
+        return f"some stop holds its mass in {np.count_nonzero(lanes)} of {lanes.size}"
+    stops = np.flatnonzero(held)
+    return f"mass held by stop {_numbers(stops, 1)}" if stops.size else "no mass is held"
+
+
+def _grazing(grazing: Any) -> str:
+    speed, clearance, near = map(concrete, (grazing.impact_speed, grazing.clearance, grazing.is_near))
+    if speed is None or clearance is None or near is None:
+        return _shape(grazing.impact_speed)
+    least = [f"{a.min():.6g}" if np.isfinite(a.min()) else "none" for a in (speed, clearance)]
+    doubt = ", near: derivatives are unreliable or one-sided" if near.any() else ""
+    return f"slowest impact {least[0]}, narrowest miss {least[1]}{doubt}"
+
+
+def _numbers(value: Any, own: int) -> str:
+    """The numbers of an array that has so many axes of its own; of a batch their range."""
+    known = concrete(value) if isinstance(value, jax.Array | np.ndarray) else None
+    if known is None:
+        return _shape(value)
+    if known.ndim > own:
+        low, high = (f"{a:.6g}" for a in (known.min(), known.max())) if known.size else ("none", "none")
+        return low if low == high else f"{low} to {high}"
+    if own < 2:
+        return _row(known.ravel(), known.size > _NUMBERS)
+    rows, columns = known.shape
+    if rows <= _ROWS and columns <= _ROWS:
+        return " ".join(f"[{_row(row)}]" for row in known)
+    if rows == columns:
+        return f"{rows} x {rows}, diagonal {_row(np.diag(known), rows > _NUMBERS)}"
+    return f"{rows} x {columns}, the largest {np.abs(known).max():.6g}"
+
+
+def _row(values: np.ndarray, is_cut: bool = False) -> str:
+    if is_cut:
+        return f"{_row(values[:3])} ... {_row(values[-1:])} ({values.size} numbers)"
+    return " ".join(f"{a:.6g}" for a in values.tolist())
+
+
+def _shape(value: Any) -> str:
+    """Of an array whose numbers are not known its type and shape."""
+    if isinstance(value, jax.Array | np.ndarray | jax.ShapeDtypeStruct):
+        return f"{value.dtype}{list(value.shape)}"
+    return _short(eqx.tree_pformat(value, width=10**6))
+
+
+def _beside(value: Any, batch: tuple[int, ...]) -> str:
+    """What else is to be said in a title: a batch, numbers of less than full precision."""
+    lanes = f", a batch of shape {batch}" if batch else ""
+    return lanes if value.dtype == np.float64 else f"{lanes}, {value.dtype}"
+
+
+def _batch(*fields: tuple[Any, int]) -> tuple[int, ...]:
+    """The axes that some fields have beside their own."""
+    return max((a.shape[: a.ndim - own] for a, own in fields if a is not None), key=len)
+
+
+def _is_zero(value: Any) -> bool:
+    known = concrete(value)
+    return known is not None and not known.any()
+
+
+def _as_number(leaf: Any) -> Any:
+    known = concrete(leaf)
+    return leaf if known is None or known.ndim else float(known)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _WIDTH else f"{text[: _WIDTH - 4]} ..."
+
+
+def _count(count: int, one: str, several: str | None = None) -> str:
+    return f"{count} {one if count == 1 else several or one + 's'}"
