@@ -219,7 +219,7 @@ OTHERS = {
     "start": ({"x0": [0.1, 0.0]}, "`x0` is [0.0, 0.0] there, but [0.1, 0.0] here"),
     "speed": ({"v0": [0.0, 0.1]}, "`v0` is [0.0, 0.0] there, but [0.0, 0.1] here"),
     "room": ({"max_impacts": 100}, "`max_impacts` is 2048 there, but 100 here"),
-    "bound": ({"max_steps": 1000}, "`max_steps` is 550000 there, but 1000 here"),
+    "bound": ({"max_steps": 1000}, "`max_steps` is default there, but 1000 here"),
     "flow": ({"flow": vx.TaylorFlow()}, "`flow` is ModalFlow there, but TaylorFlow() here"),
 }
 

@@ -203,7 +203,9 @@ def test_stops_that_leave_no_room_are_refused():
         sweep(system, {"stops[1].position": [0.2, -0.3]}, x0=[-0.3])
 
 
-@pytest.mark.parametrize(("name", "value"), [("transient", -1), ("record", -2), ("max_impacts", True)])
+@pytest.mark.parametrize(
+    ("name", "value"), [("transient", -1), ("record", -2), ("max_impacts", True), ("max_steps", -1)]
+)
 def test_counts_must_be_whole(name, value):
     with pytest.raises(ValueError, match=f"Argument `{name}` must be a whole number"):
         sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, **{name: value})
@@ -241,6 +243,27 @@ def test_too_few_steps_are_told_and_only_of_their_point():
         if steps <= bound:
             np.testing.assert_array_equal(cut.x[k], whole.x[k])
     assert np.isfinite(cut.x).all()
+
+
+def test_a_stiff_machine_under_a_slow_load_has_the_steps_it_needs():
+    """A period of the slow load has 20 000 of its vibrations, of the fast one 200."""
+    load = vx.Harmonic([1.0], 0.05)
+    system = vx.ImpactSystem([1.0], [[2.0]], [[1e6]], load, [vx.Stop(0, 5e-7, "upper", 0.7)])
+    values = {"forcing.frequency": [0.05, 5.0]}
+    ds = sweep(system, values)
+    assert [result_name(ds.isel({"forcing.frequency": k})) for k in (0, 1)] == ["successful"] * 2
+    assert ds.steps[0] > 100_000 + 10_000 * (TRANSIENT + RECORD)
+    assert ds.attrs["max_steps"] == "default"
+
+
+@pytest.mark.parametrize("run", ["simulate", "sweep"])
+def test_a_force_that_is_not_finite_at_the_start_is_told_as_that(run):
+    force = lambda t, x, v, args: 0.1 / x  # noqa: E731
+    system = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic([0.5], 0.8), force=force)
+    if run == "simulate":
+        assert vx.simulate(system, 0.0, 1.0, throw=False).result == vx.RESULTS.non_finite
+    else:
+        assert result_name(sweep(system, {"x0[0]": [0.0, 1.0]}).isel({"x0[0]": 0})) == "non_finite"
 
 
 def test_the_result_names_its_codes():

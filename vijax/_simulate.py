@@ -10,7 +10,7 @@ from ._contact.grazing import Grazing, meet, nothing_met
 from ._contact.start import first_state
 from ._door import can_any_stick, doubts_at_the_door
 from ._log import Log, empty_log, event_log, write
-from ._machine import Machine, State, prepare, start_period
+from ._machine import Machine, State, ample_steps, prepare, start_period
 from ._motion.choose import choose_flow
 from ._motion.flow import AbstractFlow
 from ._solution import RESULTS, Solution
@@ -189,7 +189,7 @@ def _run(
     machine = prepare(system, jnp.where(span > 0, span, 1), (t0, x0, v0), can_stick=can_stick)
     flow = flow.prepare(machine)
     if max_steps is None:
-        max_steps = 100_000 + jnp.minimum(100 * span * machine.rate, 2e9).astype(int)
+        max_steps = ample_steps(machine, span)
     angle = machine.harmonics * machine.frequency * t0
     phase0 = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
     goals = jnp.append(ts, t1)

@@ -54,8 +54,10 @@ def with_values(base: Point, swept: dict[str, np.ndarray]) -> Point:
         if not leaves:
             raise ValueError(_names_nothing(base, path))
         for i in leaves:
-            at = lambda p, i=i: jax.tree.leaves(_named(p))[i]  # noqa: E731
-            points = eqx.tree_at(at, points, _set(at(points), index, values, path))
+            old = jax.tree.leaves(_named(points))[i]
+            new = _set(old, index, values, path)
+            # Not `eqx.tree_at`, to which the empty tuple of a machine without stops is a leaf as well.
+            points = jax.tree.map(lambda a, old=old, new=new: new if a is old else a, points)
     return points
 
 

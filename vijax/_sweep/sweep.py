@@ -66,7 +66,9 @@ def sweep(
             one with a `force`, which must depend on t with the period of the load, or not at all.
         args: passed to the `force` of the machine.
         max_impacts: room for the recorded impacts of one point.
-        max_steps: bound on the steps of one point; far more than any sound motion takes if left out.
+        max_steps: bound on the steps of one point. If left out, every point has its own, far more than any
+            sound motion takes: 100 000, 10 000 a forcing period, and 100 per unit of the time that is
+            simulated * (highest frequency or decay rate). The attribute of that name is then "default".
         store: a folder in which to keep finished chunks of points. The same call with the same folder goes
             on where the one before it was stopped or killed, by one process at a time, and finds the same,
             bit for bit. It may be deleted afterwards.
@@ -108,8 +110,7 @@ def sweep(
     if carry_from is not None:
         points = _start_from(points, carry_from, chain, shape, carry)
     can_stick = carry is not None or can_any_stick(points.system, points.x0, points.v0)
-    if max_steps is None:
-        max_steps = 100_000 + 10_000 * (transient + record)
+    max_steps = None if max_steps is None else whole_number("max_steps", max_steps)
     counts = Counts(transient, record, max_impacts, max_steps, can_stick)
     motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
     name = type(motion).__name__ if flow is None else eqx.tree_pformat(flow, width=10**6)
@@ -200,4 +201,3 @@ def _start_from(
     which = np.arange(x0.shape[1]) if chain is None else chain[0]
     x0[:, which], v0[:, which] = x.reshape(n, -1), v.reshape(n, -1)
     return Point(points.system, x0, v0)
-
