@@ -2,14 +2,16 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._motion.flow import AbstractFlow
 from .._simulate import simulate
 from .._solution import RESULTS
 from .._system.force import BoundForce
+from .._system.periodicity import refuse_off_period
 from .._system.system import ImpactSystem, with_args
-from .._types import Numbers, as_float
+from .._types import Numbers, as_float, concrete
 
 
 def stroboscopic_map(
@@ -39,6 +41,8 @@ def stroboscopic_map(
         Positions and velocities, (n,) each.
 
     Raises:
+        ValueError: if the `force` does not have the period of the load, as far as can be told while
+            its numbers are not traced.
         RuntimeError: if the motion does not get there, see `RESULTS`.
 
     Example:
@@ -51,12 +55,27 @@ def stroboscopic_map(
     References:
         Wagg & Bishop (2004), Sec. 2.2.
     """
+    _check_period(system, args, x0, v0)
     end = num_periods * system.forcing.period
     sol = simulate(
         system, 0.0, end, x0, v0, flow=flow, args=args, max_events=0, max_steps=max_steps, throw=False
     )
     is_lost = (sol.result != RESULTS.successful) & (sol.result != RESULTS.max_events_reached)
     return sol.result.error_if((sol.x1, sol.v1), is_lost)
+
+
+def _check_period(system: ImpactSystem, args: object, x0: Numbers, v0: Numbers) -> None:
+    """Refuse a force of another period than the load's, where its numbers are known."""
+    bound = with_args(system, args)
+    is_traced = any(concrete(leaf) is None for leaf in jax.tree.leaves(bound))
+    if bound.force is None or is_traced or not np.asarray(bound.forcing.frequency) > 0:
+        return
+    # A start of which derivatives are taken is not known, but its place among the stops hardly matters.
+    starts = (concrete(as_float(a)) for a in (x0, v0))
+    x, v = (np.zeros(bound.num_masses) if a is None else a for a in starts)
+    one_lane = lambda a: np.asarray(a)[..., None]  # noqa: E731
+    with jax.ensure_compile_time_eval():
+        refuse_off_period(jax.tree.map(one_lane, bound), x[:, None], v[:, None], who="the stroboscopic map")
 
 
 def monodromy_matrix(
