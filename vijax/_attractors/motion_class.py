@@ -8,6 +8,7 @@ import xarray as xr
 
 from .._labels import flags
 from .._solution import Solution
+from .._sweep.endings import warn_of_endings
 from .maps import stroboscopic_section
 from .record import Impacts, flat, forcing_periods, impacts_of, label, stop_masses
 from .recurrence import recurrence
@@ -53,7 +54,8 @@ def classify(
         `recurrence_error`: the largest change of the state in n periods, relative to the size of the motion,
         and `contraction`, the factor by which it falls from period to period, NaN if that is not known; where
         the motion does not repeat, those of the n for which it does best.
-        What belongs to n periods is NaN if there is no n, and counts are if the log was cut.
+        What belongs to n periods is NaN if there is no n, and counts are if the log was cut, of which a
+        warning tells.
 
     Raises:
         ValueError: if fewer than two periods are recorded, the load has no frequency, or an argument is
@@ -69,6 +71,8 @@ def classify(
     References:
         Wagg & Bishop (2004), Sec. 4.4 with Table 2, Sec. 4.5 with Table 3.
     """
+    if isinstance(source, xr.Dataset):
+        warn_of_endings(source, "max_impacts_reached")
     section, last = _section(source, last)
     tolerance = _TOLERANCES[section.v.dtype.itemsize] if tolerance is None else tolerance
     for name, value in (("tolerance", tolerance), ("double_impact_within", double_impact_within)):
