@@ -286,3 +286,17 @@ def test_a_start_beyond_a_moving_stop_is_refused():
     x, _ = table(0.4)
     with pytest.raises(ValueError, match="The start lies beyond a stop"):
         vx.simulate(ball(), 0.4, 1.0, [x - 1e-6])
+
+
+def test_a_stop_may_shake_at_the_natural_frequency_of_its_mass():
+    """The free motion x = x0 cos(2 W t) of an undamped mass whose stop moves at 2 W, out of its reach."""
+    wall = vx.Stop(0, 1.0, "upper", 0.7, vx.Harmonic([[0.0], [0.1]], W))
+    natural = 2 * W
+    system = vx.ImpactSystem([1.0], [[0.0]], [[natural**2]], vx.Harmonic([0.0], W), [wall])
+    t = np.linspace(0.0, 4.0, 9)
+    solution = vx.simulate(system, 0.0, 4.0, [0.5], ts=t)
+    np.testing.assert_allclose(solution.xs[:, 0], 0.5 * np.cos(natural * t), rtol=0, atol=MAGNIFIED)
+    ds = vx.sweep(system, {"x0[0]": [0.5, 0.25]}, transient=0, record=3, progress=False)
+    np.testing.assert_allclose(ds.x[:, 0], ds["x0[0]"], rtol=0, atol=MAGNIFIED)
+    # Velocities are larger by the natural frequency.
+    np.testing.assert_allclose(ds.v[:, 0], 0.0, rtol=0, atol=natural * MAGNIFIED)

@@ -182,6 +182,24 @@ def test_a_damaged_chunk_is_made_again(plain, full, ran, damage):
     assert chunk.read_bytes() == sound
 
 
+def test_a_chunk_of_another_name_is_made_again(plain, full, ran):
+    first, second = chunks_of(full)[:2]
+    first.write_bytes(second.read_bytes())
+    assert_same(sweep(full), plain[None])
+    assert len(ran) == 1
+
+
+def test_a_chunk_of_another_sweep_is_made_again(plain, full, tmp_path, ran):
+    """The same points, whose files have the same names, after another transient."""
+    sweep(tmp_path, transient=1)
+    ran.clear()
+    files = [(chunk, tmp_path / chunk.name) for chunk in chunks_of(full)]
+    for chunk, other in files:
+        chunk.write_bytes(other.read_bytes())
+    assert_same(sweep(full), plain[None])
+    assert len(ran) == NUM_CHUNKS
+
+
 def test_a_chunk_is_a_file_that_numpy_reads(full):
     with np.load(chunks_of(full)[0]) as arrays:
         assert arrays["x"].shape[0] == SYSTEM.num_masses
@@ -191,7 +209,7 @@ def test_the_number_of_the_layout_stands_for_what_a_chunk_holds(full):
     """If this fails, a change of `Found` made old stores unreadable: `_LAYOUT` must go up with it."""
     with np.load(chunks_of(full)[0]) as arrays:
         layout = {name: a.shape[:-1] if name != "impacts" else a.shape[1:] for name, a in arrays.items()}
-    assert stores._LAYOUT == 1
+    assert stores._LAYOUT == 2
     assert layout == {
         "impacts": (6,),
         "lane_steps": (),
@@ -219,7 +237,7 @@ OTHERS = {
     "start": ({"x0": [0.1, 0.0]}, "`x0` is [0.0, 0.0] there, but [0.1, 0.0] here"),
     "speed": ({"v0": [0.0, 0.1]}, "`v0` is [0.0, 0.0] there, but [0.0, 0.1] here"),
     "room": ({"max_impacts": 100}, "`max_impacts` is 2048 there, but 100 here"),
-    "bound": ({"max_steps": 1000}, "`max_steps` is 550000 there, but 1000 here"),
+    "bound": ({"max_steps": 1000}, "`max_steps` is default there, but 1000 here"),
     "flow": ({"flow": vx.TaylorFlow()}, "`flow` is ModalFlow there, but TaylorFlow() here"),
 }
 
@@ -241,10 +259,10 @@ def test_going_on_from_other_ends_is_refused(plain, tmp_path, ran):
 
 
 def test_a_store_of_other_versions_is_refused(full, monkeypatch):
-    monkeypatch.setattr(stores, "_LAYOUT", 2)
-    with pytest.raises(ValueError, match="`layout` is 1 there, but 2 here"):
+    monkeypatch.setattr(stores, "_LAYOUT", 3)
+    with pytest.raises(ValueError, match="`layout` is 2 there, but 3 here"):
         sweep(full)
-    monkeypatch.setattr(stores, "_LAYOUT", 1)
+    monkeypatch.setattr(stores, "_LAYOUT", 2)
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     with pytest.raises(ValueError, match="`device` is cpu there, but gpu here"):
         sweep(full)
@@ -268,7 +286,8 @@ def test_a_damaged_manifest_is_refused(tmp_path, text):
 
 
 def test_an_interrupted_write_of_the_manifest_is_no_obstacle(plain, tmp_path, ran):
-    (tmp_path / "sweep.part").write_text("{")
+    for name in ("sweep.part", "sweep.0123abcd.part"):
+        (tmp_path / name).write_text("{")
     assert_same(sweep(tmp_path), plain[None])
 
 

@@ -4,6 +4,7 @@ import re
 
 import equinox as eqx
 import jax.numpy as jnp
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
@@ -203,7 +204,9 @@ def test_stops_that_leave_no_room_are_refused():
         sweep(system, {"stops[1].position": [0.2, -0.3]}, x0=[-0.3])
 
 
-@pytest.mark.parametrize(("name", "value"), [("transient", -1), ("record", -2), ("max_impacts", True)])
+@pytest.mark.parametrize(
+    ("name", "value"), [("transient", -1), ("record", -2), ("max_impacts", True), ("max_steps", -1)]
+)
 def test_counts_must_be_whole(name, value):
     with pytest.raises(ValueError, match=f"Argument `{name}` must be a whole number"):
         sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, **{name: value})
@@ -220,7 +223,10 @@ def test_too_little_room_cuts_the_log_and_nothing_else():
     total = whole.num_impacts.sum("stop").values
     room = int(total.min())
     assert room < total.max()
-    cut = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, max_impacts=room)
+    too_many = int((total > room).sum())
+    with pytest.warns(UserWarning, match=f"{too_many} of 3 points ended .* Increase `max_impacts`") as told:
+        cut = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, max_impacts=room)
+    assert len(told) == 1
     for name in ("num_impacts", "num_sticks", "x", "v", "stuck", "steps"):
         np.testing.assert_array_equal(cut[name], whole[name])
     assert cut.sizes["impact"] == room
@@ -234,13 +240,60 @@ def test_too_little_room_cuts_the_log_and_nothing_else():
 def test_too_few_steps_are_told_and_only_of_their_point():
     whole = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES})
     bound = int(whole.steps.min())
-    cut = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, max_steps=bound)
+    too_long = int((whole.steps > bound).sum())
+    with pytest.warns(UserWarning, match=f"{too_long} of 3 points ended .* Increase `max_steps`") as told:
+        cut = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, max_steps=bound)
+    assert len(told) == 1
     for k, steps in enumerate(whole.steps.values):
         expected = "max_steps_reached" if steps > bound else "successful"
         assert result_name(cut.isel({"forcing.frequency": k})) == expected
         if steps <= bound:
             np.testing.assert_array_equal(cut.x[k], whole.x[k])
     assert np.isfinite(cut.x).all()
+
+
+def test_a_stiff_machine_under_a_slow_load_has_the_steps_it_needs():
+    """A period of the slow load has 20 000 of its vibrations, of the fast one 200."""
+    load = vx.Harmonic([1.0], 0.05)
+    system = vx.ImpactSystem([1.0], [[2.0]], [[1e6]], load, [vx.Stop(0, 5e-7, "upper", 0.7)])
+    values = {"forcing.frequency": [0.05, 5.0]}
+    ds = sweep(system, values)
+    assert [result_name(ds.isel({"forcing.frequency": k})) for k in (0, 1)] == ["successful"] * 2
+    assert ds.steps[0] > 100_000 + 10_000 * (TRANSIENT + RECORD)
+    assert ds.attrs["max_steps"] == "default"
+
+
+@pytest.mark.parametrize("run", ["simulate", "sweep"])
+def test_a_force_that_is_not_finite_at_the_start_is_told_as_that(run):
+    force = lambda t, x, v, args: 0.1 / x  # noqa: E731
+    system = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic([0.5], 0.8), force=force)
+    if run == "simulate":
+        assert vx.simulate(system, 0.0, 1.0, throw=False).result == vx.RESULTS.non_finite
+        return
+    with pytest.warns(UserWarning, match="1 of 2 points ended with non_finite"):
+        ds = sweep(system, {"x0[0]": [0.0, 1.0]})
+    assert result_name(ds.isel({"x0[0]": 0})) == "non_finite"
+
+
+def test_what_is_drawn_or_told_of_a_log_that_was_cut_says_so():
+    with pytest.warns(UserWarning, match="max_impacts_reached"):
+        cut = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, max_impacts=2)
+    one = cut.isel({"forcing.frequency": [0]})
+    count = int(cut.result.astype(bool).sum())
+    assert count > 0
+    assert result_name(one.isel({"forcing.frequency": 0})) == "max_impacts_reached"
+    uses = {
+        "classify": lambda: vx.classify(cut),
+        "impact map": lambda: vx.impact_map(cut),
+        "bifurcation": lambda: vx.plot.bifurcation(cut, stop=None),
+    }
+    for use in uses.values():
+        with pytest.warns(UserWarning, match=f"{count} of 3 points ended with max_impacts_reached") as told:
+            use()
+        assert len(told) == 1
+    with pytest.warns(UserWarning, match="1 of 1 points ended with max_impacts_reached"):
+        vx.plot.impact_map(one, stop=None)
+    plt.close("all")
 
 
 def test_the_result_names_its_codes():

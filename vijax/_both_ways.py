@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.core import ShapedArray
 from jax.extend.core import Primitive, Var
 from jax.interpreters import ad, batching, mlir, partial_eval
 from jaxtyping import Array, PyTree
@@ -86,8 +87,8 @@ class _Ways(NamedTuple):
 def _ways(
     forwards: Function, backwards: Function, sizes: tuple[int, int], moves: Sequence[bool] = ()
 ) -> _Ways:
-    derivatives = (partial(_derivative, function, moves) for function in (forwards, backwards))
-    return _Ways(forwards, backwards, *derivatives, partial(_pullback, backwards, moves), sizes)
+    joint, transposable = (partial(_derivative, function, moves) for function in (forwards, backwards))
+    return _Ways(forwards, backwards, joint, transposable, partial(_pullback, backwards, moves), sizes)
 
 
 def _derivative(
@@ -140,7 +141,7 @@ def _evaluate(primitive: Primitive, *row: Array, ways: _Ways, sizes: tuple[int, 
 def _shapes(primitive: Primitive, *row: Any, ways: _Ways, sizes: tuple[int, ...]) -> list:
     row = tuple(jax.ShapeDtypeStruct(a.shape, a.dtype) for a in row)
     found = jax.eval_shape(partial(_evaluate, primitive, ways=ways, sizes=sizes), *row)
-    return [jax.core.ShapedArray(a.shape, a.dtype) for a in found]
+    return [ShapedArray(a.shape, a.dtype) for a in found]
 
 
 def _differentiate(primitive: Primitive, row: Any, changes: Any, *, ways: _Ways, sizes: tuple[int, ...]):
@@ -208,7 +209,7 @@ def _in_front(arrays: Arrays, axes: list[int | None], size: int) -> Arrays:
 
 def _transpose(cotangents: Any, *row: Any, ways: _Ways, sizes: tuple[int, ...]) -> list:
     fixed, x, _ = _parts(row, sizes)
-    cotangents = [jnp.zeros(c.aval.shape, c.aval.dtype) if type(c) is ad.Zero else c for c in cotangents]
+    cotangents = [ad.instantiate_zeros(c) for c in cotangents]
     return [None] * (sizes[0] + sizes[1]) + list(ways.pullback(fixed, x, cotangents))
 
 

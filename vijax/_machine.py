@@ -279,6 +279,14 @@ def prepare(
     )
 
 
+def ample_steps(machine: Machine, span: Scalar, least: Scalar | int = 100_000) -> Int[Array, "..."]:
+    """Far more steps than a sound motion takes in a span of time: 100 per unit of span * rate, and `least`."""
+    steps = 100 * span * machine.rate
+    # A machine whose rate is not finite ends at its first step, and the bound must let it come there.
+    total = least + jnp.where(jnp.isfinite(steps), steps, 0)
+    return jnp.minimum(total, 2e9).astype(int)  # what 32 bits hold
+
+
 def _decay_and_frequency(system: ImpactSystem) -> Scalar:
     """Bound the norm of the first-order matrix of the machine, in the norm of its energy.
 

@@ -10,6 +10,7 @@ about equinox; here the last line is the sentence.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -59,7 +60,7 @@ def lock(number: Int[ArrayLike, ""], sentences: Sequence[str]) -> Scalar:
             raise SimulationError(sentences[int(known)])
         return jnp.ones(())
 
-    def refuse(number: ArrayLike) -> ArrayLike:
+    def refuse(number: Any) -> ArrayLike:
         raise SimulationError(sentences[int(number)])
 
     one = jnp.ones(())

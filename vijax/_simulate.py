@@ -1,7 +1,7 @@
 """One trajectory."""
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,13 +13,13 @@ from ._contact.grazing import Grazing, meet, nothing_met
 from ._contact.start import first_state
 from ._door import can_any_stick, doubts_at_the_door
 from ._log import Log, empty_log, event_log, write
-from ._machine import Machine, State, in_periods, prepare, start_period
+from ._machine import Machine, State, ample_steps, in_periods, prepare, start_period
 from ._motion.choose import choose_flow
 from ._motion.flow import AbstractFlow
 from ._refusal import checked, lock
 from ._solution import RESULTS, Solution, told
 from ._system.system import ImpactSystem, with_args
-from ._types import Numbers, Scalar, as_float, at_once, whole_number
+from ._types import Numbers, Scalar, as_float, at_once, concrete, whole_number
 from ._xla import AbstractTask, padding_allowed, while_any
 
 
@@ -155,8 +155,8 @@ def follow(
     return checked(solution, number, sentences)
 
 
-def _bound_of_steps(max_steps: int | Array | None) -> Array | None:
-    if max_steps is None or isinstance(max_steps, jax.core.Tracer):
+def _bound_of_steps(max_steps: Any) -> Array | None:
+    if max_steps is None or concrete(max_steps) is None:
         return max_steps
     return jnp.asarray(whole_number("max_steps", max_steps))
 
@@ -238,7 +238,7 @@ def _run(
     machine = prepare(system, jnp.where(span > 0, span, 1), (t0, x0, v0), can_stick=can_stick)
     flow = flow.prepare(machine)
     if max_steps is None:
-        max_steps = 100_000 + jnp.minimum(100 * span * machine.rate, 2e9).astype(int)
+        max_steps = ample_steps(machine, span)
     angle = machine.harmonics * machine.frequency * t0
     phase0 = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
     goal_periods, goal_times = in_periods(machine, jnp.append(ts, t1) - t0)

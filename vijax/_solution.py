@@ -55,7 +55,7 @@ class RESULTS(eqx.Enumeration):
 
 def told(result: RESULTS, allowed: Sequence[RESULTS] = ()) -> tuple[Int[Array, ""], list[str]]:
     """What `checked` needs: 0, or the number of what is to be raised, and the sentences of all."""
-    number = result._value
+    number = jnp.asarray(result._value)
     for one in allowed:
         number = jnp.where(result == one, 0, number)
     return number, [RESULTS[getattr(RESULTS, name)] for name in RESULTS._name_to_item]

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from .._solution import Solution
+from .._sweep.endings import warn_of_endings
 from .record import dims_of, forcing_periods, held_intervals, impacts_of, label, stop_masses
 
 
@@ -42,6 +43,8 @@ def impact_map(source: Solution | xr.Dataset, stop: int | None = None) -> xr.Dat
     num_stops = len(stop_masses(source))
     if stop is not None and not 0 <= stop < num_stops:
         raise ValueError(f"Argument `stop` must lie in 0 to {num_stops - 1}, but is {stop}.")
+    if isinstance(source, xr.Dataset):
+        warn_of_endings(source, "max_impacts_reached")
     impacts = impacts_of(source)
     is_ours = slice(None) if stop is None else impacts.stop == stop
     point, _, phase, velocity, of_stop, sticks = (a[is_ours] for a in impacts)

@@ -8,6 +8,7 @@ import xarray as xr
 
 from .._labels import flags
 from .._solution import Solution
+from .._sweep.endings import warn_of_endings
 from .maps import stroboscopic_section
 from .quiet import stays_quiet
 from .record import Impacts, flat, forcing_periods, impacts_of, label, stop_masses
@@ -60,7 +61,8 @@ def classify(
         and `contraction`, the factor by which it falls from period to period, NaN if that is not known; where
         the motion does not repeat, those of the n for which it does best, and where the machine decides, the
         exact factor of its slowest mode, exp(T max Re lambda).
-        What belongs to n periods is NaN if there is no n, and counts are if the log was cut.
+        What belongs to n periods is NaN if there is no n, and counts are if the log was cut, of which a
+        warning tells.
 
     Raises:
         ValueError: if fewer than two periods are recorded, the load has no frequency, or an argument is
@@ -76,6 +78,8 @@ def classify(
     References:
         Wagg & Bishop (2004), Sec. 4.4 with Table 2, Sec. 4.5 with Table 3.
     """
+    if isinstance(source, xr.Dataset):
+        warn_of_endings(source, "max_impacts_reached")
     section, last = _section(source, last)
     tolerance = _TOLERANCES[section.v.dtype.itemsize] if tolerance is None else tolerance
     for name, value in (("tolerance", tolerance), ("double_impact_within", double_impact_within)):

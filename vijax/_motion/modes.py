@@ -10,6 +10,7 @@ from itertools import combinations
 import jax.numpy as jnp
 import numpy as np
 
+from .._frame import num_harmonics
 from .._system.system import ImpactSystem
 from .._types import concrete
 from .modal import ModalFlow, Modes
@@ -51,11 +52,10 @@ def modal_flow(system: ImpactSystem, *, can_stick: bool) -> ModalFlow | None:
 
 
 def _speeds(system: ImpactSystem) -> np.ndarray | None:
-    """Frequency of every harmonic, (lanes, harmonics), or None while traced."""
+    """Frequency of every harmonic of the load and of moving stops, (lanes, harmonics), or None while traced."""
     frequency = concrete(system.forcing.frequency)
-    amplitude = system.forcing.amplitude
-    harmonics = amplitude.shape[0] if amplitude.ndim - system.mass.ndim == 1 else 1
-    return None if frequency is None else np.atleast_1d(frequency)[:, None] * np.arange(1, harmonics + 1)
+    orders = np.arange(1, num_harmonics(system) + 1)
+    return None if frequency is None else np.atleast_1d(frequency)[:, None] * orders
 
 
 def _modes_of_set(

@@ -2,12 +2,14 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._motion.flow import AbstractFlow
 from .._simulate import Settings, follow
 from .._solution import RESULTS
 from .._system.force import BoundForce
+from .._system.periodicity import refuse_off_period
 from .._system.system import ImpactSystem, with_args
 from .._types import Numbers, as_float, concrete, in_full_precision, whole_number
 from .._xla import padding_allowed
@@ -43,7 +45,8 @@ def stroboscopic_map(
         Positions and velocities, (n,) each.
 
     Raises:
-        ValueError: if the load has no frequency.
+        ValueError: if the load has no frequency, or the `force` not the period of the load, as far as can
+            be told while its numbers are not traced.
         RuntimeError: if the motion does not get there, see `RESULTS`.
 
     Example:
@@ -60,10 +63,25 @@ def stroboscopic_map(
     frequency = concrete(system.forcing.frequency)
     if frequency is not None and not frequency > 0:
         raise ValueError("The load has no frequency, so there is no forcing period: use `vx.simulate`.")
+    _check_period(system, args, x0, v0)
     end = whole_number("num_periods", num_periods) * system.forcing.period
     settings = Settings(0, max_steps, max_reverse_steps, (RESULTS.max_events_reached,))
     sol = follow(system, 0.0, end, x0, v0, settings, flow=flow, args=args)
     return sol.x1, sol.v1
+
+
+def _check_period(system: ImpactSystem, args: object, x0: Numbers, v0: Numbers) -> None:
+    """Refuse a force of another period than the load's, where its numbers are known."""
+    bound = with_args(system, args)
+    is_traced = any(concrete(leaf) is None for leaf in jax.tree.leaves(bound))
+    if bound.force is None or is_traced or not np.asarray(bound.forcing.frequency) > 0:
+        return
+    # A start of which derivatives are taken is not known, but its place among the stops hardly matters.
+    starts = (concrete(as_float(a)) for a in (x0, v0))
+    x, v = (np.zeros(bound.num_masses) if a is None else a for a in starts)
+    one_lane = lambda a: np.asarray(a)[..., None]  # noqa: E731
+    with jax.ensure_compile_time_eval():
+        refuse_off_period(jax.tree.map(one_lane, bound), x[:, None], v[:, None], who="the stroboscopic map")
 
 
 @padding_allowed

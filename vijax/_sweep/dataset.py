@@ -9,6 +9,7 @@ import xarray as xr
 from .._labels import flags, label
 from .._solution import RESULTS
 from .._system.stop import Stop
+from .endings import code_of
 from .paths import Point, is_of_force
 from .queues import Counts, Found
 
@@ -133,13 +134,9 @@ def _end_table(points: Point, counts: Counts, found: Found) -> dict[str, np.ndar
     ends = found.ends
     is_full = ends["num_impacts"].sum(axis=0) > counts.max_impacts
     is_done = ends["periods"] >= counts.transient + counts.record
-    code = np.where(is_full, _code("max_impacts_reached"), _code("successful"))
-    code = np.where(is_done, code, _code("max_steps_reached"))
-    code = np.where(ends["is_finite"], code, _code("non_finite"))
+    code = np.where(is_full, code_of("max_impacts_reached"), code_of("successful"))
+    code = np.where(is_done, code, code_of("max_steps_reached"))
+    code = np.where(ends["is_finite"], code, code_of("non_finite"))
     kept = {name: ends[name].T for name in ("num_impacts", "num_sticks", "x", "v", "steps")}
     period = 2 * np.pi / np.broadcast_to(points.system.forcing.frequency, code.shape)
     return kept | {"stuck": ends["held"].T, "result": code.astype(np.int8), "forcing_period": period}
-
-
-def _code(name: str) -> int:
-    return list(RESULTS._name_to_item).index(name)

@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._contact.start import first_state
 from .._frame import num_harmonics
-from .._machine import Machine, State, prepare
+from .._machine import Machine, State, ample_steps, prepare
 from .._motion.flight import ExpandingFlow
 from .._motion.flow import AbstractFlow
 from .._system.system import ImpactSystem
@@ -30,6 +30,8 @@ from .turns import Ends, Progress, Rows, Task, Work, has_room, is_live, turn_unt
 
 # Room for impacts and for the ends of periods, in rows.
 _IMPACTS, _MARKS = 1 << 15, 1 << 13
+# In place of a bound on the steps: every point has one of its own, by the rate of its machine.
+OWN_BOUND = -1
 
 
 class Queue(eqx.Module):
@@ -113,7 +115,7 @@ def run_lanes(
     flow, system, x0, v0, work = points
     period = 2 * jnp.pi / system.forcing.frequency
     machine = prepare(system, period, (jnp.zeros(1, x0.dtype), x0, v0), can_stick=can_stick)
-    flow = flow.prepare(machine)
+    flow, work = flow.prepare(machine), _bounded(work, machine, x0.shape[1])
     num_points, num_lanes = x0.shape[1], queue.point.size
     zeros = jnp.zeros((machine.cosine.shape[0], num_points), x0.dtype)
     phase0 = jnp.stack([zeros + 1, zeros])
@@ -128,12 +130,13 @@ def run_lanes(
         motion, numbers = (_gather(tree, queue.point, num_points) for tree in (flow, machine))
         is_waiting = queue.following < work.num_points
         is_enough = jnp.where(is_waiting, num_lanes - max(num_lanes // 16, 1), 0)
-        task = Task(motion, numbers, phase0[..., :1], work, queue.point, is_enough, last_turn)
+        asked = _of_lanes(work, queue.point)
+        task = Task(motion, numbers, phase0[..., :1], asked, queue.point, is_enough, last_turn)
         progress, _ = run((queue.progress, task))
-        return _refill(work, first, numbers, eqx.tree_at(lambda q: q.progress, queue, progress))
+        return _refill(asked, first, numbers, eqx.tree_at(lambda q: q.progress, queue, progress))
 
     def is_left(queue: Queue) -> Bool[Array, ""]:
-        live = is_live(work, queue.progress.lanes, queue.point)
+        live = is_live(_of_lanes(work, queue.point), queue.progress.lanes, queue.point)
         return (queue.following < work.num_points) | jnp.any(live)
 
     def goes_on(queue: Queue) -> Bool[Array, ""]:
@@ -141,6 +144,22 @@ def run_lanes(
 
     queue = jax.lax.while_loop(goes_on, feed, queue)
     return queue, is_left(queue)
+
+
+def _bounded(work: Work, machine: Machine, num_points: int) -> Work:
+    """The work with a bound on the steps of every point: what was asked for, or far more than it takes.
+
+    Beside the steps that the motion takes by itself there are those of its impacts, some in every period.
+    """
+    least = 100_000 + 10_000 * work.num_periods.astype(machine.rate.dtype)
+    ample = ample_steps(machine, work.num_periods * machine.period, least)
+    bound = jnp.where(work.max_steps == OWN_BOUND, ample, work.max_steps)
+    return eqx.tree_at(lambda w: w.max_steps, work, jnp.broadcast_to(bound, num_points))
+
+
+def _of_lanes(work: Work, point: Int[Array, " lanes"]) -> Work:
+    """What is asked of each lane's point."""
+    return eqx.tree_at(lambda w: w.max_steps, work, work.max_steps[point])
 
 
 def _gather(tree, point: Int[Array, " lanes"], num_points: int):

@@ -39,7 +39,7 @@ def origin(
         "carry": carry or "none",
         "carry_from": "an earlier sweep" if goes_on else "none",
         "max_impacts": int(counts.max_impacts),
-        "max_steps": int(counts.max_steps),
+        "max_steps": "default" if counts.max_steps is None else int(counts.max_steps),
         "flow": flow,
         "dtype": str(base.system.mass.dtype),
         "device": jax.default_backend(),

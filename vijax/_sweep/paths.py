@@ -7,14 +7,13 @@ from collections.abc import Iterable
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, PyTree
 
 from .._contact.start import is_touching
-from .._system.force import BoundForce, numbers_of
+from .._system.force import numbers_of
+from .._system.periodicity import refuse_off_period
 from .._system.system import ImpactSystem, check_semidefinite, not_alike
-from .._types import over_lanes
 
 # Longer arrays of a force, weights of a network, are not written out: attributes of files have little room.
 _LONG = 16
@@ -54,8 +53,10 @@ def with_values(base: Point, swept: dict[str, np.ndarray]) -> Point:
         if not leaves:
             raise ValueError(_names_nothing(base, path))
         for i in leaves:
-            at = lambda p, i=i: jax.tree.leaves(_named(p))[i]  # noqa: E731
-            points = eqx.tree_at(at, points, _set(at(points), index, values, path))
+            old = jax.tree.leaves(_named(points))[i]
+            new = _set(old, index, values, path)
+            # Not `eqx.tree_at`, to which the empty tuple of a machine without stops is a leaf as well.
+            points = jax.tree.map(lambda a, old=old, new=new: new if a is old else a, points)
     return points
 
 
@@ -157,33 +158,7 @@ def _check(points: Point) -> None:
     for name in ("damping", "stiffness"):
         check_semidefinite(name, np.moveaxis(np.asarray(getattr(system, name)), -1, 0))
     _check_stops(points)
-    if isinstance(system.force, BoundForce) and _is_off_period(points):
-        raise ValueError(
-            "The force does not have the period of the load, 2 pi / `forcing.frequency`, at every point: a sweep, which "
-            "counts forcing periods, needs one that has, or that does not depend on t. `vx.simulate` takes any."
-        )
-
-
-def _is_off_period(points: Point) -> bool:
-    """Whether a force differs after a forcing period somewhere, as far as a few times at the starts tell."""
-    system = points.system
-    lanes = max(leaf.shape[-1] for leaf in jax.tree.leaves(points))
-    x, v = (np.broadcast_to(a, (len(a), lanes)) for a in (points.x0, points.v0))
-    period = 2 * np.pi / system.forcing.frequency
-
-    return bool(np.any(np.asarray(_changes(system.force, period, x, v)) > 1e-4))
-
-
-@jax.jit
-def _changes(force: BoundForce, period: Array, x: Array, v: Array) -> Array:
-    """By what part a force changes in a period, (lanes,)."""
-    return over_lanes(_change, x, force, period, x, v)
-
-
-def _change(force: BoundForce, period: Array, x: Array, v: Array) -> Array:
-    times = period * jnp.asarray([0.1234, 0.5678], period.dtype)
-    now, later = (jax.vmap(lambda t: force(t, x, v))(t) for t in (times, times + period))
-    return jnp.max(jnp.abs(later - now)) / jnp.maximum(jnp.max(jnp.abs(now)), jnp.finfo(x.dtype).tiny)
+    refuse_off_period(system, points.x0, points.v0, who="a sweep", where=", at every point")
 
 
 def _check_stops(points: Point) -> None:

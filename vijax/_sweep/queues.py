@@ -13,7 +13,7 @@ from jaxtyping import Array
 
 from .._motion.flow import AbstractFlow
 from .._xla import padding_allowed
-from .lanes import Queue, new_queue, run_lanes
+from .lanes import OWN_BOUND, Queue, new_queue, run_lanes
 from .paths import Point
 from .turns import Rows, Work
 
@@ -26,12 +26,12 @@ _TURNS = 1 << 14
 
 @dataclass(frozen=True)
 class Counts:
-    """What is asked of every point: see `sweep`."""
+    """What is asked of every point: see `sweep`; `max_steps` is None where every point has its own bound."""
 
     transient: int
     record: int
     max_impacts: int
-    max_steps: int
+    max_steps: int | None
     can_stick: bool
 
 
@@ -181,7 +181,8 @@ def _start(
     system, motion = jax.tree.map(cut, (points.system, flow))
     x0, v0 = (jax.device_put(a[:, filled]) for a in (points.x0, points.v0))
     periods = (counts.transient, counts.transient + counts.record)
-    numbers = (len(share), *periods, counts.max_steps, counts.max_impacts, 0)
+    max_steps = OWN_BOUND if counts.max_steps is None else counts.max_steps
+    numbers = (len(share), *periods, max_steps, counts.max_impacts, 0)
     work = Work(*map(_whole, numbers))
     task = (motion, system, x0, v0, work)
     queue = new_queue(system, x0, num_lanes, motion)

@@ -10,14 +10,21 @@ What comes of a point does not depend on the points that are run beside it, not 
 the motion is chosen for all points together and the compiled shapes are those of the whole sweep, for
 which a chunk is run as a part of it. So chunks, and where one stops, change nothing.
 
-A file is written under another name first and ends in a checksum: one that was cut off or damaged is
-not used but made again.
+A file is written under a name of its own first and ends in a checksum, not only of what it holds but of the
+sweep and of its place there: one that was cut off, damaged, or came from elsewhere is not used but made again.
+
+Several processes may work on one store. Who begins it is decided by the file system, which makes a name once.
+Nobody waits for a lock, which one that was killed would keep: every process visits the chunks in an order of
+its own, and looks whether another has made one just before it would. Two may make one at the same
+time, the same bits; whole files replace each other.
 """
 
+import contextlib
 import hashlib
 import io
 import json
 import os
+import uuid
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +41,7 @@ from .paths import Point
 from .queues import Counts, Found, count_cores, run_points
 
 # Goes up with every change of what `Found` holds, or of how it is written: older stores are refused.
-_LAYOUT = 1
+_LAYOUT = 2
 _MANIFEST = "sweep.json"
 # A chunk is what all cores together do in a few seconds: so many forcing periods a core, but neither more
 # points than a queue of theirs holds nor so few that their lanes idle.
@@ -43,10 +50,11 @@ _PERIODS, _FEWEST, _MOST = 250_000, 192, 2048
 
 @dataclass(frozen=True)
 class Store:
-    """A folder, and the number of points of its chunks."""
+    """A folder, the number of points of its chunks, and a digest of what is swept."""
 
     folder: Path
     points_per_chunk: int
+    sweep: str
 
 
 def open_store(path: str | os.PathLike[str], manifest: dict[str, Any]) -> Store:
@@ -61,15 +69,8 @@ def open_store(path: str | os.PathLike[str], manifest: dict[str, Any]) -> Store:
     """
     folder, file = Path(path), Path(path) / _MANIFEST
     if not file.exists():
-        if folder.exists() and (not folder.is_dir() or any(f.suffix != ".part" for f in folder.iterdir())):
-            raise ValueError(
-                f"Argument `store` must name a new or empty folder, or a store, but {folder} is neither."
-            )
-        periods = max(manifest["transient"] + manifest["record"], 1)
-        size = count_cores() * min(max(_PERIODS // periods, _FEWEST), _MOST)
-        folder.mkdir(parents=True, exist_ok=True)
-        _replace(file, json.dumps({"points_per_chunk": size, "sweep": manifest}, indent=1).encode())
-        return Store(folder, size)
+        _begin(folder, manifest)
+    # Also what was just begun, perhaps by another process.
     try:
         found = json.loads(file.read_text())
         there, size = found["sweep"], int(found["points_per_chunk"])
@@ -80,7 +81,23 @@ def open_store(path: str | os.PathLike[str], manifest: dict[str, Any]) -> Store:
         raise ValueError(
             f"The store {folder} holds another sweep: {difference}. Name another folder, or delete this one."
         )
-    return Store(folder, size)
+    digest = hashlib.sha256(json.dumps(there, sort_keys=True).encode())
+    return Store(folder, size, digest.hexdigest())
+
+
+def _begin(folder: Path, manifest: dict[str, Any]) -> None:
+    """Write the manifest, unless another process does at this moment."""
+    file = folder / _MANIFEST
+    if folder.exists():
+        is_other = not folder.is_dir() or any(f.suffix != ".part" for f in folder.iterdir())
+        if is_other and not file.exists():
+            raise ValueError(
+                f"Argument `store` must name a new or empty folder, or a store, but {folder} is neither."
+            )
+    periods = max(manifest["transient"] + manifest["record"], 1)
+    size = count_cores() * min(max(_PERIODS // periods, _FEWEST), _MOST)
+    folder.mkdir(parents=True, exist_ok=True)
+    _write(file, json.dumps({"points_per_chunk": size, "sweep": manifest}, indent=1).encode(), _first_come)
 
 
 def describe_sweep(
@@ -117,48 +134,72 @@ def run_chunks(
     which: np.ndarray,
 ) -> Found:
     """Run points as `run_points` does, but those that the store holds, and keep what comes of them."""
-    parts = []
-    for chunk in np.array_split(which, -(-len(which) // store.points_per_chunk)):
+    chunks = np.array_split(which, -(-len(which) // store.points_per_chunk))
+    parts: dict[int, Found] = {}
+    # Another order in every process; all are put together in that of the points.
+    for number in np.random.default_rng().permutation(len(chunks)).tolist():
+        chunk = chunks[number]
         of_chunk = jax.tree.map(lambda a, chunk=chunk: a if a.shape[-1] == 1 else a[..., chunk], points)
         file = store.folder / f"{_digest((of_chunk, chunk))}.npz"
-        found = _read(file)
+        found = _read(store, file)
         if found is None:
             found = run_points(points, flow, counts, tell, which=chunk)
-            _write(file, found)
+            _keep(store, file, found)
         else:
             tell(len(chunk))
-        parts.append(found)
-    ends = {name: np.concatenate([part.ends[name] for part in parts], axis=-1) for name in parts[0].ends}
-    impacts = np.concatenate([part.impacts for part in parts])
-    return Found(ends, impacts, sum(part.lane_steps for part in parts))
+        parts[number] = found
+    in_order = [parts[number] for number in range(len(chunks))]
+    names = in_order[0].ends
+    ends = {name: np.concatenate([part.ends[name] for part in in_order], axis=-1) for name in names}
+    impacts = np.concatenate([part.impacts for part in in_order])
+    return Found(ends, impacts, sum(part.lane_steps for part in in_order))
 
 
-def _write(file: Path, found: Found) -> None:
+def _keep(store: Store, file: Path, found: Found) -> None:
     arrays: dict[str, Any] = {"impacts": found.impacts, "lane_steps": found.lane_steps, **found.ends}
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)
     data = buffer.getvalue()
-    _replace(file, data + hashlib.sha256(data).digest())
+    _write(file, data + _checksum(store, file, data), os.replace)
 
 
-def _read(file: Path) -> Found | None:
-    """What a file holds, or None if it is not there or not whole."""
+def _read(store: Store, file: Path) -> Found | None:
+    """What a file holds, or None if it is not there, not whole, or not of this sweep and place."""
     if not file.exists():
         return None
     data = file.read_bytes()
     data, checksum = data[:-32], data[-32:]
-    if hashlib.sha256(data).digest() != checksum:
+    if _checksum(store, file, data) != checksum:
         return None
     with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
         ends = dict(arrays)
     return Found(impacts=ends.pop("impacts"), lane_steps=int(ends.pop("lane_steps")), ends=ends)
 
 
-def _replace(file: Path, data: bytes) -> None:
-    """Write a file that is there as a whole or not at all."""
-    part = file.with_suffix(".part")
-    part.write_bytes(data)
-    os.replace(part, file)
+def _checksum(store: Store, file: Path, data: bytes) -> bytes:
+    """What a chunk ends with, 32 bytes."""
+    return hashlib.sha256(f"{store.sweep} {file.name} ".encode() + data).digest()
+
+
+def _write(file: Path, data: bytes, name: Callable[[Path, Path], object]) -> None:
+    """Write a file under a name that nobody else uses, and give it its own once it is whole."""
+    part = file.with_suffix(f".{uuid.uuid4().hex}.part")
+    try:
+        part.write_bytes(data)
+        name(part, file)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _first_come(part: Path, file: Path) -> None:
+    """Name a file, unless the name is taken already: who comes first has it."""
+    try:
+        os.link(part, file)
+    except FileExistsError:
+        return
+    except OSError:  # a file system without links
+        with contextlib.suppress(FileExistsError), file.open("xb") as made:
+            made.write(part.read_bytes())
 
 
 def _digest(tree: object) -> str:

@@ -16,6 +16,7 @@ from .._system.system import ImpactSystem, with_args
 from .._types import Numbers, as_float, whole_number
 from .carry import run_chain
 from .dataset import dataset
+from .endings import warn_of_endings
 from .origin import origin
 from .paths import Point, points_of_lanes
 from .queues import Counts, Found, run_points
@@ -66,10 +67,13 @@ def sweep(
             one with a `force`, which must depend on t with the period of the load, or not at all.
         args: passed to the `force` of the machine.
         max_impacts: room for the recorded impacts of one point.
-        max_steps: bound on the steps of one point; far more than any sound motion takes if left out.
+        max_steps: bound on the steps of one point. If left out, every point has its own, far more than any
+            sound motion takes: 100 000, 10 000 a forcing period, and 100 per unit of the time that is
+            simulated * (highest frequency or decay rate). The attribute of that name is then "default".
         store: a folder in which to keep finished chunks of points. The same call with the same folder goes
-            on where the one before it was stopped or killed, by one process at a time, and finds the same,
-            bit for bit. It may be deleted afterwards.
+            on where the one before it was stopped or killed, and finds the same, bit for bit. Several
+            processes may do it at once, on one machine or on several of one kind that share the folder: they
+            share the work, and each returns the whole. It may be deleted afterwards.
         progress: show a progress bar.
 
     Returns:
@@ -79,7 +83,8 @@ def sweep(
         `impact_sticks`, whether a complete chatter ends there; `num_impacts` and `num_sticks` per stop,
         complete even if the room was not; `section_x` and `section_v`, the state at the end of each recorded
         `period`, and `held_time`, for how long each stop held its mass in it; the end state `x`, `v`,
-        `stuck`; `forcing_period`; and `result`, what became of each point. Its attributes
+        `stuck`; `forcing_period`; and `result`, what became of each point; a warning counts those that are
+        not `successful`. Its attributes
         tell how it was made, see also `vx.system_of`; it may be written to NetCDF and Zarr.
 
     Raises:
@@ -108,8 +113,7 @@ def sweep(
     if carry_from is not None:
         points = _start_from(points, carry_from, chain, shape, carry)
     can_stick = carry is not None or can_any_stick(points.system, points.x0, points.v0)
-    if max_steps is None:
-        max_steps = 100_000 + 10_000 * (transient + record)
+    max_steps = None if max_steps is None else whole_number("max_steps", max_steps)
     counts = Counts(transient, record, max_impacts, max_steps, can_stick)
     motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
     name = type(motion).__name__ if flow is None else eqx.tree_pformat(flow, width=10**6)
@@ -127,7 +131,9 @@ def sweep(
             found = run(points, all_points, bar.update)
         else:
             found = run_chain(points, chain, run, bar.update)
-    return dataset(points, axes, shape, counts, found, attributes)
+    ds = dataset(points, axes, shape, counts, found, attributes)
+    warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite")
+    return ds
 
 
 def _axes(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:

@@ -55,7 +55,7 @@ class Work(eqx.Module):
         num_points: points in the queue.
         transient: forcing periods before recording.
         num_periods: forcing periods in all.
-        max_steps: the most steps of one point.
+        max_steps: the most steps of one point, (); of every point or lane, once the loop has its machines.
         max_impacts: recorded impacts of one point that are logged.
         max_turns: turns of the loop after which it returns to the host.
     """
@@ -63,7 +63,7 @@ class Work(eqx.Module):
     num_points: Int[Array, ""]
     transient: Int[Array, ""]
     num_periods: Int[Array, ""]
-    max_steps: Int[Array, ""]
+    max_steps: Int[Array, "..."]
     max_impacts: Int[Array, ""]
     max_turns: Int[Array, ""]
 

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
+from .._sweep.endings import warn_of_endings
 from ._axes import check_index, column_of_axes, ink, label, legend_above, span_of_phase
 
 _ORDINATES = {
@@ -50,7 +51,8 @@ def bifurcation(
     """Draw a bifurcation diagram: the velocities of the recorded impacts against the swept quantity.
 
     Of a sweep up and down (`carry="both"`) the points of the way up are small and dark, those of the way
-    down large and light, below them: where both ways agree, a dark point in a light one.
+    down large and light, below them: where both ways agree, a dark point in a light one. A warning tells of
+    points not all of whose impacts were recorded.
 
     Args:
         ds: what `vx.sweep` returned for one swept quantity; of several, select all but one first.
@@ -91,6 +93,7 @@ def bifurcation(
         )
     check_index("stop", 0 if stop is None else stop, ds.sizes["stop"])
     stops = range(ds.sizes["stop"]) if stop is None else [stop]
+    warn_of_endings(ds, "max_impacts_reached")
     column = column_of_axes(ax, len(stops))
     for j, panel in zip(stops, column, strict=True):
         _draw(ds, str(swept[0]), j, ordinate, panel, with_legend=j == stops[0])

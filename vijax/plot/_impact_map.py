@@ -6,6 +6,7 @@ from matplotlib.axes import Axes
 
 from .._log import IMPACT
 from .._solution import Solution
+from .._sweep.endings import warn_of_endings
 from ._axes import check_index, ink, legend_above, new_axes, of_curves, span_of_phase
 
 # Few points are drawn large, the thousands of a chaotic attractor small.
@@ -41,6 +42,8 @@ def impact_map(sol_or_ds: Solution | xr.Dataset, stop: int | None = 0, *, ax: Ax
     References:
         Wagg & Bishop (2004), Sec. 2.2 and Fig. 9.
     """
+    if isinstance(sol_or_ds, xr.Dataset):
+        warn_of_endings(sol_or_ds, "max_impacts_reached")
     num_stops, phase, velocity, of_stop = _impacts(sol_or_ds)
     check_index("stop", 0 if stop is None else stop, num_stops)
     drawn = range(num_stops) if stop is None else [stop]

@@ -1,0 +1,30 @@
+"""A warning of points that did not end as they should."""
+
+import warnings
+
+import xarray as xr
+
+from .._solution import RESULTS
+
+_NAMES = list(RESULTS._name_to_item)
+
+
+def warn_of_endings(ds: xr.Dataset, *names: str) -> None:
+    """Warn the caller of who calls this, once for each of some results, with how many points have it.
+
+    Args:
+        ds: what `sweep` returned, or a part of it.
+        names: of members of `RESULTS`, whose messages say what to do.
+    """
+    if ds.attrs.get("max_impacts") == 0:  # no log was wanted
+        names = tuple(name for name in names if name != "max_impacts_reached")
+    for name in names:
+        count = int((ds["result"] == code_of(name)).sum())
+        if count:
+            message = RESULTS[getattr(RESULTS, name)]
+            warnings.warn(f"{count} of {ds['result'].size} points ended with {message}", stacklevel=3)
+
+
+def code_of(name: str) -> int:
+    """The number by which a dataset tells a result."""
+    return _NAMES.index(name)

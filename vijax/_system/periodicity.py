@@ -1,0 +1,107 @@
+"""Whether a force has the period of the load, as far as trials tell.
+
+A force is a function, so it can only be asked: at some times, and a forcing period later. What it does at
+one state says little, for a force of the wrong period may vanish there, as x cos(w t) does at rest. So it
+is asked at several states of the size of the machine, of which there are more than one, since a force may
+also vanish where all is small, or large.
+"""
+
+from itertools import product
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._types import concrete, over_lanes
+from .force import BoundForce
+from .system import ImpactSystem
+
+# No simple parts of a period, so that no wave of a likely frequency vanishes at all of them.
+_TIMES = (0.1234, 0.5678, 0.8341)
+# A change by a smaller part is taken for the rounding of large times in single precision.
+_CHANGE = 1e-4
+_OFF_PERIOD = (
+    "The force does not have the period of the load, 2 pi / `forcing.frequency`{where}: {who}, which counts "
+    "forcing periods, needs one that has, or that does not depend on t. `vx.simulate` takes any."
+)
+
+
+def refuse_off_period(
+    system: ImpactSystem, x: np.ndarray | Array, v: np.ndarray | Array, *, who: str, where: str = ""
+) -> None:
+    """Refuse a force that has not the period of the load.
+
+    Args:
+        system: the machines, the force bound to its `args`; leaves have lanes, or a single one, last.
+        x: positions at the start, (n, lanes), or (n, 1).
+        v: velocities, likewise.
+        who: what needs that period.
+        where: which of the machines have to have it.
+    """
+    if isinstance(system.force, BoundForce) and is_off_period(system, x, v):
+        raise ValueError(_OFF_PERIOD.format(where=where, who=who))
+
+
+def is_off_period(system: ImpactSystem, x: np.ndarray | Array, v: np.ndarray | Array) -> bool:
+    """Whether a force differs after a forcing period, in any lane; arguments as above."""
+    lanes = max(np.shape(leaf)[-1] for leaf in jax.tree.leaves((system, x, v)))
+    period = 2 * np.pi / np.asarray(system.forcing.frequency)
+    filled = lambda a: np.broadcast_to(a, (len(x), lanes)).astype(period.dtype)  # noqa: E731
+    xs, vs = (np.stack([filled(a) for a in states]) for states in _probes(system, x, v))
+    changes = concrete(_changes(system.force, period, xs, vs))
+    return changes is not None and bool((changes > _CHANGE).any())  # traced, if the force closes over what is
+
+
+def _probes(
+    system: ImpactSystem, x: np.ndarray | Array, v: np.ndarray | Array
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """States at which a force is asked: the start, and some to both sides; none is beyond a stop."""
+    x, v = np.asarray(x), np.asarray(v)
+    w = np.asarray(system.forcing.frequency)
+    order = np.arange(len(x))[:, None]
+    xs, vs = [x], [v]
+    for size, (k, signs) in product(_sizes(system, x, v), enumerate(product((1, -1), repeat=2))):
+        # Of masses and states no two alike, lest differences vanish.
+        xs.append(_inside(system, signs[0] * size * (0.7 + 0.3 * np.cos(2.4 * k + 1.7 * order))))
+        vs.append(signs[1] * w * size * (0.7 + 0.3 * np.sin(1.1 * k + 2.9 * order)))
+    return xs, vs
+
+
+def _sizes(system: ImpactSystem, x: np.ndarray, v: np.ndarray) -> list[np.ndarray]:
+    """How far masses get, by stops and start, and by the load alone, (lanes,) or (1,) each; 1 for nothing."""
+    w, mass = np.asarray(system.forcing.frequency), np.asarray(system.mass)
+    reach = [np.abs(np.asarray(stop.reach(0.0))) for stop in system.stops]
+    of_start = np.maximum(np.abs(x), np.abs(v) / w).max(axis=0)
+    load = np.abs(np.asarray(system.forcing.amplitude))
+    load = load.reshape(-1, len(mass), load.shape[-1]).max(axis=0)
+    by_load = ((load + np.abs(np.asarray(system.forcing.mean))) / (mass * w**2)).max(axis=0)
+    both = np.max(np.broadcast_arrays(of_start, *reach), axis=0), by_load
+    return [np.where(size > 0, size, 1.0) for size in both]
+
+
+def _inside(system: ImpactSystem, x: np.ndarray) -> np.ndarray:
+    """The positions, those beyond a stop set on it: what a force does there is nobody's business."""
+    for stop in system.stops:
+        centre, row = np.asarray(stop.centre), x[stop.mass]
+        x = np.array(np.broadcast_to(x, (len(x), np.broadcast(row, centre).shape[-1])))
+        x[stop.mass] = stop.sign * np.minimum(stop.sign * row, stop.sign * centre)
+    return x
+
+
+@jax.jit
+def _changes(force: BoundForce, period: Array, xs: Array, vs: Array) -> Array:
+    """By what part a force changes in a period, (probes, lanes); one probe after another, which takes little room."""
+    return jax.lax.map(lambda probe: over_lanes(_change, probe[0], force, period, *probe), (xs, vs))
+
+
+def _change(
+    force: BoundForce, period: Float[Array, ""], x: Float[Array, " n"], v: Float[Array, " n"]
+) -> Float[Array, ""]:
+    times = period * jnp.asarray(_TIMES, period.dtype)
+    now, later = (jax.vmap(lambda t: force(t, x, v))(t) for t in (times, times + period))
+    # Where a force is not finite, as one that a body gets too near to, it says nothing.
+    is_known = jnp.isfinite(now) & jnp.isfinite(later)
+    change = jnp.where(is_known, jnp.abs(later - now), 0)
+    size = jnp.where(is_known, jnp.abs(now), 0)
+    return jnp.max(change) / jnp.maximum(jnp.max(size), jnp.finfo(x.dtype).tiny)
