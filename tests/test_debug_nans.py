@@ -24,13 +24,13 @@ def checks():
 def run_all() -> list[np.ndarray]:
     """What can be asked of a machine, as numbers."""
     sol = vx.simulate(MACHINE, 0.0, 20.0, *START, max_events=128)
-    outside = np.linspace(-1.0, 20.0, 7)
+    times = np.linspace(0.0, 20.0, 7)
     ds = vx.sweep(MACHINE, {"x0[0]": [0.0, 0.1]}, transient=1, record=2, progress=False)
     slope = jax.jacfwd(lambda x: vx.simulate(MACHINE, 0.0, 20.0, x, max_events=128).x1)
     found = [
         sol,
-        sol.evaluate(outside),
-        sol.contact_force(outside),
+        sol.evaluate(times),
+        sol.contact_force(times),
         sol.to_xarray().event_time.values,
         ds.impact_time.values,
         vx.stroboscopic_map(MACHINE, *START),

@@ -238,7 +238,8 @@ def test_a_motion_of_another_frequency_than_the_load_is_refused():
 
     build = eqx.filter_jit(frequency)
     assert float(build(jnp.asarray(3.0))) == 3.0
-    with pytest.raises(RuntimeError, match="must be that of the load"):
+    # What JAX makes of an error inside `jit` has varied: a RuntimeError or a ValueError.
+    with pytest.raises((RuntimeError, ValueError), match="must be that of the load"):
         build(jnp.asarray(2.0))
 
 

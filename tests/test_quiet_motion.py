@@ -241,6 +241,7 @@ def test_beats_of_a_lightly_damped_chain_are_no_longer_taken_for_something_else(
     assert (found.recurrence_error.values[is_quiet] > 1e-6).any()
 
 
+@pytest.mark.filterwarnings("ignore:.*max_impacts_reached")  # counts are asked for, not the log
 def test_no_impact_comes_in_a_much_longer_run(light):
     later = sweep(LIGHT, GRID, carry_from=light, transient=0, record=1000)
     num_impacts = later.num_impacts.sum("stop").values
@@ -393,6 +394,7 @@ def test_where_the_machine_is_not_known_the_section_decides(light):
 # Moving stops, and single trajectories
 
 
+@pytest.mark.filterwarnings("ignore:.*max_impacts_reached")  # counts are asked for, not the log
 def test_moving_stops_are_swept_as_well():
     motion = vx.Harmonic([[0.2], [0.05]], 1.9)
     stops = [vx.Stop(0, 0.6, "upper", 0.7, motion), vx.Stop(1, -2.0, "lower", 0.7)]

@@ -61,6 +61,7 @@ __all__ = [
     "Harmonic",
     "ImpactSystem",
     "ModalFlow",
+    "SimulationError",
     "Solution",
     "StickingRegion",
     "Stop",

@@ -26,9 +26,9 @@ import jax.numpy as jnp
 from jax.core import ShapedArray
 from jax.extend.core import Primitive, Var
 from jax.interpreters import ad, batching, mlir, partial_eval
-from jaxtyping import Array, PyTree
+from jaxtyping import PyTree
 
-Arrays = list[Array]
+Arrays = list[Any]  # of JAX, or what stands for them while a function is traced
 Function = Callable[[Arrays, Arrays], tuple[Arrays, Arrays]]
 
 
@@ -130,7 +130,7 @@ def _parts(row: Any, sizes: tuple[int, ...]) -> list[list]:
     return [list(row[end - size : end]) for size, end in zip(sizes, ends, strict=True)]
 
 
-def _evaluate(primitive: Primitive, *row: Array, ways: _Ways, sizes: tuple[int, ...]) -> Arrays:
+def _evaluate(primitive: Primitive, *row: Any, ways: _Ways, sizes: tuple[int, ...]) -> Arrays:
     parts = _parts(row, sizes)
     if primitive is _values:
         return list(chain(*ways.values(*parts)))
@@ -202,7 +202,7 @@ def _batch(primitive: Primitive, row: Any, axes: Any, *, ways: _Ways, sizes: tup
 
 def _in_front(arrays: Arrays, axes: list[int | None], size: int) -> Arrays:
     return [
-        jnp.broadcast_to(a, (size, *a.shape)) if axis is None else jnp.moveaxis(a, axis, 0)
+        jnp.broadcast_to(a, (size, *jnp.shape(a))) if axis is None else jnp.moveaxis(a, axis, 0)
         for a, axis in zip(arrays, axes, strict=True)
     ]
 

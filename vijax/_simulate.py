@@ -19,8 +19,8 @@ from ._motion.flow import AbstractFlow
 from ._refusal import checked, lock
 from ._solution import RESULTS, Solution, told
 from ._system.system import ImpactSystem, with_args
-from ._types import Numbers, Scalar, as_float, at_once, concrete, whole_number
-from ._xla import AbstractTask, padding_allowed, while_any
+from ._types import Count, Numbers, Scalar, as_float, at_once, concrete, whole_number
+from ._xla import AbstractTask, compile_lightly, padding_allowed, while_any
 
 
 @padding_allowed
@@ -34,9 +34,9 @@ def simulate(
     ts: Numbers | None = None,
     flow: AbstractFlow | None = None,
     args: object = None,
-    max_events: int = 1024,
-    max_steps: int | None = None,
-    max_reverse_steps: int = 65_536,
+    max_events: Count = 1024,
+    max_steps: Count | None = None,
+    max_reverse_steps: Count = 65_536,
     throw: bool = True,
 ) -> Solution:
     """Follow one trajectory from t0 to t1, through every impact, chatter, stick and release.
@@ -98,9 +98,9 @@ class Settings(NamedTuple):
         allowed: the results that are not raised beside `successful`; None for all.
     """
 
-    max_events: int
-    max_steps: int | None
-    max_reverse_steps: int
+    max_events: Count
+    max_steps: Count | None
+    max_reverse_steps: Count
     allowed: tuple[RESULTS, ...] | None
 
 
@@ -217,7 +217,7 @@ class _Carry(eqx.Module):
     grazing: Grazing
 
 
-@eqx.filter_jit
+@compile_lightly
 def _run(
     system: ImpactSystem,
     t0: Scalar,

@@ -19,7 +19,7 @@ from ._motion.flow import AbstractFlow
 from ._printing import as_html, as_text, told_of_solution
 from ._refusal import checked
 from ._types import Numbers, Scalar, concrete
-from ._xla import padding_allowed
+from ._xla import compile_lightly, padding_allowed
 
 
 class RESULTS(eqx.Enumeration):
@@ -110,11 +110,11 @@ class Solution(eqx.Module):
             t: times in [t0, t1], any shape; for a batch of `jax.vmap` the same times for each.
 
         Returns:
-            x and v, the shape of `t` and then (n,), behind the axes of a batch.
+            x and v, the shape of `t` and then (n,), behind the axes of a batch. NaN where the motion is not
+            known: after the last logged event of a log that was too short, or where it stopped.
 
         Raises:
-            ValueError: for times outside [t0, t1], or after the last logged event if the log was too
-                short. Where times are traced a RuntimeError when the compiled program runs.
+            ValueError: for times outside [t0, t1]; where they are traced a RuntimeError instead.
 
         Example:
             ```python
@@ -135,7 +135,7 @@ class Solution(eqx.Module):
             t: times in [t0, t1], any shape.
 
         Returns:
-            The force, the shape of `t` and then (stops,), behind the axes of a batch.
+            The force, the shape of `t` and then (stops,), behind the axes of a batch; NaN where `evaluate` is.
 
         Raises:
             ValueError: as `evaluate` does.
@@ -215,36 +215,33 @@ class Solution(eqx.Module):
         for _ in range(self.t1.ndim):
             evaluate = eqx.filter_vmap(evaluate, in_axes=(0, None))
         found = evaluate(self, times.ravel())
-        number = jnp.max(_is_out(self, times), initial=0)
-        if concrete(number):
-            raise ValueError(_OUT[int(number)])
-        x, v, force = (a.reshape(*self.t1.shape, *times.shape, a.shape[-1]) for a in found)
-        return checked((x, v, force), number, _OUT)
+        is_outside = jnp.any(_is_outside(self, times))
+        if concrete(is_outside):
+            raise ValueError(_OUTSIDE)
+        found = tuple(a.reshape(*self.t1.shape, *times.shape, a.shape[-1]) for a in found)
+        return checked(found, is_outside.astype(int), ("", _OUTSIDE))
 
 
-_OUT = (
-    "",
-    "Argument `t` must lie within [t0, t1] of the solution: simulate a longer span.",
-    "Argument `t` lies after what is known of the motion, which is cut: see `result`, and increase `max_events` "
-    "or `max_steps` of `simulate`.",
+_OUTSIDE = (
+    "Argument `t` must lie within [t0, t1] of the solution: simulate a longer span, or ask for other times."
 )
 
 
-def _is_out(solution: Solution, times: Array) -> Int[Array, "..."]:
-    """Which of the sentences tells why a time cannot be evaluated; 0 where it can."""
-    t0, t1, known = (a[..., None] for a in (solution.t0, solution.t1, solution.known_until))
-    slack, t = 8 * jnp.finfo(times.dtype).eps * jnp.maximum(jnp.abs(t0), jnp.abs(t1)), times.ravel()
-    is_outside = ~((t >= t0 - slack) & (t <= t1 + slack))
-    return jnp.where(is_outside, 1, jnp.where(t > known + slack, 2, 0))
+def _is_outside(solution: Solution, times: Array) -> Bool[Array, "..."]:
+    """Times that are not simulated. An end that rounding has moved is none."""
+    t0, t1 = (a[..., None] for a in (solution.t0, solution.t1))
+    slack = 8 * jnp.finfo(times.dtype).eps * jnp.maximum(jnp.abs(t0), jnp.abs(t1))
+    t = times.reshape((1,) * solution.t1.ndim + (-1,))
+    return ~((t >= t0 - slack) & (t <= t1 + slack))
 
 
-@eqx.filter_jit
+@compile_lightly
 def evaluate_all(solution: Solution, times: Float[Array, " times"]) -> tuple[Array, Array, Array]:
     """Positions, velocities and contact forces; NaN where they are not known."""
     return jax.vmap(lambda t: _evaluate(solution, t))(times)
 
 
-@eqx.filter_jit
+@compile_lightly
 def _evaluate_stops(machine: Machine, times: Float[Array, "..."]) -> tuple[Array, Array]:
     still = jnp.broadcast_to(machine.position, (*times.shape, *machine.position.shape))
     if machine.frame is None:
@@ -257,15 +254,17 @@ def _evaluate_stops(machine: Machine, times: Float[Array, "..."]) -> tuple[Array
 def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
     """Follow the smooth motion from the last event before t."""
     rows, machine, flow = solution.restarts, solution.machine, solution.flow
-    is_known = _is_out(solution, t) == 0
     t = jnp.clip(t, solution.t0, solution.t1)
+    is_known = t <= solution.known_until
     row = jnp.clip(jnp.searchsorted(rows.t, t, side="right") - 1, 0)
     start = jax.tree.map(lambda a: a[row], rows)
     state = resting_state(machine, start.phase, start.x, start.v, start.held)
     state = eqx.tree_at(lambda s: (s.periods, s.time), state, (start.periods, start.time))
     state = remembering(state, flow.memory(state.time))
-    end = in_periods(machine, t - solution.t0)
-    state = coast(flow, machine, state, rows.phase[0], *end, solution.max_steps)
+    # At the time of an event, as the log has it, the state is that of the event to the last bit.
+    then, here = in_periods(machine, t - solution.t0), (start.periods, start.time)
+    periods, time = (jnp.where(t == start.t, a, b) for a, b in zip(here, then, strict=True))
+    state = coast(flow, machine, state, rows.phase[0], periods, time, solution.max_steps)
     pressing = machine.at_stops(machine.total_force(state))
     force = jnp.where(state.held, pressing, 0)
     x, v, force = (jnp.where(is_known, a, jnp.nan) for a in (*machine.in_space(state), force))

@@ -14,7 +14,7 @@ import operator
 import warnings
 from collections.abc import Callable, Sequence
 from functools import cache, reduce, wraps
-from typing import Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, SupportsIndex, TypeVar
 
 import jax
 import jax.core
@@ -26,6 +26,11 @@ P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
 Numbers = ArrayLike | Sequence[Any]
+# A whole number. What else is given at run time, `whole_number` refuses in a sentence.
+if TYPE_CHECKING:
+    Count = SupportsIndex | Array
+else:
+    Count = Any
 Scalar = Float[Array, "..."]
 Flag = Bool[Array, "..."]
 
@@ -92,7 +97,7 @@ def in_full_precision(tree: T) -> T:
     return jax.tree.map(lambda a: as_float(a) if is_other(a) else a, tree)
 
 
-def concrete(value: Array | np.ndarray) -> np.ndarray | None:
+def concrete(value: Any) -> np.ndarray | None:
     """Return the value as NumPy's, or None while it is being traced."""
     return None if isinstance(value, jax.core.Tracer) else np.asarray(value)
 

@@ -11,7 +11,7 @@ from .._solution import RESULTS
 from .._system.force import BoundForce
 from .._system.periodicity import refuse_off_period
 from .._system.system import ImpactSystem, with_args
-from .._types import Numbers, as_float, concrete, in_full_precision, whole_number
+from .._types import Count, Numbers, as_float, concrete, in_full_precision, whole_number
 from .._xla import padding_allowed
 
 
@@ -20,12 +20,12 @@ def stroboscopic_map(
     system: ImpactSystem,
     x0: Numbers,
     v0: Numbers,
-    num_periods: int = 1,
+    num_periods: Count = 1,
     *,
     flow: AbstractFlow | None = None,
     args: object = None,
-    max_steps: int | None = None,
-    max_reverse_steps: int = 65_536,
+    max_steps: Count | None = None,
+    max_reverse_steps: Count = 65_536,
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     """Return the state some forcing periods later, as a differentiable function.
 
@@ -89,11 +89,11 @@ def monodromy_matrix(
     system: ImpactSystem,
     x0: Numbers,
     v0: Numbers,
-    num_periods: int = 1,
+    num_periods: Count = 1,
     *,
     flow: AbstractFlow | None = None,
     args: object = None,
-    max_steps: int | None = None,
+    max_steps: Count | None = None,
 ) -> Float[Array, "state state"]:
     """Derivative of the stroboscopic map by the state (x, v).
 

@@ -13,7 +13,7 @@ from .._motion.choose import choose_flow
 from .._motion.flow import AbstractFlow
 from .._progress import tqdm
 from .._system.system import ImpactSystem, with_args
-from .._types import Numbers, as_float, whole_number
+from .._types import Count, Numbers, as_float, whole_number
 from .carry import run_chain
 from .dataset import dataset
 from .endings import warn_of_endings
@@ -27,16 +27,16 @@ def sweep(
     system: ImpactSystem,
     values: Mapping[str, Numbers],
     *,
-    transient: int = 100,
-    record: int = 20,
+    transient: Count = 100,
+    record: Count = 20,
     carry: str | None = None,
     carry_from: xr.Dataset | None = None,
     x0: Numbers | None = None,
     v0: Numbers | None = None,
     flow: AbstractFlow | None = None,
     args: object = None,
-    max_impacts: int = 2048,
-    max_steps: int | None = None,
+    max_impacts: Count = 2048,
+    max_steps: Count | None = None,
     store: str | os.PathLike[str] | None = None,
     progress: bool = True,
 ) -> xr.Dataset:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._printing import as_html, as_text, told_of_stop
-from .._types import as_float, concrete, whole_number
+from .._types import Count, as_float, concrete, whole_number
 from .forcing import Harmonic
 
 Reals = Any  # arrays of JAX, or of NumPy where a sweep looks at its points
@@ -58,7 +58,7 @@ class Stop(eqx.Module):
 
     def __init__(
         self,
-        mass: int = 0,
+        mass: Count = 0,
         position: ArrayLike = 0.0,
         side: Literal["upper", "lower"] = "upper",
         restitution: ArrayLike = 1.0,
