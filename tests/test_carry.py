@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 import vijax as vx
-from vijax._sweep import carry, turns
+from vijax._execution import lane_loop as turns
+from vijax._sweep import carry
 
 FREQUENCY = "forcing.frequency"
 TRANSIENT, RECORD = 60, 5

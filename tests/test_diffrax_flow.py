@@ -16,10 +16,10 @@ from problems import one_mass
 
 import vijax as vx
 from vijax._contact.sticking_region import StickingRegion
-from vijax._motion.bernstein import bernstein, divided, first_crossing, nodes, slopes
-from vijax._motion.diffrax import degree_inside
-from vijax._motion.stepping import Attempt, SteppingFlow
-from vijax._motion.watch import Inside
+from vijax._flow.approximate_step import Attempt, SteppingFlow
+from vijax._flow.bernstein import bernstein, divided, first_crossing, nodes, slopes
+from vijax._flow.clearance import Inside
+from vijax._flow.diffrax_flow import degree_inside
 
 # Some hundred steps of 1e-10 each.
 SOLVER = 1e-8

@@ -13,7 +13,7 @@ import vijax as vx
 from vijax._attractors import quiet
 from vijax._attractors.quiet import highest, never_hits
 from vijax._attractors.response import modes_of, response_of, vibration_left
-from vijax._sweep.origin import machines_of
+from vijax._sweep.provenance import machines_of
 
 FREQUENCY, POSITION = "forcing.frequency", "stops[*].position"
 # Some hundred roundings of numbers of about 1.

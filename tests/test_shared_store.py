@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 from test_store import NUM_CHUNKS, POINTS_PER_CHUNK, assert_same, chunks_of, sweep
 
-from vijax._sweep import store as stores
+from vijax._execution import store as stores
 
 # Waits until all are ready, so that they begin at the same moment; tells how many chunks it made.
 CHILD = """
@@ -25,7 +25,7 @@ jax.config.update("jax_enable_x64", True)
 if cache != "None":
     jax.config.update("jax_compilation_cache_dir", cache)
 import test_store
-from vijax._sweep import store as stores
+from vijax._execution import store as stores
 test_store.cut_into_small_chunks()
 run, made = stores.run_points, []
 stores.run_points = lambda *args, **options: made.append(1) or run(*args, **options)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import vijax as vx
-from vijax._motion.choose import choose_flow
-from vijax._sweep import lanes, queues, turns
-from vijax._sweep.paths import Point, points_of_lanes
+from vijax._execution import lane_loop as turns, lane_queue as lanes, threads as queues
+from vijax._execution.points import Point, points_of_lanes
+from vijax._flow.choose import choose_flow
 
 POINTS, LANES = 16, 8
 

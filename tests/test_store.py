@@ -14,7 +14,7 @@ import pytest
 import xarray as xr
 
 import vijax as vx
-from vijax._sweep import queues, store as stores
+from vijax._execution import store as stores, threads as queues
 
 FREQUENCY = "forcing.frequency"
 # Case (b) chatters and sticks at the first, and is chaotic at the last.

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 import vijax as vx
-from vijax._sweep import lanes, queues
+from vijax._execution import lane_queue as lanes, threads as queues
 
 FREQUENCIES = [0.5, 0.8, 1.4]
 TRANSIENT, RECORD = 4, 3

@@ -12,9 +12,9 @@ import pytest
 import xarray as xr
 
 import vijax as vx
-from vijax._sweep.origin import origin
-from vijax._sweep.paths import Point
-from vijax._sweep.queues import Counts
+from vijax._execution.points import Point
+from vijax._execution.threads import Counts
+from vijax._sweep.provenance import origin
 from vijax._system.description import build, describe
 
 FREQUENCY, RESTITUTION = "forcing.frequency", "stops[*].restitution"

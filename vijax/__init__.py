@@ -4,9 +4,9 @@ import typing as _typing
 from importlib import import_module as _import_module
 
 from . import models as models
-from ._attractors.maps import impact_map as impact_map, stroboscopic_section as stroboscopic_section
-from ._attractors.motion_class import classify as classify
-from ._contact.restitution import (
+from ._attractors.classify import classify as classify
+from ._attractors.sections import impact_map as impact_map, stroboscopic_section as stroboscopic_section
+from ._contact.law import (
     impact_configurations as impact_configurations,
     modal_restitution_matrix as modal_restitution_matrix,
     restitution_matrix as restitution_matrix,
@@ -15,29 +15,29 @@ from ._contact.sticking_region import (
     StickingRegion as StickingRegion,
     sticking_region as sticking_region,
 )
-from ._labels import version as _version
-from ._log import IMPACT as IMPACT, RELEASE as RELEASE, STICK as STICK, EventLog as EventLog
-from ._motion.choose import load_diffrax_flow as _load_diffrax_flow
-from ._motion.modal import ModalFlow as ModalFlow
-from ._motion.taylor import TaylorFlow as TaylorFlow
+from ._dataset_attributes import version as _version
+from ._flow.choose import load_diffrax_flow as _load_diffrax_flow
+from ._flow.modal import ModalFlow as ModalFlow
+from ._flow.taylor import TaylorFlow as TaylorFlow
 from ._orbits.maps import (
     monodromy_matrix as monodromy_matrix,
     saltation_matrix as saltation_matrix,
     stroboscopic_map as stroboscopic_map,
 )
 from ._refusal import SimulationError as SimulationError
-from ._simulate import simulate as simulate
-from ._solution import RESULTS as RESULTS, Solution as Solution
-from ._sweep.origin import system_of as system_of
+from ._sweep.provenance import system_of as system_of
 from ._sweep.sweep import sweep as sweep
 from ._system.base import base_excitation as base_excitation
 from ._system.forcing import Harmonic as Harmonic
 from ._system.stop import Stop as Stop
 from ._system.system import ImpactSystem as ImpactSystem, chain as chain
+from ._trajectory.event_log import IMPACT as IMPACT, RELEASE as RELEASE, STICK as STICK, EventLog as EventLog
+from ._trajectory.simulate import simulate as simulate
+from ._trajectory.solution import RESULTS as RESULTS, Solution as Solution
 
 if _typing.TYPE_CHECKING:
     from . import plot as plot
-    from ._motion.diffrax import DiffraxFlow as DiffraxFlow
+    from ._flow.diffrax_flow import DiffraxFlow as DiffraxFlow
 else:  # hidden from type checkers, to which every misspelt name would be one that comes late
 
     def __getattr__(name: str) -> object:

@@ -121,6 +121,11 @@ def not_negative(time: Array) -> Array:
     return time - jax.lax.stop_gradient(jnp.minimum(time, 0))
 
 
+def short(dtype: jnp.dtype) -> float:
+    """The longest step, times the rate of the motion, whose cube is below rounding."""
+    return float(jnp.finfo(dtype).eps) ** (1 / 3)
+
+
 def stack(rows: Sequence[Array]) -> Array:
     """Stack along a new leading axis, after broadcasting the lanes."""
     return jnp.stack(jnp.broadcast_arrays(*rows))

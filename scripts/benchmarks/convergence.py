@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 
 import vijax as vx
-from vijax._motion.diffrax import DiffraxFlow
+from vijax._flow.diffrax_flow import DiffraxFlow
 
 from . import diffeqsolve
 from .diffeqsolve import Fate, outcome

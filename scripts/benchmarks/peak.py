@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from vijax._sweep import queues
+from vijax._execution import threads as queues
 
 from . import cpp
 from .timing import num_cores, times

@@ -14,8 +14,8 @@ machines with uneven damping are not orthogonal, and may be nearly parallel.)
 import numpy as np
 import xarray as xr
 
-from .._machine import Machine
-from .._solution import Solution
+from .._machine.machine import Machine
+from .._trajectory.solution import Solution
 from .record import forcing_periods, machines
 from .response import lanes_first, modes_of, response_of, vibration_left
 

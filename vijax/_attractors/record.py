@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from .._log import IMPACT, RELEASE, STICK
-from .._machine import Machine, prepare
-from .._solution import Solution
-from .._sweep.origin import machines_of
+from .._machine.machine import Machine, prepare
+from .._sweep.provenance import machines_of
+from .._trajectory.event_log import IMPACT, RELEASE, STICK
+from .._trajectory.solution import Solution
 
 _prepared = eqx.filter_jit(prepare)  # operation by operation it would take seconds to compile
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._machine import Machine
+from .._machine.machine import Machine
 
 # The rounding of numbers of about 1 is taken for this many times n eps.
 _SLACK = 64

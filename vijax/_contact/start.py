@@ -5,14 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._machine import Machine, State, remembering, resting_state
-from .._motion.flow import AbstractFlow
+from .._machine.machine import Machine, resting_state
+from .._machine.state import State
 from .._types import Scalar, stack
 from .sticking import is_pressed
 
 
 def first_state(
-    flow: AbstractFlow,
     machine: Machine,
     phase: Float[Array, "2 harmonics ..."],
     x: Float[Array, "n ..."],
@@ -29,7 +28,6 @@ def first_state(
     v = jnp.where(machine.has_any(touching & is_touching(machine.of_stops(v), speed)), 0, v)
     state = resting_state(machine, phase, stack(xs), v, jnp.zeros(touching.shape, bool))
     state = eqx.tree_at(lambda s: s.gap, state, jnp.where(touching, 0, state.gap))
-    state = remembering(state, flow.memory(state.time))
     inward = machine.at_stops(v)
     leaving, at_rest = touching & (inward < 0), touching & (inward == 0)
     contact = jnp.where(leaving, jnp.int8(1), state.contact)

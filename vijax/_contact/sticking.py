@@ -7,8 +7,7 @@ mass from everything else, counted towards the stop (Wagg & Bishop 2004, Sec. 2.
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._motion.bounds import short
-from .._types import Scalar
+from .._types import Scalar, short
 
 
 def chatter_time(

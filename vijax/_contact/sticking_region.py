@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._machine import Machine, prepare
+from .._machine.machine import Machine, prepare
 from .._system.system import ImpactSystem, with_args
 from .._types import Numbers, as_float
 from .sticking import is_pressed

@@ -5,12 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._motion.flow import AbstractFlow
-from .._simulate import Settings, follow
-from .._solution import RESULTS
+from .._flow.interface import AbstractFlow
 from .._system.force import BoundForce
 from .._system.periodicity import refuse_off_period
 from .._system.system import ImpactSystem, with_args
+from .._trajectory.simulate import Settings, follow
+from .._trajectory.solution import RESULTS
 from .._types import Count, Numbers, as_float, concrete, in_full_precision, whole_number
 from .._xla import padding_allowed
 

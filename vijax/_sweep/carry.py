@@ -12,8 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .paths import Point
-from .queues import Found
+from .._execution.points import Point
+from .._execution.threads import Found
 
 # Points of a chain past the last whose end is known that are run again in one round.
 _AHEAD = 256

@@ -6,12 +6,12 @@ import jax
 import numpy as np
 import xarray as xr
 
-from .._labels import flags, label
-from .._solution import RESULTS
+from .._dataset_attributes import flags, label
+from .._execution.points import Point, is_of_force
+from .._execution.threads import Counts, Found
 from .._system.stop import Stop
+from .._trajectory.solution import RESULTS
 from .endings import code_of
-from .paths import Point, is_of_force
-from .queues import Counts, Found
 
 _OF_STOPS = ("num_impacts", "num_sticks", "stuck")
 _DIMS = dict.fromkeys(_OF_STOPS, ("stop",)) | {

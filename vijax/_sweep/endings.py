@@ -4,7 +4,7 @@ import warnings
 
 import xarray as xr
 
-from .._solution import RESULTS
+from .._trajectory.solution import RESULTS
 
 _NAMES = list(RESULTS._name_to_item)
 

@@ -8,19 +8,19 @@ import jax
 import numpy as np
 import xarray as xr
 
-from .._door import can_any_stick
-from .._motion.choose import choose_flow
-from .._motion.flow import AbstractFlow
+from .._contact.checks import can_any_stick
+from .._execution.points import Point, points_of_lanes
+from .._execution.store import describe_sweep, open_store, run_chunks
+from .._execution.threads import Counts, Found, run_points
+from .._flow.choose import choose_flow
+from .._flow.interface import AbstractFlow
 from .._progress import tqdm
 from .._system.system import ImpactSystem, with_args
 from .._types import Count, Numbers, as_float, whole_number
 from .carry import run_chain
 from .dataset import dataset
 from .endings import warn_of_endings
-from .origin import origin
-from .paths import Point, points_of_lanes
-from .queues import Counts, Found, run_points
-from .store import describe_sweep, open_store, run_chunks
+from .provenance import origin
 
 
 def sweep(

@@ -4,9 +4,9 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from .._log import IMPACT
-from .._solution import Solution
 from .._sweep.endings import warn_of_endings
+from .._trajectory.event_log import IMPACT
+from .._trajectory.solution import Solution
 from ._axes import check_index, ink, legend_above, new_axes, of_curves, span_of_phase
 
 # Few points are drawn large, the thousands of a chaotic attractor small.

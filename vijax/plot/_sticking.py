@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from .._contact.sticking_region import StickingRegion
-from .._log import RELEASE, STICK
-from .._solution import Solution
+from .._trajectory.event_log import RELEASE, STICK
+from .._trajectory.solution import Solution
 from ._axes import check_index, ink, legend_beside, new_axes, of_curves
 from ._trajectories import curve_of_mass, draw_jumps, held_within, span_of
 

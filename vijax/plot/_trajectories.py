@@ -5,8 +5,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from .._attractors.record import held_intervals
-from .._log import IMPACT
-from .._solution import Solution
+from .._trajectory.event_log import IMPACT
+from .._trajectory.solution import Solution
 from ._axes import check_index, legend_beside, new_axes, of_curves
 
 

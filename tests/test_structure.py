@@ -1,0 +1,43 @@
+"""A file imports only what stands above it."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parent.parent / "vijax"
+ORDER = (
+    "_types _refusal _both_ways _xla _progress _dataset_attributes _printing _system models _machine _contact "
+    "_flow _trajectory _execution _orbits _sweep _attractors plot __init__"
+).split()
+FILES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
+
+
+def imports_of(file: Path) -> set[Path]:
+    """The files and folders of the package that a file imports when it is imported itself."""
+    found = set()
+    for dots, target in re.findall(r"^from (\.+)([\w.]*) import", (PACKAGE / file).read_text(), re.M):
+        place = Path(*file.parts[: len(file.parts) - len(dots)], *filter(None, target.split(".")))
+        found.add(next((path for path in FILES if path.with_suffix("") == place), place))
+    return found
+
+
+def rank(path: Path) -> int:
+    return ORDER.index(path.with_suffix("").parts[0])
+
+
+def test_every_part_has_its_place():
+    assert {path.with_suffix("").parts[0] for path in FILES} == set(ORDER)
+
+
+@pytest.mark.parametrize("file", FILES, ids=str)
+def test_a_file_imports_from_its_folder_and_from_above(file):
+    outside = [path for path in imports_of(file) if path.parts and path.parts[0] != file.parts[0]]
+    assert [str(path) for path in outside if rank(path) >= rank(file)] == []
+
+
+def test_there_is_no_circle():
+    waiting = {file: {path for path in imports_of(file) if path in FILES and path != file} for file in FILES}
+    while free := {file for file, needs in waiting.items() if not needs & waiting.keys()}:
+        waiting = {file: needs for file, needs in waiting.items() if file not in free}
+    assert sorted(map(str, waiting)) == []

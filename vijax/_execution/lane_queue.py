@@ -1,0 +1,196 @@
+"""Many trajectories side by side in one loop, fed from a queue.
+
+A loop over lanes lasts as long as its slowest lane. So a lane that is done takes the next point from a
+queue: when enough lanes are done, the loop is left, their results are put aside and new points
+gathered, and it goes on. With points in the order of falling work little of the last round is idle.
+
+Impacts, and where the points are at the end of every recorded period, are written one after another to
+rows that the host takes away; so memory does not depend on how many there are, and nothing is written in
+the transient.
+"""
+
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import Array, Bool, Float, Int, PyTree
+
+from .._contact.start import first_state
+from .._flow.exact_step import ExpandingFlow
+from .._flow.interface import AbstractFlow
+from .._machine.frame import num_harmonics
+from .._machine.machine import Machine, ample_steps, prepare
+from .._machine.state import State, remembering
+from .._system.system import ImpactSystem
+from .._types import UNROLLED
+from .._xla import in_one_kernel
+from .lane_loop import Ends, Progress, Rows, Task, Work, has_room, is_live, turn_until_fed
+
+# Room for impacts and for the ends of periods, in rows.
+_IMPACTS, _MARKS = 1 << 15, 1 << 13
+# In place of a bound on the steps: every point has one of its own, by the rate of its machine.
+OWN_BOUND = -1
+
+
+class Queue(eqx.Module):
+    """Where a run over many points is.
+
+    Attributes:
+        progress: what the lanes do, and what they logged.
+        point: the point of each lane; the number of points, if it has none.
+        ends: what became of the points that are done.
+        following: the next point that waits.
+    """
+
+    progress: Progress
+    point: Int[Array, " lanes"]
+    ends: Ends
+    following: Int[Array, ""]
+
+
+def new_queue(
+    system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int, flow: AbstractFlow | None = None
+) -> Queue:
+    """A queue with all lanes idle, for points that start at `x0`.
+
+    Lanes remember from step to step what `flow` asks for; nothing, if it is left out.
+    """
+    (n, points), stops, dtype = x0.shape, len(system.stops), x0.dtype
+    harmonics = num_harmonics(system)
+
+    def fill(dtype: DTypeLike, *shape: int, value: int = 0) -> Array:
+        return jax.device_put(np.full(shape, value, dtype))  # nothing to compile, unlike `jnp.full`
+
+    def memory(size: int) -> PyTree:
+        found = None if flow is None else flow.memory(fill(dtype, size))
+        return jax.tree.map(lambda a: jax.device_put(np.array(a)), found)  # no two arrays in one place
+
+    def nothing(size: int) -> Ends:
+        state = State(
+            periods=fill(int, size),
+            time=fill(dtype, size),
+            time_low=fill(dtype, size),
+            phase=fill(dtype, 2, harmonics, size),
+            x=fill(dtype, n, size),
+            v=fill(dtype, n, size),
+            gap=fill(dtype, stops, size),
+            held=fill(bool, stops, size),
+            contact=fill(np.int8, stops, size),
+            memory=memory(size),
+        )
+        counts = fill(int, stops, size), fill(int, stops, size)
+        held_time = fill(dtype, stops, size)
+        return Ends(state, *counts, held_time, fill(int, size), fill(bool, size, value=True))
+
+    impacts = fill(dtype, max(_IMPACTS, stops * num_lanes), 6)  # one turn at least
+    marks = fill(dtype, max(_MARKS, num_lanes), 2 + 2 * n + stops)
+    progress = Progress(nothing(num_lanes), Rows(impacts, fill(int)), Rows(marks, fill(int)), fill(int))
+    return Queue(progress, fill(int, num_lanes, value=points), nothing(points), fill(int))
+
+
+# The queue is given away: its buffers, a few MB, are written in place instead of copied.
+@eqx.filter_jit(
+    donate="all-except-first",
+    compiler_options={"xla_cpu_prefer_vector_width": 512},  # pyright: ignore[reportCallIssue]
+)
+def run_lanes(
+    points: tuple[AbstractFlow, ImpactSystem, Float[Array, "n points"], Float[Array, "n points"], Work],
+    queue: Queue,
+    *,
+    can_stick: bool,
+) -> tuple[Queue, Bool[Array, ""]]:
+    """Work on the queue until it is empty, the log full, or a number of turns done.
+
+    Args:
+        points: the motion, the machine (leaves carry points, or a single one for all, as their last
+            axis), where each point starts and how fast, and what is asked for.
+        queue: where the work is. The log is written from its beginning.
+        can_stick: whether any stop of any point might hold its mass.
+
+    Returns:
+        Where it is then, and whether there is anything left to do.
+    """
+    flow, system, x0, v0, work = points
+    period = 2 * jnp.pi / system.forcing.frequency
+    machine = prepare(system, period, (jnp.zeros(1, x0.dtype), x0, v0), can_stick=can_stick)
+    flow, work = flow.prepare(machine), _bounded(work, machine, x0.shape[1])
+    num_points, num_lanes = x0.shape[1], queue.point.size
+    zeros = jnp.zeros((machine.cosine.shape[0], num_points), x0.dtype)
+    phase0 = jnp.stack([zeros + 1, zeros])
+    first = first_state(machine, phase0, x0, v0)
+    first = remembering(first, flow.memory(first.time))
+    last_turn = queue.progress.turns + work.max_turns
+    is_small = max(machine.position.shape[0], *machine.cosine.shape[:2]) <= UNROLLED
+    # What else a flow does in its steps, or a force, may be impossible in one.
+    is_elementary = isinstance(flow, ExpandingFlow)
+    run = partial(in_one_kernel, turn_until_fed) if is_small and is_elementary else turn_until_fed
+
+    def feed(queue: Queue) -> Queue:
+        motion, numbers = (_gather(tree, queue.point, num_points) for tree in (flow, machine))
+        is_waiting = queue.following < work.num_points
+        enough = jnp.where(is_waiting, num_lanes - max(num_lanes // 16, 1), 0)
+        asked = _of_lanes(work, queue.point)
+        task = Task(motion, numbers, phase0[..., :1], asked, queue.point, enough, last_turn)
+        progress, _ = run((queue.progress, task))
+        return _refill(asked, first, numbers, eqx.tree_at(lambda q: q.progress, queue, progress))
+
+    def is_left(queue: Queue) -> Bool[Array, ""]:
+        live = is_live(_of_lanes(work, queue.point), queue.progress.lanes, queue.point)
+        return (queue.following < work.num_points) | jnp.any(live)
+
+    def goes_on(queue: Queue) -> Bool[Array, ""]:
+        return is_left(queue) & has_room(queue.progress) & (queue.progress.turns < last_turn)
+
+    queue = jax.lax.while_loop(goes_on, feed, queue)
+    return queue, is_left(queue)
+
+
+def _bounded(work: Work, machine: Machine, num_points: int) -> Work:
+    """The work with a bound on the steps of every point: what was asked for, or far more than it takes.
+
+    Beside the steps that the motion takes by itself there are those of its impacts, some in every period.
+    """
+    least = 100_000 + 10_000 * work.num_periods.astype(machine.rate.dtype)
+    ample = ample_steps(machine, work.num_periods * machine.period, least)
+    bound = jnp.where(work.max_steps == OWN_BOUND, ample, work.max_steps)
+    return eqx.tree_at(lambda w: w.max_steps, work, jnp.broadcast_to(bound, num_points))
+
+
+def _of_lanes(work: Work, point: Int[Array, " lanes"]) -> Work:
+    """What is asked of each lane's point."""
+    return eqx.tree_at(lambda w: w.max_steps, work, work.max_steps[point])
+
+
+def _gather(tree, point: Int[Array, " lanes"], num_points: int):
+    """The numbers of each lane's point; what all points share stays single."""
+
+    def take(a: Array) -> Array:
+        return a[..., point] if a.ndim and a.shape[-1] == num_points > 1 else a
+
+    return jax.tree.map(take, tree)
+
+
+def _refill(work: Work, first: State, machine: Machine, queue: Queue) -> Queue:
+    """Put aside what the lanes that are done found, and give them new points."""
+    lanes, num_points = queue.progress.lanes, queue.ends.steps.size
+    free = ~is_live(work, lanes, queue.point)
+    done = jnp.where(free, queue.point, num_points)
+    told = eqx.tree_at(lambda e: (e.state.x, e.state.v), lanes, machine.in_space(lanes.state))
+    ends = jax.tree.map(lambda all_, a: all_.at[..., done].set(a, mode="drop"), queue.ends, told)
+    candidate = queue.following + jnp.cumsum(free) - free
+    is_new = free & (candidate < work.num_points)
+    point = jnp.where(is_new, candidate, jnp.where(free, num_points, queue.point))
+    fresh = Ends(
+        state=_gather(first, point, num_points),
+        num_impacts=jnp.zeros_like(lanes.num_impacts),
+        num_sticks=jnp.zeros_like(lanes.num_sticks),
+        held_time=jnp.zeros_like(lanes.held_time),
+        steps=jnp.zeros_like(lanes.steps),
+        is_finite=jnp.ones_like(lanes.is_finite),
+    )
+    lanes = jax.tree.map(lambda new, old: jnp.where(is_new, new, old), fresh, lanes)
+    progress = eqx.tree_at(lambda p: p.lanes, queue.progress, lanes)
+    return Queue(progress, point, ends, queue.following + jnp.sum(is_new))

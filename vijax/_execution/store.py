@@ -1,0 +1,235 @@
+"""A sweep kept on disk chunk by chunk, so that it can be stopped, or killed, and gone on with.
+
+A store is a folder with a manifest, `sweep.json`, which tells what is swept, and a file for every chunk
+of points that is done, named by a digest of its points, their machines and starts. Whoever runs points
+asks the store first; so a sweep that carries end states along needs nothing of its own: called again it
+goes the same way through the rounds of its chains, and finds them done up to the last. (A file a block of
+the chain would hold less, but blocks guess starts in another way than whole chains do: other bits.)
+
+What comes of a point does not depend on the points that are run beside it, not by a bit, as long as
+the motion is chosen for all points together and the compiled shapes are those of the whole sweep, for
+which a chunk is run as a part of it. So chunks, and where one stops, change nothing.
+
+A file is written under a name of its own first and ends in a checksum, not only of what it holds but of the
+sweep and of its place there: one that was cut off, damaged, or came from elsewhere is not used but made again.
+
+Several processes may work on one store. Who begins it is decided by the file system, which makes a name once.
+Nobody waits for a lock, which one that was killed would keep: every process visits the chunks in an order of
+its own, and looks whether another has made one just before it would. Two may make one at the same
+time, the same bits; whole files replace each other.
+"""
+
+import contextlib
+import hashlib
+import io
+import json
+import os
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from .._flow.interface import AbstractFlow
+from .._system.force import BoundForce, program_of
+from .._system.system import ImpactSystem
+from .points import Point
+from .threads import Counts, Found, count_cores, run_points
+
+# Goes up with every change of what `Found` holds, or of how it is written: older stores are refused.
+_LAYOUT = 2
+_MANIFEST = "sweep.json"
+# A chunk is what all cores together do in a few seconds: so many forcing periods a core, but neither more
+# points than a queue of theirs holds nor so few that their lanes idle.
+_PERIODS, _FEWEST, _MOST = 250_000, 192, 2048
+
+
+@dataclass(frozen=True)
+class Store:
+    """A folder, the number of points of its chunks, and a digest of what is swept."""
+
+    folder: Path
+    points_per_chunk: int
+    sweep: str
+
+
+def open_store(path: str | os.PathLike[str], manifest: dict[str, Any]) -> Store:
+    """Begin a store, or go on with one that holds the same sweep.
+
+    Args:
+        path: its folder, which is made if it is not there.
+        manifest: what is swept, see `describe_sweep`.
+
+    Raises:
+        ValueError: if the folder holds something else; says what differs.
+    """
+    folder, file = Path(path), Path(path) / _MANIFEST
+    if not file.exists():
+        _begin(folder, manifest)
+    # Also what was just begun, perhaps by another process.
+    try:
+        found = json.loads(file.read_text())
+        there, size = found["sweep"], int(found["points_per_chunk"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"The file {file} of a store is damaged: delete the folder.") from error
+    difference = _difference(there, manifest)
+    if difference is not None:
+        raise ValueError(
+            f"The store {folder} holds another sweep: {difference}. Name another folder, or delete this one."
+        )
+    digest = hashlib.sha256(json.dumps(there, sort_keys=True).encode())
+    return Store(folder, size, digest.hexdigest())
+
+
+def _begin(folder: Path, manifest: dict[str, Any]) -> None:
+    """Write the manifest, unless another process does at this moment."""
+    file = folder / _MANIFEST
+    if folder.exists():
+        is_other = not folder.is_dir() or any(f.suffix != ".part" for f in folder.iterdir())
+        if is_other and not file.exists():
+            raise ValueError(
+                f"Argument `store` must name a new or empty folder, or a store, but {folder} is neither."
+            )
+    periods = max(manifest["transient"] + manifest["record"], 1)
+    size = count_cores() * min(max(_PERIODS // periods, _FEWEST), _MOST)
+    folder.mkdir(parents=True, exist_ok=True)
+    _write(file, json.dumps({"points_per_chunk": size, "sweep": manifest}, indent=1).encode(), _first_come)
+
+
+def describe_sweep(
+    attributes: dict[str, Any], axes: dict[str, np.ndarray], points: Point, flow: AbstractFlow | None
+) -> dict[str, Any]:
+    """What decides every bit that a sweep finds.
+
+    Args:
+        attributes: how the sweep is made, see `origin`.
+        axes: the swept values.
+        points: the machines and starts.
+        flow: the motion between events that was asked for.
+    """
+    told = {name: a for name, a in attributes.items() if name not in ("numpy_version", "python_version")}
+    return {
+        "layout": _LAYOUT,
+        **told,
+        "system": json.loads(attributes["system"]),
+        "force_parameters": json.loads(attributes.get("force_parameters", "{}")),
+        "values": {path: _summary(axis) for path, axis in axes.items()},
+        "starts": _digest((points.x0, points.v0)),
+        "numbers of the force": _digest(points.system.force),
+        "program of the force": _program(points.system),
+        "numbers of the flow": _digest(eqx.filter(flow, eqx.is_array)),
+    }
+
+
+def run_chunks(
+    store: Store,
+    points: Point,
+    flow: AbstractFlow,
+    counts: Counts,
+    tell: Callable[[int], object],
+    which: np.ndarray,
+) -> Found:
+    """Run points as `run_points` does, but those that the store holds, and keep what comes of them."""
+    chunks = np.array_split(which, -(-len(which) // store.points_per_chunk))
+    parts: dict[int, Found] = {}
+    # Another order in every process; all are put together in that of the points.
+    for number in np.random.default_rng().permutation(len(chunks)).tolist():
+        chunk = chunks[number]
+        of_chunk = jax.tree.map(lambda a, chunk=chunk: a if a.shape[-1] == 1 else a[..., chunk], points)
+        file = store.folder / f"{_digest((of_chunk, chunk))}.npz"
+        found = _read(store, file)
+        if found is None:
+            found = run_points(points, flow, counts, tell, which=chunk)
+            _keep(store, file, found)
+        else:
+            tell(len(chunk))
+        parts[number] = found
+    in_order = [parts[number] for number in range(len(chunks))]
+    names = in_order[0].ends
+    ends = {name: np.concatenate([part.ends[name] for part in in_order], axis=-1) for name in names}
+    impacts = np.concatenate([part.impacts for part in in_order])
+    return Found(ends, impacts, sum(part.lane_steps for part in in_order))
+
+
+def _keep(store: Store, file: Path, found: Found) -> None:
+    arrays: dict[str, Any] = {"impacts": found.impacts, "lane_steps": found.lane_steps, **found.ends}
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    data = buffer.getvalue()
+    _write(file, data + _checksum(store, file, data), os.replace)
+
+
+def _read(store: Store, file: Path) -> Found | None:
+    """What a file holds, or None if it is not there, not whole, or not of this sweep and place."""
+    if not file.exists():
+        return None
+    data = file.read_bytes()
+    data, checksum = data[:-32], data[-32:]
+    if _checksum(store, file, data) != checksum:
+        return None
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        ends = dict(arrays)
+    return Found(impacts=ends.pop("impacts"), lane_steps=int(ends.pop("lane_steps")), ends=ends)
+
+
+def _checksum(store: Store, file: Path, data: bytes) -> bytes:
+    """What a chunk ends with, 32 bytes."""
+    return hashlib.sha256(f"{store.sweep} {file.name} ".encode() + data).digest()
+
+
+def _write(file: Path, data: bytes, name: Callable[[Path, Path], object]) -> None:
+    """Write a file under a name that nobody else uses, and give it its own once it is whole."""
+    part = file.with_suffix(f".{uuid.uuid4().hex}.part")
+    try:
+        part.write_bytes(data)
+        name(part, file)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _first_come(part: Path, file: Path) -> None:
+    """Name a file, unless the name is taken already: who comes first has it."""
+    try:
+        os.link(part, file)
+    except FileExistsError:
+        return
+    except OSError:  # a file system without links
+        with contextlib.suppress(FileExistsError), file.open("xb") as made:
+            made.write(part.read_bytes())
+
+
+def _digest(tree: object) -> str:
+    """A name for the numbers of a tree."""
+    digest = hashlib.sha256()
+    for leaf in map(np.asarray, jax.tree.leaves(tree)):
+        digest.update(f"{leaf.dtype}{leaf.shape}".encode())
+        digest.update(np.ascontiguousarray(leaf).tobytes())
+    return digest.hexdigest()[:32]
+
+
+def _program(system: ImpactSystem) -> str:
+    """A name for what a force computes: its own may stay while its body is changed."""
+    if not isinstance(system.force, BoundForce):
+        return "none"
+    return _digest(program_of(jax.tree.map(lambda a: a[..., 0], system.force), system.num_masses))
+
+
+def _summary(values: np.ndarray) -> str:
+    first, last = values.ravel()[[0, -1]]
+    return f"{' x '.join(map(str, values.shape))} values from {first} to {last} ({_digest(values)[:8]})"
+
+
+def _difference(there: object, here: object, name: str = "") -> str | None:
+    """The first thing in which two manifests differ, as a clause."""
+    if isinstance(there, dict) and isinstance(here, dict):
+        pairs = [(f"{name}.{key}".lstrip("."), there.get(key), here.get(key)) for key in {**there, **here}]
+    elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
+        pairs = [(f"{name}[{k}]", a, b) for k, (a, b) in enumerate(zip(there, here, strict=True))]
+    else:
+        there, here = ("missing" if a is None else a for a in (there, here))
+        return None if there == here else f"`{name}` is {there} there, but {here} here"
+    return next((clause for n, a, b in pairs if (clause := _difference(a, b, n))), None)

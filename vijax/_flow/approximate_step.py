@@ -1,0 +1,235 @@
+"""Events in a motion that takes approximate steps: found on the polynomial inside a step, then stepped to.
+
+    trial step -> is it accurate? -> does its polynomial stay clear of every stop?
+        yes: take it        no: try again, up to the first crossing
+
+The polynomial inside a step is less accurate than its end, by up to two orders. So it never decides on an
+event: it only says how long the next trial shall be. That one ends, with all the accuracy of the solver, so
+close to the event that the first terms of a Taylor series from its end land on it to rounding. And where
+the polynomial misses a stop by less than it may be wrong, the trial is repeated at a quarter of its
+length: neither is a light impact overlooked, nor a narrow miss taken for one.
+
+One turn of the loop is one trial. So in a batch no lane waits for the steps that another one
+rejects, or for its events, and a turn costs about what a step without events costs. Every step starts the
+solver afresh: the motion after an impact knows nothing of the one before.
+"""
+
+import abc
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PyTree
+
+from .._machine.machine import Machine
+from .._machine.state import State, remembering
+from .._types import Flag, Scalar, lift, over_lanes
+from .clearance import Inside, Rates, delays, is_due, nearness, rates, watch
+from .exact_step import displaced, one_instant
+from .interface import AbstractFlow, Flight
+from .modal import TRUST_AND_TERMS, cosine_and_sine
+
+# Steps shorter than this part of what accuracy asks for are taken whatever their polynomial says.
+_SHORTEST = 1e-9
+
+
+class Memory(eqx.Module):
+    """What is kept from trial to trial.
+
+    Attributes:
+        step: the length that accuracy asks for; 0 before the first trial.
+        cut: the length of the next trial, where an event, or the doubt about one, asks for a shorter one;
+            else infinite.
+        control: what the choice of lengths keeps.
+        rejected: trials so far that were not accurate enough.
+    """
+
+    step: Scalar
+    cut: Scalar
+    control: PyTree
+    rejected: Int[Array, "..."]
+
+
+class Attempt(eqx.Module):
+    """A trial step of one trajectory.
+
+    Attributes:
+        displacement: x(step) - x(0), (n,); 0 for held masses.
+        gain: v(step) - v(0), (n,), to be left out where held.
+        inside: both inside the step.
+        is_good: whether it is accurate enough.
+        following: the length to try next, after this step or instead of it.
+        control: what the choice of lengths keeps.
+    """
+
+    displacement: Float[Array, " n"]
+    gain: Float[Array, " n"]
+    inside: Inside
+    is_good: Flag
+    following: Scalar
+    control: PyTree
+
+
+class Trial(eqx.Module):
+    """An attempt, its length, and the length that accuracy alone asked for."""
+
+    attempt: Attempt
+    step: Scalar
+    wanted: Scalar
+
+
+class SteppingFlow(AbstractFlow):
+    """A motion by approximate steps, each with a polynomial inside.
+
+    To add one: write `attempt`, `step_by` and, if the choice of lengths keeps anything, `control`.
+    """
+
+    @abc.abstractmethod
+    def attempt(self, machine: Machine, state: State, is_held: Bool[Array, " n"], step: Scalar) -> Attempt:
+        """Try a step of one trajectory with the masses `is_held` at rest; `machine.total_force` moves the others."""
+
+    @abc.abstractmethod
+    def step_by(
+        self, machine: Machine, state: State, is_held: Bool[Array, " n"], step: Scalar
+    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """Displacement and gain of velocity of the same step; differentiable both ways."""
+
+    def control(self, like: Scalar) -> PyTree:
+        """What the choice of lengths keeps at first, arrays in the shape of `like`."""
+        del like
+
+    def first_step(self, machine: Machine) -> Scalar:
+        """The length of the first trial."""
+        return 0.1 / machine.rate
+
+    def memory(self, like: Scalar) -> Memory:
+        """Nothing yet."""
+        zero = jnp.zeros_like(like)
+        return Memory(zero, zero + jnp.inf, self.control(like), jnp.zeros(zero.shape, int))
+
+    def num_rejected(self, memory: Memory) -> Int[Array, "..."]:
+        """Trials that were not accurate enough."""
+        return memory.rejected
+
+    def fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
+        """Try one step."""
+        return over_lanes(self._fly, state.x, machine, state, remaining, resolution)
+
+    def propagate(
+        self, machine: Machine, state: State, is_held: Bool[Array, "n ..."], step: Scalar
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+        """Go `step` ahead in one step of the solver."""
+        displacement, gain = over_lanes(self.step_by, state.x, machine, state, is_held, step)
+        return displacement, state.v + jnp.where(is_held, 0, gain), turned(machine, state.phase, step)
+
+    def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
+        """Try one step, whatever the stops say."""
+        return over_lanes(self._coast, state.x, machine, state, remaining)
+
+    def _fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
+        is_held = machine.held_masses(state.held)
+        trial = self._try(machine, state, is_held, remaining)
+        arrived = _moved(machine, state, trial, is_held)
+        now, end = rates(machine, state, is_held), rates(machine, arrived, is_held)
+        due, late = is_due(now, state), delays(machine, end, state.held, trial.wanted)
+        is_clear, cut = _clearance(machine, state, now, end, late, trial)
+        is_taken = trial.attempt.is_good & is_clear & ~jnp.any(due)
+        is_near = is_taken & (late <= remaining + resolution - trial.step)
+        late = jnp.where(due, 0, jnp.where(is_near, late, jnp.inf))
+        delay = jnp.min(late, initial=jnp.inf)
+        is_event = (late <= delay + one_instant(machine)) & (late < jnp.inf)
+        delay = jnp.where(delay < jnp.inf, jnp.maximum(delay, -trial.step), 0)
+        landed = _choose(is_taken, _landed(machine, arrived, end, delay), state)
+        landed = remembering(landed, _learnt(state.memory, trial, is_taken, jnp.any(is_event), cut))
+        duration = jnp.where(is_taken, trial.step + delay, 0)
+        return Flight(
+            _or_lost(machine, trial, landed), duration, is_event, is_taken & (trial.step >= remaining)
+        )
+
+    def _coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
+        is_held = machine.held_masses(state.held)
+        trial = self._try(machine, state, is_held, remaining)
+        is_taken = trial.attempt.is_good
+        end = _choose(is_taken, _moved(machine, state, trial, is_held), state)
+        end = remembering(end, _learnt(state.memory, trial, is_taken, is_taken, state.memory.cut))
+        length = jnp.where(is_taken, trial.step, jnp.where(_is_lost(machine, trial), remaining, 0))
+        return _or_lost(machine, trial, end), length
+
+    def _try(self, machine: Machine, state: State, is_held: Bool[Array, " n"], remaining: Scalar) -> Trial:
+        memory = state.memory
+        fastest = len(machine.cosine) * machine.frequency
+        longest = TRUST_AND_TERMS[str(remaining.dtype)][0] / jnp.where(fastest > 0, fastest, 1e-9)
+        wanted = jnp.minimum(jnp.where(memory.step > 0, memory.step, self.first_step(machine)), longest)
+        step = jnp.minimum(jnp.minimum(wanted, memory.cut), remaining)
+        return Trial(self.attempt(machine, state, is_held, step), step, wanted)
+
+
+def turned(machine: Machine, phase: Float[Array, "2 harmonics ..."], time: Scalar) -> Array:
+    """The phase of the forcing some time later, not later than any step ends.
+
+    By power series: a library's sine and cosine in every stage of a solver cost a third of the step.
+    """
+    cos, sin = phase
+    angle = lift(machine.harmonics, cos) * machine.frequency * time
+    wave, arc = cosine_and_sine(angle * angle, TRUST_AND_TERMS[str(angle.dtype)][1])
+    return jnp.stack([cos + (wave * cos - angle * arc * sin), sin + (wave * sin + angle * arc * cos)])
+
+
+def _clearance(
+    machine: Machine, state: State, now: Rates, end: Rates, late: Float[Array, " stops"], trial: Trial
+) -> tuple[Flag, Scalar]:
+    """Whether nothing happens inside a step but close to its end, and if something does, what to try instead."""
+    step, wanted = trial.step, trial.wanted
+    if not machine.masses:
+        return jnp.array(True), jnp.full_like(step, jnp.inf)
+    is_near = late < jnp.inf
+    proof = watch(machine, state, now, end, trial.attempt.inside, step, is_near)
+    free = step * proof.free
+    window = jnp.where(is_near, wanted * nearness(state.held, step.dtype), 0)
+    # A mass on its way to its stop is for so long nearer than the error, before it is there.
+    before = jnp.where(end.slope < 0, 2 * proof.error / jnp.where(end.slope < 0, -end.slope, 1), 0)
+    is_open = ~proof.is_crossed & (free >= step - window - before)
+    crossing = jnp.min(jnp.where(proof.is_crossed, free, jnp.inf))
+    shortest = _SHORTEST * wanted
+    cut = jnp.maximum(jnp.where(crossing < step, crossing, step / 4), shortest)
+    return jnp.all(is_open) | (step <= shortest), cut
+
+
+def _learnt(memory: Memory, trial: Trial, is_taken: Flag, is_event: Flag, cut: Scalar) -> Memory:
+    """What is kept after a trial."""
+    attempt, is_whole = trial.attempt, trial.step >= trial.wanted
+    # A step cut short says that accuracy allows it, not that it allows no more.
+    grown = jnp.where(is_whole, attempt.following, jnp.maximum(attempt.following, trial.wanted))
+    step = jnp.where(is_taken, grown, jnp.where(attempt.is_good, trial.wanted, attempt.following))
+    control = _choose(is_taken | ~attempt.is_good, attempt.control, memory.control)
+    # A step that was cut and then taken has no event: what made it doubtful may not be over yet.
+    cut = jnp.where(is_taken, 8 * memory.cut, jnp.where(attempt.is_good, cut, memory.cut))
+    cut = jnp.where(is_event, jnp.inf, cut)
+    return Memory(step, cut, control, memory.rejected + ~attempt.is_good)
+
+
+def _moved(machine: Machine, state: State, trial: Trial, is_held: Bool[Array, " n"]) -> State:
+    gain = jnp.where(is_held, 0, trial.attempt.gain)
+    phase = turned(machine, state.phase, trial.step)
+    return displaced(machine, state, trial.attempt.displacement, state.v + gain, phase, trial.step)
+
+
+def _landed(machine: Machine, state: State, end: Rates, delay: Scalar) -> State:
+    """Go on by `delay`, which is short and may be negative."""
+    displacement = delay * (state.v + delay * (end.a / 2 + delay * end.jerk / 6))
+    v = state.v + delay * (end.a + delay * end.jerk / 2)
+    return displaced(machine, state, displacement, v, turned(machine, state.phase, delay), delay)
+
+
+def _choose(condition: Flag, a: PyTree, b: PyTree) -> PyTree:
+    return jax.tree.map(lambda new, old: jnp.where(condition, new, old), a, b)
+
+
+def _is_lost(machine: Machine, trial: Trial) -> Flag:
+    """Whether no step is short enough: a force that is not finite, or a motion that runs to infinity."""
+    least = 1e-3 * jnp.finfo(trial.step.dtype).eps / machine.rate
+    return ~trial.attempt.is_good & ~(trial.attempt.following > least)
+
+
+def _or_lost(machine: Machine, trial: Trial, state: State) -> State:
+    return eqx.tree_at(lambda s: s.x, state, jnp.where(_is_lost(machine, trial), jnp.nan, state.x))

@@ -1,0 +1,30 @@
+"""The motion that serves a machine best."""
+
+import importlib
+
+from .._system.system import ImpactSystem
+from .exact_step import ExpandingFlow
+from .interface import AbstractFlow
+from .modes import modal_flow
+from .taylor import TaylorFlow
+
+
+def choose_flow(system: ImpactSystem, *, can_stick: bool, wanted: AbstractFlow | None = None) -> AbstractFlow:
+    """The flow that is wanted, if it can; else mode by mode, by Taylor series, or, not linear, by diffrax."""
+    if not isinstance(wanted, AbstractFlow | None):
+        raise ValueError(
+            f"Argument `flow` must be a motion, as `vx.DiffraxFlow(diffrax.Tsit5())` makes of a solver, but is {wanted!r}."
+        )
+    if system.force is None:
+        return wanted or modal_flow(system, can_stick=can_stick) or TaylorFlow()
+    if isinstance(wanted, ExpandingFlow):
+        raise ValueError(
+            f"Argument `flow` is {type(wanted).__name__}, which is exact for linear machines alone, but the "
+            "machine has a `force`: leave it out, or use `vx.DiffraxFlow`."
+        )
+    return wanted or load_diffrax_flow()()
+
+
+def load_diffrax_flow() -> type[AbstractFlow]:
+    """Import it when it is first asked for: diffrax takes longer to import than all else."""
+    return importlib.import_module(".diffrax_flow", __package__).DiffraxFlow

@@ -1,0 +1,200 @@
+"""What is watched at every stop during an approximate step, and what its polynomial tells of it.
+
+As in `bounds.py` it is one function of time that is positive while nothing happens: the gap of a free
+mass, divided by the power of time that it begins with, or the contact force of a held one.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .._machine.machine import Machine
+from .._machine.state import State
+from .._types import Flag, Scalar, smallest
+from .._xla import compute_once, in_one_kernel
+from .bernstein import bernstein, divided, first_crossing, slopes
+
+
+class Inside(eqx.Module):
+    """A step between its ends, at the nodes of `bernstein.py`.
+
+    Attributes:
+        displacement: x - x(0), (nodes, n).
+        gain: v - v(0), (nodes, n); for a held mass what it would be if the mass were let go: its
+            derivative is contact force by mass.
+    """
+
+    displacement: Float[Array, "nodes n"]
+    gain: Float[Array, "nodes n"]
+
+
+class Rates(eqx.Module):
+    """What is watched, and its derivatives, at one instant.
+
+    Attributes:
+        value: the gap, or where a mass is held the contact force by its mass, (stops,).
+        slope: its first derivative.
+        a: accelerations, (n,).
+        jerk: their rates, (n,).
+        pull: what the accelerations were, if no mass were held, (n,).
+    """
+
+    value: Float[Array, " stops"]
+    slope: Float[Array, " stops"]
+    a: Float[Array, " n"]
+    jerk: Float[Array, " n"]
+    pull: Float[Array, " n"]
+
+
+def rates(machine: Machine, state: State, is_held: Bool[Array, " n"]) -> Rates:
+    """The present."""
+    pull = machine.inverse_mass * machine.total_force(state)
+    a = jnp.where(is_held, 0, pull)
+    change = machine.inverse_mass * machine.total_force_rate(state, a)
+    value = jnp.where(state.held, machine.at_stops(pull), state.gap)
+    slope = jnp.where(state.held, machine.at_stops(change), -machine.at_stops(state.v))
+    return Rates(value, slope, a, jnp.where(is_held, 0, change), pull)
+
+
+def is_due(now: Rates, state: State) -> Bool[Array, " stops"]:
+    """Whether an event happens at once: a mass already at its stop moves in, a force already gone falls."""
+    return (state.contact == 0) & (now.value <= 0) & (now.slope < 0)
+
+
+def delays(
+    machine: Machine, end: Rates, held: Bool[Array, " stops"], scale: Scalar
+) -> Float[Array, " stops"]:
+    """How far from the end of a step every stop has its event, if so near that no more terms count; else infinite.
+
+    Args:
+        machine: the numbers of the machine.
+        end: what is watched at the end of the step.
+        held: stops that hold their mass.
+        scale: the time in which the motion changes.
+    """
+    curve = jnp.where(held, 0, -machine.at_stops(end.a) / 2)
+    bend = jnp.where(held, 0, -machine.at_stops(end.jerk) / 6)
+    square = end.slope * end.slope - 4 * curve * end.value
+    is_simple = (end.slope < 0) & (4 * square > end.slope * end.slope)
+    root = jnp.sqrt(jnp.where(is_simple, square, 1))
+    delay = 2 * end.value / (root - jnp.where(is_simple, end.slope, 0))
+    for _ in range(2):
+        value = end.value + delay * (end.slope + delay * (curve + delay * bend))
+        rate = end.slope + delay * (2 * curve + 3 * delay * bend)
+        delay = delay - value / jnp.where(is_simple & (rate < 0), rate, -1)
+    return jnp.where(is_simple & (jnp.abs(delay) <= scale * nearness(held, delay.dtype)), delay, jnp.inf)
+
+
+def nearness(held: Bool[Array, " stops"], dtype: jnp.dtype) -> Float[Array, " stops"]:
+    """Parts of the scale of time, of which the first power that is left out is below rounding."""
+    eps = float(jnp.finfo(dtype).eps)
+    return jnp.where(held, eps**0.5, eps ** (1 / 3))
+
+
+class View(eqx.Module):
+    """A step as one stop sees it: at its start, and counted towards the stop.
+
+    Attributes:
+        held: whether the stop holds its mass.
+        contact: how it was last left, see `State`.
+        gap: distance to it.
+        v: velocity.
+        a: acceleration.
+        jerk: its rate.
+        pull: what the acceleration were, if the mass were not held.
+        last_pull: the same at the end of the step.
+        last: what is watched, at the end of the step.
+        displacement: of its mass since the start, at the nodes of `bernstein.py`, (nodes,).
+        gain: of velocity, likewise.
+    """
+
+    held: Flag
+    contact: Int[Array, "..."]
+    gap: Scalar
+    v: Scalar
+    a: Scalar
+    jerk: Scalar
+    pull: Scalar
+    last_pull: Scalar
+    last: Scalar
+    displacement: Float[Array, "*stops nodes"]
+    gain: Float[Array, "*stops nodes"]
+
+
+class Proof(eqx.Module):
+    """What the polynomial inside a step tells of one stop.
+
+    Attributes:
+        free: the part of the step in which nothing happens: up to the event, if there is one, else as far as
+            the polynomial tells for sure.
+        is_crossed: whether an event happens even if the polynomial is as wrong as it may be.
+        error: how wrong it may be.
+    """
+
+    free: Scalar
+    is_crossed: Flag
+    error: Scalar
+
+
+def watch(
+    machine: Machine,
+    state: State,
+    now: Rates,
+    end: Rates,
+    inside: Inside,
+    step: Scalar,
+    is_expected: Bool[Array, " stops"],
+) -> Proof:
+    """Watch every stop during a step; an event `is_expected` at its end does not count as crossed."""
+    at_nodes = jax.vmap(machine.at_stops, out_axes=1)
+    view = View(
+        held=state.held,
+        contact=state.contact,
+        gap=state.gap,
+        v=machine.at_stops(state.v),
+        a=machine.at_stops(now.a),
+        jerk=machine.at_stops(now.jerk),
+        pull=machine.at_stops(now.pull),
+        last_pull=machine.at_stops(end.pull),
+        last=end.value,
+        displacement=at_nodes(inside.displacement),
+        gain=at_nodes(inside.gain),
+    )
+    return in_one_kernel(jax.vmap(_prove, (0, None, 0)), view, step, is_expected)
+
+
+def _prove(view: View, step: Scalar, is_expected: Flag) -> Proof:
+    """Prove as much of a step as possible free of events of one stop.
+
+    Its ends are exact, as far as the step is. The position between them may be as wrong as its derivative differs from
+    the velocity, times the time since the start.
+    """
+    displacement = compute_once(bernstein, view.displacement)
+    gain = compute_once(bernstein, view.gain)
+    error = compute_once(_error, view, displacement, gain, step)
+    likely = compute_once(_likely, view, displacement, gain, step)
+    nearest = view.gap + smallest([-view.displacement[j] for j in range(1, len(displacement))]) + error
+    is_crossed = (jnp.where(view.held, smallest(likely), nearest) < 0) | (view.last < 0)
+    is_crossed = is_crossed & ~is_expected
+    degree = len(likely) - 1
+    share = [jnp.where(view.contact == 0, k / degree, min(k, 1)) for k in range(degree + 1)]
+    doubt = jnp.where(is_crossed, 0, error)
+    asked = [c - part * doubt for c, part in zip(likely, share, strict=True)]
+    return Proof(compute_once(first_crossing, asked), is_crossed, error)
+
+
+def _error(view: View, displacement: list[Scalar], gain: list[Scalar], step: Scalar) -> Scalar:
+    speeds = [step * (view.v + g) for g in gain]
+    defects = [-jnp.abs(s - v) for s, v in zip(slopes(displacement), speeds, strict=True)]
+    return jnp.where(view.held, 0, -smallest(defects))
+
+
+def _likely(view: View, displacement: list[Scalar], gain: list[Scalar], step: Scalar) -> list[Scalar]:
+    """Coefficients of what the polynomial says of the gap, without the powers of time it begins with, or the force."""
+    gap = [view.gap, *(view.gap - d for d in displacement[1:])]
+    for order, start in ((1, -step * view.v), (2, -(step**2) * view.a / 2), (3, -(step**3) * view.jerk / 6)):
+        shorter = divided(gap, start)
+        gap = [jnp.where(view.contact >= order, s, g) for s, g in zip(shorter, gap, strict=True)]
+    force = [step * view.pull, *slopes(gain)[1:-1], step * view.last_pull]
+    return [jnp.where(view.held, f, g) for f, g in zip(force, gap, strict=True)]

@@ -1,0 +1,192 @@
+"""The motion of any smooth machine between events, by the solvers of diffrax.
+
+It uses diffrax's stepping interface alone: one `solver.step` is one trial, `stepsize_controller` says whether
+it was accurate enough and how long the next shall be, and the solver's dense output is the polynomial in which
+events are looked for (`stepping.py`). `diffrax.diffeqsolve` with `diffrax.Event` was rejected: it looks at
+signs at the ends of steps, so two crossings in one step pass unseen, of several events it takes
+the first of the list instead of the first in time, and it finds the time of an event in the dense
+output, which is less accurate than the steps.
+
+Positions and velocities are integrated as what they gain since the beginning of the step: a light bounce then
+keeps all its digits. The gain of a held mass is that of the force on it, which costs nothing and gives
+the contact force inside the step.
+"""
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
+
+from .._machine.machine import Machine
+from .._machine.state import State
+from .._types import Scalar, as_float
+from .approximate_step import Attempt, SteppingFlow, turned
+from .bernstein import nodes
+from .clearance import Inside
+
+# Degrees of dense outputs that there might be; those of diffrax go from 3 to 6.
+_LEAST, _MOST = 3, 8
+_TOLERANCES = {"float64": (1e-10, 1e-12), "float32": (1e-5, 1e-6)}
+
+
+class DiffraxFlow(SteppingFlow):
+    """Motion by a diffrax solver, for machines with a `force`, or to compare with the exact motion.
+
+    Args:
+        solver: a Runge-Kutta method of diffrax; Dopri8 if left out.
+        stepsize_controller: `diffrax.PIDController` with numbers for tolerances, or
+            `diffrax.ConstantStepSize`. If left out a `PIDController` with rtol 1e-10 and atol 1e-12
+            (1e-5 and 1e-6 in 32-bit numbers).
+        dt0: length of the first step, or of all steps if it is constant; chosen if left out.
+
+    Raises:
+        ValueError: for a solver that is no Runge-Kutta method, or a controller for fixed times.
+
+    Example:
+        ```python
+        import diffrax, vijax as vx
+        flow = vx.DiffraxFlow(diffrax.Tsit5(), diffrax.PIDController(rtol=1e-8, atol=1e-8))
+        sol = vx.simulate(vx.models.wagg_bishop_b(0.2), 0.0, 80.0, flow=flow)
+        ```
+
+    References:
+        P. Kidger, On Neural Differential Equations (2021), Sec. 5.
+    """
+
+    solver: Any = eqx.field(static=True)
+    stepsize_controller: Any = eqx.field(static=True)
+    dt0: Float[Array, " 1"] | None
+
+    def __init__(
+        self,
+        solver: diffrax.AbstractSolver | None = None,
+        stepsize_controller: diffrax.AbstractStepSizeController | None = None,
+        dt0: ArrayLike | None = None,
+    ):
+        self.solver = diffrax.Dopri8() if solver is None else solver
+        self.stepsize_controller = stepsize_controller
+        self.dt0 = None if dt0 is None else as_float(dt0).reshape(1)
+
+    def __check_init__(self):
+        solver = self.solver
+        if (
+            not isinstance(solver, diffrax.AbstractRungeKutta)
+            or solver.term_structure is not diffrax.AbstractTerm
+        ):
+            raise ValueError(
+                f"Argument `solver` must be a Runge-Kutta method for one term, but is {solver}: every step starts afresh."
+            )
+        if isinstance(solver, diffrax.AbstractImplicitSolver) and not isinstance(
+            solver.root_finder.rtol, float
+        ):
+            raise ValueError(
+                "An implicit `solver` needs tolerances of its own: for instance "
+                "diffrax.Kvaerno5(root_finder=diffrax.VeryChord(rtol=1e-8, atol=1e-8))."
+            )
+        controller = self.stepsize_controller
+        if isinstance(controller, (diffrax.ClipStepSizeController, diffrax.StepTo)):
+            raise ValueError(
+                "Argument `stepsize_controller` must choose steps by their error or keep them constant: the times "
+                "where a step must end are those of the machine."
+            )
+        if isinstance(controller, diffrax.ConstantStepSize) and self.dt0 is None:
+            raise ValueError("Argument `dt0` must be given with a constant step size.")
+
+    def attempt(self, machine: Machine, state: State, is_held: Bool[Array, " n"], step: Scalar) -> Attempt:
+        """Try one step."""
+        (displacement, gain), error, dense = self._step(machine, state, is_held, step, "lax")
+        zero = jnp.zeros_like(step)
+        # A Runge-Kutta method keeps slopes times the step: on [0, 1] its dense output is a constant matrix.
+        path = self.solver.interpolation_cls(t0=0.0, t1=1.0, **dense)
+        inside = jax.vmap(path.evaluate)(jnp.asarray(nodes(degree_inside(self.solver)), step.dtype))
+        # The gain of a held mass is no part of the motion.
+        error = (error[0], jnp.where(is_held, 0, error[1]))
+        start = (state.x, state.v)
+        after = (state.x + displacement, state.v + jnp.where(is_held, 0, gain))
+        keep, begin, stop, _, control, _ = self._controller(step.dtype).adapt_step_size(
+            zero, step, start, after, None, error, self._error_order(), state.memory.control
+        )
+        numbers = jnp.concatenate([*after, *error])
+        is_finite = jnp.all(jnp.isfinite(numbers))
+        following = jnp.where(is_finite, stop - begin, step / 4)
+        control = jax.tree.map(lambda a, old: jnp.asarray(a, old.dtype), control, state.memory.control)
+        return Attempt(displacement, gain, Inside(*inside), is_finite & keep, following, control)
+
+    def step_by(
+        self, machine: Machine, state: State, is_held: Bool[Array, " n"], step: Scalar
+    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """The same step, differentiable both ways."""
+        return self._step(machine, state, is_held, step, "bounded")[0]
+
+    def control(self, like: Scalar) -> PyTree:
+        """What the controller keeps at first."""
+        zero = jnp.zeros((), like.dtype)
+        dt0 = zero + (1 if self.dt0 is None else self.dt0[0])
+        _, first = self._controller(like.dtype).init(
+            diffrax.ODETerm(_field),
+            zero,
+            zero + jnp.inf,
+            zero,
+            dt0,
+            None,
+            self.solver.func,
+            self._error_order(),
+        )
+        return jax.tree.map(lambda a: jnp.broadcast_to(jnp.asarray(a), like.shape), first)
+
+    def first_step(self, machine: Machine) -> Scalar:
+        """`dt0`, or a tenth of the shortest time in the motion."""
+        return 0.1 / machine.rate if self.dt0 is None else self.dt0[0].astype(machine.rate.dtype)
+
+    def _controller(self, dtype: jnp.dtype) -> diffrax.AbstractStepSizeController:
+        if self.stepsize_controller is not None:
+            return self.stepsize_controller
+        rtol, atol = _TOLERANCES[str(dtype)]
+        return diffrax.PIDController(rtol=rtol, atol=atol)
+
+    def _error_order(self) -> Any:
+        return self.solver.error_order(diffrax.ODETerm(_field))
+
+    def _step(
+        self, machine: Machine, state: State, is_held: Bool[Array, " n"], step: Scalar, loop: str
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array], dict[str, PyTree]]:
+        """Gains, their errors and the dense output of one step of the solver."""
+        solver = eqx.tree_at(lambda s: s.scan_kind, self.solver, loop, is_leaf=lambda leaf: leaf is None)
+        term, args = diffrax.ODETerm(_field), (machine, state, is_held)
+        nothing, zero = (jnp.zeros_like(state.x), jnp.zeros_like(state.v)), jnp.zeros_like(step)
+        memory = solver.init(term, zero, step, nothing, args)
+        if memory is not None:  # A method whose last stage is the first of the next step asks for that one.
+            memory = (False, _field(zero, nothing, args))
+        end, error, dense, _, _ = solver.step(term, zero, step, nothing, args, memory, made_jump=False)
+        return end, error, dense
+
+
+def degree_inside(solver: Any) -> int:
+    """The degree of a solver's dense output, the polynomial in which events are looked for."""
+    return _degree(type(solver).interpolation_cls, solver.tableau.num_stages)
+
+
+@cache
+def _degree(interpolation: Callable, num_stages: int) -> int:
+    """The last Chebyshev coefficient that slopes of no motion in particular give."""
+    with jax.ensure_compile_time_eval():
+        y, k = jnp.asarray([0.3, 0.8]), jnp.asarray(np.random.default_rng(0).normal(size=num_stages))
+        path = interpolation(t0=0.0, t1=1.0, y0=y[0], y1=y[1], k=k)
+        values = np.asarray(jax.jit(jax.vmap(path.evaluate))(jnp.asarray(nodes(_MOST))))
+    size = np.abs(np.polynomial.Chebyshev.fit(nodes(_MOST), values, _MOST, domain=[0, 1]).coef)
+    return max(_LEAST, int(np.flatnonzero(size > 1e-5 * size.max())[-1]))
+
+
+def _field(time: Any, gains: tuple[Array, Array], args: tuple[Machine, State, Array]) -> tuple[Array, Array]:
+    """Velocities of the free masses, and accelerations of all as if none were held."""
+    machine, state, is_held = args
+    v = jnp.where(is_held, 0, state.v + gains[1])
+    names = lambda s: (s.time, s.phase, s.x, s.v)  # noqa: E731
+    then = (state.time + time, turned(machine, state.phase, time), state.x + gains[0], v)
+    return v, machine.inverse_mass * machine.total_force(eqx.tree_at(names, state, then))

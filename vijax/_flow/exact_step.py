@@ -1,0 +1,267 @@
+"""The smooth part of a step: as far as is proved free of events, or exactly to the next one.
+
+    expand the motion -> safe step for every stop -> move -> land on the event, if one is near
+
+Derivatives: the length of a flight is a constant, except where it ends on something that moves with
+the parameters, the target time or an event. Of an event it moves by -(value) / (slope), dots over
+both, of the gap or contact force whose zero the event is. That is the rule of differentiation of `fly`;
+it is made of differentiable functions, so second derivatives follow from it.
+"""
+
+import abc
+from itertools import zip_longest
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .._machine.machine import Machine
+from .._machine.state import State
+from .._types import Scalar, short, smallest
+from .._xla import compute_once, is_any
+from .interface import AbstractFlow, Expansion, Flight
+from .safe_step import Bound, deflated, either, safe_step
+from .series import derivative, horner, sum_series, taylor_series
+
+# An event this near, times the rate of the motion, is reached by the first terms of the Taylor
+# series: what five terms leave of the velocity, 1e-3^5 / 5!, is below rounding. Two terms fewer are known of
+# a contact force, so its zero has to be nearer.
+_TERMS = 5
+_NEAR_GAP, _NEAR_FORCE = {"float64": 1e-3, "float32": 1e-2}, {"float64": 1e-4, "float32": 1e-3}
+
+
+@eqx.filter_custom_jvp
+def fly(flow: AbstractFlow, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
+    """Fly towards a time that lies `remaining` ahead, see `AbstractFlow.fly`; differentiable."""
+    return flow.fly(machine, state, remaining, resolution)
+
+
+@fly.def_jvp
+def _fly_jvp(primals, tangents):
+    _, machine, state, remaining, _ = primals
+    flight = fly(*primals)
+    end, is_held = flight.end, machine.held_masses(state.held)
+
+    def after_the_same_time(flow: AbstractFlow, machine: Machine, state: State):
+        moved = flow.propagate(machine, state, is_held, flight.duration)
+        end = displaced(machine, state, *moved, flight.duration)
+        force = machine.at_stops(machine.total_force(end))
+        return end.x, end.v, end.phase, end.gap, jnp.where(state.held, force, end.gap)
+
+    _, (x, v, phase, gap, value) = eqx.filter_jvp(after_the_same_time, primals[:3], tangents[:3])
+    a = machine.accelerations(machine.total_force(end), is_held)
+    slope = -machine.at_stops(end.v)
+    if machine.can_stick:
+        force_rate = machine.at_stops(machine.total_force_rate(end, a))
+        slope = jnp.where(state.held, force_rate, slope)
+    is_crossing = flight.is_event & (slope < 0)
+    delays = -_plus(value, jnp.zeros_like(slope)) / jnp.where(is_crossing, slope, -1)
+    later = jnp.where(flight.is_last, _plus(tangents[3], jnp.zeros_like(remaining)), 0)
+    for j in range(len(machine.masses)):
+        later = jnp.where(is_crossing[j], delays[j], later)
+    moved = (
+        _plus(tangents[2].time, later),
+        tangents[2].time_low,
+        _plus(phase, machine.phase_rate(end.phase) * later),
+        _plus(x, end.v * later),
+        _plus(v, a * later),
+        _plus(gap, -machine.at_stops(end.v) * later),
+        later,
+    )
+    where = lambda f: (  # noqa: E731
+        *(getattr(f.end, name) for name in ("time", "time_low", "phase", "x", "v", "gap")),
+        f.duration,
+    )
+    nothing = jax.tree.map(lambda _: None, flight)
+    return flight, eqx.tree_at(where, nothing, moved, is_leaf=lambda leaf: leaf is None)
+
+
+def _plus(tangent: Array | None, other: Array) -> Array:
+    """A sum in which None stands for a tangent that is zero."""
+    return other if tangent is None else tangent + other
+
+
+class ExpandingFlow(AbstractFlow):
+    """A motion whose derivatives are known exactly, and bounded ahead: see `Expansion`."""
+
+    is_linear = True
+
+    @abc.abstractmethod
+    def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> Expansion:
+        """Expand the motion at `state` with the masses `is_held` at rest."""
+
+    def fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
+        """Take the longest step that is proved free of events, and land on the one it ends close to."""
+        is_held = machine.held_masses(state.held)
+        ahead = remaining + resolution
+        motion = compute_once(self.expand, machine, state, is_held)
+        step, is_root = compute_once(_safe_step, machine, state, motion, ahead)
+        is_last = step >= remaining
+        step = jnp.where(is_last, remaining, step)
+        moved = compute_once(_move, machine, state, motion, step)
+        series = compute_once(_near_future, machine, moved, is_held)
+        delays = compute_once(_delays, machine, moved, series, is_root, ahead - step)
+        delay = smallest(delays)
+        is_event = (delays <= delay + one_instant(machine)) & (delays < jnp.inf)
+        delay = jnp.where(delay < jnp.inf, delay, 0)
+        landed = compute_once(_land, machine, moved, series, delay)
+        return Flight(landed, step + delay, is_event, is_last)
+
+    def propagate(
+        self, machine: Machine, state: State, is_held: Bool[Array, "n ..."], step: Scalar
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+        """Expand and move at once."""
+        motion = compute_once(self.expand, machine, state, is_held)
+        return compute_once(motion.move, machine, state, step)
+
+    def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
+        """Go on by one step, whatever the stops say."""
+        motion = self.expand(machine, state, machine.held_masses(state.held))
+        step = jnp.minimum(remaining, motion.limit)
+        return _move(machine, state, motion, step), step
+
+
+def _safe_step(
+    machine: Machine, state: State, motion: Expansion, limit: Scalar
+) -> tuple[Scalar, Bool[Array, "stops ..."]]:
+    """The longest step that is proved free of events, and for every stop if it surely ends on one."""
+    limit = jnp.minimum(limit, motion.limit)
+    if not machine.masses:
+        return limit, state.held
+    if machine.can_stick:
+        is_any_held = is_any(state.held)
+        bound = jax.lax.cond(is_any_held, _bound, _bound_of_gap, machine, state, motion, limit)
+    else:
+        bound = compute_once(_bound_of_gap, machine, state, motion, limit)
+    steps, is_root = safe_step(bound, limit)
+    nearly = short(state.x.dtype) * machine.timescale
+    is_root = is_root & (steps <= nearly)
+    # Where a leading coefficient is lost in rounding the bound allows no step; the motion does.
+    steps = jnp.where(is_root, steps, jnp.maximum(steps, jnp.minimum(nearly, limit)))
+    step = jnp.minimum(limit, smallest(steps))
+    return step, is_root & (steps <= step + one_instant(machine))
+
+
+def one_instant(machine: Machine) -> Scalar:
+    """Events closer than this are simultaneous."""
+    return 8 * jnp.finfo(machine.rate.dtype).eps * machine.timescale
+
+
+def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
+    """Bound the gap of every free stop and the contact force of every held one from below."""
+    now, (x_rest, force_rest) = motion.now, compute_once(motion.rest, machine, limit)
+    contact_force = Bound(
+        jnp.maximum(machine.at_stops(now.force), 0),
+        machine.at_stops(now.force_rate),
+        machine.at_stops(now.force_curvature) / 2,
+        machine.of_stops(force_rest),
+    )
+    return either(state.held, contact_force, _bound_by(x_rest, machine, state, motion, limit))
+
+
+def _bound_of_gap(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
+    """Bound the gaps alone, where no mass is held."""
+    x_rest = compute_once(_rest_of_gap, motion, machine, limit)
+    return _bound_by(x_rest, machine, state, motion, limit)
+
+
+def _rest_of_gap(motion: Expansion, machine: Machine, limit: Scalar) -> Float[Array, "n ..."]:
+    return motion.rest(machine, limit)[0]
+
+
+def _bound_by(
+    x_rest: Float[Array, "n ..."], machine: Machine, state: State, motion: Expansion, limit: Scalar
+) -> Bound:
+    now = motion.now
+    a, jerk = machine.at_stops(now.acceleration), machine.at_stops(now.jerk)
+    gap = (state.gap, -machine.at_stops(state.v), -a / 2, -jerk * (1 / 6))
+    return deflated(gap, machine.of_stops(x_rest), state.contact, limit)
+
+
+def _move(machine: Machine, state: State, motion: Expansion, step: Scalar) -> State:
+    """Follow the smooth motion for `step`."""
+    displacement, v, phase = motion.move(machine, state, step)
+    return displaced(machine, state, displacement, v, phase, step)
+
+
+def _near_future(machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> tuple[Array, ...]:
+    return taylor_series(machine, state, is_held, _TERMS, unroll=True)
+
+
+def _delays(
+    machine: Machine,
+    state: State,
+    series: tuple[Array, ...],
+    is_root: Bool[Array, "stops ..."],
+    ahead: Scalar,
+) -> Float[Array, "stops ..."]:
+    """How far ahead the next event of every stop is, if it is near; else infinite.
+
+    A step that ends on a root of its bound falls short of the event by little, and from there the Taylor
+    polynomial of the gap or contact force has its root to rounding. So has every other stop whose
+    event may be as near.
+
+    Args:
+        machine: the numbers of the machine.
+        state: at the end of the step.
+        series: Taylor coefficients of position, force and phase there.
+        is_root: stops on whose event the step ended, to rounding.
+        ahead: how far ahead an event may be.
+    """
+    x, force, _ = series
+    h = [state.gap, *(-machine.at_stops(x[k]) for k in range(1, len(x)))]
+    if machine.can_stick:
+        contact_force = [machine.at_stops(force[k]) for k in range(len(force))]
+        pairs = zip_longest(contact_force, h, fillvalue=0.0)
+        h = [jnp.where(state.held, f, g) for f, g in pairs]
+    value, slope, curve, bend = h[:4]
+    square = slope * slope - 4 * curve * value
+    is_simple = (slope < 0) & (4 * square > slope * slope)
+    root = jnp.sqrt(jnp.where(is_simple, square, 1))
+    delay = 2 * value / (root - jnp.where(is_simple, slope, 0))
+    is_simple = is_simple & (jnp.abs(bend) * delay * delay <= 1e-3 * root)
+    for _ in range(2):
+        rate = jnp.where(is_simple, horner(derivative(h), delay), -1)
+        delay = delay - horner(h, delay) / rate
+    dtype = str(state.x.dtype)
+    near = jnp.where(state.held, _NEAR_FORCE[dtype], _NEAR_GAP[dtype]) * machine.timescale
+    is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
+    return jnp.where(is_near, delay, jnp.where(is_root, 0, jnp.inf))
+
+
+def _land(machine: Machine, state: State, series: tuple[Array, ...], delay: Scalar) -> State:
+    """Go on by `delay`, which is short."""
+    displacement, v, phase = sum_series(series[0], series[2], delay)
+    return displaced(machine, state, displacement, v, phase, delay)
+
+
+def displaced(
+    machine: Machine,
+    state: State,
+    displacement: Float[Array, "n ..."],
+    v: Float[Array, "n ..."],
+    phase: Float[Array, "2 harmonics ..."],
+    step: Scalar,
+) -> State:
+    time, low = _two_sum(state.time, step)
+    return eqx.tree_at(
+        lambda s: (s.time, s.time_low, s.phase, s.x, s.v, s.gap, s.contact),
+        state,
+        (
+            time,
+            state.time_low + low,
+            phase,
+            state.x + displacement,
+            v,
+            state.gap - machine.at_stops(displacement),
+            jnp.where(step > 0, jnp.int8(0), state.contact),
+        ),
+    )
+
+
+def _two_sum(a: Scalar, b: Scalar) -> tuple[Scalar, Scalar]:
+    """The rounded sum and its rounding error (Knuth)."""
+    total = a + b
+    part = total - a
+    return total, (a - (total - part)) + (b - part)

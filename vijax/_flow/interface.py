@@ -1,0 +1,125 @@
+"""What the engine asks of a motion between events."""
+
+import abc
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PyTree
+
+from .._machine.machine import Machine
+from .._machine.state import State
+from .._types import Flag, Scalar
+
+
+class Derivatives(eqx.Module):
+    """The motion at one instant, exactly. Every field is (n,).
+
+    Attributes:
+        acceleration: second derivative of the position of every mass; zero where held.
+        jerk: third derivative, likewise.
+        force: force on every mass without that of the stops: mass times acceleration where free,
+            what presses on the stop where held.
+        force_rate: its first derivative.
+        force_curvature: its second derivative.
+    """
+
+    acceleration: Float[Array, "n ..."]
+    jerk: Float[Array, "n ..."]
+    force: Float[Array, "n ..."]
+    force_rate: Float[Array, "n ..."]
+    force_curvature: Float[Array, "n ..."]
+
+
+class Expansion(eqx.Module):
+    """The motion from one instant on, with some masses held: the present, bounds, the future.
+
+    Attributes:
+        now: derivatives at the instant.
+        limit: the longest step this expansion is good for.
+    """
+
+    now: eqx.AbstractVar[Derivatives]
+    limit: eqx.AbstractVar[Scalar]
+
+    @abc.abstractmethod
+    def rest(self, machine: Machine, limit: Scalar) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+        """Bound |x''''| / 24 and |force'''| / 6 on [0, limit], both (n,)."""
+
+    @abc.abstractmethod
+    def move(
+        self, machine: Machine, state: State, step: Scalar
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+        """Go `step` ahead: the displacement x(step) - x(0), v(step), and the forcing phase there."""
+
+
+class Flight(eqx.Module):
+    """What a flight comes to.
+
+    Attributes:
+        end: the state at its end, before anything happens there.
+        duration: how long it lasted.
+        is_event: stops that have an event there, (stops,).
+        is_last: whether it ended at the target, or would have but for an event.
+    """
+
+    end: State
+    duration: Scalar
+    is_event: Bool[Array, "stops ..."]
+    is_last: Flag
+
+
+class AbstractFlow(eqx.Module):
+    """A motion between events. The loops that it drives know nothing else of it.
+
+    To add one: write
+
+    - `fly`: one step towards a time, proved free of events, or up to the first of them;
+    - `propagate`: the smooth motion over a time that `fly` took, differentiable both ways, as an
+      increment that is exact relative to itself however short the time: a light bounce lives in it;
+    - `coast`: one step of the smooth motion, whatever the stops say.
+
+    Two ways to find events are ready. A motion whose derivatives are known exactly and bounded
+    ahead extends `ExpandingFlow` and writes `expand` alone, with an `Expansion` that keeps its
+    promises: no impact is ever looked for where `rest` says that there is none. One that takes
+    approximate steps with a polynomial inside extends `SteppingFlow` and writes `attempt` and `step_by`. What a flow
+    has to remember from step to step, it keeps in `State.memory`, which `memory` begins. A motion that is
+    affine in positions and velocities says so by `is_linear`.
+    """
+
+    is_linear: ClassVar[bool] = False
+
+    @abc.abstractmethod
+    def fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
+        """Fly towards a time that lies `remaining` ahead, up to the first event if one comes before.
+
+        Args:
+            machine: the numbers of the machine.
+            state: where the trajectory is.
+            remaining: time to the target.
+            resolution: times closer than this are one instant.
+        """
+
+    @abc.abstractmethod
+    def propagate(
+        self, machine: Machine, state: State, is_held: Bool[Array, "n ..."], step: Scalar
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+        """Go `step` ahead: the displacement x(step) - x(0), v(step), and the forcing phase there."""
+
+    @abc.abstractmethod
+    def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
+        """Take one step towards `remaining`, passing through stops; the state there, and how long it was."""
+
+    def prepare(self, machine: Machine) -> "AbstractFlow":
+        """Compute, before the first step, what all steps need."""
+        del machine
+        return self
+
+    def memory(self, like: Scalar) -> PyTree:
+        """What `State.memory` holds at first, every array of it in the shape and type of `like`."""
+        del like
+
+    def num_rejected(self, memory: PyTree) -> Int[Array, "..."]:
+        """Steps so far that were tried and found not accurate enough."""
+        del memory
+        return jnp.array(0)

@@ -1,0 +1,107 @@
+"""The normal modes of a machine, for every set of masses that its stops may hold.
+
+`modal_flow` returns None where a motion mode by mode would lose digits or does not apply: traced
+matrices, damping that the modes do not diagonalise, a mode without stiffness, at resonance without
+damping, or that only creeps, more than 8 sets of held masses. `TaylorFlow` takes those.
+"""
+
+from itertools import combinations
+
+import jax.numpy as jnp
+import numpy as np
+
+from .._machine.frame import num_harmonics
+from .._system.system import ImpactSystem
+from .._types import concrete
+from .modal import ModalFlow, Modes
+
+_MAX_SETS = 8
+
+
+def modal_flow(system: ImpactSystem, *, can_stick: bool) -> ModalFlow | None:
+    """Tabulate the modes of every set of held masses, or return None where they do not serve.
+
+    Args:
+        system: the machine; its leaves may carry lanes as their last axis.
+        can_stick: whether any stop might hold its mass.
+
+    Returns:
+        The flow, or None.
+    """
+    dtype = system.mass.dtype
+    mass, damping, stiffness = (concrete(a) for a in (system.mass, system.damping, system.stiffness))
+    holdable = sorted({stop.mass for stop in system.stops}) if can_stick else []
+    if mass is None or damping is None or stiffness is None or 2 ** len(holdable) > _MAX_SETS:
+        return None
+    has_lanes = mass.ndim == 2
+    mass, damping, stiffness = (
+        np.moveaxis(a, -1, 0) if has_lanes else a[None] for a in (mass, damping, stiffness)
+    )
+    speed = _speeds(system)
+    sets = tuple(s for k in range(len(holdable) + 1) for s in combinations(holdable, k))
+    tables = []
+    for held in sets:
+        table = _modes_of_set(mass, damping, stiffness, held)
+        if table is None or not _keeps_digits(table[0], table[1], speed):
+            return None
+        tables.append(table)
+    arrays = [np.moveaxis(np.stack(column), 1, -1) for column in zip(*tables, strict=True)]
+    if not has_lanes:
+        arrays = [a[..., 0] for a in arrays]
+    return ModalFlow(Modes(*(jnp.asarray(a, dtype) for a in arrays)), sets)
+
+
+def _speeds(system: ImpactSystem) -> np.ndarray | None:
+    """Frequency of every harmonic of the load and of moving stops, (lanes, harmonics), or None while traced."""
+    frequency = concrete(system.forcing.frequency)
+    orders = np.arange(1, num_harmonics(system) + 1)
+    return None if frequency is None else np.atleast_1d(frequency)[:, None] * orders
+
+
+def _modes_of_set(
+    mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, held: tuple[int, ...]
+) -> tuple[np.ndarray, ...] | None:
+    """Modes with the masses `held` at rest, lanes first; None where digits would go."""
+    n = mass.shape[1]
+    free = [i for i in range(n) if i not in held]
+    root = np.sqrt(mass[:, free])
+    scale = root[:, :, None] * root[:, None]
+    w2, vectors = np.linalg.eigh(stiffness[np.ix_(range(len(stiffness)), free, free)] / scale)
+    modal_damping = (
+        np.swapaxes(vectors, 1, 2) @ (damping[np.ix_(range(len(damping)), free, free)] / scale) @ vectors
+    )
+    decay = np.diagonal(modal_damping, axis1=1, axis2=2) / 2
+    between = np.abs(modal_damping - np.eye(len(free)) * modal_damping)
+    eps = np.finfo(mass.dtype).eps
+    if free and (between > 64 * eps * np.abs(modal_damping).max()).any():
+        return None
+    if (w2 <= 1e-6 * np.abs(w2).max(initial=0.0)).any():
+        return None
+    lanes = max(len(w2), len(decay))
+    shape, inverse = np.zeros((lanes, n, n)), np.zeros((lanes, n, n))
+    modes = range(len(free))
+    shape[np.ix_(range(lanes), free, modes)] = vectors / root[:, :, None]
+    inverse[np.ix_(range(lanes), modes, free)] = np.swapaxes(vectors * root[:, :, None], 1, 2)
+    # What fills the tables up is a mode that nothing drives.
+    pad = ((0, 0), (0, n - len(free)))
+    w2, decay = (np.pad(a, pad, constant_values=1.0) for a in (w2, decay))
+    flexibility = shape / w2[:, None] @ np.swapaxes(shape, 1, 2)
+    anchor = np.zeros((lanes, n, n))
+    for i in held:
+        anchor[:, :, i] = -(flexibility @ stiffness[:, :, i, None])[..., 0]
+        anchor[:, i, i] = 1.0
+    w2, decay = (np.broadcast_to(a, (lanes, n)) for a in (w2, decay))
+    return w2, decay, shape, inverse, anchor
+
+
+def _keeps_digits(w2: np.ndarray, decay: np.ndarray, speed: np.ndarray | None) -> bool:
+    """Whether no mode only creeps, and none is driven near resonance without damping.
+
+    While the frequency is traced, it has to be so at every frequency.
+    """
+    if (decay > 4 * np.sqrt(w2)).any():
+        return False
+    if speed is None:
+        return bool((decay >= 1e-2 * np.sqrt(w2)).all())
+    impedance = w2[:, None] - speed[..., None] ** 2 + 2j * decay[:, None] * speed[..., None]
+    return bool((np.abs(impedance) > 1e-2 * (w2[:, None] + speed[..., None] ** 2)).all())

@@ -1,0 +1,86 @@
+"""Steps that are proved free of events.
+
+A stop is watched through one function of time that is positive while nothing happens: the gap of a
+free mass, or the contact force of a held one. Its first Taylor coefficients at the present instant
+are known exactly and the rest is bounded, so on [0, U]
+
+    h(u) >= a0 + a1 u + a2 u^2 - rest u^3 >= a0 + a1 u - (rest U - a2) u^2,
+
+and up to the smallest positive root of the right-hand side nothing can happen. Far from a stop
+the step is of the order of 1/rate; near one it becomes a Newton step from the safe side that
+also knows the curvature, so stepping and root finding are the same code and no lane of a batch waits
+for another's root search. Any U gives a valid step: two are tried and the longer one kept.
+
+After a contact some leading coefficients vanish exactly (`State.contact`). They are divided out
+before the bound is made, so no tolerance decides whether a mass that is leaving is hit again.
+
+A positive a2 is used (the parabola may have no root at all): that is what carries a step past a near
+miss. The root of the parabola misses the event by the third-order term alone, so a step that is short
+against the motion, rate * u <= eps^(1/3), ends on the event to rounding.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+from .._types import Flag, Scalar
+
+
+class Bound(eqx.Module):
+    """h(u) >= a0 + a1 u + a2 u^2 - rest u^3 on [0, limit]: what `safe_step` needs of a function."""
+
+    a0: Scalar
+    a1: Scalar
+    a2: Scalar
+    rest: Scalar
+
+
+def deflated(
+    gap: tuple[Scalar, Scalar, Scalar, Scalar], rest: Scalar, order: Int[Array, "..."], limit: Scalar
+) -> Bound:
+    """Bound g0 + g1 u + g2 u^2 + g3 u^3 -+ rest u^4, divided by u^order, for order 0 to 3."""
+    g0, g1, g2, g3 = gap
+    zero = jnp.zeros_like(rest)
+    bounds = (
+        Bound(jnp.maximum(g0, 0), g1, g2, jnp.maximum(-g3, 0) + rest * limit),
+        Bound(g1, g2, g3, rest),
+        Bound(g2, g3, -rest, zero),
+        Bound(g3, -rest, zero, zero),
+    )
+    chosen = bounds[0]
+    for p in (1, 2, 3):
+        chosen = either(order == p, bounds[p], chosen)
+    return chosen
+
+
+def either(condition: Flag, a: Bound, b: Bound) -> Bound:
+    """Choose elementwise between two bounds."""
+    return jax.tree.map(lambda new, old: jnp.where(condition, new, old), a, b)
+
+
+def safe_step(bound: Bound, limit: Scalar) -> tuple[Scalar, Flag]:
+    """Longest step that is proved free of an event, and whether it ends on a root of the bound.
+
+    Args:
+        bound: of a function that is not negative now.
+        limit: longest step allowed.
+
+    Returns:
+        The step, and True if the lower bound crosses zero there with a slope.
+    """
+    a0, a1 = bound.a0, bound.a1
+    tiny = jnp.finfo(jnp.result_type(a0)).tiny
+    trial, step, is_root = limit, limit, jnp.zeros(jnp.shape(limit), bool)
+    for _ in range(2):  # the second trial is never shorter than the first, its bound being tighter
+        fall = bound.rest * trial - bound.a2
+        under_root = a1 * a1 + 4 * fall * a0
+        root = jnp.sqrt(jnp.maximum(under_root, 0))
+        # Of the two forms of the root the one that cancels nothing; one division, for those are dear.
+        falls = a1 < 0
+        over, under = jnp.where(falls, 2 * a0, a1 + root), jnp.where(falls, root - a1, 2 * fall)
+        never = (under_root < 0) | (~falls & (fall <= 0))
+        step = jnp.where(never, trial, jnp.minimum(over / jnp.maximum(under, tiny), trial))
+        is_root = ~never & (step < trial) & (root > 0)
+        trial = jnp.where(step > 0, jnp.minimum(limit, 1.5 * step), limit)
+    return step, is_root

@@ -1,0 +1,73 @@
+"""The motion of a linear machine between events by the Taylor series of `series.py`."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .._machine.machine import Machine
+from .._machine.state import State
+from .._types import Scalar
+from .._xla import compute_once
+from .exact_step import ExpandingFlow
+from .interface import Derivatives, Expansion
+from .series import horner, orders, recurrence, rows_of_state, sum_series, taylor_series, vector
+
+_ORDER_AND_TRUST = {"float64": (22, 1.5), "float32": (11, 1.0)}
+
+
+class TaylorFlow(ExpandingFlow):
+    """Exact motion of a linear machine, by its Taylor series to rounding."""
+
+    def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> "TaylorExpansion":
+        """Expand the motion at `state` with the masses `is_held` at rest."""
+        order, trust = _ORDER_AND_TRUST[str(state.x.dtype)]
+        x, force, phase = taylor_series(machine, state, is_held, order)
+        now = Derivatives(2 * x[2], 6 * x[3], force[0], force[1], 2 * force[2])
+        return TaylorExpansion(now, trust * machine.timescale, x, force, phase)
+
+    def propagate(
+        self, machine: Machine, state: State, is_held: Bool[Array, "n ..."], step: Scalar
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+        """Sum the series as it is made, without keeping it."""
+        order, _ = _ORDER_AND_TRUST[str(state.x.dtype)]
+        extend, start = recurrence(machine, is_held), rows_of_state(state)
+
+        def add(carry, order):
+            (k, *_), (last, power, totals) = order, carry
+            now, (x, _, phase) = compute_once(extend, last, order)
+            power = power * step
+            displacement, v, waves = totals
+            totals = (
+                [d + power * step * row for d, row in zip(displacement, x, strict=True)],
+                [d + (k + 2) * power * row for d, row in zip(v, x, strict=True)],
+                [d + power * row for d, row in zip(waves, phase, strict=True)],
+            )
+            return (now, power, totals), None
+
+        _, v, phase = start
+        first = (start, jnp.ones_like(step), ([step * row for row in v], v, phase))
+        (_, _, (displacement, v, phase)), _ = jax.lax.scan(add, first, orders(order, state), unroll=5)
+        n = len(state.x)
+        return vector(displacement, n), vector(v, n), jnp.stack(phase).reshape(state.phase.shape)
+
+
+class TaylorExpansion(Expansion):
+    """Taylor coefficients of position, force and phase."""
+
+    now: Derivatives
+    limit: Scalar
+    x: Float[Array, "_ n ..."]
+    forces: Float[Array, "_ n ..."]
+    phase: Float[Array, "_ 2 harmonics ..."]
+
+    def rest(self, machine: Machine, limit: Scalar) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+        """Bound |x''''| / 24 and |force'''| / 6 on [0, limit]: sums of absolute coefficients."""
+        del machine
+        return horner(jnp.abs(self.x[4:]), limit), horner(jnp.abs(self.forces[3:]), limit)
+
+    def move(
+        self, machine: Machine, state: State, step: Scalar
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+        """Sum the series at `step`."""
+        del machine, state
+        return sum_series(self.x, self.phase, step)

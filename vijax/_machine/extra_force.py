@@ -1,0 +1,43 @@
+"""What acts on the masses beside the linear forces, for many trajectories, seen from where the machine is."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._system.force import BoundForce
+from .._types import Scalar, over_lanes
+from .frame import Frame
+
+
+class ExtraForce(eqx.Module):
+    """What acts on the masses beside the linear forces.
+
+    Attributes:
+        force: of time, positions and velocities, for one trajectory.
+        origin: the time at which the forcing periods are counted from.
+        frame: from where the machine is seen; the force is one of positions and velocities in space.
+    """
+
+    force: BoundForce
+    origin: Scalar
+    frame: Frame | None = None
+
+    def __call__(
+        self, t: Scalar, x: Float[Array, "n ..."], v: Float[Array, "n ..."]
+    ) -> Float[Array, "n ..."]:
+        if self.frame is not None:
+            w, rate = self.frame.at_time(t)
+            x, v = x + w, v + rate
+        return over_lanes(lambda force, t, x, v: force(t, x, v), x, self.force, t, x, v)
+
+    def rate(self, t: Scalar, x: Float[Array, "n ..."], v: Float[Array, "n ..."], mass: Array) -> Scalar:
+        """An estimate, from one state, of the frequency or decay rate it adds to the motion."""
+
+        def of_one(force, t, x, v, mass):
+            by_x, by_v = jax.jacfwd(force, (1, 2))(t, x, v)
+            root = jnp.sqrt(mass)
+            w2, d = (jnp.linalg.norm(a / (root[:, None] * root[None])) for a in (by_x, by_v))
+            return (d + jnp.sqrt(d * d + 4 * w2)) / 2
+
+        return over_lanes(of_one, x, self.force, t, x, v, mass)

@@ -1,0 +1,265 @@
+"""What the engine computes with: the numbers of one machine."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .._system.force import BoundForce
+from .._system.system import ImpactSystem
+from .._types import Scalar, add_up, lift, matvec, not_negative, stack
+from .extra_force import ExtraForce
+from .frame import Frame, frame_of, num_harmonics, padded
+from .state import State
+
+
+class Machine(eqx.Module):
+    """An `ImpactSystem` as arrays over masses, stops and harmonics, lanes last.
+
+    The load is `mean + sum_h (cosine_h cos(h W t) + sine_h sin(h W t))`. `rate` bounds every
+    frequency and decay rate of the linear motion, whatever masses are held; `timescale` is its inverse.
+    `extra` is None for a linear machine, `frame` where all stops stand still. Otherwise all is as seen from it,
+    the load included: positions and velocities are relative to the stops of their mass.
+    """
+
+    inverse_mass: Float[Array, "n ..."]
+    damping: Float[Array, "n n ..."]
+    stiffness: Float[Array, "n n ..."]
+    mean: Float[Array, "n ..."]
+    cosine: Float[Array, "harmonics n ..."]
+    sine: Float[Array, "harmonics n ..."]
+    frequency: Scalar
+    period: Scalar
+    position: Float[Array, "stops ..."]
+    restitution: Float[Array, "stops ..."]
+    rate: Scalar
+    timescale: Scalar
+    masses: tuple[int, ...] = eqx.field(static=True)
+    signs: tuple[int, ...] = eqx.field(static=True)
+    can_stick: bool = eqx.field(static=True)
+    extra: ExtraForce | None = None
+    frame: Frame | None = None
+
+    @property
+    def harmonics(self) -> Float[Array, " harmonics"]:
+        """1, 2, ... as numbers."""
+        return jnp.arange(1, self.cosine.shape[0] + 1, dtype=self.cosine.dtype)
+
+    def load(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
+        """The load at a phase of the forcing, given as cosines and sines of h W t."""
+        return self.mean + self.oscillating_load(phase)
+
+    def oscillating_load(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
+        """The load without its mean; linear in the phase, so it serves derivatives as well."""
+        return add_up(self.cosine * phase[0][:, None] + self.sine * phase[1][:, None])
+
+    def phase_rate(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "2 harmonics ..."]:
+        """Time derivative of the phase."""
+        speed = lift(self.harmonics, phase[0]) * self.frequency
+        return jnp.stack(jnp.broadcast_arrays(-speed * phase[1], speed * phase[0]))
+
+    def force(
+        self, phase: Float[Array, "2 harmonics ..."], x: Float[Array, "n ..."], v: Float[Array, "n ..."]
+    ) -> Float[Array, "n ..."]:
+        """The linear force on every mass: f - C v - K x."""
+        return self.load(phase) - matvec(self.damping, v) - matvec(self.stiffness, x)
+
+    def force_rate(
+        self, phase: Float[Array, "2 harmonics ..."], v: Float[Array, "n ..."], a: Float[Array, "n ..."]
+    ) -> Float[Array, "n ..."]:
+        """Time derivative of `force`, for the accelerations `a`."""
+        rate = self.oscillating_load(self.phase_rate(phase))
+        return rate - matvec(self.damping, a) - matvec(self.stiffness, v)
+
+    def total_force(self, state: State) -> Float[Array, "n ..."]:
+        """The force on every mass, that of the stops left out."""
+        linear = self.force(state.phase, state.x, state.v)
+        if self.extra is None:
+            return linear
+        return linear + self.extra(self.clock(state), state.x, state.v)
+
+    def total_force_rate(self, state: State, a: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
+        """Time derivative of `total_force`, for the accelerations `a`."""
+        linear = self.force_rate(state.phase, state.v, a)
+        if self.extra is None:
+            return linear
+        t = self.clock(state)
+        return linear + jax.jvp(self.extra, (t, state.x, state.v), (jnp.ones_like(t), state.v, a))[1]
+
+    def total_force_curvature(
+        self, state: State, a: Float[Array, "n ..."], jerk: Float[Array, "n ..."]
+    ) -> Float[Array, "n ..."]:
+        """Second time derivative of `total_force`, for the accelerations `a` and their rates `jerk`."""
+        linear = self.force_rate(self.phase_rate(state.phase), a, jerk)
+        if self.extra is None:
+            return linear
+        t, extra = self.clock(state), self.extra
+
+        def rate(s):
+            path = lambda s: (t + s, state.x + s * (state.v + s * a / 2), state.v + s * (a + s * jerk / 2))  # noqa: E731
+            return jax.jvp(lambda s: extra(*path(s)), (s,), (jnp.ones_like(s),))[1]
+
+        return linear + jax.jvp(rate, (jnp.zeros_like(t),), (jnp.ones_like(t),))[1]
+
+    def in_space(self, state: State) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+        """Positions and velocities as users know them."""
+        if self.frame is None:
+            return state.x, state.v
+        w, rate = self.frame.at(state.phase)
+        return state.x + w, state.v + rate
+
+    def seen_from_stops(
+        self, phase: Float[Array, "2 harmonics ..."], x: Float[Array, "n ..."], v: Float[Array, "n ..."]
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+        """The inverse of `in_space`."""
+        if self.frame is None:
+            return x, v
+        w, rate = self.frame.at(phase)
+        return x - w, v - rate
+
+    def clock(self, state: State) -> Scalar:
+        """The time, as an extra force sees it."""
+        origin = 0.0 if self.extra is None else self.extra.origin
+        return origin + state.periods * self.period + state.time
+
+    def accelerations(
+        self, force: Float[Array, "n ..."], is_held: Bool[Array, "n ..."]
+    ) -> Float[Array, "n ..."]:
+        """Accelerations by a force (or jerks by its rate), zero for held masses."""
+        return jnp.where(is_held, 0, self.inverse_mass * force)
+
+    def at_stops(self, of_mass: Float[Array, "n ..."]) -> Float[Array, "stops ..."]:
+        """A vector over masses, read at each stop and counted positive towards the stop."""
+        signs = lift(jnp.asarray(self.signs, self.position.dtype), self.position)
+        return signs * self.of_stops(of_mass)
+
+    def of_stops(self, of_mass: Float[Array, "n ..."]) -> Float[Array, "stops ..."]:
+        """A vector over masses, read at the mass of each stop."""
+        return stack([of_mass[i] for i in self.masses]) if self.masses else of_mass[:0]
+
+    def gaps(self, x: Float[Array, "n ..."]) -> Float[Array, "stops ..."]:
+        """The distance of every mass from its stop, positive while free."""
+        signs = lift(jnp.asarray(self.signs, self.position.dtype), self.position)
+        return signs * self.position - self.at_stops(x)
+
+    def has_any(self, of_stop: Bool[Array, "stops ..."]) -> Bool[Array, "n ..."]:
+        """Whether any stop of each mass has the flag."""
+        rows = [jnp.zeros(of_stop.shape[1:], bool)] * self.inverse_mass.shape[0]
+        for j, i in enumerate(self.masses):
+            rows[i] = rows[i] | of_stop[j]
+        return jnp.stack(rows)
+
+    def held_masses(self, held: Bool[Array, "stops ..."]) -> Bool[Array, "n ..."]:
+        """Masses that some stop holds; none, where the machine has no stop that can."""
+        return self.has_any(held if self.can_stick else jnp.zeros_like(held))
+
+
+def resting_state(
+    machine: Machine,
+    phase: Float[Array, "2 harmonics ..."],
+    x: Float[Array, "n ..."],
+    v: Float[Array, "n ..."],
+    held: Bool[Array, "stops ..."],
+) -> State:
+    """A state in the open or held, at local time 0."""
+    gap = machine.gaps(x)
+    zero = jnp.zeros(x.shape[1:], x.dtype)
+    return State(
+        periods=jnp.zeros(zero.shape, int),
+        time=zero,
+        time_low=zero,
+        phase=phase,
+        x=x,
+        v=v,
+        gap=gap,
+        held=held,
+        contact=jnp.zeros(gap.shape, jnp.int8),
+    )
+
+
+def in_periods(machine: Machine, span: Float[Array, "..."]) -> tuple[Int[Array, "..."], Float[Array, "..."]]:
+    """A time since the start as whole forcing periods and what is left."""
+    whole = jnp.floor(span / machine.period)
+    return whole.astype(int), not_negative(span - whole * machine.period)
+
+
+def prepare(
+    system: ImpactSystem,
+    span: Scalar,
+    start: tuple[Scalar, Float[Array, "n ..."], Float[Array, "n ..."]],
+    *,
+    can_stick: bool,
+) -> Machine:
+    """Turn a system into the engine's arrays.
+
+    Args:
+        system: the machine, its force bound to its `args`. Leaves may carry lanes as a last axis.
+        span: the time that will be simulated.
+        start: time, positions and velocities.
+        can_stick: whether any stop might hold its mass.
+    """
+    forcing = system.forcing
+    cosine, sine = (padded(wave, num_harmonics(system)) for wave in forcing.waves(system.mass.ndim - 1))
+    frame = frame_of(system)
+    if frame is not None:
+        cosine, sine = (a + b for a, b in zip((cosine, sine), frame.load(system), strict=True))
+    is_driven = forcing.frequency > 0
+    longest = jnp.asarray(jnp.finfo(system.mass.dtype).max ** 0.5, system.mass.dtype)
+    period = jnp.where(is_driven, 2 * jnp.pi / jnp.where(is_driven, forcing.frequency, 1.0), longest)
+    rate = jnp.maximum(_decay_and_frequency(system), len(cosine) * forcing.frequency)
+    extra = None
+    if isinstance(system.force, BoundForce):
+        extra = ExtraForce(system.force, start[0], frame)
+        rate = rate + extra.rate(*start, system.mass)
+    rate = jnp.maximum(rate, 1 / span)
+    lanes = jnp.zeros(system.mass.shape[1:], system.mass.dtype)
+    empty = jnp.zeros((0, *lanes.shape), system.mass.dtype)
+    return Machine(
+        inverse_mass=1 / system.mass,
+        damping=system.damping,
+        stiffness=system.stiffness,
+        mean=forcing.mean,
+        cosine=cosine,
+        sine=sine,
+        frequency=forcing.frequency,
+        period=period,
+        position=stack([s.centre + lanes for s in system.stops]) if system.stops else empty,
+        restitution=stack([s.restitution + lanes for s in system.stops]) if system.stops else empty,
+        rate=rate,
+        timescale=1 / rate,
+        masses=tuple(s.mass for s in system.stops),
+        signs=tuple(s.sign for s in system.stops),
+        can_stick=can_stick,
+        extra=extra,
+        frame=frame,
+    )
+
+
+def ample_steps(machine: Machine, span: Scalar, least: Scalar | int = 100_000) -> Int[Array, "..."]:
+    """Far more steps than a sound motion takes in a span of time: 100 per unit of span * rate, and `least`."""
+    steps = 100 * span * machine.rate
+    # A machine whose rate is not finite ends at its first step, and the bound must let it come there.
+    total = least + jnp.where(jnp.isfinite(steps), steps, 0)
+    return jnp.minimum(total, 2e9).astype(int)  # what 32 bits hold
+
+
+def _decay_and_frequency(system: ImpactSystem) -> Scalar:
+    """Bound the norm of the first-order matrix of the machine, in the norm of its energy.
+
+    In that norm the matrix is [[0, S], [-S, -D]] with S^2 = M^-1/2 K M^-1/2 and D likewise from C;
+    holding masses can only make it smaller. Its norm is at most (d + sqrt(d^2 + 4 w^2)) / 2.
+    """
+    root = jnp.sqrt(system.mass)
+    scale = root[:, None] * root[None]
+    w2 = _norm(system.stiffness / scale)
+    d = _norm(system.damping / scale)
+    return (d + jnp.sqrt(d * d + 4 * w2)) / 2
+
+
+def _norm(matrix: Float[Array, "n n ..."]) -> Scalar:
+    """Bound the largest eigenvalue of a symmetric matrix: the Frobenius norm of A^4, to the 1/4."""
+    largest = jnp.max(jnp.abs(matrix), axis=(0, 1))
+    unit = matrix / jnp.where(largest > 0, largest, 1.0)
+    for _ in range(2):
+        unit = jnp.sum(unit[:, :, None] * unit[None], axis=1)
+    return largest * jnp.sum(unit * unit, axis=(0, 1)) ** 0.125

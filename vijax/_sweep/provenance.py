@@ -1,0 +1,125 @@
+"""How a sweep was made, told by the attributes of its dataset, and the machine back from them."""
+
+import json
+import math
+from collections.abc import Hashable, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+
+from .._dataset_attributes import versions
+from .._execution.points import Point, force_parameters, only_paths, with_values
+from .._execution.threads import Counts
+from .._system.description import build, describe
+from .._system.system import ImpactSystem
+from .dataset import axis_names
+
+
+def origin(
+    base: Point, counts: Counts, *, flow: str, carry: str | None, goes_on: bool
+) -> dict[str, str | int]:
+    """The attributes of a dataset: all that decides what a sweep finds, beside the swept values.
+
+    Args:
+        base: the machine and start that hold where nothing is swept.
+        counts: what is asked of every point.
+        flow: the name of the motion between events.
+        carry: as in `sweep`.
+        goes_on: whether it starts from the end states of an earlier sweep.
+    """
+    of_force = {} if base.system.force is None else {"force_parameters": json.dumps(force_parameters(base))}
+    return of_force | {
+        "system": json.dumps(describe(base.system)),
+        "x0": json.dumps(np.asarray(base.x0).tolist()),
+        "v0": json.dumps(np.asarray(base.v0).tolist()),
+        "transient": int(counts.transient),
+        "record": int(counts.record),
+        "carry": carry or "none",
+        "carry_from": "an earlier sweep" if goes_on else "none",
+        "max_impacts": int(counts.max_impacts),
+        "max_steps": "default" if counts.max_steps is None else int(counts.max_steps),
+        "flow": flow,
+        "dtype": str(base.system.mass.dtype),
+        "device": jax.default_backend(),
+        **versions(),
+    }
+
+
+def system_of(ds: xr.Dataset) -> ImpactSystem:
+    """Build the machine of a sweep again, from its dataset alone, in memory or from a file.
+
+    Args:
+        ds: what `vx.sweep` returned, or a part of it. Quantities of which one value is selected have
+            it; those that still have several keep the value of the machine that was swept.
+
+    Returns:
+        The machine, bit for bit.
+
+    Raises:
+        ValueError: if the attributes hold no machine, or one with a `force`, a function.
+
+    Example:
+        ```python
+        import numpy as np, vijax as vx
+        ds = vx.sweep(vx.models.wagg_bishop_b(1.0), {"forcing.frequency": np.arange(0.3, 2.1, 0.01)})
+        point = ds.sel({"forcing.frequency": 0.8}, method="nearest")
+        sol = vx.simulate(vx.system_of(point), 0.0, 80.0)
+        ```
+    """
+    return jax.tree.map(lambda a: jnp.asarray(a[..., 0]), machines_of(ds))
+
+
+def machines_of(
+    ds: xr.Dataset, dims: Sequence[Hashable] = (), which: np.ndarray | None = None
+) -> ImpactSystem:
+    """Build the machines of many points of a sweep, from its dataset alone.
+
+    Args:
+        ds: what `vx.sweep` returned, or a part of it, its dimensions in any order.
+        dims: the dimensions of the points; none for a single point. Quantities that vary along others keep
+            the value of the machine that was swept.
+        which: the points that are wanted, counted through `dims`; all of them if left out.
+
+    Returns:
+        The machines as arrays of NumPy, lanes last; leaves that are the same everywhere have a single one.
+
+    Raises:
+        ValueError: if the attributes hold no machine, or one with a `force`, or if nothing tells what
+            varies along one of `dims`.
+    """
+    if "system" not in ds.attrs:
+        raise ValueError("Argument `ds` must carry the attributes of `vx.sweep`, but has no `system`.")
+    system = build(json.loads(ds.attrs["system"]), ds.attrs["dtype"])
+    start = np.zeros(system.num_masses, ds.attrs["dtype"])
+    base, sizes = Point(system, start, start), [ds.sizes[dim] for dim in dims]
+    which = np.arange(math.prod(sizes)) if which is None else which
+    places = dict(zip(dims, np.unravel_index(which, sizes), strict=True)) if dims else {}
+    swept: dict[str, np.ndarray] = {}
+    known: set[Hashable] = {"direction"}
+    for path, (along, values) in _swept_values(ds, base, set(dims)).items():
+        lanes = values.values[tuple(places[dim] for dim in along)]
+        swept[path] = np.asarray(lanes if along else lanes[None], start.dtype)
+        known.update(along)
+    if not known.issuperset(dims):
+        unknown = ", ".join(f"`{dim}`" for dim in dims if dim not in known)
+        raise ValueError(f"Argument `ds` must have swept quantities as coordinates along {unknown}.")
+    # The sweep has checked the values, with a start that is not known here.
+    return with_values(base, swept).system
+
+
+def _swept_values(
+    ds: xr.Dataset, base: Point, dims: set[Hashable]
+) -> dict[str, tuple[list[Hashable], xr.DataArray]]:
+    """The values of every path that vary along `dims` alone, and along which, these first."""
+    found = {}
+    for name, values in ds.coords.items():
+        path = str(name).removesuffix(".values")
+        own = [dim for dim in axis_names(path, values.ndim) if dim in values.dims]
+        along = [dim for dim in values.dims if dim not in own]
+        is_counter = name == path and f"{path}.values" in ds.coords  # of arrays, which stand beside it
+        # A dimension of its own, `mass` for instance, may have been given names.
+        if dims.issuperset(along) and not is_counter and name not in own:
+            found[path] = along, values.transpose(*along, *own)
+    return {path: found[path] for path in only_paths(base, found)}

@@ -1,0 +1,159 @@
+"""The event log: written an instant at a time, read event by event."""
+
+from typing import Final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .._machine.frame import Frame
+from .._machine.machine import Machine
+from .._machine.state import State
+from .._printing import as_html, as_text, told_of_events
+from .._types import Flag, Scalar
+from .step import Instant
+
+IMPACT: Final = 0
+STICK: Final = 1
+RELEASE: Final = 2
+KINDS: Final = ("impact", "stick", "release")
+
+
+class EventLog(eqx.Module):
+    """All events in the order of time, padded with NaN and -1.
+
+    Attributes:
+        t: time, (events,). A stick carries the end of the chatter it completes.
+        stop: index of the stop, (events,).
+        kind: `vx.IMPACT`, `vx.STICK` or `vx.RELEASE`, (events,).
+        velocity_minus: signed velocity of the mass just before, (events,); that of the stop unless an impact,
+            0 where it stands still.
+        velocity_plus: just after, likewise.
+        impulse: m (velocity_plus - velocity_minus), (events,).
+    """
+
+    t: Float[Array, " events"]
+    stop: Int[Array, " events"]
+    kind: Int[Array, " events"]
+    velocity_minus: Float[Array, " events"]
+    velocity_plus: Float[Array, " events"]
+    impulse: Float[Array, " events"]
+
+    def __repr__(self) -> str:
+        return as_text(told_of_events, self, KINDS)
+
+    def _repr_html_(self) -> str:
+        return as_html(told_of_events, self, KINDS)
+
+
+class Restarts(eqx.Module):
+    """The state after every instant that had an event, the start first; the rest is padding.
+
+    `t` is the time, `periods` and `time` the same as whole forcing periods since the start and what is left.
+    """
+
+    t: Float[Array, "..."]
+    periods: Int[Array, "..."]
+    time: Float[Array, "..."]
+    phase: Float[Array, "*rows 2 harmonics"]
+    x: Float[Array, "*rows n"]
+    v: Float[Array, "*rows n"]
+    held: Bool[Array, "*rows stops"]
+
+
+class Log(eqx.Module):
+    """One row per instant that had an event, the start first."""
+
+    restarts: Restarts
+    instants: Instant
+    rows: Int[Array, ""]
+    num_events: Int[Array, ""]
+
+
+def empty_log(first: State, t0: Scalar, max_events: int) -> Log:
+    rows = max_events + 1
+
+    def room(a: Array, fill: bool | int | float) -> Array:
+        return jnp.full((rows, *a.shape), fill, a.dtype).at[0].set(a)
+
+    gap, held = first.gap, first.held
+    none, zeros = jnp.zeros_like(held), jnp.zeros_like(gap)
+    nothing = Instant(none, none, none, zeros, zeros, zeros, jnp.array(False), t0)
+    return Log(
+        restarts=Restarts(
+            t=room(t0, jnp.inf),
+            periods=room(first.periods, 0),
+            time=room(first.time, 0.0),
+            phase=room(first.phase, 0.0),
+            x=room(first.x, 0.0),
+            v=room(first.v, 0.0),
+            held=room(held, False),
+        ),
+        instants=jax.tree.map(lambda a: room(a, 0), nothing),
+        rows=jnp.array(1),
+        num_events=jnp.array(0),
+    )
+
+
+def write(log: Log, after: State, instant: Instant, time: Scalar, live: Flag) -> Log:
+    """Write one row, if anything happened."""
+    count = jnp.sum(instant.hit) + jnp.sum(instant.stuck) + jnp.sum(instant.released)
+    is_row = live & (count > 0)
+    row = jnp.where(is_row, log.rows, log.restarts.t.size)
+    restart = Restarts(time, after.periods, after.time, after.phase, after.x, after.v, after.held)
+    instant = eqx.tree_at(lambda i: i.time, instant, time)
+
+    def put(room: Array, value: Array) -> Array:
+        return room.at[row].set(value, mode="drop")
+
+    return Log(
+        restarts=jax.tree.map(put, log.restarts, restart),
+        instants=jax.tree.map(put, log.instants, instant),
+        rows=log.rows + is_row,
+        num_events=log.num_events + jnp.where(live, count, 0),
+    )
+
+
+def event_log(machine: Machine, log: Log, max_events: int) -> EventLog:
+    """Spread the instants into single events, in the order of time."""
+    instants, shape = log.instants, log.instants.hit.shape
+    signs = jnp.asarray(machine.signs, instants.velocity_minus.dtype)
+    zeros = jnp.zeros(shape, instants.velocity_minus.dtype)
+    # Impacts of an instant come before its sticks and releases; a stick carries the end of its chatter.
+    happened = jnp.stack([instants.hit, instants.stuck, instants.released], axis=1)
+    times = instants.time[:, None, None] + jnp.stack([zeros, instants.chatter, zeros], axis=1)
+    # Rows are in order but for those sticks, of which a stop has one to come at most: little is to be sorted.
+    room = min(max_events + shape[1], happened.size)
+    found = jnp.nonzero(happened.ravel(), size=room, fill_value=0)[0]
+    is_event = jnp.arange(room) < jnp.sum(happened)
+    order = jnp.argsort(jnp.where(is_event, times.ravel()[found], jnp.inf), stable=True)[:max_events]
+    order, is_event = found[order], is_event[order]
+    kinds = jnp.asarray([IMPACT, STICK, RELEASE])
+    kind = jnp.broadcast_to(kinds[:, None], happened.shape).ravel()[order]
+    stop = jnp.broadcast_to(jnp.arange(shape[1]), happened.shape).ravel()[order]
+    of_stops = 0.0 if machine.frame is None else _velocities_of_stops(machine, machine.frame, log)
+    read = lambda a: (jnp.stack([signs[None] * a, zeros, zeros], axis=1) + of_stops).ravel()[order]  # noqa: E731
+    minus, plus = read(instants.velocity_minus), read(instants.velocity_plus)
+    mass = (1 / machine.inverse_mass)[jnp.asarray(machine.masses, int)][stop] if shape[1] else minus
+    floats = times.ravel()[order], minus, plus, mass * (plus - minus)
+    t, minus, plus, impulse = (jnp.where(is_event, a, jnp.nan) for a in floats)
+    stop, kind = (jnp.where(is_event, a, -1) for a in (stop, kind))
+    return EventLog(t, stop, kind, minus, plus, impulse)
+
+
+def _velocities_of_stops(machine: Machine, frame: Frame, log: Log) -> Float[Array, "rows kinds stops"]:
+    """How fast the stops themselves move at the events of every instant."""
+
+    def after(phase: Array, delay: Scalar) -> Float[Array, " stops"]:
+        angle = machine.harmonics * machine.frequency * delay
+        c, s = jnp.cos(angle), jnp.sin(angle)
+        later = jnp.stack([c * phase[0] - s * phase[1], c * phase[1] + s * phase[0]])
+        return machine.of_stops(frame.at(later)[1])
+
+    def of_row(phase: Array, chatter: Float[Array, " stops"]) -> Float[Array, "kinds stops"]:
+        at_stick = jnp.diagonal(jax.vmap(lambda delay: after(phase, delay))(chatter))
+        now = machine.of_stops(frame.at(phase)[1])
+        return jnp.stack([now, at_stick, now])
+
+    return jax.vmap(of_row)(log.restarts.phase, log.instants.chatter)

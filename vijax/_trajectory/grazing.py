@@ -1,0 +1,80 @@
+"""Grazing: contacts so light, or misses so narrow, that derivatives are infinite or about to be.
+
+The derivative of a state after an impact by the state before grows like 1 / v, v the speed of the
+impact, and a little change of the machine makes a near miss an impact. Both are told by what a
+trajectory met, and by a flag. The light impacts of a chatter, pressed onto their stop, are no
+grazing: their number changes, but the motion depends on it smoothly.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .._machine.machine import Machine
+from .._machine.state import State
+from .._types import Scalar
+from .step import Instant
+
+
+class Grazing(eqx.Module):
+    """The closest to grazing that a trajectory came.
+
+    Attributes:
+        impact_speed: smallest speed of an impact after which the mass is pulled away from its stop;
+            infinite if there was none.
+        clearance: smallest gap at which a mass turned back just before its stop; likewise. Only passes
+            that some step began or ended close to are measured: all that are narrow.
+        is_near: whether either is so small against the acceleration a that derivatives are about to
+            be infinite, or one-sided: speeds below 1e-5 a / rate, gaps below 1e-10 a / rate^2.
+    """
+
+    impact_speed: Scalar
+    clearance: Scalar
+    is_near: Bool[Array, "..."]
+
+
+def nothing_met(time: Scalar) -> Grazing:
+    """Before the first step."""
+    return Grazing(jnp.full_like(time, jnp.inf), jnp.full_like(time, jnp.inf), jnp.zeros(time.shape, bool))
+
+
+def update_grazing(machine: Machine, before: State, after: State, instant: Instant, met: Grazing) -> Grazing:
+    """Add what one step met."""
+    machine, before, after, instant = jax.lax.stop_gradient((machine, before, after, instant))
+    pull, lowest_behind, behind = _lowest(machine, after)
+    _, lowest_ahead, ahead = _lowest(machine, before)
+    leaves = pull > 0
+    scale = jnp.where(leaves, pull, 1) / machine.rate
+    speed = jnp.where(instant.hit & leaves, jnp.abs(instant.velocity_minus), jnp.inf)
+
+    turned = (machine.at_stops(before.v) > 0) & (machine.at_stops(after.v) <= 0)
+    turned = turned & ~instant.hit & ~before.held & ~after.held
+    # Each cubic is exact to a small part of the gap, if the minimum is near the end it starts from.
+    near = 3e-2 / machine.rate
+    lowest_behind = jnp.where(turned & (behind <= 0) & (behind > -near), lowest_behind, jnp.inf)
+    lowest_ahead = jnp.where(turned & (ahead >= 0) & (ahead < near), lowest_ahead, jnp.inf)
+    clearance = jnp.maximum(jnp.minimum(lowest_behind, lowest_ahead), 0)
+    is_near = jnp.any((speed < 1e-5 * scale) | (clearance < 1e-10 * scale / machine.rate), axis=0)
+    return Grazing(
+        jnp.minimum(met.impact_speed, jnp.min(speed, axis=0, initial=jnp.inf)),
+        jnp.minimum(met.clearance, jnp.min(clearance, axis=0, initial=jnp.inf)),
+        met.is_near | is_near,
+    )
+
+
+def _lowest(
+    machine: Machine, state: State
+) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."], Float[Array, "stops ..."]]:
+    """For every stop the second derivative of the gap, its minimum by the cubic from here, and when."""
+    force = machine.total_force(state)
+    a = machine.accelerations(force, machine.held_masses(state.held))
+    force_rate = machine.total_force_rate(state, a)
+    slope = -machine.at_stops(state.v)
+    curvature = -machine.at_stops(machine.inverse_mass * force)
+    third = -machine.at_stops(machine.inverse_mass * force_rate)
+    when = -slope / jnp.where(curvature > 0, curvature, 1)
+    mean = curvature + third * when / 2
+    when = jnp.where((curvature > 0) & (mean > 0), -slope / jnp.where(mean > 0, mean, 1), jnp.inf)
+    ahead = jnp.where(jnp.isfinite(when), when, 0)
+    return curvature, state.gap + ahead * (slope + ahead * (curvature / 2 + third * ahead / 6)), when

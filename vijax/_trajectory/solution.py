@@ -1,0 +1,307 @@
+"""What `simulate` returns."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Bool, Float, Int
+
+from .._dataset_attributes import flags, label, versions
+from .._flow.coasting import coast
+from .._flow.interface import AbstractFlow
+from .._machine.machine import Machine, in_periods, resting_state
+from .._machine.state import remembering
+from .._printing import as_html, as_text, told_of_solution
+from .._refusal import checked
+from .._types import Numbers, Scalar, concrete
+from .._xla import compile_lightly, padding_allowed
+from .event_log import KINDS, EventLog, Restarts
+from .grazing import Grazing
+
+
+class RESULTS(eqx.Enumeration):
+    """What became of one trajectory. Each message says what to do."""
+
+    successful = "successful: the motion reached its end."
+    max_events_reached = (
+        "max_events_reached: the motion is complete, but there were more events than the log holds. "
+        "Increase `max_events`, or shorten the time span."
+    )
+    max_impacts_reached = (
+        "max_impacts_reached: the motion is complete, but there were more impacts than are recorded. "
+        "Increase `max_impacts`, or record fewer periods."
+    )
+    max_steps_reached = (
+        "max_steps_reached: the motion stopped before its end, because it took too many steps. "
+        "Increase `max_steps`; if that does not help, look for a scale of time far shorter than the rest, "
+        "or a force that jumps."
+    )
+    non_finite = (
+        "non_finite: the motion stopped before its end at a number that is infinite or NaN. "
+        "Check that the system, the start, and a force with its derivatives, are finite and of moderate size."
+    )
+    unsound_start = (
+        "unsound_start: nothing was simulated, because the start lies beyond a stop, times are out of "
+        "order, or a number is not finite. Start every mass between its stops, with t0 <= ts <= t1."
+    )
+    max_reverse_steps_reached = (
+        "max_reverse_steps_reached: the motion took more steps than derivatives in reverse mode go back "
+        "through. Increase `max_reverse_steps`, or use forward mode (`jax.jacfwd`), which has no such limit."
+    )
+
+
+def told(result: RESULTS, allowed: Sequence[RESULTS] = ()) -> tuple[Int[Array, ""], list[str]]:
+    """What `checked` needs: 0, or the number of what is to be raised, and the sentences of all."""
+    number = jnp.asarray(result._value)
+    for one in allowed:
+        number = jnp.where(result == one, 0, number)
+    return number, [RESULTS[getattr(RESULTS, name)] for name in RESULTS._name_to_item]
+
+
+class Solution(eqx.Module):
+    """One trajectory.
+
+    Attributes:
+        ts: the times asked for, (times,).
+        xs: positions there, (times, n). At the time of an event, those after it.
+        vs: velocities there, (times, n).
+        x1: position at t1, (n,).
+        v1: velocity at t1, (n,).
+        stuck1: which stops hold their mass at t1, (stops,).
+        events: the log.
+        num_events: number of logged events.
+        num_steps: number of steps, those included that were tried and not taken.
+        num_rejected: those among them that were not accurate enough; none for an exact motion.
+        grazing: the closest to grazing it came: `grazing.impact_speed`, `grazing.clearance` and the flag
+            `grazing.is_near`, which warns that derivatives are unreliable or one-sided.
+        result: what became of it, a member of `vx.RESULTS`.
+        max_steps: the bound on the number of steps.
+        t0: start.
+        t1: end.
+    """
+
+    ts: Float[Array, " times"]
+    xs: Float[Array, "times n"]
+    vs: Float[Array, "times n"]
+    x1: Float[Array, " n"]
+    v1: Float[Array, " n"]
+    stuck1: Bool[Array, " stops"]
+    events: EventLog
+    num_events: Int[Array, ""]
+    num_steps: Int[Array, ""]
+    num_rejected: Int[Array, ""]
+    grazing: Grazing
+    result: RESULTS
+    t0: Scalar
+    t1: Scalar
+    machine: Machine
+    flow: AbstractFlow
+    restarts: Restarts
+    max_steps: Int[Array, ""]
+    known_until: Scalar
+
+    def evaluate(self, t: Numbers) -> tuple[Float[Array, "... n"], Float[Array, "... n"]]:
+        """Position and velocity at any time, as exact as the trajectory itself.
+
+        Args:
+            t: times in [t0, t1], any shape; for a batch of `jax.vmap` the same times for each.
+
+        Returns:
+            x and v, the shape of `t` and then (n,), behind the axes of a batch. NaN where the motion is not
+            known: after the last logged event of a log that was too short, or where it stopped.
+
+        Raises:
+            ValueError: for times outside [t0, t1]; where they are traced a RuntimeError instead.
+
+        Example:
+            ```python
+            import jax.numpy as jnp, vijax as vx
+            sol = vx.simulate(vx.models.wagg_bishop_a(0.8), 0.0, 50.0)
+            x, v = sol.evaluate(jnp.linspace(0.0, 50.0, 1001))
+            ```
+        """
+        x, v, _ = self._at(t)
+        return x, v
+
+    def contact_force(self, t: Numbers) -> Float[Array, "... stops"]:
+        """Force with which each stop is pressed while it holds its mass; 0 while it does not.
+
+        Impacts are impulses and not part of it: see `events.impulse`.
+
+        Args:
+            t: times in [t0, t1], any shape.
+
+        Returns:
+            The force, the shape of `t` and then (stops,), behind the axes of a batch; NaN where `evaluate` is.
+
+        Raises:
+            ValueError: as `evaluate` does.
+
+        Example:
+            ```python
+            import vijax as vx
+            sol = vx.simulate(vx.models.wagg_bishop_b(0.2), 0.0, 80.0)
+            force = sol.contact_force(80.0)
+            ```
+
+        References:
+            Wagg & Bishop (2004), Eqs. 19-20.
+        """
+        return self._at(t)[2]
+
+    def evaluate_stops(self, t: Numbers) -> tuple[Float[Array, "... stops"], Float[Array, "... stops"]]:
+        """Where the stops stand at any time, and how fast they move.
+
+        Args:
+            t: times, any shape.
+
+        Returns:
+            Positions and velocities, the shape of `t` and then (stops,), behind the axes of a batch.
+
+        Example:
+            ```python
+            import vijax as vx
+            sol = vx.simulate(vx.models.ball_on_table(60.0, 0.004), 0.0, 5.0)
+            height_above_table = sol.evaluate(2.0)[0] - sol.evaluate_stops(2.0)[0]
+            ```
+        """
+        evaluate = _evaluate_stops
+        for _ in range(self.t1.ndim):
+            evaluate = eqx.filter_vmap(evaluate, in_axes=(0, None))
+        return evaluate(self.machine, jnp.asarray(t, self.t0.dtype))
+
+    def to_xarray(self) -> xr.Dataset:
+        """Label what was computed.
+
+        Returns:
+            A dataset of `x` and `v` at the saved times, (time, mass); the logged events, (event,):
+            `event_time`, `event_stop`, `event_kind` with its flags, `event_velocity_minus`,
+            `event_velocity_plus`, `event_impulse`; the end state `x1`, `v1`, `stuck1`; `result` with its
+            flags, and what else the attributes of this class are. A batch of `jax.vmap` has the
+            dimension `lane` in front, and its events are padded with NaN and -1 to the longest log.
+
+        Raises:
+            ValueError: while values are traced, or for a batch of batches.
+
+        Example:
+            ```python
+            import vijax as vx
+            ds = vx.simulate(vx.models.wagg_bishop_b(0.2), 0.0, 80.0).to_xarray()
+            speeds = abs(ds.event_velocity_minus).where(ds.event_stop == 1, drop=True)
+            ```
+        """
+        if concrete(self.t1) is None:
+            raise ValueError("`to_xarray` needs numbers: call it outside of `jax.jit` and `jax.vmap`.")
+        if self.t1.ndim > 1:
+            raise ValueError(
+                f"`to_xarray` labels one trajectory or one batch, but this is a batch of shape {self.t1.shape}: "
+                "label its parts."
+            )
+        return _dataset(self)
+
+    def __repr__(self) -> str:
+        return as_text(told_of_solution, self, tuple(RESULTS._name_to_item), KINDS)
+
+    def _repr_html_(self) -> str:
+        return as_html(told_of_solution, self, tuple(RESULTS._name_to_item), KINDS)
+
+    @padding_allowed
+    def _at(self, t: Numbers) -> tuple[Array, Array, Array]:
+        times = jnp.asarray(t, self.t0.dtype)
+        evaluate = evaluate_all
+        for _ in range(self.t1.ndim):
+            evaluate = eqx.filter_vmap(evaluate, in_axes=(0, None))
+        found = evaluate(self, times.ravel())
+        is_outside = jnp.any(_is_outside(self, times))
+        if concrete(is_outside):
+            raise ValueError(_OUTSIDE)
+        found = tuple(a.reshape(*self.t1.shape, *times.shape, a.shape[-1]) for a in found)
+        return checked(found, is_outside.astype(int), ("", _OUTSIDE))
+
+
+_OUTSIDE = (
+    "Argument `t` must lie within [t0, t1] of the solution: simulate a longer span, or ask for other times."
+)
+
+
+def _is_outside(solution: Solution, times: Array) -> Bool[Array, "..."]:
+    """Times that are not simulated. An end that rounding has moved is none."""
+    t0, t1 = (a[..., None] for a in (solution.t0, solution.t1))
+    slack = 8 * jnp.finfo(times.dtype).eps * jnp.maximum(jnp.abs(t0), jnp.abs(t1))
+    t = times.reshape((1,) * solution.t1.ndim + (-1,))
+    return ~((t >= t0 - slack) & (t <= t1 + slack))
+
+
+@compile_lightly
+def evaluate_all(solution: Solution, times: Float[Array, " times"]) -> tuple[Array, Array, Array]:
+    """Positions, velocities and contact forces; NaN where they are not known."""
+    return jax.vmap(lambda t: _evaluate(solution, t))(times)
+
+
+@compile_lightly
+def _evaluate_stops(machine: Machine, times: Float[Array, "..."]) -> tuple[Array, Array]:
+    still = jnp.broadcast_to(machine.position, (*times.shape, *machine.position.shape))
+    if machine.frame is None:
+        return still, jnp.zeros_like(still)
+    x, v = jnp.vectorize(machine.frame.at_time, signature="()->(n),(n)")(times)
+    masses = jnp.asarray(machine.masses)
+    return still + x[..., masses], v[..., masses]
+
+
+def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
+    """Follow the smooth motion from the last event before t."""
+    rows, machine, flow = solution.restarts, solution.machine, solution.flow
+    t = jnp.clip(t, solution.t0, solution.t1)
+    is_known = t <= solution.known_until
+    row = jnp.clip(jnp.searchsorted(rows.t, t, side="right") - 1, 0)
+    start = jax.tree.map(lambda a: a[row], rows)
+    state = resting_state(machine, start.phase, start.x, start.v, start.held)
+    state = eqx.tree_at(lambda s: (s.periods, s.time), state, (start.periods, start.time))
+    state = remembering(state, flow.memory(state.time))
+    # At the time of an event, as the log has it, the state is that of the event to the last bit.
+    then, here = in_periods(machine, t - solution.t0), (start.periods, start.time)
+    periods, time = (jnp.where(t == start.t, a, b) for a, b in zip(here, then, strict=True))
+    state = coast(flow, machine, state, rows.phase[0], periods, time, solution.max_steps)
+    pressing = machine.at_stops(machine.total_force(state))
+    force = jnp.where(state.held, pressing, 0)
+    x, v, force = (jnp.where(is_known, a, jnp.nan) for a in (*machine.in_space(state), force))
+    return x, v, force
+
+
+@padding_allowed
+def _dataset(solution: Solution) -> xr.Dataset:
+    """Label one trajectory, or a batch with its lanes in front."""
+    log, grazing = solution.events, solution.grazing
+    longest = int(jnp.max(solution.num_events, initial=0))
+    names = ("stop", "kind", "velocity_minus", "velocity_plus", "impulse")
+    events = {"event_time": log.t} | {f"event_{name}": getattr(log, name) for name in names}
+    columns: dict[str, tuple[tuple[str, ...], Any]] = {
+        "x": (("time", "mass"), solution.xs),
+        "v": (("time", "mass"), solution.vs),
+        **{name: (("event",), a[..., :longest]) for name, a in events.items()},
+        "x1": (("mass",), solution.x1),
+        "v1": (("mass",), solution.v1),
+        "stuck1": (("stop",), solution.stuck1),
+        "result": ((), solution.result._value),
+        **{
+            name: ((), getattr(solution, name))
+            for name in ("num_events", "num_steps", "num_rejected", "t0", "t1")
+        },
+        **{f"grazing_{f}": ((), getattr(grazing, f)) for f in ("impact_speed", "clearance", "is_near")},
+    }
+    lanes = ("lane",) * solution.t1.ndim
+    variables = {name: ((*lanes, *dims), np.asarray(a)) for name, (dims, a) in columns.items()}
+    ts, of_time = np.asarray(solution.ts), (*lanes, "time")
+    if lanes and (ts == ts[:1]).all():  # one axis for all, by which one may select
+        ts, of_time = ts[0], ("time",)
+    ds = xr.Dataset(variables, {"time": (of_time, ts)}, versions() | {"dtype": str(solution.t1.dtype)})
+    for name, variable in ds.variables.items():
+        variable.attrs = label(str(name))
+    for name, meanings in (("event_kind", KINDS), ("result", tuple(RESULTS._name_to_item))):
+        ds[name] = ds[name].astype(np.int8)
+        ds[name].attrs |= flags(meanings)
+    return ds
