@@ -72,8 +72,8 @@ def never_hits(machine: Machine, angle: float, x: np.ndarray, v: np.ndarray) -> 
     response = response_of(machine, modes)
     left = vibration_left(machine, modes, response, angle, (x, v)) + response.rounding
     is_clear = np.broadcast_to(modes.is_damped, left.shape).copy()
-    positions = lanes_first(machine.position)
-    for j, (mass, sign) in enumerate(zip(machine.masses, machine.signs, strict=True)):
+    positions = lanes_first(machine.contacts.position)
+    for j, (mass, sign) in enumerate(zip(machine.contacts.masses, machine.contacts.signs, strict=True)):
         row = sign * modes.shapes[:, mass]
         waves = (response.waves @ row[..., None])[..., 0]
         room = sign * positions[:, j] - modes.rounding * abs(positions[:, j])

@@ -72,7 +72,7 @@ def label(
 def stop_masses(source: Solution | xr.Dataset) -> np.ndarray:
     """The mass of each stop, (stops,)."""
     if isinstance(source, Solution):
-        return np.array(source.machine.masses, int)
+        return np.array(source.machine.contacts.masses, int)
     return source["stop_mass"].values
 
 
@@ -128,7 +128,7 @@ def _of_trajectory(sol: Solution) -> Impacts:
     log, n = sol.events, int(sol.num_events)
     t, kind, stop, velocity = (np.asarray(a)[:n] for a in (log.t, log.kind, log.stop, log.velocity_minus))
     sticks = np.zeros(n, bool)
-    for j in range(len(sol.machine.masses)):
+    for j in range(len(sol.machine.contacts.masses)):
         ours = np.flatnonzero(stop == j)
         # A mass that sticks at once, r = 0, has no chatter: the stick comes at the time of its impact.
         is_end = (kind[ours[1:]] == STICK) & (kind[ours[:-1]] == IMPACT) & (t[ours[1:]] > t[ours[:-1]])

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._machine.machine import Machine
-from .._types import as_float, stack
+from .._types import as_float
 
 
 def rebound(
@@ -17,11 +17,7 @@ def rebound(
 
     With lumped masses the order of several impacts of one instant does not matter.
     """
-    xs, vs = list(x), list(v)
-    for j, i in enumerate(machine.masses):
-        xs[i] = jnp.where(hit[j], machine.position[j], xs[i])
-        vs[i] = jnp.where(hit[j], -machine.restitution[j] * vs[i], vs[i])
-    return stack(xs), stack(vs)
+    return machine.contacts.placed(x, hit), machine.contacts.reflected(v, hit)
 
 
 def restitution_matrix(num_masses: int, restitutions: dict[int, ArrayLike]) -> Float[Array, "n n"]:

@@ -7,7 +7,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._machine.machine import Machine, resting_state
 from .._machine.state import State
-from .._types import Scalar, stack
+from .._types import Scalar
 from .sticking import is_pressed
 
 
@@ -21,24 +21,22 @@ def first_state(
     """The state at t0. A mass that moves into its stop is hit by the first step."""
     x, v = machine.seen_from_stops(phase, x, v)
     reach, speed = _sizes(machine, t0)
-    touching = is_touching(machine.gaps(x), reach)
-    xs = list(x)
-    for j, i in enumerate(machine.masses):
-        xs[i] = jnp.where(touching[j], machine.position[j], xs[i])
-    v = jnp.where(machine.has_any(touching & is_touching(machine.of_stops(v), speed)), 0, v)
-    state = resting_state(machine, phase, stack(xs), v, jnp.zeros(touching.shape, bool))
+    touching = is_touching(machine.contacts.gaps(x), reach)
+    x = machine.contacts.placed(x, touching)
+    v = machine.contacts.held_still(v, touching & is_touching(machine.contacts.along(v), speed))
+    state = resting_state(machine, phase, x, v, jnp.zeros(touching.shape, bool))
     state = eqx.tree_at(lambda s: s.gap, state, jnp.where(touching, 0, state.gap))
-    inward = machine.at_stops(v)
+    inward = machine.contacts.along(v)
     leaving, at_rest = touching & (inward < 0), touching & (inward == 0)
     contact = jnp.where(leaving, jnp.int8(1), state.contact)
     if not machine.can_stick:
         return eqx.tree_at(lambda s: s.contact, state, contact)
     force = machine.total_force(state)
-    a = machine.accelerations(force, machine.has_any(at_rest))
+    a = machine.accelerations(force, machine.contacts.masses_of(at_rest))
     force_rate = machine.total_force_rate(state, a)
-    jerk = machine.accelerations(force_rate, machine.has_any(at_rest))
+    jerk = machine.accelerations(force_rate, machine.contacts.masses_of(at_rest))
     later = force_rate, machine.total_force_curvature(state, a, jerk)
-    force, *later = (machine.at_stops(f) for f in (force, *later))
+    force, *later = (machine.contacts.along(f) for f in (force, *later))
     held = at_rest & is_pressed(force, tuple(later))
     contact = jnp.where(at_rest & ~held, jnp.where(force < 0, jnp.int8(2), jnp.int8(3)), contact)
     return eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
@@ -49,9 +47,9 @@ def _sizes(
 ) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."]]:
     """Of the numbers whose differences gaps and velocities relative to the stops are."""
     if machine.frame is None:
-        return machine.position, jnp.zeros_like(machine.position)
-    travel, speed = (machine.of_stops(a) for a in machine.frame.extent(t0))
-    return jnp.abs(machine.position) + travel, speed
+        return machine.contacts.position, jnp.zeros_like(machine.contacts.position)
+    travel, speed = (machine.contacts.size(a) for a in machine.frame.extent(t0))
+    return jnp.abs(machine.contacts.position) + travel, speed
 
 
 def is_touching(

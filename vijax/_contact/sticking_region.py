@@ -55,8 +55,8 @@ class StickingRegion(eqx.Module):
     @property
     def free(self) -> tuple[int, ...]:
         """The masses that no stop holds."""
-        held = {self.machine.masses[j] for j in self.held}
-        return tuple(i for i in range(len(self.machine.inverse_mass)) if i not in held)
+        held = {self.machine.contacts.masses[j] for j in self.held}
+        return tuple(i for i in range(self.machine.num_masses) if i not in held)
 
     @property
     def x_normal(self) -> Float[Array, "held free"]:
@@ -77,7 +77,7 @@ class StickingRegion(eqx.Module):
         Returns:
             c, the shape of `phase` and then (held,).
         """
-        origin = jnp.zeros(len(self.free), self.machine.position.dtype)
+        origin = jnp.zeros(len(self.free), self.machine.contacts.position.dtype)
         return -self.contact_force(phase, origin, origin)
 
     def contact_force(self, phase: Numbers, x: Numbers, v: Numbers) -> Float[Array, "... held"]:
@@ -160,10 +160,12 @@ class StickingRegion(eqx.Module):
         """The same at one point, (held,) each."""
         machine, angle = self.machine, self.machine.harmonics * phase
         waves = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
-        held, free = (jnp.asarray(i, int) for i in ([machine.masses[j] for j in self.held], self.free))
+        held, free = (
+            jnp.asarray(i, int) for i in ([machine.contacts.masses[j] for j in self.held], self.free)
+        )
         origin = jnp.zeros_like(machine.inverse_mass)
         whole_x, whole_v = machine.seen_from_stops(waves, origin.at[free].set(x), origin.at[free].set(v))
-        whole_x = whole_x.at[held].set(machine.position[jnp.asarray(self.held)])
+        whole_x = whole_x.at[held].set(machine.contacts.position[jnp.asarray(self.held)])
         whole_v = whole_v.at[held].set(0)
         is_held = jnp.zeros(origin.shape, bool).at[held].set(True)
         force = machine.force(waves, whole_x, whole_v)
@@ -180,7 +182,7 @@ class StickingRegion(eqx.Module):
 
     def _towards_stops(self, of_masses: Float[Array, " n"]) -> Float[Array, " held"]:
         """A vector over masses, read at the holding stops and counted positive towards them."""
-        return self.machine.at_stops(of_masses)[jnp.asarray(self.held)]
+        return self.machine.contacts.along(of_masses)[jnp.asarray(self.held)]
 
 
 def sticking_region(system: ImpactSystem, held: int | Sequence[int]) -> StickingRegion:

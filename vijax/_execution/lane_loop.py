@@ -155,10 +155,9 @@ def _turn(task: Task, progress: Progress) -> Progress:
     hit = instant.hit & counted
     after = start_period(after, task.phase0, instant.arrived)
     number = jnp.sum(lanes.num_impacts, axis=0) + jnp.cumsum(hit, axis=0) - hit
-    signs = jnp.asarray(machine.signs, passed.dtype)[:, None]
-    stop, velocity = jnp.arange(len(hit))[:, None], signs * instant.velocity_minus
+    stop, velocity = jnp.arange(len(hit))[:, None], machine.contacts.told(instant.velocity_minus)
     if machine.frame is not None:
-        velocity += machine.of_stops(machine.frame.at(after.phase)[1])
+        velocity += machine.contacts.size(machine.frame.at(after.phase)[1])
     columns = [passed, velocity, stop, task.point, number, instant.chatter]
     moved = Ends(
         state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),

@@ -123,7 +123,7 @@ def run_lanes(
     first = first_state(machine, phase0, x0, v0)
     first = remembering(first, flow.memory(first.time))
     last_turn = queue.progress.turns + work.max_turns
-    is_small = max(machine.position.shape[0], *machine.cosine.shape[:2]) <= UNROLLED
+    is_small = max(machine.contacts.position.shape[0], *machine.cosine.shape[:2]) <= UNROLLED
     # What else a flow does in its steps, or a force, may be impossible in one.
     is_elementary = isinstance(flow, ExpandingFlow)
     run = partial(in_one_kernel, turn_until_fed) if is_small and is_elementary else turn_until_fed

@@ -180,7 +180,7 @@ def _clearance(
 ) -> tuple[Flag, Scalar]:
     """Whether nothing happens inside a step but close to its end, and if something does, what to try instead."""
     step, wanted = trial.step, trial.wanted
-    if not machine.masses:
+    if not machine.contacts.num:
         return jnp.array(True), jnp.full_like(step, jnp.inf)
     is_near = late < jnp.inf
     proof = watch(machine, state, now, end, trial.attempt.inside, step, is_near)

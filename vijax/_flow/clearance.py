@@ -49,11 +49,11 @@ class Rates(eqx.Module):
 
 def rates(machine: Machine, state: State, is_held: Bool[Array, " n"]) -> Rates:
     """The present."""
-    pull = machine.inverse_mass * machine.total_force(state)
+    pull = machine.pull(machine.total_force(state))
     a = jnp.where(is_held, 0, pull)
-    change = machine.inverse_mass * machine.total_force_rate(state, a)
-    value = jnp.where(state.held, machine.at_stops(pull), state.gap)
-    slope = jnp.where(state.held, machine.at_stops(change), -machine.at_stops(state.v))
+    change = machine.pull(machine.total_force_rate(state, a))
+    value = jnp.where(state.held, machine.contacts.along(pull), state.gap)
+    slope = jnp.where(state.held, machine.contacts.along(change), -machine.contacts.along(state.v))
     return Rates(value, slope, a, jnp.where(is_held, 0, change), pull)
 
 
@@ -73,8 +73,8 @@ def delays(
         held: stops that hold their mass.
         scale: the time in which the motion changes.
     """
-    curve = jnp.where(held, 0, -machine.at_stops(end.a) / 2)
-    bend = jnp.where(held, 0, -machine.at_stops(end.jerk) / 6)
+    curve = jnp.where(held, 0, -machine.contacts.along(end.a) / 2)
+    bend = jnp.where(held, 0, -machine.contacts.along(end.jerk) / 6)
     square = end.slope * end.slope - 4 * curve * end.value
     is_simple = (end.slope < 0) & (4 * square > end.slope * end.slope)
     root = jnp.sqrt(jnp.where(is_simple, square, 1))
@@ -147,16 +147,16 @@ def watch(
     is_expected: Bool[Array, " stops"],
 ) -> Proof:
     """Watch every stop during a step; an event `is_expected` at its end does not count as crossed."""
-    at_nodes = jax.vmap(machine.at_stops, out_axes=1)
+    at_nodes = jax.vmap(machine.contacts.along, out_axes=1)
     view = View(
         held=state.held,
         contact=state.contact,
         gap=state.gap,
-        v=machine.at_stops(state.v),
-        a=machine.at_stops(now.a),
-        jerk=machine.at_stops(now.jerk),
-        pull=machine.at_stops(now.pull),
-        last_pull=machine.at_stops(end.pull),
+        v=machine.contacts.along(state.v),
+        a=machine.contacts.along(now.a),
+        jerk=machine.contacts.along(now.jerk),
+        pull=machine.contacts.along(now.pull),
+        last_pull=machine.contacts.along(end.pull),
         last=end.value,
         displacement=at_nodes(inside.displacement),
         gain=at_nodes(inside.gain),

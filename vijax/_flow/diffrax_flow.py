@@ -189,4 +189,4 @@ def _field(time: Any, gains: tuple[Array, Array], args: tuple[Machine, State, Ar
     v = jnp.where(is_held, 0, state.v + gains[1])
     names = lambda s: (s.time, s.phase, s.x, s.v)  # noqa: E731
     then = (state.time + time, turned(machine, state.phase, time), state.x + gains[0], v)
-    return v, machine.inverse_mass * machine.total_force(eqx.tree_at(names, state, then))
+    return v, machine.pull(machine.total_force(eqx.tree_at(names, state, then)))

@@ -46,19 +46,19 @@ def _fly_jvp(primals, tangents):
     def after_the_same_time(flow: AbstractFlow, machine: Machine, state: State):
         moved = flow.propagate(machine, state, is_held, flight.duration)
         end = displaced(machine, state, *moved, flight.duration)
-        force = machine.at_stops(machine.total_force(end))
+        force = machine.contacts.along(machine.total_force(end))
         return end.x, end.v, end.phase, end.gap, jnp.where(state.held, force, end.gap)
 
     _, (x, v, phase, gap, value) = eqx.filter_jvp(after_the_same_time, primals[:3], tangents[:3])
     a = machine.accelerations(machine.total_force(end), is_held)
-    slope = -machine.at_stops(end.v)
+    slope = -machine.contacts.along(end.v)
     if machine.can_stick:
-        force_rate = machine.at_stops(machine.total_force_rate(end, a))
+        force_rate = machine.contacts.along(machine.total_force_rate(end, a))
         slope = jnp.where(state.held, force_rate, slope)
     is_crossing = flight.is_event & (slope < 0)
     delays = -_plus(value, jnp.zeros_like(slope)) / jnp.where(is_crossing, slope, -1)
     later = jnp.where(flight.is_last, _plus(tangents[3], jnp.zeros_like(remaining)), 0)
-    for j in range(len(machine.masses)):
+    for j in range(machine.contacts.num):
         later = jnp.where(is_crossing[j], delays[j], later)
     moved = (
         _plus(tangents[2].time, later),
@@ -66,7 +66,7 @@ def _fly_jvp(primals, tangents):
         _plus(phase, machine.phase_rate(end.phase) * later),
         _plus(x, end.v * later),
         _plus(v, a * later),
-        _plus(gap, -machine.at_stops(end.v) * later),
+        _plus(gap, -machine.contacts.along(end.v) * later),
         later,
     )
     where = lambda f: (  # noqa: E731
@@ -127,7 +127,7 @@ def _safe_step(
 ) -> tuple[Scalar, Bool[Array, "stops ..."]]:
     """The longest step that is proved free of events, and for every stop if it surely ends on one."""
     limit = jnp.minimum(limit, motion.limit)
-    if not machine.masses:
+    if not machine.contacts.num:
         return limit, state.held
     if machine.can_stick:
         is_any_held = is_any(state.held)
@@ -152,10 +152,10 @@ def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> 
     """Bound the gap of every free stop and the contact force of every held one from below."""
     now, (x_rest, force_rest) = motion.now, compute_once(motion.rest, machine, limit)
     contact_force = Bound(
-        jnp.maximum(machine.at_stops(now.force), 0),
-        machine.at_stops(now.force_rate),
-        machine.at_stops(now.force_curvature) / 2,
-        machine.of_stops(force_rest),
+        jnp.maximum(machine.contacts.along(now.force), 0),
+        machine.contacts.along(now.force_rate),
+        machine.contacts.along(now.force_curvature) / 2,
+        machine.contacts.size(force_rest),
     )
     return either(state.held, contact_force, _bound_by(x_rest, machine, state, motion, limit))
 
@@ -174,9 +174,9 @@ def _bound_by(
     x_rest: Float[Array, "n ..."], machine: Machine, state: State, motion: Expansion, limit: Scalar
 ) -> Bound:
     now = motion.now
-    a, jerk = machine.at_stops(now.acceleration), machine.at_stops(now.jerk)
-    gap = (state.gap, -machine.at_stops(state.v), -a / 2, -jerk * (1 / 6))
-    return deflated(gap, machine.of_stops(x_rest), state.contact, limit)
+    a, jerk = machine.contacts.along(now.acceleration), machine.contacts.along(now.jerk)
+    gap = (state.gap, -machine.contacts.along(state.v), -a / 2, -jerk * (1 / 6))
+    return deflated(gap, machine.contacts.size(x_rest), state.contact, limit)
 
 
 def _move(machine: Machine, state: State, motion: Expansion, step: Scalar) -> State:
@@ -210,9 +210,9 @@ def _delays(
         ahead: how far ahead an event may be.
     """
     x, force, _ = series
-    h = [state.gap, *(-machine.at_stops(x[k]) for k in range(1, len(x)))]
+    h = [state.gap, *(-machine.contacts.along(x[k]) for k in range(1, len(x)))]
     if machine.can_stick:
-        contact_force = [machine.at_stops(force[k]) for k in range(len(force))]
+        contact_force = [machine.contacts.along(force[k]) for k in range(len(force))]
         pairs = zip_longest(contact_force, h, fillvalue=0.0)
         h = [jnp.where(state.held, f, g) for f, g in pairs]
     value, slope, curve, bend = h[:4]
@@ -254,7 +254,7 @@ def displaced(
             phase,
             state.x + displacement,
             v,
-            state.gap - machine.at_stops(displacement),
+            state.gap - machine.contacts.along(displacement),
             jnp.where(step > 0, jnp.int8(0), state.contact),
         ),
     )

@@ -147,7 +147,7 @@ class DrivenModes(ExpandingFlow):
 
 
 def _derivatives(machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> Derivatives:
-    response = jnp.where(is_held, 0, machine.inverse_mass)
+    response = machine.mobility(is_held)
     force = machine.force(state.phase, state.x, state.v)
     acceleration = response * force
     force_rate = machine.force_rate(state.phase, state.v, acceleration)

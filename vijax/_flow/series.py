@@ -63,7 +63,7 @@ def recurrence(machine: Machine, is_held: Bool[Array, "n ..."]) -> Callable:
     `vmap` has put those.
     """
     n = is_held.shape[0]
-    response, mean = _rows(jnp.where(is_held, 0, machine.inverse_mass)), _rows(machine.mean)
+    response, mean = _rows(machine.mobility(is_held)), _rows(machine.mean)
     waves = [_rows(row) for load in (machine.cosine, machine.sine) for row in load]
     speeds = [machine.frequency * (h + 1) for h in range(len(machine.cosine))]
 

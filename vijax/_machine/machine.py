@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._system.force import BoundForce
 from .._system.system import ImpactSystem
 from .._types import Scalar, add_up, lift, matvec, not_negative, stack
+from .contacts import Contacts
 from .extra_force import ExtraForce
 from .frame import Frame, frame_of, num_harmonics, padded
 from .state import State
@@ -30,15 +31,17 @@ class Machine(eqx.Module):
     sine: Float[Array, "harmonics n ..."]
     frequency: Scalar
     period: Scalar
-    position: Float[Array, "stops ..."]
-    restitution: Float[Array, "stops ..."]
+    contacts: Contacts
     rate: Scalar
     timescale: Scalar
-    masses: tuple[int, ...] = eqx.field(static=True)
-    signs: tuple[int, ...] = eqx.field(static=True)
     can_stick: bool = eqx.field(static=True)
     extra: ExtraForce | None = None
     frame: Frame | None = None
+
+    @property
+    def num_masses(self) -> int:
+        """Number of masses, n."""
+        return self.inverse_mass.shape[0]
 
     @property
     def harmonics(self) -> Float[Array, " harmonics"]:
@@ -52,6 +55,11 @@ class Machine(eqx.Module):
     def oscillating_load(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
         """The load without its mean; linear in the phase, so it serves derivatives as well."""
         return add_up(self.cosine * phase[0][:, None] + self.sine * phase[1][:, None])
+
+    def phase_at(self, t: Scalar) -> Float[Array, "2 harmonics ..."]:
+        """The phase of the forcing at a time."""
+        angle = self.harmonics * self.frequency * t
+        return jnp.stack([jnp.cos(angle), jnp.sin(angle)])
 
     def phase_rate(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "2 harmonics ..."]:
         """Time derivative of the phase."""
@@ -128,30 +136,17 @@ class Machine(eqx.Module):
         """Accelerations by a force (or jerks by its rate), zero for held masses."""
         return jnp.where(is_held, 0, self.inverse_mass * force)
 
-    def at_stops(self, of_mass: Float[Array, "n ..."]) -> Float[Array, "stops ..."]:
-        """A vector over masses, read at each stop and counted positive towards the stop."""
-        signs = lift(jnp.asarray(self.signs, self.position.dtype), self.position)
-        return signs * self.of_stops(of_mass)
+    def pull(self, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
+        """Accelerations by a force (or jerks by its rate), if no mass were held."""
+        return self.inverse_mass * force
 
-    def of_stops(self, of_mass: Float[Array, "n ..."]) -> Float[Array, "stops ..."]:
-        """A vector over masses, read at the mass of each stop."""
-        return stack([of_mass[i] for i in self.masses]) if self.masses else of_mass[:0]
-
-    def gaps(self, x: Float[Array, "n ..."]) -> Float[Array, "stops ..."]:
-        """The distance of every mass from its stop, positive while free."""
-        signs = lift(jnp.asarray(self.signs, self.position.dtype), self.position)
-        return signs * self.position - self.at_stops(x)
-
-    def has_any(self, of_stop: Bool[Array, "stops ..."]) -> Bool[Array, "n ..."]:
-        """Whether any stop of each mass has the flag."""
-        rows = [jnp.zeros(of_stop.shape[1:], bool)] * self.inverse_mass.shape[0]
-        for j, i in enumerate(self.masses):
-            rows[i] = rows[i] | of_stop[j]
-        return jnp.stack(rows)
+    def mobility(self, is_held: Bool[Array, "n ..."]) -> Float[Array, "n ..."]:
+        """By what a force is multiplied to give the acceleration of each mass; zero for held masses."""
+        return jnp.where(is_held, 0, self.inverse_mass)
 
     def held_masses(self, held: Bool[Array, "stops ..."]) -> Bool[Array, "n ..."]:
         """Masses that some stop holds; none, where the machine has no stop that can."""
-        return self.has_any(held if self.can_stick else jnp.zeros_like(held))
+        return self.contacts.masses_of(held if self.can_stick else jnp.zeros_like(held))
 
 
 def resting_state(
@@ -162,7 +157,7 @@ def resting_state(
     held: Bool[Array, "stops ..."],
 ) -> State:
     """A state in the open or held, at local time 0."""
-    gap = machine.gaps(x)
+    gap = machine.contacts.gaps(x)
     zero = jnp.zeros(x.shape[1:], x.dtype)
     return State(
         periods=jnp.zeros(zero.shape, int),
@@ -212,8 +207,6 @@ def prepare(
         extra = ExtraForce(system.force, start[0], frame)
         rate = rate + extra.rate(*start, system.mass)
     rate = jnp.maximum(rate, 1 / span)
-    lanes = jnp.zeros(system.mass.shape[1:], system.mass.dtype)
-    empty = jnp.zeros((0, *lanes.shape), system.mass.dtype)
     return Machine(
         inverse_mass=1 / system.mass,
         damping=system.damping,
@@ -223,15 +216,31 @@ def prepare(
         sine=sine,
         frequency=forcing.frequency,
         period=period,
-        position=stack([s.centre + lanes for s in system.stops]) if system.stops else empty,
-        restitution=stack([s.restitution + lanes for s in system.stops]) if system.stops else empty,
+        contacts=_contacts(system),
         rate=rate,
         timescale=1 / rate,
-        masses=tuple(s.mass for s in system.stops),
-        signs=tuple(s.sign for s in system.stops),
         can_stick=can_stick,
         extra=extra,
         frame=frame,
+    )
+
+
+def _contacts(system: ImpactSystem) -> Contacts:
+    lanes = jnp.zeros(system.mass.shape[1:], system.mass.dtype)
+
+    def each(values: list) -> Array:
+        return (
+            stack([value + lanes for value in values])
+            if values
+            else jnp.zeros((0, *lanes.shape), lanes.dtype)
+        )
+
+    return Contacts(
+        limit=each([stop.sign * stop.centre for stop in system.stops]),
+        restitution=each([stop.restitution for stop in system.stops]),
+        inverse_mass=1 / system.mass,
+        masses=tuple(stop.mass for stop in system.stops),
+        signs=tuple(stop.sign for stop in system.stops),
     )
 
 

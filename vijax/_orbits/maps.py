@@ -5,8 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .._contact.law import rebound
 from .._flow.interface import AbstractFlow
-from .._system.force import BoundForce
+from .._machine.machine import prepare, resting_state
 from .._system.periodicity import refuse_off_period
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.simulate import Settings, follow
@@ -137,9 +138,9 @@ def saltation_matrix(
 ) -> Float[Array, "state state"]:
     """Derivative of the state just after an impact by the state just before, no other mass held.
 
-    With the reset R (v_i to -r v_i), the gap g, and the vector fields f- = (v-, a-) and f+ before and
-    after: S = R + (f+ - R f-) (dg/dy) / (dg/dy f-). It is infinite at a grazing impact. Where the stop itself
-    moves by w(t), v_i is reset to -r v_i + (1 + r) w': f+ is then less by (1 + r) w'', dg/dt less by w'.
+    With the derivative R of the reset (v_i to -r v_i), the gap g, and the vector fields f- = (v-, a-) and f+
+    before and after: S = R + (f+ - R f-) (dg/dy) / (dg/dy f-). It is infinite at a grazing impact. All is as
+    seen from the stops, where they move.
 
     Args:
         system: the machine.
@@ -162,27 +163,24 @@ def saltation_matrix(
     References:
         M. di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), Sec. 2.5.
     """
-    x, v = as_float(x), as_float(v)
-    system, time = with_args(system, args), as_float(t)
-    n, wall, w = system.num_masses, system.stops[stop], system.forcing.frequency
-    i, r = wall.mass, wall.restitution
-    speed = lambda t: w * wall.slope_at(w * t)  # noqa: E731
-    w1, w2 = speed(time), jax.grad(speed)(time)
-    reset = jnp.ones(2 * n).at[n + i].set(-r)
-    before = jnp.concatenate([v, _acceleration(system, time, x, v)])
-    v_plus = (v * reset[n:]).at[i].add((1 + r) * w1)
-    after = jnp.concatenate([v_plus, _acceleration(system, time, x, v_plus)])
-    jump = (after - reset * before).at[n + i].add(-(1 + r) * w2)
-    return jnp.diag(reset) + jnp.outer(jump, jnp.zeros(2 * n).at[i].set(1 / (v[i] - w1)))
+    x, v, time = as_float(x), as_float(v), as_float(t)
+    system, n = with_args(system, args), system.num_masses
+    machine = prepare(system, jnp.ones_like(time), (time, x, v), can_stick=False)
+    phase = machine.phase_at(time)
+    is_hit = jnp.arange(machine.contacts.num) == stop
+    # Seen from the stops, which stand still there; at one instant that changes no derivative by the state.
+    y = jnp.concatenate(machine.seen_from_stops(phase, x, v))
 
+    def field(y: Float[Array, " state"]) -> Float[Array, " state"]:
+        state = resting_state(machine, phase, y[:n], y[n:], jnp.zeros_like(is_hit))
+        return jnp.concatenate([state.v, machine.pull(machine.total_force(state))])
 
-def _acceleration(
-    system: ImpactSystem, t: Float[Array, ""], x: Float[Array, " n"], v: Float[Array, " n"]
-) -> Float[Array, " n"]:
-    forcing = system.forcing
-    amplitude, phase = jnp.atleast_2d(forcing.amplitude), jnp.atleast_2d(forcing.phase)
-    angle = jnp.arange(1, len(amplitude) + 1)[:, None] * forcing.frequency * t + phase
-    load = forcing.mean + jnp.sum(amplitude * jnp.cos(angle), axis=0)
-    linear = load - system.damping @ v - system.stiffness @ x
-    force = system.force
-    return (linear + force(t, x, v) if isinstance(force, BoundForce) else linear) / system.mass
+    def reset(y: Float[Array, " state"]) -> Float[Array, " state"]:
+        return jnp.concatenate(rebound(machine, y[:n], y[n:], is_hit))
+
+    def gap(y: Float[Array, " state"]) -> Float[Array, ""]:
+        return machine.contacts.gaps(y[:n])[stop]
+
+    slope, before = jax.jacfwd(reset)(y), field(y)
+    towards = jax.grad(gap)(y)
+    return slope + jnp.outer(field(reset(y)) - slope @ before, towards / (towards @ before))

@@ -118,7 +118,7 @@ def write(log: Log, after: State, instant: Instant, time: Scalar, live: Flag) ->
 def event_log(machine: Machine, log: Log, max_events: int) -> EventLog:
     """Spread the instants into single events, in the order of time."""
     instants, shape = log.instants, log.instants.hit.shape
-    signs = jnp.asarray(machine.signs, instants.velocity_minus.dtype)
+    told = jax.vmap(machine.contacts.told)
     zeros = jnp.zeros(shape, instants.velocity_minus.dtype)
     # Impacts of an instant come before its sticks and releases; a stick carries the end of its chatter.
     happened = jnp.stack([instants.hit, instants.stuck, instants.released], axis=1)
@@ -133,9 +133,9 @@ def event_log(machine: Machine, log: Log, max_events: int) -> EventLog:
     kind = jnp.broadcast_to(kinds[:, None], happened.shape).ravel()[order]
     stop = jnp.broadcast_to(jnp.arange(shape[1]), happened.shape).ravel()[order]
     of_stops = 0.0 if machine.frame is None else _velocities_of_stops(machine, machine.frame, log)
-    read = lambda a: (jnp.stack([signs[None] * a, zeros, zeros], axis=1) + of_stops).ravel()[order]  # noqa: E731
+    read = lambda a: (jnp.stack([told(a), zeros, zeros], axis=1) + of_stops).ravel()[order]  # noqa: E731
     minus, plus = read(instants.velocity_minus), read(instants.velocity_plus)
-    mass = (1 / machine.inverse_mass)[jnp.asarray(machine.masses, int)][stop] if shape[1] else minus
+    mass = machine.contacts.effective_mass[stop] if shape[1] else minus
     floats = times.ravel()[order], minus, plus, mass * (plus - minus)
     t, minus, plus, impulse = (jnp.where(is_event, a, jnp.nan) for a in floats)
     stop, kind = (jnp.where(is_event, a, -1) for a in (stop, kind))
@@ -149,11 +149,11 @@ def _velocities_of_stops(machine: Machine, frame: Frame, log: Log) -> Float[Arra
         angle = machine.harmonics * machine.frequency * delay
         c, s = jnp.cos(angle), jnp.sin(angle)
         later = jnp.stack([c * phase[0] - s * phase[1], c * phase[1] + s * phase[0]])
-        return machine.of_stops(frame.at(later)[1])
+        return machine.contacts.size(frame.at(later)[1])
 
     def of_row(phase: Array, chatter: Float[Array, " stops"]) -> Float[Array, "kinds stops"]:
         at_stick = jnp.diagonal(jax.vmap(lambda delay: after(phase, delay))(chatter))
-        now = machine.of_stops(frame.at(phase)[1])
+        now = machine.contacts.size(frame.at(phase)[1])
         return jnp.stack([now, at_stick, now])
 
     return jax.vmap(of_row)(log.restarts.phase, log.instants.chatter)

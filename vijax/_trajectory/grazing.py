@@ -48,7 +48,7 @@ def update_grazing(machine: Machine, before: State, after: State, instant: Insta
     scale = jnp.where(leaves, pull, 1) / machine.rate
     speed = jnp.where(instant.hit & leaves, jnp.abs(instant.velocity_minus), jnp.inf)
 
-    turned = (machine.at_stops(before.v) > 0) & (machine.at_stops(after.v) <= 0)
+    turned = (machine.contacts.along(before.v) > 0) & (machine.contacts.along(after.v) <= 0)
     turned = turned & ~instant.hit & ~before.held & ~after.held
     # Each cubic is exact to a small part of the gap, if the minimum is near the end it starts from.
     near = 3e-2 / machine.rate
@@ -70,9 +70,9 @@ def _lowest(
     force = machine.total_force(state)
     a = machine.accelerations(force, machine.held_masses(state.held))
     force_rate = machine.total_force_rate(state, a)
-    slope = -machine.at_stops(state.v)
-    curvature = -machine.at_stops(machine.inverse_mass * force)
-    third = -machine.at_stops(machine.inverse_mass * force_rate)
+    slope = -machine.contacts.along(state.v)
+    curvature = -machine.contacts.along(machine.pull(force))
+    third = -machine.contacts.along(machine.pull(force_rate))
     when = -slope / jnp.where(curvature > 0, curvature, 1)
     mean = curvature + third * when / 2
     when = jnp.where((curvature > 0) & (mean > 0), -slope / jnp.where(mean > 0, mean, 1), jnp.inf)

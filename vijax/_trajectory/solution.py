@@ -244,11 +244,11 @@ def evaluate_all(solution: Solution, times: Float[Array, " times"]) -> tuple[Arr
 
 @compile_lightly
 def _evaluate_stops(machine: Machine, times: Float[Array, "..."]) -> tuple[Array, Array]:
-    still = jnp.broadcast_to(machine.position, (*times.shape, *machine.position.shape))
+    still = jnp.broadcast_to(machine.contacts.position, (*times.shape, *machine.contacts.position.shape))
     if machine.frame is None:
         return still, jnp.zeros_like(still)
     x, v = jnp.vectorize(machine.frame.at_time, signature="()->(n),(n)")(times)
-    masses = jnp.asarray(machine.masses)
+    masses = jnp.asarray(machine.contacts.masses)
     return still + x[..., masses], v[..., masses]
 
 
@@ -266,7 +266,7 @@ def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
     then, here = in_periods(machine, t - solution.t0), (start.periods, start.time)
     periods, time = (jnp.where(t == start.t, a, b) for a, b in zip(here, then, strict=True))
     state = coast(flow, machine, state, rows.phase[0], periods, time, solution.max_steps)
-    pressing = machine.at_stops(machine.total_force(state))
+    pressing = machine.contacts.along(machine.total_force(state))
     force = jnp.where(state.held, pressing, 0)
     x, v, force = (jnp.where(is_known, a, jnp.nan) for a in (*machine.in_space(state), force))
     return x, v, force

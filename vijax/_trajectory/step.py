@@ -21,7 +21,7 @@ from .._flow.exact_step import fly
 from .._flow.interface import AbstractFlow
 from .._machine.machine import Machine
 from .._machine.state import State
-from .._types import Flag, Scalar, not_negative, stack
+from .._types import Flag, Scalar, not_negative
 from .._xla import compute_once, is_any
 
 
@@ -79,17 +79,17 @@ def advance(
 
 def _resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) -> tuple[State, Instant]:
     """Apply the impacts of this instant, then decide who sticks and who is let go."""
-    v_minus = machine.at_stops(state.v)
+    v_minus = machine.contacts.along(state.v)
     hit = is_event & ~state.held & (v_minus > 0)
     x, v = rebound(machine, state.x, state.v, hit)
     # The gap on the other side of a mass that was hit is measured afresh, its own is zero.
-    afresh = stack([machine.has_any(hit)[i] for i in machine.masses]) if machine.masses else hit
-    gap = jnp.where(hit, 0, jnp.where(afresh, machine.gaps(x), state.gap))
+    afresh = machine.contacts.sharing(hit)
+    gap = jnp.where(hit, 0, jnp.where(afresh, machine.contacts.gaps(x), state.gap))
     contact = jnp.where(hit, jnp.int8(1), state.contact)
     after = eqx.tree_at(lambda s: (s.x, s.v, s.gap, s.contact), state, (x, v, gap, contact))
     none, zeros = jnp.zeros_like(hit), jnp.zeros_like(gap)
     arrived = jnp.zeros_like(state.time, bool)
-    instant = Instant(hit, none, none, v_minus, machine.at_stops(v), zeros, arrived, state.time)
+    instant = Instant(hit, none, none, v_minus, machine.contacts.along(v), zeros, arrived, state.time)
     if not machine.can_stick:
         return after, instant
     is_doubtful = state.held | (state.contact >= 2) | (hit & is_light(instant.velocity_plus))
@@ -108,7 +108,7 @@ def _stick_and_release(
     state = eqx.tree_at(lambda s: s.held, state, state.held & ~let_go)
     approach, approach_rate = compute_once(_approach, machine, state)
     speed = jnp.abs(instant.velocity_plus)
-    chatter = compute_once(chatter_time, speed, approach, machine.restitution)
+    chatter = compute_once(chatter_time, speed, approach, machine.contacts.restitution)
     is_complete = compute_once(chatter_is_complete, speed, approach, approach_rate, chatter, machine.rate)
     stuck = instant.hit & is_complete
     is_jump = jnp.any(instant.hit, axis=0)
@@ -120,7 +120,7 @@ def _stick_and_release(
     contact = jnp.where(let_go | pulled, jnp.int8(3), contact)
     contact = jnp.where(thrown | (pulled & (approach < 0)), jnp.int8(2), contact)
 
-    v = jnp.where(machine.has_any(stuck), 0, state.v)
+    v = machine.contacts.held_still(state.v, stuck)
     held = (state.held & ~thrown) | stuck | pressed_again
     after = eqx.tree_at(lambda s: (s.v, s.held, s.contact), state, (v, held, contact))
     instant = eqx.tree_at(
@@ -136,4 +136,4 @@ def _approach(machine: Machine, state: State) -> tuple[Float[Array, "stops ..."]
     force = machine.total_force(state)
     a = machine.accelerations(force, machine.held_masses(state.held))
     force_rate = machine.total_force_rate(state, a)
-    return machine.at_stops(machine.inverse_mass * force), machine.at_stops(machine.inverse_mass * force_rate)
+    return machine.contacts.along(machine.pull(force)), machine.contacts.along(machine.pull(force_rate))

@@ -83,9 +83,9 @@ def sticking_region(
 
 def _mass_to_draw(sol: Solution, stop: int, mass: int | None) -> int:
     machine = sol.machine
-    n = machine.inverse_mass.shape[0]
-    check_index("stop", stop, len(machine.masses))
-    others = [i for i in range(n) if i != machine.masses[stop]]
+    n = machine.num_masses
+    check_index("stop", stop, machine.contacts.num)
+    others = [i for i in range(n) if i != machine.contacts.masses[stop]]
     if mass is None and len(others) != 1:
         raise ValueError(f"Argument `mass` must be one of {others}: name the mass that is to be drawn.")
     mass = others[0] if mass is None else mass

@@ -50,7 +50,7 @@ def time_series(
     colors = of_curves(x.shape[1])
     for i, color in enumerate(colors):
         ax.plot(t, x[:, i], color=color, linewidth=1.3, label=f"$x_{{{i}}}$")
-    for j, mass in enumerate(sol.machine.masses):
+    for j, mass in enumerate(sol.machine.contacts.masses):
         position = np.asarray(sol.evaluate_stops(t)[0])[:, j]
         ax.plot(
             t,
@@ -108,14 +108,14 @@ def phase_portrait(
     References:
         Wagg & Bishop (2004), Sec. 2.2.
     """
-    check_index("mass", mass, sol.machine.inverse_mass.shape[0])
+    check_index("mass", mass, sol.machine.num_masses)
     begin, end = span_of(sol, span)
     x, v = curve_of_mass(sol, mass, begin, end, num_samples)
     ax = new_axes() if ax is None else ax
     color = of_curves(1)[0]
     ax.plot(x, v, color=color, linewidth=1.0)
     draw_jumps(ax, sol, mass, begin, end, color, "impact")
-    for j, of_mass in enumerate(sol.machine.masses):
+    for j, of_mass in enumerate(sol.machine.contacts.masses):
         if of_mass == mass:
             _draw_stop(ax, sol, j, begin, end, num_samples)
     ax.set_xlabel(f"Position $x_{{{mass}}}$ (units of length)")
@@ -198,7 +198,7 @@ def _impacts(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Times, positions, and velocities before and after the impacts of a mass."""
     log = sol.events
-    stops = [j for j, i in enumerate(sol.machine.masses) if i == mass]
+    stops = [j for j, i in enumerate(sol.machine.contacts.masses) if i == mass]
     t, stop = np.asarray(log.t), np.asarray(log.stop)
     is_it = (np.asarray(log.kind) == IMPACT) & np.isin(stop, stops) & (t >= begin) & (t <= end)
     where = np.asarray(sol.evaluate_stops(t)[0])[is_it, stop[is_it]] if stops else t[is_it]
