@@ -2,11 +2,11 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from .._machine.machine import Machine, resting_state
 from .._machine.state import State
+from .._system.checks import is_touching
 from .._types import Scalar, stack
 from .sticking import is_pressed
 
@@ -52,10 +52,3 @@ def _sizes(
         return machine.position, jnp.zeros_like(machine.position)
     travel, speed = (machine.of_stops(a) for a in machine.frame.extent(t0))
     return jnp.abs(machine.position) + travel, speed
-
-
-def is_touching(
-    gap: Float[Array | np.ndarray, "..."], size: Float[Array | np.ndarray, "..."]
-) -> Bool[Array, "..."]:
-    """Whether a gap is zero to rounding, as the difference of numbers of some size."""
-    return jnp.abs(gap) <= 8 * jnp.finfo(gap.dtype).eps * jnp.abs(size)

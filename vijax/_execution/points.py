@@ -10,10 +10,10 @@ import jax
 import numpy as np
 from jaxtyping import Array, PyTree
 
-from .._contact.start import is_touching
+from .._system.checks import FINITE, check_every, check_machines
 from .._system.force import numbers_of
 from .._system.periodicity import refuse_off_period
-from .._system.system import ImpactSystem, check_semidefinite, not_alike
+from .._system.system import ImpactSystem
 
 # Longer arrays of a force, weights of a network, are not written out: attributes of files have little room.
 _LONG = 16
@@ -147,37 +147,7 @@ def _names_nothing(base: Point, path: str) -> str:
 
 def _check(points: Point) -> None:
     """Refuse values that make no machine, all lanes at once."""
-    system = points.system
     for leaf in jax.tree.leaves(points):
-        if not np.isfinite(leaf).all():
-            raise ValueError("All swept values must be finite.")
-    if not (system.mass > 0).all():
-        raise ValueError("Every swept `mass` must be positive.")
-    if not (system.forcing.frequency > 0).all():
-        raise ValueError("Every `forcing.frequency` must be positive: a sweep counts forcing periods.")
-    for name in ("damping", "stiffness"):
-        check_semidefinite(name, np.moveaxis(np.asarray(getattr(system, name)), -1, 0))
-    _check_stops(points)
-    refuse_off_period(system, points.x0, points.v0, who="a sweep", where=", at every point")
-
-
-def _check_stops(points: Point) -> None:
-    stops = points.system.stops
-    for j, stop in enumerate(stops):
-        if not ((stop.restitution >= 0) & (stop.restitution <= 1)).all():
-            raise ValueError(f"Every `stops[{j}].restitution` must lie between 0 and 1.")
-        gap = stop.sign * (np.asarray(stop.at(0.0)) - points.x0[stop.mass])
-        if ((gap < 0) & ~np.asarray(is_touching(gap, stop.reach(0.0)))).any():
-            raise ValueError(
-                f"Some points start beyond a stop: `x0[{stop.mass}]` is past `stops[{j}]`. Start mass "
-                f"{stop.mass} on its free side ({stop.side} stop), or on the stop."
-            )
-        for other in stops[j + 1 :]:
-            if other.mass != stop.mass:
-                continue
-            if not np.asarray(stop.moves_like(other)).all():
-                raise ValueError(not_alike(stop.mass))
-            if not (stop.sign * (stop.centre - other.centre) > 0).all():
-                raise ValueError(
-                    f"The lower stop of mass {stop.mass} must lie below its upper stop at every point."
-                )
+        check_every("", leaf, FINITE)
+    check_machines(points.system, points.x0)
+    refuse_off_period(points.system, points.x0, points.v0, who="a sweep", where=", at every point")
