@@ -144,6 +144,12 @@ def _of_one_frequency(forcing: Harmonic, stops: Sequence[Stop]) -> tuple[Harmoni
     return forcing, tuple(same)
 
 
+def check_again(system: ImpactSystem) -> None:
+    """Refuse a machine whose numbers were changed after it was built to what it could not be built of."""
+    for part in (system.forcing, *system.stops, system):
+        part.__check_init__()
+
+
 def with_args(system: ImpactSystem, args: object) -> ImpactSystem:
     """The machine as it is computed with.
 
