@@ -11,7 +11,8 @@ import pytest
 import xarray as xr
 
 import vijax as vx
-from vijax._execution.points import Point, force_parameters, points_of_lanes
+from vijax._execution.points import Point, points_of_lanes
+from vijax._system.parameters import force_parameters
 from vijax._system.system import with_args
 
 # Two computations of the same bits apart from the order of sums in a batch.

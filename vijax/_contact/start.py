@@ -2,11 +2,11 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from .._machine.machine import Machine, resting_state
 from .._machine.state import State
+from .._system.checks import is_touching
 from .._types import Scalar
 from .sticking import is_pressed
 
@@ -46,14 +46,8 @@ def _sizes(
     machine: Machine, t0: Scalar | float
 ) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."]]:
     """Of the numbers whose differences gaps and velocities relative to the stops are."""
+    position = machine.contacts.position
     if machine.frame is None:
-        return machine.contacts.position, jnp.zeros_like(machine.contacts.position)
+        return position, jnp.zeros_like(position)
     travel, speed = (machine.contacts.size(a) for a in machine.frame.extent(t0))
-    return jnp.abs(machine.contacts.position) + travel, speed
-
-
-def is_touching(
-    gap: Float[Array | np.ndarray, "..."], size: Float[Array | np.ndarray, "..."]
-) -> Bool[Array, "..."]:
-    """Whether a gap is zero to rounding, as the difference of numbers of some size."""
-    return jnp.abs(gap) <= 8 * jnp.finfo(gap.dtype).eps * jnp.abs(size)
+    return jnp.abs(position) + travel, speed

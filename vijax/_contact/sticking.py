@@ -5,9 +5,29 @@ mass from everything else, counted towards the stop (Wagg & Bishop 2004, Sec. 2.
 """
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._types import Scalar, short
+from .._system.system import ImpactSystem
+from .._types import Scalar, concrete, short
+
+
+def can_any_stick(system: ImpactSystem, x0: Array | np.ndarray, v0: Array | np.ndarray) -> bool:
+    """Whether any stop might ever hold its mass: r < 1, or the mass starts at rest on it.
+
+    Known only from concrete values; while any is traced the answer is yes. Lanes may stand last.
+    """
+    for stop in system.stops:
+        if stop.motion is not None:
+            return True  # at rest on it, or not: the start time decides
+        r, position, x, v = (concrete(a) for a in (stop.restitution, stop.position, x0, v0))
+        if r is None or (r < 1).any():
+            return True
+        if position is None or x is None or v is None:
+            return True
+        if ((np.abs(x[stop.mass] - position) <= 1e-3 * np.abs(position)) & (v[stop.mass] == 0)).any():
+            return True
+    return False
 
 
 def chatter_time(

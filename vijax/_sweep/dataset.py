@@ -7,8 +7,9 @@ import numpy as np
 import xarray as xr
 
 from .._dataset_attributes import flags, label
-from .._execution.points import Point, is_of_force
+from .._execution.points import Point
 from .._execution.threads import Counts, Found
+from .._system.parameters import axis_names
 from .._system.stop import Stop
 from .._trajectory.solution import RESULTS
 from .endings import code_of
@@ -69,13 +70,6 @@ def _coordinates(axes: dict[str, np.ndarray]) -> dict[str, tuple | np.ndarray]:
         if axis.ndim > 1:
             coordinates[f"{path}.values"] = ((path, *axis_names(path, axis.ndim - 1)), axis)
     return coordinates
-
-
-def axis_names(path: str, ndim: int) -> list[str]:
-    """What the axes of a swept array count, those of all points apart."""
-    if is_of_force(path) or path.startswith("stops"):
-        return [f"{path}.axis{k}" for k in range(ndim)]
-    return ["harmonic" if path.startswith("forcing") else "row", "mass"][-ndim:]
 
 
 def _impact_table(points: Point, counts: Counts, found: Found) -> dict[str, np.ndarray]:

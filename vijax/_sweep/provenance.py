@@ -10,11 +10,11 @@ import numpy as np
 import xarray as xr
 
 from .._dataset_attributes import versions
-from .._execution.points import Point, force_parameters, only_paths, with_values
+from .._execution.points import Point, with_values
 from .._execution.threads import Counts
 from .._system.description import build, describe
+from .._system.parameters import axis_names, force_parameters, is_parameter
 from .._system.system import ImpactSystem
-from .dataset import axis_names
 
 
 def origin(
@@ -122,4 +122,4 @@ def _swept_values(
         # A dimension of its own, `mass` for instance, may have been given names.
         if dims.issuperset(along) and not is_counter and name not in own:
             found[path] = along, values.transpose(*along, *own)
-    return {path: found[path] for path in only_paths(base, found)}
+    return {path: values for path, values in found.items() if is_parameter(base, path)}

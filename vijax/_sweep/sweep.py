@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import xarray as xr
 
-from .._contact.checks import can_any_stick
+from .._contact.sticking import can_any_stick
 from .._execution.points import Point, points_of_lanes
 from .._execution.store import describe_sweep, open_store, run_chunks
 from .._execution.threads import Counts, Found, run_points

@@ -66,11 +66,9 @@ class BoundForce(eqx.Module):
 
 
 def numbers_of(force: Callable | None) -> tuple[PyTree, PyTree]:
-    """The numbers of a force that is bound, and of its `args`, in trees that the user knows."""
-    if not isinstance(force, BoundForce):
-        return None, None
-    own = force.force
-    return own.numbers if isinstance(own, _Frozen) else own, force.args
+    """The numbers of a force, and of its `args` once they are bound, in trees that the user knows."""
+    own, args = (force.force, force.args) if isinstance(force, BoundForce) else (force, None)
+    return own.numbers if isinstance(own, _Frozen) else own, args
 
 
 def program_of(force: BoundForce, num_masses: int) -> tuple[str, list[np.ndarray]]:

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._printing import as_html, as_text, told_of_harmonic
-from .._types import Numbers, as_float, concrete
+from .._types import Numbers, as_float
+from .checks import FINITE, NOT_NEGATIVE, check_one
 
 
 class Harmonic(eqx.Module):
@@ -73,13 +74,9 @@ class Harmonic(eqx.Module):
             )
         if self.frequency.ndim != 0:
             raise ValueError(f"Argument `frequency` must be a number, but has shape {self.frequency.shape}.")
-        frequency = concrete(self.frequency)
-        if frequency is not None and not 0 <= frequency < float("inf"):
-            raise ValueError(f"Argument `frequency` must be finite and not negative, but is {frequency}.")
+        check_one("frequency", self.frequency, NOT_NEGATIVE)
         for name in ("amplitude", "phase", "mean"):
-            value = concrete(getattr(self, name))
-            if value is not None and not np.isfinite(value).all():
-                raise ValueError(f"Argument `{name}` must be finite, but is {value}.")
+            check_one(name, getattr(self, name), FINITE)
 
     def __repr__(self) -> str:
         return as_text(told_of_harmonic, self)

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._printing import as_html, as_text, told_of_stop
-from .._types import Count, as_float, concrete, whole_number
+from .._types import Count, as_float, whole_number
+from .checks import FINITE, RESTITUTION, check_one
 from .forcing import Harmonic
 
 Reals = Any  # arrays of JAX, or of NumPy where a sweep looks at its points
@@ -79,13 +80,8 @@ class Stop(eqx.Module):
         for name, value in (("position", self.position), ("restitution", self.restitution)):
             if value.ndim != 0:
                 raise ValueError(f"Argument `{name}` must be a number, but has shape {value.shape}.")
-        position, restitution = concrete(self.position), concrete(self.restitution)
-        if position is not None and not np.isfinite(position):
-            raise ValueError(f"Argument `position` must be finite, but is {position}.")
-        if restitution is not None and not 0 <= restitution <= 1:
-            raise ValueError(
-                f"Argument `restitution` must lie between 0 (plastic) and 1 (elastic), but is {restitution}."
-            )
+        check_one("position", self.position, FINITE)
+        check_one("restitution", self.restitution, RESTITUTION)
         if not isinstance(self.motion, Harmonic | None):
             raise ValueError(f"Argument `motion` must be a `vx.Harmonic` or None, but is {self.motion!r}.")
         if self.motion is not None and self.motion.amplitude.shape[-1] != 1:

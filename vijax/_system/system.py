@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from .._printing import as_html, as_text, told_of_system
 from .._refusal import checked
 from .._types import Numbers, as_float, concrete, in_full_precision
+from .checks import POSITIVE, check_one, check_semidefinite, check_slots
 from .force import as_force, bind, name_of_force
 from .forcing import Harmonic
 from .stop import Stop
@@ -99,22 +100,10 @@ class ImpactSystem(eqx.Module):
                     f"of mass {stop.mass}: keep the nearer one."
                 )
             places[stop.mass, stop.side] = j
-        for (mass, side), j in places.items():
-            if side == "lower" and (mass, "upper") in places:
-                upper = self.stops[places[mass, "upper"]]
-                is_alike = concrete(self.stops[j].moves_like(upper))
-                if is_alike is not None and not is_alike:
-                    raise ValueError(not_alike(mass))
-                low, high = concrete(self.stops[j].centre), concrete(upper.centre)
-                if low is not None and high is not None and not low < high:
-                    raise ValueError(
-                        f"The lower stop of mass {mass} (at {low}) must lie below its upper stop (at {high})."
-                    )
+        check_slots(self.stops)
 
     def _check_values(self):
-        mass = concrete(self.mass)
-        if mass is not None and not (np.isfinite(mass).all() and (mass > 0).all()):
-            raise ValueError(f"Argument `mass` must be positive and finite, but is {mass}.")
+        check_one("mass", self.mass, POSITIVE)
         for name in ("damping", "stiffness"):
             matrix = concrete(getattr(self, name))
             if matrix is not None:
@@ -155,36 +144,10 @@ def _of_one_frequency(forcing: Harmonic, stops: Sequence[Stop]) -> tuple[Harmoni
     return forcing, tuple(same)
 
 
-def not_alike(mass: int) -> str:
-    """What is told of stops of one mass that move differently."""
-    return (
-        f"The two stops of mass {mass} must move alike, as the two walls of one slot: give both the same "
-        "`motion`, or none."
-    )
-
-
-def check_semidefinite(name: str, matrices: np.ndarray) -> None:
-    """Refuse matrices, (..., n, n), not symmetric or not positive semi-definite to n eps norm."""
-    if not np.isfinite(matrices).all():
-        raise ValueError(f"Argument `{name}` must be finite, but is {matrices.tolist()}.")
-    norm = np.abs(matrices).max(axis=(-2, -1), initial=0.0)
-    with np.errstate(over="ignore"):
-        is_narrow = (matrices == matrices.astype(np.float32)).all()
-    # Numbers that were once single precision carry its rounding, of whatever type they are now.
-    eps = np.finfo(np.float32 if is_narrow else matrices.dtype).eps
-    slack = 4 * matrices.shape[-1] * eps * norm
-    skew = np.abs(matrices - np.swapaxes(matrices, -2, -1)).max(axis=(-2, -1))
-    if (skew > slack).any():
-        raise ValueError(
-            f"Argument `{name}` must be symmetric, but differs from its transpose by {skew.max():.3g}; "
-            f"use ({name} + {name}.T) / 2 if that is rounding."
-        )
-    lowest = np.linalg.eigvalsh(matrices)[..., 0]
-    if (lowest < -slack * matrices.shape[-1]).any():
-        raise ValueError(
-            f"Argument `{name}` must be positive semi-definite, but has the eigenvalue {lowest.min():.3g}: "
-            "it would feed energy into the motion."
-        )
+def check_again(system: ImpactSystem) -> None:
+    """Refuse a machine whose numbers were changed after it was built to what it could not be built of."""
+    for part in (system.forcing, *system.stops, system):
+        part.__check_init__()
 
 
 def with_args(system: ImpactSystem, args: object) -> ImpactSystem:

@@ -8,13 +8,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from .._contact.checks import can_any_stick, validate_start
 from .._contact.start import first_state
+from .._contact.sticking import can_any_stick
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._machine.machine import Machine, ample_steps, in_periods, prepare
 from .._machine.state import State, remembering, start_period
 from .._refusal import checked, lock
+from .._system.checks import validate_start
 from .._system.system import ImpactSystem, with_args
 from .._types import Count, Numbers, Scalar, as_float, at_once, concrete, whole_number
 from .._xla import AbstractTask, compile_lightly, padding_allowed, while_any

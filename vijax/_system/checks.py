@@ -1,0 +1,188 @@
+"""What the values of a machine and of a start must be: every condition, and its sentence, once.
+
+The same conditions hold for one machine, which is looked at while it is built, and for many with lanes
+last, which are looked at before they are swept. Their sentences differ: of one value it can be told what it
+is, of a million that one of them is wrong. What is traced is not known and passes, but for a start, of
+which the verdict is handed back, to be told when the program runs.
+
+Stops and machines are `Any` here, since the files that define them import this one. An alternative was to
+leave every class its own checks: the lanes of a sweep, which are built by no class, then had all conditions
+a second time.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .._types import Flag, Scalar, concrete
+
+
+class Rule(NamedTuple):
+    """A condition on numbers.
+
+    Attributes:
+        holds: tells of every number whether it does.
+        one: what a single argument must do, as in "must be finite"; empty if it is asked of none.
+        every: the sentence about many, with a place for the path `{name}`; likewise.
+    """
+
+    holds: Callable[[np.ndarray], Any]
+    one: str = ""
+    every: str = ""
+
+
+FINITE = Rule(np.isfinite, "be finite", "All swept values must be finite.")
+POSITIVE = Rule(
+    lambda a: np.isfinite(a) & (a > 0), "be positive and finite", "Every swept `{name}` must be positive."
+)
+NOT_NEGATIVE = Rule(lambda a: np.isfinite(a) & (a >= 0), one="be finite and not negative")
+# A load of frequency 0 is constant, but it has no period.
+HAS_PERIOD = Rule(lambda a: a > 0, every="Every `{name}` must be positive: a sweep counts forcing periods.")
+RESTITUTION = Rule(
+    lambda a: (a >= 0) & (a <= 1),
+    "lie between 0 (plastic) and 1 (elastic)",
+    "Every `{name}` must lie between 0 and 1.",
+)
+
+
+def check_one(name: str, value: Array, rule: Rule) -> None:
+    """Refuse an argument that breaks a rule, unless it is traced."""
+    known = concrete(value)
+    if known is not None and not rule.holds(known).all():
+        raise ValueError(f"Argument `{name}` must {rule.one}, but is {known}.")
+
+
+def check_every(name: str, values: Array | np.ndarray, rule: Rule) -> None:
+    """Refuse values of many machines if one of them breaks a rule."""
+    if not rule.holds(np.asarray(values)).all():
+        raise ValueError(rule.every.format(name=name))
+
+
+def check_semidefinite(name: str, matrices: np.ndarray) -> None:
+    """Refuse matrices, (..., n, n), not symmetric or not positive semi-definite to n eps norm."""
+    if not np.isfinite(matrices).all():
+        raise ValueError(f"Argument `{name}` must be finite, but is {matrices.tolist()}.")
+    norm = np.abs(matrices).max(axis=(-2, -1), initial=0.0)
+    with np.errstate(over="ignore"):
+        is_narrow = (matrices == matrices.astype(np.float32)).all()
+    # Numbers that were once single precision carry its rounding, of whatever type they are now.
+    eps = np.finfo(np.float32 if is_narrow else matrices.dtype).eps
+    slack = 4 * matrices.shape[-1] * eps * norm
+    skew = np.abs(matrices - np.swapaxes(matrices, -2, -1)).max(axis=(-2, -1))
+    if (skew > slack).any():
+        raise ValueError(
+            f"Argument `{name}` must be symmetric, but differs from its transpose by {skew.max():.3g}; "
+            f"use ({name} + {name}.T) / 2 if that is rounding."
+        )
+    lowest = np.linalg.eigvalsh(matrices)[..., 0]
+    if (lowest < -slack * matrices.shape[-1]).any():
+        raise ValueError(
+            f"Argument `{name}` must be positive semi-definite, but has the eigenvalue {lowest.min():.3g}: "
+            "it would feed energy into the motion."
+        )
+
+
+def check_slots(stops: Sequence[Any]) -> None:
+    """Refuse two stops of one mass that move differently or leave no room between them; lanes may stand last."""
+    refuse(_unlike(stops))
+    for lower, upper in _slots(stops):
+        low, high = concrete(lower.centre), concrete(upper.centre)
+        if low is None or high is None or (low < high).all():
+            continue
+        is_one = low.ndim == high.ndim == 0
+        at_low, at_high, where = (
+            (f" (at {low})", f" (at {high})", "") if is_one else ("", "", " at every point")
+        )
+        raise ValueError(
+            f"The lower stop of mass {lower.mass}{at_low} must lie below its upper stop{at_high}{where}."
+        )
+
+
+def check_machines(system: Any, x0: Array | np.ndarray) -> None:
+    """Refuse values that make no machine, or no start of it, all lanes at once; lanes last."""
+    check_every("mass", system.mass, POSITIVE)
+    check_every("forcing.frequency", system.forcing.frequency, HAS_PERIOD)
+    for name in ("damping", "stiffness"):
+        check_semidefinite(name, np.moveaxis(np.asarray(getattr(system, name)), -1, 0))
+    for j, stop in enumerate(system.stops):
+        check_every(f"stops[{j}].restitution", stop.restitution, RESTITUTION)
+    refuse(_beyond(system.stops, x0, 0.0, "Some points start"))
+    check_slots(system.stops)
+
+
+def validate_start(
+    system: Any,
+    t0: Scalar,
+    t1: Scalar,
+    ts: Float[Array, " times"],
+    x0: Float[Array, " n"],
+    v0: Float[Array, " n"],
+) -> list[tuple[Flag, str]]:
+    """Refuse what is wrong from the start, and return what cannot be told while it is traced."""
+    named = {"t0": t0, "t1": t1, "x0": x0, "v0": v0}
+    checks = [(~jnp.all(jnp.isfinite(a)), f"Argument `{name}` must be finite.") for name, a in named.items()]
+    checks.append((t1 < t0, "Argument `t1` must not lie before `t0`."))
+    if ts.size:
+        in_order = jnp.all(jnp.diff(ts) >= 0) & (ts[0] >= t0) & (ts[-1] <= t1)
+        checks.append((~in_order, "Argument `ts` must be in increasing order, within [t0, t1]."))
+    checks += _beyond(system.stops, x0, system.forcing.frequency * t0, "The start lies")
+    # A machine tells this when it is built, but for a motion that was traced then, or given since.
+    return refuse(checks + _unlike(system.stops))
+
+
+def refuse(checks: list[tuple[Any, str]]) -> list[tuple[Any, str]]:
+    """Raise the sentence of the first thing that is known to be wrong; return those that are traced.
+
+    Args:
+        checks: pairs of a verdict, true where something is wrong, and its sentence.
+    """
+    verdicts = [concrete(is_wrong) for is_wrong, _ in checks]
+    for verdict, (_, sentence) in zip(verdicts, checks, strict=True):
+        if verdict is not None and verdict.any():
+            raise ValueError(sentence)
+    return [check for verdict, check in zip(verdicts, checks, strict=True) if verdict is None]
+
+
+def is_touching(
+    gap: Float[Array | np.ndarray, "..."], size: Float[Array | np.ndarray, "..."]
+) -> Bool[Array, "..."]:
+    """Whether a gap is zero to rounding, as the difference of numbers of some size."""
+    return jnp.abs(gap) <= 8 * jnp.finfo(gap.dtype).eps * jnp.abs(size)
+
+
+def _beyond(stops: Sequence[Any], x: Any, angle: Any, who: str) -> list[tuple[Any, str]]:
+    """Whether masses stand beyond their stops at the phase `angle` of the load."""
+    checks = []
+    for j, stop in enumerate(stops):
+        gap = stop.sign * (stop.at(angle) - x[stop.mass])
+        sentence = (
+            f"{who} beyond a stop: `x0[{stop.mass}]` is past `stops[{j}]`. "
+            f"Start mass {stop.mass} on its free side ({stop.side} stop), or on the stop."
+        )
+        checks.append(((gap < 0) & ~is_touching(gap, stop.reach(angle)), sentence))
+    return checks
+
+
+def _unlike(stops: Sequence[Any]) -> list[tuple[Any, str]]:
+    """Whether the two stops of a mass move differently."""
+    return [
+        (
+            ~lower.moves_like(upper),
+            f"The two stops of mass {lower.mass} must move alike, as the two walls of one slot: give both the "
+            "same `motion`, or none.",
+        )
+        for lower, upper in _slots(stops)
+        # Of stops that stand still nothing is asked that a trace would leave open.
+        if lower.motion is not None or upper.motion is not None
+    ]
+
+
+def _slots(stops: Sequence[Any]) -> Iterator[tuple[Any, Any]]:
+    """The lower and the upper stop of every mass that has both."""
+    for lower in stops:
+        for upper in stops:
+            if lower.side == "lower" and upper.side == "upper" and lower.mass == upper.mass:
+                yield lower, upper

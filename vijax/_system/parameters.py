@@ -1,0 +1,194 @@
+"""The parameters of a machine by name: "forcing.frequency", "stops[*].restitution", "damping[0][1]", "force.k3".
+
+A path is written as in Python: fields after a dot, entries in brackets, `*` for every entry. It names a whole
+array or an entry of one. Whatever changes parameters, a sweep, a continuation, a fit, finds them here.
+
+What is asked may be a machine or a module that holds one as its `system` beside a start: then "x0[1]" is a
+path as well. The `args` of a force have paths once they are bound to it, see `with_args`.
+
+The leaves of a machine are told apart by their number. (That the same array is found again, as
+`equinox.tree_at` asks, was tried first: two stops may share one motion.)
+"""
+
+import dataclasses
+import re
+from collections import OrderedDict
+from collections.abc import Iterable
+from typing import Any, NamedTuple, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, PyTree
+
+from .._types import Numbers, as_float
+from .force import numbers_of
+from .system import ImpactSystem, check_again
+
+Whole = TypeVar("Whole", bound=eqx.Module)
+
+# Longer arrays of a force, weights of a network, are not written out: attributes of files have little room.
+_LONG = 16
+
+
+class Place(NamedTuple):
+    """Where a parameter stands.
+
+    Attributes:
+        leaves: the numbers of the arrays, as `jax.tree.leaves` counts them; several for a path with a star.
+        index: of the entry in each of them, () for the whole.
+    """
+
+    leaves: tuple[int, ...]
+    index: tuple[int, ...]
+
+
+def parameter_names(whole: eqx.Module) -> list[str]:
+    """The paths of all parameters, whole arrays, in their order."""
+    return list(_numbers_of_leaves(whole))
+
+
+def is_parameter(whole: eqx.Module, path: str) -> bool:
+    """Whether a path names a parameter."""
+    return bool(_search(whole, path).leaves)
+
+
+def find_parameter(whole: eqx.Module, path: str) -> Place:
+    """Where the parameter of a path stands.
+
+    Raises:
+        ValueError: for a path that names nothing, with those that there are.
+    """
+    place = _search(whole, path)
+    if not place.leaves:
+        raise ValueError(_names_nothing(whole, path))
+    return place
+
+
+def get_parameter(whole: eqx.Module, path: str) -> Array:
+    """The value of a parameter; for a path with a star those of all, one after another, (places, ...).
+
+    Args:
+        whole: the machine, or what holds it and a start.
+        path: the name of the parameter.
+
+    Raises:
+        ValueError: for a path that names nothing, or arrays of different shapes at once.
+    """
+    place, leaves = find_parameter(whole, path), jax.tree.leaves(whole)
+    values = [jnp.asarray(leaves[i])[place.index] for i in place.leaves]
+    _check_alike(path, values)
+    return jnp.stack(values) if "*" in path else values[0]
+
+
+def set_parameter(whole: Whole, path: str, value: Numbers) -> Whole:
+    """The machine with another value of a parameter, all else as it was. Derivatives pass.
+
+    Args:
+        whole: the machine, or what holds it and a start.
+        path: the name of the parameter.
+        value: of the shape of the parameter; for a path with a star one value for all places, or (places, ...).
+
+    Raises:
+        ValueError: for a path that names nothing, a value of another shape, or one that makes no machine.
+            What is traced is not looked at.
+    """
+    place, (leaves, structure) = find_parameter(whole, path), jax.tree.flatten(whole)
+    old = [jnp.asarray(leaves[i]) for i in place.leaves]
+    entries = [a[place.index] for a in old]
+    _check_alike(path, entries)
+    new, one, all_places = as_float(value), entries[0].shape, (len(old), *entries[0].shape)
+    if new.shape != one and not ("*" in path and new.shape == all_places):
+        wanted = f"{one} or {all_places}" if "*" in path else f"{one}"
+        raise ValueError(f"The value of `{path}` must have shape {wanted}, but has shape {new.shape}.")
+    for k, (i, a) in enumerate(zip(place.leaves, old, strict=True)):
+        leaves[i] = a.at[place.index].set((new if new.shape == one else new[k]).astype(a.dtype))
+    changed = jax.tree.unflatten(structure, leaves)
+    check_again(_machine_of(changed))
+    return changed
+
+
+def axis_names(path: str, ndim: int) -> list[str]:
+    """What the axes of a parameter count."""
+    if is_of_force(path) or path.startswith("stops"):
+        return [f"{path}.axis{k}" for k in range(ndim)]
+    return ["harmonic" if path.startswith("forcing") else "row", "mass"][-ndim:]
+
+
+def force_parameters(whole: eqx.Module) -> dict[str, float | list | str]:
+    """The numbers of a force and its args by their paths; of arrays that are long the shape alone."""
+    leaves = jax.tree.leaves(whole)
+    known = {
+        name: np.asarray(leaves[i]) for name, i in _numbers_of_leaves(whole).items() if is_of_force(name)
+    }
+    return {name: a.tolist() if a.size <= _LONG else f"shape {a.shape}" for name, a in known.items()}
+
+
+def is_of_force(path: str) -> bool:
+    """Whether this would be the path of a number of a force or its args."""
+    return re.match(r"(force|args)\b", path) is not None
+
+
+def _search(whole: eqx.Module, path: str) -> Place:
+    """Where a parameter stands; without leaves if the path names nothing."""
+    numbers, shapes = _numbers_of_leaves(whole), [np.shape(leaf) for leaf in jax.tree.leaves(whole)]
+    name, index = _plain(path), ()
+    while True:
+        pattern = re.escape(name).replace(r"\[\*\]", r"\[\d+\]")
+        found = tuple(i for known, i in numbers.items() if re.fullmatch(pattern, known))
+        match = re.fullmatch(r"(.+)\[(\d+)\]", name)
+        if found or match is None:
+            return Place(found if all(_is_inside(index, shapes[i]) for i in found) else (), index)
+        name, index = match[1], (int(match[2]), *index)
+
+
+def _is_inside(index: tuple[int, ...], shape: tuple[int, ...]) -> bool:
+    return len(index) <= len(shape) and all(i < n for i, n in zip(index, shape, strict=False))
+
+
+def _numbers_of_leaves(whole: eqx.Module) -> dict[str, int]:
+    """For each path of a whole array its number among the leaves."""
+    leaves, structure = jax.tree.flatten(whole)
+    counted = jax.tree.unflatten(structure, range(len(leaves)))
+    named, _ = jax.tree_util.tree_flatten_with_path(_named(counted))
+    return {_plain(jax.tree_util.keystr(keys)).lstrip("."): i for keys, i in named}
+
+
+def _named(whole: Any) -> PyTree:
+    """All parameters, in a tree whose keys are the names that the user knows."""
+    fields = OrderedDict((field.name, getattr(whole, field.name)) for field in dataclasses.fields(whole))
+    if not isinstance(whole, ImpactSystem):
+        return _named(fields.pop("system")) | fields
+    force, args = numbers_of(whole.force)
+    return fields | {"force": force, "args": args}
+
+
+def _machine_of(whole: Any) -> ImpactSystem:
+    return whole if isinstance(whole, ImpactSystem) else whole.system
+
+
+def _plain(path: str) -> str:
+    """Entries of a `dict` are named as fields are: `args.k3` is `args['k3']`."""
+    return re.sub(r"\[(['\"])(\w+)\1\]", r".\2", path)
+
+
+def _check_alike(path: str, values: Iterable[Array]) -> None:
+    shapes = list(dict.fromkeys(a.shape for a in values))
+    if len(shapes) > 1:
+        raise ValueError(f"The path `{path}` names arrays of the shapes {shapes}: name them one by one.")
+
+
+def _names_nothing(whole: eqx.Module, path: str) -> str:
+    names, system = parameter_names(whole), _machine_of(whole)
+    of_stops = dict.fromkeys(re.sub(r"stops\[\d+\]", "", name) for name in names if name.startswith("stops["))
+    names = [name for name in names if not name.startswith("stops[")]
+    names += [f"stops[{j}]{name}" for j in ("j", "*") for name in of_stops]
+    sentence = (
+        f"The path `{path}` names nothing that can be swept. There are {', '.join(names)}, and entries of "
+        f"them as in `x0[1]` or `damping[0][1]`; the machine has {system.num_masses} masses and "
+        f"{system.num_stops} stops."
+    )
+    if system.force is None:
+        return sentence
+    return f"{sentence} Of its force, floating-point numbers have paths: write 1.0 in it, not 1."
