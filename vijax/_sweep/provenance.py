@@ -11,7 +11,7 @@ import xarray as xr
 
 from .._dataset_attributes import versions
 from .._execution.points import Point, force_parameters, only_paths, with_values
-from .._execution.threads import Counts
+from .._execution.runner import Counts
 from .._system.description import build, describe
 from .._system.system import ImpactSystem
 from .dataset import axis_names
