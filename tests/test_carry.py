@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import vijax as vx
-from vijax._execution import lane_loop as turns
-from vijax._sweep import carry
+from vijax._execution import lane_loop
+from vijax._execution.settings import ExecutionSettings
 
 FREQUENCY = "forcing.frequency"
 TRANSIENT, RECORD = 60, 5
@@ -118,9 +118,8 @@ def test_what_cannot_be_carried_is_refused():
 
 def test_a_round_of_one_point_is_not_compiled_anew(both, monkeypatch):
     traces = []
-    original = turns.advance
-    monkeypatch.setattr(turns, "advance", lambda *args: traces.append(1) or original(*args))
-    monkeypatch.setattr(carry, "_AHEAD", 1)
-    one_by_one = sweep(COEXISTING, carry="both")
+    original = lane_loop.advance
+    monkeypatch.setattr(lane_loop, "advance", lambda *args: traces.append(1) or original(*args))
+    one_by_one = sweep(COEXISTING, carry="both", settings=ExecutionSettings(ahead=1))
     assert not traces
     np.testing.assert_allclose(one_by_one.x, both.x, rtol=0, atol=SETTLED)

@@ -10,9 +10,10 @@ from pathlib import Path
 import jax
 import pytest
 import xarray as xr
-from test_store import NUM_CHUNKS, POINTS_PER_CHUNK, assert_same, chunks_of, sweep
+from test_store import NUM_CHUNKS, assert_same, chunks_of, sweep
 
 from vijax._execution import store as stores
+from vijax._execution.threads import Threads
 
 # Waits until all are ready, so that they begin at the same moment; tells how many chunks it made.
 CHILD = """
@@ -25,22 +26,15 @@ jax.config.update("jax_enable_x64", True)
 if cache != "None":
     jax.config.update("jax_compilation_cache_dir", cache)
 import test_store
-from vijax._execution import store as stores
-test_store.cut_into_small_chunks()
-run, made = stores.run_points, []
-stores.run_points = lambda *args, **options: made.append(1) or run(*args, **options)
+from vijax._execution.threads import Threads
+run, made = Threads.run, []
+Threads.run = lambda *args: made.append(1) or run(*args)
 Path(ready).touch()
 while not Path(go).exists():
     time.sleep(1e-3)
 ds = test_store.sweep(store, transient=int(transient))
 Path(out).write_bytes(pickle.dumps((ds, len(made))))
 """
-
-
-@pytest.fixture(autouse=True)
-def _small_chunks(monkeypatch):
-    monkeypatch.setattr(stores, "count_cores", lambda: 1)
-    monkeypatch.setattr(stores, "_MOST", POINTS_PER_CHUNK)
 
 
 @pytest.fixture(scope="module")
@@ -114,11 +108,9 @@ def test_a_chunk_that_another_process_wrote_meanwhile_is_no_obstacle(plain, tmp_
 
 
 def test_chunks_that_another_process_made_meanwhile_are_not_made_again(plain, tmp_path, monkeypatch):
-    made, run = [], stores.run_points
-    monkeypatch.setattr(
-        stores, "run_points", lambda *args, **options: made.append(1) or run(*args, **options)
-    )
-    between(monkeypatch, stores, "run_points", lambda: sweep(tmp_path))
+    made, run = [], Threads.run
+    monkeypatch.setattr(Threads, "run", lambda *args: made.append(1) or run(*args))
+    between(monkeypatch, Threads, "run", lambda: sweep(tmp_path))
     assert_same(sweep(tmp_path), plain)
     # All of the other's, and the one that this one was about to make.
     assert len(made) == NUM_CHUNKS + 1
@@ -151,11 +143,13 @@ def test_processes_visit_the_chunks_in_different_orders(tmp_path):
     orders = []
     for k in range(6):
         with pytest.MonkeyPatch.context() as patch:
-            order, run = [], stores.run_points
+            order, run = [], Threads.run
             patch.setattr(
-                stores,
-                "run_points",
-                lambda *a, order=order, run=run, **o: order.append(int(o["which"][0])) or run(*a, **o),
+                Threads,
+                "run",
+                lambda self, points, which, tell, order=order, run=run: (
+                    order.append(int(which[0])) or run(self, points, which, tell)
+                ),
             )
             sweep(tmp_path / str(k))
         orders.append(tuple(order))

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import vijax as vx
-from vijax._execution import lane_loop as turns, lane_queue as lanes, threads as queues
+from vijax._execution import lane_loop, lane_queue
 from vijax._execution.points import Point, points_of_lanes
+from vijax._execution.settings import ExecutionSettings
 from vijax._flow.choose import choose_flow
 
 POINTS, LANES = 16, 8
@@ -24,12 +25,12 @@ def compiled() -> str:
     system, flow = jax.tree.map(jnp.asarray, (points.system, flow))
     start, work = (
         jnp.zeros((2, POINTS)),
-        turns.Work(*(jnp.asarray(k) for k in (POINTS, 1, 2, 1000, 16, 1000))),
+        lane_loop.Work(*(jnp.asarray(k) for k in (POINTS, 1, 2, 1000, 16, 1000))),
     )
     with jax.numpy_rank_promotion("allow"):
-        queue = lanes.new_queue(system, start, LANES)
+        queue = lane_queue.new_queue(system, start, LANES)
         task = (flow, system, start, start, work)
-        return lanes.run_lanes.lower(task, queue, can_stick=True).compile().compiled.as_text()
+        return lane_queue.run_lanes.lower(task, queue, can_stick=True).compile().compiled.as_text()
 
 
 def test_no_library_sine_is_computed_in_the_loop(compiled):
@@ -70,14 +71,13 @@ def test_nothing_but_what_has_to_be_is_divided_or_rooted_in_a_turn(compiled):
 
 def test_a_second_sweep_of_the_same_shape_is_not_traced_again(monkeypatch):
     traces = []
-    original = turns.advance
-    monkeypatch.setattr(turns, "advance", lambda *args: traces.append(1) or original(*args))
+    original = lane_loop.advance
+    monkeypatch.setattr(lane_loop, "advance", lambda *args: traces.append(1) or original(*args))
     # A shape that no other test has.
-    monkeypatch.setattr(queues, "_POINTS", 40)
-    monkeypatch.setattr(queues, "_LANES", 24)
+    settings = ExecutionSettings(points=40, lanes=24)
     run = lambda first: vx.sweep(  # noqa: E731
         vx.models.wagg_bishop_b(0.8), {"forcing.frequency": np.linspace(first, 1.6, 30)}, transient=1, record=1,
-        progress=False,
+        progress=False, settings=settings,
     )  # fmt: skip
     run(0.5)
     num_traces = len(traces)

@@ -14,7 +14,10 @@ import pytest
 import xarray as xr
 
 import vijax as vx
-from vijax._execution import store as stores, threads as queues
+from vijax._execution import store as stores
+from vijax._execution.runner import Counts
+from vijax._execution.settings import ExecutionSettings
+from vijax._execution.threads import Threads
 
 FREQUENCY = "forcing.frequency"
 # Case (b) chatters and sticks at the first, and is chaotic at the last.
@@ -22,36 +25,27 @@ FREQUENCIES = np.linspace(0.2, 2.1, 24)
 SYSTEM = vx.models.wagg_bishop_b(1.0)
 # Chunks of the 24 points: 5, 5, 5, 5, 4.
 POINTS_PER_CHUNK, NUM_CHUNKS = 5, 5
+SMALL_CHUNKS = ExecutionSettings(cores=1, max_chunk=POINTS_PER_CHUNK)
 
 
 def sweep(store: Path | None = None, system: vx.ImpactSystem = SYSTEM, values=None, **options) -> xr.Dataset:
     """A short sweep, long enough for chaos to show the last bit."""
     values = {FREQUENCY: FREQUENCIES} if values is None else values
-    options = {"transient": 40, "record": 5, "progress": False} | options
+    options = {"transient": 40, "record": 5, "progress": False, "settings": SMALL_CHUNKS} | options
     return vx.sweep(system, values, store=store, **options)
-
-
-def cut_into_small_chunks() -> None:
-    stores.count_cores, stores._MOST = (lambda: 1), POINTS_PER_CHUNK
-
-
-@pytest.fixture(autouse=True)
-def _small_chunks(monkeypatch):
-    monkeypatch.setattr(stores, "count_cores", lambda: 1)
-    monkeypatch.setattr(stores, "_MOST", POINTS_PER_CHUNK)
 
 
 @pytest.fixture
 def ran(monkeypatch) -> list[int]:
     """How many points were run by each call that was not answered by the store."""
     numbers = []
-    original = stores.run_points
+    original = Threads.run
 
-    def counted(points, *args, **options):
-        numbers.append(len(options["which"]))
-        return original(points, *args, **options)
+    def counted(self, points, which, tell):
+        numbers.append(len(which))
+        return original(self, points, which, tell)
 
-    monkeypatch.setattr(stores, "run_points", counted)
+    monkeypatch.setattr(Threads, "run", counted)
     return numbers
 
 
@@ -100,9 +94,8 @@ def test_a_store_changes_nothing(plain, tmp_path, ran, carry):
     assert_same(again, plain[carry])
 
 
-def test_the_size_of_the_chunks_changes_nothing(plain, tmp_path, ran, monkeypatch):
-    monkeypatch.setattr(stores, "_MOST", 7)
-    assert_same(sweep(tmp_path), plain[None])
+def test_the_size_of_the_chunks_changes_nothing(plain, tmp_path, ran):
+    assert_same(sweep(tmp_path, settings=ExecutionSettings(cores=1, max_chunk=7)), plain[None])
     assert ran == [6, 6, 6, 6]
 
 
@@ -130,7 +123,6 @@ jax.config.update("jax_enable_x64", True)
 if sys.argv[3] != "None":
     jax.config.update("jax_compilation_cache_dir", sys.argv[3])
 import test_store
-test_store.cut_into_small_chunks()
 test_store.stop_at_chunk(3, pytest.MonkeyPatch(), lambda: os.kill(os.getpid(), signal.SIGKILL))
 test_store.sweep(sys.argv[2])
 """
@@ -165,10 +157,7 @@ DAMAGES = {
 def full(tmp_path_factory) -> Path:
     """A store that holds all chunks."""
     folder = tmp_path_factory.mktemp("full")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stores, "count_cores", lambda: 1)
-        patch.setattr(stores, "_MOST", POINTS_PER_CHUNK)
-        sweep(folder)
+    sweep(folder)
     return folder
 
 
@@ -208,12 +197,22 @@ def test_a_chunk_is_a_file_that_numpy_reads(full):
 def test_the_number_of_the_layout_stands_for_what_a_chunk_holds(full):
     """If this fails, a change of `Found` made old stores unreadable: `_LAYOUT` must go up with it."""
     with np.load(chunks_of(full)[0]) as arrays:
-        layout = {name: a.shape[:-1] if name != "impacts" else a.shape[1:] for name, a in arrays.items()}
-    assert stores._LAYOUT == 2
-    assert layout == {
-        "impacts": (6,),
+        layout = {name: a.shape[:-1] for name, a in arrays.items()}
+        columns = {name: a.dtype.kind for name, a in arrays.items() if name.startswith("impacts.")}
+    assert stores._LAYOUT == 3
+    assert columns == {
+        "impacts.time": "f",
+        "impacts.velocity": "f",
+        "impacts.chatter": "f",
+        "impacts.stop": "i",
+        "impacts.point": "i",
+        "impacts.number": "i",
+    }
+    assert layout == dict.fromkeys(columns, ()) | {
         "lane_steps": (),
-        "section": (2 * SYSTEM.num_masses + SYSTEM.num_stops, 5),
+        "section_x": (SYSTEM.num_masses, 5),
+        "section_v": (SYSTEM.num_masses, 5),
+        "section_held_time": (SYSTEM.num_stops, 5),
         "x": (2,),
         "v": (2,),
         "held": (2,),
@@ -238,6 +237,10 @@ OTHERS = {
     "speed": ({"v0": [0.0, 0.1]}, "`v0` is [0.0, 0.0] there, but [0.0, 0.1] here"),
     "room": ({"max_impacts": 100}, "`max_impacts` is 2048 there, but 100 here"),
     "bound": ({"max_steps": 1000}, "`max_steps` is default there, but 1000 here"),
+    "settings": (
+        {"settings": ExecutionSettings(lanes=48)},
+        "`settings.lanes` is 96 there, but 48 here",
+    ),
     "flow": ({"flow": vx.TaylorFlow()}, "`flow` is ModalFlow there, but TaylorFlow() here"),
 }
 
@@ -259,10 +262,10 @@ def test_going_on_from_other_ends_is_refused(plain, tmp_path, ran):
 
 
 def test_a_store_of_other_versions_is_refused(full, monkeypatch):
-    monkeypatch.setattr(stores, "_LAYOUT", 3)
-    with pytest.raises(ValueError, match="`layout` is 2 there, but 3 here"):
+    monkeypatch.setattr(stores, "_LAYOUT", 4)
+    with pytest.raises(ValueError, match="`layout` is 3 there, but 4 here"):
         sweep(full)
-    monkeypatch.setattr(stores, "_LAYOUT", 2)
+    monkeypatch.setattr(stores, "_LAYOUT", 3)
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     with pytest.raises(ValueError, match="`device` is cpu there, but gpu here"):
         sweep(full)
@@ -315,11 +318,12 @@ def test_a_notebook_that_has_no_widgets_shows_a_line_of_text_and_no_warning():
     assert "Warning" not in child.stderr
 
 
-def test_a_chunk_is_the_work_of_seconds(tmp_path, monkeypatch):
-    monkeypatch.setattr(stores, "_MOST", 2048)
-    sizes = []
+def test_a_chunk_is_the_work_of_seconds(tmp_path):
+    settings, sizes = ExecutionSettings(cores=1), []
+    runner = Threads(vx.TaylorFlow(), Counts(0, 0, 0, None, can_stick=True), settings)
     for periods in (10, 10**4, 10**7):
         made = {"transient": 0, "record": periods}
-        sizes.append(stores.open_store(tmp_path / str(periods), made).points_per_chunk)
-    assert sizes[0] == queues._POINTS
-    assert sizes[0] > sizes[1] >= sizes[2] >= queues._LANES
+        store = stores.open_store(tmp_path / str(periods), made, runner, settings)
+        sizes.append(store.points_per_chunk)
+    assert sizes[0] == settings.points
+    assert sizes[0] > sizes[1] >= sizes[2] >= settings.lanes

@@ -10,7 +10,8 @@ import pytest
 import xarray as xr
 
 import vijax as vx
-from vijax._execution import lane_queue as lanes, threads as queues
+from vijax._execution import threads
+from vijax._execution.settings import ExecutionSettings
 
 FREQUENCIES = [0.5, 0.8, 1.4]
 TRANSIENT, RECORD = 4, 3
@@ -336,21 +337,20 @@ def test_points_that_follow_others_in_their_lane_are_what_they_are_alone():
         np.testing.assert_allclose(part[name], few[name], rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("room", ["_IMPACTS", "_MARKS"])
-def test_nothing_is_lost_where_rows_are_taken_away_on_the_way(monkeypatch, room):
+@pytest.mark.parametrize("room", ["impact_rows", "mark_rows"])
+def test_nothing_is_lost_where_rows_are_taken_away_on_the_way(room):
     whole = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES})
-    monkeypatch.setattr(lanes, room, 17)
-    # Another lane width, or what was compiled for the long log would be used again.
-    wide = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES, "x0[0]": np.zeros(3)})
+    settings = ExecutionSettings(**{room: 17})
+    wide = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES, "x0[0]": np.zeros(3)}, settings=settings)
     assert int(whole.num_impacts.sum()) > 17
     for k in range(3):
         xr.testing.assert_allclose(wide.isel({"x0[0]": k}, drop=True), whole, rtol=0, atol=ROUNDING)
 
 
-def test_the_steps_of_a_call_bound_no_motion(monkeypatch):
+def test_the_steps_of_a_call_bound_no_motion():
     whole = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES})
-    monkeypatch.setattr(queues, "_TURNS", 50)
-    wide = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES, "x0[0]": np.zeros(6)})
+    settings = ExecutionSettings(turns=50)
+    wide = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES, "x0[0]": np.zeros(6)}, settings=settings)
     for k in range(6):
         xr.testing.assert_allclose(wide.isel({"x0[0]": k}, drop=True), whole, rtol=0, atol=ROUNDING)
 
@@ -359,7 +359,7 @@ def test_an_interrupt_is_heard_in_a_long_sweep(monkeypatch):
     def interrupted(*args, **kwargs):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(queues, "wait", interrupted)
+    monkeypatch.setattr(threads, "wait", interrupted)
     with pytest.raises(KeyboardInterrupt):
         vx.sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, transient=10**6, record=0, progress=False)
 

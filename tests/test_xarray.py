@@ -13,7 +13,7 @@ import xarray as xr
 
 import vijax as vx
 from vijax._execution.points import Point
-from vijax._execution.threads import Counts
+from vijax._execution.runner import Counts
 from vijax._sweep.provenance import origin
 from vijax._system.description import build, describe
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from vijax._execution import threads as queues
+from vijax._execution import threads
 
 from . import cpp
 from .timing import num_cores, times
@@ -67,24 +67,24 @@ def floating_point_peak() -> Peak:
 def recorded_call() -> Iterator[list[tuple[tuple, dict]]]:
     """The calls of the loop over lanes that sweeps make while this is entered."""
     calls: list[tuple[tuple, dict]] = []
-    original = queues.run_lanes
+    original = threads.run_lanes
 
     def record(*args: Any, **static: Any) -> Any:
         calls.append((args, static))
         return original(*args, **static)
 
-    queues.run_lanes = record
+    threads.run_lanes = record
     try:
         yield calls
     finally:
-        queues.run_lanes = original
+        threads.run_lanes = original
 
 
 def operations_per_step(call: tuple[tuple, dict]) -> float:
     """Floating-point operations of one step of one lane, of a recorded call."""
     args, static = call
     with jax.numpy_rank_promotion("allow"):
-        program = queues.run_lanes.lower(*args, **static).compile().compiled
+        program = threads.run_lanes.lower(*args, **static).compile().compiled
     return operations_per_turn(program.as_text()) / args[1].point.size
 
 

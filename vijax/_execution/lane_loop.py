@@ -27,6 +27,7 @@ from .._machine.machine import Machine
 from .._machine.state import State, start_period
 from .._trajectory.step import Instant, advance
 from .._xla import compute_once
+from .records import Impact, Mark, Rows, append
 
 
 class Ends(eqx.Module):
@@ -69,26 +70,13 @@ class Work(eqx.Module):
     max_turns: Int[Array, ""]
 
 
-class Rows(eqx.Module):
-    """Rows that the host takes away: memory does not depend on how many there are in all.
-
-    Attributes:
-        room: (rows, columns).
-        size: rows written.
-    """
-
-    room: Float[Array, "rows columns"]
-    size: Int[Array, ""]
-
-
 class Progress(eqx.Module):
     """What a turn changes.
 
     Attributes:
         lanes: what the lanes do.
-        impacts: time since the transient, velocity before, stop, point, number of the impact among those
-            of its point, time to the end of the chatter that it completes (or 0).
-        marks: at the end of every recorded period: point, period, x, v, `held_time`.
+        impacts: those that were recorded, see `Impact`.
+        marks: the ends of recorded periods, see `Mark`.
         turns: turns so far, each a step of every lane, idle or not.
     """
 
@@ -139,9 +127,9 @@ def is_live(work: Work, lanes: Ends, point: Int[Array, " lanes"]) -> Bool[Array,
 
 def has_room(progress: Progress) -> Bool[Array, ""]:
     """Whether there is room for what one more turn may write."""
-    impacts, marks, lanes = progress.impacts, progress.marks, progress.lanes
-    has_room_for_impacts = impacts.size + lanes.num_impacts.size <= len(impacts.room)
-    return has_room_for_impacts & (marks.size + lanes.steps.size <= len(marks.room))
+    lanes = progress.lanes
+    has_room_for_impacts = progress.impacts.has_room(lanes.num_impacts.size)
+    return has_room_for_impacts & progress.marks.has_room(lanes.steps.size)
 
 
 def _turn(task: Task, progress: Progress) -> Progress:
@@ -158,7 +146,9 @@ def _turn(task: Task, progress: Progress) -> Progress:
     stop, velocity = jnp.arange(len(hit))[:, None], machine.contacts.told(instant.velocity_minus)
     if machine.frame is not None:
         velocity += machine.contacts.size(machine.frame.at(after.phase)[1])
-    columns = [passed, velocity, stop, task.point, number, instant.chatter]
+    impact = Impact(
+        time=passed, velocity=velocity, chatter=instant.chatter, stop=stop, point=task.point, number=number
+    )
     moved = Ends(
         state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),
         num_impacts=lanes.num_impacts + hit,
@@ -168,35 +158,12 @@ def _turn(task: Task, progress: Progress) -> Progress:
         is_finite=is_finite | ~live,
     )
     x, v = machine.in_space(moved.state)
-    impacts = _append(progress.impacts, hit & (number < work.max_impacts), columns)
-    columns = [task.point, state.periods - work.transient, *x, *v, *moved.held_time]
-    marks = _append(progress.marks, counted & instant.arrived, columns)
+    mark = Mark(point=task.point, period=state.periods - work.transient, x=x, v=v, held_time=moved.held_time)
+    impacts = append(progress.impacts, hit & (number < work.max_impacts), impact)
+    marks = append(progress.marks, counted & instant.arrived, mark)
     return Progress(moved, impacts, marks, progress.turns + 1)
 
 
 def _held(state: State, instant: Instant) -> Float[Array, "stops lanes"]:
     """For how long each stop held its mass in a step; a stick counts from the end of its chatter."""
     return jnp.where(state.held, instant.time - state.time, 0) - instant.chatter
-
-
-def _append(rows: Rows, kept: Bool[Array, "*stops lanes"], columns: list[Array]) -> Rows:
-    """Append a row for each that is kept, those of several stops of one lane in their order.
-
-    One after another, for in a turn there are few.
-    """
-    if kept.size == 0:
-        return rows
-    columns = [jnp.broadcast_to(a, kept.shape).ravel().astype(rows.room.dtype) for a in columns]
-    kept, places = kept.ravel(), jnp.arange(kept.size, dtype=jnp.int32)
-
-    def next_after(place: Int[Array, ""] | int) -> Int[Array, ""]:
-        return jnp.min(jnp.where(kept & (places > place), places, jnp.int32(kept.size)))
-
-    def put(carry):
-        room, size, place = carry
-        row = jnp.stack([a[place] for a in columns])
-        return jax.lax.dynamic_update_index_in_dim(room, row, size, 0), size + 1, next_after(place)
-
-    carry = (rows.room, rows.size, next_after(-1))
-    room, size, _ = jax.lax.while_loop(lambda carry: carry[2] < kept.size, put, carry)
-    return Rows(room, size)

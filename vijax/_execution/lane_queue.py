@@ -19,7 +19,6 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._contact.start import first_state
-from .._flow.exact_step import ExpandingFlow
 from .._flow.interface import AbstractFlow
 from .._machine.frame import num_harmonics
 from .._machine.machine import Machine, ample_steps, prepare
@@ -27,10 +26,10 @@ from .._machine.state import State, remembering
 from .._system.system import ImpactSystem
 from .._types import UNROLLED
 from .._xla import in_one_kernel
-from .lane_loop import Ends, Progress, Rows, Task, Work, has_room, is_live, turn_until_fed
+from .lane_loop import Ends, Progress, Task, Work, has_room, is_live, turn_until_fed
+from .records import impact_rows, mark_rows
+from .settings import DEFAULT_SETTINGS, ExecutionSettings
 
-# Room for impacts and for the ends of periods, in rows.
-_IMPACTS, _MARKS = 1 << 15, 1 << 13
 # In place of a bound on the steps: every point has one of its own, by the rate of its machine.
 OWN_BOUND = -1
 
@@ -52,11 +51,16 @@ class Queue(eqx.Module):
 
 
 def new_queue(
-    system: ImpactSystem, x0: Float[Array, "n points"], num_lanes: int, flow: AbstractFlow | None = None
+    system: ImpactSystem,
+    x0: Float[Array, "n points"],
+    num_lanes: int,
+    flow: AbstractFlow | None = None,
+    settings: ExecutionSettings = DEFAULT_SETTINGS,
 ) -> Queue:
     """A queue with all lanes idle, for points that start at `x0`.
 
-    Lanes remember from step to step what `flow` asks for; nothing, if it is left out.
+    Lanes remember from step to step what `flow` asks for; nothing, if it is left out. Of the `settings`, the
+    room for what is recorded counts.
     """
     (n, points), stops, dtype = x0.shape, len(system.stops), x0.dtype
     harmonics = num_harmonics(system)
@@ -85,9 +89,9 @@ def new_queue(
         held_time = fill(dtype, stops, size)
         return Ends(state, *counts, held_time, fill(int, size), fill(bool, size, value=True))
 
-    impacts = fill(dtype, max(_IMPACTS, stops * num_lanes), 6)  # one turn at least
-    marks = fill(dtype, max(_MARKS, num_lanes), 2 + 2 * n + stops)
-    progress = Progress(nothing(num_lanes), Rows(impacts, fill(int)), Rows(marks, fill(int)), fill(int))
+    impacts = impact_rows(max(settings.impact_rows, stops * num_lanes), dtype)  # one turn at least
+    marks = mark_rows(max(settings.mark_rows, num_lanes), n, stops, dtype)
+    progress = Progress(nothing(num_lanes), impacts, marks, fill(int))
     return Queue(progress, fill(int, num_lanes, value=points), nothing(points), fill(int))
 
 
@@ -123,10 +127,9 @@ def run_lanes(
     first = first_state(machine, phase0, x0, v0)
     first = remembering(first, flow.memory(first.time))
     last_turn = queue.progress.turns + work.max_turns
-    is_small = max(machine.contacts.position.shape[0], *machine.cosine.shape[:2]) <= UNROLLED
-    # What else a flow does in its steps, or a force, may be impossible in one.
-    is_elementary = isinstance(flow, ExpandingFlow)
-    run = partial(in_one_kernel, turn_until_fed) if is_small and is_elementary else turn_until_fed
+    is_small = max(machine.contacts.num, *machine.cosine.shape[:2]) <= UNROLLED
+    is_one_kernel = is_small and flow.fits_one_kernel
+    run = partial(in_one_kernel, turn_until_fed) if is_one_kernel else turn_until_fed
 
     def feed(queue: Queue) -> Queue:
         motion, numbers = (_gather(tree, queue.point, num_points) for tree in (flow, machine))

@@ -26,7 +26,7 @@ import json
 import os
 import uuid
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -38,38 +38,74 @@ from .._flow.interface import AbstractFlow
 from .._system.force import BoundForce, program_of
 from .._system.system import ImpactSystem
 from .points import Point
-from .threads import Counts, Found, count_cores, run_points
+from .records import Impact
+from .runner import AbstractRunner, Found, together
+from .settings import ExecutionSettings
+from .threads import count_cores
 
 # Goes up with every change of what `Found` holds, or of how it is written: older stores are refused.
-_LAYOUT = 2
+_LAYOUT = 3
 _MANIFEST = "sweep.json"
-# A chunk is what all cores together do in a few seconds: so many forcing periods a core, but neither more
-# points than a queue of theirs holds nor so few that their lanes idle.
-_PERIODS, _FEWEST, _MOST = 250_000, 192, 2048
+# In a file, the columns of the impacts stand beside the ends of the points.
+_OF_IMPACTS = "impacts."
+# Settings that decide into which chunks points are cut, or who runs them, but no bit of what is found.
+_FREE_SETTINGS = ("cores", "chunk_periods", "min_chunk", "max_chunk")
 
 
-@dataclass(frozen=True)
-class Store:
-    """A folder, the number of points of its chunks, and a digest of what is swept."""
+class Store(AbstractRunner):
+    """Runs the points of a sweep that it does not hold yet by another runner, and keeps what comes of them.
 
+    Attributes:
+        runner: the other one.
+        folder: where it keeps it.
+        points_per_chunk: points of one file.
+        sweep: a digest of what is swept.
+    """
+
+    runner: AbstractRunner
     folder: Path
     points_per_chunk: int
     sweep: str
 
+    def run(self, points: Point, which: np.ndarray, tell: Callable[[int], object]) -> Found:
+        """Run some points, see `AbstractRunner.run`."""
+        chunks = np.array_split(which, -(-len(which) // self.points_per_chunk))
+        parts: dict[int, Found] = {}
+        # Another order in every process; all are put together in that of the points.
+        for number in np.random.default_rng().permutation(len(chunks)).tolist():
+            chunk = chunks[number]
+            of_chunk = jax.tree.map(lambda a, chunk=chunk: a if a.shape[-1] == 1 else a[..., chunk], points)
+            file = self.folder / f"{_digest((of_chunk, chunk))}.npz"
+            found = _read(self, file)
+            if found is None:
+                found = self.runner.run(points, chunk, tell)
+                _keep(self, file, found)
+            else:
+                tell(len(chunk))
+            parts[number] = found
+        return together([parts[number] for number in range(len(chunks))])
 
-def open_store(path: str | os.PathLike[str], manifest: dict[str, Any]) -> Store:
+
+def open_store(
+    path: str | os.PathLike[str],
+    manifest: dict[str, Any],
+    runner: AbstractRunner,
+    settings: ExecutionSettings,
+) -> Store:
     """Begin a store, or go on with one that holds the same sweep.
 
     Args:
         path: its folder, which is made if it is not there.
         manifest: what is swept, see `describe_sweep`.
+        runner: runs what is not there yet.
+        settings: sizes of its chunks, if it is begun.
 
     Raises:
         ValueError: if the folder holds something else; says what differs.
     """
     folder, file = Path(path), Path(path) / _MANIFEST
     if not file.exists():
-        _begin(folder, manifest)
+        _begin(folder, manifest, settings)
     # Also what was just begun, perhaps by another process.
     try:
         found = json.loads(file.read_text())
@@ -82,10 +118,10 @@ def open_store(path: str | os.PathLike[str], manifest: dict[str, Any]) -> Store:
             f"The store {folder} holds another sweep: {difference}. Name another folder, or delete this one."
         )
     digest = hashlib.sha256(json.dumps(there, sort_keys=True).encode())
-    return Store(folder, size, digest.hexdigest())
+    return Store(runner, folder, size, digest.hexdigest())
 
 
-def _begin(folder: Path, manifest: dict[str, Any]) -> None:
+def _begin(folder: Path, manifest: dict[str, Any], settings: ExecutionSettings) -> None:
     """Write the manifest, unless another process does at this moment."""
     file = folder / _MANIFEST
     if folder.exists():
@@ -95,13 +131,18 @@ def _begin(folder: Path, manifest: dict[str, Any]) -> None:
                 f"Argument `store` must name a new or empty folder, or a store, but {folder} is neither."
             )
     periods = max(manifest["transient"] + manifest["record"], 1)
-    size = count_cores() * min(max(_PERIODS // periods, _FEWEST), _MOST)
+    of_core = min(max(settings.chunk_periods // periods, settings.min_chunk), settings.max_chunk)
+    size = (settings.cores or count_cores()) * of_core
     folder.mkdir(parents=True, exist_ok=True)
     _write(file, json.dumps({"points_per_chunk": size, "sweep": manifest}, indent=1).encode(), _first_come)
 
 
 def describe_sweep(
-    attributes: dict[str, Any], axes: dict[str, np.ndarray], points: Point, flow: AbstractFlow | None
+    attributes: dict[str, Any],
+    axes: dict[str, np.ndarray],
+    points: Point,
+    flow: AbstractFlow | None,
+    settings: ExecutionSettings,
 ) -> dict[str, Any]:
     """What decides every bit that a sweep finds.
 
@@ -110,6 +151,7 @@ def describe_sweep(
         axes: the swept values.
         points: the machines and starts.
         flow: the motion between events that was asked for.
+        settings: sizes of what runs it, which decide what is compiled.
     """
     told = {name: a for name, a in attributes.items() if name not in ("numpy_version", "python_version")}
     return {
@@ -122,41 +164,13 @@ def describe_sweep(
         "numbers of the force": _digest(points.system.force),
         "program of the force": _program(points.system),
         "numbers of the flow": _digest(eqx.filter(flow, eqx.is_array)),
+        "settings": {name: a for name, a in asdict(settings).items() if name not in _FREE_SETTINGS},
     }
 
 
-def run_chunks(
-    store: Store,
-    points: Point,
-    flow: AbstractFlow,
-    counts: Counts,
-    tell: Callable[[int], object],
-    which: np.ndarray,
-) -> Found:
-    """Run points as `run_points` does, but those that the store holds, and keep what comes of them."""
-    chunks = np.array_split(which, -(-len(which) // store.points_per_chunk))
-    parts: dict[int, Found] = {}
-    # Another order in every process; all are put together in that of the points.
-    for number in np.random.default_rng().permutation(len(chunks)).tolist():
-        chunk = chunks[number]
-        of_chunk = jax.tree.map(lambda a, chunk=chunk: a if a.shape[-1] == 1 else a[..., chunk], points)
-        file = store.folder / f"{_digest((of_chunk, chunk))}.npz"
-        found = _read(store, file)
-        if found is None:
-            found = run_points(points, flow, counts, tell, which=chunk)
-            _keep(store, file, found)
-        else:
-            tell(len(chunk))
-        parts[number] = found
-    in_order = [parts[number] for number in range(len(chunks))]
-    names = in_order[0].ends
-    ends = {name: np.concatenate([part.ends[name] for part in in_order], axis=-1) for name in names}
-    impacts = np.concatenate([part.impacts for part in in_order])
-    return Found(ends, impacts, sum(part.lane_steps for part in in_order))
-
-
 def _keep(store: Store, file: Path, found: Found) -> None:
-    arrays: dict[str, Any] = {"impacts": found.impacts, "lane_steps": found.lane_steps, **found.ends}
+    impacts = {f"{_OF_IMPACTS}{name}": column for name, column in vars(found.impacts).items()}
+    arrays: dict[str, Any] = {"lane_steps": found.lane_steps, **impacts, **found.ends}
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)
     data = buffer.getvalue()
@@ -173,7 +187,9 @@ def _read(store: Store, file: Path) -> Found | None:
         return None
     with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
         ends = dict(arrays)
-    return Found(impacts=ends.pop("impacts"), lane_steps=int(ends.pop("lane_steps")), ends=ends)
+    names = [name for name in ends if name.startswith(_OF_IMPACTS)]
+    impacts = Impact(**{name.removeprefix(_OF_IMPACTS): ends.pop(name) for name in names})
+    return Found(impacts=impacts, lane_steps=int(ends.pop("lane_steps")), ends=ends)
 
 
 def _checksum(store: Store, file: Path, data: bytes) -> bytes:

@@ -86,6 +86,7 @@ class ExpandingFlow(AbstractFlow):
     """A motion whose derivatives are known exactly, and bounded ahead: see `Expansion`."""
 
     is_linear = True
+    fits_one_kernel = True
 
     @abc.abstractmethod
     def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> Expansion:

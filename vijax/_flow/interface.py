@@ -84,10 +84,12 @@ class AbstractFlow(eqx.Module):
     promises: no impact is ever looked for where `rest` says that there is none. One that takes
     approximate steps with a polynomial inside extends `SteppingFlow` and writes `attempt` and `step_by`. What a flow
     has to remember from step to step, it keeps in `State.memory`, which `memory` begins. A motion that is
-    affine in positions and velocities says so by `is_linear`.
+    affine in positions and velocities says so by `is_linear`; one whose steps are made of arithmetic,
+    comparisons and choices alone, which compile into one kernel (see `in_one_kernel`), by `fits_one_kernel`.
     """
 
     is_linear: ClassVar[bool] = False
+    fits_one_kernel: ClassVar[bool] = False
 
     @abc.abstractmethod
     def fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:

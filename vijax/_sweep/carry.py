@@ -13,10 +13,9 @@ from collections.abc import Callable
 import numpy as np
 
 from .._execution.points import Point
-from .._execution.threads import Found
+from .._execution.records import chosen, joined
+from .._execution.runner import AbstractRunner, Found
 
-# Points of a chain past the last whose end is known that are run again in one round.
-_AHEAD = 256
 # Starts that differ by less, compared with the largest anywhere, are the same.
 _SAME = 1e-11
 
@@ -24,8 +23,9 @@ _SAME = 1e-11
 def run_chain(
     points: Point,
     chain: np.ndarray,
-    run: Callable[[Point, np.ndarray], Found],
+    runner: AbstractRunner,
     tell: Callable[[int], object],
+    ahead: int,
 ) -> Found:
     """Run points along chains.
 
@@ -33,15 +33,16 @@ def run_chain(
         points: the machines and starts; `x0` and `v0` have all points as their last axis. The start of
             the first point of a chain holds, those of the others are first guesses.
         chain: the points in the order in which they are visited, one chain a column, (visits, chains).
-        run: runs those of the points that have the given numbers, all at once.
+        runner: runs those of the points that are due, all at once.
         tell: called with the number of points whose true end was found.
+        ahead: points of a chain past the last whose end is known that are run again in one round.
 
     Returns:
         What came of the points, in their order.
     """
     given = np.concatenate([points.x0, points.v0])
     starts = given.copy()
-    first = run(points, np.arange(given.shape[1]))
+    first = runner.run(points, np.arange(given.shape[1]), _untold)
     ends, runs, lane_steps = first.ends, [first.impacts], first.lane_steps
     used, last_run = given.copy(), np.zeros(given.shape[1], int)
     row = np.arange(len(chain))[:, None]
@@ -55,15 +56,19 @@ def run_chain(
         num_known = is_true.sum(axis=0)
         if is_true.all():
             break
-        which = np.sort(chain[~is_same & (row < num_known + _AHEAD)])
-        found = run(Point(points.system, *np.split(starts, 2)), which)
+        which = np.sort(chain[~is_same & (row < num_known + ahead)])
+        found = runner.run(Point(points.system, *np.split(starts, 2)), which, _untold)
         used[:, which], last_run[which] = starts[:, which], len(runs)
         runs.append(found.impacts)
         lane_steps += found.lane_steps
         for name, a in found.ends.items():
             ends[name][..., which] = a
-    impacts = [rows[last_run[rows[:, 3].astype(int)] == k] for k, rows in enumerate(runs)]
-    return Found(ends, np.concatenate(impacts), lane_steps)
+    impacts = [chosen(rows, last_run[rows.point] == k) for k, rows in enumerate(runs)]
+    return Found(ends, joined(impacts), lane_steps)
+
+
+def _untold(num_points: int) -> None:
+    """That a point was run says nothing yet: it may have to be run again."""
 
 
 def _next_starts(

@@ -8,7 +8,8 @@ import xarray as xr
 
 from .._dataset_attributes import flags, label
 from .._execution.points import Point
-from .._execution.threads import Counts, Found
+from .._execution.records import Column
+from .._execution.runner import Counts, Found
 from .._system.parameters import axis_names
 from .._system.stop import Stop
 from .._trajectory.solution import RESULTS
@@ -49,7 +50,7 @@ def dataset(
     impacts = _impact_table(points, counts, found)
     own = dict.fromkeys(impacts, ("impact",)) | _DIMS
     variables = {}
-    tables = impacts | _section_table(points, counts, found) | _end_table(points, counts, found)
+    tables = impacts | _section_table(counts, found) | _end_table(points, counts, found)
     for name, a in tables.items():
         variables[name] = ((*dims, *own.get(name, ())), a.reshape(*shape, *a.shape[1:]))
     masses = {"stop_mass": ("stop", np.array([stop.mass for stop in points.system.stops], int))}
@@ -74,32 +75,31 @@ def _coordinates(axes: dict[str, np.ndarray]) -> dict[str, tuple | np.ndarray]:
 
 def _impact_table(points: Point, counts: Counts, found: Found) -> dict[str, np.ndarray]:
     """The impacts of every point in a row, padded to the longest, (points, impacts)."""
-    time, velocity = found.impacts[:, 0], found.impacts[:, 1]
-    stop, point, number = found.impacts[:, 2:5].T.astype(int)
-    sticks = found.impacts[:, 5] > 0
+    impacts = found.impacts
+    stop, point = impacts.stop, impacts.point
     num_points = points.x0.shape[-1]
     frequency = np.broadcast_to(points.system.forcing.frequency, num_points)[point]
     longest = min(int(found.ends["num_impacts"].sum(axis=0).max(initial=0)), counts.max_impacts)
 
-    def table(column: np.ndarray, fill: float | int | bool) -> np.ndarray:
+    def table(column: Column, fill: float | int | bool) -> np.ndarray:
         rows = np.full((num_points, longest), fill, column.dtype)
-        rows[point, number] = column
+        rows[point, impacts.number] = column
         return rows
 
-    phase = np.mod(frequency * time, 2 * np.pi)
-    own = velocity - frequency * _slopes(points.system.stops, stop, point, phase)
+    phase = np.mod(frequency * impacts.time, 2 * np.pi)
+    own = impacts.velocity - frequency * _slopes(points.system.stops, stop, point, phase)
     is_moving = any(one.motion is not None for one in points.system.stops)
     relative = {"impact_relative_velocity": table(own, np.nan)} if is_moving else {}
     return relative | {
-        "impact_time": table(time, np.nan),
-        "impact_velocity": table(velocity, np.nan),
+        "impact_time": table(impacts.time, np.nan),
+        "impact_velocity": table(impacts.velocity, np.nan),
         "impact_phase": table(phase, np.nan),
         "impact_stop": table(stop, -1),
-        "impact_sticks": table(sticks, False),
+        "impact_sticks": table(impacts.chatter > 0, False),
     }
 
 
-def _slopes(stops: tuple[Stop, ...], stop: np.ndarray, point: np.ndarray, phase: np.ndarray) -> np.ndarray:
+def _slopes(stops: tuple[Stop, ...], stop: Column, point: Column, phase: np.ndarray) -> np.ndarray:
     """How the place of the stop of every impact changes with the phase, (impacts,)."""
     slopes = np.zeros_like(phase)
     for j, one in enumerate(stops):
@@ -110,17 +110,18 @@ def _slopes(stops: tuple[Stop, ...], stop: np.ndarray, point: np.ndarray, phase:
     return slopes
 
 
-def _of_points(point: np.ndarray, a: np.ndarray) -> np.ndarray:
+def _of_points(point: Column, a: np.ndarray) -> np.ndarray:
     return a[..., point] if a.shape[-1] > 1 else a
 
 
-def _section_table(points: Point, counts: Counts, found: Found) -> dict[str, np.ndarray]:
+def _section_table(counts: Counts, found: Found) -> dict[str, np.ndarray]:
     """Where every point was at the end of each recorded period; NaN for those it did not reach."""
-    n = len(points.x0)
     is_reached = np.arange(counts.record) < (found.ends["periods"] - counts.transient)[:, None]
-    section = np.where(is_reached[..., None], found.ends["section"].T, np.nan)
-    held_time = np.diff(section[..., 2 * n :], axis=1, prepend=0)
-    return {"section_x": section[..., :n], "section_v": section[..., n : 2 * n], "held_time": held_time}
+    x, v, held_time = (
+        np.where(is_reached[..., None], found.ends[f"section_{name}"].T, np.nan)
+        for name in ("x", "v", "held_time")
+    )
+    return {"section_x": x, "section_v": v, "held_time": np.diff(held_time, axis=1, prepend=0)}
 
 
 def _end_table(points: Point, counts: Counts, found: Found) -> dict[str, np.ndarray]:

@@ -11,7 +11,7 @@ import xarray as xr
 
 from .._dataset_attributes import versions
 from .._execution.points import Point, with_values
-from .._execution.threads import Counts
+from .._execution.runner import Counts
 from .._system.description import build, describe
 from .._system.parameters import axis_names, force_parameters, is_parameter
 from .._system.system import ImpactSystem

@@ -1,7 +1,7 @@
 """Sweeps: a machine over a grid of parameter values, as a labelled dataset."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import equinox as eqx
 import jax
@@ -10,8 +10,10 @@ import xarray as xr
 
 from .._contact.sticking import can_any_stick
 from .._execution.points import Point, points_of_lanes
-from .._execution.store import describe_sweep, open_store, run_chunks
-from .._execution.threads import Counts, Found, run_points
+from .._execution.runner import AbstractRunner, Counts
+from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
+from .._execution.store import describe_sweep, open_store
+from .._execution.threads import Threads
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._progress import tqdm
@@ -39,6 +41,7 @@ def sweep(
     max_steps: Count | None = None,
     store: str | os.PathLike[str] | None = None,
     progress: bool = True,
+    settings: ExecutionSettings = DEFAULT_SETTINGS,
 ) -> xr.Dataset:
     """Run a machine from one start at every point of a grid of parameter values.
 
@@ -75,6 +78,8 @@ def sweep(
             processes may do it at once, on one machine or on several of one kind that share the folder: they
             share the work, and each returns the whole. It may be deleted afterwards.
         progress: show a progress bar.
+        settings: sizes of queues, lanes and chunks, which change how fast it is, and no more than rounding
+            in what it finds.
 
     Returns:
         A dataset with a dimension for every path, named by it, and `stop`, `mass`, `impact`:
@@ -118,19 +123,16 @@ def sweep(
     motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
     name = type(motion).__name__ if flow is None else eqx.tree_pformat(flow, width=10**6)
     attributes = origin(base, counts, flow=name, carry=carry, goes_on=carry_from is not None)
-    kept = store if store is None else open_store(store, describe_sweep(attributes, axes, points, flow))
-
-    def run(points: Point, which: np.ndarray, tell: Callable[[int], object] = lambda _: None) -> Found:
-        if kept is None:
-            return run_points(points, motion, counts, tell, which=which)
-        return run_chunks(kept, points, motion, counts, tell, which)
-
+    runner: AbstractRunner = Threads(motion, counts, settings)
+    if store is not None:
+        manifest = describe_sweep(attributes, axes, points, flow, settings)
+        runner = open_store(store, manifest, runner, settings)
     all_points = np.arange(points.x0.shape[-1])
     with tqdm(total=len(all_points), unit="point", disable=not progress) as bar:
         if chain is None:
-            found = run(points, all_points, bar.update)
+            found = runner.run(points, all_points, bar.update)
         else:
-            found = run_chain(points, chain, run, bar.update)
+            found = run_chain(points, chain, runner, bar.update, settings.ahead)
     ds = dataset(points, axes, shape, counts, found, attributes)
     warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite")
     return ds

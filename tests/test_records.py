@@ -1,0 +1,72 @@
+"""What is recorded comes back by its names, whole numbers exactly."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from vijax._execution.records import Impact, Mark, append, chosen, impact_rows, joined, mark_rows, taken
+
+# The first whole number that has no place among floats of 32 bits.
+LARGE = 2**24 + 1
+STOPS, LANES = 2, 3
+KEPT = np.array([[True, False, True], [True, False, False]])
+TIMES = np.array([[0.25, 0.5, 0.75], [1.0, 1.25, 1.5]])
+
+
+def recorded(dtype: type) -> Impact:
+    """The three impacts of `KEPT`, recorded by a compiled program."""
+    impact = Impact(
+        time=jnp.asarray(TIMES, dtype),
+        velocity=jnp.asarray(-TIMES, dtype),
+        chatter=jnp.zeros((STOPS, LANES), dtype),
+        stop=jnp.arange(STOPS)[:, None],
+        point=LARGE + jnp.arange(LANES),
+        number=jnp.full((STOPS, LANES), LARGE),
+    )
+    return taken(jax.jit(append)(impact_rows(8, dtype), jnp.asarray(KEPT), impact))
+
+
+@pytest.mark.parametrize("is_64_bit", [False, True])
+def test_impacts_come_back_in_order_and_whole_numbers_exactly(is_64_bit):
+    dtype = np.float64 if is_64_bit else np.float32
+    with jax.enable_x64(is_64_bit):
+        found = recorded(dtype)
+    assert found.time.dtype == dtype
+    np.testing.assert_array_equal(found.time, TIMES[KEPT])
+    np.testing.assert_array_equal(found.velocity, -TIMES[KEPT])
+    np.testing.assert_array_equal(found.stop, [0, 0, 1])
+    np.testing.assert_array_equal(found.point, LARGE + np.array([0, 2, 0]))
+    np.testing.assert_array_equal(found.number, [LARGE] * 3)
+
+
+def test_on_the_host_whole_numbers_have_64_bits_whatever_the_device_has():
+    with jax.enable_x64(False):
+        found = recorded(np.float32)
+    assert {found.stop.dtype, found.point.dtype, found.number.dtype} == {np.dtype(np.int64)}
+
+
+@pytest.mark.parametrize("num_stops", [0, 2])
+def test_marks_come_back_with_a_column_for_each_mass_and_stop(num_stops):
+    x = jnp.arange(2.0 * LANES).reshape(2, LANES)
+    held_time = jnp.ones((num_stops, LANES))
+    mark = Mark(point=jnp.arange(LANES), period=jnp.array(LARGE), x=x, v=-x, held_time=held_time)
+    found = taken(append(mark_rows(4, 2, num_stops, np.float64), jnp.array([False, True, True]), mark))
+    np.testing.assert_array_equal(found.point, [1, 2])
+    np.testing.assert_array_equal(found.period, [LARGE, LARGE])
+    np.testing.assert_array_equal(found.x, [[1, 4], [2, 5]])
+    np.testing.assert_array_equal(found.v, -found.x)
+    np.testing.assert_array_equal(found.held_time, np.ones((2, num_stops)))
+
+
+def test_room_is_what_is_left():
+    rows = impact_rows(2, np.float64)
+    assert rows.has_room(2)
+    assert not rows.has_room(3)
+
+
+def test_rows_are_chosen_and_joined_column_by_column():
+    found = recorded(np.float64)
+    both = joined([chosen(found, found.stop == 1), chosen(found, found.stop == 0)])
+    np.testing.assert_array_equal(both.time, [1.0, 0.25, 0.75])
+    np.testing.assert_array_equal(both.point, LARGE + np.array([0, 0, 2]))

@@ -1,0 +1,146 @@
+"""What is recorded on the way: columns by their names, written by the loop over lanes, read by the host.
+
+Whole numbers stand in columns of their own type: among floats of 32 bits a point number above 2^24 is lost.
+A column is an array of its own, not a part of one wide row: then one loop writes all, whatever their types.
+"""
+
+from collections.abc import Sequence
+from typing import TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import Array, Bool, Int
+
+# On the device, or on the host.
+Column = Array | np.ndarray
+
+
+class Impact(eqx.Module):
+    """Impacts, rows first. One row of them on the device counts points within a queue, on the host in all.
+
+    Attributes:
+        time: since the transient.
+        velocity: of the mass, in space, before the impact.
+        chatter: time to the end of the chatter that the impact completes, or 0.
+        stop: which stop was hit.
+        point: of which point.
+        number: how many recorded impacts of the point came before.
+    """
+
+    time: Column
+    velocity: Column
+    chatter: Column
+    stop: Column
+    point: Column
+    number: Column
+
+
+class Mark(eqx.Module):
+    """Where points are at the end of recorded periods, rows first.
+
+    Attributes:
+        point: of which point.
+        period: the recorded period that ends.
+        x: positions in space, (rows, n).
+        v: velocities in space, (rows, n).
+        held_time: for how long each stop held its mass so far, (rows, stops).
+    """
+
+    point: Column
+    period: Column
+    x: Column
+    v: Column
+    held_time: Column
+
+
+Record = TypeVar("Record", Impact, Mark)
+
+
+class Rows(eqx.Module):
+    """Rows that the host takes away: memory does not depend on how many there are in all.
+
+    Attributes:
+        room: the columns, each (rows, ...).
+        size: rows written.
+    """
+
+    room: Impact | Mark
+    size: Int[Array, ""]
+
+    def has_room(self, num_rows: int) -> Bool[Array, ""]:
+        """Whether so many more can be written."""
+        return self.size + num_rows <= len(jax.tree.leaves(self.room)[0])
+
+
+def impact_rows(size: int, dtype: DTypeLike) -> Rows:
+    """Empty room for impacts."""
+    real, whole = np.zeros(size, dtype), np.zeros(size, int)
+    return _on_device(Impact(time=real, velocity=real, chatter=real, stop=whole, point=whole, number=whole))
+
+
+def mark_rows(size: int, num_masses: int, num_stops: int, dtype: DTypeLike) -> Rows:
+    """Empty room for the ends of recorded periods."""
+    whole, of_masses = np.zeros(size, int), np.zeros((size, num_masses), dtype)
+    held_time = np.zeros((size, num_stops), dtype)
+    return _on_device(Mark(point=whole, period=whole, x=of_masses, v=of_masses, held_time=held_time))
+
+
+def _on_device(room: Impact | Mark) -> Rows:
+    put = lambda a: jax.device_put(np.array(a))  # noqa: E731  # no two arrays in one place
+    return Rows(jax.tree.map(put, room), put(np.asarray(0, int)))
+
+
+def append(rows: Rows, kept: Bool[Array, "*stops lanes"], record: Impact | Mark) -> Rows:
+    """Append a row for each that is kept, those of several stops of one lane in their order.
+
+    One after another, for in a turn there are few.
+
+    Args:
+        rows: where to write.
+        kept: which are.
+        record: the columns, each (..., *stops, lanes) or what can be broadcast to it.
+    """
+    if kept.size == 0:
+        return rows
+
+    def flat(room: Array, a: Array) -> Array:
+        own = room.shape[1:]
+        return jnp.broadcast_to(a, (*own, *kept.shape)).reshape(*own, kept.size).astype(room.dtype)
+
+    columns = jax.tree.map(flat, rows.room, record)
+    kept, places = kept.ravel(), jnp.arange(kept.size, dtype=jnp.int32)
+
+    def next_after(place: Int[Array, ""] | int) -> Int[Array, ""]:
+        return jnp.min(jnp.where(kept & (places > place), places, jnp.int32(kept.size)))
+
+    def put(carry):
+        room, size, place = carry
+        write = lambda a, new: jax.lax.dynamic_update_index_in_dim(a, new[..., place], size, 0)  # noqa: E731
+        return jax.tree.map(write, room, columns), size + 1, next_after(place)
+
+    carry = (rows.room, rows.size, next_after(-1))
+    room, size, _ = jax.lax.while_loop(lambda carry: carry[2] < kept.size, put, carry)
+    return Rows(room, size)
+
+
+def taken(rows: Rows) -> Impact | Mark:
+    """A copy of what is written, for the room is used again; whole numbers in 64 bits."""
+    size = int(rows.size)
+
+    def copy(a: Array) -> np.ndarray:
+        return np.array(np.asarray(a)[:size], np.int64 if a.dtype.kind == "i" else None)
+
+    return jax.tree.map(copy, rows.room)
+
+
+def chosen(record: Record, which: np.ndarray) -> Record:
+    """Some of the rows."""
+    return jax.tree.map(lambda a: a[which], record)
+
+
+def joined(parts: Sequence[Record]) -> Record:
+    """The rows of all parts, one part after another."""
+    return jax.tree.map(lambda *columns: np.concatenate(columns), *parts)

@@ -1,0 +1,37 @@
+"""Sizes of queues, lanes and chunks."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ExecutionSettings:
+    """Sizes by which many trajectories are run: they decide how fast, not what is found, but for rounding.
+
+    Args:
+        lanes: trajectories side by side in one loop: enough to hide the overhead of the compiled loop, few
+            enough to stay in the cache.
+        points: the most points of one queue: so many that its end, where lanes have nothing left to do, is
+            a small part of it.
+        turns: turns of the loop after which it comes back, so that it can be watched and interrupted.
+        impact_rows: room for impacts, in rows, which the host takes away when it is full.
+        mark_rows: room for the ends of recorded periods, likewise.
+        cores: queues that are run at the same time; if left out, one for every core of this process.
+        chunk_periods: forcing periods in a chunk of a store, for each core: the work of a few seconds.
+        min_chunk: the fewest points of a chunk for each core, so that lanes do not idle.
+        max_chunk: the most points of a chunk for each core, no more than a queue holds.
+        ahead: points of a carried chain, past the last whose end is known, that are run again in one round.
+    """
+
+    lanes: int = 96
+    points: int = 2048
+    turns: int = 1 << 14
+    impact_rows: int = 1 << 15
+    mark_rows: int = 1 << 13
+    cores: int | None = None
+    chunk_periods: int = 250_000
+    min_chunk: int = 192
+    max_chunk: int = 2048
+    ahead: int = 256
+
+
+DEFAULT_SETTINGS = ExecutionSettings()
