@@ -14,6 +14,11 @@ pytest.register_assert_rewrite("helpers")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Keep compiled programs beside pytest's own cache: a second run need not compile again."""
+    """Keep compiled programs beside pytest's own cache: a second run, or another process, need not compile again.
+
+    All of them, for a run has many hundred small ones. Those that call back into Python are never kept.
+    """
     if getattr(config, "cache", None) is not None:
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
+        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
         jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("jax")))

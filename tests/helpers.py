@@ -124,19 +124,42 @@ def without_chatter_ends(events: Sequence[Event]) -> list[Event]:
     return [event for event, kept in zip(events, is_kept, strict=True) if kept]
 
 
+def kinds_at_stops(events: Sequence[Event]) -> dict[int, list[str]]:
+    """What happens at each stop, in order; ends of chatters are left out."""
+    kinds = {}
+    for event in without_chatter_ends(events):
+        kinds.setdefault(event.stop, []).append(event.kind)
+    return kinds
+
+
+def swapped(expected: Sequence[Event], found: Sequence[Event]) -> list[tuple[Event, Event]]:
+    """Pairs of expected events, one clearly after the other, that come in the other order in `found`.
+
+    The logs must have the same events at every stop.
+    """
+    expected, places = without_chatter_ends(expected), _places(expected, found)
+    times = np.array([event.t for event in expected])
+    is_before = times[:, None] + ONE_INSTANT < times[None]
+    wrong = is_before & (places[:, None] > places[None])
+    return [(expected[i], expected[j]) for i, j in np.argwhere(wrong)]
+
+
 def paired(expected: Sequence[Event], found: Sequence[Event]) -> list[tuple[Event, Event]]:
     """Pair the events of two logs, which must have the same kinds at every stop, and the same order.
 
     The pairs come in the order of `expected`; ends of chatters are left out.
     """
+    assert kinds_at_stops(found) == kinds_at_stops(expected)
+    assert swapped(expected, found) == [], "events in another order"
+    places, found = _places(expected, found), without_chatter_ends(found)
+    return [(event, found[i]) for event, i in zip(without_chatter_ends(expected), places, strict=True)]
+
+
+def _places(expected: Sequence[Event], found: Sequence[Event]) -> np.ndarray:
+    """For every expected event, which of those found it is; ends of chatters are left out of both."""
     expected, found = without_chatter_ends(expected), without_chatter_ends(found)
-    partner = {}
+    places = np.zeros(len(expected), int)
     for stop in {event.stop for event in (*expected, *found)}:
         ours, theirs = ([i for i, e in enumerate(log) if e.stop == stop] for log in (found, expected))
-        assert [found[i].kind for i in ours] == [expected[i].kind for i in theirs], f"at stop {stop}"
-        partner |= dict(zip(theirs, ours, strict=True))
-    times = np.array([event.t for event in expected])
-    places = np.array([partner[i] for i in range(len(expected))])
-    is_before = times[:, None] + ONE_INSTANT < times[None]
-    assert not (is_before & (places[:, None] > places[None])).any(), "events in another order"
-    return [(event, found[partner[i]]) for i, event in enumerate(expected)]
+        places[theirs] = ours
+    return places

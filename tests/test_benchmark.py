@@ -13,6 +13,8 @@ sys.path.append(str(Path(__file__).parents[1] / "scripts"))
 import peers
 from benchmarks import convergence, cpp, diffeqsolve, peak, scenes, sizes, timing
 
+pytestmark = pytest.mark.thorough
+
 LIGHT, CHATTER = scenes.load("paper_a_om080"), scenes.load("paper_b_om030")
 # Peers at tight tolerances, with the roundings of some twenty impacts.
 TIGHT = 1e-11

@@ -30,6 +30,9 @@ ASKED = {
     "result": lambda sol: sol.result,
     "evaluate": lambda sol: sol.evaluate(1.0),
 }
+# A program for each, which calls back and is therefore compiled anew in every run: floats, whole numbers
+# of the end and of the log, and what is computed from all of it. The others are thorough.
+ASKED_FIRST = ("x1", "num_steps", "event kinds", "evaluate")
 
 
 @pytest.fixture(autouse=True)
@@ -57,7 +60,10 @@ def test_the_trajectory_is_as_long_as_these_tests_suppose():
     assert 2 < sol.num_events < 64
 
 
-@pytest.mark.parametrize("asked", ASKED)
+@pytest.mark.parametrize(
+    "asked",
+    [name if name in ASKED_FIRST else pytest.param(name, marks=pytest.mark.thorough) for name in ASKED],
+)
 def test_too_few_steps_are_told_whatever_is_asked_for(asked):
     one = eqx.filter_jit(lambda k: ASKED[asked](follow(k)))
     one(1000)
@@ -96,7 +102,9 @@ def test_times_that_are_not_finite_are_refused(wrong, sentence):
         jax.block_until_ready(jax.jit(lambda a, b: vx.simulate(MACHINE, a, b).x1)(*wrong))
 
 
-@pytest.mark.parametrize("derivative", [jax.grad, jax.jacfwd, jax.value_and_grad])
+@pytest.mark.parametrize(
+    "derivative", [jax.grad, jax.jacfwd, pytest.param(jax.value_and_grad, marks=pytest.mark.thorough)]
+)
 def test_derivatives_alone_depend_on_the_check(derivative):
     slope = jax.jit(lambda x, k: jax.tree.leaves(derivative(lambda x: follow(k, x0=x).x1[0])(x))[-1])
     with pytest.raises(ERRORS, match="max_steps_reached: "):

@@ -13,6 +13,8 @@ sys.path.append(str(Path(__file__).parents[1] / "scripts"))
 
 import reproduce
 
+pytestmark = pytest.mark.thorough
+
 FILES = {"fig4": "case_a", "fig7": "case_b"}
 # The others take many seconds each, to compile the engine.
 QUICK = ("table1",)

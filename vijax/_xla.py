@@ -1,6 +1,11 @@
-"""What the compiler needs to be told."""
+"""What the compiler needs to be told.
+
+None of it is needed for right results: `VIJAX_PLAIN=1` in the environment, read once, leaves it all out. What
+is done without is then what a release of JAX that lacks it does without.
+"""
 
 import abc
+import os
 from collections.abc import Callable
 from functools import cache, wraps
 from typing import ParamSpec, TypeVar
@@ -10,10 +15,18 @@ import jax
 import jax.numpy as jnp
 from equinox.internal import unvmap_any, while_loop
 from jax.core import Tracer
-from jax.experimental.xla_metadata import set_xla_metadata
 from jaxtyping import Array, Bool
 
-from ._both_ways import both_ways
+try:
+    from jax.experimental.xla_metadata import set_xla_metadata
+except ImportError:
+    set_xla_metadata = None
+try:
+    from ._both_ways import both_ways
+except (ImportError, AttributeError):  # it is made of parts of JAX that may change
+    both_ways = None
+
+PLAIN = os.environ.get("VIJAX_PLAIN", "0") not in ("", "0")
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -51,7 +64,7 @@ def compile_lightly(function: Callable[P, R]) -> Callable[P, R]:
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
         leaves = jax.tree.leaves((args, kwargs))
         is_part = isinstance(jnp.zeros(()) + 1, Tracer) or any(isinstance(leaf, Tracer) for leaf in leaves)
-        return plain(*args, **kwargs) if is_part or not _knows_how() else light(*args, **kwargs)
+        return plain(*args, **kwargs) if is_part or PLAIN or not _knows_how() else light(*args, **kwargs)
 
     return wrapped
 
@@ -88,17 +101,18 @@ def in_one_kernel(function: Callable, *args):
 
 def _call(function: Callable, args: tuple, **attributes: str):
     """Call `function` by a call that carries `attributes`, but nothing in it does."""
-    if jax.default_backend() != "cpu":
+    if PLAIN or set_xla_metadata is None or jax.default_backend() != "cpu":
         return function(*args)
+    annotate = set_xla_metadata
     # XLA removes what has no elements, and would be left with an argument that nothing reads.
     arrays, rest = eqx.partition(args, lambda a: eqx.is_array(a) and a.size > 0)
 
     def called(arrays):
-        with set_xla_metadata(**dict.fromkeys(attributes)):
+        with annotate(**dict.fromkeys(attributes)):
             empty = jax.tree.map(lambda a: jnp.zeros_like(a) if eqx.is_array(a) else a, rest)
             return function(*eqx.combine(arrays, empty))
 
-    with set_xla_metadata(**attributes):
+    with annotate(**attributes):
         return jax.jit(called)(arrays)
 
 
@@ -152,4 +166,20 @@ def while_any(task: AbstractTask, carry, *, max_reverse_steps: int, refuse: Call
         factor = refuse(task.is_live(last))
         return jax.tree.map(lambda a: a * factor if eqx.is_inexact_array(a) else a, last)
 
-    return both_ways(unbounded, bounded, (task, carry))
+    differentiable = _plainly_both_ways if PLAIN or both_ways is None else both_ways
+    return differentiable(unbounded, bounded, (task, carry))
+
+
+def _plainly_both_ways(forwards: Callable, backwards: Callable, tree):
+    """`both_ways` of public JAX alone: every derivative, forward ones too, goes through `backwards`."""
+    arrays, static = eqx.partition(tree, eqx.is_array)
+
+    @jax.custom_jvp
+    def function(arrays):
+        return forwards(eqx.combine(arrays, static))
+
+    @function.defjvp
+    def _(primals, tangents):
+        return jax.jvp(lambda arrays: backwards(eqx.combine(arrays, static)), primals, tangents)
+
+    return function(arrays)
