@@ -180,9 +180,7 @@ def _acceleration(
     system: ImpactSystem, t: Float[Array, ""], x: Float[Array, " n"], v: Float[Array, " n"]
 ) -> Float[Array, " n"]:
     forcing = system.forcing
-    amplitude, phase = jnp.atleast_2d(forcing.amplitude), jnp.atleast_2d(forcing.phase)
-    angle = jnp.arange(1, len(amplitude) + 1)[:, None] * forcing.frequency * t + phase
-    load = forcing.mean + jnp.sum(amplitude * jnp.cos(angle), axis=0)
+    load = forcing.mean + forcing.waves().at_angle(forcing.frequency * t)
     linear = load - system.damping @ v - system.stiffness @ x
     force = system.force
     return (linear + force(t, x, v) if isinstance(force, BoundForce) else linear) / system.mass

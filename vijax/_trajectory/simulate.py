@@ -240,8 +240,7 @@ def _run(
     flow = flow.prepare(machine)
     if max_steps is None:
         max_steps = ample_steps(machine, span)
-    angle = machine.harmonics * machine.frequency * t0
-    phase0 = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+    phase0 = machine.phase_at(t0)
     goal_periods, goal_times = in_periods(machine, jnp.append(ts, t1) - t0)
     resolution = 4 * jnp.finfo(t0.dtype).eps * jnp.maximum(jnp.abs(t0), jnp.abs(t1))
 
