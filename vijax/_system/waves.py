@@ -84,7 +84,7 @@ def turned(phase: Reals, by: Reals) -> Array:
     return jnp.stack(jnp.broadcast_arrays(turn * cos - slide * sin, turn * sin + slide * cos))
 
 
-def speeds(phase: Reals, frequency: Reals) -> Array:
+def speeds(phase: Reals, frequency: Reals) -> Reals:
     """H W of every harmonic, to be multiplied with cosines or sines of a phase."""
     return _orders(len(phase[0]), phase[0]) * frequency
 
