@@ -20,6 +20,7 @@ from vijax._flow.approximate_step import Attempt, SteppingFlow
 from vijax._flow.bernstein import bernstein, divided, first_crossing, nodes, slopes
 from vijax._flow.clearance import Inside
 from vijax._flow.diffrax_flow import degree_inside
+from vijax._system.waves import speeds
 
 # Some hundred steps of 1e-10 each.
 SOLVER = 1e-8
@@ -318,11 +319,11 @@ class ExponentialFlow(SteppingFlow):
         return Attempt(displacement, gain, Inside(*inside), jnp.array(True), 0.5 / machine.rate, None)
 
     def step_by(self, machine, state, is_held, step):
-        n, h = len(state.x), machine.cosine.shape[0]
+        n, h = len(state.x), machine.waves.num_harmonics
         free = jnp.where(is_held, 0.0, machine.inverse_mass)
-        angle = jnp.diag(machine.harmonics * machine.frequency)
+        angle = jnp.diag(speeds(state.phase, machine.frequency))
         zero, zeros = jnp.zeros((n, n)), jnp.zeros((n, h))
-        loads = [machine.inverse_mass[:, None] * a.T for a in (machine.cosine, machine.sine)]
+        loads = [machine.inverse_mass[:, None] * a.T for a in (machine.waves.cosine, machine.waves.sine)]
         pull = machine.inverse_mass[:, None]
         # The state, the speed that held masses would gain, the phase of the load, and 1.
         rows = [

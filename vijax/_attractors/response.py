@@ -75,7 +75,7 @@ def modes_of(machine: Machine) -> Modes:
 
 def response_of(machine: Machine, modes: Modes) -> Response:
     """The response to the load, that of moving stops included."""
-    mean, cosine, sine = map(np.asarray, (machine.mean[None], machine.cosine, machine.sine))
+    mean, cosine, sine = map(np.asarray, (machine.mean[None], machine.waves.cosine, machine.waves.sine))
     mean = np.broadcast_to(mean, (1, *np.broadcast_shapes(mean.shape, cosine.shape)[1:]))
     waves = np.broadcast_to(cosine - 1j * sine, (len(cosine), *mean.shape[1:]))
     loads = lanes_first(np.concatenate([mean, waves])) @ modes.shapes
@@ -128,8 +128,8 @@ def lanes_first(a: ArrayLike) -> np.ndarray:
 def _frame_waves(machine: Machine) -> np.ndarray:
     """The motion of the stops as their masses follow it, h = 0, 1, ..., (lanes, 1 + harmonics, n)."""
     if machine.frame is None:
-        return np.zeros((1, 1 + len(machine.cosine), len(machine.mean)), complex)
-    waves = np.asarray(machine.frame.cosine) - 1j * np.asarray(machine.frame.sine)
+        return np.zeros((1, 1 + machine.waves.num_harmonics, len(machine.mean)), complex)
+    waves = np.asarray(machine.frame.waves.cosine) - 1j * np.asarray(machine.frame.waves.sine)
     return lanes_first(np.concatenate([np.zeros_like(waves[:1]), waves]))
 
 

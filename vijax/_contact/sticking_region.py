@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._machine.machine import Machine, prepare
 from .._system.system import ImpactSystem, with_args
+from .._system.waves import phase_at
 from .._types import Numbers, as_float
 from .sticking import is_pressed
 
@@ -158,8 +159,7 @@ class StickingRegion(eqx.Module):
         self, phase: Float[Array, ""], x: Float[Array, " free"], v: Float[Array, " free"]
     ) -> tuple[Array, Array, Array]:
         """The same at one point, (held,) each."""
-        machine, angle = self.machine, self.machine.harmonics * phase
-        waves = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+        machine, waves = self.machine, phase_at(phase, self.machine.waves.num_harmonics)
         held, free = (
             jnp.asarray(i, int) for i in ([machine.contacts.masses[j] for j in self.held], self.free)
         )

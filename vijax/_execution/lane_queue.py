@@ -122,12 +122,12 @@ def run_lanes(
     machine = prepare(system, period, (jnp.zeros(1, x0.dtype), x0, v0), can_stick=can_stick)
     flow, work = flow.prepare(machine), _bounded(work, machine, x0.shape[1])
     num_points, num_lanes = x0.shape[1], queue.point.size
-    zeros = jnp.zeros((machine.cosine.shape[0], num_points), x0.dtype)
+    zeros = jnp.zeros((machine.waves.num_harmonics, num_points), x0.dtype)
     phase0 = jnp.stack([zeros + 1, zeros])
     first = first_state(machine, phase0, x0, v0)
     first = remembering(first, flow.memory(first.time))
     last_turn = queue.progress.turns + work.max_turns
-    is_small = max(machine.contacts.num, *machine.cosine.shape[:2]) <= UNROLLED
+    is_small = max(machine.contacts.num, *machine.waves.cosine.shape[:2]) <= UNROLLED
     is_one_kernel = is_small and flow.fits_one_kernel
     run = partial(in_one_kernel, turn_until_fed) if is_one_kernel else turn_until_fed
 

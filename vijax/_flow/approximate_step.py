@@ -23,7 +23,8 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._machine.machine import Machine
 from .._machine.state import State, remembering
-from .._types import Flag, Scalar, lift, over_lanes
+from .._system.waves import speeds, turned
+from .._types import Flag, Scalar, over_lanes
 from .clearance import Inside, Rates, delays, is_due, nearness, rates, watch
 from .exact_step import displaced, one_instant
 from .interface import AbstractFlow, Flight
@@ -120,7 +121,7 @@ class SteppingFlow(AbstractFlow):
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Go `step` ahead in one step of the solver."""
         displacement, gain = over_lanes(self.step_by, state.x, machine, state, is_held, step)
-        return displacement, state.v + jnp.where(is_held, 0, gain), turned(machine, state.phase, step)
+        return displacement, state.v + jnp.where(is_held, 0, gain), phase_after(machine, state.phase, step)
 
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
         """Try one step, whatever the stops say."""
@@ -157,22 +158,21 @@ class SteppingFlow(AbstractFlow):
 
     def _try(self, machine: Machine, state: State, is_held: Bool[Array, " n"], remaining: Scalar) -> Trial:
         memory = state.memory
-        fastest = len(machine.cosine) * machine.frequency
+        fastest = machine.waves.num_harmonics * machine.frequency
         longest = TRUST_AND_TERMS[str(remaining.dtype)][0] / jnp.where(fastest > 0, fastest, 1e-9)
         wanted = jnp.minimum(jnp.where(memory.step > 0, memory.step, self.first_step(machine)), longest)
         step = jnp.minimum(jnp.minimum(wanted, memory.cut), remaining)
         return Trial(self.attempt(machine, state, is_held, step), step, wanted)
 
 
-def turned(machine: Machine, phase: Float[Array, "2 harmonics ..."], time: Scalar) -> Array:
+def phase_after(machine: Machine, phase: Float[Array, "2 harmonics ..."], time: Scalar) -> Array:
     """The phase of the forcing some time later, not later than any step ends.
 
     By power series: a library's sine and cosine in every stage of a solver cost a third of the step.
     """
-    cos, sin = phase
-    angle = lift(machine.harmonics, cos) * machine.frequency * time
+    angle = speeds(phase, machine.frequency) * time
     wave, arc = cosine_and_sine(angle * angle, TRUST_AND_TERMS[str(angle.dtype)][1])
-    return jnp.stack([cos + (wave * cos - angle * arc * sin), sin + (wave * sin + angle * arc * cos)])
+    return phase + turned(phase, (wave, angle * arc))
 
 
 def _clearance(
@@ -210,7 +210,7 @@ def _learnt(memory: Memory, trial: Trial, is_taken: Flag, is_event: Flag, cut: S
 
 def _moved(machine: Machine, state: State, trial: Trial, is_held: Bool[Array, " n"]) -> State:
     gain = jnp.where(is_held, 0, trial.attempt.gain)
-    phase = turned(machine, state.phase, trial.step)
+    phase = phase_after(machine, state.phase, trial.step)
     return displaced(machine, state, trial.attempt.displacement, state.v + gain, phase, trial.step)
 
 
@@ -218,7 +218,7 @@ def _landed(machine: Machine, state: State, end: Rates, delay: Scalar) -> State:
     """Go on by `delay`, which is short and may be negative."""
     displacement = delay * (state.v + delay * (end.a / 2 + delay * end.jerk / 6))
     v = state.v + delay * (end.a + delay * end.jerk / 2)
-    return displaced(machine, state, displacement, v, turned(machine, state.phase, delay), delay)
+    return displaced(machine, state, displacement, v, phase_after(machine, state.phase, delay), delay)
 
 
 def _choose(condition: Flag, a: PyTree, b: PyTree) -> PyTree:

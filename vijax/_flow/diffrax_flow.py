@@ -26,7 +26,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._types import Scalar, as_float
-from .approximate_step import Attempt, SteppingFlow, turned
+from .approximate_step import Attempt, SteppingFlow, phase_after
 from .bernstein import nodes
 from .clearance import Inside
 
@@ -188,5 +188,5 @@ def _field(time: Any, gains: tuple[Array, Array], args: tuple[Machine, State, Ar
     machine, state, is_held = args
     v = jnp.where(is_held, 0, state.v + gains[1])
     names = lambda s: (s.time, s.phase, s.x, s.v)  # noqa: E731
-    then = (state.time + time, turned(machine, state.phase, time), state.x + gains[0], v)
+    then = (state.time + time, phase_after(machine, state.phase, time), state.x + gains[0], v)
     return v, machine.pull(machine.total_force(eqx.tree_at(names, state, then)))

@@ -22,7 +22,8 @@ from jaxtyping import Array, Bool, Float
 
 from .._machine.machine import Machine
 from .._machine.state import State
-from .._types import Scalar, add_up, lift, matvec, stack
+from .._system.waves import Waves, speeds, turned
+from .._types import Scalar, matvec, stack
 from .._xla import compute_once, is_any
 from .exact_step import ExpandingFlow
 from .interface import Derivatives, Expansion
@@ -49,17 +50,15 @@ class Modes(eqx.Module):
 
 
 class Response(eqx.Module):
-    """The steady response to the load, offset + sum_h (cosine_h cos(h W t) + sine_h sin(h W t)).
+    """The steady response to the load.
 
     Attributes:
-        offset: (n,), or with a leading axis for every set of held masses, as the others.
-        cosine: (harmonics, n).
-        sine: (harmonics, n).
+        offset: its mean, (n,), or with a leading axis for every set of held masses, as the waves.
+        waves: the rest of it.
     """
 
     offset: Float[Array, "..."]
-    cosine: Float[Array, "..."]
-    sine: Float[Array, "..."]
+    waves: Waves
 
 
 class ModalFlow(ExpandingFlow):
@@ -90,14 +89,15 @@ def _response(machine: Machine, modes: Modes) -> Response:
     w2, a, shape = modes.squared_frequency, modes.decay, modes.shape
     transposed = jnp.swapaxes(shape, 0, 1)
     cosine, sine = [], []
-    for h in range(machine.cosine.shape[0]):
-        speed = (h + 1) * machine.frequency
+    for h, load in enumerate(zip(machine.waves.cosine, machine.waves.sine, strict=True), 1):
+        speed = h * machine.frequency
         stiff, drag = w2 - speed * speed, 2 * a * speed
         scale = stiff * stiff + drag * drag
-        c, s = (matvec(transposed, load[h]) for load in (machine.cosine, machine.sine))
+        c, s = (matvec(transposed, part) for part in load)
         cosine.append(matvec(shape, (stiff * c - drag * s) / scale))
         sine.append(matvec(shape, (stiff * s + drag * c) / scale))
-    return Response(matvec(shape, matvec(transposed, machine.mean) / w2), stack(cosine), stack(sine))
+    offset = matvec(shape, matvec(transposed, machine.mean) / w2)
+    return Response(offset, Waves(stack(cosine), stack(sine)))
 
 
 class DrivenModes(ExpandingFlow):
@@ -111,12 +111,10 @@ class DrivenModes(ExpandingFlow):
     def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> "ModalExpansion":
         """Expand the motion at `state` with the masses `is_held` at rest."""
         modes, response = self._of_set(is_held)
-        cos, sin = state.phase
-        speed = lift(machine.harmonics, cos) * machine.frequency
-        steady = response.offset + _over_harmonics(response.cosine, cos) + _over_harmonics(response.sine, sin)
+        steady = response.offset + response.waves.at(state.phase)
         if len(self.sets) > 1:
             steady = steady + matvec(modes.anchor, state.x)
-        steady_v = _over_harmonics(response.sine, speed * cos) - _over_harmonics(response.cosine, speed * sin)
+        steady_v = response.waves.at(machine.phase_rate(state.phase))
         return ModalExpansion(
             modes=modes,
             response=response,
@@ -178,12 +176,9 @@ class ModalExpansion(Expansion):
         third = energy * (jnp.abs(4 * a * a - w2) + 2 * a * w)
         fourth = energy * (w * jnp.abs(4 * a * a - w2) + 4 * a * jnp.abs(w2 - 2 * a * a))
         shape = jnp.abs(self.modes.shape)
-        speed = lift(machine.harmonics, self.response.cosine[:, 0]) * machine.frequency
-        size = jnp.abs(self.response.cosine) + jnp.abs(self.response.sine)
-        x3 = matvec(shape, third) + add_up(size * speed[:, None] ** 3)
-        x4 = matvec(shape, fourth) + add_up(size * speed[:, None] ** 4)
-        load = jnp.abs(machine.cosine) + jnp.abs(machine.sine)
-        load3 = add_up(load * speed[:, None] ** 3)
+        x3 = matvec(shape, third) + machine.frequency**3 * self.response.waves.bound(3)
+        x4 = matvec(shape, fourth) + machine.frequency**4 * self.response.waves.bound(4)
+        load3 = machine.frequency**3 * machine.waves.bound(3)
         force3 = load3 + matvec(jnp.abs(machine.damping), x4) + matvec(jnp.abs(machine.stiffness), x3)
         return x4 * (1 / 24), force3 * (1 / 6)
 
@@ -191,8 +186,7 @@ class ModalExpansion(Expansion):
         self, machine: Machine, state: State, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Go `step` ahead in every mode and in the phase of the forcing."""
-        cos, sin = state.phase
-        speed = lift(machine.harmonics, cos) * machine.frequency
+        speed = speeds(state.phase, machine.frequency)
         fade, wave, arc, turn, slide = compute_once(
             _factors, self.modes.squared_frequency, self.modes.decay, speed, step
         )
@@ -203,19 +197,10 @@ class ModalExpansion(Expansion):
         slow = fade + (1 + fade) * (wave - a * arc)
         dq = grow * self.q + reach * self.q_rate
         dq_rate = slow * self.q_rate - reach * w2 * self.q
-        dcos, dsin = turn * cos - slide * sin, turn * sin + slide * cos
-        displacement = (
-            matvec(self.modes.shape, dq)
-            + _over_harmonics(self.response.cosine, dcos)
-            + _over_harmonics(self.response.sine, dsin)
-        )
-        gained = (
-            matvec(self.modes.shape, dq_rate)
-            + _over_harmonics(self.response.sine, speed * dcos)
-            - _over_harmonics(self.response.cosine, speed * dsin)
-        )
-        phase = jnp.stack(jnp.broadcast_arrays(cos + dcos, sin + dsin))
-        return displacement, state.v + gained, phase
+        change = turned(state.phase, (turn, slide))
+        displacement = matvec(self.modes.shape, dq) + self.response.waves.at(change)
+        gained = matvec(self.modes.shape, dq_rate) + self.response.waves.at(machine.phase_rate(change))
+        return displacement, state.v + gained, state.phase + change
 
 
 def _factors(w2: Array, a: Array, speed: Array, step: Scalar) -> tuple[Array, ...]:
@@ -253,9 +238,3 @@ def _polynomial(coefficients: list[float], z: Array) -> Array:
     for c in coefficients[-2::-1]:
         total = total * z + c
     return total
-
-
-def _over_harmonics(
-    of_harmonic: Float[Array, "harmonics n ..."], wave: Float[Array, "harmonics ..."]
-) -> Array:
-    return add_up(of_harmonic * wave[:, None])

@@ -64,8 +64,8 @@ def recurrence(machine: Machine, is_held: Bool[Array, "n ..."]) -> Callable:
     """
     n = is_held.shape[0]
     response, mean = _rows(machine.mobility(is_held)), _rows(machine.mean)
-    waves = [_rows(row) for load in (machine.cosine, machine.sine) for row in load]
-    speeds = [machine.frequency * (h + 1) for h in range(len(machine.cosine))]
+    waves = [_rows(row) for load in (machine.waves.cosine, machine.waves.sine) for row in load]
+    speeds = [machine.frequency * (h + 1) for h in range(machine.waves.num_harmonics)]
 
     def product(matrix: Float[Array, "n n ..."], x: list[Array]) -> list[Array]:
         if n > _SHORT:

@@ -7,17 +7,18 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._system.force import BoundForce
 from .._system.system import ImpactSystem
-from .._types import Scalar, add_up, lift, matvec, not_negative, stack
+from .._system.waves import Waves, phase_at, phase_rate
+from .._types import Scalar, matvec, not_negative, stack
 from .contacts import Contacts
 from .extra_force import ExtraForce
-from .frame import Frame, frame_of, num_harmonics, padded
+from .frame import Frame, frame_of, num_harmonics
 from .state import State
 
 
 class Machine(eqx.Module):
     """An `ImpactSystem` as arrays over masses, stops and harmonics, lanes last.
 
-    The load is `mean + sum_h (cosine_h cos(h W t) + sine_h sin(h W t))`. `rate` bounds every
+    The load is `mean` and `waves` of the angular frequency `frequency`. `rate` bounds every
     frequency and decay rate of the linear motion, whatever masses are held; `timescale` is its inverse.
     `extra` is None for a linear machine, `frame` where all stops stand still. Otherwise all is as seen from it,
     the load included: positions and velocities are relative to the stops of their mass.
@@ -27,8 +28,7 @@ class Machine(eqx.Module):
     damping: Float[Array, "n n ..."]
     stiffness: Float[Array, "n n ..."]
     mean: Float[Array, "n ..."]
-    cosine: Float[Array, "harmonics n ..."]
-    sine: Float[Array, "harmonics n ..."]
+    waves: Waves
     frequency: Scalar
     period: Scalar
     contacts: Contacts
@@ -43,28 +43,17 @@ class Machine(eqx.Module):
         """Number of masses, n."""
         return self.inverse_mass.shape[0]
 
-    @property
-    def harmonics(self) -> Float[Array, " harmonics"]:
-        """1, 2, ... as numbers."""
-        return jnp.arange(1, self.cosine.shape[0] + 1, dtype=self.cosine.dtype)
-
     def load(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
         """The load at a phase of the forcing, given as cosines and sines of h W t."""
-        return self.mean + self.oscillating_load(phase)
-
-    def oscillating_load(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
-        """The load without its mean; linear in the phase, so it serves derivatives as well."""
-        return add_up(self.cosine * phase[0][:, None] + self.sine * phase[1][:, None])
+        return self.mean + self.waves.at(phase)
 
     def phase_at(self, t: Scalar) -> Float[Array, "2 harmonics ..."]:
-        """The phase of the forcing at a time."""
-        angle = self.harmonics * self.frequency * t
-        return jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+        """The phase at a time."""
+        return phase_at(self.frequency * t, self.waves.num_harmonics)
 
     def phase_rate(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "2 harmonics ..."]:
         """Time derivative of the phase."""
-        speed = lift(self.harmonics, phase[0]) * self.frequency
-        return jnp.stack(jnp.broadcast_arrays(-speed * phase[1], speed * phase[0]))
+        return phase_rate(phase, self.frequency)
 
     def force(
         self, phase: Float[Array, "2 harmonics ..."], x: Float[Array, "n ..."], v: Float[Array, "n ..."]
@@ -76,7 +65,7 @@ class Machine(eqx.Module):
         self, phase: Float[Array, "2 harmonics ..."], v: Float[Array, "n ..."], a: Float[Array, "n ..."]
     ) -> Float[Array, "n ..."]:
         """Time derivative of `force`, for the accelerations `a`."""
-        rate = self.oscillating_load(self.phase_rate(phase))
+        rate = self.waves.at(self.phase_rate(phase))
         return rate - matvec(self.damping, a) - matvec(self.stiffness, v)
 
     def total_force(self, state: State) -> Float[Array, "n ..."]:
@@ -194,14 +183,14 @@ def prepare(
         can_stick: whether any stop might hold its mass.
     """
     forcing = system.forcing
-    cosine, sine = (padded(wave, num_harmonics(system)) for wave in forcing.waves(system.mass.ndim - 1))
+    waves = forcing.waves(system.mass.ndim - 1).padded(num_harmonics(system))
     frame = frame_of(system)
     if frame is not None:
-        cosine, sine = (a + b for a, b in zip((cosine, sine), frame.load(system), strict=True))
+        waves = jax.tree.map(jnp.add, waves, frame.load(system))
     is_driven = forcing.frequency > 0
     longest = jnp.asarray(jnp.finfo(system.mass.dtype).max ** 0.5, system.mass.dtype)
     period = jnp.where(is_driven, 2 * jnp.pi / jnp.where(is_driven, forcing.frequency, 1.0), longest)
-    rate = jnp.maximum(_decay_and_frequency(system), len(cosine) * forcing.frequency)
+    rate = jnp.maximum(_decay_and_frequency(system), waves.num_harmonics * forcing.frequency)
     extra = None
     if isinstance(system.force, BoundForce):
         extra = ExtraForce(system.force, start[0], frame)
@@ -212,8 +201,7 @@ def prepare(
         damping=system.damping,
         stiffness=system.stiffness,
         mean=forcing.mean,
-        cosine=cosine,
-        sine=sine,
+        waves=waves,
         frequency=forcing.frequency,
         period=period,
         contacts=_contacts(system),

@@ -8,6 +8,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._printing import as_html, as_text, told_of_harmonic
 from .._types import Numbers, as_float
 from .checks import FINITE, NOT_NEGATIVE, check_one
+from .waves import Waves
 
 
 class Harmonic(eqx.Module):
@@ -88,11 +89,11 @@ class Harmonic(eqx.Module):
         """How many there are; lanes may stand last."""
         return len(self.amplitude) if self.amplitude.ndim - lane_axes == 2 else 1
 
-    def waves(self, lane_axes: int = 0) -> tuple[Array, Array]:
-        """The load but for its mean as cosines and sines of h W t, (harmonics, n, ...) each; lanes last."""
+    def waves(self, lane_axes: int = 0) -> Waves:
+        """The load but for its mean; lanes may stand last."""
         is_single = self.amplitude.ndim - lane_axes == 1
         amplitude, phase = (a[None] if is_single else a for a in (self.amplitude, self.phase))
-        return amplitude * jnp.cos(phase), -amplitude * jnp.sin(phase)
+        return Waves(amplitude * jnp.cos(phase), -amplitude * jnp.sin(phase))
 
     @property
     def period(self) -> Float[Array, "..."]:

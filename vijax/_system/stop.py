@@ -1,18 +1,16 @@
 """A stop: a rigid wall on one side of one mass."""
 
-from typing import Any, Literal
+from typing import Literal
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._printing import as_html, as_text, told_of_stop
 from .._types import Count, as_float, whole_number
 from .checks import FINITE, RESTITUTION, check_one
 from .forcing import Harmonic
-
-Reals = Any  # arrays of JAX, or of NumPy where a sweep looks at its points
+from .waves import Reals, Waves
 
 
 class Stop(eqx.Module):
@@ -110,34 +108,30 @@ class Stop(eqx.Module):
         """Where the stop stands at the phase `angle` = W t of the load; lanes may stand last."""
         if self.motion is None:
             return self.position
-        h, c, s = self._waves()
-        return self.centre + (c * jnp.cos(h * angle) + s * jnp.sin(h * angle)).sum(axis=(0, 1))
+        return self.centre + self._waves().at_angle(angle)[0]
 
     def slope_at(self, angle: Reals) -> Reals:
         """By how much that changes with the phase: its velocity is W times as much."""
         if self.motion is None:
             return 0 * self.position
-        h, c, s = self._waves()
-        return (h * (s * jnp.cos(h * angle) - c * jnp.sin(h * angle))).sum(axis=(0, 1))
+        return self._waves().slope_at_angle(angle)[0]
 
     def reach(self, angle: Reals) -> Reals:
         """The size of what a gap is computed from at that phase, by which its rounding is told: W t counts."""
         if self.motion is None:
             return abs(self.position)
-        h, c, s = self._waves()
-        return abs(self.centre) + ((abs(c) + abs(s)) * (1 + h * abs(angle))).sum(axis=(0, 1))
+        return abs(self.centre) + self._waves().rounded(angle)[0]
 
     def moves_like(self, other: "Stop") -> Reals:
         """Whether two stops keep their distance; lanes may stand last."""
         if self.motion is None or other.motion is None:
             return jnp.asarray(self.motion is other.motion)
-        ours, theirs = (jnp.stack(stop._waves()[1:]) for stop in (self, other))
-        if ours.shape[1] != theirs.shape[1]:
+        ours, theirs = self._waves(), other._waves()
+        if ours.num_harmonics != theirs.num_harmonics:
             return jnp.asarray(False)
-        return (ours == theirs).all(axis=(0, 1, 2))
+        return ((ours.cosine == theirs.cosine) & (ours.sine == theirs.sine)).all(axis=(0, 1))
 
-    def _waves(self) -> tuple[Reals, Reals, Reals]:
-        """The numbers of the harmonics, and their cosines and sines, (harmonics, 1, ...)."""
+    def _waves(self) -> Waves:
+        """Its motion but for the mean, in one row."""
         assert self.motion is not None
-        cosine, sine = self.motion.waves(self.position.ndim)
-        return np.arange(1, len(cosine) + 1).reshape(-1, *[1] * (cosine.ndim - 1)), cosine, sine
+        return self.motion.waves(self.position.ndim)

@@ -11,6 +11,7 @@ from .._machine.frame import Frame
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._printing import as_html, as_text, told_of_events
+from .._system.waves import turned
 from .._types import Flag, Scalar
 from .step import Instant
 
@@ -146,10 +147,7 @@ def _velocities_of_stops(machine: Machine, frame: Frame, log: Log) -> Float[Arra
     """How fast the stops themselves move at the events of every instant."""
 
     def after(phase: Array, delay: Scalar) -> Float[Array, " stops"]:
-        angle = machine.harmonics * machine.frequency * delay
-        c, s = jnp.cos(angle), jnp.sin(angle)
-        later = jnp.stack([c * phase[0] - s * phase[1], c * phase[1] + s * phase[0]])
-        return machine.contacts.size(frame.at(later)[1])
+        return machine.contacts.size(frame.at(turned(phase, machine.phase_at(delay)))[1])
 
     def of_row(phase: Array, chatter: Float[Array, " stops"]) -> Float[Array, "kinds stops"]:
         at_stick = jnp.diagonal(jax.vmap(lambda delay: after(phase, delay))(chatter))

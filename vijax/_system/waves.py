@@ -1,0 +1,94 @@
+"""The Fourier series: of a load, of the motion of a stop, of the response to them.
+
+All series of a machine have its one frequency W, and are read at the same phase: cosine and sine of h W t for
+every harmonic h = 1, 2, ..., which are computed once and then turned. A series is linear in the phase. So one
+sum serves its value, read at a phase, its derivatives, read at `phase_rate`, and the change of it in a step,
+read at the change of the phase, to full relative accuracy however short the step.
+
+Axes: (harmonics, rows) of a series, (2, harmonics) of a phase; lanes, if there are any, last.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .._types import add_up, lift
+
+Reals = Any  # arrays of JAX, or of NumPy where a sweep looks at its points
+
+
+class Waves(eqx.Module):
+    """A Fourier series without its mean: sum_h (cosine_h cos(h W t) + sine_h sin(h W t)).
+
+    Attributes:
+        cosine: (harmonics, rows), a row for every mass, or for every stop.
+        sine: likewise.
+    """
+
+    cosine: Reals
+    sine: Reals
+
+    @property
+    def num_harmonics(self) -> int:
+        """How many there are."""
+        return len(self.cosine)
+
+    def at(self, phase: Reals) -> Array:
+        """The sum at a phase, (rows,)."""
+        return add_up(self.cosine * phase[0][:, None] + self.sine * phase[1][:, None])
+
+    def at_angle(self, angle: Reals) -> Array:
+        """The sum at an angle W t."""
+        return self.at(self._phase_at(angle))
+
+    def slope_at_angle(self, angle: Reals) -> Array:
+        """Its derivative by the angle; by the time it is W times as much."""
+        return self.at(phase_rate(self._phase_at(angle), 1))
+
+    def bound(self, order: int = 0) -> Array:
+        """Bound the sum, or its derivative of some order by the angle, at every phase."""
+        size = jnp.abs(self.cosine) + jnp.abs(self.sine)
+        return add_up(size * _orders(self.num_harmonics, size) ** order)
+
+    def rounded(self, angle: Reals, order: int = 0) -> Array:
+        """The same, of which rounding errors at an angle are small parts: that angle is itself rounded."""
+        return self.bound(order) + abs(angle) * self.bound(order + 1)
+
+    def padded(self, num_harmonics: int) -> "Waves":
+        """The series with harmonics of no amplitude after its own."""
+        missing = jnp.zeros((num_harmonics - self.num_harmonics, *self.cosine.shape[1:]), self.cosine.dtype)
+        return Waves(jnp.concatenate([self.cosine, missing]), jnp.concatenate([self.sine, missing]))
+
+    def _phase_at(self, angle: Reals) -> Array:
+        return lift(phase_at(angle, self.num_harmonics), self.cosine)
+
+
+def phase_at(angle: Reals, num_harmonics: int) -> Array:
+    """The phase at an angle W t of any shape: (2, harmonics) and then that shape."""
+    angles = _orders(num_harmonics, angle, axes=1) * angle
+    return jnp.stack([jnp.cos(angles), jnp.sin(angles)])
+
+
+def phase_rate(phase: Reals, frequency: Reals) -> Array:
+    """Time derivative of a phase, at which a series has its own; by the angle for a frequency of 1."""
+    speed = speeds(phase, frequency)
+    return jnp.stack(jnp.broadcast_arrays(-speed * phase[1], speed * phase[0]))
+
+
+def turned(phase: Reals, by: Reals) -> Array:
+    """The phase turned by another one; the change of it, if 1 is taken from the cosines of that one."""
+    (cos, sin), (turn, slide) = phase, by
+    return jnp.stack(jnp.broadcast_arrays(turn * cos - slide * sin, turn * sin + slide * cos))
+
+
+def speeds(phase: Reals, frequency: Reals) -> Reals:
+    """H W of every harmonic, to be multiplied with cosines or sines of a phase."""
+    return _orders(len(phase[0]), phase[0]) * frequency
+
+
+def _orders(num_harmonics: int, like: Reals, axes: int = 0) -> np.ndarray:
+    """1, 2, ... with axes of length one after them: as many as `like` has, and `axes` more, in all."""
+    return np.arange(1, num_harmonics + 1).reshape(-1, *[1] * (np.ndim(like) + axes - 1))
