@@ -16,6 +16,7 @@ from ._contact.sticking_region import (
     sticking_region as sticking_region,
 )
 from ._dataset_attributes import version as _version
+from ._execution.settings import ExecutionSettings as ExecutionSettings
 from ._flow.choose import load_diffrax_flow as _load_diffrax_flow
 from ._flow.modal import ModalFlow as ModalFlow
 from ._flow.taylor import TaylorFlow as TaylorFlow
@@ -58,6 +59,7 @@ __all__ = [
     "STICK",
     "DiffraxFlow",
     "EventLog",
+    "ExecutionSettings",
     "Harmonic",
     "ImpactSystem",
     "ModalFlow",

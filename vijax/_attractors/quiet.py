@@ -72,7 +72,7 @@ def never_hits(machine: Machine, angle: float, x: np.ndarray, v: np.ndarray) -> 
     response = response_of(machine, modes)
     left = vibration_left(machine, modes, response, angle, (x, v)) + response.rounding
     is_clear = np.broadcast_to(modes.is_damped, left.shape).copy()
-    positions = lanes_first(machine.contacts.position)
+    positions = lanes_first(machine.contacts.limit) * np.array(machine.contacts.signs)
     for j, (mass, sign) in enumerate(zip(machine.contacts.masses, machine.contacts.signs, strict=True)):
         row = sign * modes.shapes[:, mass]
         waves = (response.waves @ row[..., None])[..., 0]

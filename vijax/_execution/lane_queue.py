@@ -25,7 +25,7 @@ from .._machine.machine import Machine, ample_steps, prepare
 from .._machine.state import State, remembering
 from .._system.system import ImpactSystem
 from .._types import UNROLLED
-from .._xla import in_one_kernel
+from .._xla import PLAIN, in_one_kernel
 from .lane_loop import Ends, Progress, Task, Work, has_room, is_live, turn_until_fed
 from .records import impact_rows, mark_rows
 from .settings import DEFAULT_SETTINGS, ExecutionSettings
@@ -98,7 +98,7 @@ def new_queue(
 # The queue is given away: its buffers, a few MB, are written in place instead of copied.
 @eqx.filter_jit(
     donate="all-except-first",
-    compiler_options={"xla_cpu_prefer_vector_width": 512},  # pyright: ignore[reportCallIssue]
+    compiler_options={} if PLAIN else {"xla_cpu_prefer_vector_width": 512},  # pyright: ignore[reportCallIssue]
 )
 def run_lanes(
     points: tuple[AbstractFlow, ImpactSystem, Float[Array, "n points"], Float[Array, "n points"], Work],
