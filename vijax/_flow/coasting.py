@@ -49,8 +49,11 @@ def coast(
     state = _for(flow, machine, state, ahead, max_steps)
     state = _at_start(state, phase0, is_driven & is_later)
 
+    # Of a batch, those that go on for whole periods alone: a period may be far longer than the rest of the motion.
+    length = jnp.where(whole > 0, unit, 0)
+
     def period(state: State) -> State:
-        return _at_start(_for(flow, machine, state, unit, max_steps), phase0, is_driven)
+        return _at_start(_for(flow, machine, state, length, max_steps), phase0, is_driven)
 
     if flow.is_linear:
         state = jax.lax.cond(is_any(whole > 0), lambda: _power(period, state, whole), lambda: state)
