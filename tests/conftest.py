@@ -1,5 +1,13 @@
 """What every test runs under: 64-bit numbers, no silent broadcasting, every annotation checked."""
 
+import os
+
+# Most of the time goes into compiling programs that run for milliseconds. They are compiled the short way that
+# `simulate` takes by itself, but where `VIJAX_COMPILE_FULLY=1` asks for what `jax.jit` does for users.
+if not os.environ.get("VIJAX_COMPILE_FULLY"):
+    short_way = "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=4"
+    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {short_way}"
+
 import jax
 import jaxtyping
 import pytest

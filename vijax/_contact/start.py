@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._machine.derivatives import derivatives
 from .._machine.machine import Machine, resting_state
 from .._machine.state import State
 from .._system.checks import is_touching
@@ -31,12 +32,8 @@ def first_state(
     contact = jnp.where(leaving, jnp.int8(1), state.contact)
     if not machine.can_stick:
         return eqx.tree_at(lambda s: s.contact, state, contact)
-    force = machine.total_force(state)
-    a = machine.accelerations(force, machine.contacts.masses_of(at_rest))
-    force_rate = machine.total_force_rate(state, a)
-    jerk = machine.accelerations(force_rate, machine.contacts.masses_of(at_rest))
-    later = force_rate, machine.total_force_curvature(state, a, jerk)
-    force, *later = (machine.contacts.along(f) for f in (force, *later))
+    now = derivatives(machine, state, machine.contacts.masses_of(at_rest))
+    force, *later = map(machine.contacts.along, (now.force, now.force_rate, now.force_curvature))
     held = at_rest & is_pressed(force, tuple(later))
     contact = jnp.where(at_rest & ~held, jnp.where(force < 0, jnp.int8(2), jnp.int8(3)), contact)
     return eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))

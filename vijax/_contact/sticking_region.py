@@ -18,7 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._machine.machine import Machine, prepare
+from .._machine.derivatives import derivatives
+from .._machine.machine import Machine, prepare, resting_state
 from .._system.system import ImpactSystem, with_args
 from .._system.waves import phase_at
 from .._types import Numbers, as_float
@@ -168,13 +169,11 @@ class StickingRegion(eqx.Module):
         whole_x = whole_x.at[held].set(machine.contacts.position[jnp.asarray(self.held)])
         whole_v = whole_v.at[held].set(0)
         is_held = jnp.zeros(origin.shape, bool).at[held].set(True)
-        force = machine.force(waves, whole_x, whole_v)
-        a = machine.accelerations(force, is_held)
-        rate = machine.force_rate(waves, whole_v, a)
-        jerk = machine.accelerations(rate, is_held)
-        # The rate is linear: that of the rates is the second derivative.
-        curvature = machine.force_rate(machine.phase_rate(waves), a, jerk)
-        return self._towards_stops(force), self._towards_stops(rate), self._towards_stops(curvature)
+        open_contacts = jnp.zeros(machine.contacts.num, bool)
+        state = resting_state(machine, waves, whole_x, whole_v, open_contacts)
+        now = derivatives(machine, state, is_held)
+        force, rate, curvature = map(self._towards_stops, (now.force, now.force_rate, now.force_curvature))
+        return force, rate, curvature
 
     def _normal(self, matrix: Float[Array, "n n"]) -> Float[Array, "held free"]:
         """The forces -matrix that unit motions of the free masses make at the holding stops."""

@@ -18,12 +18,12 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from .._contact.start import first_state
 from .._flow.interface import AbstractFlow
 from .._machine.frame import num_harmonics
 from .._machine.machine import Machine, ample_steps, prepare
-from .._machine.state import State, remembering
+from .._machine.state import State
 from .._system.system import ImpactSystem
+from .._trajectory.step import begin
 from .._types import UNROLLED
 from .._xla import PLAIN, in_one_kernel
 from .lane_loop import Ends, Progress, Task, Work, has_room, is_live, turn_until_fed
@@ -124,8 +124,7 @@ def run_lanes(
     num_points, num_lanes = x0.shape[1], queue.point.size
     zeros = jnp.zeros((machine.waves.num_harmonics, num_points), x0.dtype)
     phase0 = jnp.stack([zeros + 1, zeros])
-    first = first_state(machine, phase0, x0, v0)
-    first = remembering(first, flow.memory(first.time))
+    first = begin(flow, machine, phase0, x0, v0)
     last_turn = queue.progress.turns + work.max_turns
     is_small = max(machine.contacts.num, *machine.waves.cosine.shape[:2]) <= UNROLLED
     is_one_kernel = is_small and flow.fits_one_kernel

@@ -25,7 +25,7 @@ from .._machine.machine import Machine
 from .._machine.state import State, remembering
 from .._system.waves import speeds, turned
 from .._types import Flag, Scalar, over_lanes
-from .clearance import Inside, Rates, delays, is_due, nearness, rates, watch
+from .clearance import Inside, Watched, delays, is_due, nearness, watch, watched
 from .exact_step import displaced, one_instant
 from .interface import AbstractFlow, Flight
 from .modal import TRUST_AND_TERMS, cosine_and_sine
@@ -131,7 +131,7 @@ class SteppingFlow(AbstractFlow):
         is_held = machine.held_masses(state.held)
         trial = self._try(machine, state, is_held, remaining)
         arrived = _moved(machine, state, trial, is_held)
-        now, end = rates(machine, state, is_held), rates(machine, arrived, is_held)
+        now, end = watched(machine, state, is_held), watched(machine, arrived, is_held)
         due, late = is_due(now, state), delays(machine, end, state.held, trial.wanted)
         is_clear, cut = _clearance(machine, state, now, end, late, trial)
         is_taken = trial.attempt.is_good & is_clear & ~jnp.any(due)
@@ -176,7 +176,7 @@ def phase_after(machine: Machine, phase: Float[Array, "2 harmonics ..."], time: 
 
 
 def _clearance(
-    machine: Machine, state: State, now: Rates, end: Rates, late: Float[Array, " stops"], trial: Trial
+    machine: Machine, state: State, now: Watched, end: Watched, late: Float[Array, " stops"], trial: Trial
 ) -> tuple[Flag, Scalar]:
     """Whether nothing happens inside a step but close to its end, and if something does, what to try instead."""
     step, wanted = trial.step, trial.wanted
@@ -214,10 +214,11 @@ def _moved(machine: Machine, state: State, trial: Trial, is_held: Bool[Array, " 
     return displaced(machine, state, trial.attempt.displacement, state.v + gain, phase, trial.step)
 
 
-def _landed(machine: Machine, state: State, end: Rates, delay: Scalar) -> State:
+def _landed(machine: Machine, state: State, end: Watched, delay: Scalar) -> State:
     """Go on by `delay`, which is short and may be negative."""
-    displacement = delay * (state.v + delay * (end.a / 2 + delay * end.jerk / 6))
-    v = state.v + delay * (end.a + delay * end.jerk / 2)
+    a, jerk = end.motion.acceleration, end.motion.jerk
+    displacement = delay * (state.v + delay * (a / 2 + delay * jerk / 6))
+    v = state.v + delay * (a + delay * jerk / 2)
     return displaced(machine, state, displacement, v, phase_after(machine, state.phase, delay), delay)
 
 

@@ -1,6 +1,6 @@
 """What is watched at every stop during an approximate step, and what its polynomial tells of it.
 
-As in `bounds.py` it is one function of time that is positive while nothing happens: the gap of a free
+As in `safe_step.py` it is one function of time that is positive while nothing happens: the gap of a free
 mass, divided by the power of time that it begins with, or the contact force of a held one.
 """
 
@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from .._machine.derivatives import Rates, rates
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._types import Flag, Scalar, smallest
@@ -29,41 +30,36 @@ class Inside(eqx.Module):
     gain: Float[Array, "nodes n"]
 
 
-class Rates(eqx.Module):
-    """What is watched, and its derivatives, at one instant.
+class Watched(eqx.Module):
+    """What is watched at one instant, and the motion there.
 
     Attributes:
         value: the gap, or where a mass is held the contact force by its mass, (stops,).
         slope: its first derivative.
-        a: accelerations, (n,).
-        jerk: their rates, (n,).
-        pull: what the accelerations were, if no mass were held, (n,).
+        motion: forces, accelerations and their rates.
     """
 
     value: Float[Array, " stops"]
     slope: Float[Array, " stops"]
-    a: Float[Array, " n"]
-    jerk: Float[Array, " n"]
-    pull: Float[Array, " n"]
+    motion: Rates
 
 
-def rates(machine: Machine, state: State, is_held: Bool[Array, " n"]) -> Rates:
+def watched(machine: Machine, state: State, is_held: Bool[Array, " n"]) -> Watched:
     """The present."""
-    pull = machine.pull(machine.total_force(state))
-    a = jnp.where(is_held, 0, pull)
-    change = machine.pull(machine.total_force_rate(state, a))
-    value = jnp.where(state.held, machine.contacts.along(pull), state.gap)
-    slope = jnp.where(state.held, machine.contacts.along(change), -machine.contacts.along(state.v))
-    return Rates(value, slope, a, jnp.where(is_held, 0, change), pull)
+    motion = rates(machine, state, is_held)
+    pressing, its_rate = (machine.contacts.along(machine.pull(f)) for f in (motion.force, motion.force_rate))
+    value = jnp.where(state.held, pressing, state.gap)
+    slope = jnp.where(state.held, its_rate, -machine.contacts.along(state.v))
+    return Watched(value, slope, motion)
 
 
-def is_due(now: Rates, state: State) -> Bool[Array, " stops"]:
+def is_due(now: Watched, state: State) -> Bool[Array, " stops"]:
     """Whether an event happens at once: a mass already at its stop moves in, a force already gone falls."""
     return (state.contact == 0) & (now.value <= 0) & (now.slope < 0)
 
 
 def delays(
-    machine: Machine, end: Rates, held: Bool[Array, " stops"], scale: Scalar
+    machine: Machine, end: Watched, held: Bool[Array, " stops"], scale: Scalar
 ) -> Float[Array, " stops"]:
     """How far from the end of a step every stop has its event, if so near that no more terms count; else infinite.
 
@@ -73,8 +69,8 @@ def delays(
         held: stops that hold their mass.
         scale: the time in which the motion changes.
     """
-    curve = jnp.where(held, 0, -machine.contacts.along(end.a) / 2)
-    bend = jnp.where(held, 0, -machine.contacts.along(end.jerk) / 6)
+    curve = jnp.where(held, 0, -machine.contacts.along(end.motion.acceleration) / 2)
+    bend = jnp.where(held, 0, -machine.contacts.along(end.motion.jerk) / 6)
     square = end.slope * end.slope - 4 * curve * end.value
     is_simple = (end.slope < 0) & (4 * square > end.slope * end.slope)
     root = jnp.sqrt(jnp.where(is_simple, square, 1))
@@ -140,8 +136,8 @@ class Proof(eqx.Module):
 def watch(
     machine: Machine,
     state: State,
-    now: Rates,
-    end: Rates,
+    now: Watched,
+    end: Watched,
     inside: Inside,
     step: Scalar,
     is_expected: Bool[Array, " stops"],
@@ -153,10 +149,10 @@ def watch(
         contact=state.contact,
         gap=state.gap,
         v=machine.contacts.along(state.v),
-        a=machine.contacts.along(now.a),
-        jerk=machine.contacts.along(now.jerk),
-        pull=machine.contacts.along(now.pull),
-        last_pull=machine.contacts.along(end.pull),
+        a=machine.contacts.along(now.motion.acceleration),
+        jerk=machine.contacts.along(now.motion.jerk),
+        pull=machine.contacts.along(machine.pull(now.motion.force)),
+        last_pull=machine.contacts.along(machine.pull(end.motion.force)),
         last=end.value,
         displacement=at_nodes(inside.displacement),
         gain=at_nodes(inside.gain),

@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._types import Scalar, short, smallest
@@ -50,11 +51,10 @@ def _fly_jvp(primals, tangents):
         return end.x, end.v, end.phase, end.gap, jnp.where(state.held, force, end.gap)
 
     _, (x, v, phase, gap, value) = eqx.filter_jvp(after_the_same_time, primals[:3], tangents[:3])
-    a = machine.accelerations(machine.total_force(end), is_held)
+    now = rates(machine, end, is_held)
     slope = -machine.contacts.along(end.v)
     if machine.can_stick:
-        force_rate = machine.contacts.along(machine.total_force_rate(end, a))
-        slope = jnp.where(state.held, force_rate, slope)
+        slope = jnp.where(state.held, machine.contacts.along(now.force_rate), slope)
     is_crossing = flight.is_event & (slope < 0)
     delays = -_plus(value, jnp.zeros_like(slope)) / jnp.where(is_crossing, slope, -1)
     later = jnp.where(flight.is_last, _plus(tangents[3], jnp.zeros_like(remaining)), 0)
@@ -65,7 +65,7 @@ def _fly_jvp(primals, tangents):
         tangents[2].time_low,
         _plus(phase, machine.phase_rate(end.phase) * later),
         _plus(x, end.v * later),
-        _plus(v, a * later),
+        _plus(v, now.acceleration * later),
         _plus(gap, -machine.contacts.along(end.v) * later),
         later,
     )

@@ -7,28 +7,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
+from .._machine.derivatives import Derivatives
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._types import Flag, Scalar
-
-
-class Derivatives(eqx.Module):
-    """The motion at one instant, exactly. Every field is (n,).
-
-    Attributes:
-        acceleration: second derivative of the position of every mass; zero where held.
-        jerk: third derivative, likewise.
-        force: force on every mass without that of the stops: mass times acceleration where free,
-            what presses on the stop where held.
-        force_rate: its first derivative.
-        force_curvature: its second derivative.
-    """
-
-    acceleration: Float[Array, "n ..."]
-    jerk: Float[Array, "n ..."]
-    force: Float[Array, "n ..."]
-    force_rate: Float[Array, "n ..."]
-    force_curvature: Float[Array, "n ..."]
 
 
 class Expansion(eqx.Module):

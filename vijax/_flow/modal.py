@@ -20,13 +20,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._machine.derivatives import Derivatives, derivatives
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._system.waves import Waves, speeds, turned
 from .._types import Scalar, matvec, stack
 from .._xla import compute_once, is_any
 from .exact_step import ExpandingFlow
-from .interface import Derivatives, Expansion
+from .interface import Expansion
 
 TRUST_AND_TERMS = {"float64": (3.0, 11), "float32": (1.0, 6)}
 
@@ -120,7 +121,7 @@ class DrivenModes(ExpandingFlow):
             response=response,
             q=matvec(modes.inverse, state.x - steady),
             q_rate=matvec(modes.inverse, state.v - steady_v),
-            now=_derivatives(machine, state, is_held),
+            now=derivatives(machine, state, is_held),
             limit=self.limit,
         )
 
@@ -142,16 +143,6 @@ class DrivenModes(ExpandingFlow):
                 is_this = is_this & (is_held[i] if i in held else ~is_held[i])
             chosen = jax.tree.map(lambda a, old, k=k, yes=is_this: jnp.where(yes, a[k], old), tables, chosen)
         return chosen
-
-
-def _derivatives(machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> Derivatives:
-    response = machine.mobility(is_held)
-    force = machine.force(state.phase, state.x, state.v)
-    acceleration = response * force
-    force_rate = machine.force_rate(state.phase, state.v, acceleration)
-    jerk = response * force_rate
-    curvature = machine.force_rate(machine.phase_rate(state.phase), acceleration, jerk)
-    return Derivatives(acceleration, jerk, force, force_rate, curvature)
 
 
 class ModalExpansion(Expansion):

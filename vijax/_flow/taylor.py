@@ -4,12 +4,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._machine.derivatives import Derivatives
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._types import Scalar
 from .._xla import compute_once
 from .exact_step import ExpandingFlow
-from .interface import Derivatives, Expansion
+from .interface import Expansion
 from .series import horner, orders, recurrence, rows_of_state, sum_series, taylor_series, vector
 
 _ORDER_AND_TRUST = {"float64": (22, 1.5), "float32": (11, 1.0)}

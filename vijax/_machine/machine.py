@@ -119,12 +119,6 @@ class Machine(eqx.Module):
         origin = 0.0 if self.extra is None else self.extra.origin
         return origin + state.periods * self.period + state.time
 
-    def accelerations(
-        self, force: Float[Array, "n ..."], is_held: Bool[Array, "n ..."]
-    ) -> Float[Array, "n ..."]:
-        """Accelerations by a force (or jerks by its rate), zero for held masses."""
-        return jnp.where(is_held, 0, self.inverse_mass * force)
-
     def pull(self, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
         """Accelerations by a force (or jerks by its rate), if no mass were held."""
         return self.inverse_mass * force

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._types import Scalar
@@ -67,12 +68,10 @@ def _lowest(
     machine: Machine, state: State
 ) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."], Float[Array, "stops ..."]]:
     """For every stop the second derivative of the gap, its minimum by the cubic from here, and when."""
-    force = machine.total_force(state)
-    a = machine.accelerations(force, machine.held_masses(state.held))
-    force_rate = machine.total_force_rate(state, a)
+    now = rates(machine, state, machine.held_masses(state.held))
     slope = -machine.contacts.along(state.v)
-    curvature = -machine.contacts.along(machine.pull(force))
-    third = -machine.contacts.along(machine.pull(force_rate))
+    curvature = -machine.contacts.along(machine.pull(now.force))
+    third = -machine.contacts.along(machine.pull(now.force_rate))
     when = -slope / jnp.where(curvature > 0, curvature, 1)
     mean = curvature + third * when / 2
     when = jnp.where((curvature > 0) & (mean > 0), -slope / jnp.where(mean > 0, mean, 1), jnp.inf)

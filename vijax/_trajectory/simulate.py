@@ -8,12 +8,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from .._contact.start import first_state
 from .._contact.sticking import can_any_stick
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._machine.machine import Machine, ample_steps, in_periods, prepare
-from .._machine.state import State, remembering, start_period
+from .._machine.state import State, start_period
 from .._refusal import checked, lock
 from .._system.checks import validate_start
 from .._system.system import ImpactSystem, with_args
@@ -22,7 +21,7 @@ from .._xla import AbstractTask, compile_lightly, padding_allowed, while_any
 from .event_log import Log, empty_log, event_log, write
 from .grazing import Grazing, nothing_met, update_grazing
 from .solution import RESULTS, Solution, told
-from .step import advance
+from .step import advance, begin
 
 
 @padding_allowed
@@ -255,8 +254,7 @@ def _run(
         resolution=resolution,
         max_steps=jnp.asarray(max_steps),
     )
-    first = first_state(machine, phase0, x0, v0, t0)
-    first = remembering(first, flow.memory(first.time))
+    first = begin(flow, machine, phase0, x0, v0, t0)
     room = jnp.zeros((goal_times.size, x0.size), x0.dtype)
     carry = _Carry(
         state=first,

@@ -1,9 +1,9 @@
 """One step of one trajectory: the longest that is proved free of events, or up to the next one.
 
-`advance` is all that moves a trajectory. `simulate` and `sweep` call it in their loops, which know
-nothing of contacts; it knows nothing of their logs. It goes through
+`begin` makes the first state and `advance` is all that moves a trajectory. The loops of `simulate` and
+`sweep`, which call them, know nothing of contacts; these know nothing of their logs. A step goes through
 
-    fly (`_motion/flight.py`) -> impacts -> who sticks, who is let go
+    fly (`_flow`) -> impacts -> who sticks, who is let go
 
 An instant may hold several events: all its impacts are applied first, and only then is it decided
 who sticks and who is let go, because one impact can release a mass (through the dampers)
@@ -16,11 +16,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._contact.law import rebound
+from .._contact.start import first_state
 from .._contact.sticking import chatter_is_complete, chatter_time, is_light
 from .._flow.exact_step import fly
 from .._flow.interface import AbstractFlow
+from .._machine.derivatives import rates
 from .._machine.machine import Machine
-from .._machine.state import State
+from .._machine.state import State, remembering
 from .._types import Flag, Scalar, not_negative
 from .._xla import compute_once, is_any
 
@@ -47,6 +49,19 @@ class Instant(eqx.Module):
     chatter: Float[Array, "stops ..."]
     arrived: Flag
     time: Scalar
+
+
+def begin(
+    flow: AbstractFlow,
+    machine: Machine,
+    phase: Float[Array, "2 harmonics ..."],
+    x: Float[Array, "n ..."],
+    v: Float[Array, "n ..."],
+    t0: Scalar | float = 0.0,
+) -> State:
+    """The state of a trajectory before its first step."""
+    first = first_state(machine, phase, x, v, t0)
+    return remembering(first, flow.memory(first.time))
 
 
 def advance(
@@ -133,7 +148,7 @@ def _stick_and_release(
 
 def _approach(machine: Machine, state: State) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."]]:
     """With what acceleration every mass would be pressed towards its stops, and how fast that grows."""
-    force = machine.total_force(state)
-    a = machine.accelerations(force, machine.held_masses(state.held))
-    force_rate = machine.total_force_rate(state, a)
-    return machine.contacts.along(machine.pull(force)), machine.contacts.along(machine.pull(force_rate))
+    now = rates(machine, state, machine.held_masses(state.held))
+    return machine.contacts.along(machine.pull(now.force)), machine.contacts.along(
+        machine.pull(now.force_rate)
+    )
