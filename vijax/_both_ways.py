@@ -65,7 +65,7 @@ def _of_arrays(forwards: Function, backwards: Function, fixed: Arrays, x: Arrays
 
 
 class _Ways(NamedTuple):
-    """What can be asked of a function of `fixed` and `x`, some of which move, by `dx`.
+    """A function of `fixed` and `x` with its derivatives along `dx`.
 
     Attributes:
         values: (fixed, x), by the unbounded loop.
@@ -109,7 +109,7 @@ def _pullback(
 def _restricted(
     function: Function, moves: Sequence[bool], fixed: Arrays, x: Arrays
 ) -> tuple[Callable, Arrays]:
-    """As a function of what moves alone: what does not costs nothing."""
+    """The same as a function of the moving arguments alone, so that the others cost nothing."""
 
     def of_moving(moving: Arrays) -> tuple[Arrays, Arrays]:
         moving = list(moving)

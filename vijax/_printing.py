@@ -29,7 +29,7 @@ class Told(NamedTuple):
 
 
 def as_text(tell: Callable[..., Told], thing: Any, *words: Any) -> str:
-    """What `tell` tells of a thing, in aligned columns."""
+    """A description in aligned columns."""
     told = _told(tell, thing, *words)
     if told is None:
         return eqx.tree_pformat(thing)
@@ -55,7 +55,7 @@ def as_html(tell: Callable[..., Told], thing: Any, *words: Any) -> str:
 
 
 def _told(tell: Callable[..., Told], thing: Any, *words: Any) -> Told | None:
-    """What is told of a thing; None of one that is in no state to be told of, its fields odd or missing."""
+    """Description of an object; None if its fields are odd or missing."""
     try:
         return tell(thing, *words)
     except Exception:
@@ -190,7 +190,7 @@ def _grazing(grazing: Any) -> str:
 
 
 def _numbers(value: Any, own: int) -> str:
-    """The numbers of an array that has so many axes of its own; of a batch their range."""
+    """The numbers of an array with `own` axes of its own; their range if it is a batch."""
     known = concrete(value) if isinstance(value, jax.Array | np.ndarray) else None
     if known is None:
         return _shape(value)
@@ -214,20 +214,20 @@ def _row(values: np.ndarray, is_cut: bool = False) -> str:
 
 
 def _shape(value: Any) -> str:
-    """Of an array whose numbers are not known its type and shape."""
+    """Type and shape of an array that is traced."""
     if isinstance(value, jax.Array | np.ndarray | jax.ShapeDtypeStruct):
         return f"{value.dtype}{list(value.shape)}"
     return _short(eqx.tree_pformat(value, width=10**6))
 
 
 def _beside(value: Any, batch: tuple[int, ...]) -> str:
-    """What else is to be said in a title: a batch, numbers of less than full precision."""
+    """Remarks of a title: the shape of a batch, reduced precision."""
     lanes = f", a batch of shape {batch}" if batch else ""
     return lanes if value.dtype == np.float64 else f"{lanes}, {value.dtype}"
 
 
 def _batch(*fields: tuple[Any, int]) -> tuple[int, ...]:
-    """The axes that some fields have beside their own."""
+    """Batch axes: those that fields have beside their own."""
     return max((a.shape[: a.ndim - own] for a, own in fields if a is not None), key=len)
 
 

@@ -22,14 +22,14 @@ from ._types import Scalar, concrete
 
 
 class SimulationError(RuntimeError):
-    """What was asked for cannot be had; the message says what to do."""
+    """A simulation that cannot give what was asked for; the message says what to do."""
 
 
 SimulationError.__module__ = "vijax"  # as it is told
 
 
 def checked(tree: PyTree, number: Int[ArrayLike, ""], sentences: Sequence[str]) -> PyTree:
-    """Return a tree, every array of which can be had only if nothing is wrong.
+    """Return a tree whose every array depends on a check, which raises if something is wrong.
 
     Args:
         tree: what is returned to the user.
@@ -52,7 +52,7 @@ def checked(tree: PyTree, number: Int[ArrayLike, ""], sentences: Sequence[str]) 
 
 
 def lock(number: Int[ArrayLike, ""], sentences: Sequence[str]) -> Scalar:
-    """The number 1, which can be had only if nothing is wrong, see `checked`."""
+    """The number 1, computed by a check that raises if something is wrong, see `checked`."""
     number = unvmap_max(jax.lax.stop_gradient(jnp.asarray(number)))
     known = concrete(number)
     if known is not None:

@@ -83,7 +83,7 @@ def as_float(value: Numbers) -> Array:
 
 
 def in_full_precision(tree: T) -> T:
-    """A machine, or parts of one, in the precision that JAX is set to; warns of what has lost digits before."""
+    """A machine, or parts of one, in JAX's current precision; warns of numbers that lost digits earlier."""
     wanted = jnp.result_type(float)
 
     def is_other(a: Any) -> bool:
@@ -103,7 +103,7 @@ def concrete(value: Any) -> np.ndarray | None:
 
 
 def whole_number(name: str, value: Any, least: int = 0) -> int:
-    """The value of a count, from Python or NumPy; refused in one sentence if it is none.
+    """A whole number from Python or NumPy as `int`; anything else is refused.
 
     A float is refused even where it is whole: `10.0` says that a quantity was meant, not a count.
     """
@@ -122,7 +122,7 @@ def not_negative(time: Array) -> Array:
 
 
 def short(dtype: jnp.dtype) -> float:
-    """The longest step, times the rate of the motion, whose cube is below rounding."""
+    """Longest step, times the rate of the motion, whose cube is below rounding."""
     return float(jnp.finfo(dtype).eps) ** (1 / 3)
 
 

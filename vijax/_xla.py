@@ -100,7 +100,7 @@ def in_one_kernel(function: Callable, *args):
 
 
 def _call(function: Callable, args: tuple, **attributes: str):
-    """Call `function` by a call that carries `attributes`, but nothing in it does."""
+    """Call `function` by an HLO call with `attributes`; the operations inside carry none."""
     if PLAIN or set_xla_metadata is None or jax.default_backend() != "cpu":
         return function(*args)
     annotate = set_xla_metadata
@@ -117,12 +117,12 @@ def _call(function: Callable, args: tuple, **attributes: str):
 
 
 def is_any(flags: Bool[Array, "..."]) -> Bool[Array, ""]:
-    """Whether any flag is up in any lane, those of a `vmap` included: what skips work may ask no less."""
+    """Whether any flag is up in any lane, those of a `vmap` included. Work may be skipped only if no lane needs it."""
     return unvmap_any(flags)
 
 
 class AbstractTask(eqx.Module):
-    """What `while_any` does: all that the loop depends on, so that derivatives see it."""
+    """The body of `while_any` and all that it depends on, so that derivatives see it."""
 
     @abc.abstractmethod
     def is_live(self, carry) -> Bool[Array, "..."]:

@@ -147,7 +147,7 @@ def _section(source: Solution | xr.Dataset, last: int | None) -> tuple[xr.Datase
 def _motion(
     n: np.ndarray, is_failed: np.ndarray, is_settling: np.ndarray, tally: _Tally, is_cut: np.ndarray
 ) -> np.ndarray:
-    """The kind of each motion, as a number; if the log is cut, a mass that is held must testify to chatter."""
+    """Number of the kind of each motion; where the log is cut, chatter is told by a held mass."""
     is_held = (tally.held_time > 0).any(axis=1)
     is_chattering = np.isinf(tally.num_impacts).any(axis=1) | (is_cut & is_held)
     is_impacting = (tally.num_impacts > 0).any(axis=1) | is_cut
@@ -200,7 +200,7 @@ def _with_quiet(
     asked: np.ndarray,
     relative: np.ndarray,
 ) -> Recurrence:
-    """Let the machine itself tell where a motion without impacts goes: beats hide it from the section."""
+    """Judge motions without impacts by the response of their machine, as beats hide their end from the section."""
     is_quiet, contraction = stays_quiet(source, asked, *(section[name].values[:, -1] for name in ("x", "v")))
     step = np.abs(relative[:, -1] - relative[:, -2]).max(axis=1)
     return Recurrence(
@@ -212,7 +212,7 @@ def _with_quiet(
 
 
 def _is_cut(source: Solution | xr.Dataset, impacts: Impacts, num_points: int) -> np.ndarray:
-    """Whether the log is not complete. What a trajectory does after its log ends is not known at all."""
+    """Whether the log is incomplete: nothing is known of a trajectory after its log ends."""
     if isinstance(source, Solution):
         return np.zeros(num_points, bool)
     happened = flat(source, source["num_impacts"], "stop").sum(axis=1)

@@ -32,7 +32,7 @@ _TINY = np.finfo(np.float32).tiny
 
 
 class Recurrence(NamedTuple):
-    """What is known of the recurrence of each point.
+    """Recurrence of each point: periods, error, trend.
 
     Attributes:
         num_periods: the least n that is proved, 0 if none is.

@@ -101,7 +101,7 @@ def response_of(machine: Machine, modes: Modes) -> Response:
 def vibration_left(
     machine: Machine, modes: Modes, response: Response, angle: float, state: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray:
-    """Bound what separates a motion from the response, sqrt(2 E), errors of both included.
+    """Bound sqrt(2 E), E the energy of the difference between a motion and the response, rounding of both included.
 
     Args:
         machine: the machines.

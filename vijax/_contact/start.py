@@ -42,7 +42,7 @@ def first_state(
 def _sizes(
     machine: Machine, t0: Scalar | float
 ) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."]]:
-    """Of the numbers whose differences gaps and velocities relative to the stops are."""
+    """Magnitudes of the terms subtracted to form gaps and relative velocities; they set the rounding errors."""
     position = machine.contacts.position
     if machine.frame is None:
         return position, jnp.zeros_like(position)

@@ -31,7 +31,7 @@ from .records import Impact, Mark, Rows, append
 
 
 class Ends(eqx.Module):
-    """What became of every point, points last.
+    """End of every point's trajectory, points last.
 
     Attributes:
         state: at the end, (..., points).
@@ -51,7 +51,7 @@ class Ends(eqx.Module):
 
 
 class Work(eqx.Module):
-    """What is asked of every point: all that a call needs beside the points themselves.
+    """The request common to all points: periods, bounds, room.
 
     Attributes:
         num_points: points in the queue.
@@ -71,7 +71,7 @@ class Work(eqx.Module):
 
 
 class Progress(eqx.Module):
-    """What a turn changes.
+    """The carry of the loop: what a turn changes.
 
     Attributes:
         lanes: what the lanes do.
@@ -87,7 +87,7 @@ class Progress(eqx.Module):
 
 
 class Task(eqx.Module):
-    """What a turn needs beside it.
+    """The constants of the loop: what a turn reads.
 
     Attributes:
         flow: the motion, of each lane.

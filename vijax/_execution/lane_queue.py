@@ -35,7 +35,7 @@ OWN_BOUND = -1
 
 
 class Queue(eqx.Module):
-    """Where a run over many points is.
+    """State of a run over many points.
 
     Attributes:
         progress: what the lanes do, and what they logged.
@@ -151,7 +151,7 @@ def run_lanes(
 
 
 def _bounded(work: Work, machine: Machine, num_points: int) -> Work:
-    """The work with a bound on the steps of every point: what was asked for, or far more than it takes.
+    """The work with a bound on the steps of every point: the given one, or one far above what a sound motion takes.
 
     Beside the steps that the motion takes by itself there are those of its impacts, some in every period.
     """
@@ -162,12 +162,12 @@ def _bounded(work: Work, machine: Machine, num_points: int) -> Work:
 
 
 def _of_lanes(work: Work, point: Int[Array, " lanes"]) -> Work:
-    """What is asked of each lane's point."""
+    """The work of each lane's point."""
     return eqx.tree_at(lambda w: w.max_steps, work, work.max_steps[point])
 
 
 def _gather(tree, point: Int[Array, " lanes"], num_points: int):
-    """The numbers of each lane's point; what all points share stays single."""
+    """The numbers of each lane's point; those shared by all points stay single."""
 
     def take(a: Array) -> Array:
         return a[..., point] if a.ndim and a.shape[-1] == num_points > 1 else a

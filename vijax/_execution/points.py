@@ -12,7 +12,7 @@ from .._system.system import ImpactSystem
 
 
 class Point(eqx.Module):
-    """What a lane is made of: a machine and a start."""
+    """A machine and a start, the input of one lane."""
 
     system: ImpactSystem
     x0: Array | np.ndarray
@@ -38,7 +38,7 @@ def points_of_lanes(base: Point, swept: dict[str, np.ndarray]) -> Point:
 
 
 def with_values(base: Point, swept: dict[str, np.ndarray]) -> Point:
-    """What `points_of_lanes` returns, not checked for being machines."""
+    """`points_of_lanes` without its checks."""
     leaves, structure = jax.tree.flatten(base)
     leaves = [np.asarray(a)[..., None] for a in leaves]
     for path, values in swept.items():

@@ -13,7 +13,7 @@ from .records import Impact, joined
 
 @dataclass(frozen=True)
 class Counts:
-    """What is asked of every point: see `sweep`; `max_steps` is None where every point has its own bound."""
+    """Arguments of `sweep` for every point; `max_steps` is None where every point has its own bound."""
 
     transient: int
     record: int
@@ -24,7 +24,7 @@ class Counts:
 
 @dataclass(frozen=True)
 class Found:
-    """What came of some points.
+    """Results of some points.
 
     Attributes:
         ends: `x`, `v`, `held`, `periods`, `num_impacts`, `num_sticks`, `steps`, `is_finite`, and of the end
@@ -69,6 +69,6 @@ class AbstractRunner(eqx.Module):
 
 
 def together(parts: Sequence[Found]) -> Found:
-    """What came of the points of all parts, one part after another."""
+    """Results of all parts joined, in their order."""
     ends = {name: np.concatenate([part.ends[name] for part in parts], axis=-1) for name in parts[0].ends}
     return Found(ends, joined([part.impacts for part in parts]), sum(part.lane_steps for part in parts))

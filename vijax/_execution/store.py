@@ -53,7 +53,7 @@ _FREE_SETTINGS = ("cores", "chunk_periods", "min_chunk", "max_chunk")
 
 
 class Store(AbstractRunner):
-    """Runs the points of a sweep that it does not hold yet by another runner, and keeps what comes of them.
+    """A runner that keeps results in a folder and gives points without results to another runner.
 
     Attributes:
         runner: the other one.
@@ -144,7 +144,7 @@ def describe_sweep(
     flow: AbstractFlow | None,
     settings: ExecutionSettings,
 ) -> dict[str, Any]:
-    """What decides every bit that a sweep finds.
+    """Everything that determines the results of a sweep to the last bit.
 
     Args:
         attributes: how the sweep is made, see `origin`.
@@ -178,7 +178,7 @@ def _keep(store: Store, file: Path, found: Found) -> None:
 
 
 def _read(store: Store, file: Path) -> Found | None:
-    """What a file holds, or None if it is not there, not whole, or not of this sweep and place."""
+    """Content of a chunk's file; None if it is missing, incomplete, or of another sweep or place."""
     if not file.exists():
         return None
     data = file.read_bytes()
@@ -193,7 +193,7 @@ def _read(store: Store, file: Path) -> Found | None:
 
 
 def _checksum(store: Store, file: Path, data: bytes) -> bytes:
-    """What a chunk ends with, 32 bytes."""
+    """The 32 bytes that end a chunk."""
     return hashlib.sha256(f"{store.sweep} {file.name} ".encode() + data).digest()
 
 
@@ -208,7 +208,7 @@ def _write(file: Path, data: bytes, name: Callable[[Path, Path], object]) -> Non
 
 
 def _first_come(part: Path, file: Path) -> None:
-    """Name a file, unless the name is taken already: who comes first has it."""
+    """Name a file unless the name is taken: the first writer wins."""
     try:
         os.link(part, file)
     except FileExistsError:
@@ -219,7 +219,7 @@ def _first_come(part: Path, file: Path) -> None:
 
 
 def _digest(tree: object) -> str:
-    """A name for the numbers of a tree."""
+    """Digest of the numbers of a tree."""
     digest = hashlib.sha256()
     for leaf in map(np.asarray, jax.tree.leaves(tree)):
         digest.update(f"{leaf.dtype}{leaf.shape}".encode())
@@ -228,7 +228,7 @@ def _digest(tree: object) -> str:
 
 
 def _program(system: ImpactSystem) -> str:
-    """A name for what a force computes: its own may stay while its body is changed."""
+    """Digest of what a force computes; its name may stay the same while its body changes."""
     if not isinstance(system.force, BoundForce):
         return "none"
     return _digest(program_of(jax.tree.map(lambda a: a[..., 0], system.force), system.num_masses))

@@ -35,13 +35,13 @@ _SHORTEST = 1e-9
 
 
 class Memory(eqx.Module):
-    """What is kept from trial to trial.
+    """Memory of the step size control, kept from trial to trial.
 
     Attributes:
         step: the length that accuracy asks for; 0 before the first trial.
         cut: the length of the next trial, where an event, or the doubt about one, asks for a shorter one;
             else infinite.
-        control: what the choice of lengths keeps.
+        control: memory of the step size controller.
         rejected: trials so far that were not accurate enough.
     """
 
@@ -60,7 +60,7 @@ class Attempt(eqx.Module):
         inside: both inside the step.
         is_good: whether it is accurate enough.
         following: the length to try next, after this step or instead of it.
-        control: what the choice of lengths keeps.
+        control: memory of the step size controller.
     """
 
     displacement: Float[Array, " n"]
@@ -96,11 +96,11 @@ class SteppingFlow(AbstractFlow):
         """Displacement and gain of velocity of the same step; differentiable both ways."""
 
     def control(self, like: Scalar) -> PyTree:
-        """What the choice of lengths keeps at first, arrays in the shape of `like`."""
+        """First memory of the step size control, arrays in the shape of `like`."""
         del like
 
     def first_step(self, machine: Machine) -> Scalar:
-        """The length of the first trial."""
+        """Length of the first trial."""
         return 0.1 / machine.rate
 
     def memory(self, like: Scalar) -> Memory:
@@ -178,7 +178,7 @@ def phase_after(machine: Machine, phase: Float[Array, "2 harmonics ..."], time: 
 def _clearance(
     machine: Machine, state: State, now: Watched, end: Watched, late: Float[Array, " stops"], trial: Trial
 ) -> tuple[Flag, Scalar]:
-    """Whether nothing happens inside a step but close to its end, and if something does, what to try instead."""
+    """Whether a step is free of events up to its end, and the length to try instead if it is not."""
     step, wanted = trial.step, trial.wanted
     if not machine.contacts.num:
         return jnp.array(True), jnp.full_like(step, jnp.inf)
@@ -196,7 +196,7 @@ def _clearance(
 
 
 def _learnt(memory: Memory, trial: Trial, is_taken: Flag, is_event: Flag, cut: Scalar) -> Memory:
-    """What is kept after a trial."""
+    """Memory after a trial."""
     attempt, is_whole = trial.attempt, trial.step >= trial.wanted
     # A step cut short says that accuracy allows it, not that it allows no more.
     grown = jnp.where(is_whole, attempt.following, jnp.maximum(attempt.following, trial.wanted))

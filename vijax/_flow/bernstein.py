@@ -64,7 +64,7 @@ def divided(coefficients: list[Scalar], start: Scalar) -> list[Scalar]:
 
 
 def first_crossing(coefficients: list[Scalar]) -> Scalar:
-    """How far a polynomial is proved not to fall below zero: to its first zero, or to 1.
+    """Part of [0, 1] on which a polynomial is proved not to be negative: up to its first zero, or all.
 
     The first coefficient counts as zero where it is negative.
     """

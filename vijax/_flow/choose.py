@@ -10,7 +10,7 @@ from .taylor import TaylorFlow
 
 
 def choose_flow(system: ImpactSystem, *, can_stick: bool, wanted: AbstractFlow | None = None) -> AbstractFlow:
-    """The flow that is wanted, if it can; else mode by mode, by Taylor series, or, not linear, by diffrax."""
+    """The given flow; else modes, Taylor series, or for a machine with a force diffrax."""
     if not isinstance(wanted, AbstractFlow | None):
         raise ValueError(
             f"Argument `flow` must be a motion, as `vx.DiffraxFlow(diffrax.Tsit5())` makes of a solver, but is {wanted!r}."

@@ -54,14 +54,14 @@ def watched(machine: Machine, state: State, is_held: Bool[Array, " n"]) -> Watch
 
 
 def is_due(now: Watched, state: State) -> Bool[Array, " stops"]:
-    """Whether an event happens at once: a mass already at its stop moves in, a force already gone falls."""
+    """Whether an event is due at the start: the gap is closed and closing, or the contact force is gone and falling."""
     return (state.contact == 0) & (now.value <= 0) & (now.slope < 0)
 
 
 def delays(
     machine: Machine, end: Watched, held: Bool[Array, " stops"], scale: Scalar
 ) -> Float[Array, " stops"]:
-    """How far from the end of a step every stop has its event, if so near that no more terms count; else infinite.
+    """Time from the end of a step to the event of every stop, if near enough for the terms known; else infinite.
 
     Args:
         machine: the numbers of the machine.
@@ -83,7 +83,7 @@ def delays(
 
 
 def nearness(held: Bool[Array, " stops"], dtype: jnp.dtype) -> Float[Array, " stops"]:
-    """Parts of the scale of time, of which the first power that is left out is below rounding."""
+    """Times, as parts of the scale of time, at which the first omitted power is below rounding."""
     eps = float(jnp.finfo(dtype).eps)
     return jnp.where(held, eps**0.5, eps ** (1 / 3))
 
@@ -119,7 +119,7 @@ class View(eqx.Module):
 
 
 class Proof(eqx.Module):
-    """What the polynomial inside a step tells of one stop.
+    """Result for one stop: how much of a step its polynomial proves free of events.
 
     Attributes:
         free: the part of the step in which nothing happens: up to the event, if there is one, else as far as
@@ -187,7 +187,7 @@ def _error(view: View, displacement: list[Scalar], gain: list[Scalar], step: Sca
 
 
 def _likely(view: View, displacement: list[Scalar], gain: list[Scalar], step: Scalar) -> list[Scalar]:
-    """Coefficients of what the polynomial says of the gap, without the powers of time it begins with, or the force."""
+    """Bernstein coefficients of the contact force, or of the gap divided by the powers of time it begins with."""
     gap = [view.gap, *(view.gap - d for d in displacement[1:])]
     for order, start in ((1, -step * view.v), (2, -(step**2) * view.a / 2), (3, -(step**3) * view.jerk / 6)):
         shorter = divided(gap, start)

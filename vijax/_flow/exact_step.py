@@ -126,7 +126,7 @@ class ExpandingFlow(AbstractFlow):
 def _safe_step(
     machine: Machine, state: State, motion: Expansion, limit: Scalar
 ) -> tuple[Scalar, Bool[Array, "stops ..."]]:
-    """The longest step that is proved free of events, and for every stop if it surely ends on one."""
+    """The longest step proved free of events, and for every stop whether the step ends on its event."""
     limit = jnp.minimum(limit, motion.limit)
     if not machine.contacts.num:
         return limit, state.held
@@ -197,7 +197,7 @@ def _delays(
     is_root: Bool[Array, "stops ..."],
     ahead: Scalar,
 ) -> Float[Array, "stops ..."]:
-    """How far ahead the next event of every stop is, if it is near; else infinite.
+    """Time to the next event of every stop, if it is near; else infinite.
 
     A step that ends on a root of its bound falls short of the event by little, and from there the Taylor
     polynomial of the gap or contact force has its root to rounding. So has every other stop whose

@@ -36,7 +36,7 @@ class Expansion(eqx.Module):
 
 
 class Flight(eqx.Module):
-    """What a flight comes to.
+    """Result of a flight: one step up to a time or an event.
 
     Attributes:
         end: the state at its end, before anything happens there.
@@ -100,7 +100,7 @@ class AbstractFlow(eqx.Module):
         return self
 
     def memory(self, like: Scalar) -> PyTree:
-        """What `State.memory` holds at first, every array of it in the shape and type of `like`."""
+        """First `State.memory`, every array in the shape and type of `like`."""
         del like
 
     def num_rejected(self, memory: PyTree) -> Int[Array, "..."]:

@@ -61,7 +61,7 @@ def _speeds(system: ImpactSystem) -> np.ndarray | None:
 def _modes_of_set(
     mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, held: tuple[int, ...]
 ) -> tuple[np.ndarray, ...] | None:
-    """Modes with the masses `held` at rest, lanes first; None where digits would go."""
+    """Modes with the masses `held` at rest, lanes first; None where they would lose digits."""
     n = mass.shape[1]
     free = [i for i in range(n) if i not in held]
     root = np.sqrt(mass[:, free])
@@ -95,7 +95,7 @@ def _modes_of_set(
 
 
 def _keeps_digits(w2: np.ndarray, decay: np.ndarray, speed: np.ndarray | None) -> bool:
-    """Whether no mode only creeps, and none is driven near resonance without damping.
+    """Whether the modes are accurate: none only creeps, none is driven near resonance without damping.
 
     While the frequency is traced, it has to be so at every frequency.
     """

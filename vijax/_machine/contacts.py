@@ -53,11 +53,11 @@ class Contacts(eqx.Module):
         return self.told(self.size(of_masses))
 
     def size(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
-        """|a| . y: bounds of quantities of the masses, at each contact."""
+        """|A| . y: bounds of quantities of the masses, carried to each contact."""
         return stack([of_masses[i] for i in self.masses]) if self.num else of_masses[:0]
 
     def told(self, towards: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
-        """What is counted towards each contact with the sign of its mass, as users know it; and back."""
+        """Change between quantities counted towards each contact and signed quantities of its mass."""
         return lift(jnp.asarray(self.signs, self.limit.dtype), towards) * towards
 
     def gaps(self, x: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
@@ -72,7 +72,7 @@ class Contacts(eqx.Module):
         return jnp.stack(rows)
 
     def sharing(self, flags: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:
-        """The contacts whose gap a flagged one, which moves its masses, changes."""
+        """Contacts whose gap changes when the masses of a flagged contact move."""
         masses = self.masses_of(flags)
         return stack([masses[i] for i in self.masses]) if self.num else flags
 

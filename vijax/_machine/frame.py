@@ -31,7 +31,7 @@ class Frame(eqx.Module):
         return self.at(phase_at(self.frequency * t, self.waves.num_harmonics))
 
     def extent(self, t: Scalar | float) -> tuple[Array, Array]:
-        """Bounds of w and w', (n, ...), of which rounding errors at a time are small parts."""
+        """Bounds of w and w', (n, ...), that set their rounding errors at a time."""
         angle = self.frequency * t
         return self.waves.rounded(angle), self.frequency * self.waves.rounded(angle, order=1)
 

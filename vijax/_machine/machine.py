@@ -124,11 +124,11 @@ class Machine(eqx.Module):
         return self.inverse_mass * force
 
     def mobility(self, is_held: Bool[Array, "n ..."]) -> Float[Array, "n ..."]:
-        """By what a force is multiplied to give the acceleration of each mass; zero for held masses."""
+        """Inverse mass of each mass, zero where held: acceleration = mobility * force."""
         return jnp.where(is_held, 0, self.inverse_mass)
 
     def held_masses(self, held: Bool[Array, "stops ..."]) -> Bool[Array, "n ..."]:
-        """Masses that some stop holds; none, where the machine has no stop that can."""
+        """Masses held by some stop; none if no stop of the machine can hold one."""
         return self.contacts.masses_of(held if self.can_stick else jnp.zeros_like(held))
 
 
@@ -139,7 +139,7 @@ def resting_state(
     v: Float[Array, "n ..."],
     held: Bool[Array, "stops ..."],
 ) -> State:
-    """A state in the open or held, at local time 0."""
+    """A state at local time 0, no contact just left."""
     gap = machine.contacts.gaps(x)
     zero = jnp.zeros(x.shape[1:], x.dtype)
     return State(

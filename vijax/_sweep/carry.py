@@ -68,7 +68,7 @@ def run_chain(
 
 
 def _untold(num_points: int) -> None:
-    """That a point was run says nothing yet: it may have to be run again."""
+    """Ignore progress: a point that was run may have to be run again."""
 
 
 def _next_starts(

@@ -33,7 +33,7 @@ def dataset(
     found: Found,
     attributes: dict[str, str | int],
 ) -> xr.Dataset:
-    """Label what was found.
+    """Label the results of a sweep.
 
     Args:
         points: the machines and starts.
@@ -64,7 +64,7 @@ def dataset(
 
 
 def _coordinates(axes: dict[str, np.ndarray]) -> dict[str, tuple | np.ndarray]:
-    """The swept values; those that are arrays beside the numbers by which they are counted."""
+    """Coordinates of the swept values; values that are arrays are numbered."""
     coordinates = {}
     for path, axis in axes.items():
         coordinates[path] = axis if axis.ndim == 1 else np.arange(len(axis))
@@ -100,7 +100,7 @@ def _impact_table(points: Point, counts: Counts, found: Found) -> dict[str, np.n
 
 
 def _slopes(stops: tuple[Stop, ...], stop: Column, point: Column, phase: np.ndarray) -> np.ndarray:
-    """How the place of the stop of every impact changes with the phase, (impacts,)."""
+    """Derivative of the stop's place by the phase at every impact, (impacts,)."""
     slopes = np.zeros_like(phase)
     for j, one in enumerate(stops):
         if one.motion is not None:
@@ -125,7 +125,7 @@ def _section_table(counts: Counts, found: Found) -> dict[str, np.ndarray]:
 
 
 def _end_table(points: Point, counts: Counts, found: Found) -> dict[str, np.ndarray]:
-    """What became of every point, points first."""
+    """End of every point's trajectory, points first."""
     ends = found.ends
     is_full = ends["num_impacts"].sum(axis=0) > counts.max_impacts
     is_done = ends["periods"] >= counts.transient + counts.record

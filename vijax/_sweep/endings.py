@@ -10,7 +10,7 @@ _NAMES = list(RESULTS._name_to_item)
 
 
 def warn_of_endings(ds: xr.Dataset, *names: str) -> None:
-    """Warn the caller of who calls this, once for each of some results, with how many points have it.
+    """Warn, once for each of some results, how many points have it. The warning points to the caller's caller.
 
     Args:
         ds: what `sweep` returned, or a part of it.

@@ -20,7 +20,7 @@ from .._system.system import ImpactSystem
 def origin(
     base: Point, counts: Counts, *, flow: str, carry: str | None, goes_on: bool
 ) -> dict[str, str | int]:
-    """The attributes of a dataset: all that decides what a sweep finds, beside the swept values.
+    """Attributes of a dataset: everything beside the swept values that determines the results.
 
     Args:
         base: the machine and start that hold where nothing is swept.

@@ -121,7 +121,7 @@ def validate_start(
     x0: Float[Array, " n"],
     v0: Float[Array, " n"],
 ) -> list[tuple[Flag, str]]:
-    """Refuse what is wrong from the start, and return what cannot be told while it is traced."""
+    """Refuse a wrong start, and return the conditions that are still traced."""
     named = {"t0": t0, "t1": t1, "x0": x0, "v0": v0}
     checks = [(~jnp.all(jnp.isfinite(a)), f"Argument `{name}` must be finite.") for name, a in named.items()]
     checks.append((t1 < t0, "Argument `t1` must not lie before `t0`."))
@@ -134,7 +134,7 @@ def validate_start(
 
 
 def refuse(checks: list[tuple[Any, str]]) -> list[tuple[Any, str]]:
-    """Raise the sentence of the first thing that is known to be wrong; return those that are traced.
+    """Raise the sentence of the first condition known to fail; return those that are traced.
 
     Args:
         checks: pairs of a verdict, true where something is wrong, and its sentence.
@@ -149,7 +149,7 @@ def refuse(checks: list[tuple[Any, str]]) -> list[tuple[Any, str]]:
 def is_touching(
     gap: Float[Array | np.ndarray, "..."], size: Float[Array | np.ndarray, "..."]
 ) -> Bool[Array, "..."]:
-    """Whether a gap is zero to rounding, as the difference of numbers of some size."""
+    """Whether a gap is zero to rounding, given the magnitude of the terms subtracted."""
     return jnp.abs(gap) <= 8 * jnp.finfo(gap.dtype).eps * jnp.abs(size)
 
 

@@ -37,7 +37,7 @@ def _is_number(leaf: Any) -> bool:
 
 
 class _Frozen(eqx.Module):
-    """A callable some of whose leaves are no numbers: plain functions, activations of a network."""
+    """A callable with leaves that are not numbers: plain functions, activations of a network."""
 
     numbers: PyTree
     rest: Any = eqx.field(static=True)
@@ -47,7 +47,7 @@ class _Frozen(eqx.Module):
 
 
 def name_of_force(force: Callable) -> str:
-    """What a force is called, and what it is made of but for its numbers."""
+    """Name of a force, and its structure without its numbers."""
     if isinstance(force, BoundForce):
         args = "" if force.args is None else f" with args {eqx.tree_pformat(force.args, width=10**6)}"
         return name_of_force(force.force) + args
@@ -72,7 +72,7 @@ def numbers_of(force: Callable | None) -> tuple[PyTree, PyTree]:
 
 
 def program_of(force: BoundForce, num_masses: int) -> tuple[str, list[np.ndarray]]:
-    """What a force computes, as text without its numbers, and the arrays that it closes over."""
+    """Text of the computation of a force without its numbers, and the arrays it closes over."""
     numbers, rest = eqx.partition(force, eqx.is_array)
     x = jax.ShapeDtypeStruct((num_masses,), jnp.result_type(float))
     run = lambda numbers, *at: eqx.combine(numbers, rest)(*at)  # noqa: E731

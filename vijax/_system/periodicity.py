@@ -69,7 +69,7 @@ def _probes(
 
 
 def _sizes(system: ImpactSystem, x: np.ndarray, v: np.ndarray) -> list[np.ndarray]:
-    """How far masses get, by stops and start, and by the load alone, (lanes,) or (1,) each; 1 for nothing."""
+    """Magnitudes of positions and velocities, from stops, start and load, (lanes,) or (1,) each; 1 if all are zero."""
     w, mass = np.asarray(system.forcing.frequency), np.asarray(system.mass)
     reach = [np.abs(np.asarray(stop.reach(0.0))) for stop in system.stops]
     of_start = np.maximum(np.abs(x), np.abs(v) / w).max(axis=0)
@@ -81,7 +81,7 @@ def _sizes(system: ImpactSystem, x: np.ndarray, v: np.ndarray) -> list[np.ndarra
 
 
 def _inside(system: ImpactSystem, x: np.ndarray) -> np.ndarray:
-    """The positions, those beyond a stop set on it: what a force does there is nobody's business."""
+    """The positions, those beyond a stop moved onto it, as a force is never asked beyond."""
     for stop in system.stops:
         centre, row = np.asarray(stop.centre), x[stop.mass]
         x = np.array(np.broadcast_to(x, (len(x), np.broadcast(row, centre).shape[-1])))
@@ -91,7 +91,7 @@ def _inside(system: ImpactSystem, x: np.ndarray) -> np.ndarray:
 
 @jax.jit
 def _changes(force: BoundForce, period: Array, xs: Array, vs: Array) -> Array:
-    """By what part a force changes in a period, (probes, lanes); one probe after another, which takes little room."""
+    """Relative change of a force over a period, (probes, lanes); one probe after another, to save memory."""
     return jax.lax.map(lambda probe: over_lanes(_change, probe[0], force, period, *probe), (xs, vs))
 
 

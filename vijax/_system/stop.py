@@ -117,7 +117,7 @@ class Stop(eqx.Module):
         return self._waves().slope_at_angle(angle)[0]
 
     def reach(self, angle: Reals) -> Reals:
-        """The size of what a gap is computed from at that phase, by which its rounding is told: W t counts."""
+        """Magnitude of the terms subtracted to form the gap at that phase; sets its rounding error."""
         if self.motion is None:
             return abs(self.position)
         return abs(self.centre) + self._waves().rounded(angle)[0]

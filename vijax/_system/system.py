@@ -145,13 +145,13 @@ def _of_one_frequency(forcing: Harmonic, stops: Sequence[Stop]) -> tuple[Harmoni
 
 
 def check_again(system: ImpactSystem) -> None:
-    """Refuse a machine whose numbers were changed after it was built to what it could not be built of."""
+    """Refuse a machine whose numbers were replaced by invalid ones after it was built."""
     for part in (system.forcing, *system.stops, system):
         part.__check_init__()
 
 
 def with_args(system: ImpactSystem, args: object) -> ImpactSystem:
-    """The machine as it is computed with.
+    """The machine with its force bound to `args`, in full precision.
 
     Its numbers are of one precision, its force is bound to its `args`, see `bind`, and its stops are without a
     frequency that they were given since.

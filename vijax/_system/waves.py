@@ -54,7 +54,7 @@ class Waves(eqx.Module):
         return add_up(size * _orders(self.num_harmonics, size) ** order)
 
     def rounded(self, angle: Reals, order: int = 0) -> Array:
-        """The same, of which rounding errors at an angle are small parts: that angle is itself rounded."""
+        """Bound that sets the rounding error at an angle, which is itself rounded."""
         return self.bound(order) + abs(angle) * self.bound(order + 1)
 
     def padded(self, num_harmonics: int) -> "Waves":
@@ -79,7 +79,7 @@ def phase_rate(phase: Reals, frequency: Reals) -> Array:
 
 
 def turned(phase: Reals, by: Reals) -> Array:
-    """The phase turned by another one; the change of it, if 1 is taken from the cosines of that one."""
+    """The phase turned by another one; the change alone, if 1 is subtracted from the cosines of that one."""
     (cos, sin), (turn, slide) = phase, by
     return jnp.stack(jnp.broadcast_arrays(turn * cos - slide * sin, turn * sin + slide * cos))
 

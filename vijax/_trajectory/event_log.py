@@ -98,7 +98,7 @@ def empty_log(first: State, t0: Scalar, max_events: int) -> Log:
 
 
 def write(log: Log, after: State, instant: Instant, time: Scalar, live: Flag) -> Log:
-    """Write one row, if anything happened."""
+    """Write one row if the instant has an event."""
     count = jnp.sum(instant.hit) + jnp.sum(instant.stuck) + jnp.sum(instant.released)
     is_row = live & (count > 0)
     row = jnp.where(is_row, log.rows, log.restarts.t.size)

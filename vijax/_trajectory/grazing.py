@@ -36,12 +36,12 @@ class Grazing(eqx.Module):
 
 
 def nothing_met(time: Scalar) -> Grazing:
-    """Before the first step."""
+    """No grazing yet: the value before the first step."""
     return Grazing(jnp.full_like(time, jnp.inf), jnp.full_like(time, jnp.inf), jnp.zeros(time.shape, bool))
 
 
 def update_grazing(machine: Machine, before: State, after: State, instant: Instant, met: Grazing) -> Grazing:
-    """Add what one step met."""
+    """Update by one step."""
     machine, before, after, instant = jax.lax.stop_gradient((machine, before, after, instant))
     pull, lowest_behind, behind = _lowest(machine, after)
     _, lowest_ahead, ahead = _lowest(machine, before)

@@ -117,7 +117,7 @@ def follow(
     flow: AbstractFlow | None = None,
     args: object = None,
 ) -> Solution:
-    """What `simulate` does."""
+    """`simulate` with its knobs as `Settings`."""
     n, system = system.num_masses, with_args(system, args)
     begin, end = as_float(t0), as_float(t1)
     times = end[None] if ts is None else as_float(ts)
@@ -163,7 +163,7 @@ def _bound_of_steps(max_steps: Any) -> Array | None:
 
 
 class _Task(AbstractTask):
-    """What the loop does with its carry: all it depends on, so that derivatives see it."""
+    """The loop body and all that it depends on, so that derivatives see it."""
 
     flow: AbstractFlow
     machine: Machine
@@ -206,7 +206,7 @@ class _Task(AbstractTask):
 
 
 class _Carry(eqx.Module):
-    """Where the loop is."""
+    """Carry of the loop."""
 
     state: State
     log: Log
@@ -272,7 +272,7 @@ def _run(
 
 
 def _factor_in_reverse(is_cut: Bool[Array, ""], *, raises: bool) -> Scalar:
-    """By what derivatives in reverse mode are multiplied: NaN or an error, if the loop back was too short."""
+    """Factor of reverse-mode derivatives: 1, or NaN or an error if the loop back was too short."""
     factor = jnp.where(is_cut, jnp.nan, 1.0)
     if raises:
         number, sentences = told(RESULTS.where(is_cut, RESULTS.max_reverse_steps_reached, RESULTS.successful))

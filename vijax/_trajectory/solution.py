@@ -24,7 +24,7 @@ from .grazing import Grazing
 
 
 class RESULTS(eqx.Enumeration):
-    """What became of one trajectory. Each message says what to do."""
+    """Results of a trajectory, each with a message that says what to do."""
 
     successful = "successful: the motion reached its end."
     max_events_reached = (
@@ -55,7 +55,7 @@ class RESULTS(eqx.Enumeration):
 
 
 def told(result: RESULTS, allowed: Sequence[RESULTS] = ()) -> tuple[Int[Array, ""], list[str]]:
-    """What `checked` needs: 0, or the number of what is to be raised, and the sentences of all."""
+    """Arguments of `checked`: 0 or the number of the sentence to raise, and all sentences."""
     number = jnp.asarray(result._value)
     for one in allowed:
         number = jnp.where(result == one, 0, number)

@@ -147,7 +147,7 @@ def _stick_and_release(
 
 
 def _approach(machine: Machine, state: State) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."]]:
-    """With what acceleration every mass would be pressed towards its stops, and how fast that grows."""
+    """Acceleration of every mass towards its stops if no mass were held, and its rate."""
     now = rates(machine, state, machine.held_masses(state.held))
     return machine.contacts.along(machine.pull(now.force)), machine.contacts.along(
         machine.pull(now.force_rate)

@@ -22,7 +22,7 @@ _COUNTS = {_ENDLESS: r"$\infty$", _UNKNOWN: "?"}
 
 
 class _Class(NamedTuple):
-    """A kind of motion; the number of periods and of impacts at every stop only where it repeats."""
+    """A kind of motion, with its periods and impacts per stop if it repeats."""
 
     motion: str
     num_periods: int = 0
