@@ -202,6 +202,7 @@ def test_the_impact_map_ends_where_a_chatter_does(exact_chatter):
 # A sweep and a trajectory say the same
 
 
+@pytest.mark.thorough
 def test_a_sweep_records_the_section_and_the_times_held_of_a_trajectory(held_both):
     ds = sweep(vx.models.wagg_bishop_b(1.0), {FREQUENCY: CASE_B}, transient=5, record=7).sel({FREQUENCY: 0.2})
     ours, single = vx.stroboscopic_section(ds), vx.stroboscopic_section(held_both).isel(period=slice(5, None))

@@ -56,6 +56,7 @@ def test_a_base_that_makes_no_sense_is_refused(arguments, sentence):
         vx.base_excitation(*arguments)
 
 
+@pytest.mark.thorough
 def test_ten_masses_hit_their_stops_as_in_scipy():
     system, rest = vx.models.uniform_chain(0.8, 3.0), np.zeros(10)
     load = np.eye(10)[0] * 3.0

@@ -48,6 +48,7 @@ def test_reverse_derivatives_are_right_or_refused(max_reverse_steps):
     logging.disable(logging.NOTSET)
 
 
+@pytest.mark.thorough
 def test_without_throw_reverse_derivatives_of_too_many_steps_are_nan_in_their_lane_alone():
     def end(stiffness, t1):
         return light(stiffness, t1, max_reverse_steps=100, throw=False)

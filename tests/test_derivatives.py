@@ -320,6 +320,7 @@ def flight_matrix(system: vx.ImpactSystem, span: float) -> np.ndarray:
     return scipy.linalg.expm(span * np.vstack([upper, lower]))
 
 
+@pytest.mark.thorough
 def test_the_monodromy_matrix_is_a_product_of_flights_and_saltations():
     system, periods = vx.models.wagg_bishop_b(1.4), 3
     end = periods * 2 * np.pi / 1.4

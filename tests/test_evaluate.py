@@ -46,6 +46,7 @@ def test_it_agrees_with_saved_states_long_after_the_last_event(name, periods):
     np.testing.assert_allclose(v, sol.vs, rtol=0, atol=tolerance)
 
 
+@pytest.mark.thorough
 def test_it_agrees_with_an_exact_answer_after_a_hundred_thousand_periods():
     """One undamped mass at rest under a load far from resonance: x = a (cos W t - cos w t)."""
     w, frequency, force = 1.0, 0.5, 0.3
@@ -60,6 +61,7 @@ def test_it_agrees_with_an_exact_answer_after_a_hundred_thousand_periods():
     np.testing.assert_allclose(x[:, 0], a * (np.cos(frequency * t) - np.cos(w * t)), rtol=0, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_its_cost_does_not_grow_with_the_distance_from_the_last_event():
     """The steps of a loop cannot be counted from outside, but a hundred million periods would take minutes."""
     end = 1e8 * PERIOD
@@ -70,6 +72,7 @@ def test_its_cost_does_not_grow_with_the_distance_from_the_last_event():
     assert np.isfinite(v).all()
 
 
+@pytest.mark.thorough
 def test_a_motion_of_a_solver_goes_on_for_periods_as_well():
     system = vx.models.duffing_oscillator(1.0)
     ts = np.linspace(0.0, 60.0, 7)

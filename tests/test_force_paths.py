@@ -67,6 +67,7 @@ def by_force() -> xr.Dataset:
     return sweep(spring(), {"force.cubic": CUBICS})
 
 
+@pytest.mark.thorough
 def test_a_parameter_of_a_force_is_swept_by_its_name(by_force):
     assert by_force.result.dims == ("force.cubic",)
     assert (by_force.result == 0).all()
@@ -209,6 +210,7 @@ def test_the_machine_of_a_sweep_is_built_again_where_only_its_start_is_clear_of_
     assert float(again.stops[0].position) == 0.3
 
 
+@pytest.mark.thorough
 def test_a_store_knows_a_force_whose_body_was_changed(tmp_path):
     def of_power(power):
         def force(t, x, v, args):

@@ -34,7 +34,7 @@ def agree(said: str, printed: str) -> bool:
     return words_agree and len(ours) == len(theirs) and all(near)
 
 
-@pytest.mark.parametrize("document", ["README.md", "docs/guide.md"])
+@pytest.mark.parametrize("document", ["README.md", pytest.param("docs/guide.md", marks=pytest.mark.thorough)])
 def test_the_code_of_a_document_runs_and_prints_what_it_says(document, elsewhere, capsys):
     code = python_of(document)
     said = re.findall(r"^print\(.*\)  # (.*)$", code, re.M)

@@ -45,6 +45,7 @@ def run(count: int) -> tuple[int, float]:
     return int(shapes), float(maps)
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform != "linux", reason="the kernel of Linux lists the maps of a process")
 def test_a_program_takes_few_memory_maps():
     shapes, maps = run(4)

@@ -87,6 +87,7 @@ def test_a_ball_is_thrown_off_where_the_table_falls_faster_than_it():
     assert float(solution.events.velocity_minus[1]) == pytest.approx(velocity, abs=MAGNIFIED)
 
 
+@pytest.mark.thorough
 def test_a_held_mass_is_held_where_a_late_trajectory_goes_on():
     whole = vx.simulate(ball(), 0.0, 302.0, [1.0], [0.5], max_events=4096)
     last = int(whole.num_events) - 1
@@ -151,6 +152,7 @@ def test_two_masses_and_shaken_walls_agree_with_a_general_solver():
     np.testing.assert_allclose(jnp.concatenate([solution.x1, solution.v1]), y, rtol=0, atol=INTEGRATED)
 
 
+@pytest.mark.thorough
 def test_a_force_beside_the_springs_is_one_of_positions_and_velocities_in_space():
     exact = vx.simulate(two_masses(), 0.0, 10.0)
     k, c = jnp.asarray([0.5, 0.3]), 0.02
@@ -190,6 +192,7 @@ def derivatives():
     return jax.jacfwd(in_space)(p), jax.jacfwd(from_table)(p)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_derivatives_are_those_seen_from_the_table(derivatives, name):
     found, expected = (each[name] for each in derivatives)
@@ -197,6 +200,7 @@ def test_derivatives_are_those_seen_from_the_table(derivatives, name):
     np.testing.assert_allclose(found, expected, rtol=DERIVATIVES, atol=DERIVATIVES)
 
 
+@pytest.mark.thorough
 def test_one_frequency_drives_load_and_stops(derivatives):
     def end(w):
         system = eqx.tree_at(lambda s: s.forcing.frequency, ball(), w)

@@ -286,6 +286,7 @@ def slopes(system: vx.ImpactSystem) -> jax.Array:
     return jnp.concatenate([sol.x1, sol.v1, sol.events.t[:2]])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "model", [DUFFING, pytest.param(PENDULUM, marks=pytest.mark.slow)], ids=lambda m: m.parameter
 )

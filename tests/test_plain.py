@@ -1,14 +1,36 @@
-"""A loop does the same without primitives of our own and without what the compiler is told."""
+"""What is computed is the same without primitives of our own and without what the compiler is told."""
+
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 
+import vijax as vx
 from vijax import _xla
 
 # The same operations in the same order, but for what the compiler fuses.
 ROUNDING = 1e-14
+# Of the end of a periodic motion, its rounding errors amplified in 120 periods on the way to it.
+SETTLED = 1e-8
+
+SWEEP = """
+import pickle, sys
+import jax
+jax.config.update("jax_enable_x64", True)
+import numpy as np
+import vijax as vx
+frequencies = np.linspace(0.1, 2.5, 961)
+ds = vx.sweep(vx.models.wagg_bishop_b(0.5), {"forcing.frequency": frequencies}, progress=False)
+with open(sys.argv[1], "wb") as file:
+    pickle.dump(ds, file)
+"""
 
 
 class Growth(_xla.AbstractTask):
@@ -42,3 +64,28 @@ def test_values_and_derivatives_of_a_loop_are_those_of_its_steps(plain, monkeypa
     np.testing.assert_allclose(jax.vmap(grown)(factors), np.sin(factors**steps), rtol=ROUNDING)
     for derivative in (jax.jacfwd, jax.grad):
         np.testing.assert_allclose(jax.vmap(derivative(grown))(factors), expected, rtol=100 * ROUNDING)
+
+
+def swept(folder: Path, plain: str) -> tuple[xr.Dataset, np.ndarray]:
+    """The sweep in a process of its own, and the points that repeat, by what is known of each motion."""
+    file = folder / f"plain {plain}"
+    subprocess.run(
+        [sys.executable, "-c", SWEEP, str(file)], check=True, env={**os.environ, "VIJAX_PLAIN": plain}
+    )
+    ds = pickle.loads(file.read_bytes())
+    motion = vx.classify(ds).motion
+    names = motion.attrs["flag_meanings"].split()
+    return ds, np.isin(motion, [names.index(name) for name in ("non_impacting", "periodic", "chattering")])
+
+
+@pytest.mark.thorough
+def test_point_by_point_a_sweep_is_the_same_but_where_motions_are_chaotic(tmp_path):
+    (ours, repeats), (plain, repeats_as_well) = swept(tmp_path, "0"), swept(tmp_path, "1")
+    both = repeats & repeats_as_well
+    assert both.mean() > 0.8
+    assert (ours.num_impacts.values == plain.num_impacts.values)[both].all()
+    assert (ours.num_sticks.values == plain.num_sticks.values)[both].all()
+    for name in ("x", "v"):
+        np.testing.assert_allclose(ours[name].values[both], plain[name].values[both], atol=SETTLED)
+    # A chaotic transient may end on the coexisting periodic motion in the one and not yet in the other.
+    assert (repeats != repeats_as_well).mean() < 0.02

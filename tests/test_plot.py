@@ -175,6 +175,7 @@ def test_a_time_series_goes_into_the_axes_given(held):
     assert len(plt.get_fignums()) == 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name", ["bifurcation", "time_series", "phase_portrait", "impact_map", "sticking_region"]
 )
@@ -342,6 +343,7 @@ def boundaries(ax) -> list[tuple[float, float]]:
     return [((v2 - v1) / (x2 - x1), v1 - x1 * (v2 - v1) / (x2 - x1)) for x1, v1, x2, v2 in ends]
 
 
+@pytest.mark.thorough
 def test_sticking_orbits_end_on_the_boundary_of_fig_12(sticking):
     ax = vx.plot.sticking_region(sticking, 1, num_samples=SAMPLES)
     (line,) = boundaries(ax)
@@ -364,6 +366,7 @@ def test_a_boundary_that_the_load_moves_is_drawn_at_each_release(sticking):
     assert np.ptp(lines[:, 1]) > 0.01
 
 
+@pytest.mark.thorough
 def test_the_orbits_of_a_sticking_region_are_the_motion_while_the_mass_is_held(sticking):
     stick, release = events(sticking, vx.STICK, 1)[1], events(sticking, vx.RELEASE, 1)[1]
     ax = vx.plot.sticking_region(sticking, 1, span=(stick - 0.5, release + 0.5), num_samples=SAMPLES)
@@ -374,6 +377,7 @@ def test_the_orbits_of_a_sticking_region_are_the_motion_while_the_mass_is_held(s
     assert discs(cut, filled=True) == discs(cut, filled=False) == []
 
 
+@pytest.mark.thorough
 def test_a_boundary_that_depends_on_a_third_mass_is_left_out():
     stops = [vx.Stop(1, 0.0, "upper", 0.5), vx.Stop(2, 0.0, "upper", 0.5)]
     load = vx.Harmonic([0.0, 0.0, 0.0], 1.0, mean=[0.1, 0.5, 1.0])

@@ -75,6 +75,7 @@ UNEVEN = vx.chain([1.0, 0.5, 2.0], [0.3, 0.1, 0.2], [1.0, 3.0, 0.7], LOAD, FAR)
 # The response and the free vibration
 
 
+@pytest.mark.thorough
 def test_the_response_is_where_a_long_run_ends():
     period = 2 * np.pi / 0.9
     times = np.linspace(299, 300, 7) * period
@@ -172,6 +173,7 @@ def test_a_free_vibration_that_could_reach_the_stop_is_not_quiet():
         assert is_proved(one_upper(float(edge + reach + gap), load=ONE), x + dx, v + dv) is expected
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["damping", "stiffness"])
 def test_a_machine_with_a_mode_without_damper_or_spring_is_left_alone(name):
     system = one_upper(50.0, load=ONE)
@@ -271,6 +273,7 @@ def test_what_will_hit_after_the_record_is_not_quiet():
     assert kinds(early)[1] != "non_impacting"
 
 
+@pytest.mark.thorough
 def test_an_undamped_sweep_is_judged_as_before(light):
     undamped = eqx.tree_at(lambda s: s.damping, LIGHT, jnp.zeros((3, 3)))
     ds = sweep(undamped, {POSITION: [40.0, 50.0]})
@@ -308,6 +311,7 @@ def assert_same(found: xr.Dataset, expected: xr.Dataset):
     xr.testing.assert_allclose(found, expected, rtol=ROUNDED, atol=ROUNDED)
 
 
+@pytest.mark.thorough
 def test_each_point_is_judged_by_its_own_machine(many):
     after, before = kinds(many), kinds(without_machine(many))
     assert (after != before).any()
@@ -342,6 +346,7 @@ def test_the_order_of_dimensions_does_not_matter(many):
     assert_same(found, expected)
 
 
+@pytest.mark.thorough
 def test_the_machine_of_a_point_does_not_depend_on_the_order_of_dimensions():
     loads = np.array([LOAD.amplitude, 2 * np.asarray(LOAD.amplitude)])
     ds = sweep(UNEVEN, {"forcing.amplitude": loads}, transient=0, record=1)
@@ -394,6 +399,7 @@ def test_where_the_machine_is_not_known_the_section_decides(light):
 # Moving stops, and single trajectories
 
 
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore:.*max_impacts_reached")  # counts are asked for, not the log
 def test_moving_stops_are_swept_as_well():
     motion = vx.Harmonic([[0.2], [0.05]], 1.9)
@@ -410,6 +416,7 @@ def test_moving_stops_are_swept_as_well():
     assert (later.num_impacts.sum("stop").values[is_quiet] == 0).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("t0", [0.0, 1.3])
 def test_a_trajectory_is_judged_likewise(t0):
     system = eqx.tree_at(lambda s: s.forcing.frequency, LIGHT, jnp.asarray(2.2))
@@ -428,6 +435,7 @@ def test_a_trajectory_is_judged_likewise(t0):
     assert kinds(wide) != "non_impacting"
 
 
+@pytest.mark.thorough
 def test_a_trajectory_with_a_force_is_judged_by_its_section():
     spring = lambda t, x, v, args: -0.001 * x  # noqa: E731
     load = vx.Harmonic([0.1, 0.0], 1.9)

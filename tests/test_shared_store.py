@@ -62,6 +62,7 @@ def run_at_once(folder: Path, store: Path, transients: list[int]) -> list[tuple[
     return [(child.returncode, *rest) for child, *rest in zip(children, told, out, strict=True)]
 
 
+@pytest.mark.thorough
 def test_two_processes_find_the_same_in_one_store(plain, tmp_path):
     for code, told, out in run_at_once(tmp_path, tmp_path / "store", [40, 40]):
         assert code == 0, told
@@ -72,6 +73,7 @@ def test_two_processes_find_the_same_in_one_store(plain, tmp_path):
     assert len(list((tmp_path / "store").iterdir())) == NUM_CHUNKS + 1
 
 
+@pytest.mark.thorough
 def test_of_two_processes_with_different_sweeps_one_is_refused(tmp_path):
     ends = run_at_once(tmp_path, tmp_path / "store", [40, 41])
     assert sorted(code for code, _, _ in ends) == [0, 1]

@@ -1,5 +1,6 @@
 """What makes a sweep fast, told from its compiled text: nothing here is timed."""
 
+import os
 import re
 
 import jax
@@ -12,6 +13,13 @@ from vijax._execution import lane_loop, lane_queue
 from vijax._execution.points import Point, points_of_lanes
 from vijax._execution.settings import ExecutionSettings
 from vijax._flow.choose import choose_flow
+
+pytestmark = [
+    pytest.mark.thorough,
+    pytest.mark.skipif(
+        "VIJAX_COMPILE_FULLY" not in os.environ, reason="compiled the short way, see conftest.py"
+    ),
+]
 
 POINTS, LANES = 16, 8
 

@@ -16,7 +16,11 @@ SAME_INSTANT = 1e-12
 SAMPLES = 40
 # Fig. 12: frequencies at which the second mass of case (b) sticks.
 FREQUENCIES = [0.1, 0.14, 0.18, 0.22, 0.26, 0.3, 0.36]
-SCENES = ["n3_three_held", "n2_release_by_impact_mix", "paper_b_om020"]
+SCENES = [
+    pytest.param("n3_three_held", marks=pytest.mark.thorough),
+    "n2_release_by_impact_mix",
+    "paper_b_om020",
+]
 
 
 @cache

@@ -129,6 +129,7 @@ def test_a_start_is_swept_by_its_path():
         assert_same(ds.sel({"x0[1]": x}), SYSTEM, [0.1, x])
 
 
+@pytest.mark.thorough
 def test_a_swept_matrix_is_labelled_by_number():
     dampings = np.array([NONPROPORTIONAL, SYSTEM.damping, 2 * np.array(NONPROPORTIONAL)])
     ds = sweep(SYSTEM, {"damping": dampings})
@@ -253,6 +254,7 @@ def test_too_few_steps_are_told_and_only_of_their_point():
     assert np.isfinite(cut.x).all()
 
 
+@pytest.mark.thorough
 def test_a_stiff_machine_under_a_slow_load_has_the_steps_it_needs():
     """A period of the slow load has 20 000 of its vibrations, of the fast one 200."""
     load = vx.Harmonic([1.0], 0.05)
@@ -319,6 +321,7 @@ def test_the_recorded_periods_follow_the_transient():
     assert (late.impact_time <= RECORD * 2 * np.pi / 0.8).all()
 
 
+@pytest.mark.thorough
 def test_points_that_follow_others_in_their_lane_are_what_they_are_alone():
     frequencies = np.linspace(0.7, 1.7, 131)
     chosen = [0, 60, 127, 128, 130]
@@ -337,6 +340,7 @@ def test_points_that_follow_others_in_their_lane_are_what_they_are_alone():
         np.testing.assert_allclose(part[name], few[name], rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("room", ["impact_rows", "mark_rows"])
 def test_nothing_is_lost_where_rows_are_taken_away_on_the_way(room):
     whole = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES})
