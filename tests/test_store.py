@@ -99,6 +99,15 @@ def test_the_size_of_the_chunks_changes_nothing(plain, tmp_path, ran):
     assert ran == [6, 6, 6, 6]
 
 
+@pytest.fixture
+def interruptible():
+    """Let an interrupt raise, also where pytest was started in the background, which ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("carry", [None, "up"])
 def test_an_interrupted_sweep_goes_on_where_it_stopped(plain, tmp_path, ran, carry):
     whole = sweep(tmp_path / "whole", carry=carry)
