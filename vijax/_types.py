@@ -33,6 +33,8 @@ else:
     Count = Any
 Scalar = Float[Array, "..."]
 Flag = Bool[Array, "..."]
+# Numbers of JAX, or of NumPy: what is known on the host is computed there, where no shape has to be compiled.
+Reals = Any
 
 
 @cache
@@ -74,12 +76,30 @@ def at_once(function: Callable[P, R]) -> Callable[P, R]:
 @at_once
 def as_float(value: Numbers) -> Array:
     """Convert to a floating-point array in the precision that JAX is set to, from any other."""
-    array, wanted = jnp.asarray(value), jnp.result_type(float)
+    is_traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
+    if is_traced or isinstance(value, bool | int | float):
+        array = jnp.asarray(value)
+        wanted = _wanted(array)
+        return array if array.dtype == wanted else array.astype(wanted)
+    if isinstance(value, jax.Array) and value.dtype == _wanted(value):
+        return value
+    return jax.device_put(as_known(value))
+
+
+def as_known(value: Numbers) -> np.ndarray:
+    """The same by NumPy, which compiles nothing."""
+    array = np.asarray(value)
+    return np.array(array, _wanted(array))
+
+
+def _wanted(array: Array | np.ndarray) -> jnp.dtype:
+    """The type that numbers are converted to."""
     if jnp.issubdtype(array.dtype, jnp.complexfloating):
         raise ValueError("Expected real numbers, but got complex ones.")
+    wanted = jnp.result_type(float)
     if wanted != jnp.float64:
         _warn_about_float32()
-    return array if array.dtype == wanted else array.astype(wanted)
+    return wanted
 
 
 def in_full_precision(tree: T) -> T:
@@ -100,6 +120,16 @@ def in_full_precision(tree: T) -> T:
 def concrete(value: Any) -> np.ndarray | None:
     """Return the value as NumPy's, or None while it is being traced."""
     return None if isinstance(value, jax.core.Tracer) else np.asarray(value)
+
+
+def is_traced(tree: Any) -> bool:
+    """Whether any number of a tree is being traced, or all that is computed now is: under `jit`, `vmap`, `grad`."""
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in (*jax.tree.leaves(tree), _same(np.float32(0))))
+
+
+@jax.jit
+def _same(number: Array) -> Array:
+    return number
 
 
 def whole_number(name: str, value: Any, least: int = 0) -> int:
@@ -126,9 +156,15 @@ def short(dtype: jnp.dtype) -> float:
     return float(jnp.finfo(dtype).eps) ** (1 / 3)
 
 
-def stack(rows: Sequence[Array]) -> Array:
+def library_of(*values: Reals) -> Any:
+    """`jax.numpy` if any of the values is an array of JAX, else `numpy`."""
+    return jnp if any(isinstance(a, jax.Array) for a in values) else np
+
+
+def stack(rows: Sequence[Reals]) -> Reals:
     """Stack along a new leading axis, after broadcasting the lanes."""
-    return jnp.stack(jnp.broadcast_arrays(*rows))
+    library = library_of(*rows)
+    return library.stack(library.broadcast_arrays(*rows))
 
 
 # So many rows are added up one by one: XLA fuses that with what is around it, and hands no part of it to
@@ -136,9 +172,12 @@ def stack(rows: Sequence[Array]) -> Array:
 UNROLLED = 16
 
 
-def add_up(rows: Sequence[Array] | Array) -> Array:
+def add_up(rows: Sequence[Reals] | Reals) -> Reals:
     """Sum over the leading axis."""
-    return reduce(operator.add, rows) if 0 < len(rows) <= UNROLLED else jnp.sum(jnp.asarray(rows), axis=0)
+    if 0 < len(rows) <= UNROLLED:
+        return reduce(operator.add, rows)
+    library = library_of(*rows) if isinstance(rows, list | tuple) else library_of(rows)
+    return library.sum(library.asarray(rows), axis=0)
 
 
 def smallest(rows: Sequence[Array] | Array) -> Array:
@@ -158,7 +197,7 @@ def matvec(matrix: Float[Array, "m n ..."], vector: Float[Array, "n ..."]) -> Fl
     return jnp.sum(matrix * vector[None], axis=1)
 
 
-def lift(vector: Array, like: Array) -> Array:
+def lift(vector: Reals, like: Reals) -> Reals:
     """Append axes of length one to `vector` until it broadcasts with the lanes of `like`."""
     return vector.reshape(vector.shape + (1,) * (like.ndim - vector.ndim))
 

@@ -72,11 +72,11 @@ def never_hits(machine: Machine, angle: float, x: np.ndarray, v: np.ndarray) -> 
     response = response_of(machine, modes)
     left = vibration_left(machine, modes, response, angle, (x, v)) + response.rounding
     is_clear = np.broadcast_to(modes.is_damped, left.shape).copy()
-    positions = lanes_first(machine.contacts.limit) * np.array(machine.contacts.signs)
-    for j, (mass, sign) in enumerate(zip(machine.contacts.masses, machine.contacts.signs, strict=True)):
-        row = sign * modes.shapes[:, mass]
+    limits, rows = (lanes_first(a) for a in (machine.contacts.limit, machine.contacts.rows))
+    for j in range(machine.contacts.num):
+        row = (rows[:, j, None] @ modes.shapes)[:, 0]
         waves = (response.waves @ row[..., None])[..., 0]
-        room = sign * positions[:, j] - modes.rounding * abs(positions[:, j])
+        room = limits[:, j] - modes.rounding * abs(limits[:, j])
         room = room - np.real(waves[:, 0]) - np.linalg.norm(row, axis=1) * left
         is_clear &= highest(waves[:, 1:], room) < room
     factor = np.exp(modes.decay * lanes_first(machine.period))

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
 from .._machine.machine import Machine, prepare
+from .._machine.numbers import numbers_of
 from .._sweep.provenance import machines_of
 from .._trajectory.event_log import IMPACT, RELEASE, STICK
 from .._trajectory.solution import Solution
@@ -96,11 +96,10 @@ def machines(source: Solution | xr.Dataset, which: np.ndarray) -> tuple[Machine 
         system = machines_of(source, tuple(dims_of(source)), which)
     except ValueError:  # none is told, or one with a force
         return None, 0.0
-    system = jax.tree.map(jnp.asarray, system)
-    one = jnp.ones(1, system.mass.dtype)
+    one = jax.device_put(np.ones(1, system.mass.dtype))
     with jax.numpy_rank_promotion("allow"):  # what all points share is broadcast to them
         # Of the span and the start only steps and forces would know.
-        return _prepared(system, one, (0 * one, one, one), can_stick=False), 0.0
+        return _prepared(numbers_of(system), one, (0 * one, one, one), can_stick=False), 0.0
 
 
 def held_intervals(sol: Solution, stop: int) -> tuple[np.ndarray, np.ndarray]:
@@ -128,7 +127,7 @@ def _of_trajectory(sol: Solution) -> Impacts:
     log, n = sol.events, int(sol.num_events)
     t, kind, stop, velocity = (np.asarray(a)[:n] for a in (log.t, log.kind, log.stop, log.velocity_minus))
     sticks = np.zeros(n, bool)
-    for j in range(len(sol.machine.contacts.masses)):
+    for j in range(sol.machine.contacts.num):
         ours = np.flatnonzero(stop == j)
         # A mass that sticks at once, r = 0, has no chatter: the stick comes at the time of its impact.
         is_end = (kind[ours[1:]] == STICK) & (kind[ours[:-1]] == IMPACT) & (t[ours[1:]] > t[ours[:-1]])

@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._machine.derivatives import derivatives
 from .._machine.machine import Machine, prepare, resting_state
+from .._machine.numbers import numbers_of
 from .._system.system import ImpactSystem, with_args
 from .._system.waves import phase_at
 from .._types import Numbers, as_float
@@ -39,6 +40,7 @@ class StickingRegion(eqx.Module):
 
     Attributes:
         held: the stops that hold their masses.
+        held_masses: those masses.
         free: the masses that no stop holds, in rising order.
         x_normal: a, (held, free): a row for each holding stop.
         v_normal: b, likewise.
@@ -49,16 +51,16 @@ class StickingRegion(eqx.Module):
 
     machine: Machine
     held: tuple[int, ...] = eqx.field(static=True)
+    held_masses: tuple[int, ...] = eqx.field(static=True)
+    free: tuple[int, ...] = eqx.field(static=True)
 
-    def __check_init__(self):
-        if self.machine.extra is not None:
+    def __init__(self, machine: Machine, held: tuple[int, ...], held_masses: tuple[int, ...] | None = None):
+        if machine.extra is not None:
             raise ValueError(_NOT_LINEAR)
-
-    @property
-    def free(self) -> tuple[int, ...]:
-        """The masses that no stop holds."""
-        held = {self.machine.contacts.masses[j] for j in self.held}
-        return tuple(i for i in range(self.machine.num_masses) if i not in held)
+        self.machine, self.held = machine, held
+        # Of a machine that is traced they have to be told.
+        self.held_masses = held_masses or tuple(machine.contacts.masses[j] for j in held)
+        self.free = tuple(i for i in range(machine.num_masses) if i not in self.held_masses)
 
     @property
     def x_normal(self) -> Float[Array, "held free"]:
@@ -161,9 +163,7 @@ class StickingRegion(eqx.Module):
     ) -> tuple[Array, Array, Array]:
         """The same at one point, (held,) each."""
         machine, waves = self.machine, phase_at(phase, self.machine.waves.num_harmonics)
-        held, free = (
-            jnp.asarray(i, int) for i in ([machine.contacts.masses[j] for j in self.held], self.free)
-        )
+        held, free = (jnp.asarray(i, int) for i in (self.held_masses, self.free))
         origin = jnp.zeros_like(machine.inverse_mass)
         whole_x, whole_v = machine.seen_from_stops(waves, origin.at[free].set(x), origin.at[free].set(v))
         whole_x = whole_x.at[held].set(machine.contacts.position[jnp.asarray(self.held)])
@@ -230,5 +230,5 @@ def sticking_region(system: ImpactSystem, held: int | Sequence[int]) -> Sticking
         )
     system = with_args(system, None)
     one, rest = jnp.ones((), system.mass.dtype), jnp.zeros_like(system.mass)
-    machine = prepare(system, one, (0 * one, rest, rest), can_stick=True)
-    return StickingRegion(machine, tuple(int(j) for j in stops))
+    machine = prepare(numbers_of(system), one, (0 * one, rest, rest), can_stick=True)
+    return StickingRegion(machine, tuple(int(j) for j in stops), tuple(masses))

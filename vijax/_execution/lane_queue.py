@@ -19,8 +19,8 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._flow.interface import AbstractFlow
-from .._machine.frame import num_harmonics
 from .._machine.machine import Machine, ample_steps, prepare
+from .._machine.numbers import num_harmonics, numbers_of
 from .._machine.state import State
 from .._system.system import ImpactSystem
 from .._trajectory.step import begin
@@ -119,7 +119,7 @@ def run_lanes(
     """
     flow, system, x0, v0, work = points
     period = 2 * jnp.pi / system.forcing.frequency
-    machine = prepare(system, period, (jnp.zeros(1, x0.dtype), x0, v0), can_stick=can_stick)
+    machine = prepare(numbers_of(system), period, (jnp.zeros(1, x0.dtype), x0, v0), can_stick=can_stick)
     flow, work = flow.prepare(machine), _bounded(work, machine, x0.shape[1])
     num_points, num_lanes = x0.shape[1], queue.point.size
     zeros = jnp.zeros((machine.waves.num_harmonics, num_points), x0.dtype)

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .._flow.interface import AbstractFlow
+from .._system.system import ImpactSystem
 from .._xla import padding_allowed
 from .lane_loop import Work
 from .lane_queue import OWN_BOUND, Queue, new_queue, run_lanes
@@ -63,8 +64,7 @@ class Threads(AbstractRunner):
 
     def _sizes(self, in_all: int, num_points: int) -> tuple[int, tuple[int, int]]:
         """The number of queues, and the points and lanes of each, which follow from the whole sweep."""
-        lanes = self.settings.lanes
-        num_lanes = lanes if in_all > lanes else max(8, 1 << (in_all - 1).bit_length())
+        num_lanes = self.settings.lanes
         width = self.settings.points if in_all > num_lanes else num_lanes
         cores = self.settings.cores or count_cores()
         num_queues = max(-(-num_points // width), min(cores, -(-num_points // num_lanes)))
@@ -130,12 +130,31 @@ def _sections(marks: Mark, record: int, num_points: int) -> dict[str, np.ndarray
     return tables
 
 
+def _of_queue(
+    numbers: tuple[ImpactSystem, AbstractFlow], filled: np.ndarray
+) -> tuple[ImpactSystem, AbstractFlow]:
+    """The numbers of some points. Either all but the frequency stay one for all, which is faster, or nothing does.
+
+    So two programs serve, whatever is swept.
+    """
+
+    def of_each(a: Array | np.ndarray) -> Array:
+        a = np.asarray(a)
+        each = a[..., filled] if a.shape[-1] > 1 else np.broadcast_to(a, (*a.shape[:-1], len(filled)))
+        return jax.device_put(np.ascontiguousarray(each))
+
+    frequency = lambda numbers: numbers[0].forcing.frequency  # noqa: E731
+    rest = eqx.tree_at(frequency, numbers, np.zeros(1))
+    is_shared = all(a.shape[-1] == 1 for a in jax.tree.leaves(rest))
+    others = jax.tree.map(jax.device_put if is_shared else of_each, rest)
+    return eqx.tree_at(frequency, others, of_each(frequency(numbers)))
+
+
 def _start(runner: Threads, points: Point, share: np.ndarray, shape: tuple[int, int]) -> tuple[tuple, Queue]:
     """Make a queue of some points, filled up to one width: one shape, one compilation, made here."""
     counts, settings, (width, num_lanes) = runner.counts, runner.settings, shape
     filled = np.append(share, np.zeros(width - len(share), int))
-    cut = lambda a: jax.device_put(np.asarray(a) if a.shape[-1] == 1 else np.asarray(a)[..., filled])  # noqa: E731
-    system, motion = jax.tree.map(cut, (points.system, runner.flow))
+    system, motion = _of_queue((points.system, runner.flow), filled)
     x0, v0 = (jax.device_put(a[:, filled]) for a in (points.x0, points.v0))
     periods = (counts.transient, counts.transient + counts.record)
     max_steps = OWN_BOUND if counts.max_steps is None else counts.max_steps

@@ -1,6 +1,6 @@
 """The smooth motion over any time, whatever the stops say.
 
-Within a forcing period it goes step by step. Whole periods of a linear machine are one affine map z -> P z + b,
+A motion by modes is known at all times at once. Another goes step by step within a forcing period. Whole periods of a linear machine are one affine map z -> P z + b,
 the same for each, whose powers are made by squaring: the way to the next year is no longer than
 the way to tomorrow, and time and phase begin anew with every period, as they do where a trajectory is followed.
 """
@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from .._machine.machine import Machine
 from .._machine.state import State
+from .._system.waves import phase_at, turned
 from .._types import Scalar
 from .._xla import is_any
 from .interface import AbstractFlow
@@ -40,6 +41,42 @@ def coast(
         time: and what is left; not before the beginning.
         max_steps: the most steps within any period. A motion that needs more ends in NaN.
     """
+    leapt = _leap(flow, machine, state, phase0, periods, time)
+    return _by_steps(flow, machine, state, phase0, periods, time, max_steps) if leapt is None else leapt
+
+
+def _leap(
+    flow: AbstractFlow,
+    machine: Machine,
+    state: State,
+    phase0: Float[Array, "2 harmonics"],
+    periods: Int[Array, ""],
+    time: Scalar,
+) -> State | None:
+    """All at once, if the motion can."""
+    span = (periods - state.periods) * machine.period + (time - state.time)
+    phase = turned(phase0, phase_at(machine.frequency * time, machine.waves.num_harmonics))
+    gone = flow.leap(machine, state, machine.held_masses(state.held), span, phase - state.phase)
+    if gone is None:
+        return None
+    displacement, gain = gone
+    names = lambda s: (s.periods, s.time, s.phase, s.x, s.v)  # noqa: E731
+    there = periods, time, phase, state.x + displacement, state.v + gain
+    # Where it begins it is to the last bit.
+    here = [jnp.where(span == 0, a, b) for a, b in zip(names(state), there, strict=True)]
+    return eqx.tree_at(names, state, here)
+
+
+def _by_steps(
+    flow: AbstractFlow,
+    machine: Machine,
+    state: State,
+    phase0: Float[Array, "2 harmonics"],
+    periods: Int[Array, ""],
+    time: Scalar,
+    max_steps: Int[Array, ""],
+) -> State:
+    """Step by step within a period, and by whole periods."""
     is_driven = machine.frequency > 0
     unit = jnp.where(is_driven, machine.period, _UNIT * machine.timescale)
     is_later = periods > state.periods

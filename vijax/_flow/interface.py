@@ -94,6 +94,28 @@ class AbstractFlow(eqx.Module):
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
         """Take one step towards `remaining`, passing through stops; the state there, and how long it was."""
 
+    def leap(
+        self,
+        machine: Machine,
+        state: State,
+        is_held: Bool[Array, "n ..."],
+        span: Scalar,
+        change: Float[Array, "2 harmonics ..."],
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]] | None:
+        """Go any time ahead at once, whatever the stops say; None for a motion that has to go step by step.
+
+        Args:
+            machine: the numbers of the machine.
+            state: where it begins.
+            is_held: masses at rest.
+            span: how far to go.
+            change: by how much the phase of the forcing changes on the way.
+
+        Returns:
+            Displacement and gain of velocity.
+        """
+        del machine, state, is_held, span, change
+
     def prepare(self, machine: Machine) -> "AbstractFlow":
         """Compute, before the first step, what all steps need."""
         del machine

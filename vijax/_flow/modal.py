@@ -13,6 +13,8 @@ Every set of held masses has modes of its own, made once, before the loop, from 
 `modes.py`, which says as well where this way does not serve.
 """
 
+import operator
+from functools import reduce
 from math import factorial
 
 import equinox as eqx
@@ -65,11 +67,12 @@ class Response(eqx.Module):
 class ModalFlow(ExpandingFlow):
     """Exact motion of a linear machine with proportional damping. Made by `modal_flow`.
 
-    Arrays have the sets of held masses as their first axis and lanes as their last.
+    Arrays have the sets of held masses as their first axis and lanes as their last; `sets` tells which masses are
+    held in each, none in the first.
     """
 
     modes: Modes
-    sets: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    sets: Bool[Array, "sets n ..."]
 
     def prepare(self, machine: Machine) -> "DrivenModes":
         """Add the steady response to the load."""
@@ -107,23 +110,41 @@ class DrivenModes(ExpandingFlow):
     modes: Modes
     response: Response
     limit: Scalar
-    sets: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    sets: Bool[Array, "sets n ..."]
 
     def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> "ModalExpansion":
         """Expand the motion at `state` with the masses `is_held` at rest."""
+        return ModalExpansion(
+            *self._coordinates(machine, state, is_held), derivatives(machine, state, is_held), self.limit
+        )
+
+    def leap(
+        self,
+        machine: Machine,
+        state: State,
+        is_held: Bool[Array, "n ..."],
+        span: Scalar,
+        change: Float[Array, "2 harmonics ..."],
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+        """Go any time ahead at once."""
+        modes, response, q, q_rate = self._coordinates(machine, state, is_held)
+        grow, reach, slow = _increments(modes.squared_frequency, modes.decay, span)
+        dq = grow * q + reach * q_rate
+        dq_rate = slow * q_rate - reach * modes.squared_frequency * q
+        displacement = matvec(modes.shape, dq) + response.waves.at(change)
+        return displacement, matvec(modes.shape, dq_rate) + response.waves.at(machine.phase_rate(change))
+
+    def _coordinates(
+        self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]
+    ) -> tuple[Modes, Response, Float[Array, "modes ..."], Float[Array, "modes ..."]]:
+        """The modes of the masses held now, their response to the load, and q and q' of the free motion."""
         modes, response = self._of_set(is_held)
         steady = response.offset + response.waves.at(state.phase)
         if len(self.sets) > 1:
             steady = steady + matvec(modes.anchor, state.x)
         steady_v = response.waves.at(machine.phase_rate(state.phase))
-        return ModalExpansion(
-            modes=modes,
-            response=response,
-            q=matvec(modes.inverse, state.x - steady),
-            q_rate=matvec(modes.inverse, state.v - steady_v),
-            now=derivatives(machine, state, is_held),
-            limit=self.limit,
-        )
+        q, q_rate = matvec(modes.inverse, state.x - steady), matvec(modes.inverse, state.v - steady_v)
+        return modes, response, q, q_rate
 
     def _of_set(self, is_held: Bool[Array, "n ..."]) -> tuple[Modes, Response]:
         """The tables of the masses held now."""
@@ -137,10 +158,8 @@ class DrivenModes(ExpandingFlow):
         """The tables of every lane: a chain of selections, cheaper than a gather."""
         tables = (self.modes, self.response)
         chosen = jax.tree.map(lambda a: a[0], tables)
-        for k, held in enumerate(self.sets[1:], 1):
-            is_this = jnp.ones(is_held.shape[1:], bool)
-            for i in sorted(set().union(*self.sets)):
-                is_this = is_this & (is_held[i] if i in held else ~is_held[i])
+        for k in range(1, len(self.sets)):
+            is_this = reduce(operator.and_, list(is_held == self.sets[k]))
             chosen = jax.tree.map(lambda a, old, k=k, yes=is_this: jnp.where(yes, a[k], old), tables, chosen)
         return chosen
 
@@ -201,6 +220,36 @@ def _factors(w2: Array, a: Array, speed: Array, step: Scalar) -> tuple[Array, ..
     turn, slide = cosine_and_sine(speed * speed * step * step, terms)
     fade = _expm1(-a * step, terms)
     return fade, wave, arc * step, turn, slide * speed * step
+
+
+def _increments(w2: Array, a: Array, time: Scalar) -> tuple[Array, Array, Array]:
+    """exp(-a t) (c + a s) - 1, exp(-a t) s and exp(-a t) (c - a s) - 1 at any time, short or long.
+
+    Three formulas: with w^2 - a^2 far above zero, far below, where the faster of two exponentials is small, and close to
+    it, where both divide by their difference.
+    """
+    b = w2 - a * a
+    y2 = b * time * time
+    terms = TRUST_AND_TERMS[str(time.dtype)][1]
+    is_slow, is_wave = jnp.abs(y2) < 1, b > 0
+    near, near_arc = cosine_and_sine(jnp.where(is_slow, y2, 0), terms)
+    root = jnp.sqrt(jnp.where(is_slow, 1, jnp.abs(b)))
+    angle = root * time
+    wave = jnp.where(is_slow, near, -2 * jnp.sin(angle / 2) ** 2)
+    arc = jnp.where(is_slow, near_arc * time, jnp.sin(angle) / root)
+    fade = jnp.expm1(-a * time)
+    grow, reach, slow = (
+        fade + (1 + fade) * (wave + a * arc),
+        (1 + fade) * arc,
+        fade + (1 + fade) * (wave - a * arc),
+    )
+    # Of the two decay rates a - root and a + root the first by what cancels nothing.
+    slower, faster = jnp.expm1(-w2 / (a + root) * time), jnp.expm1(-(a + root) * time)
+    is_over, skew = ~is_wave & ~is_slow, a / root
+    grow = jnp.where(is_over, ((1 + skew) * slower + (1 - skew) * faster) / 2, grow)
+    reach = jnp.where(is_over, (slower - faster) / (2 * root), reach)
+    slow = jnp.where(is_over, ((1 - skew) * slower + (1 + skew) * faster) / 2, slow)
+    return grow, reach, slow
 
 
 def cosine_and_sine(z: Array, terms: int) -> tuple[Array, Array]:

@@ -7,10 +7,10 @@ damping, or that only creeps, more than 8 sets of held masses. `TaylorFlow` take
 
 from itertools import combinations
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 
-from .._machine.frame import num_harmonics
+from .._machine.numbers import num_harmonics
 from .._system.system import ImpactSystem
 from .._types import concrete
 from .modal import ModalFlow, Modes
@@ -38,17 +38,21 @@ def modal_flow(system: ImpactSystem, *, can_stick: bool) -> ModalFlow | None:
         np.moveaxis(a, -1, 0) if has_lanes else a[None] for a in (mass, damping, stiffness)
     )
     speed = _speeds(system)
-    sets = tuple(s for k in range(len(holdable) + 1) for s in combinations(holdable, k))
+    sets = [s for k in range(len(holdable) + 1) for s in combinations(holdable, k)]
+    # The first once more fills them up to what stops on other masses would need, for which the same is compiled.
+    most = min(len(system.stops), mass.shape[-1]) if can_stick else 0
+    sets += sets[:1] * (min(2**most, _MAX_SETS) - len(sets))
     tables = []
     for held in sets:
         table = _modes_of_set(mass, damping, stiffness, held)
         if table is None or not _keeps_digits(table[0], table[1], speed):
             return None
         tables.append(table)
-    arrays = [np.moveaxis(np.stack(column), 1, -1) for column in zip(*tables, strict=True)]
+    arrays = [np.moveaxis(np.stack(column), 1, -1).astype(dtype) for column in zip(*tables, strict=True)]
+    members = np.array([[i in held for i in range(mass.shape[-1])] for held in sets])[..., None]
     if not has_lanes:
-        arrays = [a[..., 0] for a in arrays]
-    return ModalFlow(Modes(*(jnp.asarray(a, dtype) for a in arrays)), sets)
+        arrays, members = [a[..., 0] for a in arrays], members[..., 0]
+    return ModalFlow(Modes(*map(jax.device_put, arrays)), jax.device_put(members))
 
 
 def _speeds(system: ImpactSystem) -> np.ndarray | None:

@@ -5,38 +5,50 @@ mass i has the row e_i (an upper one) or -e_i (a lower one). What follows from r
 `_contact/law.py`, and nowhere else: gaps, speeds of approach, which masses a contact bears on,
 what holding does to a motion. The rest of the engine knows contacts by their number alone.
 
-Rows of single masses are kept as static numbers, so that all of this is made of a few elementwise
-operations over lanes, and no mass is multiplied by zeros.
+Rows are numbers, so which mass has a stop, and on which side, compiles nothing.
 """
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._types import lift, stack
+from .._types import matvec, stack
 
 
 class Contacts(eqx.Module):
     """All contacts of a machine, lanes last.
 
     Attributes:
+        rows: A, (contacts, n), each with one entry, 1 or -1.
         limit: s, (contacts,).
         restitution: r, (contacts,).
         inverse_mass: the diagonal of M^-1, (n,).
-        masses: the mass that each contact bears on.
-        signs: the entry of its row there, 1 or -1.
+        bears: whether a contact bears on a mass, (contacts, n).
+        signs: the entry of each row, (contacts,).
     """
 
+    rows: Float[Array, "contacts n ..."]
     limit: Float[Array, "contacts ..."]
     restitution: Float[Array, "contacts ..."]
     inverse_mass: Float[Array, "n ..."]
-    masses: tuple[int, ...] = eqx.field(static=True)
-    signs: tuple[int, ...] = eqx.field(static=True)
+    bears: Bool[Array, "contacts n ..."]
+    signs: Float[Array, "contacts ..."]
+
+    def __init__(self, rows: Array, limit: Array, restitution: Array, inverse_mass: Array):
+        self.rows, self.limit, self.restitution, self.inverse_mass = rows, limit, restitution, inverse_mass
+        self.bears, self.signs = rows != 0, jnp.sum(rows, axis=1)
 
     @property
     def num(self) -> int:
         """How many there are."""
-        return len(self.masses)
+        return len(self.rows)
+
+    @property
+    def masses(self) -> tuple[int, ...]:
+        """The mass of each, where it is known: without lanes, or for a batch of `jax.vmap`."""
+        rows = np.asarray(self.rows).reshape(-1, *self.rows.shape[-2:])[0]
+        return tuple(int(np.flatnonzero(row)[0]) for row in rows)
 
     @property
     def position(self) -> Float[Array, "contacts ..."]:
@@ -50,15 +62,15 @@ class Contacts(eqx.Module):
 
     def along(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
         """A . y: a velocity or a force, counted towards each contact."""
-        return self.told(self.size(of_masses))
+        return matvec(self.rows, of_masses) if self.num else of_masses[:0]
 
     def size(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
         """|A| . y: bounds of quantities of the masses, carried to each contact."""
-        return stack([of_masses[i] for i in self.masses]) if self.num else of_masses[:0]
+        return matvec(jnp.abs(self.rows), of_masses) if self.num else of_masses[:0]
 
     def told(self, towards: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
         """Change between quantities counted towards each contact and signed quantities of its mass."""
-        return lift(jnp.asarray(self.signs, self.limit.dtype), towards) * towards
+        return self.signs * towards
 
     def gaps(self, x: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
         """S - a . x, positive while free."""
@@ -67,33 +79,37 @@ class Contacts(eqx.Module):
     def masses_of(self, flags: Bool[Array, "contacts ..."]) -> Bool[Array, "n ..."]:
         """The masses that any of the flagged contacts bears on."""
         rows = [jnp.zeros(flags.shape[1:], bool)] * self.inverse_mass.shape[0]
-        for j, i in enumerate(self.masses):
-            rows[i] = rows[i] | flags[j]
+        for j in range(self.num):
+            rows = [row | (flags[j] & bears) for row, bears in zip(rows, self.bears[j], strict=True)]
         return jnp.stack(rows)
 
     def sharing(self, flags: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:
         """Contacts whose gap changes when the masses of a flagged contact move."""
         masses = self.masses_of(flags)
-        return stack([masses[i] for i in self.masses]) if self.num else flags
+        return jnp.any(self.bears & masses[None], axis=1) if self.num else flags
 
     def placed(self, x: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."]) -> Float[Array, "n ..."]:
         """Positions with the gaps of the flagged contacts exactly zero."""
-        rows, position = list(x), self.position
-        for j, i in enumerate(self.masses):
-            rows[i] = jnp.where(flags[j], position[j], rows[i])
-        return stack(rows)
+        return self._changed(x, flags, [lambda _, a, j=j: a * self.limit[j] for j in range(self.num)])
 
     def reflected(
         self, v: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."]
     ) -> Float[Array, "n ..."]:
         """Velocities with the approach to the flagged contacts turned round and multiplied by r."""
-        rows = list(v)
-        for j, i in enumerate(self.masses):
-            rows[i] = jnp.where(flags[j], -self.restitution[j] * rows[i], rows[i])
-        return stack(rows)
+        return self._changed(v, flags, [lambda v, _, j=j: -self.restitution[j] * v for j in range(self.num)])
 
     def held_still(
         self, of_masses: Float[Array, "n ..."], held: Bool[Array, "contacts ..."]
     ) -> Float[Array, "n ..."]:
         """Velocities or accelerations as the flagged contacts allow them, which hold their masses."""
         return jnp.where(self.masses_of(held), 0, of_masses)
+
+    def _changed(
+        self, of_masses: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], new: list
+    ) -> Array:
+        """Quantities of the masses, each changed by the flagged contacts of it."""
+        rows = list(of_masses)
+        for j, change in enumerate(new):
+            entries = zip(rows, self.rows[j], flags[j] & self.bears[j], strict=True)
+            rows = [jnp.where(is_changed, change(y, a), y) for y, a, is_changed in entries]
+        return stack(rows)

@@ -7,13 +7,11 @@ x comes in with the start and goes out with what is saved, logged and recorded.
 """
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._system.system import ImpactSystem
 from .._system.waves import Waves, phase_at, phase_rate
-from .._types import Scalar, add_up, matvec, stack
+from .._types import Scalar, matvec, stack
+from .numbers import Numbers
 
 
 class Frame(eqx.Module):
@@ -35,39 +33,12 @@ class Frame(eqx.Module):
         angle = self.frequency * t
         return self.waves.rounded(angle), self.frequency * self.waves.rounded(angle, order=1)
 
-    def load(self, system: ImpactSystem) -> Waves:
+    def load(self, numbers: Numbers) -> Waves:
         """The load - M w'' - C w' - K w."""
-        m, c, k = system.mass, system.damping, system.stiffness
+        m, c, k = numbers.mass, numbers.damping, numbers.stiffness
         cosine, sine = [], []
         for h, (a, b) in enumerate(zip(self.waves.cosine, self.waves.sine, strict=True), 1):
             w = h * self.frequency
             cosine.append(w * w * m * a - w * matvec(c, b) - matvec(k, a))
             sine.append(w * w * m * b + w * matvec(c, a) - matvec(k, b))
         return Waves(stack(cosine), stack(sine))
-
-
-def num_harmonics(system: ImpactSystem) -> int:
-    """Harmonics of the load and of the motions of the stops; lanes may stand last."""
-    moving = [system.forcing, *(stop.motion for stop in system.stops if stop.motion is not None)]
-    return max(harmonic.num_harmonics(system.mass.ndim - 1) for harmonic in moving)
-
-
-def frame_of(system: ImpactSystem) -> Frame | None:
-    """The frame in which the stops stand still, if any of them moves."""
-    moving = [(stop.mass, stop.motion) for stop in system.stops if stop.motion is not None]
-    if not moving:
-        return None
-    lanes, size = system.mass.ndim - 1, num_harmonics(system)
-    zeros = jnp.zeros((size, 1, *system.mass.shape[1:]), system.mass.dtype)
-
-    def waves_of(mass: int) -> Waves:
-        waves = [motion.waves(lanes).padded(size) for i, motion in moving if i == mass]
-        if not waves:
-            return Waves(zeros, zeros)
-        # Two stops of one mass move alike: the mean of both gives each its half of a derivative.
-        return jax.tree.map(lambda *own: add_up(own) / len(waves), *waves)
-
-    def in_rows(*waves: Array) -> Array:
-        return jnp.concatenate(jnp.broadcast_arrays(*waves), axis=1)
-
-    return Frame(jax.tree.map(in_rows, *map(waves_of, range(len(system.mass)))), system.forcing.frequency)

@@ -3,15 +3,15 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._system.force import BoundForce
-from .._system.system import ImpactSystem
 from .._system.waves import Waves, phase_at, phase_rate
-from .._types import Scalar, matvec, not_negative, stack
+from .._types import Scalar, matvec, not_negative
 from .contacts import Contacts
 from .extra_force import ExtraForce
-from .frame import Frame, frame_of, num_harmonics
+from .frame import Frame
+from .numbers import Numbers
 from .state import State
 
 
@@ -162,67 +162,48 @@ def in_periods(machine: Machine, span: Float[Array, "..."]) -> tuple[Int[Array, 
 
 
 def prepare(
-    system: ImpactSystem,
+    numbers: Numbers,
     span: Scalar,
     start: tuple[Scalar, Float[Array, "n ..."], Float[Array, "n ..."]],
     *,
     can_stick: bool,
 ) -> Machine:
-    """Turn a system into the engine's arrays.
+    """Turn the numbers of a machine into what the engine computes with.
 
     Args:
-        system: the machine, its force bound to its `args`. Leaves may carry lanes as a last axis.
+        numbers: of the machine; leaves may carry lanes as a last axis.
         span: the time that will be simulated.
         start: time, positions and velocities.
         can_stick: whether any stop might hold its mass.
     """
-    forcing = system.forcing
-    waves = forcing.waves(system.mass.ndim - 1).padded(num_harmonics(system))
-    frame = frame_of(system)
-    if frame is not None:
-        waves = jax.tree.map(jnp.add, waves, frame.load(system))
-    is_driven = forcing.frequency > 0
-    longest = jnp.asarray(jnp.finfo(system.mass.dtype).max ** 0.5, system.mass.dtype)
-    period = jnp.where(is_driven, 2 * jnp.pi / jnp.where(is_driven, forcing.frequency, 1.0), longest)
-    rate = jnp.maximum(_decay_and_frequency(system), waves.num_harmonics * forcing.frequency)
+    numbers = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray) else a, numbers)
+    waves, frequency, frame = numbers.waves, numbers.frequency, None
+    if numbers.travel is not None:
+        frame = Frame(numbers.travel, frequency)
+        waves = jax.tree.map(jnp.add, waves, frame.load(numbers))
+    is_driven = frequency > 0
+    longest = jnp.asarray(jnp.finfo(numbers.mass.dtype).max ** 0.5, numbers.mass.dtype)
+    period = jnp.where(is_driven, 2 * jnp.pi / jnp.where(is_driven, frequency, 1.0), longest)
+    rate = jnp.maximum(_decay_and_frequency(numbers), numbers.highest * frequency)
     extra = None
-    if isinstance(system.force, BoundForce):
-        extra = ExtraForce(system.force, start[0], frame)
-        rate = rate + extra.rate(*start, system.mass)
+    if numbers.force is not None:
+        extra = ExtraForce(numbers.force, start[0], frame)
+        rate = rate + extra.rate(*start, numbers.mass)
     rate = jnp.maximum(rate, 1 / span)
     return Machine(
-        inverse_mass=1 / system.mass,
-        damping=system.damping,
-        stiffness=system.stiffness,
-        mean=forcing.mean,
+        inverse_mass=1 / numbers.mass,
+        damping=numbers.damping,
+        stiffness=numbers.stiffness,
+        mean=numbers.mean,
         waves=waves,
-        frequency=forcing.frequency,
+        frequency=frequency,
         period=period,
-        contacts=_contacts(system),
+        contacts=Contacts(numbers.rows, numbers.limit, numbers.restitution, 1 / numbers.mass),
         rate=rate,
         timescale=1 / rate,
         can_stick=can_stick,
         extra=extra,
         frame=frame,
-    )
-
-
-def _contacts(system: ImpactSystem) -> Contacts:
-    lanes = jnp.zeros(system.mass.shape[1:], system.mass.dtype)
-
-    def each(values: list) -> Array:
-        return (
-            stack([value + lanes for value in values])
-            if values
-            else jnp.zeros((0, *lanes.shape), lanes.dtype)
-        )
-
-    return Contacts(
-        limit=each([stop.sign * stop.centre for stop in system.stops]),
-        restitution=each([stop.restitution for stop in system.stops]),
-        inverse_mass=1 / system.mass,
-        masses=tuple(stop.mass for stop in system.stops),
-        signs=tuple(stop.sign for stop in system.stops),
     )
 
 
@@ -234,16 +215,16 @@ def ample_steps(machine: Machine, span: Scalar, least: Scalar | int = 100_000) -
     return jnp.minimum(total, 2e9).astype(int)  # what 32 bits hold
 
 
-def _decay_and_frequency(system: ImpactSystem) -> Scalar:
+def _decay_and_frequency(numbers: Numbers) -> Scalar:
     """Bound the norm of the first-order matrix of the machine, in the norm of its energy.
 
     In that norm the matrix is [[0, S], [-S, -D]] with S^2 = M^-1/2 K M^-1/2 and D likewise from C;
     holding masses can only make it smaller. Its norm is at most (d + sqrt(d^2 + 4 w^2)) / 2.
     """
-    root = jnp.sqrt(system.mass)
+    root = jnp.sqrt(numbers.mass)
     scale = root[:, None] * root[None]
-    w2 = _norm(system.stiffness / scale)
-    d = _norm(system.damping / scale)
+    w2 = _norm(numbers.stiffness / scale)
+    d = _norm(numbers.damping / scale)
     return (d + jnp.sqrt(d * d + 4 * w2)) / 2
 
 

@@ -8,6 +8,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._contact.law import rebound
 from .._flow.interface import AbstractFlow
 from .._machine.machine import prepare, resting_state
+from .._machine.numbers import numbers_of
 from .._system.periodicity import refuse_off_period
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.simulate import Settings, follow
@@ -165,7 +166,7 @@ def saltation_matrix(
     """
     x, v, time = as_float(x), as_float(v), as_float(t)
     system, n = with_args(system, args), system.num_masses
-    machine = prepare(system, jnp.ones_like(time), (time, x, v), can_stick=False)
+    machine = prepare(numbers_of(system), jnp.ones_like(time), (time, x, v), can_stick=False)
     phase = machine.phase_at(time)
     is_hit = jnp.arange(machine.contacts.num) == stop
     # Seen from the stops, which stand still there; at one instant that changes no derivative by the state.

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array
 
-from .._types import Flag, Scalar, concrete
+from .._types import Flag, Reals, concrete, library_of
 
 
 class Rule(NamedTuple):
@@ -115,18 +115,20 @@ def check_machines(system: Any, x0: Array | np.ndarray) -> None:
 
 def validate_start(
     system: Any,
-    t0: Scalar,
-    t1: Scalar,
-    ts: Float[Array, " times"],
-    x0: Float[Array, " n"],
-    v0: Float[Array, " n"],
+    t0: Reals,
+    t1: Reals,
+    ts: Reals,
+    x0: Reals,
+    v0: Reals,
 ) -> list[tuple[Flag, str]]:
-    """Refuse a wrong start, and return the conditions that are still traced."""
+    """Refuse a wrong start, and return the conditions that are still traced; times (times,), the start (n,)."""
     named = {"t0": t0, "t1": t1, "x0": x0, "v0": v0}
-    checks = [(~jnp.all(jnp.isfinite(a)), f"Argument `{name}` must be finite.") for name, a in named.items()]
+    checks = [
+        (~library_of(a).isfinite(a).all(), f"Argument `{name}` must be finite.") for name, a in named.items()
+    ]
     checks.append((t1 < t0, "Argument `t1` must not lie before `t0`."))
     if ts.size:
-        in_order = jnp.all(jnp.diff(ts) >= 0) & (ts[0] >= t0) & (ts[-1] <= t1)
+        in_order = (ts[1:] >= ts[:-1]).all() & (ts[0] >= t0) & (ts[-1] <= t1)
         checks.append((~in_order, "Argument `ts` must be in increasing order, within [t0, t1]."))
     checks += _beyond(system.stops, x0, system.forcing.frequency * t0, "The start lies")
     # A machine tells this when it is built, but for a motion that was traced then, or given since.
@@ -146,11 +148,9 @@ def refuse(checks: list[tuple[Any, str]]) -> list[tuple[Any, str]]:
     return [check for verdict, check in zip(verdicts, checks, strict=True) if verdict is None]
 
 
-def is_touching(
-    gap: Float[Array | np.ndarray, "..."], size: Float[Array | np.ndarray, "..."]
-) -> Bool[Array, "..."]:
+def is_touching(gap: Reals, size: Reals) -> Reals:
     """Whether a gap is zero to rounding, given the magnitude of the terms subtracted."""
-    return jnp.abs(gap) <= 8 * jnp.finfo(gap.dtype).eps * jnp.abs(size)
+    return abs(gap) <= 8 * jnp.finfo(gap.dtype).eps * abs(size)
 
 
 def _beyond(stops: Sequence[Any], x: Any, angle: Any, who: str) -> list[tuple[Any, str]]:

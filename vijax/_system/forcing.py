@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._printing import as_html, as_text, told_of_harmonic
-from .._types import Numbers, as_float
+from .._types import Numbers, as_float, library_of
 from .checks import FINITE, NOT_NEGATIVE, check_one
 from .waves import Waves
 
@@ -93,7 +93,8 @@ class Harmonic(eqx.Module):
         """The load but for its mean; lanes may stand last."""
         is_single = self.amplitude.ndim - lane_axes == 1
         amplitude, phase = (a[None] if is_single else a for a in (self.amplitude, self.phase))
-        return Waves(amplitude * jnp.cos(phase), -amplitude * jnp.sin(phase))
+        library = library_of(amplitude, phase)
+        return Waves(amplitude * library.cos(phase), -amplitude * library.sin(phase))
 
     @property
     def period(self) -> Float[Array, "..."]:

@@ -3,14 +3,14 @@
 from typing import Literal
 
 import equinox as eqx
-import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._printing import as_html, as_text, told_of_stop
-from .._types import Count, as_float, whole_number
+from .._types import Count, Reals, as_float, whole_number
 from .checks import FINITE, RESTITUTION, check_one
 from .forcing import Harmonic
-from .waves import Reals, Waves
+from .waves import Waves
 
 
 class Stop(eqx.Module):
@@ -125,10 +125,10 @@ class Stop(eqx.Module):
     def moves_like(self, other: "Stop") -> Reals:
         """Whether two stops keep their distance; lanes may stand last."""
         if self.motion is None or other.motion is None:
-            return jnp.asarray(self.motion is other.motion)
+            return np.asarray(self.motion is other.motion)
         ours, theirs = self._waves(), other._waves()
         if ours.num_harmonics != theirs.num_harmonics:
-            return jnp.asarray(False)
+            return np.asarray(False)
         return ((ours.cosine == theirs.cosine) & (ours.sine == theirs.sine)).all(axis=(0, 1))
 
     def _waves(self) -> Waves:

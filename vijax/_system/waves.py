@@ -8,16 +8,10 @@ read at the change of the phase, to full relative accuracy however short the ste
 Axes: (harmonics, rows) of a series, (2, harmonics) of a phase; lanes, if there are any, last.
 """
 
-from typing import Any
-
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
-from .._types import add_up, lift
-
-Reals = Any  # arrays of JAX, or of NumPy where a sweep looks at its points
+from .._types import Reals, add_up, library_of, lift, stack
 
 
 class Waves(eqx.Module):
@@ -36,52 +30,54 @@ class Waves(eqx.Module):
         """How many there are."""
         return len(self.cosine)
 
-    def at(self, phase: Reals) -> Array:
+    def at(self, phase: Reals) -> Reals:
         """The sum at a phase, (rows,)."""
         return add_up(self.cosine * phase[0][:, None] + self.sine * phase[1][:, None])
 
-    def at_angle(self, angle: Reals) -> Array:
+    def at_angle(self, angle: Reals) -> Reals:
         """The sum at an angle W t."""
         return self.at(self._phase_at(angle))
 
-    def slope_at_angle(self, angle: Reals) -> Array:
+    def slope_at_angle(self, angle: Reals) -> Reals:
         """Its derivative by the angle; by the time it is W times as much."""
         return self.at(phase_rate(self._phase_at(angle), 1))
 
-    def bound(self, order: int = 0) -> Array:
+    def bound(self, order: int = 0) -> Reals:
         """Bound the sum, or its derivative of some order by the angle, at every phase."""
-        size = jnp.abs(self.cosine) + jnp.abs(self.sine)
+        size = abs(self.cosine) + abs(self.sine)
         return add_up(size * _orders(self.num_harmonics, size) ** order)
 
-    def rounded(self, angle: Reals, order: int = 0) -> Array:
+    def rounded(self, angle: Reals, order: int = 0) -> Reals:
         """Bound that sets the rounding error at an angle, which is itself rounded."""
         return self.bound(order) + abs(angle) * self.bound(order + 1)
 
     def padded(self, num_harmonics: int) -> "Waves":
         """The series with harmonics of no amplitude after its own."""
-        missing = jnp.zeros((num_harmonics - self.num_harmonics, *self.cosine.shape[1:]), self.cosine.dtype)
-        return Waves(jnp.concatenate([self.cosine, missing]), jnp.concatenate([self.sine, missing]))
+        missing = np.zeros((num_harmonics - self.num_harmonics, *self.cosine.shape[1:]), self.cosine.dtype)
+        joined = lambda a: library_of(a).concatenate([a, missing])  # noqa: E731
+        return Waves(joined(self.cosine), joined(self.sine))
 
-    def _phase_at(self, angle: Reals) -> Array:
+    def _phase_at(self, angle: Reals) -> Reals:
         return lift(phase_at(angle, self.num_harmonics), self.cosine)
 
 
-def phase_at(angle: Reals, num_harmonics: int) -> Array:
+def phase_at(angle: Reals, num_harmonics: int) -> Reals:
     """The phase at an angle W t of any shape: (2, harmonics) and then that shape."""
     angles = _orders(num_harmonics, angle, axes=1) * angle
-    return jnp.stack([jnp.cos(angles), jnp.sin(angles)])
+    library = library_of(angles)
+    return library.stack([library.cos(angles), library.sin(angles)])
 
 
-def phase_rate(phase: Reals, frequency: Reals) -> Array:
+def phase_rate(phase: Reals, frequency: Reals) -> Reals:
     """Time derivative of a phase, at which a series has its own; by the angle for a frequency of 1."""
     speed = speeds(phase, frequency)
-    return jnp.stack(jnp.broadcast_arrays(-speed * phase[1], speed * phase[0]))
+    return stack([-speed * phase[1], speed * phase[0]])
 
 
-def turned(phase: Reals, by: Reals) -> Array:
+def turned(phase: Reals, by: Reals) -> Reals:
     """The phase turned by another one; the change alone, if 1 is subtracted from the cosines of that one."""
     (cos, sin), (turn, slide) = phase, by
-    return jnp.stack(jnp.broadcast_arrays(turn * cos - slide * sin, turn * sin + slide * cos))
+    return stack([turn * cos - slide * sin, turn * sin + slide * cos])
 
 
 def speeds(phase: Reals, frequency: Reals) -> Reals:

@@ -1,5 +1,6 @@
 """The event log: written an instant at a time, read event by event."""
 
+from functools import partial
 from typing import Final
 
 import equinox as eqx
@@ -64,61 +65,92 @@ class Restarts(eqx.Module):
 
 
 class Log(eqx.Module):
-    """One row per instant that had an event, the start first."""
+    """One row per instant that had an event, the start first.
+
+    Attributes:
+        restarts: the state after each, (rows + 1, ...); what finds no room is written to the last row.
+        instants: what happened, likewise.
+        rows: rows written to this room.
+        num_events: events in all, also those past the end of the log.
+        events_before: events of rooms before this one.
+        known_until: time of the last logged instant.
+        is_whole: whether this room is all there is, whatever finds no room.
+    """
 
     restarts: Restarts
     instants: Instant
     rows: Int[Array, ""]
     num_events: Int[Array, ""]
+    events_before: Int[Array, ""]
+    known_until: Scalar
+    is_whole: bool = eqx.field(static=True)
+
+    def has_room(self, max_events: Int[Array, ""]) -> Bool[Array, ""]:
+        """Whether there is room for another instant, or none is needed: `max_events` are logged."""
+        if self.is_whole:
+            return jnp.array(True)
+        size, num_stops = self.instants.hit.shape
+        most = 3 * num_stops  # of one instant
+        return (self.num_events - self.events_before + most <= size - 2) | (self.num_events >= max_events)
+
+    def kept(self) -> Restarts:
+        """The rows, without the one for what finds no room."""
+        return jax.tree.map(lambda a: a[:-1], self.restarts)
 
 
-def empty_log(first: State, t0: Scalar, max_events: int) -> Log:
-    rows = max_events + 1
+def empty_log(first: State, t0: Scalar, room: int, *, is_whole: bool) -> Log:
+    """A log of the start, with room for so many events after it."""
 
-    def room(a: Array, fill: bool | int | float) -> Array:
-        return jnp.full((rows, *a.shape), fill, a.dtype).at[0].set(a)
+    def rows(a: Array, fill: bool | int | float) -> Array:
+        return jnp.full((room + 2, *a.shape), fill, a.dtype).at[0].set(a)
 
     gap, held = first.gap, first.held
     none, zeros = jnp.zeros_like(held), jnp.zeros_like(gap)
     nothing = Instant(none, none, none, zeros, zeros, zeros, jnp.array(False), t0)
     return Log(
         restarts=Restarts(
-            t=room(t0, jnp.inf),
-            periods=room(first.periods, 0),
-            time=room(first.time, 0.0),
-            phase=room(first.phase, 0.0),
-            x=room(first.x, 0.0),
-            v=room(first.v, 0.0),
-            held=room(held, False),
+            t=rows(t0, jnp.inf),
+            periods=rows(first.periods, 0),
+            time=rows(first.time, 0.0),
+            phase=rows(first.phase, 0.0),
+            x=rows(first.x, 0.0),
+            v=rows(first.v, 0.0),
+            held=rows(held, False),
         ),
-        instants=jax.tree.map(lambda a: room(a, 0), nothing),
+        instants=jax.tree.map(lambda a: rows(a, 0), nothing),
         rows=jnp.array(1),
         num_events=jnp.array(0),
+        events_before=jnp.array(0),
+        known_until=t0,
+        is_whole=is_whole,
     )
 
 
-def write(log: Log, after: State, instant: Instant, time: Scalar, live: Flag) -> Log:
-    """Write one row if the instant has an event."""
+def write(
+    log: Log, after: State, instant: Instant, time: Scalar, live: Flag, max_events: Int[Array, ""]
+) -> Log:
+    """Write one row if the instant has an event, unless so many are logged already."""
     count = jnp.sum(instant.hit) + jnp.sum(instant.stuck) + jnp.sum(instant.released)
-    is_row = live & (count > 0)
-    row = jnp.where(is_row, log.rows, log.restarts.t.size)
+    is_row = live & (count > 0) & (log.num_events < max_events)
+    row = jnp.where(is_row, log.rows, log.instants.time.size - 1)
     restart = Restarts(time, after.periods, after.time, after.phase, after.x, after.v, after.held)
     instant = eqx.tree_at(lambda i: i.time, instant, time)
-
-    def put(room: Array, value: Array) -> Array:
-        return room.at[row].set(value, mode="drop")
-
+    put = partial(jax.lax.dynamic_update_index_in_dim, index=row, axis=0)
     return Log(
         restarts=jax.tree.map(put, log.restarts, restart),
         instants=jax.tree.map(put, log.instants, instant),
         rows=log.rows + is_row,
         num_events=log.num_events + jnp.where(live, count, 0),
+        events_before=log.events_before,
+        known_until=jnp.where(is_row, time, log.known_until),
+        is_whole=log.is_whole,
     )
 
 
 def event_log(machine: Machine, log: Log, max_events: int) -> EventLog:
     """Spread the instants into single events, in the order of time."""
-    instants, shape = log.instants, log.instants.hit.shape
+    instants = jax.tree.map(lambda a: a[:-1], log.instants)
+    shape = instants.hit.shape
     told = jax.vmap(machine.contacts.told)
     zeros = jnp.zeros(shape, instants.velocity_minus.dtype)
     # Impacts of an instant come before its sticks and releases; a stick carries the end of its chatter.
@@ -154,4 +186,4 @@ def _velocities_of_stops(machine: Machine, frame: Frame, log: Log) -> Float[Arra
         now = machine.contacts.size(frame.at(phase)[1])
         return jnp.stack([now, at_stick, now])
 
-    return jax.vmap(of_row)(log.restarts.phase, log.instants.chatter)
+    return jax.vmap(of_row)(log.kept().phase, log.instants.chatter[:-1])

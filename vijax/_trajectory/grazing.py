@@ -14,7 +14,8 @@ from jaxtyping import Array, Bool, Float
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.state import State
-from .._types import Scalar
+from .._types import Flag, Scalar, smallest
+from .._xla import is_any
 from .step import Instant
 
 
@@ -40,17 +41,39 @@ def nothing_met(time: Scalar) -> Grazing:
     return Grazing(jnp.full_like(time, jnp.inf), jnp.full_like(time, jnp.inf), jnp.zeros(time.shape, bool))
 
 
-def update_grazing(machine: Machine, before: State, after: State, instant: Instant, met: Grazing) -> Grazing:
-    """Update by one step."""
+def update_grazing(
+    machine: Machine, before: State, after: State, instant: Instant, met: Grazing, live: Flag
+) -> Grazing:
+    """Update by one step of what is live."""
     machine, before, after, instant = jax.lax.stop_gradient((machine, before, after, instant))
+    turned = (machine.contacts.along(before.v) > 0) & (machine.contacts.along(after.v) <= 0)
+    turned = turned & ~instant.hit & ~before.held & ~after.held
+    # Most steps have neither.
+    return jax.lax.cond(
+        is_any(live & jnp.any(turned | instant.hit, axis=0)),
+        lambda: jax.tree.map(
+            lambda new, old: jnp.where(live, new, old),
+            _nearer(machine, before, after, instant, turned, met),
+            met,
+        ),
+        lambda: met,
+    )
+
+
+def _nearer(
+    machine: Machine,
+    before: State,
+    after: State,
+    instant: Instant,
+    turned: Bool[Array, "stops ..."],
+    met: Grazing,
+) -> Grazing:
+    """The same, of a step with an impact, or in which masses have `turned` before their stops."""
     pull, lowest_behind, behind = _lowest(machine, after)
     _, lowest_ahead, ahead = _lowest(machine, before)
     leaves = pull > 0
     scale = jnp.where(leaves, pull, 1) / machine.rate
     speed = jnp.where(instant.hit & leaves, jnp.abs(instant.velocity_minus), jnp.inf)
-
-    turned = (machine.contacts.along(before.v) > 0) & (machine.contacts.along(after.v) <= 0)
-    turned = turned & ~instant.hit & ~before.held & ~after.held
     # Each cubic is exact to a small part of the gap, if the minimum is near the end it starts from.
     near = 3e-2 / machine.rate
     lowest_behind = jnp.where(turned & (behind <= 0) & (behind > -near), lowest_behind, jnp.inf)
@@ -58,8 +81,8 @@ def update_grazing(machine: Machine, before: State, after: State, instant: Insta
     clearance = jnp.maximum(jnp.minimum(lowest_behind, lowest_ahead), 0)
     is_near = jnp.any((speed < 1e-5 * scale) | (clearance < 1e-10 * scale / machine.rate), axis=0)
     return Grazing(
-        jnp.minimum(met.impact_speed, jnp.min(speed, axis=0, initial=jnp.inf)),
-        jnp.minimum(met.clearance, jnp.min(clearance, axis=0, initial=jnp.inf)),
+        jnp.minimum(met.impact_speed, smallest(speed)),
+        jnp.minimum(met.clearance, smallest(clearance)),
         met.is_near | is_near,
     )
 

@@ -1,27 +1,24 @@
 """One trajectory."""
 
-from functools import partial
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Float, Int
+import numpy as np
+from jaxtyping import Array, ArrayLike
 
 from .._contact.sticking import can_any_stick
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
-from .._machine.machine import Machine, ample_steps, in_periods, prepare
-from .._machine.state import State, start_period
-from .._refusal import checked, lock
+from .._machine.numbers import numbers_of
+from .._refusal import checked
 from .._system.checks import validate_start
 from .._system.system import ImpactSystem, with_args
-from .._types import Count, Numbers, Scalar, as_float, at_once, concrete, whole_number
-from .._xla import AbstractTask, compile_lightly, padding_allowed, while_any
-from .event_log import Log, empty_log, event_log, write
-from .grazing import Grazing, nothing_met, update_grazing
+from .._types import Count, Numbers, as_float, as_known, at_once, concrete, is_traced, whole_number
+from .._xla import padding_allowed
+from .loop import OWN_BOUND, Request, run_whole
 from .solution import RESULTS, Solution, told
-from .step import advance, begin
+from .windows import follow_known
 
 
 @padding_allowed
@@ -119,34 +116,56 @@ def follow(
 ) -> Solution:
     """`simulate` with its knobs as `Settings`."""
     n, system = system.num_masses, with_args(system, args)
-    begin, end = as_float(t0), as_float(t1)
-    times = end[None] if ts is None else as_float(ts)
-    x, v = (jnp.zeros(n) if a is None else as_float(a) for a in (x0, v0))
+    max_events = whole_number("max_events", settings.max_events)
+    max_reverse_steps = whole_number("max_reverse_steps", settings.max_reverse_steps, 1)
+    asked = (
+        t0,
+        t1,
+        () if ts is None else ts,
+        np.zeros(n) if x0 is None else x0,
+        np.zeros(n) if v0 is None else v0,
+    )
+    is_known = not is_traced((system, flow, asked, settings.max_steps))
+    begin, end, times, x, v = (as_known(a) if is_known else as_float(a) for a in asked)
+    times = end[None] if ts is None else times
     for name, value in (("x0", x), ("v0", v)):
         if value.shape != (n,):
             raise ValueError(f"Argument `{name}` must have shape ({n},), but has shape {value.shape}.")
     if times.ndim != 1:
         raise ValueError(f"Argument `ts` must have shape (times,), but has shape {times.shape}.")
     values = (system, begin, end, times, x, v)
+    if is_known:
+        values = jax.tree.map(lambda a: np.asarray(a) if isinstance(a, jax.Array) else a, values)
     dtype = jnp.result_type(*jax.tree.leaves(values))
     system, begin, end, times, x, v = jax.tree.map(at_once(lambda a: a.astype(dtype)), values)
     doubts = validate_start(system, begin, end, times, x, v)
     can_stick = can_any_stick(system, x, v)
-    solution = _run(
-        system,
-        begin,
-        end,
-        times,
-        x,
-        v,
-        choose_flow(system, can_stick=can_stick, wanted=flow),
-        _bound_of_steps(settings.max_steps),
-        ~jnp.any(jnp.stack([is_wrong for is_wrong, _ in doubts])) if doubts else jnp.array(True),
-        max_events=whole_number("max_events", settings.max_events),
-        max_reverse_steps=whole_number("max_reverse_steps", settings.max_reverse_steps, 1),
-        raises=settings.allowed is not None,
-        can_stick=can_stick,
+    motion = choose_flow(system, can_stick=can_stick, wanted=flow)
+    request = Request(
+        t0=begin,
+        t1=end,
+        x0=x,
+        v0=v,
+        goals=times,
+        num_goals=np.asarray(times.size),
+        is_last=np.asarray(True),
+        max_steps=_bound_of_steps(settings.max_steps),
+        max_events=np.asarray(max_events),
+        max_turns=np.asarray(np.iinfo(int).max),
+        is_sound=~jnp.any(jnp.stack([is_wrong for is_wrong, _ in doubts])) if doubts else np.asarray(True),
     )
+    if is_known:
+        solution = follow_known(numbers_of(system), motion, request, can_stick=can_stick)
+    else:
+        solution = run_whole(
+            system,
+            motion,
+            request,
+            room=max_events,
+            can_stick=can_stick,
+            max_reverse_steps=max_reverse_steps,
+            raises=settings.allowed is not None,
+        )
     if settings.allowed is None:
         return solution
     number, sentences = told(solution.result, settings.allowed)
@@ -156,168 +175,8 @@ def follow(
     return checked(solution, number, sentences)
 
 
-def _bound_of_steps(max_steps: Any) -> Array | None:
-    if max_steps is None or concrete(max_steps) is None:
-        return max_steps
-    return jnp.asarray(whole_number("max_steps", max_steps))
-
-
-class _Task(AbstractTask):
-    """The loop body and all that it depends on, so that derivatives see it."""
-
-    flow: AbstractFlow
-    machine: Machine
-    t0: Scalar
-    phase0: Float[Array, "2 harmonics"]
-    goal_periods: Int[Array, " goals"]
-    goal_times: Float[Array, " goals"]
-    resolution: Scalar
-    max_steps: Int[Array, ""]
-
-    def is_live(self, carry: "_Carry") -> Bool[Array, ""]:
-        """Whether there is anything left to do."""
-        is_on = carry.is_finite & (carry.steps < self.max_steps)
-        return is_on & (carry.goal < self.goal_times.size)
-
-    def step(self, carry: "_Carry") -> "_Carry":
-        """One step of the motion, its events logged and its state saved where asked for."""
-        state, live = carry.state, self.is_live(carry)
-        goal = jnp.minimum(carry.goal, self.goal_times.size - 1)
-        is_last_period = state.periods >= self.goal_periods[goal]
-        target = jnp.where(is_last_period, self.goal_times[goal], self.machine.period)
-        after, instant = advance(self.flow, self.machine, state, target, self.resolution)
-        is_saved = live & instant.arrived & is_last_period
-        slot = jnp.where(is_saved, carry.goal, self.goal_times.size)
-        is_finite = jnp.all(jnp.isfinite(after.x + after.v)) & jnp.isfinite(after.time)
-        grazing = update_grazing(self.machine, state, after, instant, carry.grazing)
-        after = start_period(after, self.phase0, instant.arrived & ~is_last_period)
-        x, v = self.machine.in_space(after)
-        time = self.t0 + state.periods * self.machine.period + instant.time
-        return _Carry(
-            state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),
-            log=write(carry.log, after, instant, time, live),
-            xs=carry.xs.at[slot].set(x, mode="drop"),
-            vs=carry.vs.at[slot].set(v, mode="drop"),
-            goal=carry.goal + is_saved,
-            steps=carry.steps + live,
-            is_finite=is_finite | ~live,
-            grazing=jax.tree.map(lambda new, old: jnp.where(live, new, old), grazing, carry.grazing),
-        )
-
-
-class _Carry(eqx.Module):
-    """Carry of the loop."""
-
-    state: State
-    log: Log
-    xs: Float[Array, "goals n"]
-    vs: Float[Array, "goals n"]
-    goal: Int[Array, ""]
-    steps: Int[Array, ""]
-    is_finite: Bool[Array, ""]
-    grazing: Grazing
-
-
-@compile_lightly
-def _run(
-    system: ImpactSystem,
-    t0: Scalar,
-    t1: Scalar,
-    ts: Float[Array, " times"],
-    x0: Float[Array, " n"],
-    v0: Float[Array, " n"],
-    flow: AbstractFlow,
-    max_steps: Int[Array, ""] | None,
-    is_sound: Bool[Array, ""],
-    *,
-    max_events: int,
-    max_reverse_steps: int,
-    raises: bool,
-    can_stick: bool,
-) -> Solution:
-    span = t1 - t0
-    machine = prepare(system, jnp.where(span > 0, span, 1), (t0, x0, v0), can_stick=can_stick)
-    flow = flow.prepare(machine)
+def _bound_of_steps(max_steps: Any) -> Array | np.ndarray:
     if max_steps is None:
-        max_steps = ample_steps(machine, span)
-    phase0 = machine.phase_at(t0)
-    goal_periods, goal_times = in_periods(machine, jnp.append(ts, t1) - t0)
-    resolution = 4 * jnp.finfo(t0.dtype).eps * jnp.maximum(jnp.abs(t0), jnp.abs(t1))
-
-    task = _Task(
-        flow=flow,
-        machine=machine,
-        t0=t0,
-        phase0=phase0,
-        goal_periods=goal_periods,
-        goal_times=goal_times,
-        resolution=resolution,
-        max_steps=jnp.asarray(max_steps),
-    )
-    first = begin(flow, machine, phase0, x0, v0, t0)
-    room = jnp.zeros((goal_times.size, x0.size), x0.dtype)
-    carry = _Carry(
-        state=first,
-        log=empty_log(first, t0, max_events),
-        xs=room,
-        vs=room,
-        goal=jnp.array(0),
-        steps=jnp.array(0),
-        is_finite=is_sound,
-        grazing=nothing_met(t0),
-    )
-    refuse = partial(_factor_in_reverse, raises=raises)
-    last = while_any(task, carry, max_reverse_steps=max_reverse_steps, refuse=refuse)
-    return _finish(task, last, ts, t1, is_sound, max_events)
-
-
-def _factor_in_reverse(is_cut: Bool[Array, ""], *, raises: bool) -> Scalar:
-    """Factor of reverse-mode derivatives: 1, or NaN or an error if the loop back was too short."""
-    factor = jnp.where(is_cut, jnp.nan, 1.0)
-    if raises:
-        number, sentences = told(RESULTS.where(is_cut, RESULTS.max_reverse_steps_reached, RESULTS.successful))
-        factor = factor * lock(number, sentences)
-    return factor
-
-
-def _finish(
-    task: _Task,
-    last: _Carry,
-    ts: Float[Array, " times"],
-    t1: Scalar,
-    is_sound: Bool[Array, ""],
-    max_events: int,
-) -> Solution:
-    machine, t0 = task.machine, task.t0
-    state, log = last.state, last.log
-    is_reached = (jnp.arange(ts.size) < last.goal)[:, None]
-    is_done = last.goal > ts.size
-    is_full = log.num_events > max_events
-    result = RESULTS.where(is_full, RESULTS.max_events_reached, RESULTS.successful)
-    result = RESULTS.where(is_done, result, RESULTS.max_steps_reached)
-    result = RESULTS.where(last.is_finite, result, RESULTS.non_finite)
-    result = RESULTS.where(is_sound, result, RESULTS.unsound_start)
-    x1, v1 = machine.in_space(state)
-    time = t0 + state.periods * machine.period + state.time
-    last_row = log.restarts.t[jnp.minimum(log.rows, max_events + 1) - 1]
-    return Solution(
-        ts=ts,
-        xs=jnp.where(is_reached, last.xs[:-1], x1),
-        vs=jnp.where(is_reached, last.vs[:-1], v1),
-        x1=x1,
-        v1=v1,
-        stuck1=state.held,
-        events=event_log(machine, log, max_events),
-        num_events=jnp.minimum(log.num_events, max_events),
-        num_steps=last.steps,
-        num_rejected=task.flow.num_rejected(state.memory),
-        grazing=last.grazing,
-        result=result,
-        t0=t0,
-        t1=t1,
-        machine=machine,
-        flow=task.flow,
-        restarts=log.restarts,
-        max_steps=task.max_steps,
-        known_until=jnp.where(is_full, last_row, jnp.where(is_done, t1, time)),
-    )
+        return np.asarray(OWN_BOUND)
+    is_known = concrete(max_steps) is not None
+    return np.asarray(whole_number("max_steps", max_steps)) if is_known else max_steps

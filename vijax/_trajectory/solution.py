@@ -17,7 +17,7 @@ from .._machine.machine import Machine, in_periods, resting_state
 from .._machine.state import remembering
 from .._printing import as_html, as_text, told_of_solution
 from .._refusal import checked
-from .._types import Numbers, Scalar, concrete
+from .._types import Flag, Numbers, Reals, Scalar, concrete, is_traced, library_of
 from .._xla import compile_lightly, padding_allowed
 from .event_log import KINDS, EventLog, Restarts
 from .grazing import Grazing
@@ -211,12 +211,14 @@ class Solution(eqx.Module):
 
     @padding_allowed
     def _at(self, t: Numbers) -> tuple[Array, Array, Array]:
+        if self.t1.ndim == 0 and not is_traced((self, t)):
+            return _evaluate_known(self, np.asarray(t, self.t0.dtype))
         times = jnp.asarray(t, self.t0.dtype)
         evaluate = evaluate_all
         for _ in range(self.t1.ndim):
             evaluate = eqx.filter_vmap(evaluate, in_axes=(0, None))
         found = evaluate(self, times.ravel())
-        is_outside = jnp.any(_is_outside(self, times))
+        is_outside = _is_outside(self, times)
         if concrete(is_outside):
             raise ValueError(_OUTSIDE)
         found = tuple(a.reshape(*self.t1.shape, *times.shape, a.shape[-1]) for a in found)
@@ -228,12 +230,56 @@ _OUTSIDE = (
 )
 
 
-def _is_outside(solution: Solution, times: Array) -> Bool[Array, "..."]:
-    """Times that are not simulated. An end that rounding has moved is none."""
-    t0, t1 = (a[..., None] for a in (solution.t0, solution.t1))
-    slack = 8 * jnp.finfo(times.dtype).eps * jnp.maximum(jnp.abs(t0), jnp.abs(t1))
-    t = times.reshape((1,) * solution.t1.ndim + (-1,))
-    return ~((t >= t0 - slack) & (t <= t1 + slack))
+# Times that are evaluated at once: another number of them compiles nothing.
+_TIMES = 256
+
+
+def _is_outside(solution: Solution, times: Reals) -> Flag | np.bool_:
+    """Whether any time is not simulated. An end that rounding has moved is one that is."""
+    library = library_of(times)
+    t0, t1 = (library.asarray(a)[..., None] for a in (solution.t0, solution.t1))
+    slack = 8 * np.finfo(times.dtype).eps * library.maximum(abs(t0), abs(t1))
+    t = times.reshape((1,) * t1.ndim + (-1,)) if t1.ndim > 1 else times.ravel()
+    return ~((t >= t0 - slack) & (t <= t1 + slack)).all()
+
+
+def _evaluate_known(solution: Solution, times: np.ndarray) -> tuple[Array, Array, Array]:
+    """Positions, velocities and contact forces at known times, so many at once."""
+    if _is_outside(solution, times):
+        raise ValueError(_OUTSIDE)
+    rows = jax.tree.map(np.asarray, solution.restarts)
+    t = np.clip(times.ravel(), solution.t0, solution.t1)
+    row = np.maximum(np.searchsorted(rows.t, t, side="right") - 1, 0)
+    parts = []
+    for k in range(0, max(len(t), 1), _TIMES):
+        filled = np.resize(np.arange(k, min(k + _TIMES, len(t))), _TIMES) if len(t) else None
+        at, which = (
+            (np.zeros(_TIMES, t.dtype), np.zeros(_TIMES, int)) if filled is None else (t[filled], row[filled])
+        )
+        start = jax.tree.map(lambda a, which=which: a[which], rows)
+        found = _coasted(
+            solution.machine, solution.flow, rows.phase[0], start, at, solution.t0, solution.max_steps
+        )
+        parts.append([np.asarray(a)[: len(t) - k] for a in found])
+    is_known = (t <= solution.known_until)[:, None]
+    whole = (np.where(is_known, np.concatenate(columns), np.nan) for columns in zip(*parts, strict=True))
+    x, v, force = (jax.device_put(a.reshape(*times.shape, a.shape[-1])) for a in whole)
+    return x, v, force
+
+
+@compile_lightly
+def _coasted(
+    machine: Machine,
+    flow: AbstractFlow,
+    phase0: Reals,
+    start: Restarts,
+    times: Reals,
+    t0: Reals,
+    max_steps: Reals,
+) -> tuple[Array, Array, Array]:
+    return jax.vmap(lambda start, t: _from_restart(machine, flow, phase0, start, t, t0, max_steps))(
+        start, times
+    )
 
 
 @compile_lightly
@@ -248,28 +294,43 @@ def _evaluate_stops(machine: Machine, times: Float[Array, "..."]) -> tuple[Array
     if machine.frame is None:
         return still, jnp.zeros_like(still)
     x, v = jnp.vectorize(machine.frame.at_time, signature="()->(n),(n)")(times)
-    masses = jnp.asarray(machine.contacts.masses)
-    return still + x[..., masses], v[..., masses]
+    of_stops = jnp.vectorize(machine.contacts.size, signature="(n)->(stops)")
+    return still + of_stops(x), of_stops(v)
 
 
 def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
     """Follow the smooth motion from the last event before t."""
-    rows, machine, flow = solution.restarts, solution.machine, solution.flow
+    rows = solution.restarts
     t = jnp.clip(t, solution.t0, solution.t1)
     is_known = t <= solution.known_until
     row = jnp.clip(jnp.searchsorted(rows.t, t, side="right") - 1, 0)
     start = jax.tree.map(lambda a: a[row], rows)
+    found = _from_restart(
+        solution.machine, solution.flow, rows.phase[0], start, t, solution.t0, solution.max_steps
+    )
+    x, v, force = (jnp.where(is_known, a, jnp.nan) for a in found)
+    return x, v, force
+
+
+def _from_restart(
+    machine: Machine,
+    flow: AbstractFlow,
+    phase0: Reals,
+    start: Restarts,
+    t: Scalar,
+    t0: Reals,
+    max_steps: Reals,
+) -> tuple[Array, Array, Array]:
+    """Follow the smooth motion from an event to a time before the next."""
     state = resting_state(machine, start.phase, start.x, start.v, start.held)
     state = eqx.tree_at(lambda s: (s.periods, s.time), state, (start.periods, start.time))
     state = remembering(state, flow.memory(state.time))
     # At the time of an event, as the log has it, the state is that of the event to the last bit.
-    then, here = in_periods(machine, t - solution.t0), (start.periods, start.time)
+    then, here = in_periods(machine, t - t0), (start.periods, start.time)
     periods, time = (jnp.where(t == start.t, a, b) for a, b in zip(here, then, strict=True))
-    state = coast(flow, machine, state, rows.phase[0], periods, time, solution.max_steps)
+    state = coast(flow, machine, state, phase0, periods, time, max_steps)
     pressing = machine.contacts.along(machine.total_force(state))
-    force = jnp.where(state.held, pressing, 0)
-    x, v, force = (jnp.where(is_known, a, jnp.nan) for a in (*machine.in_space(state), force))
-    return x, v, force
+    return *machine.in_space(state), jnp.where(state.held, pressing, 0)
 
 
 @padding_allowed

@@ -94,4 +94,4 @@ def _impacts(sol_or_ds: Solution | xr.Dataset) -> tuple[int, np.ndarray, np.ndar
     is_impact = np.asarray(log.kind) == IMPACT
     t, velocity, stop = (np.asarray(a)[is_impact] for a in (log.t, log.velocity_minus, log.stop))
     phase = np.mod(float(sol_or_ds.machine.frequency) * t, 2 * np.pi)
-    return len(sol_or_ds.machine.contacts.masses), phase, velocity, stop
+    return sol_or_ds.machine.contacts.num, phase, velocity, stop

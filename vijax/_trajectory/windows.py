@@ -1,0 +1,164 @@
+"""Trajectories of known numbers: one program for all machines of a size, called until all is done.
+
+It has room for so many events and saved states; what is asked beyond is handed in, and taken away, piece by
+piece. So nothing but the size of a machine is ever compiled anew, and between two calls one may interrupt.
+"""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TypeVar
+
+import equinox as eqx
+import jax
+import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import Array
+
+from .._flow.interface import AbstractFlow
+from .._machine.numbers import Numbers
+from .._machine.state import State, remembering
+from .._xla import compile_lightly
+from .event_log import EventLog, Restarts
+from .grazing import Grazing
+from .loop import Left, Request, run
+from .solution import Solution
+
+# Events and saved states of one call, and its steps: less than a second.
+_EVENTS, _GOALS, _STEPS = 1024, 256, 1 << 18
+
+Rows = TypeVar("Rows", EventLog, Restarts)
+
+
+@compile_lightly
+def _call(
+    numbers: Numbers, flow: AbstractFlow, request: Request, left: Left, *, can_stick: bool
+) -> tuple[Solution, Left]:
+    return run(numbers, flow, request, left, room=_EVENTS, can_stick=can_stick)
+
+
+def follow_known(numbers: Numbers, flow: AbstractFlow, request: Request, *, can_stick: bool) -> Solution:
+    """Follow a trajectory, all numbers NumPy's; `request.goals` may be any number of times."""
+    ts, left = request.goals, _nothing_done(numbers, flow)
+    calls: list[_Taken] = []
+    num_reached = 0
+    while True:
+        window = _window(request, num_reached)
+        solution, left = _call(numbers, flow, window, left, can_stick=can_stick)
+        is_over = not left.is_paused
+        if is_over and not calls and request.max_events == _EVENTS:
+            saved = [np.asarray(a)[: len(ts)] for a in (solution.xs, solution.vs)]
+            return _with_saved(solution, ts, *saved)
+        left = jax.tree.map(np.asarray, left)
+        calls.append(_taken(solution, left, int(window.num_goals)))
+        num_reached += len(calls[-1].xs)
+        if is_over:
+            return _joined(solution, ts, calls, int(request.max_events))
+
+
+def _window(request: Request, num_reached: int) -> Request:
+    """The request of one call: the next goals, filled up with the end."""
+    waiting = request.goals[num_reached:]
+    goals = np.full(_GOALS, request.t1)
+    goals[: len(waiting)] = waiting[:_GOALS]
+    return replace(
+        request,
+        goals=goals,
+        num_goals=np.asarray(min(len(waiting), _GOALS)),
+        is_last=np.asarray(len(waiting) <= _GOALS),
+        max_turns=np.asarray(_STEPS),
+    )
+
+
+def _nothing_done(numbers: Numbers, flow: AbstractFlow) -> Left:
+    """What there is before the first call, in the shapes of what it leaves."""
+    real = np.zeros((), numbers.mass.dtype)
+    left = _nothing(*numbers.rows.shape, numbers.waves.num_harmonics, real.dtype)
+    memory = jax.eval_shape(lambda: flow.memory(jax.numpy.asarray(real)))
+    zeros = jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), memory)
+    return eqx.tree_at(lambda left: left.state, left, remembering(left.state, zeros))
+
+
+@lru_cache
+def _nothing(num_contacts: int, n: int, num_harmonics: int, dtype: np.dtype) -> Left:
+    def zeros(dtype: DTypeLike, *shape: int) -> Array:
+        return jax.device_put(np.zeros(shape, dtype))
+
+    count, real, flag = zeros(int), zeros(dtype), zeros(bool)
+    state = State(
+        periods=count,
+        time=real,
+        time_low=real,
+        phase=zeros(dtype, 2, num_harmonics),
+        x=zeros(dtype, n),
+        v=zeros(dtype, n),
+        gap=zeros(dtype, num_contacts),
+        held=zeros(bool, num_contacts),
+        contact=zeros(np.int8, num_contacts),
+    )
+    return Left(
+        state=state,
+        goals=count,
+        steps=count,
+        rows=count,
+        num_events=count,
+        known_until=real,
+        is_finite=flag,
+        is_paused=flag,
+        grazing=Grazing(real, real, flag),
+    )
+
+
+@dataclass(frozen=True)
+class _Taken:
+    """What one call gave, without what fills it up."""
+
+    xs: np.ndarray
+    vs: np.ndarray
+    events: EventLog
+    restarts: Restarts
+
+
+def _taken(solution: Solution, left: Left, most_goals: int) -> _Taken:
+    num_goals = min(int(left.goals), most_goals)  # the end is no saved state
+    is_event = np.asarray(solution.events.stop) >= 0
+    return _Taken(
+        xs=np.asarray(solution.xs)[:num_goals],
+        vs=np.asarray(solution.vs)[:num_goals],
+        events=jax.tree.map(lambda a: np.asarray(a)[is_event], solution.events),
+        restarts=jax.tree.map(lambda a: np.asarray(a)[: int(left.rows)], solution.restarts),
+    )
+
+
+def _joined(solution: Solution, ts: np.ndarray, calls: list[_Taken], max_events: int) -> Solution:
+    """The trajectory of the last call with what all of them gave."""
+    events, restarts = (
+        _concatenated([getattr(call, name) for call in calls]) for name in ("events", "restarts")
+    )
+    # A stick is logged with the end of its chatter, before which there may be events of a later call.
+    order = np.argsort(events.t, kind="stable")[:max_events]
+    events = jax.tree.map(
+        lambda a: _filled(a[order], max_events, -1 if a.dtype.kind == "i" else np.nan), events
+    )
+    until = _filled(restarts.t, max_events + 1, np.inf)
+    restarts = jax.tree.map(lambda a: _filled(a, max_events + 1, 0), restarts)
+    restarts = eqx.tree_at(lambda rows: rows.t, restarts, until)
+    solution = eqx.tree_at(lambda s: (s.events, s.restarts), solution, jax.device_put((events, restarts)))
+    saved = []
+    for name, end in (("xs", solution.x1), ("vs", solution.v1)):
+        reached = np.concatenate([getattr(call, name) for call in calls])
+        rest = np.broadcast_to(end, (len(ts) - len(reached), *reached.shape[1:]))
+        saved.append(np.concatenate([reached, rest]))
+    return _with_saved(solution, ts, *saved)
+
+
+def _with_saved(solution: Solution, ts: np.ndarray, xs: np.ndarray, vs: np.ndarray) -> Solution:
+    return eqx.tree_at(lambda s: (s.ts, s.xs, s.vs), solution, jax.device_put((ts, xs, vs)))
+
+
+def _concatenated(parts: list[Rows]) -> Rows:
+    return jax.tree.map(lambda *columns: np.concatenate(columns), *parts)
+
+
+def _filled(a: np.ndarray, size: int, value: int | float) -> np.ndarray:
+    """The first rows of a column, filled up to so many."""
+    return np.concatenate([a[:size], np.full((max(size - len(a), 0), *a.shape[1:]), value, a.dtype)])
