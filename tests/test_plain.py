@@ -78,6 +78,12 @@ def swept(folder: Path, plain: str) -> tuple[xr.Dataset, np.ndarray]:
     return ds, np.isin(motion, [names.index(name) for name in ("non_impacting", "periodic", "chattering")])
 
 
+def change_of(section: np.ndarray) -> np.ndarray:
+    """By how much a motion changed in its last cycle, whatever its period, (points, 1)."""
+    steps = np.abs(section[:, -1:] - section[:, :-1])
+    return steps.max(axis=2).min(axis=1, keepdims=True)
+
+
 @pytest.mark.thorough
 def test_point_by_point_a_sweep_is_the_same_but_where_motions_are_chaotic(tmp_path):
     (ours, repeats), (plain, repeats_as_well) = swept(tmp_path, "0"), swept(tmp_path, "1")
@@ -86,6 +92,9 @@ def test_point_by_point_a_sweep_is_the_same_but_where_motions_are_chaotic(tmp_pa
     assert (ours.num_impacts.values == plain.num_impacts.values)[both].all()
     assert (ours.num_sticks.values == plain.num_sticks.values)[both].all()
     for name in ("x", "v"):
-        np.testing.assert_allclose(ours[name].values[both], plain[name].values[both], atol=SETTLED)
+        # What still comes closer to its cycle is as far from it as a few changes of a cycle.
+        change = np.maximum(*(change_of(ds[f"section_{name}"].values) for ds in (ours, plain)))
+        differs = np.abs(ours[name].values - plain[name].values)
+        assert (differs <= SETTLED + 100 * change)[both].all()
     # A chaotic transient may end on the coexisting periodic motion in the one and not yet in the other.
     assert (repeats != repeats_as_well).mean() < 0.02

@@ -53,11 +53,12 @@ def checked(tree: PyTree, number: Int[ArrayLike, ""], sentences: Sequence[str]) 
 
 def lock(number: Int[ArrayLike, ""], sentences: Sequence[str]) -> Scalar:
     """The number 1, computed by a check that raises if something is wrong, see `checked`."""
-    number = unvmap_max(jax.lax.stop_gradient(jnp.asarray(number)))
+    if concrete(number) is None:
+        number = unvmap_max(jax.lax.stop_gradient(number))  # known for a batch that is not traced otherwise
     known = concrete(number)
     if known is not None:
-        if known:
-            raise SimulationError(sentences[int(known)])
+        if known.any():
+            raise SimulationError(sentences[int(known.max())])
         return jnp.ones(())
 
     def refuse(number: Any) -> ArrayLike:

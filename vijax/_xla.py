@@ -6,16 +6,18 @@ is done without is then what a release of JAX that lacks it does without.
 
 import abc
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import cache, wraps
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from equinox.internal import unvmap_any, while_loop
-from jax.core import Tracer
 from jaxtyping import Array, Bool
+
+from ._types import is_traced
 
 try:
     from jax.experimental.xla_metadata import set_xla_metadata
@@ -53,20 +55,52 @@ _LIGHTLY = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_spli
 
 
 def compile_lightly(function: Callable[P, R]) -> Callable[P, R]:
-    """`eqx.filter_jit` for what runs no longer than it takes to compile.
+    """`eqx.filter_jit` for what runs no longer than it takes to compile, and is called with little effort.
 
-    As a part of a larger program, under `jax.jit` or derivatives, it has no say in how that is compiled.
+    What is no array is static, and so are Python's numbers. The structure of what is returned follows from what is
+    static. As a part of a larger program, under `jax.jit` or derivatives, it has no say in how that is compiled.
     """
-    plain = eqx.filter_jit(function)
-    light = eqx.filter_jit(function, compiler_options=_LIGHTLY)  # pyright: ignore[reportCallIssue]
+    part = eqx.filter_jit(function)
+    structures: dict[Hashable, tuple[Any, list]] = {}
+
+    def of_arrays(static: tuple[Any, tuple], arrays: list) -> list:
+        structure, others = static
+        given = iter(arrays)
+        leaves = [next(given) if other is _ARRAY else other for other in others]
+        args, kwargs = jax.tree.unflatten(structure, leaves)
+        leaves, structure = jax.tree.flatten(function(*args, **kwargs))  # pyright: ignore[reportCallIssue]
+        arrays, others = _split(leaves)
+        structures[static] = structure, others
+        return arrays
+
+    @cache
+    def compiled() -> Callable:
+        options = _LIGHTLY if _knows_how() and not PLAIN else None
+        return jax.jit(of_arrays, static_argnums=0, compiler_options=options)
 
     @wraps(function)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
-        leaves = jax.tree.leaves((args, kwargs))
-        is_part = isinstance(jnp.zeros(()) + 1, Tracer) or any(isinstance(leaf, Tracer) for leaf in leaves)
-        return plain(*args, **kwargs) if is_part or PLAIN or not _knows_how() else light(*args, **kwargs)
+        leaves, structure = jax.tree.flatten((args, kwargs))
+        if is_traced(leaves):
+            return part(*args, **kwargs)
+        arrays, others = _split(leaves)
+        static = structure, tuple(others)
+        found = iter(compiled()(static, arrays))
+        structure, others = structures[static]
+        return jax.tree.unflatten(structure, [next(found) if other is _ARRAY else other for other in others])
 
     return wrapped
+
+
+# In place of an array among what is static.
+_ARRAY = object()
+
+
+def _split(leaves: list) -> tuple[list, list]:
+    """The arrays among leaves, and what else they are."""
+    is_array = [isinstance(leaf, jax.Array | np.ndarray | np.generic) for leaf in leaves]
+    arrays = [leaf for leaf, yes in zip(leaves, is_array, strict=True) if yes]
+    return arrays, [_ARRAY if yes else leaf for leaf, yes in zip(leaves, is_array, strict=True)]
 
 
 @cache

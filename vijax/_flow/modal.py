@@ -114,9 +114,9 @@ class DrivenModes(ExpandingFlow):
 
     def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> "ModalExpansion":
         """Expand the motion at `state` with the masses `is_held` at rest."""
-        return ModalExpansion(
-            *self._coordinates(machine, state, is_held), derivatives(machine, state, is_held), self.limit
-        )
+        modes, response, q, q_rate = self._coordinates(machine, state, is_held)
+        now = derivatives(machine, state, is_held)
+        return ModalExpansion(modes=modes, response=response, q=q, q_rate=q_rate, now=now, limit=self.limit)
 
     def leap(
         self,

@@ -47,7 +47,9 @@ class Contacts(eqx.Module):
     @property
     def masses(self) -> tuple[int, ...]:
         """The mass of each, where it is known: without lanes, or for a batch of `jax.vmap`."""
-        rows = np.asarray(self.rows).reshape(-1, *self.rows.shape[-2:])[0]
+        rows = np.asarray(self.rows)
+        while rows.ndim > 2:
+            rows = rows[0]
         return tuple(int(np.flatnonzero(row)[0]) for row in rows)
 
     @property

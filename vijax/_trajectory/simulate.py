@@ -10,12 +10,12 @@ from jaxtyping import Array, ArrayLike
 from .._contact.sticking import can_any_stick
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
-from .._machine.numbers import numbers_of
 from .._refusal import checked
 from .._system.checks import validate_start
 from .._system.system import ImpactSystem, with_args
 from .._types import Count, Numbers, as_float, as_known, at_once, concrete, is_traced, whole_number
 from .._xla import padding_allowed
+from .known import known_machine
 from .loop import OWN_BOUND, Request, run_whole
 from .solution import RESULTS, Solution, told
 from .windows import follow_known
@@ -115,32 +115,27 @@ def follow(
     args: object = None,
 ) -> Solution:
     """`simulate` with its knobs as `Settings`."""
-    n, system = system.num_masses, with_args(system, args)
-    max_events = whole_number("max_events", settings.max_events)
+    system, max_events = with_args(system, args), whole_number("max_events", settings.max_events)
     max_reverse_steps = whole_number("max_reverse_steps", settings.max_reverse_steps, 1)
-    asked = (
-        t0,
-        t1,
-        () if ts is None else ts,
-        np.zeros(n) if x0 is None else x0,
-        np.zeros(n) if v0 is None else v0,
-    )
-    is_known = not is_traced((system, flow, asked, settings.max_steps))
-    begin, end, times, x, v = (as_known(a) if is_known else as_float(a) for a in asked)
-    times = end[None] if ts is None else times
+    max_steps = _bound_of_steps(settings.max_steps)
+    asked = [t0, t1, ts, x0, v0]
+    if is_traced((system, flow, asked, max_steps)):
+        convert, known = as_float, None
+        system = jax.tree.map(at_once(lambda a: a.astype(system.mass.dtype)), system)
+    else:
+        convert, known = as_known, known_machine(system)
+        system = known.system
+    zeros = np.zeros(system.num_masses)
+    begin, end = convert(t0), convert(t1)
+    times = end[None] if ts is None else convert(ts)
+    x, v = (convert(zeros if a is None else a) for a in (x0, v0))
     for name, value in (("x0", x), ("v0", v)):
-        if value.shape != (n,):
-            raise ValueError(f"Argument `{name}` must have shape ({n},), but has shape {value.shape}.")
+        if value.shape != zeros.shape:
+            raise ValueError(f"Argument `{name}` must have shape {zeros.shape}, but has shape {value.shape}.")
     if times.ndim != 1:
         raise ValueError(f"Argument `ts` must have shape (times,), but has shape {times.shape}.")
-    values = (system, begin, end, times, x, v)
-    if is_known:
-        values = jax.tree.map(lambda a: np.asarray(a) if isinstance(a, jax.Array) else a, values)
-    dtype = jnp.result_type(*jax.tree.leaves(values))
-    system, begin, end, times, x, v = jax.tree.map(at_once(lambda a: a.astype(dtype)), values)
     doubts = validate_start(system, begin, end, times, x, v)
     can_stick = can_any_stick(system, x, v)
-    motion = choose_flow(system, can_stick=can_stick, wanted=flow)
     request = Request(
         t0=begin,
         t1=end,
@@ -149,17 +144,18 @@ def follow(
         goals=times,
         num_goals=np.asarray(times.size),
         is_last=np.asarray(True),
-        max_steps=_bound_of_steps(settings.max_steps),
+        max_steps=max_steps,
         max_events=np.asarray(max_events),
         max_turns=np.asarray(np.iinfo(int).max),
         is_sound=~jnp.any(jnp.stack([is_wrong for is_wrong, _ in doubts])) if doubts else np.asarray(True),
     )
-    if is_known:
-        solution = follow_known(numbers_of(system), motion, request, can_stick=can_stick)
+    if known:
+        motion = known.flow(flow, can_stick=can_stick)
+        solution = follow_known(known.numbers, motion, request, can_stick=can_stick)
     else:
         solution = run_whole(
             system,
-            motion,
+            choose_flow(system, can_stick=can_stick, wanted=flow),
             request,
             room=max_events,
             can_stick=can_stick,

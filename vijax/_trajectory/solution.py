@@ -1,6 +1,7 @@
 """What `simulate` returns."""
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import equinox as eqx
@@ -54,12 +55,18 @@ class RESULTS(eqx.Enumeration):
     )
 
 
-def told(result: RESULTS, allowed: Sequence[RESULTS] = ()) -> tuple[Int[Array, ""], list[str]]:
+def told(result: RESULTS, allowed: Sequence[RESULTS] = ()) -> tuple[Reals, list[str]]:
     """Arguments of `checked`: 0 or the number of the sentence to raise, and all sentences."""
-    number = jnp.asarray(result._value)
+    known = concrete(result._value)
+    number = result._value if known is None else known
     for one in allowed:
-        number = jnp.where(result == one, 0, number)
-    return number, [RESULTS[getattr(RESULTS, name)] for name in RESULTS._name_to_item]
+        number = library_of(number).where(number == np.asarray(one._value), 0, number)
+    return number, [*_sentences()]
+
+
+@cache
+def _sentences() -> list[str]:
+    return [RESULTS[getattr(RESULTS, name)] for name in RESULTS._name_to_item]
 
 
 class Solution(eqx.Module):
@@ -239,7 +246,7 @@ def _is_outside(solution: Solution, times: Reals) -> Flag | np.bool_:
     library = library_of(times)
     t0, t1 = (library.asarray(a)[..., None] for a in (solution.t0, solution.t1))
     slack = 8 * np.finfo(times.dtype).eps * library.maximum(abs(t0), abs(t1))
-    t = times.reshape((1,) * t1.ndim + (-1,)) if t1.ndim > 1 else times.ravel()
+    t = times.reshape((1,) * solution.t1.ndim + (-1,))
     return ~((t >= t0 - slack) & (t <= t1 + slack)).all()
 
 
@@ -247,23 +254,23 @@ def _evaluate_known(solution: Solution, times: np.ndarray) -> tuple[Array, Array
     """Positions, velocities and contact forces at known times, so many at once."""
     if _is_outside(solution, times):
         raise ValueError(_OUTSIDE)
+    t0, t1, known_until = (np.asarray(a) for a in (solution.t0, solution.t1, solution.known_until))
+    num_parts = max(-(-times.size // _TIMES), 1)
+    t = np.full(num_parts * _TIMES, t0)
+    t[: times.size] = np.clip(times.ravel(), t0, t1)
     rows = jax.tree.map(np.asarray, solution.restarts)
-    t = np.clip(times.ravel(), solution.t0, solution.t1)
     row = np.maximum(np.searchsorted(rows.t, t, side="right") - 1, 0)
+    starts = jax.tree.map(lambda a: a[row], rows)
     parts = []
-    for k in range(0, max(len(t), 1), _TIMES):
-        filled = np.resize(np.arange(k, min(k + _TIMES, len(t))), _TIMES) if len(t) else None
-        at, which = (
-            (np.zeros(_TIMES, t.dtype), np.zeros(_TIMES, int)) if filled is None else (t[filled], row[filled])
-        )
-        start = jax.tree.map(lambda a, which=which: a[which], rows)
+    for k in range(num_parts):
+        at, start = jax.tree.map(lambda a, k=k: a[k * _TIMES : (k + 1) * _TIMES], (t, starts))
         found = _coasted(
             solution.machine, solution.flow, rows.phase[0], start, at, solution.t0, solution.max_steps
         )
-        parts.append([np.asarray(a)[: len(t) - k] for a in found])
-    is_known = (t <= solution.known_until)[:, None]
+        parts.append(found)
+    is_known = (t <= known_until)[:, None]
     whole = (np.where(is_known, np.concatenate(columns), np.nan) for columns in zip(*parts, strict=True))
-    x, v, force = (jax.device_put(a.reshape(*times.shape, a.shape[-1])) for a in whole)
+    x, v, force = (jax.device_put(a[: times.size].reshape(*times.shape, a.shape[-1])) for a in whole)
     return x, v, force
 
 

@@ -29,11 +29,22 @@ _EVENTS, _GOALS, _STEPS = 1024, 256, 1 << 18
 Rows = TypeVar("Rows", EventLog, Restarts)
 
 
+class _Saved(eqx.Module):
+    """The states saved by one call, (goals, n)."""
+
+    xs: Array
+    vs: Array
+
+
 @compile_lightly
 def _call(
     numbers: Numbers, flow: AbstractFlow, request: Request, left: Left, *, can_stick: bool
-) -> tuple[Solution, Left]:
-    return run(numbers, flow, request, left, room=_EVENTS, can_stick=can_stick)
+) -> tuple[Solution, _Saved, Left]:
+    """One call; in the solution the first of the saved states alone, as most ask for no more."""
+    solution, left = run(numbers, flow, request, left, room=_EVENTS, can_stick=can_stick)
+    names = lambda s: (s.ts, s.xs, s.vs)  # noqa: E731
+    first = eqx.tree_at(names, solution, [a[:1] for a in names(solution)])
+    return first, _Saved(solution.xs, solution.vs), left
 
 
 def follow_known(numbers: Numbers, flow: AbstractFlow, request: Request, *, can_stick: bool) -> Solution:
@@ -43,13 +54,12 @@ def follow_known(numbers: Numbers, flow: AbstractFlow, request: Request, *, can_
     num_reached = 0
     while True:
         window = _window(request, num_reached)
-        solution, left = _call(numbers, flow, window, left, can_stick=can_stick)
-        is_over = not left.is_paused
-        if is_over and not calls and request.max_events == _EVENTS:
-            saved = [np.asarray(a)[: len(ts)] for a in (solution.xs, solution.vs)]
-            return _with_saved(solution, ts, *saved)
+        solution, saved, left = _call(numbers, flow, window, left, can_stick=can_stick)
+        is_over = not np.asarray(left.is_paused)
+        if is_over and not calls and len(ts) == 1 and request.max_events == _EVENTS:
+            return solution
         left = jax.tree.map(np.asarray, left)
-        calls.append(_taken(solution, left, int(window.num_goals)))
+        calls.append(_taken(solution, saved, left, int(window.num_goals)))
         num_reached += len(calls[-1].xs)
         if is_over:
             return _joined(solution, ts, calls, int(request.max_events))
@@ -71,11 +81,13 @@ def _window(request: Request, num_reached: int) -> Request:
 
 def _nothing_done(numbers: Numbers, flow: AbstractFlow) -> Left:
     """What there is before the first call, in the shapes of what it leaves."""
-    real = np.zeros((), numbers.mass.dtype)
-    left = _nothing(*numbers.rows.shape, numbers.waves.num_harmonics, real.dtype)
-    memory = jax.eval_shape(lambda: flow.memory(jax.numpy.asarray(real)))
-    zeros = jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), memory)
-    return eqx.tree_at(lambda left: left.state, left, remembering(left.state, zeros))
+    left = _nothing(*numbers.rows.shape, numbers.waves.num_harmonics, numbers.mass.dtype)
+    memory = flow.memory(left.known_until)
+    return (
+        left
+        if memory is None
+        else eqx.tree_at(lambda left: left.state, left, remembering(left.state, memory))
+    )
 
 
 @lru_cache
@@ -118,12 +130,12 @@ class _Taken:
     restarts: Restarts
 
 
-def _taken(solution: Solution, left: Left, most_goals: int) -> _Taken:
+def _taken(solution: Solution, saved: _Saved, left: Left, most_goals: int) -> _Taken:
     num_goals = min(int(left.goals), most_goals)  # the end is no saved state
     is_event = np.asarray(solution.events.stop) >= 0
     return _Taken(
-        xs=np.asarray(solution.xs)[:num_goals],
-        vs=np.asarray(solution.vs)[:num_goals],
+        xs=np.asarray(saved.xs)[:num_goals],
+        vs=np.asarray(saved.vs)[:num_goals],
         events=jax.tree.map(lambda a: np.asarray(a)[is_event], solution.events),
         restarts=jax.tree.map(lambda a: np.asarray(a)[: int(left.rows)], solution.restarts),
     )
@@ -142,17 +154,13 @@ def _joined(solution: Solution, ts: np.ndarray, calls: list[_Taken], max_events:
     until = _filled(restarts.t, max_events + 1, np.inf)
     restarts = jax.tree.map(lambda a: _filled(a, max_events + 1, 0), restarts)
     restarts = eqx.tree_at(lambda rows: rows.t, restarts, until)
-    solution = eqx.tree_at(lambda s: (s.events, s.restarts), solution, jax.device_put((events, restarts)))
     saved = []
     for name, end in (("xs", solution.x1), ("vs", solution.v1)):
         reached = np.concatenate([getattr(call, name) for call in calls])
         rest = np.broadcast_to(end, (len(ts) - len(reached), *reached.shape[1:]))
         saved.append(np.concatenate([reached, rest]))
-    return _with_saved(solution, ts, *saved)
-
-
-def _with_saved(solution: Solution, ts: np.ndarray, xs: np.ndarray, vs: np.ndarray) -> Solution:
-    return eqx.tree_at(lambda s: (s.ts, s.xs, s.vs), solution, jax.device_put((ts, xs, vs)))
+    names = lambda s: (s.ts, s.xs, s.vs, s.events, s.restarts)  # noqa: E731
+    return eqx.tree_at(names, solution, jax.device_put((ts, *saved, events, restarts)))
 
 
 def _concatenated(parts: list[Rows]) -> Rows:
