@@ -20,6 +20,7 @@ from ._execution.settings import ExecutionSettings as ExecutionSettings
 from ._flow.choose import load_diffrax_flow as _load_diffrax_flow
 from ._flow.modal import ModalFlow as ModalFlow
 from ._flow.taylor import TaylorFlow as TaylorFlow
+from ._keep import keep_compiled as keep_compiled
 from ._orbits.maps import (
     monodromy_matrix as monodromy_matrix,
     saltation_matrix as saltation_matrix,
@@ -73,6 +74,7 @@ __all__ = [
     "classify",
     "impact_configurations",
     "impact_map",
+    "keep_compiled",
     "modal_restitution_matrix",
     "models",
     "monodromy_matrix",

@@ -54,7 +54,7 @@ def checked(tree: PyTree, number: Int[ArrayLike, ""], sentences: Sequence[str]) 
 def lock(number: Int[ArrayLike, ""], sentences: Sequence[str]) -> Scalar:
     """The number 1, computed by a check that raises if something is wrong, see `checked`."""
     if concrete(number) is None:
-        number = unvmap_max(jax.lax.stop_gradient(number))  # known for a batch that is not traced otherwise
+        number = unvmap_max(jax.lax.stop_gradient(jnp.asarray(number)))  # known, if only a batch hid it
     known = concrete(number)
     if known is not None:
         if known.any():
@@ -66,4 +66,6 @@ def lock(number: Int[ArrayLike, ""], sentences: Sequence[str]) -> Scalar:
 
     one = jnp.ones(())
     shape = jax.ShapeDtypeStruct(one.shape, one.dtype)
-    return jax.lax.cond(number > 0, lambda: jax.pure_callback(refuse, shape, number), lambda: one)
+    return jax.lax.cond(
+        jnp.asarray(number) > 0, lambda: jax.pure_callback(refuse, shape, number), lambda: one
+    )
