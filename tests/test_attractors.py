@@ -15,7 +15,9 @@ CASE_A = [0.2, 0.4, 0.8, 1.0, 1.2, 1.4, 1.5, 1.8, *DOUBLE]
 CASE_B = [0.2, 0.3, 0.5, 0.715, 0.75, 0.8, 1.1, 1.4, 1.7, 2.0, 2.05, 2.1]
 # For each a start of the second mass from which the motion ends in one impact a period, and one from which
 # it ends in chaos.
-COEXISTING = {1.7: (-0.4, 0.05), 2.0: (-0.4, 0.05), 2.05: (-0.4, 0.05), 2.1: (-0.4, 0.05)}
+COEXISTING = (1.7, 2.0, 2.05, 2.1)
+# The basins are intertwined: of these, some lead to chaos at each frequency.
+TO_PERIODIC, TO_CHAOS = -0.4, (-0.2, -0.05, 0.02, 0.04, 0.05, 0.06, 0.08, 0.09)
 # Motions that have settled, after some hundred roundings that are not magnified.
 SETTLED = 1e-11
 # Bounces this light are left out at the end of a chatter, so its end is known to about their duration.
@@ -103,14 +105,15 @@ def test_what_the_paper_calls_chaotic_in_case_a_does_not_repeat_while_it_lasts()
 
 
 def test_chaos_and_a_motion_of_one_impact_a_period_coexist_in_case_b():
-    starts = [-0.4, 0.0, 0.05]
-    ds = sweep(vx.models.wagg_bishop_b(1.0), {FREQUENCY: list(COEXISTING), "x0[1]": starts})
+    ds = sweep(vx.models.wagg_bishop_b(1.0), {FREQUENCY: COEXISTING, "x0[1]": [TO_PERIODIC, *TO_CHAOS]})
     motions = vx.classify(ds)
     assert motions.motion.dims == (FREQUENCY, "x0[1]")
-    for frequency, (to_periodic, to_chaos) in COEXISTING.items():
+    for frequency in COEXISTING:
         points = motions.sel({FREQUENCY: frequency})
-        assert_motion(points.sel({"x0[1]": to_periodic}), ("periodic", 1, (1, 1)))
-        assert kind(points.sel({"x0[1]": to_chaos})) == "non_periodic"
+        assert_motion(points.sel({"x0[1]": TO_PERIODIC}), ("periodic", 1, (1, 1)))
+        kinds = [kind(points.sel({"x0[1]": start})) for start in TO_CHAOS]
+        # At 2.0 chaos is a transient, of which half is left after some 1500 periods: one may be over already.
+        assert kinds.count("non_periodic") >= 3, frequency
 
 
 def test_both_masses_stick_within_one_period(case_b):

@@ -65,6 +65,7 @@ def assert_same(batch: vx.Solution, k: int, alone: vx.Solution, tolerance: float
     np.testing.assert_array_equal(found.stuck1, alone.stuck1)
 
 
+@pytest.mark.thorough
 def test_a_batch_over_frequencies_equals_a_loop():
     batch = of_system(systems(FREQUENCIES), END, REST)
     assert int(batch.num_events.min()) > 3

@@ -36,7 +36,7 @@ def test_forward_derivatives_have_no_bound_on_steps():
     assert float(slope) == pytest.approx(-np.sin(LONG) * LONG / 2, rel=1e-9)
 
 
-@pytest.mark.parametrize("max_reverse_steps", [100, 1000])
+@pytest.mark.parametrize("max_reverse_steps", [100, pytest.param(1000, marks=pytest.mark.thorough)])
 def test_reverse_derivatives_are_right_or_refused(max_reverse_steps):
     logging.disable(logging.CRITICAL)
     slope = jax.jit(jax.grad(lambda k: light(k, 200.0, max_reverse_steps=max_reverse_steps)))

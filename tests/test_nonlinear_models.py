@@ -310,6 +310,7 @@ def test_derivatives_of_a_free_machine_are_those_of_elliptic_functions(model):
     np.testing.assert_allclose([force, stop.position, stop.restitution], exact, rtol=SLOPES, atol=SLOPES)
 
 
+@pytest.mark.thorough
 def test_the_derivative_of_a_driven_machine_by_its_cubic_stiffness_is_that_of_another_solver():
     values = DRIVEN_DUFFING | {"frequency": 0.9}
     found = slopes(vx.models.duffing_oscillator(**values)).force.stiffness

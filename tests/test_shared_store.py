@@ -141,6 +141,7 @@ def test_a_file_system_without_links_is_served_as_well(plain, tmp_path, monkeypa
         sweep(tmp_path, transient=1)
 
 
+@pytest.mark.thorough
 def test_processes_visit_the_chunks_in_different_orders(tmp_path):
     orders = []
     for k in range(6):

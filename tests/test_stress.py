@@ -33,7 +33,7 @@ SLOW = [
     ("three_between_six", 3, 200),
 ]
 GROUPS = [
-    *(pytest.param(*g, id=f"{g[0]}-{g[1]}") for g in FAST),
+    *(pytest.param(*g, id=f"{g[0]}-{g[1]}", marks=pytest.mark.thorough) for g in FAST),
     *(pytest.param(*g, id=f"{g[0]}-{g[1]}-many", marks=pytest.mark.slow) for g in SLOW),
 ]
 LOG = 400
