@@ -21,6 +21,7 @@ def light(stiffness, t1=LONG, **options) -> jax.Array:
     return vx.simulate(system, 0.0, t1, [1.0], [0.0], max_events=1, **options).x1[0]
 
 
+@pytest.mark.thorough
 def test_forward_derivatives_have_no_bound_on_steps():
     sol = vx.simulate(
         vx.ImpactSystem([1.0], [[0.0]], [[1.0]], vx.Harmonic([0.0], 1.0), [vx.Stop(0, 100.0, "upper", 0.7)]),

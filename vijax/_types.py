@@ -170,6 +170,8 @@ def stack(rows: Sequence[Reals]) -> Reals:
 # So many rows are added up one by one: XLA fuses that with what is around it, and hands no part of it to
 # a library, which `in_one_kernel` could not call.
 UNROLLED = 16
+# Of one trajectory alone, which is compiled for milliseconds of work, fewer.
+UNROLLED_ALONE = 4
 
 
 def add_up(rows: Sequence[Reals] | Reals) -> Reals:
@@ -190,6 +192,8 @@ def smallest(rows: Sequence[Array] | Array) -> Array:
 def matvec(matrix: Float[Array, "m n ..."], vector: Float[Array, "n ..."]) -> Float[Array, "m ..."]:
     """Multiply over the leading axes, row by row while that is little to compile."""
     m, n = matrix.shape[:2]
+    if vector.ndim == 1 and n > UNROLLED_ALONE:
+        return jnp.sum(matrix * vector[None], axis=1)
     if m * n <= 16:
         return stack([add_up([matrix[i, j] * vector[j] for j in range(n)]) for i in range(m)])
     if n <= UNROLLED:

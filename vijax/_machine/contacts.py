@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._types import matvec, stack
+from .._types import matvec
 
 
 class Contacts(eqx.Module):
@@ -80,10 +80,10 @@ class Contacts(eqx.Module):
 
     def masses_of(self, flags: Bool[Array, "contacts ..."]) -> Bool[Array, "n ..."]:
         """The masses that any of the flagged contacts bears on."""
-        rows = [jnp.zeros(flags.shape[1:], bool)] * self.inverse_mass.shape[0]
+        found = jnp.zeros((self.bears.shape[1], *flags.shape[1:]), bool)
         for j in range(self.num):
-            rows = [row | (flags[j] & bears) for row, bears in zip(rows, self.bears[j], strict=True)]
-        return jnp.stack(rows)
+            found = found | (flags[j] & self.bears[j])
+        return found
 
     def sharing(self, flags: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:
         """Contacts whose gap changes when the masses of a flagged contact move."""
@@ -92,26 +92,20 @@ class Contacts(eqx.Module):
 
     def placed(self, x: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."]) -> Float[Array, "n ..."]:
         """Positions with the gaps of the flagged contacts exactly zero."""
-        return self._changed(x, flags, [lambda _, a, j=j: a * self.limit[j] for j in range(self.num)])
+        for j in range(self.num):
+            x = jnp.where(flags[j] & self.bears[j], self.rows[j] * self.limit[j], x)
+        return x
 
     def reflected(
         self, v: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."]
     ) -> Float[Array, "n ..."]:
         """Velocities with the approach to the flagged contacts turned round and multiplied by r."""
-        return self._changed(v, flags, [lambda v, _, j=j: -self.restitution[j] * v for j in range(self.num)])
+        for j in range(self.num):
+            v = jnp.where(flags[j] & self.bears[j], -self.restitution[j] * v, v)
+        return v
 
     def held_still(
         self, of_masses: Float[Array, "n ..."], held: Bool[Array, "contacts ..."]
     ) -> Float[Array, "n ..."]:
         """Velocities or accelerations as the flagged contacts allow them, which hold their masses."""
         return jnp.where(self.masses_of(held), 0, of_masses)
-
-    def _changed(
-        self, of_masses: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], new: list
-    ) -> Array:
-        """Quantities of the masses, each changed by the flagged contacts of it."""
-        rows = list(of_masses)
-        for j, change in enumerate(new):
-            entries = zip(rows, self.rows[j], flags[j] & self.bears[j], strict=True)
-            rows = [jnp.where(is_changed, change(y, a), y) for y, a, is_changed in entries]
-        return stack(rows)

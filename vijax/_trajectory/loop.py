@@ -20,7 +20,7 @@ from .._machine.numbers import Numbers, numbers_of
 from .._machine.state import State, start_period
 from .._refusal import lock
 from .._system.system import ImpactSystem
-from .._types import UNROLLED, Reals, Scalar
+from .._types import UNROLLED_ALONE, Reals, Scalar
 from .._xla import AbstractTask, compile_lightly, in_one_kernel, while_any
 from .event_log import Log, empty_log, event_log, write
 from .grazing import Grazing, nothing_met, update_grazing
@@ -233,7 +233,7 @@ def _one_way(prepare: Callable[..., tuple[Task, Carry]], arguments: tuple) -> tu
         return task, jax.lax.while_loop(lambda c: task.is_live(c), lambda c: task.step(c), carry), arguments
 
     numbers, flow, *_ = arguments
-    is_small = max(*numbers.rows.shape, numbers.waves.num_harmonics) <= UNROLLED
+    is_small = max(*numbers.rows.shape, numbers.waves.num_harmonics) <= UNROLLED_ALONE
     run = partial(in_one_kernel, loop) if is_small and flow.fits_one_kernel else loop
     return run(arguments)[:2]
 
