@@ -132,7 +132,8 @@ def _safe_step(
         return limit, state.held
     if machine.can_stick:
         is_any_held = is_any(state.held)
-        bound = jax.lax.cond(is_any_held, _bound, _bound_of_gap, machine, state, motion, limit)
+        now = machine, state, motion, limit
+        bound = jax.lax.cond(is_any_held, lambda: _bound(*now), lambda: _bound_of_gap(*now))
     else:
         bound = compute_once(_bound_of_gap, machine, state, motion, limit)
     steps, is_root = safe_step(bound, limit)

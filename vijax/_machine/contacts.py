@@ -5,7 +5,8 @@ mass i has the row e_i (an upper one) or -e_i (a lower one). What follows from r
 `_contact/law.py`, and nowhere else: gaps, speeds of approach, which masses a contact bears on,
 what holding does to a motion. The rest of the engine knows contacts by their number alone.
 
-Rows are numbers, so which mass has a stop, and on which side, compiles nothing.
+Rows are numbers, so which mass has a stop, and on which side, compiles nothing for one trajectory. In sweeps, where
+every operation counts, they are known while the loop is traced, as NumPy's, and nothing is multiplied by their zeros.
 """
 
 import equinox as eqx
@@ -13,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._types import matvec
+from .._types import Reals, add_up, matvec, stack
 
 
 class Contacts(eqx.Module):
@@ -28,16 +29,16 @@ class Contacts(eqx.Module):
         signs: the entry of each row, (contacts,).
     """
 
-    rows: Float[Array, "contacts n ..."]
+    rows: Reals
     limit: Float[Array, "contacts ..."]
     restitution: Float[Array, "contacts ..."]
     inverse_mass: Float[Array, "n ..."]
-    bears: Bool[Array, "contacts n ..."]
-    signs: Float[Array, "contacts ..."]
+    bears: Reals
+    signs: Reals
 
-    def __init__(self, rows: Array, limit: Array, restitution: Array, inverse_mass: Array):
+    def __init__(self, rows: Reals, limit: Array, restitution: Array, inverse_mass: Array):
         self.rows, self.limit, self.restitution, self.inverse_mass = rows, limit, restitution, inverse_mass
-        self.bears, self.signs = rows != 0, jnp.sum(rows, axis=1)
+        self.bears, self.signs = rows != 0, rows.sum(axis=1)
 
     @property
     def num(self) -> int:
@@ -64,11 +65,11 @@ class Contacts(eqx.Module):
 
     def along(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
         """A . y: a velocity or a force, counted towards each contact."""
-        return matvec(self.rows, of_masses) if self.num else of_masses[:0]
+        return _applied(self.rows, of_masses)
 
     def size(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
         """|A| . y: bounds of quantities of the masses, carried to each contact."""
-        return matvec(jnp.abs(self.rows), of_masses) if self.num else of_masses[:0]
+        return _applied(abs(self.rows), of_masses)
 
     def told(self, towards: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
         """Change between quantities counted towards each contact and signed quantities of its mass."""
@@ -109,3 +110,13 @@ class Contacts(eqx.Module):
     ) -> Float[Array, "n ..."]:
         """Velocities or accelerations as the flagged contacts allow them, which hold their masses."""
         return jnp.where(self.masses_of(held), 0, of_masses)
+
+
+def _applied(rows: Reals, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
+    """The product, without the zeros of rows that are known."""
+    if not len(rows):
+        return of_masses[:0]
+    if not isinstance(rows, np.ndarray):
+        return matvec(rows, of_masses)
+    entries = rows.reshape(*rows.shape[:2])  # no lanes, or a single one
+    return stack([add_up([row[i] * of_masses[i] for i in np.flatnonzero(row)]) for row in entries])

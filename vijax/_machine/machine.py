@@ -176,6 +176,7 @@ def prepare(
         start: time, positions and velocities.
         can_stick: whether any stop might hold its mass.
     """
+    rows = numbers.rows
     numbers = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray) else a, numbers)
     waves, frequency, frame = numbers.waves, numbers.frequency, None
     if numbers.travel is not None:
@@ -198,7 +199,7 @@ def prepare(
         waves=waves,
         frequency=frequency,
         period=period,
-        contacts=Contacts(numbers.rows, numbers.limit, numbers.restitution, 1 / numbers.mass),
+        contacts=Contacts(rows, numbers.limit, numbers.restitution, 1 / numbers.mass),
         rate=rate,
         timescale=1 / rate,
         can_stick=can_stick,

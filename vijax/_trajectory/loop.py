@@ -11,7 +11,6 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
@@ -209,9 +208,8 @@ def run(
     Returns:
         The trajectory, with what this call saw of it, and where it stands.
     """
-    arguments = jax.tree.map(
-        lambda a: jnp.asarray(a) if isinstance(a, np.ndarray) else a, (numbers, flow, request, left)
-    )
+    request = jax.tree.map(jnp.asarray, request)
+    arguments = numbers, flow, request, left
     prepare = partial(_begin, room=room, can_stick=can_stick)
     if left is None:
         refuse = partial(_factor_in_reverse, raises=raises)
