@@ -359,6 +359,13 @@ def test_the_steps_of_a_call_bound_no_motion():
         xr.testing.assert_allclose(wide.isel({"x0[0]": k}, drop=True), whole, rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.thorough
+def test_a_long_sweep_with_a_program_of_its_own_finds_the_same():
+    values = {"stops[0].position": float(SYSTEM.stops[0].position) * np.linspace(0.9, 1.1, 5)}
+    few, of_its_own = (sweep(SYSTEM, values, settings=ExecutionSettings(long=long)) for long in (10**9, 0))
+    xr.testing.assert_allclose(few, of_its_own, rtol=0, atol=ROUNDING)
+
+
 def test_an_interrupt_is_heard_in_a_long_sweep(monkeypatch):
     def interrupted(*args, **kwargs):
         raise KeyboardInterrupt

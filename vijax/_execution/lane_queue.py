@@ -24,7 +24,7 @@ from .._machine.numbers import num_harmonics, numbers_of
 from .._machine.state import State
 from .._system.system import ImpactSystem
 from .._trajectory.step import begin
-from .._types import UNROLLED
+from .._types import UNROLLED, Reals
 from .._xla import PLAIN, in_one_kernel
 from .lane_loop import Ends, Progress, Task, Work, has_room, is_live, turn_until_fed
 from .records import impact_rows, mark_rows
@@ -169,7 +169,7 @@ def _of_lanes(work: Work, point: Int[Array, " lanes"]) -> Work:
 def _gather(tree, point: Int[Array, " lanes"], num_points: int):
     """The numbers of each lane's point; those shared by all points stay single."""
 
-    def take(a: Array) -> Array:
+    def take(a: Reals) -> Reals:
         return a[..., point] if a.ndim and a.shape[-1] == num_points > 1 else a
 
     return jax.tree.map(take, tree)

@@ -19,6 +19,8 @@ class ExecutionSettings:
         chunk_periods: forcing periods in a chunk of a store, for each core: the work of a few seconds.
         min_chunk: the fewest points of a chunk for each core, so that lanes do not idle.
         max_chunk: the most points of a chunk for each core, no more than a queue holds.
+        long: forcing periods of all points together, above which a sweep has a program of its own, compiled for what
+            it sweeps: a minute or more.
         ahead: points of a carried chain, past the last whose end is known, that are run again in one round.
     """
 
@@ -31,6 +33,7 @@ class ExecutionSettings:
     chunk_periods: int = 250_000
     min_chunk: int = 192
     max_chunk: int = 2048
+    long: int = 30_000_000
     ahead: int = 256
 
 
