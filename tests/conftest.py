@@ -2,10 +2,10 @@
 
 import os
 
-# Most of the time goes into compiling programs that run for milliseconds. They are compiled the short way that
-# `simulate` takes by itself, but where `VIJAX_COMPILE_FULLY=1` asks for what `jax.jit` does for users.
+# Most of the time goes into compiling programs that run for milliseconds. They are compiled a short way, unoptimised, but
+# where `VIJAX_COMPILE_FULLY=1` asks for what users get.
 if not os.environ.get("VIJAX_COMPILE_FULLY"):
-    short_way = "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=4 --xla_backend_optimization_level=0"
+    short_way = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {short_way}"
 
 import jax
