@@ -15,6 +15,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from equinox.internal import unvmap_max
 from jaxtyping import Array, ArrayLike, Int, PyTree
 
@@ -39,6 +40,9 @@ def checked(tree: PyTree, number: Int[ArrayLike, ""], sentences: Sequence[str]) 
     Raises:
         SimulationError: at once, or when what is compiled runs.
     """
+    if concrete(number) is not None:
+        _refuse(number, sentences)
+        return tree
     one = lock(number, sentences)
     if concrete(one) is not None:
         return tree
@@ -55,17 +59,23 @@ def lock(number: Int[ArrayLike, ""], sentences: Sequence[str]) -> Scalar:
     """The number 1, computed by a check that raises if something is wrong, see `checked`."""
     if concrete(number) is None:
         number = unvmap_max(jax.lax.stop_gradient(jnp.asarray(number)))  # known, if only a batch hid it
-    known = concrete(number)
-    if known is not None:
-        if known.any():
-            raise SimulationError(sentences[int(known.max())])
-        return jnp.ones(())
+    one = jnp.ones(())
+    if concrete(number) is not None:
+        _refuse(number, sentences)
+        return one
 
     def refuse(number: Any) -> ArrayLike:
-        raise SimulationError(sentences[int(number)])
+        _refuse(number, sentences)
+        return np.ones(shape.shape, shape.dtype)
 
-    one = jnp.ones(())
     shape = jax.ShapeDtypeStruct(one.shape, one.dtype)
     return jax.lax.cond(
         jnp.asarray(number) > 0, lambda: jax.pure_callback(refuse, shape, number), lambda: one
     )
+
+
+def _refuse(number: Any, sentences: Sequence[str]) -> None:
+    """Raise the last of the sentences that a batch of numbers names, unless all are 0."""
+    worst = int(np.max(number, initial=0))
+    if worst:
+        raise SimulationError(sentences[worst])

@@ -114,7 +114,8 @@ def check_machines(system: Any, x0: Array | np.ndarray) -> None:
 
 
 def validate_start(
-    system: Any,
+    stops: Sequence[Any],
+    frequency: Reals,
     t0: Reals,
     t1: Reals,
     ts: Reals,
@@ -130,9 +131,9 @@ def validate_start(
     if ts.size:
         in_order = (ts[1:] >= ts[:-1]).all() & (ts[0] >= t0) & (ts[-1] <= t1)
         checks.append((~in_order, "Argument `ts` must be in increasing order, within [t0, t1]."))
-    checks += _beyond(system.stops, x0, system.forcing.frequency * t0, "The start lies")
+    checks += _beyond(stops, x0, frequency * t0, "The start lies")
     # A machine tells this when it is built, but for a motion that was traced then, or given since.
-    return refuse(checks + _unlike(system.stops))
+    return refuse(checks + _unlike(stops))
 
 
 def refuse(checks: list[tuple[Any, str]]) -> list[tuple[Any, str]]:

@@ -2,14 +2,17 @@
 
 from collections import OrderedDict
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import jax
 import numpy as np
 
+from .._contact.sticking import can_any_stick
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._machine.numbers import Numbers, numbers_of
-from .._system.system import ImpactSystem
+from .._system.system import ImpactSystem, with_args
+from .._types import Reals, as_known
 
 _MOST = 64
 
@@ -20,7 +23,7 @@ class KnownMachine:
 
     Attributes:
         leaves: of the machine as it was given, which are kept so that no other has their identity.
-        system: the machine in NumPy's numbers.
+        system: the machine in NumPy's numbers, its force bound to its `args`.
         numbers: the same in arrays, on the device.
         flows: the motions chosen so far, by whether a stop may hold its mass.
     """
@@ -29,6 +32,30 @@ class KnownMachine:
     system: ImpactSystem
     numbers: Numbers
     flows: dict[bool, AbstractFlow] = field(default_factory=dict)
+
+    @cached_property
+    def can_always_stick(self) -> bool:
+        """Whether a stop might hold its mass wherever the motion starts."""
+        return can_any_stick(self.system, np.full(self.num_masses, np.nan), np.zeros(self.num_masses))
+
+    @cached_property
+    def num_masses(self) -> int:
+        """Number of masses, n."""
+        return self.system.num_masses
+
+    @cached_property
+    def fixed_stops(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Rows and limits of the stops; None if any of them moves."""
+        if self.numbers.travel is not None:
+            return None
+        return np.asarray(self.numbers.rows), np.asarray(self.numbers.limit)
+
+    def is_inside(self, x: Reals) -> bool:
+        """Whether all masses are clearly between stops that stand still; if not, `validate_start` looks closer."""
+        if self.fixed_stops is None:
+            return False
+        rows, limit = self.fixed_stops
+        return bool((rows @ x <= limit).all())
 
     def flow(self, wanted: AbstractFlow | None, *, can_stick: bool) -> AbstractFlow:
         """The given motion, or the one that serves best."""
@@ -42,14 +69,15 @@ class KnownMachine:
 _kept: OrderedDict = OrderedDict()
 
 
-def known_machine(system: ImpactSystem) -> KnownMachine:
+def known_machine(system: ImpactSystem, args: object) -> KnownMachine:
     """The numbers of a machine, computed once for arrays that cannot change."""
-    leaves, structure = jax.tree.flatten(system)
-    key = structure, *map(id, leaves)
+    leaves, structure = jax.tree.flatten((system, args))
+    key = jax.config.read("jax_enable_x64"), structure, *map(id, leaves)
     found = _kept.get(key)
     if found is None:
-        dtype = system.mass.dtype
-        in_numpy = jax.tree.unflatten(structure, [np.asarray(a).astype(dtype) for a in leaves])
+        bound, others = jax.tree.flatten(with_args(system, args))
+        dtype = as_known(0.0).dtype
+        in_numpy = jax.tree.unflatten(others, [np.asarray(a).astype(dtype) for a in bound])
         found = KnownMachine(leaves, in_numpy, jax.device_put(numbers_of(in_numpy)))
         if all(isinstance(a, jax.Array) for a in leaves):
             _kept[key] = found

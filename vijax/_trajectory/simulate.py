@@ -115,15 +115,14 @@ def follow(
     args: object = None,
 ) -> Solution:
     """`simulate` with its knobs as `Settings`."""
-    system, max_events = with_args(system, args), whole_number("max_events", settings.max_events)
+    max_events = whole_number("max_events", settings.max_events)
     max_reverse_steps = whole_number("max_reverse_steps", settings.max_reverse_steps, 1)
     max_steps = _bound_of_steps(settings.max_steps)
-    asked = [t0, t1, ts, x0, v0]
-    if is_traced((system, flow, asked, max_steps)):
-        convert, known = as_float, None
+    if is_traced((system, args, flow, [t0, t1, ts, x0, v0], max_steps)):
+        convert, known, system = as_float, None, with_args(system, args)
         system = jax.tree.map(at_once(lambda a: a.astype(system.mass.dtype)), system)
     else:
-        convert, known = as_known, known_machine(system)
+        convert, known = as_known, known_machine(system, args)
         system = known.system
     zeros = np.zeros(system.num_masses)
     begin, end = convert(t0), convert(t1)
@@ -134,8 +133,9 @@ def follow(
             raise ValueError(f"Argument `{name}` must have shape {zeros.shape}, but has shape {value.shape}.")
     if times.ndim != 1:
         raise ValueError(f"Argument `ts` must have shape (times,), but has shape {times.shape}.")
-    doubts = validate_start(system, begin, end, times, x, v)
-    can_stick = can_any_stick(system, x, v)
+    stops = () if known and known.is_inside(x) else system.stops
+    doubts = validate_start(stops, system.forcing.frequency, begin, end, times, x, v)
+    can_stick = (known is not None and known.can_always_stick) or can_any_stick(system, x, v)
     request = Request(
         t0=begin,
         t1=end,
