@@ -4,8 +4,12 @@ import os
 from pathlib import Path
 
 import jax
-from jax.experimental.compilation_cache import compilation_cache
 from platformdirs import user_cache_path
+
+try:
+    from jax.experimental.compilation_cache.compilation_cache import reset_cache
+except ImportError:  # then nothing must have been compiled before
+    reset_cache = None
 
 
 def keep_compiled(folder: str | os.PathLike[str] | None = None) -> Path:
@@ -34,5 +38,6 @@ def keep_compiled(folder: str | os.PathLike[str] | None = None) -> Path:
     jax.config.update("jax_compilation_cache_dir", str(place))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    compilation_cache.reset_cache()  # what was compiled before has fixed it to no folder
+    if reset_cache is not None:  # what was compiled before has fixed it to no folder
+        reset_cache()
     return place

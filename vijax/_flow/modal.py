@@ -244,11 +244,11 @@ def _increments(w2: Array, a: Array, time: Scalar) -> tuple[Array, Array, Array]
         fade + (1 + fade) * (wave - a * arc),
     )
     # Of the two decay rates a - root and a + root the first by what cancels nothing.
-    slower, faster = jnp.expm1(-w2 / (a + root) * time), jnp.expm1(-(a + root) * time)
+    slower, faster = jnp.exp(-w2 / (a + root) * time), jnp.exp(-(a + root) * time)
     is_over, skew = ~is_wave & ~is_slow, a / root
-    grow = jnp.where(is_over, ((1 + skew) * slower + (1 - skew) * faster) / 2, grow)
+    grow = jnp.where(is_over, ((1 + skew) * slower + (1 - skew) * faster) / 2 - 1, grow)
     reach = jnp.where(is_over, (slower - faster) / (2 * root), reach)
-    slow = jnp.where(is_over, ((1 - skew) * slower + (1 + skew) * faster) / 2, slow)
+    slow = jnp.where(is_over, ((1 - skew) * slower + (1 + skew) * faster) / 2 - 1, slow)
     return grow, reach, slow
 
 
