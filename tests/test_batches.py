@@ -1,5 +1,7 @@
 """`jax.vmap` and `jax.jit` of `simulate`: every lane for itself."""
 
+import os
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -121,6 +123,12 @@ FAILURES = {
 }
 
 
+# Whether any lane sticks decides by which of two branches all go on. They compute the same, but unoptimised programs
+# round it differently.
+bit_for_bit = pytest.mark.skipif("VIJAX_COMPILE_FULLY" not in os.environ, reason="see conftest.py")
+
+
+@bit_for_bit
 @pytest.mark.parametrize("name", FAILURES)
 def test_a_lane_that_fails_leaves_the_others_alone_bit_for_bit(name):
     where, bad, code = FAILURES[name]
@@ -136,6 +144,7 @@ def test_a_lane_that_fails_leaves_the_others_alone_bit_for_bit(name):
             np.testing.assert_array_equal(a, b)
 
 
+@bit_for_bit
 def test_a_lane_that_starts_beyond_a_stop_is_told_so_and_leaves_the_others_alone():
     sound = of_start(0.8, END, STARTS)
     unsound = of_start(0.8, END, STARTS.at[1, 1].set(0.2))
