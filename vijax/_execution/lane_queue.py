@@ -19,7 +19,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._flow.interface import AbstractFlow
-from .._machine.machine import Machine, ample_steps, prepare
+from .._machine.machine import OWN_BOUND, Machine, ample_steps, prepare
 from .._machine.numbers import num_harmonics, numbers_of
 from .._machine.state import State
 from .._system.system import ImpactSystem
@@ -29,9 +29,6 @@ from .._xla import PLAIN, in_one_kernel
 from .lane_loop import Ends, Progress, Task, Work, has_room, is_live, turn_until_fed
 from .records import impact_rows, mark_rows
 from .settings import DEFAULT_SETTINGS, ExecutionSettings
-
-# In place of a bound on the steps: every point has one of its own, by the rate of its machine.
-OWN_BOUND = -1
 
 
 class Queue(eqx.Module):

@@ -12,10 +12,11 @@ import numpy as np
 from jaxtyping import Array
 
 from .._flow.interface import AbstractFlow
+from .._machine.machine import OWN_BOUND
 from .._system.system import ImpactSystem
 from .._xla import padding_allowed
 from .lane_loop import Work
-from .lane_queue import OWN_BOUND, Queue, new_queue, run_lanes
+from .lane_queue import Queue, new_queue, run_lanes
 from .points import Point
 from .records import Mark, joined, taken
 from .runner import AbstractRunner, Counts, Found, together

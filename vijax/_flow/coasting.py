@@ -1,8 +1,9 @@
 """The smooth motion over any time, whatever the stops say.
 
-A motion by modes is known at all times at once. Another goes step by step within a forcing period. Whole periods of a linear machine are one affine map z -> P z + b,
-the same for each, whose powers are made by squaring: the way to the next year is no longer than
-the way to tomorrow, and time and phase begin anew with every period, as they do where a trajectory is followed.
+A motion by modes is known at all times at once. Another goes step by step within a forcing period. Whole
+periods of a linear machine are one affine map z -> P z + b, the same for each, whose powers are made by squaring:
+the way to the next year is no longer than the way to tomorrow, and time and phase begin anew with every period,
+as they do where a trajectory is followed.
 """
 
 import equinox as eqx

@@ -128,11 +128,8 @@ class DrivenModes(ExpandingFlow):
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Go any time ahead at once."""
         modes, response, q, q_rate = self._coordinates(machine, state, is_held)
-        grow, reach, slow = _increments(modes.squared_frequency, modes.decay, span)
-        dq = grow * q + reach * q_rate
-        dq_rate = slow * q_rate - reach * modes.squared_frequency * q
-        displacement = matvec(modes.shape, dq) + response.waves.at(change)
-        return displacement, matvec(modes.shape, dq_rate) + response.waves.at(machine.phase_rate(change))
+        increments = _increments(modes.squared_frequency, modes.decay, span)
+        return _gone(machine, modes, response, (q, q_rate), increments, change)
 
     def _coordinates(
         self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]
@@ -200,17 +197,33 @@ class ModalExpansion(Expansion):
         fade, wave, arc, turn, slide = compute_once(
             _factors, self.modes.squared_frequency, self.modes.decay, speed, step
         )
-        # exp(-a t) (c + a s) - 1, exp(-a t) s: the increment of q, and of q' likewise.
-        a, w2 = self.modes.decay, self.modes.squared_frequency
-        grow = fade + (1 + fade) * (wave + a * arc)
-        reach = (1 + fade) * arc
-        slow = fade + (1 + fade) * (wave - a * arc)
-        dq = grow * self.q + reach * self.q_rate
-        dq_rate = slow * self.q_rate - reach * w2 * self.q
+        increments = _faded(self.modes.decay, fade, wave, arc)
         change = turned(state.phase, (turn, slide))
-        displacement = matvec(self.modes.shape, dq) + self.response.waves.at(change)
-        gained = matvec(self.modes.shape, dq_rate) + self.response.waves.at(machine.phase_rate(change))
-        return displacement, state.v + gained, state.phase + change
+        displacement, gain = _gone(
+            machine, self.modes, self.response, (self.q, self.q_rate), increments, change
+        )
+        return displacement, state.v + gain, state.phase + change
+
+
+def _gone(
+    machine: Machine,
+    modes: Modes,
+    response: Response,
+    free: tuple[Array, Array],
+    increments: tuple[Array, Array, Array],
+    change: Array,
+) -> tuple[Array, Array]:
+    """Displacement and gain of velocity by the increments of the free motion (q, q') and the change of the phase."""
+    (q, q_rate), (grow, reach, slow) = free, increments
+    dq = grow * q + reach * q_rate
+    dq_rate = slow * q_rate - reach * modes.squared_frequency * q
+    displacement = matvec(modes.shape, dq) + response.waves.at(change)
+    return displacement, matvec(modes.shape, dq_rate) + response.waves.at(machine.phase_rate(change))
+
+
+def _faded(a: Array, fade: Array, wave: Array, arc: Array) -> tuple[Array, Array, Array]:
+    """exp(-a t) (c + a s) - 1, exp(-a t) s and exp(-a t) (c - a s) - 1 of exp(-a t) - 1, c - 1 and s."""
+    return fade + (1 + fade) * (wave + a * arc), (1 + fade) * arc, fade + (1 + fade) * (wave - a * arc)
 
 
 def _factors(w2: Array, a: Array, speed: Array, step: Scalar) -> tuple[Array, ...]:
@@ -237,12 +250,7 @@ def _increments(w2: Array, a: Array, time: Scalar) -> tuple[Array, Array, Array]
     angle = root * time
     wave = jnp.where(is_slow, near, -2 * jnp.sin(angle / 2) ** 2)
     arc = jnp.where(is_slow, near_arc * time, jnp.sin(angle) / root)
-    fade = jnp.expm1(-a * time)
-    grow, reach, slow = (
-        fade + (1 + fade) * (wave + a * arc),
-        (1 + fade) * arc,
-        fade + (1 + fade) * (wave - a * arc),
-    )
+    grow, reach, slow = _faded(a, jnp.expm1(-a * time), wave, arc)
     # Of the two decay rates a - root and a + root the first by what cancels nothing.
     slower, faster = jnp.exp(-w2 / (a + root) * time), jnp.exp(-(a + root) * time)
     is_over, skew = ~is_wave & ~is_slow, a / root

@@ -39,15 +39,16 @@ def modal_flow(system: ImpactSystem, *, can_stick: bool) -> ModalFlow | None:
     )
     speed = _speeds(system)
     sets = [s for k in range(len(holdable) + 1) for s in combinations(holdable, k)]
-    # The first once more fills them up to what stops on other masses would need, for which the same is compiled.
-    most = min(len(system.stops), mass.shape[-1]) if can_stick else 0
-    sets += sets[:1] * (min(2**most, _MAX_SETS) - len(sets))
     tables = []
     for held in sets:
         table = _modes_of_set(mass, damping, stiffness, held)
         if table is None or not _keeps_digits(table[0], table[1], speed):
             return None
         tables.append(table)
+    # The first once more fills them up to what stops on other masses would need, for which the same is compiled.
+    most = min(len(system.stops), mass.shape[-1]) if can_stick else 0
+    missing = min(2**most, _MAX_SETS) - len(sets)
+    sets, tables = sets + sets[:1] * missing, tables + tables[:1] * missing
     arrays = [np.moveaxis(np.stack(column), 1, -1).astype(dtype) for column in zip(*tables, strict=True)]
     members = np.array([[i in held for i in range(mass.shape[-1])] for held in sets])[..., None]
     if not has_lanes:

@@ -176,7 +176,7 @@ def prepare(
         start: time, positions and velocities.
         can_stick: whether any stop might hold its mass.
     """
-    rows = numbers.rows
+    rows = numbers.rows  # those that are known stay NumPy's, see `Contacts`
     numbers = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray) else a, numbers)
     waves, frequency, frame = numbers.waves, numbers.frequency, None
     if numbers.travel is not None:
@@ -206,6 +206,10 @@ def prepare(
         extra=extra,
         frame=frame,
     )
+
+
+# In place of a bound on steps: one by the rate of the machine, `ample_steps`.
+OWN_BOUND = -1
 
 
 def ample_steps(machine: Machine, span: Scalar, least: Scalar | int = 100_000) -> Int[Array, "..."]:

@@ -36,12 +36,8 @@ class KnownMachine:
     @cached_property
     def can_always_stick(self) -> bool:
         """Whether a stop might hold its mass wherever the motion starts."""
-        return can_any_stick(self.system, np.full(self.num_masses, np.nan), np.zeros(self.num_masses))
-
-    @cached_property
-    def num_masses(self) -> int:
-        """Number of masses, n."""
-        return self.system.num_masses
+        n = self.system.num_masses
+        return can_any_stick(self.system, np.full(n, np.nan), np.zeros(n))
 
     @cached_property
     def fixed_stops(self) -> tuple[np.ndarray, np.ndarray] | None:

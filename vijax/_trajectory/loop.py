@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
-from .._machine.machine import Machine, ample_steps, in_periods, prepare
+from .._machine.machine import OWN_BOUND, Machine, ample_steps, in_periods, prepare
 from .._machine.numbers import Numbers, numbers_of
 from .._machine.state import State, start_period
 from .._refusal import lock
@@ -25,9 +25,6 @@ from .event_log import Log, empty_log, event_log, write
 from .grazing import Grazing, nothing_met, update_grazing
 from .solution import RESULTS, Solution, told
 from .step import advance, begin
-
-# In place of a bound on the steps: one by the rate of the machine.
-OWN_BOUND = -1
 
 
 class Request(eqx.Module):
@@ -217,7 +214,7 @@ def run(
         last = while_any(task, carry, max_reverse_steps=max_reverse_steps, refuse=refuse)
     else:
         task, last = _one_way(prepare, arguments)
-    return _finish(task, last, arguments[2], room)
+    return _finish(task, last, request, room)
 
 
 def _one_way(prepare: Callable[..., tuple[Task, Carry]], arguments: tuple) -> tuple[Task, Carry]:

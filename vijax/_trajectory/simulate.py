@@ -10,13 +10,14 @@ from jaxtyping import Array, ArrayLike
 from .._contact.sticking import can_any_stick
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
+from .._machine.machine import OWN_BOUND
 from .._refusal import checked
 from .._system.checks import validate_start
 from .._system.system import ImpactSystem, with_args
 from .._types import Count, Numbers, as_float, as_known, at_once, concrete, is_traced, whole_number
 from .._xla import padding_allowed
 from .known import known_machine
-from .loop import OWN_BOUND, Request, run_whole
+from .loop import Request, run_whole
 from .solution import RESULTS, Solution, told
 from .windows import follow_known
 
