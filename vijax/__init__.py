@@ -5,6 +5,7 @@ from importlib import import_module as _import_module
 
 from . import models as models
 from ._attractors.classify import classify as classify
+from ._attractors.cycles import periodic_orbits as periodic_orbits
 from ._attractors.sections import impact_map as impact_map, stroboscopic_section as stroboscopic_section
 from ._contact.law import (
     impact_configurations as impact_configurations,
@@ -21,11 +22,14 @@ from ._flow.choose import load_diffrax_flow as _load_diffrax_flow
 from ._flow.modal import ModalFlow as ModalFlow
 from ._flow.taylor import TaylorFlow as TaylorFlow
 from ._keep import keep_compiled as keep_compiled
+from ._orbits.find_many import find_periodic_orbits as find_periodic_orbits
 from ._orbits.maps import (
     monodromy_matrix as monodromy_matrix,
     saltation_matrix as saltation_matrix,
     stroboscopic_map as stroboscopic_map,
 )
+from ._orbits.orbit import ORBIT_RESULTS as ORBIT_RESULTS, PeriodicOrbit as PeriodicOrbit
+from ._orbits.periodic_orbit import periodic_orbit as periodic_orbit
 from ._refusal import SimulationError as SimulationError
 from ._sweep.provenance import system_of as system_of
 from ._sweep.sweep import sweep as sweep
@@ -55,6 +59,7 @@ __version__ = _version("vijax")
 
 __all__ = [
     "IMPACT",
+    "ORBIT_RESULTS",
     "RELEASE",
     "RESULTS",
     "STICK",
@@ -64,6 +69,7 @@ __all__ = [
     "Harmonic",
     "ImpactSystem",
     "ModalFlow",
+    "PeriodicOrbit",
     "SimulationError",
     "Solution",
     "StickingRegion",
@@ -72,12 +78,15 @@ __all__ = [
     "base_excitation",
     "chain",
     "classify",
+    "find_periodic_orbits",
     "impact_configurations",
     "impact_map",
     "keep_compiled",
     "modal_restitution_matrix",
     "models",
     "monodromy_matrix",
+    "periodic_orbit",
+    "periodic_orbits",
     "plot",
     "restitution_matrix",
     "saltation_matrix",

@@ -152,6 +152,27 @@ def told_of_solution(solution: Any, results: Sequence[str], kinds: Sequence[str]
     return Told(f"Solution from {span}{_beside(solution.t1, batch)}", rows)
 
 
+def told_of_orbit(orbit: Any, results: Sequence[str], kinds: Sequence[str]) -> Told:
+    """A periodic orbit, or a batch of them, in five lines."""
+    kind, code = concrete(orbit.events.kind), concrete(orbit.result._value)
+    multipliers = concrete(orbit.multipliers)
+    rows = [
+        ("result", _shape(orbit.result._value) if code is None else _results(code, results)),
+        ("x0, v0", f"{_numbers(orbit.x0, 1)}, {_numbers(orbit.v0, 1)}"),
+        ("events", _shape(orbit.events.kind) if kind is None else _kinds(kind, kinds)),
+        ("multipliers", _shape(orbit.multipliers) if multipliers is None else _judged(orbit, multipliers)),
+    ]
+    n = _count(orbit.num_periods, "forcing period")
+    return Told(f"PeriodicOrbit of {n}, {_numbers(orbit.period, 0)}{_beside(orbit.x0, orbit.period.shape)}", rows)
+
+
+def _judged(orbit: Any, multipliers: np.ndarray) -> str:
+    if multipliers.ndim > 1:
+        return f"{np.count_nonzero(orbit.is_stable)} of {orbit.is_stable.size} stable"
+    told = " ".join(f"{a.real:.6g}" if a.imag == 0 else f"{a:.6g}" for a in multipliers[:_NUMBERS].tolist())
+    return f"{told}: {'stable' if orbit.is_stable else 'unstable'}"
+
+
 def _line(rows: list[tuple[str, ...]]) -> str:
     return ", ".join(map(" ".join, rows))
 

@@ -42,8 +42,9 @@ def coast(
         time: and what is left; not before the beginning.
         max_steps: the most steps within any period. A motion that needs more ends in NaN.
     """
-    leapt = _leap(flow, machine, state, phase0, periods, time)
-    return _by_steps(flow, machine, state, phase0, periods, time, max_steps) if leapt is None else leapt
+    if flow.leaps_far:
+        return _leap(flow, machine, state, phase0, periods, time)
+    return _by_steps(flow, machine, state, phase0, periods, time, max_steps)
 
 
 def _leap(
@@ -53,14 +54,11 @@ def _leap(
     phase0: Float[Array, "2 harmonics"],
     periods: Int[Array, ""],
     time: Scalar,
-) -> State | None:
-    """All at once, if the motion can."""
+) -> State:
+    """All at once."""
     span = (periods - state.periods) * machine.period + (time - state.time)
     phase = turned(phase0, phase_at(machine.frequency * time, machine.waves.num_harmonics))
-    gone = flow.leap(machine, state, machine.held_masses(state.held), span, phase - state.phase)
-    if gone is None:
-        return None
-    displacement, gain = gone
+    displacement, gain = flow.leap(machine, state, machine.held_masses(state.held), span, phase - state.phase)
     names = lambda s: (s.periods, s.time, s.phase, s.x, s.v)  # noqa: E731
     there = periods, time, phase, state.x + displacement, state.v + gain
     # Where it begins it is to the last bit.

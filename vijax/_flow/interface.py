@@ -67,10 +67,14 @@ class AbstractFlow(eqx.Module):
     approximate steps with a polynomial inside extends `SteppingFlow` and writes `attempt` and `step_by`. What a flow
     has to remember from step to step, it keeps in `State.memory`, which `memory` begins. A motion that is
     affine in positions and velocities says so by `is_linear`; one whose steps are made of arithmetic,
-    comparisons and choices alone, which compile into one kernel (see `in_one_kernel`), by `fits_one_kernel`.
+    comparisons and choices alone, which compile into one kernel (see `in_one_kernel`), by `fits_one_kernel`;
+    one that has a `leap` once it is prepared, by `can_leap`, and if that loses no digits however far it goes, by
+    `leaps_far`.
     """
 
     is_linear: ClassVar[bool] = False
+    can_leap: ClassVar[bool] = False
+    leaps_far: ClassVar[bool] = False
     fits_one_kernel: ClassVar[bool] = False
 
     @abc.abstractmethod
@@ -101,8 +105,11 @@ class AbstractFlow(eqx.Module):
         is_held: Bool[Array, "n ..."],
         span: Scalar,
         change: Float[Array, "2 harmonics ..."],
-    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]] | None:
-        """Go any time ahead at once, whatever the stops say; None for a motion that has to go step by step.
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+        """Go a whole flight ahead at once, whatever the stops say, if the motion `can_leap`.
+
+        Differentiable both ways by all its arguments, and exact relative to itself however short the flight; a long
+        one may lose as many digits as its phase has before the point, unless `leaps_far`.
 
         Args:
             machine: the numbers of the machine.
@@ -114,7 +121,7 @@ class AbstractFlow(eqx.Module):
         Returns:
             Displacement and gain of velocity.
         """
-        del machine, state, is_held, span, change
+        raise NotImplementedError(f"{type(self).__name__} goes step by step.")
 
     def prepare(self, machine: Machine) -> "AbstractFlow":
         """Compute, before the first step, what all steps need."""

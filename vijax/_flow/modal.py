@@ -16,6 +16,7 @@ Every set of held masses has modes of its own, made once, before the loop, from 
 import operator
 from functools import reduce
 from math import factorial
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -71,6 +72,8 @@ class ModalFlow(ExpandingFlow):
     held in each, none in the first.
     """
 
+    can_leap: ClassVar[bool] = True
+
     modes: Modes
     sets: Bool[Array, "sets n ..."]
 
@@ -106,6 +109,9 @@ def _response(machine: Machine, modes: Modes) -> Response:
 
 class DrivenModes(ExpandingFlow):
     """The modes of a machine and its steady response."""
+
+    can_leap: ClassVar[bool] = True
+    leaps_far: ClassVar[bool] = True
 
     modes: Modes
     response: Response

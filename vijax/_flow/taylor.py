@@ -1,5 +1,7 @@
 """The motion of a linear machine between events by the Taylor series of `series.py`."""
 
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -10,6 +12,7 @@ from .._machine.state import State
 from .._types import Scalar
 from .._xla import compute_once
 from .exact_step import ExpandingFlow
+from .exponential import exponential_increments
 from .interface import Expansion
 from .series import horner, orders, recurrence, rows_of_state, sum_series, taylor_series, vector
 
@@ -18,6 +21,8 @@ _ORDER_AND_TRUST = {"float64": (22, 1.5), "float32": (11, 1.0)}
 
 class TaylorFlow(ExpandingFlow):
     """Exact motion of a linear machine, by its Taylor series to rounding."""
+
+    can_leap: ClassVar[bool] = True
 
     def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> "TaylorExpansion":
         """Expand the motion at `state` with the masses `is_held` at rest."""
@@ -50,6 +55,18 @@ class TaylorFlow(ExpandingFlow):
         (_, _, (displacement, v, phase)), _ = jax.lax.scan(add, first, orders(order, state), unroll=5)
         n = len(state.x)
         return vector(displacement, n), vector(v, n), jnp.stack(phase).reshape(state.phase.shape)
+
+    def leap(
+        self,
+        machine: Machine,
+        state: State,
+        is_held: Bool[Array, "n ..."],
+        span: Scalar,
+        change: Float[Array, "2 harmonics ..."],
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+        """Go a whole flight ahead at once, by the exponential of the matrix."""
+        del change
+        return exponential_increments(machine, state, is_held, span)
 
 
 class TaylorExpansion(Expansion):

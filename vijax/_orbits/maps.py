@@ -62,18 +62,18 @@ def stroboscopic_map(
         Wagg & Bishop (2004), Sec. 2.2.
     """
     system = in_full_precision(system)
-    frequency = concrete(system.forcing.frequency)
-    if frequency is not None and not frequency > 0:
-        raise ValueError("The load has no frequency, so there is no forcing period: use `vx.simulate`.")
-    _check_period(system, args, x0, v0)
+    check_period(system, args, x0, v0)
     end = whole_number("num_periods", num_periods) * system.forcing.period
     settings = Settings(0, max_steps, max_reverse_steps, (RESULTS.max_events_reached,))
     sol = follow(system, 0.0, end, x0, v0, settings, flow=flow, args=args)
     return sol.x1, sol.v1
 
 
-def _check_period(system: ImpactSystem, args: object, x0: Numbers, v0: Numbers) -> None:
-    """Refuse a force of another period than the load's, where its numbers are known."""
+def check_period(system: ImpactSystem, args: object, x0: Numbers, v0: Numbers) -> None:
+    """Refuse a load without a period, and a force of another one, where their numbers are known."""
+    frequency = concrete(system.forcing.frequency)
+    if frequency is not None and not frequency > 0:
+        raise ValueError("The load has no frequency, so there is no forcing period: use `vx.simulate`.")
     bound = with_args(system, args)
     is_traced = any(concrete(leaf) is None for leaf in jax.tree.leaves(bound))
     if bound.force is None or is_traced or not np.asarray(bound.forcing.frequency) > 0:

@@ -20,7 +20,7 @@ from .._machine.state import State, start_period
 from .._refusal import lock
 from .._system.system import ImpactSystem
 from .._types import UNROLLED_ALONE, Reals, Scalar
-from .._xla import AbstractTask, compile_lightly, in_one_kernel, while_any
+from .._xla import AbstractTask, compile_lightly, in_one_kernel, is_any, while_any
 from .event_log import Log, empty_log, event_log, write
 from .grazing import Grazing, nothing_met, update_grazing
 from .solution import RESULTS, Solution, told
@@ -215,6 +215,18 @@ def run(
     else:
         task, last = _one_way(prepare, arguments)
     return _finish(task, last, request, room)
+
+
+def run_for_log(
+    numbers: Numbers, flow: AbstractFlow, request: Request, *, room: int, can_stick: bool
+) -> tuple[Log, RESULTS, Float[Array, " state"]]:
+    """Follow a trajectory for its log alone, without derivatives: the log, what became of it, and its end (x, v)."""
+    request = jax.tree.map(jnp.asarray, request)
+    task, carry = _begin(numbers, flow, request, None, room=room, can_stick=can_stick)
+    # A lane that is done stands still, so what is written is never copied.
+    last = jax.lax.while_loop(lambda c: is_any(task.is_live(c)), lambda c: task.step(c), carry)
+    solution, _ = _finish(task, last, request, room)
+    return last.log, solution.result, jnp.concatenate([solution.x1, solution.v1])
 
 
 def _one_way(prepare: Callable[..., tuple[Task, Carry]], arguments: tuple) -> tuple[Task, Carry]:

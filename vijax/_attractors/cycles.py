@@ -1,0 +1,103 @@
+"""The periodic orbits of a sweep, polished in one batch."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from .._flow.choose import choose_flow
+from .._machine.numbers import numbers_of
+from .._orbits.many import Orbits, lanes_first, search_many
+from .._orbits.search import Strobe
+from .._progress import tqdm
+from .._sweep.provenance import machines_of
+from .._system.system import ImpactSystem
+from .._types import Count, whole_number
+from .._xla import padding_allowed
+from .classify import MOTIONS, classify
+from .record import dims_of, flat, label
+
+_REPEATS = [MOTIONS.index(name) for name in ("non_impacting", "periodic", "chattering")]
+
+
+@padding_allowed
+def periodic_orbits(ds: xr.Dataset, *, max_events: Count = 256, progress: bool = True) -> xr.Dataset:
+    """Polish every periodic motion of a sweep into its orbit, all in one batch.
+
+    Args:
+        ds: what `vx.sweep` returned. Of each point that `vx.classify` calls periodic, chattering or non-impacting the
+            end state is the guess.
+        max_events: the most events of a cycle.
+        progress: show a bar.
+
+    Returns:
+        With the dimensions of the sweep, `converged`: whether an orbit was found and the machine follows it;
+        `x0`, `v0` (..., mass): its state at phase 0; `multipliers` (..., multiplier), complex, the largest magnitude
+        first; `is_stable`; `num_periods`; `num_impacts` (..., stop) in one cycle; `residual`, what is left of the
+        closing of the cycle, relative to the size of the motion. Where none was found, NaN, False and 0.
+
+    Raises:
+        ValueError: if the dataset holds no machine, or one with a `force`.
+
+    Example:
+        ```python
+        import numpy as np, vijax as vx
+        ds = vx.sweep(vx.models.wagg_bishop_a(1.0), {"forcing.frequency": np.arange(0.7, 0.9, 0.01)})
+        orbits = vx.periodic_orbits(ds)
+        abs(orbits.multipliers).max("multiplier")
+        ```
+    """
+    room = whole_number("max_events", max_events, 1)
+    kinds = classify(ds)
+    num_periods = flat(ds, kinds["num_periods"])
+    which = np.flatnonzero(np.isin(flat(ds, kinds["motion"]), _REPEATS) & (num_periods > 0))
+    states = np.concatenate([flat(ds, ds[name], "mass") for name in ("x", "v")], axis=1)
+    # Those that take about as long, side by side.
+    impacts = flat(ds, ds["num_impacts"], "stop").sum(axis=1)
+    which = which[np.lexsort((impacts[which], num_periods[which]))]
+    found = None
+    if which.size:
+        machines = machines_of(ds, [*dims_of(ds)], which)
+        with tqdm(total=len(which), unit="orbit", disable=not progress) as bar:
+            found = _search(machines, num_periods[which], states[which], room, bar.update)
+    return _dataset(ds, found, which, num_periods)
+
+
+def _search(
+    machines: ImpactSystem,
+    num_periods: np.ndarray,
+    states: np.ndarray,
+    room: int,
+    tell: Callable[[int], Any],
+) -> Orbits:
+    """Search from the states of machines with lanes last."""
+    numbers, flow = numbers_of(machines), choose_flow(machines, can_stick=True)
+    (numbers, flow), axes = lanes_first((numbers, flow))
+    strobe = Strobe(numbers, flow, num_periods.astype(states.dtype), np.zeros((), states.dtype), room)
+    return search_many(strobe, [*axes, 0, None], states, tell)
+
+
+def _dataset(ds: xr.Dataset, found: Orbits | None, which: np.ndarray, num_periods: np.ndarray) -> xr.Dataset:
+    size, n = len(num_periods), ds.sizes["mass"]
+    start = np.full((size, 2 * n), np.nan, ds["x"].dtype)
+    multipliers = np.full((size, 2 * n), np.nan, np.result_type(start, np.complex64))
+    residual, is_orbit = np.full(size, np.nan, start.dtype), np.zeros(size, bool)
+    impacts = np.zeros((size, ds.sizes["stop"]), int)
+    if found is not None:
+        is_orbit[which] = found.is_orbit
+        which = which[found.is_orbit]
+        whole = start, multipliers, residual, impacts
+        for a, own in zip(whole, found[:4], strict=True):
+            a[which] = own[found.is_orbit]
+    columns = {
+        "converged": ((), is_orbit),
+        "num_periods": ((), np.where(is_orbit, num_periods, 0)),
+        "x0": (("mass",), start[:, :n]),
+        "v0": (("mass",), start[:, n:]),
+        "multipliers": (("multiplier",), multipliers),
+        "is_stable": ((), is_orbit & (np.abs(multipliers[:, 0]) < 1)),
+        "num_impacts": (("stop",), impacts),
+        "residual": ((), residual),
+    }
+    return label(ds, columns).assign_attrs(ds.attrs)

@@ -1,0 +1,152 @@
+"""Linear equations of a cycle, solved flight by flight.
+
+The unknowns of a cycle are its start z0 and the durations of its flights; each event gives one equation, the closing
+of the cycle the rest. Flight by flight all that satisfies the equations so far is kept as
+
+    dz0 = N c,  dz = Z c,
+
+with 2 n free numbers c: a flight adds one unknown, its duration, its event takes one away. It is taken away by the
+reflection that turns the row of the equation into its last axis. So nothing is ever divided by the speed of an
+impact: at grazing, where the row loses its entry of the duration, another entry takes its place. The work grows with
+the number of events, not with its cube, and what is left at the end is the pencil (Z, N) of the Floquet multipliers.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from equinox.internal import unvmap_max
+from jaxtyping import Array, Float, Int
+
+
+def over_flights(
+    one: Callable[[Any, Any], tuple[Any, Any]], carry: Any, rows: Any, count: Int[Array, ""] | None, *, reverse: bool = False
+) -> tuple[Any, Any]:
+    """`jax.lax.scan` over the first `count` flights alone, if that is given: then not to be differentiated in reverse.
+
+    A cycle has room for far more events than most have. What the others would give is zero. Of a batch all lanes go as
+    far as the longest: what fills the others up changes nothing.
+    """
+    if count is None:
+        return jax.lax.scan(one, carry, rows, reverse=reverse)
+    count = unvmap_max(count)
+    at = lambda k: jax.tree.map(lambda a: a[k], rows)  # noqa: E731
+    size = len(jax.tree.leaves(rows)[0])
+    results = jax.eval_shape(one, carry, at(0))[1]
+    room = jax.tree.map(lambda a: jnp.zeros((size, *a.shape), a.dtype), results)
+
+    def step(state: tuple[Array, Any, Any]) -> tuple[Array, Any, Any]:
+        done, carry, room = state
+        k = count - 1 - done if reverse else done
+        carry, result = one(carry, at(k))
+        return done + 1, carry, jax.tree.map(lambda a, new: a.at[k].set(new), room, result)
+
+    _, carry, room = jax.lax.while_loop(lambda state: state[0] < count, step, (jnp.array(0), carry, room))
+    return carry, room
+
+
+class Flights(NamedTuple):
+    """Derivatives of the flights of a cycle, one after another.
+
+    Attributes:
+        forward: of the state after each by the state before and the duration, (events, state + 1, state + 2); a
+            state is z and the time, which it shares.
+        normal: of the value that vanishes at its end, (events, state + 2).
+        close: of z at the end of the cycle by the state after the last event, (state, state + 1).
+    """
+
+    forward: Float[Array, "events next given"]
+    normal: Float[Array, "events given"]
+    close: Float[Array, "state next"]
+
+
+class Pencil(NamedTuple):
+    """How an orbit's neighbours begin and end: dz0 = `start` c, dz1 = `end` c."""
+
+    end: Float[Array, "state state"]
+    start: Float[Array, "state state"]
+
+
+class Condensed(NamedTuple):
+    """The equations, condensed.
+
+    Attributes:
+        flights: what they were made of.
+        row: of every equation, (events, state + 1).
+        basis: of what satisfies it, (events, state + 1, state).
+        start: N before each flight, (events, state, state).
+        reach: of the state after it by c and the duration, (events, state + 1, state + 1).
+        pencil: what is left.
+    """
+
+    flights: Flights
+    row: Float[Array, "events free"]
+    basis: Float[Array, "events free state"]
+    start: Float[Array, "events state state"]
+    reach: Float[Array, "events next free"]
+    pencil: Pencil
+
+
+def condense(flights: Flights, count: Int[Array, ""] | None = None) -> Condensed:
+    """Take away the duration of every flight, or of the first `count` of them, see `over_flights`."""
+    size = flights.close.shape[0]
+    identity = jnp.eye(size + 1, size, dtype=flights.close.dtype)
+
+    def one(carry, flight):
+        start, here = carry
+        forward, normal = flight
+        row = jnp.append(normal[:-1] @ here, normal[-1])
+        reach = jnp.column_stack([forward[:, :-1] @ here, forward[:, -1]])
+        basis = _basis_of_kernel(row)
+        return (start @ basis[:-1], reach @ basis), (row, basis, start, reach)
+
+    (start, here), (row, basis, starts, reach) = over_flights(one, (identity[:-1], identity), flights[:2], count)
+    return Condensed(flights, row, basis, starts, reach, Pencil(flights.close @ here, start))
+
+
+def _basis_of_kernel(row: Float[Array, " free"]) -> Float[Array, "free state"]:
+    """An orthonormal basis of all that a row maps to zero, by a reflection; of a row of zeros some unit vectors."""
+    length = jnp.sqrt(jnp.sum(row * row))
+    last = row[-1] + jnp.where(row[-1] < 0, -length, length)
+    axis = row.at[-1].set(last)
+    square = jnp.sum(axis * axis)
+    scale = 2 / jnp.where(square > 0, square, 1)
+    return jnp.eye(len(row), len(row) - 1, dtype=row.dtype) - scale * jnp.outer(axis, axis[:-1])
+
+
+def solve_condensed(
+    equations: Condensed,
+    of_events: Float[Array, " events"],
+    of_closing: Float[Array, " state"],
+    count: Int[Array, ""] | None = None,
+) -> tuple[Float[Array, " state"], Float[Array, " events"]]:
+    """Solve for the change of the start and of the durations. Linear in the right-hand sides, so differentiable.
+
+    Args:
+        equations: condensed.
+        of_events: right-hand sides of the events.
+        of_closing: those of the closing.
+        count: of the flights, see `over_flights`.
+    """
+    flights = equations.flights
+
+    def there(carry, flight):
+        of_start, change = carry  # one solution of the equations so far
+        forward, normal, row, start, reach, value = flight
+        square = jnp.sum(row * row)
+        own = row * ((value - normal[:-1] @ change) / jnp.where(square > 0, square, 1))
+        return (of_start + start @ own[:-1], reach @ own + forward[:, :-1] @ change), own
+
+    def back(free, flight):
+        basis, own = flight
+        whole = basis @ free + own
+        return whole[:-1], whole[-1]
+
+    size = len(of_closing)
+    first = jnp.zeros_like(of_closing), jnp.zeros(size + 1, of_closing.dtype)
+    rows = flights.forward, flights.normal, equations.row, equations.start, equations.reach, of_events
+    (of_start, change), own = over_flights(there, first, rows, count)
+    end, start = equations.pencil
+    free = jnp.linalg.solve(end - start, of_closing - flights.close @ change + of_start)
+    return over_flights(back, free, (equations.basis, own), count, reverse=True)

@@ -1,0 +1,246 @@
+"""The equations of a cycle whose sequence of events is given.
+
+Unknown are the start z0 = (x, v), as seen from the stops, at the phase where the cycle begins, and the durations of
+the flights in forcing periods. An impact ends a flight where its gap is zero, a release where the contact force is;
+after n forcing periods the state is the start again. Nothing here asks whether an impact approaches its stop or a
+stop is pressed, so a family of orbits is smooth where it grazes, and goes on where no machine does: what is a motion
+is decided by following it, see `periodic_orbit.py`.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .._contact.law import rebound
+from .._contact.sticking import chatter_time
+from .._flow.interface import AbstractFlow
+from .._machine.derivatives import rates
+from .._machine.machine import Machine, prepare, resting_state
+from .._machine.numbers import Numbers
+from .._system.waves import phase_at, turned
+from .._trajectory.event_log import IMPACT, RELEASE
+from .._types import Scalar
+from .condensed import Flights, over_flights
+from .sequence import Sequence
+
+
+class Unknowns(NamedTuple):
+    """What determines a cycle.
+
+    Attributes:
+        z: positions and velocities at its start, as seen from the stops, (2 n,).
+        flights: durations in forcing periods, (events,).
+    """
+
+    z: Float[Array, " state"]
+    flights: Float[Array, " events"]
+
+
+class Residual(NamedTuple):
+    """What vanishes on an orbit, and the speeds at its impacts.
+
+    Attributes:
+        events: gaps at the impacts, contact forces at the releases, (events,).
+        closing: the state at the end less that at the start, (2 n,).
+        speed: of approach to the stop at each impact, 0 for other events, (events,).
+    """
+
+    events: Float[Array, " events"]
+    closing: Float[Array, " state"]
+    speed: Float[Array, " events"]
+
+
+class Problem(eqx.Module):
+    """A machine and what is asked of its cycle.
+
+    Attributes:
+        machine: the machine.
+        flow: its motion between events, prepared.
+        sequence: what happens.
+        num_periods: n, forcing periods.
+        phase: where the cycle begins, in forcing periods.
+    """
+
+    machine: Machine
+    flow: AbstractFlow
+    sequence: Sequence
+    num_periods: Scalar
+    phase: Scalar
+
+
+class _Place(NamedTuple):
+    """Where the motion is: `z`, the time in forcing periods, the gaps counted from the last contact."""
+
+    z: Array
+    time: Array
+    gap: Array
+
+
+class _Event(NamedTuple):
+    """The end of a flight, and who is held before and after it."""
+
+    kind: Int[Array, ""]
+    stop: Int[Array, ""]
+    held: Bool[Array, " stops"]
+    held_after: Bool[Array, " stops"]
+
+
+def prepared(numbers: Numbers, flow: AbstractFlow, num_periods: Scalar) -> tuple[Machine, AbstractFlow]:
+    """The machine and its motion, to be followed for n periods."""
+    span, zeros = 2 * jnp.pi * num_periods / numbers.frequency, jnp.zeros_like(numbers.mass)
+    machine = prepare(numbers, span, (0 * span, zeros, zeros), can_stick=True)
+    return machine, flow.prepare(machine)
+
+
+def residual(problem: Problem, unknowns: Unknowns) -> Residual:
+    """Follow the sequence once round."""
+    machine, flow = problem.machine, problem.flow
+    place = _begin(problem, machine, unknowns.z)
+
+    def one(place: _Place, flight: tuple[_Event, Scalar]) -> tuple[_Place, tuple[Array, Array]]:
+        return _fly(machine, flow, place, *flight)
+
+    flights = _events(problem.sequence), unknowns.flights
+    place, (values, speeds) = jax.lax.scan(one, place, flights)
+    end = _close(problem, machine, flow, place)
+    return Residual(values, end - unknowns.z, speeds)
+
+
+def linearise(
+    problem: Problem, unknowns: Unknowns, scale: Float[Array, " state"], count: Int[Array, ""] | None = None
+) -> tuple[Residual, Flights]:
+    """The residual and its derivatives by the scaled unknowns, flight by flight.
+
+    Args:
+        problem: the cycle.
+        unknowns: where.
+        scale: sizes of positions and velocities, by which `z` is divided, (2 n,).
+        count: of the flights, see `over_flights`.
+    """
+    machine, flow = problem.machine, problem.flow
+    size = len(scale)
+
+    def one(place: _Place, flight: tuple[_Event, Scalar]):
+        event, duration = flight
+
+        def moved(y: Array):
+            here = place._replace(z=y[:size] * scale, time=y[size])
+            there, (value, speed) = _fly(machine, flow, here, event, y[-1])
+            return (jnp.append(there.z / scale, there.time), value), (there, value, speed)
+
+        y = jnp.concatenate([place.z / scale, jnp.stack([place.time, duration])])
+        (forward, normal), (there, value, speed) = jax.jacfwd(moved, has_aux=True)(y)
+        return there, (forward, normal, value, speed)
+
+    place = _begin(problem, machine, unknowns.z)
+    flights = _events(problem.sequence), unknowns.flights
+    place, (forward, normal, values, speeds) = over_flights(one, place, flights, count)
+
+    def closed(y: Array):
+        end = _close(problem, machine, flow, place._replace(z=y[:size] * scale, time=y[size]))
+        return end / scale, end
+
+    close, end = jax.jacfwd(closed, has_aux=True)(jnp.append(place.z / scale, place.time))
+    return Residual(values, end - unknowns.z, speeds), Flights(forward, normal, close)
+
+
+class Happening(NamedTuple):
+    """What is told of the events of a cycle.
+
+    Attributes:
+        time: in forcing periods, (events,).
+        phase: of the load, (events, 2, harmonics).
+        before: speeds of approach to each stop just before, as seen from it, (events, stops).
+        after: just after the impact, before anything sticks, (events, stops).
+        chatter: how long after it the bounces end that a stick leaves out, (events, stops).
+    """
+
+    time: Float[Array, " events"]
+    phase: Float[Array, "events 2 harmonics"]
+    before: Float[Array, "events stops"]
+    after: Float[Array, "events stops"]
+    chatter: Float[Array, "events stops"]
+
+
+def happenings(problem: Problem, unknowns: Unknowns) -> Happening:
+    """Follow an orbit once round for what is told of it, differentiably."""
+    machine, flow = problem.machine, problem.flow
+    contacts = machine.contacts
+
+    def one(place: _Place, flight: tuple[_Event, Scalar]) -> tuple[_Place, Happening]:
+        event, duration = flight
+        before, v, change = _leap(machine, flow, place, event.held, duration)
+        x = jnp.split(place.z, 2)[0] + before
+        hit = (jnp.arange(contacts.num) == event.stop) & (event.kind == IMPACT)
+        x_after, v_after = rebound(machine, x, v, hit)
+        state = resting_state(machine, change, x_after, v_after, event.held)
+        now = rates(machine, state, machine.held_masses(event.held))
+        approach, speed = contacts.along(machine.pull(now.force)), contacts.along(v_after)
+        chatter = chatter_time(jnp.abs(speed), approach, contacts.restitution)
+        told = Happening(place.time + duration, change, contacts.along(v), speed, jnp.where(hit, chatter, 0))
+        return _fly(machine, flow, place, event, duration)[0], told
+
+    flights = _events(problem.sequence), unknowns.flights
+    return jax.lax.scan(one, _begin(problem, machine, unknowns.z), flights)[1]
+
+
+def _begin(problem: Problem, machine: Machine, z: Array) -> _Place:
+    x, v = jnp.split(z, 2)
+    held = problem.sequence.held[0]
+    x, v = machine.contacts.placed(x, held), machine.contacts.held_still(v, held)
+    return _Place(jnp.concatenate([x, v]), problem.phase + 0 * x[0], jax.lax.stop_gradient(machine.contacts.gaps(x)))
+
+
+def _events(sequence: Sequence) -> _Event:
+    return _Event(sequence.kind, sequence.stop, sequence.held[:-1], sequence.held[1:])
+
+
+def _fly(
+    machine: Machine, flow: AbstractFlow, place: _Place, event: _Event, duration: Scalar
+) -> tuple[_Place, tuple[Array, Array]]:
+    """Go to the end of a flight and through its event; what vanishes there, and the speed of approach."""
+    contacts, before = machine.contacts, jnp.split(place.z, 2)[0]
+    x, v, change = _leap(machine, flow, place, event.held, duration)
+    # Counted from the last contact, in which a light bounce has all its digits; derivatives are those of the position.
+    start = contacts.gaps(before)
+    gap = place.gap + start - jax.lax.stop_gradient(start) - contacts.along(x)
+    x = before + x
+    time = place.time + duration
+    at_event = jnp.arange(contacts.num) == event.stop
+    end = resting_state(machine, change, x, v, event.held)
+    pressing = contacts.along(machine.total_force(end))
+    read = lambda of_stops: jnp.sum(jnp.where(at_event, of_stops, 0))  # noqa: E731
+    is_impact = event.kind == IMPACT
+    value = jnp.where(is_impact, read(gap), jnp.where(event.kind == RELEASE, read(pressing), duration))
+    speed = jnp.where(is_impact, read(contacts.along(v)), 0)
+    hit = at_event & is_impact
+    x, v = rebound(machine, x, v, hit)
+    gap = jnp.where(hit, 0, jnp.where(contacts.sharing(hit), contacts.gaps(x), gap))
+    v = contacts.held_still(v, event.held_after)
+    return _Place(jnp.concatenate([x, v]), time, jax.lax.stop_gradient(gap)), (value, speed)
+
+
+def _leap(
+    machine: Machine, flow: AbstractFlow, place: _Place, held: Array, duration: Scalar
+) -> tuple[Array, Array, Array]:
+    """Displacement, velocity and the phase at the end of a flight."""
+    num_harmonics = machine.waves.num_harmonics
+    phase, angle = phase_at(2 * jnp.pi * place.time, num_harmonics), 2 * jnp.pi * duration
+    half = phase_at(angle / 2, num_harmonics)[1]
+    turn, slide = -2 * half**2, phase_at(angle, num_harmonics)[1]
+    change = turned(phase, jnp.stack([turn, slide]))
+    x, v = jnp.split(place.z, 2)
+    state = resting_state(machine, phase, x, v, held)
+    is_held = machine.held_masses(held)
+    displacement, gain = flow.leap(machine, state, is_held, duration * machine.period, change)
+    return displacement, v + gain, phase + change
+
+
+def _close(problem: Problem, machine: Machine, flow: AbstractFlow, place: _Place) -> Array:
+    """The state after the last flight."""
+    left = problem.phase + problem.num_periods - place.time
+    x, v, _ = _leap(machine, flow, place, problem.sequence.held[-1], left)
+    return jnp.concatenate([jnp.split(place.z, 2)[0] + x, v])

@@ -1,0 +1,104 @@
+"""From a guess to an orbit in one program, and the orbit as a function of its machine."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Complex, Float, Int
+
+from .._trajectory.event_log import IMPACT, EventLog
+from .._types import Scalar
+from .._xla import compile_lightly
+from .condensed import Pencil
+from .cycle import Problem, prepared
+from .floquet import floquet_multipliers
+from .log import log_of_cycle
+from .orbit import ORBIT_RESULTS
+from .polish import implicit, pencil_of
+from .search import Search, Strobe, away_from_stops, begin_search, learn
+
+
+class Found(eqx.Module):
+    """What was found, see `PeriodicOrbit`; `start` is its state (x, v)."""
+
+    start: Float[Array, " state"]
+    events: EventLog
+    num_impacts: Int[Array, " stops"]
+    multipliers: Complex[Array, " state"]
+    is_stable: Bool[Array, ""]
+    is_admissible: Bool[Array, ""]
+    residual: Scalar
+    num_runs: Int[Array, ""]
+    result: ORBIT_RESULTS
+
+
+@compile_lightly
+def find(strobe: Strobe, guess: Float[Array, " state"]) -> Found:
+    """Search from a guess until there is an orbit, or nothing is left to try."""
+    # All are constants to the search: derivatives come from the implicit function theorem.
+    still, guess = _constant((strobe, guess))
+    search = begin_search(guess, strobe.numbers.rows.shape[0], strobe.room)
+    search = jax.lax.while_loop(lambda search: search.is_on, lambda search: learn(still, search), search)
+    return told_of_search(strobe, search)
+
+
+def told_of_search(strobe: Strobe, search: Search) -> Found:
+    """What a search found, as a function of the machine."""
+    start, multipliers, events = (_by_sequence if strobe.flow.can_leap else _by_map)(strobe, search)
+    is_impact = (events.kind == IMPACT)[:, None]
+    stops = jnp.arange(strobe.numbers.rows.shape[0])
+    return Found(
+        start=jnp.where(search.has_cycle, start, search.base),
+        events=events,
+        num_impacts=jnp.sum(is_impact & (events.stop[:, None] == stops), axis=0),
+        multipliers=jnp.where(search.has_cycle, multipliers, jnp.nan),
+        is_stable=search.has_cycle & (jnp.abs(multipliers[0]) < 1),
+        is_admissible=search.is_orbit,
+        residual=jnp.where(search.has_cycle, search.cycle.residual, search.closing),
+        num_runs=search.num_runs,
+        result=_result(search),
+    )
+
+
+def _by_sequence(strobe: Strobe, search: Search) -> tuple[Array, Array, EventLog]:
+    """Start, multipliers and events of an orbit by the equations of its sequence."""
+    sequence = search.cycle.sequence
+    machine = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
+    problem = Problem(*machine, sequence, strobe.num_periods, strobe.phase)
+    unknowns = implicit(problem, search.cycle.unknowns)
+    multipliers = floquet_multipliers(pencil_of(problem, unknowns), sequence.most_held)
+    return unknowns.z - away_from_stops(problem), multipliers, log_of_cycle(problem, unknowns)
+
+
+def _by_map(strobe: Strobe, search: Search) -> tuple[Array, Array, EventLog]:
+    """The same by the map, for a motion that goes step by step."""
+    start = fixed_point(strobe, search.cycle.start)
+    pencil = Pencil(jax.jacfwd(strobe.end)(start), jnp.eye(len(start)))
+    multipliers = floquet_multipliers(pencil, search.cycle.sequence.most_held)
+    return start, multipliers, strobe.follow(start).events
+
+
+@eqx.filter_custom_jvp
+def fixed_point(strobe: Strobe, z: Float[Array, " state"]) -> Float[Array, " state"]:
+    """A fixed point of the map as a function of the machine: derivatives by the implicit function theorem."""
+    del strobe
+    return z
+
+
+@fixed_point.def_jvp
+def _fixed_point_jvp(primals, tangents):
+    strobe, z = primals
+    z = fixed_point(strobe, z)
+    _, moved = eqx.filter_jvp(lambda strobe: strobe.end(z), (strobe,), (tangents[0],))
+    return z, jnp.linalg.solve(jnp.eye(len(z)) - jax.jacfwd(strobe.end)(z), moved)
+
+
+def _constant(tree: Any) -> Any:
+    return jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, tree)
+
+
+def _result(search: Search) -> ORBIT_RESULTS:
+    result = ORBIT_RESULTS.where(search.is_full, ORBIT_RESULTS.max_events_reached, ORBIT_RESULTS.not_converged)
+    result = ORBIT_RESULTS.where(search.has_cycle, ORBIT_RESULTS.left_the_stops, result)
+    return ORBIT_RESULTS.where(search.is_orbit, ORBIT_RESULTS.successful, result)

@@ -1,0 +1,107 @@
+"""All periodic orbits of one machine that are near some guesses."""
+
+import jax
+import numpy as np
+
+from .._flow.interface import AbstractFlow
+from .._progress import tqdm
+from .._system.checks import validate_start
+from .._system.system import ImpactSystem
+from .._trajectory.known import known_machine
+from .._trajectory.simulate import simulate
+from .._types import Count, Numbers, as_known, is_traced, whole_number
+from .._xla import padding_allowed
+from .many import Orbits, search_many
+from .maps import check_period
+from .orbit import PeriodicOrbit
+from .periodic_orbit import periodic_orbit
+from .search import Strobe
+
+# States of one orbit, found from two guesses, relative to the size of the orbit.
+_SAME = 1e-6
+
+
+@padding_allowed
+def find_periodic_orbits(
+    system: ImpactSystem,
+    num_periods: Count,
+    starts: tuple[Numbers, Numbers] | Numbers,
+    *,
+    args: object = None,
+    flow: AbstractFlow | None = None,
+    max_events: Count = 256,
+    progress: bool = True,
+) -> list[PeriodicOrbit]:
+    """Find all periodic orbits near some guesses, stable and unstable, each once.
+
+    Args:
+        system: the machine, of known numbers.
+        num_periods: n, the forcing periods after which they repeat. Those that repeat sooner are found as well.
+        starts: guesses at phase 0: positions and velocities, (starts, n) each, or both side by side, (starts, 2 n).
+        args: as for `simulate`.
+        flow: likewise.
+        max_events: the most events of a cycle.
+        progress: show a bar.
+
+    Returns:
+        The orbits, by the first position at phase 0. Two that are the same, some forcing periods later, count as one.
+
+    Raises:
+        ValueError: if the load has no frequency, the starts have another shape, or one lies beyond a stop.
+
+    Example:
+        ```python
+        import numpy as np, vijax as vx
+        system = vx.models.wagg_bishop_a(0.8)
+        starts = np.random.default_rng(0).uniform(-0.3, 0.3, (100, 4))
+        orbits = vx.find_periodic_orbits(system, 1, starts)
+        ```
+    """
+    n, room = whole_number("num_periods", num_periods, 1), whole_number("max_events", max_events, 1)
+    states = _states(starts, system.num_masses)
+    if is_traced((system, args, flow)):
+        raise ValueError("`find_periodic_orbits` needs known numbers: call it outside of `jax.jit` and `jax.vmap`.")
+    check_period(system, args, states[0, : system.num_masses], states[0, system.num_masses :])
+    known = known_machine(system, args)
+    t1 = np.asarray(2 * np.pi * n / known.system.forcing.frequency, states.dtype)
+    for state in states:
+        validate_start(known.system.stops, known.system.forcing.frequency, 0 * t1, t1, t1[None], *np.split(state, 2))
+    numbers, motion = known.numbers, known.flow(flow, can_stick=True)
+    strobe = Strobe(numbers, motion, np.asarray(float(n), states.dtype), np.zeros((), states.dtype), room)
+    with tqdm(total=len(states), unit="start", disable=not progress) as bar:
+        axes = [None] * len(jax.tree.leaves(strobe))
+        found = search_many(strobe, axes, states, bar.update)
+    return [
+        periodic_orbit(system, *np.split(state, 2), n, args=args, flow=flow, max_events=room)
+        for state in _different(system, found, n, args, flow)
+    ]
+
+
+def _states(starts: tuple[Numbers, Numbers] | Numbers, num_masses: int) -> np.ndarray:
+    parts = [as_known(a) for a in (starts if isinstance(starts, tuple) else (starts,))]
+    size = 2 * num_masses // len(parts)
+    if not 1 <= len(parts) <= 2 or any(a.ndim != 2 or a.shape[1] != size for a in parts) or not len(parts[0]):
+        raise ValueError(
+            f"Argument `starts` must be positions and velocities, (starts, {num_masses}) each, or both side by side, "
+            f"(starts, {2 * num_masses}), but has the shapes {[a.shape for a in parts]}."
+        )
+    return np.concatenate(parts, axis=1)
+
+
+def _different(
+    system: ImpactSystem, found: Orbits, num_periods: int, args: object, flow: AbstractFlow | None
+) -> list[np.ndarray]:
+    """States of all orbits, each once, in the order of their first position."""
+    kept: list[np.ndarray] = []
+    known: list[np.ndarray] = []  # with all of their states at phase 0
+    states = found.start[found.is_orbit]
+    for state in states[np.lexsort(states.T[::-1])]:
+        size = np.abs(state).max() or 1.0
+        if any(np.abs(other - state).max() < _SAME * size for other in known):
+            continue
+        kept.append(state)
+        x, v = np.split(state, 2)
+        ts = np.arange(num_periods) * np.asarray(system.forcing.period)
+        sol = simulate(system, 0.0, ts[-1], x, v, ts=ts, args=args, flow=flow, throw=False)
+        known += list(np.concatenate([sol.xs, sol.vs], axis=1))
+    return kept

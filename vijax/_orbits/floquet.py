@@ -1,0 +1,59 @@
+"""Floquet multipliers: how an orbit's neighbours come nearer, or go away.
+
+A multiplier mu has neighbours with dz1 = mu dz0, so it is an eigenvalue of the pencil (Z, N) of dz1 = Z c, dz0 = N c.
+Where an impact grazes, N is singular and mu infinite; where a mass sticks, Z is singular and mu zero. So neither is
+inverted: with nu = (mu - s) / (mu + s) infinity is 1 and zero is -1, and nu are the eigenvalues of
+(Z + s N)^-1 (Z - s N), of two signs of s that for which Z + s N is farther from singular.
+"""
+
+from inspect import signature
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Complex, Float, Int
+
+from .condensed import Pencil
+
+# No round numbers: multipliers of -1, +1 are what is looked for.
+_SHIFTS = 0.87, -1.13
+# Newer releases of JAX refuse derivatives of eigenvectors, here the second ones of multipliers, unless they are asked
+# for: they exist where the multipliers differ from each other.
+_OPTIONS = signature(jax.lax.linalg.eig).parameters
+_SECOND_DERIVATIVES = {"enable_eigvec_derivs": True} if "enable_eigvec_derivs" in _OPTIONS else {}
+
+
+def floquet_multipliers(pencil: Pencil, num_held: Int[Array, ""]) -> Complex[Array, " state"]:
+    """The multipliers, those of the largest magnitude first.
+
+    Args:
+        pencil: of the orbit's neighbours.
+        num_held: the most masses that are held at once. All that begins with other positions and velocities of them
+            ends alike, so twice as many multipliers are zero: what rounding makes of those is put right.
+
+    Returns:
+        (2 n,), infinite where the orbit grazes.
+    """
+    end, start = pencil
+    first, second = (jnp.linalg.slogdet(end + s * start)[1] for s in _SHIFTS)
+    shift = jnp.where(first >= second, *_SHIFTS)
+    nu = _eigenvalues(jnp.linalg.solve(end + shift * start, end - shift * start))
+    eps = jnp.finfo(start.dtype).eps
+    is_infinite = jnp.abs(1 - nu) <= 4 * eps
+    mu = jnp.where(is_infinite, jnp.inf, shift * (1 + nu) / jnp.where(is_infinite, 1, 1 - nu))
+    mu = mu[jnp.argsort(-jnp.abs(jax.lax.stop_gradient(mu)), stable=True)]
+    return jnp.where(jnp.arange(len(mu)) < len(mu) - 2 * num_held, mu, 0)
+
+
+@jax.custom_jvp
+def _eigenvalues(matrix: Float[Array, "state state"]) -> Complex[Array, " state"]:
+    """Eigenvalues. The derivatives of JAX need all eigenvectors at once, which several zeros do not have."""
+    return jnp.linalg.eigvals(matrix)
+
+
+@_eigenvalues.defjvp
+def _eigenvalues_jvp(primals, tangents):
+    (matrix,), (change,) = primals, tangents
+    values, left, right = jax.lax.linalg.eig(matrix, compute_left_eigenvectors=True, **_SECOND_DERIVATIVES)
+    moved = jnp.sum(left.conj() * (change.astype(right.dtype) @ right), axis=0)
+    along = jnp.sum(left.conj() * right, axis=0)
+    return values, moved / jnp.where(along == 0, 1, along)

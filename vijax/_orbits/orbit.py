@@ -1,0 +1,124 @@
+"""What `periodic_orbit` returns."""
+
+import equinox as eqx
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Bool, Complex, Float, Int
+
+from .._flow.interface import AbstractFlow
+from .._printing import as_html, as_text, told_of_orbit
+from .._system.system import ImpactSystem
+from .._trajectory.event_log import KINDS, EventLog
+from .._trajectory.simulate import simulate
+from .._trajectory.solution import Solution
+from .._types import Scalar, concrete
+
+
+class ORBIT_RESULTS(eqx.Enumeration):  # as `RESULTS`
+    """Results of the search for an orbit, each with a message that says what to do."""
+
+    successful = "successful: the orbit was found, and the machine follows it."
+    not_converged = (
+        "not_converged: no cycle was found near the guess. Start from a better one, such as the end of a long "
+        "`vx.simulate` or a point of `vx.sweep`, or ask for another `num_periods`."
+    )
+    left_the_stops = (
+        "left_the_stops: a cycle was found, but no motion of the machine: it passes through a stop, meets one from "
+        "behind, or is held where it is pulled. Start from another guess, or with `throw=False` take it for what it is."
+    )
+    max_events_reached = (
+        "max_events_reached: there are more events in so many periods than there is room for. Increase `max_events`."
+    )
+
+
+class PeriodicOrbit(eqx.Module):
+    """A motion that repeats after n forcing periods.
+
+    Attributes:
+        system: the machine.
+        num_periods: n.
+        period: n forcing periods as a time.
+        phase: of the load where it begins, in radians.
+        x0: positions there, (n,).
+        v0: velocities, (n,).
+        events: what happens in one cycle.
+        num_impacts: impacts in one cycle, (stops,); of a chatter all that were followed.
+        multipliers: Floquet multipliers, (2 n,), complex, the largest magnitude first. Two are zero for every mass that
+            sticks; one is infinite where the orbit grazes.
+        is_stable: whether all lie inside of the unit circle.
+        is_admissible: whether the machine follows it: run from x0 and v0, it shows the same events.
+        residual: what is left of the closing of the cycle, relative to the size of the motion.
+        num_runs: how often the motion was followed to find it.
+        result: what became of the search, a member of `vx.ORBIT_RESULTS`.
+    """
+
+    system: ImpactSystem
+    num_periods: int = eqx.field(static=True)
+    period: Scalar
+    phase: Scalar
+    x0: Float[Array, " n"]
+    v0: Float[Array, " n"]
+    events: EventLog
+    num_impacts: Int[Array, " stops"]
+    multipliers: Complex[Array, " state"]
+    is_stable: Bool[Array, ""]
+    is_admissible: Bool[Array, ""]
+    residual: Scalar
+    num_runs: Int[Array, ""]
+    result: ORBIT_RESULTS
+    args: object
+    flow: AbstractFlow | None
+
+    def solution(self) -> Solution:
+        """Follow the orbit once round, for pictures.
+
+        Example:
+            ```python
+            import vijax as vx
+            orbit = vx.periodic_orbit(vx.models.wagg_bishop_a(0.8), [0.18, 0.09], [0.33, 0.52])
+            vx.plot.phase_portrait(orbit.solution())
+            ```
+        """
+        t0 = self.phase / self.system.forcing.frequency
+        max_events = self.events.t.shape[-1]
+        return simulate(
+            self.system,
+            t0,
+            t0 + self.period,
+            self.x0,
+            self.v0,
+            args=self.args,
+            flow=self.flow,
+            max_events=max_events,
+        )
+
+    def to_xarray(self) -> xr.Dataset:
+        """Label the orbit: the state at its start, its events, its multipliers.
+
+        Returns:
+            A dataset of `x0`, `v0` (mass,), `multiplier_real`, `multiplier_imag` (multiplier,), the events (event,) as
+            `Solution.to_xarray` has them, `num_impacts` (stop,), and what else the attributes of this class are.
+        """
+        if concrete(self.period) is None or self.period.ndim:
+            raise ValueError("`to_xarray` labels one orbit, outside of `jax.jit` and `jax.vmap`.")
+        log = self.events
+        is_event = np.asarray(log.kind) >= 0
+        names = ("t", "stop", "kind", "velocity_minus", "velocity_plus", "impulse")
+        variables = {f"event_{n}": ("event", np.asarray(getattr(log, n))[is_event]) for n in names}
+        variables["event_time"] = variables.pop("event_t")
+        multipliers = np.asarray(self.multipliers)
+        variables |= {
+            "x0": ("mass", np.asarray(self.x0)),
+            "v0": ("mass", np.asarray(self.v0)),
+            "multiplier_real": ("multiplier", multipliers.real),
+            "multiplier_imag": ("multiplier", multipliers.imag),
+            "num_impacts": ("stop", np.asarray(self.num_impacts)),
+        }
+        ds = xr.Dataset(variables)
+        return ds
+
+    def __repr__(self) -> str:
+        return as_text(told_of_orbit, self, tuple(ORBIT_RESULTS._name_to_item), KINDS)
+
+    def _repr_html_(self) -> str:
+        return as_html(told_of_orbit, self, tuple(ORBIT_RESULTS._name_to_item), KINDS)

@@ -1,0 +1,129 @@
+"""From a guess to a periodic orbit."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike
+
+from .._flow.choose import choose_flow
+from .._flow.interface import AbstractFlow
+from .._machine.numbers import numbers_of
+from .._refusal import checked
+from .._system.checks import validate_start
+from .._system.system import ImpactSystem, with_args
+from .._trajectory.known import known_machine
+from .._types import Count, Numbers, Reals, as_float, concrete, is_traced, whole_number
+from .._xla import padding_allowed
+from .find import find
+from .maps import check_period
+from .orbit import ORBIT_RESULTS, PeriodicOrbit
+from .search import Strobe
+
+
+@padding_allowed
+def periodic_orbit(
+    system: ImpactSystem,
+    x0: Numbers,
+    v0: Numbers,
+    num_periods: Count = 1,
+    *,
+    phase: ArrayLike = 0.0,
+    args: object = None,
+    flow: AbstractFlow | None = None,
+    max_events: Count = 256,
+    throw: bool = True,
+) -> PeriodicOrbit:
+    """Find the periodic orbit near a guess, stable or not.
+
+    The motion is followed from the guess, and Newton's method applied to the equations of the events that it shows:
+    impacts, complete chatter, sticking, release, or none. What it finds is followed in its turn, and is an orbit if the
+    same happens.
+
+    Works under `jax.jit` and `jax.vmap`. Derivatives of the orbit, its events and its multipliers by all numbers of the
+    machine, forward and reverse, are those of the implicit function theorem; the guess has none.
+
+    Args:
+        system: the machine; its load must have a frequency, and its `force`, if it has one, that period.
+        x0: positions of the guess, (n,).
+        v0: velocities, (n,).
+        num_periods: n, the forcing periods after which the orbit repeats. One that repeats sooner counts as well.
+        phase: of the load where the orbit begins, W t in radians.
+        args: as for `simulate`.
+        flow: likewise.
+        max_events: the most events of a cycle.
+        throw: raise if no orbit is found; otherwise return the code, and what came nearest.
+
+    Returns:
+        The orbit, see `vx.PeriodicOrbit`.
+
+    Raises:
+        ValueError: if the load has no frequency, or the guess lies beyond a stop.
+        RuntimeError: with `throw`, for every result but `successful`.
+
+    Example:
+        ```python
+        import vijax as vx
+        system = vx.models.wagg_bishop_a(0.8)
+        sol = vx.simulate(system, 0.0, 50 * system.forcing.period)
+        orbit = vx.periodic_orbit(system, sol.x1, sol.v1)
+        orbit.multipliers
+        ```
+
+    References:
+        Wagg & Bishop (2004), Sec. 4.4; S. Foale & S. R. Bishop, Phil. Trans. R. Soc. A 338 (1992).
+    """
+    n = whole_number("num_periods", num_periods, 1)
+    room = whole_number("max_events", max_events, 1)
+    check_period(system, args, x0, v0)
+    x, v = (_vector(name, a, system.num_masses) for name, a in (("x0", x0), ("v0", v0)))
+    angle, bound = as_float(phase), with_args(system, args)
+    t0 = angle / bound.forcing.frequency
+    t1 = t0 + n * bound.forcing.period
+    doubts = validate_start(bound.stops, bound.forcing.frequency, t0, t1, t1[None], x, v)
+    if is_traced((bound, flow, x, v, angle)):
+        numbers, motion = numbers_of(bound), choose_flow(bound, can_stick=True, wanted=flow)
+    else:
+        known = known_machine(system, args)
+        numbers, motion = known.numbers, known.flow(flow, can_stick=True)
+    strobe = Strobe(numbers, motion, jnp.asarray(float(n)), angle / (2 * jnp.pi), room)
+    found = find(strobe, jnp.concatenate([x, v]))
+    x0, v0 = jnp.split(found.start, 2)
+    orbit = PeriodicOrbit(
+        system=system,
+        num_periods=n,
+        period=n * bound.forcing.period,
+        phase=angle,
+        x0=x0,
+        v0=v0,
+        events=found.events,
+        num_impacts=found.num_impacts,
+        multipliers=found.multipliers,
+        is_stable=found.is_stable,
+        is_admissible=found.is_admissible,
+        residual=found.residual,
+        num_runs=found.num_runs,
+        result=found.result,
+        args=args,
+        flow=flow,
+    )
+    if not throw:
+        return orbit
+    number, sentences = told(orbit.result)
+    for is_wrong, sentence in doubts[::-1]:
+        number = jnp.where(is_wrong, len(sentences), number)
+        sentences.append(sentence)
+    return checked(orbit, number, sentences)
+
+
+def _vector(name: str, value: Numbers, size: int) -> Array:
+    array = as_float(value)
+    if array.shape != (size,):
+        raise ValueError(f"Argument `{name}` must have shape ({size},), but has shape {array.shape}.")
+    return array
+
+
+def told(result: ORBIT_RESULTS) -> tuple[Reals, list[str]]:
+    """Arguments of `checked`: 0 or the number of the sentence to raise, and all sentences."""
+    known = concrete(result._value)
+    sentences = [ORBIT_RESULTS[getattr(ORBIT_RESULTS, name)] for name in ORBIT_RESULTS._name_to_item]
+    return (result._value if known is None else known), sentences
+
+

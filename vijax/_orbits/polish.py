@@ -1,0 +1,115 @@
+"""From a guess to the orbit: Newton's method on the equations of a cycle, and its derivatives."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .._types import Scalar
+from .condensed import Pencil, condense, solve_condensed
+from .cycle import Problem, Residual, Unknowns, linearise, residual
+
+# Steps smaller than this, relative to the orbit, are rounding; a step that is small and no smaller than the last one
+# is as well.
+_SMALL, _ROUNDING = 1e-8, 4.0
+
+
+class Polished(NamedTuple):
+    """Where Newton's method came to.
+
+    Attributes:
+        unknowns: the cycle.
+        residual: what is left of its equations.
+        pencil: of its neighbours, for the multipliers; in scaled coordinates.
+        first: by how much the first step moved the start, (2 n,).
+        step: size of the next step, relative to the orbit.
+        last: that of the step before.
+        num_steps: how many were taken.
+    """
+
+    unknowns: Unknowns
+    residual: Residual
+    pencil: Pencil
+    first: Float[Array, " state"]
+    step: Scalar
+    last: Scalar
+    num_steps: Int[Array, ""]
+
+    @property
+    def is_converged(self) -> Bool[Array, ""]:
+        """Whether nothing but rounding is left."""
+        return self.step < _SMALL
+
+
+def size_of(problem: Problem, z: Float[Array, " state"]) -> Float[Array, " state"]:
+    """Sizes of positions and velocities of a motion, by which they are measured, (2 n,)."""
+    x, v = jnp.split(jnp.abs(z), 2)
+    limit, frequency = jnp.abs(problem.machine.contacts.limit), problem.machine.frequency
+    length = jnp.maximum(jnp.max(x), jnp.max(v) / frequency)
+    length = jnp.maximum(length, jnp.max(limit, initial=0))
+    length = jnp.where(length > 0, length, 1)
+    return jnp.repeat(jnp.stack([length, length * frequency]), len(x))
+
+
+def polish(problem: Problem, guess: Unknowns, max_steps: int | Int[Array, ""] = 24) -> Polished:
+    """Solve the equations of a cycle by Newton's method, from a guess.
+
+    Args:
+        problem: the machine and the sequence.
+        guess: where to begin.
+        max_steps: the most steps.
+    """
+    problem, guess = jax.lax.stop_gradient((problem, guess))
+    scale = size_of(problem, guess.z)
+    eps, count = jnp.finfo(scale.dtype).eps, jnp.sum(problem.sequence.is_event)
+
+    def is_on(carry: tuple[Unknowns, Polished]) -> Array:
+        now = carry[1]
+        is_rounding = (now.step < _ROUNDING * eps) | ((now.step < _SMALL) & (now.step >= now.last / 2))
+        return (now.num_steps < max_steps) & ~is_rounding & jnp.isfinite(now.step)
+
+    def one(carry: tuple[Unknowns, Polished]) -> tuple[Unknowns, Polished]:
+        here, before = carry
+        found, flights = linearise(problem, here, scale, count)
+        equations = condense(flights, count)
+        dz, dflights = solve_condensed(equations, -found.events, -found.closing / scale, count)
+        step = jnp.maximum(jnp.max(jnp.abs(dz)), jnp.max(jnp.abs(dflights), initial=0))
+        first = jnp.where(before.num_steps == 0, dz * scale, before.first)
+        now = Polished(here, found, equations.pencil, first, step, before.step, before.num_steps + 1)
+        return Unknowns(here.z + dz * scale, here.flights + dflights), now
+
+    return jax.lax.while_loop(is_on, one, (guess, _nothing(guess)))[1]
+
+
+def _nothing(guess: Unknowns) -> Polished:
+    """What there is before the first step."""
+    z, events = guess
+    big, square = jnp.asarray(jnp.finfo(z.dtype).max, z.dtype), jnp.zeros((len(z), len(z)), z.dtype)
+    nothing = Residual(jnp.zeros_like(events), jnp.zeros_like(z), jnp.zeros_like(events))
+    return Polished(guess, nothing, Pencil(square, square), jnp.zeros_like(z), big, big, jnp.array(0))
+
+
+def pencil_of(problem: Problem, unknowns: Unknowns) -> Pencil:
+    """The pencil of the neighbours of an orbit, differentiable."""
+    scale = jax.lax.stop_gradient(size_of(problem, unknowns.z))
+    return condense(linearise(problem, unknowns, scale)[1]).pencil
+
+
+@eqx.filter_custom_jvp
+def implicit(problem: Problem, unknowns: Unknowns) -> Unknowns:
+    """The unknowns of an orbit as a function of its machine: derivatives by the implicit function theorem."""
+    del problem
+    return unknowns
+
+
+@implicit.def_jvp
+def _implicit_jvp(primals, tangents):
+    problem, unknowns = primals
+    unknowns = implicit(problem, unknowns)
+    scale = size_of(problem, unknowns.z)
+    _, moved = eqx.filter_jvp(lambda problem: residual(problem, unknowns), (problem,), (tangents[0],))
+    _, flights = linearise(problem, unknowns, scale)
+    change = solve_condensed(condense(flights), -moved.events, -moved.closing / scale)
+    return unknowns, Unknowns(change[0] * scale, change[1])

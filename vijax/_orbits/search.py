@@ -1,0 +1,261 @@
+"""The search for an orbit: what is known of it, and what one run of the motion teaches.
+
+A run of n periods from a start tells the sequence of its events, and that gives two ways on. Newton's method on the
+equations of that sequence (`polish.py`) goes to the cycle of the sequence, if there is one near, across grazing and
+whatever lies between; its first step alone is the Newton step of the stroboscopic map. The cycle is tried first, for
+its basin is far wider. It counts once a run from it does the same. If that does not happen, and comes no
+nearer to closing, the single step is taken, halved until the run comes nearer.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Complex, Float, Int
+
+from .._flow.interface import AbstractFlow
+from .._machine.machine import OWN_BOUND
+from .._machine.numbers import Numbers
+from .._system.waves import phase_at
+from .._trajectory.loop import Request, run, run_for_log
+from .._trajectory.solution import RESULTS, Solution
+from .._types import Scalar
+from .._xla import is_any
+from .condensed import Pencil
+from .cycle import Problem, Unknowns, prepared
+from .floquet import floquet_multipliers
+from .polish import polish, size_of
+from .sequence import Sequence, happens_alike, nothing_happens, sequence_of
+
+# Runs of a search, and the shortest step in parts of the full one.
+MAX_RUNS = 40
+_LEAST = 1e-4
+# What closes so well, relative to the size of the motion, is closed; a Newton step so small leads to rounding.
+_CLOSE, _NEAR = 1e-9, 1e-8
+
+
+class Cycle(eqx.Module):
+    """A solution of the equations of some sequence: an orbit, if the machine does what the sequence says.
+
+    Attributes:
+        start: positions and velocities at its start, in space, (2 n,).
+        unknowns: the same as seen from the stops, and the durations of its flights.
+        sequence: what happens.
+        multipliers: (2 n,).
+        residual: closing error, relative to the size of the motion.
+    """
+
+    start: Float[Array, " state"]
+    unknowns: Unknowns
+    sequence: Sequence
+    multipliers: Complex[Array, " state"]
+    residual: Scalar
+
+
+class Search(eqx.Module):
+    """What is known.
+
+    Attributes:
+        trial: the start of the next run, in space, (2 n,).
+        base: the start from which steps are taken, (2 n,).
+        step: the Newton step from there, (2 n,).
+        factor: part of it that is tried next.
+        closing: how far the run from the base was from closing.
+        cycle: the last one found.
+        has_cycle: whether there is one.
+        is_orbit: whether the machine follows it.
+        is_full: whether the last run had more events than there is room for.
+        num_runs: runs so far.
+    """
+
+    trial: Float[Array, " state"]
+    base: Float[Array, " state"]
+    step: Float[Array, " state"]
+    factor: Scalar
+    closing: Scalar
+    cycle: Cycle
+    has_cycle: Bool[Array, ""]
+    is_orbit: Bool[Array, ""]
+    is_full: Bool[Array, ""]
+    num_runs: Int[Array, ""]
+
+    @property
+    def is_on(self) -> Bool[Array, ""]:
+        """Whether there is anything left to try."""
+        return ~(self.is_orbit | self.is_full) & (self.num_runs < MAX_RUNS) & (self.factor > _LEAST)
+
+
+def begin_search(guess: Float[Array, " state"], num_stops: int, room: int) -> Search:
+    """A search from a guess, with room for so many events."""
+    zero, no = jnp.zeros((), guess.dtype), jnp.array(False)
+    unknowns = Unknowns(guess, jnp.zeros(room, guess.dtype))
+    cycle = Cycle(guess, unknowns, nothing_happens(room, num_stops), guess + 0j, zero + jnp.inf)
+    return Search(guess, guess, jnp.zeros_like(guess), zero + 1, zero + jnp.inf, cycle, no, no, no, jnp.array(0))
+
+
+class Strobe(eqx.Module):
+    """The map of a machine over n forcing periods, from a phase of the load on.
+
+    Attributes:
+        numbers: of the machine.
+        flow: its motion.
+        num_periods: n.
+        phase: where it begins, in forcing periods.
+        room: for how many events there is room.
+    """
+
+    numbers: Numbers
+    flow: AbstractFlow
+    num_periods: Scalar
+    phase: Scalar
+    room: int = eqx.field(static=True)
+
+    @property
+    def period(self) -> Scalar:
+        """The forcing period."""
+        return 2 * jnp.pi / self.numbers.frequency
+
+    @property
+    def t0(self) -> Scalar:
+        """When it begins."""
+        return self.phase * self.period
+
+    def request(self, z: Float[Array, " state"]) -> Request:
+        """To follow the motion from a state in space."""
+        x, v = jnp.split(z, 2)
+        t1 = self.t0 + self.num_periods * self.period
+        return Request(
+            t0=self.t0,
+            t1=t1,
+            x0=x,
+            v0=v,
+            goals=t1[None],
+            num_goals=np.asarray(1),
+            is_last=np.asarray(True),
+            max_steps=np.asarray(OWN_BOUND),
+            max_events=np.asarray(self.room),
+            max_turns=np.asarray(np.iinfo(int).max),
+            is_sound=jnp.all(jnp.isfinite(z)),
+        )
+
+    def follow(self, z: Float[Array, " state"]) -> Solution:
+        """The motion from a state, differentiable."""
+        limits = {"room": self.room, "can_stick": True, "max_reverse_steps": 65_536}
+        return run(self.numbers, self.flow, self.request(z), **limits)[0]
+
+    def end(self, z: Float[Array, " state"]) -> Float[Array, " state"]:
+        """Where the motion from a state ends."""
+        sol = self.follow(z)
+        return jnp.concatenate([sol.x1, sol.v1])
+
+
+def learn(strobe: Strobe, search: Search) -> Search:
+    """Follow the motion from the trial, and what is known then."""
+    log, result, end = run_for_log(
+        strobe.numbers, strobe.flow, strobe.request(search.trial), room=strobe.room, can_stick=True
+    )
+    machine, flow = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
+    sequence, flights = sequence_of(log, strobe.t0, machine.period)
+    problem = Problem(machine, flow, sequence, strobe.num_periods, strobe.phase)
+    size = size_of(problem, search.trial)
+    is_whole = result == RESULTS.successful
+    closing = jnp.where(is_whole, jnp.max(jnp.abs(end - search.trial) / size), jnp.inf)
+    is_orbit = is_whole & _is_followed(search, sequence, flights, closing, size)
+    search = eqx.tree_at(
+        lambda s: (s.is_orbit, s.is_full, s.num_runs),
+        search,
+        (is_orbit, result == RESULTS.max_events_reached, search.num_runs + 1),
+    )
+    # Most of a batch are orbits at the same run.
+    return jax.lax.cond(
+        is_any(~is_orbit), lambda: _next(strobe, problem, search, flights, closing, end), lambda: search
+    )
+
+
+def _next(
+    strobe: Strobe, problem: Problem, search: Search, flights: Array, closing: Scalar, end: Array
+) -> Search:
+    """What to try after a run from the trial, unless that was an orbit."""
+    is_nearer = closing < search.closing
+    away = away_from_stops(problem)
+    guess = Unknowns(search.trial + away, flights)
+    if strobe.flow.can_leap:
+        cycle, first, is_converged = _by_sequence(problem, guess)
+    else:
+        jacobian = jax.jacfwd(strobe.end)(search.trial)
+        cycle, first, is_converged = _by_map(problem, guess, end + away, jacobian)
+    cycle = eqx.tree_at(lambda c: c.start, cycle, cycle.start - away)
+    is_found = is_nearer & is_converged
+    base, step = (jnp.where(is_nearer, *pair) for pair in ((search.trial, search.base), (first, search.step)))
+    factor = jnp.where(is_nearer, 1.0, search.factor)
+    trial = jnp.where(is_found, cycle.start, base + factor * step)
+    following = Search(
+        trial=_inside(problem, trial + away) - away,
+        base=base,
+        step=step,
+        factor=jnp.where(is_found, factor, factor / 2),
+        closing=jnp.where(is_nearer, closing, search.closing),
+        cycle=jax.tree.map(lambda a, b: jnp.where(is_found, a, b), cycle, search.cycle),
+        has_cycle=search.has_cycle | is_found,
+        is_orbit=search.is_orbit,
+        is_full=search.is_full,
+        num_runs=search.num_runs,
+    )
+    return jax.tree.map(lambda a, b: jnp.where(search.is_orbit, a, b), search, following)
+
+
+def _is_followed(
+    search: Search, sequence: Sequence, flights: Array, closing: Scalar, size: Array
+) -> Bool[Array, ""]:
+    """Whether the run went once round the cycle that was found last."""
+    cycle = search.cycle
+    # Of an unstable orbit a run goes away, from rounding on.
+    growth = jnp.max(jnp.where(jnp.isfinite(cycle.multipliers), jnp.abs(cycle.multipliers), 1))
+    is_from_it = jnp.max(jnp.abs(search.trial - cycle.start) / size) < _CLOSE
+    is_alike = happens_alike(cycle.sequence, cycle.unknowns.flights, sequence, flights)
+    return search.has_cycle & is_from_it & is_alike & (closing < _CLOSE * jnp.maximum(growth, 1))
+
+
+def _by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, Bool[Array, ""]]:
+    """The cycle of the sequence, the first step towards it, and whether it was reached."""
+    polished = polish(problem, guess)
+    z, sequence = polished.unknowns.z, problem.sequence
+    cycle = Cycle(
+        start=z,
+        unknowns=polished.unknowns,
+        sequence=sequence,
+        multipliers=floquet_multipliers(polished.pencil, sequence.most_held),
+        residual=jnp.max(jnp.abs(polished.residual.closing) / size_of(problem, z)),
+    )
+    return cycle, polished.first, polished.is_converged
+
+
+def _by_map(
+    problem: Problem, guess: Unknowns, end: Array, jacobian: Array
+) -> tuple[Cycle, Array, Bool[Array, ""]]:
+    """The same by one step of Newton's method on the stroboscopic map."""
+    z, identity, size = guess.z, jnp.eye(len(guess.z)), size_of(problem, guess.z)
+    step = jnp.linalg.solve(identity - jacobian, end - z)
+    cycle = Cycle(
+        start=z + step,
+        unknowns=Unknowns(z + step, guess.flights),
+        sequence=problem.sequence,
+        multipliers=floquet_multipliers(Pencil(jacobian, identity), problem.sequence.most_held),
+        residual=jnp.max(jnp.abs(end - z) / size),
+    )
+    return cycle, step, jnp.max(jnp.abs(step) / size) < _NEAR
+
+
+def away_from_stops(problem: Problem) -> Array:
+    """The start as seen from the stops less the start in space."""
+    machine = problem.machine
+    nothing = jnp.zeros_like(machine.inverse_mass)
+    phase = phase_at(2 * jnp.pi * problem.phase, machine.waves.num_harmonics)
+    return jnp.concatenate(machine.seen_from_stops(phase, nothing, nothing))
+
+
+def _inside(problem: Problem, z: Array) -> Array:
+    """A start as seen from the stops, brought back to the stops that it lies beyond."""
+    contacts = problem.machine.contacts
+    x, v = jnp.split(z, 2)
+    return jnp.concatenate([contacts.placed(x, contacts.gaps(x) < 0), v])
