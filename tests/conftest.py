@@ -20,7 +20,7 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 # Before anything imports vijax, so that beartype checks every call inside the package as well.
 jaxtyping.install_import_hook("vijax", "beartype.beartype")
 
-pytest.register_assert_rewrite("helpers")
+pytest.register_assert_rewrite("helpers", "outputs")
 
 
 def pytest_configure(config: pytest.Config) -> None:

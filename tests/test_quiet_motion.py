@@ -13,7 +13,9 @@ import vijax as vx
 from vijax._attractors import quiet
 from vijax._attractors.quiet import highest, never_hits
 from vijax._attractors.response import modes_of, response_of, vibration_left
+from vijax._machine.machine import Machine, prepare
 from vijax._sweep.provenance import machines_of
+from vijax._trajectory.known import known_machine
 
 FREQUENCY, POSITION = "forcing.frequency", "stops[*].position"
 # Some hundred roundings of numbers of about 1.
@@ -46,9 +48,14 @@ def response_at(system: vx.ImpactSystem, angle: float = 0.0) -> tuple[np.ndarray
     return mean + turned.real.sum(axis=0), rate.real.sum(axis=0)
 
 
-def machine_of(system: vx.ImpactSystem):
+prepared = jax.jit(prepare, static_argnames="can_stick")
+
+
+def machine_of(system: vx.ImpactSystem) -> Machine:
     """The engine's machine as a single lane."""
-    machine = vx.simulate(system, 0.0, 1e-3, np.full(system.num_masses, -0.01), max_events=1).machine
+    nowhere = jnp.zeros(system.num_masses)
+    start = jnp.zeros(()), nowhere, nowhere
+    machine = prepared(known_machine(system, None).numbers, jnp.ones(()), start, can_stick=True)
     return jax.tree.map(lambda a: np.asarray(a)[..., None], machine)
 
 
@@ -263,8 +270,8 @@ def test_the_contraction_is_that_of_the_slowest_mode(light):
 
 def test_what_will_hit_after_the_record_is_not_quiet():
     # Energy in the last mass, which reaches the first one later; nothing is recorded but the beginning.
-    wall = [vx.Stop(0, 0.5, "upper", 0.7)]
-    system = vx.chain([1.0] * 3, [1e-3] * 3, [1.0] * 3, vx.Harmonic([0.001, 0.0, 0.0], 8.0), wall)
+    walls = [vx.Stop(i, position, "upper", 0.7) for i, position in enumerate((0.5, 50.0, 50.0))]
+    system = vx.chain([1.0] * 3, [1e-3] * 3, [1.0] * 3, vx.Harmonic([0.001, 0.0, 0.0], 8.0), walls)
     values = {"x0[2]": [0.2, 1.2]}
     early = sweep(system, values, transient=0, record=2)
     later = sweep(system, values, carry_from=early, transient=0, record=400)
