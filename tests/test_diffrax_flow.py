@@ -197,11 +197,14 @@ def test_a_short_push_is_not_stepped_over_where_steps_are_bounded():
 
 
 def test_a_force_that_is_not_finite_ends_its_own_lane_alone():
-    run = lambda k3: vx.simulate(duffing(k3), 0.0, 20.0, [-1.2], [0.0], throw=False)  # noqa: E731
-    both = jax.vmap(run)(jnp.array([2.5, jnp.nan]))
-    assert int(both.num_events[0]) >= 8
-    assert (both.result == vx.RESULTS.successful).tolist() == [True, False]
-    assert (both.result == vx.RESULTS.non_finite).tolist() == [False, True]
+    def run(k3):
+        sol = vx.simulate(duffing(k3), 0.0, 20.0, [-1.2], [0.0], throw=False)
+        return sol.num_events, sol.result
+
+    num_events, result = jax.jit(jax.vmap(run))(jnp.array([2.5, jnp.nan]))
+    assert int(num_events[0]) >= 8
+    assert (result == vx.RESULTS.successful).tolist() == [True, False]
+    assert (result == vx.RESULTS.non_finite).tolist() == [False, True]
 
 
 # Derivatives
