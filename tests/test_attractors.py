@@ -4,7 +4,8 @@ import jax
 import numpy as np
 import pytest
 import xarray as xr
-from problems import ORBITS, periodic_orbit, sticking_orbit
+from periodic_orbits import ORBITS, periodic_orbit
+from problems import sticking_orbit
 
 import vijax as vx
 

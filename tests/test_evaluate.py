@@ -31,7 +31,7 @@ MACHINES = {
 
 
 @pytest.mark.parametrize("name", MACHINES)
-@pytest.mark.parametrize("periods", [3, 1000, 20_000])
+@pytest.mark.parametrize("periods", [3, 1000, 20_000, pytest.param(100_000, marks=pytest.mark.thorough)])
 def test_it_agrees_with_saved_states_long_after_the_last_event(name, periods):
     system = MACHINES[name]
     start = ([0.3, 0.0] if name == "held" else [0.5] * system.num_masses)[: system.num_masses]
