@@ -1,6 +1,8 @@
 """What every test runs under: 64-bit numbers, no silent broadcasting, every annotation checked."""
 
+import gc
 import os
+from collections.abc import Iterator
 
 # Most of the time goes into compiling programs that run for milliseconds. They are compiled a short way, unoptimised, but
 # where `VIJAX_COMPILE_FULLY=1` asks for what users get.
@@ -18,7 +20,7 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 # Before anything imports vijax, so that beartype checks every call inside the package as well.
 jaxtyping.install_import_hook("vijax", "beartype.beartype")
 
-pytest.register_assert_rewrite("helpers")
+pytest.register_assert_rewrite("helpers", "outputs")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -30,3 +32,15 @@ def pytest_configure(config: pytest.Config) -> None:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
         jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("jax")))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _collected_once() -> Iterator[None]:
+    """Look for garbage once a file, and only among what is new there.
+
+    Tracing makes millions of small objects that live long. To look through all of them again and again took a
+    tenth of the time of all tests.
+    """
+    gc.disable()
+    yield
+    gc.collect(1)

@@ -163,3 +163,8 @@ def _places(expected: Sequence[Event], found: Sequence[Event]) -> np.ndarray:
         ours, theirs = ([i for i, e in enumerate(log) if e.stop == stop] for log in (found, expected))
         places[theirs] = ours
     return places
+
+
+def relative_errors(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """The largest error of every column relative to its largest entry, or to 1."""
+    return np.abs(found - expected).max(axis=0) / np.maximum(1.0, np.abs(expected).max(axis=0))

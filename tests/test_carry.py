@@ -25,16 +25,17 @@ def sweep(frequencies, **options):
     )
 
 
+@jax.jit
+def run(frequency, x, v) -> tuple[jax.Array, jax.Array]:
+    """The end of one point."""
+    system = vx.models.wagg_bishop_a(frequency)
+    end = (TRANSIENT + RECORD) * system.forcing.period
+    sol = vx.simulate(system, 0.0, end, x, v, max_events=0, throw=False)
+    return sol.x1, sol.v1
+
+
 def one_after_another(frequencies, x0=(0.0, 0.0), v0=(0.0, 0.0)):
     """End states by carrying them by hand, (points, 2, n)."""
-
-    @jax.jit
-    def run(frequency, x, v):
-        system = vx.models.wagg_bishop_a(frequency)
-        end = (TRANSIENT + RECORD) * system.forcing.period
-        sol = vx.simulate(system, 0.0, end, x, v, max_events=0, throw=False)
-        return sol.x1, sol.v1
-
     x, v, ends = np.array(x0), np.array(v0), []
     for frequency in frequencies:
         x, v = run(frequency, x, v)

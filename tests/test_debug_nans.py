@@ -65,4 +65,4 @@ def test_in_a_jit_of_the_user_a_log_is_found_but_an_end_state_is_not(checks):
 
     assert jax.jit(lambda x: run(x).x1)(START[0]).shape == (2,)
     with pytest.raises(FloatingPointError):
-        jax.jit(run)(START[0])
+        jax.jit(lambda x: run(x).events)(START[0])

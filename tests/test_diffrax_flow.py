@@ -16,11 +16,6 @@ from problems import one_mass
 
 import vijax as vx
 from vijax._contact.sticking_region import StickingRegion
-from vijax._flow.approximate_step import Attempt, SteppingFlow
-from vijax._flow.bernstein import bernstein, divided, first_crossing, nodes, slopes
-from vijax._flow.clearance import Inside
-from vijax._flow.diffrax_flow import degree_inside
-from vijax._system.waves import speeds
 
 # Some hundred steps of 1e-10 each.
 SOLVER = 1e-8
@@ -43,39 +38,6 @@ class Cubic(eqx.Module):
 def duffing(k3: float, *, r: float = 1.0, c: float = 0.0, amplitude: float = 0.0) -> vx.ImpactSystem:
     load = vx.Harmonic([amplitude], 0.9 if amplitude else 0.0)
     return vx.ImpactSystem([1.0], [[c]], [[1.0]], load, [vx.Stop(0, 0.5, "upper", r)], Cubic(jnp.array(k3)))
-
-
-# Where a polynomial falls below zero
-
-
-def test_events_are_looked_for_in_the_polynomial_that_the_solver_has():
-    solvers = [diffrax.Heun(), diffrax.Bosh3(), diffrax.Tsit5(), diffrax.Dopri5(), diffrax.Dopri8()]
-    assert [degree_inside(solver) for solver in solvers] == [3, 3, 4, 4, 6]
-
-
-@pytest.mark.parametrize("degree", [3, 4, 6])
-def test_the_first_zero_of_a_polynomial_is_found_and_never_passed(degree):
-    rng = np.random.default_rng(degree)
-    roots = rng.uniform(-0.5, 1.5, (2000, degree))
-    # Every third has a pair of zeros that lie close together, which signs at the ends would not tell.
-    roots[::3, 1] = roots[::3, 0] + 1e-3
-    inside = np.where((roots > 0) & (roots <= 1), roots, 1.0)
-    values = np.prod(nodes(degree)[:, None, None] - roots[None], axis=-1)
-    values *= np.sign(values[0])
-    found = jax.jit(jax.vmap(lambda v: first_crossing(bernstein(v)), 1))(jnp.asarray(values))
-    np.testing.assert_allclose(found, inside.min(axis=-1), rtol=0, atol=1e-6)
-
-
-@pytest.mark.parametrize("degree", [3, 4, 6])
-def test_bernstein_coefficients_of_a_slope_and_of_a_quotient_are_those_of_their_values(degree):
-    times, powers = nodes(degree), np.random.default_rng(degree).normal(size=degree)
-    values = np.polynomial.Polynomial([0.0, *powers])  # 0 at 0
-    found = bernstein(jnp.asarray(values(times)))
-    for coefficients, expected in (
-        (slopes(found), values.deriv()),
-        (divided(found, jnp.asarray(powers[0])), np.polynomial.Polynomial(powers)),
-    ):
-        np.testing.assert_allclose(coefficients, bernstein(jnp.asarray(expected(times))), rtol=0, atol=1e-11)
 
 
 # Linear machines
@@ -197,11 +159,14 @@ def test_a_short_push_is_not_stepped_over_where_steps_are_bounded():
 
 
 def test_a_force_that_is_not_finite_ends_its_own_lane_alone():
-    run = lambda k3: vx.simulate(duffing(k3), 0.0, 20.0, [-1.2], [0.0], throw=False)  # noqa: E731
-    both = jax.vmap(run)(jnp.array([2.5, jnp.nan]))
-    assert int(both.num_events[0]) >= 8
-    assert (both.result == vx.RESULTS.successful).tolist() == [True, False]
-    assert (both.result == vx.RESULTS.non_finite).tolist() == [False, True]
+    def run(k3):
+        sol = vx.simulate(duffing(k3), 0.0, 20.0, [-1.2], [0.0], throw=False)
+        return sol.num_events, sol.result
+
+    num_events, result = jax.jit(jax.vmap(run))(jnp.array([2.5, jnp.nan]))
+    assert int(num_events[0]) >= 8
+    assert (result == vx.RESULTS.successful).tolist() == [True, False]
+    assert (result == vx.RESULTS.non_finite).tolist() == [False, True]
 
 
 # Derivatives
@@ -306,59 +271,6 @@ def test_a_sweep_with_a_force_that_calls_libraries_is_carried_along_and_kept(tmp
         run(lambda t, x, v, args: -x, 1 / 1.5)
     with pytest.raises(ValueError, match=r"the force <function solved> with args \{.*\}, which no text"):
         vx.system_of(ds)
-
-
-# A motion of one's own
-
-
-class ExponentialFlow(SteppingFlow):
-    """Steps of a linear machine by the matrix exponential: what one who adds a motion has to write."""
-
-    def attempt(self, machine, state, is_held, step):
-        at = lambda u: self.step_by(machine, state, is_held, u)  # noqa: E731
-        inside = jax.vmap(at)(step * jnp.asarray(nodes(8)))
-        displacement, gain = at(step)
-        return Attempt(displacement, gain, Inside(*inside), jnp.array(True), 0.5 / machine.rate, None)
-
-    def step_by(self, machine, state, is_held, step):
-        n, h = len(state.x), machine.waves.num_harmonics
-        free = jnp.where(is_held, 0.0, machine.inverse_mass)
-        angle = jnp.diag(speeds(state.phase, machine.frequency))
-        zero, zeros = jnp.zeros((n, n)), jnp.zeros((n, h))
-        loads = [machine.inverse_mass[:, None] * a.T for a in (machine.waves.cosine, machine.waves.sine)]
-        pull = machine.inverse_mass[:, None]
-        # The state, the speed that held masses would gain, the phase of the load, and 1.
-        rows = [
-            [zero, jnp.diag(free / machine.inverse_mass), zeros, zeros, jnp.zeros((n, 1))],
-            [
-                -pull * machine.stiffness,
-                -pull * machine.damping * (free > 0)[None],
-                *loads,
-                pull * machine.mean[:, None],
-            ],
-            [zeros.T, zeros.T, jnp.zeros((h, h)), -angle, jnp.zeros((h, 1))],
-            [zeros.T, zeros.T, angle, jnp.zeros((h, h)), jnp.zeros((h, 1))],
-            [jnp.zeros((1, 2 * n + 2 * h + 1))],
-        ]
-        start = jnp.concatenate([state.x, state.v, *state.phase, jnp.ones(1)])
-        matrix = jnp.block(rows)
-        # z(step) - z(0) = step phi(step A) A z(0), which loses no digits: one more column carries A z(0).
-        size = len(start)
-        wide = (
-            jnp.zeros((size + 1, size + 1)).at[:size, :size].set(matrix).at[:size, size].set(matrix @ start)
-        )
-        gained = jax.scipy.linalg.expm(wide * step)[:size, size]
-        return gained[:n], gained[n : 2 * n]
-
-
-def test_a_motion_of_ones_own_needs_three_methods_and_drives_the_same_loop():
-    scene = load_scene("n1_lowfreq_r07")
-    sol = vx.simulate(scene.system, scene.t0, scene.t1, scene.x0, scene.v0, flow=ExponentialFlow())
-    pairs = paired(scene.events, log_of(sol))
-    assert {found.kind for _, found in pairs} == {"impact", "stick", "release"}
-    worst = max(abs(a.t - b.t) for a, b in pairs if a.kind != "impact" or abs(a.velocity) > LIGHT)
-    assert worst < 1e-10
-    np.testing.assert_allclose(sol.x1, scene.x1, rtol=0, atol=1e-11)
 
 
 # Bad input

@@ -10,8 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
-from matplotlib.collections import LineCollection
-from matplotlib.colors import to_rgb
+from drawings import discs, events, grey, points
 
 import vijax as vx
 
@@ -35,14 +34,6 @@ def swept() -> xr.Dataset:
 
 
 @pytest.fixture(scope="module")
-def held() -> vx.Solution:
-    """A mass that starts held by its stop, is let go, and held again."""
-    load = vx.Harmonic([1.0], 0.5)
-    system = vx.ImpactSystem([1.0], [[0.0]], [[1.0]], load, [vx.Stop(0, 0.0, "upper", 0.5)])
-    return vx.simulate(system, 0.0, END)
-
-
-@pytest.fixture(scope="module")
 def sticking() -> vx.Solution:
     """Case (b) of the paper, where both masses stick."""
     return vx.simulate(vx.models.wagg_bishop_b(0.2), 0.0, 80.0)
@@ -53,25 +44,6 @@ def both_ways(swept) -> xr.Dataset:
     """As from `carry="both"`, with other velocities on the way down."""
     down = swept.assign(impact_velocity=swept.impact_velocity / 2)
     return xr.concat([swept, down], dim="direction").assign_coords(direction=["up", "down"])
-
-
-def grey(color) -> float:
-    return float(np.dot([0.299, 0.587, 0.114], to_rgb(color)))
-
-
-def events(sol: vx.Solution, kind: int, stop: int) -> np.ndarray:
-    return np.asarray(sol.events.t)[(sol.events.kind == kind) & (sol.events.stop == stop)]
-
-
-def discs(ax, *, filled: bool) -> list[tuple[float, float]]:
-    """The round marks, white or filled."""
-    marks = [line for line in ax.lines if line.get_marker() == "o"]
-    is_white = [mpl.colors.same_color(mark.get_markerfacecolor(), "white") for mark in marks]
-    return [points(mark).pop() for mark, white in zip(marks, is_white, strict=True) if white != filled]
-
-
-def points(line) -> set[tuple[float, float]]:
-    return set(zip(*(np.asarray(a).tolist() for a in line.get_data()), strict=True))
 
 
 @pytest.mark.parametrize("stop", [0, 1])
@@ -128,53 +100,6 @@ def test_a_bifurcation_diagram_of_no_stop_is_refused(swept, stop):
         vx.plot.bifurcation(swept, stop)
 
 
-def test_a_time_series_is_the_motion_and_meets_the_events_exactly(held):
-    line = vx.plot.time_series(held, num_samples=SAMPLES).lines[0]
-    t, x = line.get_data()
-    np.testing.assert_array_equal(x, held.evaluate(t)[0][:, 0])
-    events = np.asarray(held.events.t[: int(held.num_events)])
-    assert len(events) > 3
-    assert np.isin(events, t).all()
-    assert np.isin(np.linspace(0.0, END, SAMPLES), t).all()
-    assert (np.diff(t) >= 0).all()
-
-
-def test_a_time_series_draws_every_mass_and_every_stop():
-    sol = vx.simulate(vx.models.wagg_bishop_b(0.8), 0.0, END)
-    ax = vx.plot.time_series(sol, num_samples=SAMPLES)
-    masses, stops = ax.lines[:2], ax.lines[2:]
-    assert [line.get_ydata()[0] for line in stops] == [-0.3, 0.1]
-    for stop, mass in zip(stops, masses, strict=True):
-        np.testing.assert_array_equal(stop.get_color(), mass.get_color())
-    assert not np.array_equal(masses[0].get_color(), masses[1].get_color())
-    assert {text.get_text() for text in ax.get_legend().get_texts()} >= {"$x_{0}$", "$x_{1}$"}
-    assert ax.get_xlim() == (0.0, END)
-
-
-def held_intervals(ax):
-    """First and last times of the unbroken parts of the lines that show a mass held."""
-    lines = [line.get_data() for line in ax.lines if "held" in line.get_label()]
-    runs = [np.ma.clump_unmasked(np.ma.masked_invalid(x)) for _, x in lines]
-    return [[(t[run][0], t[run][-1]) for run in of_line] for (t, _), of_line in zip(lines, runs, strict=True)]
-
-
-def test_a_time_series_marks_where_a_mass_is_held(held):
-    ax = vx.plot.time_series(held, num_samples=SAMPLES)
-    (drawn,) = held_intervals(ax)
-    kind, t = np.asarray(held.events.kind), np.asarray(held.events.t)
-    sticks, releases = t[kind == vx.STICK], t[kind == vx.RELEASE]
-    assert len(sticks) > 0
-    starts = [0.0, *sticks]
-    ends = [*releases, END] if held.stuck1[0] else [*releases]
-    assert drawn == list(zip(starts, ends, strict=True))
-
-
-def test_a_time_series_goes_into_the_axes_given(held):
-    _, ax = plt.subplots()
-    assert vx.plot.time_series(held, ax=ax, num_samples=SAMPLES) is ax
-    assert len(plt.get_fignums()) == 1
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     "name", ["bifurcation", "time_series", "phase_portrait", "impact_map", "sticking_region"]
@@ -229,67 +154,6 @@ def test_a_bifurcation_diagram_can_show_phases(swept):
     assert ax.get_ylim() == (0, 2 * np.pi)
     with pytest.raises(ValueError, match='"velocity" or "relative velocity" or "phase", but is "time"'):
         vx.plot.bifurcation(swept, ordinate="time")
-
-
-def test_a_close_up_of_a_time_series_shows_its_span_only(sticking):
-    stick, release = events(sticking, vx.STICK, 1)[1], events(sticking, vx.RELEASE, 1)[1]
-    span = (stick - 1.0, (stick + release) / 2)
-    ax = vx.plot.time_series(sticking, span=span, num_samples=SAMPLES)
-    assert ax.get_xlim() == span
-    t, x = ax.lines[0].get_data()
-    assert (t[0], t[-1]) == span
-    np.testing.assert_array_equal(x, sticking.evaluate(t)[0][:, 0])
-    assert held_intervals(ax)[-1] == [(stick, span[1])]
-
-
-@pytest.mark.parametrize("span", [(-1.0, 5.0), (5.0, 81.0), (5.0, 5.0), (6.0, 5.0)])
-def test_a_span_outside_the_trajectory_is_refused(sticking, span):
-    with pytest.raises(ValueError, match=r"must be two times in order within \[0.0, 80.0\]"):
-        vx.plot.time_series(sticking, span=span)
-
-
-def test_a_phase_portrait_is_the_motion_broken_at_impacts(sticking):
-    ax = vx.plot.phase_portrait(sticking, 1, num_samples=SAMPLES)
-    x, v = (np.asarray(a) for a in ax.lines[0].get_data())
-    is_hit = np.asarray((sticking.events.kind == vx.IMPACT) & (sticking.events.stop == 1))
-    minus, plus = (
-        np.asarray(a)[is_hit] for a in (sticking.events.velocity_minus, sticking.events.velocity_plus)
-    )
-    (gaps,) = np.nonzero(np.isnan(v))
-    assert len(gaps) == is_hit.sum() > 10
-    np.testing.assert_array_equal(v[gaps - 1], minus)
-    np.testing.assert_array_equal(x[gaps - 1], 0.1)
-    # After the last impact before it sticks the mass is at rest.
-    bounces = minus > 1e-5
-    np.testing.assert_allclose(v[gaps + 1][bounces], plus[bounces], rtol=1e-9)
-    t = np.sort(np.append(np.linspace(0, 80, SAMPLES), np.nan_to_num(sticking.events.t, nan=80.0)))
-    drawn = set(zip(x.tolist(), v.tolist(), strict=True))
-    for state in zip(*(np.asarray(a)[:, 1].tolist() for a in sticking.evaluate(t)), strict=True):
-        assert state in drawn
-
-
-def test_a_phase_portrait_dashes_the_jumps_and_marks_stop_and_rest(sticking):
-    ax = vx.plot.phase_portrait(sticking, 0, num_samples=SAMPLES)
-    (jumps,) = (c for c in ax.collections if isinstance(c, LineCollection))
-    is_hit = np.asarray((sticking.events.kind == vx.IMPACT) & (sticking.events.stop == 0))
-    minus, plus = (
-        np.asarray(a)[is_hit] for a in (sticking.events.velocity_minus, sticking.events.velocity_plus)
-    )
-    found = np.array([[start[1], end[1]] for start, end in jumps.get_segments()])
-    np.testing.assert_array_equal(found, np.stack([minus, plus], axis=1))
-    assert jumps.get_linestyle()[0][1] is not None
-    labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert labels == ["impact", "stop 0", "held by stop 0"]
-    assert discs(ax, filled=True) == [(-0.3, 0.0)]
-    with pytest.raises(ValueError, match="Argument `mass` must lie in 0 to 1, but is 2"):
-        vx.plot.phase_portrait(sticking, 2)
-
-
-def test_a_phase_portrait_without_contacts_is_one_line():
-    sol = vx.simulate(vx.models.wagg_bishop_b(0.8, 0.01), 0.0, END)
-    ax = vx.plot.phase_portrait(sol, num_samples=SAMPLES)
-    assert not np.isnan(ax.lines[0].get_ydata()).any()
-    assert discs(ax, filled=True) == []
 
 
 @pytest.mark.parametrize("stop", [0, 1])

@@ -1,19 +1,14 @@
 """What `print` and notebooks show: numbers in a few lines, whatever is printed."""
 
-import html
-import re
-
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
+from outputs import show
 
 import vijax as vx
 from vijax._system.force import name_of_force
 
-# A title, and what fits below it without scrolling.
-MOST_LINES, MOST_COLUMNS = 11, 110
 MACHINE = vx.models.wagg_bishop_b(0.2)
 
 
@@ -35,28 +30,6 @@ def long_chain(n: int) -> vx.ImpactSystem:
 @pytest.fixture(scope="module")
 def solution() -> vx.Solution:
     return vx.simulate(MACHINE, 0.0, 80.0)
-
-
-@pytest.fixture(scope="module")
-def batch() -> tuple[vx.ImpactSystem, vx.Solution]:
-    def run(frequency, x):
-        system = vx.models.wagg_bishop_b(frequency)
-        return system, vx.simulate(system, 0.0, 5.0, [0.0, x], max_events=32, throw=False)
-
-    return jax.jit(jax.vmap(run))(jnp.array([0.8, 1.1, 1.4]), jnp.array([0.0, 0.05, 0.2]))
-
-
-def show(thing: object) -> str:
-    """What is printed, after a check of its size and of the table that notebooks show."""
-    text, table = repr(thing), thing._repr_html_()
-    lines = text.splitlines()
-    assert len(lines) <= MOST_LINES
-    assert max(map(len, lines)) <= MOST_COLUMNS
-    assert "color" not in table
-    assert "background" not in table
-    plain = html.unescape(re.sub(r"<[^>]*>", "", table))
-    assert re.sub(r"\s", "", plain) == re.sub(r"\s", "", text)
-    return text
 
 
 def test_a_machine_shows_its_numbers():
@@ -109,15 +82,6 @@ def test_a_short_log_is_shown_whole():
     log = vx.simulate(MACHINE, 0.0, 3.0).events
     assert len(show(log).splitlines()) == 2 + int((log.kind >= 0).sum())
     assert len(show(vx.simulate(MACHINE, 0.0, 0.1).events).splitlines()) == 1
-
-
-def test_a_batch_says_its_shape_and_ranges(batch):
-    systems, solutions = batch
-    for thing in (systems, systems.forcing, solutions, solutions.events):
-        assert "a batch of shape (3,)" in show(thing)
-    assert "frequency 0.8 to 1.4" in show(systems)
-    assert "2 successful, 1 unsound_start" in show(solutions)
-    assert "batch" in show(jax.tree.map(lambda a: a[None], solutions))
 
 
 def test_what_is_traced_shows_shapes():

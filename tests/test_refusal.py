@@ -1,6 +1,8 @@
 """An error is raised whatever of a result is asked for, and under every transformation of JAX."""
 
 import logging
+from collections.abc import Callable
+from functools import cache
 
 import equinox as eqx
 import jax
@@ -12,6 +14,7 @@ import vijax as vx
 
 MACHINE = vx.chain([1.0], [0.1], [1.0], vx.Harmonic([0.5], 0.8), [vx.Stop(0, 0.3, "upper", 0.7)])
 END = 40.0
+FLOW = vx.TaylorFlow()  # compiled in the least time
 # A program that XLA runs raises a RuntimeError of JAX or, in some versions, a ValueError.
 ERRORS = (RuntimeError, ValueError)
 ASKED = {
@@ -43,15 +46,16 @@ def quiet():
     logging.disable(logging.NOTSET)
 
 
-def follow(max_steps, max_events=64, x0=0.0, **options) -> vx.Solution:
+def follow(max_steps, end=END, x0=0.0, **options) -> vx.Solution:
     """A trajectory of about 60 steps and 8 events."""
     start = jnp.reshape(jnp.asarray(x0, float), (1,))
-    return vx.simulate(MACHINE, 0.0, END, start, max_steps=max_steps, max_events=max_events, **options)
+    return vx.simulate(MACHINE, 0.0, end, start, max_steps=max_steps, max_events=64, flow=FLOW, **options)
 
 
-@eqx.filter_jit
-def traced(max_steps, x0=0.0, max_events=64):
-    return follow(max_steps, max_events, x0)
+@cache
+def program(asked: str) -> Callable:
+    """What is asked for, as a function of the bound on steps."""
+    return jax.jit(lambda k: ASKED[asked](follow(k)))
 
 
 def test_the_trajectory_is_as_long_as_these_tests_suppose():
@@ -65,30 +69,36 @@ def test_the_trajectory_is_as_long_as_these_tests_suppose():
     [name if name in ASKED_FIRST else pytest.param(name, marks=pytest.mark.thorough) for name in ASKED],
 )
 def test_too_few_steps_are_told_whatever_is_asked_for(asked):
-    one = eqx.filter_jit(lambda k: ASKED[asked](follow(k)))
-    one(1000)
+    jax.block_until_ready(jax.tree.leaves(program(asked)(1000)))
     with pytest.raises(ERRORS, match="max_steps_reached: "):
-        jax.block_until_ready(jax.tree.leaves(one(jnp.asarray(20))))
+        jax.block_until_ready(jax.tree.leaves(program(asked)(20)))
 
 
 def test_the_last_line_of_an_error_under_jit_is_its_sentence():
     with pytest.raises(ERRORS) as caught:
-        jax.block_until_ready(jax.jit(lambda k: follow(k).x1)(20))
+        jax.block_until_ready(program("x1")(20))
     last = str(caught.value).strip().splitlines()[-1]
     assert "SimulationError: max_steps_reached: " in last
     assert "equinox" not in last
 
 
 def test_a_cut_log_is_told_by_its_times_alone():
+    times = jax.jit(lambda end, k: follow(k, end).events.t)
+    jax.block_until_ready(times(np.float64(END), 100_000))
     with pytest.raises(ERRORS, match="max_events_reached: "):
-        jax.block_until_ready(jax.jit(lambda x: follow(None, 2, x).events.t)(0.0))
+        jax.block_until_ready(times(np.float64(20 * END), 100_000))
 
 
 def test_a_start_that_is_not_finite_is_told_by_the_end_alone():
     with pytest.raises(ERRORS, match=r"Argument `x0` must be finite\."):
-        jax.block_until_ready(jax.jit(lambda x: follow(None, x0=x).x1)(np.nan))
+        jax.block_until_ready(jax.jit(lambda x, k: follow(k, x0=x).x1)(np.nan, 1000))
     with pytest.raises(ValueError, match=r"Argument `x0` must be finite\."):
         follow(None, x0=np.nan)
+
+
+@jax.jit
+def end_between(t0, t1) -> jax.Array:
+    return vx.simulate(MACHINE, t0, t1, flow=FLOW).x1
 
 
 @pytest.mark.parametrize(
@@ -99,7 +109,7 @@ def test_times_that_are_not_finite_are_refused(wrong, sentence):
     with pytest.raises(ValueError, match=sentence):
         vx.simulate(MACHINE, *wrong)
     with pytest.raises(ERRORS, match=sentence):
-        jax.block_until_ready(jax.jit(lambda a, b: vx.simulate(MACHINE, a, b).x1)(*wrong))
+        jax.block_until_ready(end_between(*wrong))
 
 
 @pytest.mark.parametrize(
@@ -128,7 +138,7 @@ def test_without_throw_nothing_is_raised():
 
 @pytest.mark.parametrize("make", [vx.stroboscopic_map, vx.monodromy_matrix])
 def test_maps_depend_on_the_check_too(make):
-    run = jax.jit(lambda k: jax.tree.leaves(make(MACHINE, [0.0], [0.0], 5, max_steps=k))[0])
+    run = jax.jit(lambda k: jax.tree.leaves(make(MACHINE, [0.0], [0.0], 5, flow=FLOW, max_steps=k))[0])
     jax.block_until_ready(run(1000))
     with pytest.raises(ERRORS, match="max_steps_reached: "):
         jax.block_until_ready(run(20))
@@ -162,4 +172,4 @@ def test_counts_are_whole_numbers(name, value):
 
 def test_counts_may_be_those_of_numpy():
     assert vx.Stop(np.int64(1)).mass == 1
-    assert vx.simulate(MACHINE, 0.0, 1.0, max_steps=np.int32(1000)).num_steps < 1000
+    assert vx.simulate(MACHINE, 0.0, 1.0, flow=FLOW, max_steps=np.int32(1000)).num_steps < 1000

@@ -64,7 +64,7 @@ def run_at_once(folder: Path, store: Path, transients: list[int]) -> list[tuple[
 
 @pytest.mark.thorough
 def test_two_processes_find_the_same_in_one_store(plain, tmp_path):
-    for code, told, out in run_at_once(tmp_path, tmp_path / "store", [40, 40]):
+    for code, told, out in run_at_once(tmp_path, tmp_path / "store", [10, 10]):
         assert code == 0, told
         ds, made = pickle.loads(out.read_bytes())
         assert_same(ds, plain)
@@ -75,7 +75,7 @@ def test_two_processes_find_the_same_in_one_store(plain, tmp_path):
 
 @pytest.mark.thorough
 def test_of_two_processes_with_different_sweeps_one_is_refused(tmp_path):
-    ends = run_at_once(tmp_path, tmp_path / "store", [40, 41])
+    ends = run_at_once(tmp_path, tmp_path / "store", [10, 11])
     assert sorted(code for code, _, _ in ends) == [0, 1]
     (told,) = (told for code, told, _ in ends if code)
     assert "holds another sweep: `transient` is" in told
@@ -119,7 +119,7 @@ def test_chunks_that_another_process_made_meanwhile_are_not_made_again(plain, tm
 
 
 def test_who_finds_a_store_begun_meanwhile_goes_on_with_it_or_is_refused(plain, tmp_path, monkeypatch):
-    for transient, name in ((40, "same"), (1, "other")):
+    for transient, name in ((10, "same"), (1, "other")):
         with monkeypatch.context() as patch:
             between(
                 patch, Path, "mkdir", lambda at=(tmp_path / name, transient): sweep(at[0], transient=at[1])
@@ -127,7 +127,7 @@ def test_who_finds_a_store_begun_meanwhile_goes_on_with_it_or_is_refused(plain, 
             if name == "same":
                 assert_same(sweep(tmp_path / name), plain)
                 continue
-            with pytest.raises(ValueError, match="holds another sweep: `transient` is 1 there, but 40 here"):
+            with pytest.raises(ValueError, match="holds another sweep: `transient` is 1 there, but 10 here"):
                 sweep(tmp_path / name)
 
 

@@ -31,7 +31,7 @@ SMALL_CHUNKS = ExecutionSettings(cores=1, max_chunk=POINTS_PER_CHUNK)
 def sweep(store: Path | None = None, system: vx.ImpactSystem = SYSTEM, values=None, **options) -> xr.Dataset:
     """A short sweep, long enough for chaos to show the last bit."""
     values = {FREQUENCY: FREQUENCIES} if values is None else values
-    options = {"transient": 40, "record": 5, "progress": False, "settings": SMALL_CHUNKS} | options
+    options = {"transient": 10, "record": 5, "progress": False, "settings": SMALL_CHUNKS} | options
     return vx.sweep(system, values, store=store, **options)
 
 
@@ -239,7 +239,7 @@ OTHERS = {
     "values": ({"values": {FREQUENCY: FREQUENCIES[:-1]}}, "`values.forcing.frequency` is 24 values from 0.2"),
     "one value": ({"values": {FREQUENCY: np.append(FREQUENCIES[:-1], 2.0)}}, "24 values from 0.2 to 2.0 ("),
     "path": ({"values": {"forcing.phase[0]": FREQUENCIES}}, "but missing here"),
-    "transient": ({"transient": 41}, "`transient` is 40 there, but 41 here"),
+    "transient": ({"transient": 11}, "`transient` is 10 there, but 11 here"),
     "record": ({"record": 6}, "`record` is 5 there, but 6 here"),
     "carry": ({"carry": "up"}, "`carry` is none there, but up here"),
     "start": ({"x0": [0.1, 0.0]}, "`x0` is [0.0, 0.0] there, but [0.1, 0.0] here"),

@@ -27,9 +27,12 @@ def assert_same(ours: vx.Solution, other: vx.Solution) -> None:
         np.testing.assert_allclose(a, b, rtol=0, atol=100 * ROUNDING * scale)
 
 
-@pytest.mark.parametrize("max_events", [pytest.param(0, marks=pytest.mark.thorough), 7, 1500])
-def test_a_log_of_any_length_is_the_same(max_events):
-    ours, other = known_and_traced(100.0, max_events=max_events, throw=False)
+@pytest.mark.parametrize(
+    ("max_events", "times"),
+    [pytest.param(0, [100.0], marks=pytest.mark.thorough), (7, []), (1500, [0.0, 0.0, 50.0, 50.0])],
+)
+def test_a_log_of_any_length_and_any_number_of_saved_states_are_the_same(max_events, times):
+    ours, other = known_and_traced(100.0, max_events=max_events, ts=np.array(times), throw=False)
     assert_same(ours, other)
     assert int(ours.num_events) <= max_events
 
@@ -47,11 +50,6 @@ def test_a_motion_that_ends_too_early_fills_up_what_was_asked_with_its_end():
     assert ours.result == vx.RESULTS.max_steps_reached
     assert_same(ours, other)
     assert (np.asarray(ours.xs[-300:]) == np.asarray(ours.x1)).all()
-
-
-@pytest.mark.parametrize("times", [[], [0.0, 0.0, 50.0, 50.0]])
-def test_any_number_of_times_is_saved(times):
-    assert_same(*known_and_traced(50.0, ts=np.array(times)))
 
 
 def test_saved_states_are_those_that_are_evaluated():

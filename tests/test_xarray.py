@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from outputs import FILES, names_of, written_and_read
 
 import vijax as vx
 from vijax._execution.points import Point
@@ -46,18 +47,6 @@ def matrices() -> xr.Dataset:
 @pytest.fixture(scope="module")
 def solution() -> vx.Solution:
     return vx.simulate(vx.models.wagg_bishop_b(0.2), 0.0, 40.0, ts=np.linspace(0.0, 40.0, 5), max_events=128)
-
-
-@pytest.fixture(scope="module")
-def batch() -> vx.Solution:
-    """Lanes of 1 to 3 periods, each with times of its own; the last starts beyond a stop."""
-
-    def run(frequency, x):
-        system = vx.models.wagg_bishop_b(frequency)
-        ts = jnp.linspace(0.0, 25.0, 4) / frequency
-        return vx.simulate(system, 0.0, 25.0 / frequency, [0.0, x], ts=ts, max_events=32, throw=False)
-
-    return jax.jit(jax.vmap(run))(jnp.array([0.8, 1.1, 1.4]), jnp.array([0.0, 0.05, 0.2]))
 
 
 def assert_same_machine(found: vx.ImpactSystem, expected: vx.ImpactSystem):
@@ -138,36 +127,12 @@ def test_variables_tell_what_they_are(grid, matrices, solution):
     assert grid[FREQUENCY].attrs["long_name"] == "angular frequency of the load"
 
 
-WAYS = {
-    "NetCDF by h5netcdf": (
-        "h5netcdf",
-        lambda ds, path: ds.to_netcdf(path, engine="h5netcdf"),
-        xr.open_dataset,
-    ),
-    "Zarr, format 2": ("zarr", lambda ds, path: ds.to_zarr(path, zarr_format=2), xr.open_zarr),
-    "Zarr, format 3": (
-        "zarr",
-        lambda ds, path: ds.to_zarr(path, zarr_format=3, consolidated=False),
-        lambda path: xr.open_zarr(path, consolidated=False),
-    ),
-}
-
-
-@pytest.mark.parametrize("what", ["grid", "matrices", "solution", "batch"])
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("what", ["grid", "matrices", "solution"])
+@pytest.mark.parametrize("way", FILES)
 def test_a_dataset_comes_back_from_a_file_as_it_was(request, tmp_path, way, what):
-    module, write, read = WAYS[way]
-    pytest.importorskip(module)
     ds = request.getfixturevalue(what)
     ds = ds.to_xarray() if isinstance(ds, vx.Solution) else ds
-    write(ds, tmp_path / "file")
-    with read(tmp_path / "file") as found:
-        xr.testing.assert_identical(found, ds)
-        for name, variable in ds.variables.items():
-            assert (
-                np.asarray(found[name]).dtype.kind == np.asarray(variable).dtype.kind or name == "direction"
-            )
-            assert found[name].dtype.itemsize == variable.dtype.itemsize or name == "direction"
+    found = written_and_read(ds, way, tmp_path / "file")
     if what == "grid":
         assert (ds.impact_stop == -1).any()
         assert np.isnan(ds.impact_time).any()
@@ -212,12 +177,6 @@ def test_a_solution_is_labelled(solution):
         np.testing.assert_array_equal(ds[f"grazing_{name}"], getattr(solution.grazing, name))
 
 
-def names_of(codes: xr.DataArray) -> list[str]:
-    """The codes in words, as their attributes tell them."""
-    names = dict(zip(codes.attrs["flag_values"], codes.attrs["flag_meanings"].split(), strict=True))
-    return [names[code] for code in codes.values.ravel()]
-
-
 def test_the_flags_of_a_solution_name_its_codes(solution):
     ds = solution.to_xarray()
     kinds = {vx.IMPACT: "impact", vx.STICK: "stick", vx.RELEASE: "release"}
@@ -229,32 +188,6 @@ def test_the_flags_of_a_solution_name_its_codes(solution):
         assert ds[name].dtype == ds[name].attrs["flag_values"].dtype == np.int8
 
 
-def test_a_batch_has_lanes_in_front(batch):
-    ds = batch.to_xarray()
-    longest = int(batch.num_events.max())
-    assert dict(ds.sizes) == {"lane": 3, "time": 4, "mass": 2, "event": longest, "stop": 2}
-    assert ds.time.dims == ("lane", "time")
-    assert names_of(ds.result) == ["successful", "successful", "unsound_start"]
-    for k in (0, 1):
-        one = jax.tree.map(lambda a: a[k], batch).to_xarray()  # noqa: B023
-        count = one.sizes["event"]
-        lane = ds.isel(lane=k)
-        assert (lane.event_stop[count:] == -1).all()
-        assert (lane.event_kind[count:] == -1).all()
-        assert np.isnan(lane.event_time[count:]).all()
-        xr.testing.assert_equal(lane.isel(event=slice(count)).drop_vars("time"), one.drop_vars("time"))
-        np.testing.assert_array_equal(lane.time, one.time)
-
-
-def test_lanes_that_share_their_times_share_one_axis(batch):
-    shared = eqx.tree_at(lambda s: s.ts, batch, jnp.broadcast_to(batch.ts[0], batch.ts.shape))
-    ds = shared.to_xarray()
-    assert ds.time.dims == ("time",)
-    np.testing.assert_array_equal(ds.sel(time=batch.ts[0, 1], method="nearest").x, batch.xs[:, 1])
-
-
-def test_what_cannot_be_labelled_is_refused(solution, batch):
+def test_a_solution_that_is_traced_is_refused(solution):
     with pytest.raises(ValueError, match="call it outside"):
         jax.jit(lambda t1: eqx.tree_at(lambda s: s.t1, solution, t1).to_xarray().x1.values)(1.0)
-    with pytest.raises(ValueError, match="one trajectory or one batch"):
-        jax.tree.map(lambda a: a[None], batch).to_xarray()
