@@ -47,7 +47,7 @@ def told_of_search(strobe: Strobe, search: Search) -> Found:
     """What a search found, as a function of the machine."""
     start, multipliers, events = (_by_sequence if strobe.flow.can_leap else _by_map)(strobe, search)
     is_impact = (events.kind == IMPACT)[:, None]
-    stops = jnp.arange(strobe.numbers.rows.shape[0])
+    stops = jnp.arange(strobe.numbers.rows.shape[0])[None]
     return Found(
         start=jnp.where(search.has_cycle, start, search.base),
         events=events,

@@ -18,7 +18,7 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns) -> EventLog:
     sequence, told = problem.sequence, happenings(problem, unknowns)
     machine = problem.machine
     contacts, held = machine.contacts, sequence.held
-    stops = jnp.arange(contacts.num)
+    stops = jnp.arange(contacts.num)[None]
     is_own = (stops == sequence.stop[:, None]) & sequence.is_event[:, None]
     is_impact = (sequence.kind == IMPACT)[:, None]
     sticks, leaves = held[1:] & ~held[:-1], held[:-1] & ~held[1:]
@@ -30,16 +30,16 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns) -> EventLog:
     times = time[:, None, None] + jnp.stack([zeros, told.chatter, zeros], axis=1)
     of_stops = _velocities_of_stops(problem, told)
     minus, plus = (
-        jnp.stack([contacts.told(a), zeros, zeros], axis=1) + of_stops for a in (told.before, told.after)
+        jnp.stack([jax.vmap(contacts.told)(a), zeros, zeros], axis=1) + of_stops for a in (told.before, told.after)
     )
     room = len(sequence.kind)
     order = jnp.argsort(jnp.where(happened, times, jnp.inf).ravel(), stable=True)[:room]
     is_event = happened.ravel()[order]
     read = lambda a: jnp.broadcast_to(a, happened.shape).ravel()[order]  # noqa: E731
-    mass = jnp.broadcast_to(contacts.effective_mass, happened.shape)
+    mass = jnp.broadcast_to(contacts.effective_mass[None, None], happened.shape)
     floats = times, minus, plus, mass * (plus - minus)
     t, minus, plus, impulse = (jnp.where(is_event, read(a), jnp.nan) for a in floats)
-    stop, kind = (jnp.where(is_event, read(a), -1) for a in (stops, kinds))
+    stop, kind = (jnp.where(is_event, read(a), -1) for a in (stops[None], kinds[None]))
     return EventLog(t, stop, kind, minus, plus, impulse)
 
 

@@ -19,7 +19,7 @@ from .._machine.numbers import Numbers
 from .._system.waves import phase_at
 from .._trajectory.loop import Request, run, run_for_log
 from .._trajectory.solution import RESULTS, Solution
-from .._types import Scalar
+from .._types import Reals, Scalar
 from .._xla import is_any
 from .condensed import Pencil
 from .cycle import Problem, Unknowns, prepared
@@ -80,7 +80,7 @@ class Search(eqx.Module):
     num_runs: Int[Array, ""]
 
     @property
-    def is_on(self) -> Bool[Array, ""]:
+    def is_on(self) -> Bool[Array, "..."]:
         """Whether there is anything left to try."""
         return ~(self.is_orbit | self.is_full) & (self.num_runs < MAX_RUNS) & (self.factor > _LEAST)
 
@@ -106,17 +106,17 @@ class Strobe(eqx.Module):
 
     numbers: Numbers
     flow: AbstractFlow
-    num_periods: Scalar
-    phase: Scalar
+    num_periods: Reals
+    phase: Reals
     room: int = eqx.field(static=True)
 
     @property
-    def period(self) -> Scalar:
+    def period(self) -> Reals:
         """The forcing period."""
         return 2 * jnp.pi / self.numbers.frequency
 
     @property
-    def t0(self) -> Scalar:
+    def t0(self) -> Reals:
         """When it begins."""
         return self.phase * self.period
 

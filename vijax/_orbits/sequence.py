@@ -69,7 +69,7 @@ def sequence_of(log: Log, t0: Scalar, period: Scalar) -> tuple[Sequence, Float[A
         return jnp.full(room, fill).at[place].set(jnp.broadcast_to(a, is_impact.shape).ravel(), mode="drop")
 
     kind = gathered(jnp.where(is_impact, IMPACT, RELEASE), NOTHING)
-    stop = gathered(jnp.arange(num_stops), 0)
+    stop = gathered(jnp.arange(num_stops)[None], 0)
     row = gathered(jnp.arange(size)[:, None], 0)
     is_real = kind != NOTHING
     row = jnp.where(is_real, row, log.rows - 1)
@@ -95,7 +95,7 @@ def _times_by_stop(sequence: Sequence, flights: Float[Array, " events"]) -> Floa
     num_stops = held.shape[1]
     is_stick = held[1:] & ~held[:-1]
     next_stick = jax.lax.cummin(jnp.where(is_stick, times[:, None], jnp.inf), reverse=True)
-    is_own = sequence.stop[:, None] == jnp.arange(num_stops)
+    is_own = sequence.stop[:, None] == jnp.arange(num_stops)[None]
     is_tail = is_own & (next_stick - times[:, None] < _TAIL)
     kinds = [(IMPACT, is_own & ~is_tail), (RELEASE, is_own)]
     groups = jnp.concatenate([own & (sequence.kind == kind)[:, None] for kind, own in kinds], axis=1)
