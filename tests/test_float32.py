@@ -13,6 +13,7 @@ import json, sys, warnings
 import jax
 
 sys.path.append("tests")
+import vijax as vx
 from helpers import load_scene
 
 assert not jax.config.jax_enable_x64
@@ -24,6 +25,8 @@ with warnings.catch_warnings(record=True) as caught:
         sol = scene.simulate()
         impacts = int((sol.events.kind == 0).sum())
         ends[name] = [sol.x1.tolist(), sol.v1.tolist(), str(sol.x1.dtype), impacts]
+    follow = lambda x0: vx.simulate(scene.system, scene.t0, scene.t1, x0, scene.v0, throw=False).x1
+    ends["traced"] = jax.jit(follow)(scene.x0.astype("float32")).tolist()
 print(json.dumps([ends, [str(w.message) for w in caught]]))
 """
 # Without sticking, and hardly magnifying errors; one of a single mass, one of several.
@@ -65,3 +68,8 @@ def test_a_golden_scene_comes_out_right_to_float32_accuracy(outcome, name):
     np.testing.assert_allclose(v, scene.v1, rtol=0, atol=tolerance)
     # It is float32 indeed: 64-bit numbers would be far closer.
     assert np.abs(np.array(v) - scene.v1).max() > 1e-12
+
+
+def test_under_jit_it_comes_out_as_without(outcome):
+    traced, (x, *_) = outcome[0]["traced"], outcome[0][SCENES[-1]]
+    np.testing.assert_allclose(traced, x, rtol=0, atol=ROUNDING_32 * load_scene(SCENES[-1]).state_amplification)

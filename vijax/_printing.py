@@ -170,7 +170,7 @@ def _judged(orbit: Any, multipliers: np.ndarray) -> str:
     if multipliers.ndim > 1:
         return f"{np.count_nonzero(orbit.is_stable)} of {orbit.is_stable.size} stable"
     told = " ".join(f"{a.real:.6g}" if a.imag == 0 else f"{a:.6g}" for a in multipliers[:_NUMBERS].tolist())
-    return f"{told}: {'stable' if orbit.is_stable else 'unstable'}"
+    return told if np.isnan(multipliers).any() else f"{told}: {'stable' if orbit.is_stable else 'unstable'}"
 
 
 def _line(rows: list[tuple[str, ...]]) -> str:

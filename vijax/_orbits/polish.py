@@ -13,7 +13,7 @@ from .cycle import Problem, Residual, Unknowns, linearise, residual
 
 # Steps smaller than this, relative to the orbit, are rounding; a step that is small and no smaller than the last one
 # is as well.
-_SMALL, _ROUNDING = 1e-8, 4.0
+_SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
 
 
 class Polished(NamedTuple):
@@ -40,7 +40,7 @@ class Polished(NamedTuple):
     @property
     def is_converged(self) -> Bool[Array, ""]:
         """Whether nothing but rounding is left."""
-        return self.step < _SMALL
+        return self.step < _SMALL[str(self.step.dtype)]
 
 
 def size_of(problem: Problem, z: Float[Array, " state"]) -> Float[Array, " state"]:
@@ -67,7 +67,7 @@ def polish(problem: Problem, guess: Unknowns, max_steps: int | Int[Array, ""] = 
 
     def is_on(carry: tuple[Unknowns, Polished]) -> Array:
         now = carry[1]
-        is_rounding = (now.step < _ROUNDING * eps) | ((now.step < _SMALL) & (now.step >= now.last / 2))
+        is_rounding = (now.step < _ROUNDING * eps) | (now.is_converged & (now.step >= now.last / 2))
         return (now.num_steps < max_steps) & ~is_rounding & jnp.isfinite(now.step)
 
     def one(carry: tuple[Unknowns, Polished]) -> tuple[Unknowns, Polished]:

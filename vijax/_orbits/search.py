@@ -17,7 +17,7 @@ from .._flow.interface import AbstractFlow
 from .._machine.machine import OWN_BOUND
 from .._machine.numbers import Numbers
 from .._system.waves import phase_at
-from .._trajectory.loop import Request, run, run_for_log
+from .._trajectory.loop import NO_PAUSE, Request, run, run_for_log
 from .._trajectory.solution import RESULTS, Solution
 from .._types import Reals, Scalar
 from .._xla import is_any
@@ -31,7 +31,8 @@ from .sequence import Sequence, happens_alike, nothing_happens, sequence_of
 MAX_RUNS = 40
 _LEAST = 1e-4
 # What closes so well, relative to the size of the motion, is closed; a Newton step so small leads to rounding.
-_CLOSE, _NEAR = 1e-9, 1e-8
+_CLOSE = {"float64": 1e-9, "float32": 1e-4}
+_NEAR = {"float64": 1e-8, "float32": 3e-4}
 
 
 class Cycle(eqx.Module):
@@ -134,7 +135,7 @@ class Strobe(eqx.Module):
             is_last=np.asarray(True),
             max_steps=np.asarray(OWN_BOUND),
             max_events=np.asarray(self.room),
-            max_turns=np.asarray(np.iinfo(int).max),
+            max_turns=np.asarray(NO_PAUSE),
             is_sound=jnp.all(jnp.isfinite(z)),
         )
 
@@ -211,9 +212,10 @@ def _is_followed(
     cycle = search.cycle
     # Of an unstable orbit a run goes away, from rounding on.
     growth = jnp.max(jnp.where(jnp.isfinite(cycle.multipliers), jnp.abs(cycle.multipliers), 1))
-    is_from_it = jnp.max(jnp.abs(search.trial - cycle.start) / size) < _CLOSE
+    close = _CLOSE[str(size.dtype)]
+    is_from_it = jnp.max(jnp.abs(search.trial - cycle.start) / size) < close
     is_alike = happens_alike(cycle.sequence, cycle.unknowns.flights, sequence, flights)
-    return search.has_cycle & is_from_it & is_alike & (closing < _CLOSE * jnp.maximum(growth, 1))
+    return search.has_cycle & is_from_it & is_alike & (closing < close * jnp.maximum(growth, 1))
 
 
 def _by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, Bool[Array, ""]]:
@@ -243,7 +245,7 @@ def _by_map(
         multipliers=floquet_multipliers(Pencil(jacobian, identity), problem.sequence.most_held),
         residual=jnp.max(jnp.abs(end - z) / size),
     )
-    return cycle, step, jnp.max(jnp.abs(step) / size) < _NEAR
+    return cycle, step, jnp.max(jnp.abs(step) / size) < _NEAR[str(size.dtype)]
 
 
 def away_from_stops(problem: Problem) -> Array:

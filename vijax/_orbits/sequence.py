@@ -12,7 +12,7 @@ NOTHING = -1
 
 # Events of two runs of one orbit, in forcing periods, that are one and the same; and impacts so near before a stick are
 # the last bounces of a chatter, of which one run may have one more than another.
-_SAME, _TAIL = 1e-6, 1e-4
+_SAME, _TAIL = {"float64": 1e-6, "float32": 1e-3}, 1e-4
 
 
 class Sequence(eqx.Module):
@@ -86,7 +86,7 @@ def happens_alike(
 ) -> Bool[Array, ""]:
     """Whether the same events happen at the same times; the last bounces of a chatter are not counted."""
     first, second = _times_by_stop(one, flights), _times_by_stop(other, other_flights)
-    return jnp.all(jnp.abs(first - second) < _SAME)
+    return jnp.all(jnp.abs(first - second) < _SAME[str(first.dtype)])
 
 
 def _times_by_stop(sequence: Sequence, flights: Float[Array, " events"]) -> Float[Array, "stops_kinds events"]:

@@ -11,6 +11,7 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
@@ -25,6 +26,10 @@ from .event_log import Log, empty_log, event_log, write
 from .grazing import Grazing, nothing_met, update_grazing
 from .solution import RESULTS, Solution, told
 from .step import advance, begin
+
+
+# As `max_turns` for a call that does all at once: what whole numbers of 32 bits hold, which JAX has without 64-bit ones.
+NO_PAUSE = np.iinfo(np.int32).max
 
 
 class Request(eqx.Module):

@@ -17,7 +17,7 @@ from .._system.system import ImpactSystem, with_args
 from .._types import Count, Numbers, as_float, as_known, at_once, concrete, is_traced, whole_number
 from .._xla import padding_allowed
 from .known import known_machine
-from .loop import Request, run_whole
+from .loop import NO_PAUSE, Request, run_whole
 from .solution import RESULTS, Solution, told
 from .windows import follow_known
 
@@ -147,7 +147,7 @@ def follow(
         is_last=np.asarray(True),
         max_steps=max_steps,
         max_events=np.asarray(max_events),
-        max_turns=np.asarray(np.iinfo(int).max),
+        max_turns=np.asarray(NO_PAUSE),
         is_sound=~jnp.any(jnp.stack([is_wrong for is_wrong, _ in doubts])) if doubts else np.asarray(True),
     )
     if known:
