@@ -16,7 +16,7 @@ are the second again, of these. `jax.custom_derivatives.linear_call` was tried, 
 """
 
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cache, partial
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -24,7 +24,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.core import ShapedArray
-from jax.extend.core import Primitive, Var
+from jax.extend.core import Primitive, Var, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir, partial_eval
 from jaxtyping import PyTree
 
@@ -40,28 +40,43 @@ def both_ways(forwards: Callable, backwards: Callable, tree: PyTree) -> PyTree:
         backwards: the same function, made so that JAX can transpose its derivative.
         tree: floating-point arrays, by which it is differentiated, and anything else.
     """
-    arrays, static = eqx.partition(tree, eqx.is_array)
+    arrays, static = eqx.partition(tree, lambda a: isinstance(a, jax.Array))
     moving, fixed = eqx.partition(arrays, eqx.is_inexact_array)
     (x, of_x), (others, of_others) = jax.tree.flatten(moving), jax.tree.flatten(fixed)
-    shape = eqx.filter_eval_shape(forwards, tree)
-    has_derivative = jax.tree.map(lambda a: jnp.issubdtype(a.dtype, jnp.inexact), shape)
+
+    def of_arrays(function: Callable, others: Arrays, x: Arrays) -> PyTree:
+        tree = jax.tree.unflatten(of_x, x), jax.tree.unflatten(of_others, others), static
+        return function(eqx.combine(*tree))
 
     def of_lists(function: Callable, others: Arrays, x: Arrays) -> tuple[Arrays, Arrays]:
-        tree = eqx.combine(jax.tree.unflatten(of_x, x), jax.tree.unflatten(of_others, others), static)
-        y, rest = eqx.partition(function(tree), has_derivative)
+        y, rest = eqx.partition(function(others, x), has_derivative)
         return jax.tree.leaves(y), jax.tree.leaves(rest)
 
-    y, rest = _of_arrays(partial(of_lists, forwards), partial(of_lists, backwards), others, x)
+    both = [_traced_once(partial(of_arrays, function)) for function in (forwards, backwards)]
+    shape = jax.eval_shape(both[0], others, x)
+    has_derivative = jax.tree.map(lambda a: jnp.issubdtype(a.dtype, jnp.inexact), shape)
+    moves = jax.tree.leaves(has_derivative)
+    sizes = sum(moves), len(moves) - sum(moves)
+    found = _bind(_values, _ways(*(partial(of_lists, function) for function in both), sizes), others, x)
+    y, rest = _parts(found, sizes)
     return jax.tree.map(lambda moves: (y if moves else rest).pop(0), has_derivative)
 
 
-def _of_arrays(forwards: Function, backwards: Function, fixed: Arrays, x: Arrays) -> tuple[Arrays, Arrays]:
-    """The same for functions of arrays that are not differentiated, and others that are."""
-    # Traced once, however often they are asked for.
-    forwards, backwards = jax.jit(forwards), jax.jit(backwards)
-    y, rest = jax.eval_shape(forwards, fixed, x)
-    found = _bind(_values, _ways(forwards, backwards, (len(y), len(rest))), fixed, x)
-    return found[: len(y)], found[len(y) :]
+def _traced_once(function: Callable) -> Callable:
+    """The function, traced once however often it is asked for: `jax.jit` does so anew under other transformations."""
+
+    @cache
+    def traced(structure: Any, kinds: tuple) -> tuple[Callable, Any]:
+        shapes = [jax.ShapeDtypeStruct(*kind) for kind in kinds]
+        jaxpr, shape = jax.make_jaxpr(function, return_shape=True)(*jax.tree.unflatten(structure, shapes))
+        return jaxpr_as_fun(jaxpr), jax.tree.structure(shape)
+
+    def call(*args: PyTree) -> PyTree:
+        arrays, structure = jax.tree.flatten(args)
+        run, of_found = traced(structure, tuple((a.shape, a.dtype) for a in map(jax.typeof, arrays)))
+        return jax.tree.unflatten(of_found, run(*arrays))
+
+    return call
 
 
 class _Ways(NamedTuple):
@@ -87,8 +102,11 @@ class _Ways(NamedTuple):
 def _ways(
     forwards: Function, backwards: Function, sizes: tuple[int, int], moves: Sequence[bool] = ()
 ) -> _Ways:
-    joint, transposable = (partial(_derivative, function, moves) for function in (forwards, backwards))
-    return _Ways(forwards, backwards, joint, transposable, partial(_pullback, backwards, moves), sizes)
+    joint, transposable = (
+        _traced_once(partial(_derivative, function, moves)) for function in (forwards, backwards)
+    )
+    pullback = _traced_once(partial(_pullback, backwards, moves))
+    return _Ways(forwards, backwards, joint, transposable, pullback, sizes)
 
 
 def _derivative(
@@ -178,26 +196,29 @@ def _of_derivative(primitive: Primitive, ways: _Ways, sizes: tuple[int, ...]) ->
 def _batch(primitive: Primitive, row: Any, axes: Any, *, ways: _Ways, sizes: tuple[int, ...]):
     size = next(a.shape[axis] for a, axis in zip(row, axes, strict=True) if axis is not None)
     (fixed, x, *dx), (of_fixed, of_x, *of_dx) = _parts(row, sizes), _parts(axes, sizes)
-    # What is differentiated gets the axis, for its cotangents will have it.
     if primitive is _values:
-        x, of_x = _in_front(x, of_x, size), [0] * len(x)
         over = (of_fixed, of_x)
-        ways = _ways(jax.vmap(ways.values, over), jax.vmap(ways.backwards, over), ways.sizes)
+        ways = _ways(_batched(ways.values, over), _batched(ways.backwards, over), ways.sizes)
         found = _bind(_values, ways, fixed, x)
         return found, [0] * len(found)
+    # Tangents get the axis, for their cotangents will have it.
     dx = _in_front(dx[0], of_dx[0], size)
     shared = all(axis is None for axis in (*of_fixed, *of_x))
     over, of_values = (of_fixed, of_x), None if shared else 0
     ways = ways._replace(
-        values=ways.values if shared else jax.vmap(ways.values, over),
-        backwards=ways.backwards if shared else jax.vmap(ways.backwards, over),
-        joint=jax.vmap(ways.joint, (*over, 0), (of_values, of_values, 0)),
-        transposable=jax.vmap(ways.transposable, (*over, 0), (of_values, of_values, 0)),
-        pullback=jax.vmap(ways.pullback, (*over, 0)),
+        values=ways.values if shared else _batched(ways.values, over),
+        backwards=ways.backwards if shared else _batched(ways.backwards, over),
+        joint=_batched(ways.joint, (*over, 0), (of_values, of_values, 0)),
+        transposable=_batched(ways.transposable, (*over, 0), (of_values, of_values, 0)),
+        pullback=_batched(ways.pullback, (*over, 0)),
     )
     found = _bind(primitive, ways, fixed, x, dx)
     num_tangents = ways.sizes[0]
     return found, [of_values] * (len(found) - num_tangents) + [0] * num_tangents
+
+
+def _batched(function: Callable, over: tuple, to: Any = 0) -> Callable:
+    return _traced_once(jax.vmap(function, over, to))
 
 
 def _in_front(arrays: Arrays, axes: list[int | None], size: int) -> Arrays:
