@@ -146,6 +146,11 @@ def whole_number(name: str, value: Any, least: int = 0) -> int:
     return number
 
 
+def constant(tree: T) -> T:
+    """The same numbers, without derivatives; what is known stays NumPy's."""
+    return jax.tree.map(lambda a: jax.lax.stop_gradient(a) if isinstance(a, jax.Array) else a, tree)
+
+
 def not_negative(time: Array) -> Array:
     """The time, or 0 if rounding made it negative; its derivative is that of the time in any case."""
     return time - jax.lax.stop_gradient(jnp.minimum(time, 0))

@@ -139,11 +139,11 @@ def _call(function: Callable, args: tuple, **attributes: str):
         return function(*args)
     annotate = set_xla_metadata
     # XLA removes what has no elements, and would be left with an argument that nothing reads.
-    arrays, rest = eqx.partition(args, lambda a: eqx.is_array(a) and a.size > 0)
+    arrays, rest = eqx.partition(args, lambda a: isinstance(a, jax.Array) and a.size > 0)
 
     def called(arrays):
         with annotate(**dict.fromkeys(attributes)):
-            empty = jax.tree.map(lambda a: jnp.zeros_like(a) if eqx.is_array(a) else a, rest)
+            empty = jax.tree.map(lambda a: jnp.zeros_like(a) if isinstance(a, jax.Array) else a, rest)
             return function(*eqx.combine(arrays, empty))
 
     with annotate(**attributes):
@@ -206,7 +206,7 @@ def while_any(task: AbstractTask, carry, *, max_reverse_steps: int, refuse: Call
 
 def _plainly_both_ways(forwards: Callable, backwards: Callable, tree):
     """`both_ways` of public JAX alone: every derivative, forward ones too, goes through `backwards`."""
-    arrays, static = eqx.partition(tree, eqx.is_array)
+    arrays, static = eqx.partition(tree, lambda a: isinstance(a, jax.Array))
 
     @jax.custom_jvp
     def function(arrays):
