@@ -72,4 +72,6 @@ def test_a_golden_scene_comes_out_right_to_float32_accuracy(outcome, name):
 
 def test_under_jit_it_comes_out_as_without(outcome):
     traced, (x, *_) = outcome[0]["traced"], outcome[0][SCENES[-1]]
-    np.testing.assert_allclose(traced, x, rtol=0, atol=ROUNDING_32 * load_scene(SCENES[-1]).state_amplification)
+    np.testing.assert_allclose(
+        traced, x, rtol=0, atol=ROUNDING_32 * load_scene(SCENES[-1]).state_amplification
+    )

@@ -28,9 +28,7 @@ def orbits_of(system, num_periods, *, seed=0, size=2.0, starts=60):
 
 
 def speeds(orbits, impacts=1):
-    return sorted(
-        float(o.events.velocity_minus[0]) for o in orbits if int(o.num_impacts[0]) == impacts
-    )
+    return sorted(float(o.events.velocity_minus[0]) for o in orbits if int(o.num_impacts[0]) == impacts)
 
 
 # R. Ghosh & D. Simpson, arXiv 2510.16218: one impact in two periods. The other root is an orbit of its own.
@@ -63,7 +61,11 @@ def test_all_orbits_of_an_undamped_mass_are_found(stop, expected):
 
 def test_of_two_orbits_one_is_a_saddle():
     orbits = orbits_of(one_mass(3.7, 1.0, damping=0.0, restitution=0.8, stop=0.2), 2, starts=120)
-    stable = {round(float(o.events.velocity_minus[0]), 6): bool(o.is_stable) for o in orbits if o.num_impacts[0] == 1}
+    stable = {
+        round(float(o.events.velocity_minus[0]), 6): bool(o.is_stable)
+        for o in orbits
+        if o.num_impacts[0] == 1
+    }
     assert stable == {1.102366: False, 2.187444: True}
 
 
@@ -95,7 +97,9 @@ def test_multipliers_of_random_machines_multiply_to_their_loss_of_volume():
         c = rng.uniform(0.02, 0.2)
         stops = [vx.Stop(i, rng.uniform(0.05, 0.5), "upper", rng.uniform(0.3, 0.9)) for i in range(2)]
         load = vx.Harmonic([rng.uniform(0.2, 1.0), rng.uniform(-0.5, 0.5)], rng.uniform(0.7, 2.0))
-        system = vx.chain(rng.uniform(0.5, 2, 2), c * rng.uniform(0.5, 2, 2), rng.uniform(0.5, 2, 2), load, stops)
+        system = vx.chain(
+            rng.uniform(0.5, 2, 2), c * rng.uniform(0.5, 2, 2), rng.uniform(0.5, 2, 2), load, stops
+        )
         orbit = vx.periodic_orbit(system, *settled(system), rng.integers(1, 3), throw=False)
         if not orbit.is_admissible or orbit.multipliers[-1] == 0:
             continue
@@ -212,7 +216,9 @@ def test_bad_arguments_are_told():
         vx.periodic_orbit(vx.models.wagg_bishop_a(0.0), [0.0, 0.0], [0.0, 0.0])
     with pytest.raises(ValueError, match="`starts` must be"):
         vx.find_periodic_orbits(system, 1, np.zeros((3, 3)), progress=False)
-    few = vx.periodic_orbit(vx.models.wagg_bishop_b(0.25), [0.34, 0.0977], [0.1, 0.097], max_events=8, throw=False)
+    few = vx.periodic_orbit(
+        vx.models.wagg_bishop_b(0.25), [0.34, 0.0977], [0.1, 0.097], max_events=8, throw=False
+    )
     assert few.result == vx.ORBIT_RESULTS.max_events_reached
 
 
@@ -240,7 +246,9 @@ def test_derivatives_are_those_of_differences():
 
     def told(frequency):
         orbit = vx.periodic_orbit(vx.models.wagg_bishop_a(frequency), *start)
-        return jnp.concatenate([orbit.x0, orbit.v0, orbit.events.velocity_minus[:2], abs(orbit.multipliers[:1])])
+        return jnp.concatenate(
+            [orbit.x0, orbit.v0, orbit.events.velocity_minus[:2], abs(orbit.multipliers[:1])]
+        )
 
     h = 1e-4
     shifted = [told(0.8 + k * h) for k in (-2, -1, 1, 2)]

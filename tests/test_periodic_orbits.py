@@ -24,7 +24,9 @@ def test_every_periodic_point_becomes_an_orbit(swept, orbits):
     assert is_periodic.sum() > 20
     np.testing.assert_array_equal(orbits.converged, is_periodic)
     np.testing.assert_array_equal(orbits.num_periods, kinds.num_periods)
-    np.testing.assert_array_equal(orbits.num_impacts.values[is_periodic], kinds.num_impacts.values[is_periodic])
+    np.testing.assert_array_equal(
+        orbits.num_impacts.values[is_periodic], kinds.num_impacts.values[is_periodic]
+    )
     assert float(orbits.residual.max()) < 1e-13
 
 
@@ -53,7 +55,10 @@ def test_what_settles_is_stable(orbits):
 @pytest.mark.thorough
 def test_chattering_motions_become_orbits():
     sweep = vx.sweep(
-        vx.models.wagg_bishop_b(1.0), {"forcing.frequency": np.linspace(0.2, 0.5, 24)}, transient=200, progress=False
+        vx.models.wagg_bishop_b(1.0),
+        {"forcing.frequency": np.linspace(0.2, 0.5, 24)},
+        transient=200,
+        progress=False,
     )
     kinds, orbits = vx.classify(sweep), vx.periodic_orbits(sweep, progress=False)
     is_periodic = kinds.num_periods.values > 0

@@ -4,6 +4,7 @@ import os
 import pickle
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -48,10 +49,12 @@ class Growth(_xla.AbstractTask):
 
 
 def grown(factor):
-    start = jnp.ones(()), jnp.zeros((), int)
-    x, _ = _xla.while_any(
-        Growth(factor), start, max_reverse_steps=16, refuse=lambda cut: jnp.where(cut, jnp.nan, 1.0)
-    )
+    def by(loop, factor):
+        return loop(Growth(factor), (jnp.ones(()), jnp.zeros((), int)))
+
+    refuse = lambda cut: jnp.where(cut, jnp.nan, 1.0)  # noqa: E731
+    bounded = partial(_xla.bounded_while_any, max_steps=16, refuse=refuse)
+    x, _ = _xla.differentiable(partial(by, _xla.while_any), partial(by, bounded), factor)
     return _xla.compute_once(jnp.sin, x)
 
 

@@ -15,10 +15,10 @@ Derivatives of derivatives follow: the second and the third are functions too, a
 are the second again, of these. `jax.custom_derivatives.linear_call` was tried, but knows no `vmap`.
 """
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable
+from functools import lru_cache, partial
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -28,100 +28,65 @@ from jax.extend.core import Primitive, Var
 from jax.interpreters import ad, batching, mlir, partial_eval
 from jaxtyping import PyTree
 
-Arrays = list[Any]  # of JAX, or what stands for them while a function is traced
-Function = Callable[[Arrays, Arrays], tuple[Arrays, Arrays]]
+from ._ways import KEPT, Arrays, Ways, kind, of_batch, of_batch_of_tangents, traced_once, ways_of
 
 
-def both_ways(forwards: Callable, backwards: Callable, tree: PyTree) -> PyTree:
+def both_ways(forwards: Callable, backwards: Callable, tree: PyTree, compiled: Callable = jax.jit) -> PyTree:
     """Return `forwards(tree)`, which is differentiated backwards as `backwards`.
+
+    What has been traced, or compiled, is kept for the same functions and whatever of the tree is no array.
 
     Args:
         forwards: what is computed, a tree of arrays.
         backwards: the same function, made so that JAX can transpose its derivative.
         tree: floating-point arrays, by which it is differentiated, and anything else.
+        compiled: how a function is compiled that is no part of a larger program.
     """
-    arrays, static = eqx.partition(tree, eqx.is_array)
+    arrays, others = eqx.partition(tree, lambda a: isinstance(a, jax.Array))
     moving, fixed = eqx.partition(arrays, eqx.is_inexact_array)
-    (x, of_x), (others, of_others) = jax.tree.flatten(moving), jax.tree.flatten(fixed)
-    shape = eqx.filter_eval_shape(forwards, tree)
-    has_derivative = jax.tree.map(lambda a: jnp.issubdtype(a.dtype, jnp.inexact), shape)
-
-    def of_lists(function: Callable, others: Arrays, x: Arrays) -> tuple[Arrays, Arrays]:
-        tree = eqx.combine(jax.tree.unflatten(of_x, x), jax.tree.unflatten(of_others, others), static)
-        y, rest = eqx.partition(function(tree), has_derivative)
-        return jax.tree.leaves(y), jax.tree.leaves(rest)
-
-    y, rest = _of_arrays(partial(of_lists, forwards), partial(of_lists, backwards), others, x)
-    return jax.tree.map(lambda moves: (y if moves else rest).pop(0), has_derivative)
+    parts = [jax.tree.flatten(part) for part in (fixed, moving, others)]
+    (fixed, _), (x, _), (others, _) = parts
+    kinds = [tuple(map(kind, part)) for part in (fixed, x)]
+    structures = tuple(structure for _, structure in parts)
+    ways, join = _made(forwards, backwards, compiled, structures, tuple(others), *kinds)
+    y, rest = _parts(_bind(_values, ways, fixed, x), ways.sizes)
+    return join(y, rest)
 
 
-def _of_arrays(forwards: Function, backwards: Function, fixed: Arrays, x: Arrays) -> tuple[Arrays, Arrays]:
-    """The same for functions of arrays that are not differentiated, and others that are."""
-    # Traced once, however often they are asked for.
-    forwards, backwards = jax.jit(forwards), jax.jit(backwards)
-    y, rest = jax.eval_shape(forwards, fixed, x)
-    found = _bind(_values, _ways(forwards, backwards, (len(y), len(rest))), fixed, x)
-    return found[: len(y)], found[len(y) :]
+@lru_cache(KEPT)
+def _made(
+    forwards: Callable,
+    backwards: Callable,
+    compiled: Callable,
+    structures: tuple,
+    others: tuple,
+    *kinds: tuple,
+) -> tuple[Ways, Callable[[Arrays, Arrays], PyTree]]:
+    """The two ways as functions of lists of arrays, and what makes the tree of what they return."""
+    found = []
 
+    def of_lists(function: Callable, fixed: Arrays, x: Arrays) -> tuple[Arrays, Arrays]:
+        tree = eqx.combine(*map(jax.tree.unflatten, structures, (fixed, x, others)))
+        arrays, rest = eqx.partition(function(tree), eqx.is_array)
+        parts = *eqx.partition(arrays, eqx.is_inexact_array), rest
+        (y, of_y), (whole, of_whole), (rest, of_rest) = map(jax.tree.flatten, parts)
+        found[:] = (of_y, of_whole, of_rest), rest
+        return y, whole
 
-class _Ways(NamedTuple):
-    """A function of `fixed` and `x` with its derivatives along `dx`.
+    def join(y: Arrays, whole: Arrays) -> PyTree:
+        structures, rest = found
+        return eqx.combine(*map(jax.tree.unflatten, structures, (y, whole, rest)))
 
-    Attributes:
-        values: (fixed, x), by the unbounded loop.
-        backwards: the same by the bounded loop.
-        joint: (fixed, x, dx), values and tangents, by the unbounded loop.
-        transposable: the same by the bounded loop.
-        pullback: (fixed, x, cotangents), the cotangents of `dx`.
-        sizes: how many arrays it returns that have derivatives, and others.
-    """
-
-    values: Function
-    backwards: Function
-    joint: Callable
-    transposable: Callable
-    pullback: Callable
-    sizes: tuple[int, int]
-
-
-def _ways(
-    forwards: Function, backwards: Function, sizes: tuple[int, int], moves: Sequence[bool] = ()
-) -> _Ways:
-    joint, transposable = (partial(_derivative, function, moves) for function in (forwards, backwards))
-    return _Ways(forwards, backwards, joint, transposable, partial(_pullback, backwards, moves), sizes)
-
-
-def _derivative(
-    function: Function, moves: Sequence[bool], fixed: Arrays, x: Arrays, dx: Arrays
-) -> tuple[Arrays, Arrays, Arrays]:
-    of_moving, moving = _restricted(function, moves, fixed, x)
-    y, dy, rest = jax.jvp(of_moving, (moving,), (dx,), has_aux=True)
-    return y, rest, dy
-
-
-def _pullback(
-    function: Function, moves: Sequence[bool], fixed: Arrays, x: Arrays, cotangents: Arrays
-) -> Arrays:
-    of_moving, moving = _restricted(function, moves, fixed, x)
-    return jax.vjp(of_moving, moving, has_aux=True)[1](cotangents)[0]
-
-
-def _restricted(
-    function: Function, moves: Sequence[bool], fixed: Arrays, x: Arrays
-) -> tuple[Callable, Arrays]:
-    """The same as a function of the moving arguments alone, so that the others cost nothing."""
-
-    def of_moving(moving: Arrays) -> tuple[Arrays, Arrays]:
-        moving = list(moving)
-        return function(fixed, [moving.pop(0) if move else a for a, move in zip(x, moves, strict=True)])
-
-    return of_moving, [a for a, move in zip(x, moves, strict=True) if move]
+    both = [traced_once(partial(of_lists, function), compiled) for function in (forwards, backwards)]
+    shapes = [[jax.ShapeDtypeStruct(*kind) for kind in part] for part in kinds]
+    y, whole = jax.eval_shape(both[0], *shapes)
+    return ways_of(*both, compiled, (len(y), len(whole)), ()), join
 
 
 _values, _with_tangents, _tangents = map(Primitive, ("values", "values_with_tangents", "tangents"))
 
 
-def _bind(primitive: Primitive, ways: _Ways, *parts: Arrays) -> Arrays:
+def _bind(primitive: Primitive, ways: Ways, *parts: Arrays) -> Arrays:
     return primitive.bind(*chain(*parts), ways=ways, sizes=tuple(map(len, parts)))
 
 
@@ -130,7 +95,7 @@ def _parts(row: Any, sizes: tuple[int, ...]) -> list[list]:
     return [list(row[end - size : end]) for size, end in zip(sizes, ends, strict=True)]
 
 
-def _evaluate(primitive: Primitive, *row: Any, ways: _Ways, sizes: tuple[int, ...]) -> Arrays:
+def _evaluate(primitive: Primitive, *row: Any, ways: Ways, sizes: tuple[int, ...]) -> Arrays:
     parts = _parts(row, sizes)
     if primitive is _values:
         return list(chain(*ways.values(*parts)))
@@ -138,20 +103,20 @@ def _evaluate(primitive: Primitive, *row: Any, ways: _Ways, sizes: tuple[int, ..
     return [*y, *rest, *dy] if primitive is _with_tangents else list(dy)
 
 
-def _shapes(primitive: Primitive, *row: Any, ways: _Ways, sizes: tuple[int, ...]) -> list:
+def _shapes(primitive: Primitive, *row: Any, ways: Ways, sizes: tuple[int, ...]) -> list:
     row = tuple(jax.ShapeDtypeStruct(a.shape, a.dtype) for a in row)
     found = jax.eval_shape(partial(_evaluate, primitive, ways=ways, sizes=sizes), *row)
     return [ShapedArray(a.shape, a.dtype) for a in found]
 
 
-def _differentiate(primitive: Primitive, row: Any, changes: Any, *, ways: _Ways, sizes: tuple[int, ...]):
+def _differentiate(primitive: Primitive, row: Any, changes: Any, *, ways: Ways, sizes: tuple[int, ...]):
     """The values of a primitive and their tangents: it is a function of all that can change."""
     fixed, *moving = _parts(row, sizes)
     at, dx = list(chain(*moving)), changes[len(fixed) :]
     if primitive is not _values:
         ways = _of_derivative(primitive, ways, sizes)
-    moves = [type(t) is not ad.Zero for t in dx]
-    ways = _ways(ways.values, ways.backwards, ways.sizes, moves)
+    moves = tuple(type(t) is not ad.Zero for t in dx)
+    ways = ways_of(ways.values, ways.backwards, ways.compiled, ways.sizes, moves)
     found = _bind(_with_tangents, ways, fixed, at, [t for t, move in zip(dx, moves, strict=True) if move])
     y, rest, dy = _parts(found, (*ways.sizes, ways.sizes[0]))
     nothing = [ad.Zero(jax.typeof(a).to_tangent_aval()) for a in rest]
@@ -162,7 +127,8 @@ def _differentiate(primitive: Primitive, row: Any, changes: Any, *, ways: _Ways,
     return [*y[:half], *rest, *y[half:]], [*dy[:half], *nothing, *dy[half:]]
 
 
-def _of_derivative(primitive: Primitive, ways: _Ways, sizes: tuple[int, ...]) -> _Ways:
+@lru_cache(KEPT)
+def _of_derivative(primitive: Primitive, ways: Ways, sizes: tuple[int, ...]) -> Ways:
     """The ways of a primitive with tangents, as a function of `fixed` and of `x` and `dx` in one list."""
 
     def of_all(joint: Callable, fixed: Arrays, both: Arrays) -> tuple[Arrays, Arrays]:
@@ -172,29 +138,20 @@ def _of_derivative(primitive: Primitive, ways: _Ways, sizes: tuple[int, ...]) ->
     forwards, backwards = partial(of_all, ways.joint), partial(of_all, ways.transposable)
     num, rest = ways.sizes
     sizes_found = (2 * num, rest) if primitive is _with_tangents else (num, 0)
-    return _ways(forwards, backwards, sizes_found)
+    return ways_of(forwards, backwards, ways.compiled, sizes_found, ())
 
 
-def _batch(primitive: Primitive, row: Any, axes: Any, *, ways: _Ways, sizes: tuple[int, ...]):
+def _batch(primitive: Primitive, row: Any, axes: Any, *, ways: Ways, sizes: tuple[int, ...]):
     size = next(a.shape[axis] for a, axis in zip(row, axes, strict=True) if axis is not None)
     (fixed, x, *dx), (of_fixed, of_x, *of_dx) = _parts(row, sizes), _parts(axes, sizes)
-    # What is differentiated gets the axis, for its cotangents will have it.
+    over = tuple(of_fixed), tuple(of_x)
     if primitive is _values:
-        x, of_x = _in_front(x, of_x, size), [0] * len(x)
-        over = (of_fixed, of_x)
-        ways = _ways(jax.vmap(ways.values, over), jax.vmap(ways.backwards, over), ways.sizes)
+        ways = of_batch(ways, over)
         found = _bind(_values, ways, fixed, x)
         return found, [0] * len(found)
+    # Tangents get the axis, for their cotangents will have it.
     dx = _in_front(dx[0], of_dx[0], size)
-    shared = all(axis is None for axis in (*of_fixed, *of_x))
-    over, of_values = (of_fixed, of_x), None if shared else 0
-    ways = ways._replace(
-        values=ways.values if shared else jax.vmap(ways.values, over),
-        backwards=ways.backwards if shared else jax.vmap(ways.backwards, over),
-        joint=jax.vmap(ways.joint, (*over, 0), (of_values, of_values, 0)),
-        transposable=jax.vmap(ways.transposable, (*over, 0), (of_values, of_values, 0)),
-        pullback=jax.vmap(ways.pullback, (*over, 0)),
-    )
+    ways, of_values = of_batch_of_tangents(ways, over)
     found = _bind(primitive, ways, fixed, x, dx)
     num_tangents = ways.sizes[0]
     return found, [of_values] * (len(found) - num_tangents) + [0] * num_tangents
@@ -207,13 +164,14 @@ def _in_front(arrays: Arrays, axes: list[int | None], size: int) -> Arrays:
     ]
 
 
-def _transpose(cotangents: Any, *row: Any, ways: _Ways, sizes: tuple[int, ...]) -> list:
+def _transpose(cotangents: Any, *row: Any, ways: Ways, sizes: tuple[int, ...]) -> list:
     fixed, x, _ = _parts(row, sizes)
-    cotangents = [ad.instantiate_zeros(c) for c in cotangents]
-    return [None] * (sizes[0] + sizes[1]) + list(ways.pullback(fixed, x, cotangents))
+    given = tuple(type(c) is not ad.Zero for c in cotangents)
+    found = ways.pullback(given)(fixed, x, [c for c, yes in zip(cotangents, given, strict=True) if yes])
+    return [None] * (sizes[0] + sizes[1]) + list(found)
 
 
-def _split_while_tracing(trace: Any, *row: Any, ways: _Ways, sizes: tuple[int, ...]) -> list:
+def _split_while_tracing(trace: Any, *row: Any, ways: Ways, sizes: tuple[int, ...]) -> list:
     """Values at once, where all that they depend on is known; tangents by the primitive that waits."""
     wait = partial(trace.default_process_primitive, tracers=row, params={"ways": ways, "sizes": sizes})
     is_known = [t.pval.is_known() for t in row]

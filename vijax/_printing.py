@@ -163,7 +163,9 @@ def told_of_orbit(orbit: Any, results: Sequence[str], kinds: Sequence[str]) -> T
         ("multipliers", _shape(orbit.multipliers) if multipliers is None else _judged(orbit, multipliers)),
     ]
     n = _count(orbit.num_periods, "forcing period")
-    return Told(f"PeriodicOrbit of {n}, {_numbers(orbit.period, 0)}{_beside(orbit.x0, orbit.period.shape)}", rows)
+    return Told(
+        f"PeriodicOrbit of {n}, {_numbers(orbit.period, 0)}{_beside(orbit.x0, orbit.period.shape)}", rows
+    )
 
 
 def _judged(orbit: Any, multipliers: np.ndarray) -> str:

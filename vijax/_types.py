@@ -124,7 +124,12 @@ def concrete(value: Any) -> np.ndarray | None:
 
 def is_traced(tree: Any) -> bool:
     """Whether any number of a tree is being traced, or all that is computed now is: under `jit`, `vmap`, `grad`."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in (*jax.tree.leaves(tree), _same(np.float32(0))))
+    return is_staged() or any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
+
+
+def is_staged() -> bool:
+    """Whether what is computed now becomes part of a larger program: under `jit`, not under `vmap` or `grad` alone."""
+    return isinstance(_same(np.float32(0)), jax.core.Tracer)
 
 
 @jax.jit
@@ -144,6 +149,11 @@ def whole_number(name: str, value: Any, least: int = 0) -> int:
     if number is None or isinstance(value, bool | np.bool_) or number < least:
         raise ValueError(f"Argument `{name}` must be a whole number, {least} or more, but is {value!r}.")
     return number
+
+
+def constant(tree: T) -> T:
+    """The same numbers, without derivatives; what is known stays NumPy's."""
+    return jax.tree.map(lambda a: jax.lax.stop_gradient(a) if isinstance(a, jax.Array) else a, tree)
 
 
 def not_negative(time: Array) -> Array:

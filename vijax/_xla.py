@@ -75,8 +75,7 @@ def compile_lightly(function: Callable[P, R]) -> Callable[P, R]:
 
     @cache
     def compiled() -> Callable:
-        options = _LIGHTLY if _knows_how() and not PLAIN else None
-        return jax.jit(of_arrays, static_argnums=0, compiler_options=options)
+        return jax.jit(of_arrays, static_argnums=0, compiler_options=_options())
 
     @wraps(function)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -101,6 +100,10 @@ def _split(leaves: list) -> tuple[list, list]:
     is_array = [isinstance(leaf, jax.Array | np.ndarray | np.generic) for leaf in leaves]
     arrays = [leaf for leaf, yes in zip(leaves, is_array, strict=True) if yes]
     return arrays, [_ARRAY if yes else leaf for leaf, yes in zip(leaves, is_array, strict=True)]
+
+
+def _options() -> dict | None:
+    return _LIGHTLY if _knows_how() and not PLAIN else None
 
 
 @cache
@@ -139,11 +142,11 @@ def _call(function: Callable, args: tuple, **attributes: str):
         return function(*args)
     annotate = set_xla_metadata
     # XLA removes what has no elements, and would be left with an argument that nothing reads.
-    arrays, rest = eqx.partition(args, lambda a: eqx.is_array(a) and a.size > 0)
+    arrays, rest = eqx.partition(args, lambda a: isinstance(a, jax.Array) and a.size > 0)
 
     def called(arrays):
         with annotate(**dict.fromkeys(attributes)):
-            empty = jax.tree.map(lambda a: jnp.zeros_like(a) if eqx.is_array(a) else a, rest)
+            empty = jax.tree.map(lambda a: jnp.zeros_like(a) if isinstance(a, jax.Array) else a, rest)
             return function(*eqx.combine(arrays, empty))
 
     with annotate(**attributes):
@@ -156,7 +159,7 @@ def is_any(flags: Bool[Array, "..."]) -> Bool[Array, ""]:
 
 
 class AbstractTask(eqx.Module):
-    """The body of `while_any` and all that it depends on, so that derivatives see it."""
+    """The body of `while_any` and all that it depends on."""
 
     @abc.abstractmethod
     def is_live(self, carry) -> Bool[Array, "..."]:
@@ -167,46 +170,56 @@ class AbstractTask(eqx.Module):
         """The next carry, unchanged in every lane that is not live."""
 
 
-def while_any(task: AbstractTask, carry, *, max_reverse_steps: int, refuse: Callable):
-    """Step while any lane is live, those of a `vmap` included. Differentiable both ways.
+def while_any(task: AbstractTask, carry):
+    """Step while any lane is live, those of a `vmap` included.
 
     A plain `while_loop` under `vmap` copies the whole carry in every step to leave the finished
     lanes alone, logs and all; here `step` does that itself, and knows how.
+    """
+    return jax.lax.while_loop(lambda c: is_any(task.is_live(c)), lambda c: task.step(c), carry)
 
-    Values and forward derivatives come from an ordinary loop. Derivatives in reverse go through one that
-    JAX can transpose, with checkpoints and a bound.
+
+def bounded_while_any(task: AbstractTask, carry, max_steps: int, refuse: Callable):
+    """The same by a loop that JAX can transpose, with checkpoints and a bound.
 
     Args:
         task: what the loop does.
         carry: where it begins.
-        max_reverse_steps: the most steps that derivatives in reverse mode go back through.
-        refuse: given whether there were more, returns by what those derivatives are multiplied.
+        max_steps: the bound.
+        refuse: given whether there were more, returns by what all numbers are multiplied.
     """
-
-    def unbounded(start):
-        task, carry = start
-        return jax.lax.while_loop(lambda c: is_any(task.is_live(c)), lambda c: task.step(c), carry)
-
-    def bounded(start):
-        task, carry = start
-        last = while_loop(
-            lambda c: is_any(task.is_live(c)),
-            lambda c: task.step(c),
-            carry,
-            max_steps=max_reverse_steps,
-            base=16,
-            kind="bounded",
-        )
-        factor = refuse(task.is_live(last))
-        return jax.tree.map(lambda a: a * factor if eqx.is_inexact_array(a) else a, last)
-
-    differentiable = _plainly_both_ways if PLAIN or both_ways is None else both_ways
-    return differentiable(unbounded, bounded, (task, carry))
+    last = while_loop(
+        lambda c: is_any(task.is_live(c)),
+        lambda c: task.step(c),
+        carry,
+        max_steps=max_steps,
+        base=16,
+        kind="bounded",
+    )
+    factor = refuse(task.is_live(last))
+    return jax.tree.map(lambda a: a * factor if eqx.is_inexact_array(a) else a, last)
 
 
+def differentiable(forwards: Callable, backwards: Callable, tree):
+    """Return `forwards(tree)`, which is differentiated backwards as `backwards`: see `both_ways`.
+
+    Where it is no part of a larger program, it is compiled lightly.
+    """
+    # What only NumPy knows would be compiled into the program.
+    tree = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray | np.generic) else a, tree)
+    if PLAIN or both_ways is None:
+        return _plainly_both_ways(forwards, backwards, tree)
+    return both_ways(forwards, backwards, tree, _compiled_lightly)
+
+
+def _compiled_lightly(function: Callable) -> Callable:
+    return jax.jit(function, compiler_options=_options())
+
+
+@eqx.filter_jit
 def _plainly_both_ways(forwards: Callable, backwards: Callable, tree):
     """`both_ways` of public JAX alone: every derivative, forward ones too, goes through `backwards`."""
-    arrays, static = eqx.partition(tree, eqx.is_array)
+    arrays, static = eqx.partition(tree, lambda a: isinstance(a, jax.Array))
 
     @jax.custom_jvp
     def function(arrays):

@@ -9,6 +9,7 @@ it is made of differentiable functions, so second derivatives follow from it.
 """
 
 import abc
+from collections.abc import Callable
 from itertools import zip_longest
 
 import equinox as eqx
@@ -32,19 +33,33 @@ _TERMS = 5
 _NEAR_GAP, _NEAR_FORCE = {"float64": 1e-3, "float32": 1e-2}, {"float64": 1e-4, "float32": 1e-3}
 
 
-@eqx.filter_custom_jvp
 def fly(flow: AbstractFlow, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
     """Fly towards a time that lies `remaining` ahead, see `AbstractFlow.fly`; differentiable."""
-    return flow.fly(machine, state, remaining, resolution)
+    # The rule of differentiation would trace what is known of the machine.
+    numbers, known = eqx.partition(machine, lambda a: isinstance(a, jax.Array))
+    return _fly(flow, numbers, state, remaining, resolution, lambda numbers: eqx.combine(numbers, known))
 
 
-@fly.def_jvp
+@eqx.filter_custom_jvp
+def _fly(
+    flow: AbstractFlow,
+    numbers: Machine,
+    state: State,
+    remaining: Scalar,
+    resolution: Scalar,
+    machine_of: Callable[[Machine], Machine],
+) -> Flight:
+    return flow.fly(machine_of(numbers), state, remaining, resolution)
+
+
+@_fly.def_jvp
 def _fly_jvp(primals, tangents):
-    _, machine, state, remaining, _ = primals
-    flight = fly(*primals)
+    _, numbers, state, remaining, _, machine_of = primals
+    flight, machine = _fly(*primals), machine_of(numbers)
     end, is_held = flight.end, machine.held_masses(state.held)
 
-    def after_the_same_time(flow: AbstractFlow, machine: Machine, state: State):
+    def after_the_same_time(flow: AbstractFlow, numbers: Machine, state: State):
+        machine = machine_of(numbers)
         moved = flow.propagate(machine, state, is_held, flight.duration)
         end = displaced(machine, state, *moved, flight.duration)
         force = machine.contacts.along(machine.total_force(end))

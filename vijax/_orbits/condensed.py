@@ -21,7 +21,12 @@ from jaxtyping import Array, Float, Int
 
 
 def over_flights(
-    one: Callable[[Any, Any], tuple[Any, Any]], carry: Any, rows: Any, count: Int[Array, ""] | None, *, reverse: bool = False
+    one: Callable[[Any, Any], tuple[Any, Any]],
+    carry: Any,
+    rows: Any,
+    count: Int[Array, ""] | None,
+    *,
+    reverse: bool = False,
 ) -> tuple[Any, Any]:
     """`jax.lax.scan` over the first `count` flights alone, if that is given: then not to be differentiated in reverse.
 
@@ -101,7 +106,9 @@ def condense(flights: Flights, count: Int[Array, ""] | None = None) -> Condensed
         basis = _basis_of_kernel(row)
         return (start @ basis[:-1], reach @ basis), (row, basis, start, reach)
 
-    (start, here), (row, basis, starts, reach) = over_flights(one, (identity[:-1], identity), flights[:2], count)
+    (start, here), (row, basis, starts, reach) = over_flights(
+        one, (identity[:-1], identity), flights[:2], count
+    )
     return Condensed(flights, row, basis, starts, reach, Pencil(flights.close @ here, start))
 
 

@@ -191,7 +191,9 @@ def _begin(problem: Problem, machine: Machine, z: Array) -> _Place:
     x, v = jnp.split(z, 2)
     held = problem.sequence.held[0]
     x, v = machine.contacts.placed(x, held), machine.contacts.held_still(v, held)
-    return _Place(jnp.concatenate([x, v]), problem.phase + 0 * x[0], jax.lax.stop_gradient(machine.contacts.gaps(x)))
+    return _Place(
+        jnp.concatenate([x, v]), problem.phase + 0 * x[0], jax.lax.stop_gradient(machine.contacts.gaps(x))
+    )
 
 
 def _events(sequence: Sequence) -> _Event:

@@ -99,6 +99,8 @@ def _constant(tree: Any) -> Any:
 
 
 def _result(search: Search) -> ORBIT_RESULTS:
-    result = ORBIT_RESULTS.where(search.is_full, ORBIT_RESULTS.max_events_reached, ORBIT_RESULTS.not_converged)
+    result = ORBIT_RESULTS.where(
+        search.is_full, ORBIT_RESULTS.max_events_reached, ORBIT_RESULTS.not_converged
+    )
     result = ORBIT_RESULTS.where(search.has_cycle, ORBIT_RESULTS.left_the_stops, result)
     return ORBIT_RESULTS.where(search.is_orbit, ORBIT_RESULTS.successful, result)

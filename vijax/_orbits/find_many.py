@@ -60,12 +60,16 @@ def find_periodic_orbits(
     n, room = whole_number("num_periods", num_periods, 1), whole_number("max_events", max_events, 1)
     states = _states(starts, system.num_masses)
     if is_traced((system, args, flow)):
-        raise ValueError("`find_periodic_orbits` needs known numbers: call it outside of `jax.jit` and `jax.vmap`.")
+        raise ValueError(
+            "`find_periodic_orbits` needs known numbers: call it outside of `jax.jit` and `jax.vmap`."
+        )
     check_period(system, args, states[0, : system.num_masses], states[0, system.num_masses :])
     known = known_machine(system, args)
     t1 = np.asarray(2 * np.pi * n / known.system.forcing.frequency, states.dtype)
     for state in states:
-        validate_start(known.system.stops, known.system.forcing.frequency, 0 * t1, t1, t1[None], *np.split(state, 2))
+        validate_start(
+            known.system.stops, known.system.forcing.frequency, 0 * t1, t1, t1[None], *np.split(state, 2)
+        )
     numbers, motion = known.numbers, known.flow(flow, can_stick=True)
     strobe = Strobe(numbers, motion, np.asarray(float(n), states.dtype), np.zeros((), states.dtype), room)
     with tqdm(total=len(states), unit="start", disable=not progress) as bar:

@@ -30,7 +30,8 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns) -> EventLog:
     times = time[:, None, None] + jnp.stack([zeros, told.chatter, zeros], axis=1)
     of_stops = _velocities_of_stops(problem, told)
     minus, plus = (
-        jnp.stack([jax.vmap(contacts.told)(a), zeros, zeros], axis=1) + of_stops for a in (told.before, told.after)
+        jnp.stack([jax.vmap(contacts.told)(a), zeros, zeros], axis=1) + of_stops
+        for a in (told.before, told.after)
     )
     room = len(sequence.kind)
     order = jnp.argsort(jnp.where(happened, times, jnp.inf).ravel(), stable=True)[:room]

@@ -35,7 +35,10 @@ class Orbits(NamedTuple):
 
 
 def search_many(
-    strobe: Strobe, axes: list[int | None], guesses: np.ndarray, tell: Callable[[int], None] = lambda count: None
+    strobe: Strobe,
+    axes: list[int | None],
+    guesses: np.ndarray,
+    tell: Callable[[int], None] = lambda count: None,
 ) -> Orbits:
     """Search from many guesses, until each has an orbit or nothing left to try.
 
@@ -58,11 +61,17 @@ def search_many(
 
 
 def _search(
-    strobe: Strobe, axes: list[int | None], guesses: np.ndarray, which: np.ndarray, tell: Callable[[int], None]
+    strobe: Strobe,
+    axes: list[int | None],
+    guesses: np.ndarray,
+    which: np.ndarray,
+    tell: Callable[[int], None],
 ) -> Search:
     """Those of some lanes, at their ends."""
     leaves, structure = jax.tree.flatten(strobe)
-    leaves = [np.asarray(a) if axis is None else np.asarray(a)[which] for a, axis in zip(leaves, axes, strict=True)]
+    leaves = [
+        np.asarray(a) if axis is None else np.asarray(a)[which] for a, axis in zip(leaves, axes, strict=True)
+    ]
     learn_all = _learn(structure, tuple(axes))
     whole = jax.tree.map(np.array, _begin(strobe.numbers.rows.shape[-2], strobe.room)(guesses[which]))
     waiting = np.arange(len(which))
@@ -81,7 +90,9 @@ def _search(
 
 def _told(search: Search) -> Orbits:
     cycle, sequence = search.cycle, search.cycle.sequence
-    is_hit = (sequence.kind == IMPACT)[..., None] & (sequence.stop[..., None] == np.arange(sequence.held.shape[-1]))
+    is_hit = (sequence.kind == IMPACT)[..., None] & (
+        sequence.stop[..., None] == np.arange(sequence.held.shape[-1])
+    )
     return Orbits(cycle.start, cycle.multipliers, cycle.residual, is_hit.sum(axis=1), search.is_orbit)
 
 
@@ -90,7 +101,9 @@ def lanes_first(tree: Any) -> tuple[Any, list[int | None]]:
     leaves, structure = jax.tree.flatten(tree)
     leaves = [np.asarray(a) for a in leaves]
     axes = [None if a.shape[-1] == 1 else 0 for a in leaves]
-    leaves = [a[..., 0] if axis is None else np.moveaxis(a, -1, 0) for a, axis in zip(leaves, axes, strict=True)]
+    leaves = [
+        a[..., 0] if axis is None else np.moveaxis(a, -1, 0) for a, axis in zip(leaves, axes, strict=True)
+    ]
     return jax.tree.unflatten(structure, leaves), axes
 
 

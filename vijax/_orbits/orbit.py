@@ -26,9 +26,7 @@ class ORBIT_RESULTS(eqx.Enumeration):  # as `RESULTS`
         "left_the_stops: a cycle was found, but no motion of the machine: it passes through a stop, meets one from "
         "behind, or is held where it is pulled. Start from another guess, or with `throw=False` take it for what it is."
     )
-    max_events_reached = (
-        "max_events_reached: there are more events in so many periods than there is room for. Increase `max_events`."
-    )
+    max_events_reached = "max_events_reached: there are more events in so many periods than there is room for. Increase `max_events`."
 
 
 class PeriodicOrbit(eqx.Module):

@@ -125,5 +125,3 @@ def told(result: ORBIT_RESULTS) -> tuple[Reals, list[str]]:
     known = concrete(result._value)
     sentences = [ORBIT_RESULTS[getattr(ORBIT_RESULTS, name)] for name in ORBIT_RESULTS._name_to_item]
     return (result._value if known is None else known), sentences
-
-

@@ -17,7 +17,7 @@ from .._flow.interface import AbstractFlow
 from .._machine.machine import OWN_BOUND
 from .._machine.numbers import Numbers
 from .._system.waves import phase_at
-from .._trajectory.loop import NO_PAUSE, Request, run, run_for_log
+from .._trajectory.loop import NO_PAUSE, Asked, Request, run_for_log, run_whole
 from .._trajectory.solution import RESULTS, Solution
 from .._types import Reals, Scalar
 from .._xla import is_any
@@ -91,7 +91,9 @@ def begin_search(guess: Float[Array, " state"], num_stops: int, room: int) -> Se
     zero, no = jnp.zeros((), guess.dtype), jnp.array(False)
     unknowns = Unknowns(guess, jnp.zeros(room, guess.dtype))
     cycle = Cycle(guess, unknowns, nothing_happens(room, num_stops), guess + 0j, zero + jnp.inf)
-    return Search(guess, guess, jnp.zeros_like(guess), zero + 1, zero + jnp.inf, cycle, no, no, no, jnp.array(0))
+    return Search(
+        guess, guess, jnp.zeros_like(guess), zero + 1, zero + jnp.inf, cycle, no, no, no, jnp.array(0)
+    )
 
 
 class Strobe(eqx.Module):
@@ -141,8 +143,8 @@ class Strobe(eqx.Module):
 
     def follow(self, z: Float[Array, " state"]) -> Solution:
         """The motion from a state, differentiable."""
-        limits = {"room": self.room, "can_stick": True, "max_reverse_steps": 65_536}
-        return run(self.numbers, self.flow, self.request(z), **limits)[0]
+        asked = Asked(self.room, can_stick=True, max_reverse_steps=65_536, raises=False)
+        return run_whole(self.numbers, self.flow, self.request(z), asked)
 
     def end(self, z: Float[Array, " state"]) -> Float[Array, " state"]:
         """Where the motion from a state ends."""

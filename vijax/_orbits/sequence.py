@@ -89,7 +89,9 @@ def happens_alike(
     return jnp.all(jnp.abs(first - second) < _SAME[str(first.dtype)])
 
 
-def _times_by_stop(sequence: Sequence, flights: Float[Array, " events"]) -> Float[Array, "stops_kinds events"]:
+def _times_by_stop(
+    sequence: Sequence, flights: Float[Array, " events"]
+) -> Float[Array, "stops_kinds events"]:
     """Times of the impacts and of the releases of each stop in their order, -1 where there are no more."""
     times, held = jnp.cumsum(flights), sequence.held
     num_stops = held.shape[1]

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.state import State
-from .._types import Flag, Scalar, smallest
+from .._types import Flag, Scalar, constant, smallest
 from .._xla import is_any
 from .step import Instant
 
@@ -45,7 +45,7 @@ def update_grazing(
     machine: Machine, before: State, after: State, instant: Instant, met: Grazing, live: Flag
 ) -> Grazing:
     """Update by one step of what is live."""
-    machine, before, after, instant = jax.lax.stop_gradient((machine, before, after, instant))
+    machine, before, after, instant = constant((machine, before, after, instant))
     turned = (machine.contacts.along(before.v) > 0) & (machine.contacts.along(after.v) <= 0)
     turned = turned & ~instant.hit & ~before.held & ~after.held
     # Most steps have neither.

@@ -7,6 +7,7 @@ derivatives, there is room for all that was asked, and one call.
 
 from collections.abc import Callable
 from functools import partial
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -21,12 +22,11 @@ from .._machine.state import State, start_period
 from .._refusal import lock
 from .._system.system import ImpactSystem
 from .._types import UNROLLED_ALONE, Reals, Scalar
-from .._xla import AbstractTask, compile_lightly, in_one_kernel, is_any, while_any
+from .._xla import AbstractTask, bounded_while_any, differentiable, in_one_kernel, is_any, while_any
 from .event_log import Log, empty_log, event_log, write
 from .grazing import Grazing, nothing_met, update_grazing
 from .solution import RESULTS, Solution, told
 from .step import advance, begin
-
 
 # As `max_turns` for a call that does all at once: what whole numbers of 32 bits hold, which JAX has without 64-bit ones.
 NO_PAUSE = np.iinfo(np.int32).max
@@ -159,40 +159,50 @@ class Left(eqx.Module):
     grazing: Grazing
 
 
-@compile_lightly
+class Asked(NamedTuple):
+    """What is decided before a trajectory is followed in one call.
+
+    Attributes:
+        room: the most events logged.
+        can_stick: whether any stop might hold its mass.
+        max_reverse_steps: see `simulate`.
+        raises: whether derivatives that would go back too far raise; else they are NaN.
+    """
+
+    room: int
+    can_stick: bool
+    max_reverse_steps: int
+    raises: bool
+
+
 def run_whole(
-    system: ImpactSystem,
-    flow: AbstractFlow,
-    request: Request,
-    *,
-    room: int,
-    can_stick: bool,
-    max_reverse_steps: int,
-    raises: bool,
+    machine: ImpactSystem | Numbers, flow: AbstractFlow, request: Request, asked: Asked
 ) -> Solution:
     """Follow a trajectory in one call, differentiably."""
-    numbers = numbers_of(system)
-    return run(
-        numbers,
-        flow,
-        request,
-        room=room,
-        can_stick=can_stick,
-        max_reverse_steps=max_reverse_steps,
-        raises=raises,
-    )[0]
+    return differentiable(_forwards, _backwards, (machine, flow, request, asked))
+
+
+def _forwards(whole: tuple[ImpactSystem | Numbers, AbstractFlow, Request, Asked]) -> Solution:
+    return _run_whole(*whole, while_any)
+
+
+def _backwards(whole: tuple[ImpactSystem | Numbers, AbstractFlow, Request, Asked]) -> Solution:
+    asked = whole[3]
+    refuse = partial(_factor_in_reverse, raises=asked.raises)
+    return _run_whole(*whole, partial(bounded_while_any, max_steps=asked.max_reverse_steps, refuse=refuse))
+
+
+def _run_whole(
+    machine: ImpactSystem | Numbers, flow: AbstractFlow, request: Request, asked: Asked, loop: Callable
+) -> Solution:
+    numbers = machine if isinstance(machine, Numbers) else numbers_of(machine)
+    arguments = numbers, flow, request, None
+    task, carry = _begin(*arguments, room=asked.room, can_stick=asked.can_stick)
+    return _finish(task, loop(task, carry), request, asked.room)[0]
 
 
 def run(
-    numbers: Numbers,
-    flow: AbstractFlow,
-    request: Request,
-    left: Left | None = None,
-    *,
-    room: int,
-    can_stick: bool,
-    max_reverse_steps: int = 1,
-    raises: bool = False,
+    numbers: Numbers, flow: AbstractFlow, request: Request, left: Left, *, room: int, can_stick: bool
 ) -> tuple[Solution, Left]:
     """Follow a trajectory from its start, or from where the call before it left it.
 
@@ -201,25 +211,15 @@ def run(
         flow: the motion between events.
         request: what is asked for.
         left: where to go on; the start, if `left.steps` is 0.
-            Without it all is done in one call, whatever the room.
         room: the most events logged by this call.
         can_stick: whether any stop might hold its mass.
-        max_reverse_steps: see `simulate`.
-        raises: whether derivatives that would go back too far raise; else they are NaN.
 
     Returns:
         The trajectory, with what this call saw of it, and where it stands.
     """
     request = jax.tree.map(jnp.asarray, request)
-    arguments = numbers, flow, request, left
     prepare = partial(_begin, room=room, can_stick=can_stick)
-    if left is None:
-        refuse = partial(_factor_in_reverse, raises=raises)
-        task, carry = prepare(*arguments)
-        last = while_any(task, carry, max_reverse_steps=max_reverse_steps, refuse=refuse)
-    else:
-        task, last = _one_way(prepare, arguments)
-    return _finish(task, last, request, room)
+    return _finish(*_one_way(prepare, (numbers, flow, request, left)), request, room)
 
 
 def run_for_log(

@@ -17,7 +17,7 @@ from .._system.system import ImpactSystem, with_args
 from .._types import Count, Numbers, as_float, as_known, at_once, concrete, is_traced, whole_number
 from .._xla import padding_allowed
 from .known import known_machine
-from .loop import NO_PAUSE, Request, run_whole
+from .loop import NO_PAUSE, Asked, Request, run_whole
 from .solution import RESULTS, Solution, told
 from .windows import follow_known
 
@@ -158,10 +158,7 @@ def follow(
             system,
             choose_flow(system, can_stick=can_stick, wanted=flow),
             request,
-            room=max_events,
-            can_stick=can_stick,
-            max_reverse_steps=max_reverse_steps,
-            raises=settings.allowed is not None,
+            Asked(max_events, can_stick, max_reverse_steps, raises=settings.allowed is not None),
         )
     if settings.allowed is None:
         return solution

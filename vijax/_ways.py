@@ -1,0 +1,149 @@
+"""A function with its derivatives, each traced once: the parts of `_both_ways.py`.
+
+`jax.jit` traces a function anew under every other transformation, and a step of a trajectory takes half a second
+to trace.
+"""
+
+from collections.abc import Callable
+from functools import cache, lru_cache, partial
+from typing import Any, NamedTuple
+
+import jax
+from jax.extend.core import jaxpr_as_fun
+from jaxtyping import PyTree
+
+from ._types import is_staged
+
+Arrays = list[Any]  # of JAX, or what stands for them while a function is traced
+Function = Callable[[Arrays, Arrays], tuple[Arrays, Arrays]]
+# Functions of which what was traced, or compiled, is kept.
+KEPT = 256
+
+
+class Ways(NamedTuple):
+    """A function of `fixed` and `x` with its derivatives along `dx`.
+
+    Attributes:
+        values: (fixed, x), by the unbounded loop.
+        backwards: the same by the bounded loop.
+        joint: (fixed, x, dx), values and tangents, by the unbounded loop.
+        transposable: the same by the bounded loop.
+        pullback: told which cotangents of `y` are not zero, a function of (fixed, x, those): the cotangents of `dx`.
+        compiled: how they are compiled.
+        sizes: how many arrays it returns that have derivatives, and others.
+    """
+
+    values: Function
+    backwards: Function
+    joint: Callable
+    transposable: Callable
+    pullback: Callable
+    compiled: Callable
+    sizes: tuple[int, int]
+
+
+@lru_cache(KEPT)
+def ways_of(
+    forwards: Function,
+    backwards: Function,
+    compiled: Callable,
+    sizes: tuple[int, int],
+    moves: tuple[bool, ...],
+) -> Ways:
+    """The ways of a function whose `forwards` and `backwards` are given, along those of `x` that move."""
+    joint, transposable = (
+        traced_once(partial(_derivative, function, moves), compiled) for function in (forwards, backwards)
+    )
+
+    @cache
+    def pullback(given: tuple[bool, ...]) -> Callable:
+        return traced_once(partial(_pullback, backwards, moves, given), compiled)
+
+    return Ways(forwards, backwards, joint, transposable, pullback, compiled, sizes)
+
+
+def _derivative(
+    function: Function, moves: tuple[bool, ...], fixed: Arrays, x: Arrays, dx: Arrays
+) -> tuple[Arrays, Arrays, Arrays]:
+    of_moving, moving = _restricted(function, moves, fixed, x)
+    y, dy, rest = jax.jvp(of_moving, (moving,), (dx,), has_aux=True)
+    return y, rest, dy
+
+
+def _pullback(
+    function: Function,
+    moves: tuple[bool, ...],
+    given: tuple[bool, ...],
+    fixed: Arrays,
+    x: Arrays,
+    cotangents: Arrays,
+) -> Arrays:
+    of_moving, moving = _restricted(function, moves, fixed, x)
+
+    def wanted(moving: Arrays) -> Arrays:
+        return [a for a, yes in zip(of_moving(moving)[0], given, strict=True) if yes]
+
+    return jax.vjp(wanted, moving)[1](cotangents)[0]
+
+
+def _restricted(
+    function: Function, moves: tuple[bool, ...], fixed: Arrays, x: Arrays
+) -> tuple[Callable, Arrays]:
+    """The same as a function of the moving arguments alone, so that the others cost nothing."""
+
+    def of_moving(moving: Arrays) -> tuple[Arrays, Arrays]:
+        moving = list(moving)
+        return function(fixed, [moving.pop(0) if move else a for a, move in zip(x, moves, strict=True)])
+
+    return of_moving, [a for a, move in zip(x, moves, strict=True) if move]
+
+
+@lru_cache(KEPT)
+def of_batch(ways: Ways, over: tuple) -> Ways:
+    """The ways of a batch, by the axes of `fixed` and `x`."""
+    values, backwards = (_batched(function, ways, over) for function in (ways.values, ways.backwards))
+    return ways_of(values, backwards, ways.compiled, ways.sizes, ())
+
+
+@lru_cache(KEPT)
+def of_batch_of_tangents(ways: Ways, over: tuple) -> tuple[Ways, int | None]:
+    """The ways of a batch of tangents, and the axis that their values have: none if all lanes share them."""
+    shared = all(axis is None for part in over for axis in part)
+    axis, along = None if shared else 0, (*over, 0)
+    ways = ways._replace(
+        values=ways.values if shared else _batched(ways.values, ways, over),
+        backwards=ways.backwards if shared else _batched(ways.backwards, ways, over),
+        joint=_batched(ways.joint, ways, along, (axis, axis, 0)),
+        transposable=_batched(ways.transposable, ways, along, (axis, axis, 0)),
+        pullback=cache(lambda given, pullback=ways.pullback: _batched(pullback(given), ways, along)),
+    )
+    return ways, axis
+
+
+def _batched(function: Callable, ways: Ways, over: tuple, to: Any = 0) -> Callable:
+    axes = tuple(list(part) if isinstance(part, tuple) else part for part in over)
+    return traced_once(jax.vmap(function, axes, to), ways.compiled)
+
+
+def kind(a: Any) -> tuple[tuple[int, ...], Any]:
+    """Shape and type of an array, or of what stands for one."""
+    a = jax.typeof(a)
+    return a.shape, a.dtype
+
+
+def traced_once(function: Callable, compiled: Callable) -> Callable:
+    """The function, traced once however often it is asked for: `jax.jit` does so anew under other transformations."""
+
+    @cache
+    def traced(structure: Any, kinds: tuple) -> tuple[Callable, Callable, Any]:
+        shapes = [jax.ShapeDtypeStruct(*kind) for kind in kinds]
+        jaxpr, shape = jax.make_jaxpr(function, return_shape=True)(*jax.tree.unflatten(structure, shapes))
+        run = jaxpr_as_fun(jaxpr)
+        return run, compiled(run), jax.tree.structure(shape)
+
+    def call(*args: PyTree) -> PyTree:
+        arrays, structure = jax.tree.flatten(args)
+        run, run_alone, of_found = traced(structure, tuple(map(kind, arrays)))
+        return jax.tree.unflatten(of_found, (run if is_staged() else run_alone)(*arrays))
+
+    return call
