@@ -75,10 +75,11 @@ def find_periodic_orbits(
     with tqdm(total=len(states), unit="start", disable=not progress) as bar:
         axes = [None] * len(jax.tree.leaves(strobe))
         found = search_many(strobe, axes, states, bar.update)
-    return [
-        periodic_orbit(system, *np.split(state, 2), n, args=args, flow=flow, max_events=room)
-        for state in _different(system, found, n, args, flow)
-    ]
+    orbits = []
+    for state in _different(system, found, n, args, flow):
+        x, v = np.split(state, 2)
+        orbits.append(periodic_orbit(system, x, v, n, args=args, flow=flow, max_events=room))
+    return orbits
 
 
 def _states(starts: tuple[Numbers, Numbers] | Numbers, num_masses: int) -> np.ndarray:

@@ -7,6 +7,7 @@ inverted: with nu = (mu - s) / (mu + s) infinity is 1 and zero is -1, and nu are
 """
 
 from inspect import signature
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +20,9 @@ _SHIFTS = 0.87, -1.13
 # Newer releases of JAX refuse derivatives of eigenvectors, here the second ones of multipliers, unless they are asked
 # for: they exist where the multipliers differ from each other.
 _OPTIONS = signature(jax.lax.linalg.eig).parameters
-_SECOND_DERIVATIVES = {"enable_eigvec_derivs": True} if "enable_eigvec_derivs" in _OPTIONS else {}
+_SECOND_DERIVATIVES: dict[str, Any] = (
+    {"enable_eigvec_derivs": True} if "enable_eigvec_derivs" in _OPTIONS else {}
+)
 
 
 def floquet_multipliers(pencil: Pencil, num_held: Int[Array, ""]) -> Complex[Array, " state"]:

@@ -1,7 +1,7 @@
 """Many searches at once, in a program for a fixed number of lanes: those that are done make room for others."""
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -36,9 +36,9 @@ class Orbits(NamedTuple):
 
 def search_many(
     strobe: Strobe,
-    axes: list[int | None],
+    axes: Sequence[int | None],
     guesses: np.ndarray,
-    tell: Callable[[int], None] = lambda count: None,
+    tell: Callable[[int], Any],
 ) -> Orbits:
     """Search from many guesses, until each has an orbit or nothing left to try.
 
@@ -62,10 +62,10 @@ def search_many(
 
 def _search(
     strobe: Strobe,
-    axes: list[int | None],
+    axes: Sequence[int | None],
     guesses: np.ndarray,
     which: np.ndarray,
-    tell: Callable[[int], None],
+    tell: Callable[[int], Any],
 ) -> Search:
     """Those of some lanes, at their ends."""
     leaves, structure = jax.tree.flatten(strobe)
@@ -83,7 +83,7 @@ def _search(
             is_on[lanes] = np.asarray(found.is_on)[: len(lanes)]
             for a, new in zip(jax.tree.leaves(whole), jax.tree.leaves(found), strict=True):
                 a[lanes] = np.asarray(new)[: len(lanes)]
-        tell(np.count_nonzero(~is_on[waiting]))
+        tell(int(np.count_nonzero(~is_on[waiting])))
         waiting = waiting[is_on[waiting]]
     return whole
 
@@ -93,7 +93,8 @@ def _told(search: Search) -> Orbits:
     is_hit = (sequence.kind == IMPACT)[..., None] & (
         sequence.stop[..., None] == np.arange(sequence.held.shape[-1])
     )
-    return Orbits(cycle.start, cycle.multipliers, cycle.residual, is_hit.sum(axis=1), search.is_orbit)
+    columns = cycle.start, cycle.multipliers, cycle.residual, is_hit.sum(axis=1), search.is_orbit
+    return Orbits(*map(np.asarray, columns))
 
 
 def lanes_first(tree: Any) -> tuple[Any, list[int | None]]:

@@ -108,8 +108,8 @@ class PeriodicOrbit(eqx.Module):
         variables |= {
             "x0": ("mass", np.asarray(self.x0)),
             "v0": ("mass", np.asarray(self.v0)),
-            "multiplier_real": ("multiplier", multipliers.real),
-            "multiplier_imag": ("multiplier", multipliers.imag),
+            "multiplier_real": ("multiplier", np.real(multipliers)),
+            "multiplier_imag": ("multiplier", np.imag(multipliers)),
             "num_impacts": ("stop", np.asarray(self.num_impacts)),
         }
         ds = xr.Dataset(variables)
