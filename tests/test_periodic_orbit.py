@@ -188,6 +188,16 @@ def test_without_impacts_it_is_the_response_to_the_load():
     assert int(orbit.num_impacts[0]) == 0
 
 
+def test_a_mass_that_is_held_for_ever_has_multipliers_of_zero():
+    # The second mass is pressed to its stop; the first swings between the wall and it: x'' + 0.2 x' + 2 x = cos(t) + 0.1.
+    load = vx.Harmonic([1.0, 0.0], 1.0, mean=[0.0, 9.0])
+    system = vx.chain([1.0, 1.0], [0.1, 0.1], [1.0, 1.0], load, [vx.Stop(1, 0.1, "upper", 0.5)])
+    orbit = vx.periodic_orbit(system, *settled(system))
+    assert int(orbit.num_impacts[0]) == 0
+    np.testing.assert_array_equal(orbit.multipliers[2:], 0)
+    np.testing.assert_allclose(abs(orbit.multipliers[:2]), np.exp(-0.1 * 2 * np.pi), rtol=1e-12)
+
+
 def test_an_orbit_through_a_stop_is_refused():
     # At its period doubling the orbit passes through the stop between its impacts.
     system = one_mass(3.7, 1.0, damping=0.0, restitution=0.8, stop=-0.061318624277)

@@ -55,12 +55,14 @@ class Flights(NamedTuple):
     """Derivatives of the flights of a cycle, one after another.
 
     Attributes:
+        begin: of the state at the start of the first by z0: masses that are held do not follow it, (state + 1, state).
         forward: of the state after each by the state before and the duration, (events, state + 1, state + 2); a
             state is z and the time, which it shares.
         normal: of the value that vanishes at its end, (events, state + 2).
         close: of z at the end of the cycle by the state after the last event, (state, state + 1).
     """
 
+    begin: Float[Array, "next state"]
     forward: Float[Array, "events next given"]
     normal: Float[Array, "events given"]
     close: Float[Array, "state next"]
@@ -95,8 +97,7 @@ class Condensed(NamedTuple):
 
 def condense(flights: Flights, count: Int[Array, ""] | None = None) -> Condensed:
     """Take away the duration of every flight, or of the first `count` of them, see `over_flights`."""
-    size = flights.close.shape[0]
-    identity = jnp.eye(size + 1, size, dtype=flights.close.dtype)
+    identity = jnp.eye(len(flights.close), dtype=flights.close.dtype)
 
     def one(carry, flight):
         start, here = carry
@@ -106,9 +107,8 @@ def condense(flights: Flights, count: Int[Array, ""] | None = None) -> Condensed
         basis = _basis_of_kernel(row)
         return (start @ basis[:-1], reach @ basis), (row, basis, start, reach)
 
-    (start, here), (row, basis, starts, reach) = over_flights(
-        one, (identity[:-1], identity), flights[:2], count
-    )
+    first, rows = (identity, flights.begin), (flights.forward, flights.normal)
+    (start, here), (row, basis, starts, reach) = over_flights(one, first, rows, count)
     return Condensed(flights, row, basis, starts, reach, Pencil(flights.close @ here, start))
 
 

@@ -4,7 +4,7 @@ Unknown are the start z0 = (x, v), as seen from the stops, at the phase where th
 the flights in forcing periods. An impact ends a flight where its gap is zero, a release where the contact force is;
 after n forcing periods the state is the start again. Nothing here asks whether an impact approaches its stop or a
 stop is pressed, so a family of orbits is smooth where it grazes, and goes on where no machine does: what is a motion
-is decided by following it, see `periodic_orbit.py`.
+is decided by following it, see `search.py`.
 """
 
 from typing import NamedTuple
@@ -135,7 +135,11 @@ def linearise(
         (forward, normal), (there, value, speed) = jax.jacfwd(moved, has_aux=True)(y)
         return there, (forward, normal, value, speed)
 
-    place = _begin(problem, machine, unknowns.z)
+    def begun(y: Array):
+        place = _begin(problem, machine, y * scale)
+        return jnp.append(place.z / scale, place.time), place
+
+    begin, place = jax.jacfwd(begun, has_aux=True)(unknowns.z / scale)
     flights = _events(problem.sequence), unknowns.flights
     place, (forward, normal, values, speeds) = over_flights(one, place, flights, count)
 
@@ -144,7 +148,7 @@ def linearise(
         return end / scale, end
 
     close, end = jax.jacfwd(closed, has_aux=True)(jnp.append(place.z / scale, place.time))
-    return Residual(values, end - unknowns.z, speeds), Flights(forward, normal, close)
+    return Residual(values, end - unknowns.z, speeds), Flights(begin, forward, normal, close)
 
 
 class Happening(NamedTuple):
