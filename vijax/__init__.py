@@ -44,7 +44,7 @@ from ._trajectory.solution import RESULTS as RESULTS, Solution as Solution
 if _typing.TYPE_CHECKING:
     from . import plot as plot
     from ._flow.diffrax_flow import DiffraxFlow as DiffraxFlow
-else:  # hidden from type checkers, to which every misspelt name would be one that comes late
+else:  # hidden from type checkers, or every misspelt name would pass as a late import
 
     def __getattr__(name: str) -> object:
         """Import `vijax.plot`, and with it matplotlib, and diffrax, when they are first asked for."""

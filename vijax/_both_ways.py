@@ -1,18 +1,18 @@
 """A function that is computed in one way, and differentiated in two.
 
-A loop without a bound on its steps can be differentiated forwards but not backwards, one with a bound both
-ways, but it is cut at the bound. Neither JAX nor equinox has a loop that is without a bound forwards
-and goes backwards too, and a rule of differentiation (`jax.custom_jvp`) is not told which way it is asked
-for. The difference shows in what becomes of a tangent: backwards it is unknown at first, and then
-transposed. So there are three primitives, of one function:
+A loop without a bound on its steps can be differentiated forwards but not backwards. One with a bound can be
+differentiated both ways, but is cut at the bound. Neither JAX nor equinox has a loop that is unbounded
+forwards and can go backwards too, and a rule of differentiation (`jax.custom_jvp`) is not told the
+direction. The direction shows in the tangents: backwards they are unknown at first, and then transposed.
+So one function has three primitives:
 
-- `_values`, what the function returns;
-- `_with_tangents`, the derivative of the first, by the unbounded loop, values and tangents at once;
-- `_tangents`, which is left of the second where values are known and tangents are not (`jax.grad`). It
+- `_values`, its results;
+- `_with_tangents`, the derivative of `_values` by the unbounded loop, values and tangents at once;
+- `_tangents`, the rest of `_with_tangents` where values are known and tangents are not (`jax.grad`). It
   is linear, and transposed by the bounded loop.
 
-Derivatives of derivatives follow: the second and the third are functions too, and their derivatives
-are the second again, of these. `jax.custom_derivatives.linear_call` was tried, but knows no `vmap`.
+Derivatives of derivatives follow: `_with_tangents` and `_tangents` are functions too, and the derivative
+of each is `_with_tangents` of it. `jax.custom_derivatives.linear_call` was tried, but knows no `vmap`.
 """
 
 from collections.abc import Callable
@@ -34,7 +34,7 @@ from ._ways import KEPT, Arrays, Ways, kind, of_batch, of_batch_of_tangents, tra
 def both_ways(forwards: Callable, backwards: Callable, tree: PyTree, compiled: Callable = jax.jit) -> PyTree:
     """Return `forwards(tree)`, which is differentiated backwards as `backwards`.
 
-    What has been traced, or compiled, is kept for the same functions and whatever of the tree is no array.
+    Traces and compilations are kept by the functions and the parts of the tree that are no arrays.
 
     Args:
         forwards: what is computed, a tree of arrays.
@@ -62,7 +62,7 @@ def _made(
     others: tuple,
     *kinds: tuple,
 ) -> tuple[Ways, Callable[[Arrays, Arrays], PyTree]]:
-    """The two ways as functions of lists of arrays, and what makes the tree of what they return."""
+    """The two ways as functions of lists of arrays, and a function that rebuilds their tree of results."""
     found = []
 
     def of_lists(function: Callable, fixed: Arrays, x: Arrays) -> tuple[Arrays, Arrays]:
@@ -110,7 +110,7 @@ def _shapes(primitive: Primitive, *row: Any, ways: Ways, sizes: tuple[int, ...])
 
 
 def _differentiate(primitive: Primitive, row: Any, changes: Any, *, ways: Ways, sizes: tuple[int, ...]):
-    """The values of a primitive and their tangents: it is a function of all that can change."""
+    """The values of a primitive and their tangents, as a function of all inputs that can change."""
     fixed, *moving = _parts(row, sizes)
     at, dx = list(chain(*moving)), changes[len(fixed) :]
     if primitive is not _values:
@@ -122,7 +122,7 @@ def _differentiate(primitive: Primitive, row: Any, changes: Any, *, ways: Ways, 
     nothing = [ad.Zero(jax.typeof(a).to_tangent_aval()) for a in rest]
     if primitive is not _with_tangents:
         return [*y, *rest], [*dy, *nothing]
-    # The tangents of the first derivative are values of the second: back to their places.
+    # Tangents of the first derivative are values of the second: they go back to their places.
     half = len(y) // 2
     return [*y[:half], *rest, *y[half:]], [*dy[:half], *nothing, *dy[half:]]
 
@@ -149,7 +149,7 @@ def _batch(primitive: Primitive, row: Any, axes: Any, *, ways: Ways, sizes: tupl
         ways = of_batch(ways, over)
         found = _bind(_values, ways, fixed, x)
         return found, [0] * len(found)
-    # Tangents get the axis, for their cotangents will have it.
+    # Tangents get the batch axis, as their cotangents will have it.
     dx = _in_front(dx[0], of_dx[0], size)
     ways, of_values = of_batch_of_tangents(ways, over)
     found = _bind(primitive, ways, fixed, x, dx)
@@ -172,7 +172,7 @@ def _transpose(cotangents: Any, *row: Any, ways: Ways, sizes: tuple[int, ...]) -
 
 
 def _split_while_tracing(trace: Any, *row: Any, ways: Ways, sizes: tuple[int, ...]) -> list:
-    """Values at once, where all that they depend on is known; tangents by the primitive that waits."""
+    """Values at once where all their inputs are known; tangents by a primitive that waits."""
     wait = partial(trace.default_process_primitive, tracers=row, params={"ways": ways, "sizes": sizes})
     is_known = [t.pval.is_known() for t in row]
     if not all(is_known[: sizes[0] + sizes[1]]) or all(is_known):

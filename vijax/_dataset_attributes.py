@@ -1,6 +1,6 @@
-"""What the attributes of a dataset say: meanings, units, flags, versions.
+"""Attributes of a dataset: meanings, units, flags, versions.
 
-Units of mass, length and time are the user's, so `units` are given only where they are not. All attributes
+Units of mass, length and time are the user's, so `units` are given only where they are fixed. All attributes
 are text, numbers or arrays of several numbers: NetCDF and Zarr keep nothing else.
 """
 
@@ -90,7 +90,7 @@ def flags(names: Sequence[str]) -> dict[str, str | np.ndarray]:
 
 @cache
 def versions() -> dict[str, str]:
-    """The versions of what computes."""
+    """Versions of the packages that compute."""
     found = {f"{name}_version": version(name) for name in ("vijax", "jax", "numpy")}
     return found | {"python_version": platform.python_version()}
 

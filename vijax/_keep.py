@@ -8,7 +8,7 @@ from platformdirs import user_cache_path
 
 try:
     from jax.experimental.compilation_cache.compilation_cache import reset_cache
-except ImportError:  # then nothing must have been compiled before
+except ImportError:  # without it, nothing may have been compiled before
     reset_cache = None
 
 
@@ -38,6 +38,6 @@ def keep_compiled(folder: str | os.PathLike[str] | None = None) -> Path:
     jax.config.update("jax_compilation_cache_dir", str(place))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    if reset_cache is not None:  # what was compiled before has fixed it to no folder
+    if reset_cache is not None:  # earlier compilations have fixed the cache to no folder
         reset_cache()
     return place

@@ -1,7 +1,7 @@
-"""What `print` and a notebook show of machines, trajectories and logs: numbers, in ten lines or so.
+"""Output of `print` and of notebooks for machines, trajectories and logs: numbers, in ten lines or so.
 
-Everything is told twice from one table: as text, and as HTML without colours, which takes on those of the
-notebook. Of a batch only ranges are told, of what is traced only shapes. Nothing here may raise: half of what
+Everything is written twice from one table: as text, and as HTML without colours, which takes on those of the
+notebook. A batch shows only ranges, traced values only shapes. Nothing here may raise: half of what
 is printed is printed because something else went wrong.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from ._types import concrete
 
-# Numbers of a vector, rows of a matrix, stops of a machine, and events of a log that are told one by one.
+# The most numbers of a vector, rows of a matrix, stops of a machine, and events of a log that are shown.
 _NUMBERS, _ROWS, _STOPS, _EVENTS = 6, 3, 3, 7
 _WIDTH = 90
 _COLUMNS = ("t", "kind", "stop", "velocity_minus", "velocity_plus", "impulse")

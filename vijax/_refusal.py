@@ -1,9 +1,9 @@
-"""Errors that depend on numbers, raised whatever of a result is asked for.
+"""Errors that depend on numbers, raised whichever part of a result is asked for.
 
-Numbers that are known are looked at here and now. Under `jax.jit` they are not, and XLA leaves out whatever
-the output does not depend on: a check whose result nobody reads, and for a derivative even one that
-changes nothing but values. So everything that is returned is multiplied by a number, 1, which is made
-by the check; all derivatives, forward and reverse, then have it as a factor as well.
+Known numbers are checked at once. Under `jax.jit` numbers are not known, and XLA leaves out whatever the
+output does not depend on: a check whose result nobody reads, and in a derivative even one that changes
+only values. So every array that is returned is multiplied by the number 1 that the check makes; all
+derivatives, forward and reverse, then have it as a factor as well.
 
 `equinox.error_if` puts the check into values alone, and its message under `jax.jit` ends in a paragraph
 about equinox; here the last line is the sentence.
@@ -26,7 +26,7 @@ class SimulationError(RuntimeError):
     """A simulation that cannot give what was asked for; the message says what to do."""
 
 
-SimulationError.__module__ = "vijax"  # as it is told
+SimulationError.__module__ = "vijax"  # the name that users see
 
 
 def checked(tree: PyTree, number: Int[ArrayLike, ""], sentences: Sequence[str]) -> PyTree:

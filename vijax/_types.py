@@ -26,14 +26,14 @@ P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
 Numbers = ArrayLike | Sequence[Any]
-# A whole number. What else is given at run time, `whole_number` refuses in a sentence.
+# A whole number. Anything else, given at run time, `whole_number` refuses in a sentence.
 if TYPE_CHECKING:
     Count = SupportsIndex | Array
 else:
     Count = Any
 Scalar = Float[Array, "..."]
 Flag = Bool[Array, "..."]
-# Numbers of JAX, or of NumPy: what is known on the host is computed there, where no shape has to be compiled.
+# Numbers of JAX, or of NumPy: known ones are computed on the host, where no shape has to be compiled.
 Reals = Any
 
 
@@ -59,8 +59,7 @@ def _warn_about_lost_digits() -> None:
 def at_once(function: Callable[P, R]) -> Callable[P, R]:
     """Let a function of arrays be computed at once where they are concrete, also while `jit` is tracing.
 
-    What is known at the door, a stiffness for instance, then stays known inside, and can be checked and
-    chosen by.
+    Numbers known on entry, a stiffness for instance, then stay known inside, for checks and choices.
     """
 
     @wraps(function)
@@ -177,10 +176,10 @@ def stack(rows: Sequence[Reals]) -> Reals:
     return library.stack(library.broadcast_arrays(*rows))
 
 
-# So many rows are added up one by one: XLA fuses that with what is around it, and hands no part of it to
+# Up to so many rows are added one by one: XLA fuses such sums with their surroundings, and hands no part to
 # a library, which `in_one_kernel` could not call.
 UNROLLED = 16
-# Of one trajectory alone, which is compiled for milliseconds of work, fewer.
+# Fewer for one trajectory alone, which is compiled for milliseconds of work.
 UNROLLED_ALONE = 4
 
 

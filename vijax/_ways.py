@@ -16,7 +16,7 @@ from ._types import is_staged
 
 Arrays = list[Any]  # of JAX, or what stands for them while a function is traced
 Function = Callable[[Arrays, Arrays], tuple[Arrays, Arrays]]
-# Functions of which what was traced, or compiled, is kept.
+# The most functions whose traces, or compilations, are kept.
 KEPT = 256
 
 

@@ -1,7 +1,7 @@
-"""What the compiler needs to be told.
+"""Instructions to the compiler.
 
-None of it is needed for right results: `VIJAX_PLAIN=1` in the environment, read once, leaves it all out. What
-is done without is then what a release of JAX that lacks it does without.
+None is needed for right results: `VIJAX_PLAIN=1` in the environment, read once, leaves all of them out, as a
+release of JAX that lacks them does.
 """
 
 import abc
@@ -37,20 +37,20 @@ R = TypeVar("R")
 def padding_allowed(function: Callable[P, R]) -> Callable[P, R]:
     """Let a function return NaN and infinity where JAX is set to stop at them, `jax_debug_nans` for instance.
 
-    Logs are padded with them, and steps that are not needed overflow unseen. Inside a `jit` of the user's it
-    is that which is checked, when all is over, and nothing can be done here.
+    Logs are padded with them, and steps that are not needed overflow unseen. Inside a `jit` of the
+    user's, JAX checks the results of that one at its end, and nothing can be done here.
     """
 
     @wraps(function)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
-        with jax.debug_nans(False), jax.debug_infs(False):  # no part of what compilations are kept by
+        with jax.debug_nans(False), jax.debug_infs(False):  # not in the key of kept compilations
             return function(*args, **kwargs)
 
     return wrapped
 
 
-# A program that runs once, or for milliseconds, is waited for by the compiler most of the time. Without
-# XLA's own code generator it takes half of that, and a fifth of the memory maps, of which a process has 65,530.
+# A program that runs once, or for milliseconds, costs mostly the time to compile it. Without XLA's own code
+# generator that takes half as long, and a fifth of the memory maps, of which a process has 65,530.
 _LIGHTLY = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 4}
 
 
@@ -91,12 +91,12 @@ def compile_lightly(function: Callable[P, R]) -> Callable[P, R]:
     return wrapped
 
 
-# In place of an array among what is static.
+# Stands for an array among static leaves.
 _ARRAY = object()
 
 
 def _split(leaves: list) -> tuple[list, list]:
-    """The arrays among leaves, and what else they are."""
+    """The arrays among leaves, and all leaves with `_ARRAY` in place of arrays."""
     is_array = [isinstance(leaf, jax.Array | np.ndarray | np.generic) for leaf in leaves]
     arrays = [leaf for leaf, yes in zip(leaves, is_array, strict=True) if yes]
     return arrays, [_ARRAY if yes else leaf for leaf, yes in zip(leaves, is_array, strict=True)]
@@ -111,7 +111,7 @@ def _knows_how() -> bool:
     """Whether this version of XLA has the options."""
     try:
         jax.jit(lambda: 0, compiler_options=_LIGHTLY).lower().compile()
-    except Exception:  # it has changed from version to version what is raised
+    except Exception:  # which error is raised depends on the version
         return False
     return jax.default_backend() == "cpu"
 
@@ -141,7 +141,7 @@ def _call(function: Callable, args: tuple, **attributes: str):
     if PLAIN or set_xla_metadata is None or jax.default_backend() != "cpu":
         return function(*args)
     annotate = set_xla_metadata
-    # XLA removes what has no elements, and would be left with an argument that nothing reads.
+    # XLA removes arrays without elements, and the call would have an argument that nothing reads.
     arrays, rest = eqx.partition(args, lambda a: isinstance(a, jax.Array) and a.size > 0)
 
     def called(arrays):
@@ -186,7 +186,7 @@ def bounded_while_any(task: AbstractTask, carry, max_steps: int, refuse: Callabl
         task: what the loop does.
         carry: where it begins.
         max_steps: the bound.
-        refuse: given whether there were more, returns by what all numbers are multiplied.
+        refuse: given whether there were more, returns the factor by which all numbers are multiplied.
     """
     last = while_loop(
         lambda c: is_any(task.is_live(c)),
@@ -205,7 +205,7 @@ def differentiable(forwards: Callable, backwards: Callable, tree):
 
     Where it is no part of a larger program, it is compiled lightly.
     """
-    # What only NumPy knows would be compiled into the program.
+    # NumPy arrays would be compiled into the program.
     tree = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray | np.generic) else a, tree)
     if PLAIN or both_ways is None:
         return _plainly_both_ways(forwards, backwards, tree)

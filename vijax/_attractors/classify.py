@@ -1,4 +1,4 @@
-"""What kind of motion: with how many impacts, in how many forcing periods, or none that repeats."""
+"""Kind of motion: how many impacts in how many forcing periods, or no repetition."""
 
 import math
 from typing import Final, NamedTuple
@@ -15,8 +15,8 @@ from .recurrence import Recurrence, recurrence
 from .sections import stroboscopic_section
 
 MOTIONS: Final = ("non_impacting", "periodic", "chattering", "non_periodic", "not_settled", "failed")
-# An impact so short before the end of a period, in parts of it, counts as one just after it: of a cycle with
-# an impact there, some periods would end before it and some after.
+# An impact this close before the end of a period, as a fraction of it, counts as one just after it: otherwise
+# some periods of a cycle with an impact there would end before it and some after.
 _EDGE = 1e-3
 _TOLERANCES = {8: 1e-6, 4: 1e-3}
 
@@ -115,10 +115,10 @@ def classify(
 
 
 class _Tally(NamedTuple):
-    """What happens in the last n periods.
+    """Impacts and held times of the last n periods.
 
     Attributes:
-        is_ours: the impacts in them.
+        is_ours: whether each impact lies in them.
         num_impacts: of each stop, infinite where a complete chatter ends, (points, stops).
         held_time: likewise.
     """
@@ -147,7 +147,7 @@ def _section(source: Solution | xr.Dataset, last: int | None) -> tuple[xr.Datase
 def _motion(
     n: np.ndarray, is_failed: np.ndarray, is_settling: np.ndarray, tally: _Tally, is_cut: np.ndarray
 ) -> np.ndarray:
-    """Number of the kind of each motion; where the log is cut, chatter is told by a held mass."""
+    """Number in `MOTIONS` of each motion; where the log is cut, a held mass counts as chatter."""
     is_held = (tally.held_time > 0).any(axis=1)
     is_chattering = np.isinf(tally.num_impacts).any(axis=1) | (is_cut & is_held)
     is_impacting = (tally.num_impacts > 0).any(axis=1) | is_cut
@@ -167,11 +167,11 @@ def _before_impacts(
 ) -> np.ndarray:
     """Undo the impacts just before the end of a period.
 
-    An impact at the very end comes now before it and now after it, which turns the velocity round.
+    Rounding puts an impact at the very end now before it, now after it, which reverses the velocity.
     """
-    # A little more than at the end, for the time is rounded; undone there, nothing changes.
+    # Impacts just after the end are included, since times are rounded; undoing those changes nothing.
     is_undone = (number >= 1) & (number <= v.shape[1]) & (in_periods <= number + 1e-9)
-    # Of several impacts of one mass the first counts: the last to be assigned.
+    # Of several impacts of one mass the first counts: reversed, it is assigned last.
     which = np.flatnonzero(is_undone)[::-1]
     v = v.copy()
     v[impacts.point[which], number[which] - 1, masses[impacts.stop[which]]] = impacts.velocity[which]
@@ -200,7 +200,7 @@ def _with_quiet(
     asked: np.ndarray,
     relative: np.ndarray,
 ) -> Recurrence:
-    """Judge motions without impacts by the response of their machine, as beats hide their end from the section."""
+    """Judge motions without impacts by their machine's response: in the section beats hide how they end."""
     is_quiet, contraction = stays_quiet(source, asked, *(section[name].values[:, -1] for name in ("x", "v")))
     step = np.abs(relative[:, -1] - relative[:, -2]).max(axis=1)
     return Recurrence(

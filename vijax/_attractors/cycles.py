@@ -53,7 +53,7 @@ def periodic_orbits(ds: xr.Dataset, *, max_events: Count = 256, progress: bool =
     num_periods = flat(ds, kinds["num_periods"])
     which = np.flatnonzero(np.isin(flat(ds, kinds["motion"]), _REPEATS) & (num_periods > 0))
     states = np.concatenate([flat(ds, ds[name], "mass") for name in ("x", "v")], axis=1)
-    # Those that take about as long, side by side.
+    # Neighbouring lanes then take about equally long.
     impacts = flat(ds, ds["num_impacts"], "stop").sum(axis=1)
     which = which[np.lexsort((impacts[which], num_periods[which]))]
     found = None

@@ -1,7 +1,7 @@
 """The proof that a motion without impacts stays without them.
 
-It is the periodic response of its machine and a free vibration that decays. Two bounds show that both together
-never reach a stop:
+Such a motion is the periodic response of its machine and a free vibration that decays. Two bounds show that
+their sum never reaches a stop:
 
 - The response is a sum of harmonics, g(a) = Re sum_h Z_h exp(i h a) at each stop. At its maximum g' = 0, and the
   nearest of N samples is at most pi / N away, so max g <= max of the samples + (pi / N)^2 / 2 sum_h h^2 |Z_h|.
@@ -19,7 +19,7 @@ from .._trajectory.solution import Solution
 from .record import forcing_periods, machines
 from .response import lanes_first, modes_of, response_of, vibration_left
 
-# So many points at once: their machines as a whole would need much memory.
+# Points per block: the machines of all points at once would need much memory.
 _BLOCK = 1 << 13
 _SAMPLES, _ROOM = (64, 1024), 1 << 20
 
@@ -43,13 +43,13 @@ def stays_quiet(
     is_proved, factor = np.zeros(len(x), bool), np.full(len(x), np.nan)
     for first in range(0, len(which), _BLOCK):
         block = which[first : first + _BLOCK]
-        # Of few lengths, for each of which the machines are compiled: some points stand in it twice.
+        # Repeated points fill the block up to one of few lengths, as each length is compiled for.
         block = np.resize(block, 1 << (len(block) - 1).bit_length())
         machine, angle = machines(source, block)
         if machine is None or machine.extra is not None or len(machine.mean) != x.shape[1]:
             break
         is_proved[block], contraction = never_hits(machine, angle, x[block], v[block])
-        # Not where a coordinate was dropped and the machine is another one.
+        # Not proved where a coordinate was dropped, which gives another machine.
         is_proved[block] &= np.isclose(lanes_first(machine.period), period[block], rtol=1e-5, atol=0)
         factor[block] = np.where(is_proved[block], contraction, np.nan)
     return is_proved, factor
@@ -93,7 +93,7 @@ def highest(waves: np.ndarray, room: np.ndarray) -> np.ndarray:
     orders = np.arange(1, waves.shape[1] + 1)
     waves = np.broadcast_to(waves, (len(room), len(orders)))
     bound, curvature = np.abs(waves).sum(axis=1), (orders**2 * np.abs(waves)).sum(axis=1)
-    for each in _SAMPLES if len(orders) > 1 else ():  # of one harmonic this bound is the maximum
+    for each in _SAMPLES if len(orders) > 1 else ():  # for one harmonic this bound is the maximum
         num = each * len(orders)
         angles = orders[:, None] * (2 * np.pi / num * np.arange(num))
         left = np.flatnonzero(bound >= room)

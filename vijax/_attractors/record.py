@@ -1,4 +1,4 @@
-"""What a trajectory and a sweep tell of their impacts, in one form: a flat list, without padding."""
+"""The impacts of a trajectory or a sweep in one form: a flat list, without padding."""
 
 import math
 from typing import NamedTuple
@@ -94,11 +94,11 @@ def machines(source: Solution | xr.Dataset, which: np.ndarray) -> tuple[Machine 
         return jax.tree.map(lambda a: np.asarray(a)[..., None], source.machine), angle
     try:
         system = machines_of(source, tuple(dims_of(source)), which)
-    except ValueError:  # none is told, or one with a force
+    except ValueError:  # no machine in the attributes, or one with a force
         return None, 0.0
     one = jax.device_put(np.ones(1, system.mass.dtype))
     with jax.numpy_rank_promotion("allow"):  # what all points share is broadcast to them
-        # Of the span and the start only steps and forces would know.
+        # Span and start matter to steps and forces alone.
         return _prepared(numbers_of(system), one, (0 * one, one, one), can_stick=False), 0.0
 
 
@@ -123,7 +123,7 @@ def _of_sweep(ds: xr.Dataset) -> Impacts:
 
 
 def _of_trajectory(sol: Solution) -> Impacts:
-    forcing_periods(sol)  # refuses what is no single trajectory with a phase
+    forcing_periods(sol)  # refuses all but a single trajectory with a phase
     log, n = sol.events, int(sol.num_events)
     t, kind, stop, velocity = (np.asarray(a)[:n] for a in (log.t, log.kind, log.stop, log.velocity_minus))
     sticks = np.zeros(n, bool)

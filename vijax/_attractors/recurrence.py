@@ -1,32 +1,32 @@
-"""After how many forcing periods a motion comes again, told from its stroboscopic section.
+"""Number of forcing periods after which a motion repeats, read from its stroboscopic section.
 
 A motion that repeats after n forcing periods is a cycle of n points of the section. Let d_k = |z_k - z_(k-n)|,
-k the number of the period. While a motion settles on a cycle d_k falls like c^(k/n), and what still
-separates it from the cycle is d c / (1 - c), with d the largest of the last n. This distance must be
+k the number of the period. While a motion settles on a cycle d_k falls like c^(k/n), and its remaining
+distance from the cycle is d c / (1 - c), with d the largest of the last n. This distance must be
 small, not d alone: near a period doubling the deviation changes its sign in every period and hardly shrinks,
 so that after two periods the motion is almost back, though it is far from the cycle of one period to
 which it tends. For the same reason the distance must be small beside the d of every smaller n.
 
 c is read from the largest d_k of the second and of the last third of the record, and from those of the last
-two cycles, of which the larger counts; it is not believed where a third is shorter than a cycle. So n
-up to a quarter of the record can be told by settling, n up to half of it only by coming back to
-well below the tolerance.
+two cycles; the larger value counts. It is not believed where a third is shorter than a cycle. So
+settling proves n up to a quarter of the record; n up to half of it needs a return to well below the
+tolerance.
 
 Measured on 20 periods of 240 000 orbits of the logistic map, at rates of 3.7, 3.9 and 4: none is called a
-cycle at a tolerance of 1e-6, below 1 % are called settling. Far more are so called where chaos is
-interrupted by long laminar phases, which look the same.
+cycle at a tolerance of 1e-6, below 1 % are called settling. Far more are called so where long laminar
+phases, which look the same, interrupt chaos.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-# A motion that comes back to this part of the tolerance does come back, whatever c says: rounding
+# A motion that returns to within this fraction of the tolerance repeats, whatever c says: rounding
 # errors do not shrink.
 _FLOOR = 1e-3
-# The least ratio of d of a smaller n to the distance from the cycle of this n.
+# Least ratio of d at any smaller n to the distance from the cycle at this n.
 _MARGIN = 10
-# A motion that keeps coming back so near, in parts of its size, and no farther than before, is settling.
+# A motion that keeps returning this close, relative to its size, and no farther than before, is settling.
 _NEAR = 1e-2
 _TINY = np.finfo(np.float32).tiny
 
@@ -63,7 +63,7 @@ def recurrence(section: np.ndarray, tolerance: float) -> Recurrence:
         rows, least = section[:, left], error[left]
         steps = np.abs(rows[..., n:] - rows[..., :-n]).max(axis=0)
         last, factor, is_falling = _trend(steps, n)
-        # Not 0 times an unknown factor.
+        # Avoids 0 times an unknown factor.
         distance = np.maximum(last, _TINY) * np.maximum(1, factor / np.maximum(1 - factor, _TINY))
         near = np.minimum(tolerance, least / _MARGIN)
         is_cycle = (last <= _FLOOR * near) | (distance <= near)
@@ -84,7 +84,7 @@ def _trend(steps: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
         return last, np.full(len(steps), np.inf), np.zeros(len(steps), bool)
     thirds = steps[:, steps.shape[1] - 3 * third :].reshape(len(steps), 3, third).max(axis=2)
     factor = (thirds[:, 2] / np.maximum(thirds[:, 1], _TINY)) ** (n / third)
-    # A chaotic motion that has just come near an unstable cycle leaves it.
+    # The last two cycles show a chaotic motion leaving an unstable cycle that it came near.
     now, before = (steps[:, steps.shape[1] - k * n :][:, :n].max(axis=1) for k in (1, 2))
     factor = np.maximum(factor, now / np.maximum(before, _TINY))
     is_near = (thirds[:, 2] <= _NEAR) & (thirds[:, 2] <= thirds[:, 0])

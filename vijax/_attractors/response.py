@@ -3,7 +3,7 @@
 Between impacts z = x - w obeys M z'' + C z' + K z = f(t), w the motion of the stops, see `Frame`. With Phi the modes,
 of unit mass, and w_k their frequencies, the coordinates y = diag(w) Phi^-1 z and u = Phi^-1 z' make the energy E of the
 free vibration (|y|^2 + |u|^2) / 2. In them K is the unit matrix, the first-order matrix is skew but for the damping,
-and one norm, sqrt(2 E), tells of vibrations and rounding errors alike.
+and one norm, sqrt(2 E), measures vibrations and rounding errors alike.
 """
 
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._machine.machine import Machine
 
-# The rounding of numbers of about 1 is taken for this many times n eps.
+# Assumed rounding error of numbers of about 1, in units of n eps.
 _SLACK = 64
 
 
@@ -64,7 +64,7 @@ def modes_of(machine: Machine) -> Modes:
     w = np.sqrt(squares)
     damping = np.swapaxes(vectors, 1, 2) @ (c * scale) @ vectors
     diagonal = np.broadcast_to(w[:, :, None] * np.eye(w.shape[1]), damping.shape)
-    # Almost skew where damping is light, so that rounding moves its eigenvalues by no more than itself.
+    # Almost skew where damping is light: rounding then moves its eigenvalues by no more than its own size.
     first_order = np.block([[np.zeros_like(damping), diagonal], [-diagonal, -damping]])
     decay = np.linalg.eigvals(first_order).real.max(axis=1)
     is_damped = is_stiff & (decay < -unit * np.linalg.norm(first_order, axis=(1, 2)))
@@ -91,7 +91,7 @@ def response_of(machine: Machine, modes: Modes) -> Response:
     stiffness = np.where(modes.is_damped[:, None, None, None], parts[0] - parts[1] + 1j * parts[2], eye)
     inverse = np.linalg.inv(stiffness)
     waves = (inverse @ loads[..., None])[..., 0]
-    # The parts may cancel, and so may those of the load that the frame adds, which are as large as its motion.
+    # The parts may cancel, and so may the loads that the frame adds, which are as large as its motion.
     magnified = _norm(inverse, 2) * sum(_norm(part, 2) for part in parts)
     moved = np.linalg.solve(modes.shapes[:, None], _frame_waves(machine)[..., None])[..., 0]
     size = (_norm(waves) + _norm(moved)) * (1 + speeds / w.min(axis=2))

@@ -94,7 +94,7 @@ def stroboscopic_section(source: Solution | xr.Dataset) -> xr.Dataset:
         section = source[["section_x", "section_v", "held_time"]]
         return section.rename(section_x="x", section_v="v")
     t0, t1 = float(source.t0), float(source.t1)
-    # The end may lie a rounding before the last period's.
+    # Rounding may put t1 just before the end of the last period.
     num_periods = int(np.floor((t1 - t0) / period * (1 + 1e-12)))
     edges = np.minimum(t0 + period * np.arange(num_periods + 1), t1)
     x, v = (np.asarray(a)[None] for a in source.evaluate(edges[1:]))

@@ -58,7 +58,7 @@ class StickingRegion(eqx.Module):
         if machine.extra is not None:
             raise ValueError(_NOT_LINEAR)
         self.machine, self.held = machine, held
-        # Of a machine that is traced they have to be told.
+        # A traced machine cannot tell them: they are passed in.
         self.held_masses = held_masses or tuple(machine.contacts.masses[j] for j in held)
         self.free = tuple(i for i in range(machine.num_masses) if i not in self.held_masses)
 

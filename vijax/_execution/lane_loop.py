@@ -1,8 +1,8 @@
 """Turns of the loop over lanes: a step of every lane, and its impacts written down.
 
-The loop is one kernel (see `in_one_kernel`), left when enough lanes are done to be given new points. With
-that a turn of 96 lanes takes 5 to 7 microseconds, where its 115 kernels of old took 17; nothing then waits
-but arithmetic, so what pays is to do less of it:
+The loop is one kernel (see `in_one_kernel`), left when enough lanes are done to be given new points. So a
+turn of 96 lanes takes 5 to 7 microseconds, where 115 separate kernels took 17. Arithmetic is then the only
+cost, and these reduce it:
 
 - Fences (`compute_once`) at every result that several others share: 1700 operations a step where XLA
   made 2300.
@@ -12,9 +12,9 @@ but arithmetic, so what pays is to do less of it:
 - A division takes as long as ten multiplications: 20 are left of 62 divisions and roots.
 - The impacts of a turn are written in a loop, for they are few, and a scatter cannot be in a kernel.
 
-Less lanes leave the vector units idle (the chains of operations are long), more leave the cache: from 64 to
+Fewer lanes leave the vector units idle (the chains of operations are long), more leave the cache: from 64 to
 192 the time per lane hardly changes. Steps longer than 3 / rate save none: with limits of 3, 4, 6 and 9 a
-period of case (a) takes 8.3, 8.3, 8.9 and 9.8 steps, for it is the proof that ends most of them.
+period of case (a) takes 8.3, 8.3, 8.9 and 9.8 steps, as the proof ends most of them.
 """
 
 import equinox as eqx

@@ -2,9 +2,9 @@
 
 A loop over lanes lasts as long as its slowest lane. So a lane that is done takes the next point from a
 queue: when enough lanes are done, the loop is left, their results are put aside and new points
-gathered, and it goes on. With points in the order of falling work little of the last round is idle.
+gathered, and it goes on. Points in order of falling work leave little of the last round idle.
 
-Impacts, and where the points are at the end of every recorded period, are written one after another to
+Impacts, and the states at the end of every recorded period, are written one after another to
 rows that the host takes away; so memory does not depend on how many there are, and nothing is written in
 the transient.
 """
@@ -67,7 +67,7 @@ def new_queue(
 
     def memory(size: int) -> PyTree:
         found = None if flow is None else flow.memory(fill(dtype, size))
-        return jax.tree.map(lambda a: jax.device_put(np.array(a)), found)  # no two arrays in one place
+        return jax.tree.map(lambda a: jax.device_put(np.array(a)), found)  # no two arrays share a buffer
 
     def nothing(size: int) -> Ends:
         state = State(
@@ -86,13 +86,13 @@ def new_queue(
         held_time = fill(dtype, stops, size)
         return Ends(state, *counts, held_time, fill(int, size), fill(bool, size, value=True))
 
-    impacts = impact_rows(max(settings.impact_rows, stops * num_lanes), dtype)  # one turn at least
+    impacts = impact_rows(max(settings.impact_rows, stops * num_lanes), dtype)  # room for one turn at least
     marks = mark_rows(max(settings.mark_rows, num_lanes), n, stops, dtype)
     progress = Progress(nothing(num_lanes), impacts, marks, fill(int))
     return Queue(progress, fill(int, num_lanes, value=points), nothing(points), fill(int))
 
 
-# The queue is given away: its buffers, a few MB, are written in place instead of copied.
+# The queue is donated: its buffers, a few MB, are written in place instead of copied.
 @eqx.filter_jit(
     donate="all-except-first",
     compiler_options={} if PLAIN else {"xla_cpu_prefer_vector_width": 512},  # pyright: ignore[reportCallIssue]
@@ -148,9 +148,9 @@ def run_lanes(
 
 
 def _bounded(work: Work, machine: Machine, num_points: int) -> Work:
-    """The work with a bound on the steps of every point: the given one, or one far above what a sound motion takes.
+    """The work with a bound on the steps of every point: as given, or far more than a sound motion takes.
 
-    Beside the steps that the motion takes by itself there are those of its impacts, some in every period.
+    Impacts add steps in every period to those of the motion itself.
     """
     least = 100_000 + 10_000 * work.num_periods.astype(machine.rate.dtype)
     ample = ample_steps(machine, work.num_periods * machine.period, least)
@@ -173,7 +173,7 @@ def _gather(tree, point: Int[Array, " lanes"], num_points: int):
 
 
 def _refill(work: Work, first: State, machine: Machine, queue: Queue) -> Queue:
-    """Put aside what the lanes that are done found, and give them new points."""
+    """Put aside the results of finished lanes, and give these new points."""
     lanes, num_points = queue.progress.lanes, queue.ends.steps.size
     free = ~is_live(work, lanes, queue.point)
     done = jnp.where(free, queue.point, num_points)

@@ -1,4 +1,4 @@
-"""Machines and starts side by side, as lanes: what is computed of each is written once, for one."""
+"""Machines and starts side by side, as lanes; computations are written once, for one lane."""
 
 import equinox as eqx
 import jax
@@ -49,7 +49,7 @@ def with_values(base: Point, swept: dict[str, np.ndarray]) -> Point:
 
 
 def _with_lanes(leaf: np.ndarray, index: tuple[int, ...], values: np.ndarray, path: str) -> np.ndarray:
-    """An array with its entry of every lane."""
+    """The array with its entry set in every lane."""
     shape = leaf[index].shape[:-1]
     if values.shape[1:] != shape:
         wanted = ", ".join(("points", *map(str, shape)))

@@ -1,4 +1,4 @@
-"""What is recorded on the way: columns by their names, written by the loop over lanes, read by the host.
+"""Records of a run: columns by their names, written by the loop over lanes, read by the host.
 
 Whole numbers stand in columns of their own type: among floats of 32 bits a point number above 2^24 is lost.
 A column is an array of its own, not a part of one wide row: then one loop writes all, whatever their types.
@@ -89,7 +89,7 @@ def mark_rows(size: int, num_masses: int, num_stops: int, dtype: DTypeLike) -> R
 
 
 def _on_device(room: Impact | Mark) -> Rows:
-    put = lambda a: jax.device_put(np.array(a))  # noqa: E731  # no two arrays in one place
+    put = lambda a: jax.device_put(np.array(a))  # noqa: E731  # no two arrays share a buffer
     return Rows(jax.tree.map(put, room), put(np.asarray(0, int)))
 
 

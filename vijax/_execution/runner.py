@@ -1,4 +1,4 @@
-"""What runs many points, wherever it does, and what comes of them."""
+"""The interface of what runs many points, on any machine, and their results."""
 
 import abc
 from collections.abc import Callable, Sequence

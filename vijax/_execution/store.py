@@ -1,21 +1,21 @@
-"""A sweep kept on disk chunk by chunk, so that it can be stopped, or killed, and gone on with.
+"""A sweep kept on disk chunk by chunk, so that it can be stopped, or killed, and resumed.
 
 A store is a folder with a manifest, `sweep.json`, which tells what is swept, and a file for every chunk
-of points that is done, named by a digest of its points, their machines and starts. Whoever runs points
-asks the store first; so a sweep that carries end states along needs nothing of its own: called again it
-goes the same way through the rounds of its chains, and finds them done up to the last. (A file a block of
-the chain would hold less, but blocks guess starts in another way than whole chains do: other bits.)
+of points that is done, named by a digest of its points, their machines and starts. Every run asks the
+store first, so a sweep that carries end states along needs nothing of its own: called again it goes through
+the same rounds of its chains, and finds the finished ones on disk. (One file per block of the chain would
+hold less, but blocks guess starts in another way than whole chains do: other bits.)
 
-What comes of a point does not depend on the points that are run beside it, not by a bit, as long as
-the motion is chosen for all points together and the compiled shapes are those of the whole sweep, for
-which a chunk is run as a part of it. So chunks, and where one stops, change nothing.
+The result of a point does not depend on the points run beside it, not by a bit, as long as the motion is
+chosen for all points together and the compiled shapes are those of the whole sweep. Therefore a chunk is
+run as a part of the whole sweep. So neither chunks nor interruptions change anything.
 
-A file is written under a name of its own first and ends in a checksum, not only of what it holds but of the
-sweep and of its place there: one that was cut off, damaged, or came from elsewhere is not used but made again.
+A file is first written under a temporary name, and ends in a checksum of its content, of the sweep and of its
+place there: one that was cut off, damaged, or came from elsewhere is not used but made again.
 
-Several processes may work on one store. Who begins it is decided by the file system, which makes a name once.
-Nobody waits for a lock, which one that was killed would keep: every process visits the chunks in an order of
-its own, and looks whether another has made one just before it would. Two may make one at the same
+Several processes may work on one store. The file system, which makes a name once, decides which begins it.
+Nobody waits for a lock, which a killed process would keep: every process visits the chunks in an order of
+its own, and checks just before making one whether another has made it. Two may make one at the same
 time, the same bits; whole files replace each other.
 """
 
@@ -43,12 +43,12 @@ from .runner import AbstractRunner, Found, together
 from .settings import ExecutionSettings
 from .threads import count_cores
 
-# Goes up with every change of what `Found` holds, or of how it is written: older stores are refused.
+# Goes up with every change of the content of `Found`, or of its format: older stores are refused.
 _LAYOUT = 3
 _MANIFEST = "sweep.json"
-# In a file, the columns of the impacts stand beside the ends of the points.
+# Prefix of the columns of the impacts, which share a file with the ends of the points.
 _OF_IMPACTS = "impacts."
-# Settings that decide into which chunks points are cut, or who runs them, but no bit of what is found.
+# Settings that decide how points are cut into chunks, or who runs them, but no bit of the results.
 _FREE_SETTINGS = ("cores", "chunk_periods", "min_chunk", "max_chunk")
 
 
@@ -71,7 +71,7 @@ class Store(AbstractRunner):
         """Run some points, see `AbstractRunner.run`."""
         chunks = np.array_split(which, -(-len(which) // self.points_per_chunk))
         parts: dict[int, Found] = {}
-        # Another order in every process; all are put together in that of the points.
+        # Every process has another order; results are joined in that of the points.
         for number in np.random.default_rng().permutation(len(chunks)).tolist():
             chunk = chunks[number]
             of_chunk = jax.tree.map(lambda a, chunk=chunk: a if a.shape[-1] == 1 else a[..., chunk], points)
@@ -106,7 +106,7 @@ def open_store(
     folder, file = Path(path), Path(path) / _MANIFEST
     if not file.exists():
         _begin(folder, manifest, settings)
-    # Also what was just begun, perhaps by another process.
+    # Read even what was just begun: another process may have written it.
     try:
         found = json.loads(file.read_text())
         there, size = found["sweep"], int(found["points_per_chunk"])

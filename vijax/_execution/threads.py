@@ -44,7 +44,7 @@ class Threads(AbstractRunner):
     def run(self, points: Point, which: np.ndarray, tell: Callable[[int], object]) -> Found:
         """Run some points, see `AbstractRunner.run`."""
         num_queues, shape = self._sizes(points.x0.shape[-1], len(which))
-        # The longest periods have most to do: they come first, and every queue has its share of them.
+        # Points with the longest periods have most to do: they come first, shared among all queues.
         frequency = np.broadcast_to(points.system.forcing.frequency, points.x0.shape[-1])[which]
         order = which[np.argsort(frequency, kind="stable")]
         shares = [order[k::num_queues] for k in range(num_queues)]
@@ -81,7 +81,7 @@ def _wait_for(jobs: list[Future]) -> None:
             job.result()
 
 
-@padding_allowed  # here, for it is a matter of threads
+@padding_allowed  # here, as it is set for each thread
 def _run_queue(
     runner: Threads,
     points: Point,
@@ -136,9 +136,9 @@ def _of_queue(
 ) -> tuple[ImpactSystem, AbstractFlow]:
     """The numbers of some points.
 
-    Either all but the frequency stay one for all, or nothing does: so two programs serve, whatever is swept. One in which
-    all stays one that is not swept takes 6 to 9 % less time, if only the start or a stop are, and seconds to compile:
-    it is for long sweeps.
+    Either all numbers but the frequency are shared by all points, or none is: so two programs serve, whatever
+    is swept. A program that shares all numbers that are not swept takes 6 to 9 % less time, if only the start
+    or a stop is swept, and seconds to compile: it is for long sweeps.
     """
 
     def of_each(a: Array | np.ndarray) -> Array:

@@ -4,10 +4,10 @@
         yes: take it        no: try again, up to the first crossing
 
 The polynomial inside a step is less accurate than its end, by up to two orders. So it never decides on an
-event: it only says how long the next trial shall be. That one ends, with all the accuracy of the solver, so
+event: it only sets the length of the next trial. That trial ends, with all the accuracy of the solver, so
 close to the event that the first terms of a Taylor series from its end land on it to rounding. And where
-the polynomial misses a stop by less than it may be wrong, the trial is repeated at a quarter of its
-length: neither is a light impact overlooked, nor a narrow miss taken for one.
+the polynomial misses a stop by less than its error, the trial is repeated at a quarter of its length: no
+light impact is overlooked, and no narrow miss taken for one.
 
 One turn of the loop is one trial. So in a batch no lane waits for the steps that another one
 rejects, or for its events, and a turn costs about what a step without events costs. Every step starts the
@@ -30,7 +30,7 @@ from .exact_step import displaced, one_instant
 from .interface import AbstractFlow, Flight
 from .modal import TRUST_AND_TERMS, cosine_and_sine
 
-# Steps shorter than this part of what accuracy asks for are taken whatever their polynomial says.
+# Steps shorter than this fraction of the length for accuracy are taken whatever their polynomial says.
 _SHORTEST = 1e-9
 
 
@@ -186,7 +186,7 @@ def _clearance(
     proof = watch(machine, state, now, end, trial.attempt.inside, step, is_near)
     free = step * proof.free
     window = jnp.where(is_near, wanted * nearness(state.held, step.dtype), 0)
-    # A mass on its way to its stop is for so long nearer than the error, before it is there.
+    # Time before its arrival in which an approaching mass is nearer to its stop than the error.
     before = jnp.where(end.slope < 0, 2 * proof.error / jnp.where(end.slope < 0, -end.slope, 1), 0)
     is_open = ~proof.is_crossed & (free >= step - window - before)
     crossing = jnp.min(jnp.where(proof.is_crossed, free, jnp.inf))
@@ -198,11 +198,11 @@ def _clearance(
 def _learnt(memory: Memory, trial: Trial, is_taken: Flag, is_event: Flag, cut: Scalar) -> Memory:
     """Memory after a trial."""
     attempt, is_whole = trial.attempt, trial.step >= trial.wanted
-    # A step cut short says that accuracy allows it, not that it allows no more.
+    # A step cut short shows that accuracy allows its length, not that it allows no more.
     grown = jnp.where(is_whole, attempt.following, jnp.maximum(attempt.following, trial.wanted))
     step = jnp.where(is_taken, grown, jnp.where(attempt.is_good, trial.wanted, attempt.following))
     control = _choose(is_taken | ~attempt.is_good, attempt.control, memory.control)
-    # A step that was cut and then taken has no event: what made it doubtful may not be over yet.
+    # A step that was cut and then taken has no event, but the doubt that cut it may not be over yet.
     cut = jnp.where(is_taken, 8 * memory.cut, jnp.where(attempt.is_good, cut, memory.cut))
     cut = jnp.where(is_event, jnp.inf, cut)
     return Memory(step, cut, control, memory.rejected + ~attempt.is_good)

@@ -1,10 +1,10 @@
-"""Where a polynomial on [0, 1] may first fall below zero, told by its Bernstein coefficients.
+"""First place on [0, 1] where a polynomial may fall below zero, by its Bernstein coefficients.
 
-A polynomial lies between the smallest and the largest of its Bernstein coefficients: are all positive, it
-has no zero. If not, it still lies above every line below all of its control points, so up to the zero of such
-a line through the first it is proved positive. From there the same is asked of a shorter interval,
-on which the coefficients lie closer to the polynomial: the search walks from the left, never
-over a zero, and closes in on the first one as fast as Newton's method on a simple one.
+A polynomial lies between the smallest and the largest of its Bernstein coefficients: if all are positive, it
+has no zero. If not, it still lies above every line below all of its control points: such a line through the
+first point proves it positive up to the zero of the line. From there the test is repeated on a shorter
+interval, where the coefficients lie closer to the polynomial: the search walks from the left, never
+over a zero, and closes in on the first zero, if simple, as fast as Newton's method.
 """
 
 from functools import cache
@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from .._types import Scalar, add_up, smallest
 from .._xla import compute_once
 
-# A first zero this near is near enough, and intervals in doubt get no shorter than this.
+# Accuracy of the first zero, and least length of intervals in doubt.
 _CLOSE = 1e-7
 _MOST_TURNS = 40
 

@@ -1,6 +1,6 @@
-"""What is watched at every stop during an approximate step, and what its polynomial tells of it.
+"""Quantity watched at every stop during an approximate step, and its bounds by the polynomial.
 
-As in `safe_step.py` it is one function of time that is positive while nothing happens: the gap of a free
+As in `safe_step.py`, one function of time is positive while nothing happens: the gap of a free
 mass, divided by the power of time that it begins with, or the contact force of a held one.
 """
 
@@ -163,8 +163,8 @@ def watch(
 def _prove(view: View, step: Scalar, is_expected: Flag) -> Proof:
     """Prove as much of a step as possible free of events of one stop.
 
-    Its ends are exact, as far as the step is. The position between them may be as wrong as its derivative differs from
-    the velocity, times the time since the start.
+    Its ends are as exact as the step. The error of the position between them is at most the difference
+    between its derivative and the velocity, times the time since the start.
     """
     displacement = compute_once(bernstein, view.displacement)
     gain = compute_once(bernstein, view.gain)

@@ -1,6 +1,6 @@
 """The smooth motion over any time, whatever the stops say.
 
-A motion by modes is known at all times at once. Another goes step by step within a forcing period. Whole
+A motion by modes is known at all times at once. Any other goes step by step within a forcing period. Whole
 periods of a linear machine are one affine map z -> P z + b, the same for each, whose powers are made by squaring:
 the way to the next year is no longer than the way to tomorrow, and time and phase begin anew with every period,
 as they do where a trajectory is followed.
@@ -18,7 +18,7 @@ from .._types import Scalar
 from .._xla import is_any
 from .interface import AbstractFlow
 
-# Without a load any time is a period; this one, by the rate of the motion, is a few steps.
+# Without a load any time serves as period; this one, times the rate of the motion, is a few steps.
 _UNIT = 8.0
 
 
@@ -61,7 +61,7 @@ def _leap(
     displacement, gain = flow.leap(machine, state, machine.held_masses(state.held), span, phase - state.phase)
     names = lambda s: (s.periods, s.time, s.phase, s.x, s.v)  # noqa: E731
     there = periods, time, phase, state.x + displacement, state.v + gain
-    # Where it begins it is to the last bit.
+    # After no time the state is that of the start to the last bit.
     here = [jnp.where(span == 0, a, b) for a, b in zip(names(state), there, strict=True)]
     return eqx.tree_at(names, state, here)
 
@@ -85,7 +85,7 @@ def _by_steps(
     state = _for(flow, machine, state, ahead, max_steps)
     state = _at_start(state, phase0, is_driven & is_later)
 
-    # Of a batch, those that go on for whole periods alone: a period may be far longer than the rest of the motion.
+    # Only lanes with whole periods to go take them: a period may be far longer than the rest of the motion.
     length = jnp.where(whole > 0, unit, 0)
 
     def period(state: State) -> State:

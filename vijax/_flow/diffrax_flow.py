@@ -1,15 +1,15 @@
 """The motion of any smooth machine between events, by the solvers of diffrax.
 
 It uses diffrax's stepping interface alone: one `solver.step` is one trial, `stepsize_controller` says whether
-it was accurate enough and how long the next shall be, and the solver's dense output is the polynomial in which
-events are looked for (`stepping.py`). `diffrax.diffeqsolve` with `diffrax.Event` was rejected: it looks at
-signs at the ends of steps, so two crossings in one step pass unseen, of several events it takes
-the first of the list instead of the first in time, and it finds the time of an event in the dense
-output, which is less accurate than the steps.
+it was accurate enough and how long the next shall be, and the solver's dense output is the polynomial in
+which events are looked for (`approximate_step.py`). `diffrax.diffeqsolve` with `diffrax.Event` was rejected:
+it looks at signs at the ends of steps, so two crossings in one step pass unseen, of several events it takes
+the first of the list instead of the first in time, and it finds the time of an event in the dense output,
+which is less accurate than the steps.
 
-Positions and velocities are integrated as what they gain since the beginning of the step: a light bounce then
-keeps all its digits. The gain of a held mass is that of the force on it, which costs nothing and gives
-the contact force inside the step.
+Positions and velocities are integrated as gains since the beginning of the step, so a light bounce keeps all
+its digits. The gain of a held mass is that which the force on it would cause: it costs nothing and gives the
+contact force inside the step.
 """
 
 from collections.abc import Callable
@@ -30,7 +30,7 @@ from .approximate_step import Attempt, SteppingFlow, phase_after
 from .bernstein import nodes
 from .clearance import Inside
 
-# Degrees of dense outputs that there might be; those of diffrax go from 3 to 6.
+# Range of possible degrees of dense outputs; those of diffrax go from 3 to 6.
 _LEAST, _MOST = 3, 8
 _TOLERANCES = {"float64": (1e-10, 1e-12), "float32": (1e-5, 1e-6)}
 
@@ -161,7 +161,7 @@ class DiffraxFlow(SteppingFlow):
         term, args = diffrax.ODETerm(_field), (machine, state, is_held)
         nothing, zero = (jnp.zeros_like(state.x), jnp.zeros_like(state.v)), jnp.zeros_like(step)
         memory = solver.init(term, zero, step, nothing, args)
-        if memory is not None:  # A method whose last stage is the first of the next step asks for that one.
+        if memory is not None:  # A method whose last stage is the first of the next step needs that stage.
             memory = (False, _field(zero, nothing, args))
         end, error, dense, _, _ = solver.step(term, zero, step, nothing, args, memory, made_jump=False)
         return end, error, dense
@@ -174,7 +174,7 @@ def degree_inside(solver: Any) -> int:
 
 @cache
 def _degree(interpolation: Callable, num_stages: int) -> int:
-    """The last Chebyshev coefficient that slopes of no motion in particular give."""
+    """Number of the last Chebyshev coefficient that is not zero, for random slopes."""
     with jax.ensure_compile_time_eval():
         y, k = jnp.asarray([0.3, 0.8]), jnp.asarray(np.random.default_rng(0).normal(size=num_stages))
         path = interpolation(t0=0.0, t1=1.0, y0=y[0], y1=y[1], k=k)

@@ -3,8 +3,8 @@
     expand the motion -> safe step for every stop -> move -> land on the event, if one is near
 
 Derivatives: the length of a flight is a constant, except where it ends on something that moves with
-the parameters, the target time or an event. Of an event it moves by -(value) / (slope), dots over
-both, of the gap or contact force whose zero the event is. That is the rule of differentiation of `fly`;
+the parameters, the target time or an event. The time of an event moves by -(change of value) / slope
+of the gap or contact force that is zero there. That is the rule of differentiation of `fly`;
 it is made of differentiable functions, so second derivatives follow from it.
 """
 
@@ -35,7 +35,7 @@ _NEAR_GAP, _NEAR_FORCE = {"float64": 1e-3, "float32": 1e-2}, {"float64": 1e-4, "
 
 def fly(flow: AbstractFlow, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
     """Fly towards a time that lies `remaining` ahead, see `AbstractFlow.fly`; differentiable."""
-    # The rule of differentiation would trace what is known of the machine.
+    # The rule of differentiation would trace the known numbers of the machine.
     numbers, known = eqx.partition(machine, lambda a: isinstance(a, jax.Array))
     return _fly(flow, numbers, state, remaining, resolution, lambda numbers: eqx.combine(numbers, known))
 
@@ -216,8 +216,8 @@ def _delays(
     """Time to the next event of every stop, if it is near; else infinite.
 
     A step that ends on a root of its bound falls short of the event by little, and from there the Taylor
-    polynomial of the gap or contact force has its root to rounding. So has every other stop whose
-    event may be as near.
+    polynomial of the gap or contact force has its root to rounding. The same holds for every other stop
+    whose event may be as near.
 
     Args:
         machine: the numbers of the machine.

@@ -1,9 +1,9 @@
 """The motion of a linear machine over a whole flight at once, by the exponential of its matrix.
 
-With y = (x, v, cos h W t, sin h W t, 1) the motion is y' = A y, whatever the masses that are held. What is wanted is
-E - I with E = exp(A t), to full accuracy relative to itself however short the flight: a Taylor series of E - I for a
-time so short that it needs no more than `_TERMS`, doubled as F -> 2 F + F F, which subtracts nothing. (Padé
-approximants were not used: they give E, from which I would have to be taken away.)
+With y = (x, v, cos h W t, sin h W t, 1) the motion is y' = A y, whichever masses are held. The aim is E - I
+with E = exp(A t), to full accuracy relative to itself however short the flight: a Taylor series of E - I for
+a time so short that `_TERMS` suffice, doubled as F -> 2 F + F F, which subtracts nothing. (Padé approximants
+were not used: they give E, from which I would have to be subtracted.)
 """
 
 import jax
@@ -14,7 +14,7 @@ from .._machine.machine import Machine
 from .._machine.state import State
 from .._types import Scalar
 
-# Of norm 1 and less, the 20th term is below rounding.
+# For norms up to 1 the 20th term is below rounding.
 _TERMS = 19
 # The longest flight, times the rate of the motion: 2 to this power. Longer ones are NaN, not inaccurate.
 _DOUBLINGS = 24

@@ -1,4 +1,4 @@
-"""What the engine asks of a motion between events."""
+"""The interface between the engine and a motion between events."""
 
 import abc
 from typing import ClassVar

@@ -228,7 +228,7 @@ def _gone(
 
 
 def _faded(a: Array, fade: Array, wave: Array, arc: Array) -> tuple[Array, Array, Array]:
-    """exp(-a t) (c + a s) - 1, exp(-a t) s and exp(-a t) (c - a s) - 1 of exp(-a t) - 1, c - 1 and s."""
+    """exp(-a t) (c + a s) - 1, exp(-a t) s and exp(-a t) (c - a s) - 1 from exp(-a t) - 1, c - 1 and s."""
     return fade + (1 + fade) * (wave + a * arc), (1 + fade) * arc, fade + (1 + fade) * (wave - a * arc)
 
 
@@ -244,8 +244,8 @@ def _factors(w2: Array, a: Array, speed: Array, step: Scalar) -> tuple[Array, ..
 def _increments(w2: Array, a: Array, time: Scalar) -> tuple[Array, Array, Array]:
     """exp(-a t) (c + a s) - 1, exp(-a t) s and exp(-a t) (c - a s) - 1 at any time, short or long.
 
-    Three formulas: with w^2 - a^2 far above zero, far below, where the faster of two exponentials is small, and close to
-    it, where both divide by their difference.
+    Three formulas: for w^2 - a^2 far above zero; far below, where the faster of two exponentials is small;
+    and close to zero, where the other two would divide by a small difference.
     """
     b = w2 - a * a
     y2 = b * time * time
@@ -257,7 +257,7 @@ def _increments(w2: Array, a: Array, time: Scalar) -> tuple[Array, Array, Array]
     wave = jnp.where(is_slow, near, -2 * jnp.sin(angle / 2) ** 2)
     arc = jnp.where(is_slow, near_arc * time, jnp.sin(angle) / root)
     grow, reach, slow = _faded(a, jnp.expm1(-a * time), wave, arc)
-    # Of the two decay rates a - root and a + root the first by what cancels nothing.
+    # Decay rates a - root and a + root; the first as w^2 / (a + root), which cancels nothing.
     slower, faster = jnp.exp(-w2 / (a + root) * time), jnp.exp(-(a + root) * time)
     is_over, skew = ~is_wave & ~is_slow, a / root
     grow = jnp.where(is_over, ((1 + skew) * slower + (1 - skew) * faster) / 2 - 1, grow)

@@ -45,7 +45,7 @@ def modal_flow(system: ImpactSystem, *, can_stick: bool) -> ModalFlow | None:
         if table is None or not _keeps_digits(table[0], table[1], speed):
             return None
         tables.append(table)
-    # The first once more fills them up to what stops on other masses would need, for which the same is compiled.
+    # Copies of the first fill the tables up to the size for stops on other masses: one program serves all.
     most = min(len(system.stops), mass.shape[-1]) if can_stick else 0
     missing = min(2**most, _MAX_SETS) - len(sets)
     sets, tables = sets + sets[:1] * missing, tables + tables[:1] * missing
@@ -87,7 +87,7 @@ def _modes_of_set(
     modes = range(len(free))
     shape[np.ix_(range(lanes), free, modes)] = vectors / root[:, :, None]
     inverse[np.ix_(range(lanes), modes, free)] = np.swapaxes(vectors * root[:, :, None], 1, 2)
-    # What fills the tables up is a mode that nothing drives.
+    # Tables are filled up with modes that nothing drives.
     pad = ((0, 0), (0, n - len(free)))
     w2, decay = (np.pad(a, pad, constant_values=1.0) for a in (w2, decay))
     flexibility = shape / w2[:, None] @ np.swapaxes(shape, 1, 2)
@@ -102,7 +102,7 @@ def _modes_of_set(
 def _keeps_digits(w2: np.ndarray, decay: np.ndarray, speed: np.ndarray | None) -> bool:
     """Whether the modes are accurate: none only creeps, none is driven near resonance without damping.
 
-    While the frequency is traced, it has to be so at every frequency.
+    While the frequency is traced, this has to hold at every frequency.
     """
     if (decay > 4 * np.sqrt(w2)).any():
         return False

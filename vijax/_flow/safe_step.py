@@ -76,7 +76,7 @@ def safe_step(bound: Bound, limit: Scalar) -> tuple[Scalar, Flag]:
         fall = bound.rest * trial - bound.a2
         under_root = a1 * a1 + 4 * fall * a0
         root = jnp.sqrt(jnp.maximum(under_root, 0))
-        # Of the two forms of the root the one that cancels nothing; one division, for those are dear.
+        # The form of the root that cancels nothing, with one division, as divisions are dear.
         falls = a1 < 0
         over, under = jnp.where(falls, 2 * a0, a1 + root), jnp.where(falls, root - a1, 2 * fall)
         never = (under_root < 0) | (~falls & (fall <= 0))

@@ -1,12 +1,13 @@
 """Contacts as the engine sees them: rows that limit the motion.
 
 A contact keeps its gap, `s - a . x`, from falling below zero: a is a row over the masses, s its limit. A stop of
-mass i has the row e_i (an upper one) or -e_i (a lower one). What follows from rows stands here and in
-`_contact/law.py`, and nowhere else: gaps, speeds of approach, which masses a contact bears on,
-what holding does to a motion. The rest of the engine knows contacts by their number alone.
+mass i has the row e_i (an upper one) or -e_i (a lower one). All consequences of rows stand here and in
+`_contact/law.py`, and nowhere else: gaps, speeds of approach, the masses a contact bears on,
+the effect of holding on a motion. The rest of the engine knows contacts by their number alone.
 
-Rows are numbers, so which mass has a stop, and on which side, compiles nothing for one trajectory. In sweeps, where
-every operation counts, they are known while the loop is traced, as NumPy's, and nothing is multiplied by their zeros.
+Rows are numbers, so a stop of another mass, or on another side, compiles nothing for one trajectory. In
+sweeps, where every operation counts, rows are NumPy arrays, known while the loop is traced, and nothing is
+multiplied by their zeros.
 """
 
 import equinox as eqx
@@ -113,7 +114,7 @@ class Contacts(eqx.Module):
 
 
 def _applied(rows: Reals, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
-    """The product; that of rows that are known is a choice of signs."""
+    """The product; with known rows it is a choice of entries and signs."""
     if not len(rows):
         return of_masses[:0]
     if not isinstance(rows, np.ndarray):

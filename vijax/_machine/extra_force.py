@@ -1,4 +1,4 @@
-"""What acts on the masses beside the linear forces, for many trajectories, seen from where the machine is."""
+"""Forces on the masses beside the linear ones, for many trajectories, in the frame of the machine."""
 
 import equinox as eqx
 import jax
@@ -15,7 +15,7 @@ class ExtraForce(eqx.Module):
 
     Attributes:
         force: of time, positions and velocities, for one trajectory.
-        origin: the time at which the forcing periods are counted from.
+        origin: the time from which the forcing periods are counted.
         frame: from where the machine is seen; the force is one of positions and velocities in space.
     """
 

@@ -2,8 +2,8 @@
 
 A mass whose stops move by w(t) is followed by z = x - w, in which M z'' + C z' + K z = f - M w'' - C w' - K w. That
 is a machine with another periodic load, whose stops are fixed: impacts, chatter, sticking and their
-derivatives stay what they are, and the motion of a linear machine stays exact. All that computes works in z;
-x comes in with the start and goes out with what is saved, logged and recorded.
+derivatives stay what they are, and the motion of a linear machine stays exact. All computations are in z;
+x comes in with the start and goes out with saved, logged and recorded results.
 """
 
 import equinox as eqx

@@ -1,4 +1,4 @@
-"""What the engine computes with: the numbers of one machine."""
+"""The numbers of one machine, as the engine computes with them."""
 
 import equinox as eqx
 import jax
@@ -176,7 +176,7 @@ def prepare(
         start: time, positions and velocities.
         can_stick: whether any stop might hold its mass.
     """
-    rows = numbers.rows  # those that are known stay NumPy's, see `Contacts`
+    rows = numbers.rows  # known rows stay NumPy arrays, see `Contacts`
     numbers = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray) else a, numbers)
     waves, frequency, frame = numbers.waves, numbers.frequency, None
     if numbers.travel is not None:
@@ -208,16 +208,16 @@ def prepare(
     )
 
 
-# In place of a bound on steps: one by the rate of the machine, `ample_steps`.
+# Stands for a bound on steps by the rate of the machine, see `ample_steps`.
 OWN_BOUND = -1
 
 
 def ample_steps(machine: Machine, span: Scalar, least: Scalar | int = 100_000) -> Int[Array, "..."]:
     """Far more steps than a sound motion takes in a span of time: 100 per unit of span * rate, and `least`."""
     steps = 100 * span * machine.rate
-    # A machine whose rate is not finite ends at its first step, and the bound must let it come there.
+    # A machine whose rate is not finite ends at its first step, and the bound must allow that step.
     total = least + jnp.where(jnp.isfinite(steps), steps, 0)
-    return jnp.minimum(total, 2e9).astype(int)  # what 32 bits hold
+    return jnp.minimum(total, 2e9).astype(int)  # fits 32 bits
 
 
 def _decay_and_frequency(numbers: Numbers) -> Scalar:

@@ -1,7 +1,7 @@
-"""All numbers of a machine, in arrays whose shapes tell how many masses, contacts and harmonics it has, and no more.
+"""All numbers of a machine, in arrays whose shapes tell its numbers of masses, contacts and harmonics alone.
 
-So what is compiled for one machine serves every other of that size: which mass a contact bears on, and from
-which side, are numbers like any other. Of known values they are made by NumPy, which compiles nothing.
+So a program compiled for one machine serves every other of that size: the mass and the side of a contact are
+numbers like any other. Arrays of known values are made by NumPy, which compiles nothing.
 """
 
 import equinox as eqx

@@ -1,14 +1,14 @@
 """Linear equations of a cycle, solved flight by flight.
 
 The unknowns of a cycle are its start z0 and the durations of its flights; each event gives one equation, the closing
-of the cycle the rest. Flight by flight all that satisfies the equations so far is kept as
+of the cycle the rest. Flight by flight, the solutions of the equations so far are kept as
 
     dz0 = N c,  dz = Z c,
 
-with 2 n free numbers c: a flight adds one unknown, its duration, its event takes one away. It is taken away by the
-reflection that turns the row of the equation into its last axis. So nothing is ever divided by the speed of an
-impact: at grazing, where the row loses its entry of the duration, another entry takes its place. The work grows with
-the number of events, not with its cube, and what is left at the end is the pencil (Z, N) of the Floquet multipliers.
+with 2 n free numbers c: a flight adds one unknown, its duration, and its event removes one, by the reflection
+that turns the row of the equation into the last axis. So nothing is ever divided by the speed of an impact:
+at grazing, where the row loses its entry of the duration, another entry takes its place. The work grows with
+the number of events, not with its cube, and the remainder is the pencil (Z, N) of the Floquet multipliers.
 """
 
 from collections.abc import Callable
@@ -30,8 +30,8 @@ def over_flights(
 ) -> tuple[Any, Any]:
     """`jax.lax.scan` over the first `count` flights alone, if that is given: then not to be differentiated in reverse.
 
-    A cycle has room for far more events than most have. What the others would give is zero. Of a batch all lanes go as
-    far as the longest: what fills the others up changes nothing.
+    A cycle has room for far more events than most have. Results of the other flights are zero. In a batch all
+    lanes go as far as the longest: the padding of the others changes nothing.
     """
     if count is None:
         return jax.lax.scan(one, carry, rows, reverse=reverse)
@@ -113,7 +113,7 @@ def condense(flights: Flights, count: Int[Array, ""] | None = None) -> Condensed
 
 
 def _basis_of_kernel(row: Float[Array, " free"]) -> Float[Array, "free state"]:
-    """An orthonormal basis of all that a row maps to zero, by a reflection; of a row of zeros some unit vectors."""
+    """An orthonormal basis of the kernel of a row, by a reflection; unit vectors for a row of zeros."""
     length = jnp.sqrt(jnp.sum(row * row))
     last = row[-1] + jnp.where(row[-1] < 0, -length, length)
     axis = row.at[-1].set(last)

@@ -1,10 +1,10 @@
 """The equations of a cycle whose sequence of events is given.
 
-Unknown are the start z0 = (x, v), as seen from the stops, at the phase where the cycle begins, and the durations of
-the flights in forcing periods. An impact ends a flight where its gap is zero, a release where the contact force is;
-after n forcing periods the state is the start again. Nothing here asks whether an impact approaches its stop or a
-stop is pressed, so a family of orbits is smooth where it grazes, and goes on where no machine does: what is a motion
-is decided by following it, see `search.py`.
+The unknowns are the start z0 = (x, v), seen from the stops, at the phase where the cycle begins, and the
+durations of the flights in forcing periods. An impact ends a flight where its gap is zero, a release where
+the contact force is; after n forcing periods the state is the start again. Nothing here asks whether an
+impact approaches its stop or a stop is pressed, so a family of orbits is smooth where it grazes, and goes on
+where no machine does: following a cycle decides whether it is a motion, see `search.py`.
 """
 
 from typing import NamedTuple
@@ -80,7 +80,7 @@ class _Place(NamedTuple):
 
 
 class _Event(NamedTuple):
-    """The end of a flight, and who is held before and after it."""
+    """The end of a flight, and the stops that hold before and after it."""
 
     kind: Int[Array, ""]
     stop: Int[Array, ""]
@@ -207,10 +207,10 @@ def _events(sequence: Sequence) -> _Event:
 def _fly(
     machine: Machine, flow: AbstractFlow, place: _Place, event: _Event, duration: Scalar
 ) -> tuple[_Place, tuple[Array, Array]]:
-    """Go to the end of a flight and through its event; what vanishes there, and the speed of approach."""
+    """The place after a flight and its event; the value that vanishes there, and the speed of approach."""
     contacts, before = machine.contacts, jnp.split(place.z, 2)[0]
     x, v, change = _leap(machine, flow, place, event.held, duration)
-    # Counted from the last contact, in which a light bounce has all its digits; derivatives are those of the position.
+    # Counted from the last contact, which keeps all digits of a light bounce; derivatives are the position's.
     start = contacts.gaps(before)
     gap = place.gap + start - jax.lax.stop_gradient(start) - contacts.along(x)
     x = before + x

@@ -36,7 +36,7 @@ class Found(eqx.Module):
 @compile_lightly
 def find(strobe: Strobe, guess: Float[Array, " state"]) -> Found:
     """Search from a guess until there is an orbit, or nothing is left to try."""
-    # All are constants to the search: derivatives come from the implicit function theorem.
+    # Everything is constant in the search: derivatives come from the implicit function theorem.
     still, guess = _constant((strobe, guess))
     search = begin_search(guess, strobe.numbers.rows.shape[0], strobe.room)
     search = jax.lax.while_loop(lambda search: search.is_on, lambda search: learn(still, search), search)

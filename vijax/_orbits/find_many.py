@@ -17,7 +17,7 @@ from .orbit import PeriodicOrbit
 from .periodic_orbit import periodic_orbit
 from .search import Strobe
 
-# States of one orbit, found from two guesses, relative to the size of the orbit.
+# States closer than this, relative to the size of the orbit, are of one orbit.
 _SAME = 1e-6
 
 
@@ -98,7 +98,7 @@ def _different(
 ) -> list[np.ndarray]:
     """States of all orbits, each once, in the order of their first position."""
     kept: list[np.ndarray] = []
-    known: list[np.ndarray] = []  # with all of their states at phase 0
+    known: list[np.ndarray] = []  # the same orbits, at phase 0 of each of their periods
     states = found.start[found.is_orbit]
     for state in states[np.lexsort(states.T[::-1])]:
         size = np.abs(state).max() or 1.0

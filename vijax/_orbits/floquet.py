@@ -2,8 +2,8 @@
 
 A multiplier mu has neighbours with dz1 = mu dz0, so it is an eigenvalue of the pencil (Z, N) of dz1 = Z c, dz0 = N c.
 Where an impact grazes, N is singular and mu infinite; where a mass sticks, Z is singular and mu zero. So neither is
-inverted: with nu = (mu - s) / (mu + s) infinity is 1 and zero is -1, and nu are the eigenvalues of
-(Z + s N)^-1 (Z - s N), of two signs of s that for which Z + s N is farther from singular.
+inverted: nu = (mu - s) / (mu + s) maps infinity to 1 and zero to -1, and nu are the eigenvalues of
+(Z + s N)^-1 (Z - s N). Of two s of unlike sign, the one with Z + s N farther from singular is taken.
 """
 
 from inspect import signature
@@ -15,10 +15,10 @@ from jaxtyping import Array, Complex, Float, Int
 
 from .condensed import Pencil
 
-# No round numbers: multipliers of -1, +1 are what is looked for.
+# No round numbers, as multipliers of -1 and +1 are the ones looked for.
 _SHIFTS = 0.87, -1.13
-# Newer releases of JAX refuse derivatives of eigenvectors, here the second ones of multipliers, unless they are asked
-# for: they exist where the multipliers differ from each other.
+# Newer releases of JAX give derivatives of eigenvectors, here for second derivatives of multipliers, only on
+# request: they exist where the multipliers differ from each other.
 _OPTIONS = signature(jax.lax.linalg.eig).parameters
 _SECOND_DERIVATIVES: dict[str, Any] = (
     {"enable_eigvec_derivs": True} if "enable_eigvec_derivs" in _OPTIONS else {}
@@ -49,7 +49,7 @@ def floquet_multipliers(pencil: Pencil, num_held: Int[Array, ""]) -> Complex[Arr
 
 @jax.custom_jvp
 def _eigenvalues(matrix: Float[Array, "state state"]) -> Complex[Array, " state"]:
-    """Eigenvalues. The derivatives of JAX need all eigenvectors at once, which several zeros do not have."""
+    """Eigenvalues. JAX's derivatives need a full set of eigenvectors, which several zeros do not have."""
     return jnp.linalg.eigvals(matrix)
 
 

@@ -22,7 +22,7 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns) -> EventLog:
     is_own = (stops == sequence.stop[:, None]) & sequence.is_event[:, None]
     is_impact = (sequence.kind == IMPACT)[:, None]
     sticks, leaves = held[1:] & ~held[:-1], held[:-1] & ~held[1:]
-    # Of one instant impacts come first; a stick carries the end of its chatter.
+    # Within an instant impacts come first; a stick carries the end of its chatter.
     happened = jnp.stack([is_own & is_impact, sticks, leaves & sequence.is_event[:, None]], axis=1)
     kinds = jnp.asarray([IMPACT, STICK, RELEASE])[:, None]
     time = (told.time - problem.phase) * machine.period + problem.phase * machine.period
@@ -45,7 +45,7 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns) -> EventLog:
 
 
 def _velocities_of_stops(problem: Problem, told: Happening) -> Float[Array, "events kinds stops"]:
-    """How fast the stops themselves move at each event, and where a chatter ends."""
+    """Velocities of the stops themselves at each event, and at the end of its chatter."""
     machine = problem.machine
     if machine.frame is None:
         return jnp.zeros((len(told.time), 1, machine.contacts.num))

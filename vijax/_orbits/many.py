@@ -11,8 +11,8 @@ import numpy as np
 from .._trajectory.event_log import IMPACT
 from .search import Search, Strobe, begin_search, learn
 
-# Searches side by side; of another number nothing is compiled. Most cycles have fewer events than `_FEW`: those that
-# have more are searched for again with room for all.
+# Searches side by side, the only number compiled for. Most cycles have fewer events than `_FEW`: the others
+# are searched for again with room for all.
 _LANES, _FEW = 128, 32
 
 
@@ -67,7 +67,7 @@ def _search(
     which: np.ndarray,
     tell: Callable[[int], Any],
 ) -> Search:
-    """Those of some lanes, at their ends."""
+    """The searches of some lanes, at their ends."""
     leaves, structure = jax.tree.flatten(strobe)
     leaves = [
         np.asarray(a) if axis is None else np.asarray(a)[which] for a, axis in zip(leaves, axes, strict=True)
@@ -109,7 +109,7 @@ def lanes_first(tree: Any) -> tuple[Any, list[int | None]]:
 
 
 def _chunks(lanes: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Lanes that go together, and the same with the first of them again for those that are missing."""
+    """Lanes that go together, and the same filled up to `_LANES` with the first of them."""
     for k in range(0, len(lanes), _LANES):
         own = lanes[k : k + _LANES]
         yield own, np.concatenate([own, np.full(_LANES - len(own), own[0])])

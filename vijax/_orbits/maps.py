@@ -78,7 +78,7 @@ def check_period(system: ImpactSystem, args: object, x0: Numbers, v0: Numbers) -
     is_traced = any(concrete(leaf) is None for leaf in jax.tree.leaves(bound))
     if bound.force is None or is_traced or not np.asarray(bound.forcing.frequency) > 0:
         return
-    # A start of which derivatives are taken is not known, but its place among the stops hardly matters.
+    # A start that is differentiated is not known, but its place among the stops hardly matters.
     starts = (concrete(as_float(a)) for a in (x0, v0))
     x, v = (np.zeros(bound.num_masses) if a is None else a for a in starts)
     one_lane = lambda a: np.asarray(a)[..., None]  # noqa: E731

@@ -11,8 +11,8 @@ from .._types import Scalar
 from .condensed import Pencil, condense, solve_condensed
 from .cycle import Problem, Residual, Unknowns, linearise, residual
 
-# Steps smaller than this, relative to the orbit, are rounding; a step that is small and no smaller than the last one
-# is as well.
+# A step below `_ROUNDING` eps, relative to the orbit, is rounding; so is one below `_SMALL` that is not under
+# half the last.
 _SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
 
 
@@ -84,7 +84,7 @@ def polish(problem: Problem, guess: Unknowns, max_steps: int | Int[Array, ""] = 
 
 
 def _nothing(guess: Unknowns) -> Polished:
-    """What there is before the first step."""
+    """The result before the first step."""
     z, events = guess
     big, square = jnp.asarray(jnp.finfo(z.dtype).max, z.dtype), jnp.zeros((len(z), len(z)), z.dtype)
     nothing = Residual(jnp.zeros_like(events), jnp.zeros_like(z), jnp.zeros_like(events))

@@ -1,10 +1,10 @@
-"""The search for an orbit: what is known of it, and what one run of the motion teaches.
+"""The search for an orbit: its state, and its update by one run of the motion.
 
-A run of n periods from a start tells the sequence of its events, and that gives two ways on. Newton's method on the
-equations of that sequence (`polish.py`) goes to the cycle of the sequence, if there is one near, across grazing and
-whatever lies between; its first step alone is the Newton step of the stroboscopic map. The cycle is tried first, for
-its basin is far wider. It counts once a run from it does the same. If that does not happen, and comes no
-nearer to closing, the single step is taken, halved until the run comes nearer.
+A run of n periods from a start tells the sequence of its events, which gives two ways on. Newton's method on
+the equations of that sequence (`polish.py`) goes to the cycle of the sequence, if there is one near, across
+grazing and whatever lies between; its first step alone is the Newton step of the stroboscopic map. The cycle
+is tried first, as its basin is far wider. It counts once a run from it shows the same events. If that run
+does not, and comes no nearer to closing, the single step is taken, halved until the run comes nearer.
 """
 
 import equinox as eqx
@@ -27,10 +27,10 @@ from .floquet import floquet_multipliers
 from .polish import polish, size_of
 from .sequence import Sequence, happens_alike, nothing_happens, sequence_of
 
-# Runs of a search, and the shortest step in parts of the full one.
+# The most runs of a search, and the shortest step as a fraction of the full one.
 MAX_RUNS = 40
 _LEAST = 1e-4
-# What closes so well, relative to the size of the motion, is closed; a Newton step so small leads to rounding.
+# Closing error of a closed run, relative to the size of the motion; Newton step that leads to rounding.
 _CLOSE = {"float64": 1e-9, "float32": 1e-4}
 _NEAR = {"float64": 1e-8, "float32": 3e-4}
 
@@ -153,7 +153,7 @@ class Strobe(eqx.Module):
 
 
 def learn(strobe: Strobe, search: Search) -> Search:
-    """Follow the motion from the trial, and what is known then."""
+    """Follow the motion from the trial, and update the search."""
     log, result, end = run_for_log(
         strobe.numbers, strobe.flow, strobe.request(search.trial), room=strobe.room, can_stick=True
     )
@@ -169,7 +169,7 @@ def learn(strobe: Strobe, search: Search) -> Search:
         search,
         (is_orbit, result == RESULTS.max_events_reached, search.num_runs + 1),
     )
-    # Most of a batch are orbits at the same run.
+    # Most lanes of a batch become orbits in the same run.
     return jax.lax.cond(
         is_any(~is_orbit), lambda: _next(strobe, problem, search, flights, closing, end), lambda: search
     )
@@ -178,7 +178,7 @@ def learn(strobe: Strobe, search: Search) -> Search:
 def _next(
     strobe: Strobe, problem: Problem, search: Search, flights: Array, closing: Scalar, end: Array
 ) -> Search:
-    """What to try after a run from the trial, unless that was an orbit."""
+    """The search with its next trial, unless the run from the last was an orbit."""
     is_nearer = closing < search.closing
     away = away_from_stops(problem)
     guess = Unknowns(search.trial + away, flights)
@@ -212,7 +212,7 @@ def _is_followed(
 ) -> Bool[Array, ""]:
     """Whether the run went once round the cycle that was found last."""
     cycle = search.cycle
-    # Of an unstable orbit a run goes away, from rounding on.
+    # A run leaves an unstable orbit, by growing rounding errors.
     growth = jnp.max(jnp.where(jnp.isfinite(cycle.multipliers), jnp.abs(cycle.multipliers), 1))
     close = _CLOSE[str(size.dtype)]
     is_from_it = jnp.max(jnp.abs(search.trial - cycle.start) / size) < close

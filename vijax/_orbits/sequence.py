@@ -1,4 +1,4 @@
-"""What happens in a cycle, in order: data, so that one program serves every sequence of events."""
+"""The events of a cycle, in order: data, so that one program serves every sequence of events."""
 
 import equinox as eqx
 import jax
@@ -10,8 +10,8 @@ from .._types import Scalar
 
 NOTHING = -1
 
-# Events of two runs of one orbit, in forcing periods, that are one and the same; and impacts so near before a stick are
-# the last bounces of a chatter, of which one run may have one more than another.
+# Events of two runs this close, in forcing periods, are the same; impacts this close before a stick are the
+# last bounces of a chatter, of which one run may have one more than another.
 _SAME, _TAIL = {"float64": 1e-6, "float32": 1e-3}, 1e-4
 
 
@@ -60,7 +60,7 @@ def sequence_of(log: Log, t0: Scalar, period: Scalar) -> tuple[Sequence, Float[A
     size, num_stops = instants.hit.shape
     is_row = (jnp.arange(size) < log.rows)[:, None]
     is_impact = instants.hit & is_row
-    # Thrown off by an impact of the same instant, a mass leaves by no event of its own.
+    # A mass thrown off by an impact of the same instant has no event of its own.
     is_release = instants.released & is_row & ~jnp.any(is_impact, axis=1, keepdims=True)
     is_event, room = (is_impact | is_release).ravel(), size - 2
     place = jnp.where(is_event, jnp.cumsum(is_event) - 1, room)
@@ -73,7 +73,7 @@ def sequence_of(log: Log, t0: Scalar, period: Scalar) -> tuple[Sequence, Float[A
     row = gathered(jnp.arange(size)[:, None], 0)
     is_real = kind != NOTHING
     row = jnp.where(is_real, row, log.rows - 1)
-    # Of several events of one instant what they lead to holds after the last.
+    # The outcome of several events of one instant holds after the last.
     is_followed = jnp.append(row[1:] == row[:-1], False) & jnp.append(is_real[1:], False)
     after = held[jnp.where(is_followed, row - 1, row)]
     times = jnp.where(is_real, instants.time[row] - t0, 0) / period

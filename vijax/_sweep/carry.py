@@ -2,10 +2,10 @@
 
 Such a chain is sequential by nature. But a motion that settles forgets its start, so most ends can be
 had without the true start: all points are run at once from a guess, then again from the ends so found,
-until no start changes any more by more than rounding. What has been found then is what running one
-after another finds, also where attractors coexist. Where the motion is chaotic, and remembers its
-start, one more point of the chain gets its true start in every round. (To ask for the same bits
-makes every round like that: a settled motion never forgets the last ones.)
+until no start changes any more by more than rounding. The result is then that of running one after
+another, also where attractors coexist. Where the motion is chaotic, and remembers its
+start, one more point of the chain gets its true start in every round. (Asking for the same bits makes
+every round like that: a settled motion never forgets the last bits.)
 """
 
 from collections.abc import Callable
@@ -74,7 +74,7 @@ def _untold(num_points: int) -> None:
 def _next_starts(
     points: Point, given: np.ndarray, ends: dict[str, np.ndarray], chain: np.ndarray
 ) -> np.ndarray:
-    """Where the points after the first start: at the end before, pushed back by stops that moved in.
+    """Starts of all points but the first: the end before each, pushed back by stops that moved in.
 
     A mass that a moving stop holds goes on with it, however it moves from now on.
     """

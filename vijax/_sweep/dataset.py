@@ -1,4 +1,4 @@
-"""What a sweep found, as a labelled dataset."""
+"""The results of a sweep, as a labelled dataset."""
 
 from functools import partial
 
@@ -43,7 +43,7 @@ def dataset(
         found: what came of them.
         attributes: how the sweep was made.
     """
-    # Text of any length: Zarr has no standard form of NumPy's text of a fixed one.
+    # Text of any length: Zarr has no standard form of NumPy's text of fixed length.
     names = np.array(["up", "down"], np.dtypes.StringDType())
     directions = {"direction": names} if len(shape) > len(axes) else {}
     dims = (*directions, *axes)

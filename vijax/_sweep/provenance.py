@@ -1,4 +1,4 @@
-"""How a sweep was made, told by the attributes of its dataset, and the machine back from them."""
+"""How a sweep was made, as attributes of its dataset, and the machine built again from them."""
 
 import json
 import math
@@ -112,14 +112,14 @@ def machines_of(
 def _swept_values(
     ds: xr.Dataset, base: Point, dims: set[Hashable]
 ) -> dict[str, tuple[list[Hashable], xr.DataArray]]:
-    """The values of every path that vary along `dims` alone, and along which, these first."""
+    """For every path that varies along `dims` alone, those dimensions and the values, with them first."""
     found = {}
     for name, values in ds.coords.items():
         path = str(name).removesuffix(".values")
         own = [dim for dim in axis_names(path, values.ndim) if dim in values.dims]
         along = [dim for dim in values.dims if dim not in own]
-        is_counter = name == path and f"{path}.values" in ds.coords  # of arrays, which stand beside it
-        # A dimension of its own, `mass` for instance, may have been given names.
+        is_counter = name == path and f"{path}.values" in ds.coords  # numbers the arrays that stand beside it
+        # Names given to a parameter's own dimension, `mass` for instance, are no values.
         if dims.issuperset(along) and not is_counter and name not in own:
             found[path] = along, values.transpose(*along, *own)
     return {path: values for path, values in found.items() if is_parameter(base, path)}

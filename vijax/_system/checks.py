@@ -1,12 +1,12 @@
-"""What the values of a machine and of a start must be: every condition, and its sentence, once.
+"""Conditions on the values of a machine and of a start, each with its sentence, written once.
 
-The same conditions hold for one machine, which is looked at while it is built, and for many with lanes
-last, which are looked at before they are swept. Their sentences differ: of one value it can be told what it
-is, of a million that one of them is wrong. What is traced is not known and passes, but for a start, of
-which the verdict is handed back, to be told when the program runs.
+The same conditions hold for one machine, checked while it is built, and for many with lanes last, checked
+before they are swept. Their sentences differ: a single wrong value is quoted, of a million it is said that
+one of them is wrong. Traced values are not known and pass, except for a start: its verdict is handed back,
+to be raised when the program runs.
 
 Stops and machines are `Any` here, since the files that define them import this one. An alternative was to
-leave every class its own checks: the lanes of a sweep, which are built by no class, then had all conditions
+leave every class its own checks: the lanes of a sweep, which no class builds, then needed all conditions
 a second time.
 """
 
@@ -132,7 +132,7 @@ def validate_start(
         in_order = (ts[1:] >= ts[:-1]).all() & (ts[0] >= t0) & (ts[-1] <= t1)
         checks.append((~in_order, "Argument `ts` must be in increasing order, within [t0, t1]."))
     checks += _beyond(stops, x0, frequency * t0, "The start lies")
-    # A machine tells this when it is built, but for a motion that was traced then, or given since.
+    # Checked when the machine was built, unless the motion was traced then, or given since.
     return refuse(checks + _unlike(stops))
 
 
@@ -176,7 +176,7 @@ def _unlike(stops: Sequence[Any]) -> list[tuple[Any, str]]:
             "same `motion`, or none.",
         )
         for lower, upper in _slots(stops)
-        # Of stops that stand still nothing is asked that a trace would leave open.
+        # Stops that stand still are not compared, lest a trace leave the verdict open.
         if lower.motion is not None or upper.motion is not None
     ]
 

@@ -37,7 +37,7 @@ class Harmonic(eqx.Module):
     """
 
     amplitude: Float[Array, "..."]
-    frequency: Float[Array, "..."]  # None in the motion of a stop of a machine, which has but one
+    frequency: Float[Array, "..."]  # None in the motion of a machine's stop: the load has it
     phase: Float[Array, "..."]
     mean: Float[Array, "..."]
 

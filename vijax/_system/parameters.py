@@ -3,11 +3,11 @@
 A path is written as in Python: fields after a dot, entries in brackets, `*` for every entry. It names a whole
 array or an entry of one. Whatever changes parameters, a sweep, a continuation, a fit, finds them here.
 
-What is asked may be a machine or a module that holds one as its `system` beside a start: then "x0[1]" is a
+Paths are of a machine, or of a module that holds one as its `system` beside a start: then "x0[1]" is a
 path as well. The `args` of a force have paths once they are bound to it, see `with_args`.
 
-The leaves of a machine are told apart by their number. (That the same array is found again, as
-`equinox.tree_at` asks, was tried first: two stops may share one motion.)
+The leaves of a machine are told apart by their number. (Identity of arrays, by which `equinox.tree_at`
+works, was tried first: two stops may share one motion.)
 """
 
 import dataclasses

@@ -1,9 +1,9 @@
 """Whether a force has the period of the load, as far as trials tell.
 
-A force is a function, so it can only be asked: at some times, and a forcing period later. What it does at
-one state says little, for a force of the wrong period may vanish there, as x cos(w t) does at rest. So it
-is asked at several states of the size of the machine, of which there are more than one, since a force may
-also vanish where all is small, or large.
+A force is a function, so it can only be sampled: at some times, and a forcing period later. Its value at
+one state says little, as a force of the wrong period may vanish there, as x cos(w t) does at rest. So it
+is sampled at several states, of more than one size that fits the machine, since a force may also vanish
+where all is small, or large.
 """
 
 from itertools import product
@@ -17,9 +17,9 @@ from .._types import concrete, over_lanes
 from .force import BoundForce
 from .system import ImpactSystem
 
-# No simple parts of a period, so that no wave of a likely frequency vanishes at all of them.
+# No simple fractions of a period, so that no wave of a likely frequency vanishes at all of them.
 _TIMES = (0.1234, 0.5678, 0.8341)
-# A change by a smaller part is taken for the rounding of large times in single precision.
+# A smaller relative change is taken for the rounding of large times in single precision.
 _CHANGE = 1e-4
 _OFF_PERIOD = (
     "The force does not have the period of the load, 2 pi / `forcing.frequency`{where}: {who}, which counts "
@@ -50,19 +50,19 @@ def is_off_period(system: ImpactSystem, x: np.ndarray | Array, v: np.ndarray | A
     filled = lambda a: np.broadcast_to(a, (len(x), lanes)).astype(period.dtype)  # noqa: E731
     xs, vs = (np.stack([filled(a) for a in states]) for states in _probes(system, x, v))
     changes = concrete(_changes(system.force, period, xs, vs))
-    return changes is not None and bool((changes > _CHANGE).any())  # traced, if the force closes over what is
+    return changes is not None and bool((changes > _CHANGE).any())  # None: the force closes over tracers
 
 
 def _probes(
     system: ImpactSystem, x: np.ndarray | Array, v: np.ndarray | Array
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """States at which a force is asked: the start, and some to both sides; none is beyond a stop."""
+    """States at which a force is sampled: the start, and some to both sides; none is beyond a stop."""
     x, v = np.asarray(x), np.asarray(v)
     w = np.asarray(system.forcing.frequency)
     order = np.arange(len(x))[:, None]
     xs, vs = [x], [v]
     for size, (k, signs) in product(_sizes(system, x, v), enumerate(product((1, -1), repeat=2))):
-        # Of masses and states no two alike, lest differences vanish.
+        # No two masses or states alike, lest differences vanish.
         xs.append(_inside(system, signs[0] * size * (0.7 + 0.3 * np.cos(2.4 * k + 1.7 * order))))
         vs.append(signs[1] * w * size * (0.7 + 0.3 * np.sin(1.1 * k + 2.9 * order)))
     return xs, vs
@@ -81,7 +81,7 @@ def _sizes(system: ImpactSystem, x: np.ndarray, v: np.ndarray) -> list[np.ndarra
 
 
 def _inside(system: ImpactSystem, x: np.ndarray) -> np.ndarray:
-    """The positions, those beyond a stop moved onto it, as a force is never asked beyond."""
+    """The positions, those beyond a stop moved onto it, as a force is never sampled beyond."""
     for stop in system.stops:
         centre, row = np.asarray(stop.centre), x[stop.mass]
         x = np.array(np.broadcast_to(x, (len(x), np.broadcast(row, centre).shape[-1])))
@@ -100,7 +100,7 @@ def _change(
 ) -> Float[Array, ""]:
     times = period * jnp.asarray(_TIMES, period.dtype)
     now, later = (jax.vmap(lambda t: force(t, x, v))(t) for t in (times, times + period))
-    # Where a force is not finite, as one that a body gets too near to, it says nothing.
+    # Samples that are not finite, as of a force on a body too near to another, are left out.
     is_known = jnp.isfinite(now) & jnp.isfinite(later)
     change = jnp.where(is_known, jnp.abs(later - now), 0)
     size = jnp.where(is_known, jnp.abs(now), 0)

@@ -127,7 +127,7 @@ class ImpactSystem(eqx.Module):
 
 
 def _of_one_frequency(forcing: Harmonic, stops: Sequence[Stop]) -> tuple[Harmonic, tuple[Stop, ...]]:
-    """Leave the frequency to the load alone, so that what changes it there changes it everywhere."""
+    """Leave the frequency to the load alone, so that a change there is one everywhere."""
     same = []
     for j, stop in enumerate(stops):
         if stop.motion is not None and stop.motion.frequency is not None:
@@ -153,8 +153,7 @@ def check_again(system: ImpactSystem) -> None:
 def with_args(system: ImpactSystem, args: object) -> ImpactSystem:
     """The machine with its force bound to `args`, in full precision.
 
-    Its numbers are of one precision, its force is bound to its `args`, see `bind`, and its stops are without a
-    frequency that they were given since.
+    For the force see `bind`. Stops lose a frequency that they were given after the machine was built.
     """
     system = in_full_precision(system)
     if any(stop.motion is not None and stop.motion.frequency is not None for stop in system.stops):

@@ -2,8 +2,8 @@
 
 All series of a machine have its one frequency W, and are read at the same phase: cosine and sine of h W t for
 every harmonic h = 1, 2, ..., which are computed once and then turned. A series is linear in the phase. So one
-sum serves its value, read at a phase, its derivatives, read at `phase_rate`, and the change of it in a step,
-read at the change of the phase, to full relative accuracy however short the step.
+sum serves: read at a phase it is the value, at `phase_rate` the derivative, at the change of the phase in a
+step the change of the value, to full relative accuracy however short the step.
 
 Axes: (harmonics, rows) of a series, (2, harmonics) of a phase; lanes, if there are any, last.
 """
@@ -86,5 +86,5 @@ def speeds(phase: Reals, frequency: Reals) -> Reals:
 
 
 def _orders(num_harmonics: int, like: Reals, axes: int = 0) -> np.ndarray:
-    """1, 2, ... with axes of length one after them: as many as `like` has, and `axes` more, in all."""
+    """1, 2, ... with axes of length one after them; in all `axes` more than `like` has."""
     return np.arange(1, num_harmonics + 1).reshape(-1, *[1] * (np.ndim(like) + axes - 1))

@@ -93,7 +93,7 @@ class Log(eqx.Module):
         if self.is_whole:
             return jnp.array(True)
         size, num_stops = self.instants.hit.shape
-        most = 3 * num_stops  # of one instant
+        most = 3 * num_stops  # events of one instant
         return (self.num_events - self.events_before + most <= size - 2) | (self.num_events >= max_events)
 
     def kept(self) -> Restarts:
@@ -178,7 +178,7 @@ def event_log(machine: Machine, log: Log, max_events: int) -> EventLog:
 
 
 def _places(flags: Bool[Array, "rows flags"], room: int) -> tuple[Int[Array, " room"], Int[Array, " room"]]:
-    """Row and column of the flags that are up, row by row; past the last of them anything.
+    """Row and column of the flags that are up, row by row; arbitrary past the last of them.
 
     `jnp.nonzero` takes ten times as long: it goes through all flags, and most are down.
     """
@@ -198,8 +198,8 @@ def _places(flags: Bool[Array, "rows flags"], room: int) -> tuple[Int[Array, " r
 def _in_order(times: Float[Array, " room"]) -> Int[Array, " room"]:
     """The order of times that are nearly sorted, as `jnp.argsort` finds it, by exchanging neighbours.
 
-    Rows are in order but for the ends of chatters, of which a stop has one to come at most. A sort would take longer
-    than to follow the trajectory.
+    Rows are in order but for the ends of chatters, at most one pending for each stop. A sort would take
+    longer than following the trajectory.
     """
     place = jnp.arange(times.size)
 
@@ -217,12 +217,12 @@ def _in_order(times: Float[Array, " room"]) -> Int[Array, " room"]:
 
 
 def _exchanged(a: Array, goes: Bool[Array, " room"]) -> Array:
-    """The rows that go change places with the next."""
+    """The array with each flagged row and the next exchanged."""
     return jnp.where(goes, jnp.roll(a, -1), jnp.where(jnp.roll(goes, 1), jnp.roll(a, 1), a))
 
 
 def _velocities_of_stops(machine: Machine, frame: Frame, log: Log) -> Float[Array, "rows kinds stops"]:
-    """How fast the stops themselves move at the events of every instant."""
+    """Velocities of the stops themselves at the events of every instant."""
 
     def after(phase: Array, delay: Scalar) -> Float[Array, " stops"]:
         return machine.contacts.size(frame.at(turned(phase, machine.phase_at(delay)))[1])

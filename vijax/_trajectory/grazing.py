@@ -1,9 +1,9 @@
 """Grazing: contacts so light, or misses so narrow, that derivatives are infinite or about to be.
 
 The derivative of a state after an impact by the state before grows like 1 / v, v the speed of the
-impact, and a little change of the machine makes a near miss an impact. Both are told by what a
-trajectory met, and by a flag. The light impacts of a chatter, pressed onto their stop, are no
-grazing: their number changes, but the motion depends on it smoothly.
+impact, and a little change of the machine makes a near miss an impact. Both are told by the closest
+cases of a trajectory, and by a flag. The light impacts of a chatter, its mass pressed onto the stop,
+are no grazing: their number changes, but the motion depends on it smoothly.
 """
 
 import equinox as eqx
@@ -68,7 +68,7 @@ def _nearer(
     turned: Bool[Array, "stops ..."],
     met: Grazing,
 ) -> Grazing:
-    """The same, of a step with an impact, or in which masses have `turned` before their stops."""
+    """Update by a step with an impact, or in which masses have `turned` before their stops."""
     pull, lowest_behind, behind = _lowest(machine, after)
     _, lowest_ahead, ahead = _lowest(machine, before)
     leaves = pull > 0
@@ -90,7 +90,7 @@ def _nearer(
 def _lowest(
     machine: Machine, state: State
 ) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."], Float[Array, "stops ..."]]:
-    """For every stop the second derivative of the gap, its minimum by the cubic from here, and when."""
+    """Second derivative of every gap, and its minimum by the cubic from here, with the time of that."""
     now = rates(machine, state, machine.held_masses(state.held))
     slope = -machine.contacts.along(state.v)
     curvature = -machine.contacts.along(machine.pull(now.force))

@@ -1,4 +1,4 @@
-"""What is computed of a machine before it is followed, kept for when it is followed again."""
+"""Preparations to follow a machine of known numbers, kept for when it is followed again."""
 
 from collections import OrderedDict
 from dataclasses import dataclass, field

@@ -1,8 +1,8 @@
-"""The loop that follows one trajectory, and what it hands out.
+"""The loop that follows one trajectory, and its results.
 
-Known numbers go through one program for all machines of a size, see `windows.py`: it has room for so many
-events and saved states, and is called again until all is done. Where values are traced, under `jit`, `vmap` or
-derivatives, there is room for all that was asked, and one call.
+Known numbers go through one program for all machines of a size, see `windows.py`: it has room for a fixed
+number of events and saved states, and is called again until all is done. Traced values, under `jit`, `vmap`
+or derivatives, take one call, with room for all that was asked.
 """
 
 from collections.abc import Callable
@@ -28,7 +28,7 @@ from .grazing import Grazing, nothing_met, update_grazing
 from .solution import RESULTS, Solution, told
 from .step import advance, begin
 
-# As `max_turns` for a call that does all at once: what whole numbers of 32 bits hold, which JAX has without 64-bit ones.
+# `max_turns` of a call that does all at once: the largest number of 32 bits, as JAX may have no 64-bit ones.
 NO_PAUSE = np.iinfo(np.int32).max
 
 
@@ -228,16 +228,16 @@ def run_for_log(
     """Follow a trajectory for its log alone, without derivatives: the log, what became of it, and its end (x, v)."""
     request = jax.tree.map(jnp.asarray, request)
     task, carry = _begin(numbers, flow, request, None, room=room, can_stick=can_stick)
-    # A lane that is done stands still, so what is written is never copied.
+    # A finished lane stands still by itself, so its log is never copied.
     last = jax.lax.while_loop(lambda c: is_any(task.is_live(c)), lambda c: task.step(c), carry)
     solution, _ = _finish(task, last, request, room)
     return last.log, solution.result, jnp.concatenate([solution.x1, solution.v1])
 
 
 def _one_way(prepare: Callable[..., tuple[Task, Carry]], arguments: tuple) -> tuple[Task, Carry]:
-    """The loop without derivatives and all that comes before, compiled into one kernel where it can be.
+    """The loop without derivatives and its preparation, compiled into one kernel where possible.
 
-    All, for constants cannot be handed to a kernel.
+    The preparation too, as constants cannot be handed to a kernel.
     """
 
     def loop(arguments: tuple) -> tuple[Task, Carry, tuple]:
@@ -302,7 +302,7 @@ def _gone_on(carry: Carry, left: Left) -> Carry:
         carry,
         (left.state, log, left.steps, left.is_finite, left.grazing),
     )
-    # The rooms are the same in both.
+    # Empty room is the same in both.
     return jax.tree.map(lambda a, b: b if a is b else jnp.where(goes_on, a, b), before, carry)
 
 

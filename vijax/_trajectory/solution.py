@@ -237,12 +237,12 @@ _OUTSIDE = (
 )
 
 
-# Times that are evaluated at once: another number of them compiles nothing.
+# Times that are evaluated at once; fewer are filled up, so no other number is compiled for.
 _TIMES = 256
 
 
 def _is_outside(solution: Solution, times: Reals) -> Flag | np.bool_:
-    """Whether any time is not simulated. An end that rounding has moved is one that is."""
+    """Whether any time lies outside of the simulated span by more than rounding."""
     library = library_of(times)
     t0, t1 = (library.asarray(a)[..., None] for a in (solution.t0, solution.t1))
     slack = 8 * np.finfo(times.dtype).eps * library.maximum(abs(t0), abs(t1))
@@ -251,7 +251,7 @@ def _is_outside(solution: Solution, times: Reals) -> Flag | np.bool_:
 
 
 def _evaluate_known(solution: Solution, times: np.ndarray) -> tuple[Array, Array, Array]:
-    """Positions, velocities and contact forces at known times, so many at once."""
+    """Positions, velocities and contact forces at known times, `_TIMES` of them at once."""
     if _is_outside(solution, times):
         raise ValueError(_OUTSIDE)
     t0, t1, known_until = (np.asarray(a) for a in (solution.t0, solution.t1, solution.known_until))

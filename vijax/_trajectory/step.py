@@ -1,7 +1,7 @@
 """One step of one trajectory: the longest that is proved free of events, or up to the next one.
 
 `begin` makes the first state and `advance` is all that moves a trajectory. The loops of `simulate` and
-`sweep`, which call them, know nothing of contacts; these know nothing of their logs. A step goes through
+`sweep`, which call them, know nothing of contacts; these two know nothing of logs. A step goes through
 
     fly (`_flow`) -> impacts -> who sticks, who is let go
 
@@ -118,7 +118,7 @@ def _resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."])
 def _stick_and_release(
     machine: Machine, state: State, instant: Instant, is_event: Bool[Array, "stops ..."]
 ) -> tuple[State, Instant]:
-    """Decide, all impacts of this instant applied, who comes to rest on a stop and who leaves one."""
+    """Decide, after all impacts of this instant, which masses come to rest on a stop and which leave one."""
     let_go = is_event & state.held
     state = eqx.tree_at(lambda s: s.held, state, state.held & ~let_go)
     approach, approach_rate = compute_once(_approach, machine, state)

@@ -1,7 +1,8 @@
 """Trajectories of known numbers: one program for all machines of a size, called until all is done.
 
-It has room for so many events and saved states; what is asked beyond is handed in, and taken away, piece by
-piece. So nothing but the size of a machine is ever compiled anew, and between two calls one may interrupt.
+It has room for a fixed number of events and saved states; longer requests are handed in, and their results
+taken away, piece by piece. So only another size of machine is compiled anew, and one may interrupt between
+calls.
 """
 
 from dataclasses import dataclass, replace
@@ -40,7 +41,7 @@ class _Saved(eqx.Module):
 def _call(
     numbers: Numbers, flow: AbstractFlow, request: Request, left: Left, *, can_stick: bool
 ) -> tuple[Solution, _Saved, Left]:
-    """One call; in the solution the first of the saved states alone, as most ask for no more."""
+    """One call; the solution holds only the first of the saved states, as most ask for no more."""
     solution, left = run(numbers, flow, request, left, room=_EVENTS, can_stick=can_stick)
     names = lambda s: (s.ts, s.xs, s.vs)  # noqa: E731
     first = eqx.tree_at(names, solution, [a[:1] for a in names(solution)])
@@ -80,7 +81,7 @@ def _window(request: Request, num_reached: int) -> Request:
 
 
 def _nothing_done(numbers: Numbers, flow: AbstractFlow) -> Left:
-    """What there is before the first call, in the shapes of what it leaves."""
+    """The input of the first call, in the shapes of what a call leaves."""
     left = _nothing(*numbers.rows.shape, numbers.waves.num_harmonics, numbers.mass.dtype)
     memory = flow.memory(left.known_until)
     return (
@@ -122,7 +123,7 @@ def _nothing(num_contacts: int, n: int, num_harmonics: int, dtype: np.dtype) -> 
 
 @dataclass(frozen=True)
 class _Taken:
-    """What one call gave, without what fills it up."""
+    """Results of one call, without padding."""
 
     xs: np.ndarray
     vs: np.ndarray
@@ -142,7 +143,7 @@ def _taken(solution: Solution, saved: _Saved, left: Left, most_goals: int) -> _T
 
 
 def _joined(solution: Solution, ts: np.ndarray, calls: list[_Taken], max_events: int) -> Solution:
-    """The trajectory of the last call with what all of them gave."""
+    """The solution of the last call, with the results of all calls."""
     events, restarts = (
         _concatenated([getattr(call, name) for call in calls]) for name in ("events", "restarts")
     )
@@ -168,5 +169,5 @@ def _concatenated(parts: list[Rows]) -> Rows:
 
 
 def _filled(a: np.ndarray, size: int, value: int | float) -> np.ndarray:
-    """The first rows of a column, filled up to so many."""
+    """The first `size` rows of a column, filled up with `value`."""
     return np.concatenate([a[:size], np.full((max(size - len(a), 0), *a.shape[1:]), value, a.dtype)])

@@ -95,7 +95,7 @@ def ball_on_table(
 
 
 def _ball(floor: Stop, mass: ArrayLike, gravity: ArrayLike, frequency: ArrayLike) -> ImpactSystem:
-    """A ball that nothing but its weight and the floor acts on."""
+    """A ball on which only its weight and the floor act."""
     masses = as_float(mass)[None]
     load = Harmonic([0.0], frequency, mean=-masses * gravity)
     return ImpactSystem(masses, [[0.0]], [[0.0]], load, [floor])

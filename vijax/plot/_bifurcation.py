@@ -1,4 +1,4 @@
-"""Bifurcation diagrams: what repeats, against a swept quantity."""
+"""Bifurcation diagrams: recorded impacts against a swept quantity."""
 
 from collections.abc import Sequence
 from typing import overload

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from ._axes import label, legend_beside, new_axes, shades
 
-# Only these repeat, and have impacts and periods to be told apart by.
+# Only these repeat, and are told apart by impacts and periods.
 _REPEATING = ("periodic", "chattering")
 _WORDS = {"non_impacting": "no impact", "non_periodic": "non-periodic", "not_settled": "not settled"}
 # White, then ever darker, then black: in grey too no two entries of the legend look the same.
