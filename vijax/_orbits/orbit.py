@@ -1,10 +1,13 @@
 """What `periodic_orbit` returns."""
 
+from typing import Any
+
 import equinox as eqx
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Bool, Complex, Float, Int
 
+from .._dataset_attributes import flags, label, versions
 from .._flow.interface import AbstractFlow
 from .._printing import as_html, as_text, told_of_orbit
 from .._system.system import ImpactSystem
@@ -99,24 +102,36 @@ class PeriodicOrbit(eqx.Module):
         """
         if concrete(self.period) is None or self.period.ndim:
             raise ValueError("`to_xarray` labels one orbit, outside of `jax.jit` and `jax.vmap`.")
-        log = self.events
-        is_event = np.asarray(log.kind) >= 0
-        names = ("t", "stop", "kind", "velocity_minus", "velocity_plus", "impulse")
-        variables = {f"event_{n}": ("event", np.asarray(getattr(log, n))[is_event]) for n in names}
-        variables["event_time"] = variables.pop("event_t")
-        multipliers = np.asarray(self.multipliers)
-        variables |= {
-            "x0": ("mass", np.asarray(self.x0)),
-            "v0": ("mass", np.asarray(self.v0)),
-            "multiplier_real": ("multiplier", np.real(multipliers)),
-            "multiplier_imag": ("multiplier", np.imag(multipliers)),
-            "num_impacts": ("stop", np.asarray(self.num_impacts)),
-        }
-        ds = xr.Dataset(variables)
-        return ds
+        return _dataset(self)
 
     def __repr__(self) -> str:
         return as_text(told_of_orbit, self, tuple(ORBIT_RESULTS._name_to_item), KINDS)
 
     def _repr_html_(self) -> str:
         return as_html(told_of_orbit, self, tuple(ORBIT_RESULTS._name_to_item), KINDS)
+
+
+def _dataset(orbit: PeriodicOrbit) -> xr.Dataset:
+    log, multipliers = orbit.events, np.asarray(orbit.multipliers)
+    is_event = np.asarray(log.kind) >= 0
+    names = ("stop", "kind", "velocity_minus", "velocity_plus", "impulse")
+    events = {"event_time": log.t} | {f"event_{name}": getattr(log, name) for name in names}
+    single = ("period", "phase", "residual", "is_stable", "is_admissible")
+    columns: dict[str, tuple[tuple[str, ...], Any]] = {
+        "x0": (("mass",), orbit.x0),
+        "v0": (("mass",), orbit.v0),
+        "multiplier_real": (("multiplier",), np.real(multipliers)),
+        "multiplier_imag": (("multiplier",), np.imag(multipliers)),
+        "num_impacts": (("stop",), orbit.num_impacts),
+        **{name: (("event",), np.asarray(a)[is_event]) for name, a in events.items()},
+        **{name: ((), getattr(orbit, name)) for name in single},
+        "num_periods": ((), orbit.num_periods),
+        "result": ((), orbit.result._value),
+    }
+    ds = xr.Dataset({name: (dims, np.asarray(a)) for name, (dims, a) in columns.items()}, attrs=versions())
+    for name, variable in ds.variables.items():
+        variable.attrs = label(str(name))
+    for name, meanings in (("event_kind", KINDS), ("result", tuple(ORBIT_RESULTS._name_to_item))):
+        ds[name] = ds[name].astype(np.int8)
+        ds[name].attrs |= flags(meanings)
+    return ds
