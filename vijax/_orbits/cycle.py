@@ -20,11 +20,13 @@ from .._flow.interface import AbstractFlow
 from .._machine.derivatives import rates
 from .._machine.machine import Machine, prepare, resting_state
 from .._machine.numbers import Numbers
+from .._machine.state import State
 from .._system.waves import phase_at, turned
-from .._trajectory.event_log import IMPACT, RELEASE
+from .._trajectory.event_log import IMPACT, RELEASE, EventLog, event_log
+from .._trajectory.step import Instant
 from .._types import Scalar
 from .condensed import Flights, over_flights
-from .sequence import Sequence
+from .sequence import NOTHING, Sequence
 
 
 class Unknowns(NamedTuple):
@@ -101,7 +103,7 @@ def residual(problem: Problem, unknowns: Unknowns) -> Residual:
     place = _begin(problem, machine, unknowns.z)
 
     def one(place: _Place, flight: tuple[_Event, Scalar]) -> tuple[_Place, tuple[Array, Array]]:
-        return _fly(machine, flow, place, *flight)
+        return _fly(machine, flow, place, *flight)[:2]
 
     flights = _events(problem.sequence), unknowns.flights
     place, (values, speeds) = jax.lax.scan(one, place, flights)
@@ -128,7 +130,7 @@ def linearise(
 
         def moved(y: Array):
             here = place._replace(z=y[:size] * scale, time=y[size])
-            there, (value, speed) = _fly(machine, flow, here, event, y[-1])
+            there, (value, speed), _ = _fly(machine, flow, here, event, y[-1])
             return (jnp.append(there.z / scale, there.time), value), (there, value, speed)
 
         y = jnp.concatenate([place.z / scale, jnp.stack([place.time, duration])])
@@ -151,44 +153,39 @@ def linearise(
     return Residual(values, end - unknowns.z, speeds), Flights(begin, forward, normal, close)
 
 
-class Happening(NamedTuple):
-    """What is told of the events of a cycle.
+def log_of_cycle(problem: Problem, unknowns: Unknowns) -> EventLog:
+    """All events of an orbit, with room for as many as its sequence has; differentiable.
 
-    Attributes:
-        time: in forcing periods, (events,).
-        phase: of the load, (events, 2, harmonics).
-        before: speeds of approach to each stop just before, as seen from it, (events, stops).
-        after: just after the impact, before anything sticks, (events, stops).
-        chatter: how long after it the bounces end that a stick leaves out, (events, stops).
+    From its equations: exact, where a run of an unstable orbit goes astray.
     """
-
-    time: Float[Array, " events"]
-    phase: Float[Array, "events 2 harmonics"]
-    before: Float[Array, "events stops"]
-    after: Float[Array, "events stops"]
-    chatter: Float[Array, "events stops"]
-
-
-def happenings(problem: Problem, unknowns: Unknowns) -> Happening:
-    """Follow an orbit once round for what is told of it, differentiably."""
     machine, flow = problem.machine, problem.flow
     contacts = machine.contacts
 
-    def one(place: _Place, flight: tuple[_Event, Scalar]) -> tuple[_Place, Happening]:
+    def one(place: _Place, flight: tuple[_Event, Scalar]) -> tuple[_Place, tuple[Instant, Array]]:
         event, duration = flight
-        before, v, change = _leap(machine, flow, place, event.held, duration)
-        x = jnp.split(place.z, 2)[0] + before
+        there, _, end = _fly(machine, flow, place, event, duration)
         hit = (jnp.arange(contacts.num) == event.stop) & (event.kind == IMPACT)
-        x_after, v_after = rebound(machine, x, v, hit)
-        state = resting_state(machine, change, x_after, v_after, event.held)
+        stuck, left = event.held_after & ~event.held, event.held & ~event.held_after
+        x, v = rebound(machine, end.x, end.v, hit)
+        state = resting_state(machine, end.phase, x, v, event.held)
         now = rates(machine, state, machine.held_masses(event.held))
-        approach, speed = contacts.along(machine.pull(now.force)), contacts.along(v_after)
-        chatter = chatter_time(jnp.abs(speed), approach, contacts.restitution)
-        told = Happening(place.time + duration, change, contacts.along(v), speed, jnp.where(hit, chatter, 0))
-        return _fly(machine, flow, place, event, duration)[0], told
+        approach, speed = contacts.along(machine.pull(now.force)), contacts.along(v)
+        chatter = jnp.where(stuck, chatter_time(jnp.abs(speed), approach, contacts.restitution), 0)
+        instant = Instant(
+            hit=hit,
+            stuck=stuck,
+            released=left & (event.kind != NOTHING),
+            velocity_minus=contacts.along(end.v),
+            velocity_plus=speed,
+            chatter=chatter,
+            arrived=jnp.array(False),
+            time=there.time * machine.period,
+        )
+        return there, (instant, end.phase)
 
     flights = _events(problem.sequence), unknowns.flights
-    return jax.lax.scan(one, _begin(problem, machine, unknowns.z), flights)[1]
+    instants, phases = jax.lax.scan(one, _begin(problem, machine, unknowns.z), flights)[1]
+    return event_log(machine, instants, phases, len(unknowns.flights))
 
 
 def _begin(problem: Problem, machine: Machine, z: Array) -> _Place:
@@ -206,8 +203,8 @@ def _events(sequence: Sequence) -> _Event:
 
 def _fly(
     machine: Machine, flow: AbstractFlow, place: _Place, event: _Event, duration: Scalar
-) -> tuple[_Place, tuple[Array, Array]]:
-    """The place after a flight and its event; the value that vanishes there, and the speed of approach."""
+) -> tuple[_Place, tuple[Array, Array], State]:
+    """The place after a flight and its event; the value that vanishes there and the speed of approach; the end of the flight."""
     contacts, before = machine.contacts, jnp.split(place.z, 2)[0]
     x, v, change = _leap(machine, flow, place, event.held, duration)
     # Counted from the last contact, which keeps all digits of a light bounce; derivatives are the position's.
@@ -226,7 +223,7 @@ def _fly(
     x, v = rebound(machine, x, v, hit)
     gap = jnp.where(hit, 0, jnp.where(contacts.sharing(hit), contacts.gaps(x), gap))
     v = contacts.held_still(v, event.held_after)
-    return _Place(jnp.concatenate([x, v]), time, jax.lax.stop_gradient(gap)), (value, speed)
+    return _Place(jnp.concatenate([x, v]), time, jax.lax.stop_gradient(gap)), (value, speed), end
 
 
 def _leap(

@@ -11,9 +11,8 @@ from .._trajectory.event_log import IMPACT, EventLog
 from .._types import Scalar
 from .._xla import compile_lightly
 from .condensed import Pencil
-from .cycle import Problem, prepared
+from .cycle import Problem, log_of_cycle, prepared
 from .floquet import floquet_multipliers
-from .log import log_of_cycle
 from .orbit import ORBIT_RESULTS
 from .polish import implicit, pencil_of
 from .search import Search, Strobe, away_from_stops, begin_search, learn

@@ -10,11 +10,12 @@ from .._refusal import checked
 from .._system.checks import validate_start
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.known import known_machine
-from .._types import Count, Numbers, Reals, as_float, concrete, is_traced, whole_number
+from .._trajectory.solution import told
+from .._types import Count, Numbers, as_float, is_traced, whole_number
 from .._xla import padding_allowed
 from .find import find
 from .maps import check_period
-from .orbit import ORBIT_RESULTS, PeriodicOrbit
+from .orbit import PeriodicOrbit
 from .search import Strobe
 
 
@@ -118,10 +119,3 @@ def _vector(name: str, value: Numbers, size: int) -> Array:
     if array.shape != (size,):
         raise ValueError(f"Argument `{name}` must have shape ({size},), but has shape {array.shape}.")
     return array
-
-
-def told(result: ORBIT_RESULTS) -> tuple[Reals, list[str]]:
-    """Arguments of `checked`: 0 or the number of the sentence to raise, and all sentences."""
-    known = concrete(result._value)
-    sentences = [ORBIT_RESULTS[getattr(ORBIT_RESULTS, name)] for name in ORBIT_RESULTS._name_to_item]
-    return (result._value if known is None else known), sentences

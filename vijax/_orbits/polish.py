@@ -14,6 +14,7 @@ from .cycle import Problem, Residual, Unknowns, linearise, residual
 # A step below `_ROUNDING` eps, relative to the orbit, is rounding; so is one below `_SMALL` that is not under
 # half the last.
 _SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
+_MAX_STEPS = 24
 
 
 class Polished(NamedTuple):
@@ -53,22 +54,20 @@ def size_of(problem: Problem, z: Float[Array, " state"]) -> Float[Array, " state
     return jnp.repeat(jnp.stack([length, length * frequency]), len(x))
 
 
-def polish(problem: Problem, guess: Unknowns, max_steps: int | Int[Array, ""] = 24) -> Polished:
+def polish(problem: Problem, guess: Unknowns) -> Polished:
     """Solve the equations of a cycle by Newton's method, from a guess.
 
     Args:
         problem: the machine and the sequence.
         guess: where to begin.
-        max_steps: the most steps.
     """
-    problem, guess = jax.lax.stop_gradient((problem, guess))
     scale = size_of(problem, guess.z)
     eps, count = jnp.finfo(scale.dtype).eps, jnp.sum(problem.sequence.is_event)
 
     def is_on(carry: tuple[Unknowns, Polished]) -> Array:
         now = carry[1]
         is_rounding = (now.step < _ROUNDING * eps) | (now.is_converged & (now.step >= now.last / 2))
-        return (now.num_steps < max_steps) & ~is_rounding & jnp.isfinite(now.step)
+        return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
 
     def one(carry: tuple[Unknowns, Polished]) -> tuple[Unknowns, Polished]:
         here, before = carry

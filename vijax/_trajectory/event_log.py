@@ -100,6 +100,10 @@ class Log(eqx.Module):
         """The rows, without the one for what finds no room."""
         return jax.tree.map(lambda a: a[:-1], self.restarts)
 
+    def kept_instants(self) -> Instant:
+        """What happened at each of them."""
+        return jax.tree.map(lambda a: a[:-1], self.instants)
+
 
 def empty_log(first: State, t0: Scalar, room: int, *, is_whole: bool) -> Log:
     """A log of the start, with room for so many events after it."""
@@ -150,9 +154,17 @@ def write(
     )
 
 
-def event_log(machine: Machine, log: Log, max_events: int) -> EventLog:
-    """Spread the instants into single events, in the order of time."""
-    instants = jax.tree.map(lambda a: a[:-1], log.instants)
+def event_log(
+    machine: Machine, instants: Instant, phases: Float[Array, "rows 2 harmonics"], max_events: int
+) -> EventLog:
+    """Spread instants into single events, in the order of time.
+
+    Args:
+        machine: the machine.
+        instants: what happened, in the order of time, (rows, ...).
+        phases: of the load at each.
+        max_events: room for so many events.
+    """
     # Impacts of an instant come before its sticks and releases; a stick carries the end of its chatter.
     happened = jnp.stack([instants.hit, instants.stuck, instants.released], axis=1)
     _, num_kinds, num_stops = happened.shape
@@ -164,7 +176,9 @@ def event_log(machine: Machine, log: Log, max_events: int) -> EventLog:
     order = _in_order(jax.lax.stop_gradient(jnp.where(is_event, t, jnp.inf)))[:max_events]
     t, row, kind, stop, is_event = (a[order] for a in (t, row, kind, stop, is_event))
     of_stop = (
-        0.0 if machine.frame is None else _velocities_of_stops(machine, machine.frame, log)[row, kind, stop]
+        0.0
+        if machine.frame is None
+        else _velocities_of_stops(machine, machine.frame, instants, phases)[row, kind, stop]
     )
     told, is_impact = jax.vmap(machine.contacts.told), kind == IMPACT
     read = lambda a: jnp.where(is_impact, told(a)[row, stop], 0) + of_stop  # noqa: E731
@@ -221,7 +235,9 @@ def _exchanged(a: Array, goes: Bool[Array, " room"]) -> Array:
     return jnp.where(goes, jnp.roll(a, -1), jnp.where(jnp.roll(goes, 1), jnp.roll(a, 1), a))
 
 
-def _velocities_of_stops(machine: Machine, frame: Frame, log: Log) -> Float[Array, "rows kinds stops"]:
+def _velocities_of_stops(
+    machine: Machine, frame: Frame, instants: Instant, phases: Float[Array, "rows 2 harmonics"]
+) -> Float[Array, "rows kinds stops"]:
     """Velocities of the stops themselves at the events of every instant."""
 
     def after(phase: Array, delay: Scalar) -> Float[Array, " stops"]:
@@ -232,4 +248,4 @@ def _velocities_of_stops(machine: Machine, frame: Frame, log: Log) -> Float[Arra
         now = machine.contacts.size(frame.at(phase)[1])
         return jnp.stack([now, at_stick, now])
 
-    return jax.vmap(of_row)(log.kept().phase, log.instants.chatter[:-1])
+    return jax.vmap(of_row)(phases, instants.chatter)

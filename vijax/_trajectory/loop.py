@@ -22,7 +22,7 @@ from .._machine.state import State, start_period
 from .._refusal import lock
 from .._system.system import ImpactSystem
 from .._types import UNROLLED_ALONE, Reals, Scalar
-from .._xla import AbstractTask, bounded_while_any, differentiable, in_one_kernel, is_any, while_any
+from .._xla import AbstractTask, bounded_while_any, differentiable, in_one_kernel, while_any
 from .event_log import Log, empty_log, event_log, write
 from .grazing import Grazing, nothing_met, update_grazing
 from .solution import RESULTS, Solution, told
@@ -228,8 +228,7 @@ def run_for_log(
     """Follow a trajectory for its log alone, without derivatives: the log, what became of it, and its end (x, v)."""
     request = jax.tree.map(jnp.asarray, request)
     task, carry = _begin(numbers, flow, request, None, room=room, can_stick=can_stick)
-    # A finished lane stands still by itself, so its log is never copied.
-    last = jax.lax.while_loop(lambda c: is_any(task.is_live(c)), lambda c: task.step(c), carry)
+    last = while_any(task, carry)
     solution, _ = _finish(task, last, request, room)
     return last.log, solution.result, jnp.concatenate([solution.x1, solution.v1])
 
@@ -334,7 +333,7 @@ def _finish(task: Task, last: Carry, request: Request, room: int) -> tuple[Solut
         x1=x1,
         v1=v1,
         stuck1=state.held,
-        events=event_log(machine, log, room),
+        events=event_log(machine, log.kept_instants(), log.kept().phase, room),
         num_events=jnp.minimum(log.num_events, request.max_events),
         num_steps=last.steps,
         num_rejected=task.flow.num_rejected(state.memory),

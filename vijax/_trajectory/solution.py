@@ -55,18 +55,18 @@ class RESULTS(eqx.Enumeration):
     )
 
 
-def told(result: RESULTS, allowed: Sequence[RESULTS] = ()) -> tuple[Reals, list[str]]:
-    """Arguments of `checked`: 0 or the number of the sentence to raise, and all sentences."""
+def told(result: Any, allowed: Sequence[Any] = ()) -> tuple[Reals, list[str]]:
+    """Arguments of `checked` for a member of `RESULTS` or its like: 0 or the number of the sentence to raise; all sentences."""
     known = concrete(result._value)
     number = result._value if known is None else known
     for one in allowed:
         number = library_of(number).where(number == np.asarray(one._value), 0, number)
-    return number, [*_sentences()]
+    return number, [*_sentences(result._enumeration)]
 
 
 @cache
-def _sentences() -> list[str]:
-    return [RESULTS[getattr(RESULTS, name)] for name in RESULTS._name_to_item]
+def _sentences(results: Any) -> list[str]:
+    return [results[getattr(results, name)] for name in results._name_to_item]
 
 
 class Solution(eqx.Module):
