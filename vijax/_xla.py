@@ -170,7 +170,7 @@ class AbstractTask(eqx.Module):
         """The next carry, unchanged in every lane that is not live."""
 
 
-def while_any(task: AbstractTask, carry: R) -> R:
+def while_any(task: AbstractTask, carry: Any) -> Any:
     """Step while any lane is live, those of a `vmap` included.
 
     A plain `while_loop` under `vmap` copies the whole carry in every step to leave the finished
