@@ -209,10 +209,11 @@ def differentiable(forwards: Callable, backwards: Callable, tree):
     tree = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray | np.generic) else a, tree)
     if PLAIN or both_ways is None:
         return _plainly_both_ways(forwards, backwards, tree)
-    return both_ways(forwards, backwards, tree, _compiled_lightly)
+    return both_ways(forwards, backwards, tree, jit_lightly)
 
 
-def _compiled_lightly(function: Callable) -> Callable:
+def jit_lightly(function: Callable) -> Callable:
+    """`jax.jit`, compiled lightly."""
     return jax.jit(function, compiler_options=_options())
 
 

@@ -9,6 +9,9 @@ with 2 n free numbers c: a flight adds one unknown, its duration, and its event 
 that turns the row of the equation into the last axis. So nothing is ever divided by the speed of an impact:
 at grazing, where the row loses its entry of the duration, another entry takes its place. The work grows with
 the number of events, not with its cube, and the remainder is the pencil (Z, N) of the Floquet multipliers.
+
+Along a branch a parameter p is one more unknown, which no flight changes, and dz0 stands for (dz0, dp): there are
+2 n + 1 free numbers. The equation that is added is linear in all unknowns, see `Weights`, and is kept as dz0 is.
 """
 
 from collections.abc import Callable
@@ -54,18 +57,26 @@ def over_flights(
 class Flights(NamedTuple):
     """Derivatives of the flights of a cycle, one after another.
 
+    A state is z and the time, which all share, and the parameter, if there is one: (next,).
+
     Attributes:
-        begin: of the state at the start of the first by z0: masses that are held do not follow it, (state + 1, state).
-        forward: of the state after each by the state before and the duration, (events, state + 1, state + 2); a
-            state is z and the time, which it shares.
-        normal: of the value that vanishes at its end, (events, state + 2).
-        close: of z at the end of the cycle by the state after the last event, (state, state + 1).
+        begin: of the state at the start of the first by z0: masses that are held do not follow it, (next, free).
+        forward: of the state after each by the state before and the duration, (events, next, next + 1).
+        normal: of the value that vanishes at its end, (events, next + 1).
+        close: of z at the end of the cycle by the state after the last event, (state, next).
     """
 
-    begin: Float[Array, "next state"]
+    begin: Float[Array, "next free"]
     forward: Float[Array, "events next given"]
     normal: Float[Array, "events given"]
     close: Float[Array, "state next"]
+
+
+class Weights(NamedTuple):
+    """A linear function of all unknowns: of the start and the parameter, (free,), and of the durations, (events,)."""
+
+    start: Float[Array, " free"]
+    flights: Float[Array, " events"]
 
 
 class Pencil(NamedTuple):
@@ -80,39 +91,47 @@ class Condensed(NamedTuple):
 
     Attributes:
         flights: what they were made of.
-        row: of every equation, (events, state + 1).
-        basis: of what satisfies it, (events, state + 1, state).
-        start: N before each flight, (events, state, state).
-        reach: of the state after it by c and the duration, (events, state + 1, state + 1).
-        pencil: what is left.
+        row: of every equation, (events, free + 1).
+        basis: of what satisfies it, (events, free + 1, free).
+        start: N before each flight and, as its last row, the weights, by c and the duration, (events, rows, free + 1).
+        reach: of the state after it, likewise, (events, next, free + 1).
+        pencil: what is left; its start has the weights as its last row, if there are any.
     """
 
     flights: Flights
-    row: Float[Array, "events free"]
-    basis: Float[Array, "events free state"]
-    start: Float[Array, "events state state"]
-    reach: Float[Array, "events next free"]
+    row: Float[Array, "events more"]
+    basis: Float[Array, "events more free"]
+    start: Float[Array, "events rows more"]
+    reach: Float[Array, "events next more"]
     pencil: Pencil
 
 
-def condense(flights: Flights, count: Int[Array, ""] | None = None) -> Condensed:
+def condense(
+    flights: Flights, count: Int[Array, ""] | None = None, weights: Weights | None = None
+) -> Condensed:
     """Take away the duration of every flight, or of the first `count` of them, see `over_flights`."""
-    identity = jnp.eye(len(flights.close), dtype=flights.close.dtype)
+    events, num_free = len(flights.forward), flights.begin.shape[1]
+    first = jnp.eye(num_free, dtype=flights.begin.dtype)
+    of_flights = jnp.zeros((events, num_free), first.dtype)
+    if weights is not None:
+        first = jnp.vstack([first, weights.start])
+        of_flights = jnp.column_stack([of_flights, weights.flights])
 
     def one(carry, flight):
         start, here = carry
-        forward, normal = flight
+        forward, normal, of_flight = flight
         row = jnp.append(normal[:-1] @ here, normal[-1])
+        start = jnp.column_stack([start, of_flight])
         reach = jnp.column_stack([forward[:, :-1] @ here, forward[:, -1]])
-        basis = _basis_of_kernel(row)
-        return (start @ basis[:-1], reach @ basis), (row, basis, start, reach)
+        basis = basis_of_kernel(row)
+        return (start @ basis, reach @ basis), (row, basis, start, reach)
 
-    first, rows = (identity, flights.begin), (flights.forward, flights.normal)
-    (start, here), (row, basis, starts, reach) = over_flights(one, first, rows, count)
+    rows = flights.forward, flights.normal, of_flights
+    (start, here), (row, basis, starts, reach) = over_flights(one, (first, flights.begin), rows, count)
     return Condensed(flights, row, basis, starts, reach, Pencil(flights.close @ here, start))
 
 
-def _basis_of_kernel(row: Float[Array, " free"]) -> Float[Array, "free state"]:
+def basis_of_kernel(row: Float[Array, " free"]) -> Float[Array, "free state"]:
     """An orthonormal basis of the kernel of a row, by a reflection; unit vectors for a row of zeros."""
     length = jnp.sqrt(jnp.sum(row * row))
     last = row[-1] + jnp.where(row[-1] < 0, -length, length)
@@ -127,7 +146,8 @@ def solve_condensed(
     of_events: Float[Array, " events"],
     of_closing: Float[Array, " state"],
     count: Int[Array, ""] | None = None,
-) -> tuple[Float[Array, " state"], Float[Array, " events"]]:
+    of_weights: Float[Array, ""] | None = None,
+) -> tuple[Float[Array, " free"], Float[Array, " events"]]:
     """Solve for the change of the start and of the durations. Linear in the right-hand sides, so differentiable.
 
     Args:
@@ -135,6 +155,7 @@ def solve_condensed(
         of_events: right-hand sides of the events.
         of_closing: those of the closing.
         count: of the flights, see `over_flights`.
+        of_weights: that of the equation of the weights, if there is one.
     """
     flights = equations.flights
 
@@ -143,17 +164,19 @@ def solve_condensed(
         forward, normal, row, start, reach, value = flight
         square = jnp.sum(row * row)
         own = row * ((value - normal[:-1] @ change) / jnp.where(square > 0, square, 1))
-        return (of_start + start @ own[:-1], reach @ own + forward[:, :-1] @ change), own
+        return (of_start + start @ own, reach @ own + forward[:, :-1] @ change), own
 
     def back(free, flight):
         basis, own = flight
         whole = basis @ free + own
         return whole[:-1], whole[-1]
 
-    size = len(of_closing)
-    first = jnp.zeros_like(of_closing), jnp.zeros(size + 1, of_closing.dtype)
+    size, (end, start) = len(of_closing), equations.pencil
+    first = jnp.zeros(len(start), end.dtype), jnp.zeros(len(flights.begin), end.dtype)
     rows = flights.forward, flights.normal, equations.row, equations.start, equations.reach, of_events
     (of_start, change), own = over_flights(there, first, rows, count)
-    end, start = equations.pencil
-    free = jnp.linalg.solve(end - start, of_closing - flights.close @ change + of_start)
+    matrix, value = end - start[:size], of_closing - flights.close @ change + of_start[:size]
+    if of_weights is not None:
+        matrix, value = jnp.vstack([matrix, start[-1]]), jnp.append(value, of_weights - of_start[-1])
+    free = jnp.linalg.solve(matrix, value)
     return over_flights(back, free, (equations.basis, own), count, reverse=True)

@@ -7,7 +7,7 @@ impact approaches its stop or a stop is pressed, so a family of orbits is smooth
 where no machine does: following a cycle decides whether it is a motion, see `search.py`.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -73,7 +73,7 @@ class Problem(eqx.Module):
     phase: Scalar
 
 
-class _Place(NamedTuple):
+class Moment(NamedTuple):
     """Where the motion is: `z`, the time in forcing periods, the gaps counted from the last contact."""
 
     z: Array
@@ -81,7 +81,7 @@ class _Place(NamedTuple):
     gap: Array
 
 
-class _Event(NamedTuple):
+class Event(NamedTuple):
     """The end of a flight, and the stops that hold before and after it."""
 
     kind: Int[Array, ""]
@@ -100,19 +100,23 @@ def prepared(numbers: Numbers, flow: AbstractFlow, num_periods: Scalar) -> tuple
 def residual(problem: Problem, unknowns: Unknowns) -> Residual:
     """Follow the sequence once round."""
     machine, flow = problem.machine, problem.flow
-    place = _begin(problem, machine, unknowns.z)
+    place = begin_cycle(problem, machine, unknowns.z)
 
-    def one(place: _Place, flight: tuple[_Event, Scalar]) -> tuple[_Place, tuple[Array, Array]]:
-        return _fly(machine, flow, place, *flight)[:2]
+    def one(place: Moment, flight: tuple[Event, Scalar]) -> tuple[Moment, tuple[Array, Array]]:
+        return fly(machine, flow, place, *flight)[:2]
 
-    flights = _events(problem.sequence), unknowns.flights
+    flights = events_of(problem.sequence), unknowns.flights
     place, (values, speeds) = jax.lax.scan(one, place, flights)
     end = _close(problem, machine, flow, place)
     return Residual(values, end - unknowns.z, speeds)
 
 
 def linearise(
-    problem: Problem, unknowns: Unknowns, scale: Float[Array, " state"], count: Int[Array, ""] | None = None
+    problem: Problem,
+    unknowns: Unknowns,
+    scale: Float[Array, " state"],
+    count: Int[Array, ""] | None = None,
+    change: tuple | None = None,
 ) -> tuple[Residual, Flights]:
     """The residual and its derivatives by the scaled unknowns, flight by flight.
 
@@ -121,35 +125,39 @@ def linearise(
         unknowns: where.
         scale: sizes of positions and velocities, by which `z` is divided, (2 n,).
         count: of the flights, see `over_flights`.
+        change: of the machine and its flow by a parameter, which is then one of the unknowns.
     """
-    machine, flow = problem.machine, problem.flow
-    size = len(scale)
+    size, p = len(scale), jnp.zeros(0 if change is None else 1, scale.dtype)
 
-    def one(place: _Place, flight: tuple[_Event, Scalar]):
+    def at(p: Array) -> tuple[Machine, AbstractFlow]:
+        here = problem.machine, problem.flow
+        return here if change is None else _moved(here, change, p[0])
+
+    def one(place: Moment, flight: tuple[Event, Scalar]):
         event, duration = flight
 
         def moved(y: Array):
-            here = place._replace(z=y[:size] * scale, time=y[size])
-            there, (value, speed), _ = _fly(machine, flow, here, event, y[-1])
-            return (jnp.append(there.z / scale, there.time), value), (there, value, speed)
+            here, p = place._replace(z=y[:size] * scale, time=y[size]), y[size + 1 : -1]
+            there, (value, speed), _ = fly(*at(p), here, event, y[-1])
+            return (jnp.concatenate([there.z / scale, there.time[None], p]), value), (there, value, speed)
 
-        y = jnp.concatenate([place.z / scale, jnp.stack([place.time, duration])])
+        y = jnp.concatenate([place.z / scale, place.time[None], p, duration[None]])
         (forward, normal), (there, value, speed) = jax.jacfwd(moved, has_aux=True)(y)
         return there, (forward, normal, value, speed)
 
     def begun(y: Array):
-        place = _begin(problem, machine, y * scale)
-        return jnp.append(place.z / scale, place.time), place
+        place = begin_cycle(problem, at(y[size:])[0], y[:size] * scale)
+        return jnp.concatenate([place.z / scale, place.time[None], y[size:]]), place
 
-    begin, place = jax.jacfwd(begun, has_aux=True)(unknowns.z / scale)
-    flights = _events(problem.sequence), unknowns.flights
+    begin, place = jax.jacfwd(begun, has_aux=True)(jnp.concatenate([unknowns.z / scale, p]))
+    flights = events_of(problem.sequence), unknowns.flights
     place, (forward, normal, values, speeds) = over_flights(one, place, flights, count)
 
     def closed(y: Array):
-        end = _close(problem, machine, flow, place._replace(z=y[:size] * scale, time=y[size]))
+        end = _close(problem, *at(y[size + 1 :]), place._replace(z=y[:size] * scale, time=y[size]))
         return end / scale, end
 
-    close, end = jax.jacfwd(closed, has_aux=True)(jnp.append(place.z / scale, place.time))
+    close, end = jax.jacfwd(closed, has_aux=True)(jnp.concatenate([place.z / scale, place.time[None], p]))
     return Residual(values, end - unknowns.z, speeds), Flights(begin, forward, normal, close)
 
 
@@ -161,9 +169,9 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns) -> EventLog:
     machine, flow = problem.machine, problem.flow
     contacts = machine.contacts
 
-    def one(place: _Place, flight: tuple[_Event, Scalar]) -> tuple[_Place, tuple[Instant, Array]]:
+    def one(place: Moment, flight: tuple[Event, Scalar]) -> tuple[Moment, tuple[Instant, Array]]:
         event, duration = flight
-        there, _, end = _fly(machine, flow, place, event, duration)
+        there, _, end = fly(machine, flow, place, event, duration)
         hit = (jnp.arange(contacts.num) == event.stop) & (event.kind == IMPACT)
         stuck, left = event.held_after & ~event.held, event.held & ~event.held_after
         x, v = rebound(machine, end.x, end.v, hit)
@@ -183,30 +191,56 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns) -> EventLog:
         )
         return there, (instant, end.phase)
 
-    flights = _events(problem.sequence), unknowns.flights
-    instants, phases = jax.lax.scan(one, _begin(problem, machine, unknowns.z), flights)[1]
+    flights = events_of(problem.sequence), unknowns.flights
+    instants, phases = jax.lax.scan(one, begin_cycle(problem, machine, unknowns.z), flights)[1]
     return event_log(machine, instants, phases, len(unknowns.flights))
 
 
-def _begin(problem: Problem, machine: Machine, z: Array) -> _Place:
+def state_at(problem: Problem, unknowns: Unknowns, time: Scalar) -> Float[Array, " state"]:
+    """The state of a cycle some forcing periods after its start, as seen from the stops, after all events until then."""
+    machine, flow = problem.machine, problem.flow
+    count = jnp.sum(problem.sequence.is_event)
+    until = jnp.cumsum(unknowns.flights)
+
+    def one(carry: tuple[Moment, Array], flight: tuple[Event, Scalar, Array, Array]):
+        moment, held = carry
+        event, duration, ends, is_event = flight
+        there = fly(machine, flow, moment, event, duration)[0]
+        is_passed = is_event & (ends <= time)
+        moment = jax.tree.map(lambda a, b: jnp.where(is_passed, a, b), there, moment)
+        return (moment, jnp.where(is_passed, event.held_after, held)), None
+
+    flights = events_of(problem.sequence), unknowns.flights, until, jnp.arange(len(until)) < count
+    begin = begin_cycle(problem, machine, unknowns.z), problem.sequence.held[0]
+    (moment, held), _ = jax.lax.scan(one, begin, flights)
+    x, v, _ = leap(machine, flow, moment, held, problem.phase + time - moment.time)
+    return jnp.concatenate([jnp.split(moment.z, 2)[0] + x, v])
+
+
+def _moved(tree: Any, change: Any, by: Scalar) -> Any:
+    """The tree with every number moved that has a change."""
+    return jax.tree.map(lambda a, da: a if da is None else a + by * da, tree, change)
+
+
+def begin_cycle(problem: Problem, machine: Machine, z: Array) -> Moment:
     x, v = jnp.split(z, 2)
     held = problem.sequence.held[0]
     x, v = machine.contacts.placed(x, held), machine.contacts.held_still(v, held)
-    return _Place(
+    return Moment(
         jnp.concatenate([x, v]), problem.phase + 0 * x[0], jax.lax.stop_gradient(machine.contacts.gaps(x))
     )
 
 
-def _events(sequence: Sequence) -> _Event:
-    return _Event(sequence.kind, sequence.stop, sequence.held[:-1], sequence.held[1:])
+def events_of(sequence: Sequence) -> Event:
+    return Event(sequence.kind, sequence.stop, sequence.held[:-1], sequence.held[1:])
 
 
-def _fly(
-    machine: Machine, flow: AbstractFlow, place: _Place, event: _Event, duration: Scalar
-) -> tuple[_Place, tuple[Array, Array], State]:
+def fly(
+    machine: Machine, flow: AbstractFlow, place: Moment, event: Event, duration: Scalar
+) -> tuple[Moment, tuple[Array, Array], State]:
     """The place after a flight and its event; the value that vanishes there and the speed of approach; the end of the flight."""
     contacts, before = machine.contacts, jnp.split(place.z, 2)[0]
-    x, v, change = _leap(machine, flow, place, event.held, duration)
+    x, v, change = leap(machine, flow, place, event.held, duration)
     # Counted from the last contact, which keeps all digits of a light bounce; derivatives are the position's.
     start = contacts.gaps(before)
     gap = place.gap + start - jax.lax.stop_gradient(start) - contacts.along(x)
@@ -223,11 +257,11 @@ def _fly(
     x, v = rebound(machine, x, v, hit)
     gap = jnp.where(hit, 0, jnp.where(contacts.sharing(hit), contacts.gaps(x), gap))
     v = contacts.held_still(v, event.held_after)
-    return _Place(jnp.concatenate([x, v]), time, jax.lax.stop_gradient(gap)), (value, speed), end
+    return Moment(jnp.concatenate([x, v]), time, jax.lax.stop_gradient(gap)), (value, speed), end
 
 
-def _leap(
-    machine: Machine, flow: AbstractFlow, place: _Place, held: Array, duration: Scalar
+def leap(
+    machine: Machine, flow: AbstractFlow, place: Moment, held: Array, duration: Scalar
 ) -> tuple[Array, Array, Array]:
     """Displacement, velocity and the phase at the end of a flight."""
     num_harmonics = machine.waves.num_harmonics
@@ -242,8 +276,8 @@ def _leap(
     return displacement, v + gain, phase + change
 
 
-def _close(problem: Problem, machine: Machine, flow: AbstractFlow, place: _Place) -> Array:
+def _close(problem: Problem, machine: Machine, flow: AbstractFlow, place: Moment) -> Array:
     """The state after the last flight."""
     left = problem.phase + problem.num_periods - place.time
-    x, v, _ = _leap(machine, flow, place, problem.sequence.held[-1], left)
+    x, v, _ = leap(machine, flow, place, problem.sequence.held[-1], left)
     return jnp.concatenate([jnp.split(place.z, 2)[0] + x, v])

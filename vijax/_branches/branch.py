@@ -1,0 +1,215 @@
+"""What `continuation` returns: a branch of periodic orbits and its bifurcations."""
+
+import json
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+
+from .._dataset_attributes import label, versions
+from .._flow.choose import choose_flow
+from .._machine.numbers import numbers_of
+from .._orbits.cycle import Problem, Unknowns, log_of_cycle, prepared
+from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
+from .._orbits.sequence import NOTHING, Sequence
+from .._system.description import build, describe
+from .._system.parameters import set_parameter
+from .._system.system import ImpactSystem
+from .._trajectory.event_log import IMPACT
+from .family import Family
+from .follow import Point, Walk
+
+
+class Bifurcation(NamedTuple):
+    """A point where a branch changes.
+
+    Attributes:
+        kind: "fold", "pd" (period doubling), "ns" (Neimark-Sacker), "bp" (branch point), "gr" (grazing),
+            "double_impact", "force_zero" or "chatter_completion".
+        value: of the parameter.
+        index: number of the point on the branch.
+        orbit: the orbit there.
+    """
+
+    kind: str
+    value: float
+    index: int
+    orbit: PeriodicOrbit
+
+    def __repr__(self) -> str:
+        return f"{self.kind} at {self.value:.12g} (point {self.index})"
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """Periodic orbits along a parameter.
+
+    Attributes:
+        points: a Dataset along `point`, in the order of arclength; `branch.points.to_netcdf(file)` keeps a branch, and
+            `vx.Branch(xr.open_dataset(file))` is the same again.
+    """
+
+    points: xr.Dataset
+
+    @property
+    def path(self) -> str:
+        """The parameter."""
+        return self.points.attrs["path"]
+
+    @property
+    def values(self) -> np.ndarray:
+        """The parameter along the branch, (points,)."""
+        return self.points[self.path].values
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """Why the branch ends there, at its first point and at its last."""
+        first, last = json.loads(self.points.attrs["ends"])
+        return first, last
+
+    @property
+    def bifurcations(self) -> list[Bifurcation]:
+        """The points where the branch changes, in their order."""
+        kinds = self.points["bifurcation"].values
+        return [
+            Bifurcation(str(kinds[k]), float(self.values[k]), int(k), self.orbit(int(k)))
+            for k in np.flatnonzero(kinds != "")
+        ]
+
+    def orbit(self, k: int) -> PeriodicOrbit:
+        """The orbit at a point."""
+        if not -len(self) <= k < len(self):
+            raise IndexError(f"The branch has {len(self)} points, so there is no point {k}.")
+        return _orbit(self.points.isel(point=k))
+
+    def __len__(self) -> int:
+        return self.points.sizes["point"]
+
+    def __repr__(self) -> str:
+        low, high = self.values.min(), self.values.max()
+        kinds = ", ".join(
+            f"{kind} {value:.9g}"
+            for kind, value in zip(self.points["bifurcation"].values, self.values, strict=True)
+            if kind
+        )
+        stable = int(self.points["is_stable"].sum())
+        return (
+            f"Branch of {len(self)} periodic orbits, {stable} stable\n"
+            f"  {self.path}  {low:.9g} to {high:.9g}\n"
+            f"  ends          {self.ends[0]}, {self.ends[1]}\n"
+            f"  bifurcations  {kinds or 'none'}"
+        )
+
+
+def branch_of(family: Family, system: ImpactSystem, start: Point, back: Walk, forth: Walk) -> Branch:
+    """The branch from what was followed backwards and forwards."""
+    if forth.end == "closed":
+        back = replace(back, points=[], end="closed")
+    points = [*back.points[::-1], start, *forth.points]
+    arcs = [-point.arc for point in back.points[::-1]] + [point.arc for point in [start, *forth.points]]
+    room = max(len(point.sequence.kind) for point in points)
+    num_stops = start.sequence.held.shape[1]
+    founds = [point.seen.found for point in points]
+    is_impact = [point.sequence.kind == IMPACT for point in points]
+
+    def rows(values: list, fill: float | int, more: int = 0) -> np.ndarray:
+        values = [np.asarray(a) for a in values]
+        whole = np.full(
+            (len(values), room + more, *values[0].shape[1:]), fill, np.result_type(values[0], type(fill))
+        )
+        for row, a in zip(whole, values, strict=True):
+            row[: len(a)] = a[: room + more]
+        return whole
+
+    z = np.stack([point.seen.start for point in points])
+    multipliers = np.stack([found.multipliers for found in founds])
+    n = z.shape[1] // 2
+    stops = np.arange(num_stops)
+    impacts = [
+        is_hit[:, None] & (point.sequence.stop[:, None] == stops)
+        for is_hit, point in zip(is_impact, points, strict=True)
+    ]
+    speeds = [
+        np.where(is_hit, found.speeds[: len(is_hit)], np.nan)
+        for is_hit, found in zip(is_impact, founds, strict=True)
+    ]
+    gap = np.stack([point.seen.watched.gap for point in points])
+    columns = {
+        family.path: (("point",), np.array([float(point.place.p * family.span) for point in points])),
+        "arclength": (("point",), np.array(arcs)),
+        "x0": (("point", "mass"), z[:, :n]),
+        "v0": (("point", "mass"), z[:, n:]),
+        "multipliers": (("point", "multiplier"), multipliers),
+        "is_stable": (("point",), np.abs(multipliers[:, 0]) < 1),
+        "is_admissible": (("point",), np.array([point.is_admissible for point in points])),
+        "num_impacts": (("point", "stop"), np.stack([hits.sum(axis=0) for hits in impacts])),
+        "impact_speed": (("point", "event"), rows(speeds, np.nan)),
+        "closest_gap": (("point", "stop"), gap),
+        "residual": (("point",), np.array([found.residual for found in founds])),
+        "bifurcation": (
+            ("point",),
+            np.array(["gr" if point.kind == "touch" else point.kind for point in points]),
+        ),
+        "event_kind": (("point", "event"), rows([point.sequence.kind for point in points], NOTHING)),
+        "event_stop": (("point", "event"), rows([point.sequence.stop for point in points], -1)),
+        "flight": (("point", "event"), rows([point.place.flights for point in points], 0.0)),
+        "held": (
+            ("point", "flight_number", "stop"),
+            rows([point.sequence.held for point in points], False, 1),
+        ),
+        "start": (("point", "state"), np.stack([point.place.z * family.scale for point in points])),
+    }
+    attrs = {
+        "system": json.dumps(describe(system)),
+        "dtype": str(z.dtype),
+        "path": family.path,
+        "num_periods": int(family.num_periods),
+        "phase": float(family.phase),
+        "ends": json.dumps([back.end, forth.end]),
+        **versions(),
+    }
+    ds = xr.Dataset(columns, attrs=attrs).set_coords(family.path)
+    for name, variable in ds.variables.items():
+        variable.attrs = label(str(name))
+    return Branch(ds)
+
+
+def _orbit(point: xr.Dataset) -> PeriodicOrbit:
+    """The orbit of one point of a branch."""
+    system = build(json.loads(point.attrs["system"]), point.attrs["dtype"])
+    system = set_parameter(system, point.attrs["path"], point[point.attrs["path"]].values)
+    sequence = Sequence(
+        point["event_kind"].values, np.maximum(point["event_stop"].values, 0), point["held"].values
+    )
+    flow = choose_flow(system, can_stick=True)
+    n, phase = point.attrs["num_periods"], 2 * np.pi * point.attrs["phase"]
+    unknowns = Unknowns(jnp.asarray(point["start"].values), jnp.asarray(point["flight"].values))
+    events = _log(numbers_of(system), flow, jax.tree.map(jnp.asarray, sequence), unknowns, float(n), phase)
+    multipliers = jnp.asarray(point["multipliers"].values)
+    return PeriodicOrbit(
+        system=jax.tree.map(jnp.asarray, system),
+        num_periods=n,
+        period=jnp.asarray(n * system.forcing.period),
+        phase=jnp.asarray(phase),
+        x0=jnp.asarray(point["x0"].values),
+        v0=jnp.asarray(point["v0"].values),
+        events=events,
+        num_impacts=jnp.asarray(point["num_impacts"].values),
+        multipliers=multipliers,
+        is_stable=jnp.abs(multipliers[0]) < 1,
+        is_admissible=jnp.asarray(point["is_admissible"].values),
+        residual=jnp.asarray(point["residual"].values),
+        num_runs=jnp.array(0),
+        result=ORBIT_RESULTS.successful,
+        args=None,
+        flow=None,
+    )
+
+
+@jax.jit
+def _log(numbers, flow, sequence, unknowns, num_periods, phase):
+    machine = prepared(numbers, flow, num_periods)
+    return log_of_cycle(Problem(*machine, sequence, num_periods, phase / (2 * jnp.pi)), unknowns)

@@ -1,0 +1,67 @@
+"""How the sequence of a cycle changes where an event comes, goes, or passes another: the same motion, told anew."""
+
+import numpy as np
+
+from .._orbits.sequence import Sequence
+from .._trajectory.event_log import IMPACT
+from .family import Place
+
+
+def with_impact(
+    sequence: Sequence, place: Place, stop: int, flight: int, time: float
+) -> tuple[Sequence, Place]:
+    """An impact without speed, where the gap of a stop vanishes on a flight, some forcing periods after the start."""
+    since = time - place.flights[:flight].sum()
+    held = np.insert(sequence.held, flight, sequence.held[flight], axis=0)
+    flights = np.insert(place.flights, flight, since)
+    if flight < len(place.flights):
+        flights[flight + 1] -= since
+    kind, stops = np.insert(sequence.kind, flight, IMPACT), np.insert(sequence.stop, flight, stop)
+    return Sequence(kind, stops, held), place._replace(flights=flights)
+
+
+def without_event(sequence: Sequence, place: Place, k: int) -> tuple[Sequence, Place]:
+    """Without an impact that has no speed."""
+    flights = np.delete(place.flights, k)
+    if k < len(flights):
+        flights[k] += place.flights[k]
+    held = np.delete(sequence.held, k + 1, axis=0)
+    return Sequence(np.delete(sequence.kind, k), np.delete(sequence.stop, k), held), place._replace(
+        flights=flights
+    )
+
+
+def with_order_exchanged(sequence: Sequence, place: Place, k: int) -> tuple[Sequence, Place]:
+    """With an impact before another at the same time, `k` and the one before it."""
+    order = np.arange(len(sequence.kind))
+    order[[k - 1, k]] = k, k - 1
+    return Sequence(sequence.kind[order], sequence.stop[order], sequence.held), place
+
+
+def passed_section(place: Place, num_periods: float) -> int:
+    """How many events at the front come before the start of the cycle, negative for those behind its end."""
+    times = np.cumsum(place.flights)
+    return int(np.count_nonzero(times < 0)) or -int(np.count_nonzero(times > num_periods))
+
+
+def shifted(
+    sequence: Sequence, place: Place, by: int, num_periods: float, z: np.ndarray
+) -> tuple[Sequence, Place]:
+    """The cycle with its first events as its last, or its last as its first for a negative number.
+
+    Args:
+        sequence: what happens.
+        place: the cycle.
+        by: how many events.
+        num_periods: n.
+        z: the state where the cycle now begins.
+    """
+    times = np.cumsum(place.flights)
+    order = np.roll(np.arange(len(times)), -by)
+    times[: max(by, 0)] += num_periods
+    times[len(times) + min(by, 0) :] -= num_periods
+    held = np.concatenate(
+        [np.roll(sequence.held[:-1], -by, axis=0), sequence.held[[by]] if by > 0 else sequence.held[[by - 1]]]
+    )
+    flights = np.diff(times[order], prepend=0)
+    return Sequence(sequence.kind[order], sequence.stop[order], held), place._replace(z=z, flights=flights)

@@ -1,0 +1,84 @@
+"""The cycles of a machine whose parameter varies: where they are, and in which coordinates they are followed."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._flow.interface import AbstractFlow
+from .._machine.numbers import numbers_of
+from .._orbits.cycle import Problem, Unknowns, prepared
+from .._orbits.sequence import Sequence
+from .._system.parameters import set_parameter
+from .._system.system import ImpactSystem
+from .._types import Reals
+
+
+class Place(NamedTuple):
+    """A cycle and the parameter at which it is one, or a direction from there; each in its scale.
+
+    Attributes:
+        z: positions and velocities at the start, as seen from the stops, (2 n,).
+        flights: durations in forcing periods, (events,).
+        p: the parameter.
+    """
+
+    z: Reals
+    flights: Reals
+    p: Reals
+
+    def moved(self, direction: "Place", by: Reals) -> "Place":
+        """The place some way in a direction."""
+        return Place(*(a + by * d for a, d in zip(self, direction, strict=True)))
+
+    def turned(self) -> "Place":
+        """The opposite direction."""
+        return Place(*(-a for a in self))
+
+    def along(self, direction: "Place") -> Reals:
+        """The product with a direction."""
+        return (self.z * direction.z).sum() + (self.flights * direction.flights).sum() + self.p * direction.p
+
+
+class Family(eqx.Module):
+    """The machines of all values of a parameter, and what is asked of their cycles.
+
+    Attributes:
+        system: one of them, its force bound to its `args`.
+        flow: the motion between events.
+        num_periods: n.
+        phase: where a cycle begins, in forcing periods.
+        scale: sizes of positions and velocities, (2 n,).
+        span: size of the parameter.
+        path: its name.
+    """
+
+    system: ImpactSystem
+    flow: AbstractFlow
+    num_periods: Reals
+    phase: Reals
+    scale: Float[Array, " state"]
+    span: Reals
+    path: str = eqx.field(static=True)
+
+    def system_at(self, p: Reals) -> ImpactSystem:
+        """The machine at a value of the scaled parameter."""
+        return set_parameter(self.system, self.path, p * self.span)
+
+    def problem(self, sequence: Sequence, p: Reals) -> Problem:
+        """The equations of a sequence there."""
+        machine, flow = prepared(numbers_of(self.system_at(p)), self.flow, jnp.asarray(self.num_periods))
+        return Problem(machine, flow, sequence, jnp.asarray(self.num_periods), jnp.asarray(self.phase))
+
+    def linear_problem(self, sequence: Sequence, p: Reals) -> tuple[Problem, Any]:
+        """The same, and the change of the machine and its flow by the parameter."""
+        machine_at = lambda p: prepared(numbers_of(self.system_at(p)), self.flow, self.num_periods)  # noqa: E731
+        (machine, flow), change = eqx.filter_jvp(machine_at, (p,), (jnp.ones_like(p),))
+        return Problem(
+            machine, flow, sequence, jnp.asarray(self.num_periods), jnp.asarray(self.phase)
+        ), change
+
+    def unknowns(self, place: Place) -> Unknowns:
+        """A place as the unknowns of a cycle."""
+        return Unknowns(place.z * self.scale, place.flights)

@@ -1,0 +1,455 @@
+"""One branch, followed in one direction: steps, what is met on a step, and how the branch goes on from there.
+
+`follow` is a generator: it asks for corrected cycles, see `programs.py`, and is sent the answers, so that many
+branches are followed side by side although each is told as if it were alone.
+"""
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._orbits.sequence import Sequence
+from .._trajectory.event_log import IMPACT, RELEASE
+from .changes import passed_section, shifted, with_impact, with_order_exchanged, without_event
+from .family import Place
+from .programs import Followed, Rates, Request, Seen, confirm, locate_start, look, rates_along, tell, trimmed
+from .zero import Bracket, next_trial
+
+# Lengths of steps: the first, the longest, the shortest, and what leads off a point where the sequence changes.
+_FIRST, _LONGEST, _SHORTEST, _OFF = 2e-3, 5e-2, 1e-9, 1e-7
+# Several events on a step longer than this are separated by shorter steps.
+_SEPARATE = 1e-4
+# The most by which a step may turn, as a cosine; iterations of Newton's method after which steps grow, or shrink.
+_TURN, _FEW, _MANY = 0.98, 3, 6
+# Runs of orbits whose neighbours leave faster than this say nothing.
+_TRUSTED = 1e4
+
+Asked = Generator[Request, Any, Any]
+
+
+class Point(NamedTuple):
+    """A cycle on a branch.
+
+    Attributes:
+        sequence: what happens.
+        place: the cycle.
+        seen: what is known of it.
+        kind: of the bifurcation, or "".
+        arc: length of the branch from where it was begun.
+        is_admissible: whether the machine follows it.
+    """
+
+    sequence: Sequence
+    place: Place
+    seen: Seen
+    kind: str
+    arc: float
+    is_admissible: bool
+
+    @property
+    def tangent(self) -> Place:
+        """Of the branch."""
+        return trimmed(self.seen.found.tangent, len(self.sequence.kind))
+
+    def turned(self) -> "Point":
+        """The point, to be left in the other direction."""
+        found = self.seen.found
+        return self._replace(seen=self.seen._replace(found=found._replace(tangent=found.tangent.turned())))
+
+
+@dataclass
+class Walk:
+    """A branch in one direction, as far as it was followed.
+
+    Attributes:
+        num_periods: n.
+        bounds: of the scaled parameter.
+        max_points: the most points.
+        points: so far.
+        end: why it ended, or "".
+    """
+
+    num_periods: float
+    bounds: tuple[float, float]
+    max_points: int
+    points: list[Point] = field(default_factory=list)
+    end: str = ""
+
+    @property
+    def is_full(self) -> bool:
+        """Whether there are as many points as were asked for."""
+        return len(self.points) >= self.max_points
+
+
+class Ended(Exception):
+    """A branch is not followed any further; says why."""
+
+
+# --- corrected cycles -------------------------------------------------------------------------------------------------
+
+
+def at_parameter(sequence: Sequence, guess: Place, p: float) -> Asked:
+    """The cycle at a value of the parameter."""
+    only_p = Place(0 * guess.z, 0 * guess.flights, np.asarray(1.0))
+    return (yield from _look(sequence, guess, only_p, p))
+
+
+def on_plane(point: Point, guess: Place, s: float) -> Asked:
+    """The cycle where the branch meets the plane across its tangent, some way from a point."""
+    tangent = point.tangent
+    return (yield from _look(point.sequence, guess, tangent, point.place.along(tangent) + s))
+
+
+def _look(sequence: Sequence, guess: Place, weights: Place, target: float) -> Asked:
+    seen: Seen = yield Request(look, sequence, (guess, weights, np.asarray(target)))
+    return seen
+
+
+def _point(
+    sequence: Sequence, seen: Seen, arc: float, *, kind: str = "", is_admissible: bool = True
+) -> Point:
+    return Point(sequence, trimmed(seen.found.place, len(sequence.kind)), seen, kind, arc, is_admissible)
+
+
+# --- test functions ---------------------------------------------------------------------------------------------------
+
+
+class Test(NamedTuple):
+    """A function that changes its sign where something happens, and what that is."""
+
+    kind: str
+    of: Callable[[Seen], float]
+    index: int = 0
+
+
+def _ratio(values: np.ndarray, of: np.ndarray) -> float:
+    """The product of values over 1 + |of|: finite where a multiplier is not."""
+    with np.errstate(invalid="ignore"):
+        parts = values / (1 + np.abs(of))
+    return float(np.prod(np.where(np.isfinite(parts), parts, np.sign(of.real))).real)
+
+
+def _plus(seen: Seen) -> float:
+    mu = seen.found.multipliers
+    return _ratio(1 + mu, mu)
+
+
+def _minus(seen: Seen) -> float:
+    mu = seen.found.multipliers
+    return _ratio(mu - 1, mu)
+
+
+def _pairs(seen: Seen) -> float:
+    mu = seen.found.multipliers
+    first, second = np.triu_indices(len(mu), 1)
+    with np.errstate(invalid="ignore"):
+        products = mu[first] * mu[second]
+    return _ratio(products - 1, np.where(np.isnan(products), 0, products))
+
+
+_OF_NEIGHBOURS = (
+    Test("fold", lambda seen: float(seen.found.tangent.p)),
+    Test("pd", _plus),
+    Test("bp", _minus),
+    Test("ns", _pairs),
+)
+
+
+def _of_events(sequence: Sequence) -> list[Test]:
+    """Test functions of the sequence: positive as long as a machine can follow it."""
+    found = []
+    for k, (kind, stop) in enumerate(zip(sequence.kind, sequence.stop, strict=True)):
+        if kind == IMPACT:
+            found.append(Test("gr", lambda seen, k=k: float(seen.found.speeds[k]), k))
+        if k > 0:
+            ends_stick = kind == RELEASE and sequence.held[k][stop] and not sequence.held[k - 1][stop]
+            name = "chatter_completion" if ends_stick else "double_impact"
+            found.append(Test(name, lambda seen, k=k: float(seen.found.place.flights[k]), k))
+    for j in range(sequence.held.shape[1]):
+        found.append(Test("touch", lambda seen, j=j: float(seen.watched.gap[j]), j))
+        found.append(Test("force_zero", lambda seen, j=j: float(seen.watched.force[j]), j))
+    return found
+
+
+def _crossings(tests: list[Test], before: Seen, after: Seen) -> list[Test]:
+    """Those that change from positive to not positive."""
+    return [test for test in tests if test.of(before) > 0 >= test.of(after)]
+
+
+def num_unstable(seen: Seen) -> int:
+    """How many neighbours leave."""
+    return int(np.count_nonzero(np.abs(seen.found.multipliers) > 1))
+
+
+# --- a branch ---------------------------------------------------------------------------------------------------------
+
+
+def begin(sequence: Sequence, start: np.ndarray, p: float) -> Asked:
+    """The point of a branch at an orbit, given by its start in space; None if there is none.
+
+    Args:
+        sequence: with room for its events.
+        start: positions and velocities, (2 n,).
+        p: the scaled parameter.
+    """
+    place, followed = yield Request(tell, sequence, (start, np.asarray(p)))
+    num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
+    sequence, place = trimmed(followed.sequence, num_events), trimmed(place, num_events)
+    seen = yield from at_parameter(sequence, place, p)
+    away = np.abs(seen.found.place.z - place.z).max()
+    if not seen.found.is_converged or not away < 1e-3:
+        return None
+    return _point(sequence, seen, 0.0)
+
+
+def follow(walk: Walk, start: Point) -> Asked:
+    """Follow a branch from a point in the direction of its tangent; points are added to the walk."""
+    try:
+        yield from _follow(walk, start)
+    except Ended as why:
+        walk.end = str(why)
+
+
+def _follow(walk: Walk, start: Point) -> Asked:
+    point, ds = start, _FIRST
+    while not walk.is_full:
+        if ds < _SHORTEST:
+            raise Ended("not_converged")
+        step = yield from _step(point, ds)
+        if step is None:
+            ds /= 2
+            continue
+        new, longer = step
+        met = _crossings(_of_events(point.sequence), point.seen, new.seen)
+        followed: Followed = yield Request(confirm, new.sequence, (new.place,))
+        is_trusted = np.abs(new.seen.found.multipliers[0]) < _TRUSTED
+        if ds > _SEPARATE and (len(met) > 1 or not (met or followed.is_alike or not is_trusted)):
+            ds /= 2
+            continue
+        event, last = yield from _first_event(point, new, met)
+        special = yield from _special(walk, point, last)
+        if special is None and ds > _SEPARATE:
+            ds /= 2
+            continue
+        for found in [*(special or []), last]:
+            if not walk.bounds[0] <= found.place.p <= walk.bounds[1]:
+                yield from _to_bound(walk, point, found)
+            if found is not last:
+                walk.points.append(found)
+            if found.kind == "period_doubling":
+                raise Ended("period_doubling")
+        if event is not None:
+            point, ds = (yield from _beyond(walk, *event)), min(ds, _FIRST)
+            continue
+        if (yield from _is_closed(walk, start, point, new)):
+            raise Ended("closed")
+        new = new._replace(is_admissible=bool(followed.is_alike or not is_trusted))
+        walk.points.append(new)
+        if not new.is_admissible:
+            raise Ended("left_the_stops")
+        point = yield from _in_section(walk, (yield from _retold_by_machine(new, followed)))
+        ds = min(ds * longer, _LONGEST)
+    walk.end = "max_points"
+
+
+def _first_event(point: Point, new: Point, met: list[Test]) -> Asked:
+    """The first of the events of a step, or None; and the point just before it, or the end of the step."""
+    first, before = None, new
+    for test in met:
+        if test.of(before.seen) <= 0:  # else it comes after one that is known, or with it
+            event = yield from _locate(point, before, test)
+            first, before = (test, event), (yield from _just_before(point, event))
+    return first, before
+
+
+def _step(point: Point, ds: float) -> Asked:
+    """The next point, and by how much the step after it may be longer; None if this one was too long."""
+    seen = yield from on_plane(point, point.place.moved(point.tangent, ds), ds)
+    found = seen.found
+    new = _point(point.sequence, seen, point.arc + ds)
+    is_sound = found.is_converged and new.tangent.along(point.tangent) > _TURN and found.first < 10 * ds
+    if not is_sound or found.num_steps > _MANY + 1:
+        return None
+    return new, 1.5 if found.num_steps <= _FEW + 1 else 1.2 if found.num_steps < _MANY else 0.7
+
+
+def _retold_by_machine(point: Point, followed: Followed) -> Asked:
+    """The point as the machine shows it: a chatter has as many bounces as it needs there."""
+    num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
+    if not followed.is_alike or num_events == len(point.sequence.kind):
+        return point
+    sequence = trimmed(followed.sequence, num_events)
+    place = point.place._replace(flights=followed.flights[:num_events])
+    # The direction is that of the start and the parameter, whatever the number of bounces.
+    weights = Place(point.tangent.z, 0 * place.flights, point.tangent.p)
+    seen = yield from _look(sequence, place, weights, place.along(weights))
+    return _point(sequence, seen, point.arc) if seen.found.is_converged else point
+
+
+def _locate(point: Point, new: Point, test: Test) -> Asked:
+    """Where a test function vanishes between two points."""
+    bracket = Bracket.between(test.of(point.seen), test.of(new.seen), new.arc - point.arc)
+    best = new
+    while (s := next_trial(bracket)) is not None:
+        share = s / (new.arc - point.arc)
+        guess = Place(*(a + share * (b - a) for a, b in zip(point.place, new.place, strict=True)))
+        seen = yield from on_plane(point, guess, s)
+        if not seen.found.is_converged:
+            raise Ended("not_converged")
+        best = _point(point.sequence, seen, point.arc + s, kind=test.kind)
+        bracket = bracket.narrowed(s, test.of(seen))
+    return best._replace(kind=test.kind)
+
+
+def _just_before(point: Point, event: Point) -> Asked:
+    """A point right before one where the sequence changes: there multipliers may be infinite."""
+    s = event.arc - point.arc - _OFF
+    if s <= _OFF:
+        return point
+    seen = yield from on_plane(point, event.place, s)
+    return _point(point.sequence, seen, point.arc + s)
+
+
+def _special(walk: Walk, point: Point, new: Point) -> Asked:
+    """Bifurcations on a step, in their order; None if multipliers tell of more than are found."""
+    found, change = [], 0
+    for test in _OF_NEIGHBOURS:
+        if not test.of(point.seen) * test.of(new.seen) < 0:
+            continue
+        if test.kind == "bp" and any(at.kind in ("fold", "period_doubling") for at in found):
+            continue
+        at = yield from _locate(point, new, test)
+        if test.kind == "ns" and not _is_complex_pair(at.seen):
+            continue
+        if test.kind == "fold" and (yield from _repeats_sooner(walk, at)):
+            at = at._replace(kind="period_doubling")
+        change += {"ns": 2, "period_doubling": 0}.get(at.kind, 1)
+        found.append(at)
+    if (num_unstable(new.seen) - num_unstable(point.seen) - change) % 2:
+        return None
+    return sorted(found, key=lambda at: at.arc)
+
+
+def _is_complex_pair(seen: Seen) -> bool:
+    mu = seen.found.multipliers
+    return bool(np.any((np.abs(np.abs(mu) - 1) < 1e-6) & (np.abs(mu.imag) > 1e-6)))
+
+
+def _repeats_sooner(walk: Walk, point: Point) -> Asked:
+    """Whether a cycle is another one twice: where a doubled branch turns, it comes from a period doubling."""
+    if walk.num_periods % 2:
+        return False
+    half = np.asarray(walk.num_periods / 2)
+    z = yield Request(locate_start, point.sequence, (point.place, half))
+    return bool(np.abs(z - point.place.z).max() < 1e-6)
+
+
+def _to_bound(walk: Walk, point: Point, new: Point) -> Asked:
+    """Add the point at the bound of the parameter that lies between two, and end."""
+    p = walk.bounds[int(new.place.p > walk.bounds[1])]
+    share = (p - point.place.p) / (new.place.p - point.place.p)
+    guess = Place(*(a + share * (b - a) for a, b in zip(point.place, new.place, strict=True)))
+    seen = yield from at_parameter(point.sequence, guess, p)
+    if seen.found.is_converged and share > 0:
+        walk.points.append(_point(point.sequence, seen, point.arc + share * (new.arc - point.arc)))
+    raise Ended("bounds")
+
+
+def _is_closed(walk: Walk, start: Point, point: Point, new: Point) -> Asked:
+    """Whether the step comes back to the start."""
+    same = np.array_equal(start.sequence.kind, point.sequence.kind) and np.array_equal(
+        start.sequence.stop, point.sequence.stop
+    )
+    if not same or len(walk.points) < 4:
+        return False
+    tangent, ds = point.tangent, new.arc - point.arc
+    s = start.place.along(tangent) - point.place.along(tangent)
+    if not 0 < s <= ds or start.tangent.along(tangent) < _TURN:
+        return False
+    seen = yield from on_plane(point, start.place, s)
+    found = trimmed(seen.found.place, len(point.sequence.kind))
+    away = found.moved(start.place, -1.0)
+    return bool(seen.found.is_converged and np.sqrt(away.along(away)) < 1e-8)
+
+
+def _in_section(walk: Walk, point: Point) -> Asked:
+    """The point with all its events between the start of the cycle and its end."""
+    by = passed_section(point.place, walk.num_periods)
+    if by == 0:
+        return point
+    time = 0.0 if by > 0 else walk.num_periods
+    z = yield Request(locate_start, point.sequence, (point.place, np.asarray(time)))
+    sequence, place = shifted(point.sequence, point.place, by, walk.num_periods, z)
+    ahead = point.tangent.p
+    return (yield from _oriented(sequence, place, point, lambda at: float(at.tangent.p * ahead)))
+
+
+# --- where the sequence changes ---------------------------------------------------------------------------------------
+
+
+def _beyond(walk: Walk, test: Test, event: Point) -> Asked:
+    """The point from which the branch goes on behind an event."""
+    sequence, place, k = event.sequence, event.place, test.index
+    if test.kind == "touch":
+        watched = event.seen.watched
+        flight, time = int(watched.gap_flight[k]), float(watched.gap_time[k])
+        sequence, place = with_impact(sequence, place, k, flight, time)
+        walk.points.append(event._replace(kind="gr"))
+        return (yield from _going_on(sequence, place, event, lambda rates: rates.speeds[flight]))
+    walk.points.append(event)
+    if test.kind == "gr":
+        stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
+        sequence, place = without_event(sequence, place, k)
+        return (yield from _going_on(sequence, place, event, lambda rates: rates.gaps[stop], time))
+    if test.kind == "double_impact" and _are_impacts(sequence, k):
+        sequence, place = with_order_exchanged(sequence, place, k)
+        return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[k])))
+    raise Ended(test.kind)
+
+
+def _are_impacts(sequence: Sequence, k: int) -> bool:
+    is_free = np.array_equal(sequence.held[k - 1], sequence.held[k + 1])
+    return bool(is_free and sequence.kind[k] == IMPACT and sequence.kind[k - 1] == IMPACT)
+
+
+def _going_on(
+    sequence: Sequence, place: Place, event: Point, rate: Callable[[Rates], float], time: float = 0.0
+) -> Asked:
+    """The point on the new sequence, in the direction in which a speed or a gap grows."""
+    at = yield from _retold(sequence, place, event)
+    rates: Rates = yield Request(rates_along, sequence, (at.place, at.tangent, np.asarray(time)))
+    return (yield from _off(at, float(rate(rates)) > 0))
+
+
+def _oriented(sequence: Sequence, place: Place, event: Point, ahead: Callable[[Point], float]) -> Asked:
+    """The same in a direction that is read off the tangent."""
+    at = yield from _retold(sequence, place, event)
+    return (yield from _off(at, ahead(at) > 0))
+
+
+def _retold(sequence: Sequence, place: Place, event: Point) -> Asked:
+    """The point of an event on another sequence."""
+    # No direction is special to these weights, and so none is the branch's plane.
+    rng = np.random.default_rng(0)
+    weights = Place(rng.normal(size=place.z.shape), rng.normal(size=place.flights.shape), rng.normal())
+    weights = Place(*(a / np.sqrt(weights.along(weights)) for a in weights))
+    seen = yield from _look(sequence, place, weights, place.along(weights))
+    if not seen.found.is_converged:
+        raise Ended("not_converged")
+    return _point(sequence, seen, event.arc)
+
+
+def _off(at: Point, is_ahead: bool) -> Asked:
+    """A point close behind, in the given direction or in the other."""
+    tangent = at.tangent if is_ahead else at.tangent.turned()
+    target = at.place.along(tangent) + _OFF
+    seen = yield from _look(at.sequence, at.place.moved(tangent, _OFF), tangent, target)
+    new = _point(at.sequence, seen, at.arc + _OFF)
+    if (
+        not seen.found.is_converged
+        or min((test.of(seen) for test in _of_events(at.sequence)), default=1) <= 0
+    ):
+        raise Ended("several_events")
+    return new

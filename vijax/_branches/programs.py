@@ -1,0 +1,180 @@
+"""What is computed along branches, compiled, for many branches side by side."""
+
+from collections.abc import Callable, Generator, Sequence as Many
+from functools import cache
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .._machine.numbers import numbers_of
+from .._orbits.cycle import residual, state_at
+from .._orbits.search import Strobe, away_from_stops
+from .._orbits.sequence import NOTHING, Sequence, happens_alike, sequence_of
+from .._trajectory.loop import run_for_log
+from .._trajectory.solution import RESULTS
+from .._types import Scalar
+from .._xla import jit_lightly
+from .correct import Corrected, correct
+from .family import Family, Place
+from .watch import Watched, watch
+
+# Numbers of branches side by side and of events of a cycle that programs are compiled for.
+_LANES, _ROOMS = (2, 64), (16, 64, 256)
+
+
+class Seen(NamedTuple):
+    """A corrected cycle, what happens between its events, and its start in space, (2 n,)."""
+
+    found: Corrected
+    watched: Watched
+    start: Float[Array, " state"]
+
+
+class Followed(NamedTuple):
+    """What the machine does that is started on a cycle.
+
+    Attributes:
+        is_alike: whether it is what the sequence says.
+        sequence: what happens.
+        flights: how long they last.
+    """
+
+    is_alike: Bool[Array, ""]
+    sequence: Sequence
+    flights: Float[Array, " events"]
+
+
+class Rates(NamedTuple):
+    """How speeds at impacts, (events,), and the gaps at some time, (stops,), change along a branch."""
+
+    speeds: Float[Array, " events"]
+    gaps: Float[Array, " stops"]
+
+
+def look(family: Family, sequence: Sequence, guess: Place, weights: Place, target: Scalar) -> Seen:
+    """The cycle of a sequence with `weights . place = target`."""
+    found = correct(family, sequence, guess, weights, target)
+    problem = family.problem(sequence, found.place.p)
+    unknowns = family.unknowns(found.place)
+    return Seen(found, watch(problem, unknowns), unknowns.z - away_from_stops(problem))
+
+
+def confirm(family: Family, sequence: Sequence, place: Place) -> Followed:
+    """Follow the motion from the start of a cycle."""
+    away = away_from_stops(family.problem(sequence, place.p))
+    return _run(family, sequence, place, family.unknowns(place).z - away)
+
+
+def tell(
+    family: Family, sequence: Sequence, start: Float[Array, " state"], p: Scalar
+) -> tuple[Place, Followed]:
+    """Follow the motion from a start in space: its cycle, and what happens, with room for the events of a sequence."""
+    z = (start + away_from_stops(family.problem(sequence, p))) / family.scale
+    place = Place(z, jnp.zeros(len(sequence.kind)), p)
+    followed = _run(family, sequence, place, start)
+    return place._replace(flights=followed.flights), followed
+
+
+def _run(family: Family, sequence: Sequence, place: Place, start: Float[Array, " state"]) -> Followed:
+    room = len(sequence.kind)
+    numbers = numbers_of(family.system_at(place.p))
+    strobe = Strobe(numbers, family.flow, family.num_periods, family.phase, room)
+    log, result, _ = run_for_log(numbers, family.flow, strobe.request(start), room=room, can_stick=True)
+    other, flights = sequence_of(log, strobe.t0, strobe.period)
+    is_alike = (result == RESULTS.successful) & happens_alike(sequence, place.flights, other, flights)
+    return Followed(is_alike, other, flights)
+
+
+def locate_start(family: Family, sequence: Sequence, place: Place, time: Scalar) -> Float[Array, " state"]:
+    """The scaled state of a cycle some forcing periods after its start."""
+    return state_at(family.problem(sequence, place.p), family.unknowns(place), time) / family.scale
+
+
+def rates_along(family: Family, sequence: Sequence, place: Place, direction: Place, time: Scalar) -> Rates:
+    """How a cycle changes in a direction."""
+
+    def of(place: Place) -> Rates:
+        problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
+        x, _ = jnp.split(state_at(problem, unknowns, time), 2)
+        return Rates(residual(problem, unknowns).speed, problem.machine.contacts.gaps(x))
+
+    return jax.jvp(of, (place,), (direction,))[1]
+
+
+def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callable[[], Any]) -> list[Any]:
+    """Run tasks side by side until each has returned; they ask, and are sent the answers of all in one call.
+
+    Args:
+        families: of each task.
+        tasks: generators of requests.
+        tell_progress: is called once a round.
+    """
+    results: list[Any] = [None] * len(tasks)
+    replies: dict[int, Any] = dict.fromkeys(range(len(tasks)))
+    while replies:
+        requests: dict[int, Request] = {}
+        for k, reply in replies.items():
+            try:
+                requests[k] = tasks[k].send(reply)
+            except StopIteration as end:
+                results[k] = end.value
+        found = answer([families[k] for k in requests], list(requests.values()))
+        replies = dict(zip(requests, found, strict=True))
+        tell_progress()
+    return results
+
+
+class Request(NamedTuple):
+    """What a branch asks for: a program and its arguments, without padding."""
+
+    program: Callable
+    sequence: Sequence
+    arguments: tuple
+
+
+def answer(families: Many[Family], requests: Many[Request]) -> list[Any]:
+    """Answer the requests of several branches, those for the same program in one call."""
+    answers: list[Any] = [None] * len(requests)
+    groups: dict[tuple, list[int]] = {}
+    for k, request in enumerate(requests):
+        room = _room(len(request.sequence.kind))
+        groups.setdefault((request.program, room, jax.tree.structure(families[k])), []).append(k)
+    for (program, room, _), members in groups.items():
+        while members:
+            own, members = members[: _LANES[-1]], members[_LANES[-1] :]
+            size = next(n for n in _LANES if n >= len(own))
+            filled = own + own[:1] * (size - len(own))
+            rows = [(families[k], *_padded(requests[k], room)) for k in filled]
+            stacked = jax.tree.map(lambda *a: np.stack(a), *rows)
+            found = jax.device_get(_compiled(program)(*stacked))
+            for i, k in enumerate(own):
+                answers[k] = jax.tree.map(lambda a, i=i: a[i], found)
+    return answers
+
+
+@cache
+def _compiled(program: Callable) -> Callable:
+    return jit_lightly(jax.vmap(program))
+
+
+def _room(num_events: int) -> int:
+    return next(room for room in _ROOMS if room >= num_events)
+
+
+def _padded(request: Request, room: int) -> tuple:
+    sequence, more = request.sequence, room - len(request.sequence.kind)
+    kind = np.append(sequence.kind, np.full(more, NOTHING))
+    held = np.concatenate([sequence.held, np.repeat(sequence.held[-1:], more, axis=0)])
+    long = Sequence(kind, np.append(sequence.stop, np.zeros(more, int)), held)
+    pad = lambda a: a._replace(flights=np.append(a.flights, np.zeros(more))) if isinstance(a, Place) else a  # noqa: E731
+    return long, *map(pad, request.arguments)
+
+
+def trimmed(tree: Any, num_events: int) -> Any:
+    """A sequence or a place without its padding."""
+    if isinstance(tree, Place):
+        return tree._replace(flights=tree.flights[:num_events])
+    return Sequence(tree.kind[:num_events], tree.stop[:num_events], tree.held[: num_events + 1])

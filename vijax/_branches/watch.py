@@ -1,0 +1,184 @@
+"""What happens between the events of a cycle: how near masses come to their stops, how lightly they rest on them."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from .._flow.interface import AbstractFlow
+from .._machine.derivatives import derivatives
+from .._machine.machine import Machine, resting_state
+from .._orbits.cycle import Moment, Problem, Unknowns, begin_cycle, events_of, fly, leap
+from .._types import Scalar
+
+# Samples per radian of the fastest part of the motion, and what it takes from there to the minimum by Newton's method.
+_DENSITY, _STEPS = 1.3, 4
+
+
+class Watched(NamedTuple):
+    """The least gap while free and the least force while held, of each stop.
+
+    Attributes:
+        gap: where a mass turns back from its stop without touching it, negative where it is beyond, (stops,);
+            infinite if it never does.
+        gap_time: when, in forcing periods since the start, (stops,).
+        gap_flight: on which flight, (stops,).
+        force: on each stop that holds, (stops,); infinite if it never does.
+        force_time: when, (stops,).
+        last: the duration of the flight after the last event, in forcing periods.
+    """
+
+    gap: Float[Array, " stops"]
+    gap_time: Float[Array, " stops"]
+    gap_flight: Int[Array, " stops"]
+    force: Float[Array, " stops"]
+    force_time: Float[Array, " stops"]
+    last: Scalar
+
+
+class _Reading(NamedTuple):
+    """Gaps, speeds of approach and their rates, forces, their rates and curvatures, (stops,) each."""
+
+    gap: Array
+    speed: Array
+    speed_rate: Array
+    force: Array
+    force_rate: Array
+    force_curvature: Array
+
+
+class _Lowest(NamedTuple):
+    """The lowest minimum so far, of each stop: its value, and where it is.
+
+    Attributes:
+        value: of the minimum.
+        since: the time since the last event.
+        held: the stops that hold, (stops, stops).
+        z: the state after the last event, (stops, 2 n).
+        start: the time of that event.
+        flight: number of the flight.
+    """
+
+    value: Array
+    since: Array
+    held: Array
+    z: Array
+    start: Array
+    flight: Array
+
+    def lowered(self, is_minimum: Array, other: "_Lowest") -> "_Lowest":
+        """The lower of two, where the other is a minimum."""
+        is_lower = is_minimum & (other.value < self.value)
+        return _Lowest(
+            *(
+                jnp.where(is_lower if a.ndim == 1 else is_lower[:, None], b, a)
+                for a, b in zip(self, other, strict=True)
+            )
+        )
+
+
+class _Scan(NamedTuple):
+    """Where the search is: the flight, the sample on it, where that flight began, the last reading."""
+
+    flight: Array
+    sample: Array
+    begin: Moment
+    before: _Reading
+    gaps: _Lowest
+    forces: _Lowest
+
+
+def watch(problem: Problem, unknowns: Unknowns) -> Watched:
+    """Look closely at a cycle between its events."""
+    machine, flow, sequence = problem.machine, problem.flow, problem.sequence
+    count, room = jnp.sum(sequence.is_event), len(sequence.kind)
+    radians = machine.rate * machine.period
+    flights = jnp.append(unknowns.flights, 0).at[count].set(problem.num_periods - jnp.sum(unknowns.flights))
+    events = jax.tree.map(lambda a: jnp.concatenate([a, a[-1:]]) if room else None, events_of(sequence))
+
+    def one(scan: _Scan) -> _Scan:
+        k, i, begin, before = scan[:4]
+        held, duration = sequence.held[k], flights[k]
+        num = jnp.ceil(jnp.maximum(duration, 0) * radians * _DENSITY) + 1
+        step, since = duration / num, duration * i / num
+        now = _read(machine, flow, begin, held, since)
+        is_first, is_last = i == 0, i >= num
+        # A gap is least where a mass turns back; a force likewise, or where a stick begins.
+        turns = ~is_first & ~held & (before.speed > 0) & (now.speed <= 0)
+        part = before.speed / jnp.where(turns, before.speed - now.speed, 1)
+        dip = before.gap - step * machine.period * part * before.speed / 2
+        gaps = scan.gaps.lowered(turns, _lowest(dip, since - step * (1 - part), held, begin, k))
+        lifts = held & (is_first | ((before.force_rate < 0) & (now.force_rate >= 0)))
+        slopes = before.force_rate - now.force_rate
+        part = jnp.where(is_first | (slopes == 0), 1, before.force_rate / jnp.where(slopes == 0, 1, slopes))
+        least = jnp.where(is_first, now.force, jnp.minimum(before.force, now.force))
+        forces = scan.forces.lowered(lifts, _lowest(least, since - step * (1 - part), held, begin, k))
+        if room:
+            event = jax.tree.map(lambda a: a[k], events)
+            there = fly(machine, flow, begin, event, duration)[0]
+            begin = jax.tree.map(lambda a, b: jnp.where(is_last, a, b), there, begin)
+        return _Scan(jnp.where(is_last, k + 1, k), jnp.where(is_last, 0, i + 1), begin, now, gaps, forces)
+
+    begin = begin_cycle(problem, machine, unknowns.z)
+    none = jnp.full(machine.contacts.num, jnp.inf)
+    nothing = _lowest(none, 0 * begin.time, sequence.held[0], begin, jnp.array(0))
+    first = _read(machine, flow, begin, sequence.held[0], 0 * begin.time)
+    scan = _Scan(jnp.array(0), jnp.array(0), begin, first, nothing, nothing)
+    scan = jax.lax.while_loop(lambda scan: scan.flight <= count, one, scan)
+    gap, gap_time = _refined(machine, flow, scan.gaps, _of_gap)
+    force, force_time = _refined(machine, flow, scan.forces, _of_force)
+    return Watched(
+        gap, gap_time - problem.phase, scan.gaps.flight, force, force_time - problem.phase, flights[count]
+    )
+
+
+def _lowest(value: Array, since: Array, held: Array, begin: Moment, flight: Array) -> _Lowest:
+    """A minimum of each stop on one flight."""
+    rows = lambda a: jnp.broadcast_to(a, (len(value), *a.shape))  # noqa: E731
+    since = jnp.broadcast_to(since, value.shape)
+    return _Lowest(value, since, rows(held), rows(begin.z), rows(begin.time), rows(flight))
+
+
+def _of_gap(reading: _Reading) -> tuple[Array, Array, Array]:
+    return reading.gap, reading.speed, reading.speed_rate
+
+
+def _of_force(reading: _Reading) -> tuple[Array, Array, Array]:
+    return reading.force, reading.force_rate, reading.force_curvature
+
+
+def _refined(
+    machine: Machine, flow: AbstractFlow, lowest: _Lowest, of: Callable[[_Reading], tuple]
+) -> tuple[Array, Array]:
+    """Values and times of the minima by Newton's method on the slope; what is no minimum stays as it was read."""
+
+    def one(low: _Lowest, stop: Array) -> tuple[Array, Array]:
+        begin, since = Moment(low.z, low.start, jnp.zeros_like(lowest.value)), low.since
+        for _ in range(_STEPS):
+            _, slope, rate = (a[stop] for a in of(_read(machine, flow, begin, low.held, since)))
+            since = since - jnp.where(rate == 0, 0, slope / jnp.where(rate == 0, 1, rate)) / machine.period
+        value = of(_read(machine, flow, begin, low.held, since))[0][stop]
+        is_near = jnp.abs(since - low.since) * machine.rate * machine.period < 1 / _DENSITY
+        is_minimum = jnp.isfinite(low.value) & (low.since > 0) & is_near
+        since = jnp.where(is_minimum, since, low.since)
+        return jnp.where(is_minimum, value, low.value), low.start + since
+
+    return jax.vmap(one)(lowest, jnp.arange(len(lowest.value)))
+
+
+def _read(machine: Machine, flow: AbstractFlow, begin: Moment, held: Array, since: Array) -> _Reading:
+    """The motion some forcing periods after the last event."""
+    x, v, phase = leap(machine, flow, begin, held, since)
+    state = resting_state(machine, phase, jnp.split(begin.z, 2)[0] + x, v, held)
+    now = derivatives(machine, state, machine.held_masses(held))
+    along = machine.contacts.along
+    return _Reading(
+        gap=machine.contacts.gaps(state.x),
+        speed=along(v),
+        speed_rate=along(now.acceleration),
+        force=along(now.force),
+        force_rate=along(now.force_rate),
+        force_curvature=along(now.force_curvature),
+    )
