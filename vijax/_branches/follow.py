@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._orbits.sequence import Sequence
+from .._orbits.sequence import NOTHING, Sequence
 from .._trajectory.event_log import IMPACT, RELEASE
 from .changes import passed_section, shifted, with_impact, with_order_exchanged, without_event
 from .family import Place
@@ -19,10 +19,14 @@ from .zero import Bracket, next_trial
 
 # Lengths of steps: the first, the longest, the shortest, and what leads off a point where the sequence changes.
 _FIRST, _LONGEST, _SHORTEST, _OFF = 2e-3, 5e-2, 1e-9, 1e-7
+# Where no step leads off, the machine itself is tried at these distances.
+_TRIALS = 1e-6, 1e-5, 1e-4, 1e-3
 # Several events on a step longer than this are separated by shorter steps.
 _SEPARATE = 1e-4
+# A stick as short as this, in forcing periods, vanishes right there.
+_MOMENT = 1e-5
 # The most by which a step may turn, as a cosine; iterations of Newton's method after which steps grow, or shrink.
-_TURN, _FEW, _MANY = 0.98, 3, 6
+_TURN, _FEW, _MANY = 0.98, 4, 7
 # Runs of orbits whose neighbours leave faster than this say nothing.
 _TRUSTED = 1e4
 
@@ -215,43 +219,114 @@ def follow(walk: Walk, start: Point) -> Asked:
 def _follow(walk: Walk, start: Point) -> Asked:
     point, ds = start, _FIRST
     while not walk.is_full:
-        if ds < _SHORTEST:
-            raise Ended("not_converged")
-        step = yield from _step(point, ds)
+        step = yield from _step(walk, point, ds)
         if step is None:
             ds /= 2
+            if ds < _SHORTEST:
+                yield from _end(walk, point)
             continue
-        new, longer = step
-        met = _crossings(_of_events(point.sequence), point.seen, new.seen)
-        followed: Followed = yield Request(confirm, new.sequence, (new.place,))
-        is_trusted = np.abs(new.seen.found.multipliers[0]) < _TRUSTED
-        if ds > _SEPARATE and (len(met) > 1 or not (met or followed.is_alike or not is_trusted)):
-            ds /= 2
+        yield from _add_special(walk, point, step)
+        if step.event is not None:
+            point, ds = (yield from _beyond(walk, *step.event)), min(ds, _FIRST)
             continue
-        event, last = yield from _first_event(point, new, met)
-        special = yield from _special(walk, point, last)
-        if special is None and ds > _SEPARATE:
-            ds /= 2
-            continue
-        for found in [*(special or []), last]:
-            if not walk.bounds[0] <= found.place.p <= walk.bounds[1]:
-                yield from _to_bound(walk, point, found)
-            if found is not last:
-                walk.points.append(found)
-            if found.kind == "period_doubling":
-                raise Ended("period_doubling")
-        if event is not None:
-            point, ds = (yield from _beyond(walk, *event)), min(ds, _FIRST)
-            continue
-        if (yield from _is_closed(walk, start, point, new)):
+        if (yield from _is_closed(walk, start, point, step.last)):
             raise Ended("closed")
-        new = new._replace(is_admissible=bool(followed.is_alike or not is_trusted))
-        walk.points.append(new)
-        if not new.is_admissible:
-            raise Ended("left_the_stops")
-        point = yield from _in_section(walk, (yield from _retold_by_machine(new, followed)))
-        ds = min(ds * longer, _LONGEST)
+        walk.points.append(step.told)
+        point, ds = (yield from _with_its_bounces(step.told, step.followed)), min(ds * step.longer, _LONGEST)
     walk.end = "max_points"
+
+
+def _add_special(walk: Walk, point: Point, step: "Step") -> Asked:
+    """Add the bifurcations of a step, and end where the branch does."""
+    for found in [*step.special, step.last]:
+        if not walk.bounds[0] <= found.place.p <= walk.bounds[1]:
+            yield from _to_bound(walk, point, found)
+        if found is not step.last:
+            yield from _add(walk, found)
+        if found.kind == "period_doubling":
+            raise Ended("period_doubling")
+
+
+def _end(walk: Walk, point: Point) -> Asked:
+    """End where no step is short enough."""
+    if 0 < _shortest_stick(point) < _MOMENT:
+        # Sticks vanish faster than they shorten: what is left of the way is rounding.
+        if walk.points:
+            walk.points.pop()
+        yield from _add(walk, point._replace(kind="chatter_completion"))
+        raise Ended("chatter_completion")
+    raise Ended("left_the_stops")
+
+
+def _shortest_stick(point: Point) -> float:
+    """How long the shortest hold of a stop lasts, in forcing periods; 0 if there is none."""
+    sequence, times = point.sequence, np.append(0.0, np.cumsum(point.place.flights))
+    found = [
+        times[k + 1] - times[np.flatnonzero(~sequence.held[: k + 1, stop])[-1] + 1]
+        for k, stop in enumerate(sequence.stop)
+        if sequence.kind[k] == RELEASE and not sequence.held[: k + 1, stop].all()
+    ]
+    return float(min(found, default=0.0))
+
+
+class Step(NamedTuple):
+    """A step along a branch.
+
+    Attributes:
+        last: the point at its end, or just before the first event.
+        told: the point at its end with its events in the cycle.
+        followed: what the machine does that is started there.
+        event: the first change of the sequence, and the point where it is; or None.
+        special: bifurcations on the way, in their order.
+        longer: by how much the next step may be longer.
+    """
+
+    last: Point
+    told: Point
+    followed: Followed
+    event: tuple[Test, Point] | None
+    special: list[Point]
+    longer: float
+
+
+def _step(walk: Walk, point: Point, ds: float) -> Asked:
+    """A step from a point, or None if it is too long to know all that happens on it."""
+    new = yield from _ahead(point, ds)
+    if new is None:
+        return None
+    met = _crossings(_of_events(point.sequence), point.seen, new.seen)
+    told, followed = yield from _told_by_machine(walk, new)
+    if not (met or told.is_admissible) or (len(met) > 1 and ds > _SEPARATE):
+        return None
+    event, last = yield from _first_event(point, new, met)
+    special = yield from _special(walk, point, last)
+    if special is None and ds > _SEPARATE:
+        return None
+    steps = new.seen.found.num_steps
+    longer = 1.5 if steps <= _FEW else 1.2 if steps < _MANY else 0.7
+    return Step(last, told, followed, event, special or [], longer)
+
+
+def _ahead(point: Point, ds: float) -> Asked:
+    """The next point, or None if the branch is too curved for such a step."""
+    seen = yield from on_plane(point, point.place.moved(point.tangent, ds), ds)
+    found = seen.found
+    new = _point(point.sequence, seen, point.arc + ds)
+    is_sound = found.is_converged and new.tangent.along(point.tangent) > _TURN and found.first < 10 * ds
+    return new if is_sound and found.num_steps <= _MANY else None
+
+
+def _told_by_machine(walk: Walk, point: Point) -> Asked:
+    """The point with its events in the cycle, whether the machine follows it, and what it does."""
+    point = yield from _in_section(walk, point)
+    followed: Followed = yield Request(confirm, point.sequence, (point.place,))
+    is_trusted = np.abs(point.seen.found.multipliers[0]) < _TRUSTED
+    return point._replace(is_admissible=bool(followed.is_alike or not is_trusted)), followed
+
+
+def _add(walk: Walk, point: Point) -> Asked:
+    """Add a point to the walk."""
+    walk.points.append((yield from _in_section(walk, point)))
 
 
 def _first_event(point: Point, new: Point, met: list[Test]) -> Asked:
@@ -264,19 +339,8 @@ def _first_event(point: Point, new: Point, met: list[Test]) -> Asked:
     return first, before
 
 
-def _step(point: Point, ds: float) -> Asked:
-    """The next point, and by how much the step after it may be longer; None if this one was too long."""
-    seen = yield from on_plane(point, point.place.moved(point.tangent, ds), ds)
-    found = seen.found
-    new = _point(point.sequence, seen, point.arc + ds)
-    is_sound = found.is_converged and new.tangent.along(point.tangent) > _TURN and found.first < 10 * ds
-    if not is_sound or found.num_steps > _MANY + 1:
-        return None
-    return new, 1.5 if found.num_steps <= _FEW + 1 else 1.2 if found.num_steps < _MANY else 0.7
-
-
-def _retold_by_machine(point: Point, followed: Followed) -> Asked:
-    """The point as the machine shows it: a chatter has as many bounces as it needs there."""
+def _with_its_bounces(point: Point, followed: Followed) -> Asked:
+    """The point with as many bounces in its chatters as they have there."""
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
     if not followed.is_alike or num_events == len(point.sequence.kind):
         return point
@@ -353,7 +417,7 @@ def _to_bound(walk: Walk, point: Point, new: Point) -> Asked:
     guess = Place(*(a + share * (b - a) for a, b in zip(point.place, new.place, strict=True)))
     seen = yield from at_parameter(point.sequence, guess, p)
     if seen.found.is_converged and share > 0:
-        walk.points.append(_point(point.sequence, seen, point.arc + share * (new.arc - point.arc)))
+        yield from _add(walk, _point(point.sequence, seen, point.arc + share * (new.arc - point.arc)))
     raise Ended("bounds")
 
 
@@ -382,8 +446,11 @@ def _in_section(walk: Walk, point: Point) -> Asked:
     time = 0.0 if by > 0 else walk.num_periods
     z = yield Request(locate_start, point.sequence, (point.place, np.asarray(time)))
     sequence, place = shifted(point.sequence, point.place, by, walk.num_periods, z)
-    ahead = point.tangent.p
-    return (yield from _oriented(sequence, place, point, lambda at: float(at.tangent.p * ahead)))
+    at = yield from _retold(sequence, place, point)
+    # The times of the events go on as they did.
+    before, after = np.cumsum(point.tangent.flights), np.cumsum(at.tangent.flights)
+    is_ahead = np.roll(before, -by) @ after + point.tangent.p * at.tangent.p > 0
+    return at if is_ahead else at.turned()
 
 
 # --- where the sequence changes ---------------------------------------------------------------------------------------
@@ -396,9 +463,9 @@ def _beyond(walk: Walk, test: Test, event: Point) -> Asked:
         watched = event.seen.watched
         flight, time = int(watched.gap_flight[k]), float(watched.gap_time[k])
         sequence, place = with_impact(sequence, place, k, flight, time)
-        walk.points.append(event._replace(kind="gr"))
+        yield from _add(walk, event._replace(kind="gr"))
         return (yield from _going_on(sequence, place, event, lambda rates: rates.speeds[flight]))
-    walk.points.append(event)
+    yield from _add(walk, event)
     if test.kind == "gr":
         stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
         sequence, place = without_event(sequence, place, k)
@@ -406,7 +473,28 @@ def _beyond(walk: Walk, test: Test, event: Point) -> Asked:
     if test.kind == "double_impact" and _are_impacts(sequence, k):
         sequence, place = with_order_exchanged(sequence, place, k)
         return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[k])))
-    raise Ended(test.kind)
+    return (yield from _by_machine(event, test.kind))
+
+
+def _by_machine(event: Point, kind: str) -> Asked:
+    """The point some way ahead with the events that the machine has there."""
+    # Room for what may be new: a stick that is interrupted ends in another chatter.
+    more = 64
+    held = np.concatenate([event.sequence.held, np.repeat(event.sequence.held[-1:], more, axis=0)])
+    kinds, stops = (
+        np.append(event.sequence.kind, [NOTHING] * more),
+        np.append(event.sequence.stop, [0] * more),
+    )
+    longer = Sequence(kinds, stops, held)
+    for ds in _TRIALS:
+        guess = event.place.moved(event.tangent, ds)
+        wide = guess._replace(flights=np.append(guess.flights, np.zeros(more)))
+        followed: Followed = yield Request(confirm, longer, (wide,))
+        new = yield from _with_its_bounces(event._replace(place=guess), followed._replace(is_alike=True))
+        told: Followed = yield Request(confirm, new.sequence, (new.place,))
+        if told.is_alike and np.abs(new.place.z - guess.z).max() < 10 * ds:
+            return new._replace(kind="", arc=event.arc + ds)
+    raise Ended(kind)
 
 
 def _are_impacts(sequence: Sequence, k: int) -> bool:
@@ -438,7 +526,7 @@ def _retold(sequence: Sequence, place: Place, event: Point) -> Asked:
     seen = yield from _look(sequence, place, weights, place.along(weights))
     if not seen.found.is_converged:
         raise Ended("not_converged")
-    return _point(sequence, seen, event.arc)
+    return event._replace(sequence=sequence, place=trimmed(seen.found.place, len(sequence.kind)), seen=seen)
 
 
 def _off(at: Point, is_ahead: bool) -> Asked:
