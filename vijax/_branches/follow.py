@@ -167,7 +167,8 @@ def _of_events(sequence: Sequence) -> list[Test]:
     for k, (kind, stop) in enumerate(zip(sequence.kind, sequence.stop, strict=True)):
         if kind == IMPACT:
             found.append(Test("gr", lambda seen, k=k: float(seen.found.speeds[k]), k))
-        if k > 0:
+        # Two impacts of one stop meet where one of them has no speed.
+        if k > 0 and not (kind == sequence.kind[k - 1] and stop == sequence.stop[k - 1]):
             ends_stick = kind == RELEASE and sequence.held[k][stop] and not sequence.held[k - 1][stop]
             name = "chatter_completion" if ends_stick else "double_impact"
             found.append(Test(name, lambda seen, k=k: float(seen.found.place.flights[k]), k))
@@ -185,6 +186,10 @@ def _crossings(tests: list[Test], before: Seen, after: Seen) -> list[Test]:
 def num_unstable(seen: Seen) -> int:
     """How many neighbours leave."""
     return int(np.count_nonzero(np.abs(seen.found.multipliers) > 1))
+
+
+# What a mass that touches its stop does, seen from either side.
+_KINDS = {"touch": "gr"}
 
 
 # --- a branch ---------------------------------------------------------------------------------------------------------
@@ -458,14 +463,21 @@ def _in_section(walk: Walk, point: Point) -> Asked:
 
 def _beyond(walk: Walk, test: Test, event: Point) -> Asked:
     """The point from which the branch goes on behind an event."""
+    yield from _add(walk, event._replace(kind=_KINDS.get(test.kind, test.kind)))
+    try:
+        return (yield from _by_sequence(test, event))
+    except Ended:
+        return (yield from _by_machine(event, test.kind))
+
+
+def _by_sequence(test: Test, event: Point) -> Asked:
+    """The same on the sequence that it must be, in the direction that its derivative tells."""
     sequence, place, k = event.sequence, event.place, test.index
     if test.kind == "touch":
         watched = event.seen.watched
         flight, time = int(watched.gap_flight[k]), float(watched.gap_time[k])
         sequence, place = with_impact(sequence, place, k, flight, time)
-        yield from _add(walk, event._replace(kind="gr"))
         return (yield from _going_on(sequence, place, event, lambda rates: rates.speeds[flight]))
-    yield from _add(walk, event)
     if test.kind == "gr":
         stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
         sequence, place = without_event(sequence, place, k)
@@ -473,7 +485,7 @@ def _beyond(walk: Walk, test: Test, event: Point) -> Asked:
     if test.kind == "double_impact" and _are_impacts(sequence, k):
         sequence, place = with_order_exchanged(sequence, place, k)
         return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[k])))
-    return (yield from _by_machine(event, test.kind))
+    raise Ended(test.kind)
 
 
 def _by_machine(event: Point, kind: str) -> Asked:

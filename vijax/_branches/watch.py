@@ -101,10 +101,12 @@ def watch(problem: Problem, unknowns: Unknowns) -> Watched:
     def one(scan: _Scan) -> _Scan:
         k, i, begin, before = scan[:4]
         held, duration = sequence.held[k], flights[k]
-        num = jnp.ceil(jnp.maximum(duration, 0) * radians * _DENSITY) + 1
+        # What Newton's method did not bring home may be of any length.
+        longest = jnp.clip(duration, 0, problem.num_periods)
+        num = jnp.ceil(longest * radians * _DENSITY) + 1
         step, since = duration / num, duration * i / num
         now = _read(machine, flow, begin, held, since)
-        is_first, is_last = i == 0, i >= num
+        is_first, is_last = i == 0, ~(i < num)  # no end of a flight that is no number
         # A gap is least where a mass turns back; a force likewise, or where a stick begins.
         turns = ~is_first & ~held & (before.speed > 0) & (now.speed <= 0)
         part = before.speed / jnp.where(turns, before.speed - now.speed, 1)
