@@ -1,10 +1,15 @@
-"""What is read off pictures."""
+"""What is read off pictures, and what is drawn in some."""
 
+import jax.numpy as jnp
 import matplotlib as mpl
 import numpy as np
+import xarray as xr
 from matplotlib.colors import to_rgb
 
 import vijax as vx
+
+# The darkest colour told from black on a screen, of 1 for white.
+SEEN = 0.3
 
 
 def grey(color) -> float:
@@ -16,7 +21,7 @@ def events(sol: vx.Solution, kind: int, stop: int) -> np.ndarray:
 
 
 def discs(ax, *, filled: bool) -> list[tuple[float, float]]:
-    """The round marks, white or filled."""
+    """The round marks, white or filled; of those in one line one."""
     marks = [line for line in ax.lines if line.get_marker() == "o"]
     is_white = [mpl.colors.same_color(mark.get_markerfacecolor(), "white") for mark in marks]
     return [points(mark).pop() for mark, white in zip(marks, is_white, strict=True) if white != filled]
@@ -24,3 +29,43 @@ def discs(ax, *, filled: bool) -> list[tuple[float, float]]:
 
 def points(line) -> set[tuple[float, float]]:
     return set(zip(*(np.asarray(a).tolist() for a in line.get_data()), strict=True))
+
+
+def named(ax, words: str):
+    """The lines of the legend's entry."""
+    return [line for line in ax.lines if line.get_label() == words]
+
+
+def words_of_legend(ax) -> list[str]:
+    return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def cycle(system: vx.ImpactSystem, x, v) -> vx.PeriodicOrbit:
+    """The motion over one forcing period, told as an orbit is; its multipliers are made up."""
+    sol = vx.simulate(system, 0.0, float(system.forcing.period), x, v)
+    log = sol.events
+    hits = jnp.array([((log.kind == vx.IMPACT) & (log.stop == j)).sum() for j in range(system.num_stops)])
+    yes, zero = jnp.array(True), jnp.array(0.0)
+    return vx.PeriodicOrbit(
+        system=system,
+        num_periods=1,
+        period=system.forcing.period,
+        phase=zero,
+        x0=jnp.asarray(x),
+        v0=jnp.asarray(v),
+        events=log,
+        num_impacts=hits,
+        multipliers=jnp.linspace(0.5, 0.0, 2 * system.num_masses).astype(complex),
+        is_stable=yes,
+        is_admissible=yes,
+        residual=zero,
+        num_runs=jnp.array(1),
+        result=vx.ORBIT_RESULTS.successful,
+        args=None,
+        flow=None,
+    )
+
+
+def both_ways(ds: xr.Dataset) -> xr.Dataset:
+    """As from `carry="both"`."""
+    return xr.concat([ds, ds], dim="direction").assign_coords(direction=["up", "down"])

@@ -1,7 +1,14 @@
 """The orbits of a sweep, in one batch."""
 
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+import xarray as xr
+from drawings import named, points
 
 import vijax as vx
 
@@ -50,6 +57,19 @@ def test_their_multipliers_multiply_to_the_loss_of_volume(swept, orbits):
 
 def test_what_settles_is_stable(orbits):
     assert bool(orbits.is_stable.where(orbits.converged, True).all())
+
+
+def test_they_are_marked_in_a_bifurcation_diagram(swept, orbits):
+    ax = vx.plot.bifurcation(swept, 1, orbits=orbits)
+    (proxy,) = named(ax, "stable orbit")
+    (marked,) = (
+        line for line in ax.lines if line.get_markersize() == proxy.get_markersize() and line is not proxy
+    )
+    is_on_one = ((swept.impact_stop == 1) & orbits.converged).values
+    at, velocity = (a.values for a in xr.broadcast(swept["forcing.frequency"], swept.impact_velocity))
+    assert is_on_one.sum() > 100
+    assert points(marked) == set(zip(at[is_on_one].tolist(), velocity[is_on_one].tolist(), strict=True))
+    plt.close(ax.figure)
 
 
 @pytest.mark.thorough

@@ -10,15 +10,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
-from drawings import discs, events, grey, points
+from drawings import SEEN, discs, events, grey, points
 
 import vijax as vx
 
 FREQUENCIES = [0.8, 1.1, 1.4]
 END = 25.0
 SAMPLES = 100
-# The darkest colour told from black on a screen, of 1 for white.
-SEEN = 0.3
 
 
 @pytest.fixture(autouse=True)

@@ -7,8 +7,9 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from drawings import discs, events
+from drawings import discs, events, named, words_of_legend
 from matplotlib.collections import LineCollection
+from shaken import MAGNIFIED, ball, table
 
 import vijax as vx
 
@@ -130,11 +131,31 @@ def test_a_phase_portrait_dashes_the_jumps_and_marks_stop_and_rest(sticking):
     found = np.array([[start[1], end[1]] for start, end in jumps.get_segments()])
     np.testing.assert_array_equal(found, np.stack([minus, plus], axis=1))
     assert jumps.get_linestyle()[0][1] is not None
-    labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert labels == ["impact", "stop 0", "held by stop 0"]
-    assert discs(ax, filled=True) == [(-0.3, 0.0)]
+    assert words_of_legend(ax) == ["impact", "stop 0", "held by stop 0", "stick", "release"]
+    assert discs(ax, filled=False) == [(-0.3, 0.0)]
+    assert discs(ax, filled=True) == 2 * [(-0.3, 0.0)]
+    # The dot of the release lies in the disc of the mass that is held, and that in the circle of the stick.
+    marks = [named(ax, words)[0] for words in ("release", "held by stop 0", "stick")]
+    assert [mark.get_markersize() for mark in marks] == sorted(mark.get_markersize() for mark in marks)
+    assert [mark.get_zorder() for mark in marks] == sorted(
+        (mark.get_zorder() for mark in marks), reverse=True
+    )
     with pytest.raises(ValueError, match="Argument `mass` must lie in 0 to 1, but is 2"):
         vx.plot.phase_portrait(sticking, 2)
+
+
+def test_a_phase_portrait_marks_where_a_moving_stop_catches_its_mass_and_lets_it_go():
+    sol = vx.simulate(ball(), 0.0, 12.0, [1.0], [0.5])
+    ax = vx.plot.phase_portrait(sol, span=(3.0, 12.0), num_samples=SAMPLES)
+    for words, kind in (("stick", vx.STICK), ("release", vx.RELEASE)):
+        t = events(sol, kind, 0)
+        t = t[t >= 3.0]
+        (mark,) = named(ax, words)
+        assert len(t) > 1
+        assert len(mark.get_xdata()) == len(t)
+        # A mass that is held has the position and the velocity of its stop.
+        for found, expected in zip(mark.get_data(), table(t), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=0, atol=MAGNIFIED)
 
 
 def test_a_phase_portrait_without_contacts_is_one_line():

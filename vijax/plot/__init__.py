@@ -1,4 +1,4 @@
-"""Pictures of sweeps and trajectories; the only folder that imports matplotlib.
+"""Pictures of sweeps, trajectories and periodic orbits; the only folder that imports matplotlib.
 
 Every function draws into the axes it is given, or into new ones, and returns them. Units are those
 in which the machine was described, so the axes name the kind of unit alone. Colours differ in
@@ -7,6 +7,7 @@ lightness as well, so that the pictures survive a printer without colour.
 
 from ._bifurcation import bifurcation as bifurcation
 from ._impact_map import impact_map as impact_map
+from ._multipliers import multipliers as multipliers
 from ._regions import regions as regions
 from ._sticking import sticking_region as sticking_region
 from ._trajectories import phase_portrait as phase_portrait, time_series as time_series

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 
@@ -69,6 +70,17 @@ def label(path: str) -> str:
     words, symbol, unit = _AXIS_LABELS[name]
     subscript = f"_{{{','.join(indices)}}}" if indices else ""
     return f"{words} ${symbol}{subscript}$ ({unit})"
+
+
+def swept_quantity(points: xr.DataArray, picture: str) -> str:
+    """The path along which the points of a sweep lie, up and down or in one direction."""
+    swept = [str(dim) for dim in points.dims if dim != "direction"]
+    if len(swept) != 1:
+        raise ValueError(
+            f"{picture} needs one swept quantity, but there are {swept}: "
+            "select one value of the others, as in `ds.sel({path: value})`."
+        )
+    return swept[0]
 
 
 def span_of_phase(set_limits, set_ticks) -> None:

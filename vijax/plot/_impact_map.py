@@ -4,24 +4,28 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
+from .._orbits.orbit import PeriodicOrbit
 from .._sweep.endings import warn_of_endings
 from .._trajectory.event_log import IMPACT
 from .._trajectory.solution import Solution
 from ._axes import check_index, ink, legend_above, new_axes, of_curves, span_of_phase
+from ._orbits import solution_of
 
 # Few points are drawn large, the thousands of a chaotic attractor small.
 _SIZES = ((100, 7.0), (1000, 4.0), (np.inf, 1.5))
 _MARKERS = "os^Dv"
 
 
-def impact_map(sol_or_ds: Solution | xr.Dataset, stop: int | None = 0, *, ax: Axes | None = None) -> Axes:
+def impact_map(
+    sol_or_ds: Solution | PeriodicOrbit | xr.Dataset, stop: int | None = 0, *, ax: Axes | None = None
+) -> Axes:
     """Draw the impacts in the plane of forcing phase and velocity before impact.
 
     That is the section on which the map of a stop, P_i, takes one impact to the next; with
     `stop=None` it is that of the global map P_g, the stops told apart.
 
     Args:
-        sol_or_ds: a trajectory, or what `vx.sweep` returned, of which one machine is selected; from
+        sol_or_ds: a trajectory, a periodic orbit, or what `vx.sweep` returned, of which one machine is selected; from
             several starts all impacts are drawn.
         stop: the stop whose impacts are drawn; None for all.
         ax: where to draw; new axes if left out.
@@ -74,7 +78,9 @@ def impact_map(sol_or_ds: Solution | xr.Dataset, stop: int | None = 0, *, ax: Ax
     return ax
 
 
-def _impacts(sol_or_ds: Solution | xr.Dataset) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+def _impacts(
+    sol_or_ds: Solution | PeriodicOrbit | xr.Dataset,
+) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
     """Number of stops, and phase, velocity and stop of every impact."""
     if isinstance(sol_or_ds, xr.Dataset):
         ds = sol_or_ds
@@ -90,8 +96,9 @@ def _impacts(sol_or_ds: Solution | xr.Dataset) -> tuple[int, np.ndarray, np.ndar
             )
         columns = (ds.impact_phase, ds.impact_velocity, ds.impact_stop)
         return ds.sizes["stop"], *(column.values.ravel() for column in columns)
-    log = sol_or_ds.events
+    sol = solution_of(sol_or_ds)
+    log = sol.events
     is_impact = np.asarray(log.kind) == IMPACT
     t, velocity, stop = (np.asarray(a)[is_impact] for a in (log.t, log.velocity_minus, log.stop))
-    phase = np.mod(float(sol_or_ds.machine.frequency) * t, 2 * np.pi)
-    return sol_or_ds.machine.contacts.num, phase, velocity, stop
+    phase = np.mod(float(sol.machine.frequency) * t, 2 * np.pi)
+    return sol.machine.contacts.num, phase, velocity, stop

@@ -6,9 +6,11 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from .._contact.sticking_region import StickingRegion
+from .._orbits.orbit import PeriodicOrbit
 from .._trajectory.event_log import RELEASE, STICK
 from .._trajectory.solution import Solution
 from ._axes import check_index, ink, legend_beside, new_axes, of_curves
+from ._orbits import solution_of
 from ._trajectories import curve_of_mass, draw_jumps, held_within, span_of
 
 _ALL_PHASES = np.linspace(0, 2 * np.pi, 721)
@@ -17,7 +19,7 @@ _STYLES = ("-", (0, (6, 1.5)))
 
 
 def sticking_region(
-    sols: Solution | Sequence[Solution],
+    sols: Solution | PeriodicOrbit | Sequence[Solution | PeriodicOrbit],
     stop: int,
     mass: int | None = None,
     *,
@@ -32,7 +34,7 @@ def sticking_region(
     is shaded. A load on the held mass moves it to and fro: then it is drawn as it lies at each release.
 
     Args:
-        sols: one trajectory, or several, of machines that differ in their load.
+        sols: one trajectory or periodic orbit, or several, of machines that differ in their load.
         stop: the stop that holds its mass.
         mass: the mass whose velocity is drawn against its position; the other one of two if left out.
         span: first and last time to draw; the whole of each trajectory if left out.
@@ -56,7 +58,7 @@ def sticking_region(
     References:
         Wagg & Bishop (2004), Sec. 4.6.2 and Fig. 12.
     """
-    many = [sols] if isinstance(sols, Solution) else list(sols)
+    many = [solution_of(sol) for sol in ([sols] if isinstance(sols, Solution | PeriodicOrbit) else sols)]
     if not many:
         raise ValueError("Argument `sols` is empty: give one trajectory or more.")
     mass = _mass_to_draw(many[0], stop, mass)
@@ -106,7 +108,7 @@ def _draw_ends(
     ax: Axes, sol: Solution, stop: int, mass: int, spans: tuple[np.ndarray, np.ndarray], color: np.ndarray
 ) -> None:
     """A circle where the held mass sticks, a disc where it is released."""
-    for times, kind, face in zip(spans, (STICK, RELEASE), ("white", color), strict=True):
+    for times, kind, face in zip(spans, (STICK, RELEASE), (ax.get_facecolor(), color), strict=True):
         for t in _events_at(sol, stop, kind, times):
             x, v = (float(a[mass]) for a in sol.evaluate(t))
             ax.plot(x, v, "o", color=color, markerfacecolor=face, markersize=5, zorder=3)
@@ -138,7 +140,7 @@ def _draw_boundaries(
         _draw_line(ax, normals[0], levels[0, 0], color=ink(), label=words, linewidth=2.0)
         x, v = np.meshgrid(*limits)
         force = normals[0, 0] * x + normals[0, 1] * v - levels[0, 0]
-        ax.contourf(x, v, force, levels=[0, max(force.max(), 1e-300)], colors=["0.92"], zorder=0)
+        ax.contourf(x, v, force, levels=[0, max(force.max(), 1e-300)], colors=[ink("0.92", "0.2")], zorder=0)
     else:
         for sol, region, normal, (_, ends), color in zip(sols, regions, normals, held, colors, strict=True):
             for t in _events_at(sol, stop, RELEASE, ends):

@@ -1,17 +1,21 @@
-"""One trajectory: against time, and velocity against position."""
+"""One trajectory or orbit: against time, and velocity against position."""
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from .._attractors.record import held_intervals
-from .._trajectory.event_log import IMPACT
+from .._orbits.orbit import PeriodicOrbit
+from .._trajectory.event_log import IMPACT, RELEASE, STICK
 from .._trajectory.solution import Solution
-from ._axes import check_index, legend_beside, new_axes, of_curves
+from ._axes import check_index, ink, legend_beside, new_axes, of_curves
+from ._orbits import solution_of
+
+_HELD = "#f59b42"
 
 
 def time_series(
-    sol: Solution,
+    sol: Solution | PeriodicOrbit,
     *,
     span: tuple[float, float] | None = None,
     ax: Axes | None = None,
@@ -22,7 +26,7 @@ def time_series(
     A dotted line is a stop, in the colour of its mass; where it is thick the stop holds the mass.
 
     Args:
-        sol: one trajectory.
+        sol: one trajectory, or a periodic orbit, of which one cycle is drawn.
         span: first and last time of a close-up; the whole trajectory if left out.
         ax: where to draw; new axes if left out.
         num_samples: evenly spaced times to draw, beside those of the events.
@@ -31,7 +35,7 @@ def time_series(
         The axes.
 
     Raises:
-        ValueError: if the span does not lie within the trajectory.
+        ValueError: if the span does not lie within the trajectory, or the orbit was not found.
 
     Example:
         ```python
@@ -43,6 +47,7 @@ def time_series(
     References:
         Wagg & Bishop (2004), Figs. 5, 8, 10 and 11.
     """
+    sol = solution_of(sol)
     begin, end = span_of(sol, span)
     t = sample_times(sol, begin, end, num_samples)
     x = np.asarray(sol.evaluate(t)[0])
@@ -73,7 +78,7 @@ def time_series(
 
 
 def phase_portrait(
-    sol: Solution,
+    sol: Solution | PeriodicOrbit,
     mass: int = 0,
     *,
     span: tuple[float, float] | None = None,
@@ -82,11 +87,12 @@ def phase_portrait(
 ) -> Axes:
     """Draw the velocity of one mass against its position.
 
-    The jumps at impacts are dashed, a grey line is a stop, or the curve on which a stop moves; a disc
-    on it, or thick orange, marks a mass that is held.
+    A periodic orbit is a closed curve. The jumps at impacts are dashed, a grey line is a stop, or the curve on which
+    a stop moves. On it a circle is where the mass sticks, a dot where it is released; in between it is held, a thick
+    orange line, or an orange disc on a stop that stands still.
 
     Args:
-        sol: one trajectory.
+        sol: one trajectory, or a periodic orbit, of which one cycle is drawn.
         mass: the mass.
         span: first and last time to draw, to leave a transient out; the whole trajectory if left out.
         ax: where to draw; new axes if left out.
@@ -96,18 +102,21 @@ def phase_portrait(
         The axes.
 
     Raises:
-        ValueError: if there is no such mass, or the span does not lie within the trajectory.
+        ValueError: if there is no such mass, the span does not lie within the trajectory, or the orbit was not found.
 
     Example:
         ```python
         import vijax as vx
-        sol = vx.simulate(vx.models.wagg_bishop_b(0.8), 0.0, 200.0)
-        ax = vx.plot.phase_portrait(sol, mass=1, span=(150.0, 200.0))
+        system = vx.models.wagg_bishop_b(0.8)
+        sol = vx.simulate(system, 0.0, 50 * system.forcing.period)
+        orbit = vx.periodic_orbit(system, sol.x1, sol.v1)
+        ax = vx.plot.phase_portrait(orbit, mass=1)
         ```
 
     References:
         Wagg & Bishop (2004), Sec. 2.2.
     """
+    sol = solution_of(sol)
     check_index("mass", mass, sol.machine.num_masses)
     begin, end = span_of(sol, span)
     x, v = curve_of_mass(sol, mass, begin, end, num_samples)
@@ -118,6 +127,7 @@ def phase_portrait(
     for j, of_mass in enumerate(sol.machine.contacts.masses):
         if of_mass == mass:
             _draw_stop(ax, sol, j, begin, end, num_samples)
+    _draw_ends(ax, sol, mass, begin, end)
     ax.set_xlabel(f"Position $x_{{{mass}}}$ (units of length)")
     ax.set_ylabel(f"Velocity $\\dot x_{{{mass}}}$ (length / time)")
     if ax.get_legend_handles_labels()[0]:
@@ -180,26 +190,51 @@ def _is_held(sol: Solution, stop: int, begin: float, end: float, t: np.ndarray) 
 
 def _draw_stop(ax: Axes, sol: Solution, stop: int, begin: float, end: float, num_samples: int) -> None:
     """A stop that stands still as a line across the plane, one that moves as its curve."""
-    t = sample_times(sol, begin, end, num_samples)
+    t, grey = sample_times(sol, begin, end, num_samples), ink("0.8", "0.4")
     is_held = _is_held(sol, stop, begin, end, t)
     x, v = (np.asarray(a)[:, stop] for a in sol.evaluate_stops(t))
     if v.any():
-        ax.plot(x, v, color="0.8", linewidth=4, zorder=0, label=f"stop {stop}")
+        ax.plot(x, v, color=grey, linewidth=4, zorder=0, label=f"stop {stop}")
         mark = np.where(is_held, x, np.nan), v, "-"
     else:
-        ax.axvline(x[0], color="0.8", linewidth=4, zorder=0, label=f"stop {stop}")
+        ax.axvline(x[0], color=grey, linewidth=4, zorder=0, label=f"stop {stop}")
         mark = x[0], 0, "o"
     if is_held.any():
-        ax.plot(*mark, color="#f59b42", markeredgecolor="black", linewidth=4, label=f"held by stop {stop}")
+        ax.plot(*mark, color=_HELD, linewidth=4, zorder=4, label=f"held by stop {stop}")
+
+
+def _draw_ends(ax: Axes, sol: Solution, mass: int, begin: float, end: float) -> None:
+    """A circle where a mass sticks, a smaller disc where it is released: on a stop that stands still both are seen."""
+    for kind, words, face, size, zorder in (
+        (STICK, "stick", ax.get_facecolor(), 9, 3),
+        (RELEASE, "release", ink(), 3, 5),
+    ):
+        is_it = _is_of_mass(sol, mass, kind, begin, end)
+        if is_it.any():
+            x, v = _on_stops(sol, is_it)
+            ax.plot(x, v, "o", color=ink(), markerfacecolor=face, markersize=size, zorder=zorder, label=words)
 
 
 def _impacts(
     sol: Solution, mass: int, begin: float, end: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Times, positions, and velocities before and after the impacts of a mass."""
+    log, is_it = sol.events, _is_of_mass(sol, mass, IMPACT, begin, end)
+    t, minus, plus = (np.asarray(a)[is_it] for a in (log.t, log.velocity_minus, log.velocity_plus))
+    return t, _on_stops(sol, is_it)[0], minus, plus
+
+
+def _is_of_mass(sol: Solution, mass: int, kind: int, begin: float, end: float) -> np.ndarray:
+    """Which rows of the log are events of a kind at the stops of a mass."""
     log = sol.events
     stops = [j for j, i in enumerate(sol.machine.contacts.masses) if i == mass]
-    t, stop = np.asarray(log.t), np.asarray(log.stop)
-    is_it = (np.asarray(log.kind) == IMPACT) & np.isin(stop, stops) & (t >= begin) & (t <= end)
-    where = np.asarray(sol.evaluate_stops(t)[0])[is_it, stop[is_it]] if stops else t[is_it]
-    return t[is_it], where, np.asarray(log.velocity_minus)[is_it], np.asarray(log.velocity_plus)[is_it]
+    t = np.asarray(log.t)
+    return (np.asarray(log.kind) == kind) & np.isin(log.stop, stops) & (t >= begin) & (t <= end)
+
+
+def _on_stops(sol: Solution, is_it: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities of the stops at some rows of the log."""
+    # At all of them, padding too: one shape for all trajectories, so one compilation.
+    stop = np.asarray(sol.events.stop)[is_it]
+    x, v = (np.asarray(a)[is_it, stop] for a in sol.evaluate_stops(sol.events.t))
+    return x, v

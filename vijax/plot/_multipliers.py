@@ -1,0 +1,160 @@
+"""The Floquet multipliers of periodic orbits in the complex plane."""
+
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.patches import Circle
+
+from .._orbits.orbit import PeriodicOrbit
+from ._axes import ink, label, legend_above, legend_beside, new_axes, of_curves, swept_quantity
+from ._orbits import Orbits, list_of
+
+_MARKERS = "os^Dv"
+_DIRECTIONS = {"up": ("^", "swept up"), "down": ("v", "swept down")}
+# Few points are drawn large.
+_SIZES = ((40, 30.0), (400, 14.0), (np.inf, 6.0))
+# By how much the picture is wider than the circle, or than what is outside of it.
+_WIDER = 1.15
+
+
+def multipliers(orbits: Orbits, *, limit: float = 3.0, ax: Axes | None = None) -> Axes:
+    """Draw Floquet multipliers in the complex plane, with the unit circle.
+
+    Inside of the circle, where what disturbs an orbit decays, they are filled; elsewhere they are not. An orbit meets a
+    fold where one passes 1, and doubles its period where one passes -1. Those farther out than `limit`, and infinite
+    ones, of orbits that graze, are stars on the edge of the picture, in their direction, and the legend counts them.
+
+    Args:
+        orbits: one orbit, or several, told apart by colour and marker, more than five by their colour alone, from the
+            first to the last; or what `vx.periodic_orbits` returned for one swept quantity, which the colours tell.
+        limit: the largest real and imaginary part that are drawn where they are; greater than 1.
+        ax: where to draw; new axes if left out.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if there is no orbit, one was not found, not exactly one quantity is swept, or the limit is too small.
+
+    Example:
+        ```python
+        import numpy as np, vijax as vx
+        ds = vx.sweep(vx.models.wagg_bishop_a(1.0), {"forcing.frequency": np.arange(0.7, 0.9, 0.005)})
+        ax = vx.plot.multipliers(vx.periodic_orbits(ds))
+        ```
+
+    References:
+        Y. A. Kuznetsov, Elements of Applied Bifurcation Theory, Sec. 4.1.
+    """
+    if not limit > 1:
+        raise ValueError(f"Argument `limit` must be greater than 1, the unit circle, but is {limit}.")
+    groups, bar = _of_sweep(orbits) if isinstance(orbits, xr.Dataset) else (_of_list(list_of(orbits)), None)
+    reach = np.concatenate([_reach(group.values) for group in groups] or [np.empty(0)])
+    if not reach.size:
+        raise ValueError("Argument `orbits` holds no orbit that was found: give one or more.")
+    ax = new_axes() if ax is None else ax
+    ax.add_patch(Circle((0, 0), 1, facecolor=ink("0.94", "0.16"), edgecolor="0.5", zorder=0))
+    for group in groups:
+        _draw_near(ax, group, limit, next(size for most, size in _SIZES if reach.size <= most))
+    edge = _WIDER * reach[reach <= limit].max(initial=1)
+    _draw_far(ax, groups, limit, edge)
+    ax.set(xlim=(-edge, edge), ylim=(-edge, edge), aspect="equal")
+    ax.set_xlabel(r"Real part of the multipliers, $\mathrm{Re}\,\mu$ (ratio)")
+    ax.set_ylabel(r"Imaginary part, $\mathrm{Im}\,\mu$ (ratio)")
+    if bar is not None:
+        path, colors = bar
+        # As high as the axes, which a bar that takes room from them is not where they are square.
+        ax.figure.colorbar(colors, cax=ax.inset_axes((1.04, 0, 0.05, 1)), label=label(path))
+    if ax.get_legend_handles_labels()[0]:
+        legend_beside(ax) if bar is None else legend_above(ax, markerscale=1.0)
+    return ax
+
+
+class _Group(NamedTuple):
+    """Multipliers with one marker, and the colour of each, (multipliers, 4)."""
+
+    values: np.ndarray
+    colors: np.ndarray
+    words: str
+    marker: str
+
+
+def _of_list(orbits: list[PeriodicOrbit]) -> list[_Group]:
+    """A group for each orbit, named where they are several but few."""
+    groups, is_named = [], 1 < len(orbits) <= len(_MARKERS)
+    for k, (orbit, color) in enumerate(zip(orbits, of_curves(len(orbits)), strict=True)):
+        values = np.asarray(orbit.multipliers)
+        words, marker = (f"orbit {k}", _MARKERS[k]) if is_named else ("", "o")
+        groups.append(_Group(values, np.tile(color, (values.size, 1)), words, marker))
+    return groups
+
+
+def _of_sweep(orbits: xr.Dataset) -> tuple[list[_Group], tuple[str, ScalarMappable]]:
+    """A group for each direction of the sweep, and what is swept with its colours."""
+    path = swept_quantity(orbits["converged"], "A picture of multipliers")
+    swept = orbits[path].values
+    colors = ScalarMappable(Normalize(swept.min(), swept.max()), ListedColormap(of_curves(256)))
+    ways = _DIRECTIONS if "direction" in orbits["converged"].dims else {None: ("o", "")}
+    groups = []
+    for way, (marker, words) in ways.items():
+        one = orbits if way is None else orbits.sel(direction=way)
+        is_orbit = one["converged"].values
+        values = one["multipliers"].transpose(path, "multiplier").values[is_orbit]
+        of_points = np.repeat(swept[is_orbit], values.shape[1])
+        groups.append(_Group(values.ravel(), colors.to_rgba(of_points), words, marker))
+    return groups, (path, colors)
+
+
+def _reach(values: np.ndarray) -> np.ndarray:
+    """How far along the axes a picture must reach to show them."""
+    return np.maximum(np.abs(np.real(values)), np.abs(np.imag(values)))
+
+
+def _draw_near(ax: Axes, group: _Group, limit: float, size: float) -> None:
+    """The multipliers within the picture."""
+    is_near = _reach(group.values) <= limit
+    mu, colors = group.values[is_near], group.colors[is_near]
+    ax.scatter(
+        np.real(mu),
+        np.imag(mu),
+        s=size,
+        marker=group.marker,
+        facecolors=np.where(np.abs(mu)[:, None] < 1, colors, 0.0),
+        edgecolors=colors.tolist(),
+        linewidths=0.8,
+        label=group.words,
+    )
+
+
+def _draw_far(ax: Axes, groups: list[_Group], limit: float, edge: float) -> None:
+    """The others on its edge."""
+    values = np.concatenate([group.values for group in groups])
+    is_far = _reach(values) > limit
+    if not is_far.any():
+        return
+    mu, colors = values[is_far], np.concatenate([group.colors for group in groups])[is_far]
+    is_infinite, told = np.isinf(np.abs(mu)), []
+    if not is_infinite.all():
+        largest = np.abs(mu[~is_infinite]).max()
+        told.append(f"{np.count_nonzero(~is_infinite)} farther out,\nup to $|\\mu|$ = {largest:.3g}")
+    if is_infinite.any():
+        told.append(f"{np.count_nonzero(is_infinite)} infinite")
+    # Infinity has no direction: as an orbit comes to graze, a real multiplier goes there, and may come back from the
+    # other side.
+    mu = np.where(is_infinite, 1, mu)
+    at = edge * mu / _reach(mu)
+    ax.scatter(
+        np.real(at),
+        np.imag(at),
+        s=60,
+        marker="*",
+        c=colors,
+        linewidths=0,
+        clip_on=False,
+        zorder=3,
+        label="\n".join(told),
+    )

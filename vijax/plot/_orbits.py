@@ -1,0 +1,107 @@
+"""Periodic orbits, in the forms in which pictures take them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
+from .._system.parameters import get_parameter, is_parameter
+from .._system.system import with_args
+from .._trajectory.event_log import IMPACT
+from .._trajectory.solution import Solution
+
+Orbits = xr.Dataset | PeriodicOrbit | Sequence[PeriodicOrbit]
+
+# The stability of the orbit on which an impact lies; unknown where no orbit is.
+UNKNOWN, STABLE, UNSTABLE = 0, 1, 2
+
+
+def solution_of(motion: Solution | PeriodicOrbit) -> Solution:
+    """The trajectory to draw: of an orbit one cycle."""
+    return _found(motion).solution() if isinstance(motion, PeriodicOrbit) else motion
+
+
+def list_of(orbits: PeriodicOrbit | Sequence[PeriodicOrbit]) -> list[PeriodicOrbit]:
+    """One orbit or several, as a list."""
+    return [_found(orbit) for orbit in ([orbits] if isinstance(orbits, PeriodicOrbit) else orbits)]
+
+
+def stability_of(ds: xr.Dataset, orbits: xr.Dataset) -> xr.DataArray:
+    """The stability of every point of a sweep.
+
+    Args:
+        ds: the sweep.
+        orbits: what `vx.periodic_orbits` returned for it.
+    """
+    missing = [name for name in ("converged", "is_stable") if name not in orbits]
+    if missing:
+        raise ValueError(
+            f"Argument `orbits` must be what `vx.periodic_orbits(ds)` returned, but has no {missing}."
+        )
+    ours, theirs = ds["result"], orbits["converged"]
+    others = [dim for dim in ours.dims if dim not in theirs.dims] + [
+        dim for dim in theirs.dims if dim not in ours.dims
+    ]
+    differ = others or [
+        name
+        for name, a in ours.coords.items()
+        if name not in theirs.coords or not theirs.coords[name].variable.equals(a.variable)
+    ]
+    if differ:
+        raise ValueError(
+            f"Argument `orbits` must be of the points that are drawn, but differs from them in {differ}: select "
+            "the same part of both, or call `vx.periodic_orbits` with what is drawn."
+        )
+    return xr.where(theirs, xr.where(orbits["is_stable"], STABLE, UNSTABLE), UNKNOWN)
+
+
+def as_sweep(orbits: list[PeriodicOrbit], path: str, num_stops: int) -> xr.Dataset:
+    """The impacts of orbits, each in a row of its own, by the names that a sweep has for them.
+
+    Args:
+        orbits: of one machine with several values of a parameter.
+        path: of the parameter.
+        num_stops: of the machine.
+    """
+    names = (
+        path,
+        "stability",
+        "impact_stop",
+        "impact_phase",
+        "impact_velocity",
+        "impact_relative_velocity",
+    )
+    rows = [_impacts(orbit, path, num_stops) for orbit in orbits]
+    columns = np.concatenate([np.empty((0, len(names))), *rows]).T
+    return xr.Dataset({name: ("impact", column) for name, column in zip(names, columns, strict=True)})
+
+
+def _impacts(orbit: PeriodicOrbit, path: str, num_stops: int) -> np.ndarray:
+    """The value, stability, stop, phase, velocity and relative velocity of each impact of an orbit, in a row."""
+    system, log = with_args(orbit.system, orbit.args), orbit.events
+    values = np.unique(get_parameter(system, path)) if is_parameter(system, path) else np.empty(0)
+    if values.size != 1 or system.num_stops != num_stops:
+        raise ValueError(
+            f"Argument `orbits` must be of the machine that was swept, with {num_stops} stops, and `{path}` one "
+            f"number of it, at which they are drawn; here it has {system.num_stops} stops and {values.size} such numbers."
+        )
+    is_impact, frequency = np.asarray(log.kind) == IMPACT, float(system.forcing.frequency)
+    t, stop, velocity = (np.asarray(a)[is_impact] for a in (log.t, log.stop, log.velocity_minus))
+    angle = frequency * t
+    slopes = [float(system.stops[j].slope_at(a)) for j, a in zip(stop, angle, strict=True)]
+    relative = velocity - frequency * np.asarray(slopes, float)
+    known = (values[0], STABLE if orbit.is_stable else UNSTABLE)
+    columns = (*(np.full(t.shape, a) for a in known), stop, angle % (2 * np.pi), velocity, relative)
+    return np.stack(columns, axis=1)
+
+
+def _found(orbit: PeriodicOrbit) -> PeriodicOrbit:
+    """The orbit, if it is one."""
+    if orbit.period.ndim:
+        raise ValueError(
+            f"Orbits are drawn one by one, but this is a batch of shape {orbit.period.shape}: draw its parts."
+        )
+    if orbit.result != ORBIT_RESULTS.successful:
+        raise ValueError(f"Only an orbit that was found can be drawn. {ORBIT_RESULTS[orbit.result]}")
+    return orbit
