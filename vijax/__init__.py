@@ -7,6 +7,8 @@ from . import models as models
 from ._attractors.classify import classify as classify
 from ._attractors.cycles import periodic_orbits as periodic_orbits
 from ._attractors.sections import impact_map as impact_map, stroboscopic_section as stroboscopic_section
+from ._branches.branch import Bifurcation as Bifurcation, Branch as Branch
+from ._branches.continuation import continuation as continuation
 from ._contact.law import (
     impact_configurations as impact_configurations,
     modal_restitution_matrix as modal_restitution_matrix,
@@ -63,6 +65,8 @@ __all__ = [
     "RELEASE",
     "RESULTS",
     "STICK",
+    "Bifurcation",
+    "Branch",
     "DiffraxFlow",
     "EventLog",
     "ExecutionSettings",
@@ -78,6 +82,7 @@ __all__ = [
     "base_excitation",
     "chain",
     "classify",
+    "continuation",
     "find_periodic_orbits",
     "impact_configurations",
     "impact_map",

@@ -4,7 +4,6 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from .._flow.interface import AbstractFlow
 from .._machine.numbers import numbers_of
@@ -58,7 +57,7 @@ class Family(eqx.Module):
     flow: AbstractFlow
     num_periods: Reals
     phase: Reals
-    scale: Float[Array, " state"]
+    scale: Reals
     span: Reals
     path: str = eqx.field(static=True)
 

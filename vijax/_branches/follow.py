@@ -12,6 +12,7 @@ import numpy as np
 
 from .._orbits.sequence import NOTHING, Sequence
 from .._trajectory.event_log import IMPACT, RELEASE
+from .._types import Reals
 from .changes import passed_section, shifted, with_impact, with_order_exchanged, without_event
 from .family import Place
 from .programs import Followed, Rates, Request, Seen, confirm, locate_start, look, rates_along, tell, trimmed
@@ -128,7 +129,7 @@ class Test(NamedTuple):
     index: int = 0
 
 
-def _ratio(values: np.ndarray, of: np.ndarray) -> float:
+def _ratio(values: Any, of: Any) -> float:
     """The product of values over 1 + |of|: finite where a multiplier is not."""
     with np.errstate(invalid="ignore"):
         parts = values / (1 + np.abs(of))
@@ -515,7 +516,7 @@ def _are_impacts(sequence: Sequence, k: int) -> bool:
 
 
 def _going_on(
-    sequence: Sequence, place: Place, event: Point, rate: Callable[[Rates], float], time: float = 0.0
+    sequence: Sequence, place: Place, event: Point, rate: Callable[[Rates], Reals], time: float = 0.0
 ) -> Asked:
     """The point on the new sequence, in the direction in which a speed or a gap grows."""
     at = yield from _retold(sequence, place, event)

@@ -57,8 +57,8 @@ class Rates(NamedTuple):
 def look(family: Family, sequence: Sequence, guess: Place, weights: Place, target: Scalar) -> Seen:
     """The cycle of a sequence with `weights . place = target`."""
     found = correct(family, sequence, guess, weights, target)
-    problem = family.problem(sequence, found.place.p)
-    unknowns = family.unknowns(found.place)
+    place = jax.tree.map(lambda a, b: jnp.where(found.is_converged, a, b), found.place, guess)
+    problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
     return Seen(found, watch(problem, unknowns), unknowns.z - away_from_stops(problem))
 
 

@@ -13,8 +13,9 @@ from .._machine.machine import Machine, resting_state
 from .._orbits.cycle import Moment, Problem, Unknowns, begin_cycle, events_of, fly, leap
 from .._types import Scalar
 
-# Samples per radian of the fastest part of the motion, and what it takes from there to the minimum by Newton's method.
-_DENSITY, _STEPS = 1.3, 4
+# Samples per radian of the fastest part of the motion, the most on a flight, and what it takes from there to the
+# minimum by Newton's method.
+_DENSITY, _MOST, _STEPS = 1.3, 10_000, 4
 
 
 class Watched(NamedTuple):
@@ -101,9 +102,9 @@ def watch(problem: Problem, unknowns: Unknowns) -> Watched:
     def one(scan: _Scan) -> _Scan:
         k, i, begin, before = scan[:4]
         held, duration = sequence.held[k], flights[k]
-        # What Newton's method did not bring home may be of any length.
         longest = jnp.clip(duration, 0, problem.num_periods)
-        num = jnp.ceil(longest * radians * _DENSITY) + 1
+        # A parameter tried in vain may make any machine, as one without a load, whose period is without end.
+        num = jnp.minimum(jnp.ceil(longest * radians * _DENSITY) + 1, _MOST)
         step, since = duration / num, duration * i / num
         now = _read(machine, flow, begin, held, since)
         is_first, is_last = i == 0, ~(i < num)  # no end of a flight that is no number

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._trajectory.event_log import IMPACT, RELEASE, Log
-from .._types import Scalar
+from .._types import Reals, Scalar
 
 NOTHING = -1
 
@@ -27,9 +27,9 @@ class Sequence(eqx.Module):
         held: the stops that hold their masses on each flight, the first and the last among them, (events + 1, stops).
     """
 
-    kind: Int[Array, " events"]
-    stop: Int[Array, " events"]
-    held: Bool[Array, "events_1 stops"]
+    kind: Reals
+    stop: Reals
+    held: Reals
 
     @property
     def is_event(self) -> Bool[Array, " events"]:
