@@ -9,6 +9,7 @@ from ._attractors.cycles import periodic_orbits as periodic_orbits
 from ._attractors.sections import impact_map as impact_map, stroboscopic_section as stroboscopic_section
 from ._branches.branch import Bifurcation as Bifurcation, Branch as Branch
 from ._branches.continuation import continuation as continuation
+from ._branches.switch import switch_branch as switch_branch
 from ._contact.law import (
     impact_configurations as impact_configurations,
     modal_restitution_matrix as modal_restitution_matrix,
@@ -100,6 +101,7 @@ __all__ = [
     "stroboscopic_map",
     "stroboscopic_section",
     "sweep",
+    "switch_branch",
     "system_of",
 ]
 

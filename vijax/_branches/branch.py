@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,30 +16,9 @@ from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
 from .._orbits.sequence import NOTHING, Sequence
 from .._system.description import build, describe
 from .._system.parameters import set_parameter
-from .._system.system import ImpactSystem
 from .._trajectory.event_log import IMPACT
 from .family import Family
-from .follow import Point, Walk
-
-
-class Bifurcation(NamedTuple):
-    """A point where a branch changes.
-
-    Attributes:
-        kind: "fold", "pd" (period doubling), "ns" (Neimark-Sacker), "bp" (branch point), "gr" (grazing),
-            "double_impact", "force_zero" or "chatter_completion".
-        value: of the parameter.
-        index: number of the point on the branch.
-        orbit: the orbit there.
-    """
-
-    kind: str
-    value: float
-    index: int
-    orbit: PeriodicOrbit
-
-    def __repr__(self) -> str:
-        return f"{self.kind} at {self.value:.12g} (point {self.index})"
+from .follow import KINDS, Point, Walk
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +49,9 @@ class Branch:
         return first, last
 
     @property
-    def bifurcations(self) -> list[Bifurcation]:
+    def bifurcations(self) -> list["Bifurcation"]:
         """The points where the branch changes, in their order."""
-        kinds = self.points["bifurcation"].values
-        return [
-            Bifurcation(str(kinds[k]), float(self.values[k]), int(k), self.orbit(int(k)))
-            for k in np.flatnonzero(kinds != "")
-        ]
+        return [Bifurcation(self, int(k)) for k in np.flatnonzero(self.points["bifurcation"].values != "")]
 
     def orbit(self, k: int) -> PeriodicOrbit:
         """The orbit at a point."""
@@ -104,7 +78,43 @@ class Branch:
         )
 
 
-def branch_of(family: Family, system: ImpactSystem, start: Point, back: Walk, forth: Walk) -> Branch:
+@dataclass(frozen=True, eq=False, repr=False)
+class Bifurcation:
+    """A point where a branch changes.
+
+    Attributes:
+        branch: on which it is.
+        index: number of the point.
+    """
+
+    branch: "Branch"
+    index: int
+
+    @property
+    def kind(self) -> str:
+        """What happens.
+
+        One of "fold", "pd" (period doubling), "ns" (Neimark-Sacker), "bp" (branch point), "gr" (grazing),
+        "double_impact" (of two stops at once), "force_zero" (a stop that holds its mass is not pressed for a moment),
+        "chatter_completion" (a stick begins or ends to be).
+        """
+        return str(self.branch.points["bifurcation"].values[self.index])
+
+    @property
+    def value(self) -> float:
+        """The parameter."""
+        return float(self.branch.values[self.index])
+
+    @property
+    def orbit(self) -> PeriodicOrbit:
+        """The orbit there."""
+        return self.branch.orbit(self.index)
+
+    def __repr__(self) -> str:
+        return f"{self.kind} at {self.value:.12g} (point {self.index})"
+
+
+def branch_of(family: Family, start: Point, back: Walk, forth: Walk) -> Branch:
     """The branch from what was followed backwards and forwards."""
     if forth.end == "closed":
         back = replace(back, points=[], end="closed")
@@ -151,7 +161,7 @@ def branch_of(family: Family, system: ImpactSystem, start: Point, back: Walk, fo
         "residual": (("point",), np.array([found.residual for found in founds])),
         "bifurcation": (
             ("point",),
-            np.array(["gr" if point.kind == "touch" else point.kind for point in points]),
+            np.array([KINDS.get(point.kind, point.kind) for point in points]),
         ),
         "event_kind": (("point", "event"), rows([point.sequence.kind for point in points], NOTHING)),
         "event_stop": (("point", "event"), rows([point.sequence.stop for point in points], -1)),
@@ -163,7 +173,7 @@ def branch_of(family: Family, system: ImpactSystem, start: Point, back: Walk, fo
         "start": (("point", "state"), np.stack([point.place.z * family.scale for point in points])),
     }
     attrs = {
-        "system": json.dumps(describe(system)),
+        "system": json.dumps(describe(family.system)),
         "dtype": str(z.dtype),
         "path": family.path,
         "num_periods": int(family.num_periods),

@@ -28,6 +28,8 @@ _SEPARATE = 1e-4
 _MOMENT = 1e-5
 # The most by which a step may turn, as a cosine; iterations of Newton's method after which steps grow, or shrink.
 _TURN, _FEW, _MANY = 0.98, 4, 7
+# A multiplier this close to where it should be is there; halves of a cycle this close are one.
+_CLOSE = 1e-4
 # Runs of orbits whose neighbours leave faster than this say nothing.
 _TRUSTED = 1e4
 
@@ -52,6 +54,13 @@ class Point(NamedTuple):
     kind: str
     arc: float
     is_admissible: bool
+
+    @classmethod
+    def of(cls, sequence: Sequence, seen: Seen, arc: float, *, kind: str = "") -> "Point":
+        """A point as it is seen."""
+        return cls(
+            sequence, trimmed(seen.found.place, len(sequence.kind)), seen, kind, arc, is_admissible=True
+        )
 
     @property
     def tangent(self) -> Place:
@@ -98,24 +107,19 @@ class Ended(Exception):
 def at_parameter(sequence: Sequence, guess: Place, p: float) -> Asked:
     """The cycle at a value of the parameter."""
     only_p = Place(0 * guess.z, 0 * guess.flights, np.asarray(1.0))
-    return (yield from _look(sequence, guess, only_p, p))
+    return (yield from corrected(sequence, guess, only_p, p))
 
 
 def on_plane(point: Point, guess: Place, s: float) -> Asked:
     """The cycle where the branch meets the plane across its tangent, some way from a point."""
     tangent = point.tangent
-    return (yield from _look(point.sequence, guess, tangent, point.place.along(tangent) + s))
+    return (yield from corrected(point.sequence, guess, tangent, point.place.along(tangent) + s))
 
 
-def _look(sequence: Sequence, guess: Place, weights: Place, target: float) -> Asked:
+def corrected(sequence: Sequence, guess: Place, weights: Place, target: float) -> Asked:
+    """The cycle with `weights . place = target`."""
     seen: Seen = yield Request(look, sequence, (guess, weights, np.asarray(target)))
     return seen
-
-
-def _point(
-    sequence: Sequence, seen: Seen, arc: float, *, kind: str = "", is_admissible: bool = True
-) -> Point:
-    return Point(sequence, trimmed(seen.found.place, len(sequence.kind)), seen, kind, arc, is_admissible)
 
 
 # --- test functions ---------------------------------------------------------------------------------------------------
@@ -189,8 +193,8 @@ def num_unstable(seen: Seen) -> int:
     return int(np.count_nonzero(np.abs(seen.found.multipliers) > 1))
 
 
-# What a mass that touches its stop does, seen from either side.
-_KINDS = {"touch": "gr"}
+# What is seen from two sides has one name.
+KINDS = {"touch": "gr", "period_doubling": "pd"}
 
 
 # --- a branch ---------------------------------------------------------------------------------------------------------
@@ -211,7 +215,7 @@ def begin(sequence: Sequence, start: np.ndarray, p: float) -> Asked:
     away = np.abs(seen.found.place.z - place.z).max()
     if not seen.found.is_converged or not away < 1e-3:
         return None
-    return _point(sequence, seen, 0.0)
+    return Point.of(sequence, seen, 0.0)
 
 
 def follow(walk: Walk, start: Point) -> Asked:
@@ -317,7 +321,7 @@ def _ahead(point: Point, ds: float) -> Asked:
     """The next point, or None if the branch is too curved for such a step."""
     seen = yield from on_plane(point, point.place.moved(point.tangent, ds), ds)
     found = seen.found
-    new = _point(point.sequence, seen, point.arc + ds)
+    new = Point.of(point.sequence, seen, point.arc + ds)
     is_sound = found.is_converged and new.tangent.along(point.tangent) > _TURN and found.first < 10 * ds
     return new if is_sound and found.num_steps <= _MANY else None
 
@@ -328,6 +332,12 @@ def _told_by_machine(walk: Walk, point: Point) -> Asked:
     followed: Followed = yield Request(confirm, point.sequence, (point.place,))
     is_trusted = np.abs(point.seen.found.multipliers[0]) < _TRUSTED
     return point._replace(is_admissible=bool(followed.is_alike or not is_trusted)), followed
+
+
+def is_followed(point: Point) -> Asked:
+    """Whether the machine follows the cycle."""
+    followed: Followed = yield Request(confirm, point.sequence, (point.place,))
+    return bool(followed.is_alike)
 
 
 def _add(walk: Walk, point: Point) -> Asked:
@@ -354,8 +364,8 @@ def _with_its_bounces(point: Point, followed: Followed) -> Asked:
     place = point.place._replace(flights=followed.flights[:num_events])
     # The direction is that of the start and the parameter, whatever the number of bounces.
     weights = Place(point.tangent.z, 0 * place.flights, point.tangent.p)
-    seen = yield from _look(sequence, place, weights, place.along(weights))
-    return _point(sequence, seen, point.arc) if seen.found.is_converged else point
+    seen = yield from corrected(sequence, place, weights, place.along(weights))
+    return Point.of(sequence, seen, point.arc) if seen.found.is_converged else point
 
 
 def _locate(point: Point, new: Point, test: Test) -> Asked:
@@ -368,7 +378,7 @@ def _locate(point: Point, new: Point, test: Test) -> Asked:
         seen = yield from on_plane(point, guess, s)
         if not seen.found.is_converged:
             raise Ended("not_converged")
-        best = _point(point.sequence, seen, point.arc + s, kind=test.kind)
+        best = Point.of(point.sequence, seen, point.arc + s, kind=test.kind)
         bracket = bracket.narrowed(s, test.of(seen))
     return best._replace(kind=test.kind)
 
@@ -379,7 +389,7 @@ def _just_before(point: Point, event: Point) -> Asked:
     if s <= _OFF:
         return point
     seen = yield from on_plane(point, event.place, s)
-    return _point(point.sequence, seen, point.arc + s)
+    return Point.of(point.sequence, seen, point.arc + s)
 
 
 def _special(walk: Walk, point: Point, new: Point) -> Asked:
@@ -391,7 +401,7 @@ def _special(walk: Walk, point: Point, new: Point) -> Asked:
         if test.kind == "bp" and any(at.kind in ("fold", "period_doubling") for at in found):
             continue
         at = yield from _locate(point, new, test)
-        if test.kind == "ns" and not _is_complex_pair(at.seen):
+        if not _is_there(test, at.seen):
             continue
         if test.kind == "fold" and (yield from _repeats_sooner(walk, at)):
             at = at._replace(kind="period_doubling")
@@ -402,9 +412,13 @@ def _special(walk: Walk, point: Point, new: Point) -> Asked:
     return sorted(found, key=lambda at: at.arc)
 
 
-def _is_complex_pair(seen: Seen) -> bool:
+def _is_there(test: Test, seen: Seen) -> bool:
+    """Whether the multipliers say so too: a test function changes its sign as well where one is infinite."""
     mu = seen.found.multipliers
-    return bool(np.any((np.abs(np.abs(mu) - 1) < 1e-6) & (np.abs(mu.imag) > 1e-6)))
+    if test.kind == "ns":
+        return bool(np.any((np.abs(np.abs(mu) - 1) < _CLOSE) & (np.abs(mu.imag) > _CLOSE)))
+    wanted = {"pd": -1, "bp": 1}
+    return test.kind not in wanted or bool(np.any(np.abs(mu - wanted[test.kind]) < _CLOSE))
 
 
 def _repeats_sooner(walk: Walk, point: Point) -> Asked:
@@ -413,7 +427,7 @@ def _repeats_sooner(walk: Walk, point: Point) -> Asked:
         return False
     half = np.asarray(walk.num_periods / 2)
     z = yield Request(locate_start, point.sequence, (point.place, half))
-    return bool(np.abs(z - point.place.z).max() < 1e-6)
+    return bool(np.abs(z - point.place.z).max() < _CLOSE)
 
 
 def _to_bound(walk: Walk, point: Point, new: Point) -> Asked:
@@ -423,7 +437,7 @@ def _to_bound(walk: Walk, point: Point, new: Point) -> Asked:
     guess = Place(*(a + share * (b - a) for a, b in zip(point.place, new.place, strict=True)))
     seen = yield from at_parameter(point.sequence, guess, p)
     if seen.found.is_converged and share > 0:
-        yield from _add(walk, _point(point.sequence, seen, point.arc + share * (new.arc - point.arc)))
+        yield from _add(walk, Point.of(point.sequence, seen, point.arc + share * (new.arc - point.arc)))
     raise Ended("bounds")
 
 
@@ -464,7 +478,7 @@ def _in_section(walk: Walk, point: Point) -> Asked:
 
 def _beyond(walk: Walk, test: Test, event: Point) -> Asked:
     """The point from which the branch goes on behind an event."""
-    yield from _add(walk, event._replace(kind=_KINDS.get(test.kind, test.kind)))
+    yield from _add(walk, event)
     try:
         return (yield from _by_sequence(test, event))
     except Ended:
@@ -536,7 +550,7 @@ def _retold(sequence: Sequence, place: Place, event: Point) -> Asked:
     rng = np.random.default_rng(0)
     weights = Place(rng.normal(size=place.z.shape), rng.normal(size=place.flights.shape), rng.normal())
     weights = Place(*(a / np.sqrt(weights.along(weights)) for a in weights))
-    seen = yield from _look(sequence, place, weights, place.along(weights))
+    seen = yield from corrected(sequence, place, weights, place.along(weights))
     if not seen.found.is_converged:
         raise Ended("not_converged")
     return event._replace(sequence=sequence, place=trimmed(seen.found.place, len(sequence.kind)), seen=seen)
@@ -546,8 +560,8 @@ def _off(at: Point, is_ahead: bool) -> Asked:
     """A point close behind, in the given direction or in the other."""
     tangent = at.tangent if is_ahead else at.tangent.turned()
     target = at.place.along(tangent) + _OFF
-    seen = yield from _look(at.sequence, at.place.moved(tangent, _OFF), tangent, target)
-    new = _point(at.sequence, seen, at.arc + _OFF)
+    seen = yield from corrected(at.sequence, at.place.moved(tangent, _OFF), tangent, target)
+    new = Point.of(at.sequence, seen, at.arc + _OFF)
     if (
         not seen.found.is_converged
         or min((test.of(seen) for test in _of_events(at.sequence)), default=1) <= 0

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._machine.numbers import numbers_of
-from .._orbits.cycle import residual, state_at
+from .._orbits.cycle import Unknowns, residual, state_at
 from .._orbits.search import Strobe, away_from_stops
 from .._orbits.sequence import NOTHING, Sequence, happens_alike, sequence_of
 from .._trajectory.loop import run_for_log
@@ -102,6 +102,18 @@ def rates_along(family: Family, sequence: Sequence, place: Place, direction: Pla
         return Rates(residual(problem, unknowns).speed, problem.machine.contacts.gaps(x))
 
     return jax.jvp(of, (place,), (direction,))[1]
+
+
+def jacobian(family: Family, sequence: Sequence, place: Place) -> Float[Array, "equations unknowns"]:
+    """Derivatives of all equations by the start and the durations, in their scale, with rows and columns of padding."""
+    size = len(place.z)
+    problem = family.problem(sequence, place.p)
+
+    def of(y: Array) -> Array:
+        found = residual(problem, Unknowns(y[:size] * family.scale, y[size:]))
+        return jnp.concatenate([found.closing / family.scale, found.events])
+
+    return jax.jacfwd(of)(jnp.concatenate([place.z, place.flights]))
 
 
 def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callable[[], Any]) -> list[Any]:

@@ -1,0 +1,147 @@
+"""Where branches begin: orbits, or the points of a sweep that became orbits, in one form."""
+
+from collections.abc import Iterator, Sequence as Many
+from typing import NamedTuple
+
+import jax
+import numpy as np
+import xarray as xr
+
+from .._flow.choose import choose_flow
+from .._flow.taylor import TaylorFlow
+from .._machine.numbers import numbers_of
+from .._orbits.orbit import PeriodicOrbit
+from .._orbits.sequence import nothing_happens
+from .._sweep.provenance import system_of
+from .._system.parameters import get_parameter
+from .._system.system import ImpactSystem, with_args
+from .._types import is_traced
+from .family import Family
+from .follow import Point, begin
+from .programs import drive
+
+# Events of a cycle beside its impacts for which there is room at first.
+_OTHERS = 32
+
+
+class Start(NamedTuple):
+    """An orbit of a machine.
+
+    Attributes:
+        system: the machine.
+        args: of its force.
+        num_periods: n.
+        phase: of the load where it begins, in radians.
+        state: positions and velocities there, (2 n,).
+        num_events: room for so many events.
+        is_admissible: whether the machine follows it.
+    """
+
+    system: ImpactSystem
+    args: object
+    num_periods: int
+    phase: float
+    state: np.ndarray
+    num_events: int
+    is_admissible: bool
+
+
+def starts_of(source: PeriodicOrbit | Many[PeriodicOrbit] | xr.Dataset) -> list[Start]:
+    """All orbits of a list, or of what `vx.periodic_orbits` returned."""
+    if isinstance(source, xr.Dataset):
+        return list(_of_dataset(source))
+    orbits = [source] if isinstance(source, PeriodicOrbit) else list(source)
+    if is_traced(orbits):
+        raise ValueError("Branches need known numbers: call this outside of `jax.jit` and `jax.vmap`.")
+    return [
+        Start(
+            system=orbit.system,
+            args=orbit.args,
+            num_periods=orbit.num_periods,
+            phase=float(orbit.phase),
+            state=np.concatenate([np.asarray(orbit.x0), np.asarray(orbit.v0)]),
+            num_events=int(np.count_nonzero(np.asarray(orbit.events.kind) >= 0)),
+            is_admissible=bool(orbit.is_admissible),
+        )
+        for orbit in orbits
+    ]
+
+
+def _of_dataset(ds: xr.Dataset) -> Iterator[Start]:
+    """The points of a dataset that are orbits."""
+    missing = {"converged", "x0", "v0", "num_periods", "num_impacts"} - set(ds.variables)
+    if missing:
+        raise ValueError(
+            f"Argument `orbits` must be what `vx.periodic_orbits` returned, but has no {', '.join(sorted(missing))}."
+        )
+    dims = ds["converged"].dims
+    for place in zip(*np.nonzero(ds["converged"].values), strict=True):
+        point = ds.isel(dict(zip(dims, place, strict=True)))
+        yield Start(
+            system=system_of(point),
+            args=None,
+            num_periods=int(point["num_periods"]),
+            phase=0.0,
+            state=np.concatenate([point["x0"].values, point["v0"].values]),
+            num_events=int(point["num_impacts"].sum()) + _OTHERS,
+            is_admissible=True,
+        )
+
+
+def family_of(start: Start, path: str, low: float, high: float) -> Family:
+    """The machines of an orbit along a parameter.
+
+    Raises:
+        ValueError: for a path that names no single number, bounds that leave the orbit out, a machine with a `force`,
+            an orbit that no machine follows.
+    """
+    system = jax.tree.map(np.asarray, with_args(start.system, start.args))
+    if system.force is not None:
+        raise ValueError(
+            "Branches are those of machines without a `force`: only their motion is known over whole flights."
+        )
+    value = np.asarray(get_parameter(system, path))
+    if value.ndim:
+        raise ValueError(
+            f"The path `{path}` names {value.size} numbers: name one of them, as in `{path}[0]`."
+        )
+    if not low < high:
+        raise ValueError(f"Argument `bounds` must be a lower and a higher value, but is ({low}, {high}).")
+    if not low <= value <= high:
+        raise ValueError(
+            f"The orbit has {value} for `{path}`, which does not lie within the bounds {low} and {high}."
+        )
+    if not start.is_admissible:
+        raise ValueError(
+            "A branch begins with an orbit that the machine follows, but this one is not admissible."
+        )
+    # Modes are made of known numbers alone.
+    changes_modes = path.startswith(("mass", "damping", "stiffness"))
+    numbers, (x, v) = numbers_of(system), np.split(start.state, 2)
+    sizes = np.abs(x).max(), np.abs(v).max() / numbers.frequency, np.abs(numbers.limit).max(initial=0)
+    length = max(float(max(sizes)), np.finfo(x.dtype).tiny)
+    return Family(
+        system=system,
+        flow=jax.tree.map(np.asarray, TaylorFlow() if changes_modes else choose_flow(system, can_stick=True)),
+        num_periods=np.asarray(start.num_periods, x.dtype),
+        phase=np.asarray(start.phase / (2 * np.pi), x.dtype),
+        scale=np.repeat(length * np.array([1.0, float(numbers.frequency)]), len(x)).astype(x.dtype),
+        span=np.asarray(high - low, x.dtype),
+        path=path,
+    )
+
+
+def points_of(starts: list[Start], families: list[Family]) -> list[Point]:
+    """The points at which the branches begin."""
+    tasks = []
+    for start, family in zip(starts, families, strict=True):
+        room = nothing_happens(start.num_events, start.system.num_stops)
+        p = float(np.asarray(get_parameter(family.system, family.path)) / family.span)
+        tasks.append(begin(jax.tree.map(np.asarray, room), start.state, p))
+    points = drive(families, tasks, lambda: None)
+    for k, point in enumerate(points):
+        if point is None:
+            raise ValueError(
+                f"Orbit {k} is no periodic orbit of its machine: find one by `vx.periodic_orbit`."
+            )
+    return points

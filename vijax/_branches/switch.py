@@ -1,0 +1,102 @@
+"""From a point of a branch to the other branches through it."""
+
+import numpy as np
+
+from .._orbits.orbit import PeriodicOrbit
+from .._orbits.sequence import Sequence
+from .._xla import padding_allowed
+from .branch import Bifurcation, branch_of
+from .family import Place
+from .follow import Asked, Point, Walk, corrected, is_followed
+from .programs import Request, drive, jacobian
+from .starts import family_of, starts_of
+
+# How far along the other branch, relative to the size of the motion: the first that the machine follows counts.
+_TRIALS = 1e-3, 1e-4, 1e-2
+
+
+@padding_allowed
+def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
+    """Orbits on the other branches through a point of a branch, close to it.
+
+    At a period doubling the orbit of twice the period; at a branch point one on each side. A fold has none, and where
+    an impact comes or goes, or two change their order, the branch itself goes on.
+
+    Args:
+        point: one of `branch.bifurcations`.
+
+    Returns:
+        The orbits, from which `vx.continuation` goes on; none where there are no other branches.
+
+    Raises:
+        ValueError: for a Neimark-Sacker point, where what comes is no periodic orbit.
+
+    Example:
+        ```python
+        import vijax as vx
+        system = vx.models.wagg_bishop_b(1.05)
+        sol = vx.simulate(system, 0.0, 200 * system.forcing.period, max_events=4000)
+        branch = vx.continuation(vx.periodic_orbit(system, sol.x1, sol.v1), "forcing.frequency", (1.0, 1.1))
+        doubled = [vx.switch_branch(point) for point in branch.bifurcations if point.kind == "pd"]
+        ```
+
+    References:
+        E. L. Allgower & K. Georg, Numerical Continuation Methods (1990), Ch. 8.
+    """
+    if point.kind == "ns":
+        raise ValueError(
+            "A torus leaves at a Neimark-Sacker point, no periodic orbit: run `vx.simulate` beside it."
+        )
+    if point.kind not in ("pd", "bp"):
+        return []
+    (start,) = starts_of(point.orbit)
+    path, value = point.branch.path, point.value
+    family = family_of(start._replace(is_admissible=True), path, value - 1, value + 1)
+    sequence, place = _cycle(point, family.scale, value / float(family.span))
+    if point.kind == "pd":
+        sequence, place = _twice(sequence, place, start.num_periods)
+        family = family_of(start._replace(num_periods=2 * start.num_periods), path, value - 1, value + 1)
+    sides = (1.0,) if point.kind == "pd" else (1.0, -1.0)
+    found = drive([family] * len(sides), [_beside(sequence, place, side) for side in sides], lambda: None)
+    empty = Walk(float(family.num_periods), (0.0, 0.0), 0)
+    return [branch_of(family, other, empty, empty).orbit(0) for other in found if other is not None]
+
+
+def _cycle(point: Bifurcation, scale: np.ndarray, p: float) -> tuple[Sequence, Place]:
+    """The sequence and the place of a point."""
+    at = point.branch.points.isel(point=point.index)
+    num_events = int(np.count_nonzero(at["event_kind"].values >= 0))
+    events = slice(num_events)
+    sequence = Sequence(
+        at["event_kind"].values[events], at["event_stop"].values[events], at["held"].values[: num_events + 1]
+    )
+    return sequence, Place(at["start"].values / scale, at["flight"].values[events], np.asarray(p))
+
+
+def _twice(sequence: Sequence, place: Place, num_periods: int) -> tuple[Sequence, Place]:
+    """A cycle, told as one of twice the period."""
+    flights, again = place.flights, place.flights.copy()
+    again[:1] += num_periods - flights.sum()
+    double = Sequence(
+        np.tile(sequence.kind, 2),
+        np.tile(sequence.stop, 2),
+        np.concatenate([sequence.held[:-1], sequence.held]),
+    )
+    return double, place._replace(flights=np.concatenate([flights, again]))
+
+
+def _beside(sequence: Sequence, place: Place, side: float) -> Asked:
+    """An orbit some way along the direction in which a point has neighbours at its own parameter."""
+    matrix = yield Request(jacobian, sequence, (place,))
+    size, num_events = len(place.z), len(place.flights)
+    kept = np.r_[: size + num_events]
+    direction = np.linalg.svd(matrix[np.ix_(kept, kept)])[2][-1]
+    along = Place(direction[:size], direction[size:], np.zeros(()))
+    for ds in _TRIALS:
+        seen = yield from corrected(
+            sequence, place.moved(along, side * ds), along, place.along(along) + side * ds
+        )
+        other = Point.of(sequence, seen, 0.0)
+        if seen.found.is_converged and (yield from is_followed(other)):
+            return other
+    return None
