@@ -8,6 +8,7 @@ from ._attractors.classify import classify as classify
 from ._attractors.cycles import periodic_orbits as periodic_orbits
 from ._attractors.sections import impact_map as impact_map, stroboscopic_section as stroboscopic_section
 from ._branches.branch import Bifurcation as Bifurcation, Branch as Branch
+from ._branches.branches import branches as branches
 from ._branches.continuation import continuation as continuation
 from ._branches.switch import switch_branch as switch_branch
 from ._contact.law import (
@@ -81,6 +82,7 @@ __all__ = [
     "Stop",
     "TaylorFlow",
     "base_excitation",
+    "branches",
     "chain",
     "classify",
     "continuation",

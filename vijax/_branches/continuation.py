@@ -13,7 +13,7 @@ from .._xla import padding_allowed
 from .branch import Branch, branch_of
 from .follow import Point, Walk, follow
 from .programs import drive
-from .starts import family_of, points_of, starts_of
+from .starts import Start, family_of, points_of, starts_of
 
 
 @overload
@@ -74,11 +74,18 @@ def continuation(
         E. L. Allgower & K. Georg, Numerical Continuation Methods (1990); M. di Bernardo et al., Piecewise-smooth
         Dynamical Systems (2008), Ch. 6.
     """
+    branches = continued(starts_of(orbit), path, bounds, max_points, progress=progress)
+    return branches[0] if isinstance(orbit, PeriodicOrbit) else branches
+
+
+def continued(
+    starts: list[Start], path: str, bounds: tuple[float, float], max_points: Count, *, progress: bool
+) -> list[Branch]:
+    """The branches of several orbits, followed side by side."""
     low, high = (float(as_known(a)) for a in bounds)
     most = whole_number("max_points", max_points, 1)
-    begun = starts_of(orbit)
-    families = [family_of(start, path, low, high) for start in begun]
-    points = points_of(begun, families)
+    families = [family_of(start, path, low, high) for start in starts]
+    points = points_of(starts, families)
     walks = [
         Walk(float(family.num_periods), (low / family.span, high / family.span), most)
         for family in families
@@ -93,10 +100,9 @@ def continuation(
         try:
             drive([family for family in families for _ in "-+"], tasks, tell)
         except KeyboardInterrupt:  # what is done is kept
-            warnings.warn("Interrupted: the branches are not complete.", stacklevel=2)
+            warnings.warn("Interrupted: the branches are not complete.", stacklevel=4)
     whole = zip(families, points, walks[::2], walks[1::2], strict=True)
-    branches = [branch_of(family, start, back, forth) for family, start, back, forth in whole]
-    return branches[0] if isinstance(orbit, PeriodicOrbit) else branches
+    return [branch_of(family, start, back, forth) for family, start, back, forth in whole]
 
 
 def _both_ways(starts: list[Point]) -> list[Point]:

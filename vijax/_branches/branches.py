@@ -1,0 +1,113 @@
+"""All branches through the orbits of a sweep."""
+
+import numpy as np
+import xarray as xr
+
+from .._attractors.cycles import periodic_orbits
+from .._progress import tqdm
+from .._system.parameters import get_parameter
+from .._trajectory.simulate import simulate
+from .._types import Count, whole_number
+from .._xla import padding_allowed
+from .branch import Branch
+from .continuation import continued
+from .starts import Start, starts_of
+from .switch import switch_branch
+
+# An orbit lies on a branch if it is this close to its chord, relative to the length of that.
+_NEAR = 0.1
+
+
+@padding_allowed
+def branches(
+    ds: xr.Dataset,
+    bounds: tuple[float, float] | None = None,
+    *,
+    depth: Count = 1,
+    max_points: Count = 1000,
+    progress: bool = True,
+) -> list[Branch]:
+    """Follow all branches through the orbits of a sweep along what was swept, each once.
+
+    Args:
+        ds: a sweep of one quantity, or what `vx.periodic_orbits` made of it.
+        bounds: lowest and highest value of the quantity; those of the sweep if left out.
+        depth: how many period doublings are followed from these branches.
+        max_points: as for `vx.continuation`.
+        progress: show a bar, of the orbits that are accounted for.
+
+    Returns:
+        The branches through the sweep, then those of the doubled orbits.
+
+    Raises:
+        ValueError: if not exactly one quantity was swept.
+
+    Example:
+        ```python
+        import numpy as np, vijax as vx
+        swept = {"forcing.frequency": np.linspace(0.7, 1.0, 40)}
+        ds = vx.sweep(vx.models.wagg_bishop_a(1.0), swept, transient=200)
+        found = vx.branches(ds)
+        ```
+    """
+    num_doublings = whole_number("depth", depth)
+    orbits = ds if "converged" in ds else periodic_orbits(ds, progress=progress)
+    paths = [str(dim) for dim in orbits["converged"].dims if dim != "direction"]
+    if len(paths) != 1:
+        raise ValueError(
+            f"Branches need one swept quantity, but there are {paths}: select one value of the others."
+        )
+    (path,), (low, high) = paths, bounds or (float(ds[paths[0]].min()), float(ds[paths[0]].max()))
+    waiting = [start for start in starts_of(orbits) if low <= _value(start, path) <= high]
+    found: list[Branch] = []
+    with tqdm(total=len(waiting), unit="orbit", disable=not progress) as bar:
+
+        def follow_all(starts: list[Start]) -> list[Branch]:
+            new = []
+            while starts:
+                (branch,) = continued(starts[:1], path, (low, high), max_points, progress=False)
+                new.append(branch)
+                left = [start for start in starts[1:] if not _lies_on(start, branch)]
+                bar.update(len(starts) - len(left))
+                starts = left
+            return new
+
+        last = found = follow_all(waiting)
+        for _ in range(num_doublings):
+            points = [point for branch in last for point in branch.bifurcations if point.kind == "pd"]
+            doubled = [start for point in points for start in starts_of(switch_branch(point))]
+            last = follow_all([start for start in doubled if not any(_lies_on(start, one) for one in found)])
+            found = found + last
+    return found
+
+
+def _value(start: Start, path: str) -> float:
+    return float(np.asarray(get_parameter(start.system, path)))
+
+
+def _lies_on(start: Start, branch: Branch) -> bool:
+    """Whether an orbit is one of a branch, begun in any of its periods."""
+    points, p = branch.points, _value(start, branch.path)
+    if points.attrs["num_periods"] != start.num_periods:
+        return False
+    values, z = branch.values, np.concatenate([points["x0"].values, points["v0"].values], axis=1)
+    states, size = _states(start), np.abs(start.state).max()
+    for k in np.flatnonzero((values[:-1] - p) * (values[1:] - p) <= 0):
+        width = values[k + 1] - values[k]
+        chord = z[k + 1] - z[k]
+        at = z[k] + (p - values[k]) / (width or 1.0) * chord
+        away = np.abs(states - at).max(axis=1).min()
+        if away < _NEAR * np.abs(chord).max() + 1e-6 * size:
+            return True
+    return False
+
+
+def _states(start: Start) -> np.ndarray:
+    """The states of an orbit at the start of each of its periods, (n, 2 n)."""
+    if start.num_periods == 1:
+        return start.state[None]
+    x, v = np.split(start.state, 2)
+    period = float(start.system.forcing.period)
+    ts = start.phase / (2 * np.pi) * period + period * np.arange(start.num_periods)
+    sol = simulate(start.system, ts[0], ts[-1], x, v, ts=ts, throw=False)
+    return np.concatenate([sol.xs, sol.vs], axis=1)
