@@ -195,7 +195,7 @@ def _orbit(point: xr.Dataset) -> PeriodicOrbit:
         point["event_kind"].values, np.maximum(point["event_stop"].values, 0), point["held"].values
     )
     flow = choose_flow(system, can_stick=True)
-    n, phase = point.attrs["num_periods"], 2 * np.pi * point.attrs["phase"]
+    n, phase = int(point.attrs["num_periods"]), 2 * np.pi * point.attrs["phase"]
     unknowns = Unknowns(jnp.asarray(point["start"].values), jnp.asarray(point["flight"].values))
     events = _log(numbers_of(system), flow, jax.tree.map(jnp.asarray, sequence), unknowns, float(n), phase)
     multipliers = jnp.asarray(point["multipliers"].values)

@@ -103,7 +103,7 @@ def family_of(start: Start, path: str, low: float, high: float) -> Family:
     value = np.asarray(get_parameter(system, path))
     if value.ndim:
         raise ValueError(
-            f"The path `{path}` names {value.size} numbers: name one of them, as in `{path}[0]`."
+            f"The path `{path}` names an array of shape {value.shape}: name one number in it, as in `{path}[0]`."
         )
     if not low < high:
         raise ValueError(f"Argument `bounds` must be a lower and a higher value, but is ({low}, {high}).")

@@ -1,0 +1,196 @@
+"""Branches of periodic orbits: published points, identities along them, what they do at their ends."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import vijax as vx
+
+AMPLITUDE, FREQUENCY = "forcing.amplitude[0]", "forcing.frequency"
+
+
+def oscillator(amplitude, frequency, damping=0.04, restitution=0.9):
+    """One mass with unit stiffness and a stop at 1."""
+    stop = vx.Stop(0, 1.0, "upper", restitution)
+    return vx.ImpactSystem([1.0], [[damping]], [[1.0]], vx.Harmonic([amplitude], frequency), [stop])
+
+
+def follow(orbit, path, low, high, **how):
+    return vx.continuation(orbit, path, (low, high), progress=False, **how)
+
+
+def points_of(branch, kind):
+    return [point for point in branch.bifurcations if point.kind == kind]
+
+
+@pytest.fixture(scope="module")
+def doubled():
+    """One impact in two periods, at 0.84091."""
+    orbit = vx.periodic_orbit(oscillator(0.4, 0.84091), [0.43252758], [0.148], 2)
+    return follow(orbit, AMPLITUDE, 0.1, 0.5)
+
+
+def grazing_amplitude(frequency, damping=0.04):
+    return np.hypot(1 - frequency**2, damping * frequency)
+
+
+def test_published_period_doubling_and_grazing(doubled):
+    # R. Ghosh & D. J. W. Simpson, arXiv 2510.16218; digits recomputed. The grazing is in closed form.
+    assert [point.kind for point in doubled.bifurcations] == ["gr", "pd"]
+    grazing, doubling = doubled.bifurcations
+    assert grazing.value == pytest.approx(grazing_amplitude(0.84091), abs=1e-11)
+    assert doubling.value == pytest.approx(0.32561956758361, abs=1e-11)
+    orbit = doubling.orbit
+    assert float(orbit.events.velocity_minus[0]) == pytest.approx(0.27433182278456, abs=1e-9)
+    assert np.abs(orbit.multipliers + 1).min() < 1e-8
+
+
+def test_every_point_is_an_orbit(doubled):
+    assert bool(doubled.points.is_admissible.all())
+    assert float(doubled.points.residual.max()) < 1e-13
+    assert np.all(np.diff(doubled.points.arclength) >= 0)
+    for k in range(0, len(doubled), 20):
+        orbit = doubled.orbit(k)
+        sol = vx.simulate(orbit.system, 0.0, orbit.period, orbit.x0, orbit.v0, max_events=16)
+        np.testing.assert_allclose(sol.x1, orbit.x0, rtol=0, atol=1e-11)
+        assert int(sol.num_events) == int(orbit.num_impacts.sum())
+
+
+def test_multipliers_multiply_to_the_loss_of_volume(doubled):
+    points = doubled.points.isel(point=doubled.points.bifurcation.values != "gr")  # there one is infinite
+    loss = np.exp(-0.04 * 2 * 2 * np.pi / 0.84091) * 0.9 ** (2 * points.num_impacts.values[:, 0])
+    np.testing.assert_allclose(points.multipliers.prod("multiplier").values.real, loss, rtol=1e-10)
+
+
+def test_it_ends_on_its_bounds(doubled):
+    assert doubled.ends == ("bounds", "bounds")
+    assert doubled.values[0] == pytest.approx(0.1, abs=1e-15)
+    assert doubled.values[-1] == pytest.approx(0.5, abs=1e-15)
+    assert int(doubled.points.num_impacts[0].sum()) == 0
+
+
+def test_a_doubled_branch_ends_where_it_began(doubled):
+    (point,) = points_of(doubled, "pd")
+    (orbit,) = vx.switch_branch(point)
+    assert orbit.num_periods == 4
+    sol = vx.simulate(orbit.system, 0.0, orbit.period, orbit.x0, orbit.v0)
+    np.testing.assert_allclose(sol.x1, orbit.x0, rtol=0, atol=1e-11)
+    branch = follow(orbit, AMPLITUDE, 0.32, 0.33)
+    assert "period_doubling" in branch.ends
+    end = points_of(branch, "pd")[-1]
+    assert end.value == pytest.approx(point.value, abs=1e-9)
+    assert vx.switch_branch(points_of(doubled, "gr")[0]) == []
+
+
+def test_a_branch_is_kept_in_a_file(doubled, tmp_path):
+    doubled.points.to_netcdf(tmp_path / "branch.nc")
+    again = vx.Branch(xr.open_dataset(tmp_path / "branch.nc"))
+    np.testing.assert_array_equal(again.values, doubled.values)
+    assert [point.kind for point in again.bifurcations] == ["gr", "pd"]
+    np.testing.assert_array_equal(again.orbit(-2).events.t, doubled.orbit(-2).events.t)
+    assert repr(again) == repr(doubled)
+
+
+def test_max_points_is_kept(doubled):
+    branch = follow(doubled.orbit(-5), AMPLITUDE, 0.1, 0.5, max_points=3)
+    assert len(branch) == 7
+    assert branch.ends == ("max_points", "max_points")
+
+
+@pytest.mark.parametrize(
+    ("orbit", "path", "bounds", "sentence"),
+    [
+        (-1, "forcing.amplitude", (0.1, 0.5), "names an array of shape"),
+        (-1, AMPLITUDE, (0.1, 0.3), "does not lie within the bounds"),
+        (-1, AMPLITUDE, (0.5, 0.1), "a lower and a higher value"),
+        (-1, "forcing.speed", (0.1, 0.5), "names nothing"),
+    ],
+)
+def test_bad_arguments_are_told(doubled, orbit, path, bounds, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        vx.continuation(doubled.orbit(orbit), path, bounds, progress=False)
+    with pytest.raises(IndexError, match="no point"):
+        doubled.orbit(len(doubled))
+
+
+def test_a_fold_beside_a_grazing():
+    # The impact demo of COCO: the grazing is in closed form, the fold 3e-5 away from it.
+    system = oscillator(1.0, 1.0, 0.1, 0.8)
+    sol = vx.simulate(system, 0.0, 60 * system.forcing.period)
+    orbit = vx.periodic_orbit(system, sol.x1, sol.v1)
+    assert float(orbit.events.velocity_minus[0]) == pytest.approx(1.6957329375949, abs=1e-12)
+    branch = follow(orbit, AMPLITUDE, 0.01, 1.2)
+    assert [point.kind for point in branch.bifurcations] == ["gr", "fold"]
+    assert branch.bifurcations[0].value == pytest.approx(0.1, abs=1e-12)
+    assert 1e-5 < branch.bifurcations[0].value - branch.bifurcations[1].value < 1e-4
+    at = np.abs(branch.values - 0.2).argmin()
+    near = follow(branch.orbit(int(at)), AMPLITUDE, 0.2, 1.2).orbit(0)
+    assert float(near.events.velocity_minus[0]) == pytest.approx(0.29861285205633, abs=1e-12)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("frequency", "kind", "amplitude", "speed"),
+    [
+        (0.90, "pd", 0.35421999760770, 0.74714667673068),
+        (0.7995, "fold", 0.36218601300675, 0.050393232377),
+        (0.79, "fold", 0.35564119904136, 1.2228091254396),
+    ],
+)
+def test_published_points_at_other_frequencies(doubled, frequency, kind, amplitude, speed):
+    # As above. The orbit is taken there along its branch over the frequency.
+    first = doubled.orbit(-20)
+    over = follow(first, FREQUENCY, min(frequency, 0.84), max(frequency, 0.85))
+    orbit = over.orbit(0 if frequency < 0.84 else -1)
+    branch = follow(orbit, AMPLITUDE, 0.1, 0.5)
+    point = min(points_of(branch, kind), key=lambda point: abs(point.value - amplitude))
+    assert point.value == pytest.approx(amplitude, abs=1e-10)
+    assert np.abs(point.orbit.events.velocity_minus - speed).min() < 1e-6
+
+
+@pytest.mark.thorough
+def test_case_a_through_all_its_changes():
+    orbit = vx.periodic_orbit(vx.models.wagg_bishop_a(0.8), [0.18, 0.09], [0.33, 0.52])
+    branch = follow(orbit, FREQUENCY, 0.4, 2.0)
+    assert branch.ends == ("bounds", "bounds")
+    assert bool(branch.points.is_admissible.all())
+    known = [("double_impact", 0.92412181968), ("fold", 0.97629345465), ("gr", 0.88866279078)]
+    found = [(point.kind, point.value) for point in branch.bifurcations]
+    start = next(k for k, (_, value) in enumerate(found) if abs(value - known[0][1]) < 1e-9)
+    for (kind, value), (expected_kind, expected) in zip(found[start:], known, strict=False):
+        assert kind == expected_kind
+        assert value == pytest.approx(expected, abs=1e-10)
+
+
+@pytest.mark.thorough
+def test_case_b_a_fold_and_a_doubling_close_together():
+    system = vx.models.wagg_bishop_b(1.2)
+    sol = vx.simulate(system, 0.0, 200 * system.forcing.period, max_events=4000)
+    branch = follow(vx.periodic_orbit(system, sol.x1, sol.v1), FREQUENCY, 1.05, 1.3)
+    (doubling,) = [point for point in points_of(branch, "pd") if abs(point.value - 1.0772831602) < 1e-6]
+    (fold,) = [point for point in points_of(branch, "fold") if abs(point.value - 1.0772782603) < 1e-6]
+    assert 4.5e-6 < doubling.value - fold.value < 5.5e-6
+
+
+@pytest.mark.thorough
+def test_sticking_orbits_to_where_their_sticks_vanish():
+    system = vx.models.wagg_bishop_b(0.65)
+    sol = vx.simulate(system, 0.0, 200 * system.forcing.period, max_events=40_000)
+    branch = follow(vx.periodic_orbit(system, sol.x1, sol.v1), FREQUENCY, 0.6, 0.7)
+    assert branch.ends == ("chatter_completion", "chatter_completion")
+    assert np.all(branch.points.multipliers.values[:, -2:] == 0)
+    (doubling,) = points_of(branch, "pd")
+    assert doubling.value == pytest.approx(0.6655881174, abs=1e-8)
+
+
+@pytest.mark.thorough
+def test_all_branches_of_a_sweep_are_found_once():
+    swept = {FREQUENCY: np.linspace(0.7, 1.0, 16)}
+    ds = vx.sweep(vx.models.wagg_bishop_a(1.0), swept, transient=200, carry="both", progress=False)
+    (branch,) = vx.branches(ds, progress=False)
+    assert branch.values.min() == pytest.approx(0.7)
+    assert {point.kind for point in branch.bifurcations} >= {"double_impact", "fold", "gr"}
+    orbits = vx.periodic_orbits(ds, progress=False).sel(direction="up").isel({FREQUENCY: slice(0, 3)})
+    for one in follow(orbits, FREQUENCY, 0.7, 0.8):
+        assert one.values.min() == pytest.approx(0.7)
+        assert one.values.max() == pytest.approx(0.8)
