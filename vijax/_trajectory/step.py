@@ -1,7 +1,7 @@
 """One step of one trajectory: the longest that is proved free of events, or up to the next one.
 
-`begin` makes the first state and `advance`, the flight to its end and the `outcome` there, is all that moves a trajectory. The loops
-of `simulate` and `sweep`, which call them, know nothing of contacts; these know nothing of logs. A step goes through
+`begin` makes the first state and `advance`, a flight and its outcome, is all that moves a trajectory. The loops of
+`simulate` and `sweep`, which call them, know nothing of contacts; these know nothing of logs. A step goes through
 
     fly (`_flow`) -> impacts -> who sticks, who is let go
 

@@ -1,7 +1,7 @@
 """The motion up to an impact with one of the stops: the loop of `next_impact`.
 
-No log is kept and nothing is looked for afterwards: the loop ends at the impact. So a lane of a batch costs no more
-than its own flights, and derivatives in reverse go back through these alone.
+The loop ends at the impact. To look for it in the log of a trajectory would need a bound on its time and on the
+events before it, and would follow, and differentiate, the motion up to that bound.
 """
 
 from collections.abc import Callable
