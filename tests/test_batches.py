@@ -153,3 +153,13 @@ def test_a_lane_that_starts_beyond_a_stop_is_told_so_and_leaves_the_others_alone
         assert lane(unsound, k).result == vx.RESULTS.successful
         np.testing.assert_array_equal(unsound.x1[k], sound.x1[k])
         np.testing.assert_array_equal(unsound.events.t[k], sound.events.t[k])
+
+
+@pytest.mark.thorough
+def test_a_lane_that_has_ended_takes_no_more_steps():
+    starts = STARTS.at[1, 1].set(0.2).at[2, 0].set(1.7e308)
+    batch = of_start(0.8, END, starts)
+    assert lane(batch, 0).num_steps > 20
+    assert (lane(batch, 1).result, int(lane(batch, 1).num_steps)) == (vx.RESULTS.unsound_start, 0)
+    np.testing.assert_array_equal(lane(batch, 1).x1, starts[1])
+    assert (lane(batch, 2).result, int(lane(batch, 2).num_steps)) == (vx.RESULTS.non_finite, 1)

@@ -35,6 +35,9 @@ def run_all() -> list[np.ndarray]:
         ds.impact_time.values,
         vx.stroboscopic_map(MACHINE, *START),
         vx.monodromy_matrix(MACHINE, *START),
+        vx.monodromy_matrix(MACHINE, *START, max_steps=1, throw=False),
+        vx.next_impact(MACHINE, 0.0, *START, stop=0, throw=False),
+        vx.next_impact(MACHINE, 0.0, *START, stop=0, t1=1e-9, throw=False),
         slope(np.array(START[0])),
     ]
     return list(map(np.asarray, jax.tree.leaves(found)))

@@ -131,3 +131,30 @@ def test_each_way_is_gone_where_it_is_asked_for():
     assert jax.grad(function)(x) == 3.0
     assert jax.jit(jax.value_and_grad(function))(x) == (2.0, 3.0)
     assert jax.jit(jax.linearize(function, x)[1])(x) == 2.0
+
+
+def root(x, y):
+    """Of infinite derivative at x = 0, and NaN below."""
+    return both_ways(lambda xy: xy[1] * jnp.sqrt(xy[0]), lambda xy: xy[1] * jnp.sqrt(xy[0]), (x, y))
+
+
+@pytest.mark.parametrize("is_compiled", [False, True])
+def test_a_lane_that_a_sum_leaves_out_spoils_no_derivative_by_what_the_lanes_share(is_compiled):
+    x, y = jnp.array([[4.0, 0.0], [-1.0, 9.0]]), jnp.asarray(1.0)
+
+    def total(x, y):
+        found = jax.vmap(jax.vmap(root, (0, None)), (0, None))(x - y, y)
+        return jnp.where(x > 1, found, 0).sum()
+
+    slopes = jax.grad(total, (0, 1))
+    by_x, by_y = (jax.jit(slopes) if is_compiled else slopes)(x, y)
+    of_lanes = 1 / (2 * np.sqrt([3.0, 8.0]))
+    np.testing.assert_allclose(by_x, [[of_lanes[0], 0], [0, of_lanes[1]]], rtol=1e-14)
+    np.testing.assert_allclose(by_y, np.sqrt([3.0, 8.0]).sum() - of_lanes.sum(), rtol=1e-14)
+
+
+def test_of_nan_all_derivatives_are_nan():
+    by_x, by_y = jax.vmap(jax.grad(lambda x, y: jnp.sqrt(-1.0) * root(x, y), (0, 1)), (0, None))(
+        jnp.array([0.0, 4.0]), 0.0
+    )
+    assert np.isnan([*by_x, *by_y]).all()

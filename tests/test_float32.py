@@ -6,11 +6,13 @@ import sys
 
 import numpy as np
 import pytest
+from exact_orbits import exact_orbit
 from helpers import load_scene
 
 PROGRAM = """
 import json, sys, warnings
 import jax
+import jax.numpy as jnp
 
 sys.path.append("tests")
 import vijax as vx
@@ -20,17 +22,28 @@ assert not jax.config.jax_enable_x64
 ends = {}
 with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
-    for name in sys.argv[1:]:
+    for name in sys.argv[2:]:
         scene = load_scene(name)
         sol = scene.simulate()
         impacts = int((sol.events.kind == 0).sum())
         ends[name] = [sol.x1.tolist(), sol.v1.tolist(), str(sol.x1.dtype), impacts]
     follow = lambda x0: vx.simulate(scene.system, scene.t0, scene.t1, x0, scene.v0, throw=False).x1
     ends["traced"] = jax.jit(follow)(scene.x0.astype("float32")).tolist()
+    load, stop = vx.Harmonic([1.0], 1.0), vx.Stop(0, 1.0, "upper", 0.8)
+    system = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, [stop])
+
+    def impact_map(y):
+        t, x, v = vx.next_impact(system, y[0], y[1:2], y[2:], 0)
+        return jnp.stack([t, x[0], v[0]])
+
+    impact = jnp.array(json.loads(sys.argv[1]))
+    ends["impacts"] = [impact_map(impact).tolist(), jax.jacfwd(impact_map)(impact).tolist()]
 print(json.dumps([ends, [str(w.message) for w in caught]]))
 """
 # Without sticking, and hardly magnifying errors; one of a single mass, one of several.
 SCENES = ["n1_both_r07", "n2_r03"]
+# With an impact a period: x'' + 0.1 x' + x = cos(t), x <= 1, r = 0.8.
+ORBIT = exact_orbit(0.1, 1.0, 1.0, 1.0, 1.0, 0.8, 2 * np.pi, 1)
 # Some hundred roundings of 1e-7 each.
 ROUNDING_32 = 1e-5
 
@@ -38,7 +51,7 @@ ROUNDING_32 = 1e-5
 @pytest.fixture(scope="module")
 def outcome(pytestconfig):
     done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, *SCENES],
+        [sys.executable, "-c", PROGRAM, json.dumps([ORBIT.angle, 1.0, ORBIT.speed]), *SCENES],
         capture_output=True,
         text=True,
         check=False,
@@ -75,3 +88,14 @@ def test_under_jit_it_comes_out_as_without(outcome):
     np.testing.assert_allclose(
         traced, x, rtol=0, atol=ROUNDING_32 * load_scene(SCENES[-1]).state_amplification
     )
+
+
+def test_the_impact_map_and_its_derivatives_come_out_right_to_float32_accuracy(outcome):
+    impact, slopes = outcome[0]["impacts"]
+    expected = [ORBIT.angle + 2 * np.pi, 1.0, ORBIT.speed]
+    np.testing.assert_allclose(impact, expected, rtol=0, atol=ROUNDING_32)
+    found = np.trace(slopes), np.linalg.det(np.asarray(slopes)[::2, ::2])
+    np.testing.assert_allclose(
+        found, [np.trace(ORBIT.step), np.linalg.det(ORBIT.step)], rtol=0, atol=ROUNDING_32
+    )
+    assert abs(impact[2] - ORBIT.speed) > 1e-12

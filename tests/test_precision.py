@@ -30,6 +30,7 @@ doors = {
     "stroboscopic_map": lambda s: vx.stroboscopic_map(s, *point),
     "monodromy_matrix": lambda s: vx.monodromy_matrix(s, *point),
     "saltation_matrix": lambda s: vx.saltation_matrix(s, 1.0, *point, stop=0),
+    "next_impact": lambda s: vx.next_impact(s, 0.0, *point, stop=0),
     "sticking_region": lambda s: vx.sticking_region(s, held=1),
     "a constructor": lambda s: vx.ImpactSystem([1.0], [[0.0]], [[1.0]], load),
     "inside jit": lambda s: jax.jit(lambda s: vx.simulate(s, 0.0, 1.0).x1)(s),

@@ -32,6 +32,7 @@ from ._orbits.maps import (
     saltation_matrix as saltation_matrix,
     stroboscopic_map as stroboscopic_map,
 )
+from ._orbits.next_impact import next_impact as next_impact
 from ._orbits.orbit import ORBIT_RESULTS as ORBIT_RESULTS, PeriodicOrbit as PeriodicOrbit
 from ._orbits.periodic_orbit import periodic_orbit as periodic_orbit
 from ._refusal import SimulationError as SimulationError
@@ -93,6 +94,7 @@ __all__ = [
     "modal_restitution_matrix",
     "models",
     "monodromy_matrix",
+    "next_impact",
     "periodic_orbit",
     "periodic_orbits",
     "plot",

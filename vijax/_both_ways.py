@@ -22,13 +22,24 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 from jax.core import ShapedArray
 from jax.extend.core import Primitive, Var
 from jax.interpreters import ad, batching, mlir, partial_eval
 from jaxtyping import PyTree
 
-from ._ways import KEPT, Arrays, Ways, kind, of_batch, of_batch_of_tangents, traced_once, ways_of
+from ._ways import (
+    KEPT,
+    Arrays,
+    Ways,
+    along,
+    in_front,
+    kind,
+    of_batch,
+    of_batch_of_tangents,
+    of_lanes,
+    traced_once,
+    ways_of,
+)
 
 
 def both_ways(forwards: Callable, backwards: Callable, tree: PyTree, compiled: Callable = jax.jit) -> PyTree:
@@ -116,8 +127,9 @@ def _differentiate(primitive: Primitive, row: Any, changes: Any, *, ways: Ways, 
     if primitive is not _values:
         ways = _of_derivative(primitive, ways, sizes)
     moves = tuple(type(t) is not ad.Zero for t in dx)
-    ways = ways_of(ways.values, ways.backwards, ways.compiled, ways.sizes, moves)
-    found = _bind(_with_tangents, ways, fixed, at, [t for t, move in zip(dx, moves, strict=True) if move])
+    dx = of_lanes(ways, moves, [t for t, move in zip(dx, moves, strict=True) if move])
+    ways = along(ways, moves)
+    found = _bind(_with_tangents, ways, fixed, at, dx)
     y, rest, dy = _parts(found, (*ways.sizes, ways.sizes[0]))
     nothing = [ad.Zero(jax.typeof(a).to_tangent_aval()) for a in rest]
     if primitive is not _with_tangents:
@@ -146,22 +158,15 @@ def _batch(primitive: Primitive, row: Any, axes: Any, *, ways: Ways, sizes: tupl
     (fixed, x, *dx), (of_fixed, of_x, *of_dx) = _parts(row, sizes), _parts(axes, sizes)
     over = tuple(of_fixed), tuple(of_x)
     if primitive is _values:
-        ways = of_batch(ways, over)
+        ways = of_batch(ways, over, size)
         found = _bind(_values, ways, fixed, x)
         return found, [0] * len(found)
     # Tangents get the batch axis, as their cotangents will have it.
-    dx = _in_front(dx[0], of_dx[0], size)
-    ways, of_values = of_batch_of_tangents(ways, over)
+    dx = in_front(dx[0], of_dx[0], size)
+    ways, of_values = of_batch_of_tangents(ways, over, size)
     found = _bind(primitive, ways, fixed, x, dx)
     num_tangents = ways.sizes[0]
     return found, [of_values] * (len(found) - num_tangents) + [0] * num_tangents
-
-
-def _in_front(arrays: Arrays, axes: list[int | None], size: int) -> Arrays:
-    return [
-        jnp.broadcast_to(a, (size, *jnp.shape(a))) if axis is None else jnp.moveaxis(a, axis, 0)
-        for a, axis in zip(arrays, axes, strict=True)
-    ]
 
 
 def _transpose(cotangents: Any, *row: Any, ways: Ways, sizes: tuple[int, ...]) -> list:

@@ -55,6 +55,23 @@ def checked(tree: PyTree, number: Int[ArrayLike, ""], sentences: Sequence[str]) 
     return jax.tree.map(lambda a: locked(a) if eqx.is_array(a) else a, tree)
 
 
+def numbered(
+    doubts: Sequence[tuple[Any, str]], number: Any = 0, sentences: Sequence[str] = ("",)
+) -> tuple[Any, list[str]]:
+    """Arguments of `checked` that raise the first of the doubts that is true, and else what they raise already.
+
+    Args:
+        doubts: verdicts, true where something is wrong, and their sentences.
+        number: see `checked`.
+        sentences: likewise.
+    """
+    sentences = list(sentences)
+    for is_wrong, sentence in doubts[::-1]:
+        number = jnp.where(is_wrong, len(sentences), number)
+        sentences.append(sentence)
+    return number, sentences
+
+
 def lock(number: Int[ArrayLike, ""], sentences: Sequence[str]) -> Scalar:
     """The number 1, computed by a check that raises if something is wrong, see `checked`."""
     if concrete(number) is None:

@@ -9,6 +9,7 @@ from functools import cache, lru_cache, partial
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 from jax.extend.core import jaxpr_as_fun
 from jaxtyping import PyTree
 
@@ -28,9 +29,11 @@ class Ways(NamedTuple):
         backwards: the same by the bounded loop.
         joint: (fixed, x, dx), values and tangents, by the unbounded loop.
         transposable: the same by the bounded loop.
-        pullback: told which cotangents of `y` are not zero, a function of (fixed, x, those): the cotangents of `dx`.
+        pullback: told which cotangents of `y` are given, a function of (fixed, x, those): the cotangents of `dx`. All
+            zero if those are.
         compiled: how they are compiled.
         sizes: how many arrays it returns that have derivatives, and others.
+        lanes: of a batch, the ways of one lane, the axes of `fixed` and `x`, and how many lanes there are.
     """
 
     values: Function
@@ -40,6 +43,7 @@ class Ways(NamedTuple):
     pullback: Callable
     compiled: Callable
     sizes: tuple[int, int]
+    lanes: tuple[Any, tuple, int] | None = None
 
 
 @lru_cache(KEPT)
@@ -83,7 +87,12 @@ def _pullback(
     def wanted(moving: Arrays) -> Arrays:
         return [a for a, yes in zip(of_moving(moving)[0], given, strict=True) if yes]
 
-    return jax.vjp(wanted, moving)[1](cotangents)[0]
+    pulled = jax.vjp(wanted, moving)[1](cotangents)[0]
+    # What nobody asks for has no derivative, also where JAX's would be 0 times infinity: a lane that a sum leaves out
+    # spoils no derivative by what the lanes share. Where NaN is asked for, nothing is known.
+    asked = jnp.concatenate([jnp.ravel(c) for c in cotangents])
+    factor = jnp.where(jnp.any(jnp.isnan(asked)), jnp.nan, 1)
+    return [jnp.where(jnp.any(asked != 0), a * factor.astype(a.dtype), 0) for a in pulled]
 
 
 def _restricted(
@@ -99,25 +108,55 @@ def _restricted(
 
 
 @lru_cache(KEPT)
-def of_batch(ways: Ways, over: tuple) -> Ways:
-    """The ways of a batch, by the axes of `fixed` and `x`."""
+def of_batch(ways: Ways, over: tuple, size: int) -> Ways:
+    """The ways of a batch, by the axes of `fixed` and `x`; for its derivatives see `along`."""
     values, backwards = (_batched(function, ways, over) for function in (ways.values, ways.backwards))
-    return ways_of(values, backwards, ways.compiled, ways.sizes, ())
+    return ways_of(values, backwards, ways.compiled, ways.sizes, ())._replace(lanes=(ways, over, size))
 
 
 @lru_cache(KEPT)
-def of_batch_of_tangents(ways: Ways, over: tuple) -> tuple[Ways, int | None]:
+def of_batch_of_tangents(ways: Ways, over: tuple, size: int) -> tuple[Ways, int | None]:
     """The ways of a batch of tangents, and the axis that their values have: none if all lanes share them."""
     shared = all(axis is None for part in over for axis in part)
-    axis, along = None if shared else 0, (*over, 0)
+    axis, of_all = None if shared else 0, (*over, 0)
     ways = ways._replace(
         values=ways.values if shared else _batched(ways.values, ways, over),
         backwards=ways.backwards if shared else _batched(ways.backwards, ways, over),
-        joint=_batched(ways.joint, ways, along, (axis, axis, 0)),
-        transposable=_batched(ways.transposable, ways, along, (axis, axis, 0)),
-        pullback=cache(lambda given, pullback=ways.pullback: _batched(pullback(given), ways, along)),
+        joint=_batched(ways.joint, ways, of_all, (axis, axis, 0)),
+        transposable=_batched(ways.transposable, ways, of_all, (axis, axis, 0)),
+        pullback=cache(lambda given, pullback=ways.pullback: _batched(pullback(given), ways, of_all)),
+        lanes=ways.lanes if shared else (ways, over, size),
     )
     return ways, axis
+
+
+def along(ways: Ways, moves: tuple[bool, ...]) -> Ways:
+    """The ways along those of `x` that move. For a batch they take tangents as `of_lanes` returns them.
+
+    A derivative of a batch is a batch of derivatives, of every lane by a copy of its own of what the lanes share: so
+    what is asked of one lane touches no other, see `_pullback`.
+    """
+    if ways.lanes is None:
+        return ways_of(ways.values, ways.backwards, ways.compiled, ways.sizes, moves)
+    one, over, size = ways.lanes
+    return of_batch_of_tangents(along(one, moves), over, size)[0]
+
+
+def of_lanes(ways: Ways, moves: tuple[bool, ...], dx: Arrays) -> Arrays:
+    """Tangents of those of `x` that move, with the lanes of a batch in front."""
+    if ways.lanes is None:
+        return dx
+    one, (_, of_x), size = ways.lanes
+    dx = in_front(dx, [axis for axis, move in zip(of_x, moves, strict=True) if move], size)
+    return jax.vmap(partial(of_lanes, one, moves))(dx)
+
+
+def in_front(arrays: Arrays, axes: list[int | None], size: int) -> Arrays:
+    """Arrays with the axis of a batch in front, those that all lanes share repeated."""
+    return [
+        jnp.broadcast_to(a, (size, *jnp.shape(a))) if axis is None else jnp.moveaxis(a, axis, 0)
+        for a, axis in zip(arrays, axes, strict=True)
+    ]
 
 
 def _batched(function: Callable, ways: Ways, over: tuple, to: Any = 0) -> Callable:

@@ -15,7 +15,8 @@ def impact_map(source: Solution | xr.Dataset, stop: int | None = None) -> xr.Dat
 
     The impacts of one stop make its individual map P_i, (phase, velocity) to the next (phase, velocity),
     whatever is hit in between; those of all stops together the global map P_g. With more than one
-    mass these are no functions of the two numbers: where the other masses are decides as well.
+    mass these are no functions of the two numbers: where the other masses are decides as well. The function of all
+    of them, with its derivatives, is `vx.next_impact`.
 
     Args:
         source: what `vx.simulate` or `vx.sweep` returned.

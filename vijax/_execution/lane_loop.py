@@ -155,7 +155,7 @@ def _turn(task: Task, progress: Progress) -> Progress:
         num_sticks=lanes.num_sticks + (instant.stuck & counted),
         held_time=lanes.held_time + jnp.where(counted, _held(state, instant), 0),
         steps=lanes.steps + live,
-        is_finite=is_finite | ~live,
+        is_finite=lanes.is_finite & (is_finite | ~live),
     )
     x, v = machine.in_space(moved.state)
     mark = Mark(point=task.point, period=state.periods - work.transient, x=x, v=v, held_time=moved.held_time)

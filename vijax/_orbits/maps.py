@@ -8,13 +8,25 @@ from jaxtyping import Array, ArrayLike, Float
 from .._contact.law import rebound
 from .._flow.interface import AbstractFlow
 from .._machine.machine import prepare, resting_state
-from .._machine.numbers import numbers_of
+from .._machine.numbers import Numbers as MachineNumbers, numbers_of
+from .._refusal import checked, numbered
+from .._system.checks import FINITE, check_one, not_finite, refuse
 from .._system.periodicity import refuse_off_period
 from .._system.system import ImpactSystem, with_args
+from .._trajectory.ending import known_or_nan
 from .._trajectory.simulate import Settings, follow
-from .._trajectory.solution import RESULTS
-from .._types import Count, Numbers, as_float, concrete, in_full_precision, whole_number
-from .._xla import padding_allowed
+from .._trajectory.solution import RESULTS, told
+from .._types import (
+    Count,
+    Numbers,
+    Reals,
+    Scalar,
+    as_float,
+    concrete,
+    in_full_precision,
+    whole_number,
+)
+from .._xla import differentiable, padding_allowed
 
 
 @padding_allowed
@@ -24,32 +36,37 @@ def stroboscopic_map(
     v0: Numbers,
     num_periods: Count = 1,
     *,
+    phase: ArrayLike = 0.0,
     flow: AbstractFlow | None = None,
     args: object = None,
     max_steps: Count | None = None,
     max_reverse_steps: Count = 65_536,
+    throw: bool = True,
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     """Return the state some forcing periods later, as a differentiable function.
 
-    Starts at phase 0. Derivatives by state and parameters include those of the period.
+    Derivatives by state, phase and parameters include those of the period.
 
     Args:
         system: the machine; its load must have a frequency, and its `force`, if it has one, that period.
         x0: positions, (n,).
         v0: velocities, (n,).
         num_periods: whole forcing periods.
+        phase: of the load at the start, and at the end, W t in radians.
         flow: as for `simulate`.
         args: likewise.
         max_steps: as for `simulate`.
         max_reverse_steps: likewise.
+        throw: raise if the motion does not get there; otherwise the state and its derivatives are NaN. The other lanes
+            of a batch are as without that one, and so are derivatives of what leaves it out.
 
     Returns:
         Positions and velocities, (n,) each.
 
     Raises:
-        ValueError: if the load has no frequency, or the `force` not the period of the load, as far as can
-            be told while its numbers are not traced.
-        RuntimeError: if the motion does not get there, see `RESULTS`.
+        ValueError: if the load has no frequency, or the `force` not the period of the load, for a start beyond a stop,
+            or numbers that are not finite, as far as can be told while they are not traced.
+        RuntimeError: with `throw`, if the motion does not get there, see `RESULTS`.
 
     Example:
         ```python
@@ -63,10 +80,22 @@ def stroboscopic_map(
     """
     system = in_full_precision(system)
     check_period(system, args, x0, v0)
-    end = whole_number("num_periods", num_periods) * system.forcing.period
-    settings = Settings(0, max_steps, max_reverse_steps, (RESULTS.max_events_reached,))
-    sol = follow(system, 0.0, end, x0, v0, settings, flow=flow, args=args)
-    return sol.x1, sol.v1
+    begin = angle_of(phase) / system.forcing.frequency
+    end = begin + whole_number("num_periods", num_periods) * system.forcing.period
+    allowed = (RESULTS.max_events_reached,)  # nothing is logged
+    settings = Settings(0, max_steps, max_reverse_steps, allowed if throw else None)
+    sol = follow(system, begin, end, x0, v0, settings, flow=flow, args=args)
+    state = sol.x1, sol.v1
+    return state if throw else known_or_nan(told(sol.result, allowed)[0] == 0, state)
+
+
+def angle_of(phase: ArrayLike) -> Scalar:
+    """A phase of the load, refused if it is known to be none."""
+    angle = as_float(phase)
+    if angle.ndim:
+        raise ValueError(f"Argument `phase` must be a number, but has shape {angle.shape}.")
+    check_one("phase", angle, FINITE)
+    return angle
 
 
 def check_period(system: ImpactSystem, args: object, x0: Numbers, v0: Numbers) -> None:
@@ -93,25 +122,33 @@ def monodromy_matrix(
     v0: Numbers,
     num_periods: Count = 1,
     *,
+    phase: ArrayLike = 0.0,
     flow: AbstractFlow | None = None,
     args: object = None,
     max_steps: Count | None = None,
+    throw: bool = True,
 ) -> Float[Array, "state state"]:
     """Derivative of the stroboscopic map by the state (x, v).
 
-    On a periodic orbit its eigenvalues are the Floquet multipliers.
+    On a periodic orbit its eigenvalues are the Floquet multipliers, whatever the phase.
 
     Args:
         system: the machine.
-        x0: positions at phase 0, (n,).
+        x0: positions, (n,).
         v0: velocities, (n,).
         num_periods: forcing periods, the period of the orbit.
+        phase: as for `stroboscopic_map`.
         flow: as for `simulate`.
         args: likewise.
         max_steps: likewise.
+        throw: raise if the motion does not get there; otherwise the matrix is NaN.
 
     Returns:
         The matrix, (2 n, 2 n).
+
+    Raises:
+        ValueError: as `stroboscopic_map` does.
+        RuntimeError: likewise.
 
     Example:
         ```python
@@ -128,20 +165,40 @@ def monodromy_matrix(
     start = jnp.concatenate([as_float(x0), as_float(v0)])
 
     def strobe(y: Float[Array, " state"]) -> Float[Array, " state"]:
-        end = stroboscopic_map(system, y[:n], y[n:], num_periods, flow=flow, args=args, max_steps=max_steps)
+        end = stroboscopic_map(
+            system,
+            y[:n],
+            y[n:],
+            num_periods,
+            phase=phase,
+            flow=flow,
+            args=args,
+            max_steps=max_steps,
+            throw=throw,
+        )
         return jnp.concatenate(end)
 
     return jax.jacfwd(strobe)(start)
 
 
+@padding_allowed
 def saltation_matrix(
-    system: ImpactSystem, t: ArrayLike, x: Numbers, v: Numbers, stop: int, *, args: object = None
+    system: ImpactSystem,
+    t: ArrayLike,
+    x: Numbers,
+    v: Numbers,
+    stop: Count,
+    *,
+    args: object = None,
+    throw: bool = True,
 ) -> Float[Array, "state state"]:
     """Derivative of the state just after an impact by the state just before, no other mass held.
 
     With the derivative R of the reset (v_i to -r v_i), the gap g, and the vector fields f- = (v-, a-) and f+
-    before and after: S = R + (f+ - R f-) (dg/dy) / (dg/dy f-). It is infinite at a grazing impact. All is as
-    seen from the stops, where they move.
+    before and after: S = R + (f+ - R f-) (dg/dy) / (dg/dy f-). All is as seen from the stops, where they move.
+
+    At a grazing impact, of speed 0, entries are infinite where the acceleration of the mass that hits enters, and the
+    others are their limits.
 
     Args:
         system: the machine.
@@ -150,9 +207,14 @@ def saltation_matrix(
         v: velocities before the impact, (n,).
         stop: index of the stop that is hit.
         args: as for `simulate`.
+        throw: raise if a traced number is not finite, or of no stop; otherwise the matrix is NaN.
 
     Returns:
         The matrix for the state (x, v), (2 n, 2 n).
+
+    Raises:
+        ValueError: if there is no such stop, or numbers are not finite. Where they are traced a RuntimeError
+            instead.
 
     Example:
         ```python
@@ -164,13 +226,30 @@ def saltation_matrix(
     References:
         M. di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), Sec. 2.5.
     """
-    x, v, time = as_float(x), as_float(v), as_float(t)
-    system, n = with_args(system, args), system.num_masses
-    machine = prepare(numbers_of(system), jnp.ones_like(time), (time, x, v), can_stick=False)
+    impact = {"t": as_float(t), "x": as_float(x), "v": as_float(v)}
+    bound = with_args(system, args)
+    doubts = refuse([wrong_stop(bound, stop), *not_finite(impact)])
+    matrix = differentiable(_saltation, _saltation, (numbers_of(bound), *impact.values(), jnp.asarray(stop)))
+    number, sentences = numbered(doubts)
+    return checked(matrix, number, sentences) if throw else known_or_nan(number == 0, matrix)
+
+
+def wrong_stop(system: ImpactSystem, stop: Count) -> tuple[Reals, str]:
+    """Whether there is no such stop, and the sentence."""
+    index: Reals = stop if concrete(stop) is None else np.asarray(whole_number("stop", stop))
+    is_wrong, size = (index < 0) | (index >= len(system.stops)), len(system.stops)
+    return is_wrong, f"Argument `stop` must be less than the number of stops, {size}, but is {stop}."
+
+
+def _saltation(impact: tuple[MachineNumbers, Scalar, Array, Array, Array]) -> Array:
+    numbers, time, x, v, stop = impact
+    n = len(x)
+    machine = prepare(numbers, jnp.ones_like(time), (time, x, v), can_stick=False)
     phase = machine.phase_at(time)
     is_hit = jnp.arange(machine.contacts.num) == stop
     # Seen from the stops, which stand still there; at one instant that changes no derivative by the state.
-    y = jnp.concatenate(machine.seen_from_stops(phase, x, v))
+    x, v = machine.seen_from_stops(phase, x, v)
+    y = jnp.concatenate([machine.contacts.placed(x, is_hit), v])
 
     def field(y: Float[Array, " state"]) -> Float[Array, " state"]:
         state = resting_state(machine, phase, y[:n], y[n:], jnp.zeros_like(is_hit))
@@ -182,6 +261,15 @@ def saltation_matrix(
     def gap(y: Float[Array, " state"]) -> Float[Array, ""]:
         return machine.contacts.gaps(y[:n])[stop]
 
-    slope, before = jax.jacfwd(reset)(y), field(y)
-    towards = jax.grad(gap)(y)
-    return slope + jnp.outer(field(reset(y)) - slope @ before, towards / (towards @ before))
+    def jump(y: Float[Array, " state"]) -> Float[Array, " state"]:
+        return field(reset(y)) - slope @ field(y)
+
+    slope, towards = jax.jacfwd(reset)(y), -jax.grad(gap)(y)
+    approach = jnp.roll(towards, n)  # the velocity that closes the gap at speed 1
+    speed = towards[:n] @ y[n:]
+    # At speed 0 only accelerations jump, those that the stop turns round; the rest is of the order of the speed.
+    is_moving, of_rest = speed != 0, jump(y - speed * approach)
+    limit = jax.jvp(jump, (y,), (approach,))[1]
+    by_speed = jnp.where(is_moving, (jump(y) - of_rest) / jnp.where(is_moving, speed, 1), limit)
+    by_speed += jnp.where(of_rest == 0, 0, of_rest / speed)
+    return slope + jnp.where(towards == 0, 0, jnp.outer(by_speed, towards))

@@ -6,7 +6,7 @@ from jaxtyping import Array, ArrayLike
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._machine.numbers import numbers_of
-from .._refusal import checked
+from .._refusal import checked, numbered
 from .._system.checks import validate_start
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.known import known_machine
@@ -14,7 +14,7 @@ from .._trajectory.solution import told
 from .._types import Count, Numbers, as_float, is_traced, whole_number
 from .._xla import padding_allowed
 from .find import find
-from .maps import check_period
+from .maps import angle_of, check_period
 from .orbit import PeriodicOrbit
 from .search import Strobe
 
@@ -75,7 +75,7 @@ def periodic_orbit(
     room = whole_number("max_events", max_events, 1)
     check_period(system, args, x0, v0)
     x, v = (_vector(name, a, system.num_masses) for name, a in (("x0", x0), ("v0", v0)))
-    angle, bound = as_float(phase), with_args(system, args)
+    angle, bound = angle_of(phase), with_args(system, args)
     t0 = angle / bound.forcing.frequency
     t1 = t0 + n * bound.forcing.period
     doubts = validate_start(bound.stops, bound.forcing.frequency, t0, t1, t1[None], x, v)
@@ -105,13 +105,7 @@ def periodic_orbit(
         args=args,
         flow=flow,
     )
-    if not throw:
-        return orbit
-    number, sentences = told(orbit.result)
-    for is_wrong, sentence in doubts[::-1]:
-        number = jnp.where(is_wrong, len(sentences), number)
-        sentences.append(sentence)
-    return checked(orbit, number, sentences)
+    return checked(orbit, *numbered(doubts, *told(orbit.result))) if throw else orbit
 
 
 def _vector(name: str, value: Numbers, size: int) -> Array:

@@ -123,10 +123,7 @@ def validate_start(
     v0: Reals,
 ) -> list[tuple[Flag, str]]:
     """Refuse a wrong start, and return the conditions that are still traced; times (times,), the start (n,)."""
-    named = {"t0": t0, "t1": t1, "x0": x0, "v0": v0}
-    checks = [
-        (~library_of(a).isfinite(a).all(), f"Argument `{name}` must be finite.") for name, a in named.items()
-    ]
+    checks = not_finite({"t0": t0, "t1": t1, "x0": x0, "v0": v0})
     checks.append((t1 < t0, "Argument `t1` must not lie before `t0`."))
     if ts.size:
         in_order = (ts[1:] >= ts[:-1]).all() & (ts[0] >= t0) & (ts[-1] <= t1)
@@ -147,6 +144,13 @@ def refuse(checks: list[tuple[Any, str]]) -> list[tuple[Any, str]]:
         if verdict is not None and verdict.any():
             raise ValueError(sentence)
     return [check for verdict, check in zip(verdicts, checks, strict=True) if verdict is None]
+
+
+def not_finite(named: dict[str, Reals]) -> list[tuple[Any, str]]:
+    """Conditions on arguments by their names, to be handed to `refuse`."""
+    return [
+        (~library_of(a).isfinite(a).all(), f"Argument `{name}` must be finite.") for name, a in named.items()
+    ]
 
 
 def is_touching(gap: Reals, size: Reals) -> Reals:

@@ -128,7 +128,7 @@ class Task(AbstractTask):
             vs=save(carry.vs, v),
             goal=carry.goal + is_saved,
             steps=carry.steps + live,
-            is_finite=is_finite | ~live,
+            is_finite=carry.is_finite & (is_finite | ~live),
             grazing=grazing,
         )
 
@@ -188,7 +188,7 @@ def _forwards(whole: tuple[ImpactSystem | Numbers, AbstractFlow, Request, Asked]
 
 def _backwards(whole: tuple[ImpactSystem | Numbers, AbstractFlow, Request, Asked]) -> Solution:
     asked = whole[3]
-    refuse = partial(_factor_in_reverse, raises=asked.raises)
+    refuse = partial(factor_in_reverse, raises=asked.raises)
     return _run_whole(*whole, partial(bounded_while_any, max_steps=asked.max_reverse_steps, refuse=refuse))
 
 
@@ -305,7 +305,7 @@ def _gone_on(carry: Carry, left: Left) -> Carry:
     return jax.tree.map(lambda a, b: b if a is b else jnp.where(goes_on, a, b), before, carry)
 
 
-def _factor_in_reverse(is_cut: Bool[Array, ""], *, raises: bool) -> Scalar:
+def factor_in_reverse(is_cut: Bool[Array, ""], *, raises: bool) -> Scalar:
     """Factor of reverse-mode derivatives: 1, or NaN or an error if the loop back was too short."""
     factor = jnp.where(is_cut, jnp.nan, 1.0)
     if raises:

@@ -11,7 +11,7 @@ from .._contact.sticking import can_any_stick
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._machine.machine import OWN_BOUND
-from .._refusal import checked
+from .._refusal import checked, numbered
 from .._system.checks import validate_start
 from .._system.system import ImpactSystem, with_args
 from .._types import Count, Numbers, as_float, as_known, at_once, concrete, is_traced, whole_number
@@ -118,7 +118,7 @@ def follow(
     """`simulate` with its knobs as `Settings`."""
     max_events = whole_number("max_events", settings.max_events)
     max_reverse_steps = whole_number("max_reverse_steps", settings.max_reverse_steps, 1)
-    max_steps = _bound_of_steps(settings.max_steps)
+    max_steps = bound_of_steps(settings.max_steps)
     if is_traced((system, args, flow, [t0, t1, ts, x0, v0], max_steps)):
         convert, known, system = as_float, None, with_args(system, args)
         system = jax.tree.map(at_once(lambda a: a.astype(system.mass.dtype)), system)
@@ -162,14 +162,11 @@ def follow(
         )
     if settings.allowed is None:
         return solution
-    number, sentences = told(solution.result, settings.allowed)
-    for is_wrong, sentence in doubts[::-1]:
-        number = jnp.where(is_wrong, len(sentences), number)
-        sentences.append(sentence)
-    return checked(solution, number, sentences)
+    return checked(solution, *numbered(doubts, *told(solution.result, settings.allowed)))
 
 
-def _bound_of_steps(max_steps: Any) -> Array | np.ndarray:
+def bound_of_steps(max_steps: Any) -> Array | np.ndarray:
+    """The bound on steps as the loops take it; may be traced."""
     if max_steps is None:
         return np.asarray(OWN_BOUND)
     is_known = concrete(max_steps) is not None

@@ -1,7 +1,7 @@
 """One step of one trajectory: the longest that is proved free of events, or up to the next one.
 
-`begin` makes the first state and `advance` is all that moves a trajectory. The loops of `simulate` and
-`sweep`, which call them, know nothing of contacts; these two know nothing of logs. A step goes through
+`begin` makes the first state and `advance`, a flight and its outcome, is all that moves a trajectory. The loops of
+`simulate` and `sweep`, which call them, know nothing of contacts; these know nothing of logs. A step goes through
 
     fly (`_flow`) -> impacts -> who sticks, who is let go
 
@@ -19,7 +19,7 @@ from .._contact.law import rebound
 from .._contact.start import first_state
 from .._contact.sticking import chatter_is_complete, chatter_time, is_light
 from .._flow.exact_step import fly
-from .._flow.interface import AbstractFlow
+from .._flow.interface import AbstractFlow, Flight
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.state import State, remembering
@@ -83,8 +83,19 @@ def advance(
     Returns:
         The state after the step, and what happened there.
     """
+    return outcome(machine, flight_to(flow, machine, state, target, resolution))
+
+
+def flight_to(
+    flow: AbstractFlow, machine: Machine, state: State, target: Scalar, resolution: Scalar
+) -> Flight:
+    """The first half of `advance`: the step, before anything happens at its end."""
     remaining = not_negative((target - state.time) - state.time_low)
-    flight = fly(flow, machine, state, remaining, resolution)
+    return fly(flow, machine, state, remaining, resolution)
+
+
+def outcome(machine: Machine, flight: Flight) -> tuple[State, Instant]:
+    """The second half: the state after the step, and what happened there."""
     after, instant = compute_once(_resolve, machine, flight.end, flight.is_event)
     # Not by `is_event`: a mass that has just left may seem to come back at once, by rounding, for ever.
     happened = instant.hit | instant.stuck | instant.released

@@ -1,0 +1,131 @@
+"""The impact map: from one impact with a stop to the next."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from .._flow.choose import choose_flow
+from .._flow.interface import AbstractFlow
+from .._machine.numbers import numbers_of
+from .._refusal import checked, numbered
+from .._system.checks import refuse, validate_start
+from .._system.system import ImpactSystem, with_args
+from .._trajectory.ending import known_or_nan
+from .._trajectory.known import known_machine
+from .._trajectory.simulate import bound_of_steps
+from .._trajectory.solution import RESULTS, told
+from .._trajectory.to_impact import Reverse, Wanted, follow_to_impact
+from .._types import Count, Numbers, as_float, concrete, is_traced, whole_number
+from .._xla import padding_allowed
+from .maps import wrong_stop
+
+# How long an impact is waited for, in forcing periods.
+_PERIODS = 1000
+_NONE = (
+    "The motion comes to no such impact before `t1`: it no longer reaches the stop, or is held by it. Look at it "
+    "with `vx.simulate`, or give it more time by a later `t1`."
+)
+
+
+@padding_allowed
+def next_impact(
+    system: ImpactSystem,
+    t0: ArrayLike,
+    x0: Numbers,
+    v0: Numbers,
+    stop: Count,
+    num_impacts: Count = 1,
+    *,
+    t1: ArrayLike | None = None,
+    flow: AbstractFlow | None = None,
+    args: object = None,
+    max_steps: Count | None = None,
+    max_reverse_steps: Count = 65_536,
+    throw: bool = True,
+) -> tuple[Float[Array, ""], Float[Array, " n"], Float[Array, " n"]]:
+    """Return time and state just before the next impact with a stop, as a differentiable function.
+
+    From one such impact to the next it is the impact map: the Poincare map of the section in which the mass meets the
+    stop, whose coordinates are the time, the velocity of that mass, and the state of the others. What it returns it
+    takes again. Its Jacobian has one column of zeros, that of the position of the mass, which is the stop's. On a
+    periodic orbit its other eigenvalues are the Floquet multipliers, as those of `monodromy_matrix` are.
+
+    Whatever happens between, impacts with other stops, chatter, sticking and release, is gone through as in
+    `simulate`, and derivatives go through it, as through the time of the impact itself. As there they are one-sided
+    where the sequence of events is about to change: where an impact grazes. Of the infinitely many impacts of a complete
+    chatter those count that `vx.simulate` logs; the one after the last of them follows the release.
+
+    Args:
+        system: the machine.
+        t0: time of the start.
+        x0: positions, (n,). On the stop, or anywhere: then it is the first impact after a start in flight.
+        v0: velocities, (n,). If the mass moves into the stop, the impact at t0 comes first and does not count; if it
+            moves out, it was before.
+        stop: index of the stop.
+        num_impacts: 1 for the next impact with it, 2 for the one after that, ...
+        t1: how long to wait for it; 1000 forcing periods, if left out.
+        flow: as for `simulate`.
+        args: likewise.
+        max_steps: likewise.
+        max_reverse_steps: likewise.
+        throw: raise if there is no such impact; otherwise all is NaN, and so are its derivatives. In a batch the other
+            lanes are as they are without that one.
+
+    Returns:
+        Time, positions, (n,), and velocities just before the impact, (n,).
+
+    Raises:
+        ValueError: if there is no such stop, no `t1` for a load without a frequency, or a wrong start: see
+            `simulate`.
+        RuntimeError: with `throw`, if the motion comes to no such impact until t1, or does not get there, see
+            `RESULTS`.
+
+    Example:
+        ```python
+        import vijax as vx
+        ball = vx.models.bouncing_ball(0.8, gravity=10.0)
+        t, x, v = vx.next_impact(ball, 0.0, [0.0], [-5.0], stop=0)  # 0.8 s later, at -4 m/s
+        ```
+
+    References:
+        Wagg & Bishop (2004), Sec. 2.2; S. Foale & S. R. Bishop, Phil. Trans. R. Soc. A 338 (1992).
+    """
+    bound, n = with_args(system, args), system.num_masses
+    reverse = Reverse(whole_number("max_reverse_steps", max_reverse_steps, 1), throw)
+    begin, x, v = (as_float(a) for a in (t0, x0, v0))
+    end = _end(bound, begin) if t1 is None else as_float(t1)
+    for name, value, shape in (("t0", begin, ()), ("t1", end, ()), ("x0", x, (n,)), ("v0", v, (n,))):
+        if value.shape != shape:
+            raise ValueError(f"Argument `{name}` must have shape {shape}, but has shape {value.shape}.")
+    doubts = refuse([wrong_stop(bound, stop)])
+    doubts += validate_start(bound.stops, bound.forcing.frequency, begin, end, end[None], x, v)
+    wanted = Wanted(
+        t0=begin,
+        t1=end,
+        x0=x,
+        v0=v,
+        stop=jnp.asarray(stop),
+        num_impacts=np.asarray(whole_number("num_impacts", num_impacts, 1)),
+        max_steps=bound_of_steps(max_steps),
+        is_sound=~jnp.any(jnp.stack([is_wrong for is_wrong, _ in doubts])) if doubts else jnp.asarray(True),
+    )
+    if is_traced((bound, flow, wanted)):
+        numbers, motion = numbers_of(bound), choose_flow(bound, can_stick=True, wanted=flow)
+    else:
+        known = known_machine(system, args)
+        numbers, motion = known.numbers, known.flow(flow, can_stick=True)
+    found = follow_to_impact(numbers, motion, wanted, reverse)
+    impact = found.t, found.x, found.v
+    if not throw:
+        return known_or_nan(found.is_there, impact)
+    is_late = ~found.is_there & (found.result == RESULTS.successful)
+    return checked(impact, *numbered([*doubts, (is_late, _NONE)], *told(found.result)))
+
+
+def _end(system: ImpactSystem, t0: Array) -> Array:
+    """When to give up, if nothing is said."""
+    frequency = system.forcing.frequency
+    known = concrete(frequency)
+    if known is not None and not known > 0:
+        raise ValueError("The load has no frequency: say by `t1` how long to wait for the impact.")
+    return t0 + _PERIODS * system.forcing.period
