@@ -10,6 +10,7 @@ from ._attractors.sections import impact_map as impact_map, stroboscopic_section
 from ._branches.branch import Bifurcation as Bifurcation, Branch as Branch
 from ._branches.branches import branches as branches
 from ._branches.continuation import continuation as continuation
+from ._branches.curve import bifurcation_curve as bifurcation_curve
 from ._branches.switch import switch_branch as switch_branch
 from ._contact.law import (
     impact_configurations as impact_configurations,
@@ -83,6 +84,7 @@ __all__ = [
     "Stop",
     "TaylorFlow",
     "base_excitation",
+    "bifurcation_curve",
     "branches",
     "chain",
     "classify",

@@ -17,7 +17,7 @@ from .._orbits.sequence import NOTHING, Sequence
 from .._system.description import build, describe
 from .._system.parameters import set_parameter
 from .._trajectory.event_log import IMPACT
-from .family import Family
+from .family import Family, Place
 from .follow import KINDS, Point, Walk
 
 
@@ -223,3 +223,14 @@ def _orbit(point: xr.Dataset) -> PeriodicOrbit:
 def _log(numbers, flow, sequence, unknowns, num_periods, phase):
     machine = prepared(numbers, flow, num_periods)
     return log_of_cycle(Problem(*machine, sequence, num_periods, phase / (2 * jnp.pi)), unknowns)
+
+
+def cycle_of(point: Bifurcation, scale: np.ndarray, p: float) -> tuple[Sequence, Place]:
+    """The sequence and the place of a bifurcation, in some scale."""
+    at = point.branch.points.isel(point=point.index)
+    num_events = int(np.count_nonzero(at["event_kind"].values >= 0))
+    events = slice(num_events)
+    sequence = Sequence(
+        at["event_kind"].values[events], at["event_stop"].values[events], at["held"].values[: num_events + 1]
+    )
+    return sequence, Place(at["start"].values / scale, at["flight"].values[events], np.asarray(p))

@@ -40,6 +40,20 @@ class Place(NamedTuple):
         return (self.z * direction.z).sum() + (self.flights * direction.flights).sum() + self.p * direction.p
 
 
+class Line(eqx.Module):
+    """A line in the plane of two parameters: the parameter of its family counts along it.
+
+    Attributes:
+        base: a point on it, (2,).
+        direction: by what both change, (2,).
+        path: the name of the second.
+    """
+
+    base: Reals
+    direction: Reals
+    path: str = eqx.field(static=True)
+
+
 class Family(eqx.Module):
     """The machines of all values of a parameter, and what is asked of their cycles.
 
@@ -51,6 +65,7 @@ class Family(eqx.Module):
         scale: sizes of positions and velocities, (2 n,).
         span: size of the parameter.
         path: its name.
+        line: if there are two, along which they vary.
     """
 
     system: ImpactSystem
@@ -60,10 +75,15 @@ class Family(eqx.Module):
     scale: Reals
     span: Reals
     path: str = eqx.field(static=True)
+    line: "Line | None" = None
 
     def system_at(self, p: Reals) -> ImpactSystem:
         """The machine at a value of the scaled parameter."""
-        return set_parameter(self.system, self.path, p * self.span)
+        if self.line is None:
+            return set_parameter(self.system, self.path, p * self.span)
+        first, second = self.line.base + p * self.line.direction
+        system = set_parameter(self.system, self.path, first)
+        return set_parameter(system, self.line.path, second)
 
     def problem(self, sequence: Sequence, p: Reals) -> Problem:
         """The equations of a sequence there."""

@@ -158,7 +158,7 @@ def _pairs(seen: Seen) -> float:
     return _ratio(products - 1, np.where(np.isnan(products), 0, products))
 
 
-_OF_NEIGHBOURS = (
+TESTS_OF_NEIGHBOURS = (
     Test("fold", lambda seen: float(seen.found.tangent.p)),
     Test("pd", _plus),
     Test("bp", _minus),
@@ -166,7 +166,7 @@ _OF_NEIGHBOURS = (
 )
 
 
-def _of_events(sequence: Sequence) -> list[Test]:
+def tests_of(sequence: Sequence) -> list[Test]:
     """Test functions of the sequence: positive as long as a machine can follow it."""
     found = []
     for k, (kind, stop) in enumerate(zip(sequence.kind, sequence.stop, strict=True)):
@@ -304,7 +304,7 @@ def _step(walk: Walk, point: Point, ds: float) -> Asked:
     new = yield from _ahead(point, ds)
     if new is None:
         return None
-    met = _crossings(_of_events(point.sequence), point.seen, new.seen)
+    met = _crossings(tests_of(point.sequence), point.seen, new.seen)
     told, followed = yield from _told_by_machine(walk, new)
     if not (met or told.is_admissible) or (len(met) > 1 and ds > _SEPARATE):
         return None
@@ -395,7 +395,7 @@ def _just_before(point: Point, event: Point) -> Asked:
 def _special(walk: Walk, point: Point, new: Point) -> Asked:
     """Bifurcations on a step, in their order; None if multipliers tell of more than are found."""
     found, change = [], 0
-    for test in _OF_NEIGHBOURS:
+    for test in TESTS_OF_NEIGHBOURS:
         if not test.of(point.seen) * test.of(new.seen) < 0:
             continue
         if test.kind == "bp" and any(at.kind in ("fold", "period_doubling") for at in found):
@@ -562,9 +562,6 @@ def _off(at: Point, is_ahead: bool) -> Asked:
     target = at.place.along(tangent) + _OFF
     seen = yield from corrected(at.sequence, at.place.moved(tangent, _OFF), tangent, target)
     new = Point.of(at.sequence, seen, at.arc + _OFF)
-    if (
-        not seen.found.is_converged
-        or min((test.of(seen) for test in _of_events(at.sequence)), default=1) <= 0
-    ):
+    if not seen.found.is_converged or min((test.of(seen) for test in tests_of(at.sequence)), default=1) <= 0:
         raise Ended("several_events")
     return new

@@ -5,7 +5,7 @@ import numpy as np
 from .._orbits.orbit import PeriodicOrbit
 from .._orbits.sequence import Sequence
 from .._xla import padding_allowed
-from .branch import Bifurcation, branch_of
+from .branch import Bifurcation, branch_of, cycle_of
 from .family import Place
 from .follow import Asked, Point, Walk, corrected, is_followed
 from .programs import Request, drive, jacobian
@@ -52,7 +52,7 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
     (start,) = starts_of(point.orbit)
     path, value = point.branch.path, point.value
     family = family_of(start._replace(is_admissible=True), path, value - 1, value + 1)
-    sequence, place = _cycle(point, family.scale, value / float(family.span))
+    sequence, place = cycle_of(point, family.scale, value / float(family.span))
     if point.kind == "pd":
         sequence, place = _twice(sequence, place, start.num_periods)
         family = family_of(start._replace(num_periods=2 * start.num_periods), path, value - 1, value + 1)
@@ -60,17 +60,6 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
     found = drive([family] * len(sides), [_beside(sequence, place, side) for side in sides], lambda: None)
     empty = Walk(float(family.num_periods), (0.0, 0.0), 0)
     return [branch_of(family, other, empty, empty).orbit(0) for other in found if other is not None]
-
-
-def _cycle(point: Bifurcation, scale: np.ndarray, p: float) -> tuple[Sequence, Place]:
-    """The sequence and the place of a point."""
-    at = point.branch.points.isel(point=point.index)
-    num_events = int(np.count_nonzero(at["event_kind"].values >= 0))
-    events = slice(num_events)
-    sequence = Sequence(
-        at["event_kind"].values[events], at["event_stop"].values[events], at["held"].values[: num_events + 1]
-    )
-    return sequence, Place(at["start"].values / scale, at["flight"].values[events], np.asarray(p))
 
 
 def _twice(sequence: Sequence, place: Place, num_periods: int) -> tuple[Sequence, Place]:
