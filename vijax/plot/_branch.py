@@ -248,9 +248,11 @@ def _draw_marks(curves: list[_Curves], ax: Axes) -> None:
     found: dict[str, list[tuple[float, float]]] = {kind: [] for kind in _MARKERS}
     for one in curves:
         for numbers, velocities in one.lines:
-            for k in np.flatnonzero(one.kinds[numbers] != ""):
-                places = found.setdefault(str(one.kinds[numbers[k]]), [])
-                places.append((one.values[numbers[k]], velocities[k]))
+            for value, velocity, kind in zip(
+                one.values[numbers], velocities, one.kinds[numbers], strict=True
+            ):
+                if kind:
+                    found.setdefault(str(kind), []).append((float(value), float(velocity)))
     for kind, places in found.items():
         if places:
             ax.plot(
