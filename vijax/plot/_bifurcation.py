@@ -11,7 +11,7 @@ from .._sweep.endings import warn_of_endings
 from ._axes import check_index, column_of_axes, ink, label, legend_above, span_of_phase, swept_quantity
 from ._orbits import STABLE, UNKNOWN, UNSTABLE, Orbits, as_sweep, list_of, stability_of
 
-_ORDINATES = {
+ORDINATES = {
     "velocity": ("impact_velocity", "Velocity $v^-$ before impact\nat stop {} (length / time)"),
     "relative velocity": (
         "impact_relative_velocity",
@@ -96,10 +96,10 @@ def bifurcation(
         Wagg & Bishop (2004), Figs. 4 and 7.
     """
     path = swept_quantity(ds.result, "A bifurcation diagram")
-    if ordinate not in _ORDINATES:
-        names = " or ".join(f'"{name}"' for name in _ORDINATES)
+    if ordinate not in ORDINATES:
+        names = " or ".join(f'"{name}"' for name in ORDINATES)
         raise ValueError(f'Argument `ordinate` must be {names}, but is "{ordinate}".')
-    if _ORDINATES[ordinate][0] not in ds:
+    if ORDINATES[ordinate][0] not in ds:
         raise ValueError(
             'Argument `ordinate` must be "velocity" where no stop moves: there it is the relative one.'
         )
@@ -111,7 +111,7 @@ def bifurcation(
     for j, panel in zip(stops, column, strict=True):
         for layer in layers:
             _draw_impacts(layer, path, j, ordinate, panel)
-        panel.set_ylabel(_ORDINATES[ordinate][1].format(j))
+        panel.set_ylabel(ORDINATES[ordinate][1].format(j))
         if ordinate == "phase":
             span_of_phase(panel.set_ylim, panel.set_yticks)
         else:
@@ -147,7 +147,7 @@ def _layers(ds: xr.Dataset, path: str, orbits: Orbits) -> list[_Layer]:
 
 def _draw_impacts(layer: _Layer, path: str, stop: int, ordinate: str, ax: Axes) -> None:
     """The impacts of a layer at a stop."""
-    names = (path, _ORDINATES[ordinate][0], "impact_stop", "stability")
+    names = (path, ORDINATES[ordinate][0], "impact_stop", "stability")
     swept, drawn, of_stop, stability = (a.values for a in xr.broadcast(*(layer.ds[name] for name in names)))
     for known in _MARKS:
         is_it = (of_stop == stop) & (stability == known)

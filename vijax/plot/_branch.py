@@ -1,0 +1,280 @@
+"""Branches of periodic orbits: the velocities of their impacts against the parameter."""
+
+import json
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import jax
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+
+from .._branches.branch import Branch
+from .._system.description import build
+from .._system.parameters import set_parameter
+from .._trajectory.event_log import IMPACT
+from ._axes import check_index, ink, label, legend_beside, new_axes, of_curves
+from ._bifurcation import ORDINATES, bifurcation
+
+_STABILITY = {True: ("-", "stable"), False: ((0, (3.0, 1.5)), "unstable")}
+_MARKERS = {
+    "fold": "o",
+    "pd": "D",
+    "ns": "p",
+    "bp": "*",
+    "gr": "v",
+    "double_impact": "d",
+    "force_zero": "^",
+    "chatter_completion": "s",
+}
+_OTHER = "h"
+# Where a multiplier passes the unit circle.
+_ON_CIRCLE = ("fold", "pd", "ns", "bp")
+# Of a sweep under the branches: how much of its colours is left, and by how much its points are larger.
+_LIGHT, _LARGER = 0.6, 2.0
+
+
+def branch(
+    branches: Branch | Sequence[Branch],
+    ds: xr.Dataset | None = None,
+    stop: int = 0,
+    *,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw branches of periodic orbits: the velocities before the impacts of their orbits against the parameter.
+
+    Each impact in the cycle is a line, solid where the orbits are stable and dashed where they are not, from the grazing
+    at which it comes to the one at which it goes. Bifurcations are marked on every line. Orbits without impacts at the stop
+    have no lines.
+
+    Args:
+        branches: what `vx.continuation` returned, one or several along one parameter; several are told apart by their
+            colours.
+        ds: what `vx.sweep` returned for the same parameter, to draw its impacts under the branches, light.
+        stop: the stop whose impacts are drawn.
+        ax: where to draw; new axes if left out.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if there is no branch or no such stop, no orbit has an impact there, or branches and sweep are not of
+            one parameter of one machine.
+
+    Example:
+        ```python
+        import vijax as vx
+        orbit = vx.periodic_orbit(vx.models.wagg_bishop_a(0.8), [0.18, 0.09], [0.33, 0.52])
+        ax = vx.plot.branch(vx.continuation(orbit, "forcing.frequency", (0.7, 1.0)), stop=0)
+        ```
+
+    References:
+        Y. A. Kuznetsov, Elements of Applied Bifurcation Theory, Sec. 10.2.
+    """
+    several = [branches] if isinstance(branches, Branch) else list(branches)
+    path = _parameter(several, ds)
+    check_index("stop", stop, several[0].points.sizes["stop"])
+    curves = [_curves(one, stop) for one in several]
+    if not any(one.lines for one in curves):
+        raise ValueError(f"There are no impacts at stop {stop} to draw.")
+    ax = new_axes() if ax is None else ax
+    ax.axhline(0, color="0.7", linewidth=0.8, zorder=0)
+    if ds is not None:
+        _draw_light(ds, stop, ax)
+    colors = of_curves(len(several)) if len(several) > 1 else [ink()]
+    for k, (one, color) in enumerate(zip(curves, colors, strict=True)):
+        if len(several) > 1:
+            ax.plot([], [], color=color, label=f"branch {k}")
+        for is_stable, (style, _) in _STABILITY.items():
+            ax.plot(*_joined(one, is_stable), linestyle=style, color=color, linewidth=1.2)
+    for is_stable, (style, words) in _STABILITY.items():
+        if any(_joined(one, is_stable)[0].size for one in curves):
+            ax.plot([], [], linestyle=style, color=ink(), linewidth=1.2, label=words)
+    _draw_marks(curves, ax)
+    values = [one.values for one in several] + ([] if ds is None else [ds[path].values.ravel()])
+    ax.set_xlim(min(a.min() for a in values), max(a.max() for a in values))
+    ax.set_xlabel(label(path))
+    ax.set_ylabel(ORDINATES["velocity"][1].format(stop))
+    legend_beside(ax)
+    return ax
+
+
+def _parameter(branches: list[Branch], ds: xr.Dataset | None) -> str:
+    """The path of the parameter of all."""
+    if not branches:
+        raise ValueError("Argument `branches` is empty: give one or more.")
+    paths = {one.path for one in branches}
+    if len(paths) > 1:
+        raise ValueError(
+            f"Branches along one parameter can be drawn together, but these follow {sorted(paths)}."
+        )
+    path = paths.pop()
+    if ds is not None and path not in ds["result"].dims:
+        swept = [str(dim) for dim in ds["result"].dims if dim != "direction"]
+        raise ValueError(f"Argument `ds` must sweep what the branches follow, `{path}`, but sweeps {swept}.")
+    counts = {one.points.sizes["stop"] for one in branches} | (
+        {ds.sizes["stop"]} if ds is not None else set()
+    )
+    if len(counts) > 1:
+        raise ValueError(f"Branches and sweep must be of one machine, but have {sorted(counts)} stops.")
+    return path
+
+
+class _Impacts(NamedTuple):
+    """The impacts of an orbit at a stop, in the order of its cycle, (impacts,) each.
+
+    Attributes:
+        time: in forcing periods.
+        speed: at which the mass comes to the stop.
+        carried: velocity of the stop, in the direction in which the mass comes.
+    """
+
+    time: np.ndarray
+    speed: np.ndarray
+    carried: np.ndarray
+
+
+class _Curves(NamedTuple):
+    """What is drawn of a branch.
+
+    Attributes:
+        values: of the parameter at its points, (points,).
+        kinds: of the bifurcations there, (points,).
+        is_stable: whether it is up to the next point, (points - 1,).
+        lines: numbers of points and the velocities of an impact there.
+    """
+
+    values: np.ndarray
+    kinds: np.ndarray
+    is_stable: np.ndarray
+    lines: list[tuple[np.ndarray, np.ndarray]]
+
+
+def _curves(branch: Branch, stop: int) -> _Curves:
+    """The lines of a branch at a stop."""
+    points = branch.points
+    if branch.ends[1] == "closed":  # its last point is followed by its first one
+        points = points.isel(point=[*range(len(branch)), 0])
+    kinds = points["bifurcation"].values.astype(str)
+    # On the circle rounding tells whether an orbit is stable: there the other end of a piece decides.
+    is_stable = points["is_stable"].values | np.isin(kinds, _ON_CIRCLE)
+    sign = build(json.loads(points.attrs["system"]), points.attrs["dtype"]).stops[stop].sign
+    lines = [
+        (np.array(numbers), sign * np.array(velocities))
+        for numbers, velocities in _followed(list(_impacts(points, stop)), kinds, points.attrs["num_periods"])
+    ]
+    return _Curves(points[branch.path].values, kinds, is_stable[:-1] & is_stable[1:], lines)
+
+
+def _impacts(points: xr.Dataset, stop: int) -> Iterator[_Impacts]:
+    """The impacts of each orbit of a branch."""
+    system, path = build(json.loads(points.attrs["system"]), points.attrs["dtype"]), points.attrs["path"]
+    times = points.attrs["phase"] + np.cumsum(points["flight"].values, axis=1)
+
+    def carried(value: jax.Array, angles: jax.Array) -> jax.Array:
+        machine = set_parameter(system, path, value)
+        at = machine.stops[stop]
+        return at.sign * machine.forcing.frequency * jax.vmap(at.slope_at)(angles)
+
+    of_stop = np.asarray(jax.vmap(carried)(points[path].values, 2 * np.pi * times))
+    is_hit = (points["event_kind"].values == IMPACT) & (points["event_stop"].values == stop)
+    columns = (times, points["impact_speed"].values, of_stop)
+    for k, hits in enumerate(is_hit):
+        yield _Impacts(*(column[k][hits] for column in columns))
+
+
+def _followed(
+    impacts: list[_Impacts], kinds: np.ndarray, num_periods: int
+) -> list[tuple[list[int], list[float]]]:
+    """The numbers of points and the velocities of each impact, from where it comes to where it goes."""
+    lines: list[tuple[list[int], list[float]]] = []
+    before, there = _Impacts(*np.empty((3, 0))), {}
+    for k, now in enumerate(impacts):
+        earlier = _partners(before, now, num_periods)
+        here = {}
+        for i, velocity in enumerate(now.carried + now.speed):
+            if i in earlier:
+                here[i] = there.pop(earlier[i])
+            else:
+                # At a grazing an impact is there without speed.
+                is_born = k > 0 and kinds[k - 1] == "gr"
+                here[i] = ([k - 1], [float(now.carried[i])]) if is_born else ([], [])
+                lines.append(here[i])
+            here[i][0].append(k)
+            here[i][1].append(float(velocity))
+        for i, (numbers, velocities) in there.items():
+            if kinds[k] == "gr":
+                numbers.append(k)
+                velocities.append(float(before.carried[i]))
+        before, there = now, here
+    return lines
+
+
+def _partners(before: _Impacts, now: _Impacts, num_periods: int) -> dict[int, int]:
+    """Which impact of a cycle is which one of the cycle before it, in the order of both.
+
+    Impacts come and go without speed, at a grazing or at the end of a chatter: where one cycle has more, it is its
+    lightest ones that the other has not. A cycle may begin with another of its impacts than the one before it did.
+    """
+    count = min(len(before.time), len(now.time))
+    if not count:
+        return {}
+    ours, theirs = (np.sort(np.argsort(-a.speed, kind="stable")[:count]) for a in (now, before))
+    rotations = (np.arange(count)[:, None] + np.arange(count)) % count
+    apart = now.time[ours][rotations] - before.time[theirs]
+    apart -= num_periods * np.round(apart / num_periods)
+    best = rotations[np.argmin((apart**2).sum(axis=1))]
+    return dict(zip(ours[best].tolist(), theirs.tolist(), strict=True))
+
+
+def _joined(curves: _Curves, is_stable: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters and velocities of all stable or unstable parts, with NaN between them."""
+    found = [np.empty((2, 0))]
+    for numbers, velocities in curves.lines:
+        pieces = curves.is_stable[numbers[:-1]]
+        ends = np.flatnonzero(np.diff(pieces)) + 1
+        for part in np.split(np.arange(len(pieces)), ends):
+            if len(part) and pieces[part[0]] == is_stable:
+                whole = np.append(part, part[-1] + 1)
+                drawn = np.stack([curves.values[numbers[whole]], velocities[whole]])
+                found += [drawn, np.full((2, 1), np.nan)]
+    x, y = np.concatenate(found, axis=1)
+    return x, y
+
+
+def _draw_marks(curves: list[_Curves], ax: Axes) -> None:
+    """Mark the bifurcations on all lines."""
+    found: dict[str, list[tuple[float, float]]] = {kind: [] for kind in _MARKERS}
+    for one in curves:
+        for numbers, velocities in one.lines:
+            for value, velocity, kind in zip(
+                one.values[numbers], velocities, one.kinds[numbers], strict=True
+            ):
+                if kind:
+                    found.setdefault(str(kind), []).append((float(value), float(velocity)))
+    for kind, places in found.items():
+        if places:
+            ax.plot(
+                *np.transpose(places),
+                linestyle="none",
+                marker=_MARKERS.get(kind, _OTHER),
+                markersize=6.0,
+                markerfacecolor=ink("white", "black"),
+                markeredgewidth=1.0,
+                color=ink(),
+                label=kind.replace("_", " "),
+                zorder=3,
+            )
+
+
+def _draw_light(ds: xr.Dataset, stop: int, ax: Axes) -> None:
+    """The impacts of a sweep under all else."""
+    others = list(ax.lines)
+    bifurcation(ds, stop, ax=ax)
+    # Paler, not transparent: of those, many points on one another would be dark again.
+    background = np.array(to_rgb(ax.get_facecolor()))
+    for line in ax.lines:
+        if line not in others:
+            pale = background + _LIGHT * (np.array(to_rgb(line.get_color())) - background)
+            line.set(color=pale, markerfacecolor=pale, markersize=_LARGER * line.get_markersize(), zorder=1)
