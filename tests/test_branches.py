@@ -138,10 +138,10 @@ def test_curves_of_two_parameters(doubled):
         curve[AMPLITUDE], grazing_amplitude(curve[FREQUENCY].values), rtol=0, atol=1e-12
     )
     curve = vx.bifurcation_curve(doubling, FREQUENCY, bounds, progress=False)
-    last = curve.isel(point=int(curve[FREQUENCY].argmax()))
+    last = curve.isel(point=int(curve[FREQUENCY].values.argmax()))
     assert float(last[FREQUENCY]) == pytest.approx(0.9, abs=1e-12)
     assert float(last[AMPLITUDE]) == pytest.approx(0.35421999760770, abs=1e-11)
-    np.testing.assert_allclose(np.abs(curve.multipliers + 1).min("multiplier"), 0, atol=1e-6)
+    np.testing.assert_allclose(np.abs(curve.multipliers.values + 1).min(axis=1), 0, atol=1e-6)
     with pytest.raises(ValueError, match="must be of"):
         vx.bifurcation_curve(doubling, FREQUENCY, {AMPLITUDE: (0.1, 0.5)}, progress=False)
 

@@ -82,14 +82,14 @@ class Walk:
         bounds: of the scaled parameter.
         max_points: the most points.
         points: so far.
-        end: why it ended, or "".
+        end: why it ended.
     """
 
     num_periods: float
     bounds: tuple[float, float]
     max_points: int
     points: list[Point] = field(default_factory=list)
-    end: str = ""
+    end: str = "interrupted"
 
     @property
     def is_full(self) -> bool:
@@ -521,7 +521,7 @@ def _by_machine(event: Point, kind: str) -> Asked:
         told: Followed = yield Request(confirm, new.sequence, (new.place,))
         if told.is_alike and np.abs(new.place.z - guess.z).max() < 10 * ds:
             return new._replace(kind="", arc=event.arc + ds)
-    raise Ended(kind)
+    raise Ended(KINDS.get(kind, kind))
 
 
 def _are_impacts(sequence: Sequence, k: int) -> bool:
