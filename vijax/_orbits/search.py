@@ -25,7 +25,7 @@ from .condensed import Pencil
 from .cycle import Problem, Unknowns, prepared
 from .floquet import floquet_multipliers
 from .polish import polish, size_of
-from .sequence import Sequence, happens_alike, nothing_happens, sequence_of
+from .sequence import NOTHING, Sequence, happens_alike, nothing_happens, sequence_of
 
 # The most runs of a search, and the shortest step as a fraction of the full one.
 MAX_RUNS = 40
@@ -180,6 +180,9 @@ def _next(
 ) -> Search:
     """The search with its next trial, unless the run from the last was an orbit."""
     is_nearer = closing < search.closing
+    # What comes no nearer is not used: in a batch, no other lane waits until its equations are given up.
+    kind = jnp.where(is_nearer & ~search.is_orbit, problem.sequence.kind, NOTHING)
+    problem = eqx.tree_at(lambda p: p.sequence.kind, problem, kind)
     away = away_from_stops(problem)
     guess = Unknowns(search.trial + away, flights)
     if strobe.flow.can_leap:
