@@ -22,7 +22,7 @@ from .._trajectory.solution import RESULTS, Solution
 from .._types import Reals, Scalar
 from .._xla import is_any
 from .condensed import Pencil
-from .cycle import Problem, Unknowns, prepared
+from .cycle import Problem, Unknowns, prepared, residual
 from .floquet import floquet_multipliers
 from .polish import polish, size_of
 from .sequence import NOTHING, Sequence, happens_alike, nothing_happens, sequence_of
@@ -186,15 +186,15 @@ def _next(
     away = away_from_stops(problem)
     guess = Unknowns(search.trial + away, flights)
     if strobe.flow.can_leap:
-        cycle, first, is_converged = _by_sequence(problem, guess)
+        cycle, entry, first, is_converged = _by_sequence(problem, guess)
     else:
         jacobian = jax.jacfwd(strobe.end)(search.trial)
-        cycle, first, is_converged = _by_map(problem, guess, end + away, jacobian)
+        cycle, entry, first, is_converged = _by_map(problem, guess, end + away, jacobian)
     cycle = eqx.tree_at(lambda c: c.start, cycle, cycle.start - away)
     is_found = is_nearer & is_converged
     base, step = (jnp.where(is_nearer, *pair) for pair in ((search.trial, search.base), (first, search.step)))
     factor = jnp.where(is_nearer, 1.0, search.factor)
-    trial = jnp.where(is_found, cycle.start, base + factor * step)
+    trial = jnp.where(is_found, entry - away, base + factor * step)
     following = Search(
         trial=_inside(problem, trial + away) - away,
         base=base,
@@ -223,8 +223,8 @@ def _is_followed(
     return search.has_cycle & is_from_it & is_alike & (closing < close * jnp.maximum(growth, 1))
 
 
-def _by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, Bool[Array, ""]]:
-    """The cycle of the sequence, the first step towards it, and whether it was reached."""
+def _by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, Array, Bool[Array, ""]]:
+    """The cycle of the sequence, where to enter it, the first step towards it, and whether it was reached."""
     polished = polish(problem, guess)
     z, sequence = polished.unknowns.z, problem.sequence
     cycle = Cycle(
@@ -234,12 +234,37 @@ def _by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, Bool[
         multipliers=floquet_multipliers(polished.pencil, sequence.most_held),
         residual=jnp.max(jnp.abs(polished.residual.closing) / size_of(problem, z)),
     )
-    return cycle, polished.first, polished.is_converged
+    return cycle, _entry(problem, polished.unknowns), polished.first, polished.is_converged
+
+
+def _entry(problem: Problem, cycle: Unknowns) -> Array:
+    """The state of a cycle at the phase where it begins, as seen from the stops.
+
+    That is its start, unless on the way from the guess an event has passed this phase: then it happens before the
+    cycle begins, or after it ends, and a run from the start would meet it twice or not at all.
+    """
+    sequence, num_periods = problem.sequence, problem.num_periods
+    times = jnp.cumsum(cycle.flights)
+    is_early = jnp.any(sequence.is_event & (times < 0))
+    has_passed = is_early | jnp.any(sequence.is_event & (times > num_periods))
+
+    def later() -> Array:
+        """The state there once what is early has happened, or before what is late has."""
+        end = jnp.where(is_early, 0, num_periods)
+        is_kept = jnp.cumsum(sequence.is_event & (times <= end)) == 1 + jnp.arange(len(times))
+        last = jnp.sum(is_kept)
+        held = sequence.held[jnp.minimum(jnp.arange(len(times) + 1), last)]
+        kept = Sequence(jnp.where(is_kept, sequence.kind, NOTHING), sequence.stop, held)
+        part = eqx.tree_at(lambda p: (p.sequence, p.num_periods), problem, (kept, end))
+        return cycle.z + residual(part, Unknowns(cycle.z, jnp.where(is_kept, cycle.flights, 0))).closing
+
+    z = jax.lax.cond(is_any(has_passed), later, lambda: cycle.z)
+    return jnp.where(has_passed, z, cycle.z)
 
 
 def _by_map(
     problem: Problem, guess: Unknowns, end: Array, jacobian: Array
-) -> tuple[Cycle, Array, Bool[Array, ""]]:
+) -> tuple[Cycle, Array, Array, Bool[Array, ""]]:
     """The same by one step of Newton's method on the stroboscopic map."""
     z, identity, size = guess.z, jnp.eye(len(guess.z)), size_of(problem, guess.z)
     step = jnp.linalg.solve(identity - jacobian, end - z)
@@ -250,7 +275,7 @@ def _by_map(
         multipliers=floquet_multipliers(Pencil(jacobian, identity), problem.sequence.most_held),
         residual=jnp.max(jnp.abs(end - z) / size),
     )
-    return cycle, step, jnp.max(jnp.abs(step) / size) < _NEAR[str(size.dtype)]
+    return cycle, cycle.start, step, jnp.max(jnp.abs(step) / size) < _NEAR[str(size.dtype)]
 
 
 def away_from_stops(problem: Problem) -> Array:
