@@ -210,8 +210,8 @@ def test_a_mass_that_is_held_for_ever_has_multipliers_of_zero():
 def test_what_is_not_found_is_told():
     system = one_mass(3.7, 1.0, damping=0.0, restitution=0.8, stop=-0.06)
     with pytest.raises(vx.SimulationError, match=r"not_converged|left_the_stops"):
-        vx.periodic_orbit(system, [-0.5], [0.3], 2)
-    orbit = vx.periodic_orbit(system, [-0.5], [0.3], 2, throw=False)
+        vx.periodic_orbit(system, [-1.0], [0.5], 2)
+    orbit = vx.periodic_orbit(system, [-1.0], [0.5], 2, throw=False)
     assert not orbit.is_admissible
     assert orbit.result != vx.ORBIT_RESULTS.successful
 

@@ -4,7 +4,9 @@ A run of n periods from a start tells the sequence of its events, which gives tw
 the equations of that sequence (`polish.py`) goes to the cycle of the sequence, if there is one near, across
 grazing and whatever lies between; its first step alone is the Newton step of the stroboscopic map. The cycle
 is tried first, as its basin is far wider. It counts once a run from it shows the same events. If that run
-does not, and comes no nearer to closing, the single step is taken, halved until the run comes nearer.
+does not, and comes no nearer to closing, the single step is taken, halved until the run comes nearer. If it
+does not soon, as among the grazings that a chatter is made of, the motion is followed for another n periods, and all
+begins again at their end.
 """
 
 import equinox as eqx
@@ -27,9 +29,9 @@ from .floquet import floquet_multipliers
 from .polish import polish, size_of
 from .sequence import NOTHING, Sequence, happens_alike, nothing_happens, sequence_of
 
-# The most runs of a search, and the shortest step as a fraction of the full one.
+# The most runs of a search, and how small a fraction of a step is tried.
 MAX_RUNS = 40
-_LEAST = 1e-4
+_LEAST = 0.05
 # Closing error of a closed run, relative to the size of the motion; Newton step that leads to rounding.
 _CLOSE = {"float64": 1e-9, "float32": 1e-4}
 _NEAR = {"float64": 1e-8, "float32": 3e-4}
@@ -60,7 +62,8 @@ class Search(eqx.Module):
         trial: the start of the next run, in space, (2 n,).
         base: the start from which steps are taken, (2 n,).
         step: the Newton step from there, (2 n,).
-        factor: part of it that is tried next.
+        end: where the run from the base ended, (2 n,).
+        factor: part of the step that is tried next, 0 if nothing is left to try.
         closing: how far the run from the base was from closing.
         cycle: the last one found.
         has_cycle: whether there is one.
@@ -72,6 +75,7 @@ class Search(eqx.Module):
     trial: Float[Array, " state"]
     base: Float[Array, " state"]
     step: Float[Array, " state"]
+    end: Float[Array, " state"]
     factor: Scalar
     closing: Scalar
     cycle: Cycle
@@ -83,7 +87,7 @@ class Search(eqx.Module):
     @property
     def is_on(self) -> Bool[Array, "..."]:
         """Whether there is anything left to try."""
-        return ~(self.is_orbit | self.is_full) & (self.num_runs < MAX_RUNS) & (self.factor > _LEAST)
+        return ~(self.is_orbit | self.is_full) & (self.num_runs < MAX_RUNS) & (self.factor > 0)
 
 
 def begin_search(guess: Float[Array, " state"], num_stops: int, room: int) -> Search:
@@ -91,9 +95,8 @@ def begin_search(guess: Float[Array, " state"], num_stops: int, room: int) -> Se
     zero, no = jnp.zeros((), guess.dtype), jnp.array(False)
     unknowns = Unknowns(guess, jnp.zeros(room, guess.dtype))
     cycle = Cycle(guess, unknowns, nothing_happens(room, num_stops), guess + 0j, zero + jnp.inf)
-    return Search(
-        guess, guess, jnp.zeros_like(guess), zero + 1, zero + jnp.inf, cycle, no, no, no, jnp.array(0)
-    )
+    start, still = (guess, guess), (jnp.zeros_like(guess), guess)
+    return Search(*start, *still, zero + 1, zero + jnp.inf, cycle, no, no, no, jnp.array(0))
 
 
 class Strobe(eqx.Module):
@@ -192,15 +195,18 @@ def _next(
         cycle, entry, first, is_converged = _by_map(problem, guess, end + away, jacobian)
     cycle = eqx.tree_at(lambda c: c.start, cycle, cycle.start - away)
     is_found = is_nearer & is_converged
-    base, step = (jnp.where(is_nearer, *pair) for pair in ((search.trial, search.base), (first, search.step)))
+    known = (search.trial, search.base), (first, search.step), (end, search.end)
+    base, step, end = (jnp.where(is_nearer, *pair) for pair in known)
     factor = jnp.where(is_nearer, 1.0, search.factor)
-    trial = jnp.where(is_found, entry - away, base + factor * step)
+    is_stuck, is_lost = factor < _LEAST, ~is_nearer & jnp.isinf(search.closing)
+    trial = jnp.where(is_found, entry - away, jnp.where(is_stuck, end, base + factor * step))
     following = Search(
         trial=_inside(problem, trial + away) - away,
         base=base,
         step=step,
-        factor=jnp.where(is_found, factor, factor / 2),
-        closing=jnp.where(is_nearer, closing, search.closing),
+        end=end,
+        factor=jnp.where(is_found | is_stuck, 1.0, jnp.where(is_lost, 0.0, factor / 2)),
+        closing=jnp.where(is_stuck, jnp.inf, jnp.where(is_nearer, closing, search.closing)),
         cycle=jax.tree.map(lambda a, b: jnp.where(is_found, a, b), cycle, search.cycle),
         has_cycle=search.has_cycle | is_found,
         is_orbit=search.is_orbit,
@@ -226,13 +232,16 @@ def _is_followed(
 def _by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, Array, Bool[Array, ""]]:
     """The cycle of the sequence, where to enter it, the first step towards it, and whether it was reached."""
     polished = polish(problem, guess)
-    z, sequence = polished.unknowns.z, problem.sequence
+    z, sequence, size = polished.unknowns.z, problem.sequence, size_of(problem, polished.unknowns.z)
+    # A cycle that begins within a chatter is faster elsewhere.
+    fastest = jnp.max(jnp.abs(polished.residual.speed), initial=0)
+    size = size * jnp.maximum(1, fastest / size[-1])
     cycle = Cycle(
         start=z,
         unknowns=polished.unknowns,
         sequence=sequence,
         multipliers=floquet_multipliers(polished.pencil, sequence.most_held),
-        residual=jnp.max(jnp.abs(polished.residual.closing) / size_of(problem, z)),
+        residual=jnp.max(jnp.abs(polished.residual.closing) / size),
     )
     return cycle, _entry(problem, polished.unknowns), polished.first, polished.is_converged
 
