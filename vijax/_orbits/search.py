@@ -1,7 +1,7 @@
 """The search for an orbit: its state, and its update by one run of the motion.
 
 A run of n periods from a start tells the sequence of its events, which gives two ways on. Newton's method on
-the equations of that sequence (`polish.py`) goes to the cycle of the sequence, if there is one near, across
+the equations of that sequence (`newton.py`) goes to the cycle of the sequence, if there is one near, across
 grazing and whatever lies between; its first step alone is the Newton step of the stroboscopic map. The cycle
 is tried first, as its basin is far wider. It counts once a run from it shows the same events. If that run
 does not, and comes no nearer to closing, the single step is taken, halved until the run comes nearer. If it
@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Complex, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
 from .._machine.machine import OWN_BOUND
@@ -23,36 +23,16 @@ from .._trajectory.loop import NO_PAUSE, Asked, Request, run_for_log, run_whole
 from .._trajectory.solution import RESULTS, Solution
 from .._types import Reals, Scalar
 from .._xla import is_any
-from .condensed import Pencil
-from .cycle import Problem, Unknowns, prepared, residual
-from .floquet import floquet_multipliers
-from .polish import polish, size_of
+from .cycle import Problem, Unknowns, prepared
+from .newton import Cycle, cycle_by_map, cycle_by_sequence
+from .polish import size_of
 from .sequence import NOTHING, Sequence, happens_alike, nothing_happens, sequence_of
 
 # The most runs of a search, and how small a fraction of a step is tried.
 MAX_RUNS = 40
 _LEAST = 0.05
-# Closing error of a closed run, relative to the size of the motion; Newton step that leads to rounding.
+# Closing error of a closed run, relative to the size of the motion.
 _CLOSE = {"float64": 1e-9, "float32": 1e-4}
-_NEAR = {"float64": 1e-8, "float32": 3e-4}
-
-
-class Cycle(eqx.Module):
-    """A solution of the equations of some sequence: an orbit, if the machine does what the sequence says.
-
-    Attributes:
-        start: positions and velocities at its start, in space, (2 n,).
-        unknowns: the same as seen from the stops, and the durations of its flights.
-        sequence: what happens.
-        multipliers: (2 n,).
-        residual: closing error, relative to the size of the motion.
-    """
-
-    start: Float[Array, " state"]
-    unknowns: Unknowns
-    sequence: Sequence
-    multipliers: Complex[Array, " state"]
-    residual: Scalar
 
 
 class Search(eqx.Module):
@@ -189,10 +169,10 @@ def _next(
     away = away_from_stops(problem)
     guess = Unknowns(search.trial + away, flights)
     if strobe.flow.can_leap:
-        cycle, entry, first, is_converged = _by_sequence(problem, guess)
+        cycle, entry, first, is_converged = cycle_by_sequence(problem, guess)
     else:
         jacobian = jax.jacfwd(strobe.end)(search.trial)
-        cycle, entry, first, is_converged = _by_map(problem, guess, end + away, jacobian)
+        cycle, entry, first, is_converged = cycle_by_map(problem, guess, end + away, jacobian)
     cycle = eqx.tree_at(lambda c: c.start, cycle, cycle.start - away)
     is_found = is_nearer & is_converged
     known = (search.trial, search.base), (first, search.step), (end, search.end)
@@ -227,64 +207,6 @@ def _is_followed(
     is_from_it = jnp.max(jnp.abs(search.trial - cycle.start) / size) < close
     is_alike = happens_alike(cycle.sequence, cycle.unknowns.flights, sequence, flights)
     return search.has_cycle & is_from_it & is_alike & (closing < close * jnp.maximum(growth, 1))
-
-
-def _by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, Array, Bool[Array, ""]]:
-    """The cycle of the sequence, where to enter it, the first step towards it, and whether it was reached."""
-    polished = polish(problem, guess)
-    z, sequence, size = polished.unknowns.z, problem.sequence, size_of(problem, polished.unknowns.z)
-    # A cycle that begins within a chatter is faster elsewhere.
-    fastest = jnp.max(jnp.abs(polished.residual.speed), initial=0)
-    size = size * jnp.maximum(1, fastest / size[-1])
-    cycle = Cycle(
-        start=z,
-        unknowns=polished.unknowns,
-        sequence=sequence,
-        multipliers=floquet_multipliers(polished.pencil, sequence.most_held),
-        residual=jnp.max(jnp.abs(polished.residual.closing) / size),
-    )
-    return cycle, _entry(problem, polished.unknowns), polished.first, polished.is_converged
-
-
-def _entry(problem: Problem, cycle: Unknowns) -> Array:
-    """The state of a cycle at the phase where it begins, as seen from the stops.
-
-    That is its start, unless on the way from the guess an event has passed this phase: then it happens before the
-    cycle begins, or after it ends, and a run from the start would meet it twice or not at all.
-    """
-    sequence, num_periods = problem.sequence, problem.num_periods
-    times = jnp.cumsum(cycle.flights)
-    is_early = jnp.any(sequence.is_event & (times < 0))
-    has_passed = is_early | jnp.any(sequence.is_event & (times > num_periods))
-
-    def later() -> Array:
-        """The state there once what is early has happened, or before what is late has."""
-        end = jnp.where(is_early, 0, num_periods)
-        is_kept = jnp.cumsum(sequence.is_event & (times <= end)) == 1 + jnp.arange(len(times))
-        last = jnp.sum(is_kept)
-        held = sequence.held[jnp.minimum(jnp.arange(len(times) + 1), last)]
-        kept = Sequence(jnp.where(is_kept, sequence.kind, NOTHING), sequence.stop, held)
-        part = eqx.tree_at(lambda p: (p.sequence, p.num_periods), problem, (kept, end))
-        return cycle.z + residual(part, Unknowns(cycle.z, jnp.where(is_kept, cycle.flights, 0))).closing
-
-    z = jax.lax.cond(is_any(has_passed), later, lambda: cycle.z)
-    return jnp.where(has_passed, z, cycle.z)
-
-
-def _by_map(
-    problem: Problem, guess: Unknowns, end: Array, jacobian: Array
-) -> tuple[Cycle, Array, Array, Bool[Array, ""]]:
-    """The same by one step of Newton's method on the stroboscopic map."""
-    z, identity, size = guess.z, jnp.eye(len(guess.z)), size_of(problem, guess.z)
-    step = jnp.linalg.solve(identity - jacobian, end - z)
-    cycle = Cycle(
-        start=z + step,
-        unknowns=Unknowns(z + step, guess.flights),
-        sequence=problem.sequence,
-        multipliers=floquet_multipliers(Pencil(jacobian, identity), problem.sequence.most_held),
-        residual=jnp.max(jnp.abs(end - z) / size),
-    )
-    return cycle, cycle.start, step, jnp.max(jnp.abs(step) / size) < _NEAR[str(size.dtype)]
 
 
 def away_from_stops(problem: Problem) -> Array:
