@@ -1,17 +1,19 @@
 """The search for an orbit: its state, and its update by one run of the motion.
 
 A run of n periods from a start tells the sequence of its events, which gives two ways on. Newton's method on
-the equations of that sequence (`polish.py`) goes to the cycle of the sequence, if there is one near, across
+the equations of that sequence (`newton.py`) goes to the cycle of the sequence, if there is one near, across
 grazing and whatever lies between; its first step alone is the Newton step of the stroboscopic map. The cycle
 is tried first, as its basin is far wider. It counts once a run from it shows the same events. If that run
-does not, and comes no nearer to closing, the single step is taken, halved until the run comes nearer.
+does not, and comes no nearer to closing, the single step is taken, halved until the run comes nearer. If it
+does not soon, as among the grazings that a chatter is made of, the motion is followed for another n periods, and all
+begins again at their end.
 """
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Complex, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
 from .._machine.machine import OWN_BOUND
@@ -21,36 +23,16 @@ from .._trajectory.loop import NO_PAUSE, Asked, Request, run_for_log, run_whole
 from .._trajectory.solution import RESULTS, Solution
 from .._types import Reals, Scalar
 from .._xla import is_any
-from .condensed import Pencil
 from .cycle import Problem, Unknowns, prepared
-from .floquet import floquet_multipliers
-from .polish import polish, size_of
-from .sequence import Sequence, happens_alike, nothing_happens, sequence_of
+from .newton import Cycle, cycle_by_map, cycle_by_sequence
+from .polish import size_of
+from .sequence import NOTHING, Sequence, happens_alike, nothing_happens, sequence_of
 
-# The most runs of a search, and the shortest step as a fraction of the full one.
+# The most runs of a search, and how small a fraction of a step is tried.
 MAX_RUNS = 40
-_LEAST = 1e-4
-# Closing error of a closed run, relative to the size of the motion; Newton step that leads to rounding.
+_LEAST = 0.05
+# Closing error of a closed run, relative to the size of the motion.
 _CLOSE = {"float64": 1e-9, "float32": 1e-4}
-_NEAR = {"float64": 1e-8, "float32": 3e-4}
-
-
-class Cycle(eqx.Module):
-    """A solution of the equations of some sequence: an orbit, if the machine does what the sequence says.
-
-    Attributes:
-        start: positions and velocities at its start, in space, (2 n,).
-        unknowns: the same as seen from the stops, and the durations of its flights.
-        sequence: what happens.
-        multipliers: (2 n,).
-        residual: closing error, relative to the size of the motion.
-    """
-
-    start: Float[Array, " state"]
-    unknowns: Unknowns
-    sequence: Sequence
-    multipliers: Complex[Array, " state"]
-    residual: Scalar
 
 
 class Search(eqx.Module):
@@ -60,7 +42,8 @@ class Search(eqx.Module):
         trial: the start of the next run, in space, (2 n,).
         base: the start from which steps are taken, (2 n,).
         step: the Newton step from there, (2 n,).
-        factor: part of it that is tried next.
+        end: where the run from the base ended, (2 n,).
+        factor: part of the step that is tried next, 0 if nothing is left to try.
         closing: how far the run from the base was from closing.
         cycle: the last one found.
         has_cycle: whether there is one.
@@ -72,6 +55,7 @@ class Search(eqx.Module):
     trial: Float[Array, " state"]
     base: Float[Array, " state"]
     step: Float[Array, " state"]
+    end: Float[Array, " state"]
     factor: Scalar
     closing: Scalar
     cycle: Cycle
@@ -83,7 +67,7 @@ class Search(eqx.Module):
     @property
     def is_on(self) -> Bool[Array, "..."]:
         """Whether there is anything left to try."""
-        return ~(self.is_orbit | self.is_full) & (self.num_runs < MAX_RUNS) & (self.factor > _LEAST)
+        return ~(self.is_orbit | self.is_full) & (self.num_runs < MAX_RUNS) & (self.factor > 0)
 
 
 def begin_search(guess: Float[Array, " state"], num_stops: int, room: int) -> Search:
@@ -91,9 +75,8 @@ def begin_search(guess: Float[Array, " state"], num_stops: int, room: int) -> Se
     zero, no = jnp.zeros((), guess.dtype), jnp.array(False)
     unknowns = Unknowns(guess, jnp.zeros(room, guess.dtype))
     cycle = Cycle(guess, unknowns, nothing_happens(room, num_stops), guess + 0j, zero + jnp.inf)
-    return Search(
-        guess, guess, jnp.zeros_like(guess), zero + 1, zero + jnp.inf, cycle, no, no, no, jnp.array(0)
-    )
+    start, still = (guess, guess), (jnp.zeros_like(guess), guess)
+    return Search(*start, *still, zero + 1, zero + jnp.inf, cycle, no, no, no, jnp.array(0))
 
 
 class Strobe(eqx.Module):
@@ -180,24 +163,30 @@ def _next(
 ) -> Search:
     """The search with its next trial, unless the run from the last was an orbit."""
     is_nearer = closing < search.closing
+    # What comes no nearer is not used: in a batch, no other lane waits until its equations are given up.
+    kind = jnp.where(is_nearer & ~search.is_orbit, problem.sequence.kind, NOTHING)
+    problem = eqx.tree_at(lambda p: p.sequence.kind, problem, kind)
     away = away_from_stops(problem)
     guess = Unknowns(search.trial + away, flights)
     if strobe.flow.can_leap:
-        cycle, first, is_converged = _by_sequence(problem, guess)
+        cycle, entry, first, is_converged = cycle_by_sequence(problem, guess)
     else:
         jacobian = jax.jacfwd(strobe.end)(search.trial)
-        cycle, first, is_converged = _by_map(problem, guess, end + away, jacobian)
+        cycle, entry, first, is_converged = cycle_by_map(problem, guess, end + away, jacobian)
     cycle = eqx.tree_at(lambda c: c.start, cycle, cycle.start - away)
     is_found = is_nearer & is_converged
-    base, step = (jnp.where(is_nearer, *pair) for pair in ((search.trial, search.base), (first, search.step)))
+    known = (search.trial, search.base), (first, search.step), (end, search.end)
+    base, step, end = (jnp.where(is_nearer, *pair) for pair in known)
     factor = jnp.where(is_nearer, 1.0, search.factor)
-    trial = jnp.where(is_found, cycle.start, base + factor * step)
+    is_stuck, is_lost = factor < _LEAST, ~is_nearer & jnp.isinf(search.closing)
+    trial = jnp.where(is_found, entry - away, jnp.where(is_stuck, end, base + factor * step))
     following = Search(
         trial=_inside(problem, trial + away) - away,
         base=base,
         step=step,
-        factor=jnp.where(is_found, factor, factor / 2),
-        closing=jnp.where(is_nearer, closing, search.closing),
+        end=end,
+        factor=jnp.where(is_found | is_stuck, 1.0, jnp.where(is_lost, 0.0, factor / 2)),
+        closing=jnp.where(is_stuck, jnp.inf, jnp.where(is_nearer, closing, search.closing)),
         cycle=jax.tree.map(lambda a, b: jnp.where(is_found, a, b), cycle, search.cycle),
         has_cycle=search.has_cycle | is_found,
         is_orbit=search.is_orbit,
@@ -218,36 +207,6 @@ def _is_followed(
     is_from_it = jnp.max(jnp.abs(search.trial - cycle.start) / size) < close
     is_alike = happens_alike(cycle.sequence, cycle.unknowns.flights, sequence, flights)
     return search.has_cycle & is_from_it & is_alike & (closing < close * jnp.maximum(growth, 1))
-
-
-def _by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, Bool[Array, ""]]:
-    """The cycle of the sequence, the first step towards it, and whether it was reached."""
-    polished = polish(problem, guess)
-    z, sequence = polished.unknowns.z, problem.sequence
-    cycle = Cycle(
-        start=z,
-        unknowns=polished.unknowns,
-        sequence=sequence,
-        multipliers=floquet_multipliers(polished.pencil, sequence.most_held),
-        residual=jnp.max(jnp.abs(polished.residual.closing) / size_of(problem, z)),
-    )
-    return cycle, polished.first, polished.is_converged
-
-
-def _by_map(
-    problem: Problem, guess: Unknowns, end: Array, jacobian: Array
-) -> tuple[Cycle, Array, Bool[Array, ""]]:
-    """The same by one step of Newton's method on the stroboscopic map."""
-    z, identity, size = guess.z, jnp.eye(len(guess.z)), size_of(problem, guess.z)
-    step = jnp.linalg.solve(identity - jacobian, end - z)
-    cycle = Cycle(
-        start=z + step,
-        unknowns=Unknowns(z + step, guess.flights),
-        sequence=problem.sequence,
-        multipliers=floquet_multipliers(Pencil(jacobian, identity), problem.sequence.most_held),
-        residual=jnp.max(jnp.abs(end - z) / size),
-    )
-    return cycle, step, jnp.max(jnp.abs(step) / size) < _NEAR[str(size.dtype)]
 
 
 def away_from_stops(problem: Problem) -> Array:
