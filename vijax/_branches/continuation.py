@@ -46,7 +46,8 @@ def continuation(
     """Follow a periodic orbit along a parameter, both ways, through all that changes it.
 
     By pseudo-arclength, so that folds are passed; where an impact comes or goes, or two impacts change their order, the
-    sequence of events changes and the branch goes on. Bifurcations on the way are located.
+    sequence of events changes and the branch goes on. Bifurcations on the way are located. Made for 64-bit numbers: with
+    fewer digits a branch may end at a grazing.
 
     Args:
         orbit: from which to begin. Several are followed side by side: a list, or what `vx.periodic_orbits` returned.
