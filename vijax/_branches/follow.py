@@ -229,7 +229,10 @@ def follow(walk: Walk, start: Point) -> Asked:
 def _follow(walk: Walk, start: Point) -> Asked:
     point, ds = start, _FIRST
     while not walk.is_full:
-        step = yield from _step(walk, point, ds)
+        try:
+            step = yield from _step(walk, point, ds)
+        except Ended:  # what happens on it could not be located
+            step = None
         if step is None:
             ds /= 2
             if ds < _SHORTEST:
@@ -261,7 +264,7 @@ def _end(walk: Walk, point: Point) -> Asked:
     """End where no step is short enough."""
     if 0 < _shortest_stick(point) < _MOMENT:
         # Sticks vanish faster than they shorten: what is left of the way is rounding.
-        if walk.points:
+        if walk.points and walk.points[-1].arc == point.arc:
             walk.points.pop()
         yield from _add(walk, point._replace(kind="chatter_completion"))
         raise Ended("chatter_completion")

@@ -22,7 +22,7 @@ from .family import Family, Place
 from .watch import Watched, watch
 
 # Numbers of branches side by side and of events of a cycle that programs are compiled for.
-_LANES, _ROOMS = (2, 64), (16, 64, 256)
+_LANES, _ROOMS = (2, 64), (16, 64, 256, 1024)
 
 
 class Seen(NamedTuple):
@@ -173,7 +173,10 @@ def _compiled(program: Callable) -> Callable:
 
 
 def _room(num_events: int) -> int:
-    return next(room for room in _ROOMS if room >= num_events)
+    room = next((room for room in _ROOMS if room >= num_events), None)
+    if room is None:
+        raise ValueError(f"A branch came to a cycle of {num_events} events, and {_ROOMS[-1]} are the most.")
+    return room
 
 
 def _padded(request: Request, room: int) -> tuple:
