@@ -202,6 +202,7 @@ def test_sticking_orbits_to_where_their_sticks_vanish():
 
 
 @pytest.mark.thorough
+@pytest.mark.slow
 def test_all_branches_of_a_sweep_are_found_once():
     swept = {FREQUENCY: np.linspace(0.7, 1.2, 24)}
     ds = vx.sweep(vx.models.wagg_bishop_a(1.0), swept, transient=200, carry="both", progress=False)
