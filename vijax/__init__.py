@@ -40,6 +40,7 @@ from ._refusal import SimulationError as SimulationError
 from ._sweep.provenance import system_of as system_of
 from ._sweep.sweep import sweep as sweep
 from ._system.base import base_excitation as base_excitation
+from ._system.contact import Contact as Contact
 from ._system.forcing import Harmonic as Harmonic
 from ._system.stop import Stop as Stop
 from ._system.system import ImpactSystem as ImpactSystem, chain as chain
@@ -71,6 +72,7 @@ __all__ = [
     "STICK",
     "Bifurcation",
     "Branch",
+    "Contact",
     "DiffraxFlow",
     "EventLog",
     "ExecutionSettings",

@@ -81,21 +81,29 @@ def told_of_stop(stop: Any) -> Told:
     return Told(f"Stop of mass {stop.mass}: {_wall(stop)}{_beside(stop.position, batch)}", [])
 
 
+def told_of_contact(contact: Any) -> Told:
+    """A contact on one line."""
+    batch = _batch((contact.position, 0), (contact.restitution, 0))
+    return Told(f"Contact: {_wall(contact)}{_beside(contact.position, batch)}", [])
+
+
 def told_of_system(system: Any, name_of_force: Callable[[Any], str]) -> Told:
     """A machine: its matrices, its load, its stops, its force."""
     forcing, stops = system.forcing, system.stops
     walls = [(value, 0) for stop in stops for value in (stop.position, stop.restitution)]
-    batch = _batch((system.mass, 1), (system.damping, 2), (forcing.frequency, 0), *walls)
-    masses = _count(system.mass.shape[-1], "mass", "masses")
+    batch = _batch((system.damping, 2), (forcing.frequency, 0), *walls)
+    masses = _count(system.stiffness.shape[-1], "mass", "masses")
     load = told_of_harmonic(forcing).rows
     rows = [
-        ("mass", _numbers(system.mass, 1)),
+        ("mass", _numbers(system.mass, 2 if system.has_full_mass else 1)),
         ("damping", _numbers(system.damping, 2)),
         ("stiffness", _numbers(system.stiffness, 2)),
         ("load", _line(load[:2])),
         *([("", _line(load[2:]))] if load[2:] else []),
     ]
-    rows += [(f"stop {j}", f"mass {stop.mass}, {_wall(stop)}") for j, stop in enumerate(stops[:_STOPS])]
+    for j, stop in enumerate(stops[:_STOPS]):
+        name, whose = ("stop", f"mass {stop.mass}, ") if stop.slot else ("contact", "")
+        rows.append((f"{name} {j}", f"{whose}{_wall(stop)}"))
     if len(stops) > _STOPS:
         rows.append(("...", _count(len(stops) - _STOPS, "more stop")))
     if system.force is not None:
@@ -180,10 +188,20 @@ def _line(rows: list[tuple[str, ...]]) -> str:
 
 
 def _wall(stop: Any) -> str:
-    side = "<=" if stop.side == "upper" else ">="
-    motion = stop.motion
+    motion, side = stop.motion, "<=" if stop.sign > 0 else ">="
+    row = "x" if stop.slot else _sum(stop)
     moving = "" if motion is None else f" + motion of amplitude {_numbers(motion.amplitude, 1)}"
-    return f"x {side} {_numbers(stop.position, 0)}{moving}, restitution {_numbers(stop.restitution, 0)}"
+    return f"{row} {side} {_numbers(stop.position, 0)}{moving}, restitution {_numbers(stop.restitution, 0)}"
+
+
+def _sum(contact: Any) -> str:
+    """The row of a contact times the positions: x0 - x1."""
+    row = concrete(contact.row)
+    if row is None or row.ndim > 1:
+        return f"row {_shape(contact.row)} on masses {list(contact.masses)}"
+    terms = zip(row.tolist(), contact.masses, strict=True)
+    told = " ".join(f"{'-' if a < 0 else '+'} {'' if abs(a) == 1 else f'{abs(a):.6g} '}x{i}" for a, i in terms)
+    return told.removeprefix("+ ")
 
 
 def _results(code: np.ndarray, results: Sequence[str]) -> str:

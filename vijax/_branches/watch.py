@@ -175,7 +175,7 @@ def _read(machine: Machine, flow: AbstractFlow, begin: Moment, held: Array, sinc
     """The motion some forcing periods after the last event."""
     x, v, phase = leap(machine, flow, begin, held, since)
     state = resting_state(machine, phase, jnp.split(begin.z, 2)[0] + x, v, held)
-    now = derivatives(machine, state, machine.held_masses(held))
+    now = derivatives(machine, state, machine.hold(held))
     along = machine.contacts.along
     return _Reading(
         gap=machine.contacts.gaps(state.x),

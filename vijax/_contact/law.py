@@ -17,7 +17,7 @@ def rebound(
 
     With lumped masses the order of several impacts of one instant does not matter.
     """
-    return machine.contacts.placed(x, hit), machine.contacts.reflected(v, hit)
+    return machine.contacts.placed(x, hit, None), machine.contacts.reflected(v, hit)
 
 
 def restitution_matrix(num_masses: int, restitutions: dict[int, ArrayLike]) -> Float[Array, "n n"]:

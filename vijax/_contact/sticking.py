@@ -25,7 +25,11 @@ def can_any_stick(system: ImpactSystem, x0: Array | np.ndarray, v0: Array | np.n
             return True
         if position is None or x is None or v is None:
             return True
-        if ((np.abs(x[stop.mass] - position) <= 1e-3 * np.abs(position)) & (v[stop.mass] == 0)).any():
+        along, coefficients = concrete(stop.along(x)), [concrete(a) for a in stop.coefficients.values()]
+        if any(a is None for a in coefficients) or along is None:
+            return True
+        is_close = np.abs(along - stop.sign * position) <= 1e-3 * np.abs(position)
+        if (is_close & (concrete(stop.along(v)) == 0)).any():
             return True
     return False
 

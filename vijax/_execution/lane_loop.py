@@ -22,10 +22,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from .._contact.instant import Instant
 from .._flow.interface import AbstractFlow
 from .._machine.machine import Machine
 from .._machine.state import State, start_period
-from .._trajectory.step import Instant, advance
+from .._trajectory.step import advance
 from .._xla import compute_once
 from .records import Impact, Mark, Rows, append
 
@@ -144,8 +145,8 @@ def _turn(task: Task, progress: Progress) -> Progress:
     after = start_period(after, task.phase0, instant.arrived)
     number = jnp.sum(lanes.num_impacts, axis=0) + jnp.cumsum(hit, axis=0) - hit
     stop, velocity = jnp.arange(len(hit))[:, None], machine.contacts.told(instant.velocity_minus)
-    if machine.frame is not None:
-        velocity += machine.contacts.size(machine.frame.at(after.phase)[1])
+    if (of_stops := machine.velocity_of_stops(after.phase)) is not None:
+        velocity += of_stops
     impact = Impact(
         time=passed, velocity=velocity, chatter=instant.chatter, stop=stop, point=task.point, number=number
     )

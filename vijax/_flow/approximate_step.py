@@ -86,12 +86,12 @@ class SteppingFlow(AbstractFlow):
     """
 
     @abc.abstractmethod
-    def attempt(self, machine: Machine, state: State, is_held: Bool[Array, " n"], step: Scalar) -> Attempt:
-        """Try a step of one trajectory with the masses `is_held` at rest; `machine.total_force` moves the others."""
+    def attempt(self, machine: Machine, state: State, hold: Held, step: Scalar) -> Attempt:
+        """Try a step of one trajectory with the contacts of `hold` closed; `machine.total_force` moves the others."""
 
     @abc.abstractmethod
     def step_by(
-        self, machine: Machine, state: State, is_held: Bool[Array, " n"], step: Scalar
+        self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """Displacement and gain of velocity of the same step; differentiable both ways."""
 
@@ -117,21 +117,21 @@ class SteppingFlow(AbstractFlow):
         return over_lanes(self._fly, state.x, machine, state, remaining, resolution)
 
     def propagate(
-        self, machine: Machine, state: State, is_held: Bool[Array, "n ..."], step: Scalar
+        self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Go `step` ahead in one step of the solver."""
-        displacement, gain = over_lanes(self.step_by, state.x, machine, state, is_held, step)
-        return displacement, state.v + jnp.where(is_held, 0, gain), phase_after(machine, state.phase, step)
+        displacement, gain = over_lanes(self.step_by, state.x, machine, state, hold, step)
+        return displacement, state.v + jnp.where(hold, 0, gain), phase_after(machine, state.phase, step)
 
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
         """Try one step, whatever the stops say."""
         return over_lanes(self._coast, state.x, machine, state, remaining)
 
     def _fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
-        is_held = machine.held_masses(state.held)
-        trial = self._try(machine, state, is_held, remaining)
-        arrived = _moved(machine, state, trial, is_held)
-        now, end = watched(machine, state, is_held), watched(machine, arrived, is_held)
+        hold = machine.hold(state.held)
+        trial = self._try(machine, state, hold, remaining)
+        arrived = _moved(machine, state, trial, hold)
+        now, end = watched(machine, state, hold), watched(machine, arrived, hold)
         due, late = is_due(now, state), delays(machine, end, state.held, trial.wanted)
         is_clear, cut = _clearance(machine, state, now, end, late, trial)
         is_taken = trial.attempt.is_good & is_clear & ~jnp.any(due)
@@ -148,21 +148,21 @@ class SteppingFlow(AbstractFlow):
         )
 
     def _coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
-        is_held = machine.held_masses(state.held)
-        trial = self._try(machine, state, is_held, remaining)
+        hold = machine.hold(state.held)
+        trial = self._try(machine, state, hold, remaining)
         is_taken = trial.attempt.is_good
-        end = _choose(is_taken, _moved(machine, state, trial, is_held), state)
+        end = _choose(is_taken, _moved(machine, state, trial, hold), state)
         end = remembering(end, _learnt(state.memory, trial, is_taken, is_taken, state.memory.cut))
         length = jnp.where(is_taken, trial.step, jnp.where(_is_lost(machine, trial), remaining, 0))
         return _or_lost(machine, trial, end), length
 
-    def _try(self, machine: Machine, state: State, is_held: Bool[Array, " n"], remaining: Scalar) -> Trial:
+    def _try(self, machine: Machine, state: State, hold: Held, remaining: Scalar) -> Trial:
         memory = state.memory
         fastest = machine.waves.num_harmonics * machine.frequency
         longest = TRUST_AND_TERMS[str(remaining.dtype)][0] / jnp.where(fastest > 0, fastest, 1e-9)
         wanted = jnp.minimum(jnp.where(memory.step > 0, memory.step, self.first_step(machine)), longest)
         step = jnp.minimum(jnp.minimum(wanted, memory.cut), remaining)
-        return Trial(self.attempt(machine, state, is_held, step), step, wanted)
+        return Trial(self.attempt(machine, state, hold, step), step, wanted)
 
 
 def phase_after(machine: Machine, phase: Float[Array, "2 harmonics ..."], time: Scalar) -> Array:
@@ -208,8 +208,8 @@ def _learnt(memory: Memory, trial: Trial, is_taken: Flag, is_event: Flag, cut: S
     return Memory(step, cut, control, memory.rejected + ~attempt.is_good)
 
 
-def _moved(machine: Machine, state: State, trial: Trial, is_held: Bool[Array, " n"]) -> State:
-    gain = jnp.where(is_held, 0, trial.attempt.gain)
+def _moved(machine: Machine, state: State, trial: Trial, hold: Held) -> State:
+    gain = jnp.where(hold, 0, trial.attempt.gain)
     phase = phase_after(machine, state.phase, trial.step)
     return displaced(machine, state, trial.attempt.displacement, state.v + gain, phase, trial.step)
 

@@ -44,9 +44,9 @@ class Watched(eqx.Module):
     motion: Rates
 
 
-def watched(machine: Machine, state: State, is_held: Bool[Array, " n"]) -> Watched:
+def watched(machine: Machine, state: State, hold: Held) -> Watched:
     """The present."""
-    motion = rates(machine, state, is_held)
+    motion = rates(machine, state, hold)
     pressing, its_rate = (machine.contacts.along(machine.pull(f)) for f in (motion.force, motion.force_rate))
     value = jnp.where(state.held, pressing, state.gap)
     slope = jnp.where(state.held, its_rate, -machine.contacts.along(state.v))

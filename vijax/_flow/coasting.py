@@ -58,7 +58,7 @@ def _leap(
     """All at once."""
     span = (periods - state.periods) * machine.period + (time - state.time)
     phase = turned(phase0, phase_at(machine.frequency * time, machine.waves.num_harmonics))
-    displacement, gain = flow.leap(machine, state, machine.held_masses(state.held), span, phase - state.phase)
+    displacement, gain = flow.leap(machine, state, machine.hold(state.held), span, phase - state.phase)
     names = lambda s: (s.periods, s.time, s.phase, s.x, s.v)  # noqa: E731
     there = periods, time, phase, state.x + displacement, state.v + gain
     # After no time the state is that of the start to the last bit.

@@ -98,17 +98,17 @@ class DiffraxFlow(SteppingFlow):
         if isinstance(controller, diffrax.ConstantStepSize) and self.dt0 is None:
             raise ValueError("Argument `dt0` must be given with a constant step size.")
 
-    def attempt(self, machine: Machine, state: State, is_held: Bool[Array, " n"], step: Scalar) -> Attempt:
+    def attempt(self, machine: Machine, state: State, hold: Held, step: Scalar) -> Attempt:
         """Try one step."""
-        (displacement, gain), error, dense = self._step(machine, state, is_held, step, "lax")
+        (displacement, gain), error, dense = self._step(machine, state, hold, step, "lax")
         zero = jnp.zeros_like(step)
         # A Runge-Kutta method keeps slopes times the step: on [0, 1] its dense output is a constant matrix.
         path = self.solver.interpolation_cls(t0=0.0, t1=1.0, **dense)
         inside = jax.vmap(path.evaluate)(jnp.asarray(nodes(degree_inside(self.solver)), step.dtype))
         # The gain of a held mass is no part of the motion.
-        error = (error[0], jnp.where(is_held, 0, error[1]))
+        error = (error[0], jnp.where(hold, 0, error[1]))
         start = (state.x, state.v)
-        after = (state.x + displacement, state.v + jnp.where(is_held, 0, gain))
+        after = (state.x + displacement, state.v + jnp.where(hold, 0, gain))
         keep, begin, stop, _, control, _ = self._controller(step.dtype).adapt_step_size(
             zero, step, start, after, None, error, self._error_order(), state.memory.control
         )
@@ -119,10 +119,10 @@ class DiffraxFlow(SteppingFlow):
         return Attempt(displacement, gain, Inside(*inside), is_finite & keep, following, control)
 
     def step_by(
-        self, machine: Machine, state: State, is_held: Bool[Array, " n"], step: Scalar
+        self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """The same step, differentiable both ways."""
-        return self._step(machine, state, is_held, step, "bounded")[0]
+        return self._step(machine, state, hold, step, "bounded")[0]
 
     def control(self, like: Scalar) -> PyTree:
         """What the controller keeps at first."""
@@ -154,11 +154,11 @@ class DiffraxFlow(SteppingFlow):
         return self.solver.error_order(diffrax.ODETerm(_field))
 
     def _step(
-        self, machine: Machine, state: State, is_held: Bool[Array, " n"], step: Scalar, loop: str
+        self, machine: Machine, state: State, hold: Held, step: Scalar, loop: str
     ) -> tuple[tuple[Array, Array], tuple[Array, Array], dict[str, PyTree]]:
         """Gains, their errors and the dense output of one step of the solver."""
         solver = eqx.tree_at(lambda s: s.scan_kind, self.solver, loop, is_leaf=lambda leaf: leaf is None)
-        term, args = diffrax.ODETerm(_field), (machine, state, is_held)
+        term, args = diffrax.ODETerm(_field), (machine, state, hold)
         nothing, zero = (jnp.zeros_like(state.x), jnp.zeros_like(state.v)), jnp.zeros_like(step)
         memory = solver.init(term, zero, step, nothing, args)
         if memory is not None:  # A method whose last stage is the first of the next step needs that stage.
@@ -185,8 +185,8 @@ def _degree(interpolation: Callable, num_stages: int) -> int:
 
 def _field(time: Any, gains: tuple[Array, Array], args: tuple[Machine, State, Array]) -> tuple[Array, Array]:
     """Velocities of the free masses, and accelerations of all as if none were held."""
-    machine, state, is_held = args
-    v = jnp.where(is_held, 0, state.v + gains[1])
+    machine, state, hold = args
+    v = jnp.where(hold, 0, state.v + gains[1])
     names = lambda s: (s.time, s.phase, s.x, s.v)  # noqa: E731
     then = (state.time + time, phase_after(machine, state.phase, time), state.x + gains[0], v)
     return v, machine.pull(machine.total_force(eqx.tree_at(names, state, then)))

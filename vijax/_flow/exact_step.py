@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._machine.contacts import Held
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.state import State
@@ -56,20 +57,24 @@ def _fly(
 def _fly_jvp(primals, tangents):
     _, numbers, state, remaining, _, machine_of = primals
     flight, machine = _fly(*primals), machine_of(numbers)
-    end, is_held = flight.end, machine.held_masses(state.held)
+    end = flight.end
 
     def after_the_same_time(flow: AbstractFlow, numbers: Machine, state: State):
         machine = machine_of(numbers)
-        moved = flow.propagate(machine, state, is_held, flight.duration)
+        hold = machine.hold(state.held)
+        moved = flow.propagate(machine, state, hold, flight.duration)
         end = displaced(machine, state, *moved, flight.duration)
-        force = machine.contacts.along(machine.total_force(end))
+        force = machine.contacts.pressing(machine.total_force(end), hold, end.phase)
         return end.x, end.v, end.phase, end.gap, jnp.where(state.held, force, end.gap)
 
     _, (x, v, phase, gap, value) = eqx.filter_jvp(after_the_same_time, primals[:3], tangents[:3])
-    now = rates(machine, end, is_held)
-    slope = -machine.contacts.along(end.v)
+    hold, phase_rate = machine.hold(state.held), machine.phase_rate(end.phase)
+    now = rates(machine, end, hold)
+    gap_rate = -machine.contacts.towards(end.v, phase_rate)
+    slope = gap_rate
     if machine.can_stick:
-        slope = jnp.where(state.held, machine.contacts.along(now.force_rate), slope)
+        force_rate = machine.contacts.pressing(now.force_rate, hold, phase_rate)
+        slope = jnp.where(state.held, force_rate, slope)
     is_crossing = flight.is_event & (slope < 0)
     delays = -_plus(value, jnp.zeros_like(slope)) / jnp.where(is_crossing, slope, -1)
     later = jnp.where(flight.is_last, _plus(tangents[3], jnp.zeros_like(remaining)), 0)
@@ -78,10 +83,10 @@ def _fly_jvp(primals, tangents):
     moved = (
         _plus(tangents[2].time, later),
         tangents[2].time_low,
-        _plus(phase, machine.phase_rate(end.phase) * later),
+        _plus(phase, phase_rate * later),
         _plus(x, end.v * later),
         _plus(v, now.acceleration * later),
-        _plus(gap, -machine.contacts.along(end.v) * later),
+        _plus(gap, gap_rate * later),
         later,
     )
     where = lambda f: (  # noqa: E731
@@ -104,19 +109,19 @@ class ExpandingFlow(AbstractFlow):
     fits_one_kernel = True
 
     @abc.abstractmethod
-    def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> Expansion:
-        """Expand the motion at `state` with the masses `is_held` at rest."""
+    def expand(self, machine: Machine, state: State, hold: Held) -> Expansion:
+        """Expand the motion at `state` with the contacts of `hold` closed."""
 
     def fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
         """Take the longest step that is proved free of events, and land on the one it ends close to."""
-        is_held = machine.held_masses(state.held)
+        hold = machine.hold(state.held)
         ahead = remaining + resolution
-        motion = compute_once(self.expand, machine, state, is_held)
+        motion = compute_once(self.expand, machine, state, hold)
         step, is_root = compute_once(_safe_step, machine, state, motion, ahead)
         is_last = step >= remaining
         step = jnp.where(is_last, remaining, step)
         moved = compute_once(_move, machine, state, motion, step)
-        series = compute_once(_near_future, machine, moved, is_held)
+        series = compute_once(_near_future, machine, moved, hold)
         delays = compute_once(_delays, machine, moved, series, is_root, ahead - step)
         delay = smallest(delays)
         is_event = (delays <= delay + one_instant(machine)) & (delays < jnp.inf)
@@ -125,15 +130,15 @@ class ExpandingFlow(AbstractFlow):
         return Flight(landed, step + delay, is_event, is_last)
 
     def propagate(
-        self, machine: Machine, state: State, is_held: Bool[Array, "n ..."], step: Scalar
+        self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Expand and move at once."""
-        motion = compute_once(self.expand, machine, state, is_held)
+        motion = compute_once(self.expand, machine, state, hold)
         return compute_once(motion.move, machine, state, step)
 
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
         """Go on by one step, whatever the stops say."""
-        motion = self.expand(machine, state, machine.held_masses(state.held))
+        motion = self.expand(machine, state, machine.hold(state.held))
         step = jnp.minimum(remaining, motion.limit)
         return _move(machine, state, motion, step), step
 
@@ -168,11 +173,16 @@ def one_instant(machine: Machine) -> Scalar:
 def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
     """Bound the gap of every free stop and the contact force of every held one from below."""
     now, (x_rest, force_rest) = motion.now, compute_once(motion.rest, machine, limit)
+    hold, phase = machine.hold(state.held), state.phase
+    values = []
+    for force in (now.force, now.force_rate, now.force_curvature):
+        values.append(machine.contacts.pressing(force, hold, phase))
+        phase = machine.phase_rate(phase)
     contact_force = Bound(
-        jnp.maximum(machine.contacts.along(now.force), 0),
-        machine.contacts.along(now.force_rate),
-        machine.contacts.along(now.force_curvature) / 2,
-        machine.contacts.size(force_rest),
+        jnp.maximum(values[0], 0),
+        values[1],
+        values[2] / 2,
+        machine.contacts.pressing_rest(force_rest, hold),
     )
     return either(state.held, contact_force, _bound_by(x_rest, machine, state, motion, limit))
 
@@ -190,20 +200,22 @@ def _rest_of_gap(motion: Expansion, machine: Machine, limit: Scalar) -> Float[Ar
 def _bound_by(
     x_rest: Float[Array, "n ..."], machine: Machine, state: State, motion: Expansion, limit: Scalar
 ) -> Bound:
-    now = motion.now
-    a, jerk = machine.contacts.along(now.acceleration), machine.contacts.along(now.jerk)
-    gap = (state.gap, -machine.contacts.along(state.v), -a / 2, -jerk * (1 / 6))
-    return deflated(gap, machine.contacts.size(x_rest), state.contact, limit)
+    now, phase, relative = motion.now, state.phase, []
+    for of_masses in (state.v, now.acceleration, now.jerk):
+        phase = machine.phase_rate(phase)
+        relative.append(machine.contacts.towards(of_masses, phase))
+    v, a, jerk = relative
+    gap = (state.gap, -v, -a / 2, -jerk * (1 / 6))
+    return deflated(gap, machine.contacts.rest(x_rest), state.contact, limit)
 
 
 def _move(machine: Machine, state: State, motion: Expansion, step: Scalar) -> State:
     """Follow the smooth motion for `step`."""
-    displacement, v, phase = motion.move(machine, state, step)
-    return displaced(machine, state, displacement, v, phase, step)
+    return displaced(machine, state, *motion.move(machine, state, step), step)
 
 
-def _near_future(machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> tuple[Array, ...]:
-    return taylor_series(machine, state, is_held, _TERMS, unroll=True)
+def _near_future(machine: Machine, state: State, hold: Held) -> tuple[Array, ...]:
+    return taylor_series(machine, state, hold, _TERMS, unroll=True)
 
 
 def _delays(
@@ -226,10 +238,11 @@ def _delays(
         is_root: stops on whose event the step ended, to rounding.
         ahead: how far ahead an event may be.
     """
-    x, force, _ = series
-    h = [state.gap, *(-machine.contacts.along(x[k]) for k in range(1, len(x)))]
+    x, force, phase = series
+    h = [state.gap, *(-machine.contacts.towards(x[k], phase[k]) for k in range(1, len(x)))]
     if machine.can_stick:
-        contact_force = [machine.contacts.along(force[k]) for k in range(len(force))]
+        hold = machine.hold(state.held)
+        contact_force = [machine.contacts.pressing(force[k], hold, phase[k]) for k in range(len(force))]
         pairs = zip_longest(contact_force, h, fillvalue=0.0)
         h = [jnp.where(state.held, f, g) for f, g in pairs]
     value, slope, curve, bend = h[:4]
@@ -249,8 +262,7 @@ def _delays(
 
 def _land(machine: Machine, state: State, series: tuple[Array, ...], delay: Scalar) -> State:
     """Go on by `delay`, which is short."""
-    displacement, v, phase = sum_series(series[0], series[2], delay)
-    return displaced(machine, state, displacement, v, phase, delay)
+    return displaced(machine, state, *sum_series(series[0], series[2], delay), delay)
 
 
 def displaced(
@@ -258,9 +270,10 @@ def displaced(
     state: State,
     displacement: Float[Array, "n ..."],
     v: Float[Array, "n ..."],
-    phase: Float[Array, "2 harmonics ..."],
+    change: Float[Array, "2 harmonics ..."],
     step: Scalar,
 ) -> State:
+    """The state after a step, by the displacement, the velocities there, and the change of the phase."""
     time, low = _two_sum(state.time, step)
     return eqx.tree_at(
         lambda s: (s.time, s.time_low, s.phase, s.x, s.v, s.gap, s.contact),
@@ -268,10 +281,10 @@ def displaced(
         (
             time,
             state.time_low + low,
-            phase,
+            state.phase + change,
             state.x + displacement,
             v,
-            state.gap - machine.contacts.along(displacement),
+            machine.contacts.gap_after(state.gap, state.held, displacement, change),
             jnp.where(step > 0, jnp.int8(0), state.contact),
         ),
     )

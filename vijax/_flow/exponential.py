@@ -8,11 +8,12 @@ were not used: they give E, from which I would have to be subtracted.)
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
+from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
-from .._types import Scalar
+from .._types import Scalar, matvec
 
 # For norms up to 1 the 20th term is below rounding.
 _TERMS = 19
@@ -21,7 +22,7 @@ _DOUBLINGS = 24
 
 
 def exponential_increments(
-    machine: Machine, state: State, is_held: Bool[Array, "n ..."], span: Scalar
+    machine: Machine, state: State, hold: Held, span: Scalar
 ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
     """Displacement and gain of velocity after a time of any length, with some masses held.
 
@@ -32,7 +33,7 @@ def exponential_increments(
     size = jax.lax.stop_gradient(jnp.abs(span) * machine.rate)
     doublings = jnp.ceil(jnp.log2(jnp.maximum(size, 1))).astype(int)
     step = jnp.where(doublings <= _DOUBLINGS, span / 2.0**doublings, jnp.nan)
-    a = _matrix(machine, is_held) * step
+    a = _matrix(machine, hold) * step
     identity = jnp.eye(len(a), dtype=a.dtype).reshape(*a.shape[:2], *[1] * (a.ndim - 2))
     total = identity / _TERMS
     for k in range(_TERMS - 1, 0, -1):  # A (1 + A / 2 (1 + A / 3 (...)))
@@ -43,33 +44,28 @@ def exponential_increments(
 
     total, _ = jax.lax.scan(double, _product(a, total), jnp.arange(_DOUBLINGS))
     phase = state.phase.reshape(-1, *state.phase.shape[2:])
-    one = jnp.ones_like(state.x[:1])
-    y = jnp.concatenate([state.x, jnp.where(is_held, 0, state.v), phase, one])
+    y = jnp.concatenate([state.x, state.v, phase, jnp.ones_like(state.x[:1])])
     gone = jnp.sum(total * y[None], axis=1)
     n = machine.num_masses
     return gone[:n], gone[n : 2 * n]
 
 
-def _matrix(machine: Machine, is_held: Bool[Array, "n ..."]) -> Float[Array, "y y ..."]:
-    """A, with the rows of held masses zero."""
+def _matrix(machine: Machine, hold: Held) -> Float[Array, "y y ..."]:
+    """A: its columns are the rates of change of unit vectors."""
     n, num_harmonics = machine.num_masses, machine.waves.num_harmonics
-    mobility = machine.mobility(is_held)
     size = 2 * n + 2 * num_harmonics + 1
-    rows = jnp.zeros((size, size, *mobility.shape[1:]), mobility.dtype)
-    free = jnp.where(is_held, 0.0, 1.0).astype(mobility.dtype)
-    for i in range(n):
-        rows = rows.at[i, n + i].set(free[i])
-    cosines, sines = slice(2 * n, 2 * n + num_harmonics), slice(2 * n + num_harmonics, size - 1)
-    rows = rows.at[n : 2 * n, :n].set(-mobility[:, None] * machine.stiffness)
-    rows = rows.at[n : 2 * n, n : 2 * n].set(-mobility[:, None] * machine.damping)
-    rows = rows.at[n : 2 * n, cosines].set(mobility[:, None] * jnp.swapaxes(machine.waves.cosine, 0, 1))
-    rows = rows.at[n : 2 * n, sines].set(mobility[:, None] * jnp.swapaxes(machine.waves.sine, 0, 1))
-    rows = rows.at[n : 2 * n, -1].set(mobility * machine.mean)
-    for h in range(num_harmonics):
-        speed = (h + 1) * machine.frequency
-        rows = rows.at[2 * n + h, 2 * n + num_harmonics + h].set(-speed)
-        rows = rows.at[2 * n + num_harmonics + h, 2 * n + h].set(speed)
-    return rows
+
+    def rate(y: Float[Array, "y ..."]) -> Float[Array, "y ..."]:
+        x, v, phase = y[:n], y[n : 2 * n], y[2 * n : -1].reshape(2, num_harmonics, *y.shape[1:])
+        load = machine.mean * y[-1:] + machine.waves.at(phase)
+        force = load - matvec(machine.damping, v) - matvec(machine.stiffness, x)
+        a = machine.contacts.accelerations(force, hold, phase)
+        turned = machine.phase_rate(phase).reshape(-1, *y.shape[1:])
+        parts = jnp.broadcast_arrays(*v, *a, *turned, jnp.zeros_like(a[0]))
+        return jnp.stack(parts)
+
+    unit = jnp.eye(size, dtype=machine.mean.dtype).reshape(size, size, *[1] * (machine.mean.ndim - 1))
+    return jnp.swapaxes(jax.vmap(rate)(unit), 0, 1)
 
 
 def _product(a: Float[Array, "i j ..."], b: Float[Array, "j k ..."]) -> Float[Array, "i k ..."]:

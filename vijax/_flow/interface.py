@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
+from .._machine.contacts import Held
 from .._machine.derivatives import Derivatives
 from .._machine.machine import Machine
 from .._machine.state import State
@@ -32,7 +33,7 @@ class Expansion(eqx.Module):
     def move(
         self, machine: Machine, state: State, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
-        """Go `step` ahead: the displacement x(step) - x(0), v(step), and the forcing phase there."""
+        """Go `step` ahead: the displacement x(step) - x(0), v(step), and the change of the forcing phase."""
 
 
 class Flight(eqx.Module):
@@ -90,9 +91,9 @@ class AbstractFlow(eqx.Module):
 
     @abc.abstractmethod
     def propagate(
-        self, machine: Machine, state: State, is_held: Bool[Array, "n ..."], step: Scalar
+        self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
-        """Go `step` ahead: the displacement x(step) - x(0), v(step), and the forcing phase there."""
+        """Go `step` ahead: the displacement x(step) - x(0), v(step), and the change of the forcing phase."""
 
     @abc.abstractmethod
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
@@ -102,7 +103,7 @@ class AbstractFlow(eqx.Module):
         self,
         machine: Machine,
         state: State,
-        is_held: Bool[Array, "n ..."],
+        hold: Held,
         span: Scalar,
         change: Float[Array, "2 harmonics ..."],
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
@@ -114,7 +115,7 @@ class AbstractFlow(eqx.Module):
         Args:
             machine: the numbers of the machine.
             state: where it begins.
-            is_held: masses at rest.
+            hold: what is held, see `Machine.hold`.
             span: how far to go.
             change: by how much the phase of the forcing changes on the way.
 

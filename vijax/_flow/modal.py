@@ -23,6 +23,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._machine.contacts import Held
 from .._machine.derivatives import Derivatives, derivatives
 from .._machine.machine import Machine
 from .._machine.state import State
@@ -87,9 +88,9 @@ class ModalFlow(ExpandingFlow):
         limit = trust / jnp.maximum(machine.rate, 2 * jnp.sqrt(jnp.maximum(excess, 0)))
         return DrivenModes(self.modes, jax.tree.map(lambda *a: stack(a), *each), limit, self.sets)
 
-    def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> "ModalExpansion":
-        """Expand the motion at `state` with the masses `is_held` at rest."""
-        return self.prepare(machine).expand(machine, state, is_held)
+    def expand(self, machine: Machine, state: State, hold: Held) -> "ModalExpansion":
+        """Expand the motion at `state` with the contacts of `hold` closed."""
+        return self.prepare(machine).expand(machine, state, hold)
 
 
 def _response(machine: Machine, modes: Modes) -> Response:
@@ -118,30 +119,30 @@ class DrivenModes(ExpandingFlow):
     limit: Scalar
     sets: Bool[Array, "sets n ..."]
 
-    def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> "ModalExpansion":
-        """Expand the motion at `state` with the masses `is_held` at rest."""
-        modes, response, q, q_rate = self._coordinates(machine, state, is_held)
-        now = derivatives(machine, state, is_held)
+    def expand(self, machine: Machine, state: State, hold: Held) -> "ModalExpansion":
+        """Expand the motion at `state` with the contacts of `hold` closed."""
+        modes, response, q, q_rate = self._coordinates(machine, state, hold)
+        now = derivatives(machine, state, hold)
         return ModalExpansion(modes=modes, response=response, q=q, q_rate=q_rate, now=now, limit=self.limit)
 
     def leap(
         self,
         machine: Machine,
         state: State,
-        is_held: Bool[Array, "n ..."],
+        hold: Held,
         span: Scalar,
         change: Float[Array, "2 harmonics ..."],
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Go any time ahead at once."""
-        modes, response, q, q_rate = self._coordinates(machine, state, is_held)
+        modes, response, q, q_rate = self._coordinates(machine, state, hold)
         increments = _increments(modes.squared_frequency, modes.decay, span)
         return _gone(machine, modes, response, (q, q_rate), increments, change)
 
     def _coordinates(
-        self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]
+        self, machine: Machine, state: State, hold: Held
     ) -> tuple[Modes, Response, Float[Array, "modes ..."], Float[Array, "modes ..."]]:
         """The modes of the masses held now, their response to the load, and q and q' of the free motion."""
-        modes, response = self._of_set(is_held)
+        modes, response = self._of_set(hold)
         steady = response.offset + response.waves.at(state.phase)
         if len(self.sets) > 1:
             steady = steady + matvec(modes.anchor, state.x)
@@ -149,20 +150,20 @@ class DrivenModes(ExpandingFlow):
         q, q_rate = matvec(modes.inverse, state.x - steady), matvec(modes.inverse, state.v - steady_v)
         return modes, response, q, q_rate
 
-    def _of_set(self, is_held: Bool[Array, "n ..."]) -> tuple[Modes, Response]:
+    def _of_set(self, hold: Held) -> tuple[Modes, Response]:
         """The tables of the masses held now."""
         free = jax.tree.map(lambda a: a[0], (self.modes, self.response))
         if len(self.sets) == 1:
             return free
-        full = lambda a: jnp.broadcast_to(a, jnp.broadcast_shapes(a.shape, is_held.shape[1:]))  # noqa: E731
-        return jax.lax.cond(is_any(is_held), lambda: self._select(is_held), lambda: jax.tree.map(full, free))
+        full = lambda a: jnp.broadcast_to(a, jnp.broadcast_shapes(a.shape, hold.shape[1:]))  # noqa: E731
+        return jax.lax.cond(is_any(hold), lambda: self._select(hold), lambda: jax.tree.map(full, free))
 
-    def _select(self, is_held: Bool[Array, "n ..."]) -> tuple[Modes, Response]:
+    def _select(self, hold: Held) -> tuple[Modes, Response]:
         """The tables of every lane: a chain of selections, cheaper than a gather."""
         tables = (self.modes, self.response)
         chosen = jax.tree.map(lambda a: a[0], tables)
         for k in range(1, len(self.sets)):
-            is_this = reduce(operator.and_, list(is_held == self.sets[k]))
+            is_this = reduce(operator.and_, list(hold == self.sets[k]))
             chosen = jax.tree.map(lambda a, old, k=k, yes=is_this: jnp.where(yes, a[k], old), tables, chosen)
         return chosen
 
@@ -208,7 +209,7 @@ class ModalExpansion(Expansion):
         displacement, gain = _gone(
             machine, self.modes, self.response, (self.q, self.q_rate), increments, change
         )
-        return displacement, state.v + gain, state.phase + change
+        return displacement, state.v + gain, change
 
 
 def _gone(

@@ -1,7 +1,7 @@
 """The normal modes of a machine, for every set of masses that its stops may hold.
 
 `modal_flow` returns None where a motion mode by mode would lose digits or does not apply: traced
-matrices, damping that the modes do not diagonalise, a mode without stiffness, at resonance without
+matrices, contacts that share inertia, damping that the modes do not diagonalise, a mode without stiffness, at resonance without
 damping, or that only creeps, more than 8 sets of held masses. `TaylorFlow` takes those.
 """
 
@@ -28,6 +28,8 @@ def modal_flow(system: ImpactSystem, *, can_stick: bool) -> ModalFlow | None:
     Returns:
         The flow, or None.
     """
+    if system.is_coupled:
+        return None
     dtype = system.mass.dtype
     mass, damping, stiffness = (concrete(a) for a in (system.mass, system.damping, system.stiffness))
     holdable = sorted({stop.mass for stop in system.stops}) if can_stick else []

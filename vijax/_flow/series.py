@@ -26,6 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._types import Scalar, add_up, matvec
@@ -34,10 +35,10 @@ _SHORT = 4
 
 
 def taylor_series(
-    machine: Machine, state: State, is_held: Bool[Array, "n ..."], order: int, *, unroll: bool = False
+    machine: Machine, state: State, hold: Held, order: int, *, unroll: bool = False
 ) -> tuple[Float[Array, "_ n ..."], Float[Array, "_ n ..."], Float[Array, "_ 2 harmonics ..."]]:
     """Taylor coefficients of positions, up to `order`, of forces, and of the phase of the forcing."""
-    extend, start = recurrence(machine, is_held), rows_of_state(state)
+    extend, start = recurrence(machine, hold), rows_of_state(state)
     _, coefficients = jax.lax.scan(extend, start, orders(order, state), unroll=unroll)
     x, force = (vector(rows, len(state.x), axis=1) for rows in coefficients[:2])
     phase = jnp.stack(coefficients[2], axis=1).reshape(len(x), *state.phase.shape)
@@ -56,14 +57,14 @@ def rows_of_state(state: State) -> tuple[list[Array], list[Array], list[Array]]:
     return _rows(state.x), _rows(state.v), [state.phase[i, h] for i in range(2) for h in range(waves)]
 
 
-def recurrence(machine: Machine, is_held: Bool[Array, "n ..."]) -> Callable:
+def recurrence(machine: Machine, hold: Held) -> Callable:
     """From coefficients k and k + 1 of x and k of the phase to the next ones, and coefficient k of the force.
 
     Short vectors are lists of their rows: each is then computed in one sweep over the lanes, wherever
     `vmap` has put those.
     """
-    n = is_held.shape[0]
-    response, mean = _rows(machine.mobility(is_held)), _rows(machine.mean)
+    n, mean = machine.num_masses, _rows(machine.mean)
+    num_harmonics = machine.waves.num_harmonics
     waves = [_rows(row) for load in (machine.waves.cosine, machine.waves.sine) for row in load]
     speeds = [machine.frequency * (h + 1) for h in range(machine.waves.num_harmonics)]
 
@@ -75,11 +76,13 @@ def recurrence(machine: Machine, is_held: Bool[Array, "n ..."]) -> Callable:
     def extend(last, order):
         (x, x_next, phase), (k, by_next, by_next_two) = last, order
         spring, drag = product(machine.stiffness, x), product(machine.damping, x_next)
-        force, x_new = [], []
+        force = []
         for i in range(len(x)):
             load = add_up([wave[i] * p for wave, p in zip(waves, phase, strict=True)])
             force.append(load + jnp.where(k == 0, mean[i], 0) - (k + 1) * drag[i] - spring[i])
-            x_new.append(response[i] * force[i] * by_next_two)
+        of_phase = jnp.stack(phase).reshape(2, num_harmonics, *phase[0].shape)
+        x_new = machine.contacts.accelerations(vector(force, n), hold, of_phase)
+        x_new = [by_next_two * a for a in _rows(x_new)]
         cos, sin = phase[: len(speeds)], phase[len(speeds) :]
         phase_new = [-w * s * by_next for w, s in zip(speeds, sin, strict=True)]
         phase_new += [w * c * by_next for w, c in zip(speeds, cos, strict=True)]
@@ -99,8 +102,8 @@ def vector(rows: list[Array], n: int, axis: int = 0) -> Array:
 def sum_series(
     x: Float[Array, "_ n ..."], phase: Float[Array, "_ 2 harmonics ..."], step: Scalar
 ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
-    """Displacement, velocity and phase at `step`."""
-    return step * horner(x[1:], step), horner(derivative(x), step), horner(phase, step)
+    """Displacement, velocity and change of the phase at `step`."""
+    return step * horner(x[1:], step), horner(derivative(x), step), step * horner(phase[1:], step)
 
 
 def derivative(coefficients: Float[Array, "_ ..."] | list[Array]) -> list[Array]:

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._machine.contacts import Held
 from .._machine.derivatives import Derivatives
 from .._machine.machine import Machine
 from .._machine.state import State
@@ -24,19 +25,19 @@ class TaylorFlow(ExpandingFlow):
 
     can_leap: ClassVar[bool] = True
 
-    def expand(self, machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> "TaylorExpansion":
-        """Expand the motion at `state` with the masses `is_held` at rest."""
+    def expand(self, machine: Machine, state: State, hold: Held) -> "TaylorExpansion":
+        """Expand the motion at `state` with the contacts of `hold` closed."""
         order, trust = _ORDER_AND_TRUST[str(state.x.dtype)]
-        x, force, phase = taylor_series(machine, state, is_held, order)
+        x, force, phase = taylor_series(machine, state, hold, order)
         now = Derivatives(2 * x[2], 6 * x[3], force[0], force[1], 2 * force[2])
         return TaylorExpansion(now, trust * machine.timescale, x, force, phase)
 
     def propagate(
-        self, machine: Machine, state: State, is_held: Bool[Array, "n ..."], step: Scalar
+        self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Sum the series as it is made, without keeping it."""
         order, _ = _ORDER_AND_TRUST[str(state.x.dtype)]
-        extend, start = recurrence(machine, is_held), rows_of_state(state)
+        extend, start = recurrence(machine, hold), rows_of_state(state)
 
         def add(carry, order):
             (k, *_), (last, power, totals) = order, carry
@@ -51,7 +52,8 @@ class TaylorFlow(ExpandingFlow):
             return (now, power, totals), None
 
         _, v, phase = start
-        first = (start, jnp.ones_like(step), ([step * row for row in v], v, phase))
+        unmoved = [jnp.zeros_like(row) for row in phase]
+        first = (start, jnp.ones_like(step), ([step * row for row in v], v, unmoved))
         (_, _, (displacement, v, phase)), _ = jax.lax.scan(add, first, orders(order, state), unroll=5)
         n = len(state.x)
         return vector(displacement, n), vector(v, n), jnp.stack(phase).reshape(state.phase.shape)
@@ -60,13 +62,13 @@ class TaylorFlow(ExpandingFlow):
         self,
         machine: Machine,
         state: State,
-        is_held: Bool[Array, "n ..."],
+        hold: Held,
         span: Scalar,
         change: Float[Array, "2 harmonics ..."],
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Go a whole flight ahead at once, by the exponential of the matrix."""
         del change
-        return exponential_increments(machine, state, is_held, span)
+        return exponential_increments(machine, state, hold, span)
 
 
 class TaylorExpansion(Expansion):

@@ -1,8 +1,9 @@
 """The motion at one instant, exactly: force -> acceleration -> rate of force -> jerk -> curvature of force."""
 
 import equinox as eqx
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
+from .contacts import Held
 from .machine import Machine
 from .state import State
 
@@ -11,10 +12,9 @@ class Rates(eqx.Module):
     """Forces, accelerations and their rates at one instant. Every field is (n,), lanes last.
 
     Attributes:
-        acceleration: second derivative of the position of every mass; zero where held.
+        acceleration: second derivative of the position of every mass, with the forces of contacts that hold.
         jerk: third derivative, likewise.
-        force: force on every mass without that of the contacts: mass times acceleration where free,
-            what presses on the contact where held.
+        force: force on every mass without that of the contacts.
         force_rate: its first derivative.
     """
 
@@ -34,17 +34,17 @@ class Derivatives(Rates):
     force_curvature: Float[Array, "n ..."]
 
 
-def rates(machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> Rates:
-    """Forces and accelerations with the masses `is_held` at rest, and their rates."""
-    mobility = machine.mobility(is_held)
+def rates(machine: Machine, state: State, hold: Held) -> Rates:
+    """Forces and accelerations with what is held, see `Machine.hold`, and their rates."""
     force = machine.total_force(state)
-    acceleration = mobility * force
+    acceleration = machine.contacts.accelerations(force, hold, state.phase)
     force_rate = machine.total_force_rate(state, acceleration)
-    return Rates(acceleration, mobility * force_rate, force, force_rate)
+    jerk = machine.contacts.accelerations(force_rate, hold, machine.phase_rate(state.phase))
+    return Rates(acceleration, jerk, force, force_rate)
 
 
-def derivatives(machine: Machine, state: State, is_held: Bool[Array, "n ..."]) -> Derivatives:
+def derivatives(machine: Machine, state: State, hold: Held) -> Derivatives:
     """The same with the curvature of the force."""
-    now = rates(machine, state, is_held)
+    now = rates(machine, state, hold)
     curvature = machine.total_force_curvature(state, now.acceleration, now.jerk)
     return Derivatives(now.acceleration, now.jerk, now.force, now.force_rate, curvature)

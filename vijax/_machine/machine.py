@@ -7,11 +7,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._system.waves import Waves, phase_at, phase_rate
-from .._types import Scalar, matvec, not_negative
-from .contacts import Contacts
+from .._types import Scalar, matvec, not_negative, over_lanes
+from .contacts import AbstractContacts, Held, Stops
 from .extra_force import ExtraForce
 from .frame import Frame
 from .numbers import Numbers
+from .rows import Rows
 from .state import State
 
 
@@ -21,7 +22,9 @@ class Machine(eqx.Module):
     The load is `mean` and `waves` of the angular frequency `frequency`. `rate` bounds every
     frequency and decay rate of the linear motion, whatever masses are held; `timescale` is its inverse.
     `extra` is None for a linear machine, `frame` where all stops stand still. Otherwise all is as seen from it,
-    the load included: positions and velocities are relative to the stops of their mass.
+    the load included: positions and velocities are relative to the stops of their mass. `basis` is None where masses
+    are lumped; with a full mass matrix M = L L^T coordinates are y = L^T x, in which it is the identity, and
+    `basis` is L^-T.
     """
 
     inverse_mass: Float[Array, "n ..."]
@@ -31,12 +34,13 @@ class Machine(eqx.Module):
     waves: Waves
     frequency: Scalar
     period: Scalar
-    contacts: Contacts
+    contacts: AbstractContacts
     rate: Scalar
     timescale: Scalar
     can_stick: bool = eqx.field(static=True)
     extra: ExtraForce | None = None
     frame: Frame | None = None
+    basis: Float[Array, "n n ..."] | None = None
 
     @property
     def num_masses(self) -> int:
@@ -100,6 +104,8 @@ class Machine(eqx.Module):
 
     def in_space(self, state: State) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Positions and velocities as users know them."""
+        if self.basis is not None:
+            return matvec(self.basis, state.x), matvec(self.basis, state.v)
         if self.frame is None:
             return state.x, state.v
         w, rate = self.frame.at(state.phase)
@@ -109,27 +115,43 @@ class Machine(eqx.Module):
         self, phase: Float[Array, "2 harmonics ..."], x: Float[Array, "n ..."], v: Float[Array, "n ..."]
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """The inverse of `in_space`."""
+        if self.basis is not None:
+            return over_lanes(_solved_from_below, x, self.basis, x), over_lanes(_solved_from_below, x, self.basis, v)
         if self.frame is None:
             return x, v
         w, rate = self.frame.at(phase)
         return x - w, v - rate
+
+    def velocity_of_stops(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "stops ..."] | None:
+        """Velocities of the stops, which relative ones lack; 0 for contacts between masses, None if all stand still."""
+        if self.frame is not None:
+            return self.contacts.size(self.frame.at(phase)[1])
+        return self.contacts.own_velocity(self.phase_rate(phase))
+
+    def stops_at(
+        self, phase: Float[Array, "2 harmonics ..."]
+    ) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."]]:
+        """Where the stops stand, and how fast they move, as users know them."""
+        position, contacts = self.contacts.position, self.contacts
+        if self.frame is not None:
+            w, rate = self.frame.at(phase)
+            return position + contacts.size(w), contacts.size(rate)
+        still = jnp.zeros_like(self.mean)
+        moved, rate = (-contacts.told(contacts.towards(still, p)) for p in (phase, self.phase_rate(phase)))
+        return position + moved, rate
 
     def clock(self, state: State) -> Scalar:
         """The time, as an extra force sees it."""
         origin = 0.0 if self.extra is None else self.extra.origin
         return origin + state.periods * self.period + state.time
 
-    def pull(self, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
-        """Accelerations by a force (or jerks by its rate), if no mass were held."""
-        return self.inverse_mass * force
+    def hold(self, held: Bool[Array, "stops ..."]) -> Held:
+        """What it means for the motion that the flagged stops hold; none does if no stop of the machine can."""
+        return self.contacts.hold(held if self.can_stick else jnp.zeros_like(held))
 
-    def mobility(self, is_held: Bool[Array, "n ..."]) -> Float[Array, "n ..."]:
-        """Inverse mass of each mass, zero where held: acceleration = mobility * force."""
-        return jnp.where(is_held, 0, self.inverse_mass)
-
-    def held_masses(self, held: Bool[Array, "stops ..."]) -> Bool[Array, "n ..."]:
-        """Masses held by some stop; none if no stop of the machine can hold one."""
-        return self.contacts.masses_of(held if self.can_stick else jnp.zeros_like(held))
+    def approach(self, state: State) -> Float[Array, "stops ..."]:
+        """Speeds of approach to the contacts."""
+        return self.contacts.towards(state.v, self.phase_rate(state.phase))
 
 
 def resting_state(
@@ -140,7 +162,7 @@ def resting_state(
     held: Bool[Array, "stops ..."],
 ) -> State:
     """A state at local time 0, no contact just left."""
-    gap = machine.contacts.gaps(x)
+    gap = machine.contacts.gaps(x, phase)
     zero = jnp.zeros(x.shape[1:], x.dtype)
     return State(
         periods=jnp.zeros(zero.shape, int),
@@ -176,10 +198,15 @@ def prepare(
         start: time, positions and velocities.
         can_stick: whether any stop might hold its mass.
     """
-    rows = numbers.rows  # known rows stay NumPy arrays, see `Contacts`
+    rows, basis = numbers.rows, None  # known rows stay NumPy arrays, see `Stops`
     numbers = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray) else a, numbers)
-    waves, frequency, frame = numbers.waves, numbers.frequency, None
-    if numbers.travel is not None:
+    if numbers.mass.ndim == numbers.stiffness.ndim:
+        numbers, basis = _with_unit_mass(numbers)
+    waves, frequency, frame, walls = numbers.waves, numbers.frequency, None, None
+    inverse_mass = 1 / numbers.mass
+    if numbers.signs is not None:
+        walls = numbers.travel
+    elif numbers.travel is not None:
         frame = Frame(numbers.travel, frequency)
         waves = jax.tree.map(jnp.add, waves, frame.load(numbers))
     is_driven = frequency > 0
@@ -192,20 +219,57 @@ def prepare(
         rate = rate + extra.rate(*start, numbers.mass)
     rate = jnp.maximum(rate, 1 / span)
     return Machine(
-        inverse_mass=1 / numbers.mass,
+        inverse_mass=inverse_mass,
         damping=numbers.damping,
         stiffness=numbers.stiffness,
         mean=numbers.mean,
         waves=waves,
         frequency=frequency,
         period=period,
-        contacts=Contacts(rows, numbers.limit, numbers.restitution, 1 / numbers.mass),
+        contacts=Stops(rows, numbers.limit, numbers.restitution, inverse_mass)
+        if numbers.signs is None
+        else Rows(
+            numbers.rows, numbers.limit, numbers.restitution, inverse_mass, numbers.signs, walls, frequency
+        ),
         rate=rate,
         timescale=1 / rate,
         can_stick=can_stick,
         extra=extra,
         frame=frame,
+        basis=basis,
     )
+
+
+def _with_unit_mass(numbers: Numbers) -> tuple[Numbers, Float[Array, "n n ..."]]:
+    """The machine in the coordinates y = L^T x, M = L L^T, in which it has unit masses, and L^-T."""
+    like = numbers.mass[0]
+    root = over_lanes(jnp.linalg.cholesky, like, numbers.mass)
+    basis = over_lanes(lambda root: jnp.linalg.inv(root).T, like, root)
+    back = jnp.swapaxes(basis, 0, 1)
+
+    def product(a: Array, b: Array) -> Array:
+        return jnp.sum(a[:, :, None] * b[None], axis=1)
+
+    def turned(matrix: Array) -> Array:
+        both = product(back, product(matrix, basis))
+        return (both + jnp.swapaxes(both, 0, 1)) / 2
+
+    waves = jax.tree.map(lambda a: jnp.stack([matvec(back, row) for row in a]), numbers.waves)
+    names = lambda n: (n.mass, n.damping, n.stiffness, n.mean, n.waves, n.rows)  # noqa: E731
+    new = (
+        jnp.ones_like(jnp.sum(numbers.mass, axis=1)),
+        turned(numbers.damping),
+        turned(numbers.stiffness),
+        matvec(back, numbers.mean),
+        waves,
+        product(jnp.asarray(numbers.rows), basis),
+    )
+    return eqx.tree_at(names, numbers, new), basis
+
+
+def _solved_from_below(basis: Float[Array, "n n"], x: Float[Array, " n"]) -> Float[Array, " n"]:
+    """L^T x by L^-T."""
+    return jax.scipy.linalg.solve_triangular(basis, x)
 
 
 # Stands for a bound on steps by the rate of the machine, see `ample_steps`.

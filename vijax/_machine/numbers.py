@@ -18,7 +18,7 @@ class Numbers(eqx.Module):
     """An `ImpactSystem` as arrays, lanes last.
 
     Attributes:
-        mass: the diagonal of M, (n,).
+        mass: the diagonal of M, (n,), or M, (n, n).
         damping: C, (n, n).
         stiffness: K, (n, n).
         mean: mean of the load, (n,).
@@ -28,8 +28,9 @@ class Numbers(eqx.Module):
         rows: A, what each contact bears on, (contacts, n): 1 for the mass of an upper stop, -1 for that of a lower one.
         limit: s, in the mean where it moves, (contacts,).
         restitution: r, (contacts,).
-        travel: the motions of the stops, but for their means, as their masses follow them, (harmonics, n); None
-            where all stand still.
+        signs: of a stop the entry of its row, of any other contact 0, (contacts,); None if none is coupled.
+        travel: the motions of the stops, but for their means, as their masses follow them, (harmonics, n), or for
+            coupled contacts that of each along its row, (harmonics, contacts); None where all stand still.
         force: what else acts on the masses, bound to its `args`; None for a linear machine.
     """
 
@@ -43,22 +44,20 @@ class Numbers(eqx.Module):
     rows: Reals
     limit: Reals
     restitution: Reals
+    signs: Reals | None
     travel: Waves | None
     force: BoundForce | None
 
 
 def numbers_of(system: ImpactSystem) -> Numbers:
     """The numbers of a machine, its force bound to its `args`; leaves may carry lanes as a last axis."""
-    num_lane_axes, size = system.mass.ndim - 1, num_harmonics(system)
-    forcing, stops, n = system.forcing, system.stops, len(system.mass)
-    zero = 0 * system.mass[0]
+    num_lane_axes, size = system.stiffness.ndim - 2, num_harmonics(system)
+    forcing, stops, is_coupled = system.forcing, system.stops, system.is_coupled
+    zero = 0 * system.stiffness[0, 0]
 
     def of_contacts(values: list) -> Reals:
         return stack([value + zero for value in values]) if values else np.zeros((0, *zero.shape), zero.dtype)
 
-    rows = np.zeros((len(stops), n, *[1] * num_lane_axes), zero.dtype)
-    for j, stop in enumerate(stops):
-        rows[j, stop.mass] = stop.sign
     return Numbers(
         mass=system.mass,
         damping=system.damping,
@@ -67,10 +66,11 @@ def numbers_of(system: ImpactSystem) -> Numbers:
         waves=forcing.waves(num_lane_axes).padded(size),
         frequency=forcing.frequency,
         highest=np.full([1] * num_lane_axes, _highest(system), zero.dtype),
-        rows=rows,
+        rows=_rows(system),
         limit=of_contacts([stop.sign * stop.centre for stop in stops]),
         restitution=of_contacts([stop.restitution for stop in stops]),
-        travel=_travel(system, size),
+        signs=of_contacts([stop.sign if stop.slot else 0 for stop in stops]) if is_coupled else None,
+        travel=(_travel_of_contacts if is_coupled else _travel_of_masses)(system, size),
         force=system.force if isinstance(system.force, BoundForce) else None,
     )
 
@@ -82,10 +82,40 @@ def num_harmonics(system: ImpactSystem) -> int:
 
 def _highest(system: ImpactSystem) -> int:
     moving = [system.forcing, *(stop.motion for stop in system.stops if stop.motion is not None)]
-    return max(harmonic.num_harmonics(system.mass.ndim - 1) for harmonic in moving)
+    return max(harmonic.num_harmonics(system.stiffness.ndim - 2) for harmonic in moving)
 
 
-def _travel(system: ImpactSystem, size: int) -> Waves | None:
+def _rows(system: ImpactSystem) -> Reals:
+    """A; of stops alone it is known."""
+    n, zero = len(system.mass), np.zeros([1] * (system.stiffness.ndim - 2), system.stiffness.dtype)
+    rows = [
+        stack([stop.coefficients.get(i, 0) + zero for i in range(n)])
+        for stop in system.stops
+    ]
+    return stack(rows) if rows else np.zeros((0, n, *zero.shape), zero.dtype)
+
+
+def _travel_of_contacts(system: ImpactSystem, size: int) -> Waves | None:
+    """The motion of every contact along its row, if any of them moves."""
+    if all(stop.motion is None for stop in system.stops):
+        return None
+    num_lane_axes = system.stiffness.ndim - 2
+    still = np.zeros((size, *[1] * (num_lane_axes + 1)), system.stiffness.dtype)
+    waves = [
+        Waves(still, still)
+        if stop.motion is None
+        else jax.tree.map(lambda a, sign=stop.sign: sign * a, stop.motion.waves(num_lane_axes).padded(size))
+        for stop in system.stops
+    ]
+    return jax.tree.map(_side_by_side, *waves)
+
+
+def _side_by_side(*waves: Reals) -> Reals:
+    library = library_of(*waves)
+    return library.concatenate(library.broadcast_arrays(*waves), axis=1)
+
+
+def _travel_of_masses(system: ImpactSystem, size: int) -> Waves | None:
     """The motion of the stops of every mass, if any of them moves."""
     moving = [(stop.mass, stop.motion) for stop in system.stops if stop.motion is not None]
     if not moving:
@@ -100,8 +130,4 @@ def _travel(system: ImpactSystem, size: int) -> Waves | None:
         # Two stops of one mass move alike: the mean of both gives each its half of a derivative.
         return jax.tree.map(lambda *own: add_up(own) / len(waves), *waves)
 
-    def in_rows(*waves: Reals) -> Reals:
-        library = library_of(*waves)
-        return library.concatenate(library.broadcast_arrays(*waves), axis=1)
-
-    return jax.tree.map(in_rows, *map(waves_of, range(len(system.mass))))
+    return jax.tree.map(_side_by_side, *map(waves_of, range(len(system.mass))))

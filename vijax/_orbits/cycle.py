@@ -176,7 +176,7 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns) -> EventLog:
         stuck, left = event.held_after & ~event.held, event.held & ~event.held_after
         x, v = rebound(machine, end.x, end.v, hit)
         state = resting_state(machine, end.phase, x, v, event.held)
-        now = rates(machine, state, machine.held_masses(event.held))
+        now = rates(machine, state, machine.hold(event.held))
         approach, speed = contacts.along(machine.pull(now.force)), contacts.along(v)
         chatter = jnp.where(stuck, chatter_time(jnp.abs(speed), approach, contacts.restitution), 0)
         instant = Instant(
@@ -271,8 +271,8 @@ def leap(
     change = turned(phase, jnp.stack([turn, slide]))
     x, v = jnp.split(place.z, 2)
     state = resting_state(machine, phase, x, v, held)
-    is_held = machine.held_masses(held)
-    displacement, gain = flow.leap(machine, state, is_held, duration * machine.period, change)
+    hold = machine.hold(held)
+    displacement, gain = flow.leap(machine, state, hold, duration * machine.period, change)
     return displacement, v + gain, phase + change
 
 

@@ -53,7 +53,7 @@ def dataset(
     tables = impacts | _section_table(counts, found) | _end_table(points, counts, found)
     for name, a in tables.items():
         variables[name] = ((*dims, *own.get(name, ())), a.reshape(*shape, *a.shape[1:]))
-    masses = {"stop_mass": ("stop", np.array([stop.mass for stop in points.system.stops], int))}
+    masses = {"stop_mass": ("stop", np.array([stop.slot[0] if stop.slot else -1 for stop in points.system.stops], int))}
     coordinates = directions | _coordinates(axes) | masses
     ds = xr.Dataset(variables, coords=coordinates, attrs=attributes)
     for name, variable in ds.variables.items():

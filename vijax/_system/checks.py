@@ -85,9 +85,19 @@ def check_semidefinite(name: str, matrices: np.ndarray) -> None:
         )
 
 
+def check_definite(name: str, matrices: np.ndarray) -> None:
+    """Refuse matrices, (..., n, n), not symmetric or not positive definite beyond rounding."""
+    check_semidefinite(name, matrices)
+    values = np.linalg.eigvalsh(matrices)
+    if (values[..., 0] <= 4 * values.shape[-1] * np.finfo(values.dtype).eps * values[..., -1]).any():
+        raise ValueError(
+            f"Argument `{name}` must be positive definite, but has the eigenvalue {values[..., 0].min():.3g}: "
+            "a coordinate without inertia has no equation of motion."
+        )
+
+
 def check_slots(stops: Sequence[Any]) -> None:
-    """Refuse two stops of one mass that move differently or leave no room between them; lanes may stand last."""
-    refuse(_unlike(stops))
+    """Refuse two stops of one mass that leave no room between them in the mean; lanes may stand last."""
     for lower, upper in _slots(stops):
         low, high = concrete(lower.centre), concrete(upper.centre)
         if low is None or high is None or (low < high).all():
@@ -103,7 +113,10 @@ def check_slots(stops: Sequence[Any]) -> None:
 
 def check_machines(system: Any, x0: Array | np.ndarray) -> None:
     """Refuse values that make no machine, or no start of it, all lanes at once; lanes last."""
-    check_every("mass", system.mass, POSITIVE)
+    if system.has_full_mass:
+        check_definite("mass", np.moveaxis(np.asarray(system.mass), -1, 0))
+    else:
+        check_every("mass", system.mass, POSITIVE)
     check_every("forcing.frequency", system.forcing.frequency, HAS_PERIOD)
     for name in ("damping", "stiffness"):
         check_semidefinite(name, np.moveaxis(np.asarray(getattr(system, name)), -1, 0))
@@ -129,8 +142,7 @@ def validate_start(
         in_order = (ts[1:] >= ts[:-1]).all() & (ts[0] >= t0) & (ts[-1] <= t1)
         checks.append((~in_order, "Argument `ts` must be in increasing order, within [t0, t1]."))
     checks += _beyond(stops, x0, frequency * t0, "The start lies")
-    # Checked when the machine was built, unless the motion was traced then, or given since.
-    return refuse(checks + _unlike(stops))
+    return refuse(checks)
 
 
 def refuse(checks: list[tuple[Any, str]]) -> list[tuple[Any, str]]:
@@ -162,32 +174,23 @@ def _beyond(stops: Sequence[Any], x: Any, angle: Any, who: str) -> list[tuple[An
     """Whether masses stand beyond their stops at the phase `angle` of the load."""
     checks = []
     for j, stop in enumerate(stops):
-        gap = stop.sign * (stop.at(angle) - x[stop.mass])
-        sentence = (
-            f"{who} beyond a stop: `x0[{stop.mass}]` is past `stops[{j}]`. "
-            f"Start mass {stop.mass} on its free side ({stop.side} stop), or on the stop."
-        )
-        checks.append(((gap < 0) & ~is_touching(gap, stop.reach(angle)), sentence))
+        gap, size = stop.gap(x, angle), stop.reach(angle) + (0 if stop.slot else stop.size(x))
+        sentence = f"{who} beyond a stop: {stop.remedy.format(j=j)}"
+        checks.append(((gap < 0) & ~is_touching(gap, size), sentence))
     return checks
 
 
-def _unlike(stops: Sequence[Any]) -> list[tuple[Any, str]]:
-    """Whether the two stops of a mass move differently."""
-    return [
-        (
-            ~lower.moves_like(upper),
-            f"The two stops of mass {lower.mass} must move alike, as the two walls of one slot: give both the "
-            "same `motion`, or none.",
-        )
-        for lower, upper in _slots(stops)
-        # Stops that stand still are not compared, lest a trace leave the verdict open.
-        if lower.motion is not None or upper.motion is not None
-    ]
+def move_alike(stops: Sequence[Any]) -> bool:
+    """Whether the two stops of every mass that has two are known to move alike; lanes may stand last."""
+    # Stops that stand still are not compared, lest a trace leave the verdict open.
+    moving = [(a, b) for a, b in _slots(stops) if a.motion is not None or b.motion is not None]
+    verdicts = [concrete(a.moves_like(b)) for a, b in moving]
+    return all(verdict is not None and verdict.all() for verdict in verdicts)
 
 
 def _slots(stops: Sequence[Any]) -> Iterator[tuple[Any, Any]]:
     """The lower and the upper stop of every mass that has both."""
-    for lower in stops:
-        for upper in stops:
-            if lower.side == "lower" and upper.side == "upper" and lower.mass == upper.mass:
-                yield lower, upper
+    places = {stop.slot: stop for stop in stops if stop.slot is not None}
+    for (mass, side), stop in places.items():
+        if side == "lower" and (mass, "upper") in places:
+            yield stop, places[mass, "upper"]

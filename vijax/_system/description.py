@@ -7,6 +7,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from .force import name_of_force
+from .contact import Contact
 from .forcing import Harmonic
 from .stop import Stop
 from .system import ImpactSystem
@@ -23,10 +24,9 @@ def describe(system: ImpactSystem) -> dict[str, Any]:
         **{name: np.asarray(getattr(system, name)).tolist() for name in _ARRAYS},
         "forcing": _lists(system.forcing),
         "stops": [
-            {
-                "mass": stop.mass,
+            _place(stop)
+            | {
                 "position": float(stop.position),
-                "side": stop.side,
                 "restitution": float(stop.restitution),
                 "motion": None if stop.motion is None else _lists(stop.motion),
             }
@@ -49,20 +49,27 @@ def build(description: dict[str, Any], dtype: DTypeLike) -> ImpactSystem:
         )
     arrays = {name: np.asarray(description[name], dtype) for name in _ARRAYS}
     forcing = Harmonic(**{name: np.asarray(description["forcing"][name], dtype) for name in _OF_FORCING})
-    stops = [
-        Stop(
-            stop["mass"],
-            np.asarray(stop["position"], dtype),
-            stop["side"],
-            np.asarray(stop["restitution"], dtype),
-            _motion(stop.get("motion"), forcing, dtype),
-        )
-        for stop in description["stops"]
-    ]
+    stops = [_stop(stop, forcing, dtype) for stop in description["stops"]]
     system = ImpactSystem(**arrays, forcing=forcing, stops=stops)
     # Made in the precision that JAX is set to, which holds every number of a narrower one.
     narrow = jax.dtypes.canonicalize_dtype(dtype)
     return jax.tree.map(lambda a: a.astype(narrow), system)
+
+
+def _place(stop: Stop | Contact) -> dict[str, Any]:
+    """The mass and side of a stop, the row of a contact."""
+    if isinstance(stop, Stop):
+        return {"mass": stop.mass, "side": stop.side}
+    return {"row": [[i, float(a)] for i, a in stop.coefficients.items()]}
+
+
+def _stop(lists: dict[str, Any], forcing: Harmonic, dtype: DTypeLike) -> Stop | Contact:
+    position, restitution = (np.asarray(lists[name], dtype) for name in ("position", "restitution"))
+    motion = _motion(lists.get("motion"), forcing, dtype)
+    if "row" in lists:
+        row = {i: np.asarray(a, dtype) for i, a in lists["row"]}
+        return Contact(row, position, restitution, motion)
+    return Stop(lists["mass"], position, lists["side"], restitution, motion)
 
 
 def _lists(harmonic: Harmonic) -> dict[str, Any]:

@@ -74,6 +74,8 @@ def _sizes(system: ImpactSystem, x: np.ndarray, v: np.ndarray) -> list[np.ndarra
     reach = [np.abs(np.asarray(stop.reach(0.0))) for stop in system.stops]
     of_start = np.maximum(np.abs(x), np.abs(v) / w).max(axis=0)
     load = np.abs(np.asarray(system.forcing.amplitude))
+    if system.has_full_mass:
+        mass = np.linalg.eigvalsh(np.moveaxis(mass, -1, 0)).T[:1].repeat(len(mass), axis=0)
     load = load.reshape(-1, len(mass), load.shape[-1]).max(axis=0)
     by_load = ((load + np.abs(np.asarray(system.forcing.mean))) / (mass * w**2)).max(axis=0)
     both = np.max(np.broadcast_arrays(of_start, *reach), axis=0), by_load
@@ -83,9 +85,11 @@ def _sizes(system: ImpactSystem, x: np.ndarray, v: np.ndarray) -> list[np.ndarra
 def _inside(system: ImpactSystem, x: np.ndarray) -> np.ndarray:
     """The positions, those beyond a stop moved onto it, as a force is never sampled beyond."""
     for stop in system.stops:
-        centre, row = np.asarray(stop.centre), x[stop.mass]
-        x = np.array(np.broadcast_to(x, (len(x), np.broadcast(row, centre).shape[-1])))
-        x[stop.mass] = stop.sign * np.minimum(stop.sign * row, stop.sign * centre)
+        beyond = np.maximum(np.asarray(stop.along(x)) - stop.sign * np.asarray(stop.centre), 0)
+        square = sum(np.asarray(a) ** 2 for a in stop.coefficients.values())
+        x = np.array(np.broadcast_to(x, (len(x), beyond.shape[-1])))
+        for i, a in stop.coefficients.items():
+            x[i] = x[i] - np.asarray(a) * beyond / square
     return x
 
 

@@ -3,17 +3,15 @@
 from typing import Literal
 
 import equinox as eqx
-import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._printing import as_html, as_text, told_of_stop
 from .._types import Count, Reals, as_float, whole_number
-from .checks import FINITE, RESTITUTION, check_one
+from .contact import AbstractLimit
 from .forcing import Harmonic
-from .waves import Waves
 
 
-class Stop(eqx.Module):
+class Stop(AbstractLimit):
     """A rigid stop that limits the travel of one mass from one side.
 
     An `"upper"` stop keeps `x <= position`, a `"lower"` one `x >= position`. On contact the
@@ -30,8 +28,8 @@ class Stop(eqx.Module):
             comes to rest on its stop: pressed on it while dampers take the energy, it bounces ever
             faster, and `simulate` ends with `max_steps_reached`.
         motion: how the stop moves, a length: one column, amplitude (1,) or (harmonics, 1), of the frequency
-            of the load. The machine has one frequency, `forcing.frequency`, and keeps no other. Two stops of
-            one mass must move alike. The stop stands still, if left out.
+            of the load. The machine has one frequency, `forcing.frequency`, and keeps no other. The stop
+            stands still, if left out.
 
     Raises:
         ValueError: for an unknown side, a negative index, a restitution outside [0, 1], or a motion
@@ -75,18 +73,6 @@ class Stop(eqx.Module):
                 f'Argument `side` must be "upper" (x <= position) or "lower" (x >= position), '
                 f"but is {self.side!r}."
             )
-        for name, value in (("position", self.position), ("restitution", self.restitution)):
-            if value.ndim != 0:
-                raise ValueError(f"Argument `{name}` must be a number, but has shape {value.shape}.")
-        check_one("position", self.position, FINITE)
-        check_one("restitution", self.restitution, RESTITUTION)
-        if not isinstance(self.motion, Harmonic | None):
-            raise ValueError(f"Argument `motion` must be a `vx.Harmonic` or None, but is {self.motion!r}.")
-        if self.motion is not None and self.motion.amplitude.shape[-1] != 1:
-            raise ValueError(
-                "Argument `motion` must move one stop, with an amplitude of shape (1,) or (harmonics, 1), "
-                f"but its amplitude has shape {self.motion.amplitude.shape}."
-            )
 
     def __repr__(self) -> str:
         return as_text(told_of_stop, self)
@@ -100,38 +86,17 @@ class Stop(eqx.Module):
         return 1 if self.side == "upper" else -1
 
     @property
-    def centre(self) -> Reals:
-        """Where the stop stands in the mean."""
-        return self.position if self.motion is None else self.position + self.motion.mean[0]
+    def coefficients(self) -> dict[int, Reals]:
+        """The one entry of its row, by mass."""
+        return {self.mass: self.sign}
 
-    def at(self, angle: Reals) -> Reals:
-        """Where the stop stands at the phase `angle` = W t of the load; lanes may stand last."""
-        if self.motion is None:
-            return self.position
-        return self.centre + self._waves().at_angle(angle)[0]
+    @property
+    def slot(self) -> tuple[int, str]:
+        """Its mass and side."""
+        return self.mass, self.side
 
-    def slope_at(self, angle: Reals) -> Reals:
-        """By how much that changes with the phase: its velocity is W times as much."""
-        if self.motion is None:
-            return 0 * self.position
-        return self._waves().slope_at_angle(angle)[0]
-
-    def reach(self, angle: Reals) -> Reals:
-        """Magnitude of the terms subtracted to form the gap at that phase; sets its rounding error."""
-        if self.motion is None:
-            return abs(self.position)
-        return abs(self.centre) + self._waves().rounded(angle)[0]
-
-    def moves_like(self, other: "Stop") -> Reals:
-        """Whether two stops keep their distance; lanes may stand last."""
-        if self.motion is None or other.motion is None:
-            return np.asarray(self.motion is other.motion)
-        ours, theirs = self._waves(), other._waves()
-        if ours.num_harmonics != theirs.num_harmonics:
-            return np.asarray(False)
-        return ((ours.cosine == theirs.cosine) & (ours.sine == theirs.sine)).all(axis=(0, 1))
-
-    def _waves(self) -> Waves:
-        """Its motion but for the mean, in one row."""
-        assert self.motion is not None
-        return self.motion.waves(self.position.ndim)
+    @property
+    def remedy(self) -> str:
+        """What to do about a start beyond it."""
+        side = f"Start mass {self.mass} on its free side ({self.side} stop), or on the stop."
+        return f"`x0[{self.mass}]` is past `stops[{{j}}]`. {side}"

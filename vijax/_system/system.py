@@ -1,4 +1,4 @@
-"""The machine: masses, dampers, springs, the load and the stops."""
+"""The machine: masses, dampers, springs, the load, the stops and contacts."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -11,7 +11,8 @@ from jaxtyping import Array, Float
 from .._printing import as_html, as_text, told_of_system
 from .._refusal import checked
 from .._types import Numbers, as_float, concrete, in_full_precision
-from .checks import POSITIVE, check_one, check_semidefinite, check_slots
+from .checks import POSITIVE, check_definite, check_one, check_semidefinite, check_slots, move_alike
+from .contact import Contact
 from .force import as_force, bind, name_of_force
 from .forcing import Harmonic
 from .stop import Stop
@@ -21,11 +22,13 @@ class ImpactSystem(eqx.Module):
     """A machine with stops: M x'' + C x' + K x = f(t) + force(t, x, x', args) while every gap is open.
 
     Args:
-        mass: the lumped masses, the diagonal of M, shape (n,), positive.
+        mass: the lumped masses, the diagonal of M, shape (n,), positive; or M itself, shape (n, n), symmetric
+            positive definite.
         damping: C, shape (n, n), symmetric positive semi-definite.
         stiffness: K, shape (n, n), symmetric positive semi-definite.
         forcing: the periodic load f(t).
-        stops: any number of stops, at most one on each side of a mass.
+        stops: any number of `vx.Stop`, at most one on each side of a mass, and `vx.Contact`, in any mixture;
+            results count them in this order.
         force: what else acts on the masses, a smooth JAX function of the time (a number), positions and
             velocities (n,) and the `args` given to `simulate` or `sweep`, which returns (n,): an
             `eqx.Module`, whose numbers are parameters of the machine, or a plain function. A machine that
@@ -48,11 +51,11 @@ class ImpactSystem(eqx.Module):
         Wagg & Bishop (2004), Eq. 3.
     """
 
-    mass: Float[Array, " n"]
+    mass: Float[Array, "..."]
     damping: Float[Array, "n n"]
     stiffness: Float[Array, "n n"]
     forcing: Harmonic
-    stops: tuple[Stop, ...]
+    stops: tuple[Stop | Contact, ...]
     force: Callable | None
 
     def __init__(
@@ -61,7 +64,7 @@ class ImpactSystem(eqx.Module):
         damping: Numbers,
         stiffness: Numbers,
         forcing: Harmonic,
-        stops: Sequence[Stop] = (),
+        stops: Sequence[Stop | Contact] = (),
         force: Any = None,
     ):
         self.mass = as_float(mass)
@@ -71,9 +74,11 @@ class ImpactSystem(eqx.Module):
         self.force = as_force(force)
 
     def __check_init__(self):
-        if self.mass.ndim != 1 or self.mass.size == 0:
-            raise ValueError(f"Argument `mass` must have shape (n,), but has shape {self.mass.shape}.")
-        n = self.mass.size
+        n = len(self.mass) if self.mass.ndim else 0
+        if self.mass.shape not in ((n,), (n, n)) or n == 0:
+            raise ValueError(
+                f"Argument `mass` must have shape (n,) or (n, n), but has shape {self.mass.shape}."
+            )
         for name in ("damping", "stiffness"):
             shape = getattr(self, name).shape
             if shape != (n, n):
@@ -89,21 +94,27 @@ class ImpactSystem(eqx.Module):
     def _check_stops(self):
         places: dict[tuple[int, str], int] = {}
         for j, stop in enumerate(self.stops):
-            if stop.mass >= self.num_masses:
+            unknown = [mass for mass in stop.coefficients if mass >= self.num_masses]
+            if unknown:
+                name = f"`stops[{j}].row` names mass" if stop.slot is None else f"`stops[{j}].mass` is"
                 raise ValueError(
-                    f"`stops[{j}].mass` is {stop.mass}, but the machine has masses 0 to "
-                    f"{self.num_masses - 1}."
+                    f"{name} {unknown[0]}, but the machine has masses 0 to {self.num_masses - 1}."
                 )
-            if (stop.mass, stop.side) in places:
+            if stop.slot in places:
+                mass, side = stop.slot
                 raise ValueError(
-                    f"`stops[{places[stop.mass, stop.side]}]` and `stops[{j}]` are both {stop.side} stops "
-                    f"of mass {stop.mass}: keep the nearer one."
+                    f"`stops[{places[stop.slot]}]` and `stops[{j}]` are both {side} stops of mass {mass}: keep "
+                    "the nearer one."
                 )
-            places[stop.mass, stop.side] = j
+            if stop.slot is not None:
+                places[stop.slot] = j
         check_slots(self.stops)
 
     def _check_values(self):
-        check_one("mass", self.mass, POSITIVE)
+        if self.mass.ndim == 1:
+            check_one("mass", self.mass, POSITIVE)
+        elif (matrix := concrete(self.mass)) is not None:
+            check_definite("mass", matrix)
         for name in ("damping", "stiffness"):
             matrix = concrete(getattr(self, name))
             if matrix is not None:
@@ -117,8 +128,22 @@ class ImpactSystem(eqx.Module):
 
     @property
     def num_masses(self) -> int:
-        """Number of masses, n."""
+        """Number of masses, or of coordinates, n."""
         return self.mass.shape[0]
+
+    @property
+    def has_full_mass(self) -> bool:
+        """Whether `mass` is a matrix; lanes may stand last."""
+        return self.mass.ndim == self.stiffness.ndim
+
+    @property
+    def is_coupled(self) -> bool:
+        """Whether contacts may share inertia, or move in ways that no frame of reference follows; lanes may stand last.
+
+        If not, every contact bears on one mass of its own motion, and all is simpler and faster.
+        """
+        has_contacts = any(isinstance(stop, Contact) for stop in self.stops)
+        return has_contacts or self.has_full_mass or not move_alike(self.stops)
 
     @property
     def num_stops(self) -> int:
@@ -126,7 +151,9 @@ class ImpactSystem(eqx.Module):
         return len(self.stops)
 
 
-def _of_one_frequency(forcing: Harmonic, stops: Sequence[Stop]) -> tuple[Harmonic, tuple[Stop, ...]]:
+def _of_one_frequency(
+    forcing: Harmonic, stops: Sequence[Stop | Contact]
+) -> tuple[Harmonic, tuple[Stop | Contact, ...]]:
     """Leave the frequency to the load alone, so that a change there is one everywhere."""
     same = []
     for j, stop in enumerate(stops):
@@ -147,7 +174,9 @@ def _of_one_frequency(forcing: Harmonic, stops: Sequence[Stop]) -> tuple[Harmoni
 def check_again(system: ImpactSystem) -> None:
     """Refuse a machine whose numbers were replaced by invalid ones after it was built."""
     for part in (system.forcing, *system.stops, system):
-        part.__check_init__()
+        for kind in type(part).__mro__:  # as Equinox does where it is built
+            if "__check_init__" in vars(kind):
+                vars(kind)["__check_init__"](part)
 
 
 def with_args(system: ImpactSystem, args: object) -> ImpactSystem:
@@ -168,7 +197,7 @@ def chain(
     dampings: Numbers,
     stiffnesses: Numbers,
     forcing: Harmonic,
-    stops: Sequence[Stop] = (),
+    stops: Sequence[Stop | Contact] = (),
     force: Any = None,
 ) -> ImpactSystem:
     """Build a chain of masses: wall, spring and damper, mass, spring and damper, mass, ...

@@ -10,14 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._machine.frame import Frame
+from .._contact.instant import Instant
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._printing import as_html, as_text, told_of_events
 from .._system.waves import turned
 from .._types import UNROLLED, Flag, Scalar, add_up
 from .._xla import is_any
-from .step import Instant
 
 IMPACT: Final = 0
 STICK: Final = 1
@@ -33,9 +32,11 @@ class EventLog(eqx.Module):
         stop: index of the stop, (events,).
         kind: `vx.IMPACT`, `vx.STICK` or `vx.RELEASE`, (events,).
         velocity_minus: signed velocity of the mass just before, (events,); that of the stop unless an impact,
-            0 where it stands still.
+            0 where it stands still. Of a `vx.Contact` the speed of approach, `row . v` less its own velocity; 0
+            unless an impact.
         velocity_plus: just after, likewise.
-        impulse: m (velocity_plus - velocity_minus), (events,).
+        impulse: m (velocity_plus - velocity_minus) of a stop; of a contact the impulse along its row by which it
+            pushes its gap open, not negative, (events,).
     """
 
     t: Float[Array, " events"]
@@ -105,15 +106,16 @@ class Log(eqx.Module):
         return jax.tree.map(lambda a: a[:-1], self.instants)
 
 
-def empty_log(first: State, t0: Scalar, room: int, *, is_whole: bool) -> Log:
-    """A log of the start, with room for so many events after it."""
+def empty_log(first: State, t0: Scalar, room: int, *, is_whole: bool, has_impulses: bool) -> Log:
+    """A log of the start, with room for so many events after it; `has_impulses` if instants tell them."""
 
     def rows(a: Array, fill: bool | int | float) -> Array:
         return jnp.full((room + 2, *a.shape), fill, a.dtype).at[0].set(a)
 
     gap, held = first.gap, first.held
     none, zeros = jnp.zeros_like(held), jnp.zeros_like(gap)
-    nothing = Instant(none, none, none, zeros, zeros, zeros, jnp.array(False), t0)
+    impulse = zeros if has_impulses else None
+    nothing = Instant(none, none, none, zeros, zeros, zeros, jnp.array(False), t0, impulse)
     return Log(
         restarts=Restarts(
             t=rows(t0, jnp.inf),
@@ -175,17 +177,18 @@ def event_log(
     t = instants.time[row] + jnp.where(kind == STICK, instants.chatter[row, stop], 0)
     order = _in_order(jax.lax.stop_gradient(jnp.where(is_event, t, jnp.inf)))[:max_events]
     t, row, kind, stop, is_event = (a[order] for a in (t, row, kind, stop, is_event))
-    of_stop = (
-        0.0
-        if machine.frame is None
-        else _velocities_of_stops(machine, machine.frame, instants, phases)[row, kind, stop]
-    )
+    of_stops = _velocities_of_stops(machine, instants, phases)
+    of_stop = 0.0 if of_stops is None else of_stops[row, kind, stop]
     told, is_impact = jax.vmap(machine.contacts.told), kind == IMPACT
     read = lambda a: jnp.where(is_impact, told(a)[row, stop], 0) + of_stop  # noqa: E731
     minus, plus = read(instants.velocity_minus), read(instants.velocity_plus)
-    mass = machine.contacts.effective_mass[stop] if num_stops else minus
+    if instants.impulse is not None:
+        sign = machine.contacts.sign_of_impulse
+        impulse = jnp.where(is_impact, sign[stop] * instants.impulse[row, stop], 0) if num_stops else minus
+    else:
+        impulse = (machine.contacts.effective_mass[stop] if num_stops else minus) * (plus - minus)
     t, minus, plus, impulse = (
-        jnp.where(is_event, a, jnp.nan) for a in (t, minus, plus, mass * (plus - minus))
+        jnp.where(is_event, a, jnp.nan) for a in (t, minus, plus, impulse)
     )
     stop, kind = (jnp.where(is_event, a, -1) for a in (stop, kind))
     return EventLog(t, stop, kind, minus, plus, impulse)
@@ -236,16 +239,18 @@ def _exchanged(a: Array, goes: Bool[Array, " room"]) -> Array:
 
 
 def _velocities_of_stops(
-    machine: Machine, frame: Frame, instants: Instant, phases: Float[Array, "rows 2 harmonics"]
-) -> Float[Array, "rows kinds stops"]:
-    """Velocities of the stops themselves at the events of every instant."""
+    machine: Machine, instants: Instant, phases: Float[Array, "rows 2 harmonics"]
+) -> Float[Array, "rows kinds stops"] | None:
+    """Velocities of the stops themselves at the events of every instant; None if all stand still."""
+    if machine.velocity_of_stops(phases[0]) is None:
+        return None
 
     def after(phase: Array, delay: Scalar) -> Float[Array, " stops"]:
-        return machine.contacts.size(frame.at(turned(phase, machine.phase_at(delay)))[1])
+        return machine.velocity_of_stops(turned(phase, machine.phase_at(delay)))
 
     def of_row(phase: Array, chatter: Float[Array, " stops"]) -> Float[Array, "kinds stops"]:
         at_stick = jnp.diagonal(jax.vmap(lambda delay: after(phase, delay))(chatter))
-        now = machine.contacts.size(frame.at(phase)[1])
+        now = machine.velocity_of_stops(phase)
         return jnp.stack([now, at_stick, now])
 
     return jax.vmap(of_row)(phases, instants.chatter)

@@ -11,12 +11,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._contact.instant import Instant
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._types import Flag, Scalar, constant, smallest
 from .._xla import is_any
-from .step import Instant
 
 
 class Grazing(eqx.Module):
@@ -46,7 +46,7 @@ def update_grazing(
 ) -> Grazing:
     """Update by one step of what is live."""
     machine, before, after, instant = constant((machine, before, after, instant))
-    turned = (machine.contacts.along(before.v) > 0) & (machine.contacts.along(after.v) <= 0)
+    turned = (machine.approach(before) > 0) & (machine.approach(after) <= 0)
     turned = turned & ~instant.hit & ~before.held & ~after.held
     # Most steps have neither.
     return jax.lax.cond(
@@ -91,10 +91,10 @@ def _lowest(
     machine: Machine, state: State
 ) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."], Float[Array, "stops ..."]]:
     """Second derivative of every gap, and its minimum by the cubic from here, with the time of that."""
-    now = rates(machine, state, machine.held_masses(state.held))
-    slope = -machine.contacts.along(state.v)
-    curvature = -machine.contacts.along(machine.pull(now.force))
-    third = -machine.contacts.along(machine.pull(now.force_rate))
+    hold = machine.hold(state.held)
+    now, slope = rates(machine, state, hold), -machine.approach(state)
+    curvature = -machine.contacts.pull(now.force, hold, state.phase)
+    third = -machine.contacts.pull(now.force_rate, hold, machine.phase_rate(state.phase))
     when = -slope / jnp.where(curvature > 0, curvature, 1)
     mean = curvature + third * when / 2
     when = jnp.where((curvature > 0) & (mean > 0), -slope / jnp.where(mean > 0, mean, 1), jnp.inf)

@@ -245,6 +245,8 @@ def _one_way(prepare: Callable[..., tuple[Task, Carry]], arguments: tuple) -> tu
 
     numbers, flow, *_ = arguments
     is_small = max(*numbers.rows.shape, numbers.waves.num_harmonics) <= UNROLLED_ALONE
+    # Coordinates of a full mass matrix are made by LAPACK, which no kernel can call.
+    is_small = is_small and numbers.mass.ndim == 1
     run = partial(in_one_kernel, loop) if is_small and flow.fits_one_kernel else loop
     return run(arguments)[:2]
 
@@ -262,7 +264,9 @@ def _begin(
     first = begin(flow, machine, phase0, r.x0, r.v0, t0)
     carry = Carry(
         state=first,
-        log=empty_log(first, t0, room, is_whole=left is None),
+        log=empty_log(
+            first, t0, room, is_whole=left is None, has_impulses=machine.contacts.is_coupled
+        ),
         xs=jnp.zeros((goals.size + 1, r.x0.size), r.x0.dtype),
         vs=jnp.zeros((goals.size + 1, r.x0.size), r.x0.dtype),
         goal=jnp.array(0),

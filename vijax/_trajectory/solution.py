@@ -297,12 +297,8 @@ def evaluate_all(solution: Solution, times: Float[Array, " times"]) -> tuple[Arr
 
 @compile_lightly
 def _evaluate_stops(machine: Machine, times: Float[Array, "..."]) -> tuple[Array, Array]:
-    still = jnp.broadcast_to(machine.contacts.position, (*times.shape, *machine.contacts.position.shape))
-    if machine.frame is None:
-        return still, jnp.zeros_like(still)
-    x, v = jnp.vectorize(machine.frame.at_time, signature="()->(n),(n)")(times)
-    of_stops = jnp.vectorize(machine.contacts.size, signature="(n)->(stops)")
-    return still + of_stops(x), of_stops(v)
+    of_one = lambda t: machine.stops_at(machine.phase_at(t))  # noqa: E731
+    return jnp.vectorize(of_one, signature="()->(stops),(stops)")(times)
 
 
 def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
@@ -336,7 +332,8 @@ def _from_restart(
     then, here = in_periods(machine, t - t0), (start.periods, start.time)
     periods, time = (jnp.where(t == start.t, a, b) for a, b in zip(here, then, strict=True))
     state = coast(flow, machine, state, phase0, periods, time, max_steps)
-    pressing = machine.contacts.along(machine.total_force(state))
+    hold = machine.hold(state.held)
+    pressing = machine.contacts.pressing(machine.total_force(state), hold, state.phase)
     return *machine.in_space(state), jnp.where(state.held, pressing, 0)
 
 

@@ -1,0 +1,200 @@
+"""What happens at an instant, and at the start, to contacts that may share inertia.
+
+Impacts follow Moreau's form of Newton's law over all closed contacts, see `vx.Contact`: those that hold count as
+plastic, and stay or are torn open. After a jump it is decided by the accelerations which of the closed contacts
+that are at rest hold: complementarity of contact forces and accelerations.
+
+Bounces that are light, and sure to end, are completed at once, as in `separate.py`. Where light bounces of several
+contacts feed each other (a stack that is dropped), they are completed together: contact forces do not change
+the momentum along what all these contacts leave free, so the motion that is skipped is of the third order in the
+speeds, as for one contact. A relative velocity that is nothing but rounding makes its impact plastic: bouncing
+sets that nothing presses together come to an end as well.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .._machine.derivatives import derivatives, rates
+from .._machine.machine import Machine, resting_state
+from .._machine.state import State
+from .._system.checks import is_touching
+from .._types import Scalar
+from .._xla import compute_once, is_any
+from .complementarity import complementary
+from .instant import Instant
+from .sticking import chatter_is_complete, chatter_time, is_light, is_pressed
+
+
+def first_state(
+    machine: Machine,
+    phase: Float[Array, "2 harmonics ..."],
+    x: Float[Array, "n ..."],
+    v: Float[Array, "n ..."],
+    t0: Scalar | float = 0.0,
+) -> State:
+    """The state at t0. Contacts that are hit then are hit by the first step."""
+    contacts = machine.contacts
+    x, v = machine.seen_from_stops(phase, x, v)
+    phase_rate = machine.phase_rate(phase)
+    position, speed = contacts.rounded(t0)
+    # Values that went through the coordinates of the machine carry the rounding of a product.
+    touching = is_touching(contacts.gaps(x, phase), 4 * (position + contacts.size(jnp.abs(x))))
+    x = contacts.placed(x, touching, phase)
+    approach = contacts.towards(v, phase_rate)
+    at_rest = touching & is_touching(approach, 4 * (speed + contacts.size(jnp.abs(v))))
+    v = contacts.held_still(v, at_rest, phase_rate)
+    state = resting_state(machine, phase, x, v, jnp.zeros(touching.shape, bool))
+    leaving = touching & ~at_rest & (approach < 0)
+    contact = jnp.where(leaving, jnp.int8(1), state.contact)
+    gap = jnp.where(touching, 0, state.gap)
+    state = eqx.tree_at(lambda s: (s.gap, s.contact), state, (gap, contact))
+    if not machine.can_stick:
+        return state
+    held, opening = _holding(machine, state, at_rest)
+    hold = contacts.hold(held)
+    now, values = derivatives(machine, state, hold), []
+    for force in (now.force, now.force_rate, now.force_curvature):
+        values.append(contacts.pressing(force, hold, phase))
+        phase = machine.phase_rate(phase)
+    held = held & is_pressed(values[0], tuple(values[1:]))
+    contact = jnp.where(at_rest & ~held, jnp.where(opening > 0, jnp.int8(2), jnp.int8(3)), contact)
+    return eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
+
+
+def resolve(
+    machine: Machine, state: State, is_event: Bool[Array, "stops ..."]
+) -> tuple[State, Instant]:
+    """Apply the impacts of this instant, then decide who sticks and who is let go."""
+    v_minus = machine.approach(state)
+    hit = is_event & ~state.held & (v_minus > 0)
+    none, zeros = jnp.zeros_like(hit), jnp.zeros_like(state.gap)
+    arrived = jnp.zeros_like(state.time, bool)
+    instant = Instant(hit, none, none, v_minus, v_minus, zeros, arrived, state.time, zeros)
+    after, instant, torn = jax.lax.cond(
+        is_any(hit),
+        lambda: compute_once(_impact, machine, state, instant),
+        lambda: (state, instant, none),
+    )
+    if not machine.can_stick:
+        return after, instant
+    is_doubtful = state.held | (state.contact >= 2) | (hit & is_light(instant.velocity_plus))
+    return jax.lax.cond(
+        is_any(is_doubtful),
+        lambda: _stick_and_release(machine, after, instant, is_event, torn),
+        lambda: (after, instant),
+    )
+
+
+def _impact(
+    machine: Machine, state: State, instant: Instant
+) -> tuple[State, Instant, Bool[Array, "stops ..."]]:
+    """The state after the impacts, the velocities and impulses of them, and the held contacts that they tear open."""
+    contacts, hit = machine.contacts, instant.hit
+    speed = jnp.where(hit, instant.velocity_minus, 0)
+    noise = 4 * jnp.finfo(speed.dtype).eps * (contacts.size(jnp.abs(state.v)) + contacts.wall_speed())
+    restitution = jnp.where(speed > noise, contacts.restitution, 0)
+    q = -(1 + restitution) * speed
+    _, impulse, rest = complementary(contacts.compliance, q, hit | state.held)
+    v = state.v - contacts.inverse_mass * contacts.back(impulse)
+    torn = state.held & (rest > 0)
+    plus = jnp.where(hit, -restitution * speed - rest, instant.velocity_plus)
+    x = contacts.placed(state.x, hit | state.held, state.phase)
+    # Counted on and not measured afresh: a contact close by keeps the digits of its gap.
+    gap = jnp.where(hit | state.held, 0, state.gap - contacts.along(x - state.x))
+    contact = jnp.where(hit | torn, jnp.int8(1), state.contact)
+    after = eqx.tree_at(lambda s: (s.x, s.v, s.gap, s.contact), state, (x, v, gap, contact))
+    instant = eqx.tree_at(lambda i: (i.velocity_plus, i.impulse), instant, (plus, jnp.where(hit, impulse, 0)))
+    return after, instant, torn
+
+
+def _stick_and_release(
+    machine: Machine,
+    state: State,
+    instant: Instant,
+    is_event: Bool[Array, "stops ..."],
+    torn: Bool[Array, "stops ..."],
+) -> tuple[State, Instant]:
+    """Decide, after all impacts of this instant, which contacts come to hold and which are let go."""
+    contacts, hit = machine.contacts, instant.hit
+    is_jump = jnp.any(hit, axis=0)
+    let_go = is_event & state.held & ~torn
+    held = state.held & ~let_go & ~torn
+    state = eqx.tree_at(lambda s: s.held, state, held)
+    nothing = jnp.zeros_like(hit), jnp.zeros_like(state.gap)
+    completed, duration = jax.lax.cond(
+        is_any(hit), lambda: compute_once(_completed, machine, state, instant), lambda: nothing
+    )
+    # At rest on a contact: held, at the end of their bounces, plastic, or let go at this very instant.
+    is_plastic = hit & (instant.velocity_plus == 0)
+    at_rest = held | (is_jump & (completed | is_plastic | (~hit & ~let_go & (state.contact >= 2))))
+    now_held, opening = jax.lax.cond(
+        is_any(is_jump),
+        lambda: compute_once(_holding, machine, state, at_rest),
+        lambda: (held, jnp.zeros_like(state.gap)),
+    )
+    now_held = jnp.where(is_jump, now_held, held)
+    stuck, thrown = now_held & ~held, held & ~now_held
+    pulled = (at_rest | is_plastic) & ~now_held
+    contact = jnp.where(stuck, jnp.int8(0), state.contact)
+    contact = jnp.where(let_go | pulled, jnp.int8(3), contact)
+    contact = jnp.where(pulled & (opening > 0), jnp.int8(2), contact)
+    x = contacts.placed(state.x, now_held, state.phase)
+    v = contacts.held_still(state.v, now_held, machine.phase_rate(state.phase))
+    gap = jnp.where(now_held, 0, state.gap)
+    names = lambda s: (s.x, s.v, s.gap, s.held, s.contact)  # noqa: E731
+    after = eqx.tree_at(names, state, (x, v, gap, now_held, contact))
+    instant = eqx.tree_at(
+        lambda i: (i.stuck, i.released, i.chatter),
+        instant,
+        (stuck, let_go | torn | thrown, jnp.where(stuck & completed, duration, 0)),
+    )
+    return after, instant
+
+
+def _completed(
+    machine: Machine, state: State, instant: Instant
+) -> tuple[Bool[Array, "stops ..."], Float[Array, "stops ..."]]:
+    """Contacts whose bounces are completed at once, and how long those would last.
+
+    Either all that bounce lightly together, or else each that was hit, by itself.
+    """
+    contacts, hit = machine.contacts, instant.hit
+    approach = machine.approach(state)
+    is_hit = hit & is_light(instant.velocity_plus)
+    is_near = ~hit & ~state.held & is_light(approach) & is_light(state.gap)
+    alone = _end_of_bounces(machine, state, instant, is_hit)
+    together = _end_of_bounces(machine, state, instant, is_hit | is_near)
+    is_linked = jnp.any((contacts.compliance != 0) & is_hit[None], axis=1)
+    is_joint = jnp.any(is_near & is_linked, axis=0) & jnp.all(together[0] | ~(is_hit | is_near), axis=0)
+    return tuple(jnp.where(is_joint, a, b) for a, b in zip(together, alone, strict=True))
+
+
+def _end_of_bounces(
+    machine: Machine, state: State, instant: Instant, bouncing: Bool[Array, "stops ..."]
+) -> tuple[Bool[Array, "stops ..."], Float[Array, "stops ..."]]:
+    """Whether the bounces of contacts are light and sure to end, all the others of them held, and how long they last."""
+    contacts = machine.contacts
+    hold = contacts.hold(state.held | bouncing)
+    now = rates(machine, state, hold)
+    pull = contacts.pull(now.force, hold, state.phase)
+    pull_rate = contacts.pull(now.force_rate, hold, machine.phase_rate(state.phase))
+    # The speed at which the contact is met next.
+    fall = jnp.sqrt(machine.approach(state) ** 2 + 2 * jnp.maximum(pull * state.gap, 0))
+    speed = jnp.where(instant.hit, jnp.abs(instant.velocity_plus), fall)
+    duration = chatter_time(speed, pull, contacts.restitution)
+    is_complete = chatter_is_complete(speed, pull, pull_rate, duration, machine.rate)
+    return bouncing & is_complete, duration
+
+
+def _holding(
+    machine: Machine, state: State, at_rest: Bool[Array, "stops ..."]
+) -> tuple[Bool[Array, "stops ..."], Float[Array, "stops ..."]]:
+    """Which of the contacts at rest hold, and the accelerations of the gaps of those that open."""
+    contacts = machine.contacts
+    free = contacts.hold(jnp.zeros_like(at_rest))
+    force = machine.total_force(state)
+    opening = -contacts.pull(force, free, state.phase)
+    held, _, opening = complementary(contacts.compliance, opening, at_rest)
+    return held, opening

@@ -1,0 +1,201 @@
+"""What limits the motion: a stop of one mass, or a contact along any combination of coordinates."""
+
+import abc
+from collections.abc import Mapping
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from .._printing import as_html, as_text, told_of_contact
+from .._types import Reals, as_float, concrete, whole_number
+from .checks import FINITE, RESTITUTION, check_one
+from .forcing import Harmonic
+from .waves import Waves
+
+
+class AbstractLimit(eqx.Module):
+    """A limit of the motion: it keeps `coefficients . x` below `sign` times where it stands.
+
+    What differs between limits is `coefficients` and `sign`; all else follows.
+    """
+
+    position: eqx.AbstractVar[Float[Array, "..."]]
+    restitution: eqx.AbstractVar[Float[Array, "..."]]
+    motion: eqx.AbstractVar[Harmonic | None]
+
+    @property
+    @abc.abstractmethod
+    def coefficients(self) -> dict[int, Reals]:
+        """The entries of its row that are not zero, by mass."""
+
+    @property
+    @abc.abstractmethod
+    def sign(self) -> int:
+        """The sign with which its position counts along the row."""
+
+    @property
+    def slot(self) -> tuple[int, str] | None:
+        """The mass and the side of it that this limits, if it bears on one mass alone."""
+        return None
+
+    @property
+    @abc.abstractmethod
+    def remedy(self) -> str:
+        """What to do about a start beyond it, with a place for its number `{j}`."""
+
+    def __check_init__(self):
+        for name, value in (("position", self.position), ("restitution", self.restitution)):
+            if value.ndim != 0:
+                raise ValueError(f"Argument `{name}` must be a number, but has shape {value.shape}.")
+        check_one("position", self.position, FINITE)
+        check_one("restitution", self.restitution, RESTITUTION)
+        if not isinstance(self.motion, Harmonic | None):
+            raise ValueError(f"Argument `motion` must be a `vx.Harmonic` or None, but is {self.motion!r}.")
+        if self.motion is not None and self.motion.amplitude.shape[-1] != 1:
+            raise ValueError(
+                "Argument `motion` must move one stop, with an amplitude of shape (1,) or (harmonics, 1), "
+                f"but its amplitude has shape {self.motion.amplitude.shape}."
+            )
+
+    def along(self, x: Reals) -> Reals:
+        """Positions or velocities of the masses, counted towards it; lanes may stand last."""
+        return sum(a * x[i] for i, a in self.coefficients.items())
+
+    def size(self, x: Reals) -> Reals:
+        """Magnitude of the terms of `along`."""
+        return sum(abs(a * x[i]) for i, a in self.coefficients.items())
+
+    def gap(self, x: Reals, angle: Reals) -> Reals:
+        """How far the masses at x are from it at the phase `angle` = W t of the load, negative beyond it."""
+        return self.sign * self.at(angle) - self.along(x)
+
+    @property
+    def centre(self) -> Reals:
+        """Where it stands in the mean."""
+        return self.position if self.motion is None else self.position + self.motion.mean[0]
+
+    def at(self, angle: Reals) -> Reals:
+        """Where it stands at the phase `angle` = W t of the load; lanes may stand last."""
+        if self.motion is None:
+            return self.position
+        return self.centre + self._waves().at_angle(angle)[0]
+
+    def slope_at(self, angle: Reals) -> Reals:
+        """By how much that changes with the phase: its velocity is W times as much."""
+        if self.motion is None:
+            return 0 * self.position
+        return self._waves().slope_at_angle(angle)[0]
+
+    def reach(self, angle: Reals) -> Reals:
+        """Magnitude of the terms subtracted to form the gap at that phase; sets its rounding error."""
+        if self.motion is None:
+            return abs(self.position)
+        return abs(self.centre) + self._waves().rounded(angle)[0]
+
+    def moves_like(self, other: "AbstractLimit") -> Reals:
+        """Whether two keep their distance; lanes may stand last."""
+        if self.motion is None or other.motion is None:
+            return np.asarray(self.motion is other.motion)
+        ours, theirs = self._waves(), other._waves()
+        if ours.num_harmonics != theirs.num_harmonics:
+            return np.asarray(False)
+        return ((ours.cosine == theirs.cosine) & (ours.sine == theirs.sine)).all(axis=(0, 1))
+
+    def _waves(self) -> Waves:
+        """Its motion but for the mean, in one row."""
+        assert self.motion is not None
+        return self.motion.waves(self.position.ndim)
+
+
+class Contact(AbstractLimit):
+    """A contact between masses, or of masses with a wall: it keeps `row . x <= position`.
+
+    A row with the entries 1 of mass i and -1 of mass k keeps x_i - x_k below the position: a free mass in a
+    container, teeth with backlash, beads. On contact the relative velocity u = row . v, less the velocity of the
+    contact if it moves, is turned round and multiplied by `restitution`, by an impulse along M^-1 row.
+
+    Several contacts that share masses and are closed at one instant follow Moreau's form of Newton's law: impulses
+    p >= 0 such that every u after is at most -restitution times u before, equal where p > 0. Contacts that hold
+    count as plastic, and let go where others tear them open. With equal restitutions no energy is made. With
+    different ones of contacts hit in the same instant there may be (Kane's paradox); other laws, Poisson's for
+    instance, then differ from this one as well.
+
+    Args:
+        row: the coefficient of each mass that it concerns, `{mass: coefficient}`, counted from 0.
+        position: where it stands along the row; the middle of its motion, if it moves.
+        restitution: coefficient of restitution, from 0 (plastic) to 1 (elastic).
+        motion: how the contact moves along its row, a length: one column, of the frequency of the load, as for
+            `vx.Stop`. It stands still, if left out.
+
+    Raises:
+        ValueError: for a row without entries or of zeros, a negative mass, a restitution outside [0, 1], or a
+            motion of more than one column.
+
+    Example:
+        ```python
+        import vijax as vx
+        load = vx.Harmonic(amplitude=[0.1, 0.0], frequency=1.0)
+        ends = [vx.Contact({1: 1.0, 0: -1.0}, 0.5, 0.6), vx.Contact({1: -1.0, 0: 1.0}, 0.5, 0.6)]
+        damper = vx.ImpactSystem([1.0, 0.1], [[0.04, 0.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, 0.0]], load, ends)
+        ```
+
+    References:
+        J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics (1988), Sec. 6;
+        Ch. Glocker, Set-Valued Force Laws (2001), Ch. 7.
+    """
+
+    masses: tuple[int, ...] = eqx.field(static=True)
+    row: Float[Array, "..."]
+    position: Float[Array, "..."]
+    restitution: Float[Array, "..."]
+    motion: Harmonic | None
+
+    def __init__(
+        self,
+        row: Mapping[int, ArrayLike],
+        position: ArrayLike = 0.0,
+        restitution: ArrayLike = 1.0,
+        motion: Harmonic | None = None,
+    ):
+        if not isinstance(row, Mapping) or not row:
+            raise ValueError(
+                "Argument `row` must give the coefficient of each mass that the contact concerns, as "
+                f"{{0: 1.0, 1: -1.0}}, but is {row!r}."
+            )
+        self.masses = tuple(whole_number("row", mass) for mass in row)
+        self.row = as_float(list(row.values()))
+        self.position = as_float(position)
+        self.restitution = as_float(restitution)
+        self.motion = motion
+
+    def __check_init__(self):
+        if self.row.shape != (len(self.masses),):
+            raise ValueError(
+                f"Argument `row` must give one number for each mass, but its numbers have shape {self.row.shape}."
+            )
+        check_one("row", self.row, FINITE)
+        known = concrete(self.row)
+        if known is not None and not known.any():
+            raise ValueError("Argument `row` must have a coefficient that is not zero.")
+
+    def __repr__(self) -> str:
+        return as_text(told_of_contact, self)
+
+    def _repr_html_(self) -> str:
+        return as_html(told_of_contact, self)
+
+    @property
+    def sign(self) -> int:
+        """1: the position counts along the row."""
+        return 1
+
+    @property
+    def coefficients(self) -> dict[int, Reals]:
+        """The entries of its row, by mass."""
+        return {mass: self.row[k] for k, mass in enumerate(self.masses)}
+
+    @property
+    def remedy(self) -> str:
+        """What to do about a start beyond it."""
+        return "`row . x0` is past the position of `stops[{j}]`. Start with it below that, or equal."
