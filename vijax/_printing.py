@@ -200,8 +200,10 @@ def _sum(contact: Any) -> str:
     if row is None or row.ndim > 1:
         return f"row {_shape(contact.row)} on masses {list(contact.masses)}"
     terms = zip(row.tolist(), contact.masses, strict=True)
-    told = " ".join(f"{'-' if a < 0 else '+'} {'' if abs(a) == 1 else f'{abs(a):.6g} '}x{i}" for a, i in terms)
-    return told.removeprefix("+ ")
+    told = " ".join(
+        f"{'-' if a < 0 else '+'} {'' if abs(a) == 1 else f'{abs(a):.6g} '}x{i}" for a, i in terms
+    )
+    return told.removeprefix("+ ").replace("- ", "-", told.startswith("- "))
 
 
 def _results(code: np.ndarray, results: Sequence[str]) -> str:

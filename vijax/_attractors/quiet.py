@@ -48,6 +48,8 @@ def stays_quiet(
         machine, angle = machines(source, block)
         if machine is None or machine.extra is not None or len(machine.mean) != x.shape[1]:
             break
+        if machine.contacts.is_coupled:
+            break
         is_proved[block], contraction = never_hits(machine, angle, x[block], v[block])
         # Not proved where a coordinate was dropped, which gives another machine.
         is_proved[block] &= np.isclose(lanes_first(machine.period), period[block], rtol=1e-5, atol=0)

@@ -54,7 +54,7 @@ class Response(NamedTuple):
 
 def modes_of(machine: Machine) -> Modes:
     """The modes of linear machines, lanes last: one for each motion, or one for all."""
-    inverse_mass, c, k = map(lanes_first, (machine.inverse_mass, machine.damping, machine.stiffness))
+    inverse_mass, c, k = map(lanes_first, (machine.contacts.inverse_mass, machine.damping, machine.stiffness))
     root = np.sqrt(inverse_mass)
     scale = root[:, :, None] * root[:, None]
     unit = _SLACK * root.shape[1] * float(np.finfo(machine.damping.dtype).eps)

@@ -13,6 +13,7 @@ from .._machine.numbers import numbers_of
 from .._orbits.cycle import Unknowns, residual, state_at
 from .._orbits.search import Strobe, away_from_stops
 from .._orbits.sequence import NOTHING, Sequence, happens_alike, sequence_of
+from .._system.waves import phase_at
 from .._trajectory.loop import run_for_log
 from .._trajectory.solution import RESULTS
 from .._types import Scalar
@@ -99,7 +100,9 @@ def rates_along(family: Family, sequence: Sequence, place: Place, direction: Pla
     def of(place: Place) -> Rates:
         problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
         x, _ = jnp.split(state_at(problem, unknowns, time), 2)
-        return Rates(residual(problem, unknowns).speed, problem.machine.contacts.gaps(x))
+        machine, turns = problem.machine, problem.phase + time
+        phase = phase_at(2 * jnp.pi * turns, machine.waves.num_harmonics)
+        return Rates(residual(problem, unknowns).speed, machine.contacts.gaps(x, phase))
 
     return jax.jvp(of, (place,), (direction,))[1]
 

@@ -173,15 +173,16 @@ def _refined(
 
 def _read(machine: Machine, flow: AbstractFlow, begin: Moment, held: Array, since: Array) -> _Reading:
     """The motion some forcing periods after the last event."""
-    x, v, phase = leap(machine, flow, begin, held, since)
+    x, v, phase, _ = leap(machine, flow, begin, held, since)
     state = resting_state(machine, phase, jnp.split(begin.z, 2)[0] + x, v, held)
-    now = derivatives(machine, state, machine.hold(held))
-    along = machine.contacts.along
-    return _Reading(
-        gap=machine.contacts.gaps(state.x),
-        speed=along(v),
-        speed_rate=along(now.acceleration),
-        force=along(now.force),
-        force_rate=along(now.force_rate),
-        force_curvature=along(now.force_curvature),
-    )
+    hold = machine.hold(held)
+    now, forces, approach = derivatives(machine, state, hold), [], []
+    for force, of_masses in (
+        (now.force, v),
+        (now.force_rate, now.acceleration),
+        (now.force_curvature, now.jerk),
+    ):
+        forces.append(machine.contacts.pressing(force, hold, phase))
+        phase = machine.phase_rate(phase)
+        approach.append(machine.contacts.towards(of_masses, phase))
+    return _Reading(machine.contacts.gaps(state.x, state.phase), *approach[:2], *forces)

@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._machine.derivatives import derivatives, rates
 from .._machine.machine import Machine, resting_state
+from .._machine.rows import Rows
 from .._machine.state import State
 from .._system.checks import is_touching
 from .._types import Scalar
@@ -35,7 +36,7 @@ def first_state(
     t0: Scalar | float = 0.0,
 ) -> State:
     """The state at t0. Contacts that are hit then are hit by the first step."""
-    contacts = machine.contacts
+    contacts = _rows(machine)
     x, v = machine.seen_from_stops(phase, x, v)
     phase_rate = machine.phase_rate(phase)
     position, speed = contacts.rounded(t0)
@@ -63,9 +64,7 @@ def first_state(
     return eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
 
 
-def resolve(
-    machine: Machine, state: State, is_event: Bool[Array, "stops ..."]
-) -> tuple[State, Instant]:
+def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) -> tuple[State, Instant]:
     """Apply the impacts of this instant, then decide who sticks and who is let go."""
     v_minus = machine.approach(state)
     hit = is_event & ~state.held & (v_minus > 0)
@@ -91,13 +90,13 @@ def _impact(
     machine: Machine, state: State, instant: Instant
 ) -> tuple[State, Instant, Bool[Array, "stops ..."]]:
     """The state after the impacts, the velocities and impulses of them, and the held contacts that they tear open."""
-    contacts, hit = machine.contacts, instant.hit
+    contacts, hit = _rows(machine), instant.hit
     speed = jnp.where(hit, instant.velocity_minus, 0)
     noise = 4 * jnp.finfo(speed.dtype).eps * (contacts.size(jnp.abs(state.v)) + contacts.wall_speed())
     restitution = jnp.where(speed > noise, contacts.restitution, 0)
     q = -(1 + restitution) * speed
     _, impulse, rest = complementary(contacts.compliance, q, hit | state.held)
-    v = state.v - contacts.inverse_mass * contacts.back(impulse)
+    v = state.v - contacts.freed(contacts.back(impulse))
     torn = state.held & (rest > 0)
     plus = jnp.where(hit, -restitution * speed - rest, instant.velocity_plus)
     x = contacts.placed(state.x, hit | state.held, state.phase)
@@ -117,7 +116,7 @@ def _stick_and_release(
     torn: Bool[Array, "stops ..."],
 ) -> tuple[State, Instant]:
     """Decide, after all impacts of this instant, which contacts come to hold and which are let go."""
-    contacts, hit = machine.contacts, instant.hit
+    contacts, hit = _rows(machine), instant.hit
     is_jump = jnp.any(hit, axis=0)
     let_go = is_event & state.held & ~torn
     held = state.held & ~let_go & ~torn
@@ -160,7 +159,7 @@ def _completed(
 
     Either all that bounce lightly together, or else each that was hit, by itself.
     """
-    contacts, hit = machine.contacts, instant.hit
+    contacts, hit = _rows(machine), instant.hit
     approach = machine.approach(state)
     is_hit = hit & is_light(instant.velocity_plus)
     is_near = ~hit & ~state.held & is_light(approach) & is_light(state.gap)
@@ -168,14 +167,15 @@ def _completed(
     together = _end_of_bounces(machine, state, instant, is_hit | is_near)
     is_linked = jnp.any((contacts.compliance != 0) & is_hit[None], axis=1)
     is_joint = jnp.any(is_near & is_linked, axis=0) & jnp.all(together[0] | ~(is_hit | is_near), axis=0)
-    return tuple(jnp.where(is_joint, a, b) for a, b in zip(together, alone, strict=True))
+    completed, duration = (jnp.where(is_joint, a, b) for a, b in zip(together, alone, strict=True))
+    return completed, duration
 
 
 def _end_of_bounces(
     machine: Machine, state: State, instant: Instant, bouncing: Bool[Array, "stops ..."]
 ) -> tuple[Bool[Array, "stops ..."], Float[Array, "stops ..."]]:
     """Whether the bounces of contacts are light and sure to end, all the others of them held, and how long they last."""
-    contacts = machine.contacts
+    contacts = _rows(machine)
     hold = contacts.hold(state.held | bouncing)
     now = rates(machine, state, hold)
     pull = contacts.pull(now.force, hold, state.phase)
@@ -192,9 +192,14 @@ def _holding(
     machine: Machine, state: State, at_rest: Bool[Array, "stops ..."]
 ) -> tuple[Bool[Array, "stops ..."], Float[Array, "stops ..."]]:
     """Which of the contacts at rest hold, and the accelerations of the gaps of those that open."""
-    contacts = machine.contacts
+    contacts = _rows(machine)
     free = contacts.hold(jnp.zeros_like(at_rest))
     force = machine.total_force(state)
     opening = -contacts.pull(force, free, state.phase)
     held, _, opening = complementary(contacts.compliance, opening, at_rest)
     return held, opening
+
+
+def _rows(machine: Machine) -> Rows:
+    assert isinstance(machine.contacts, Rows)
+    return machine.contacts

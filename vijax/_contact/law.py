@@ -7,17 +7,25 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._machine.machine import Machine
+from .._machine.state import State
 from .._types import as_float
 
 
 def rebound(
-    machine: Machine, x: Float[Array, "n ..."], v: Float[Array, "n ..."], hit: Bool[Array, "stops ..."]
+    machine: Machine,
+    state: State,
+    hit: Bool[Array, "stops ..."],
+    kept: Bool[Array, "stops ..."] | None = None,
 ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
-    """Positions and velocities after the stops `hit` were struck: x_i = s, v_i -> -r v_i (Eq. 11).
+    """Positions and velocities after the stops `hit` were struck: gaps closed, u -> -r u (Eq. 11).
 
-    With lumped masses the order of several impacts of one instant does not matter.
+    Those `kept` stay closed meanwhile. Which do is decided elsewhere; so this is smooth, and derivatives are taken
+    of it.
     """
-    return machine.contacts.placed(x, hit, None), machine.contacts.reflected(v, hit)
+    contacts, phase_rate = machine.contacts, machine.phase_rate(state.phase)
+    kept = jnp.zeros_like(hit) if kept is None else kept
+    x = contacts.placed(state.x, hit, state.phase)
+    return x, contacts.reflected(state.v, hit, kept, phase_rate)
 
 
 def restitution_matrix(num_masses: int, restitutions: dict[int, ArrayLike]) -> Float[Array, "n n"]:

@@ -55,7 +55,7 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) 
     """Apply the impacts of this instant, then decide who sticks and who is let go."""
     v_minus = machine.contacts.along(state.v)
     hit = is_event & ~state.held & (v_minus > 0)
-    x, v = rebound(machine, state.x, state.v, hit)
+    x, v = rebound(machine, state, hit)
     # The gap on the other side of a mass that was hit is measured afresh, its own is zero.
     afresh = machine.contacts.sharing(hit)
     gap = jnp.where(hit, 0, jnp.where(afresh, machine.contacts.gaps(x, state.phase), state.gap))

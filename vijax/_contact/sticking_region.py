@@ -164,7 +164,7 @@ class StickingRegion(eqx.Module):
         """The same at one point, (held,) each."""
         machine, waves = self.machine, phase_at(phase, self.machine.waves.num_harmonics)
         held, free = (jnp.asarray(i, int) for i in (self.held_masses, self.free))
-        origin = jnp.zeros_like(machine.inverse_mass)
+        origin = jnp.zeros_like(machine.mean)
         whole_x, whole_v = machine.seen_from_stops(waves, origin.at[free].set(x), origin.at[free].set(v))
         whole_x = whole_x.at[held].set(machine.contacts.position[jnp.asarray(self.held)])
         whole_v = whole_v.at[held].set(0)
@@ -200,7 +200,7 @@ def sticking_region(system: ImpactSystem, held: int | Sequence[int]) -> Sticking
 
     Raises:
         ValueError: if `held` names no stop, one that does not exist, or two of the same mass, or if the
-            machine has a `force`.
+            machine has a `force`, or contacts that share inertia.
 
     Example:
         ```python
@@ -223,12 +223,18 @@ def sticking_region(system: ImpactSystem, held: int | Sequence[int]) -> Sticking
             raise ValueError(
                 f"Argument `held` names stop {j}, but the machine has {system.num_stops} stops, counted from 0."
             )
-    masses = [system.stops[j].mass for j in stops]
+    if system.is_coupled:
+        raise ValueError(
+            "The sticking region is one of stops that have a mass each for themselves: this machine has contacts, a "
+            "full mass matrix, or two stops of one mass that move differently. `Solution.contact_force` tells the "
+            "forces along any motion."
+        )
+    masses = [slot[0] for slot in (system.stops[j].slot for j in stops) if slot]
     if len(set(masses)) < len(masses):
         raise ValueError(
             f"Argument `held` must name one stop of a mass, but stops {list(stops)} are of masses {masses}."
         )
     system = with_args(system, None)
-    one, rest = jnp.ones((), system.mass.dtype), jnp.zeros_like(system.mass)
+    one, rest = jnp.ones((), system.mass.dtype), jnp.zeros_like(system.forcing.mean)
     machine = prepare(numbers_of(system), one, (0 * one, rest, rest), can_stick=True)
     return StickingRegion(machine, tuple(int(j) for j in stops), tuple(masses))

@@ -19,16 +19,16 @@ import abc
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, Float, Int, PyTree
 
+from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State, remembering
-from .._system.waves import speeds, turned
 from .._types import Flag, Scalar, over_lanes
-from .clearance import Inside, Watched, delays, is_due, nearness, watch, watched
+from .clearance import Inside, Watched, delays, is_due, nearness, phase_change, watch, watched
 from .exact_step import displaced, one_instant
 from .interface import AbstractFlow, Flight
-from .modal import TRUST_AND_TERMS, cosine_and_sine
+from .modal import TRUST_AND_TERMS
 
 # Steps shorter than this fraction of the length for accuracy are taken whatever their polynomial says.
 _SHORTEST = 1e-9
@@ -121,7 +121,8 @@ class SteppingFlow(AbstractFlow):
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Go `step` ahead in one step of the solver."""
         displacement, gain = over_lanes(self.step_by, state.x, machine, state, hold, step)
-        return displacement, state.v + jnp.where(hold, 0, gain), phase_after(machine, state.phase, step)
+        gain = machine.contacts.gained(gain, hold)
+        return displacement, state.v + gain, phase_change(machine, state.phase, step)
 
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
         """Try one step, whatever the stops say."""
@@ -132,7 +133,7 @@ class SteppingFlow(AbstractFlow):
         trial = self._try(machine, state, hold, remaining)
         arrived = _moved(machine, state, trial, hold)
         now, end = watched(machine, state, hold), watched(machine, arrived, hold)
-        due, late = is_due(now, state), delays(machine, end, state.held, trial.wanted)
+        due, late = is_due(now, state), delays(end, state.held, trial.wanted)
         is_clear, cut = _clearance(machine, state, now, end, late, trial)
         is_taken = trial.attempt.is_good & is_clear & ~jnp.any(due)
         is_near = is_taken & (late <= remaining + resolution - trial.step)
@@ -163,16 +164,6 @@ class SteppingFlow(AbstractFlow):
         wanted = jnp.minimum(jnp.where(memory.step > 0, memory.step, self.first_step(machine)), longest)
         step = jnp.minimum(jnp.minimum(wanted, memory.cut), remaining)
         return Trial(self.attempt(machine, state, hold, step), step, wanted)
-
-
-def phase_after(machine: Machine, phase: Float[Array, "2 harmonics ..."], time: Scalar) -> Array:
-    """The phase of the forcing some time later, not later than any step ends.
-
-    By power series: a library's sine and cosine in every stage of a solver cost a third of the step.
-    """
-    angle = speeds(phase, machine.frequency) * time
-    wave, arc = cosine_and_sine(angle * angle, TRUST_AND_TERMS[str(angle.dtype)][1])
-    return phase + turned(phase, (wave, angle * arc))
 
 
 def _clearance(
@@ -209,9 +200,9 @@ def _learnt(memory: Memory, trial: Trial, is_taken: Flag, is_event: Flag, cut: S
 
 
 def _moved(machine: Machine, state: State, trial: Trial, hold: Held) -> State:
-    gain = jnp.where(hold, 0, trial.attempt.gain)
-    phase = phase_after(machine, state.phase, trial.step)
-    return displaced(machine, state, trial.attempt.displacement, state.v + gain, phase, trial.step)
+    gain = machine.contacts.gained(trial.attempt.gain, hold)
+    change = phase_change(machine, state.phase, trial.step)
+    return displaced(machine, state, trial.attempt.displacement, state.v + gain, change, trial.step)
 
 
 def _landed(machine: Machine, state: State, end: Watched, delay: Scalar) -> State:
@@ -219,7 +210,7 @@ def _landed(machine: Machine, state: State, end: Watched, delay: Scalar) -> Stat
     a, jerk = end.motion.acceleration, end.motion.jerk
     displacement = delay * (state.v + delay * (a / 2 + delay * jerk / 6))
     v = state.v + delay * (a + delay * jerk / 2)
-    return displaced(machine, state, displacement, v, phase_after(machine, state.phase, delay), delay)
+    return displaced(machine, state, displacement, v, phase_change(machine, state.phase, delay), delay)
 
 
 def _choose(condition: Flag, a: PyTree, b: PyTree) -> PyTree:

@@ -9,12 +9,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from .._machine.contacts import Held
 from .._machine.derivatives import Rates, rates
 from .._machine.machine import Machine
 from .._machine.state import State
+from .._system.waves import speeds, turned
 from .._types import Flag, Scalar, smallest
 from .._xla import compute_once, in_one_kernel
-from .bernstein import bernstein, divided, first_crossing, slopes
+from .bernstein import bernstein, divided, first_crossing, nodes, slopes
+from .modal import TRUST_AND_TERMS, cosine_and_sine
 
 
 class Inside(eqx.Module):
@@ -22,35 +25,44 @@ class Inside(eqx.Module):
 
     Attributes:
         displacement: x - x(0), (nodes, n).
-        gain: v - v(0), (nodes, n); for a held mass what it would be if the mass were let go: its
-            derivative is contact force by mass.
+        gain: v - v(0), (nodes, n), see `AbstractContacts.free_accelerations`.
+        pushes: likewise, (nodes, stops).
     """
 
     displacement: Float[Array, "nodes n"]
     gain: Float[Array, "nodes n"]
+    pushes: Float[Array, "nodes stops"] | None
 
 
 class Watched(eqx.Module):
     """What is watched at one instant, and the motion there.
 
     Attributes:
-        value: the gap, or where a mass is held the contact force by its mass, (stops,).
+        value: the gap, or where a contact holds its pull, (stops,).
         slope: its first derivative.
         motion: forces, accelerations and their rates.
+        approach: derivatives of the position relative to each contact, the first to the third.
+        pull: acceleration towards each contact, as if it alone did not hold.
     """
 
     value: Float[Array, " stops"]
     slope: Float[Array, " stops"]
     motion: Rates
+    approach: tuple[Float[Array, " stops"], Float[Array, " stops"], Float[Array, " stops"]]
+    pull: Float[Array, " stops"]
 
 
 def watched(machine: Machine, state: State, hold: Held) -> Watched:
     """The present."""
-    motion = rates(machine, state, hold)
-    pressing, its_rate = (machine.contacts.along(machine.pull(f)) for f in (motion.force, motion.force_rate))
-    value = jnp.where(state.held, pressing, state.gap)
-    slope = jnp.where(state.held, its_rate, -machine.contacts.along(state.v))
-    return Watched(value, slope, motion)
+    motion, phase, approach = rates(machine, state, hold), state.phase, []
+    pull = machine.contacts.pull(motion.force, hold, phase)
+    pull_rate = machine.contacts.pull(motion.force_rate, hold, machine.phase_rate(phase))
+    for of_masses in (state.v, motion.acceleration, motion.jerk):
+        phase = machine.phase_rate(phase)
+        approach.append(machine.contacts.towards(of_masses, phase))
+    value = jnp.where(state.held, pull, state.gap)
+    slope = jnp.where(state.held, pull_rate, -approach[0])
+    return Watched(value, slope, motion, tuple(approach), pull)
 
 
 def is_due(now: Watched, state: State) -> Bool[Array, " stops"]:
@@ -58,19 +70,16 @@ def is_due(now: Watched, state: State) -> Bool[Array, " stops"]:
     return (state.contact == 0) & (now.value <= 0) & (now.slope < 0)
 
 
-def delays(
-    machine: Machine, end: Watched, held: Bool[Array, " stops"], scale: Scalar
-) -> Float[Array, " stops"]:
+def delays(end: Watched, held: Bool[Array, " stops"], scale: Scalar) -> Float[Array, " stops"]:
     """Time from the end of a step to the event of every stop, if near enough for the terms known; else infinite.
 
     Args:
-        machine: the numbers of the machine.
         end: what is watched at the end of the step.
         held: stops that hold their mass.
         scale: the time in which the motion changes.
     """
-    curve = jnp.where(held, 0, -machine.contacts.along(end.motion.acceleration) / 2)
-    bend = jnp.where(held, 0, -machine.contacts.along(end.motion.jerk) / 6)
+    curve = jnp.where(held, 0, -end.approach[1] / 2)
+    bend = jnp.where(held, 0, -end.approach[2] / 6)
     square = end.slope * end.slope - 4 * curve * end.value
     is_simple = (end.slope < 0) & (4 * square > end.slope * end.slope)
     root = jnp.sqrt(jnp.where(is_simple, square, 1))
@@ -143,19 +152,20 @@ def watch(
     is_expected: Bool[Array, " stops"],
 ) -> Proof:
     """Watch every stop during a step; an event `is_expected` at its end does not count as crossed."""
-    at_nodes = jax.vmap(machine.contacts.along, out_axes=1)
+    contacts, times = machine.contacts, step * nodes(len(inside.gain) - 1)
+    changes = jax.vmap(lambda time: phase_change(machine, state.phase, time))(times)
     view = View(
         held=state.held,
         contact=state.contact,
         gap=state.gap,
-        v=machine.contacts.along(state.v),
-        a=machine.contacts.along(now.motion.acceleration),
-        jerk=machine.contacts.along(now.motion.jerk),
-        pull=machine.contacts.along(machine.pull(now.motion.force)),
-        last_pull=machine.contacts.along(machine.pull(end.motion.force)),
+        v=now.approach[0],
+        a=now.approach[1],
+        jerk=now.approach[2],
+        pull=now.pull,
+        last_pull=end.pull,
         last=end.value,
-        displacement=at_nodes(inside.displacement),
-        gain=at_nodes(inside.gain),
+        displacement=jax.vmap(contacts.towards, out_axes=1)(inside.displacement, changes),
+        gain=jax.vmap(contacts.pushed, out_axes=1)(inside.gain, inside.pushes),
     )
     return in_one_kernel(jax.vmap(_prove, (0, None, 0)), view, step, is_expected)
 
@@ -194,3 +204,13 @@ def _likely(view: View, displacement: list[Scalar], gain: list[Scalar], step: Sc
         gap = [jnp.where(view.contact >= order, s, g) for s, g in zip(shorter, gap, strict=True)]
     force = [step * view.pull, *slopes(gain)[1:-1], step * view.last_pull]
     return [jnp.where(view.held, f, g) for f, g in zip(force, gap, strict=True)]
+
+
+def phase_change(machine: Machine, phase: Float[Array, "2 harmonics ..."], time: Scalar) -> Array:
+    """By how much the phase of the forcing changes in some time, not longer than any step.
+
+    By power series: a library's sine and cosine in every stage of a solver cost a third of the step.
+    """
+    angle = speeds(phase, machine.frequency) * time
+    wave, arc = cosine_and_sine(angle * angle, TRUST_AND_TERMS[str(angle.dtype)][1])
+    return turned(phase, (wave, angle * arc))

@@ -21,14 +21,15 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
+from jaxtyping import Array, ArrayLike, Float, PyTree
 
+from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._types import Scalar, as_float
-from .approximate_step import Attempt, SteppingFlow, phase_after
+from .approximate_step import Attempt, SteppingFlow
 from .bernstein import nodes
-from .clearance import Inside
+from .clearance import Inside, phase_change
 
 # Range of possible degrees of dense outputs; those of diffrax go from 3 to 6.
 _LEAST, _MOST = 3, 8
@@ -100,15 +101,15 @@ class DiffraxFlow(SteppingFlow):
 
     def attempt(self, machine: Machine, state: State, hold: Held, step: Scalar) -> Attempt:
         """Try one step."""
-        (displacement, gain), error, dense = self._step(machine, state, hold, step, "lax")
+        (displacement, gain, _), error, dense = self._step(machine, state, hold, step, "lax")
         zero = jnp.zeros_like(step)
         # A Runge-Kutta method keeps slopes times the step: on [0, 1] its dense output is a constant matrix.
         path = self.solver.interpolation_cls(t0=0.0, t1=1.0, **dense)
         inside = jax.vmap(path.evaluate)(jnp.asarray(nodes(degree_inside(self.solver)), step.dtype))
         # The gain of a held mass is no part of the motion.
-        error = (error[0], jnp.where(hold, 0, error[1]))
+        error = (error[0], machine.contacts.gained(error[1], hold))
         start = (state.x, state.v)
-        after = (state.x + displacement, state.v + jnp.where(hold, 0, gain))
+        after = (state.x + displacement, state.v + machine.contacts.gained(gain, hold))
         keep, begin, stop, _, control, _ = self._controller(step.dtype).adapt_step_size(
             zero, step, start, after, None, error, self._error_order(), state.memory.control
         )
@@ -122,7 +123,7 @@ class DiffraxFlow(SteppingFlow):
         self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """The same step, differentiable both ways."""
-        return self._step(machine, state, hold, step, "bounded")[0]
+        return self._step(machine, state, hold, step, "bounded")[0][:2]
 
     def control(self, like: Scalar) -> PyTree:
         """What the controller keeps at first."""
@@ -155,11 +156,16 @@ class DiffraxFlow(SteppingFlow):
 
     def _step(
         self, machine: Machine, state: State, hold: Held, step: Scalar, loop: str
-    ) -> tuple[tuple[Array, Array], tuple[Array, Array], dict[str, PyTree]]:
-        """Gains, their errors and the dense output of one step of the solver."""
+    ) -> tuple[tuple[Array, Array, Array | None], tuple[Array, Array, Array | None], dict[str, PyTree]]:
+        """Gains of positions, velocities and pushes, their errors and the dense output of one step of the solver."""
         solver = eqx.tree_at(lambda s: s.scan_kind, self.solver, loop, is_leaf=lambda leaf: leaf is None)
         term, args = diffrax.ODETerm(_field), (machine, state, hold)
-        nothing, zero = (jnp.zeros_like(state.x), jnp.zeros_like(state.v)), jnp.zeros_like(step)
+        zero, pushes = jnp.zeros_like(step), jnp.zeros_like(state.gap)
+        nothing = (
+            jnp.zeros_like(state.x),
+            jnp.zeros_like(state.v),
+            pushes if machine.contacts.is_coupled else None,
+        )
         memory = solver.init(term, zero, step, nothing, args)
         if memory is not None:  # A method whose last stage is the first of the next step needs that stage.
             memory = (False, _field(zero, nothing, args))
@@ -183,10 +189,14 @@ def _degree(interpolation: Callable, num_stages: int) -> int:
     return max(_LEAST, int(np.flatnonzero(size > 1e-5 * size.max())[-1]))
 
 
-def _field(time: Any, gains: tuple[Array, Array], args: tuple[Machine, State, Array]) -> tuple[Array, Array]:
-    """Velocities of the free masses, and accelerations of all as if none were held."""
+def _field(
+    time: Any, gains: tuple[Array, Array, Array | None], args: tuple[Machine, State, Held]
+) -> tuple[Array, Array, Array | None]:
+    """Velocities, and the accelerations and pulls of `AbstractContacts.free_accelerations`."""
     machine, state, hold = args
-    v = jnp.where(hold, 0, state.v + gains[1])
+    v = machine.contacts.gained(state.v + gains[1], hold)
     names = lambda s: (s.time, s.phase, s.x, s.v)  # noqa: E731
-    then = (state.time + time, phase_after(machine, state.phase, time), state.x + gains[0], v)
-    return v, machine.pull(machine.total_force(eqx.tree_at(names, state, then)))
+    phase = state.phase + phase_change(machine, state.phase, time)
+    then = (state.time + time, phase, state.x + gains[0], v)
+    force = machine.total_force(eqx.tree_at(names, state, then))
+    return v, *machine.contacts.free_accelerations(force, hold, phase)

@@ -32,7 +32,7 @@ def modal_flow(system: ImpactSystem, *, can_stick: bool) -> ModalFlow | None:
         return None
     dtype = system.mass.dtype
     mass, damping, stiffness = (concrete(a) for a in (system.mass, system.damping, system.stiffness))
-    holdable = sorted({stop.mass for stop in system.stops}) if can_stick else []
+    holdable = sorted({stop.slot[0] for stop in system.stops if stop.slot}) if can_stick else []
     if mass is None or damping is None or stiffness is None or 2 ** len(holdable) > _MAX_SETS:
         return None
     has_lanes = mass.ndim == 2

@@ -38,14 +38,16 @@ class AbstractContacts(eqx.Module):
     Attributes:
         is_coupled: whether contacts may share inertia.
         rows: A, (contacts, n).
+        limit: s in the mean, (contacts,).
         restitution: r, (contacts,).
-        inverse_mass: the diagonal of M^-1, (n,).
+        inverse_mass: M^-1, (n, n), or its diagonal, (n,).
     """
 
     is_coupled: eqx.AbstractClassVar[bool]
     rows: eqx.AbstractVar[Reals]
+    limit: eqx.AbstractVar[Float[Array, "contacts ..."]]
     restitution: eqx.AbstractVar[Float[Array, "contacts ..."]]
-    inverse_mass: eqx.AbstractVar[Float[Array, "n ..."]]
+    inverse_mass: eqx.AbstractVar[Float[Array, "..."]]
 
     @property
     def num(self) -> int:
@@ -66,6 +68,15 @@ class AbstractContacts(eqx.Module):
     @abc.abstractmethod
     def effective_mass(self) -> Float[Array, "contacts ..."]:
         """The mass that is met along the row, 1 / (a M^-1 a)."""
+
+    @abc.abstractmethod
+    def impulses(self, loss: Float[Array, "n ..."]) -> Float[Array, "contacts ..."] | None:
+        """Impulses of single impacts by the loss of velocities; None where logged velocities tell them."""
+
+    @property
+    def sign_of_impulse(self) -> Float[Array, "contacts ..."] | float:
+        """The sign with which users know impulses along rows."""
+        return 1.0
 
     @abc.abstractmethod
     def along(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
@@ -134,6 +145,34 @@ class AbstractContacts(eqx.Module):
         self, x: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], phase: Array
     ) -> Float[Array, "n ..."]:
         """Positions with the gaps of the flagged contacts zero."""
+
+    @abc.abstractmethod
+    def reflected(
+        self,
+        v: Float[Array, "n ..."],
+        hit: Bool[Array, "contacts ..."],
+        kept: Bool[Array, "contacts ..."],
+        phase_rate: Array,
+    ) -> Float[Array, "n ..."]:
+        """Velocities after impacts with one set of contacts, while another keeps closed."""
+
+    @abc.abstractmethod
+    def gained(self, gain: Float[Array, "n ..."], hold: Held) -> Float[Array, "n ..."]:
+        """The gain of velocities that `free_accelerations` make."""
+
+    @abc.abstractmethod
+    def free_accelerations(
+        self, force: Float[Array, "n ..."], hold: Held, phase: Float[Array, "2 harmonics ..."]
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "contacts ..."] | None]:
+        """What a solver integrates beside velocities, from which `pushed` is known: accelerations and pulls."""
+
+    @abc.abstractmethod
+    def pushed(self, gain: Float[Array, "n ..."], pushes: Float[Array, "contacts ..."] | None) -> Array:
+        """The integral of `pull` where contacts hold, (contacts, ...), by the integrals of `free_accelerations`."""
+
+    @abc.abstractmethod
+    def freed(self, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
+        """M^-1 . y: accelerations by forces, if no contact held."""
 
     @abc.abstractmethod
     def held_still(
@@ -272,12 +311,41 @@ class Stops(AbstractContacts):
         return x
 
     def reflected(
-        self, v: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."]
+        self,
+        v: Float[Array, "n ..."],
+        hit: Bool[Array, "contacts ..."],
+        kept: Bool[Array, "contacts ..."],
+        phase_rate: Array,
     ) -> Float[Array, "n ..."]:
         """Velocities with the approach to the flagged contacts turned round and multiplied by r."""
+        del kept, phase_rate
         for j in range(self.num):
-            v = jnp.where(flags[j] & self.bears[j], -self.restitution[j] * v, v)
+            v = jnp.where(hit[j] & self.bears[j], -self.restitution[j] * v, v)
         return v
+
+    def gained(self, gain: Float[Array, "n ..."], hold: Held) -> Float[Array, "n ..."]:
+        """None of masses that are held."""
+        return jnp.where(hold, 0, gain)
+
+    def free_accelerations(
+        self, force: Float[Array, "n ..."], hold: Held, phase: Float[Array, "2 harmonics ..."]
+    ) -> tuple[Float[Array, "n ..."], None]:
+        """Accelerations as if no mass were held; those of held masses are their pulls."""
+        del hold, phase
+        return self.freed(force), None
+
+    def pushed(self, gain: Float[Array, "n ..."], pushes: Float[Array, "contacts ..."] | None) -> Array:
+        """The gain of velocity of the mass, if it were let go."""
+        del pushes
+        return self.along(gain)
+
+    def impulses(self, loss: Float[Array, "n ..."]) -> None:
+        """None: they follow from the velocities."""
+        del loss
+
+    def freed(self, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
+        """M^-1 . y: accelerations by forces, if no mass were held."""
+        return self.inverse_mass * force
 
     def held_still(
         self, v: Float[Array, "n ..."], held: Bool[Array, "contacts ..."], phase_rate: Array

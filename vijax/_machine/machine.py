@@ -1,5 +1,7 @@
 """The numbers of one machine, as the engine computes with them."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -22,12 +24,9 @@ class Machine(eqx.Module):
     The load is `mean` and `waves` of the angular frequency `frequency`. `rate` bounds every
     frequency and decay rate of the linear motion, whatever masses are held; `timescale` is its inverse.
     `extra` is None for a linear machine, `frame` where all stops stand still. Otherwise all is as seen from it,
-    the load included: positions and velocities are relative to the stops of their mass. `basis` is None where masses
-    are lumped; with a full mass matrix M = L L^T coordinates are y = L^T x, in which it is the identity, and
-    `basis` is L^-T.
+    the load included: positions and velocities are relative to the stops of their mass.
     """
 
-    inverse_mass: Float[Array, "n ..."]
     damping: Float[Array, "n n ..."]
     stiffness: Float[Array, "n n ..."]
     mean: Float[Array, "n ..."]
@@ -40,12 +39,11 @@ class Machine(eqx.Module):
     can_stick: bool = eqx.field(static=True)
     extra: ExtraForce | None = None
     frame: Frame | None = None
-    basis: Float[Array, "n n ..."] | None = None
 
     @property
     def num_masses(self) -> int:
         """Number of masses, n."""
-        return self.inverse_mass.shape[0]
+        return self.mean.shape[0]
 
     def load(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
         """The load at a phase of the forcing, given as cosines and sines of h W t."""
@@ -104,8 +102,6 @@ class Machine(eqx.Module):
 
     def in_space(self, state: State) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Positions and velocities as users know them."""
-        if self.basis is not None:
-            return matvec(self.basis, state.x), matvec(self.basis, state.v)
         if self.frame is None:
             return state.x, state.v
         w, rate = self.frame.at(state.phase)
@@ -115,8 +111,6 @@ class Machine(eqx.Module):
         self, phase: Float[Array, "2 harmonics ..."], x: Float[Array, "n ..."], v: Float[Array, "n ..."]
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """The inverse of `in_space`."""
-        if self.basis is not None:
-            return over_lanes(_solved_from_below, x, self.basis, x), over_lanes(_solved_from_below, x, self.basis, v)
         if self.frame is None:
             return x, v
         w, rate = self.frame.at(phase)
@@ -198,12 +192,12 @@ def prepare(
         start: time, positions and velocities.
         can_stick: whether any stop might hold its mass.
     """
-    rows, basis = numbers.rows, None  # known rows stay NumPy arrays, see `Stops`
+    rows = numbers.rows  # known rows stay NumPy arrays, see `Stops`
     numbers = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray) else a, numbers)
-    if numbers.mass.ndim == numbers.stiffness.ndim:
-        numbers, basis = _with_unit_mass(numbers)
     waves, frequency, frame, walls = numbers.waves, numbers.frequency, None, None
-    inverse_mass = 1 / numbers.mass
+    has_full_mass = numbers.mass.ndim == numbers.stiffness.ndim
+    unit = _of_unit_mass(numbers) if has_full_mass else None
+    inverse_mass = 1 / numbers.mass if unit is None else unit.inverse_mass
     if numbers.signs is not None:
         walls = numbers.travel
     elif numbers.travel is not None:
@@ -212,14 +206,13 @@ def prepare(
     is_driven = frequency > 0
     longest = jnp.asarray(jnp.finfo(numbers.mass.dtype).max ** 0.5, numbers.mass.dtype)
     period = jnp.where(is_driven, 2 * jnp.pi / jnp.where(is_driven, frequency, 1.0), longest)
-    rate = jnp.maximum(_decay_and_frequency(numbers), numbers.highest * frequency)
+    rate = jnp.maximum(_decay_and_frequency(numbers, unit), numbers.highest * frequency)
     extra = None
     if numbers.force is not None:
         extra = ExtraForce(numbers.force, start[0], frame)
         rate = rate + extra.rate(*start, numbers.mass)
     rate = jnp.maximum(rate, 1 / span)
     return Machine(
-        inverse_mass=inverse_mass,
         damping=numbers.damping,
         stiffness=numbers.stiffness,
         mean=numbers.mean,
@@ -236,40 +229,25 @@ def prepare(
         can_stick=can_stick,
         extra=extra,
         frame=frame,
-        basis=basis,
     )
 
 
-def _with_unit_mass(numbers: Numbers) -> tuple[Numbers, Float[Array, "n n ..."]]:
-    """The machine in the coordinates y = L^T x, M = L L^T, in which it has unit masses, and L^-T."""
-    like = numbers.mass[0]
-    root = over_lanes(jnp.linalg.cholesky, like, numbers.mass)
-    basis = over_lanes(lambda root: jnp.linalg.inv(root).T, like, root)
-    back = jnp.swapaxes(basis, 0, 1)
+class _UnitMass(NamedTuple):
+    """M^-1, and damping and stiffness in the coordinates y = L^T x, M = L L^T, in which it has unit masses."""
 
-    def product(a: Array, b: Array) -> Array:
-        return jnp.sum(a[:, :, None] * b[None], axis=1)
-
-    def turned(matrix: Array) -> Array:
-        both = product(back, product(matrix, basis))
-        return (both + jnp.swapaxes(both, 0, 1)) / 2
-
-    waves = jax.tree.map(lambda a: jnp.stack([matvec(back, row) for row in a]), numbers.waves)
-    names = lambda n: (n.mass, n.damping, n.stiffness, n.mean, n.waves, n.rows)  # noqa: E731
-    new = (
-        jnp.ones_like(jnp.sum(numbers.mass, axis=1)),
-        turned(numbers.damping),
-        turned(numbers.stiffness),
-        matvec(back, numbers.mean),
-        waves,
-        product(jnp.asarray(numbers.rows), basis),
-    )
-    return eqx.tree_at(names, numbers, new), basis
+    inverse_mass: Float[Array, "n n ..."]
+    damping: Float[Array, "n n ..."]
+    stiffness: Float[Array, "n n ..."]
 
 
-def _solved_from_below(basis: Float[Array, "n n"], x: Float[Array, " n"]) -> Float[Array, " n"]:
-    """L^T x by L^-T."""
-    return jax.scipy.linalg.solve_triangular(basis, x)
+def _of_unit_mass(numbers: Numbers) -> _UnitMass:
+    def of_one(mass: Array, *others: Array) -> _UnitMass:
+        back = jax.scipy.linalg.solve_triangular(jnp.linalg.cholesky(mass), jnp.eye(len(mass)), lower=True)
+        return _UnitMass(back.T @ back, *(back @ other @ back.T for other in others))
+
+    matrices = numbers.mass, numbers.damping, numbers.stiffness
+    like = numbers.mass[0] + numbers.damping[0] + numbers.stiffness[0]
+    return over_lanes(of_one, like, *matrices)
 
 
 # Stands for a bound on steps by the rate of the machine, see `ample_steps`.
@@ -284,16 +262,19 @@ def ample_steps(machine: Machine, span: Scalar, least: Scalar | int = 100_000) -
     return jnp.minimum(total, 2e9).astype(int)  # fits 32 bits
 
 
-def _decay_and_frequency(numbers: Numbers) -> Scalar:
+def _decay_and_frequency(numbers: Numbers, unit: _UnitMass | None) -> Scalar:
     """Bound the norm of the first-order matrix of the machine, in the norm of its energy.
 
     In that norm the matrix is [[0, S], [-S, -D]] with S^2 = M^-1/2 K M^-1/2 and D likewise from C;
     holding masses can only make it smaller. Its norm is at most (d + sqrt(d^2 + 4 w^2)) / 2.
     """
-    root = jnp.sqrt(numbers.mass)
-    scale = root[:, None] * root[None]
-    w2 = _norm(numbers.stiffness / scale)
-    d = _norm(numbers.damping / scale)
+    if unit is None:
+        root = jnp.sqrt(numbers.mass)
+        scale = root[:, None] * root[None]
+        w2 = _norm(numbers.stiffness / scale)
+        d = _norm(numbers.damping / scale)
+    else:
+        w2, d = _norm(unit.stiffness), _norm(unit.damping)
     return (d + jnp.sqrt(d * d + 4 * w2)) / 2
 
 

@@ -88,10 +88,7 @@ def _highest(system: ImpactSystem) -> int:
 def _rows(system: ImpactSystem) -> Reals:
     """A; of stops alone it is known."""
     n, zero = len(system.mass), np.zeros([1] * (system.stiffness.ndim - 2), system.stiffness.dtype)
-    rows = [
-        stack([stop.coefficients.get(i, 0) + zero for i in range(n)])
-        for stop in system.stops
-    ]
+    rows = [stack([stop.coefficients.get(i, 0) + zero for i in range(n)]) for stop in system.stops]
     return stack(rows) if rows else np.zeros((0, n, *zero.shape), zero.dtype)
 
 
@@ -117,7 +114,7 @@ def _side_by_side(*waves: Reals) -> Reals:
 
 def _travel_of_masses(system: ImpactSystem, size: int) -> Waves | None:
     """The motion of the stops of every mass, if any of them moves."""
-    moving = [(stop.mass, stop.motion) for stop in system.stops if stop.motion is not None]
+    moving = [(stop.slot[0], stop.motion) for stop in system.stops if stop.slot and stop.motion is not None]
     if not moving:
         return None
     num_lane_axes = system.mass.ndim - 1

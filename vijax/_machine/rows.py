@@ -43,7 +43,7 @@ class Rows(AbstractContacts):
         rows: A, (contacts, n).
         limit: s in the mean, (contacts,).
         restitution: r, (contacts,).
-        inverse_mass: the diagonal of M^-1, (n,); 1 in coordinates in which M is the identity.
+        inverse_mass: M^-1, (n, n), or its diagonal, (n,).
         signs: of a stop the entry of its row, of any other contact 0, (contacts,).
         walls: the motions of the contacts, s less its mean; None if all stand still.
         frequency: W.
@@ -55,7 +55,7 @@ class Rows(AbstractContacts):
     rows: Reals
     limit: Float[Array, "contacts ..."]
     restitution: Float[Array, "contacts ..."]
-    inverse_mass: Float[Array, "n ..."]
+    inverse_mass: Float[Array, "..."]
     signs: Float[Array, "contacts ..."]
     walls: Waves | None
     frequency: Scalar
@@ -73,8 +73,7 @@ class Rows(AbstractContacts):
     ):
         self.rows, self.limit, self.restitution, self.inverse_mass = rows, limit, restitution, inverse_mass
         self.signs, self.walls, self.frequency = signs, walls, frequency
-        weighted = rows * inverse_mass[None]
-        self.compliance = jnp.sum(weighted[:, None] * rows[None], axis=2)
+        self.compliance = jnp.sum(self._weighted()[:, None] * rows[None], axis=2)
 
     @property
     def masses(self) -> tuple[int, ...]:
@@ -153,14 +152,13 @@ class Rows(AbstractContacts):
     def hold(self, held: Bool[Array, "contacts ..."]) -> Hold:
         """The inverse of G among the held contacts."""
         inertia = inverse_among(self.compliance, held)
-        weighted = self.rows * self.inverse_mass[None]
-        return Hold(held, inertia, jnp.sum(inertia[:, :, None] * weighted[None], axis=1))
+        return Hold(held, inertia, jnp.sum(inertia[:, :, None] * self._weighted()[None], axis=1))
 
     def accelerations(
         self, force: Float[Array, "n ..."], hold: Hold, phase: Float[Array, "2 harmonics ..."]
     ) -> Float[Array, "n ..."]:
         """Accelerations by a force, with the forces of the contacts that hold."""
-        return self.inverse_mass * (force - self.back(self.pressing(force, hold, phase)))
+        return self.freed(force - self.back(self.pressing(force, hold, phase)))
 
     def pressing(
         self, force: Float[Array, "n ..."], hold: Hold, phase: Float[Array, "2 harmonics ..."]
@@ -176,8 +174,7 @@ class Rows(AbstractContacts):
     ) -> Float[Array, "contacts ..."]:
         """Acceleration towards each contact, as if it alone did not hold."""
         pressing = self.pressing(force, hold, phase)
-        x2 = self.inverse_mass * (force - self.back(pressing))
-        free = self.along(x2)
+        free = self.along(self.freed(force - self.back(pressing)))
         if self.walls is not None:
             free = free - self._accelerated().at(phase)
         inertia = _diagonal(hold.inertia)
@@ -202,13 +199,59 @@ class Rows(AbstractContacts):
         """Velocities with no approach to the flagged contacts, after plastic impacts with them."""
         return v - self._by(inverse_among(self.compliance, held), self.towards(v, phase_rate))
 
+    def reflected(
+        self,
+        v: Float[Array, "n ..."],
+        hit: Bool[Array, "contacts ..."],
+        kept: Bool[Array, "contacts ..."],
+        phase_rate: Array,
+    ) -> Float[Array, "n ..."]:
+        """Velocities after impacts with one set of contacts, while another keeps closed."""
+        lack = jnp.where(hit, -(1 + self.restitution) * self.towards(v, phase_rate), 0)
+        return v + self._by(inverse_among(self.compliance, hit | kept), lack)
+
+    def gained(self, gain: Float[Array, "n ..."], hold: Hold) -> Float[Array, "n ..."]:
+        """All of it."""
+        del hold
+        return gain
+
+    def free_accelerations(
+        self, force: Float[Array, "n ..."], hold: Hold, phase: Float[Array, "2 harmonics ..."]
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "contacts ..."]]:
+        """Accelerations with the contact forces, and the pulls."""
+        return self.accelerations(force, hold, phase), self.pull(force, hold, phase)
+
+    def pushed(self, gain: Float[Array, "n ..."], pushes: Float[Array, "contacts ..."] | None) -> Array:
+        """The integral of the pulls."""
+        del gain
+        assert pushes is not None
+        return pushes
+
+    def impulses(self, loss: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
+        """Impulses of single impacts by the loss of velocities: of each as if it alone had hit."""
+        return self.along(loss) * self.effective_mass
+
+    def freed(self, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
+        """M^-1 . y: accelerations by forces, if no contact held; velocities by impulses."""
+        return matvec(self.inverse_mass, force) if self._has_full_mass else self.inverse_mass * force
+
     def back(self, of_contacts: Float[Array, "contacts ..."]) -> Float[Array, "n ..."]:
         """A^T . y: what contact forces, or impulses, are on the masses."""
         return matvec(jnp.swapaxes(self.rows, 0, 1), of_contacts)
 
     def _by(self, inertia: Array, lack: Array) -> Float[Array, "n ..."]:
         """What has to be added to the masses where A of it shall be `lack`."""
-        return self.inverse_mass * self.back(matvec(inertia, lack))
+        return self.freed(self.back(matvec(inertia, lack)))
+
+    def _weighted(self) -> Float[Array, "contacts n ..."]:
+        """A M^-1."""
+        if not self._has_full_mass:
+            return self.rows * self.inverse_mass[None]
+        return jnp.sum(self.rows[:, :, None] * self.inverse_mass[None], axis=1)
+
+    @property
+    def _has_full_mass(self) -> bool:
+        return self.inverse_mass.ndim == self.rows.ndim
 
     def _accelerated(self) -> Waves:
         """The accelerations of the contacts."""

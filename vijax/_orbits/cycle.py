@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from .._contact.instant import Instant
 from .._contact.law import rebound
 from .._contact.sticking import chatter_time
 from .._flow.interface import AbstractFlow
@@ -23,7 +24,6 @@ from .._machine.numbers import Numbers
 from .._machine.state import State
 from .._system.waves import phase_at, turned
 from .._trajectory.event_log import IMPACT, RELEASE, EventLog, event_log
-from .._trajectory.step import Instant
 from .._types import Scalar
 from .condensed import Flights, over_flights
 from .sequence import NOTHING, Sequence
@@ -92,7 +92,7 @@ class Event(NamedTuple):
 
 def prepared(numbers: Numbers, flow: AbstractFlow, num_periods: Scalar) -> tuple[Machine, AbstractFlow]:
     """The machine and its motion, to be followed for n periods."""
-    span, zeros = 2 * jnp.pi * num_periods / numbers.frequency, jnp.zeros_like(numbers.mass)
+    span, zeros = 2 * jnp.pi * num_periods / numbers.frequency, jnp.zeros_like(numbers.mean)
     machine = prepare(numbers, span, (0 * span, zeros, zeros), can_stick=True)
     return machine, flow.prepare(machine)
 
@@ -174,20 +174,21 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns) -> EventLog:
         there, _, end = fly(machine, flow, place, event, duration)
         hit = (jnp.arange(contacts.num) == event.stop) & (event.kind == IMPACT)
         stuck, left = event.held_after & ~event.held, event.held & ~event.held_after
-        x, v = rebound(machine, end.x, end.v, hit)
-        state = resting_state(machine, end.phase, x, v, event.held)
-        now = rates(machine, state, machine.hold(event.held))
-        approach, speed = contacts.along(machine.pull(now.force)), contacts.along(v)
-        chatter = jnp.where(stuck, chatter_time(jnp.abs(speed), approach, contacts.restitution), 0)
+        x, v = rebound(machine, end, hit, event.held & event.held_after)
+        state, hold = resting_state(machine, end.phase, x, v, event.held), machine.hold(event.held)
+        now = rates(machine, state, hold)
+        pull, speed = contacts.pull(now.force, hold, end.phase), machine.approach(state)
+        chatter = jnp.where(stuck, chatter_time(jnp.abs(speed), pull, contacts.restitution), 0)
         instant = Instant(
             hit=hit,
             stuck=stuck,
             released=left & (event.kind != NOTHING),
-            velocity_minus=contacts.along(end.v),
+            velocity_minus=machine.approach(end),
             velocity_plus=speed,
             chatter=chatter,
             arrived=jnp.array(False),
             time=there.time * machine.period,
+            impulse=contacts.impulses(end.v - v),
         )
         return there, (instant, end.phase)
 
@@ -213,7 +214,7 @@ def state_at(problem: Problem, unknowns: Unknowns, time: Scalar) -> Float[Array,
     flights = events_of(problem.sequence), unknowns.flights, until, jnp.arange(len(until)) < count
     begin = begin_cycle(problem, machine, unknowns.z), problem.sequence.held[0]
     (moment, held), _ = jax.lax.scan(one, begin, flights)
-    x, v, _ = leap(machine, flow, moment, held, problem.phase + time - moment.time)
+    x, v, *_ = leap(machine, flow, moment, held, problem.phase + time - moment.time)
     return jnp.concatenate([jnp.split(moment.z, 2)[0] + x, v])
 
 
@@ -225,10 +226,11 @@ def _moved(tree: Any, change: Any, by: Scalar) -> Any:
 def begin_cycle(problem: Problem, machine: Machine, z: Array) -> Moment:
     x, v = jnp.split(z, 2)
     held = problem.sequence.held[0]
-    x, v = machine.contacts.placed(x, held), machine.contacts.held_still(v, held)
-    return Moment(
-        jnp.concatenate([x, v]), problem.phase + 0 * x[0], jax.lax.stop_gradient(machine.contacts.gaps(x))
-    )
+    phase = phase_at(2 * jnp.pi * problem.phase, machine.waves.num_harmonics)
+    x = machine.contacts.placed(x, held, phase)
+    v = machine.contacts.held_still(v, held, machine.phase_rate(phase))
+    gap = jax.lax.stop_gradient(machine.contacts.gaps(x, phase))
+    return Moment(jnp.concatenate([x, v]), problem.phase + 0 * x[0], gap)
 
 
 def events_of(sequence: Sequence) -> Event:
@@ -240,30 +242,30 @@ def fly(
 ) -> tuple[Moment, tuple[Array, Array], State]:
     """The place after a flight and its event; the value that vanishes there and the speed of approach; the end of the flight."""
     contacts, before = machine.contacts, jnp.split(place.z, 2)[0]
-    x, v, change = leap(machine, flow, place, event.held, duration)
+    x, v, phase, change = leap(machine, flow, place, event.held, duration)
     # Counted from the last contact, which keeps all digits of a light bounce; derivatives are the position's.
-    start = contacts.gaps(before)
-    gap = place.gap + start - jax.lax.stop_gradient(start) - contacts.along(x)
+    start = contacts.gaps(before, phase - change)
+    gap = place.gap + start - jax.lax.stop_gradient(start) - contacts.towards(x, change)
     x = before + x
     time = place.time + duration
     at_event = jnp.arange(contacts.num) == event.stop
-    end = resting_state(machine, change, x, v, event.held)
-    pressing = contacts.along(machine.total_force(end))
+    end = resting_state(machine, phase, x, v, event.held)
+    pressing = contacts.pressing(machine.total_force(end), machine.hold(event.held), phase)
     read = lambda of_stops: jnp.sum(jnp.where(at_event, of_stops, 0))  # noqa: E731
     is_impact = event.kind == IMPACT
     value = jnp.where(is_impact, read(gap), jnp.where(event.kind == RELEASE, read(pressing), duration))
-    speed = jnp.where(is_impact, read(contacts.along(v)), 0)
+    speed = jnp.where(is_impact, read(machine.approach(end)), 0)
     hit = at_event & is_impact
-    x, v = rebound(machine, x, v, hit)
-    gap = jnp.where(hit, 0, jnp.where(contacts.sharing(hit), contacts.gaps(x), gap))
-    v = contacts.held_still(v, event.held_after)
+    x, v = rebound(machine, end, hit, event.held & event.held_after)
+    gap = jnp.where(hit, 0, jnp.where(contacts.sharing(hit), contacts.gaps(x, phase), gap))
+    v = contacts.held_still(v, event.held_after, machine.phase_rate(phase))
     return Moment(jnp.concatenate([x, v]), time, jax.lax.stop_gradient(gap)), (value, speed), end
 
 
 def leap(
     machine: Machine, flow: AbstractFlow, place: Moment, held: Array, duration: Scalar
-) -> tuple[Array, Array, Array]:
-    """Displacement, velocity and the phase at the end of a flight."""
+) -> tuple[Array, Array, Array, Array]:
+    """Displacement, velocity, the phase at the end of a flight, and by how much it changed."""
     num_harmonics = machine.waves.num_harmonics
     phase, angle = phase_at(2 * jnp.pi * place.time, num_harmonics), 2 * jnp.pi * duration
     half = phase_at(angle / 2, num_harmonics)[1]
@@ -273,11 +275,11 @@ def leap(
     state = resting_state(machine, phase, x, v, held)
     hold = machine.hold(held)
     displacement, gain = flow.leap(machine, state, hold, duration * machine.period, change)
-    return displacement, v + gain, phase + change
+    return displacement, v + gain, phase + change, change
 
 
 def _close(problem: Problem, machine: Machine, flow: AbstractFlow, place: Moment) -> Array:
     """The state after the last flight."""
     left = problem.phase + problem.num_periods - place.time
-    x, v, _ = leap(machine, flow, place, problem.sequence.held[-1], left)
+    x, v, *_ = leap(machine, flow, place, problem.sequence.held[-1], left)
     return jnp.concatenate([jnp.split(place.z, 2)[0] + x, v])

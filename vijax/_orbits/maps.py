@@ -9,6 +9,7 @@ from .._contact.law import rebound
 from .._flow.interface import AbstractFlow
 from .._machine.machine import prepare, resting_state
 from .._machine.numbers import Numbers as MachineNumbers, numbers_of
+from .._machine.state import State
 from .._refusal import checked, numbered
 from .._system.checks import FINITE, check_one, not_finite, refuse
 from .._system.periodicity import refuse_off_period
@@ -245,31 +246,40 @@ def _saltation(impact: tuple[MachineNumbers, Scalar, Array, Array, Array]) -> Ar
     numbers, time, x, v, stop = impact
     n = len(x)
     machine = prepare(numbers, jnp.ones_like(time), (time, x, v), can_stick=False)
-    phase = machine.phase_at(time)
-    is_hit = jnp.arange(machine.contacts.num) == stop
+    contacts, phase0 = machine.contacts, machine.phase_at(time)
+    is_hit = jnp.arange(contacts.num) == stop
+    nothing = machine.hold(jnp.zeros_like(is_hit))
     # Seen from the stops, which stand still there; at one instant that changes no derivative by the state.
-    x, v = machine.seen_from_stops(phase, x, v)
-    y = jnp.concatenate([machine.contacts.placed(x, is_hit), v])
+    x, v = machine.seen_from_stops(phase0, x, v)
+    # The state and the time since: contacts may move in their own ways.
+    y = jnp.concatenate([contacts.placed(x, is_hit, phase0), v, jnp.zeros_like(time)[None]])
 
-    def field(y: Float[Array, " state"]) -> Float[Array, " state"]:
-        state = resting_state(machine, phase, y[:n], y[n:], jnp.zeros_like(is_hit))
-        return jnp.concatenate([state.v, machine.pull(machine.total_force(state))])
+    def at(y: Float[Array, " whole"]) -> State:
+        phase = machine.phase_at(time + y[-1])
+        return resting_state(machine, phase, y[:n], y[n:-1], jnp.zeros_like(is_hit))
 
-    def reset(y: Float[Array, " state"]) -> Float[Array, " state"]:
-        return jnp.concatenate(rebound(machine, y[:n], y[n:], is_hit))
+    def field(y: Float[Array, " whole"]) -> Float[Array, " whole"]:
+        state = at(y)
+        a = contacts.accelerations(machine.total_force(state), nothing, state.phase)
+        return jnp.concatenate([state.v, a, jnp.ones_like(time)[None]])
 
-    def gap(y: Float[Array, " state"]) -> Float[Array, ""]:
-        return machine.contacts.gaps(y[:n])[stop]
+    def reset(y: Float[Array, " whole"]) -> Float[Array, " whole"]:
+        return jnp.concatenate([*rebound(machine, at(y), is_hit), y[-1:]])
 
-    def jump(y: Float[Array, " state"]) -> Float[Array, " state"]:
+    def gap(y: Float[Array, " whole"]) -> Float[Array, ""]:
+        return contacts.gaps(y[:n], machine.phase_at(time + y[-1]))[stop]
+
+    def jump(y: Float[Array, " whole"]) -> Float[Array, " whole"]:
         return field(reset(y)) - slope @ field(y)
 
     slope, towards = jax.jacfwd(reset)(y), -jax.grad(gap)(y)
-    approach = jnp.roll(towards, n)  # the velocity that closes the gap at speed 1
-    speed = towards[:n] @ y[n:]
+    along = contacts.freed(towards[:n]) * contacts.effective_mass[stop]
+    approach = jnp.zeros_like(y).at[n:-1].set(along)  # the velocity that closes the gap at speed 1
+    speed = towards @ field(y)
     # At speed 0 only accelerations jump, those that the stop turns round; the rest is of the order of the speed.
     is_moving, of_rest = speed != 0, jump(y - speed * approach)
     limit = jax.jvp(jump, (y,), (approach,))[1]
     by_speed = jnp.where(is_moving, (jump(y) - of_rest) / jnp.where(is_moving, speed, 1), limit)
     by_speed += jnp.where(of_rest == 0, 0, of_rest / speed)
-    return slope + jnp.where(towards == 0, 0, jnp.outer(by_speed, towards))
+    whole = slope + jnp.where(towards == 0, 0, jnp.outer(by_speed, towards))
+    return whole[:-1, :-1]

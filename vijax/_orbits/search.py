@@ -212,7 +212,7 @@ def _is_followed(
 def away_from_stops(problem: Problem) -> Array:
     """The start as seen from the stops less the start in space."""
     machine = problem.machine
-    nothing = jnp.zeros_like(machine.inverse_mass)
+    nothing = jnp.zeros_like(machine.mean)
     phase = phase_at(2 * jnp.pi * problem.phase, machine.waves.num_harmonics)
     return jnp.concatenate(machine.seen_from_stops(phase, nothing, nothing))
 
@@ -221,4 +221,5 @@ def _inside(problem: Problem, z: Array) -> Array:
     """A start as seen from the stops, brought back to the stops that it lies beyond."""
     contacts = problem.machine.contacts
     x, v = jnp.split(z, 2)
-    return jnp.concatenate([contacts.placed(x, contacts.gaps(x) < 0), v])
+    phase = phase_at(2 * jnp.pi * problem.phase, problem.machine.waves.num_harmonics)
+    return jnp.concatenate([contacts.placed(x, contacts.gaps(x, phase) < 0, phase), v])

@@ -15,6 +15,7 @@ import numpy as np
 from .._execution.points import Point
 from .._execution.records import chosen, joined
 from .._execution.runner import AbstractRunner, Found
+from .._system.contact import AbstractLimit
 
 # Starts that differ by less, compared with the largest anywhere, are the same.
 _SAME = 1e-11
@@ -84,9 +85,17 @@ def _next_starts(
     for stop, held in zip(points.system.stops, ends["held"], strict=True):
         at_start = stop.at(0.0), frequency * stop.slope_at(0.0)
         position, speed = (np.broadcast_to(np.asarray(a), given.shape[1])[after] for a in at_start)
-        x[stop.mass] = stop.sign * np.minimum(stop.sign * x[stop.mass], stop.sign * position)
-        goes_with = held[before] & (stop.motion is not None)
-        x[stop.mass] = np.where(goes_with, position, x[stop.mass])
-        v[stop.mass] = np.where(goes_with, speed, v[stop.mass])
+        position, goes_with = stop.sign * position, held[before] & (stop.motion is not None)
+        _put(stop, x, position, goes_with | (np.asarray(stop.along(x)) > position))
+        _put(stop, v, stop.sign * speed, goes_with)
     carried = np.concatenate([x, v])
     return np.where(np.isfinite(carried).all(axis=0), carried, given[:, after])
+
+
+def _put(stop: AbstractLimit, of_masses: np.ndarray, along: np.ndarray, which: np.ndarray) -> None:
+    """Change positions, or velocities, in place, so that along a stop they are what is given, where asked for."""
+    row = {i: np.asarray(a) for i, a in stop.coefficients.items()}
+    lack, square = along - np.asarray(stop.along(of_masses)), sum(a * a for a in row.values())
+    for i, a in row.items():
+        there = along / a if len(row) == 1 else of_masses[i] + a * lack / square
+        of_masses[i] = np.where(which, there, of_masses[i])

@@ -10,8 +10,8 @@ from .._dataset_attributes import flags, label
 from .._execution.points import Point
 from .._execution.records import Column
 from .._execution.runner import Counts, Found
+from .._system.contact import AbstractLimit
 from .._system.parameters import axis_names
-from .._system.stop import Stop
 from .._trajectory.solution import RESULTS
 from .endings import code_of
 
@@ -53,7 +53,12 @@ def dataset(
     tables = impacts | _section_table(counts, found) | _end_table(points, counts, found)
     for name, a in tables.items():
         variables[name] = ((*dims, *own.get(name, ())), a.reshape(*shape, *a.shape[1:]))
-    masses = {"stop_mass": ("stop", np.array([stop.slot[0] if stop.slot else -1 for stop in points.system.stops], int))}
+    masses = {
+        "stop_mass": (
+            "stop",
+            np.array([stop.slot[0] if stop.slot else -1 for stop in points.system.stops], int),
+        )
+    }
     coordinates = directions | _coordinates(axes) | masses
     ds = xr.Dataset(variables, coords=coordinates, attrs=attributes)
     for name, variable in ds.variables.items():
@@ -99,11 +104,11 @@ def _impact_table(points: Point, counts: Counts, found: Found) -> dict[str, np.n
     }
 
 
-def _slopes(stops: tuple[Stop, ...], stop: Column, point: Column, phase: np.ndarray) -> np.ndarray:
-    """Derivative of the stop's place by the phase at every impact, (impacts,)."""
+def _slopes(stops: tuple[AbstractLimit, ...], stop: Column, point: Column, phase: np.ndarray) -> np.ndarray:
+    """Derivative of the stop's place by the phase at every impact, (impacts,); contacts tell relative velocities."""
     slopes = np.zeros_like(phase)
     for j, one in enumerate(stops):
-        if one.motion is not None:
+        if one.motion is not None and one.slot:
             ours = stop == j
             of_points = partial(_of_points, point[ours])
             slopes[ours] = jax.tree.map(of_points, one).slope_at(phase[ours])

@@ -6,8 +6,8 @@ import jax
 import numpy as np
 from jax.typing import DTypeLike
 
-from .force import name_of_force
 from .contact import Contact
+from .force import name_of_force
 from .forcing import Harmonic
 from .stop import Stop
 from .system import ImpactSystem

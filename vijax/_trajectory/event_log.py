@@ -183,13 +183,11 @@ def event_log(
     read = lambda a: jnp.where(is_impact, told(a)[row, stop], 0) + of_stop  # noqa: E731
     minus, plus = read(instants.velocity_minus), read(instants.velocity_plus)
     if instants.impulse is not None:
-        sign = machine.contacts.sign_of_impulse
-        impulse = jnp.where(is_impact, sign[stop] * instants.impulse[row, stop], 0) if num_stops else minus
+        along = machine.contacts.sign_of_impulse * instants.impulse
+        impulse = jnp.where(is_impact, along[row, stop], 0) if num_stops else minus
     else:
         impulse = (machine.contacts.effective_mass[stop] if num_stops else minus) * (plus - minus)
-    t, minus, plus, impulse = (
-        jnp.where(is_event, a, jnp.nan) for a in (t, minus, plus, impulse)
-    )
+    t, minus, plus, impulse = (jnp.where(is_event, a, jnp.nan) for a in (t, minus, plus, impulse))
     stop, kind = (jnp.where(is_event, a, -1) for a in (stop, kind))
     return EventLog(t, stop, kind, minus, plus, impulse)
 
@@ -242,15 +240,10 @@ def _velocities_of_stops(
     machine: Machine, instants: Instant, phases: Float[Array, "rows 2 harmonics"]
 ) -> Float[Array, "rows kinds stops"] | None:
     """Velocities of the stops themselves at the events of every instant; None if all stand still."""
-    if machine.velocity_of_stops(phases[0]) is None:
+    later = jax.vmap(jax.vmap(lambda phase, delay: turned(phase, machine.phase_at(delay)), (None, 0)))
+    now, of_others = (over(machine.velocity_of_stops) for over in (jax.vmap, lambda f: jax.vmap(jax.vmap(f))))
+    now, at_sticks = now(phases), of_others(later(phases, instants.chatter))
+    if now is None or at_sticks is None:
         return None
-
-    def after(phase: Array, delay: Scalar) -> Float[Array, " stops"]:
-        return machine.velocity_of_stops(turned(phase, machine.phase_at(delay)))
-
-    def of_row(phase: Array, chatter: Float[Array, " stops"]) -> Float[Array, "kinds stops"]:
-        at_stick = jnp.diagonal(jax.vmap(lambda delay: after(phase, delay))(chatter))
-        now = machine.velocity_of_stops(phase)
-        return jnp.stack([now, at_stick, now])
-
-    return jax.vmap(of_row)(phases, instants.chatter)
+    at_stick = jnp.diagonal(at_sticks, axis1=1, axis2=2)
+    return jnp.stack([now, at_stick, now], axis=1)

@@ -264,9 +264,7 @@ def _begin(
     first = begin(flow, machine, phase0, r.x0, r.v0, t0)
     carry = Carry(
         state=first,
-        log=empty_log(
-            first, t0, room, is_whole=left is None, has_impulses=machine.contacts.is_coupled
-        ),
+        log=empty_log(first, t0, room, is_whole=left is None, has_impulses=machine.contacts.is_coupled),
         xs=jnp.zeros((goals.size + 1, r.x0.size), r.x0.dtype),
         vs=jnp.zeros((goals.size + 1, r.x0.size), r.x0.dtype),
         goal=jnp.array(0),
