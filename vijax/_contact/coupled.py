@@ -102,7 +102,12 @@ def _impact(
     x = contacts.placed(state.x, hit | state.held, state.phase)
     # Counted on and not measured afresh: a contact close by keeps the digits of its gap.
     gap = jnp.where(hit | state.held, 0, state.gap - contacts.along(x - state.x))
-    contact = jnp.where(hit | torn, jnp.int8(1), state.contact)
+    # Other contacts that are closed now open, or are hit in the same instant, by what these impacts changed.
+    approach = contacts.towards(v, machine.phase_rate(state.phase))
+    noise = 4 * jnp.finfo(speed.dtype).eps * (contacts.size(jnp.abs(v)) + contacts.wall_speed())
+    is_left = ~hit & ~state.held & (state.contact > 0)
+    contact = jnp.where(is_left & (approach > noise), jnp.int8(0), state.contact)
+    contact = jnp.where(hit | torn | (is_left & (approach < -noise)), jnp.int8(1), contact)
     after = eqx.tree_at(lambda s: (s.x, s.v, s.gap, s.contact), state, (x, v, gap, contact))
     instant = eqx.tree_at(lambda i: (i.velocity_plus, i.impulse), instant, (plus, jnp.where(hit, impulse, 0)))
     return after, instant, torn

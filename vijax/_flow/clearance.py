@@ -31,7 +31,7 @@ class Inside(eqx.Module):
 
     displacement: Float[Array, "nodes n"]
     gain: Float[Array, "nodes n"]
-    pushes: Float[Array, "nodes stops"] | None
+    pushes: Float[Array, "nodes stops"] | None = None
 
 
 class Watched(eqx.Module):

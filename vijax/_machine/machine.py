@@ -45,6 +45,11 @@ class Machine(eqx.Module):
         """Number of masses, n."""
         return self.mean.shape[0]
 
+    @property
+    def inverse_mass(self) -> Float[Array, "..."]:
+        """The diagonal of M^-1, (n,), or M^-1, (n, n)."""
+        return self.contacts.inverse_mass
+
     def load(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
         """The load at a phase of the forcing, given as cosines and sines of h W t."""
         return self.mean + self.waves.at(phase)
