@@ -46,11 +46,10 @@ def complementary(
         return is_any(jnp.any(carry[1])) & (carry[2] < _PIVOTS)
 
     def pivot(carry: tuple) -> tuple:
-        members, bad, count = carry
-        first = bad & (jnp.cumsum(bad, axis=0) == 1)
-        members = members ^ first
-        return members, wrong(members), count + 1
+        members, _, count = carry
+        bad = wrong(members)
+        return members ^ (bad & (jnp.cumsum(bad, axis=0) == 1)), bad, count + 1
 
-    members, _, _ = jax.lax.while_loop(goes_on, pivot, (allowed, wrong(allowed), jnp.array(0)))
+    members, _, _ = jax.lax.while_loop(goes_on, pivot, (allowed, allowed, jnp.array(0)))
     p = -matvec(inverse_among(matrix, members), q)
     return members, p, jnp.where(members, 0, q + matvec(matrix, p))

@@ -144,8 +144,7 @@ def _stick_and_release(
     contact = jnp.where(stuck, jnp.int8(0), state.contact)
     contact = jnp.where(let_go | pulled, jnp.int8(3), contact)
     contact = jnp.where(pulled & (opening > 0), jnp.int8(2), contact)
-    x = contacts.placed(state.x, now_held, state.phase)
-    v = contacts.held_still(state.v, now_held, machine.phase_rate(state.phase))
+    x, v = contacts.settled(state.x, state.v, now_held, state.phase)
     gap = jnp.where(now_held, 0, state.gap)
     names = lambda s: (s.x, s.v, s.gap, s.held, s.contact)  # noqa: E731
     after = eqx.tree_at(names, state, (x, v, gap, now_held, contact))
@@ -168,11 +167,12 @@ def _completed(
     approach = machine.approach(state)
     is_hit = hit & is_light(instant.velocity_plus)
     is_near = ~hit & ~state.held & is_light(approach) & is_light(state.gap)
-    alone = _end_of_bounces(machine, state, instant, is_hit)
-    together = _end_of_bounces(machine, state, instant, is_hit | is_near)
+    both = jnp.stack([is_hit | is_near, is_hit])
+    end = lambda _, bouncing: (None, _end_of_bounces(machine, state, instant, bouncing))  # noqa: E731
+    _, (is_complete, durations) = jax.lax.scan(end, None, both)
     is_linked = jnp.any((contacts.compliance != 0) & is_hit[None], axis=1)
-    is_joint = jnp.any(is_near & is_linked, axis=0) & jnp.all(together[0] | ~(is_hit | is_near), axis=0)
-    completed, duration = (jnp.where(is_joint, a, b) for a, b in zip(together, alone, strict=True))
+    is_joint = jnp.any(is_near & is_linked, axis=0) & jnp.all(is_complete[0] | ~both[0], axis=0)
+    completed, duration = (jnp.where(is_joint, a[0], a[1]) for a in (is_complete, durations))
     return completed, duration
 
 
@@ -189,8 +189,10 @@ def _end_of_bounces(
     fall = jnp.sqrt(machine.approach(state) ** 2 + 2 * jnp.maximum(pull * state.gap, 0))
     speed = jnp.where(instant.hit, jnp.abs(instant.velocity_plus), fall)
     duration = chatter_time(speed, pull, contacts.restitution)
-    is_complete = chatter_is_complete(speed, pull, pull_rate, duration, machine.rate)
-    return bouncing & is_complete, duration
+    is_complete = bouncing & chatter_is_complete(speed, pull, pull_rate, duration, machine.rate)
+    # A row that depends on others bears no force of its own, and rests when they do.
+    is_spare = bouncing & contacts.is_spare(hold) & is_light(speed)
+    return is_complete | (is_spare & jnp.any(is_complete, axis=0)), jnp.where(is_spare, 0, duration)
 
 
 def _holding(
@@ -198,9 +200,7 @@ def _holding(
 ) -> tuple[Bool[Array, "stops ..."], Float[Array, "stops ..."]]:
     """Which of the contacts at rest hold, and the accelerations of the gaps of those that open."""
     contacts = _rows(machine)
-    free = contacts.hold(jnp.zeros_like(at_rest))
-    force = machine.total_force(state)
-    opening = -contacts.pull(force, free, state.phase)
+    opening = -contacts.free_pull(machine.total_force(state), state.phase)
     held, _, opening = complementary(contacts.compliance, opening, at_rest)
     return held, opening
 

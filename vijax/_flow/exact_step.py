@@ -117,12 +117,12 @@ class ExpandingFlow(AbstractFlow):
         hold = machine.hold(state.held)
         ahead = remaining + resolution
         motion = compute_once(self.expand, machine, state, hold)
-        step, is_root = compute_once(_safe_step, machine, state, motion, ahead)
+        step, is_root = compute_once(_safe_step, machine, state, motion, hold, ahead)
         is_last = step >= remaining
         step = jnp.where(is_last, remaining, step)
         moved = compute_once(_move, machine, state, motion, step)
         series = compute_once(_near_future, machine, moved, hold)
-        delays = compute_once(_delays, machine, moved, series, is_root, ahead - step)
+        delays = compute_once(_delays, machine, moved, series, hold, is_root, ahead - step)
         delay = smallest(delays)
         is_event = (delays <= delay + one_instant(machine)) & (delays < jnp.inf)
         delay = jnp.where(delay < jnp.inf, delay, 0)
@@ -144,7 +144,7 @@ class ExpandingFlow(AbstractFlow):
 
 
 def _safe_step(
-    machine: Machine, state: State, motion: Expansion, limit: Scalar
+    machine: Machine, state: State, motion: Expansion, hold: Held, limit: Scalar
 ) -> tuple[Scalar, Bool[Array, "stops ..."]]:
     """The longest step proved free of events, and for every stop whether the step ends on its event."""
     limit = jnp.minimum(limit, motion.limit)
@@ -153,7 +153,7 @@ def _safe_step(
     if machine.can_stick:
         is_any_held = is_any(state.held)
         now = machine, state, motion, limit
-        bound = jax.lax.cond(is_any_held, lambda: _bound(*now), lambda: _bound_of_gap(*now))
+        bound = jax.lax.cond(is_any_held, lambda: _bound(*now, hold), lambda: _bound_of_gap(*now))
     else:
         bound = compute_once(_bound_of_gap, machine, state, motion, limit)
     steps, is_root = safe_step(bound, limit)
@@ -170,11 +170,10 @@ def one_instant(machine: Machine) -> Scalar:
     return 8 * jnp.finfo(machine.rate.dtype).eps * machine.timescale
 
 
-def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
+def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar, hold: Held) -> Bound:
     """Bound the gap of every free stop and the contact force of every held one from below."""
     now, (x_rest, force_rest) = motion.now, compute_once(motion.rest, machine, limit)
-    hold, phase = machine.hold(state.held), state.phase
-    values = []
+    phase, values = state.phase, []
     for force in (now.force, now.force_rate, now.force_curvature):
         values.append(machine.contacts.pressing(force, hold, phase))
         phase = machine.phase_rate(phase)
@@ -222,6 +221,7 @@ def _delays(
     machine: Machine,
     state: State,
     series: tuple[Array, ...],
+    hold: Held,
     is_root: Bool[Array, "stops ..."],
     ahead: Scalar,
 ) -> Float[Array, "stops ..."]:
@@ -235,13 +235,13 @@ def _delays(
         machine: the numbers of the machine.
         state: at the end of the step.
         series: Taylor coefficients of position, force and phase there.
+        hold: what is held.
         is_root: stops on whose event the step ended, to rounding.
         ahead: how far ahead an event may be.
     """
     x, force, phase = series
     h = [state.gap, *(-machine.contacts.towards(x[k], phase[k]) for k in range(1, len(x)))]
     if machine.can_stick:
-        hold = machine.hold(state.held)
         contact_force = [machine.contacts.pressing(force[k], hold, phase[k]) for k in range(len(force))]
         pairs = zip_longest(contact_force, h, fillvalue=0.0)
         h = [jnp.where(state.held, f, g) for f, g in pairs]

@@ -73,10 +73,9 @@ class AbstractContacts(eqx.Module):
     def impulses(self, loss: Float[Array, "n ..."]) -> Float[Array, "contacts ..."] | None:
         """Impulses of single impacts by the loss of velocities; None where logged velocities tell them."""
 
-    @property
-    def sign_of_impulse(self) -> Float[Array, "contacts ..."] | float:
-        """The sign with which users know impulses along rows."""
-        return 1.0
+    def told_impulse(self, along: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
+        """Impulses along rows as users know them."""
+        return along
 
     @abc.abstractmethod
     def along(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:

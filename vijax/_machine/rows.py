@@ -13,27 +13,35 @@ Rows that depend on others, as two that say the same, get no force: it stands wi
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._system.waves import Waves
+from .._system.waves import Waves, phase_rate
 from .._types import Reals, Scalar, matvec
 from .contacts import AbstractContacts
 
+# Up to so many contacts sweeps are written out; more are a loop, which compiles faster.
+_UNROLLED = 2
+
 
 class Hold(eqx.Module):
-    """Contacts that hold, and what that does to the motion.
+    """Contacts that hold, and what that does to the motion: x'' = mobility f + drive(phase).
 
     Attributes:
         held: which, (contacts,).
         inertia: G_H^-1, zero where none holds, (contacts, contacts).
         reaction: G_H^-1 A M^-1: contact forces by the force on the masses, (contacts, n).
+        mobility: M^-1 (1 - A^T reaction), (n, n).
+        drive: M^-1 A^T G_H^-1 s'', (harmonics, n); None if all contacts stand still.
     """
 
     held: Bool[Array, "contacts ..."]
     inertia: Float[Array, "contacts contacts ..."]
     reaction: Float[Array, "contacts n ..."]
+    mobility: Float[Array, "n n ..."]
+    drive: Waves | None
 
 
 class Rows(AbstractContacts):
@@ -106,10 +114,9 @@ class Rows(AbstractContacts):
         """Bound the speeds of the contacts."""
         return jnp.zeros_like(self.limit) if self.walls is None else self.frequency * self.walls.bound(1)
 
-    @property
-    def sign_of_impulse(self) -> Float[Array, "contacts ..."]:
-        """1 for contacts, whose impulse opens the gap; of a stop the impulse is that on its mass."""
-        return jnp.where(self.signs == 0, 1, -self.signs)
+    def told_impulse(self, along: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
+        """Of a stop the impulse on its mass, of any other contact the one that opens its gap."""
+        return jnp.where(self.signs == 0, 1, -self.signs) * along
 
     def along(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
         """A . y: a velocity or a force, counted towards each contact."""
@@ -151,14 +158,21 @@ class Rows(AbstractContacts):
 
     def hold(self, held: Bool[Array, "contacts ..."]) -> Hold:
         """The inverse of G among the held contacts."""
-        inertia = inverse_among(self.compliance, held)
-        return Hold(held, inertia, jnp.sum(inertia[:, :, None] * self._weighted()[None], axis=1))
+        inertia, weighted = inverse_among(self.compliance, held), self._weighted()
+        reaction = _product(inertia, weighted)
+        mobility = self._inverse() - _product(jnp.swapaxes(weighted, 0, 1), reaction)
+        if self.walls is None:
+            return Hold(held, inertia, reaction, mobility, None)
+        back, accelerated = jnp.swapaxes(reaction, 0, 1), self._accelerated()
+        drive = jax.tree.map(lambda a: jnp.stack([matvec(back, row) for row in a]), accelerated)
+        return Hold(held, inertia, reaction, mobility, drive)
 
     def accelerations(
         self, force: Float[Array, "n ..."], hold: Hold, phase: Float[Array, "2 harmonics ..."]
     ) -> Float[Array, "n ..."]:
         """Accelerations by a force, with the forces of the contacts that hold."""
-        return self.freed(force - self.back(self.pressing(force, hold, phase)))
+        moved = matvec(hold.mobility, force)
+        return moved if hold.drive is None else moved + hold.drive.at(phase)
 
     def pressing(
         self, force: Float[Array, "n ..."], hold: Hold, phase: Float[Array, "2 harmonics ..."]
@@ -173,12 +187,24 @@ class Rows(AbstractContacts):
         self, force: Float[Array, "n ..."], hold: Hold, phase: Float[Array, "2 harmonics ..."]
     ) -> Float[Array, "contacts ..."]:
         """Acceleration towards each contact, as if it alone did not hold."""
-        pressing = self.pressing(force, hold, phase)
-        free = self.along(self.freed(force - self.back(pressing)))
-        if self.walls is not None:
-            free = free - self._accelerated().at(phase)
+        free = self._accelerated_towards(self.accelerations(force, hold, phase), phase)
         inertia = _diagonal(hold.inertia)
+        pressing = self.pressing(force, hold, phase)
         return jnp.where(hold.held, pressing / jnp.where(inertia > 0, inertia, 1), free)
+
+    def is_spare(self, hold: Hold) -> Bool[Array, "contacts ..."]:
+        """Contacts that hold, but whose row depends on those of others that do."""
+        return hold.held & (_diagonal(hold.inertia) == 0)
+
+    def free_pull(
+        self, force: Float[Array, "n ..."], phase: Float[Array, "2 harmonics ..."]
+    ) -> Float[Array, "contacts ..."]:
+        """Acceleration towards each contact, if none held."""
+        return self._accelerated_towards(self.freed(force), phase)
+
+    def _accelerated_towards(self, acceleration: Array, phase: Array) -> Float[Array, "contacts ..."]:
+        along = self.along(acceleration)
+        return along if self.walls is None else along - self._accelerated().at(phase)
 
     def pressing_rest(self, force_rest: Float[Array, "n ..."], hold: Hold) -> Float[Array, "contacts ..."]:
         """Bound a third derivative by 6 of the contact forces by that of the force."""
@@ -192,6 +218,18 @@ class Rows(AbstractContacts):
     ) -> Float[Array, "n ..."]:
         """Positions with the gaps of the flagged contacts zero, the nearest in the metric of the masses."""
         return x + self._by(inverse_among(self.compliance, flags), self.gaps(x, phase))
+
+    def settled(
+        self,
+        x: Float[Array, "n ..."],
+        v: Float[Array, "n ..."],
+        held: Bool[Array, "contacts ..."],
+        phase: Array,
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+        """Positions `placed` and velocities `held_still` at once."""
+        inertia, rate = inverse_among(self.compliance, held), phase_rate(phase, self.frequency)
+        x, lack = x + self._by(inertia, self.gaps(x, phase)), self.towards(v, rate)
+        return x, v - self._by(inertia, lack)
 
     def held_still(
         self, v: Float[Array, "n ..."], held: Bool[Array, "contacts ..."], phase_rate: Array
@@ -247,7 +285,16 @@ class Rows(AbstractContacts):
         """A M^-1."""
         if not self._has_full_mass:
             return self.rows * self.inverse_mass[None]
-        return jnp.sum(self.rows[:, :, None] * self.inverse_mass[None], axis=1)
+        return _product(self.rows, self.inverse_mass)
+
+    def _inverse(self) -> Array:
+        """M^-1."""
+        if self._has_full_mass:
+            return self.inverse_mass
+        unit = np.eye(len(self.inverse_mass), dtype=self.inverse_mass.dtype)
+        return jnp.asarray(
+            unit.reshape(*unit.shape, *[1] * (self.inverse_mass.ndim - 1)) * self.inverse_mass[None]
+        )
 
     @property
     def _has_full_mass(self) -> bool:
@@ -272,19 +319,33 @@ def inverse_among(
         J. H. Goodnight, A tutorial on the sweep operator, Am. Stat. 33 (1979).
     """
     size, a = len(matrix), matrix + jnp.zeros_like(members, matrix.dtype)[None]
-    slack, swept = 64 * size * jnp.finfo(matrix.dtype).eps, []
-    for k in range(size):
-        is_member = members[k] & (a[k, k] > slack * matrix[k, k])
-        pivot = jnp.where(is_member, a[k, k], 1)
-        row, column = a[k] / pivot, a[:, k]
-        here = (np.arange(size) == k).reshape(-1, *[1] * (row.ndim - 1))
+    slack = 64 * size * jnp.finfo(matrix.dtype).eps
+
+    def sweep(a: Array, k: Array | int) -> tuple[Array, Array]:
+        here = (jnp.arange(size) == k).reshape(-1, *[1] * (a.ndim - 2))
+        pivot, row, column = a[k, k], a[k], a[:, k]
+        is_member = members[k] & (pivot > slack * matrix[k, k])
+        pivot = jnp.where(is_member, pivot, 1)
+        row = row / pivot
         rest = a - column[:, None] * row[None]
         rest = jnp.where(here[:, None], row[None], jnp.where(here[None], (-column / pivot)[:, None], rest))
         rest = jnp.where(here[:, None] & here[None], 1 / pivot, rest)
-        a = jnp.where(is_member, rest, a)
-        swept.append(is_member)
-    inside = jnp.stack(swept) if size else members
+        return jnp.where(is_member, rest, a), is_member
+
+    if size <= _UNROLLED:
+        swept = []
+        for k in range(size):
+            a, is_member = sweep(a, k)
+            swept.append(is_member)
+        inside = jnp.stack(swept) if size else members
+    else:
+        a, inside = jax.lax.scan(sweep, a, jnp.arange(size))
     return jnp.where(inside[:, None] & inside[None], a, 0)
+
+
+def _product(a: Float[Array, "i j ..."], b: Float[Array, "j k ..."]) -> Float[Array, "i k ..."]:
+    """Matrix product, lanes last."""
+    return jnp.sum(a[:, :, None] * b[None], axis=1)
 
 
 def _diagonal(matrix: Float[Array, "contacts contacts ..."]) -> Float[Array, "contacts ..."]:
