@@ -13,7 +13,7 @@ import numpy as np
 from .._orbits.sequence import NOTHING, Sequence
 from .._trajectory.event_log import IMPACT, RELEASE
 from .._types import Reals
-from .changes import passed_section, shifted, with_impact, with_order_exchanged, without_event
+from .changes import passed_section, shifted, with_event, with_order_exchanged, without_event
 from .family import Place
 from .programs import Followed, Rates, Request, Seen, confirm, locate_start, look, rates_along, tell, trimmed
 from .zero import Bracket, next_trial
@@ -494,7 +494,7 @@ def _by_sequence(test: Test, event: Point) -> Asked:
     if test.kind == "touch":
         watched = event.seen.watched
         flight, time = int(watched.gap_flight[k]), float(watched.gap_time[k])
-        sequence, place = with_impact(sequence, place, k, flight, time)
+        sequence, place = with_event(sequence, place, IMPACT, k, flight, time)
         return (yield from _going_on(sequence, place, event, lambda rates: rates.speeds[flight]))
     if test.kind == "gr":
         stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())

@@ -28,6 +28,7 @@ class Watched(NamedTuple):
         gap_flight: on which flight, (stops,).
         force: on each stop that holds, (stops,); infinite if it never does.
         force_time: when, (stops,).
+        force_flight: on which flight, (stops,).
         last: the duration of the flight after the last event, in forcing periods.
     """
 
@@ -36,6 +37,7 @@ class Watched(NamedTuple):
     gap_flight: Int[Array, " stops"]
     force: Float[Array, " stops"]
     force_time: Float[Array, " stops"]
+    force_flight: Int[Array, " stops"]
     last: Scalar
 
 
@@ -133,7 +135,13 @@ def watch(problem: Problem, unknowns: Unknowns) -> Watched:
     gap, gap_time = _refined(machine, flow, scan.gaps, _of_gap)
     force, force_time = _refined(machine, flow, scan.forces, _of_force)
     return Watched(
-        gap, gap_time - problem.phase, scan.gaps.flight, force, force_time - problem.phase, flights[count]
+        gap=gap,
+        gap_time=gap_time - problem.phase,
+        gap_flight=scan.gaps.flight,
+        force=force,
+        force_time=force_time - problem.phase,
+        force_flight=scan.forces.flight,
+        last=flights[count],
     )
 
 
