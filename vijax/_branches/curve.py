@@ -120,7 +120,10 @@ def test_of(kind: str, sequence: Sequence, seen: Seen) -> Test:
             f"There is no curve of {kind}: where a chatter is completed, infinitely many changes meet."
         )
     tests = [test for test in tests_of(sequence) if test.kind in wanted[kind]]
-    return min(tests, key=lambda test: abs(test.of(seen)))
+    # An impact without speed is a touch as well, with a gap of exactly zero.
+    light = _ROUNDING * np.abs(seen.start[len(seen.start) // 2 :]).max()
+    impacts = [test for test in tests if test.kind == "gr" and abs(test.of(seen)) < light]
+    return min(impacts or tests, key=lambda test: abs(test.of(seen)))
 
 
 @dataclass
