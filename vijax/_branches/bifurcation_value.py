@@ -21,6 +21,7 @@ from .changes import with_event
 from .curve import as_it_is, test_of
 from .defining import AbstractCondition, AtEvent, AtMultiplier, Defining, implicit, solve
 from .family import Family, Place
+from .follow import CLOSE
 from .programs import drive, padded, room_for
 from .starts import family_of, starts_of
 from .watch import watch
@@ -36,7 +37,7 @@ _SENTENCES = (
 )
 _NOT_DERIVED = {
     "bp": "A branch point is there for one machine alone, or by a symmetry: take the points of a branch beside it.",
-    "chatter_completion": "Where a chatter is completed infinitely many changes meet: take one of them, of a kind \"gr\" "
+    "chatter_completion": 'Where a chatter is completed infinitely many changes meet: take one of them, of a kind "gr" '
     'or "fold".',
 }
 
@@ -45,12 +46,12 @@ _NOT_DERIVED = {
 def bifurcation_value(point: Bifurcation, system: ImpactSystem, *, throw: bool = True) -> Scalar:
     """Return the value of the parameter at which a machine has a bifurcation, as a differentiable function.
 
-    For a machine close to that of the point, by Newton's method on a defining system: the equations of the orbit, with
-    the parameter as an unknown, and what vanishes at the bifurcation: a bordered determinant of the multipliers, the
-    speed of an impact, or the time between two. Derivatives are those of the implicit function theorem, by every number
-    of the machine but the parameter itself, which is found. Nothing is divided by the speed of an impact.
+    For a machine close to that of the point, by Newton's method on its defining system: the equations of the orbit, with
+    the parameter as an unknown, and those of what happens there, as a multiplier of -1, or an impact without speed.
+    Nothing is divided by the speed of an impact.
 
-    Works under `jax.jit` and `jax.vmap`, forward and reverse.
+    Works under `jax.jit` and `jax.vmap`. Derivatives by all numbers of the machine, forward and reverse, are those of the
+    implicit function theorem.
 
     Args:
         point: one of `branch.bifurcations`, of the kind "fold", "pd", "ns", "gr", "double_impact" or "force_zero".
@@ -83,7 +84,10 @@ def bifurcation_value(point: Bifurcation, system: ImpactSystem, *, throw: bool =
         raise ValueError(_NOT_DERIVED[point.kind])
     with jax.ensure_compile_time_eval():
         defining, guess = _known(point)
-    found, number = _found(_of_machine(defining, with_args(system, None)), guess)
+    defining = _of_machine(defining, with_args(system, None))
+    solved, y, number = _solved(constant(defining), guess)
+    place, _ = defining.place(implicit(replace(defining, condition=solved), y))
+    found = place.p * defining.family.span
     return checked(found, number, _SENTENCES) if throw else known_or_nan(number == 0, found)
 
 
@@ -118,9 +122,14 @@ def _known(point: Bifurcation) -> tuple[Defining, Place]:
 
 def _at_multiplier(point: Bifurcation) -> AbstractCondition:
     multipliers = point.branch.points["multipliers"].values[point.index]
-    wanted = {"fold": np.abs(multipliers - 1), "pd": np.abs(multipliers + 1)}
-    away = wanted.get(point.kind, np.abs(np.abs(multipliers) - 1) + (multipliers.imag <= 0))
-    theta = {"fold": 0.0, "pd": np.pi}.get(point.kind, np.angle(multipliers[np.nanargmin(away)]))
+    away = np.abs(multipliers + 1) if point.kind == "pd" else np.abs(np.abs(multipliers) - 1)
+    if point.kind == "pd" and not away.min() < CLOSE:
+        raise ValueError(
+            "The orbit of this point is another one twice: take the period doubling on the branch of that one."
+        )
+    # Of a pair the one above the real axis.
+    angle = np.angle(multipliers[np.argmin(np.where(multipliers.imag > 0, away, np.inf))])
+    theta = {"fold": 0.0, "pd": np.pi}.get(point.kind, angle)
     return AtMultiplier(np.array([theta]), np.zeros((2, len(multipliers)), complex))
 
 
@@ -129,7 +138,7 @@ def _at_event(
 ) -> tuple[AbstractCondition, Sequence, Place]:
     (seen,) = drive([family], [as_it_is(sequence, place)], lambda: None)
     test, watched = test_of(kind, sequence, seen), seen.watched
-    k, has_duration = test.index, test.kind != "double_impact"
+    k, is_tangent = test.index, test.kind != "double_impact"
     if test.kind == "touch":
         flight, time = int(watched.gap_flight[k]), float(watched.gap_time[k])
         sequence, place = with_event(sequence, place, IMPACT, k, flight, time)
@@ -137,20 +146,16 @@ def _at_event(
     if test.kind == "force_zero":
         flight, time = int(watched.force_flight[k]), float(watched.force_time[k])
         sequence, place = with_event(sequence, place, RELEASE, k, flight, time)
-        k, has_duration = flight, bool(place.flights[flight] > _ROUNDING[str(place.flights.dtype)])
-    return AtEvent(np.zeros(0), np.asarray(k), np.asarray(has_duration)), sequence, place
+        k, is_tangent = flight, bool(place.flights[flight] > _ROUNDING[str(place.flights.dtype)])
+    return AtEvent(np.zeros(0), np.asarray(k), np.asarray(is_tangent)), sequence, place
 
 
 @compile_lightly
-def _found(defining: Defining, guess: Place) -> tuple[Scalar, Int[Array, ""]]:
-    """The value, differentiable, and the number of a sentence, 0 if all is well."""
-    still = constant(defining)
-    still, y, is_found = solve(still, guess)
-    place, _ = still.place(y)
-    number = jnp.where(is_found, jnp.where(_is_motion(still, place), 0, 2), 1)
-    defining = replace(defining, condition=still.condition)
-    place, _ = defining.place(implicit(defining, jax.lax.stop_gradient(y)))
-    return place.p * defining.family.span, number
+def _solved(defining: Defining, guess: Place) -> tuple[AbstractCondition, Array, Int[Array, ""]]:
+    """The condition, the unknowns that satisfy it, and the number of a sentence, 0 if all is well."""
+    defining, y, is_found = solve(defining, guess)
+    is_motion = _is_motion(defining, defining.place(y)[0])
+    return defining.condition, y, jnp.where(is_found, jnp.where(is_motion, 0, 2), 1)
 
 
 def _is_motion(defining: Defining, place: Place) -> Array:

@@ -18,17 +18,18 @@ the three.
 
 import abc
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Complex, Float, Int
+from jaxtyping import Array, Bool, Complex, Float
 
 from .._orbits.condensed import condense
 from .._orbits.cycle import Problem, Unknowns, linearise, residual
 from .._orbits.sequence import Sequence
-from .._types import Scalar
+from .._types import Reals, Scalar
+from .._xla import compile_lightly
 from .family import Family, Place
 
 # As in `polish.py`.
@@ -40,10 +41,10 @@ class AbstractCondition(eqx.Module):
     """What happens at a bifurcation.
 
     Attributes:
-        own: first guesses of the unknowns that it has beside those of the cycle.
+        own: first guesses of the unknowns that it has beside those of the cycle, (own,).
     """
 
-    own: eqx.AbstractVar[Float[Array, " own"]]
+    own: eqx.AbstractVar[Reals]
 
     @abc.abstractmethod
     def begun(
@@ -66,8 +67,8 @@ class AtMultiplier(AbstractCondition):
         borders: b and c, unit vectors, (2, 2 n).
     """
 
-    own: Float[Array, " 1"]
-    borders: Complex[Array, "2 state"]
+    own: Reals
+    borders: Reals
 
     def begun(self, problem, unknowns, scale):
         left, _, right = jnp.linalg.svd(_singular(problem, unknowns, scale, self.own[0]))
@@ -86,12 +87,12 @@ class AtEvent(AbstractCondition):
     Attributes:
         own: nothing, (0,).
         index: number of the event.
-        has_duration: which of the two.
+        is_tangent: which of the two.
     """
 
-    own: Float[Array, " 0"]
-    index: Int[Array, ""]
-    has_duration: Bool[Array, ""]
+    own: Reals
+    index: Reals
+    is_tangent: Reals
 
     def begun(self, problem, unknowns, scale):
         return self
@@ -100,7 +101,7 @@ class AtEvent(AbstractCondition):
         is_event = jnp.arange(len(unknowns.flights)) == self.index
         ending = lambda flights: residual(problem, unknowns._replace(flights=flights)).events  # noqa: E731
         _, changes = jax.jvp(ending, (unknowns.flights,), (is_event.astype(unknowns.flights.dtype),))
-        values = jnp.where(self.has_duration, changes, unknowns.flights)
+        values = jnp.where(self.is_tangent, changes, unknowns.flights)
         return jnp.sum(jnp.where(is_event, values, 0))[None]
 
 
@@ -144,9 +145,16 @@ class Defining(eqx.Module):
         more = self.condition.values(problem, unknowns, self.family.scale, own)
         return jnp.concatenate([found.closing / self.family.scale, found.events, more])
 
-    def step(self, y: Float[Array, " unknowns"], values: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
-        """The change of the unknowns that changes what vanishes by so much."""
-        return jnp.linalg.solve(jax.jacfwd(self.values)(y), values)
+    def linearised(
+        self, y: Float[Array, " unknowns"]
+    ) -> tuple[Float[Array, "unknowns unknowns"], Float[Array, " unknowns"]]:
+        """Its derivatives by the unknowns, and what vanishes."""
+
+        def twice(y: Array) -> tuple[Array, Array]:
+            values = self.values(y)
+            return values, values
+
+        return jax.jacfwd(twice, has_aux=True)(y)
 
 
 class _Now(NamedTuple):
@@ -171,8 +179,8 @@ def solve(defining: Defining, guess: Place) -> tuple[Defining, Float[Array, " un
         return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
 
     def one(now: _Now) -> _Now:
-        step = -defining.step(now.y, defining.values(now.y))
-        return _Now(now.y + step, jnp.max(jnp.abs(step)), now.step, now.num_steps + 1)
+        step = jnp.linalg.solve(*defining.linearised(now.y))
+        return _Now(now.y - step, jnp.max(jnp.abs(step)), now.step, now.num_steps + 1)
 
     big = jnp.asarray(jnp.finfo(y.dtype).max, y.dtype)
     last = jax.lax.while_loop(is_on, one, _Now(y, big, big, jnp.array(0)))
@@ -190,5 +198,15 @@ def implicit(defining: Defining, y: Float[Array, " unknowns"]) -> Float[Array, "
 def _implicit_jvp(primals, tangents):
     defining, y = primals
     y = implicit(defining, y)
-    _, moved = eqx.filter_jvp(lambda defining: defining.values(y), (defining,), (tangents[0],))
-    return y, -defining.step(y, moved)
+    return y, -jnp.linalg.solve(_matrix(defining, y), _moved(defining, tangents[0], y))
+
+
+# Programs of their own: derivatives of all kinds share the first, outside of `jax.jit`.
+@compile_lightly
+def _matrix(defining: Defining, y: Float[Array, " unknowns"]) -> Float[Array, "unknowns unknowns"]:
+    return defining.linearised(y)[0]
+
+
+@compile_lightly
+def _moved(defining: Defining, change: Any, y: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
+    return eqx.filter_jvp(lambda defining: defining.values(y), (defining,), (change,))[1]

@@ -29,7 +29,7 @@ _MOMENT = 1e-5
 # The most by which a step may turn, as a cosine; iterations of Newton's method after which steps grow, or shrink.
 _TURN, _FEW, _MANY = 0.98, 4, 7
 # A multiplier this close to where it should be is there; halves of a cycle this close are one.
-_CLOSE = 1e-4
+CLOSE = 1e-4
 # Runs of orbits whose neighbours leave faster than this say nothing.
 _TRUSTED = 1e4
 
@@ -419,9 +419,9 @@ def _is_there(test: Test, seen: Seen) -> bool:
     """Whether the multipliers say so too: a test function changes its sign as well where one is infinite."""
     mu = seen.found.multipliers
     if test.kind == "ns":
-        return bool(np.any((np.abs(np.abs(mu) - 1) < _CLOSE) & (np.abs(mu.imag) > _CLOSE)))
+        return bool(np.any((np.abs(np.abs(mu) - 1) < CLOSE) & (np.abs(mu.imag) > CLOSE)))
     wanted = {"pd": -1, "bp": 1}
-    return test.kind not in wanted or bool(np.any(np.abs(mu - wanted[test.kind]) < _CLOSE))
+    return test.kind not in wanted or bool(np.any(np.abs(mu - wanted[test.kind]) < CLOSE))
 
 
 def _repeats_sooner(walk: Walk, point: Point) -> Asked:
@@ -430,7 +430,7 @@ def _repeats_sooner(walk: Walk, point: Point) -> Asked:
         return False
     half = np.asarray(walk.num_periods / 2)
     z = yield Request(locate_start, point.sequence, (point.place, half))
-    return bool(np.abs(z - point.place.z).max() < _CLOSE)
+    return bool(np.abs(z - point.place.z).max() < CLOSE)
 
 
 def _to_bound(walk: Walk, point: Point, new: Point) -> Asked:

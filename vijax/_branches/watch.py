@@ -166,10 +166,13 @@ def _refined(
     """Values and times of the minima by Newton's method on the slope; what is no minimum stays as it was read."""
 
     def one(low: _Lowest, stop: Array) -> tuple[Array, Array]:
-        begin, since = Moment(low.z, low.start, jnp.zeros_like(lowest.value)), low.since
-        for _ in range(_STEPS):
+        begin = Moment(low.z, low.start, jnp.zeros_like(lowest.value))
+
+        def nearer(_: Array, since: Array) -> Array:
             _, slope, rate = (a[stop] for a in of(_read(machine, flow, begin, low.held, since)))
-            since = since - jnp.where(rate == 0, 0, slope / jnp.where(rate == 0, 1, rate)) / machine.period
+            return since - jnp.where(rate == 0, 0, slope / jnp.where(rate == 0, 1, rate)) / machine.period
+
+        since = jax.lax.fori_loop(0, _STEPS, nearer, low.since)
         value = of(_read(machine, flow, begin, low.held, since))[0][stop]
         is_near = jnp.abs(since - low.since) * machine.rate * machine.period < 1 / _DENSITY
         is_minimum = jnp.isfinite(low.value) & (low.since > 0) & is_near
