@@ -190,7 +190,7 @@ def test_what_is_not_found_is_told(make, kind, numbers, sentence):
         value_of(make, kind)(numbers)
     value = lambda numbers: vx.bifurcation_value(points_of(make)[kind], make(numbers), throw=False)  # noqa: E731
     assert np.isnan(value(numbers))
-    assert np.all(np.isnan(jax.grad(value)(numbers)))
+    assert np.isnan(jax.grad(value)(numbers)[:2]).all()  # the equations do not hold a stop that is not hit
 
 
 def retold(point, kind):

@@ -57,7 +57,7 @@ def bifurcation_value(point: Bifurcation, system: ImpactSystem, *, throw: bool =
         point: one of `branch.bifurcations`, of the kind "fold", "pd", "ns", "gr", "double_impact" or "force_zero".
         system: the machine, with as many masses and the same stops; whatever it has for the parameter of the branch is
             not used.
-        throw: raise if the bifurcation is not found; otherwise its value and its derivatives are NaN.
+        throw: raise if the bifurcation is not found; otherwise its value is NaN, and so are derivatives by what it depends on.
 
     Returns:
         The value, in the units of the parameter.
