@@ -7,6 +7,7 @@ from . import models as models
 from ._attractors.classify import classify as classify
 from ._attractors.cycles import periodic_orbits as periodic_orbits
 from ._attractors.sections import impact_map as impact_map, stroboscopic_section as stroboscopic_section
+from ._branches.bifurcation_value import bifurcation_value as bifurcation_value
 from ._branches.branch import Bifurcation as Bifurcation, Branch as Branch
 from ._branches.branches import branches as branches
 from ._branches.continuation import continuation as continuation
@@ -87,6 +88,7 @@ __all__ = [
     "TaylorFlow",
     "base_excitation",
     "bifurcation_curve",
+    "bifurcation_value",
     "branches",
     "chain",
     "classify",

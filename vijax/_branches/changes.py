@@ -3,21 +3,23 @@
 import numpy as np
 
 from .._orbits.sequence import Sequence
-from .._trajectory.event_log import IMPACT
 from .family import Place
 
 
-def with_impact(
-    sequence: Sequence, place: Place, stop: int, flight: int, time: float
+def with_event(
+    sequence: Sequence, place: Place, kind: int, stop: int, flight: int, time: float
 ) -> tuple[Sequence, Place]:
-    """An impact without speed, where the gap of a stop vanishes on a flight, some forcing periods after the start."""
+    """An event of a stop that changes nothing, on a flight, some forcing periods after the start.
+
+    An impact without speed, where a gap vanishes, or a release that does not set free, where a force does.
+    """
     since = time - place.flights[:flight].sum()
     held = np.insert(sequence.held, flight, sequence.held[flight], axis=0)
     flights = np.insert(place.flights, flight, since)
     if flight < len(place.flights):
         flights[flight + 1] -= since
-    kind, stops = np.insert(sequence.kind, flight, IMPACT), np.insert(sequence.stop, flight, stop)
-    return Sequence(kind, stops, held), place._replace(flights=flights)
+    kinds, stops = np.insert(sequence.kind, flight, kind), np.insert(sequence.stop, flight, stop)
+    return Sequence(kinds, stops, held), place._replace(flights=flights)
 
 
 def without_event(sequence: Sequence, place: Place, k: int) -> tuple[Sequence, Place]:

@@ -92,8 +92,8 @@ def bifurcation_curve(
     family = replace(family_of(start, first, *box[0]), span=np.ones(()))
     sequence, place = cycle_of(point, family.scale, 0.0)
     curve = _Curve(family, path, TESTS_OF_NEIGHBOURS[0], box / size[:, None], size, most)
-    seen = curve.on_line(_as_it_is(sequence, place), at, np.array([1.0, 0.0]))
-    curve.test = _test_of(point.kind, sequence, seen)
+    seen = curve.on_line(as_it_is(sequence, place), at, np.array([1.0, 0.0]))
+    curve.test = test_of(point.kind, sequence, seen)
     begun = curve.begin(Point.of(sequence, seen, 0.0), at)
     with tqdm(unit="point", disable=not progress) as bar:
         back, first_end = curve.follow(begun._replace(direction=-begun.direction), bar)
@@ -101,7 +101,7 @@ def bifurcation_curve(
     return _dataset(point, path, curve, [*back[::-1], begun, *forth], (first_end, last_end))
 
 
-def _as_it_is(sequence: Sequence, place: Place) -> Asked:
+def as_it_is(sequence: Sequence, place: Place) -> Asked:
     """A cycle that is known."""
     rng = np.random.default_rng(0)
     weights = Place(
@@ -110,7 +110,7 @@ def _as_it_is(sequence: Sequence, place: Place) -> Asked:
     return (yield from corrected(sequence, place, weights, place.along(weights)))
 
 
-def _test_of(kind: str, sequence: Sequence, seen: Seen) -> Test:
+def test_of(kind: str, sequence: Sequence, seen: Seen) -> Test:
     """The function that vanishes at a bifurcation."""
     if kind in ("fold", "pd", "ns", "bp"):
         return next(test for test in TESTS_OF_NEIGHBOURS if test.kind == kind)
@@ -120,7 +120,10 @@ def _test_of(kind: str, sequence: Sequence, seen: Seen) -> Test:
             f"There is no curve of {kind}: where a chatter is completed, infinitely many changes meet."
         )
     tests = [test for test in tests_of(sequence) if test.kind in wanted[kind]]
-    return min(tests, key=lambda test: abs(test.of(seen)))
+    # An impact without speed is a touch as well, with a gap of exactly zero.
+    light = _ROUNDING * np.abs(seen.start[len(seen.start) // 2 :]).max()
+    impacts = [test for test in tests if test.kind == "gr" and abs(test.of(seen)) < light]
+    return min(impacts or tests, key=lambda test: abs(test.of(seen)))
 
 
 @dataclass

@@ -13,7 +13,7 @@ import numpy as np
 from .._orbits.sequence import NOTHING, Sequence
 from .._trajectory.event_log import IMPACT, RELEASE
 from .._types import Reals
-from .changes import passed_section, shifted, with_impact, with_order_exchanged, without_event
+from .changes import passed_section, shifted, with_event, with_order_exchanged, without_event
 from .family import Place
 from .programs import Followed, Rates, Request, Seen, confirm, locate_start, look, rates_along, tell, trimmed
 from .zero import Bracket, next_trial
@@ -29,7 +29,7 @@ _MOMENT = 1e-5
 # The most by which a step may turn, as a cosine; iterations of Newton's method after which steps grow, or shrink.
 _TURN, _FEW, _MANY = 0.98, 4, 7
 # A multiplier this close to where it should be is there; halves of a cycle this close are one.
-_CLOSE = 1e-4
+CLOSE = 1e-4
 # Runs of orbits whose neighbours leave faster than this say nothing.
 _TRUSTED = 1e4
 
@@ -419,9 +419,9 @@ def _is_there(test: Test, seen: Seen) -> bool:
     """Whether the multipliers say so too: a test function changes its sign as well where one is infinite."""
     mu = seen.found.multipliers
     if test.kind == "ns":
-        return bool(np.any((np.abs(np.abs(mu) - 1) < _CLOSE) & (np.abs(mu.imag) > _CLOSE)))
+        return bool(np.any((np.abs(np.abs(mu) - 1) < CLOSE) & (np.abs(mu.imag) > CLOSE)))
     wanted = {"pd": -1, "bp": 1}
-    return test.kind not in wanted or bool(np.any(np.abs(mu - wanted[test.kind]) < _CLOSE))
+    return test.kind not in wanted or bool(np.any(np.abs(mu - wanted[test.kind]) < CLOSE))
 
 
 def _repeats_sooner(walk: Walk, point: Point) -> Asked:
@@ -430,7 +430,7 @@ def _repeats_sooner(walk: Walk, point: Point) -> Asked:
         return False
     half = np.asarray(walk.num_periods / 2)
     z = yield Request(locate_start, point.sequence, (point.place, half))
-    return bool(np.abs(z - point.place.z).max() < _CLOSE)
+    return bool(np.abs(z - point.place.z).max() < CLOSE)
 
 
 def _to_bound(walk: Walk, point: Point, new: Point) -> Asked:
@@ -494,7 +494,7 @@ def _by_sequence(test: Test, event: Point) -> Asked:
     if test.kind == "touch":
         watched = event.seen.watched
         flight, time = int(watched.gap_flight[k]), float(watched.gap_time[k])
-        sequence, place = with_impact(sequence, place, k, flight, time)
+        sequence, place = with_event(sequence, place, IMPACT, k, flight, time)
         return (yield from _going_on(sequence, place, event, lambda rates: rates.speeds[flight]))
     if test.kind == "gr":
         stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())

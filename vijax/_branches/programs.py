@@ -155,14 +155,14 @@ def answer(families: Many[Family], requests: Many[Request]) -> list[Any]:
     answers: list[Any] = [None] * len(requests)
     groups: dict[tuple, list[int]] = {}
     for k, request in enumerate(requests):
-        room = _room(len(request.sequence.kind))
+        room = room_for(len(request.sequence.kind))
         groups.setdefault((request.program, room, jax.tree.structure(families[k])), []).append(k)
     for (program, room, _), members in groups.items():
         while members:
             own, members = members[: _LANES[-1]], members[_LANES[-1] :]
             size = next(n for n in _LANES if n >= len(own))
             filled = own + own[:1] * (size - len(own))
-            rows = [(families[k], *_padded(requests[k], room)) for k in filled]
+            rows = [(families[k], *padded(requests[k].sequence, requests[k].arguments, room)) for k in filled]
             stacked = jax.tree.map(lambda *a: np.stack(a), *rows)
             found = jax.device_get(_compiled(program)(*stacked))
             for i, k in enumerate(own):
@@ -175,20 +175,22 @@ def _compiled(program: Callable) -> Callable:
     return jit_lightly(jax.vmap(program))
 
 
-def _room(num_events: int) -> int:
+def room_for(num_events: int) -> int:
+    """The padded number of events."""
     room = next((room for room in _ROOMS if room >= num_events), None)
     if room is None:
         raise ValueError(f"A branch came to a cycle of {num_events} events, and {_ROOMS[-1]} are the most.")
     return room
 
 
-def _padded(request: Request, room: int) -> tuple:
-    sequence, more = request.sequence, room - len(request.sequence.kind)
+def padded(sequence: Sequence, arguments: tuple, room: int) -> tuple:
+    """A sequence, and arguments with the places among them, with padding."""
+    more = room - len(sequence.kind)
     kind = np.append(sequence.kind, np.full(more, NOTHING))
     held = np.concatenate([sequence.held, np.repeat(sequence.held[-1:], more, axis=0)])
     long = Sequence(kind, np.append(sequence.stop, np.zeros(more, int)), held)
     pad = lambda a: a._replace(flights=np.append(a.flights, np.zeros(more))) if isinstance(a, Place) else a  # noqa: E731
-    return long, *map(pad, request.arguments)
+    return long, *map(pad, arguments)
 
 
 def trimmed(tree: Any, num_events: int) -> Any:

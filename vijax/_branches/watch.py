@@ -28,6 +28,7 @@ class Watched(NamedTuple):
         gap_flight: on which flight, (stops,).
         force: on each stop that holds, (stops,); infinite if it never does.
         force_time: when, (stops,).
+        force_flight: on which flight, (stops,).
         last: the duration of the flight after the last event, in forcing periods.
     """
 
@@ -36,6 +37,7 @@ class Watched(NamedTuple):
     gap_flight: Int[Array, " stops"]
     force: Float[Array, " stops"]
     force_time: Float[Array, " stops"]
+    force_flight: Int[Array, " stops"]
     last: Scalar
 
 
@@ -133,7 +135,13 @@ def watch(problem: Problem, unknowns: Unknowns) -> Watched:
     gap, gap_time = _refined(machine, flow, scan.gaps, _of_gap)
     force, force_time = _refined(machine, flow, scan.forces, _of_force)
     return Watched(
-        gap, gap_time - problem.phase, scan.gaps.flight, force, force_time - problem.phase, flights[count]
+        gap=gap,
+        gap_time=gap_time - problem.phase,
+        gap_flight=scan.gaps.flight,
+        force=force,
+        force_time=force_time - problem.phase,
+        force_flight=scan.forces.flight,
+        last=flights[count],
     )
 
 
@@ -158,10 +166,13 @@ def _refined(
     """Values and times of the minima by Newton's method on the slope; what is no minimum stays as it was read."""
 
     def one(low: _Lowest, stop: Array) -> tuple[Array, Array]:
-        begin, since = Moment(low.z, low.start, jnp.zeros_like(lowest.value)), low.since
-        for _ in range(_STEPS):
+        begin = Moment(low.z, low.start, jnp.zeros_like(lowest.value))
+
+        def nearer(_: Array, since: Array) -> Array:
             _, slope, rate = (a[stop] for a in of(_read(machine, flow, begin, low.held, since)))
-            since = since - jnp.where(rate == 0, 0, slope / jnp.where(rate == 0, 1, rate)) / machine.period
+            return since - jnp.where(rate == 0, 0, slope / jnp.where(rate == 0, 1, rate)) / machine.period
+
+        since = jax.lax.fori_loop(0, _STEPS, nearer, low.since)
         value = of(_read(machine, flow, begin, low.held, since))[0][stop]
         is_near = jnp.abs(since - low.since) * machine.rate * machine.period < 1 / _DENSITY
         is_minimum = jnp.isfinite(low.value) & (low.since > 0) & is_near

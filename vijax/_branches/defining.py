@@ -1,0 +1,212 @@
+"""Defining systems: equations whose solution is a bifurcation, and that solution as a function of the machine.
+
+To the equations of a cycle, see `cycle.py`, with the parameter as one more unknown, come those of what happens there:
+
+    fold, period doubling, Neimark-Sacker    Z - e^{i theta} N is singular; theta is one more unknown
+    grazing, a force that touches zero       the value by which the event is known, a gap or a force, has no rate
+    double impact                            the flight between the two has no duration
+
+(Z, N) is the pencil of the neighbours, see `condensed.py`: nothing is divided by the speed of an impact. A matrix A is
+singular where the last unknown psi of the bordered equations
+
+    A y + b psi = 0,    c* y = 1
+
+vanishes. (Its determinant was rejected: how large it is tells nothing.) The two parts of psi are two equations. At a fold
+and a period doubling psi is real where theta is 0 or pi, and its imaginary part keeps theta there: one system serves
+the three.
+"""
+
+import abc
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Complex, Float
+
+from .._orbits.condensed import condense
+from .._orbits.cycle import Problem, Unknowns, linearise, residual
+from .._orbits.sequence import Sequence
+from .._types import Reals, Scalar
+from .._xla import compile_lightly
+from .family import Family, Place
+
+# As in `polish.py`.
+_SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
+_MAX_STEPS = 16
+
+
+class AbstractCondition(eqx.Module):
+    """What happens at a bifurcation.
+
+    Attributes:
+        own: first guesses of the unknowns that it has beside those of the cycle, (own,).
+    """
+
+    own: eqx.AbstractVar[Reals]
+
+    @abc.abstractmethod
+    def begun(
+        self, problem: Problem, unknowns: Unknowns, scale: Float[Array, " state"]
+    ) -> "AbstractCondition":
+        """The same with what it takes from the cycle at which Newton's method begins."""
+
+    @abc.abstractmethod
+    def values(
+        self, problem: Problem, unknowns: Unknowns, scale: Float[Array, " state"], own: Float[Array, " own"]
+    ) -> Float[Array, " conditions"]:
+        """What vanishes there: one more than it has unknowns."""
+
+
+class AtMultiplier(AbstractCondition):
+    """A multiplier is e^{i theta}.
+
+    Attributes:
+        own: theta, (1,).
+        borders: b and c, unit vectors, (2, 2 n).
+    """
+
+    own: Reals
+    borders: Reals
+
+    def begun(self, problem, unknowns, scale):
+        left, _, right = jnp.linalg.svd(_singular(problem, unknowns, scale, self.own[0]))
+        return AtMultiplier(self.own, jnp.stack([left[:, -1], right[-1].conj()]))
+
+    def values(self, problem, unknowns, scale, own):
+        singular, (b, c) = _singular(problem, unknowns, scale, own[0]), self.borders
+        bordered = jnp.block([[singular, b[:, None]], [c.conj()[None], jnp.zeros((1, 1), b.dtype)]])
+        psi = jnp.linalg.solve(bordered, jnp.zeros_like(bordered[0]).at[-1].set(1))[-1]
+        return jnp.stack([psi.real, psi.imag])
+
+
+class AtEvent(AbstractCondition):
+    """The value by which an event is known vanishes with its rate, or its flight has no duration.
+
+    Attributes:
+        own: nothing, (0,).
+        index: number of the event.
+        is_tangent: which of the two.
+    """
+
+    own: Reals
+    index: Reals
+    is_tangent: Reals
+
+    def begun(self, problem, unknowns, scale):
+        return self
+
+    def values(self, problem, unknowns, scale, own):
+        is_event = jnp.arange(len(unknowns.flights)) == self.index
+        ending = lambda flights: residual(problem, unknowns._replace(flights=flights)).events  # noqa: E731
+        _, changes = jax.jvp(ending, (unknowns.flights,), (is_event.astype(unknowns.flights.dtype),))
+        values = jnp.where(self.is_tangent, changes, unknowns.flights)
+        return jnp.sum(jnp.where(is_event, values, 0))[None]
+
+
+def _singular(
+    problem: Problem, unknowns: Unknowns, scale: Float[Array, " state"], theta: Scalar
+) -> Complex[Array, "state state"]:
+    """Z - e^{i theta} N."""
+    pencil = condense(linearise(problem, unknowns, scale)[1]).pencil
+    return pencil.end - jax.lax.complex(jnp.cos(theta), jnp.sin(theta)) * pencil.start
+
+
+class Defining(eqx.Module):
+    """A defining system.
+
+    Attributes:
+        family: the machines.
+        sequence: what happens on the orbit.
+        condition: what makes it a bifurcation.
+    """
+
+    family: Family
+    sequence: Sequence
+    condition: AbstractCondition
+
+    def place(self, y: Float[Array, " unknowns"]) -> tuple[Place, Float[Array, " own"]]:
+        """The cycle, and the unknowns of the condition."""
+        size, own = len(self.family.scale), len(self.condition.own)
+        end = len(y) - own
+        return Place(y[:size], y[size : end - 1], y[end - 1]), y[end:]
+
+    def begun(self, place: Place) -> "Defining":
+        """With what its condition takes from a cycle."""
+        problem, unknowns = self.family.problem(self.sequence, place.p), self.family.unknowns(place)
+        return replace(self, condition=self.condition.begun(problem, unknowns, self.family.scale))
+
+    def values(self, y: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
+        """What vanishes."""
+        place, own = self.place(y)
+        problem, unknowns = self.family.problem(self.sequence, place.p), self.family.unknowns(place)
+        found = residual(problem, unknowns)
+        more = self.condition.values(problem, unknowns, self.family.scale, own)
+        return jnp.concatenate([found.closing / self.family.scale, found.events, more])
+
+    def linearised(
+        self, y: Float[Array, " unknowns"]
+    ) -> tuple[Float[Array, "unknowns unknowns"], Float[Array, " unknowns"]]:
+        """Its derivatives by the unknowns, and what vanishes."""
+
+        def twice(y: Array) -> tuple[Array, Array]:
+            values = self.values(y)
+            return values, values
+
+        return jax.jacfwd(twice, has_aux=True)(y)
+
+
+class _Now(NamedTuple):
+    y: Array
+    step: Array
+    last: Array
+    num_steps: Array
+
+
+def solve(defining: Defining, guess: Place) -> tuple[Defining, Float[Array, " unknowns"], Bool[Array, ""]]:
+    """The unknowns near a guess by Newton's method.
+
+    Returns:
+        The system with what its condition takes from the guess, the unknowns, and whether nothing but rounding is left.
+    """
+    defining = defining.begun(guess)
+    y = jnp.concatenate([guess.z, guess.flights, jnp.asarray(guess.p)[None], defining.condition.own])
+    eps, small = jnp.finfo(y.dtype).eps, _SMALL[str(y.dtype)]
+
+    def is_on(now: _Now) -> Array:
+        is_rounding = (now.step < _ROUNDING * eps) | ((now.step < small) & (now.step >= now.last / 2))
+        return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
+
+    def one(now: _Now) -> _Now:
+        step = jnp.linalg.solve(*defining.linearised(now.y))
+        return _Now(now.y - step, jnp.max(jnp.abs(step)), now.step, now.num_steps + 1)
+
+    big = jnp.asarray(jnp.finfo(y.dtype).max, y.dtype)
+    last = jax.lax.while_loop(is_on, one, _Now(y, big, big, jnp.array(0)))
+    return defining, last.y, last.step < small
+
+
+@eqx.filter_custom_jvp
+def implicit(defining: Defining, y: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
+    """The solution as a function of the machine: derivatives by the implicit function theorem."""
+    del defining
+    return y
+
+
+@implicit.def_jvp
+def _implicit_jvp(primals, tangents):
+    defining, y = primals
+    y = implicit(defining, y)
+    return y, -jnp.linalg.solve(_matrix(defining, y), _moved(defining, tangents[0], y))
+
+
+# Programs of their own: derivatives of all kinds share the first, outside of `jax.jit`.
+@compile_lightly
+def _matrix(defining: Defining, y: Float[Array, " unknowns"]) -> Float[Array, "unknowns unknowns"]:
+    return defining.linearised(y)[0]
+
+
+@compile_lightly
+def _moved(defining: Defining, change: Any, y: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
+    return eqx.filter_jvp(lambda defining: defining.values(y), (defining,), (change,))[1]
