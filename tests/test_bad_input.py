@@ -26,11 +26,11 @@ def says(sentence: str) -> str:
 BAD_MACHINES = {
     "mass of two axes": (
         lambda: vx.ImpactSystem(np.ones((2, 1)), EYE, EYE, LOAD),
-        "Argument `mass` must have shape (n,), but has shape (2, 1).",
+        "Argument `mass` must have shape (n,) or (n, n), but has shape (2, 1).",
     ),
     "no mass": (
         lambda: vx.ImpactSystem(np.ones(0), EYE, EYE, LOAD),
-        "Argument `mass` must have shape (n,), but has shape (0,).",
+        "Argument `mass` must have shape (n,) or (n, n), but has shape (0,).",
     ),
     "damping too small": (
         lambda: vx.ImpactSystem(MASSES, np.eye(1), EYE, LOAD),

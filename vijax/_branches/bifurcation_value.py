@@ -93,7 +93,7 @@ def bifurcation_value(point: Bifurcation, system: ImpactSystem, *, throw: bool =
 
 def _of_machine(defining: Defining, system: ImpactSystem) -> Defining:
     """The defining system of another machine."""
-    make = lambda system: (system.num_masses, [(stop.mass, stop.side) for stop in system.stops])  # noqa: E731
+    make = lambda system: (system.num_masses, [(stop.slot, [*stop.coefficients]) for stop in system.stops])  # noqa: E731
     (masses, stops), ours = make(defining.family.system), make(system)
     if ours != (masses, stops) or system.force is not None:
         raise ValueError(
