@@ -137,6 +137,7 @@ test_store.sweep(sys.argv[2])
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal here")
 def test_a_killed_sweep_loses_one_chunk(plain, tmp_path, ran):
     arguments = [str(Path(__file__).parent), str(tmp_path / "a"), str(jax.config.jax_compilation_cache_dir)]
