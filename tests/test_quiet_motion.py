@@ -53,7 +53,6 @@ def without_machine(ds: xr.Dataset) -> xr.Dataset:
     return ds.drop_attrs()
 
 
-@pytest.mark.thorough
 def test_beats_of_a_lightly_damped_chain_are_no_longer_taken_for_something_else(light):
     before, after = kinds(without_machine(light)), kinds(light)
     has_hit = (light.num_impacts.sum("stop") > 0).values

@@ -85,7 +85,6 @@ def test_a_selected_point_gives_the_machine_that_was_run_there(grid):
     assert float(vx.system_of(grid.isel({FREQUENCY: 0})).stops[1].restitution) == 0.7
 
 
-@pytest.mark.thorough
 def test_a_swept_matrix_is_kept_and_given_back(matrices):
     np.testing.assert_array_equal(matrices["damping.values"], DAMPINGS)
     assert matrices["damping.values"].dims == ("damping", "row", "mass")
