@@ -88,6 +88,7 @@ def test_case_a_moves_as_table_2_says(case_a, frequency):
     assert_motion(vx.classify(case_a).sel({FREQUENCY: frequency}), TABLE_2[frequency])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("frequency", TABLE_3)
 def test_case_b_moves_as_table_3_says(case_b, chattering_b, frequency):
     # Corrected: at 0.3 mass 1 just fails to stick; at 0.8 the two impacts alternate; 1.1 takes two periods.
@@ -113,6 +114,7 @@ def test_what_the_paper_calls_chaotic_in_case_a_does_not_repeat_while_it_lasts()
     assert point.recurrence_error > 0.01
 
 
+@pytest.mark.thorough
 def test_chaos_and_a_motion_of_one_impact_a_period_coexist_in_case_b():
     ds = sweep(vx.models.wagg_bishop_b(1.0), {FREQUENCY: COEXISTING, "x0[1]": [TO_PERIODIC, *TO_CHAOS]})
     motions = vx.classify(ds)
@@ -125,6 +127,7 @@ def test_chaos_and_a_motion_of_one_impact_a_period_coexist_in_case_b():
         assert kinds.count("non_periodic") >= 3, frequency
 
 
+@pytest.mark.thorough
 def test_both_masses_stick_within_one_period(case_b, chattering_b):
     point = vx.classify(chattering_b).sel({FREQUENCY: 0.2})
     period = 2 * np.pi / 0.2
@@ -143,6 +146,7 @@ def test_the_double_impacts_of_the_paper_are_found(case_a, frequency):
     assert float(wide.num_double_impacts.sel({FREQUENCY: list(TABLE_2)}).sum()) == 0
 
 
+@pytest.mark.thorough
 def test_the_attractor_at_0715_has_three_pieces_that_end_in_three_impacts_a_period(case_b):
     assert kind(vx.classify(case_b).sel({FREQUENCY: 0.715})) == "non_periodic"
     pairs = vx.impact_map(case_b.sel({FREQUENCY: 0.715}), stop=1)
@@ -231,6 +235,7 @@ def test_a_sweep_records_the_section_and_the_times_held_of_a_trajectory(held_bot
     np.testing.assert_array_equal(ours.v[-1], ds.v)
 
 
+@pytest.mark.thorough
 def test_a_sweep_and_a_trajectory_have_the_same_impact_maps_and_motions(held_both):
     whole = sweep(vx.models.wagg_bishop_b(1.0), {FREQUENCY: CHATTERING + CASE_B}, transient=0, record=12)
     ds = whole.sel({FREQUENCY: 0.2})
@@ -247,6 +252,7 @@ def test_a_sweep_and_a_trajectory_have_the_same_impact_maps_and_motions(held_bot
     np.testing.assert_allclose(ours.held_time, single.held_time, rtol=0, atol=SETTLED)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("which", ["case_b", "chattering_b"])
 def test_the_global_map_is_made_of_the_impacts_of_the_individual_ones(request, which):
     ds = request.getfixturevalue(which)

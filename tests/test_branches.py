@@ -7,6 +7,8 @@ import xarray as xr
 import vijax as vx
 
 AMPLITUDE, FREQUENCY = "forcing.amplitude[0]", "forcing.frequency"
+# Room for all events of orbits of one mass, in all files: one program.
+ROOM = 32
 
 
 def oscillator(amplitude, frequency, damping=0.04, restitution=0.9):
@@ -26,7 +28,7 @@ def points_of(branch, kind):
 @pytest.fixture(scope="module")
 def doubled():
     """One impact in two periods, at 0.84091."""
-    orbit = vx.periodic_orbit(oscillator(0.4, 0.84091), [0.43252758], [0.148], 2)
+    orbit = vx.periodic_orbit(oscillator(0.4, 0.84091), [0.43252758], [0.148], 2, max_events=ROOM)
     return follow(orbit, AMPLITUDE, 0.1, 0.5)
 
 
@@ -117,7 +119,7 @@ def test_a_fold_beside_a_grazing():
     # The impact demo of COCO: the grazing is in closed form, the fold 3e-5 away from it.
     system = oscillator(1.0, 1.0, 0.1, 0.8)
     sol = vx.simulate(system, 0.0, 60 * system.forcing.period)
-    orbit = vx.periodic_orbit(system, sol.x1, sol.v1)
+    orbit = vx.periodic_orbit(system, sol.x1, sol.v1, max_events=ROOM)
     assert float(orbit.events.velocity_minus[0]) == pytest.approx(1.6957329375949, abs=1e-12)
     branch = follow(orbit, AMPLITUDE, 0.01, 1.2)
     assert [point.kind for point in branch.bifurcations] == ["gr", "fold"]

@@ -101,6 +101,7 @@ def test_other_dimensions_are_independent_chains():
         np.testing.assert_allclose(grid.x[:, k], ends[:, 0], rtol=0, atol=SETTLED)
 
 
+@pytest.mark.thorough
 def test_a_stop_that_moves_in_pushes_its_mass_back():
     ds = vx.sweep(
         vx.models.wagg_bishop_a(0.5), {"stops[*].position": np.array([0.3, 0.2, 0.1])}, carry="up",

@@ -43,6 +43,7 @@ def duffing(k3: float, *, r: float = 1.0, c: float = 0.0, amplitude: float = 0.0
 # Linear machines
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["paper_b_om020", "paper_b_om030", "paper_b_om140"])
 def test_chatter_and_sticking_end_in_the_events_of_the_exact_motion(name):
     scene = load_scene(name)
@@ -224,6 +225,7 @@ def test_the_monodromy_matrix_of_a_cubic_spring_is_a_saltation_between_two_fligh
 # Sweeps
 
 
+@pytest.mark.thorough
 def test_a_sweep_of_a_machine_with_a_force_is_its_trajectories():
     system = duffing(1.5, r=0.7, c=0.1, amplitude=0.6)
     frequencies = np.array([0.8, 0.9, 1.3])
@@ -245,6 +247,7 @@ def solved(t, x, v, args):
     return -jnp.linalg.solve(args["compliance"] * jnp.eye(1), jnp.sort(x**3))
 
 
+@pytest.mark.thorough
 def test_a_sweep_with_a_force_that_calls_libraries_is_carried_along_and_kept(tmp_path):
     plain = duffing(1.5, r=0.7, c=0.1, amplitude=0.6)
     frequencies = np.array([0.8, 0.9, 1.3])

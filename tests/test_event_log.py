@@ -13,12 +13,12 @@ from vijax._trajectory.event_log import _in_order, _places
 def test_flags_are_found_row_by_row(shape, room):
     flags = np.random.default_rng(0).random(shape) < 0.3
     expected = np.argwhere(flags)[:room]
-    found = np.stack(_places(jnp.asarray(flags), room), axis=1)
+    found = np.stack(jax.jit(_places, static_argnums=1)(jnp.asarray(flags), room), axis=1)
     np.testing.assert_array_equal(found[: len(expected)], expected)
 
 
 @pytest.mark.parametrize("size", [0, 1, 2, 3, 17, 64])
 def test_lanes_of_times_are_ordered_like_by_a_stable_sort(size):
     times = np.random.default_rng(0).integers(0, 9, (5, size)).astype(float)
-    found = jax.vmap(_in_order)(jnp.asarray(times))
+    found = jax.jit(jax.vmap(_in_order))(jnp.asarray(times))
     np.testing.assert_array_equal(found, np.argsort(times, axis=1, kind="stable"))

@@ -40,6 +40,9 @@ with warnings.catch_warnings(record=True) as caught:
     ends["impacts"] = [impact_map(impact).tolist(), jax.jacfwd(impact_map)(impact).tolist()]
 print(json.dumps([ends, [str(w.message) for w in caught]]))
 """
+# A process of its own, which compiles all that it needs.
+pytestmark = pytest.mark.thorough
+
 # Without sticking, and hardly magnifying errors; one of a single mass, one of several.
 SCENES = ["n1_both_r07", "n2_r03"]
 # With an impact a period: x'' + 0.1 x' + x = cos(t), x <= 1, r = 0.8.

@@ -88,7 +88,9 @@ def test_a_parameter_of_a_force_is_swept_by_its_name(by_force):
     ("force", "args", "path"),
     [
         (by_args, {"cubic": 1.0, "drag": [0.05]}, "args.cubic"),
-        (by_args, {"cubic": 1, "drag": np.array([0.05])}, "args['cubic']"),
+        pytest.param(
+            by_args, {"cubic": 1, "drag": np.array([0.05])}, "args['cubic']", marks=pytest.mark.thorough
+        ),
         (of_pair, (1.0, jnp.array([0.05])), "args[0]"),
     ],
     ids=["dict", "dict as in Python", "tuple"],
@@ -182,6 +184,7 @@ def test_a_swept_array_has_axes_of_its_own_and_survives_a_file(tmp_path):
     xr.testing.assert_identical(xr.load_dataset(tmp_path / "kept.nc", engine="h5netcdf"), ds)
 
 
+@pytest.mark.thorough
 def test_a_sweep_of_a_force_goes_along_and_is_kept_as_any_other(tmp_path):
     run = lambda values: sweep(  # noqa: E731
         spring(), {"force.cubic": values}, carry="both", store=tmp_path / "kept"
@@ -239,6 +242,7 @@ def test_a_force_that_cannot_be_called_is_told_how_to_be_written(force):
         vx.simulate(machine(force), 0.0, 1.0)
 
 
+@pytest.mark.thorough
 def test_a_force_without_the_period_of_the_load_is_not_swept():
     push = lambda t, x, v, args: 0.1 * jnp.cos(args * t) * jnp.ones_like(x)  # noqa: E731
     w = float(machine(push).forcing.frequency)

@@ -25,10 +25,8 @@ QUESTIONS = 1024
 
 _SHAPES = Counter(machine_shape(name) for name in golden_names())
 # A shape of machine takes seconds to compile: those that serve one scene only are for the long run.
-_SCENES = [
-    pytest.param(name, marks=[pytest.mark.slow] if _SHAPES[machine_shape(name)] == 1 else [])
-    for name in golden_names()
-]
+_MARKS = {1: [pytest.mark.slow], 2: [pytest.mark.thorough]}
+_SCENES = [pytest.param(name, marks=_MARKS.get(_SHAPES[machine_shape(name)], [])) for name in golden_names()]
 
 
 @pytest.fixture(scope="module", params=_SCENES)

@@ -34,7 +34,8 @@ def agree(said: str, printed: str) -> bool:
     return words_agree and len(ours) == len(theirs) and all(near)
 
 
-@pytest.mark.parametrize("document", ["README.md", pytest.param("docs/guide.md", marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("document", ["README.md", "docs/guide.md"])
 def test_the_code_of_a_document_runs_and_prints_what_it_says(document, elsewhere, capsys):
     code = python_of(document)
     said = re.findall(r"^print\(.*\)  # (.*)$", code, re.M)

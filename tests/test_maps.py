@@ -164,6 +164,7 @@ def test_the_multipliers_of_an_orbit_are_the_same_at_every_phase():
 FLOW = vx.TaylorFlow()  # compiled in the least time
 
 
+@pytest.mark.thorough
 def test_without_throw_a_motion_that_does_not_get_there_is_nan():
     start = [0.0], [0.0]
     for make in (vx.stroboscopic_map, vx.monodromy_matrix):
@@ -191,6 +192,7 @@ def total(amplitude, starts, bounds):
     return jnp.where(IS_KNOWN[:, None], found, 0).sum(), found
 
 
+@pytest.mark.thorough
 def test_it_is_so_in_its_lane_alone():
     slopes = jax.jit(lambda *a: (total(*a)[1], jax.jacfwd(lambda p: total(p, *a[1:]))(a[0])))
     found, (of_total, of_lanes) = slopes(jnp.asarray(A), STARTS, BOUNDS)

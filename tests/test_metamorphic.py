@@ -150,6 +150,7 @@ def test_a_motion_taken_up_again_from_its_end_goes_on_unchanged(motion):
         assert joined == [e.kind for e in log_of(motion)]
 
 
+@pytest.mark.thorough
 def test_elastic_stops_without_damping_keep_the_energy():
     stops = [(i, s, side, 1.0) for i, s, side, _ in STOPS]
     silent = {"amplitude": np.zeros((2, 3)), "mean": np.zeros(3)}

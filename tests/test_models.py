@@ -159,6 +159,7 @@ def test_the_orbit_of_a_ball_doubles_its_period_where_the_exact_map_says_so(n):
     np.testing.assert_allclose(np.sort(multipliers), [-1, -(r**2)], rtol=0, atol=DIFFERENCES)
 
 
+@pytest.mark.thorough
 def test_a_sweep_over_the_weight_of_a_ball_on_a_table_finds_the_exact_orbit_up_to_its_bound():
     acceleration = 12.0
     tables = [Table(1, 0.5, acceleration / strength, strength) for strength in (1.3, 1.4, 1.5, 1.56)]
@@ -200,6 +201,7 @@ def test_an_impact_oscillator_has_the_exact_orbit_and_multipliers_of_one_impact_
     assert np.linalg.det(matrix) == pytest.approx(r**2 * np.exp(-2 * zeta * period), abs=ORBIT)
 
 
+@pytest.mark.thorough
 def test_a_sweep_of_an_impact_oscillator_finds_the_grazing_of_its_steady_motion():
     w, zeta = 0.7, 0.1
     response = 1 / (1 - w**2 + 2j * zeta * w)
@@ -263,6 +265,7 @@ SYMMETRIC = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", SYMMETRIC)
 def test_a_sweep_of_a_mass_between_two_walls_settles_on_the_exact_symmetric_orbit(name):
     system, amplitudes, expected = SYMMETRIC[name]

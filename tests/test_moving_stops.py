@@ -139,6 +139,7 @@ def integrated(until):
         y[i] = -r * y[i] + (1 + r) * speed
 
 
+@pytest.mark.thorough
 def test_two_masses_and_shaken_walls_agree_with_a_general_solver():
     y, impacts = integrated(25.0)
     solution = vx.simulate(two_masses(), 0.0, 25.0)
@@ -288,6 +289,7 @@ def test_a_start_beyond_a_moving_stop_is_refused():
         vx.simulate(ball(), 0.4, 1.0, [x - 1e-6])
 
 
+@pytest.mark.thorough
 def test_a_stop_may_shake_at_the_natural_frequency_of_its_mass():
     """The free motion x = x0 cos(2 W t) of an undamped mass whose stop moves at 2 W, out of its reach."""
     wall = vx.Stop(0, 1.0, "upper", 0.7, vx.Harmonic([[0.0], [0.1]], W))

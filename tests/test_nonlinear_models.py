@@ -254,6 +254,7 @@ def test_a_driven_machine_moves_as_another_solver_says(name, frequency):
     np.testing.assert_allclose([*sol.x1, *sol.v1], other.end, rtol=0, atol=SOLVER)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name", ["duffing_oscillator", pytest.param("impacting_pendulum", marks=pytest.mark.slow)]
 )

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from helpers import load_scene, log_of, paired
 
 import vijax as vx
@@ -55,6 +56,7 @@ class ExponentialFlow(SteppingFlow):
         return gained[:n], gained[n : 2 * n]
 
 
+@pytest.mark.thorough
 def test_a_motion_of_ones_own_needs_three_methods_and_drives_the_same_loop():
     scene = load_scene("n1_lowfreq_r07")
     sol = vx.simulate(scene.system, scene.t0, scene.t1, scene.x0, scene.v0, flow=ExponentialFlow())

@@ -144,6 +144,7 @@ def test_a_phase_portrait_dashes_the_jumps_and_marks_stop_and_rest(sticking):
         vx.plot.phase_portrait(sticking, 2)
 
 
+@pytest.mark.thorough
 def test_a_phase_portrait_marks_where_a_moving_stop_catches_its_mass_and_lets_it_go():
     sol = vx.simulate(ball(), 0.0, 12.0, [1.0], [0.5])
     ax = vx.plot.phase_portrait(sol, span=(3.0, 12.0), num_samples=SAMPLES)

@@ -90,6 +90,7 @@ def test_the_contraction_is_that_of_the_slowest_mode(light):
     np.testing.assert_allclose(found[is_quiet], expected[is_quiet], rtol=ROUNDED)
 
 
+@pytest.mark.thorough
 def test_what_will_hit_after_the_record_is_not_quiet():
     # Energy in the last mass, which reaches the first one later; nothing is recorded but the beginning.
     walls = [vx.Stop(i, position, "upper", 0.7) for i, position in enumerate((0.5, 50.0, 50.0))]

@@ -22,6 +22,8 @@ from vijax._execution.threads import Threads
 FREQUENCY = "forcing.frequency"
 # Case (b) chatters and sticks at the first, and is chaotic at the last.
 FREQUENCIES = np.linspace(0.2, 2.1, 24)
+# Carried along they come one after another.
+CARRIED = np.linspace(0.2, 2.1, 8)
 SYSTEM = vx.models.wagg_bishop_b(1.0)
 # Chunks of the 24 points: 5, 5, 5, 5, 4.
 POINTS_PER_CHUNK, NUM_CHUNKS = 5, 5
@@ -30,7 +32,8 @@ SMALL_CHUNKS = ExecutionSettings(cores=1, max_chunk=POINTS_PER_CHUNK)
 
 def sweep(store: Path | None = None, system: vx.ImpactSystem = SYSTEM, values=None, **options) -> xr.Dataset:
     """A short sweep, long enough for chaos to show the last bit."""
-    values = {FREQUENCY: FREQUENCIES} if values is None else values
+    if values is None:
+        values = {FREQUENCY: FREQUENCIES if options.get("carry") is None else CARRIED}
     options = {"transient": 10, "record": 5, "progress": False, "settings": SMALL_CHUNKS} | options
     return vx.sweep(system, values, store=store, **options)
 
@@ -137,6 +140,7 @@ test_store.sweep(sys.argv[2])
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal here")
 def test_a_killed_sweep_loses_one_chunk(plain, tmp_path, ran):
     arguments = [str(Path(__file__).parent), str(tmp_path / "a"), str(jax.config.jax_compilation_cache_dir)]
@@ -265,7 +269,7 @@ def test_a_store_of_another_sweep_is_refused(full, what):
 def test_going_on_from_other_ends_is_refused(plain, tmp_path, ran):
     sweep(tmp_path, carry_from=plain[None])
     with pytest.raises(ValueError, match="`starts` is"):
-        sweep(tmp_path, carry_from=plain["up"])
+        sweep(tmp_path, carry_from=sweep(transient=9))
     with pytest.raises(ValueError, match="`carry_from` is an earlier sweep there, but none here"):
         sweep(tmp_path)
 

@@ -183,6 +183,7 @@ def test_a_stiff_machine_under_a_slow_load_has_the_steps_it_needs():
     assert ds.attrs["max_steps"] == "default"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("run", ["simulate", "sweep"])
 def test_a_force_that_is_not_finite_at_the_start_is_told_as_that(run):
     force = lambda t, x, v, args: 0.1 / x  # noqa: E731
