@@ -183,7 +183,7 @@ def event_log(
     read = lambda a: jnp.where(is_impact, told(a)[row, stop], 0) + of_stop  # noqa: E731
     minus, plus = read(instants.velocity_minus), read(instants.velocity_plus)
     if instants.impulse is not None:
-        along = machine.contacts.sign_of_impulse * instants.impulse
+        along = jax.vmap(lambda row: machine.contacts.sign_of_impulse * row)(instants.impulse)
         impulse = jnp.where(is_impact, along[row, stop], 0) if num_stops else minus
     else:
         impulse = (machine.contacts.effective_mass[stop] if num_stops else minus) * (plus - minus)
