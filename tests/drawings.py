@@ -1,5 +1,7 @@
 """What is read off pictures, and what is drawn in some."""
 
+import json
+
 import jax.numpy as jnp
 import matplotlib as mpl
 import numpy as np
@@ -7,7 +9,9 @@ import xarray as xr
 from matplotlib.colors import to_rgb
 
 import vijax as vx
+from vijax._system.description import describe
 
+PATH = "forcing.frequency"
 # The darkest colour told from black on a screen, of 1 for white.
 SEEN = 0.3
 
@@ -69,3 +73,42 @@ def cycle(system: vx.ImpactSystem, x, v) -> vx.PeriodicOrbit:
 def both_ways(ds: xr.Dataset) -> xr.Dataset:
     """As from `carry="both"`."""
     return xr.concat([ds, ds], dim="direction").assign_coords(direction=["up", "down"])
+
+
+def branch_of(cycles, kinds=None, stable=None, *, values=None, system=None, num_periods=1, **attrs):
+    """A branch from the (time, stop, speed) of the impacts of each of its orbits; by default at 1, 2, 3, ..."""
+    count, room = len(cycles), max(map(len, cycles))
+    system = vx.models.wagg_bishop_b(1.0) if system is None else system
+    event_kind, event_stop = np.full((2, count, room), -1)
+    flight, speed = np.zeros((count, room)), np.full((count, room), np.nan)
+    for k, cycle in enumerate(cycles):
+        for i, (_, stop, fast) in enumerate(cycle):
+            event_kind[k, i], event_stop[k, i], speed[k, i] = vx.IMPACT, stop, fast
+        flight[k, : len(cycle)] = np.diff([0.0, *(time for time, _, _ in cycle)])
+    kinds = [""] * count if kinds is None else kinds
+    return vx.Branch(
+        xr.Dataset(
+            {
+                "bifurcation": ("point", kinds),
+                "is_stable": ("point", np.ones(count, bool) if stable is None else np.array(stable)),
+                "event_kind": (("point", "event"), event_kind),
+                "event_stop": (("point", "event"), event_stop),
+                "flight": (("point", "event"), flight),
+                "impact_speed": (("point", "event"), speed),
+                "num_impacts": (
+                    ("point", "stop"),
+                    [[sum(at == j for _, at, _ in c) for j in range(system.num_stops)] for c in cycles],
+                ),
+            },
+            {PATH: ("point", np.arange(1.0, count + 1) if values is None else np.asarray(values, float))},
+            {
+                "system": json.dumps(describe(system)),
+                "dtype": "float64",
+                "path": PATH,
+                "num_periods": num_periods,
+                "phase": 0.0,
+                "ends": json.dumps(["bounds", "bounds"]),
+                **attrs,
+            },
+        )
+    )

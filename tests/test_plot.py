@@ -100,7 +100,8 @@ def test_a_bifurcation_diagram_of_no_stop_is_refused(swept, stop):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    "name", ["bifurcation", "time_series", "phase_portrait", "impact_map", "sticking_region"]
+    "name",
+    ["bifurcation", "time_series", "phase_portrait", "impact_map", "relative_motion", "sticking_region"],
 )
 def test_a_picture_leaves_the_current_axes_alone_and_can_be_printed(name, swept, sticking):
     arguments = {"bifurcation": (swept,), "sticking_region": (sticking, 1)}.get(name, (sticking,))

@@ -10,14 +10,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
-from drawings import SEEN, both_ways, grey, named, points, words_of_legend
+from drawings import PATH, SEEN, both_ways, branch_of, grey, named, points, words_of_legend
 from exact_orbits import Table
 from matplotlib.colors import same_color
 
 import vijax as vx
-from vijax._system.description import describe
 
-PATH = "forcing.frequency"
 PALE = 0.2
 # A velocity is a speed and that of a stop, a sum of a few products.
 ROUNDING = 1e-14
@@ -27,45 +25,6 @@ ROUNDING = 1e-14
 def _close_figures():
     yield
     plt.close("all")
-
-
-def branch_of(cycles, kinds=None, stable=None, *, values=None, system=None, num_periods=1, **attrs):
-    """A branch from the (time, stop, speed) of the impacts of each of its orbits; by default at 1, 2, 3, ..."""
-    count, room = len(cycles), max(map(len, cycles))
-    system = vx.models.wagg_bishop_b(1.0) if system is None else system
-    event_kind, event_stop = np.full((2, count, room), -1)
-    flight, speed = np.zeros((count, room)), np.full((count, room), np.nan)
-    for k, cycle in enumerate(cycles):
-        for i, (_, stop, fast) in enumerate(cycle):
-            event_kind[k, i], event_stop[k, i], speed[k, i] = vx.IMPACT, stop, fast
-        flight[k, : len(cycle)] = np.diff([0.0, *(time for time, _, _ in cycle)])
-    kinds = [""] * count if kinds is None else kinds
-    return vx.Branch(
-        xr.Dataset(
-            {
-                "bifurcation": ("point", kinds),
-                "is_stable": ("point", np.ones(count, bool) if stable is None else np.array(stable)),
-                "event_kind": (("point", "event"), event_kind),
-                "event_stop": (("point", "event"), event_stop),
-                "flight": (("point", "event"), flight),
-                "impact_speed": (("point", "event"), speed),
-                "num_impacts": (
-                    ("point", "stop"),
-                    [[sum(at == j for _, at, _ in c) for j in range(system.num_stops)] for c in cycles],
-                ),
-            },
-            {PATH: ("point", np.arange(1.0, count + 1) if values is None else np.asarray(values, float))},
-            {
-                "system": json.dumps(describe(system)),
-                "dtype": "float64",
-                "path": PATH,
-                "num_periods": num_periods,
-                "phase": 0.0,
-                "ends": json.dumps(["bounds", "bounds"]),
-                **attrs,
-            },
-        )
-    )
 
 
 def parts(ax, style: str, color: str = "black") -> list[list[tuple[float, float]]]:

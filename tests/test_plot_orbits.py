@@ -162,7 +162,9 @@ def test_orbits_are_drawn_at_the_phase_and_relative_velocity_of_their_impacts():
     orbit = cycle(start.system, start.x, start.v)
     names = ("impact_velocity", "impact_relative_velocity", "impact_phase", "impact_stop")
     columns = {name: ((PATH, "impact"), np.array([[0.0]])) for name in names}
-    ds = xr.Dataset({"result": (PATH, [0]), **columns}, {PATH: [2.5], "stop": [0]})
+    ds = xr.Dataset(
+        {"result": (PATH, [0]), **columns}, {PATH: [2.5], "stop": [0], "stop_mass": ("stop", [0])}
+    )
     # A share of 0.7 of a flight is left to the next impact.
     expected = {"velocity": -table.fall, "relative velocity": -table.speed, "phase": 0.7 * 2 * np.pi}
     for ordinate, value in expected.items():

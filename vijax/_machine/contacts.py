@@ -62,7 +62,7 @@ class AbstractContacts(eqx.Module):
     @property
     @abc.abstractmethod
     def masses(self) -> tuple[int, ...]:
-        """The mass of each that bears on one alone, else -1, where it is known."""
+        """The mass of each stop, -1 of any other contact, where it is known."""
 
     @property
     @abc.abstractmethod

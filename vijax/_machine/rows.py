@@ -85,12 +85,13 @@ class Rows(AbstractContacts):
 
     @property
     def masses(self) -> tuple[int, ...]:
-        """The mass of each that bears on one alone, else -1, where it is known."""
-        rows = np.asarray(self.rows)
+        """The mass of each stop, -1 of any other contact, where it is known."""
+        rows, signs = np.asarray(self.rows), np.asarray(self.signs)
         while rows.ndim > 2:
-            rows = rows[0]
-        places = [np.flatnonzero(row) for row in rows]
-        return tuple(int(place[0]) if len(place) == 1 else -1 for place in places)
+            rows, signs = rows[0], signs[0]
+        return tuple(
+            int(np.flatnonzero(row)[0]) if sign else -1 for row, sign in zip(rows, signs, strict=True)
+        )
 
     @property
     def position(self) -> Float[Array, "contacts ..."]:

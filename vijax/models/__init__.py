@@ -1,11 +1,19 @@
 """Ready-made machines, each with its reference."""
 
-from ._balls import ball_on_table as ball_on_table, bouncing_ball as bouncing_ball
+from ._balls import (
+    ball_between_walls as ball_between_walls,
+    ball_on_table as ball_on_table,
+    bead_column as bead_column,
+    bouncing_ball as bouncing_ball,
+)
+from ._beams import cantilever as cantilever
 from ._chains import (
     uniform_chain as uniform_chain,
     wagg_bishop_a as wagg_bishop_a,
     wagg_bishop_b as wagg_bishop_b,
 )
+from ._dampers import impact_damper as impact_damper
+from ._gears import gear_pair as gear_pair
 from ._nonlinear import (
     CubicSpring as CubicSpring,
     PendulumWeight as PendulumWeight,

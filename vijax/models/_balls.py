@@ -1,14 +1,16 @@
-"""Balls that bounce under their weight."""
+"""Balls that bounce under their weight, between walls, and on each other."""
 
 import math
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
+from .._system.contact import Contact
 from .._system.forcing import Harmonic
 from .._system.stop import Stop
 from .._system.system import ImpactSystem
-from .._types import as_float
+from .._types import Numbers, as_float, at_once
 
 
 def bouncing_ball(
@@ -87,11 +89,126 @@ def ball_on_table(
         P. J. Holmes, "The dynamics of repeated impacts with a sinusoidally vibrating table", J. Sound
         and Vibration 84 (1982) 173-189, who neglects a against the height of the bounces.
     """
+    floor = Stop(0, 0.0, "lower", restitution, _travel(amplitude, frequency, phase))
+    return _ball(floor, mass, gravity, frequency)
+
+
+def ball_between_walls(
+    frequency: ArrayLike,
+    amplitude: ArrayLike,
+    *,
+    phase: ArrayLike = 0.0,
+    position: ArrayLike = 1.0,
+    restitution: ArrayLike = 1.0,
+    mass: ArrayLike = 1.0,
+) -> ImpactSystem:
+    """Let a free ball fly between a wall that moves and one that stands: a cos(W t + phase) <= x <= position.
+
+    The model of Fermi and Ulam, with the travel of the wall. With k = (1 - r^2) / (2 pi n r), the ball hits each wall once in n
+    periods T, the moving one at an angle W t + phase = b with a (k cos b - sin b) = k d, d the position, while
+    a sqrt(1 + k^2) >= k d; it leaves that wall at the speed (d - a cos b) (1 + 1 / r) / (n T). Without losses the energy of
+    fast balls wanders.
+
+    Args:
+        frequency: angular frequency W of the wall.
+        amplitude: a, a length; `stops[1].motion.amplitude[0]` to a sweep.
+        phase: radians.
+        position: d, where the other wall stands, stop 0. The moving one, stop 1, has its middle at 0.
+        restitution: r, that of both walls.
+        mass: m; it scales impulses, and changes no motion.
+
+    Returns:
+        The machine; x is the position of the ball in space.
+
+    Raises:
+        ValueError: for an amplitude or phase that is no number.
+
+    Example:
+        ```python
+        import vijax as vx
+        system = vx.models.ball_between_walls(1.0, amplitude=0.05)
+        sol = vx.simulate(system, 0.0, 100.0, x0=[0.5], v0=[1.0])
+        ```
+
+    References:
+        S. M. Ulam, "On some statistical properties of dynamical systems", Proc. 4th Berkeley Symposium 3 (1961) 315-320;
+        M. A. Lieberman and A. J. Lichtenberg, "Stochastic and adiabatic behavior of particles accelerated by periodic forces",
+        Physical Review A 5 (1972) 1852-1866.
+    """
+    motion = _travel(amplitude, frequency, phase)
+    walls = [Stop(0, position, "upper", restitution), Stop(0, 0.0, "lower", restitution, motion)]
+    return ImpactSystem(as_float(mass)[None], [[0.0]], [[0.0]], Harmonic([0.0], frequency), walls)
+
+
+@at_once
+def bead_column(
+    frequency: ArrayLike = 1.0,
+    amplitude: ArrayLike | None = None,
+    *,
+    num_beads: int = 3,
+    phase: ArrayLike = -math.pi / 2,
+    position: ArrayLike | None = None,
+    diameter: ArrayLike = 0.0,
+    restitution: ArrayLike = 0.9,
+    gravity: ArrayLike = 9.81,
+    mass: Numbers = 1.0,
+) -> ImpactSystem:
+    """Stack beads on a floor, which may be shaken: x_0 >= a cos(W t + phase), x_i - x_(i-1) >= diameter.
+
+    With r = 1 equal beads exchange their velocities, so that without diameter their places are those of beads that pass through each
+    other, in order. With r < 1 a column that is dropped comes to rest after infinitely many impacts in a finite time, and every
+    contact carries the weight of all beads above it. If r is low enough for their number, beads without weight cluster likewise:
+    inelastic collapse.
+
+    Args:
+        frequency: angular frequency W of the floor; of a floor that stands still, that of a load without amplitude.
+        amplitude: a, the travel of the floor, a length; `stops[0].motion.amplitude[0]` to a sweep. The floor stands still, if left out.
+        num_beads: one or more.
+        phase: radians. If left out the floor rises through its middle at time 0.
+        position: of a ceiling, above the middle of the floor; there is none, if left out.
+        diameter: the least distance of neighbours, a length; heights are those of the lowest points of the beads.
+        restitution: r, that of all contacts.
+        gravity: g, an acceleration; 0 for beads that lie on a level line.
+        mass: that of every bead, or one for each, (num_beads,).
+
+    Returns:
+        The machine; x are the heights of the lowest points of the beads in space, from below. Stop 0 is the floor, contact i is between
+        the beads i - 1 and i, and a ceiling is the last stop.
+
+    Raises:
+        ValueError: for less than one bead, or an amplitude or phase that is no number.
+
+    Example:
+        ```python
+        import vijax as vx
+        column = vx.models.bead_column(diameter=0.1, restitution=0.5)
+        sol = vx.simulate(column, 0.0, 2.0, x0=[0.5, 0.65, 0.8])
+        ```
+
+    References:
+        S. Luding, E. Clement, A. Blumen, J. Rajchenbach and J. Duran, "Studies of columns of beads under external vibrations",
+        Physical Review E 49 (1994) 1634-1646; S. McNamara and W. R. Young, "Inelastic collapse and clumping in a one-dimensional
+        granular medium", Physics of Fluids A 4 (1992) 496-504.
+    """
+    if num_beads < 1:
+        raise ValueError(f"Argument `num_beads` must be 1 or more, but is {num_beads}.")
+    d = as_float(diameter)
+    masses = jnp.broadcast_to(as_float(mass), (num_beads,))
+    motion = None if amplitude is None else _travel(amplitude, frequency, phase)
+    floor = Stop(0, 0.0, "lower", restitution, motion)
+    between = [Contact({i - 1: 1.0, i: -1.0}, -d, restitution) for i in range(1, num_beads)]
+    above = [] if position is None else [Stop(num_beads - 1, as_float(position) - d, "upper", restitution)]
+    none = jnp.zeros((num_beads, num_beads))
+    weight = Harmonic(jnp.zeros(num_beads), frequency, mean=-masses * gravity)
+    return ImpactSystem(masses, none, none, weight, [floor, *between, *above])
+
+
+def _travel(amplitude: ArrayLike, frequency: ArrayLike, phase: ArrayLike) -> Harmonic:
+    """The motion of one wall."""
     for name, value in (("amplitude", amplitude), ("phase", phase)):
         if np.ndim(value):
             raise ValueError(f"Argument `{name}` must be a number, but has shape {np.shape(value)}.")
-    motion = Harmonic(as_float(amplitude)[None], frequency, as_float(phase)[None])
-    return _ball(Stop(0, 0.0, "lower", restitution, motion), mass, gravity, frequency)
+    return Harmonic(as_float(amplitude)[None], frequency, as_float(phase)[None])
 
 
 def _ball(floor: Stop, mass: ArrayLike, gravity: ArrayLike, frequency: ArrayLike) -> ImpactSystem:

@@ -10,5 +10,6 @@ from ._branch import branch as branch
 from ._impact_map import impact_map as impact_map
 from ._multipliers import multipliers as multipliers
 from ._regions import regions as regions
+from ._relative_motion import relative_motion as relative_motion
 from ._sticking import sticking_region as sticking_region
 from ._trajectories import phase_portrait as phase_portrait, time_series as time_series

@@ -9,16 +9,18 @@ from matplotlib.axes import Axes
 
 from .._sweep.endings import warn_of_endings
 from ._axes import check_index, column_of_axes, ink, label, legend_above, span_of_phase, swept_quantity
+from ._contacts import name_of
 from ._orbits import STABLE, UNKNOWN, UNSTABLE, Orbits, as_sweep, list_of, stability_of
 
 ORDINATES = {
-    "velocity": ("impact_velocity", "Velocity $v^-$ before impact\nat stop {} (length / time)"),
+    "velocity": ("impact_velocity", "Velocity $v^-$ before impact\nat {} (length / time)"),
     "relative velocity": (
         "impact_relative_velocity",
-        "Velocity before impact, relative\nto stop {} (length / time)",
+        "Velocity before impact, relative\nto {} (length / time)",
     ),
-    "phase": ("impact_phase", "Phase $\\varphi$ of impact\nat stop {} (rad)"),
+    "phase": ("impact_phase", "Phase $\\varphi$ of impact\nat {} (rad)"),
 }
+_OF_CONTACT = "Speed of approach before impact\nat {} (length / time)"
 # Drawn one over the other: where both agree, a dark point in a light one.
 _DIRECTIONS = {
     "down": ("swept down", ("#f59b42", "#d9731a"), 4.0),
@@ -68,6 +70,8 @@ def bifurcation(
 
     With `orbits`, the impacts of stable orbits are larger discs, those of unstable ones rings.
 
+    Of a contact between masses the velocity is the speed of approach, positive.
+
     Args:
         ds: what `vx.sweep` returned for one swept quantity; of several, select all but one first.
         stop: the stop whose impacts are drawn; None for all, one panel a stop.
@@ -111,7 +115,7 @@ def bifurcation(
     for j, panel in zip(stops, column, strict=True):
         for layer in layers:
             _draw_impacts(layer, path, j, ordinate, panel)
-        panel.set_ylabel(ORDINATES[ordinate][1].format(j))
+        panel.set_ylabel(label_of_impacts(ordinate, j, ds["stop_mass"].values))
         if ordinate == "phase":
             span_of_phase(panel.set_ylim, panel.set_yticks)
         else:
@@ -121,6 +125,12 @@ def bifurcation(
     _draw_legend(layers, column[0])
     column[-1].set_xlabel(label(path))
     return column if stop is None else column[0]
+
+
+def label_of_impacts(ordinate: str, stop: int, stop_masses: np.ndarray) -> str:
+    """What is drawn of the impacts at a stop; of a contact, every velocity is its speed of approach."""
+    is_speed = stop_masses[stop] < 0 and ordinate != "phase"
+    return (_OF_CONTACT if is_speed else ORDINATES[ordinate][1]).format(name_of(stop, stop_masses))
 
 
 class _Layer(NamedTuple):

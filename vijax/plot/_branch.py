@@ -13,9 +13,11 @@ from matplotlib.colors import to_rgb
 from .._branches.branch import Branch
 from .._system.description import build
 from .._system.parameters import set_parameter
+from .._system.system import ImpactSystem
 from .._trajectory.event_log import IMPACT
 from ._axes import check_index, ink, label, legend_beside, new_axes, of_curves
-from ._bifurcation import ORDINATES, bifurcation
+from ._bifurcation import bifurcation, label_of_impacts
+from ._contacts import name_of
 
 _STABILITY = {True: ("-", "stable"), False: ((0, (3.0, 1.5)), "unstable")}
 _MARKERS = {
@@ -75,9 +77,10 @@ def branch(
     several = [branches] if isinstance(branches, Branch) else list(branches)
     path = _parameter(several, ds)
     check_index("stop", stop, several[0].points.sizes["stop"])
+    masses = _stop_masses(several[0])
     curves = [_curves(one, stop) for one in several]
     if not any(one.lines for one in curves):
-        raise ValueError(f"There are no impacts at stop {stop} to draw.")
+        raise ValueError(f"There are no impacts at {name_of(stop, masses)} to draw.")
     ax = new_axes() if ax is None else ax
     ax.axhline(0, color="0.7", linewidth=0.8, zorder=0)
     if ds is not None:
@@ -95,7 +98,7 @@ def branch(
     values = [one.values for one in several] + ([] if ds is None else [ds[path].values.ravel()])
     ax.set_xlim(min(a.min() for a in values), max(a.max() for a in values))
     ax.set_xlabel(label(path))
-    ax.set_ylabel(ORDINATES["velocity"][1].format(stop))
+    ax.set_ylabel(label_of_impacts("velocity", stop, masses))
     legend_beside(ax)
     return ax
 
@@ -121,13 +124,23 @@ def _parameter(branches: list[Branch], ds: xr.Dataset | None) -> str:
     return path
 
 
+def _system(points: xr.Dataset) -> ImpactSystem:
+    """The machine of a branch, at one of its points."""
+    return build(json.loads(points.attrs["system"]), points.attrs["dtype"])
+
+
+def _stop_masses(branch: Branch) -> np.ndarray:
+    """The mass of each stop, -1 of a contact, as sweeps tell them."""
+    return np.array([stop.slot[0] if stop.slot else -1 for stop in _system(branch.points).stops], int)
+
+
 class _Impacts(NamedTuple):
     """The impacts of an orbit at a stop, in the order of its cycle, (impacts,) each.
 
     Attributes:
         time: in forcing periods.
         speed: at which the mass comes to the stop.
-        carried: velocity of the stop, in the direction in which the mass comes.
+        carried: velocity of the stop, in the direction in which the mass comes; 0 of a contact between masses.
     """
 
     time: np.ndarray
@@ -159,7 +172,7 @@ def _curves(branch: Branch, stop: int) -> _Curves:
     kinds = points["bifurcation"].values.astype(str)
     # On the circle rounding tells whether an orbit is stable: there the other end of a piece decides.
     is_stable = points["is_stable"].values | np.isin(kinds, _ON_CIRCLE)
-    sign = build(json.loads(points.attrs["system"]), points.attrs["dtype"]).stops[stop].sign
+    sign = _system(points).stops[stop].sign
     lines = [
         (np.array(numbers), sign * np.array(velocities))
         for numbers, velocities in _followed(list(_impacts(points, stop)), kinds, points.attrs["num_periods"])
@@ -169,12 +182,14 @@ def _curves(branch: Branch, stop: int) -> _Curves:
 
 def _impacts(points: xr.Dataset, stop: int) -> Iterator[_Impacts]:
     """The impacts of each orbit of a branch."""
-    system, path = build(json.loads(points.attrs["system"]), points.attrs["dtype"]), points.attrs["path"]
+    system, path = _system(points), points.attrs["path"]
     times = points.attrs["phase"] + np.cumsum(points["flight"].values, axis=1)
 
     def carried(value: jax.Array, angles: jax.Array) -> jax.Array:
         machine = set_parameter(system, path, value)
         at = machine.stops[stop]
+        if at.slot is None:  # the speed at which a contact closes is all that there is
+            return 0 * angles
         return at.sign * machine.forcing.frequency * jax.vmap(at.slope_at)(angles)
 
     of_stop = np.asarray(jax.vmap(carried)(points[path].values, 2 * np.pi * times))

@@ -89,7 +89,9 @@ def _impacts(orbit: PeriodicOrbit, path: str, num_stops: int) -> np.ndarray:
     is_impact, frequency = np.asarray(log.kind) == IMPACT, float(system.forcing.frequency)
     t, stop, velocity = (np.asarray(a)[is_impact] for a in (log.t, log.stop, log.velocity_minus))
     angle = frequency * t
-    slopes = [float(system.stops[j].slope_at(a)) for j, a in zip(stop, angle, strict=True)]
+    hit = [system.stops[j] for j in stop]
+    # Contacts tell relative velocities themselves.
+    slopes = [float(one.slope_at(a)) if one.slot else 0.0 for one, a in zip(hit, angle, strict=True)]
     relative = velocity - frequency * np.asarray(slopes, float)
     known = (values[0], STABLE if orbit.is_stable else UNSTABLE)
     columns = (*(np.full(t.shape, a) for a in known), stop, angle % (2 * np.pi), velocity, relative)

@@ -10,6 +10,7 @@ from .._orbits.orbit import PeriodicOrbit
 from .._trajectory.event_log import RELEASE, STICK
 from .._trajectory.solution import Solution
 from ._axes import check_index, ink, legend_beside, new_axes, of_curves
+from ._contacts import name_in
 from ._orbits import solution_of
 from ._trajectories import curve_of_mass, draw_jumps, held_within, span_of
 
@@ -31,7 +32,8 @@ def sticking_region(
 
     A circle is where the mass sticks, a disc where it is released. The exit boundary, contact force
     zero, is drawn where the machine is linear and the force depends on no third mass, and region S beyond it
-    is shaded. A load on the held mass moves it to and fro: then it is drawn as it lies at each release.
+    is shaded. A load on the held mass moves it to and fro: then it is drawn as it lies at each release. Of machines with contacts
+    between masses, a full mass matrix, or stops of one mass that move differently, the motion alone is drawn.
 
     Args:
         sols: one trajectory or periodic orbit, or several, of machines that differ in their load.
@@ -64,7 +66,8 @@ def sticking_region(
     mass = _mass_to_draw(many[0], stop, mass)
     held = [held_within(sol, stop, *span_of(sol, span)) for sol in many]
     if not any(len(starts) for starts, _ in held):
-        raise ValueError(f"Stop {stop} holds its mass at no time that is to be drawn.")
+        name = name_in(many[0], stop).capitalize()
+        raise ValueError(f"{name} holds its mass at no time that is to be drawn.")
     ax = new_axes() if ax is None else ax
     colors = of_curves(len(many))
     for k, (sol, spans) in enumerate(zip(many, held, strict=True)):
@@ -123,7 +126,7 @@ def _draw_boundaries(
     colors: np.ndarray,
 ) -> None:
     """The line a x + b v = c: one for all if nothing moves it, else as it lies at each release."""
-    if any(sol.machine.extra is not None for sol in sols):
+    if any(sol.machine.extra is not None or sol.machine.contacts.is_coupled for sol in sols):
         return
     limits = ax.get_xlim(), ax.get_ylim()
     regions = [StickingRegion(sol.machine, (stop,)) for sol in sols]

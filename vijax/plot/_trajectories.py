@@ -9,6 +9,7 @@ from .._orbits.orbit import PeriodicOrbit
 from .._trajectory.event_log import IMPACT, RELEASE, STICK
 from .._trajectory.solution import Solution
 from ._axes import check_index, ink, legend_beside, new_axes, of_curves
+from ._contacts import masses_moved_by, masses_of, name_in, place_of
 from ._orbits import solution_of
 
 _HELD = "#f59b42"
@@ -23,7 +24,8 @@ def time_series(
 ) -> Axes:
     """Draw the positions of all masses against time, with their stops.
 
-    A dotted line is a stop, in the colour of its mass; where it is thick the stop holds the mass.
+    A dotted line is a stop, in the colour of its mass. A line is thick where a stop holds the mass, and both lines where a
+    contact of two masses holds, which has no place of its own here: see `relative_motion`.
 
     Args:
         sol: one trajectory, or a periodic orbit, of which one cycle is drawn.
@@ -55,20 +57,18 @@ def time_series(
     colors = of_curves(x.shape[1])
     for i, color in enumerate(colors):
         ax.plot(t, x[:, i], color=color, linewidth=1.3, label=f"$x_{{{i}}}$")
-    for j, mass in enumerate(sol.machine.contacts.masses):
-        position = np.asarray(sol.evaluate_stops(t)[0])[:, j]
-        ax.plot(
-            t,
-            position,
-            color=colors[mass],
-            linestyle=":",
-            linewidth=1.0,
-            label=f"stop {j}, of $x_{{{mass}}}$",
-        )
-        is_held = _is_held(sol, j, begin, end, t)
+    for j in range(sol.machine.contacts.num):
+        masses, place = masses_of(sol, j), place_of(sol, j, t)
+        if place is not None:
+            words = f"{name_in(sol, j)}, of $x_{{{masses[0]}}}$"
+            ax.plot(t, place[0], color=colors[masses[0]], linestyle=":", linewidth=1.0, label=words)
+        is_held = is_held_at(sol, j, begin, end, t)
         if is_held.any():
-            held = np.where(is_held, position, np.nan)
-            ax.plot(t, held, color=colors[mass], linewidth=6, alpha=0.5, label=f"$x_{{{mass}}}$ held")
+            words = ", ".join(f"$x_{{{i}}}$" for i in masses) + " held"
+            for i in masses:
+                held = np.where(is_held, x[:, i], np.nan)
+                label = words if i == masses[0] else None
+                ax.plot(t, held, color=colors[i], linewidth=6, alpha=0.5, label=label)
     ax.set_xlim(begin, end)
     ax.xaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10]))
     ax.set_xlabel("Time $t$ (units of time)")
@@ -89,7 +89,8 @@ def phase_portrait(
 
     A periodic orbit is a closed curve. The jumps at impacts are dashed, a grey line is a stop, or the curve on which
     a stop moves. On it a circle is where the mass sticks, a dot where it is released; in between it is held, a thick
-    orange line, or an orange disc on a stop that stands still.
+    orange line, or an orange disc on a stop that stands still. A contact with another mass is no line in this plane: its
+    circles, dots and orange lines lie on the curve of the motion.
 
     Args:
         sol: one trajectory, or a periodic orbit, of which one cycle is drawn.
@@ -124,9 +125,9 @@ def phase_portrait(
     color = of_curves(1)[0]
     ax.plot(x, v, color=color, linewidth=1.0)
     draw_jumps(ax, sol, mass, begin, end, color, "impact")
-    for j, of_mass in enumerate(sol.machine.contacts.masses):
-        if of_mass == mass:
-            _draw_stop(ax, sol, j, begin, end, num_samples)
+    for j in range(sol.machine.contacts.num):
+        if mass in masses_of(sol, j):
+            _draw_contact(ax, sol, j, mass, begin, end, num_samples)
     _draw_ends(ax, sol, mass, begin, end)
     ax.set_xlabel(f"Position $x_{{{mass}}}$ (units of length)")
     ax.set_ylabel(f"Velocity $\\dot x_{{{mass}}}$ (length / time)")
@@ -183,58 +184,61 @@ def held_within(sol: Solution, stop: int, begin: float, end: float) -> tuple[np.
     return starts[is_inside].clip(begin, end), ends[is_inside].clip(begin, end)
 
 
-def _is_held(sol: Solution, stop: int, begin: float, end: float, t: np.ndarray) -> np.ndarray:
+def is_held_at(sol: Solution, stop: int, begin: float, end: float, t: np.ndarray) -> np.ndarray:
+    """Whether a stop holds its mass at some times in the span."""
     starts, ends = held_within(sol, stop, begin, end)
     return np.any((t[:, None] >= starts) & (t[:, None] <= ends), axis=1)
 
 
-def _draw_stop(ax: Axes, sol: Solution, stop: int, begin: float, end: float, num_samples: int) -> None:
-    """A stop that stands still as a line across the plane, one that moves as its curve."""
-    t, grey = sample_times(sol, begin, end, num_samples), ink("0.8", "0.4")
-    is_held = _is_held(sol, stop, begin, end, t)
-    x, v = (np.asarray(a)[:, stop] for a in sol.evaluate_stops(t))
-    if v.any():
-        ax.plot(x, v, color=grey, linewidth=4, zorder=0, label=f"stop {stop}")
-        mark = np.where(is_held, x, np.nan), v, "-"
-    else:
-        ax.axvline(x[0], color=grey, linewidth=4, zorder=0, label=f"stop {stop}")
+def _draw_contact(
+    ax: Axes, sol: Solution, number: int, mass: int, begin: float, end: float, num_samples: int
+) -> None:
+    """A stop that stands still as a line across the plane, one that moves as its curve; where any contact holds."""
+    t, grey, name = sample_times(sol, begin, end, num_samples), ink("0.8", "0.4"), name_in(sol, number)
+    is_held, place = is_held_at(sol, number, begin, end, t), place_of(sol, number, t)
+    x, v = place if place is not None else (np.asarray(a)[:, mass] for a in sol.evaluate(t))
+    if place is not None and not v.any():
+        ax.axvline(x[0], color=grey, linewidth=4, zorder=0, label=name)
         mark = x[0], 0, "o"
+    else:
+        if place is not None:
+            ax.plot(x, v, color=grey, linewidth=4, zorder=0, label=name)
+        mark = np.where(is_held, x, np.nan), v, "-"
     if is_held.any():
-        ax.plot(*mark, color=_HELD, linewidth=4, zorder=4, label=f"held by stop {stop}")
+        ax.plot(*mark, color=_HELD, linewidth=4, zorder=4, label=f"held by {name}")
 
 
 def _draw_ends(ax: Axes, sol: Solution, mass: int, begin: float, end: float) -> None:
     """A circle where a mass sticks, a smaller disc where it is released: on a stop that stands still both are seen."""
+    ours = [j for j in range(sol.machine.contacts.num) if mass in masses_of(sol, j)]
     for kind, words, face, size, zorder in (
         (STICK, "stick", ax.get_facecolor(), 9, 3),
         (RELEASE, "release", ink(), 3, 5),
     ):
-        is_it = _is_of_mass(sol, mass, kind, begin, end)
-        if is_it.any():
-            x, v = _on_stops(sol, is_it)
+        t = np.asarray(sol.events.t)[_is_event(sol, ours, kind, begin, end)]
+        if t.size:
+            x, v = (np.asarray(a)[:, mass] for a in sol.evaluate(t))
             ax.plot(x, v, "o", color=ink(), markerfacecolor=face, markersize=size, zorder=zorder, label=words)
 
 
 def _impacts(
     sol: Solution, mass: int, begin: float, end: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Times, positions, and velocities before and after the impacts of a mass."""
-    log, is_it = sol.events, _is_of_mass(sol, mass, IMPACT, begin, end)
-    t, minus, plus = (np.asarray(a)[is_it] for a in (log.t, log.velocity_minus, log.velocity_plus))
-    return t, _on_stops(sol, is_it)[0], minus, plus
+    """Times, positions, and velocities before and after the impacts that change the velocity of a mass."""
+    contacts, log = sol.machine.contacts, sol.events
+    ours = [j for j in range(contacts.num) if mass in masses_moved_by(sol, j)]
+    is_it = _is_event(sol, ours, IMPACT, begin, end)
+    t, stop, minus, plus = (
+        np.asarray(a)[is_it] for a in (log.t, log.stop, log.velocity_minus, log.velocity_plus)
+    )
+    x, after = (np.asarray(a)[:, mass] for a in sol.evaluate(t))
+    # Of its own stops the log has the velocities of the mass. Of others the motion has, up to the number before t.
+    before = np.asarray(sol.evaluate(np.nextafter(t, -np.inf).clip(float(sol.t0)))[1])[:, mass]
+    is_own = np.array(contacts.masses, int)[stop] == mass
+    return t, x, np.where(is_own, minus, before), np.where(is_own, plus, after)
 
 
-def _is_of_mass(sol: Solution, mass: int, kind: int, begin: float, end: float) -> np.ndarray:
-    """Which rows of the log are events of a kind at the stops of a mass."""
-    log = sol.events
-    stops = [j for j, i in enumerate(sol.machine.contacts.masses) if i == mass]
-    t = np.asarray(log.t)
-    return (np.asarray(log.kind) == kind) & np.isin(log.stop, stops) & (t >= begin) & (t <= end)
-
-
-def _on_stops(sol: Solution, is_it: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities of the stops at some rows of the log."""
-    # At all of them, padding too: one shape for all trajectories, so one compilation.
-    stop = np.asarray(sol.events.stop)[is_it]
-    x, v = (np.asarray(a)[is_it, stop] for a in sol.evaluate_stops(sol.events.t))
-    return x, v
+def _is_event(sol: Solution, numbers: list[int], kind: int, begin: float, end: float) -> np.ndarray:
+    """Which rows of the log are events of a kind at some stops."""
+    log, t = sol.events, np.asarray(sol.events.t)
+    return (np.asarray(log.kind) == kind) & np.isin(log.stop, numbers) & (t >= begin) & (t <= end)

@@ -1,0 +1,348 @@
+"""Ready-made machines with contacts between masses, full mass matrices and walls that move, against closed forms."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import log_of
+
+import vijax as vx
+
+# Rounding of 1e-16 in some hundred steps.
+EXACT = 2e-14
+# The same, magnified by the multipliers of an orbit over the periods it is followed.
+ORBIT = 5e-13
+
+PARAMETERS = {
+    "impact_damper": {
+        "frequency": 0.9,
+        "amplitude": 1.5,
+        "phase": 0.3,
+        "position": 0.7,
+        "restitution": 0.6,
+        "damping_ratio": 0.1,
+        "mass_ratio": 0.2,
+    },
+    "gear_pair": {
+        "frequency": 2.0,
+        "amplitude": 1.5,
+        "phase": 0.3,
+        "torque": 0.7,
+        "position": 0.1,
+        "restitution": 0.6,
+        "inertias": jnp.array([2.0, 1.5]),
+        "radii": jnp.array([1.2, 0.8]),
+        "damping": 0.1,
+    },
+    "cantilever": {
+        "frequency": 2.0,
+        "amplitude": 1.5,
+        "phase": 0.3,
+        "position": 0.1,
+        "restitution": 0.6,
+        "length": 1.3,
+        "bending_stiffness": 2.0,
+        "mass_per_length": 0.7,
+        "damping_ratio": 0.1,
+    },
+    "ball_between_walls": {
+        "frequency": 2.0,
+        "amplitude": 0.2,
+        "phase": 0.3,
+        "position": 1.5,
+        "restitution": 0.6,
+        "mass": 2.0,
+    },
+    "bead_column": {
+        "frequency": 2.0,
+        "amplitude": 0.2,
+        "phase": 0.3,
+        "position": 5.0,
+        "diameter": 0.1,
+        "restitution": 0.6,
+        "gravity": 2.0,
+        "mass": jnp.array([2.0, 1.0, 0.5]),
+    },
+}
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_every_parameter_of_a_model_may_be_traced_and_differentiated(name):
+    build, values = getattr(vx.models, name), PARAMETERS[name]
+
+    def numbers(parameters: dict) -> jax.Array:
+        return jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(build(**parameters))])
+
+    traced, slopes = jax.jit(lambda p: (numbers(p), jax.jacfwd(numbers)(p)))(values)
+    np.testing.assert_allclose(traced, numbers(values), rtol=EXACT)
+    for parameter, slope in slopes.items():
+        assert np.isfinite(slope).all(), parameter
+        assert np.abs(slope).max() > 0.1, parameter
+
+
+@pytest.mark.parametrize(
+    ("build", "sentence"),
+    [
+        (
+            lambda: vx.models.gear_pair(1.0, 1.0, radii=[1.0]),
+            r"`radii` must have shape \(2,\), but has shape \(1,\)",
+        ),
+        (lambda: vx.models.cantilever(1.0, num_elements=0), "`num_elements` must be 1 or more, but is 0"),
+        (lambda: vx.models.bead_column(num_beads=0), "`num_beads` must be 1 or more, but is 0"),
+        (
+            lambda: vx.models.ball_between_walls(1.0, jnp.array([0.1])),
+            r"`amplitude` must be a number, but has shape \(1,\)",
+        ),
+    ],
+)
+def test_what_is_no_machine_is_refused(build, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        build()
+
+
+# The impact damper
+
+
+DAMPER = {"position": 0.6, "restitution": 0.6, "damping_ratio": 0.02, "mass_ratio": 0.15}
+
+
+def symmetric(
+    w: float, amplitude: float, position: float, restitution: float, damping_ratio: float, mass_ratio: float
+):
+    """Phase, and positions and velocities just after the impact at contact 0, of the orbit with one impact at each end.
+
+    Half a period T later all is reversed. So the free mass flies at the speed s from s T / 4 to -s T / 4; momentum and
+    restitution give the velocities of the oscillator, times s. With E the matrix of its free motion over T / 2, and p the
+    response to the load at the impact, E (y+ - p) - p = -y-: linear in s, and |p| is known. Of the two motions that of the
+    larger s is returned.
+    """
+    half, d, r, mu = np.pi / w, position, restitution, mass_ratio
+    minus = -(1 - r + 2 * mu) / (1 + r)
+    before, after = np.array([half / 2, minus]), np.array([half / 2, minus + 2 * mu])
+    zeta, wd = damping_ratio, np.sqrt(1 - damping_ratio**2)
+    c, s, decay = np.cos(wd * half), np.sin(wd * half), np.exp(-zeta * half)
+    flow = decay * np.array([[c + zeta / wd * s, s / wd], [-s / wd, c - zeta / wd * s]])
+    of = lambda plus, minus: np.linalg.solve(flow + np.eye(2), flow @ plus + minus)  # noqa: E731
+    slope, offset = of(after, before), of(np.array([-d, 0.0]), np.array([-d, 0.0]))
+    scale = np.array([1.0, 1 / w])
+    slope, offset = scale * slope, scale * offset
+    response = amplitude / (1 - w**2 + 2j * zeta * w)
+    speed = np.roots([slope @ slope, 2 * slope @ offset, offset @ offset - abs(response) ** 2]).real.max()
+    p = slope * speed + offset
+    phase = np.arctan2(-p[1], p[0]) - np.angle(response)
+    x = speed * half / 2 - d
+    return phase, np.array([x, speed * half / 2]), speed * np.array([minus + 2 * mu, -1.0]), speed * minus
+
+
+def test_an_impact_damper_has_the_exact_symmetric_orbit():
+    w, amplitude = 1.0, 0.1
+    phase, x, v, minus = symmetric(w, amplitude, **DAMPER)
+    system, period, turns = vx.models.impact_damper(w, amplitude, phase=phase, **DAMPER), 2 * np.pi / w, 3
+    # Just left: the start is on contact 0, and opens it.
+    sol = vx.simulate(system, 0.0, (turns + 0.25) * period, x, v)
+    events = log_of(sol)
+    assert [event.kind for event in events] == ["impact"] * 2 * turns
+    assert [event.stop for event in events] == [1, 0] * turns
+    times = period / 2 * np.arange(1, 2 * turns + 1)
+    np.testing.assert_allclose([event.t for event in events], times, rtol=ORBIT)
+    approach = -v[1] - minus
+    np.testing.assert_allclose([event.velocity for event in events], approach, rtol=ORBIT)
+    # Without the free mass the resonance would be at 2.5.
+    reach = np.abs(sol.evaluate(np.linspace(0, turns * period, 300))[0][:, 0]).max()
+    assert reach < 0.5
+
+
+def test_the_ends_of_an_impact_damper_keep_the_momentum():
+    w, amplitude = 1.0, 0.1
+    phase, x, v, _ = symmetric(w, amplitude, **DAMPER)
+    system = vx.models.impact_damper(w, amplitude, phase=phase + 0.4, **DAMPER)
+    sol = vx.simulate(system, 0.0, 40.0, x, v)
+    t = np.array([event.t for event in log_of(sol) if event.kind == "impact"])
+    assert len(t) > 5
+    before, after = (np.asarray(sol.evaluate(at)[1]) for at in (np.nextafter(t, 0), t))
+    masses = np.array([1.0, DAMPER["mass_ratio"]])
+    np.testing.assert_allclose(after @ masses, before @ masses, rtol=0, atol=ORBIT)
+    relative = [v[:, 1] - v[:, 0] for v in (before, after)]
+    np.testing.assert_allclose(relative[1], -DAMPER["restitution"] * relative[0], rtol=0, atol=ORBIT)
+
+
+# Gears
+
+
+GEARS = {"torque": 0.7, "position": 0.1, "inertias": [2.0, 1.5], "radii": [1.2, 0.8], "restitution": 0.5}
+
+
+def in_mesh(amplitude: float, t: float) -> vx.Solution:
+    """The driving flanks start closed."""
+    system = vx.models.gear_pair(1.3, amplitude, **GEARS)
+    return vx.simulate(system, 0.0, t, x0=[0.1 / 1.2, 0.0])
+
+
+def test_teeth_press_with_the_mean_torque_and_their_share_of_the_rest():
+    first, second = 2.0 / 1.2**2, 1.5 / 0.8**2
+    amplitude = 0.999 * 0.7 * (first + second) / second
+    sol = in_mesh(amplitude, 20.0)
+    assert int(sol.num_events) == 0
+    t = np.linspace(0.0, 20.0, 50)
+    share = second / (first + second)
+    expected = (0.7 + amplitude * share * np.cos(1.3 * t)) / 1.2
+    np.testing.assert_allclose(sol.contact_force(t)[:, 0], expected, rtol=0, atol=EXACT)
+
+
+def test_teeth_part_where_the_torque_no_longer_presses_them():
+    first, second = 2.0 / 1.2**2, 1.5 / 0.8**2
+    amplitude = 1.2 * 0.7 * (first + second) / second
+    sol = in_mesh(amplitude, 4.0)
+    release, impact, *_ = log_of(sol)
+    assert (release.kind, release.stop) == ("release", 0)
+    assert release.t == pytest.approx(np.arccos(-1 / 1.2) / 1.3, rel=EXACT)
+    # From there the distance of the flanks is that of a ball from a table.
+    gravity = 0.7 / 1.2 * (1 / first + 1 / second)
+    strength, w, t = amplitude / 1.2 / first, 1.3, impact.t - release.t
+    angle = w * release.t
+    speed = strength / w * (np.sin(angle + w * t) - np.sin(angle)) + gravity * t
+    gone = strength / w**2 * (np.cos(angle) - np.cos(angle + w * t)) - strength / w * np.sin(angle) * t
+    assert gone + gravity * t**2 / 2 == pytest.approx(0, abs=EXACT)
+    assert impact.velocity == pytest.approx(speed, rel=10 * EXACT)
+    assert (impact.kind, impact.stop) == ("impact", 0)
+
+
+# The beam
+
+
+# Of the elements: the error of a frequency falls with the fourth power of their length.
+ORDER = 4
+
+
+@pytest.mark.parametrize("num_elements", [1, 3])
+def test_a_cantilever_bends_as_the_beam_does(num_elements):
+    length, stiffness, force = 1.3, 2.0, 0.4
+    beam = vx.models.cantilever(1.0, num_elements=num_elements, length=length, bending_stiffness=stiffness)
+    load = np.zeros(2 * num_elements)
+    load[-2] = force
+    nodes = length * np.arange(1, num_elements + 1) / num_elements
+    shape = np.linalg.solve(np.asarray(beam.stiffness), load)
+    exact = force * nodes**2 * (3 * length - nodes) / (6 * stiffness)
+    np.testing.assert_allclose(shape[::2], exact, rtol=100 * EXACT)
+    np.testing.assert_allclose(
+        shape[1::2], force * nodes * (2 * length - nodes) / (2 * stiffness), rtol=100 * EXACT
+    )
+
+
+def test_the_frequencies_of_a_cantilever_tend_to_those_of_the_beam_from_above():
+    length, stiffness, mass = 1.3, 2.0, 0.7
+    exact = (np.array([1.8751040687119611, 4.694091132974175]) / length) ** 2 * np.sqrt(stiffness / mass)
+    errors = []
+    for num_elements in (8, 16):
+        beam = vx.models.cantilever(
+            1.0,
+            num_elements=num_elements,
+            length=length,
+            bending_stiffness=stiffness,
+            mass_per_length=mass,
+            damping_ratio=0.07,
+        )
+        back = np.linalg.inv(np.linalg.cholesky(beam.mass))
+        squares = np.linalg.eigvalsh(back @ np.asarray(beam.stiffness) @ back.T)
+        errors.append(np.sqrt(squares[:2]) / exact - 1)
+        ratio = np.asarray(beam.damping)[0, 0] / np.asarray(beam.stiffness)[0, 0] * exact[0] / 2
+        assert ratio == pytest.approx(0.07, rel=EXACT)
+    assert (errors[1] > 0).all()
+    np.testing.assert_allclose(np.log2(errors[0] / errors[1]), ORDER, atol=0.1)
+
+
+def test_a_beam_that_loses_nothing_keeps_its_energy_through_impacts():
+    beam = vx.models.cantilever(1.0, 0.0, num_elements=2, restitution=1.0, damping_ratio=0.0, position=0.05)
+    start = np.array([-0.1, -0.3, -0.3, -0.5])
+    sol = vx.simulate(beam, 0.0, 6.0, x0=start)
+    assert int((sol.events.kind == vx.IMPACT).sum()) > 5
+    mass, stiffness = np.asarray(beam.mass), np.asarray(beam.stiffness)
+    at_first = start @ stiffness @ start / 2
+    for t in (1.0, 3.0, 6.0):
+        x, v = (np.asarray(a) for a in sol.evaluate(t))
+        assert (v @ mass @ v + x @ stiffness @ x) / 2 == pytest.approx(at_first, rel=100 * EXACT)
+    assert np.asarray(sol.evaluate(np.linspace(0, 6, 500))[0])[:, -2].max() < 0.05 + EXACT
+
+
+# A ball between walls
+
+
+@pytest.mark.parametrize(("r", "n", "a"), [(1.0, 1, 0.1), (0.9, 2, 0.02)])
+def test_a_ball_between_walls_has_the_exact_orbit_of_one_impact_at_each(r, n, a):
+    w, d = 1.5, 1.0
+    period, k = 2 * np.pi / w, (1 - r**2) / (2 * np.pi * n * r)
+    # Of the two such instants that at which the wall speeds up: whoever comes late is thrown back faster.
+    angle = -np.arccos(k * d / (a * np.hypot(1, k))) - np.arctan2(1, k)
+    assert a * (k * np.cos(angle) - np.sin(angle)) == pytest.approx(k * d, abs=EXACT)
+    flight = d - a * np.cos(angle)
+    speed = flight * (1 + 1 / r) / (n * period)
+    # Time 0 is when the ball leaves the moving wall.
+    x = [a * np.cos(angle)]
+    system = vx.models.ball_between_walls(w, a, phase=angle, position=d, restitution=r)
+    turns = 5
+    sol = vx.simulate(system, 0.0, (turns + 0.1) * n * period, x, [speed])
+    events = log_of(sol)
+    assert [(event.kind, event.stop) for event in events] == [("impact", 0), ("impact", 1)] * turns
+    starts = n * period * np.arange(turns)
+    times = np.stack([starts + flight / speed, starts + n * period], axis=1).ravel()
+    np.testing.assert_allclose([event.t for event in events], times, rtol=ORBIT)
+    np.testing.assert_allclose([event.velocity for event in events], [speed, -r * speed] * turns, rtol=ORBIT)
+
+
+# Beads
+
+
+def reflected(x: np.ndarray, v: np.ndarray, t: float, length: float) -> np.ndarray:
+    """Where points are that fly freely between 0 and a wall and pass through each other."""
+    folded = np.mod(x + v * t, 2 * length)
+    return np.where(folded > length, 2 * length - folded, folded)
+
+
+def test_elastic_beads_between_walls_are_points_that_pass_through_each_other_in_order():
+    d, height = 0.1, 2.0
+    column = vx.models.bead_column(position=height, diameter=d, restitution=1.0, gravity=0.0)
+    x, v = np.array([0.2, 0.7, 1.4]), np.array([1.1, -0.7, 0.4])
+    ts = np.array([1.0, 3.0, 10.0])
+    sol = vx.simulate(column, 0.0, 10.0, x, v, ts=ts)
+    sizes = d * np.arange(3)  # what the beads below take of the height
+    for t, found in zip(ts, np.asarray(sol.xs), strict=True):
+        expected = np.sort(reflected(x - sizes, v, t, height - 3 * d)) + sizes
+        np.testing.assert_allclose(found, expected, rtol=0, atol=ORBIT)
+    assert len({event.stop for event in log_of(sol)}) == 4
+    assert float((sol.v1**2).sum()) == pytest.approx((v**2).sum(), rel=EXACT)
+
+
+def test_a_column_that_is_dropped_lies_still_and_each_contact_carries_what_is_above():
+    column = vx.models.bead_column(diameter=0.1, restitution=0.5, mass=[3.0, 2.0, 0.5])
+    sol = vx.simulate(column, 0.0, 3.0, x0=[0.5, 0.65, 0.8])
+    assert np.asarray(sol.stuck1).all()
+    np.testing.assert_allclose(sol.x1, [0.0, 0.1, 0.2], rtol=0, atol=EXACT)
+    np.testing.assert_allclose(sol.v1, 0.0, rtol=0, atol=EXACT)
+    np.testing.assert_allclose(sol.contact_force(3.0), 9.81 * np.array([5.5, 2.5, 0.5]), rtol=EXACT)
+
+
+def test_a_light_ball_on_a_heavy_one_is_thrown_up():
+    heavy, light, r = 4.0, 0.5, 0.9
+    stack = vx.models.bead_column(num_beads=2, restitution=r, mass=[heavy, light])
+    # The light ball follows at a distance d: they meet just after the heavy one has left the floor.
+    h, d = 1.0, 1e-9
+    sol = vx.simulate(stack, 0.0, 0.5, x0=[h, h + d])
+    floor, meeting, *_ = log_of(sol)
+    assert (floor.stop, meeting.stop) == (0, 1)
+    speed = np.sqrt(2 * 9.81 * h)
+    approach = (1 + r) * speed
+    assert meeting.velocity == pytest.approx(approach, rel=EXACT)
+    after = -speed + (1 + r) * approach * heavy / (heavy + light)
+    # The light ball fell for the moment between, d / approach.
+    assert float(sol.evaluate(meeting.t)[1][1]) == pytest.approx(after, rel=10 * d)
+
+
+def test_a_shaken_column_rides_on_a_floor_slower_than_its_weight():
+    w, a = 3.0, 0.5
+    column = vx.models.bead_column(w, a, num_beads=2, diameter=0.2, mass=2.0, phase=0.3)
+    place, speed = a * np.cos(0.3), -a * w * np.sin(0.3)
+    sol = vx.simulate(column, 0.0, 5.0, [place, place + 0.2], [speed, speed])
+    assert int(sol.num_events) == 0
+    t = np.linspace(0.0, 5.0, 20)
+    force = 9.81 - a * w**2 * np.cos(w * t + 0.3)
+    np.testing.assert_allclose(sol.contact_force(t), np.outer(force, [4.0, 2.0]), rtol=10 * EXACT)

@@ -1,0 +1,78 @@
+"""How near one contact is to closing: relative positions against time."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from .._orbits.orbit import PeriodicOrbit
+from .._trajectory.event_log import IMPACT
+from .._trajectory.solution import Solution
+from ._axes import check_index, ink, legend_beside, new_axes, of_curves
+from ._contacts import in_symbols, name_in, row_of
+from ._orbits import solution_of
+from ._trajectories import is_held_at, sample_times, span_of
+
+
+def relative_motion(
+    sol: Solution | PeriodicOrbit,
+    contact: int = 0,
+    *,
+    span: tuple[float, float] | None = None,
+    ax: Axes | None = None,
+    num_samples: int = 2000,
+) -> Axes:
+    """Draw what a contact limits, `row . x`, against time, with the place that it does not pass.
+
+    Of a contact between two masses that is their distance along the row, of a stop the position of its mass. The dotted line is
+    the contact, a disc an impact; where the line is thick the contact holds.
+
+    Args:
+        sol: one trajectory, or a periodic orbit, of which one cycle is drawn.
+        contact: the contact or stop, by its number in `ImpactSystem(..., stops=...)`.
+        span: first and last time of a close-up; the whole trajectory if left out.
+        ax: where to draw; new axes if left out.
+        num_samples: evenly spaced times to draw, beside those of the events.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if there is no such contact, the span does not lie within the trajectory, or the orbit was not found.
+
+    Example:
+        ```python
+        import vijax as vx
+        sol = vx.simulate(vx.models.impact_damper(1.0), 0.0, 60.0)
+        ax = vx.plot.relative_motion(sol, contact=1, span=(40.0, 60.0))
+        ```
+
+    References:
+        S. F. Masri, "General motion of impact dampers", J. Acoustical Society of America 47 (1970) 229-237.
+    """
+    sol = solution_of(sol)
+    check_index("contact", contact, sol.machine.contacts.num)
+    begin, end = span_of(sol, span)
+    t = sample_times(sol, begin, end, num_samples)
+    row, name, color = row_of(sol, contact), name_in(sol, contact), of_curves(1)[0]
+    distance, limit = np.asarray(sol.evaluate(t)[0]) @ row, np.asarray(sol.evaluate_stops(t)[0])[:, contact]
+    ax = new_axes() if ax is None else ax
+    ax.plot(t, distance, color=color, linewidth=1.3, label=f"${in_symbols(row)}$")
+    ax.plot(t, limit, color=ink(), linestyle=":", linewidth=1.0, label=name)
+    is_held = is_held_at(sol, contact, begin, end, t)
+    if is_held.any():
+        held = np.where(is_held, distance, np.nan)
+        ax.plot(t, held, color=color, linewidth=6, alpha=0.5, label=f"held by {name}")
+    log = sol.events
+    when = np.asarray(log.t)
+    is_hit = (np.asarray(log.kind) == IMPACT) & (np.asarray(log.stop) == contact)
+    is_hit &= (when >= begin) & (when <= end)
+    if is_hit.any():
+        # At all of them, padding too: one shape for all trajectories, so one compilation.
+        where = np.asarray(sol.evaluate_stops(log.t)[0])[is_hit, contact]
+        ax.plot(when[is_hit], where, "o", color=ink(), markersize=4, zorder=3, label="impact")
+    ax.set_xlim(begin, end)
+    ax.xaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10]))
+    ax.set_xlabel("Time $t$ (units of time)")
+    ax.set_ylabel(f"${in_symbols(row)}$ (units of length)")
+    legend_beside(ax)
+    return ax
