@@ -331,3 +331,22 @@ def test_contacts_are_printed_in_a_line():
     full = _with([vx.Contact({0: 2.0}, 0.1, 0.5)], [[1.0, 0.2], [0.2, 1.0]])
     assert "mass       [1 0.2] [0.2 1]" in repr(full)
     assert repr(full.stops[0]) == "Contact: 2 x0 <= 0.1, restitution 0.5"
+
+
+@pytest.mark.thorough
+def test_a_symmetric_orbit_loses_its_symmetry_at_a_branch_point():
+    """Where a multiplier is 1, told as well by orbits around it, found one by one."""
+    system = damper(0.6, frequency=1.26, amplitude=0.1)
+    end = vx.simulate(system, 0.0, 200 * system.forcing.period, max_events=8192)
+    orbit = vx.periodic_orbit(system, end.x1, end.v1)
+    branch = vx.continuation(orbit, "forcing.frequency", (1.22, 1.28), progress=False)
+    (point,) = (point for point in branch.bifurcations if point.kind == "bp")
+    assert len(branch.bifurcations) == 1
+    names, off = lambda s: s.forcing.frequency, np.array([-8, -6, -4, 4, 6, 8]) * 1e-4
+    surplus = []
+    for w in point.value + off:
+        near = vx.periodic_orbit(eqx.tree_at(names, system, jnp.asarray(w)), point.orbit.x0, point.orbit.v0)
+        surplus.append(float(np.prod(1 - np.asarray(near.multipliers)).real))
+    fit = np.polynomial.Polynomial.fit(off, surplus, 4)
+    root = min(fit.roots(), key=abs)
+    assert abs(root) < 1e-9
