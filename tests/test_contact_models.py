@@ -166,6 +166,21 @@ def test_the_ends_of_an_impact_damper_keep_the_momentum():
     np.testing.assert_allclose(relative[1], -DAMPER["restitution"] * relative[0], rtol=0, atol=ORBIT)
 
 
+@pytest.mark.parametrize("w", [0.98, 1.0])
+def test_an_impact_damper_that_is_hit_as_periods_end_repeats_after_one(w):
+    phase, x, v, _ = symmetric(w, 0.1, **DAMPER)
+    system = vx.models.impact_damper(w, 0.1, phase=phase, **DAMPER)
+    sol = vx.simulate(system, 0.0, 16 * 2 * np.pi / w, x, v)
+    points = {"forcing.frequency": [w]}
+    ds = vx.sweep(system, points, transient=0, record=16, x0=x, v0=v, progress=False)
+    for source in (sol, ds):
+        # Rounding puts some of those impacts before the end of their period and some after.
+        motion = vx.classify(source, last=16)
+        assert int(motion.num_periods.squeeze()) == 1
+        assert motion.num_impacts.values.ravel().tolist() == [1, 1]
+        assert float(motion.recurrence_error.squeeze()) < 1e-10
+
+
 # Gears
 
 

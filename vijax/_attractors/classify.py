@@ -3,6 +3,8 @@
 import math
 from typing import Final, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
@@ -10,7 +12,7 @@ from .._dataset_attributes import flags
 from .._sweep.endings import warn_of_endings
 from .._trajectory.solution import Solution
 from .quiet import stays_quiet
-from .record import Impacts, flat, forcing_periods, impacts_of, label, stop_masses
+from .record import Impacts, flat, forcing_periods, impacts_of, label, machines, stop_masses
 from .recurrence import Recurrence, recurrence
 from .sections import stroboscopic_section
 
@@ -88,7 +90,7 @@ def classify(
     period, masses, impacts = forcing_periods(source), stop_masses(source), impacts_of(source)
     in_periods = impacts.time / period[impacts.point]
     number = np.floor(in_periods + _EDGE).astype(int)  # of the period of each impact, from 0
-    v = _before_impacts(section.v.values, masses, impacts, number, in_periods)
+    v = _before_impacts(source, section.v.values, masses, impacts, number, in_periods)
     relative = _relative(section.x.values, v, 2 * np.pi / period, impacts)[:, -last:]
     is_failed = np.isnan(relative.sum(axis=(1, 2)))
     found = recurrence(np.where(is_failed[:, None, None], 0, relative), tolerance)
@@ -163,7 +165,12 @@ def _motion(
 
 
 def _before_impacts(
-    v: np.ndarray, masses: np.ndarray, impacts: Impacts, number: np.ndarray, in_periods: np.ndarray
+    source: Solution | xr.Dataset,
+    v: np.ndarray,
+    masses: np.ndarray,
+    impacts: Impacts,
+    number: np.ndarray,
+    in_periods: np.ndarray,
 ) -> np.ndarray:
     """Undo the impacts just before the end of a period.
 
@@ -174,8 +181,34 @@ def _before_impacts(
     # Of several impacts of one mass the first counts: reversed, it is assigned last.
     which = np.flatnonzero(is_undone)[::-1]
     v = v.copy()
-    v[impacts.point[which], number[which] - 1, masses[impacts.stop[which]]] = impacts.velocity[which]
+    is_known = masses[impacts.stop[which]] >= 0
+    own, others = which[is_known], which[~is_known]
+    v[impacts.point[own], number[own] - 1, masses[impacts.stop[own]]] = impacts.velocity[own]
+    if others.size:
+        _before_contacts(source, v, impacts, number, others)
     return v
+
+
+def _before_contacts(
+    source: Solution | xr.Dataset, v: np.ndarray, impacts: Impacts, number: np.ndarray, which: np.ndarray
+) -> None:
+    """The same for contacts between masses, in place: along M^-1 row, up to the speed of approach that is logged."""
+    points, lane = np.unique(impacts.point[which], return_inverse=True)
+    machine, angle = machines(source, points)
+    if machine is None:
+        return
+    machine = jax.tree.map(jnp.asarray, machine)
+    contacts, rows = machine.contacts, np.asarray(machine.contacts.rows)
+    with jax.numpy_rank_promotion("allow"):  # what all points share is broadcast to them
+        rate = machine.phase_rate(machine.phase_at(angle / machine.frequency))
+        # The speed of the contact itself, towards which the masses move.
+        own = -np.asarray(contacts.towards(jnp.zeros_like(machine.mean), rate))
+        moved = np.stack([np.asarray(contacts.freed(jnp.asarray(row))) for row in rows])
+    for k, j, at in zip(which, impacts.stop[which], lane, strict=True):
+        row, change = rows[j, :, at % rows.shape[-1]], moved[j, :, at % moved.shape[-1]]
+        before = v[impacts.point[k], number[k] - 1]
+        lack = impacts.velocity[k] + own[j, at % own.shape[-1]] - row @ before
+        before += change * lack / (row @ change)
 
 
 def _relative(x: np.ndarray, v: np.ndarray, frequency: np.ndarray, impacts: Impacts) -> np.ndarray:
@@ -235,9 +268,11 @@ def _tally(
 def _double_impacts(
     impacts: Impacts, is_ours: np.ndarray, masses: np.ndarray, within: np.ndarray
 ) -> np.ndarray:
-    """Neighbouring impacts of two masses, closer than `within`; they belong to the period of the second."""
+    """Neighbouring impacts of two masses, or contacts, closer than `within`; they belong to the period of the second."""
     first, second = slice(None, -1), slice(1, None)
-    point, mass = impacts.point, masses[impacts.stop]
+    # What has no mass of its own is another with every contact.
+    of_stop = np.where(masses >= 0, masses, -1 - np.arange(len(masses)))
+    point, mass = impacts.point, of_stop[impacts.stop]
     is_double = (point[first] == point[second]) & (mass[first] != mass[second]) & is_ours[second]
     is_double &= np.diff(impacts.time) <= within[point[second]]
     return np.bincount(point[second][is_double], minlength=len(within)).astype(float)
