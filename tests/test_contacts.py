@@ -130,6 +130,24 @@ def test_a_dropped_stack_comes_to_rest_after_the_impacts_of_an_independent_count
     assert max(event.t for event in log) < t + 1e-3
 
 
+def test_impacts_of_one_instant_are_logged_in_their_order():
+    """Two masses in a wedge: the bounces of two contacts come closer than any two numbers."""
+    column = [vx.Contact({0: -1.0}, 0.0, 0.3), vx.Contact({0: 1.0, 1: -1.0}, 0.0, 0.3)]
+    zero = np.zeros((2, 2))
+    stack = vx.ImpactSystem([1.0, 3.0], zero, zero, vx.Harmonic([0.0, 0.0], 1.0, mean=[-1.0, -3.0]), column)
+    sol = vx.simulate(stack, 0.0, 3.0, [0.0, 0.0], [0.0, -1.0])
+    log, n = sol.events, int(sol.num_events)
+    t, speed = np.asarray(log.t)[:n], np.asarray(log.velocity_minus)[:n]
+    assert (
+        np.diff(np.asarray(sol.restarts.t)[: n + 1][np.isfinite(np.asarray(sol.restarts.t)[: n + 1])]) >= 0
+    ).all()
+    of_second = speed[(np.asarray(log.stop)[:n] == 1) & (np.asarray(log.kind)[:n] == vx.IMPACT)]
+    assert of_second[0] == pytest.approx(1.0)
+    assert (np.diff(t) >= 0).all()
+    assert speed.max() == of_second[0]
+    assert np.asarray(sol.stuck1).all()
+
+
 def test_the_law_of_several_contacts_is_the_one_solution_of_its_conditions():
     random = np.random.default_rng(0)
     solve = jax.jit(complementary)

@@ -51,7 +51,8 @@ def random_starts(system: vx.ImpactSystem, count: int) -> np.ndarray:
     """Positions at rest on the free sides of the stops, (starts, masses); the first is that without load."""
     low, high = np.full((2, system.num_masses), [[-1.0], [1.0]])
     for stop in system.stops:
-        (high if stop.side == "upper" else low)[stop.mass] = stop.position
+        for mass in stop.coefficients:  # one, of a stop
+            (high if stop.sign > 0 else low)[mass] = stop.position
     starts = np.random.default_rng(0).uniform(low, high, (count, len(low)))
     starts[0] = 0.0
     return starts

@@ -125,7 +125,8 @@ class ExpandingFlow(AbstractFlow):
         delays = compute_once(_delays, machine, moved, series, hold, is_root, ahead - step)
         delay = smallest(delays)
         is_event = (delays <= delay + one_instant(machine)) & (delays < jnp.inf)
-        delay = jnp.where(delay < jnp.inf, delay, 0)
+        # Not to before the step began: events of one instant come in the order in which they cause each other.
+        delay = jnp.where(delay < jnp.inf, jnp.maximum(delay, -step), 0)
         landed = compute_once(_land, machine, moved, series, delay)
         return Flight(landed, step + delay, is_event, is_last)
 
