@@ -71,7 +71,7 @@ def test_energy_is_kept_by_elastic_contacts_and_never_made_by_others(restitution
     assert np.diff(found).max() < 1e-13
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("has_full_mass", [True, False])
 def test_random_machines_end_and_no_contact_is_passed(has_full_mass):
     t = np.linspace(0.0, 40.0, 512)
@@ -84,7 +84,7 @@ def test_random_machines_end_and_no_contact_is_passed(has_full_mass):
         assert np.nanmin(sol.contact_force(t_known)) >= -1e-12, seed
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_random_machines_without_a_load_gain_no_energy():
     t = np.linspace(0.0, 30.0, 512)
     for seed in range(40):
@@ -351,7 +351,7 @@ def test_contacts_are_printed_in_a_line():
     assert repr(full.stops[0]) == "Contact: 2 x0 <= 0.1, restitution 0.5"
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_symmetric_orbit_loses_its_symmetry_at_a_branch_point():
     """Where a multiplier is 1, told as well by orbits around it, found one by one."""
     system = damper(0.6, frequency=1.26, amplitude=0.1)

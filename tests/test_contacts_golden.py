@@ -17,11 +17,15 @@ from helpers import Scene, kinds_at_stops, log_of, paired, swapped
 import vijax as vx
 
 _SHAPES = Counter(shape_of_scene(name) for name in contact_scene_names())
-# A shape of machine takes seconds to compile: those that serve few scenes only are for the long run.
-_SCENES = [
-    pytest.param(name, marks=[pytest.mark.thorough] if _SHAPES[shape_of_scene(name)] < 5 else [])
-    for name in contact_scene_names()
-]
+
+
+def _marks(name: str) -> list[pytest.MarkDecorator]:
+    """A shape of machine takes seconds to compile: those that serve few scenes only are for the long runs."""
+    count = _SHAPES[shape_of_scene(name)]
+    return [pytest.mark.slow] if count == 1 else [pytest.mark.thorough] if count < 5 else []
+
+
+_SCENES = [pytest.param(name, marks=_marks(name)) for name in contact_scene_names()]
 _LIGHT = 1e-5
 
 
