@@ -92,6 +92,7 @@ def value_of(make, kind):
     return lambda numbers: vx.bifurcation_value(points_of(make)[kind], make(numbers))
 
 
+@pytest.mark.thorough
 def test_published_derivatives_of_a_fold():
     # Case (a), one impact of each mass a period.
     slopes = jax.grad(value_of(case_a, "fold"))(CASE_A)
@@ -128,6 +129,7 @@ def test_grazing_in_closed_form():
     np.testing.assert_allclose(jax.grad(value_of(alone, "gr"))(ALONE), exact, rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_a_force_that_touches_zero_in_closed_form():
     # The shaken mass, and so the force of its spring and damper on the other, which the constant load just outweighs.
     constant, amplitude = PRESSED
@@ -182,7 +184,13 @@ def test_the_parameter_itself_is_not_used():
     ("make", "kind", "numbers", "sentence"),
     [
         (alone, "gr", np.array([0.5, 0.1]), "no such bifurcation"),
-        (pair, "pd", np.where(UNEQUAL == 100, -0.5, UNEQUAL), "does not follow the orbit"),
+        pytest.param(
+            pair,
+            "pd",
+            np.where(UNEQUAL == 100, -0.5, UNEQUAL),
+            "does not follow the orbit",
+            marks=pytest.mark.thorough,
+        ),
     ],
 )
 def test_what_is_not_found_is_told(make, kind, numbers, sentence):

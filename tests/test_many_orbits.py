@@ -125,7 +125,8 @@ FAMILIES: list[Callable[[np.random.Generator], Family]] = [
 ]
 # Larger machines, and those of a long chatter, take long to compile.
 CHOSEN = [
-    *(pytest.param((f, FEW), id=f.__name__) for f in FAMILIES[:2]),
+    pytest.param((between_two_stops, FEW), id="between_two_stops"),
+    pytest.param((with_a_shaken_slot, FEW), id="with_a_shaken_slot", marks=pytest.mark.slow),
     *(pytest.param((f, MANY), id=f"{f.__name__}_of_all_chatters", marks=pytest.mark.slow) for f in FAMILIES),
 ]
 
