@@ -8,7 +8,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from helpers import Event, Scene
+from helpers import Scene, scene_of
 
 import vijax as vx
 
@@ -29,21 +29,7 @@ def contact_data(name: str) -> dict:
 def contact_scene(name: str) -> Scene:
     """Read one scene."""
     data = contact_data(name)
-    return Scene(
-        name=name,
-        system=contact_machine(data),
-        t0=data["t0"],
-        t1=data["t1"],
-        x0=np.array(data["x0"]),
-        v0=np.array(data["v0"]),
-        events=[Event(e["t"], e["kind"], e["contact"], e["v_before"]) for e in data["events"]],
-        x1=np.array(data["x1"]),
-        v1=np.array(data["v1"]),
-        held_at_start=data["stuck_at_start"],
-        held_at_end=data["stuck_at_end"],
-        state_amplification=max(1.0, data["amplification_worst_restart"]),
-        time_amplification=max(1.0, data["amplification_worst_restart_events"]),
-    )
+    return scene_of(name, data, contact_machine(data), "contact")
 
 
 def contact_machine(data: dict, basis: np.ndarray | None = None) -> vx.ImpactSystem:

@@ -81,14 +81,19 @@ def load_scene(name: str) -> Scene:
     data = json.loads((GOLDEN / f"{name}.json").read_text())
     stops = [vx.Stop(s["mass"], s["position"], s["side"], s["restitution"]) for s in data["stops"]]
     load = vx.Harmonic(data["A"], data["Omega"], data["phase"])
+    return scene_of(name, data, vx.ImpactSystem(data["M"], data["C"], data["K"], load, stops), "stop")
+
+
+def scene_of(name: str, data: dict, system: vx.ImpactSystem, stop: str) -> Scene:
+    """The scene of some data, in which `stop` is the name of what is hit."""
     return Scene(
         name=name,
-        system=vx.ImpactSystem(data["M"], data["C"], data["K"], load, stops),
+        system=system,
         t0=data["t0"],
         t1=data["t1"],
         x0=np.array(data["x0"]),
         v0=np.array(data["v0"]),
-        events=[Event(e["t"], e["kind"], e["stop"], e["v_before"]) for e in data["events"]],
+        events=[Event(e["t"], e["kind"], e[stop], e["v_before"]) for e in data["events"]],
         x1=np.array(data["x1"]),
         v1=np.array(data["v1"]),
         held_at_start=data["stuck_at_start"],

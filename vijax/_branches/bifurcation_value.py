@@ -93,7 +93,7 @@ def bifurcation_value(point: Bifurcation, system: ImpactSystem, *, throw: bool =
 
 def _of_machine(defining: Defining, system: ImpactSystem) -> Defining:
     """The defining system of another machine."""
-    make = lambda system: (system.num_masses, [(stop.slot, [*stop.coefficients]) for stop in system.stops])  # noqa: E731
+    make = lambda system: (system.num_masses, [stop.slot or (*stop.coefficients,) for stop in system.stops])  # noqa: E731
     (masses, stops), ours = make(defining.family.system), make(system)
     if ours != (masses, stops) or system.force is not None:
         raise ValueError(
@@ -164,7 +164,7 @@ def _is_motion(defining: Defining, place: Place) -> Array:
     problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
     watched, speeds = watch(problem, unknowns), residual(problem, unknowns).speed
     length, speed = family.scale[0], family.scale[-1]
-    force = speed * problem.machine.frequency / jnp.min(problem.machine.inverse_mass)
+    force = speed * problem.machine.frequency * jnp.max(family.system.mass)
     least = [
         jnp.min(watched.gap, initial=jnp.inf) / length,
         jnp.min(watched.force, initial=jnp.inf) / force,

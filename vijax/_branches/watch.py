@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from .._flow.interface import AbstractFlow
-from .._machine.derivatives import derivatives
+from .._machine.derivatives import approaches, contact_forces, derivatives
 from .._machine.machine import Machine, resting_state
 from .._orbits.cycle import Moment, Problem, Unknowns, begin_cycle, events_of, fly, leap
 from .._types import Scalar
@@ -187,13 +187,7 @@ def _read(machine: Machine, flow: AbstractFlow, begin: Moment, held: Array, sinc
     x, v, phase, _ = leap(machine, flow, begin, held, since)
     state = resting_state(machine, phase, jnp.split(begin.z, 2)[0] + x, v, held)
     hold = machine.hold(held)
-    now, forces, approach = derivatives(machine, state, hold), [], []
-    for force, of_masses in (
-        (now.force, v),
-        (now.force_rate, now.acceleration),
-        (now.force_curvature, now.jerk),
-    ):
-        forces.append(machine.contacts.pressing(force, hold, phase))
-        phase = machine.phase_rate(phase)
-        approach.append(machine.contacts.towards(of_masses, phase))
-    return _Reading(machine.contacts.gaps(state.x, state.phase), *approach[:2], *forces)
+    now = derivatives(machine, state, hold)
+    speed, speed_rate, _ = approaches(machine, state, now)
+    gap = machine.contacts.gaps(state.x, phase)
+    return _Reading(gap, speed, speed_rate, *contact_forces(machine, state, hold, now))

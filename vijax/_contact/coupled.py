@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._machine.derivatives import derivatives, rates
+from .._machine.derivatives import contact_forces, derivatives, rates
 from .._machine.machine import Machine, resting_state
 from .._machine.rows import Rows
 from .._machine.state import State
@@ -55,11 +55,8 @@ def first_state(
         return state
     held, opening = _holding(machine, state, at_rest)
     hold = contacts.hold(held)
-    now, values = derivatives(machine, state, hold), []
-    for force in (now.force, now.force_rate, now.force_curvature):
-        values.append(contacts.pressing(force, hold, phase))
-        phase = machine.phase_rate(phase)
-    held = held & is_pressed(values[0], tuple(values[1:]))
+    force, *later = contact_forces(machine, state, hold, derivatives(machine, state, hold))
+    held = held & is_pressed(force, tuple(later))
     contact = jnp.where(at_rest & ~held, jnp.where(opening > 0, jnp.int8(2), jnp.int8(3)), contact)
     return eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
 
@@ -92,8 +89,7 @@ def _impact(
     """The state after the impacts, the velocities and impulses of them, and the held contacts that they tear open."""
     contacts, hit = _rows(machine), instant.hit
     speed = jnp.where(hit, instant.velocity_minus, 0)
-    noise = 4 * jnp.finfo(speed.dtype).eps * (contacts.size(jnp.abs(state.v)) + contacts.wall_speed())
-    restitution = jnp.where(speed > noise, contacts.restitution, 0)
+    restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution, 0)
     q = -(1 + restitution) * speed
     _, impulse, rest = complementary(contacts.compliance, q, hit | state.held)
     v = state.v - contacts.freed(contacts.back(impulse))
@@ -104,7 +100,7 @@ def _impact(
     gap = jnp.where(hit | state.held, 0, state.gap - contacts.along(x - state.x))
     # Other contacts that are closed now open, or are hit in the same instant, by what these impacts changed.
     approach = contacts.towards(v, machine.phase_rate(state.phase))
-    noise = 4 * jnp.finfo(speed.dtype).eps * (contacts.size(jnp.abs(v)) + contacts.wall_speed())
+    noise = contacts.noise(v)
     is_left = ~hit & ~state.held & (state.contact > 0)
     contact = jnp.where(is_left & (approach > noise), jnp.int8(0), state.contact)
     contact = jnp.where(hit | torn | (is_left & (approach < -noise)), jnp.int8(1), contact)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._machine.contacts import Held
-from .._machine.derivatives import Rates, rates
+from .._machine.derivatives import Rates, approaches, rates
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._system.waves import speeds, turned
@@ -48,21 +48,19 @@ class Watched(eqx.Module):
     value: Float[Array, " stops"]
     slope: Float[Array, " stops"]
     motion: Rates
-    approach: tuple[Float[Array, " stops"], Float[Array, " stops"], Float[Array, " stops"]]
+    approach: list[Float[Array, " stops"]]
     pull: Float[Array, " stops"]
 
 
 def watched(machine: Machine, state: State, hold: Held) -> Watched:
     """The present."""
-    motion, phase, approach = rates(machine, state, hold), state.phase, []
+    motion, phase = rates(machine, state, hold), state.phase
     pull = machine.contacts.pull(motion.force, hold, phase)
     pull_rate = machine.contacts.pull(motion.force_rate, hold, machine.phase_rate(phase))
-    for of_masses in (state.v, motion.acceleration, motion.jerk):
-        phase = machine.phase_rate(phase)
-        approach.append(machine.contacts.towards(of_masses, phase))
+    approach = approaches(machine, state, motion)
     value = jnp.where(state.held, pull, state.gap)
     slope = jnp.where(state.held, pull_rate, -approach[0])
-    return Watched(value, slope, motion, tuple(approach), pull)
+    return Watched(value, slope, motion, approach, pull)
 
 
 def is_due(now: Watched, state: State) -> Bool[Array, " stops"]:

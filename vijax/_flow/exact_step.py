@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._machine.contacts import Held
-from .._machine.derivatives import rates
+from .._machine.derivatives import approaches, contact_forces, rates
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._types import Scalar, short, smallest
@@ -174,10 +174,7 @@ def one_instant(machine: Machine) -> Scalar:
 def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar, hold: Held) -> Bound:
     """Bound the gap of every free stop and the contact force of every held one from below."""
     now, (x_rest, force_rest) = motion.now, compute_once(motion.rest, machine, limit)
-    phase, values = state.phase, []
-    for force in (now.force, now.force_rate, now.force_curvature):
-        values.append(machine.contacts.pressing(force, hold, phase))
-        phase = machine.phase_rate(phase)
+    values = contact_forces(machine, state, hold, now)
     contact_force = Bound(
         jnp.maximum(values[0], 0),
         values[1],
@@ -200,11 +197,7 @@ def _rest_of_gap(motion: Expansion, machine: Machine, limit: Scalar) -> Float[Ar
 def _bound_by(
     x_rest: Float[Array, "n ..."], machine: Machine, state: State, motion: Expansion, limit: Scalar
 ) -> Bound:
-    now, phase, relative = motion.now, state.phase, []
-    for of_masses in (state.v, now.acceleration, now.jerk):
-        phase = machine.phase_rate(phase)
-        relative.append(machine.contacts.towards(of_masses, phase))
-    v, a, jerk = relative
+    v, a, jerk = approaches(machine, state, motion.now)
     gap = (state.gap, -v, -a / 2, -jerk * (1 / 6))
     return deflated(gap, machine.contacts.rest(x_rest), state.contact, limit)
 

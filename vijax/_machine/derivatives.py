@@ -1,5 +1,7 @@
 """The motion at one instant, exactly: force -> acceleration -> rate of force -> jerk -> curvature of force."""
 
+from itertools import accumulate, repeat
+
 import equinox as eqx
 from jaxtyping import Array, Float
 
@@ -48,3 +50,23 @@ def derivatives(machine: Machine, state: State, hold: Held) -> Derivatives:
     now = rates(machine, state, hold)
     curvature = machine.total_force_curvature(state, now.acceleration, now.jerk)
     return Derivatives(now.acceleration, now.jerk, now.force, now.force_rate, curvature)
+
+
+def contact_forces(machine: Machine, state: State, hold: Held, now: Derivatives) -> list[Array]:
+    """The contact forces of what is held, and their first two derivatives, (contacts, ...) each."""
+    forces = now.force, now.force_rate, now.force_curvature
+    phases = _phases(machine, state, len(forces))
+    return [machine.contacts.pressing(f, hold, p) for f, p in zip(forces, phases, strict=True)]
+
+
+def approaches(machine: Machine, state: State, now: Rates) -> list[Array]:
+    """Speeds of approach to the contacts, and their first two derivatives, (contacts, ...) each."""
+    moves = state.v, now.acceleration, now.jerk
+    phases = _phases(machine, state, len(moves) + 1)[1:]
+    return [machine.contacts.towards(a, p) for a, p in zip(moves, phases, strict=True)]
+
+
+def _phases(machine: Machine, state: State, count: int) -> list[Array]:
+    """The phase of the load and its derivatives."""
+    steps = repeat(None, count - 1)
+    return list(accumulate(steps, lambda phase, _: machine.phase_rate(phase), initial=state.phase))

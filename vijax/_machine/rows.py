@@ -111,9 +111,11 @@ class Rows(AbstractContacts):
         speed = self.frequency * self.walls.rounded(angle, order=1)
         return jnp.abs(self.limit) + self.walls.rounded(angle), speed
 
-    def wall_speed(self) -> Float[Array, "contacts ..."]:
-        """Bound the speeds of the contacts."""
-        return jnp.zeros_like(self.limit) if self.walls is None else self.frequency * self.walls.bound(1)
+    def noise(self, v: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
+        """Rounding errors of speeds of approach."""
+        size = self.size(jnp.abs(v))
+        size = size if self.walls is None else size + self.frequency * self.walls.bound(1)
+        return 4 * jnp.finfo(size.dtype).eps * size
 
     def told_impulse(self, along: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
         """Of a stop the impulse on its mass, of any other contact the one that opens its gap."""
