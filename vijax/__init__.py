@@ -4,8 +4,10 @@ import typing as _typing
 from importlib import import_module as _import_module
 
 from . import models as models
+from ._attractors.chart import chart as chart
 from ._attractors.classify import classify as classify
 from ._attractors.cycles import periodic_orbits as periodic_orbits
+from ._attractors.lyapunov import lyapunov_exponents as lyapunov_exponents
 from ._attractors.sections import impact_map as impact_map, stroboscopic_section as stroboscopic_section
 from ._branches.bifurcation_value import bifurcation_value as bifurcation_value
 from ._branches.branch import Bifurcation as Bifurcation, Branch as Branch
@@ -91,12 +93,14 @@ __all__ = [
     "bifurcation_value",
     "branches",
     "chain",
+    "chart",
     "classify",
     "continuation",
     "find_periodic_orbits",
     "impact_configurations",
     "impact_map",
     "keep_compiled",
+    "lyapunov_exponents",
     "modal_restitution_matrix",
     "models",
     "monodromy_matrix",

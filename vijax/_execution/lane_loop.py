@@ -27,6 +27,7 @@ from .._flow.interface import AbstractFlow
 from .._machine.machine import Machine
 from .._machine.state import State, start_period
 from .._trajectory.step import advance
+from .._trajectory.tangents import Tangents, advance_with
 from .._xla import compute_once
 from .records import Impact, Mark, Rows, append
 
@@ -41,6 +42,8 @@ class Ends(eqx.Module):
         held_time: for how long each stop held its mass in the recorded periods, (stops, points).
         steps: steps taken, (points,).
         is_finite: whether it stayed finite, (points,).
+        tangents: small changes that go with the motion, their growth since the last end of a period; None where
+            nobody asked, and once a point is done.
     """
 
     state: State
@@ -49,6 +52,7 @@ class Ends(eqx.Module):
     held_time: Float[Array, "stops points"]
     steps: Int[Array, " points"]
     is_finite: Bool[Array, " points"]
+    tangents: Tangents | None = None
 
 
 class Work(eqx.Module):
@@ -137,7 +141,11 @@ def _turn(task: Task, progress: Progress) -> Progress:
     lanes, machine, work = progress.lanes, task.machine, task.work
     state, live = lanes.state, compute_once(is_live, work, lanes, task.point)
     resolution = 4 * jnp.finfo(state.x.dtype).eps * machine.period
-    after, instant = advance(task.flow, machine, state, machine.period, resolution)
+    step = task.flow, machine, state, machine.period, resolution
+    if lanes.tangents is None:
+        (after, instant), tangents = advance(*step), None
+    else:
+        after, instant, tangents = advance_with(lanes.tangents, *step)
     is_finite = jnp.isfinite(after.time) & jnp.all(jnp.isfinite(after.x + after.v), axis=0)
     counted = live & (state.periods >= work.transient)
     passed = (state.periods - work.transient) * machine.period + instant.time
@@ -157,9 +165,20 @@ def _turn(task: Task, progress: Progress) -> Progress:
         held_time=lanes.held_time + jnp.where(counted, _held(state, instant), 0),
         steps=lanes.steps + live,
         is_finite=lanes.is_finite & (is_finite | ~live),
+        tangents=jax.tree.map(lambda new, old: jnp.where(live, new, old), tangents, lanes.tangents),
     )
     x, v = machine.in_space(moved.state)
-    mark = Mark(point=task.point, period=state.periods - work.transient, x=x, v=v, held_time=moved.held_time)
+    mark = Mark(
+        point=task.point,
+        period=state.periods - work.transient,
+        x=x,
+        v=v,
+        held_time=moved.held_time,
+        growth=None if tangents is None else tangents.growth,
+    )
+    if tangents is not None:
+        growth = lambda ends: ends.tangents.growth  # noqa: E731
+        moved = eqx.tree_at(growth, moved, jnp.where(instant.arrived, 0, growth(moved)))
     impacts = append(progress.impacts, hit & (number < work.max_impacts), impact)
     marks = append(progress.marks, counted & instant.arrived, mark)
     return Progress(moved, impacts, marks, progress.turns + 1)

@@ -24,6 +24,7 @@ from .._machine.numbers import num_harmonics, numbers_of
 from .._machine.state import State
 from .._system.system import ImpactSystem
 from .._trajectory.step import begin
+from .._trajectory.tangents import Tangents, first_tangents
 from .._types import UNROLLED, Reals
 from .._xla import PLAIN, in_one_kernel
 from .lane_loop import Ends, Progress, Task, Work, has_room, is_live, turn_until_fed
@@ -53,11 +54,13 @@ def new_queue(
     num_lanes: int,
     flow: AbstractFlow | None = None,
     settings: ExecutionSettings = DEFAULT_SETTINGS,
+    *,
+    has_tangents: bool = False,
 ) -> Queue:
     """A queue with all lanes idle, for points that start at `x0`.
 
     Lanes remember from step to step what `flow` asks for; nothing, if it is left out. Of the `settings`, the
-    room for what is recorded counts.
+    room for what is recorded counts. `has_tangents` says whether small changes go with the motions.
     """
     (n, points), stops, dtype = x0.shape, len(system.stops), x0.dtype
     harmonics = num_harmonics(system)
@@ -87,8 +90,12 @@ def new_queue(
         return Ends(state, *counts, held_time, fill(int, size), fill(bool, size, value=True))
 
     impacts = impact_rows(max(settings.impact_rows, stops * num_lanes), dtype)  # room for one turn at least
-    marks = mark_rows(max(settings.mark_rows, num_lanes), n, stops, dtype)
-    progress = Progress(nothing(num_lanes), impacts, marks, fill(int))
+    marks = mark_rows(max(settings.mark_rows, num_lanes), n, stops, dtype, has_growth=has_tangents)
+    lanes = nothing(num_lanes)
+    if has_tangents:
+        empty = Tangents(fill(dtype, 2 * n, 2 * n, num_lanes), fill(dtype, 2 * n, num_lanes))
+        lanes = _with_tangents(lanes, empty)
+    progress = Progress(lanes, impacts, marks, fill(int))
     return Queue(progress, fill(int, num_lanes, value=points), nothing(points), fill(int))
 
 
@@ -178,6 +185,7 @@ def _refill(work: Work, first: State, machine: Machine, queue: Queue) -> Queue:
     free = ~is_live(work, lanes, queue.point)
     done = jnp.where(free, queue.point, num_points)
     told = eqx.tree_at(lambda e: (e.state.x, e.state.v), lanes, machine.in_space(lanes.state))
+    told = _with_tangents(told, None)
     ends = jax.tree.map(lambda all_, a: all_.at[..., done].set(a, mode="drop"), queue.ends, told)
     candidate = queue.following + jnp.cumsum(free) - free
     is_new = free & (candidate < work.num_points)
@@ -189,7 +197,12 @@ def _refill(work: Work, first: State, machine: Machine, queue: Queue) -> Queue:
         held_time=jnp.zeros_like(lanes.held_time),
         steps=jnp.zeros_like(lanes.steps),
         is_finite=jnp.ones_like(lanes.is_finite),
+        tangents=None if lanes.tangents is None else first_tangents(lanes.state.x),
     )
     lanes = jax.tree.map(lambda new, old: jnp.where(is_new, new, old), fresh, lanes)
     progress = eqx.tree_at(lambda p: p.lanes, queue.progress, lanes)
     return Queue(progress, point, ends, queue.following + jnp.sum(is_new))
+
+
+def _with_tangents(ends: Ends, tangents: Tangents | None) -> Ends:
+    return eqx.tree_at(lambda e: e.tangents, ends, tangents, is_leaf=lambda leaf: leaf is None)

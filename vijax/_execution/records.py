@@ -47,6 +47,7 @@ class Mark(eqx.Module):
         x: positions in space, (rows, n).
         v: velocities in space, (rows, n).
         held_time: for how long each stop held its mass so far, (rows, stops).
+        growth: of small changes in the period, (rows, 2 n), see `Tangents`; None where nobody asked.
     """
 
     point: Column
@@ -54,6 +55,7 @@ class Mark(eqx.Module):
     x: Column
     v: Column
     held_time: Column
+    growth: Column | None = None
 
 
 Record = TypeVar("Record", Impact, Mark)
@@ -81,11 +83,12 @@ def impact_rows(size: int, dtype: DTypeLike) -> Rows:
     return _on_device(Impact(time=real, velocity=real, chatter=real, stop=whole, point=whole, number=whole))
 
 
-def mark_rows(size: int, num_masses: int, num_stops: int, dtype: DTypeLike) -> Rows:
+def mark_rows(size: int, num_masses: int, num_stops: int, dtype: DTypeLike, *, has_growth: bool) -> Rows:
     """Empty room for the ends of recorded periods."""
     whole, of_masses = np.zeros(size, int), np.zeros((size, num_masses), dtype)
     held_time = np.zeros((size, num_stops), dtype)
-    return _on_device(Mark(point=whole, period=whole, x=of_masses, v=of_masses, held_time=held_time))
+    growth = np.zeros((size, 2 * num_masses), dtype) if has_growth else None
+    return _on_device(Mark(whole, whole, of_masses, of_masses, held_time, growth))
 
 
 def _on_device(room: Impact | Mark) -> Rows:

@@ -20,6 +20,7 @@ class Counts:
     max_impacts: int
     max_steps: int | None
     can_stick: bool
+    lyapunov: bool = False
 
 
 @dataclass(frozen=True)
@@ -28,8 +29,8 @@ class Found:
 
     Attributes:
         ends: `x`, `v`, `held`, `periods`, `num_impacts`, `num_sticks`, `steps`, `is_finite`, and of the end
-            of each recorded period `section_x`, `section_v`, `section_held_time` (see `Mark`), (..., periods,
-            points); the points are the last axis of all.
+            of each recorded period `section_x`, `section_v`, `section_held_time`, `section_growth` (see `Mark`), (...,
+            periods, points); the points are the last axis of all.
         impacts: the recorded impacts, in any order.
         lane_steps: steps of all lanes, idle ones included.
     """

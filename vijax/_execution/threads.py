@@ -124,7 +124,10 @@ def _whole(number: int) -> Array:
 def _sections(marks: Mark, record: int, num_points: int) -> dict[str, np.ndarray]:
     """The marks as tables, (..., periods, points)."""
     tables = {}
-    for name, rows in {"x": marks.x, "v": marks.v, "held_time": marks.held_time}.items():
+    for name in ("x", "v", "held_time", "growth"):
+        rows = getattr(marks, name)
+        if rows is None:
+            continue
         table = np.zeros((rows.shape[1], record, num_points), rows.dtype)
         table[:, marks.period, marks.point] = rows.T
         tables[f"section_{name}"] = table
@@ -170,6 +173,6 @@ def _start(runner: Threads, points: Point, share: np.ndarray, shape: tuple[int, 
     numbers = (len(share), *periods, max_steps, counts.max_impacts, 0)
     work = Work(*map(_whole, numbers))
     task = (motion, system, x0, v0, work)
-    queue = new_queue(system, x0, num_lanes, motion, settings)
+    queue = new_queue(system, x0, num_lanes, motion, settings, has_tangents=counts.lyapunov)
     queue, _ = run_lanes(task, queue, can_stick=counts.can_stick)  # no turn yet
     return eqx.tree_at(lambda t: t[4].max_turns, task, _whole(settings.turns)), queue

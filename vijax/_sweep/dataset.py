@@ -12,6 +12,7 @@ from .._execution.records import Column
 from .._execution.runner import Counts, Found
 from .._system.contact import AbstractLimit
 from .._system.parameters import axis_names
+from .._trajectory.growth import exponents, in_blocks
 from .._trajectory.solution import RESULTS
 from .endings import code_of
 
@@ -22,6 +23,8 @@ _DIMS = dict.fromkeys(_OF_STOPS, ("stop",)) | {
     "section_x": ("period", "mass"),
     "section_v": ("period", "mass"),
     "held_time": ("period", "stop"),
+    "lyapunov_exponents": ("exponent",),
+    "lyapunov_error": ("exponent",),
 }
 
 
@@ -51,6 +54,8 @@ def dataset(
     own = dict.fromkeys(impacts, ("impact",)) | _DIMS
     variables = {}
     tables = impacts | _section_table(counts, found) | _end_table(points, counts, found)
+    if counts.lyapunov:
+        tables |= _exponents_table(counts, found, tables["forcing_period"])
     for name, a in tables.items():
         variables[name] = ((*dims, *own.get(name, ())), a.reshape(*shape, *a.shape[1:]))
     masses = {
@@ -127,6 +132,14 @@ def _section_table(counts: Counts, found: Found) -> dict[str, np.ndarray]:
         for name in ("x", "v", "held_time")
     )
     return {"section_x": x, "section_v": v, "held_time": np.diff(held_time, axis=1, prepend=0)}
+
+
+def _exponents_table(counts: Counts, found: Found, period: np.ndarray) -> dict[str, np.ndarray]:
+    """Lyapunov exponents of every point and their errors; NaN where it did not reach the end."""
+    means = exponents(in_blocks(found.ends["section_growth"]), counts.record, period)
+    is_done = (found.ends["periods"] >= counts.transient + counts.record)[:, None]
+    kept = [np.where(is_done, a.T, np.nan) for a in means]
+    return dict(zip(("lyapunov_exponents", "lyapunov_error"), kept, strict=True))
 
 
 def _end_table(points: Point, counts: Counts, found: Found) -> dict[str, np.ndarray]:

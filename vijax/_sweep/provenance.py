@@ -36,6 +36,7 @@ def origin(
         "v0": json.dumps(np.asarray(base.v0).tolist()),
         "transient": int(counts.transient),
         "record": int(counts.record),
+        "lyapunov": int(counts.lyapunov),
         "carry": carry or "none",
         "carry_from": "an earlier sweep" if goes_on else "none",
         "max_impacts": int(counts.max_impacts),

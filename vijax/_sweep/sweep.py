@@ -37,6 +37,7 @@ def sweep(
     v0: Numbers | None = None,
     flow: AbstractFlow | None = None,
     args: object = None,
+    lyapunov: bool = False,
     max_impacts: Count = 2048,
     max_steps: Count | None = None,
     store: str | os.PathLike[str] | None = None,
@@ -69,6 +70,8 @@ def sweep(
         flow: the motion between events. If left out, exact for a linear machine, and `vx.DiffraxFlow()` for
             one with a `force`, which must depend on t with the period of the load, or not at all.
         args: passed to the `force` of the machine.
+        lyapunov: compute all Lyapunov exponents of each motion too, see `vx.lyapunov_exponents`, which takes two to
+            three times as long. They are averaged over the recorded periods, of which there should then be many.
         max_impacts: room for the recorded impacts of one point.
         max_steps: bound on the steps of one point. If left out, every point has its own, far more than any
             sound motion takes: 100 000, 10 000 a forcing period, and 100 per unit of the time that is
@@ -88,7 +91,8 @@ def sweep(
         `impact_sticks`, whether a complete chatter ends there; `num_impacts` and `num_sticks` per stop,
         complete even if the room was not; `section_x` and `section_v`, the state at the end of each recorded
         `period`, and `held_time`, for how long each stop held its mass in it; the end state `x`, `v`,
-        `stuck`; `forcing_period`; and `result`, what became of each point; a warning counts those that are
+        `stuck`; `forcing_period`; with `lyapunov` the `lyapunov_exponents` per unit of time, the largest first, and
+        their standard errors `lyapunov_error`, along `exponent`; and `result`, what became of each point; a warning counts those that are
         not `successful`. Its attributes
         tell how it was made, see also `vx.system_of`; it may be written to NetCDF and Zarr.
 
@@ -110,8 +114,8 @@ def sweep(
     max_impacts = whole_number("max_impacts", max_impacts)
     if carry not in (None, "up", "down", "both"):
         raise ValueError(f'Argument `carry` must be None, "up", "down" or "both", but is {carry!r}.')
-    axes = _axes(values)
-    base = _base(with_args(system, args), x0, v0)
+    axes = values_of(values)
+    base = base_of(with_args(system, args), x0, v0)
     points = _points(base, axes, twice=carry == "both")
     shape = ((2,) if carry == "both" else ()) + tuple(len(axis) for axis in axes.values())
     chain = _chain(shape, carry)
@@ -119,7 +123,9 @@ def sweep(
         points = _start_from(points, carry_from, chain, shape, carry)
     can_stick = carry is not None or can_any_stick(points.system, points.x0, points.v0)
     max_steps = None if max_steps is None else whole_number("max_steps", max_steps)
-    counts = Counts(transient, record, max_impacts, max_steps, can_stick)
+    if lyapunov and record < 1:
+        raise ValueError("Exponents are averaged over the recorded periods: let `record` be 1 or more.")
+    counts = Counts(transient, record, max_impacts, max_steps, can_stick, bool(lyapunov))
     motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
     name = type(motion).__name__ if flow is None else eqx.tree_pformat(flow, width=10**6)
     attributes = origin(base, counts, flow=name, carry=carry, goes_on=carry_from is not None)
@@ -138,7 +144,7 @@ def sweep(
     return ds
 
 
-def _axes(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:
+def values_of(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:
     """The values of every swept quantity, at least one, (points, ...)."""
     axes = {path: np.asarray(as_float(v)) for path, v in values.items()}
     if not axes:
@@ -153,7 +159,7 @@ def _axes(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:
     return axes
 
 
-def _base(system: ImpactSystem, x0: Numbers | None, v0: Numbers | None) -> Point:
+def base_of(system: ImpactSystem, x0: Numbers | None, v0: Numbers | None) -> Point:
     """The machine and start that hold where nothing is swept."""
     n = system.num_masses
     base = Point(system, *(np.zeros(n) if a is None else np.asarray(as_float(a)) for a in (x0, v0)))

@@ -50,7 +50,7 @@ def _call(
 
 def follow_known(numbers: Numbers, flow: AbstractFlow, request: Request, *, can_stick: bool) -> Solution:
     """Follow a trajectory, all numbers NumPy's; `request.goals` may be any number of times."""
-    ts, left = request.goals, _nothing_done(numbers, flow)
+    ts, left = request.goals, nothing_done(numbers, flow)
     calls: list[_Taken] = []
     num_reached = 0
     while True:
@@ -80,7 +80,7 @@ def _window(request: Request, num_reached: int) -> Request:
     )
 
 
-def _nothing_done(numbers: Numbers, flow: AbstractFlow) -> Left:
+def nothing_done(numbers: Numbers, flow: AbstractFlow) -> Left:
     """The input of the first call, in the shapes of what a call leaves."""
     left = _nothing(*numbers.rows.shape, numbers.waves.num_harmonics, numbers.mass.dtype)
     memory = flow.memory(left.known_until)

@@ -8,6 +8,7 @@ lightness as well, so that the pictures survive a printer without colour.
 from ._bifurcation import bifurcation as bifurcation
 from ._branch import branch as branch
 from ._impact_map import impact_map as impact_map
+from ._lyapunov import lyapunov as lyapunov
 from ._multipliers import multipliers as multipliers
 from ._regions import regions as regions
 from ._relative_motion import relative_motion as relative_motion

@@ -1,0 +1,183 @@
+"""Lyapunov exponents against multipliers, the exact loss of volume, a published value, and each other."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import vijax as vx
+
+FREQUENCY = "forcing.frequency"
+# Of case (b): a chattering orbit, one whose multipliers are four real ones, and chaos.
+CHATTERING, ORDERED, CHAOTIC = 0.25, 5 / 6, 2.0
+
+
+def loss_of_volume(system: vx.ImpactSystem, num_impacts: np.ndarray, time: float) -> float:
+    """Exact sum of the exponents of a motion that never sticks."""
+    damping = np.trace(np.asarray(system.damping) / np.asarray(system.mass)[:, None])
+    restitution = np.array([float(stop.restitution) for stop in system.stops])
+    return -damping + 2 * float(num_impacts @ np.log(restitution)) / time
+
+
+@pytest.fixture(scope="module")
+def swept():
+    values = [CHATTERING, 0.8, 1.1, 1.7, CHAOTIC]
+    return vx.sweep(
+        vx.models.wagg_bishop_b(1.0),
+        {FREQUENCY: values},
+        v0=[0.0, 0.05],
+        record=100,
+        max_impacts=0,
+        lyapunov=True,
+        progress=False,
+    )
+
+
+@pytest.mark.thorough
+def test_their_sum_is_the_loss_of_volume_whatever_the_motion(swept):
+    free = swept.isel({FREQUENCY: slice(1, None)})
+    assert (free.num_sticks == 0).all()
+    for k, frequency in enumerate(free[FREQUENCY].values):
+        point = free.isel({FREQUENCY: k})
+        time = 100 * float(point.forcing_period)
+        exact = loss_of_volume(vx.models.wagg_bishop_b(frequency), point.num_impacts.values, time)
+        # Impacts within the edge of a period fall on one side of it in both.
+        assert float(point.lyapunov_exponents.sum()) == pytest.approx(exact, rel=1e-11)
+
+
+@pytest.mark.thorough
+def test_what_sticks_forgets_two_directions_for_good(swept):
+    point = swept.sel({FREQUENCY: CHATTERING})
+    exponents, error = point.lyapunov_exponents.values, point.lyapunov_error.values
+    assert point.num_sticks[0] == 100
+    assert np.isneginf(exponents).tolist() == [False, False, True, True]
+    assert (error[2:] == 0).all()
+    assert (error[:2] > 0).all()
+    orbit = vx.periodic_orbit(vx.models.wagg_bishop_b(CHATTERING), point.x.values, point.v.values)
+    rates = np.log(abs(np.asarray(orbit.multipliers[:2]))) / float(orbit.period)
+    assert (abs(exponents[:2] - rates) < 4 * error[:2]).all()
+
+
+@pytest.mark.thorough
+def test_chaos_grows_and_a_cycle_does_not(swept):
+    largest = swept.lyapunov_exponents[:, 0].values
+    assert (np.diff(swept.lyapunov_exponents.values[1:], axis=1) <= 0).all()
+    assert largest[-1] > 0.15
+    assert (largest[:1] < 0).all()
+
+
+@pytest.mark.thorough
+def test_a_trajectory_has_the_exponents_of_its_point_in_a_sweep(swept):
+    """The loop of one trajectory and that over lanes, compiled apart."""
+    system = vx.models.wagg_bishop_b(0.8)
+    found, error = vx.lyapunov_exponents(system, v0=[0.0, 0.05], num_periods=100, with_error=True)
+    point = swept.sel({FREQUENCY: 0.8})
+    np.testing.assert_allclose(found, point.lyapunov_exponents, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(error, point.lyapunov_error, rtol=1e-6, atol=1e-10)
+
+
+@pytest.mark.thorough
+def test_a_settled_cycle_has_the_exponents_of_its_multipliers():
+    """Multipliers come from the equations of the closed cycle, not from steps."""
+    system = vx.models.wagg_bishop_b(ORDERED)
+    end = vx.simulate(system, 0.0, 200 * float(system.forcing.period), v0=[0.0, 0.05], max_events=2048)
+    orbit = vx.periodic_orbit(system, end.x1, end.v1, 2)
+    assert (abs(np.asarray(orbit.multipliers).imag) == 0).all()
+    rates = np.log(abs(np.asarray(orbit.multipliers))) / float(orbit.period)
+    exponents = vx.lyapunov_exponents(system, orbit.x0, orbit.v0, transient=120, num_periods=120)
+    np.testing.assert_allclose(exponents, rates, rtol=1e-10)
+
+
+@pytest.mark.thorough
+def test_an_undamped_oscillator_has_the_exponent_found_by_others():
+    """r = 0.8, W = 2.8, stop at rest: an independent code has 0.1415 +- 0.0002."""
+    system = vx.models.impact_oscillator(2.8)
+    found, error = vx.lyapunov_exponents(system, num_periods=100_000, with_error=True, progress=False)
+    assert abs(float(found[0]) - 0.1415) < 3 * float(error[0]) < 6e-3
+
+
+@pytest.mark.thorough
+def test_the_error_is_the_scatter_of_starts():
+    starts = np.linspace(-1.0, -0.5, 200)
+    ds = vx.sweep(
+        vx.models.impact_oscillator(2.8),
+        {"x0[0]": starts},
+        record=1000,
+        max_impacts=0,
+        lyapunov=True,
+        progress=False,
+    )
+    exponents = ds.lyapunov_exponents[:, 0]
+    assert float(exponents.std()) == pytest.approx(float(ds.lyapunov_error[:, 0].mean()), rel=0.25)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("restitution", [1.0, 0.0])
+def test_what_loses_nothing_keeps_volume_and_what_loses_all_forgets(restitution):
+    system = vx.models.impact_oscillator(2.8, restitution=restitution)
+    found = np.asarray(vx.lyapunov_exponents(system, x0=[-0.7], num_periods=500, progress=False))
+    if restitution == 1:
+        assert found.sum() == pytest.approx(0, abs=1e-12)
+    else:
+        assert np.isneginf(found[1])
+
+
+@pytest.mark.thorough
+def test_it_is_compiled_and_batched_like_any_function(swept):
+    def of(frequency):
+        system = vx.models.wagg_bishop_b(frequency)
+        return vx.lyapunov_exponents(system, [0.0, 0.0], [0.0, 0.05], num_periods=100)
+
+    values = jnp.array([CHATTERING, 0.8])
+    expected = swept.sel({FREQUENCY: values}).lyapunov_exponents
+    np.testing.assert_allclose(jax.jit(of)(0.8), expected[1], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(jax.vmap(of)(values), expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.thorough
+def test_a_spring_that_hardens_obeys_liouville_as_far_as_its_solver_does():
+    system = vx.models.duffing_oscillator(1.2)
+    found = vx.lyapunov_exponents(system, transient=20, num_periods=50, progress=False)
+    sol = vx.simulate(system, 0.0, 70 * float(system.forcing.period), max_events=4096)
+    time = 50 * float(system.forcing.period)
+    counted = (sol.events.kind == vx.IMPACT) & (sol.events.t > 20 * float(system.forcing.period))
+    assert float(np.sum(found)) == pytest.approx(
+        loss_of_volume(system, np.array([counted.sum()]), time), rel=1e-5
+    )
+
+
+@pytest.mark.thorough
+def test_contacts_between_masses_obey_liouville_too():
+    system = vx.models.impact_damper(0.7)
+    ds = vx.sweep(system, {FREQUENCY: [0.7, 1.2]}, record=50, max_impacts=0, lyapunov=True, progress=False)
+    inverse_mass = np.linalg.inv(np.diag(np.asarray(system.mass)))
+    damping = np.trace(inverse_mass @ np.asarray(system.damping))
+    restitution = np.array([float(stop.restitution) for stop in system.stops])
+    for k in range(2):
+        point = ds.isel({FREQUENCY: k})
+        assert (point.num_sticks == 0).all()
+        time = 50 * float(point.forcing_period)
+        exact = -damping + 2 * float(point.num_impacts.values @ np.log(restitution)) / time
+        assert float(point.lyapunov_exponents.sum()) == pytest.approx(exact, rel=1e-9)
+
+
+def test_bad_input_is_refused_in_a_sentence():
+    system = vx.models.wagg_bishop_b(0.8)
+    with pytest.raises(ValueError, match="num_periods` must be a whole number, 1 or more"):
+        vx.lyapunov_exponents(system, num_periods=0)
+    with pytest.raises(ValueError, match="`x0` must have shape"):
+        vx.lyapunov_exponents(system, x0=[0.0], v0=[0.0, 0.0])
+    with pytest.raises(ValueError, match="past `stops"):
+        vx.lyapunov_exponents(system, x0=[-9.0, 0.0])
+    with pytest.raises(ValueError, match="`record` be 1 or more"):
+        vx.sweep(system, {FREQUENCY: [0.8]}, record=0, lyapunov=True, progress=False)
+
+
+@pytest.mark.thorough
+def test_a_motion_that_does_not_get_there_raises_or_is_nan():
+    system = vx.models.wagg_bishop_b(0.8)
+    with pytest.raises(vx.SimulationError, match="max_steps_reached"):
+        vx.lyapunov_exponents(system, num_periods=100, max_steps=50)
+    found, error = vx.lyapunov_exponents(system, num_periods=100, max_steps=50, throw=False, with_error=True)
+    assert np.isnan(found).all()
+    assert np.isnan(error).all()
