@@ -112,6 +112,24 @@ def test_the_error_is_the_scatter_of_starts():
 
 
 @pytest.mark.thorough
+def test_a_long_period_is_told_from_chaos_before_it_repeats():
+    """At 2.73325 the motion repeats after 42 periods, of which 60 show too little; at 2.8 never."""
+    ds = vx.sweep(
+        vx.models.impact_oscillator(2.8),
+        {FREQUENCY: [2.73325, 2.8]},
+        transient=4000,
+        record=1200,
+        lyapunov=True,
+        progress=False,
+    )
+    short, long = vx.classify(ds, last=60), vx.classify(ds)
+    names = short.motion.flag_meanings.split()
+    assert [names[k] for k in short.motion.values] == ["not_settled", "non_periodic"]
+    assert [names[k] for k in long.motion.values] == ["periodic", "non_periodic"]
+    assert long.num_periods.values.tolist() == [42, 0]
+
+
+@pytest.mark.thorough
 @pytest.mark.parametrize("restitution", [1.0, 0.0])
 def test_what_loses_nothing_keeps_volume_and_what_loses_all_forgets(restitution):
     system = vx.models.impact_oscillator(2.8, restitution=restitution)

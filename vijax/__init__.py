@@ -9,6 +9,7 @@ from ._attractors.classify import classify as classify
 from ._attractors.cycles import periodic_orbits as periodic_orbits
 from ._attractors.lyapunov import lyapunov_exponents as lyapunov_exponents
 from ._attractors.sections import impact_map as impact_map, stroboscopic_section as stroboscopic_section
+from ._attractors.spectrum import power_spectrum as power_spectrum
 from ._branches.bifurcation_value import bifurcation_value as bifurcation_value
 from ._branches.branch import Bifurcation as Bifurcation, Branch as Branch
 from ._branches.branches import branches as branches
@@ -36,6 +37,7 @@ from ._orbits.maps import (
     saltation_matrix as saltation_matrix,
     stroboscopic_map as stroboscopic_map,
 )
+from ._orbits.next_crossing import next_crossing as next_crossing
 from ._orbits.next_impact import next_impact as next_impact
 from ._orbits.orbit import ORBIT_RESULTS as ORBIT_RESULTS, PeriodicOrbit as PeriodicOrbit
 from ._orbits.periodic_orbit import periodic_orbit as periodic_orbit
@@ -104,10 +106,12 @@ __all__ = [
     "modal_restitution_matrix",
     "models",
     "monodromy_matrix",
+    "next_crossing",
     "next_impact",
     "periodic_orbit",
     "periodic_orbits",
     "plot",
+    "power_spectrum",
     "restitution_matrix",
     "saltation_matrix",
     "simulate",

@@ -41,6 +41,10 @@ def classify(
     stops, every mode is damped, and the energy of the free vibration cannot carry any mass to a stop,
     the motion is `non_impacting` with n = 1 however slowly it settles, whatever the `tolerance`.
 
+    Long periods, up to record / 2 of them, look like chaos until they repeat. In a sweep with `lyapunov=True` the largest
+    exponent tells them apart: what does not repeat is `non_periodic` if it is positive by three standard errors, and
+    `not_settled` if it is negative by three.
+
     Args:
         source: what `vx.simulate` or `vx.sweep` returned.
         tolerance: how near a motion must be to the cycle it settles on, relative to its size;
@@ -97,6 +101,7 @@ def classify(
     is_cut = _is_cut(source, impacts, len(period))
     is_asked = ~(is_failed | is_cut | _is_touched(section, impacts, number, last))
     found = _with_quiet(source, found, section, np.flatnonzero(is_asked), relative)
+    found = _with_exponents(source, found)
     n = np.where(is_failed, 0, found.num_periods)
     tally = _tally(section, impacts, number, n, masses)
     within = period / 1000 if double_impact_within is None else np.full(len(n), double_impact_within)
@@ -242,6 +247,17 @@ def _with_quiet(
         np.where(is_quiet, contraction, found.contraction),
         found.is_settling & ~is_quiet,
     )
+
+
+def _with_exponents(source: Solution | xr.Dataset, found: Recurrence) -> Recurrence:
+    """Judge motions that do not repeat by their largest Lyapunov exponent, where it is known and told from zero."""
+    if isinstance(source, Solution) or "lyapunov_exponents" not in source:
+        return found
+    largest, error = (
+        flat(source, source[f"lyapunov_{name}"], "exponent")[:, 0] for name in ("exponents", "error")
+    )
+    is_settling = np.where(largest > 3 * error, False, found.is_settling | (largest < -3 * error))
+    return found._replace(is_settling=is_settling)
 
 
 def _is_cut(source: Solution | xr.Dataset, impacts: Impacts, num_points: int) -> np.ndarray:

@@ -93,7 +93,7 @@ def next_impact(
     bound, n = with_args(system, args), system.num_masses
     reverse = Reverse(whole_number("max_reverse_steps", max_reverse_steps, 1), throw)
     begin, x, v = (as_float(a) for a in (t0, x0, v0))
-    end = _end(bound, begin) if t1 is None else as_float(t1)
+    end = give_up(bound, begin) if t1 is None else as_float(t1)
     for name, value, shape in (("t0", begin, ()), ("t1", end, ()), ("x0", x, (n,)), ("v0", v, (n,))):
         if value.shape != shape:
             raise ValueError(f"Argument `{name}` must have shape {shape}, but has shape {value.shape}.")
@@ -122,7 +122,7 @@ def next_impact(
     return checked(impact, *numbered([*doubts, (is_late, _NONE)], *told(found.result)))
 
 
-def _end(system: ImpactSystem, t0: Array) -> Array:
+def give_up(system: ImpactSystem, t0: Array) -> Array:
     """When to give up, if nothing is said."""
     frequency = system.forcing.frequency
     known = concrete(frequency)

@@ -1,0 +1,197 @@
+"""From one passage of a mass through a place to the next.
+
+The place is made a contact that nothing hits: the engine finds the time at which it closes, as exactly and with the same
+proof that none is missed as for a stop, and the motion ends there.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float
+
+from .._flow.choose import choose_flow
+from .._flow.interface import AbstractFlow
+from .._flow.taylor import TaylorFlow
+from .._machine.numbers import Numbers as MachineNumbers, numbers_of
+from .._refusal import checked, numbered
+from .._system.checks import FINITE, check_one, validate_start
+from .._system.contact import Contact
+from .._system.system import ImpactSystem, with_args
+from .._trajectory.ending import known_or_nan
+from .._trajectory.simulate import bound_of_steps
+from .._trajectory.solution import RESULTS, told
+from .._trajectory.to_impact import Reverse, Wanted, follow_to_impact
+from .._types import Count, Numbers, Scalar, as_float, concrete, whole_number
+from .._xla import padding_allowed
+from .next_impact import give_up
+
+_SIDES = {"up": 1.0, "down": -1.0}
+_NONE = (
+    "The mass does not pass the place in that direction before `t1`: look at the motion with `vx.simulate`, or give it "
+    "more time by a later `t1`."
+)
+
+
+@padding_allowed
+def next_crossing(
+    system: ImpactSystem,
+    t0: ArrayLike,
+    x0: Numbers,
+    v0: Numbers,
+    mass: Count,
+    position: ArrayLike,
+    direction: str = "up",
+    *,
+    t1: ArrayLike | None = None,
+    flow: AbstractFlow | None = None,
+    args: object = None,
+    max_steps: Count | None = None,
+    max_reverse_steps: Count = 65_536,
+    throw: bool = True,
+) -> tuple[Float[Array, ""], Float[Array, " n"], Float[Array, " n"]]:
+    """Return time and state where a mass next passes a place, as a differentiable function.
+
+    From one passage to the next it is the Poincare map of the section x_i = c. Whatever happens between is gone through as
+    in `vx.simulate`. Derivatives are of the state on the section: they know that its time moves, and the position of that
+    mass has those of the place. A start on the section, such as the last result, does not count.
+
+    Args:
+        system: the machine.
+        t0: time of the start.
+        x0: positions, (n,).
+        v0: velocities, (n,).
+        mass: index of the mass.
+        position: the place c.
+        direction: "up" where x rises through it, "down" where it falls.
+        t1: how long to wait for it; 1000 forcing periods, if left out.
+        flow: as for `simulate`.
+        args: likewise.
+        max_steps: likewise.
+        max_reverse_steps: likewise.
+        throw: raise if there is no such passage; otherwise all is NaN, and so are its derivatives.
+
+    Returns:
+        Time, positions, (n,), and velocities, (n,).
+
+    Raises:
+        ValueError: if there is no such mass or direction, no `t1` for a load without a frequency, or a wrong start:
+            see `simulate`.
+        RuntimeError: with `throw`, if the motion does not pass there until t1, or does not get there, see `RESULTS`.
+
+    Example:
+        ```python
+        import vijax as vx
+        system = vx.models.wagg_bishop_a(0.8)
+        t, x, v = vx.next_crossing(system, 0.0, [0.0, 0.0], [0.0, 0.0], mass=1, position=0.1)
+        ```
+
+    References:
+        M. di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), Sec. 2.4.
+    """
+    bound, n = with_args(system, args), system.num_masses
+    index = whole_number("mass", mass)
+    if index >= n:
+        raise ValueError(f"Argument `mass` must lie in 0 to {n - 1}, but is {index}.")
+    if direction not in _SIDES:
+        raise ValueError(f'Argument `direction` must be "up" or "down", but is {direction!r}.')
+    begin, x, v, place = (as_float(a) for a in (t0, x0, v0, position))
+    end = give_up(bound, begin) if t1 is None else as_float(t1)
+    shapes = {"t0": (), "t1": (), "position": (), "x0": (n,), "v0": (n,)}
+    for (name, shape), value in zip(shapes.items(), (begin, end, place, x, v), strict=True):
+        if value.shape != shape:
+            raise ValueError(f"Argument `{name}` must have shape {shape}, but has shape {value.shape}.")
+    check_one("position", place, FINITE)
+    doubts = validate_start(bound.stops, bound.forcing.frequency, begin, end, end[None], x, v)
+    side = _SIDES[direction]
+    search = _Search(
+        bound,
+        flow or (TaylorFlow() if bound.force is None else choose_flow(bound, can_stick=True)),
+        index,
+        place,
+        end,
+        bound_of_steps(max_steps),
+        Reverse(whole_number("max_reverse_steps", max_reverse_steps, 1), throw),
+    )
+    is_sound = ~jnp.any(jnp.stack([is_wrong for is_wrong, _ in doubts])) if doubts else jnp.asarray(True)
+    beyond = side * (x[index] - place)
+    is_before = (beyond < 0) | ((beyond == 0) & (side * v[index] <= 0))
+    start = _Passage(begin, x, v, jnp.asarray(True), RESULTS.successful)
+    if concrete(is_before) is None or not is_before:
+        start = search.back(start, -side, is_before, is_sound)
+    found = search.passage(start, side, start.is_there & is_sound)
+    there = found.t, found.x, found.v
+    is_there = start.is_there & found.is_there
+    if not throw:
+        return known_or_nan(is_there, there)
+    result = RESULTS.where(start.is_there, found.result, start.result)
+    is_late = ~is_there & (result == RESULTS.successful)
+    return checked(there, *numbered([*doubts, (is_late, _NONE)], *told(result)))
+
+
+class _Passage(NamedTuple):
+    """Where a motion is, and whether it came there; if not, what ended it."""
+
+    t: Scalar
+    x: Float[Array, " n"]
+    v: Float[Array, " n"]
+    is_there: Bool[Array, ""]
+    result: RESULTS
+
+
+class _Search(NamedTuple):
+    """What is looked for: a passage of the mass through the place."""
+
+    system: ImpactSystem
+    flow: AbstractFlow
+    mass: int
+    place: Scalar
+    end: Scalar
+    max_steps: Array | np.ndarray
+    reverse: Reverse
+
+    def passage(self, start: _Passage, side: float, is_sound: Bool[Array, ""]) -> _Passage:
+        """The next passage towards a side, from a start on the other."""
+        return self._to(start, side, self.place, self.end, is_sound)
+
+    def back(self, start: _Passage, side: float, is_back: Bool[Array, ""], is_sound: Array) -> _Passage:
+        """Where the mass comes back, or the start itself where it is back already."""
+        # Then the motion takes no time, and the place is one that it has not passed.
+        place = jnp.where(is_back, start.x[self.mass] + side, self.place)
+        end = jnp.where(is_back, start.t, self.end)
+        found = self._to(start, side, place, end, is_sound)
+        t, x, v = (
+            jnp.where(is_back, old, new)
+            for old, new in zip((start.t, start.x, start.v), (found.t, found.x, found.v), strict=True)
+        )
+        return _Passage(t, x, v, is_back | found.is_there, found.result)
+
+    def _to(self, start: _Passage, side: float, place: Scalar, end: Scalar, is_sound: Array) -> _Passage:
+        wanted = Wanted(
+            t0=start.t,
+            t1=end,
+            x0=start.x,
+            v0=start.v,
+            stop=jnp.asarray(len(self.system.stops)),
+            num_impacts=np.asarray(1),
+            max_steps=self.max_steps,
+            is_sound=is_sound,
+        )
+        numbers = _with_contact(self.system, self.mass, side, place)
+        found = follow_to_impact(numbers, self.flow, wanted, self.reverse)
+        x = jnp.where(found.is_there, found.x.at[self.mass].set(place), found.x)
+        return _Passage(found.t, x, found.v, found.is_there, found.result)
+
+
+def _with_contact(system: ImpactSystem, mass: int, side: float, place: Scalar) -> MachineNumbers:
+    """The numbers of a machine with a contact more, that of one mass with a place."""
+    if system.is_coupled or any(stop.motion is not None for stop in system.stops):
+        contact = Contact({mass: side}, side * place, 1.0)
+        return numbers_of(eqx.tree_at(lambda s: s.stops, system, (*system.stops, contact)))
+    numbers = numbers_of(system)
+    row = jnp.zeros(system.num_masses).at[mass].set(side)
+    added = row, side * place, jnp.ones_like(place)
+    names = lambda numbers: (numbers.rows, numbers.limit, numbers.restitution)  # noqa: E731
+    longer = [jnp.concatenate([jnp.asarray(a), b[None]]) for a, b in zip(names(numbers), added, strict=True)]
+    return eqx.tree_at(names, numbers, tuple(longer))
