@@ -172,6 +172,25 @@ def of_batch_cost(rows: list[dict]) -> list[tuple[str, str]]:
     ]
 
 
+def of_exponents(rows: list[dict]) -> list[tuple[str, str]]:
+    """Lyapunov exponents beside the sweep without them, and serial code."""
+    serial = next(row["us per period"] for row in rows if row["method"] == "SciPy")
+    return [
+        (
+            f"case ({r['case']}): all Lyapunov exponents of {r['points']} points",
+            f"{r['of the sweep']:.2g} times the sweep, 1/{serial / r['us per period']:.0f} of SciPy's time, "
+            f"sum {size(r['error'])}",
+        )
+        for r in rows
+        if r["method"] == "vijax"
+    ]
+
+
+def of_basins(rows: list[dict]) -> list[tuple[str, str]]:
+    """Basins beside the sweep of their starts."""
+    return [(f"basins of {r['starts']} starts", f"{r['of the sweep']:.3g} times their sweep") for r in rows]
+
+
 FACTS = {
     "work": of_work,
     "throughput": of_throughput,
@@ -179,6 +198,8 @@ FACTS = {
     "first_results": of_first_results,
     "chattering_point": of_chattering_point,
     "derivatives": of_derivatives,
+    "exponents": of_exponents,
+    "basins": of_basins,
     "convergence": of_convergence,
     "batch_cost": of_batch_cost,
 }

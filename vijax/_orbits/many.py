@@ -2,12 +2,14 @@
 
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
+from .._execution.threads import count_cores
 from .._trajectory.event_log import IMPACT
 from .search import Search, Strobe, begin_search, learn
 
@@ -74,17 +76,25 @@ def _search(
     ]
     learn_all = _learn(structure, tuple(axes))
     whole = jax.tree.map(np.array, _begin(strobe.numbers.rows.shape[-2], strobe.room)(guesses[which]))
-    waiting = np.arange(len(which))
-    while waiting.size:
-        is_on = np.zeros(len(which), bool)
-        for lanes, index in _chunks(waiting):
-            own = [a if axis is None else a[index] for a, axis in zip(leaves, axes, strict=True)]
-            found = learn_all(own, jax.tree.map(lambda a, index=index: a[index], whole))
-            is_on[lanes] = np.asarray(found.is_on)[: len(lanes)]
-            for a, new in zip(jax.tree.leaves(whole), jax.tree.leaves(found), strict=True):
-                a[lanes] = np.asarray(new)[: len(lanes)]
-        tell(int(np.count_nonzero(~is_on[waiting])))
-        waiting = waiting[is_on[waiting]]
+    is_on = np.ones(len(which), bool)
+
+    def learn_chunk(chunk: tuple[np.ndarray, np.ndarray]) -> None:
+        lanes, index = chunk
+        own = [a if axis is None else a[index] for a, axis in zip(leaves, axes, strict=True)]
+        found = learn_all(own, jax.tree.map(lambda a: a[index], whole))
+        is_on[lanes] = np.asarray(found.is_on)[: len(lanes)]
+        for a, new in zip(jax.tree.leaves(whole), jax.tree.leaves(found), strict=True):
+            a[lanes] = np.asarray(new)[: len(lanes)]
+
+    waiting, alone = np.arange(len(which)), 1  # the first is alone: each would compile
+    with ThreadPoolExecutor(count_cores()) as cores:  # XLA lets go of Python while it works
+        while waiting.size:
+            chunks = list(_chunks(waiting))
+            for part in (chunks[:alone], chunks[alone:]):
+                list(cores.map(learn_chunk, part))
+            alone = 0
+            tell(int(np.count_nonzero(~is_on[waiting])))
+            waiting = waiting[is_on[waiting]]
     return whole
 
 
