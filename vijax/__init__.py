@@ -4,6 +4,7 @@ import typing as _typing
 from importlib import import_module as _import_module
 
 from . import models as models
+from ._attractors.attractors import attractors as attractors
 from ._attractors.classify import classify as classify
 from ._attractors.cycles import periodic_orbits as periodic_orbits
 from ._attractors.sections import impact_map as impact_map, stroboscopic_section as stroboscopic_section
@@ -86,6 +87,7 @@ __all__ = [
     "StickingRegion",
     "Stop",
     "TaylorFlow",
+    "attractors",
     "base_excitation",
     "bifurcation_curve",
     "bifurcation_value",

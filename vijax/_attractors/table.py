@@ -1,0 +1,88 @@
+"""Attractors and where motions end, as a labelled dataset."""
+
+import numpy as np
+import xarray as xr
+
+from .._dataset_attributes import flags, label
+from .classify import MOTIONS
+from .machines import Machines
+from .motions import Motion
+
+ATTRACTOR = "attractor"
+
+
+def columns_of(machines: Machines, motions: list[Motion]) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
+    """What is told of each attractor, with the names of the other dimensions."""
+    n, count = machines.system.num_masses, len(motions)
+    machine = np.array([motion.machine for motion in motions], int)
+    dtype = machines.rate.dtype
+
+    def rows(name: str, size: int, kind: type | np.dtype) -> np.ndarray:
+        return np.array([getattr(motion, name) for motion in motions], kind).reshape(count, size)
+
+    longest = max((len(motion.points) for motion in motions), default=0)
+    section = np.full((count, longest, 2 * n), np.nan, dtype)
+    for k, motion in enumerate(motions):
+        section[k, : len(motion.points)] = motion.points / machines.scale(machine[k : k + 1])
+    start = section[:, 0] if longest else np.zeros((count, 2 * n), dtype)
+    multipliers = rows("multipliers", 2 * n, np.result_type(dtype, np.complex64))
+    periods = np.array([motion.num_periods for motion in motions], int)
+    num_stops = machines.system.num_stops
+    return {
+        "x0": (("mass",), start[:, :n]),
+        "v0": (("mass",), start[:, n:]),
+        "motion": ((), np.array([motion.kind for motion in motions], np.int8)),
+        "num_periods": ((), periods),
+        "num_impacts": (("stop",), rows("num_impacts", num_stops, float)),
+        "held_time": (("stop",), rows("held_time", num_stops, dtype)),
+        "multipliers": (("multiplier",), multipliers),
+        "exponents": (("exponent",), exponents_of(machines, motions, multipliers, periods)),
+        "is_stable": ((), np.array([motion.is_stable for motion in motions], bool)),
+        "residual": ((), np.array([motion.residual for motion in motions], dtype)),
+        "section_x": (("section", "mass"), section[..., :n]),
+        "section_v": (("section", "mass"), section[..., n:]),
+    }
+
+
+def exponents_of(
+    machines: Machines, motions: list[Motion], multipliers: np.ndarray, periods: np.ndarray
+) -> np.ndarray:
+    """Lyapunov exponents, largest first, (attractors, 2 n): of a cycle ln|mu| / (n T), of others not known."""
+    period = 2 * np.pi / machines.rate[[motion.machine for motion in motions]] if motions else np.zeros(0)
+    with np.errstate(divide="ignore"):
+        return np.log(np.abs(multipliers)) / (np.maximum(periods, 1) * period)[:, None]
+
+
+def shares(labels: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """How many motions end on each attractor, their share of all, and its binomial standard error."""
+    counts = np.bincount(labels[labels >= 0], minlength=count)
+    share = counts / max(1, len(labels))
+    return counts, share, np.sqrt(share * (1 - share) / max(1, len(labels)))
+
+
+def sorted_by_share(motions: list[Motion], labels: np.ndarray) -> tuple[list[Motion], np.ndarray]:
+    """The attractors with the most motions first, and the labels that fit."""
+    counts = np.bincount(labels[labels >= 0], minlength=len(motions))
+    order = np.argsort(-counts, kind="stable")
+    rank = np.append(np.argsort(order), -1)
+    return [motions[k] for k in order], rank[labels]
+
+
+def table_of(
+    machines: Machines, motions: list[Motion], labels: np.ndarray, is_failed: np.ndarray
+) -> xr.Dataset:
+    """The attractors along `attractor`, and what became of all motions."""
+    counts, share, error = shares(labels, len(motions))
+    columns = {
+        "share": ((), share),
+        "share_error": ((), error),
+        "num_starts": ((), counts),
+        **columns_of(machines, motions),
+    }
+    ds = xr.Dataset({name: ((ATTRACTOR, *own), a) for name, (own, a) in columns.items()})
+    ds["num_not_settled"] = ((), np.count_nonzero((labels < 0) & ~is_failed))
+    ds["num_failed"] = ((), np.count_nonzero(is_failed))
+    for name, variable in ds.variables.items():
+        variable.attrs = label(str(name))
+    ds["motion"].attrs |= flags(MOTIONS)
+    return ds
