@@ -5,8 +5,10 @@ from importlib import import_module as _import_module
 
 from . import models as models
 from ._attractors.attractors import attractors as attractors
+from ._attractors.basins import basins as basins, uncertainty_exponent as uncertainty_exponent
 from ._attractors.classify import classify as classify
 from ._attractors.cycles import periodic_orbits as periodic_orbits
+from ._attractors.follow import follow_attractors as follow_attractors
 from ._attractors.sections import impact_map as impact_map, stroboscopic_section as stroboscopic_section
 from ._branches.bifurcation_value import bifurcation_value as bifurcation_value
 from ._branches.branch import Bifurcation as Bifurcation, Branch as Branch
@@ -89,6 +91,7 @@ __all__ = [
     "TaylorFlow",
     "attractors",
     "base_excitation",
+    "basins",
     "bifurcation_curve",
     "bifurcation_value",
     "branches",
@@ -96,6 +99,7 @@ __all__ = [
     "classify",
     "continuation",
     "find_periodic_orbits",
+    "follow_attractors",
     "impact_configurations",
     "impact_map",
     "keep_compiled",
@@ -115,6 +119,7 @@ __all__ = [
     "sweep",
     "switch_branch",
     "system_of",
+    "uncertainty_exponent",
 ]
 
 

@@ -15,10 +15,7 @@ from .._xla import padding_allowed
 from .coexisting import coexisting
 from .machines import Machines, default_tolerance
 from .starts import Starts, bounds_of, drawn_starts, grid_of_starts, listed_starts
-from .table import sorted_by_share, table_of
-
-# Of the attributes of a sweep those that are of its points.
-_OF_POINTS = ("x0", "v0", "carry", "carry_from", "max_impacts")
+from .table import attributes_of, sorted_by_share, table_of
 
 
 @padding_allowed
@@ -93,7 +90,7 @@ def attractors(
     transient, record = whole_number("transient", transient), whole_number("record", record, 2)
     check_single(system, args, flow, "attractors")
     machines = machines_of_one(system, args, transient, record, tolerance, flow, max_steps, settings)
-    given = _starts(machines, starts, bounds, seed, x0, v0)
+    given = starts_of(machines, starts, bounds, seed, x0, v0)
     return _found(machines, given, progress=progress)
 
 
@@ -114,17 +111,15 @@ def machines_of_one(
     flow: AbstractFlow | None,
     max_steps: Count | None,
     settings: ExecutionSettings,
-    values: dict[str, np.ndarray] | None = None,
-    rate: np.ndarray | None = None,
 ) -> Machines:
-    """The machine as it is run; or several, by the values of some quantity."""
+    """The machine as it is run."""
     if tolerance is not None and not tolerance > 0:
         raise ValueError(f"Argument `tolerance` must be positive, but is {tolerance}.")
     own = as_known(system.forcing.frequency).reshape(1)
     return Machines(
         system=with_args(system, args),
-        values=values or {},
-        rate=own if rate is None else rate,
+        values={},
+        rate=own,
         transient=transient,
         record=record,
         tolerance=default_tolerance(own.dtype) if tolerance is None else tolerance,
@@ -135,7 +130,7 @@ def machines_of_one(
     )
 
 
-def _starts(
+def starts_of(
     machines: Machines,
     starts: Count | tuple[Numbers, Numbers] | Numbers | Mapping[str, Numbers],
     bounds: Numbers | None,
@@ -143,11 +138,14 @@ def _starts(
     x0: Numbers | None,
     v0: Numbers | None,
 ) -> Starts:
+    """The starts, however they are told."""
     if isinstance(starts, Mapping):
         return grid_of_starts(machines.system, starts, x0, v0)
     if isinstance(starts, tuple | list) or np.ndim(starts):
         return listed_starts(machines.system, starts)
-    return drawn_starts(machines.system, starts, bounds_of(machines, machines.system, bounds), seed)
+    count = whole_number("starts", starts, 1)
+    box = bounds_of(machines.for_sweep_of(count), bounds)
+    return drawn_starts(machines.system, count, box, seed)
 
 
 def _found(machines: Machines, starts: Starts, *, progress: bool) -> xr.Dataset:
@@ -162,9 +160,12 @@ def _found(machines: Machines, starts: Starts, *, progress: bool) -> xr.Dataset:
     table = table_of(machines, motions, labels, ends.is_failed)
     shape, dims = tuple(len(a) for a in starts.axes.values()), tuple(starts.axes)
     table = table.assign(
-        label=(dims, labels.reshape(shape), {"long_name": "number of the attractor, -1 where it is not known"}),
+        label=(
+            dims,
+            labels.reshape(shape),
+            {"long_name": "number of the attractor, -1 where it is not known"},
+        ),
         is_failed=(dims, ends.is_failed.reshape(shape)),
     )
     coordinates = {path: (path, a) for path, a in starts.axes.items()} | {"stop_mass": ds["stop_mass"]}
-    attributes = {name: a for name, a in ds.attrs.items() if name not in _OF_POINTS}
-    return table.assign_coords(coordinates).assign_attrs(attributes)
+    return table.assign_coords(coordinates).assign_attrs(attributes_of(ds))

@@ -117,7 +117,9 @@ def _first_of_each(machine: np.ndarray, most: int, *, spread: bool = False) -> n
     for each in np.unique(machine):
         places = np.flatnonzero(machine == each)
         count = min(most, len(places))
-        chosen.append(places[np.linspace(0, len(places) - 1, count).astype(int)] if spread else places[:count])
+        chosen.append(
+            places[np.linspace(0, len(places) - 1, count).astype(int)] if spread else places[:count]
+        )
     return np.concatenate(chosen) if chosen else np.zeros(0, int)
 
 

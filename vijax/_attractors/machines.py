@@ -121,7 +121,9 @@ class Machines:
         is_failed = ~np.isfinite(section).all(axis=(1, 2))
         section[is_failed] = 0
         found = recurrence(_relative(section[:, -_COMPARED:]), self.tolerance)
-        is_touched = (ds["num_impacts"].values > 0).any(axis=1) | (ds["held_time"].values > 0).any(axis=(1, 2))
+        is_touched = (ds["num_impacts"].values > 0).any(axis=1) | (ds["held_time"].values > 0).any(
+            axis=(1, 2)
+        )
         last = section[:, -1] / scale
         asked = np.flatnonzero(~is_failed & ~is_touched)
         is_quiet = stays_quiet(ds, asked, *np.split(last, 2, axis=1))[0]

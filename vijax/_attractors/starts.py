@@ -83,9 +83,8 @@ def listed_starts(system: ImpactSystem, starts: tuple[Numbers, Numbers] | Number
     return Starts(states, {START: np.arange(len(states))})
 
 
-def drawn_starts(system: ImpactSystem, number: Count, bounds: np.ndarray, seed: Count) -> Starts:
+def drawn_starts(system: ImpactSystem, count: int, bounds: np.ndarray, seed: Count) -> Starts:
     """Starts drawn evenly between bounds, (2 n, 2), none of them beyond a stop."""
-    count = whole_number("starts", number, 1)
     rng = np.random.default_rng(whole_number("seed", seed))
     states = np.empty((count, len(bounds)), as_known(0.0).dtype)
     left = np.arange(count)
@@ -97,16 +96,21 @@ def drawn_starts(system: ImpactSystem, number: Count, bounds: np.ndarray, seed: 
     raise ValueError("Between the bounds hardly any start lies between the stops: name others in `bounds`.")
 
 
-def bounds_of(machines: Machines, system: ImpactSystem, bounds: Numbers | None) -> np.ndarray:
+def bounds_of(machines: Machines, bounds: Numbers | None) -> np.ndarray:
     """The bounds that are given, or twice the motion from rest, as far as the stops let it.
 
     From as near to rest as the stops allow, the machine is run through its transient; the box holds all that the masses do in
     the recorded periods, and as much again.
     """
+    system = machines.system
     n = system.num_masses
     if bounds is not None:
         given = as_known(bounds)
-        if given.shape != (2 * n, 2) or not (given[:, 0] <= given[:, 1]).all() or not np.isfinite(given).all():
+        if (
+            given.shape != (2 * n, 2)
+            or not (given[:, 0] <= given[:, 1]).all()
+            or not np.isfinite(given).all()
+        ):
             raise ValueError(
                 f"Argument `bounds` must hold the lowest and highest position and velocity of each mass, ({2 * n}, 2), "
                 f"lowest first, but has shape {given.shape} or is not in order."
@@ -138,9 +142,7 @@ def is_beyond(system: ImpactSystem, states: np.ndarray) -> np.ndarray:
 
 def _slots(system: ImpactSystem) -> tuple[np.ndarray, np.ndarray]:
     """Where the stops of each mass stand at phase 0, infinite where there are none, (n,) each."""
-    ends = {
-        side: np.full(system.num_masses, far) for side, far in (("lower", -np.inf), ("upper", np.inf))
-    }
+    ends = {side: np.full(system.num_masses, far) for side, far in (("lower", -np.inf), ("upper", np.inf))}
     for stop in system.stops:
         if stop.slot is not None:
             mass, side = stop.slot

@@ -5,10 +5,13 @@ import xarray as xr
 
 from .._dataset_attributes import flags, label
 from .classify import MOTIONS
-from .machines import Machines
+from .machines import Ends, Machines
 from .motions import Motion
 
 ATTRACTOR = "attractor"
+# Of the attributes of a sweep those that are of its points.
+_OF_POINTS = ("x0", "v0", "carry", "carry_from", "max_impacts")
+_FILL = {"motion": -1, "num_periods": 0, "is_stable": False}
 
 
 def columns_of(machines: Machines, motions: list[Motion]) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
@@ -82,6 +85,68 @@ def table_of(
     ds = xr.Dataset({name: ((ATTRACTOR, *own), a) for name, (own, a) in columns.items()})
     ds["num_not_settled"] = ((), np.count_nonzero((labels < 0) & ~is_failed))
     ds["num_failed"] = ((), np.count_nonzero(is_failed))
+    return _with_words(ds)
+
+
+def table_along(
+    machines: Machines,
+    motions: list[Motion],
+    name: np.ndarray,
+    goes_to: dict[int, int],
+    labels: np.ndarray,
+    ends: Ends,
+) -> xr.Dataset:
+    """The same along a parameter.
+
+    Args:
+        machines: one for each value.
+        motions: the attractors at all values.
+        name: the number of each along the parameter.
+        goes_to: the one on which each ends at the next value.
+        labels: of the motions that were begun.
+        ends: where they ended.
+    """
+    ((path, along),) = machines.values.items()
+    value = np.array([motion.machine for motion in motions], int)
+    shape = len(along), int(name.max(initial=-1)) + 1
+    is_found = np.zeros(shape, bool)
+    is_found[value, name] = True
+    per_value = len(labels) // len(along)
+    share = np.bincount(labels[labels >= 0], minlength=len(motions)) / per_value
+    columns = {
+        "share": ((), share),
+        "share_error": ((), np.sqrt(share * (1 - share) / per_value)),
+        **columns_of(machines, motions),
+    }
+    variables = {"is_found": ((path, ATTRACTOR), is_found)}
+    for key, (own, a) in columns.items():
+        whole = np.full((*shape, *a.shape[1:]), 0 if "share" in key else _FILL.get(key, np.nan), a.dtype)
+        whole[value, name] = a
+        variables[key] = ((path, ATTRACTOR, *own), whole)
+    not_known = {
+        "num_not_settled": (labels < 0) & ~ends.is_failed,
+        "num_failed": ends.is_failed,
+    }
+    for key, which in not_known.items():
+        variables[key] = ((path,), np.bincount(ends.machine[which], minlength=len(along)))
+    first, last = is_found.argmax(axis=0), len(along) - 1 - is_found[::-1].argmax(axis=0)
+    after = np.minimum(last + 1, len(along) - 1)
+    ending = {(value[k], name[k]): name[j] for k, j in goes_to.items() if j >= 0}
+    successor = [ending.get((v, k), -1) if v < len(along) - 1 else -1 for k, v in enumerate(last)]
+    variables |= {
+        "birth": ((ATTRACTOR,), np.where(first > 0, along[first], np.nan)),
+        "death": ((ATTRACTOR,), np.where(last < len(along) - 1, along[after], np.nan)),
+        "successor": ((ATTRACTOR,), np.array(successor, int)),
+    }
+    return _with_words(xr.Dataset(variables))
+
+
+def attributes_of(ds: xr.Dataset) -> dict:
+    """How a sweep was made, without what is of its points."""
+    return {name: a for name, a in ds.attrs.items() if name not in _OF_POINTS}
+
+
+def _with_words(ds: xr.Dataset) -> xr.Dataset:
     for name, variable in ds.variables.items():
         variable.attrs = label(str(name))
     ds["motion"].attrs |= flags(MOTIONS)
