@@ -1,6 +1,7 @@
 """The motions of one machine that coexist, and from where each is reached."""
 
 from collections.abc import Mapping
+from typing import Any, cast
 
 import numpy as np
 import xarray as xr
@@ -141,8 +142,8 @@ def starts_of(
     """The starts, however they are told."""
     if isinstance(starts, Mapping):
         return grid_of_starts(machines.system, starts, x0, v0)
-    if isinstance(starts, tuple | list) or np.ndim(starts):
-        return listed_starts(machines.system, starts)
+    if isinstance(starts, tuple) or np.ndim(cast(Any, starts)):
+        return listed_starts(machines.system, cast(Any, starts))
     count = whole_number("starts", starts, 1)
     box = bounds_of(machines.for_sweep_of(count), bounds)
     return drawn_starts(machines.system, count, box, seed)

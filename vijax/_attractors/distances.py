@@ -1,11 +1,6 @@
 """Distances between points of stroboscopic sections, many at once."""
 
-from collections.abc import Iterator
-
 import numpy as np
-
-# Numbers of one table of distances.
-_ROOM = 1 << 22
 
 
 def nearest(points: np.ndarray, others: np.ndarray, *, itself: bool = False) -> tuple[np.ndarray, np.ndarray]:
@@ -19,24 +14,12 @@ def nearest(points: np.ndarray, others: np.ndarray, *, itself: bool = False) -> 
     Returns:
         The number of the nearest, and the distance in the largest difference of a coordinate, (points,) each.
     """
-    place = np.zeros(len(points), int)
-    if not len(others):
-        return place, np.full(len(points), np.inf)
-    # |p - q|^2 = |p|^2 - 2 p.q + |q|^2 chooses the neighbour, by one product of matrices; as its digits cancel, the
-    # distance from that one is computed again.
-    middle = others.mean(axis=0)
-    centred, half = others - middle, ((others - middle) ** 2).sum(axis=1) / 2
-    for block in _blocks(len(points), len(others)):
-        table = half[None] - (points[block] - middle) @ centred.T
-        if itself:
-            table[np.arange(len(table)), np.arange(block.start, block.start + len(table))] = np.inf
-        place[block] = table.argmin(axis=1)
-    return place, np.abs(points - others[place]).max(axis=1)
+    from scipy.spatial import KDTree  # late, for it takes long to import
 
-
-def _blocks(num_points: int, num_others: int) -> Iterator[slice]:
-    width = max(1, _ROOM // num_others)
-    return (slice(k, min(k + width, num_points)) for k in range(0, num_points, width))
+    # The nearest of all to a point of the same set is that point.
+    distance, place = KDTree(others).query(points, k=2 if itself else 1, p=np.inf)
+    last = lambda a: np.asarray(a).reshape(len(points), -1)[:, -1]  # noqa: E731
+    return last(place), last(distance)
 
 
 def mixes(ours: np.ndarray, theirs: np.ndarray, least: float) -> bool:

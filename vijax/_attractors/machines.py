@@ -118,7 +118,7 @@ class Machines:
         scale = self.scale(machine)
         states = np.concatenate([ds["section_x"].values, ds["section_v"].values], axis=2)
         section = states * scale[:, None].astype(states.dtype)
-        is_failed = ~np.isfinite(section).all(axis=(1, 2))
+        is_failed = np.isnan(section.sum(axis=(1, 2)))
         section[is_failed] = 0
         found = recurrence(_relative(section[:, -_COMPARED:]), self.tolerance)
         is_touched = (ds["num_impacts"].values > 0).any(axis=1) | (ds["held_time"].values > 0).any(

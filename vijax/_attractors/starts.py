@@ -87,9 +87,9 @@ def drawn_starts(system: ImpactSystem, count: int, bounds: np.ndarray, seed: Cou
     """Starts drawn evenly between bounds, (2 n, 2), none of them beyond a stop."""
     rng = np.random.default_rng(whole_number("seed", seed))
     states = np.empty((count, len(bounds)), as_known(0.0).dtype)
-    left = np.arange(count)
+    left, (low, high) = np.arange(count), bounds.T
     for _ in range(_TRIES):
-        states[left] = rng.uniform(*bounds.T, (len(left), len(bounds)))
+        states[left] = rng.uniform(low, high, (len(left), len(bounds)))
         left = left[is_beyond(system, states[left])]
         if not left.size:
             return Starts(states, {START: np.arange(count)})

@@ -118,7 +118,7 @@ def table_along(
         "share_error": ((), np.sqrt(share * (1 - share) / per_value)),
         **columns_of(machines, motions),
     }
-    variables = {"is_found": ((path, ATTRACTOR), is_found)}
+    variables: dict[str, tuple[tuple[str, ...], np.ndarray]] = {"is_found": ((path, ATTRACTOR), is_found)}
     for key, (own, a) in columns.items():
         whole = np.full((*shape, *a.shape[1:]), 0 if "share" in key else _FILL.get(key, np.nan), a.dtype)
         whole[value, name] = a
