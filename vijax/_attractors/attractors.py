@@ -42,7 +42,7 @@ def attractors(
     All starts are run at once. Motions that settle are told apart by their states and events, not by their numbers
     of impacts and periods: each cycle is polished into its periodic orbit, and motions that visit it some forcing periods
     apart are on one attractor. Motions that do not repeat are run on for long; those that stay so are on one
-    attractor if the clouds of their section points mix, which nearest neighbours tell (Schilling 1986). A cycle of more than 64 periods
+    attractor if the clouds of their section points mix, which nearest neighbours tell (after Schilling 1986). A cycle of more than 64 periods
     counts as such, and so does a quasi-periodic motion. Attractors that no start leads to are not found.
 
     Args:

@@ -8,8 +8,7 @@ The motions are run once, without their impacts, and judged by their stroboscopi
 2. Motions that hit nothing, and are proved to hit nothing any more, share the response of their linear machine.
 3. Of the rest some, spread evenly, are run on for long: they settle, or show that they are chaotic. Chaotic ones are one
    attractor if the clouds of their section points mix, see `mixes`. A motion of the rest belongs to a stable cycle if it keeps
-   close to it, period for period, and comes closer; to a cloud if its last points lie as near to the cloud's
-   as these to each other.
+   close to it, period for period, and comes closer; to a cloud if its last points lie as near to it as its own.
 
 Labels by numbers of impacts alone would join attractors that differ; labels by end states alone would split cycles
 visited at different phases, and tell nothing of chaos.
@@ -19,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .distances import nearest
+from .distances import nearest, reach
 from .machines import Ends, Machines
 from .motions import Motion, cloud_of, cycles_from, place_of
 
@@ -30,9 +29,8 @@ _ROUNDS = 6
 _SAMPLE, _LONGER, _LONG_RECORD = 32, 10, 512
 # A motion is on a cycle within this many times the tolerance; it approaches one from this distance on, relative to its size.
 _SLACK, _NEAR = 10, 1e-2
-# Last points that are compared with a cloud; how far they may be, in units of the distance of all but a few of its points
-# from their neighbours.
-_LAST, _FAR, _FEW = 3, 3.0, 0.05
+# Last points that are compared with a cloud, and of how many of its points neighbourhoods may be smaller than they are far.
+_LAST, _MOST = 3, 0.95
 # Points compared at once.
 _BLOCK = 1 << 13
 
@@ -85,10 +83,8 @@ def _settled(machines: Machines, motions: list[Motion], ends: Ends) -> np.ndarra
         cells = _one_of_each_cell(ends, left)
         if not cells.size:
             break
-        states, machine = ends.last[cells], ends.machine[cells]
-        for k, motion in zip(
-            cells, cycles_from(machines, states, machine, ends.num_periods[cells]), strict=True
-        ):
+        of_cells = (a[cells] for a in (ends.last, ends.machine, ends.num_periods, ends.is_quiet))
+        for k, motion in zip(cells, cycles_from(machines, *of_cells), strict=True):
             label[k] = place_of(motions, motion, machines.tolerance)
             if ends.is_quiet[k]:
                 label[ends.is_quiet & (ends.machine == ends.machine[k])] = label[k]
@@ -213,16 +209,12 @@ def _comes_closer(section: np.ndarray, points: _Points, place: np.ndarray) -> np
 def _in_clouds(motions: list[Motion], ends: Ends, left: np.ndarray) -> np.ndarray:
     """Labels of motions whose last points lie in a cloud."""
     label = np.full(len(left), -1)
-    radius = {
-        k: np.quantile(nearest(m.points, m.points, itself=True)[1], 1 - _FEW)
-        for k, m in enumerate(motions)
-        if not m.num_periods
-    }
+    radius = {k: np.quantile(reach(m.points), _MOST) for k, m in enumerate(motions) if not m.num_periods}
     for block, numbers in _by_machine(ends, left, motions, cycles=False):
         section = ends.section[left[block], -_LAST:]
         rows = section.reshape(-1, section.shape[2])
         far = [nearest(rows, motions[k].points)[1].reshape(len(block), -1) / radius[k] for k in numbers]
         ratio = np.median(np.stack(far), axis=2)
         best = ratio.argmin(axis=0)
-        label[block] = np.where(ratio.min(axis=0) <= _FAR, np.array(numbers)[best], -1)
+        label[block] = np.where(ratio.min(axis=0) <= 1, np.array(numbers)[best], -1)
     return label

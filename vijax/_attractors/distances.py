@@ -2,44 +2,53 @@
 
 import numpy as np
 
+# Neighbours of its own sample in the ball around each point of a cloud, of some hundred.
+NEIGHBOURS = 16
 
-def nearest(points: np.ndarray, others: np.ndarray, *, itself: bool = False) -> tuple[np.ndarray, np.ndarray]:
+
+def nearest(points: np.ndarray, others: np.ndarray, rank: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """For each point the nearest of some others, and how far it is.
 
     Args:
         points: (points, states).
         others: (others, states).
-        itself: whether both are the same, and no point counts as its own neighbour.
+        rank: 1 for the nearest, 2 for the next, ..., no more than there are others.
 
     Returns:
-        The number of the nearest, and the distance in the largest difference of a coordinate, (points,) each.
+        Its number, and the distance in the largest difference of a coordinate, (points,) each.
     """
     from scipy.spatial import KDTree  # late, for it takes long to import
 
-    # The nearest of all to a point of the same set is that point.
-    distance, place = KDTree(others).query(points, k=2 if itself else 1, p=np.inf)
+    distance, place = KDTree(others).query(points, k=min(rank, len(others)), p=np.inf)
     last = lambda a: np.asarray(a).reshape(len(points), -1)[:, -1]  # noqa: E731
     return last(place), last(distance)
 
 
-def mixes(ours: np.ndarray, theirs: np.ndarray, least: float) -> bool:
-    """Whether two samples, (points, states), may be of one set: Schilling's test of nearest neighbours.
+def reach(points: np.ndarray) -> np.ndarray:
+    """How far each point of a cloud is from the last of its `NEIGHBOURS`, (points,)."""
+    return nearest(points, points, NEIGHBOURS + 1)[1]  # the nearest of all is the point itself
 
-    In the union of two samples of one distribution a point has its nearest neighbour in either with equal chance, in whatever
-    dimension and of whatever distribution. Where the two sets lie apart every point has it in its own.
+
+def mixes(ours: np.ndarray, theirs: np.ndarray, least: float) -> bool:
+    """Whether two samples, (points, states), are of one set: a test of nearest neighbours, after Schilling's.
+
+    Around each point of one sample is the ball that just holds so many neighbours of its own sample. If both are of one
+    distribution, whatever it is, and in whatever dimension, the ball is as good as certain to hold a point of the other; if
+    the sets are farther apart than its radius, it holds none. (With the nearest neighbour alone, as in Schilling's test, samples of a
+    quasi-periodic motion may seem apart: a rotation close to a rational one leaves them in clumps.)
 
     Args:
         ours: a sample.
         theirs: another.
-        least: the fraction of points with their nearest neighbour in the other sample, from which on they mix.
+        least: the fraction of balls with a point of the other sample, from which on they mix.
 
     References:
         M. F. Schilling, Multivariate two-sample tests based on nearest neighbors, J. Am. Stat. Assoc. 81 (1986) 799.
     """
     size = min(len(ours), len(theirs))
     ours, theirs = (a[np.linspace(0, len(a) - 1, size).astype(int)] for a in (ours, theirs))
-    crossed = [nearest(a, b)[1] <= nearest(a, a, itself=True)[1] for a, b in ((ours, theirs), (theirs, ours))]
-    return bool(np.mean(crossed) >= least)
+    shared = [nearest(a, b)[1] <= reach(a) for a, b in ((ours, theirs), (theirs, ours))]
+    return bool(np.mean(shared) >= least)
 
 
 def same_cycle(ours: np.ndarray, theirs: np.ndarray, tolerance: float) -> bool:

@@ -13,8 +13,9 @@ from .machines import Machines
 _SAME, _SLACK = 1e-8, 10
 # A search that ends farther from where it began, relative to the size, has found another cycle.
 _NEAR = 1e-2
-# Clouds mix from this fraction of nearest neighbours in the other on: half is expected of one attractor, none of two.
-_MIXED = 0.1
+# Clouds mix from this fraction of neighbourhoods on: all are expected of one attractor, none of two. Motions that seldom pass from
+# one part of their attractor to another need time for all.
+_MIXED = 0.25
 # Points of a cloud that are kept.
 _CLOUD = 1024
 _NON_PERIODIC = MOTIONS.index("non_periodic")
@@ -58,20 +59,31 @@ class Motion(NamedTuple):
 
 
 def cycles_from(
-    machines: Machines, states: np.ndarray, machine: np.ndarray, num_periods: np.ndarray
+    machines: Machines,
+    states: np.ndarray,
+    machine: np.ndarray,
+    num_periods: np.ndarray,
+    is_quiet: np.ndarray,
 ) -> list[Motion]:
-    """The cycles near states that nearly repeat, polished where the search succeeds."""
+    """The cycles near states that nearly repeat, polished where the search succeeds.
+
+    Quiet motions may be far from theirs, of which the linear machine has no other.
+    """
     found = machines.polish(states, machine, num_periods)
     start = found.start * machines.scale(machine)
     size = np.maximum(np.abs(states).max(axis=1), np.finfo(states.dtype).tiny)
-    is_found = found.is_orbit & (np.abs(start - states).max(axis=1) <= _NEAR * size)
+    is_near = (np.abs(start - states).max(axis=1) <= _NEAR * size) | (
+        is_quiet & (found.num_impacts == 0).all(axis=1)
+    )
+    is_found = found.is_orbit & is_near
     start = np.where(is_found[:, None], start, states)
     ds = machines.run(start, machine, 0, max(4 * int(num_periods.max()), 8), max_impacts=1 << 14)
     kinds = classify(ds)
     # A cycle that repeats sooner is polished again, as such: else its multipliers would be those of several rounds.
     n = np.where(kinds["num_periods"].values > 0, kinds["num_periods"].values, num_periods)
     sooner = np.flatnonzero(n < num_periods)
-    again = iter(cycles_from(machines, start[sooner], machine[sooner], n[sooner]) if sooner.size else [])
+    of_sooner = (a[sooner] for a in (start, machine, n, is_quiet))
+    again = iter(cycles_from(machines, *of_sooner) if sooner.size else [])
     section = np.concatenate([ds["section_x"].values, ds["section_v"].values], axis=2)
     section *= machines.scale(machine)[:, None]
     motions = []
