@@ -13,7 +13,7 @@ from .._sweep.endings import warn_of_endings
 from .._system.system import ImpactSystem, with_args
 from .._types import Count, Numbers, as_known, is_traced, whole_number
 from .._xla import padding_allowed
-from .coexisting import coexisting
+from .coexisting import coexisting, lasting
 from .machines import Machines, default_tolerance
 from .starts import Starts, bounds_of, drawn_starts, grid_of_starts, listed_starts
 from .table import attributes_of, sorted_by_share, table_of
@@ -157,7 +157,9 @@ def _found(machines: Machines, starts: Starts, *, progress: bool) -> xr.Dataset:
     ds = machines.run(states, one, machines.transient, machines.record, progress=progress)
     warn_of_endings(ds, "max_steps_reached", "non_finite")
     ends = machines.ends(ds, one)
-    motions, labels = sorted_by_share(*coexisting(machines, ends))
+    found = coexisting(machines, ends)
+    motions, number = lasting(found.motions)
+    motions, labels = sorted_by_share(motions, number[found.label])
     table = table_of(machines, motions, labels, ends.is_failed)
     shape, dims = tuple(len(a) for a in starts.axes.values()), tuple(starts.axes)
     table = table.assign(

@@ -9,6 +9,8 @@ The motions are run once, without their impacts, and judged by their stroboscopi
 3. Of the rest some, spread evenly, are run on for long: they settle, or show that they are chaotic. Chaotic ones are one
    attractor if the clouds of their section points mix, see `mixes`. A motion of the rest belongs to a stable cycle if it keeps
    close to it, period for period, and comes closer; to a cloud if its last points lie as near to it as its own.
+4. A cloud from which one of these left for a cycle is no attractor, but a chaotic transient: all that may be in it are run on for
+   long, and what then is not settled stays unknown.
 
 Labels by numbers of impacts alone would join attractors that differ; labels by end states alone would split cycles
 visited at different phases, and tell nothing of chaos.
@@ -18,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .distances import nearest, reach
+from .belongs import approached, in_clouds, on_cycles
 from .machines import Ends, Machines
 from .motions import Motion, cloud_of, cycles_from, place_of
 
@@ -27,19 +29,13 @@ _CELL, _MOST_CELLS = 1e-3, 64
 _ROUNDS = 6
 # Motions of each machine that are run on in a round, how much longer, and the recorded periods.
 _SAMPLE, _LONGER, _LONG_RECORD = 32, 10, 512
-# A motion is on a cycle within this many times the tolerance; it approaches one from this distance on, relative to its size.
-_SLACK, _NEAR = 10, 1e-2
-# Last points that are compared with a cloud, and of how many of its points neighbourhoods may be smaller than they are far.
-_LAST, _MOST = 3, 0.95
-# Points compared at once.
-_BLOCK = 1 << 13
 
 
 class Coexisting(NamedTuple):
     """Attractors of some machines, and where motions end.
 
     Attributes:
-        motions: the attractors.
+        motions: the attractors, and chaotic transients among them.
         label: the number of the attractor of each motion, -1 where it is not known.
     """
 
@@ -64,13 +60,48 @@ def coexisting(machines: Machines, ends: Ends, known: list[Motion] | None = None
             break
         num_known = len(motions)
         label[sample] = _run_on(machines, motions, ends.last[sample], ends.machine[sample])
+        if leaky := _leaky(motions, ends, sample, label[sample]):
+            ends = _longer(machines, motions, ends, label, leaky)
         left = left[label[left] < 0]
-        label[left] = _approached(motions, ends, left)
+        label[left] = approached(motions, ends, left)
         left = left[label[left] < 0]
-        label[left] = _in_clouds(motions, ends, left)
+        label[left] = in_clouds(motions, ends, left)
         if len(motions) == num_known and (label[sample] < 0).any():
             break  # more of the same would tell no more
     return Coexisting(motions, label)
+
+
+def lasting(motions: list[Motion]) -> tuple[list[Motion], np.ndarray]:
+    """The attractors among motions, and the number among these of each, then of none, -1 for those that are none."""
+    number = np.full(len(motions) + 1, -1)
+    kept = [k for k, motion in enumerate(motions) if motion.is_lasting]
+    number[kept] = np.arange(len(kept))
+    return [motions[k] for k in kept], number
+
+
+def _leaky(motions: list[Motion], ends: Ends, sample: np.ndarray, label: np.ndarray) -> set[int]:
+    """Clouds from which motions left for a cycle, which therefore are no attractors."""
+    is_on_cycle = np.array([motion.num_periods > 0 for motion in motions] + [False])[label]
+    return {*in_clouds(motions, ends, sample[is_on_cycle], ends.section.shape[1])} - {-1}
+
+
+def _longer(
+    machines: Machines, motions: list[Motion], ends: Ends, label: np.ndarray, leaky: set[int]
+) -> Ends:
+    """Run on all motions that may be in a cloud that does not last; the cloud and their labels are changed in place."""
+    for k in leaky:
+        motions[k] = motions[k]._replace(is_lasting=False)
+    label[np.isin(label, [*leaky])] = -1
+    of_machine = np.isin(ends.machine, [motions[k].machine for k in leaky])
+    which = np.flatnonzero((label < 0) & of_machine & ~ends.is_failed)
+    transient = _LONGER * machines.transient
+    ds = machines.run(ends.last[which], ends.machine[which], transient, machines.record)
+    newer = machines.ends(ds, ends.machine[which])
+    label[which] = _settled(machines, motions, newer)
+    ends = Ends(*(a.copy() for a in ends))
+    for whole, part in zip(ends, newer, strict=True):
+        whole[which] = part
+    return ends
 
 
 def _settled(machines: Machines, motions: list[Motion], ends: Ends) -> np.ndarray:
@@ -78,7 +109,7 @@ def _settled(machines: Machines, motions: list[Motion], ends: Ends) -> np.ndarra
     label = np.full(len(ends.machine), -1)
     for _ in range(_ROUNDS):
         left = np.flatnonzero((label < 0) & (ends.num_periods > 0))
-        label[left] = _on_cycles(motions, ends, left, _SLACK * machines.tolerance)
+        label[left] = on_cycles(motions, ends, left, machines.tolerance)
         left = left[label[left] < 0]
         cells = _one_of_each_cell(ends, left)
         if not cells.size:
@@ -125,96 +156,7 @@ def _run_on(machines: Machines, motions: list[Motion], states: np.ndarray, machi
     ends = machines.ends(ds, machine)
     label = _settled(machines, motions, ends)
     left = np.flatnonzero((label < 0) & ~ends.is_failed)
-    label[left] = _approached(motions, ends, left)
+    label[left] = approached(motions, ends, left)
     for k in np.flatnonzero((label < 0) & (ends.num_periods == 0) & ~ends.is_settling & ~ends.is_failed):
         label[k] = place_of(motions, cloud_of(machines, int(machine[k]), ends.section[k]), machines.tolerance)
-    return label
-
-
-class _Points(NamedTuple):
-    """Section points of several attractors, one after another.
-
-    Attributes:
-        states: (points, 2 n).
-        owner: the number of the attractor of each.
-        size: of its attractor.
-        after: the place of the point one period later.
-    """
-
-    states: np.ndarray
-    owner: np.ndarray
-    size: np.ndarray
-    after: np.ndarray
-
-
-def _points_of(motions: list[Motion], numbers: list[int]) -> _Points:
-    count = [len(motions[k].points) for k in numbers]
-    begin = np.cumsum([0, *count])[:-1]
-    after = [b + np.roll(np.arange(c), -1) for b, c in zip(begin, count, strict=True)]
-    return _Points(
-        np.concatenate([motions[k].points for k in numbers]),
-        np.repeat(numbers, count),
-        np.repeat([motions[k].size for k in numbers], count),
-        np.concatenate(after),
-    )
-
-
-def _by_machine(ends: Ends, left: np.ndarray, motions: list[Motion], *, cycles: bool):
-    """For each machine, and each block of its points that are left, these and the attractors of the machine."""
-    for each in np.unique(ends.machine[left]):
-        numbers = [k for k, m in enumerate(motions) if m.machine == each and bool(m.num_periods) == cycles]
-        places = np.flatnonzero(ends.machine[left] == each)
-        for k in range(0, len(places) if numbers else 0, _BLOCK):
-            yield places[k : k + _BLOCK], numbers
-
-
-def _on_cycles(motions: list[Motion], ends: Ends, left: np.ndarray, within: float) -> np.ndarray:
-    """Labels of motions that end on a cycle."""
-    label = np.full(len(left), -1)
-    for block, numbers in _by_machine(ends, left, motions, cycles=True):
-        points = _points_of(motions, numbers)
-        place, distance = nearest(ends.last[left[block]], points.states)
-        label[block] = np.where(distance <= within * points.size[place], points.owner[place], -1)
-    return label
-
-
-def _approached(motions: list[Motion], ends: Ends, left: np.ndarray) -> np.ndarray:
-    """Labels of motions that come closer and closer to a stable cycle."""
-    label = np.full(len(left), -1)
-    for block, numbers in _by_machine(ends, left, motions, cycles=True):
-        points = _points_of(motions, numbers)
-        is_stable = np.array([motion.is_stable for motion in motions])[points.owner]
-        section = ends.section[left[block]]
-        place, distance = nearest(section[:, -1], points.states)
-        near = np.flatnonzero(is_stable[place] & (distance <= _NEAR * points.size[place]))
-        label[block[near]] = np.where(
-            _comes_closer(section[near], points, place[near]), points.owner[place[near]], -1
-        )
-    return label
-
-
-def _comes_closer(section: np.ndarray, points: _Points, place: np.ndarray) -> np.ndarray:
-    """Whether motions keep near a cycle all the time, period for period, and nearer at the end than at the beginning."""
-    before = np.empty_like(points.after)
-    before[points.after] = np.arange(len(points.after))
-    distance, at = np.empty(section.shape[:2]), place
-    for k in range(section.shape[1] - 1, -1, -1):
-        distance[:, k] = np.abs(section[:, k] - points.states[at]).max(axis=1)
-        at = before[at]
-    third = max(1, section.shape[1] // 3)
-    is_near = distance.max(axis=1) <= _NEAR * points.size[place]
-    return is_near & (distance[:, -third:].max(axis=1) < distance[:, :third].max(axis=1))
-
-
-def _in_clouds(motions: list[Motion], ends: Ends, left: np.ndarray) -> np.ndarray:
-    """Labels of motions whose last points lie in a cloud."""
-    label = np.full(len(left), -1)
-    radius = {k: np.quantile(reach(m.points), _MOST) for k, m in enumerate(motions) if not m.num_periods}
-    for block, numbers in _by_machine(ends, left, motions, cycles=False):
-        section = ends.section[left[block], -_LAST:]
-        rows = section.reshape(-1, section.shape[2])
-        far = [nearest(rows, motions[k].points)[1].reshape(len(block), -1) / radius[k] for k in numbers]
-        ratio = np.median(np.stack(far), axis=2)
-        best = ratio.argmin(axis=0)
-        label[block] = np.where(ratio.min(axis=0) <= 1, np.array(numbers)[best], -1)
     return label

@@ -13,7 +13,7 @@ from .._system.system import ImpactSystem
 from .._types import Count, Numbers, as_float, as_known, whole_number
 from .._xla import padding_allowed
 from .attractors import check_single, machines_of_one, starts_of
-from .coexisting import coexisting
+from .coexisting import coexisting, lasting
 from .links import linked, seeded
 from .table import attributes_of, table_along
 
@@ -100,8 +100,10 @@ def follow_attractors(
     ends = machines.ends(ds, machine)
     found = coexisting(machines, ends)
     motions, goes_to = seeded(machines, found)
+    motions, number = lasting(motions)
+    goes_to = {int(number[k]): int(number[j]) for k, j in goes_to.items() if number[k] >= 0}
     begun = linked(motions, len(along), threshold)
-    table = table_along(machines, motions, begun, goes_to, found.label, ends)
+    table = table_along(machines, motions, begun, goes_to, number[found.label], ends)
     coordinates = {path: (path, along), "stop_mass": ds["stop_mass"]}
     return table.assign_coords(coordinates).assign_attrs(attributes_of(ds))
 

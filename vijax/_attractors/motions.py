@@ -35,6 +35,7 @@ class Motion(NamedTuple):
         held_time: for how long each stop holds its mass in them, (stops,).
         multipliers: (2 n,), NaN where they are not known.
         residual: of the closing, NaN if it was not polished.
+        is_lasting: whether no motion is known to leave it.
     """
 
     machine: int
@@ -46,6 +47,7 @@ class Motion(NamedTuple):
     held_time: np.ndarray
     multipliers: np.ndarray
     residual: float
+    is_lasting: bool = True
 
     @property
     def is_polished(self) -> bool:
