@@ -128,7 +128,7 @@ def uncertainty_exponent(basins: xr.Dataset) -> xr.Dataset:
             f"The grid has {' x '.join(map(str, label.shape))} starts: {4 * _FARTHEST} along each axis are needed at "
             "least, and some hundreds to see a power law."
         )
-    fraction = np.array([_uncertain(label, step) for step in steps])
+    fraction = np.array([_uncertain(label, step) for step in steps.tolist()])
     if not (fraction > 0).all():
         raise ValueError("No boundary of basins passes through the grid: its starts lead to one attractor.")
     exponent, error = _slope(np.log(steps), np.log(fraction))
