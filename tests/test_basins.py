@@ -13,6 +13,7 @@ from vijax._attractors.distances import mixes, same_cycle, set_distance
 from vijax._attractors.links import linked
 from vijax._attractors.motions import Motion
 
+FREQUENCY = "forcing.frequency"
 # Polished cycles close to 1e-13; what follows from their states is known to this.
 EXACT = 1e-9
 # A motion that has been run for hundreds of periods is on its cycle to this.
@@ -114,23 +115,23 @@ def set_to(points: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 def test_samples_of_one_set_mix_and_of_two_do_not():
     def rotation(ratio, first, radius):
-        angle = 2 * np.pi * (first + ratio * np.arange(512))
+        angle = 2 * np.pi * (first + ratio * np.arange(1024))
         return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
     def henon(x, skip):
         rows = []
         y = 0.1
-        for _ in range(skip + 512):
+        for _ in range(skip + 1024):
             x, y = 1 - 1.4 * x * x + y, 0.3 * x
             rows.append((x, y))
         return np.array(rows[skip:])
 
     golden = (np.sqrt(5) - 1) / 2
-    for ratio in (golden, 7 / 45 + 1e-6):
+    for ratio in (golden, 16 / 101 + 1e-6):
         assert mixes(rotation(ratio, 0.0, 1.0), rotation(ratio, 0.3, 1.0), 0.25)
     assert not mixes(rotation(golden, 0.0, 1.0), rotation(golden, 0.3, 1.1), 0.25)
     assert mixes(henon(0.1, 100), henon(0.2, 1000), 0.25)
-    assert not mixes(henon(0.1, 100), henon(0.2, 1000) + [0.0, 0.3], 0.25)
+    assert not mixes(henon(0.1, 100), henon(0.2, 1000) + np.array([0.0, 0.3]), 0.25)
 
 
 def test_cycles_are_compared_up_to_a_shift_alone():
@@ -148,14 +149,12 @@ def test_cycles_are_compared_up_to_a_shift_alone():
 def test_each_start_is_led_where_a_long_run_of_it_goes(system):
     starts = box(40)
     ds = vx.attractors(system, starts, progress=False)
-    assert {*ds.label.values} == {0, 1}
+    assert {*ds.label.values} == {*range(ds.sizes["attractor"])} >= {0, 1}
     values = {"x0": starts[:, :1]}
     begin = xr.Dataset({"x": (("start", "mass"), starts[:, :1]), "v": (("start", "mass"), starts[:, 1:])})
-    long = vx.sweep(
-        system, values, carry_from=begin, transient=1500, record=1, max_impacts=0, progress=False
-    )
+    long = vx.sweep(system, values, carry_from=begin, transient=1500, record=1, max_impacts=0, progress=False)
     ends = np.concatenate([long.x, long.v], axis=1)
-    away = np.stack([set_to(ends, section(ds, k)) for k in range(2)])
+    away = np.stack([set_to(ends, section(ds, k)) for k in range(ds.sizes["attractor"])])
     np.testing.assert_array_equal(away.argmin(axis=0), ds.label)
     assert away.min(axis=0).max() < SETTLED
 
@@ -238,15 +237,18 @@ def test_attractors_are_kept_in_files(tmp_path):
 
 
 def test_attractors_go_on_along_a_parameter_begin_and_end():
-    values = [1.5, 1.75, 2.0, 2.25]
+    values = [1.5, 1.75, 2.0, 2.25]  # far apart, so that attractors move far
     starts = box(24)
-    ds = vx.follow_attractors(machine(1.0), "forcing.frequency", values, starts, progress=False)
-    np.testing.assert_array_equal(ds.is_found, [[1, 1, 0], [1, 0, 0], [1, 0, 1], [1, 0, 1]])
-    np.testing.assert_array_equal(ds.birth, [np.nan, np.nan, 2.0])
-    np.testing.assert_array_equal(ds.death, [np.nan, 1.75, np.nan])
+    ds = vx.follow_attractors(machine(1.0), FREQUENCY, values, starts, threshold=1.0, progress=False)
     # The two mirror images meet in one motion, which is its own.
-    assert ds.successor.values.tolist() == [-1, 0, -1]
-    np.testing.assert_array_equal(ds.num_impacts.sum("stop").values[2:], [[2, np.nan, 0]] * 2)
+    on = int(ds.is_found.values[1].argmax())
+    np.testing.assert_array_equal(ds.is_found[:, on], True)
+    np.testing.assert_array_equal(ds.is_found[:, 1 - on], [1, 0, 0, 0])
+    np.testing.assert_array_equal(ds.is_found[:, 2], [0, 0, 1, 1])
+    np.testing.assert_array_equal(ds.birth, [np.nan, np.nan, 2.0])
+    np.testing.assert_array_equal(ds.death[[on, 1 - on, 2]], [np.nan, 1.75, np.nan])
+    assert ds.successor.values[[on, 1 - on, 2]].tolist() == [-1, on, -1]
+    np.testing.assert_array_equal(ds.num_impacts.sum("stop", skipna=False)[2:, [on, 2]], [[2, 0]] * 2)
     for k, value in enumerate(values):
         single = vx.attractors(machine(value), starts, progress=False)
         shares = np.sort(ds.share[k].values[ds.share[k] > 0])
@@ -254,14 +256,17 @@ def test_attractors_go_on_along_a_parameter_begin_and_end():
 
 
 def test_an_attractor_is_not_lost_where_no_start_leads_to_it_any_more():
-    x, v = states(found(QUIET))[found(QUIET).num_impacts.sum("stop").values.tolist().index(0)]
-    starts = [[x, v], [0.5, 3.0], [-0.5, -3.0]]
-    ds = vx.follow_attractors(machine(3.0), "forcing.frequency", [3.0, 2.5, 2.1], starts, progress=False)
+    values, starts = [3.0, 2.5, 2.1], box(60)
+    first, last = (vx.attractors(machine(w), starts, progress=False) for w in (3.0, 2.1))
+    is_quiet = [(ds.num_impacts.sum("stop") == 0).values[ds.label.values] for ds in (first, last)]
+    chosen = starts[~is_quiet[1]][:12]
+    share = is_quiet[0][~is_quiet[1]][:12].mean()
+    ds = vx.follow_attractors(machine(1.0), FREQUENCY, values, chosen, threshold=1.0, progress=False)
     assert ds.is_found.all()
     quiet = ds.num_impacts.sum("stop").values[0].tolist().index(0)
     np.testing.assert_array_equal(ds.num_impacts[:, quiet], 0)
-    assert float(ds.share[0, quiet]) == pytest.approx(1 / 3)
-    assert float(ds.share[-1, quiet]) == 0
+    assert float(ds.share[0, quiet]) == pytest.approx(share)
+    assert 0 == ds.share[-1, quiet] < share
 
 
 def motion(value: int, points: list, impacts: float = 1.0) -> Motion:
@@ -303,18 +308,19 @@ def test_a_boundary_of_cantor_sets_has_its_dimension():
     for k in range(6):
         digit = x // 3 ** (5 - k) % 3
         level[(level == 0) & (digit == 1)] = k + 1
-    found = vx.uncertainty_exponent(grid_of(np.tile((level % 2)[:, None], (1, 3**6))))
+    row = np.pad(level % 2, 150)
+    found = vx.uncertainty_exponent(grid_of(np.tile(row[:, None], (1, len(row)))))
     exact = 1 - np.log(2) / np.log(3)
     # A set of six levels between steps of sqrt(2): its fractions go up in stairs.
     assert float(found.exponent) == pytest.approx(exact, abs=0.05)
 
 
 def test_starts_that_are_not_known_do_not_count():
-    x, v = np.meshgrid(np.linspace(-1, 1, 200), np.linspace(-1, 1, 200))
+    x = np.tile(np.linspace(-1, 1, 200), (200, 1))
     label = np.where(x > 0, 1, 0)
     label[:, 150:] = -1
     whole, part = (vx.uncertainty_exponent(grid_of(a)).fraction for a in (x > 0, label))
-    np.testing.assert_allclose(part[0] / whole[0], 198 / 149, rtol=0.01)
+    np.testing.assert_allclose(part[0] / whole[0], 150 / 124, rtol=1e-12)
 
 
 # What is refused
@@ -359,11 +365,11 @@ def test_basins_and_exponents_of_anything_else_are_refused():
 
 def test_following_anything_else_is_refused():
     with pytest.raises(ValueError, match=r"Argument `values` must have shape \(values,\)"):
-        vx.follow_attractors(MIRRORED, "forcing.frequency", 1.0, 3)
+        vx.follow_attractors(MIRRORED, FREQUENCY, 1.0, 3)
     with pytest.raises(ValueError, match="names nothing"):
         vx.follow_attractors(MIRRORED, "x0[0]", [0.1], 3)
     with pytest.raises(ValueError, match="Argument `threshold` must be positive"):
-        vx.follow_attractors(MIRRORED, "forcing.frequency", [1.0], 3, threshold=0.0)
+        vx.follow_attractors(MIRRORED, FREQUENCY, [1.0], 3, threshold=0.0)
 
 
 # The paper's machines, and others: long to compile

@@ -128,7 +128,7 @@ def uncertainty_exponent(basins: xr.Dataset) -> xr.Dataset:
             f"The grid has {' x '.join(map(str, label.shape))} starts: {4 * _FARTHEST} along each axis are needed at "
             "least, and some hundreds to see a power law."
         )
-    fraction = np.array([_uncertain(label, step) for step in steps.tolist()])
+    fraction = np.array([_uncertain(label, step, farthest) for step in steps.tolist()])
     if not (fraction > 0).all():
         raise ValueError("No boundary of basins passes through the grid: its starts lead to one attractor.")
     exponent, error = _slope(np.log(steps), np.log(fraction))
@@ -143,9 +143,9 @@ def uncertainty_exponent(basins: xr.Dataset) -> xr.Dataset:
     )
 
 
-def _uncertain(label: np.ndarray, step: int) -> float:
-    """The fraction of starts with another label so many steps away; NaN if nothing is known."""
-    inner = tuple(slice(step, -step) for _ in label.shape)
+def _uncertain(label: np.ndarray, step: int, farthest: int) -> float:
+    """The fraction of starts with another label so many steps away, among those with neighbours in all distances."""
+    inner = tuple(slice(farthest, -farthest) for _ in label.shape)
     here, is_known, is_other = label[inner], label[inner] >= 0, np.zeros(label[inner].shape, bool)
     for axis in range(label.ndim):
         for shift in (-step, step):

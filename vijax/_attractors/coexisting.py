@@ -28,7 +28,7 @@ from .motions import Motion, cloud_of, cycles_from, place_of
 _CELL, _MOST_CELLS = 1e-3, 64
 _ROUNDS = 6
 # Motions of each machine that are run on in a round, how much longer, and the recorded periods.
-_SAMPLE, _LONGER, _LONG_RECORD = 32, 10, 512
+_SAMPLE, _LONGER, _LONG_RECORD = 32, 10, 1024
 
 
 class Coexisting(NamedTuple):

@@ -15,6 +15,7 @@ from .._xla import padding_allowed
 from .attractors import check_single, machines_of_one, starts_of
 from .coexisting import coexisting, lasting
 from .links import linked, seeded
+from .machines import FREQUENCY
 from .table import attributes_of, table_along
 
 
@@ -115,4 +116,4 @@ def _values(system: ImpactSystem, path: str, values: Numbers) -> tuple[np.ndarra
         raise ValueError(f"Argument `values` must have shape (values,), but has {along.shape}.")
     find_parameter(system, path)
     own = as_known(system.forcing.frequency)
-    return along, along if path == "forcing.frequency" else np.full(len(along), own)
+    return along, along if path == FREQUENCY else np.full(len(along), own)

@@ -17,6 +17,7 @@ from .cycles import search_orbits
 from .quiet import stays_quiet
 from .recurrence import recurrence
 
+FREQUENCY = "forcing.frequency"
 # Room for the events of a cycle that is polished.
 _MAX_EVENTS = 256
 # Periods of a record that are searched for a repetition, the last ones.
@@ -132,11 +133,14 @@ class Machines:
 
     def polish(self, states: np.ndarray, machine: np.ndarray, num_periods: np.ndarray) -> Orbits:
         """Search the cycles near states (W x, v) that nearly repeat."""
-        of_point = {path: a[machine] for path, a in self.values.items()}
+        # Two at least, with a frequency each: then the program is that of the orbits of a sweep over the frequency.
+        number = np.resize(np.arange(len(states)), max(2, len(states)))
+        of_point = {path: a[machine[number]] for path, a in ({FREQUENCY: self.rate} | self.values).items()}
         zero = np.zeros(self.system.num_masses, states.dtype)
         lanes = with_values(Point(self.system, zero, zero), of_point).system
-        starts = states / self.scale(machine)
-        return search_orbits(lanes, num_periods, starts, _MAX_EVENTS, lambda _: None, self.flow)
+        starts = (states / self.scale(machine))[number]
+        found = search_orbits(lanes, num_periods[number], starts, _MAX_EVENTS, lambda _: None, self.flow)
+        return Orbits(*(a[: len(states)] for a in found))
 
 
 def default_tolerance(dtype: np.dtype) -> float:

@@ -17,7 +17,7 @@ _NEAR = 1e-2
 # one part of their attractor to another need time for all.
 _MIXED = 0.25
 # Points of a cloud that are kept.
-_CLOUD = 1024
+_CLOUD = 2048
 _NON_PERIODIC = MOTIONS.index("non_periodic")
 
 
