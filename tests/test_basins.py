@@ -14,6 +14,8 @@ from vijax._attractors.links import linked
 from vijax._attractors.motions import Motion
 
 FREQUENCY = "forcing.frequency"
+# Cycles are polished by a program that takes long to compile.
+polishes = pytest.mark.thorough
 # Polished cycles close to 1e-13; what follows from their states is known to this.
 EXACT = 1e-9
 # A motion that has been run for hundreds of periods is on its cycle to this.
@@ -70,6 +72,7 @@ def box(count: int) -> np.ndarray:
 # What is one, and what is two
 
 
+@polishes
 def test_two_motions_that_are_mirror_images_are_two_though_their_impacts_are_equal():
     pair = found(MIRRORED)
     assert pair.sizes["attractor"] == 2
@@ -80,6 +83,7 @@ def test_two_motions_that_are_mirror_images_are_two_though_their_impacts_are_equ
     np.testing.assert_allclose(np.concatenate([later.x1, later.v1]), -states(pair)[1], atol=EXACT)
 
 
+@polishes
 def test_a_cycle_of_three_periods_met_at_any_of_its_phases_is_one():
     three = found(THREE)
     which = three.num_periods.values.tolist().index(3)
@@ -145,6 +149,7 @@ def test_cycles_are_compared_up_to_a_shift_alone():
 # Where starts lead
 
 
+@polishes
 @pytest.mark.parametrize("system", [MIRRORED, THREE, QUIET], ids=["mirrored", "three", "quiet"])
 def test_each_start_is_led_where_a_long_run_of_it_goes(system):
     starts = box(40)
@@ -159,6 +164,7 @@ def test_each_start_is_led_where_a_long_run_of_it_goes(system):
     assert away.min(axis=0).max() < SETTLED
 
 
+@polishes
 def test_the_shares_are_the_fractions_of_starts_with_their_binomial_error():
     ds = found(MIRRORED)
     counts = np.bincount(ds.label)
@@ -168,6 +174,7 @@ def test_the_shares_are_the_fractions_of_starts_with_their_binomial_error():
     np.testing.assert_allclose(ds.share_error, np.sqrt(ds.share * (1 - ds.share) / 60))
 
 
+@polishes
 def test_the_multipliers_of_a_cycle_have_their_exact_product_and_tell_its_exponents():
     ds = found(THREE)
     for k in range(2):
@@ -180,6 +187,7 @@ def test_the_multipliers_of_a_cycle_have_their_exact_product_and_tell_its_expone
         assert float(one.residual) < EXACT
 
 
+@polishes
 def test_a_quiet_motion_is_the_response_of_the_linear_machine():
     ds = found(QUIET)
     which = ds.num_impacts.sum("stop").values.tolist().index(0)
@@ -188,6 +196,7 @@ def test_a_quiet_motion_is_the_response_of_the_linear_machine():
     np.testing.assert_allclose(ds.exponents[which], -0.025, atol=EXACT)
 
 
+@polishes
 def test_the_same_call_finds_the_same_and_another_seed_draws_other_starts():
     xr.testing.assert_identical(vx.attractors(MIRRORED, 60, progress=False), found(MIRRORED))
     other = found(MIRRORED, seed=1)
@@ -195,6 +204,7 @@ def test_the_same_call_finds_the_same_and_another_seed_draws_other_starts():
     np.testing.assert_allclose(np.sort(other.x0, axis=0), np.sort(found(MIRRORED).x0, axis=0), atol=EXACT)
 
 
+@polishes
 def test_random_starts_lie_within_their_bounds():
     x, v = states(found(MIRRORED))[1]
     near = [[x - 1e-3, x + 1e-3], [v - 1e-3, v + 1e-3]]
@@ -203,6 +213,7 @@ def test_random_starts_lie_within_their_bounds():
     np.testing.assert_allclose(states(ds)[0], [x, v], atol=EXACT)
 
 
+@polishes
 def test_a_start_that_fails_is_told_and_leaves_the_others_alone():
     starts = box(12)
     sound = vx.attractors(MIRRORED, starts, progress=False)
@@ -216,6 +227,7 @@ def test_a_start_that_fails_is_told_and_leaves_the_others_alone():
     np.testing.assert_array_equal(ds.x0, sound.x0)
 
 
+@polishes
 def test_a_grid_is_the_list_of_its_starts():
     axes = {"v0[0]": np.linspace(-1, 1, 6), "x0[0]": np.linspace(-0.5, 0.5, 5)}
     ds = vx.basins(MIRRORED, axes, progress=False)
@@ -228,6 +240,7 @@ def test_a_grid_is_the_list_of_its_starts():
     np.testing.assert_array_equal(one.label, ds.label[:, 0])
 
 
+@polishes
 def test_attractors_are_kept_in_files(tmp_path):
     again = written_and_read(found(THREE), "NetCDF by h5netcdf", tmp_path / "found.nc")
     assert float(vx.system_of(again).forcing.frequency) == 4.0
@@ -236,6 +249,7 @@ def test_attractors_are_kept_in_files(tmp_path):
 # Along a parameter
 
 
+@polishes
 def test_attractors_go_on_along_a_parameter_begin_and_end():
     values = [1.5, 1.75, 2.0, 2.25]  # far apart, so that attractors move far
     starts = box(24)
@@ -255,6 +269,7 @@ def test_attractors_go_on_along_a_parameter_begin_and_end():
         np.testing.assert_allclose(shares, np.sort(single.share), atol=1e-12)
 
 
+@polishes
 def test_an_attractor_is_not_lost_where_no_start_leads_to_it_any_more():
     values, starts = [3.0, 2.5, 2.1], box(60)
     first, last = (vx.attractors(machine(w), starts, progress=False) for w in (3.0, 2.1))
