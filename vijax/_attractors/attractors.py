@@ -6,6 +6,7 @@ from typing import Any, cast
 import numpy as np
 import xarray as xr
 
+from .._dataset_attributes import label
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._orbits.maps import check_period
@@ -162,13 +163,8 @@ def _found(machines: Machines, starts: Starts, *, progress: bool) -> xr.Dataset:
     motions, labels = sorted_by_share(motions, number[found.label])
     table = table_of(machines, motions, labels, ends.is_failed)
     shape, dims = tuple(len(a) for a in starts.axes.values()), tuple(starts.axes)
-    table = table.assign(
-        label=(
-            dims,
-            labels.reshape(shape),
-            {"long_name": "number of the attractor, -1 where it is not known"},
-        ),
-        is_failed=(dims, ends.is_failed.reshape(shape)),
-    )
+    of_starts = {"label": labels, "is_failed": ends.is_failed}
+    columns = {name: (dims, a.reshape(shape), label(name)) for name, a in of_starts.items()}
+    table = table.assign(columns)
     coordinates = {path: (path, a) for path, a in starts.axes.items()} | {"stop_mass": ds["stop_mass"]}
     return table.assign_coords(coordinates).assign_attrs(attributes_of(ds))

@@ -150,4 +150,6 @@ def _with_words(ds: xr.Dataset) -> xr.Dataset:
     for name, variable in ds.variables.items():
         variable.attrs = label(str(name))
     ds["motion"].attrs |= flags(MOTIONS)
+    ds["num_impacts"].attrs["long_name"] = "number of impacts in one cycle"
+    ds["held_time"].attrs["long_name"] = "for how long the stop holds its mass in one cycle"
     return ds
