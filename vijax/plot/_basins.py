@@ -70,7 +70,7 @@ def basins(
         shading="nearest",
         rasterized=True,
     )
-    ax.autoscale(enable=False)
+    ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # attractors may lie far outside
     has_mark = [points and _draw_section(ax, basins.isel(attractor=k), right, up, k) for k in range(count)]
     ax.set(xlabel=label(right), ylabel=label(up))
     _add_legend(ax, basins, codes, has_mark)
