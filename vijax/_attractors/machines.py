@@ -150,4 +150,4 @@ def default_tolerance(dtype: np.dtype) -> float:
 
 def _relative(section: np.ndarray) -> np.ndarray:
     size = np.abs(section).max(axis=(1, 2), keepdims=True)
-    return section / np.where(size == 0, 1, size)
+    return section / np.where(size == 0, 1, size).astype(float)

@@ -8,9 +8,9 @@ from .classify import MOTIONS, classify
 from .distances import mixes, same_cycle
 from .machines import Machines
 
-# Cycles closer than this, relative to their size, are one: polished ones, whose closing error is 1e-13, and in units
-# of the tolerance the others.
-_SAME, _SLACK = 1e-8, 10
+# Cycles that are not polished are one if they are closer than so many tolerances, relative to their size. Polished ones,
+# whose closing error is that of rounding, must agree to half of all digits.
+_SLACK = 10
 # A search that ends farther from where it began, relative to the size, has found another cycle.
 _NEAR = 1e-2
 # Clouds mix from this fraction of neighbourhoods on: all are expected of one attractor, none of two. Motions that seldom pass from
@@ -143,7 +143,7 @@ def is_same(ours: Motion, theirs: Motion, tolerance: float) -> bool:
     is_exact = ours.is_polished and theirs.is_polished
     if is_exact and not np.array_equal(ours.num_impacts, theirs.num_impacts, equal_nan=True):
         return False
-    within = _SAME if is_exact else _SLACK * tolerance
+    within = np.sqrt(np.finfo(ours.points.dtype).eps) if is_exact else _SLACK * tolerance
     return same_cycle(ours.points, theirs.points, within * max(ours.size, theirs.size))
 
 
