@@ -4,9 +4,12 @@ import typing as _typing
 from importlib import import_module as _import_module
 
 from . import models as models
+from ._attractors.attractors import attractors as attractors
+from ._attractors.basins import basins as basins, uncertainty_exponent as uncertainty_exponent
 from ._attractors.chart import chart as chart
 from ._attractors.classify import classify as classify
 from ._attractors.cycles import periodic_orbits as periodic_orbits
+from ._attractors.follow import follow_attractors as follow_attractors
 from ._attractors.lyapunov import lyapunov_exponents as lyapunov_exponents
 from ._attractors.sections import impact_map as impact_map, stroboscopic_section as stroboscopic_section
 from ._attractors.spectrum import power_spectrum as power_spectrum
@@ -90,7 +93,9 @@ __all__ = [
     "StickingRegion",
     "Stop",
     "TaylorFlow",
+    "attractors",
     "base_excitation",
+    "basins",
     "bifurcation_curve",
     "bifurcation_value",
     "branches",
@@ -99,6 +104,7 @@ __all__ = [
     "classify",
     "continuation",
     "find_periodic_orbits",
+    "follow_attractors",
     "impact_configurations",
     "impact_map",
     "keep_compiled",
@@ -121,6 +127,7 @@ __all__ = [
     "sweep",
     "switch_branch",
     "system_of",
+    "uncertainty_exponent",
 ]
 
 

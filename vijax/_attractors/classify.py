@@ -20,7 +20,7 @@ MOTIONS: Final = ("non_impacting", "periodic", "chattering", "non_periodic", "no
 # An impact this close before the end of a period, as a fraction of it, counts as one just after it: otherwise
 # some periods of a cycle with an impact there would end before it and some after.
 _EDGE = 1e-3
-_TOLERANCES = {8: 1e-6, 4: 1e-3}
+TOLERANCES: Final = {8: 1e-6, 4: 1e-3}
 
 
 def classify(
@@ -87,7 +87,7 @@ def classify(
     if isinstance(source, xr.Dataset):
         warn_of_endings(source, "max_impacts_reached")
     section, last = _section(source, last)
-    tolerance = _TOLERANCES[section.v.dtype.itemsize] if tolerance is None else tolerance
+    tolerance = TOLERANCES[section.v.dtype.itemsize] if tolerance is None else tolerance
     for name, value in (("tolerance", tolerance), ("double_impact_within", double_impact_within)):
         if value is not None and not value > 0:
             raise ValueError(f"Argument `{name}` must be positive, but is {value}.")

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from .._flow.choose import choose_flow
+from .._flow.interface import AbstractFlow
 from .._machine.numbers import numbers_of
 from .._orbits.many import Orbits, lanes_first, search_many
 from .._orbits.search import Strobe
@@ -60,19 +61,20 @@ def periodic_orbits(ds: xr.Dataset, *, max_events: Count = 256, progress: bool =
     if which.size:
         machines = machines_of(ds, [*dims_of(ds)], which)
         with tqdm(total=len(which), unit="orbit", disable=not progress) as bar:
-            found = _search(machines, num_periods[which], states[which], room, bar.update)
+            found = search_orbits(machines, num_periods[which], states[which], room, bar.update)
     return _dataset(ds, found, which, num_periods)
 
 
-def _search(
+def search_orbits(
     machines: ImpactSystem,
     num_periods: np.ndarray,
     states: np.ndarray,
     room: int,
     tell: Callable[[int], Any],
+    wanted: AbstractFlow | None = None,
 ) -> Orbits:
     """Search from the states of machines with lanes last."""
-    numbers, flow = numbers_of(machines), choose_flow(machines, can_stick=True)
+    numbers, flow = numbers_of(machines), choose_flow(machines, can_stick=True, wanted=wanted)
     (numbers, flow), axes = lanes_first((numbers, flow))
     strobe = Strobe(numbers, flow, num_periods.astype(states.dtype), np.zeros((), states.dtype), room)
     return search_many(strobe, [*axes, 0, None], states, tell)

@@ -5,6 +5,7 @@ in which the machine was described, so the axes name the kind of unit alone. Col
 lightness as well, so that the pictures survive a printer without colour.
 """
 
+from ._basins import basins as basins
 from ._bifurcation import bifurcation as bifurcation
 from ._branch import branch as branch
 from ._impact_map import impact_map as impact_map

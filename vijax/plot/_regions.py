@@ -94,6 +94,12 @@ def regions(classes: xr.Dataset, *, max_classes: int = 6, ax: Axes | None = None
     return ax
 
 
+def words_of_motion(motion: xr.Dataset) -> str:
+    """A single motion as the legend of the chart names it, from `motion`, `num_periods` and `num_impacts`."""
+    (one,) = _classes_of_points(motion.expand_dims("point"))
+    return one.words
+
+
 def _check(classes: xr.Dataset, max_classes: int) -> None:
     for name in ("motion", "num_periods", "num_impacts"):
         if name not in classes:

@@ -1,0 +1,170 @@
+"""The motions of one machine that coexist, and from where each is reached."""
+
+from collections.abc import Mapping
+from typing import Any, cast
+
+import numpy as np
+import xarray as xr
+
+from .._dataset_attributes import label
+from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
+from .._flow.interface import AbstractFlow
+from .._orbits.maps import check_period
+from .._sweep.endings import warn_of_endings
+from .._system.system import ImpactSystem, with_args
+from .._types import Count, Numbers, as_known, is_traced, whole_number
+from .._xla import padding_allowed
+from .coexisting import coexisting, lasting
+from .machines import Machines, default_tolerance
+from .starts import Starts, bounds_of, drawn_starts, grid_of_starts, listed_starts
+from .table import attributes_of, sorted_by_share, table_of
+
+
+@padding_allowed
+def attractors(
+    system: ImpactSystem,
+    starts: Count | tuple[Numbers, Numbers] | Numbers | Mapping[str, Numbers],
+    *,
+    transient: Count = 100,
+    record: Count = 20,
+    bounds: Numbers | None = None,
+    seed: Count = 0,
+    x0: Numbers | None = None,
+    v0: Numbers | None = None,
+    tolerance: float | None = None,
+    args: object = None,
+    flow: AbstractFlow | None = None,
+    max_steps: Count | None = None,
+    progress: bool = True,
+    settings: ExecutionSettings = DEFAULT_SETTINGS,
+) -> xr.Dataset:
+    """Find the motions of one machine that coexist, and how many starts lead to each.
+
+    All starts are run at once. Motions that settle are told apart by their states and events, not by their numbers
+    of impacts and periods: each cycle is polished into its periodic orbit, and motions that visit it some forcing periods
+    apart are on one attractor. Motions that do not repeat are run on for long; those that stay so are on one
+    attractor if the clouds of their section points mix, which nearest neighbours tell (after Schilling 1986). A cycle of more than 64 periods
+    counts as such, and so does a quasi-periodic motion. Attractors that no start leads to are not found.
+
+    Args:
+        system: the machine.
+        starts: states at phase 0: positions and velocities, a tuple of (starts, n) each, or both side by side,
+            (starts, 2 n); a product grid, as `{"x0[0]": values, "v0[0]": values}`; or how many are drawn at random.
+        transient: forcing periods before a motion is looked at.
+        record: forcing periods in which it is.
+        bounds: lowest and highest of each position, then of each velocity, between which random starts are drawn, (2 n, 2). If
+            left out, twice the motion from rest, as far as the stops let it. None is drawn beyond a stop.
+        seed: of the random starts.
+        x0: positions where a grid names none, (n,); zero if left out.
+        v0: velocities, likewise.
+        tolerance: how near a motion must be to the cycle it settles on, relative to its size;
+            1e-6, or 1e-3 in single precision, if left out.
+        args: as for `simulate`.
+        flow: likewise.
+        max_steps: as for `sweep`.
+        progress: show a bar.
+        settings: as for `sweep`.
+
+    Returns:
+        Along `attractor`, those that most starts lead to first: `share` of the starts, with its binomial standard error
+        `share_error`, and `num_starts`; `x0` and `v0` (..., mass), the state at phase 0, of a cycle that with the lowest x[0];
+        `motion`, `num_periods`, `num_impacts` (..., stop) and `held_time`, as of `vx.classify`; `multipliers` (..., multiplier), `is_stable` and
+        `residual`, as of `vx.periodic_orbits`, NaN and False for what is no polished cycle; `exponents` (..., exponent), the Lyapunov
+        exponents ln|multiplier| / (n T) of cycles, NaN for others; `section_x`, `section_v` (..., section, mass),
+        the states at phase 0 of a cycle, and many of others, padded with NaN.
+        Along `start`, or the dimensions of the grid: `label`, the number of the attractor, -1 where the motion has not settled or
+        failed, and `is_failed`. `num_not_settled` and `num_failed` count these. The result is the same every time.
+
+    Raises:
+        ValueError: if the load has no frequency, the starts are none of these, or one lies beyond a stop.
+
+    Example:
+        ```python
+        import numpy as np, vijax as vx
+        found = vx.attractors(vx.models.wagg_bishop_b(2.05), 200)
+        print(found.share.values, found.num_impacts.values)
+        ```
+
+    References:
+        G. Datseris & A. Wagemakers, Effortless estimation of basins of attraction, Chaos 32 (2022) 023104;
+        M. F. Schilling, Multivariate two-sample tests based on nearest neighbors, J. Am. Stat. Assoc. 81 (1986) 799.
+    """
+    transient, record = whole_number("transient", transient), whole_number("record", record, 2)
+    check_single(system, args, flow, "attractors")
+    machines = machines_of_one(system, args, transient, record, tolerance, flow, max_steps, settings)
+    given = starts_of(machines, starts, bounds, seed, x0, v0)
+    return _found(machines, given, progress=progress)
+
+
+def check_single(system: ImpactSystem, args: object, flow: AbstractFlow | None, who: str) -> None:
+    """Refuse what has no forcing period, or no known numbers."""
+    if is_traced((system, args, flow)):
+        raise ValueError(f"`{who}` needs known numbers: call it outside of `jax.jit` and `jax.vmap`.")
+    zero = np.zeros(system.num_masses, as_known(0.0).dtype)
+    check_period(system, args, zero, zero)
+
+
+def machines_of_one(
+    system: ImpactSystem,
+    args: object,
+    transient: int,
+    record: int,
+    tolerance: float | None,
+    flow: AbstractFlow | None,
+    max_steps: Count | None,
+    settings: ExecutionSettings,
+) -> Machines:
+    """The machine as it is run."""
+    if tolerance is not None and not tolerance > 0:
+        raise ValueError(f"Argument `tolerance` must be positive, but is {tolerance}.")
+    own = as_known(system.forcing.frequency).reshape(1)
+    return Machines(
+        system=with_args(system, args),
+        values={},
+        rate=own,
+        transient=transient,
+        record=record,
+        tolerance=default_tolerance(own.dtype) if tolerance is None else tolerance,
+        flow=flow,
+        max_steps=None if max_steps is None else whole_number("max_steps", max_steps, 1),
+        settings=settings,
+        is_wide=False,
+    )
+
+
+def starts_of(
+    machines: Machines,
+    starts: Count | tuple[Numbers, Numbers] | Numbers | Mapping[str, Numbers],
+    bounds: Numbers | None,
+    seed: Count,
+    x0: Numbers | None,
+    v0: Numbers | None,
+) -> Starts:
+    """The starts, however they are told."""
+    if isinstance(starts, Mapping):
+        return grid_of_starts(machines.system, starts, x0, v0)
+    if isinstance(starts, tuple) or np.ndim(cast(Any, starts)):
+        return listed_starts(machines.system, cast(Any, starts))
+    count = whole_number("starts", starts, 1)
+    box = bounds_of(machines.for_sweep_of(count), bounds)
+    return drawn_starts(machines.system, count, box, seed)
+
+
+def _found(machines: Machines, starts: Starts, *, progress: bool) -> xr.Dataset:
+    """The attractors that starts lead to."""
+    machines = machines.for_sweep_of(len(starts.states))
+    one = np.zeros(len(starts.states), int)
+    states = starts.states * machines.scale(one)
+    ds = machines.run(states, one, machines.transient, machines.record, progress=progress)
+    warn_of_endings(ds, "max_steps_reached", "non_finite")
+    ends = machines.ends(ds, one)
+    found = coexisting(machines, ends)
+    motions, number = lasting(found.motions)
+    motions, labels = sorted_by_share(motions, number[found.label])
+    table = table_of(machines, motions, labels, ends.is_failed)
+    shape, dims = tuple(len(a) for a in starts.axes.values()), tuple(starts.axes)
+    of_starts = {"label": labels, "is_failed": ends.is_failed}
+    columns = {name: (dims, a.reshape(shape), label(name)) for name, a in of_starts.items()}
+    table = table.assign(columns)
+    coordinates = {path: (path, a) for path, a in starts.axes.items()} | {"stop_mass": ds["stop_mass"]}
+    return table.assign_coords(coordinates).assign_attrs(attributes_of(ds))

@@ -1,0 +1,162 @@
+"""Which attractor each of many motions ends on.
+
+The motions are run once, without their impacts, and judged by their stroboscopic section:
+
+1. Those that repeat are put into cells of the state space by their end states. One of each cell is polished into its
+   cycle; cycles that are one up to a shift by whole periods are one attractor. All others must lie on one
+   of the cycles found, to the tolerance; what does not is put into cells again. So no motion is trusted to its cell, and few are polished.
+2. Motions that hit nothing, and are proved to hit nothing any more, share the response of their linear machine.
+3. Of the rest some, spread evenly, are run on for long: they settle, or show that they are chaotic. Chaotic ones are one
+   attractor if the clouds of their section points mix, see `mixes`. A motion of the rest belongs to a stable cycle if it keeps
+   close to it, period for period, and comes closer; to a cloud if its last points lie as near to it as its own.
+4. A cloud from which one of these left for a cycle is no attractor, but a chaotic transient: all that may be in it are run on for
+   long, and what then is not settled stays unknown.
+
+Labels by numbers of impacts alone would join attractors that differ; labels by end states alone would split cycles
+visited at different phases, and tell nothing of chaos.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .belongs import approached, in_clouds, on_cycles
+from .machines import Ends, Machines
+from .motions import Motion, cloud_of, cycles_from, place_of
+
+# Width of a cell, relative to the size of the motion; cells that are polished in a round, of each machine.
+_CELL, _MOST_CELLS = 1e-3, 64
+_ROUNDS = 6
+# Motions of each machine that are run on in a round, how much longer, and the recorded periods.
+_SAMPLE, _LONGER, _LONG_RECORD = 32, 10, 1024
+
+
+class Coexisting(NamedTuple):
+    """Attractors of some machines, and where motions end.
+
+    Attributes:
+        motions: the attractors, and chaotic transients among them.
+        label: the number of the attractor of each motion, -1 where it is not known.
+    """
+
+    motions: list[Motion]
+    label: np.ndarray
+
+
+def coexisting(machines: Machines, ends: Ends, known: list[Motion] | None = None) -> Coexisting:
+    """Find the attractors on which motions end.
+
+    Args:
+        machines: whose motions they are.
+        ends: of the motions.
+        known: attractors that are known already, which keep their numbers.
+    """
+    motions = list(known or [])
+    label = _settled(machines, motions, ends)
+    for _ in range(_ROUNDS):
+        left = np.flatnonzero((label < 0) & ~ends.is_failed)
+        sample = left[_first_of_each(ends.machine[left], _SAMPLE, spread=True)]
+        if not sample.size:
+            break
+        num_known = len(motions)
+        label[sample] = _run_on(machines, motions, ends.last[sample], ends.machine[sample])
+        if leaky := _leaky(motions, ends, sample, label[sample]):
+            ends = _longer(machines, motions, ends, label, leaky)
+        left = left[label[left] < 0]
+        label[left] = approached(motions, ends, left)
+        left = left[label[left] < 0]
+        label[left] = in_clouds(motions, ends, left)
+        if len(motions) == num_known and (label[sample] < 0).any():
+            break  # more of the same would tell no more
+    return Coexisting(motions, label)
+
+
+def lasting(motions: list[Motion]) -> tuple[list[Motion], np.ndarray]:
+    """The attractors among motions, and the number among these of each, then of none, -1 for those that are none."""
+    number = np.full(len(motions) + 1, -1)
+    kept = [k for k, motion in enumerate(motions) if motion.is_lasting]
+    number[kept] = np.arange(len(kept))
+    return [motions[k] for k in kept], number
+
+
+def _leaky(motions: list[Motion], ends: Ends, sample: np.ndarray, label: np.ndarray) -> set[int]:
+    """Clouds from which motions left for a cycle, which therefore are no attractors."""
+    is_on_cycle = np.array([motion.num_periods > 0 for motion in motions] + [False])[label]
+    return {*in_clouds(motions, ends, sample[is_on_cycle], ends.section.shape[1])} - {-1}
+
+
+def _longer(
+    machines: Machines, motions: list[Motion], ends: Ends, label: np.ndarray, leaky: set[int]
+) -> Ends:
+    """Run on all motions that may be in a cloud that does not last; the cloud and their labels are changed in place."""
+    for k in leaky:
+        motions[k] = motions[k]._replace(is_lasting=False)
+    label[np.isin(label, [*leaky])] = -1
+    of_machine = np.isin(ends.machine, [motions[k].machine for k in leaky])
+    which = np.flatnonzero((label < 0) & of_machine & ~ends.is_failed)
+    transient = _LONGER * machines.transient
+    ds = machines.run(ends.last[which], ends.machine[which], transient, machines.record)
+    newer = machines.ends(ds, ends.machine[which])
+    label[which] = _settled(machines, motions, newer)
+    ends = Ends(*(a.copy() for a in ends))
+    for whole, part in zip(ends, newer, strict=True):
+        whole[which] = part
+    return ends
+
+
+def _settled(machines: Machines, motions: list[Motion], ends: Ends) -> np.ndarray:
+    """Labels of the motions that repeat; new cycles are added to `motions`."""
+    label = np.full(len(ends.machine), -1)
+    for _ in range(_ROUNDS):
+        left = np.flatnonzero((label < 0) & (ends.num_periods > 0))
+        label[left] = on_cycles(motions, ends, left, machines.tolerance)
+        left = left[label[left] < 0]
+        cells = _one_of_each_cell(ends, left)
+        if not cells.size:
+            break
+        of_cells = (a[cells] for a in (ends.last, ends.machine, ends.num_periods, ends.is_quiet))
+        for k, motion in zip(cells, cycles_from(machines, *of_cells), strict=True):
+            label[k] = place_of(motions, motion, machines.tolerance)
+            if ends.is_quiet[k]:
+                label[ends.is_quiet & (ends.machine == ends.machine[k])] = label[k]
+    return label
+
+
+def _one_of_each_cell(ends: Ends, left: np.ndarray) -> np.ndarray:
+    """Of the motions in each cell the first, of the cells with the most motions."""
+    states = ends.last[left]
+    size = np.abs(states).max(axis=1, keepdims=True)
+    cell = np.rint(states / (_CELL * 2.0 ** np.rint(np.log2(np.where(size == 0, 1, size))))).astype(np.int64)
+    cell[ends.is_quiet[left]] = 0
+    columns = [ends.machine[left], ends.num_periods[left], *cell.T]
+    odd = np.random.default_rng(0).integers(1 << 62, size=len(columns)) * 2 + 1
+    with np.errstate(over="ignore"):
+        key = sum(a.astype(np.int64) * b for a, b in zip(columns, odd, strict=True))
+    _, first, count = np.unique(key, return_index=True, return_counts=True)
+    order = np.lexsort((first, -count))
+    cells = left[first[order]]
+    return cells[_first_of_each(ends.machine[cells], _MOST_CELLS)]
+
+
+def _first_of_each(machine: np.ndarray, most: int, *, spread: bool = False) -> np.ndarray:
+    """Places of at most so many points of each machine: the first, or spread evenly."""
+    chosen = []
+    for each in np.unique(machine):
+        places = np.flatnonzero(machine == each)
+        count = min(most, len(places))
+        chosen.append(
+            places[np.linspace(0, len(places) - 1, count).astype(int)] if spread else places[:count]
+        )
+    return np.concatenate(chosen) if chosen else np.zeros(0, int)
+
+
+def _run_on(machines: Machines, motions: list[Motion], states: np.ndarray, machine: np.ndarray) -> np.ndarray:
+    """Labels of motions that are run on for long; new attractors are added to `motions`."""
+    ds = machines.run(states, machine, _LONGER * machines.transient, _LONG_RECORD)
+    ends = machines.ends(ds, machine)
+    label = _settled(machines, motions, ends)
+    left = np.flatnonzero((label < 0) & ~ends.is_failed)
+    label[left] = approached(motions, ends, left)
+    for k in np.flatnonzero((label < 0) & (ends.num_periods == 0) & ~ends.is_settling & ~ends.is_failed):
+        label[k] = place_of(motions, cloud_of(machines, int(machine[k]), ends.section[k]), machines.tolerance)
+    return label

@@ -1,0 +1,119 @@
+"""Attractors and the shares of their basins along a parameter."""
+
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+
+from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
+from .._flow.interface import AbstractFlow
+from .._sweep.endings import warn_of_endings
+from .._system.parameters import find_parameter, set_parameter
+from .._system.system import ImpactSystem
+from .._types import Count, Numbers, as_float, as_known, whole_number
+from .._xla import padding_allowed
+from .attractors import check_single, machines_of_one, starts_of
+from .coexisting import coexisting, lasting
+from .links import linked, seeded
+from .machines import FREQUENCY
+from .table import attributes_of, table_along
+
+
+@padding_allowed
+def follow_attractors(
+    system: ImpactSystem,
+    path: str,
+    values: Numbers,
+    starts: Count | tuple[Numbers, Numbers] | Numbers = 100,
+    *,
+    transient: Count = 100,
+    record: Count = 20,
+    bounds: Numbers | None = None,
+    seed: Count = 0,
+    threshold: float = 0.2,
+    tolerance: float | None = None,
+    args: object = None,
+    flow: AbstractFlow | None = None,
+    max_steps: Count | None = None,
+    progress: bool = True,
+    settings: ExecutionSettings = DEFAULT_SETTINGS,
+) -> xr.Dataset:
+    """Follow the attractors of a machine along a parameter, with the shares of starts that lead to each.
+
+    At every value the attractors are found as by `vx.attractors`, from the same starts, and from the attractors at the value
+    before, which do not count in the shares: so one whose basin has become small is not lost. An attractor goes on as that at the
+    next value which is nearest: pairs with the same impacts at each stop in a forcing period come first, then the
+    distance of their sections decides: the mean distance of the points of one from the nearest of the other, relative to their size.
+    What finds no partner nearer than `threshold` ends or begins.
+
+    Args:
+        system: the machine.
+        path: of the parameter, a number, as "forcing.frequency".
+        values: (values,), in the order in which they are visited.
+        starts: as for `attractors`; random ones are drawn for the first value.
+        transient: as for `attractors`.
+        record: likewise.
+        bounds: likewise.
+        seed: likewise.
+        threshold: the largest distance of an attractor from what it goes on as, relative to their size.
+        tolerance: as for `attractors`.
+        args: as for `simulate`.
+        flow: likewise.
+        max_steps: as for `sweep`.
+        progress: show a bar.
+        settings: as for `sweep`.
+
+    Returns:
+        Over the path and `attractor`, in the order in which they begin: `is_found`, `share`, `share_error`, and what
+        `vx.attractors` tells of each, NaN, False and 0 where it is not found. Along `attractor`: `birth`, the first value at which it is found,
+        NaN if it is there from the first value on; `death`, the first value at which it is not found any more, NaN if it is there to
+        the last; `successor`, the attractor to which its motion goes on there, -1 if that is not known. Along the path
+        `num_not_settled` and `num_failed`.
+
+    Raises:
+        ValueError: if the path names no number of the machine; and as `attractors`.
+
+    Example:
+        ```python
+        import numpy as np, vijax as vx
+        found = vx.follow_attractors(vx.models.wagg_bishop_b(2.0), "forcing.frequency", np.linspace(1.9, 2.1, 5), 50)
+        print(found.share.values, found.birth.values, found.death.values)
+        ```
+
+    References:
+        G. Datseris, K. L. Rossi & A. Wagemakers, Framework for global stability analysis of dynamical systems,
+        Chaos 33 (2023) 073151; M.-P. Dubuisson & A. K. Jain, A modified Hausdorff distance for object matching,
+        Proc. ICPR (1994) 566.
+    """
+    transient, record = whole_number("transient", transient), whole_number("record", record, 2)
+    if not threshold > 0:
+        raise ValueError(f"Argument `threshold` must be positive, but is {threshold}.")
+    check_single(system, args, flow, "follow_attractors")
+    one = machines_of_one(system, args, transient, record, tolerance, flow, max_steps, settings)
+    along, rate = _values(one.system, path, values)
+    first = replace(one, system=set_parameter(one.system, path, as_float(along[0])), rate=rate[:1])
+    states = starts_of(first, starts, bounds, seed, None, None).states
+    machines = replace(one, values={path: along}, rate=rate).for_sweep_of(len(along) * len(states))
+    machine = np.repeat(np.arange(len(along)), len(states))
+    states = np.tile(states, (len(along), 1)) * machines.scale(machine)
+    ds = machines.run(states, machine, transient, record, progress=progress)
+    warn_of_endings(ds, "max_steps_reached", "non_finite")
+    ends = machines.ends(ds, machine)
+    found = coexisting(machines, ends)
+    motions, goes_to = seeded(machines, found)
+    motions, number = lasting(motions)
+    goes_to = {int(number[k]): int(number[j]) for k, j in goes_to.items() if number[k] >= 0}
+    begun = linked(motions, len(along), threshold)
+    table = table_along(machines, motions, begun, goes_to, number[found.label], ends)
+    coordinates = {path: (path, along), "stop_mass": ds["stop_mass"]}
+    return table.assign_coords(coordinates).assign_attrs(attributes_of(ds))
+
+
+def _values(system: ImpactSystem, path: str, values: Numbers) -> tuple[np.ndarray, np.ndarray]:
+    """The values of the parameter, and W for each."""
+    along = as_known(values)
+    if along.ndim != 1 or not along.size:
+        raise ValueError(f"Argument `values` must have shape (values,), but has {along.shape}.")
+    find_parameter(system, path)
+    own = as_known(system.forcing.frequency)
+    return along, along if path == FREQUENCY else np.full(len(along), own)

@@ -1,0 +1,153 @@
+"""The machines whose attractors are looked for: run from many states, and their cycles polished."""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from .._execution.points import Point, with_values
+from .._execution.settings import ExecutionSettings
+from .._flow.interface import AbstractFlow
+from .._orbits.many import Orbits
+from .._sweep.zipped import START, sweep_zipped
+from .._system.system import ImpactSystem
+from .classify import TOLERANCES
+from .cycles import search_orbits
+from .quiet import stays_quiet
+from .recurrence import recurrence
+
+FREQUENCY = "forcing.frequency"
+# Room for the events of a cycle that is polished.
+_MAX_EVENTS = 256
+# Periods of a record that are searched for a repetition, the last ones.
+_COMPARED = 128
+
+
+class Ends(NamedTuple):
+    """Where motions end, points first, states as (W x, v).
+
+    Attributes:
+        section: the state at the end of each recorded period, (points, periods, 2 n); 0 where the motion failed.
+        machine: of each point.
+        num_periods: n, 0 where the motion does not repeat.
+        is_settling: whether it is on the way to a cycle.
+        is_quiet: whether it is proved to come to the response of its machine without another impact; then n = 1.
+        is_failed: whether it is not known.
+    """
+
+    section: np.ndarray
+    machine: np.ndarray
+    num_periods: np.ndarray
+    is_settling: np.ndarray
+    is_quiet: np.ndarray
+    is_failed: np.ndarray
+
+    @property
+    def last(self) -> np.ndarray:
+        """The end states, (points, 2 n)."""
+        return self.section[:, -1]
+
+
+@dataclass(frozen=True)
+class Machines:
+    """Machines that differ by the value of some quantity, or a single one.
+
+    Attributes:
+        system: the machine, its force bound to its arguments.
+        values: the quantity by its path, one value for each machine; empty for a single machine.
+        rate: W of each, (machines,).
+        transient: forcing periods before a motion is looked at.
+        record: forcing periods in which it is.
+        tolerance: how near a motion must be to the cycle it settles on, relative to its size.
+        flow: the motion between events.
+        max_steps: as for `vx.sweep`.
+        settings: likewise.
+        is_wide: whether the first sweep has more points than run side by side.
+    """
+
+    system: ImpactSystem
+    values: dict[str, np.ndarray]
+    rate: np.ndarray
+    transient: int
+    record: int
+    tolerance: float
+    flow: AbstractFlow | None
+    max_steps: int | None
+    settings: ExecutionSettings
+    is_wide: bool
+
+    def for_sweep_of(self, num_points: int) -> "Machines":
+        """The same, run beside a sweep of so many points."""
+        return replace(self, is_wide=num_points > self.settings.lanes)
+
+    def scale(self, machine: np.ndarray) -> np.ndarray:
+        """What turns states (x, v) into (W x, v), (points, 2 n)."""
+        rate = self.rate[machine]
+        return np.repeat(np.stack([rate, np.ones_like(rate)], axis=1), self.system.num_masses, axis=1)
+
+    def run(
+        self,
+        states: np.ndarray,
+        machine: np.ndarray,
+        transient: int,
+        record: int,
+        *,
+        max_impacts: int = 0,
+        progress: bool = False,
+    ) -> xr.Dataset:
+        """Sweep over starts (W x, v), (points, 2 n), of some machines."""
+        number = np.arange(len(states))
+        if self.is_wide:
+            # Sweeps of many points and of few are two programs: repeated points spare the compilation of the second.
+            number = np.resize(number, max(len(number), self.settings.lanes + 1))
+        of_point = {path: a[machine[number]] for path, a in self.values.items()}
+        ds = sweep_zipped(
+            self.system,
+            of_point,
+            (states / self.scale(machine))[number],
+            (transient, record, max_impacts),
+            max_steps=self.max_steps,
+            flow=self.flow,
+            progress=progress,
+            settings=self.settings,
+        )
+        return ds.isel({START: slice(0, len(states))})
+
+    def ends(self, ds: xr.Dataset, machine: np.ndarray) -> Ends:
+        """Judge where the motions of a sweep end."""
+        scale = self.scale(machine)
+        states = np.concatenate([ds["section_x"].values, ds["section_v"].values], axis=2)
+        section = states * scale[:, None].astype(states.dtype)
+        is_failed = np.isnan(section.sum(axis=(1, 2)))
+        section[is_failed] = 0
+        found = recurrence(_relative(section[:, -_COMPARED:]), self.tolerance)
+        is_touched = (ds["num_impacts"].values > 0).any(axis=1) | (ds["held_time"].values > 0).any(
+            axis=(1, 2)
+        )
+        last = section[:, -1] / scale
+        asked = np.flatnonzero(~is_failed & ~is_touched)
+        is_quiet = stays_quiet(ds, asked, *np.split(last, 2, axis=1))[0]
+        n = np.where(is_failed, 0, np.where(is_quiet, 1, found.num_periods))
+        return Ends(section, machine, n, found.is_settling & (n == 0), is_quiet, is_failed)
+
+    def polish(self, states: np.ndarray, machine: np.ndarray, num_periods: np.ndarray) -> Orbits:
+        """Search the cycles near states (W x, v) that nearly repeat."""
+        # Two at least, with a frequency each: then the program is that of the orbits of a sweep over the frequency.
+        number = np.resize(np.arange(len(states)), max(2, len(states)))
+        of_point = {path: a[machine[number]] for path, a in ({FREQUENCY: self.rate} | self.values).items()}
+        zero = np.zeros(self.system.num_masses, states.dtype)
+        lanes = with_values(Point(self.system, zero, zero), of_point).system
+        starts = (states / self.scale(machine))[number]
+        found = search_orbits(lanes, num_periods[number], starts, _MAX_EVENTS, lambda _: None, self.flow)
+        return Orbits(*(a[: len(states)] for a in found))
+
+
+def default_tolerance(dtype: np.dtype) -> float:
+    """How near a motion must be to the cycle it settles on, as for `classify`."""
+    return TOLERANCES[dtype.itemsize]
+
+
+def _relative(section: np.ndarray) -> np.ndarray:
+    size = np.abs(section).max(axis=(1, 2), keepdims=True)
+    return section / np.where(size == 0, 1, size).astype(float)

@@ -1,0 +1,150 @@
+"""Starts of many motions of one machine: given, on a grid, or drawn at random."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from .._execution.points import Point
+from .._sweep.zipped import START
+from .._system.checks import is_touching
+from .._system.parameters import find_parameter
+from .._system.system import ImpactSystem
+from .._types import Count, Numbers, as_float, as_known, whole_number
+from .machines import Machines
+
+# How often starts beyond stops are drawn again.
+_TRIES = 200
+
+
+class Starts(NamedTuple):
+    """Starts, and the dimensions along which they lie.
+
+    Attributes:
+        states: (starts, 2 n).
+        axes: the values along each dimension; their product is all starts, the last varying fastest.
+    """
+
+    states: np.ndarray
+    axes: dict[str, np.ndarray]
+
+
+def grid_of_starts(
+    system: ImpactSystem, values: Mapping[str, Numbers], x0: Numbers | None, v0: Numbers | None
+) -> Starts:
+    """The product of the values of some start quantities; the others are those of `x0` and `v0`."""
+    n = system.num_masses
+    base = np.zeros((2, n), as_known(0.0).dtype)
+    for row, (name, given) in zip(base, (("x0", x0), ("v0", v0)), strict=True):
+        if given is not None:
+            known = as_known(given)
+            if known.shape != (n,):
+                raise ValueError(f"Argument `{name}` must have shape ({n},), but has {known.shape}.")
+            row[:] = known
+    axes = {path: as_known(a) for path, a in values.items()}
+    if not axes:
+        raise ValueError('The starts are empty: name start quantities, as in {"x0[0]": values}.')
+    shape = tuple(len(a) if a.ndim == 1 else 0 for a in axes.values())
+    grid = np.indices(shape).reshape(len(axes), -1)
+    states = np.tile(base.reshape(-1), (grid.shape[1], 1))
+    whole = Point(system, as_float(np.zeros(n)), as_float(np.zeros(n)))
+    for (path, a), place in zip(axes.items(), grid, strict=True):
+        if a.ndim != 1 or not a.size:
+            raise ValueError(f"The values of `{path}` must have shape (points,), but have {a.shape}.")
+        states[:, _column(whole, path, n)] = a[place]
+    return Starts(states, axes)
+
+
+def _column(whole: Point, path: str, n: int) -> int:
+    """The place in a state of a quantity of the start."""
+    index = find_parameter(whole, path).index
+    if path.split("[")[0] not in ("x0", "v0") or len(index) != 1:
+        raise ValueError(
+            f"The path `{path}` is no entry of the start: name entries as `x0[0]` or `v0[1]`. "
+            "For a quantity of the machine use `follow_attractors`."
+        )
+    return index[0] + (n if path.startswith("v0") else 0)
+
+
+def listed_starts(system: ImpactSystem, starts: tuple[Numbers, Numbers] | Numbers) -> Starts:
+    """Starts that are given one by one."""
+    n = system.num_masses
+    parts = [as_known(a) for a in (starts if isinstance(starts, tuple) else (starts,))]
+    size = 2 * n // len(parts)
+    if not 1 <= len(parts) <= 2 or any(a.ndim != 2 or a.shape[1] != size or not len(a) for a in parts):
+        raise ValueError(
+            f"Argument `starts` must be positions and velocities, (starts, {n}) each, or both side by side, "
+            f"(starts, {2 * n}), a mapping of paths to values, or how many to draw, but has the shapes "
+            f"{[a.shape for a in parts]}."
+        )
+    if len({len(a) for a in parts}) > 1:
+        raise ValueError("Argument `starts` must hold as many velocities as positions.")
+    states = np.concatenate(parts, axis=1)
+    return Starts(states, {START: np.arange(len(states))})
+
+
+def drawn_starts(system: ImpactSystem, count: int, bounds: np.ndarray, seed: Count) -> Starts:
+    """Starts drawn evenly between bounds, (2 n, 2), none of them beyond a stop."""
+    rng = np.random.default_rng(whole_number("seed", seed))
+    states = np.empty((count, len(bounds)), as_known(0.0).dtype)
+    left, (low, high) = np.arange(count), bounds.T
+    for _ in range(_TRIES):
+        states[left] = rng.uniform(low, high, (len(left), len(bounds)))
+        left = left[is_beyond(system, states[left])]
+        if not left.size:
+            return Starts(states, {START: np.arange(count)})
+    raise ValueError("Between the bounds hardly any start lies between the stops: name others in `bounds`.")
+
+
+def bounds_of(machines: Machines, bounds: Numbers | None) -> np.ndarray:
+    """The bounds that are given, or twice the motion from rest, as far as the stops let it.
+
+    From as near to rest as the stops allow, the machine is run through its transient; the box holds all that the masses do in
+    the recorded periods, and as much again.
+    """
+    system = machines.system
+    n = system.num_masses
+    if bounds is not None:
+        given = as_known(bounds)
+        if (
+            given.shape != (2 * n, 2)
+            or not (given[:, 0] <= given[:, 1]).all()
+            or not np.isfinite(given).all()
+        ):
+            raise ValueError(
+                f"Argument `bounds` must hold the lowest and highest position and velocity of each mass, ({2 * n}, 2), "
+                f"lowest first, but has shape {given.shape} or is not in order."
+            )
+        return given
+    low, high = _slots(system)
+    rest = np.concatenate([np.clip(np.zeros(n), low, high), np.zeros(n)])[None]
+    zero = np.zeros(1, int)
+    ds = machines.run(
+        rest * machines.scale(zero), zero, machines.transient, machines.record, max_impacts=1 << 12
+    )
+    x, v = (np.nan_to_num(np.abs(ds[name].values)).max(axis=(0, 1)) for name in ("section_x", "section_v"))
+    hits = np.nan_to_num(np.abs(ds["impact_velocity"].values)).max(initial=0.0)
+    speed = max(float((machines.rate[0] * x).max()), float(v.max()), float(hits)) or 1.0
+    reach = 2 * speed / machines.rate[0]
+    box = np.clip(np.stack([rest[0, :n] - reach, rest[0, :n] + reach]), low, high)
+    return np.concatenate([box, 2 * speed * np.array([[-1.0], [1.0]]) * np.ones(n)], axis=1).T
+
+
+def is_beyond(system: ImpactSystem, states: np.ndarray) -> np.ndarray:
+    """Whether states at phase 0, (points, 2 n), lie beyond a stop."""
+    x, beyond = states[:, : system.num_masses].T, np.zeros(len(states), bool)
+    for stop in system.stops:
+        gap = np.asarray(stop.gap(x, 0.0))
+        size = np.asarray(stop.reach(0.0) + (0 if stop.slot else stop.size(x)))
+        beyond |= (gap < 0) & ~np.asarray(is_touching(gap, size))
+    return beyond
+
+
+def _slots(system: ImpactSystem) -> tuple[np.ndarray, np.ndarray]:
+    """Where the stops of each mass stand at phase 0, infinite where there are none, (n,) each."""
+    ends = {side: np.full(system.num_masses, far) for side, far in (("lower", -np.inf), ("upper", np.inf))}
+    for stop in system.stops:
+        if stop.slot is not None:
+            mass, side = stop.slot
+            ends[side][mass] = float(np.asarray(stop.at(0.0)))
+    return ends["lower"], ends["upper"]

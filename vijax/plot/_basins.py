@@ -1,0 +1,148 @@
+"""Basins of attraction over a plane of starts, and the attractors in it."""
+
+import re
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.legend_handler import HandlerTuple
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from ._axes import label, legend_beside, new_axes
+from ._regions import words_of_motion
+
+# After Okabe and Ito, told apart by the colour-blind as well; light enough for black points, dark enough for white edges.
+_COLORS = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442", "#0072b2", "#d55e00", "#b0e0c8")
+_OTHER, _UNKNOWN = "#a0a0a0", "#606060"
+_MARKERS = "os^Dv<>p"
+# Points of a cycle are few and drawn large, those of a cloud small.
+_SIZES = ((20, 6.0), (100, 4.0), (np.inf, 2.0))
+
+
+def basins(
+    basins: xr.Dataset, *, max_attractors: int = 8, points: bool = True, ax: Axes | None = None
+) -> Axes:
+    """Draw the basins of attraction over a plane of starts, each in a colour, and the sections of the attractors in it.
+
+    "1 | 2 in 1, 43 %" is a motion that repeats after 1 forcing period, with 1 impact at stop 0 and 2 at stop 1 in it, to
+    which 43 % of the starts lead. Grey are starts whose motion has not settled, or failed. Points are the states at phase 0 of each
+    attractor, a mark for each; they may lie in another's colour, since the plane shows two of all coordinates.
+
+    Args:
+        basins: what `vx.basins` returned, over two start quantities, the first one drawn to the right and the second upwards.
+        max_attractors: how many attractors, those with the largest shares, have a colour of their own, 8 at most; the rest is "other".
+        points: whether to draw the sections.
+        ax: where to draw; new axes if left out.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if `label` is missing, does not lie over two quantities of two values or more, or too many colours are
+            asked for.
+
+    Example:
+        ```python
+        import numpy as np, vijax as vx
+        grid = {"x0[0]": np.linspace(-0.3, 0.3, 60), "v0[0]": np.linspace(-1, 1, 60)}
+        ax = vx.plot.basins(vx.basins(vx.models.wagg_bishop_b(2.05), grid))
+        ```
+
+    References:
+        J. M. T. Thompson & H. B. Stewart, Nonlinear Dynamics and Chaos, 2nd ed. (2002).
+    """
+    _check(basins, max_attractors)
+    right, up = map(str, basins["label"].dims)
+    basins = basins.sortby([right, up])
+    ax = new_axes() if ax is None else ax
+    count = min(max_attractors, basins.sizes["attractor"])
+    codes = basins["label"].values
+    codes = np.where(codes >= count, count, codes)
+    ax.pcolormesh(
+        basins[right].values,
+        basins[up].values,
+        codes.T,
+        cmap=ListedColormap([_UNKNOWN, *_COLORS[:count], _OTHER]),
+        vmin=-1.5,
+        vmax=count + 0.5,
+        shading="nearest",
+        rasterized=True,
+    )
+    ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # attractors may lie far outside
+    has_mark = [points and _draw_section(ax, basins.isel(attractor=k), right, up, k) for k in range(count)]
+    ax.set(xlabel=label(right), ylabel=label(up))
+    _add_legend(ax, basins, codes, has_mark)
+    return ax
+
+
+def _check(basins: xr.Dataset, max_attractors: int) -> None:
+    if "label" not in basins:
+        raise ValueError(f"A picture of basins needs the variable `label`, but there are {list(basins)}.")
+    dims, shape = list(basins["label"].dims), basins["label"].shape
+    if len(dims) != 2:
+        raise ValueError(
+            f"A picture of basins needs two start quantities, but there are {dims}: "
+            "select one value of the others, as in `ds.sel({path: value})`."
+        )
+    if min(shape) < 2:
+        raise ValueError(f"A picture of basins needs two values or more of each quantity, but has {shape}.")
+    if not 0 <= max_attractors <= len(_COLORS):
+        raise ValueError(
+            f"Argument `max_attractors` must lie in 0 to {len(_COLORS)}, but is {max_attractors}."
+        )
+
+
+def _draw_section(ax: Axes, attractor: xr.Dataset, right: str, up: str, number: int) -> bool:
+    """Draw the section of an attractor, if the plane is one of its coordinates and any of it lies there."""
+    x, y = (_coordinate(attractor, path) for path in (right, up))
+    if x is None or y is None:
+        return False
+    (left, end), (low, high) = ax.get_xlim(), ax.get_ylim()
+    seen = (x >= left) & (x <= end) & (y >= low) & (y <= high)
+    size = next(size for most, size in _SIZES if seen.sum() <= most)
+    ax.plot(
+        x[seen],
+        y[seen],
+        linestyle="none",
+        marker=_MARKERS[number],
+        markersize=size,
+        markerfacecolor="black",
+        markeredgecolor="white",
+        markeredgewidth=size / 8,
+        rasterized=True,
+    )
+    return bool(seen.any())
+
+
+def _coordinate(attractor: xr.Dataset, path: str) -> np.ndarray | None:
+    match = re.fullmatch(r"([xv])0\[(\d+)\]", path)
+    if match is None:
+        return None
+    return attractor[f"section_{match[1]}"].isel(mass=int(match[2])).values
+
+
+def _add_legend(ax: Axes, basins: xr.Dataset, codes: np.ndarray, has_mark: list[bool]) -> None:
+    """One entry for each attractor, its colour beside its mark."""
+    handles, words = [], []
+    for k, is_marked in enumerate(has_mark):
+        patch = Patch(facecolor=_COLORS[k], edgecolor="black", linewidth=0.6)
+        one = Line2D(
+            [], [], linestyle="none", marker=_MARKERS[k], color="black", markeredgecolor="white", markersize=6
+        )
+        handles.append((patch, one) if is_marked else (patch,))
+        attractor = basins.isel(attractor=k)
+        words.append(f"{words_of_motion(attractor)}, {100 * float(attractor.share):.3g} %")
+    for code, color, name in ((len(has_mark), _OTHER, "other"), (-1, _UNKNOWN, "not known")):
+        if (codes == code).any():
+            handles.append((Patch(facecolor=color, edgecolor="black", linewidth=0.6),))
+            words.append(name)
+    stops = " | ".join(str(j) for j in range(basins.sizes["stop"]))
+    legend_beside(
+        ax,
+        handles=handles,
+        labels=words,
+        handler_map={tuple: HandlerTuple(ndivide=None)},
+        title=f"impacts at stop {stops}\nin forcing periods,\nand share of the starts",
+    )
