@@ -21,9 +21,9 @@ def refined(kind, shape: tuple[int, int], stride: int) -> tuple[xr.Dataset, list
             due.extend(part.tolist())
             row, col = np.unravel_index(part, shape)
             columns = {
-                "motion": ("point", kind(row, col).astype(np.int8)),
-                "num_periods": ("point", np.ones(len(part), int)),
-                "num_impacts": (("point", "stop"), np.full((len(part), 1), np.nan)),
+                "motion": ("start", kind(row, col).astype(np.int8)),
+                "num_periods": ("start", np.ones(len(part), int)),
+                "num_impacts": (("start", "stop"), np.full((len(part), 1), np.nan)),
             }
             yield part, xr.Dataset(columns)
 

@@ -17,8 +17,8 @@ from .._execution.runner import Counts
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._progress import tqdm
-from .._sweep.scattered import POINT, run_scattered
 from .._sweep.sweep import base_of, values_of
+from .._sweep.zipped import START, sweep_zipped
 from .._system.system import ImpactSystem, with_args
 from .._types import Count, Numbers, whole_number
 from .classify import classify
@@ -133,11 +133,13 @@ def _judged(
     tell: Callable[[int], object],
 ) -> xr.Dataset:
     """What becomes of some points."""
-    ds = run_scattered(base, swept, counts, flow, settings, tell)
+    start = np.concatenate([base.x0, base.v0])
+    states = np.broadcast_to(start, (len(next(iter(swept.values()))), len(start)))
+    ds = sweep_zipped(base.system, swept, states, counts, flow, settings, tell)
     motions = classify(ds, tolerance=tolerance)[["motion", "num_periods", "num_impacts"]]
     if counts.lyapunov:
         motions = motions.assign({name: ds[name] for name in ("lyapunov_exponents", "lyapunov_error")})
-    return motions.transpose(POINT, ...)
+    return motions.transpose(START, ...)
 
 
 class _Cells(NamedTuple):

@@ -7,9 +7,11 @@ import numpy as np
 import xarray as xr
 
 from .._execution.points import Point, with_values
+from .._execution.runner import Counts
 from .._execution.settings import ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._orbits.many import Orbits
+from .._progress import tqdm
 from .._sweep.zipped import START, sweep_zipped
 from .._system.system import ImpactSystem
 from .classify import TOLERANCES
@@ -102,16 +104,10 @@ class Machines:
             # Sweeps of many points and of few are two programs: repeated points spare the compilation of the second.
             number = np.resize(number, max(len(number), self.settings.lanes + 1))
         of_point = {path: a[machine[number]] for path, a in self.values.items()}
-        ds = sweep_zipped(
-            self.system,
-            of_point,
-            (states / self.scale(machine))[number],
-            (transient, record, max_impacts),
-            max_steps=self.max_steps,
-            flow=self.flow,
-            progress=progress,
-            settings=self.settings,
-        )
+        counts = Counts(transient, record, max_impacts, self.max_steps, can_stick=True)
+        starts = (states / self.scale(machine))[number]
+        with tqdm(total=len(number), unit="point", disable=not progress) as bar:
+            ds = sweep_zipped(self.system, of_point, starts, counts, self.flow, self.settings, bar.update)
         return ds.isel({START: slice(0, len(states))})
 
     def ends(self, ds: xr.Dataset, machine: np.ndarray) -> Ends:

@@ -1,6 +1,8 @@
 """Sweeps over a list of machines and starts, instead of a product grid."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import numpy as np
@@ -13,7 +15,6 @@ from .._execution.settings import ExecutionSettings
 from .._execution.threads import Threads
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
-from .._progress import tqdm
 from .._system.system import ImpactSystem
 from .dataset import dataset
 from .provenance import origin
@@ -25,12 +26,10 @@ def sweep_zipped(
     system: ImpactSystem,
     values: Mapping[str, np.ndarray],
     states: np.ndarray,
-    counts: tuple[int, int, int],
-    *,
-    max_steps: int | None,
+    counts: Counts,
     flow: AbstractFlow | None,
-    progress: bool,
     settings: ExecutionSettings,
+    tell: Callable[[int], Any],
 ) -> xr.Dataset:
     """Run machines from starts, one of each to every point.
 
@@ -38,11 +37,10 @@ def sweep_zipped(
         system: the machine, its force bound to its arguments.
         values: swept quantities by their paths, one value a point.
         states: positions and velocities of the starts side by side, (points, 2 n).
-        counts: `transient`, `record` and `max_impacts` as for `vx.sweep`.
-        max_steps: likewise.
-        flow: likewise.
-        progress: likewise.
+        counts: what is asked of every point; whether a stop might hold its mass is found here.
+        flow: as for `vx.sweep`.
         settings: likewise.
+        tell: called with the number of points done since the last call.
 
     Returns:
         The dataset of `vx.sweep`, with the points along `start`.
@@ -56,12 +54,11 @@ def sweep_zipped(
     base = Point(system, zero, zero)
     points = points_of_lanes(base, dict(values) | starts)
     can_stick = can_any_stick(points.system, points.x0, points.v0)
-    asked = Counts(*counts, max_steps, can_stick)
+    asked = replace(counts, can_stick=can_stick)
     motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
     name = type(motion).__name__ if flow is None else eqx.tree_pformat(flow, width=10**6)
     attributes = origin(base, asked, flow=name, carry=None, goes_on=False)
-    with tqdm(total=len(states), unit="point", disable=not progress) as bar:
-        found = Threads(motion, asked, settings).run(points, np.arange(len(states)), bar.update)
+    found = Threads(motion, asked, settings).run(points, np.arange(len(states)), tell)
     ds = dataset(points, {START: np.arange(len(states))}, (len(states),), asked, found, attributes)
     coordinates = {path: ((START,), a) for path, a in values.items()}
     coordinates |= {path: ((START, "mass"), a) for path, a in starts.items()}
