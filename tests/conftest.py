@@ -7,7 +7,11 @@ from collections.abc import Iterator
 # Most of the time goes into compiling programs that run for milliseconds. They are compiled a short way, unoptimised, but
 # where `VIJAX_COMPILE_FULLY=1` asks for what users get.
 if not os.environ.get("VIJAX_COMPILE_FULLY"):
-    short_way = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
+    short_way = (
+        "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
+        " --xla_disable_hlo_passes=post_scatter_expansion_simplification"
+        ",while-loop-invariant-code-motion,tree_reduction_rewriter,reshape-mover"
+    )
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {short_way}"
 
 import jax
