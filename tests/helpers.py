@@ -6,7 +6,8 @@ by that.
 """
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,6 +28,8 @@ CHATTER_END = 1e-5
 ONE_INSTANT = 1e-8
 # A rounding of the position by 1e-15 moves a light impact by 1e-15 / v.
 POSITION_ROUNDING = 1e-15
+# What JAX tells when a program is compiled.
+FINISHED = "/jax/core/compile/backend_compile_duration"
 
 
 class Event(NamedTuple):
@@ -190,3 +193,20 @@ def assert_depends_on_every_parameter(
     for parameter, slope in slopes.items():
         assert np.isfinite(slope).all(), parameter
         assert np.abs(slope).max() > 0.1, parameter
+
+
+@contextmanager
+def counted() -> Iterator[list[str]]:
+    """The compilations until the end, as they come."""
+    found: list[str] = []
+
+    def note(event: str, seconds: float, **details) -> None:
+        del seconds
+        if event == FINISHED:
+            found.append(str(details.get("fun_name", event)))
+
+    jax.monitoring.register_event_duration_secs_listener(note)
+    try:
+        yield found
+    finally:
+        jax.monitoring.unregister_event_duration_listener(note)

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from helpers import counted
 
 import vijax as vx
 
@@ -162,6 +163,12 @@ def test_the_parameter_itself_is_not_used(doubled):
     grazing = doubled.bifurcations[0]
     values = [vx.bifurcation_value(grazing, oscillator(amplitude, 0.84091)) for amplitude in (0.1, 0.4)]
     assert float(values[0]) == float(values[1])
+
+
+def test_what_the_branch_has_compiled_serves_its_values(doubled):
+    with counted() as compilations:
+        float(grazing_of(doubled)(jnp.array([0.041, 0.8409])))
+    assert "jit(look)" not in compilations
 
 
 def retold(point, kind):
