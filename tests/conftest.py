@@ -33,9 +33,14 @@ def pytest_configure(config: pytest.Config) -> None:
     All of them, for a run has many hundred small ones. Those that call back into Python are never kept.
     """
     if getattr(config, "cache", None) is not None:
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
-        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-        jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("jax")))
+        settings = {
+            "jax_persistent_cache_min_compile_time_secs": 0,
+            "jax_persistent_cache_min_entry_size_bytes": -1,
+            "jax_compilation_cache_dir": str(config.cache.mkdir("jax")),
+        }
+        for name, value in settings.items():
+            jax.config.update(name, value)
+            os.environ[name.upper()] = str(value)  # for the processes that tests start
 
 
 @pytest.fixture(scope="module", autouse=True)
