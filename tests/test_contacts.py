@@ -173,6 +173,7 @@ def test_the_law_of_several_contacts_is_the_one_solution_of_its_conditions():
         assert solutions == 1
 
 
+@pytest.mark.thorough
 def test_two_contacts_that_say_the_same_are_one():
     system = damper(mean=[0.0, -0.1])
     doubled = eqx.tree_at(lambda s: s.stops, system, (*system.stops, system.stops[1]))
@@ -228,6 +229,7 @@ def test_a_saltation_matrix_is_the_derivative_of_an_impact():
     np.testing.assert_allclose(np.linalg.det(matrix), 0.7**2, rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_orbits_close_and_their_multipliers_obey_liouville():
     system = damper(0.6, frequency=1.05, amplitude=0.1)
     end = vx.simulate(system, 0.0, 300 * system.forcing.period, max_events=8192)
