@@ -318,13 +318,12 @@ def test_elastic_beads_between_walls_are_points_that_pass_through_each_other_in_
 
 
 def test_a_column_that_is_dropped_lies_still_and_each_contact_carries_what_is_above():
-    # With a ceiling out of reach it has the shape of the machine above.
-    column = vx.models.bead_column(position=10.0, diameter=0.1, restitution=0.5, mass=[3.0, 2.0, 0.5])
+    column = vx.models.bead_column(diameter=0.1, restitution=0.5, mass=[3.0, 2.0, 0.5])
     sol = vx.simulate(column, 0.0, 3.0, x0=[0.5, 0.65, 0.8])
-    assert np.asarray(sol.stuck1).tolist() == [True, True, True, False]
+    assert np.asarray(sol.stuck1).all()
     np.testing.assert_allclose(sol.x1, [0.0, 0.1, 0.2], rtol=0, atol=EXACT)
     np.testing.assert_allclose(sol.v1, 0.0, rtol=0, atol=EXACT)
-    np.testing.assert_allclose(sol.contact_force(3.0), 9.81 * np.array([5.5, 2.5, 0.5, 0.0]), rtol=EXACT)
+    np.testing.assert_allclose(sol.contact_force(3.0), 9.81 * np.array([5.5, 2.5, 0.5]), rtol=EXACT)
 
 
 def test_a_light_ball_on_a_heavy_one_is_thrown_up():
