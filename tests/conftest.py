@@ -7,7 +7,11 @@ from collections.abc import Iterator
 # Most of the time goes into compiling programs that run for milliseconds. They are compiled a short way, unoptimised, but
 # where `VIJAX_COMPILE_FULLY=1` asks for what users get.
 if not os.environ.get("VIJAX_COMPILE_FULLY"):
-    short_way = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
+    short_way = (
+        "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
+        " --xla_disable_hlo_passes=post_scatter_expansion_simplification"
+        ",while-loop-invariant-code-motion,tree_reduction_rewriter,reshape-mover"
+    )
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {short_way}"
 
 import jax
@@ -29,9 +33,14 @@ def pytest_configure(config: pytest.Config) -> None:
     All of them, for a run has many hundred small ones. Those that call back into Python are never kept.
     """
     if getattr(config, "cache", None) is not None:
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
-        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-        jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("jax")))
+        settings = {
+            "jax_persistent_cache_min_compile_time_secs": 0,
+            "jax_persistent_cache_min_entry_size_bytes": -1,
+            "jax_compilation_cache_dir": str(config.cache.mkdir("jax")),
+        }
+        for name, value in settings.items():
+            jax.config.update(name, value)
+            os.environ[name.upper()] = str(value)  # for the processes that tests start
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -58,14 +58,15 @@ def contact_machine(data: dict, basis: np.ndarray | None = None) -> vx.ImpactSys
 
 
 def shape_of_scene(name: str) -> tuple:
-    """What a compiled program is special to."""
+    """What a compiled program is special to; harmonics are padded to powers of two."""
     data = contact_data(name)
     mass = np.array(data["M"])
-    is_full, is_moving = (
+    is_full, motions = (
         bool((mass - np.diag(np.diag(mass))).any()),
-        any(c["motion"] for c in data["contacts"]),
+        [len(c["motion"]["amplitude"]) for c in data["contacts"] if c["motion"]],
     )
-    return data["n"], len(data["contacts"]), is_full, is_moving
+    harmonics = max((1 << (count - 1).bit_length() for count in motions), default=0)
+    return data["n"], len(data["contacts"]), is_full, harmonics
 
 
 def random_machine(

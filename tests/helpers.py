@@ -1,4 +1,4 @@
-"""Event logs as plain tuples, and the golden scenes with the way they are compared.
+"""Event logs as plain tuples, the golden scenes with the way they are compared, and what holds for every ready-made machine.
 
 A golden scene was solved by ball arithmetic to at least 36 proved digits. Rounding errors made at an
 event are magnified by all that follows; how much was measured with the scene, and errors are judged
@@ -6,10 +6,13 @@ by that.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 import vijax as vx
@@ -25,6 +28,8 @@ CHATTER_END = 1e-5
 ONE_INSTANT = 1e-8
 # A rounding of the position by 1e-15 moves a light impact by 1e-15 / v.
 POSITION_ROUNDING = 1e-15
+# What JAX tells when a program is compiled.
+FINISHED = "/jax/core/compile/backend_compile_duration"
 
 
 class Event(NamedTuple):
@@ -173,3 +178,35 @@ def _places(expected: Sequence[Event], found: Sequence[Event]) -> np.ndarray:
 def relative_errors(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """The largest error of every column relative to its largest entry, or to 1."""
     return np.abs(found - expected).max(axis=0) / np.maximum(1.0, np.abs(expected).max(axis=0))
+
+
+def assert_depends_on_every_parameter(
+    build: Callable[..., vx.ImpactSystem], parameters: dict, tolerance: float
+) -> None:
+    """Check that a machine may be built of traced numbers, and has finite derivatives that do not vanish by all."""
+
+    def numbers(parameters: dict) -> jax.Array:
+        return jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(build(**parameters))])
+
+    traced, slopes = jax.jit(lambda p: (numbers(p), jax.jacfwd(numbers)(p)))(parameters)
+    np.testing.assert_allclose(traced, numbers(parameters), rtol=tolerance)
+    for parameter, slope in slopes.items():
+        assert np.isfinite(slope).all(), parameter
+        assert np.abs(slope).max() > 0.1, parameter
+
+
+@contextmanager
+def counted() -> Iterator[list[str]]:
+    """The compilations until the end, as they come."""
+    found: list[str] = []
+
+    def note(event: str, seconds: float, **details) -> None:
+        del seconds
+        if event == FINISHED:
+            found.append(str(details.get("fun_name", event)))
+
+    jax.monitoring.register_event_duration_secs_listener(note)
+    try:
+        yield found
+    finally:
+        jax.monitoring.unregister_event_duration_listener(note)

@@ -44,8 +44,8 @@ def names_of(codes: xr.DataArray) -> list[str]:
     return [names[code] for code in codes.values.ravel()]
 
 
-def written_and_read(ds: xr.Dataset, way: str, path: Path) -> xr.Dataset:
-    """What comes back from a file, after a check that it is what was written."""
+def assert_comes_back(ds: xr.Dataset, way: str, path: Path) -> xr.Dataset:
+    """Write to a file and read again: it comes back as it was, to the kind and the size of its numbers."""
     module, write, read = FILES[way]
     pytest.importorskip(module)
     write(ds, path)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
-from outputs import FILES, names_of, show, written_and_read
+from outputs import FILES, assert_comes_back, names_of, show
 
 import vijax as vx
 
@@ -53,7 +53,7 @@ def test_a_batch_is_evaluated_lane_by_lane(batch):
 
 @pytest.mark.parametrize("way", FILES)
 def test_a_batch_comes_back_from_a_file_as_it_was(tmp_path, way, batch):
-    written_and_read(batch.to_xarray(), way, tmp_path / "file")
+    assert_comes_back(batch.to_xarray(), way, tmp_path / "file")
 
 
 def test_a_batch_has_lanes_in_front(batch):

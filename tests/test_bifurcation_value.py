@@ -1,4 +1,7 @@
-"""Bifurcations as functions of the machine: published derivatives, closed forms, differences, what is refused."""
+"""Bifurcations as functions of the machine: published derivatives, closed forms, differences, what is not found.
+
+What is refused, and a grazing in closed form, are among the tests of branches, which share their programs.
+"""
 
 from functools import cache
 
@@ -10,6 +13,7 @@ import pytest
 
 import vijax as vx
 
+pytestmark = pytest.mark.thorough
 FREQUENCY = "forcing.frequency"
 # All machines here are two masses with an upper stop each, so that they share their programs.
 
@@ -92,21 +96,18 @@ def value_of(make, kind):
     return lambda numbers: vx.bifurcation_value(points_of(make)[kind], make(numbers))
 
 
-@pytest.mark.thorough
 def test_published_derivatives_of_a_fold():
     # Case (a), one impact of each mass a period.
     slopes = jax.grad(value_of(case_a, "fold"))(CASE_A)
     np.testing.assert_allclose(slopes, [0.21929349, 0.36316911, -1.11734516, 0.26171178], rtol=0, atol=5e-9)
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(("make", "numbers", "kind"), KINDS)
 def test_the_value_of_the_same_machine_is_that_of_the_point(make, numbers, kind):
     value = value_of(make, kind)(numbers)
     assert float(value) == pytest.approx(points_of(make)[kind].value, rel=1e-13)
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(("make", "numbers", "kind"), KINDS)
 def test_derivatives_are_those_of_differences(make, numbers, kind):
     value, h = value_of(make, kind), 2e-4
@@ -129,7 +130,6 @@ def test_grazing_in_closed_form():
     np.testing.assert_allclose(jax.grad(value_of(alone, "gr"))(ALONE), exact, rtol=1e-12)
 
 
-@pytest.mark.thorough
 def test_a_force_that_touches_zero_in_closed_form():
     # The shaken mass, and so the force of its spring and damper on the other, which the constant load just outweighs.
     constant, amplitude = PRESSED
@@ -142,7 +142,6 @@ def test_a_force_that_touches_zero_in_closed_form():
     np.testing.assert_allclose(slopes, exact, rtol=1e-12)
 
 
-@pytest.mark.thorough
 def test_the_value_of_another_machine_is_that_of_its_branch():
     changed = CASE_A + np.array([0.02, -0.01, 0.003, 0.01])
     system = eqx.tree_at(lambda s: s.forcing.frequency, case_a(changed), jnp.asarray(0.9))
@@ -153,7 +152,6 @@ def test_the_value_of_another_machine_is_that_of_its_branch():
         assert abs(value - points_of(case_a)[kind].value) > 1e-4
 
 
-@pytest.mark.thorough
 def test_derivatives_of_a_batch_under_jit():
     value = value_of(case_a, "gr")
     several = jnp.stack([CASE_A, CASE_A * np.array([1.01, 1.0, 1.0, 1.0])])
@@ -162,7 +160,6 @@ def test_derivatives_of_a_batch_under_jit():
     np.testing.assert_allclose(slopes[1], jax.grad(value)(several[1]), rtol=0, atol=1e-12)
 
 
-@pytest.mark.thorough
 def test_second_derivatives_are_those_of_first_ones():
     value, h = value_of(alone, "gr"), 1e-4
     slope = lambda amplitude: jax.jvp(value, (jnp.stack([ALONE[0], amplitude]),), (jnp.array([0.0, 1.0]),))[1]  # noqa: E731
@@ -172,25 +169,11 @@ def test_second_derivatives_are_those_of_first_ones():
     assert float(second) == pytest.approx(float(difference), rel=1e-6)
 
 
-def test_the_parameter_itself_is_not_used():
-    values = [
-        vx.bifurcation_value(points_of(case_a)["gr"], vx.models.wagg_bishop_a(frequency))
-        for frequency in (0.3, 0.9)
-    ]
-    assert float(values[0]) == float(values[1])
-
-
 @pytest.mark.parametrize(
     ("make", "kind", "numbers", "sentence"),
     [
         (alone, "gr", np.array([0.5, 0.1]), "no such bifurcation"),
-        pytest.param(
-            pair,
-            "pd",
-            np.where(UNEQUAL == 100, -0.5, UNEQUAL),
-            "does not follow the orbit",
-            marks=pytest.mark.thorough,
-        ),
+        (pair, "pd", np.where(UNEQUAL == 100, -0.5, UNEQUAL), "does not follow the orbit"),
     ],
 )
 def test_what_is_not_found_is_told(make, kind, numbers, sentence):
@@ -199,24 +182,3 @@ def test_what_is_not_found_is_told(make, kind, numbers, sentence):
     value = lambda numbers: vx.bifurcation_value(points_of(make)[kind], make(numbers), throw=False)  # noqa: E731
     assert np.isnan(value(numbers))
     assert np.isnan(jax.grad(value)(numbers)[:2]).all()  # the equations do not hold a stop that is not hit
-
-
-def retold(point, kind):
-    """The point with the name of another kind."""
-    names = point.branch.points["bifurcation"].copy()
-    names[point.index] = kind
-    return vx.Bifurcation(vx.Branch(point.branch.points.assign(bifurcation=names)), point.index)
-
-
-@pytest.mark.parametrize(
-    ("kind", "sentence"),
-    [("bp", "one machine alone"), ("pd", "another one twice"), ("chatter_completion", "infinitely many")],
-)
-def test_kinds_without_a_value_are_told(kind, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        vx.bifurcation_value(retold(points_of(case_a)["fold"], kind), case_a(CASE_A))
-
-
-def test_machines_of_another_make_are_told():
-    with pytest.raises(ValueError, match="like that of the point, with 2 masses"):
-        vx.bifurcation_value(points_of(case_a)["fold"], vx.models.wagg_bishop_b(0.9))

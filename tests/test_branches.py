@@ -1,8 +1,11 @@
 """Branches of periodic orbits: published points, identities along them, what they do at their ends."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from helpers import counted
 
 import vijax as vx
 
@@ -128,6 +131,64 @@ def test_a_fold_beside_a_grazing():
     at = np.abs(branch.values - 0.2).argmin()
     near = follow(branch.orbit(int(at)), AMPLITUDE, 0.2, 1.2).orbit(0)
     assert float(near.events.velocity_minus[0]) == pytest.approx(0.29861285205633, abs=1e-12)
+
+
+# Its bifurcations as functions of the machine
+
+
+def grazing_of(doubled):
+    """The amplitude of the load at which the motion grazes, as a function of damping and frequency."""
+    point = doubled.bifurcations[0]
+
+    def value(numbers, amplitude=0.4):
+        damping, frequency = numbers
+        load, stop = vx.Harmonic(jnp.array([amplitude]), frequency), vx.Stop(0, 1.0, "upper", 0.9)
+        system = vx.ImpactSystem([1.0], damping * jnp.eye(1), [[1.0]], load, [stop])
+        return vx.bifurcation_value(point, system)
+
+    return value
+
+
+def test_a_grazing_and_its_derivatives_are_those_of_the_closed_form(doubled):
+    value, (damping, w) = grazing_of(doubled), (0.05, 0.83)
+    numbers = jnp.array([damping, w])
+    exact = grazing_amplitude(w, damping)
+    with counted() as compilations:
+        found = float(value(numbers))
+    assert found == pytest.approx(exact, rel=1e-13)
+    # The point is followed by what its branch has compiled.
+    assert "jit(look)" not in compilations
+    slopes = damping * w**2 / exact, (-2 * w * (1 - w**2) + damping**2 * w) / exact
+    np.testing.assert_allclose(jax.grad(value)(numbers), slopes, rtol=1e-12)
+
+
+def test_the_parameter_itself_is_not_used(doubled):
+    values = [grazing_of(doubled)(jnp.array([0.04, 0.84091]), amplitude) for amplitude in (0.1, 0.4)]
+    assert float(values[0]) == float(values[1])
+
+
+def retold(point, kind):
+    """The point with the name of another kind."""
+    names = point.branch.points["bifurcation"].copy()
+    names[point.index] = kind
+    return vx.Bifurcation(vx.Branch(point.branch.points.assign(bifurcation=names)), point.index)
+
+
+@pytest.mark.parametrize(
+    ("kind", "sentence"),
+    [("bp", "one machine alone"), ("pd", "another one twice"), ("chatter_completion", "infinitely many")],
+)
+def test_kinds_without_a_value_are_told(doubled, kind, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        vx.bifurcation_value(retold(doubled.bifurcations[0], kind), oscillator(0.4, 0.84091))
+
+
+def test_machines_of_another_make_have_no_value(doubled):
+    with pytest.raises(ValueError, match="like that of the point, with 1 masses"):
+        vx.bifurcation_value(doubled.bifurcations[0], vx.models.wagg_bishop_b(0.9))
+
+
+# Longer ones
 
 
 @pytest.mark.thorough

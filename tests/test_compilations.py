@@ -1,32 +1,11 @@
 """What is compiled once serves whatever else is asked of the same kind of machine."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 import jax
 import numpy as np
 import pytest
+from helpers import counted
 
 import vijax as vx
-
-FINISHED = "/jax/core/compile/backend_compile_duration"
-
-
-@contextmanager
-def counted() -> Iterator[list[str]]:
-    """The compilations until the end, as they come."""
-    found: list[str] = []
-
-    def note(event: str, seconds: float, **details) -> None:
-        del seconds
-        if event == FINISHED:
-            found.append(str(details.get("fun_name", event)))
-
-    jax.monitoring.register_event_duration_secs_listener(note)
-    try:
-        yield found
-    finally:
-        jax.monitoring.unregister_event_duration_listener(note)
 
 
 def sweep(values: dict[str, np.ndarray], **options) -> None:

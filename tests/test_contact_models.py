@@ -1,10 +1,9 @@
 """Ready-made machines with contacts between masses, full mass matrices and walls that move, against closed forms."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from helpers import log_of
+from helpers import assert_depends_on_every_parameter, log_of
 
 import vijax as vx
 
@@ -68,16 +67,7 @@ PARAMETERS = {
 
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_every_parameter_of_a_model_may_be_traced_and_differentiated(name):
-    build, values = getattr(vx.models, name), PARAMETERS[name]
-
-    def numbers(parameters: dict) -> jax.Array:
-        return jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(build(**parameters))])
-
-    traced, slopes = jax.jit(lambda p: (numbers(p), jax.jacfwd(numbers)(p)))(values)
-    np.testing.assert_allclose(traced, numbers(values), rtol=EXACT)
-    for parameter, slope in slopes.items():
-        assert np.isfinite(slope).all(), parameter
-        assert np.abs(slope).max() > 0.1, parameter
+    assert_depends_on_every_parameter(getattr(vx.models, name), PARAMETERS[name], EXACT)
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
 from exact_orbits import Start, Table, exact_orbit, rattle
-from helpers import log_of
+from helpers import assert_depends_on_every_parameter, log_of
 
 import vijax as vx
 
@@ -97,16 +96,7 @@ PARAMETERS = {
 
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_every_parameter_of_a_model_may_be_traced_and_differentiated(name):
-    build, values = getattr(vx.models, name), PARAMETERS[name]
-
-    def numbers(parameters: dict) -> jax.Array:
-        return jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(build(**parameters))])
-
-    traced, slopes = jax.jit(lambda p: (numbers(p), jax.jacfwd(numbers)(p)))(values)
-    np.testing.assert_allclose(traced, numbers(values), rtol=EXACT)
-    for parameter, slope in slopes.items():
-        assert np.isfinite(slope).all(), parameter
-        assert np.abs(slope).max() > 0.1, parameter
+    assert_depends_on_every_parameter(getattr(vx.models, name), PARAMETERS[name], EXACT)
 
 
 # Balls

@@ -27,7 +27,7 @@ import jax
 jax.config.update("jax_enable_x64", True)
 import numpy as np
 import vijax as vx
-frequencies = np.linspace(0.1, 2.5, 961)
+frequencies = np.linspace(0.1, 2.5, 481)
 ds = vx.sweep(vx.models.wagg_bishop_b(0.5), {"forcing.frequency": frequencies}, progress=False)
 with open(sys.argv[1], "wb") as file:
     pickle.dump(ds, file)

@@ -42,6 +42,8 @@ def test_table_1_is_that_of_the_two_masses(tmp_path):
         np.testing.assert_allclose(as_printed[name], as_printed[f"{name} paper"], atol=6e-4)
 
 
+# The same motions are found by `test_attractors.py`, without the script.
+@pytest.mark.slow
 def test_table_3_finds_the_coexisting_motions(tmp_path):
     reproduce.JOBS["table3"](tmp_path, coarse=2)
     table = pd.read_csv(tmp_path / "table3.csv").ffill()

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
-from outputs import FILES, names_of, written_and_read
+from outputs import FILES, assert_comes_back, names_of
 
 import vijax as vx
 from vijax._execution.points import Point
@@ -132,7 +132,7 @@ def test_variables_tell_what_they_are(grid, matrices, solution):
 def test_a_dataset_comes_back_from_a_file_as_it_was(request, tmp_path, way, what):
     ds = request.getfixturevalue(what)
     ds = ds.to_xarray() if isinstance(ds, vx.Solution) else ds
-    found = written_and_read(ds, way, tmp_path / "file")
+    found = assert_comes_back(ds, way, tmp_path / "file")
     if what == "grid":
         assert (ds.impact_stop == -1).any()
         assert np.isnan(ds.impact_time).any()

@@ -13,6 +13,7 @@ several times slower.)
 import operator
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from functools import cache, reduce, wraps
 from typing import TYPE_CHECKING, Any, ParamSpec, SupportsIndex, TypeVar
 
@@ -66,10 +67,16 @@ def at_once(function: Callable[P, R]) -> Callable[P, R]:
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
         if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((args, kwargs))):
             return function(*args, **kwargs)
-        with jax.ensure_compile_time_eval():
+        with known_stays_known():
             return function(*args, **kwargs)
 
     return wrapped
+
+
+def known_stays_known() -> AbstractContextManager:
+    """A context in which what is computed of known numbers is known, also while `jit` is tracing."""
+    # Elsewhere it is so anyway, and JAX would trace and compile all programs once more.
+    return jax.ensure_compile_time_eval() if is_staged() else nullcontext()
 
 
 @at_once

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
@@ -14,7 +13,7 @@ from .._refusal import checked
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.ending import known_or_nan
 from .._trajectory.event_log import IMPACT, RELEASE
-from .._types import Scalar, constant
+from .._types import Scalar, constant, known_stays_known
 from .._xla import compile_lightly, padding_allowed
 from .branch import Bifurcation, cycle_of
 from .changes import with_event
@@ -82,7 +81,7 @@ def bifurcation_value(point: Bifurcation, system: ImpactSystem, *, throw: bool =
     """
     if point.kind in _NOT_DERIVED:
         raise ValueError(_NOT_DERIVED[point.kind])
-    with jax.ensure_compile_time_eval():
+    with known_stays_known():
         defining, guess = _known(point)
     defining = _of_machine(defining, with_args(system, None))
     solved, y, number = _solved(constant(defining), guess)

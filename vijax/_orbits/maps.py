@@ -25,6 +25,7 @@ from .._types import (
     as_float,
     concrete,
     in_full_precision,
+    known_stays_known,
     whole_number,
 )
 from .._xla import differentiable, padding_allowed
@@ -112,7 +113,7 @@ def check_period(system: ImpactSystem, args: object, x0: Numbers, v0: Numbers) -
     starts = (concrete(as_float(a)) for a in (x0, v0))
     x, v = (np.zeros(bound.num_masses) if a is None else a for a in starts)
     one_lane = lambda a: np.asarray(a)[..., None]  # noqa: E731
-    with jax.ensure_compile_time_eval():
+    with known_stays_known():
         refuse_off_period(jax.tree.map(one_lane, bound), x[:, None], v[:, None], who="the stroboscopic map")
 
 
