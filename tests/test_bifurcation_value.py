@@ -84,10 +84,10 @@ KINDS = [
     (case_a, CASE_A, "fold"),
     (case_a, CASE_A, "gr"),
     (case_a, CASE_A, "double_impact"),
-    (pair, UNEQUAL, "ns"),
-    (pair, UNEQUAL, "pd"),
+    pytest.param(pair, UNEQUAL, "ns", marks=pytest.mark.slow),
+    pytest.param(pair, UNEQUAL, "pd", marks=pytest.mark.slow),
     (alone, ALONE, "gr"),
-    (pressed, PRESSED, "force_zero"),
+    pytest.param(pressed, PRESSED, "force_zero", marks=pytest.mark.slow),
 ]
 
 
@@ -152,6 +152,7 @@ def test_the_value_of_another_machine_is_that_of_its_branch():
         assert abs(value - points_of(case_a)[kind].value) > 1e-4
 
 
+@pytest.mark.slow
 def test_derivatives_of_a_batch_under_jit():
     value = value_of(case_a, "gr")
     several = jnp.stack([CASE_A, CASE_A * np.array([1.01, 1.0, 1.0, 1.0])])
@@ -160,6 +161,7 @@ def test_derivatives_of_a_batch_under_jit():
     np.testing.assert_allclose(slopes[1], jax.grad(value)(several[1]), rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_second_derivatives_are_those_of_first_ones():
     value, h = value_of(alone, "gr"), 1e-4
     slope = lambda amplitude: jax.jvp(value, (jnp.stack([ALONE[0], amplitude]),), (jnp.array([0.0, 1.0]),))[1]  # noqa: E731

@@ -194,7 +194,7 @@ def _end(p):
     return jnp.concatenate([sol.x1, sol.v1])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_derivatives_agree_with_differences_both_ways():
     p = jnp.array([1.0, -1.0, 0.2, 0.7, 0.12])
     forward = np.asarray(jax.jit(jax.jacfwd(_end))(p))

@@ -43,7 +43,7 @@ def run_all() -> list[np.ndarray]:
     return list(map(np.asarray, jax.tree.leaves(found)))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_nothing_stops_and_nothing_else_is_found(request, caplog):
     expected = run_all()
     request.getfixturevalue("checks")

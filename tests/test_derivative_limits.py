@@ -39,7 +39,7 @@ def test_forward_derivatives_have_no_bound_on_steps():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("max_reverse_steps", [100, 1000])
+@pytest.mark.parametrize("max_reverse_steps", [100, pytest.param(1000, marks=pytest.mark.slow)])
 def test_reverse_derivatives_are_right_or_refused(max_reverse_steps):
     logging.disable(logging.CRITICAL)
     # Without a stop half as long to compile, where it is not the number that counts.

@@ -47,6 +47,7 @@ def run(count: int) -> tuple[int, float]:
 
 @pytest.mark.thorough
 @pytest.mark.skipif(sys.platform != "linux", reason="the kernel of Linux lists the maps of a process")
+@pytest.mark.slow
 def test_a_program_takes_few_memory_maps():
     shapes, maps = run(4)
     assert shapes > 1

@@ -203,7 +203,7 @@ def test_it_is_so_in_its_lane_alone():
     np.testing.assert_allclose(of_total, of_sound_total, rtol=ROUNDING)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_backwards_it_spoils_no_derivative_of_the_others():
     slopes = jax.jit(jax.grad(lambda *a: total(*a)[0], (0, 1)))
     by_amplitude, by_start = slopes(A, STARTS, BOUNDS)

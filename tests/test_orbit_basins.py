@@ -72,6 +72,7 @@ def sought(case: str) -> Again:
 
 
 @pytest.mark.parametrize("case", CHOSEN)
+@pytest.mark.slow
 def test_most_orbits_are_found_again(case):
     found = sought(case)
     assert found.is_asked.sum() > 200

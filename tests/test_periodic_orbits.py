@@ -86,7 +86,7 @@ def test_chattering_motions_become_orbits():
     np.testing.assert_array_equal(orbits.converged, is_periodic)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_mass_on_a_cubic_spring_has_an_orbit():
     system = vx.models.duffing_oscillator(1.2, 0.5, position=0.4, damping=0.1)
     sol = vx.simulate(system, 0.0, 60 * float(system.forcing.period), max_events=0, throw=False)

@@ -91,7 +91,7 @@ def test_sweep_and_stroboscopic_map_refuse_it(name):
         jax.jit(lambda x: vx.stroboscopic_map(system, x, [0.0, 0.0]))(jnp.zeros(2))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_is_traced_is_not_looked_at():
     force = lambda t, x, v, args: x * jnp.cos(args * t)  # noqa: E731
     run = lambda w: vx.stroboscopic_map(machine(force), [0.1, 0.0], [0.0, 0.0], args=w)[0]  # noqa: E731
