@@ -417,6 +417,8 @@ def test_chaos_of_case_b_at_2_05_lasts_beside_a_cycle():
     values = {"x0[0]": np.linspace(-0.3, 0.3, 8), "v0[0]": np.linspace(-1, 1, 10)}
     ds = vx.basins(system, values, progress=False)
     assert sorted(ds.num_periods.values.tolist()) == [0, 1]
+    largest = ds.exponents.values[:, 0]
+    assert ((largest > 0.1) == (ds.num_periods.values == 0)).all()
     long = vx.classify(vx.sweep(system, values, transient=3000, progress=False))
     np.testing.assert_array_equal(ds.num_periods.values[ds.label.values], long.num_periods)
 

@@ -70,7 +70,7 @@ def attractors(
         `share_error`, and `num_starts`; `x0` and `v0` (..., mass), the state at phase 0, of a cycle that with the lowest x[0];
         `motion`, `num_periods`, `num_impacts` (..., stop) and `held_time`, as of `vx.classify`; `multipliers` (..., multiplier), `is_stable` and
         `residual`, as of `vx.periodic_orbits`, NaN and False for what is no polished cycle; `exponents` (..., exponent), the Lyapunov
-        exponents ln|multiplier| / (n T) of cycles, NaN for others; `section_x`, `section_v` (..., section, mass),
+        exponents, of cycles ln|multiplier| / (n T), of others averaged over 2000 periods; `section_x`, `section_v` (..., section, mass),
         the states at phase 0 of a cycle, and many of others, padded with NaN.
         Along `start`, or the dimensions of the grid: `label`, the number of the attractor, -1 where the motion has not settled or
         failed, and `is_failed`. `num_not_settled` and `num_failed` count these. The result is the same every time.

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import jax
 import numpy as np
 import xarray as xr
 
@@ -16,12 +17,15 @@ from .._sweep.zipped import START, sweep_zipped
 from .._system.system import ImpactSystem
 from .classify import TOLERANCES
 from .cycles import search_orbits
+from .lyapunov import lyapunov_exponents
 from .quiet import stays_quiet
 from .recurrence import recurrence
 
 FREQUENCY = "forcing.frequency"
 # Room for the events of a cycle that is polished.
 _MAX_EVENTS = 256
+# Forcing periods that changes of the state are followed before, and while, their growth is averaged.
+_SETTLING, _AVERAGED = 20, 2000
 # Periods of a record that are searched for a repetition, the last ones.
 _COMPARED = 128
 
@@ -137,6 +141,21 @@ class Machines:
         starts = (states / self.scale(machine))[number]
         found = search_orbits(lanes, num_periods[number], starts, _MAX_EVENTS, lambda _: None, self.flow)
         return Orbits(*(a[: len(states)] for a in found))
+
+    def exponents(self, state: np.ndarray, machine: int) -> np.ndarray:
+        """Lyapunov exponents of the motion of one machine from a state (W x, v), NaN where it does not get on."""
+        which = np.array([machine])
+        of_one = {path: a[which] for path, a in self.values.items()}
+        zero = np.zeros(self.system.num_masses, state.dtype)
+        system = jax.tree.map(lambda a: a[..., 0], with_values(Point(self.system, zero, zero), of_one).system)
+        x, v = np.split(state / self.scale(which)[0], 2)
+        asked = {
+            "transient": _SETTLING,
+            "num_periods": _AVERAGED,
+            "max_steps": self.max_steps,
+            "flow": self.flow,
+        }
+        return np.asarray(lyapunov_exponents(system, x, v, **asked, throw=False, progress=False))
 
 
 def default_tolerance(dtype: np.dtype) -> float:

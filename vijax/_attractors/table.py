@@ -50,10 +50,13 @@ def columns_of(machines: Machines, motions: list[Motion]) -> dict[str, tuple[tup
 def exponents_of(
     machines: Machines, motions: list[Motion], multipliers: np.ndarray, periods: np.ndarray
 ) -> np.ndarray:
-    """Lyapunov exponents, largest first, (attractors, 2 n): of a cycle ln|mu| / (n T), of others not known."""
+    """Lyapunov exponents, largest first, (attractors, 2 n): of a cycle ln|mu| / (n T), of others by the motion."""
     period = 2 * np.pi / machines.rate[[motion.machine for motion in motions]] if motions else np.zeros(0)
     with np.errstate(divide="ignore"):
-        return np.log(np.abs(multipliers)) / (np.maximum(periods, 1) * period)[:, None]
+        exponents = np.log(np.abs(multipliers)) / (np.maximum(periods, 1) * period)[:, None]
+    for k in np.flatnonzero(np.isnan(exponents).any(axis=1)):
+        exponents[k] = machines.exponents(motions[k].points[0], motions[k].machine)
+    return exponents
 
 
 def shares(labels: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
