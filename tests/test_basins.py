@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 import xarray as xr
-from outputs import written_and_read
+from outputs import assert_comes_back
 
 import vijax as vx
 from vijax._attractors.distances import mixes, same_cycle, set_distance
@@ -242,7 +242,7 @@ def test_a_grid_is_the_list_of_its_starts():
 
 @polishes
 def test_attractors_are_kept_in_files(tmp_path):
-    again = written_and_read(found(THREE), "NetCDF by h5netcdf", tmp_path / "found.nc")
+    again = assert_comes_back(found(THREE), "NetCDF by h5netcdf", tmp_path / "found.nc")
     assert float(vx.system_of(again).forcing.frequency) == 4.0
 
 
