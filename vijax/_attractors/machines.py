@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
@@ -147,7 +148,8 @@ class Machines:
         which = np.array([machine])
         of_one = {path: a[which] for path, a in self.values.items()}
         zero = np.zeros(self.system.num_masses, state.dtype)
-        system = jax.tree.map(lambda a: a[..., 0], with_values(Point(self.system, zero, zero), of_one).system)
+        lanes = with_values(Point(self.system, zero, zero), of_one).system
+        system = jax.tree.map(lambda a: jnp.asarray(a[..., 0]), lanes)
         x, v = np.split(state / self.scale(which)[0], 2)
         asked = {
             "transient": _SETTLING,
