@@ -28,7 +28,7 @@ def test_a_ball_that_bounces_for_ever_has_the_coefficients_of_a_parabola():
     assert np.abs(found[between]).max() < 1e-13
 
 
-@pytest.mark.parametrize("frequency", [1.6, 2.0])
+@pytest.mark.parametrize("frequency", [pytest.param(1.6, marks=pytest.mark.thorough), 2.0])
 def test_a_chaotic_motion_answers_its_load_and_impulses_by_the_transfer_function(frequency):
     """(K - w^2 M + i w C) X = F + sum of impulses exp(-i w t) - ends: the equation of motion, integrated as a whole."""
     system = vx.models.wagg_bishop_b(frequency)
@@ -59,6 +59,7 @@ def test_a_chaotic_motion_answers_its_load_and_impulses_by_the_transfer_function
         np.testing.assert_allclose(spectrum.x.values[k], expected, rtol=0, atol=1e-11)
 
 
+@pytest.mark.thorough
 def test_what_is_held_adds_its_place_and_a_window_keeps_the_mean_of_a_line():
     system = vx.models.wagg_bishop_b(0.25)
     period = float(system.forcing.period)
