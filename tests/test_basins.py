@@ -96,6 +96,7 @@ def test_a_cycle_of_three_periods_met_at_any_of_its_phases_is_one():
     assert phases[:, 0].argmin() == 0
 
 
+@polishes
 def test_chaotic_motions_of_one_cloud_are_one_and_mirror_images_are_two():
     pair = found(CHAOTIC)
     assert pair.motion.attrs["flag_meanings"].split()[int(pair.motion[0])] == "non_periodic"
