@@ -24,7 +24,7 @@ _FLASH = "#e4572e"
 # Seconds of the film in which an impact fades.
 _FADING = 0.2
 # Seconds a film takes if nothing is said.
-_DURATION = 8.0
+_DURATION = 5.0
 # Inches of the positions against time.
 _HEIGHT = 2.0
 
@@ -44,7 +44,7 @@ def animate(
     t: Numbers | None = None,
     *,
     span: tuple[float, float] | None = None,
-    fps: float = 25,
+    fps: int = 25,
     speed: float | None = None,
     duration: float | None = None,
     file: str | os.PathLike | None = None,
@@ -52,7 +52,7 @@ def animate(
     """Show the machine of a trajectory moving, as `machine` draws it, over its positions against time.
 
     Masses are orange while a stop or contact holds them, impacts flash. Arrows are the loads at the time. A machine
-    that nothing ties to the ground is seen from its middle. In a notebook the last line of a cell, `vx.plot.animate(sol)`,
+    that no spring or stop ties to a place is seen from its middle. In a notebook the last line of a cell, `vx.plot.animate(sol)`,
     is the film with buttons; in a script keep what is returned and call `plt.show()`.
 
     Args:
@@ -61,7 +61,7 @@ def animate(
         span: first and last time of a close-up; the whole trajectory if left out.
         fps: frames in a second of the film.
         speed: units of time in a second of the film.
-        duration: seconds of the film, in place of `speed`; 8 if both are left out.
+        duration: seconds of the film, in place of `speed`; 5 if both are left out.
         file: where to write it, by its ending: `.gif`, `.html` with buttons, or `.mp4`, which needs the program ffmpeg.
 
     Returns:
@@ -82,7 +82,7 @@ def animate(
     References:
         Wagg & Bishop (2004), Figs. 1 and 5.
     """
-    _check_file(file)
+    path = _checked_path(file)
     sol = solution_of(sol)
     scheme = scheme_of_solution(sol)
     times = _times(sol, t, span, fps, speed, duration)
@@ -105,39 +105,38 @@ def animate(
         return []
 
     film = Film(figure, show, frames=len(times), interval=1000 / fps, cache_frame_data=False)
-    _write(film, file, fps)
+    if path is not None:
+        _write(film, path, fps)
     return film
 
 
-def _check_file(file: str | os.PathLike | None) -> None:
+def _checked_path(file: str | os.PathLike | None) -> Path | None:
     if file is None:
-        return
-    ending = Path(file).suffix.lower()
+        return None
+    path = Path(file)
+    ending = path.suffix.lower()
     if ending not in _ENDINGS:
-        raise ValueError(
-            f"Argument `file` must end in one of {', '.join(_ENDINGS)}, but is {os.fspath(file)!r}."
-        )
+        raise ValueError(f"Argument `file` must end in one of {', '.join(_ENDINGS)}, but is {str(path)!r}.")
     if ending == ".mp4" and not FFMpegWriter.isAvailable():
         raise RuntimeError(
             "Films in .mp4 need the program ffmpeg, which is not found: install it, or write a .gif or .html."
         )
+    return path
 
 
-def _write(film: FuncAnimation, file: str | os.PathLike | None, fps: float) -> None:
-    ending = None if file is None else Path(file).suffix.lower()
-    if ending == ".html":
-        Path(file).write_text(film.to_jshtml(), encoding="utf-8")
-    elif ending is not None:
-        # Both write whole numbers of hundredths or frames.
-        writer = PillowWriter(fps=fps) if ending == ".gif" else FFMpegWriter(fps=fps)
-        film.save(file, writer=writer)
+def _write(film: FuncAnimation, path: Path, fps: int) -> None:
+    if path.suffix.lower() == ".html":
+        path.write_text(film.to_jshtml(), encoding="utf-8")
+    else:
+        is_gif = path.suffix.lower() == ".gif"
+        film.save(path, writer=PillowWriter(fps=fps) if is_gif else FFMpegWriter(fps=fps))
 
 
 def _times(
     sol: Solution,
     t: Numbers | None,
     span: tuple[float, float] | None,
-    fps: float,
+    fps: int,
     speed: float | None,
     duration: float | None,
 ) -> np.ndarray:
@@ -181,7 +180,7 @@ def _poses(sol: Solution, scheme: Scheme, times: np.ndarray) -> list[Pose]:
 def _clock(ax: Axes, sol: Solution, times: np.ndarray):
     """The positions against time, and a line and discs that go along."""
     time_series(sol, span=(float(times[0]), float(times[-1])), ax=ax)
-    ax.get_legend().remove()
+    ax.legend().remove()  # the boxes have the colours of the lines
     ax.set_ylabel("Position $x_i$")
     x = np.asarray(sol.evaluate(times)[0])
     cursor = ax.axvline(times[0], color=ink("0.5", "0.6"), linewidth=1)
@@ -198,7 +197,9 @@ def _contacts(ax: Axes, sol: Solution, scheme: Scheme, drawing: Drawing, times: 
     """Impacts flash where they happen, boxes are filled while they are held."""
     home = PITCH * np.arange(scheme.num_masses)
     sides = {limit.number: [(limit.mass, limit.side)] for limit in scheme.limits}
-    places = [sides.get(j, [(i, 0) for i in np.flatnonzero(row)]) for j, row in enumerate(scheme.rows)]
+    places = [
+        sides.get(j, [(i, 0) for i in np.flatnonzero(row).tolist()]) for j, row in enumerate(scheme.rows)
+    ]
     flashes = [
         ax.plot([], [], marker=(9, 1, 0), markersize=20, color=_FLASH, linestyle="none", zorder=5)[0]
         for _ in places

@@ -4,18 +4,19 @@ A box is 1 wide and high, boxes at rest are `PITCH` apart. Displacements are sca
 neither boxes nor walls ever meet but where the machine says so.
 """
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
-from matplotlib.text import Text
 
-from ._axes import ink, of_curves
+from ._axes import figure_of, ink, of_curves
 from ._contacts import name_of
 from ._scheme import Limit, Link, Scheme
 from ._symbols import circles, damper, spring
+from ._words import Words, write
 
 PITCH, ROOM = 2.3, 0.5
 # Heights: of springs and dampers in a row, of walls and the plates of contacts, of the floor.
@@ -25,7 +26,8 @@ _FLOOR = -2 * _WHEEL
 _CEILING, _END, _HATCHED = 1.55, 1.75, 0.14
 # What is seen beside the outermost boxes where there is no wall.
 _BESIDE = 1.25
-_FONT = 9
+# Arrows: of loads, from where on its box, and of what moves.
+_LOAD, _ROOT, _TRAVEL = 1.15, 0.15, _FLOOR - 0.14
 # Inches that 1 takes in a figure of its own, and of the whole figure.
 _INCHES, _WIDEST = 1.1, 10.0
 
@@ -75,14 +77,16 @@ def draw(ax: Axes, scheme: Scheme, pose: Pose, gaps: np.ndarray | None, *, fits_
     ax.set_aspect("equal")
     home = PITCH * np.arange(scheme.num_masses)
     ends = _ends(scheme, home)
-    given = ax.get_window_extent().width / ax.get_figure().dpi if fits_axes else _WIDEST
+    given = ax.get_window_extent().width / figure_of(ax).dpi if fits_axes else _WIDEST
     scale = min(_INCHES, given / float(np.ptp(ends)))
     thin = min(1.0, 2 * scale)  # lines of a small drawing
     boxes, moves = _boxes(ax, scheme, home, thin)
     moves += [_link(ax, home, link, thin, is_spring=is_spring) for link, is_spring in scheme.links]
     moves += [_limit(ax, scheme, home, limit) for limit in scheme.limits]
-    loaded = [i for i in range(scheme.num_masses) if scheme.load_in_words(i)]
-    moves += [_arrow(ax, home, i) for i in loaded]
+    for mass in scheme.grounded:
+        _ground(ax, home, mass)
+    loads = {i: text for i in range(scheme.num_masses) if (text := scheme.load_in_words(i))}
+    moves += [_arrow(ax, home, i) for i in loads]
 
     def move(pose: Pose) -> None:
         for one in moves:
@@ -90,34 +94,59 @@ def draw(ax: Axes, scheme: Scheme, pose: Pose, gaps: np.ndarray | None, *, fits_
 
     move(pose)
     ax.plot(ends, [_FLOOR, _FLOOR], color=ink("0.6", "0.5"), linewidth=1, zorder=0)
-    size = _write(ax, scheme, home, pose, loaded, gaps, ends, scale, fits_axes)
+    words = Words(
+        above=[(float(home[i]) + _ROOT, text) for i, text in loads.items()],
+        below=[_name_of_limit(scheme, home, pose, limit, gaps) for limit in scheme.limits],
+        notes=scheme.notes,
+    )
+    below = _TRAVEL - 0.12 if scheme.is_moving.any() else _FLOOR - 0.08
+    size = write(ax, words, ends, (below, _LOAD + 0.15, _top(scheme, home)), scale, fits_axes=fits_axes)
     return Drawing(move, size, boxes)
 
 
 def face_of(home: np.ndarray, pose: Pose, mass: int, side: int) -> float:
     """Where a side of a box is, 0 for its middle."""
-    return home[mass] + pose.x[mass] + 0.5 * side
+    return float(home[mass] + pose.x[mass]) + 0.5 * side
+
+
+def place_of_limit(home: np.ndarray, pose: Pose, limit: Limit) -> float:
+    """Where the wall or plate is."""
+    return face_of(home, pose, limit.mass, limit.side) + limit.side * float(pose.gap[limit.number])
 
 
 def _ends(scheme: Scheme, home: np.ndarray) -> np.ndarray:
     """What is seen of the floor."""
-    at_walls = {link.mass for link, _ in scheme.links if link.other is None}
-    left = _END if 0 in at_walls else _BESIDE
-    right = _END if len(home) > 1 and len(home) - 1 in at_walls else _BESIDE
+    at_walls = {_wall_beside(home, mass) for mass in scheme.grounded}
+    left, right = (_END if side in at_walls else _BESIDE for side in (-1, 1))
     return np.array([home[0] - left - 0.2, home[-1] + right + 0.2])
+
+
+def _top(scheme: Scheme, home: np.ndarray) -> float:
+    """Where the drawing ends, words left out."""
+    ceilings = [_CEILING + _HATCHED for mass in scheme.grounded if not _wall_beside(home, mass)]
+    arcs = [
+        1.1 + _rise(link, is_spring=is_spring)
+        for link, is_spring in scheme.links
+        if link.other is not None and link.other > link.mass + 1
+    ]
+    return max([_LOAD + 0.1, *ceilings, *arcs])
+
+
+def _name_of_limit(
+    scheme: Scheme, home: np.ndarray, pose: Pose, limit: Limit, gaps: np.ndarray | None
+) -> tuple[float, str]:
+    """What is written below a stop or contact."""
+    j = limit.number
+    gap = [] if gaps is None else [f"gap {gaps[j]:.3g}"]
+    words = [name_of(j, scheme.masses), *gap, f"$r$ = {scheme.restitution[j]:.3g}"]
+    return place_of_limit(home, pose, limit), "\n".join(words)
 
 
 def _boxes(ax: Axes, scheme: Scheme, home: np.ndarray, thin: float) -> tuple[list[Rectangle], list[Move]]:
     """The masses with their numbers, on wheels, in the colours of their curves in other pictures."""
     colors = of_curves(scheme.num_masses)
-    boxes = [
-        ax.add_patch(
-            Rectangle(
-                (0, 0), 1, 1, facecolor=ax.get_facecolor(), edgecolor=color, linewidth=2.2 * thin, zorder=3
-            )
-        )
-        for color in colors
-    ]
+    edge = {"facecolor": ax.get_facecolor(), "linewidth": 2.2 * thin, "zorder": 3}
+    boxes = [_rectangle(ax, 0, 0, 1, 1, edgecolor=color, **edge) for color in colors]
     names = [
         ax.text(
             0, 0.5, str(i), ha="center", va="center", zorder=4, fontsize=12 * thin, color=ink(), clip_on=True
@@ -142,7 +171,7 @@ def _link(ax: Axes, home: np.ndarray, link: Link, thin: float, *, is_spring: boo
     style = "-" if link.strength > 0 else (0, (2, 1))
     (line,) = ax.plot([], [], color=ink("0.25", "0.8"), linestyle=style, linewidth=1.1 * thin, zorder=1)
     line.set_gid("spring" if is_spring else "damper")
-    place = _way_of(ax, home, link, height, -0.4 if is_spring else -0.18)
+    place = _way_of(home, link, height, -0.4 if is_spring else -0.18)
 
     def move(pose: Pose) -> None:
         line.set_data(*symbol(*place(pose)))
@@ -151,70 +180,99 @@ def _link(ax: Axes, home: np.ndarray, link: Link, thin: float, *, is_spring: boo
 
 
 def _way_of(
-    ax: Axes, home: np.ndarray, link: Link, height: float, aside: float
+    home: np.ndarray, link: Link, height: float, aside: float
 ) -> Callable[[Pose], tuple[tuple[float, float], tuple[float, float], float]]:
     """From where to where a spring or damper goes, and how far it rises between."""
-    i, j, last = link.mass, link.other, len(home) - 1
-    at = lambda pose, mass, side: face_of(home, pose, mass, side)  # noqa: E731
-    if j is None and i in (0, last):
-        side = 1 if i == last and last else -1
-        wall = float(home[i] + side * _END)
-        _hatch(ax, wall if side > 0 else wall - _HATCHED, _FLOOR, _HATCHED, 1.1 - _FLOOR)
-        ax.plot([wall, wall], [_FLOOR, 1.1], color=ink(), linewidth=1.2)
-        return lambda pose: ((wall, height), (at(pose, i, side), height), 0.0)
+    i, j = link.mass, link.other
+    if j is None and (side := _wall_beside(home, i)):
+        wall = float(home[i]) + side * _END
+        return lambda pose: ((wall, height), (face_of(home, pose, i, side), height), 0.0)
     if j is None:
-        x = float(home[i] + aside)
-        _hatch(ax, home[i] - 0.52, _CEILING, 0.46, _HATCHED)
-        ax.plot([home[i] - 0.52, home[i] - 0.06], [_CEILING, _CEILING], color=ink(), linewidth=1.2)
-        return lambda pose: ((x, _CEILING), (at(pose, i, 0) + aside, 1.0), 0.0)
+        top = float(home[i]) + aside, _CEILING
+        return lambda pose: (top, (face_of(home, pose, i, 0) + aside, 1.0), 0.0)
     if j == i + 1:
-        return lambda pose: ((at(pose, i, 1), height), (at(pose, j, -1), height), 0.0)
-    rise = _rise(link) + (0.0 if height == _SPRING else 0.25)
-    return lambda pose: ((at(pose, i, 0) + 0.25, 1.0), (at(pose, j, 0) + 0.05, 1.0), rise)
+        return lambda pose: ((face_of(home, pose, i, 1), height), (face_of(home, pose, j, -1), height), 0.0)
+    rise = _rise(link, is_spring=height == _SPRING)
+    return lambda pose: (
+        (face_of(home, pose, i, 0) + 0.25, 1.0),
+        (face_of(home, pose, j, 0) + 0.05, 1.0),
+        rise,
+    )
 
 
-def _rise(link: Link) -> float:
+def _ground(ax: Axes, home: np.ndarray, mass: int) -> None:
+    """To which a mass is tied: the wall at the end of the row, or above its box."""
+    side, x = _wall_beside(home, mass), float(home[mass])
+    if side:
+        x += side * _END
+        _hatch(ax, x if side > 0 else x - _HATCHED, _FLOOR, _HATCHED, 1.1 - _FLOOR)
+        ax.plot([x, x], [_FLOOR, 1.1], color=ink(), linewidth=1.2)
+    else:
+        _hatch(ax, x - 0.52, _CEILING, 0.46, _HATCHED)
+        ax.plot([x - 0.52, x - 0.06], [_CEILING, _CEILING], color=ink(), linewidth=1.2)
+
+
+def _wall_beside(home: np.ndarray, mass: int) -> int:
+    """On which side of a mass there is room for a wall: -1 of the first, 1 of the last, 0 of others."""
+    return -1 if mass == 0 else int(mass == len(home) - 1)
+
+
+def _rise(link: Link, *, is_spring: bool) -> float:
     """How far an arc rises above the boxes."""
-    return 0.0 if link.other is None else 0.6 * (link.other - link.mass) ** 0.5
+    span = 1 if link.other is None else link.other - link.mass
+    return 0.6 * span**0.5 + (0.0 if is_spring else 0.25)
 
 
 def _hatch(ax: Axes, x: float, y: float, width: float, height: float) -> Rectangle:
     """A piece of the ground."""
-    return ax.add_patch(
-        Rectangle(
-            (x, y), width, height, facecolor="none", edgecolor=ink("0.35", "0.7"), hatch="/////", linewidth=0
-        )
-    )
+    style = {"facecolor": "none", "edgecolor": ink("0.35", "0.7"), "hatch": "/////", "linewidth": 0}
+    return _rectangle(ax, x, y, width, height, **style)
+
+
+def _rectangle(ax: Axes, x: float, y: float, width: float, height: float, **style: Any) -> Rectangle:
+    rectangle = Rectangle((x, y), width, height, **style)
+    ax.add_patch(rectangle)
+    return rectangle
 
 
 def _limit(ax: Axes, scheme: Scheme, home: np.ndarray, limit: Limit) -> Move:
-    """A wall on the floor, or the plate of a contact with the arm that bears it."""
+    """A wall on the floor, or the plate of a contact with the arm that bears it; an arrow below what moves."""
     (line,) = ax.plot([], [], color=ink(), linewidth=1.8, zorder=2)
     line.set_gid(f"limit {limit.number}")
     wall = _hatch(ax, 0, _FLOOR, _HATCHED, _WALL - _FLOOR) if limit.support is None else None
-    arrow = None
-    if scheme.is_moving[limit.number]:
-        arrow = ax.plot([], [], color=ink(), linewidth=1, marker="$<$", markersize=5, markevery=[0])[0]
-        other = ax.plot([], [], color=ink(), linewidth=0, marker="$>$", markersize=5)[0]
+    if wall is not None:
+        wall.set_gid(f"wall {limit.number}")
+    arrow = _double_arrow(ax) if scheme.is_moving[limit.number] else []
     under = -0.06 - 0.07 * (limit.number % 2)
 
     def move(pose: Pose) -> None:
-        x = face_of(home, pose, limit.mass, limit.side) + limit.side * pose.gap[limit.number]
+        x = place_of_limit(home, pose, limit)
         if wall is not None:
             wall.set_x(x if limit.side > 0 else x - _HATCHED)
-            line.set_data([x, x], [_FLOOR, _WALL])
-        elif limit.mass == limit.support + 1 and limit.side < 0:
-            root = face_of(home, pose, limit.support, 1)
-            line.set_data([root, x, np.nan, x, x], [_PLATE, _PLATE, np.nan, _PLATE - 0.1, _PLATE + 0.1])
-        else:
-            root = face_of(home, pose, limit.support, 0) + 0.4
-            line.set_data([root, root, x, x], [0.0, under, under, _PLATE + 0.1])
-        if arrow is not None:
-            y = _FLOOR - 0.14
-            arrow.set_data([x - 0.25, x + 0.25], [y, y])
-            other.set_data([x + 0.25], [y])
+        line.set_data(*_plate(home, pose, limit, x, under))
+        for part in arrow:
+            part.set_data([x - 0.25, x + 0.25], [_TRAVEL, _TRAVEL])
 
     return move
+
+
+def _double_arrow(ax: Axes) -> list[Line2D]:
+    common = {"color": ink(), "linewidth": 1, "markersize": 5}
+    tips = (("<", 0), (">", 1))
+    return [ax.plot([], [], marker=tip, markevery=[end], **common)[0] for tip, end in tips]
+
+
+def _plate(
+    home: np.ndarray, pose: Pose, limit: Limit, x: float, under: float
+) -> tuple[list[float], list[float]]:
+    """The face of a wall; or a plate on an arm, straight from the left neighbour, else round below the boxes."""
+    if limit.support is None:
+        return [x, x], [_FLOOR, _WALL]
+    if limit.mass == limit.support + 1 and limit.side < 0:
+        root = face_of(home, pose, limit.support, 1)
+        return [root, x, np.nan, x, x], [_PLATE, _PLATE, np.nan, _PLATE - 0.1, _PLATE + 0.1]
+    root = face_of(home, pose, limit.support, 0) + 0.4
+    return [root, root, x, x], [0.0, under, under, _PLATE + 0.1]
 
 
 def _arrow(ax: Axes, home: np.ndarray, mass: int) -> Move:
@@ -224,86 +282,9 @@ def _arrow(ax: Axes, home: np.ndarray, mass: int) -> Move:
     line.set_gid(f"load {mass}")
 
     def move(pose: Pose) -> None:
-        root, length = face_of(home, pose, mass, 0) + 0.15, pose.load[mass]
-        line.set_data([root, root + length], [1.15, 1.15])
-        tip.set_data([root + length], [1.15])
+        root, length = face_of(home, pose, mass, 0) + _ROOT, pose.load[mass]
+        line.set_data([root, root + length], [_LOAD, _LOAD])
+        tip.set_data([root + length], [_LOAD])
         tip.set_marker(">" if length >= 0 else "<")
 
     return move
-
-
-def _write(
-    ax: Axes,
-    scheme: Scheme,
-    home: np.ndarray,
-    pose: Pose,
-    loaded: Sequence[int],
-    gaps: np.ndarray | None,
-    ends: np.ndarray,
-    scale: float,
-    fits_axes: bool,
-) -> tuple[float, float]:
-    """All words, where they do not overlap; the size in inches that the drawing then takes."""
-    style = {"fontsize": _FONT, "color": ink(), "zorder": 5}
-    ground = {"facecolor": ax.get_facecolor(), "edgecolor": "none", "pad": 0.5, "alpha": 0.8}
-    loads = [
-        ax.text(home[i] + 0.15, 0, scheme.load_in_words(i), va="bottom", bbox=ground, **style) for i in loaded
-    ]
-    below = [_name_limit(ax, scheme, home, pose, limit, gaps, style) for limit in scheme.limits]
-    note = ax.text(float(ends[0]), 0, "\n".join(scheme.notes), va="top", **style)
-    found = [link for link, _ in scheme.links]
-    inner = [k for k in found if k.other is None and 0 < k.mass < scheme.num_masses - 1]
-    arcs = [1.3 + _rise(k) for k in found if k.other is not None and k.other > k.mass + 1]
-    top = max([1.35, *arcs, *([_CEILING + _HATCHED] if inner else [])])
-    width, box, dpi = float(np.ptp(ends)), ax.get_window_extent(), ax.get_figure().dpi
-    # Words keep their size, so the smaller the drawing, the more lines they take, and so on.
-    for _ in range(6):
-        high = _stack(loads, scale, 1.3, up=True)
-        low = _stack(below, scale, _FLOOR - (0.3 if scheme.is_moving.any() else 0.1), up=False)
-        note.set_y(low)
-        if scheme.notes:
-            low -= _inches(note)[1] / scale
-        low, high = low - 0.05, max(high, top) + 0.05
-        if fits_axes:
-            scale = min(scale, box.width / dpi / width, box.height / dpi / (high - low))
-    spans = [ends, *(_span(text, scale) for text in [*loads, *below, note])]
-    left, right = np.min(spans), np.max(spans)
-    ax.set_xlim(left, right)
-    ax.set_ylim(low, high)
-    return float(scale * (right - left)), float(scale * (high - low))
-
-
-def _name_limit(
-    ax: Axes, scheme: Scheme, home: np.ndarray, pose: Pose, limit: Limit, gaps: np.ndarray | None, style: dict
-) -> Text:
-    j = limit.number
-    gap = [] if gaps is None else [f"gap {gaps[j]:.3g}"]
-    words = "\n".join([name_of(j, scheme.masses), *gap, f"$r$ = {scheme.restitution[j]:.3g}"])
-    x = face_of(home, pose, limit.mass, limit.side) + limit.side * pose.gap[j]
-    return ax.text(float(x), 0, words, ha="center", va="top", linespacing=1.1, **style)
-
-
-def _stack(texts: Sequence[Text], scale: float, start: float, *, up: bool) -> float:
-    """Put words into the first line from `start` on in which they overlap no others; where the last line ends."""
-    reached: list[float] = []
-    height = (max((_inches(text)[1] for text in texts), default=0.0) + 0.05) / scale
-    for text in sorted(texts, key=lambda text: text.get_position()[0]):
-        left, right = _span(text, scale)
-        line = next((k for k, end in enumerate(reached) if end <= left), len(reached))
-        reached[line : line + 1] = [right]
-        text.set_y(start + (line if up else -line) * height)
-    return start + (len(reached) if up else -len(reached)) * height
-
-
-def _span(text: Text, scale: float) -> tuple[float, float]:
-    """From where to where words go, with some space."""
-    x, width = text.get_position()[0], (_inches(text)[0] + 0.08) / scale
-    left = x - (width / 2 if text.get_ha() == "center" else 0.0)
-    return left, left + width
-
-
-def _inches(text: Text) -> tuple[float, float]:
-    if not text.get_text():
-        return 0.0, 0.0
-    box = text.get_window_extent()
-    return box.width / text.get_figure().dpi, box.height / text.get_figure().dpi

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 
 from .._system.system import ImpactSystem
 from .._types import Numbers
-from ._axes import new_axes
+from ._axes import figure_of, new_axes
 from ._drawing import ROOM, Pose, draw
 from ._scheme import Scheme, scheme_of_system
 
@@ -60,7 +60,7 @@ def machine(
     ax = new_axes() if ax is None else ax
     drawing = draw(ax, scheme, poses[0], gaps[0], fits_axes=not is_new)
     if is_new:
-        ax.figure.set_size_inches(drawing.size)
+        figure_of(ax).set_size_inches(drawing.size)
     return ax
 
 

@@ -53,6 +53,7 @@ class Scheme(NamedTuple):
         frequency: W.
         rows: of stops and contacts, counted towards them, (stops, n).
         masses: the mass of each stop, -1 for a contact.
+        limit: where they stand along their rows in the mean, (stops,).
         restitution: (stops,).
         is_moving: which of them move, (stops,).
         force: the name of the force that is not linear, if there is one.
@@ -65,6 +66,7 @@ class Scheme(NamedTuple):
     frequency: float
     rows: np.ndarray
     masses: tuple[int, ...]
+    limit: np.ndarray
     restitution: np.ndarray
     is_moving: np.ndarray
     force: str | None
@@ -92,9 +94,14 @@ class Scheme(NamedTuple):
         return found
 
     @property
+    def grounded(self) -> list[int]:
+        """The masses tied to the ground by a spring or damper."""
+        return sorted({link.mass for link, _ in self.links if link.other is None})
+
+    @property
     def is_followed(self) -> bool:
-        """Whether nothing ties the machine to the ground, so that it is drawn as seen from its middle."""
-        is_tied = any(link.other is None for link, _ in self.links)
+        """Whether no spring or stop ties the machine to a place, so that it is drawn as seen from its middle."""
+        is_tied = any(link.other is None and is_spring for link, is_spring in self.links)
         return len(self.rows) > 0 and not is_tied and not self.rows.sum(axis=1).any()
 
     @property
@@ -111,7 +118,7 @@ class Scheme(NamedTuple):
         """In words what the drawing does not show."""
         drawn = {limit.number for limit in self.limits}
         rows = [
-            f"{name_of(j, self.masses)}: ${in_symbols(row)} \\leq s_{{{j}}}$, $r$ = {self.restitution[j]:.3g}"
+            f"{name_of(j, self.masses)}: ${in_symbols(row)} \\leq {self.limit[j]:.3g}$, $r$ = {self.restitution[j]:.3g}"
             for j, row in enumerate(self.rows)
             if j not in drawn
         ]
@@ -164,6 +171,7 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         frequency=float(system.forcing.frequency),
         rows=rows,
         masses=tuple(stop.slot[0] if stop.slot else -1 for stop in system.stops),
+        limit=np.array([float(stop.sign * stop.centre) for stop in system.stops]),
         restitution=np.array([float(stop.restitution) for stop in system.stops]),
         is_moving=np.array(moving, bool),
         force=None if system.force is None else _name(system.force),
@@ -184,6 +192,7 @@ def scheme_of_solution(sol: Solution) -> Scheme:
         frequency=float(machine.frequency),
         rows=rows.reshape(num_stops, machine.num_masses),
         masses=machine.contacts.masses,
+        limit=np.asarray(machine.contacts.limit),
         restitution=np.asarray(machine.contacts.restitution),
         is_moving=_is_moving(sol),
         force=None if machine.extra is None else _name(machine.extra.force),

@@ -51,7 +51,7 @@ class _Way:
 
     def beside(self, along: np.ndarray, aside: np.ndarray) -> np.ndarray:
         """Points given by their share of the way, and their distance to its left."""
-        slope = np.gradient(self.points, self.share, axis=0)
-        slope /= np.hypot(*slope.T)[:, None]
+        slope = np.stack([np.gradient(a, self.share) for a in self.points.T], axis=1)
+        slope = slope / np.hypot(*slope.T)[:, None]
         x, y, dx, dy = (np.interp(along, self.share, a) for a in (*self.points.T, *slope.T))
         return np.stack([x - aside * dy, y + aside * dx])
