@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -33,9 +34,9 @@ def new_axes() -> Axes:
     return plt.subplots(layout="constrained")[1]
 
 
-def figure_of(ax: Axes) -> Figure:
-    """The figure that axes are in, be it by way of a part of it."""
-    return ax.figure.figure  # pyright: ignore[reportOptionalMemberAccess, reportReturnType]
+def figure_of(artist: Artist) -> Figure:
+    """The figure that axes, or words, are in, be it by way of a part of it."""
+    return artist.figure.figure  # pyright: ignore[reportOptionalMemberAccess, reportReturnType]
 
 
 def column_of_axes(ax: Axes | Sequence[Axes] | np.ndarray | None, rows: int) -> np.ndarray:

@@ -146,7 +146,7 @@ def _boxes(ax: Axes, scheme: Scheme, home: np.ndarray, thin: float) -> tuple[lis
     """The masses with their numbers, on wheels, in the colours of their curves in other pictures."""
     colors = of_curves(scheme.num_masses)
     edge = {"facecolor": ax.get_facecolor(), "linewidth": 2.2 * thin, "zorder": 3}
-    boxes = [_rectangle(ax, 0, 0, 1, 1, edgecolor=color, **edge) for color in colors]
+    boxes = [_rectangle(ax, 0.0, 0.0, 1.0, 1.0, edgecolor=color, **edge) for color in colors]
     names = [
         ax.text(
             0, 0.5, str(i), ha="center", va="center", zorder=4, fontsize=12 * thin, color=ink(), clip_on=True
@@ -239,7 +239,7 @@ def _limit(ax: Axes, scheme: Scheme, home: np.ndarray, limit: Limit) -> Move:
     """A wall on the floor, or the plate of a contact with the arm that bears it; an arrow below what moves."""
     (line,) = ax.plot([], [], color=ink(), linewidth=1.8, zorder=2)
     line.set_gid(f"limit {limit.number}")
-    wall = _hatch(ax, 0, _FLOOR, _HATCHED, _WALL - _FLOOR) if limit.support is None else None
+    wall = _hatch(ax, 0.0, _FLOOR, _HATCHED, _WALL - _FLOOR) if limit.support is None else None
     if wall is not None:
         wall.set_gid(f"wall {limit.number}")
     arrow = _double_arrow(ax) if scheme.is_moving[limit.number] else []

@@ -12,6 +12,8 @@ from ._axes import figure_of, ink
 _FONT = 9
 # Inches between words.
 _SPACE = 0.06
+# Inches that a length of 1 takes at least: in axes that are too small for the words, these overlap.
+_SMALLEST = 0.05
 
 
 class Words(NamedTuple):
@@ -52,48 +54,62 @@ def write(
     """
     ground = {"facecolor": ax.get_facecolor(), "edgecolor": "none", "pad": 0.5, "alpha": 0.8}
     common = {"fontsize": _FONT, "color": ink(), "zorder": 5}
-    above = [ax.text(x, 0, text, va="bottom", bbox=ground, **common) for x, text in words.above]
-    below = [ax.text(x, 0, text, ha="center", va="top", linespacing=1.1, **common) for x, text in words.below]
-    notes = [ax.text(float(ends[0]), 0, "\n".join(words.notes), va="top", **common)] if words.notes else []
-    room = _inches(ax, ax)
-    low, high, left, right = 0.0, 0.0, *map(float, ends)
-    # Words keep their size, so the smaller the drawing, the more lines they take, and so on.
-    for _ in range(6):
-        low = _stack(ax, below, scale, heights[0], up=False)
-        high = max(_stack(ax, above, scale, heights[1], up=True), heights[2]) + 0.05
+    above = [_block(ax.text(x, 0, text, va="bottom", bbox=ground, **common)) for x, text in words.above]
+    centred = {"ha": "center", "va": "top", "linespacing": 1.1}
+    below = [_block(ax.text(x, 0, text, **centred, **common)) for x, text in words.below]
+    notes = [_block(ax.text(float(ends[0]), 0, text, va="top", **common)) for text in words.notes]
+    room = _inches(ax)
+    while True:
+        low = _stack(below, scale, heights[0], up=False)
+        high = max(_stack(above, scale, heights[1], up=True), heights[2]) + 0.05
         for note in notes:
-            note.set_y(low)
-            low -= _inches(ax, note)[1] / scale
+            note.text.set_y(low)
+            low -= note.size[1] / scale
         low -= 0.05
-        spans = [ends, *(_span(ax, text, scale) for text in [*above, *below, *notes])]
+        spans = [ends, *(_span(block, scale) for block in [*above, *below, *notes])]
         left, right = float(np.min(spans)), float(np.max(spans))
-        if fits_axes:
-            scale = min(scale, room[0] / (right - left), room[1] / (high - low))
+        fitting = min(room[0] / (right - left), room[1] / (high - low))
+        # Words keep their size, so the smaller the drawing, the more lines they take, and so on.
+        if not fits_axes or fitting >= 0.999 * scale or scale < _SMALLEST:
+            break
+        scale = fitting
     ax.set_xlim(left, right)
     ax.set_ylim(low, high)
     return scale * (right - left), scale * (high - low)
 
 
-def _stack(ax: Axes, texts: Sequence[Text], scale: float, start: float, *, up: bool) -> float:
+class _Block(NamedTuple):
+    """Words, and their width and height in inches with the space that they need."""
+
+    text: Text
+    size: tuple[float, float]
+
+
+def _block(text: Text) -> _Block:
+    width, height = _inches(text)
+    return _Block(text, (width + _SPACE, height + _SPACE))
+
+
+def _stack(blocks: Sequence[_Block], scale: float, start: float, *, up: bool) -> float:
     """Put words into the first line from `start` on in which there is room for them; where the last line ends."""
     reached: list[float] = []
-    height = (max((_inches(ax, text)[1] for text in texts), default=0.0) + _SPACE) / scale
-    for text in sorted(texts, key=lambda text: text.get_position()[0]):
-        left, right = _span(ax, text, scale)
+    height = max((block.size[1] for block in blocks), default=0.0) / scale
+    for block in sorted(blocks, key=lambda block: block.text.get_position()[0]):
+        left, right = _span(block, scale)
         line = next((k for k, end in enumerate(reached) if end <= left), len(reached))
         reached[line : line + 1] = [right]
-        text.set_y(start + (line if up else -line) * height)
+        block.text.set_y(start + (line if up else -line) * height)
     return start + (len(reached) if up else -len(reached)) * height
 
 
-def _span(ax: Axes, text: Text, scale: float) -> tuple[float, float]:
-    """From where to where words go, with some space."""
-    x, width = float(text.get_position()[0]), (_inches(ax, text)[0] + _SPACE) / scale
-    left = x - (width / 2 if text.get_horizontalalignment() == "center" else 0.0)
+def _span(block: _Block, scale: float) -> tuple[float, float]:
+    """From where to where words go."""
+    x, width = float(block.text.get_position()[0]), block.size[0] / scale
+    left = x - (width / 2 if block.text.get_horizontalalignment() == "center" else 0.0)
     return left, left + width
 
 
-def _inches(ax: Axes, artist: Text | Axes) -> tuple[float, float]:
+def _inches(artist: Text | Axes) -> tuple[float, float]:
     """Width and height."""
-    box, dpi = artist.get_window_extent(), figure_of(ax).dpi
+    box, dpi = artist.get_window_extent(), figure_of(artist).dpi
     return box.width / dpi, box.height / dpi
