@@ -4,6 +4,8 @@ import matplotlib as mpl
 
 mpl.use("Agg")
 
+import equinox as eqx
+import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -35,6 +37,19 @@ MODELS = {
     "ring": lambda: ring(),
     "nothing but a mass": lambda: alone(),
 }
+# Couplings and ties to the ground by springs, and by dampers.
+LINKS = [
+    ("wagg_bishop_a", 2, 2),
+    ("two_sided_oscillator", 1, 0),
+    ("impact_damper", 1, 0),
+    ("gear_pair", 0, 0),
+    ("bead_column", 0, 0),
+    ("cantilever", 9 + 5, 9 + 5),
+    ("ball_on_table", 0, 0),
+    ("twenty masses", 20, 20),
+    ("ring", 6 + 2, 0),
+    ("nothing but a mass", 0, 0),
+]
 
 
 @pytest.fixture(autouse=True)
@@ -100,11 +115,13 @@ def words(ax) -> list[str]:
     return [text.get_text() for text in ax.texts]
 
 
-@pytest.mark.parametrize("name", MODELS)
-def test_every_machine_is_drawn_and_no_words_overlap(name):
+@pytest.mark.parametrize(("name", "num_springs", "num_dampers"), LINKS)
+def test_every_mass_and_coupling_is_drawn_and_no_words_overlap(name, num_springs, num_dampers):
     system = MODELS[name]()
     ax = vx.plot.machine(system)
-    ax.figure.canvas.draw()
+    ax.figure.draw_without_rendering()
+    assert len(called(ax, "spring")) == num_springs
+    assert len(called(ax, "damper")) == num_dampers
     assert len(boxes(ax)) == system.num_masses
     np.testing.assert_allclose(displacements(ax), 0, rtol=0, atol=ROUNDING)
     assert words(ax)[: system.num_masses] == [str(i) for i in range(system.num_masses)]
@@ -118,24 +135,6 @@ def test_every_machine_is_drawn_and_no_words_overlap(name):
     assert overlapping == []
     whole = ax.figure.bbox
     assert all(whole.x0 <= box.x0 and box.x1 <= whole.x1 and whole.y0 <= box.y0 for box in extents)
-
-
-@pytest.mark.parametrize(
-    ("name", "num_springs", "num_dampers"),
-    [
-        ("wagg_bishop_a", 2, 2),
-        ("two_sided_oscillator", 1, 0),
-        ("impact_damper", 1, 0),
-        ("bead_column", 0, 0),
-        ("twenty masses", 20, 20),
-        ("ring", 6 + 2, 0),
-        ("nothing but a mass", 0, 0),
-    ],
-)
-def test_there_is_a_spring_for_every_coupling_and_for_every_tie_to_the_ground(name, num_springs, num_dampers):
-    ax = vx.plot.machine(MODELS[name]())
-    assert len(called(ax, "spring")) == num_springs
-    assert len(called(ax, "damper")) == num_dampers
 
 
 def test_springs_join_the_boxes_and_the_wall():
@@ -216,6 +215,13 @@ def test_what_has_no_place_in_the_row_is_told_in_words():
     ]
 
 
+def test_of_a_full_mass_matrix_it_is_said_that_boxes_are_coordinates():
+    assert words(vx.plot.machine(vx.models.cantilever(1.0)))[-2:] == [
+        "full mass matrix: boxes are coordinates",
+        "dashed: negative stiffness or damping",
+    ]
+
+
 def test_only_masses_that_are_driven_have_an_arrow():
     load = vx.Harmonic([[0.0, 1.0], [0.0, 0.5]], 2.0, phase=[[0.0, np.pi], [0.0, 0.25]])
     ax = vx.plot.machine(vx.chain([1.0, 1.0], [0.0, 0.0], [1.0, 1.0], load))
@@ -227,7 +233,7 @@ def test_a_drawing_goes_into_the_axes_given_and_its_words_fit():
     figure, (left, right) = plt.subplots(1, 2, figsize=(12, 3))
     assert vx.plot.machine(ring(), ax=left) is left
     assert not right.patches
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     extents = [text.get_window_extent() for text in left.texts]
     assert not any(extents[i].overlaps(extents[j]) for i in range(len(extents)) for j in range(i))
 
@@ -340,7 +346,7 @@ def test_what_nothing_ties_to_a_place_is_seen_from_its_middle():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["impact_damper", "gear_pair", "bead_column", "cantilever", "ring"])
+@pytest.mark.parametrize("name", ["impact_damper", "gear_pair", "bead_column"])
 def test_a_film_never_shows_a_contact_passed(name):
     system = MODELS[name]()
     motion = vx.simulate(system, 0.0, 6.0)
@@ -373,7 +379,7 @@ def test_films_are_refused_with_what_to_do(sol, monkeypatch):
         vx.plot.animate(sol, span=(0.0, 13.0))
 
 
-def test_a_film_does_not_go_past_what_is_known():
-    short = vx.simulate(vx.models.wagg_bishop_b(0.8), 0.0, 60.0, max_events=4, throw=False)
-    with pytest.raises(ValueError, match=r"The motion is not known after t = .*: show an earlier `span`"):
-        vx.plot.animate(short, [0.0, 60.0])
+def test_a_film_does_not_go_past_what_is_known(sol):
+    short = eqx.tree_at(lambda s: s.known_until, sol, jnp.array(5.0))
+    with pytest.raises(ValueError, match=r"The motion is not known after t = 5: show an earlier `span`"):
+        vx.plot.animate(short, [0.0, 6.0])

@@ -1,5 +1,6 @@
 """A machine as a drawing of its masses, springs, dampers, stops and contacts."""
 
+import jax
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -46,6 +47,7 @@ def machine(
     References:
         Wagg & Bishop (2004), Fig. 1.
     """
+    system = jax.tree.map(np.asarray, system)  # nothing is compiled for a picture
     scheme = scheme_of_system(system)
     place = np.zeros(scheme.num_masses) if x is None else np.asarray(x, float)
     if place.shape != (scheme.num_masses,):

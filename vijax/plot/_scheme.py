@@ -56,6 +56,7 @@ class Scheme(NamedTuple):
         limit: where they stand along their rows in the mean, (stops,).
         restitution: (stops,).
         is_moving: which of them move, (stops,).
+        is_lumped: whether the mass matrix is diagonal; else the boxes are coordinates.
         force: the name of the force that is not linear, if there is one.
     """
 
@@ -69,6 +70,7 @@ class Scheme(NamedTuple):
     limit: np.ndarray
     restitution: np.ndarray
     is_moving: np.ndarray
+    is_lumped: bool
     force: str | None
 
     @property
@@ -124,7 +126,8 @@ class Scheme(NamedTuple):
         ]
         is_negative = any(link.strength < 0 for link, _ in self.links)
         negative = ["dashed: negative stiffness or damping"] if is_negative else []
-        return [*rows, *([f"force: {self.force}"] if self.force else []), *negative]
+        inertia = [] if self.is_lumped else ["full mass matrix: boxes are coordinates"]
+        return [*rows, *inertia, *([f"force: {self.force}"] if self.force else []), *negative]
 
     def load_at(self, t: float) -> np.ndarray:
         """The load on every mass at a time, (n,)."""
@@ -174,6 +177,7 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         limit=np.array([float(stop.sign * stop.centre) for stop in system.stops]),
         restitution=np.array([float(stop.restitution) for stop in system.stops]),
         is_moving=np.array(moving, bool),
+        is_lumped=not system.has_full_mass,
         force=None if system.force is None else _name(system.force),
     )
 
@@ -195,6 +199,7 @@ def scheme_of_solution(sol: Solution) -> Scheme:
         limit=np.asarray(machine.contacts.limit),
         restitution=np.asarray(machine.contacts.restitution),
         is_moving=_is_moving(sol),
+        is_lumped=machine.inverse_mass.ndim == 1,
         force=None if machine.extra is None else _name(machine.extra.force),
     )
 
