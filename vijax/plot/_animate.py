@@ -1,6 +1,7 @@
 """A trajectory as a film: its machine moving, over its positions against time."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -84,15 +85,18 @@ def animate(
     """
     path = _checked_path(file)
     sol = solution_of(sol)
-    scheme = scheme_of_solution(sol)
+    _check_single(sol)
     times = _times(sol, t, span, fps, speed, duration)
-    poses = _poses(sol, scheme, times)
+    x, places = _course(sol, times)
+    scheme = scheme_of_solution(sol, places)
+    load = np.array([scheme.load_at(time) for time in times])
+    poses, _ = poses_of(scheme, x, scheme.signs * places, load)
     figure, (top, bottom) = plt.subplots(2, layout="constrained")
     drawing = draw(top, scheme, poses[0], None, fits_axes=False)
     width, height = drawing.size
     figure.set_size_inches(max(width, 5.0), height + _HEIGHT)
     top.get_subplotspec().get_gridspec().set_height_ratios([height, _HEIGHT])
-    show_time = _clock(bottom, sol, times)
+    show_time = _clock(bottom, sol, times, x)
     show_contacts = _contacts(top, sol, scheme, drawing, times, max(1, round(_FADING * fps)))
     # Laid out once, so that nothing shakes.
     figure.draw_without_rendering()
@@ -166,23 +170,29 @@ def _times(
     return np.linspace(begin, end, max(2, round(seconds * fps)))
 
 
-def _poses(sol: Solution, scheme: Scheme, times: np.ndarray) -> list[Pose]:
-    x = np.asarray(sol.evaluate(times)[0])
+def _check_single(sol: Solution) -> None:
+    if sol.t1.ndim:
+        raise ValueError(
+            f"Trajectories are shown one by one, but this is a batch of shape {sol.t1.shape}: take one of its parts."
+        )
+
+
+def _course(sol: Solution, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where the masses are, (times, n), and where the stops stand, (times, stops)."""
+    x, places = (np.asarray(at(times)[0]) for at in (sol.evaluate, sol.evaluate_stops))
     if not np.isfinite(x).all():
         raise ValueError(
-            f"The motion is not known after t = {float(sol.known_until):.6g}: show an earlier `span`, or simulate with more "
-            "`max_events`."
+            f"The motion is not known after t = {float(sol.known_until):.6g}: show an earlier `span`, or simulate with "
+            "more `max_events`."
         )
-    limit = scheme.signs * np.asarray(sol.evaluate_stops(times)[0])
-    return poses_of(scheme, x, limit, np.array([scheme.load_at(time) for time in times]))[0]
+    return x, places
 
 
-def _clock(ax: Axes, sol: Solution, times: np.ndarray):
+def _clock(ax: Axes, sol: Solution, times: np.ndarray, x: np.ndarray) -> Callable[[int], None]:
     """The positions against time, and a line and discs that go along."""
     time_series(sol, span=(float(times[0]), float(times[-1])), ax=ax)
     ax.legend().remove()  # the boxes have the colours of the lines
     ax.set_ylabel("Position $x_i$")
-    x = np.asarray(sol.evaluate(times)[0])
     cursor = ax.axvline(times[0], color=ink("0.5", "0.6"), linewidth=1)
     (discs,) = ax.plot([], [], "o", color=ink(), markersize=4, zorder=4)
 
@@ -193,7 +203,9 @@ def _clock(ax: Axes, sol: Solution, times: np.ndarray):
     return show
 
 
-def _contacts(ax: Axes, sol: Solution, scheme: Scheme, drawing: Drawing, times: np.ndarray, fading: int):
+def _contacts(
+    ax: Axes, sol: Solution, scheme: Scheme, drawing: Drawing, times: np.ndarray, fading: int
+) -> Callable[[int, Pose], None]:
     """Impacts flash where they happen, boxes are filled while they are held."""
     home = PITCH * np.arange(scheme.num_masses)
     sides = {limit.number: [(limit.mass, limit.side)] for limit in scheme.limits}

@@ -182,12 +182,8 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
     )
 
 
-def scheme_of_solution(sol: Solution) -> Scheme:
-    """What is drawn of the machine of a trajectory."""
-    if sol.t1.ndim:
-        raise ValueError(
-            f"Trajectories are animated one by one, but this is a batch of shape {sol.t1.shape}: take one of its parts."
-        )
+def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
+    """What is drawn of the machine of a trajectory, whose stops stand at some places in its course, (times, stops)."""
     machine = sol.machine
     rows, num_stops = np.asarray(machine.contacts.rows), machine.contacts.num
     return Scheme(
@@ -198,7 +194,7 @@ def scheme_of_solution(sol: Solution) -> Scheme:
         masses=machine.contacts.masses,
         limit=np.asarray(machine.contacts.limit),
         restitution=np.asarray(machine.contacts.restitution),
-        is_moving=_is_moving(sol),
+        is_moving=np.ptp(places, axis=0) > 0,
         is_lumped=machine.inverse_mass.ndim == 1,
         force=None if machine.extra is None else _name(machine.extra.force),
     )
@@ -218,21 +214,13 @@ def _links(matrix: np.ndarray) -> list[Link]:
 
 def _load_in_space(machine: Machine) -> Waves:
     """The load but for its mean; that of a machine seen from its stops has inertia forces in it."""
-    waves = machine.waves
-    if machine.frame is not None:
-        inertia = machine.frame.load(1 / machine.inverse_mass, machine.damping, machine.stiffness)
+    waves, frame = jax.tree.map(np.asarray, machine.waves), machine.frame
+    if frame is not None:
+        inertia = frame.load(1 / machine.inverse_mass, machine.damping, machine.stiffness)
         waves = jax.tree.map(
             lambda a, b: np.where(abs(a - b) > _NOTHING * abs(b), a - b, 0.0), waves, inertia
         )
-    return jax.tree.map(np.asarray, waves)
-
-
-def _is_moving(sol: Solution) -> np.ndarray:
-    """Which stops and contacts move, (stops,): within a period they have been at two places."""
-    if not sol.machine.contacts.num or not sol.machine.frequency:
-        return np.zeros(sol.machine.contacts.num, bool)
-    t = np.linspace(0.0, 1.0, 7, endpoint=False) * float(sol.machine.period)
-    return np.ptp(np.asarray(sol.evaluate_stops(t)[0]), axis=0) > 0
+    return waves
 
 
 def _name(force: object) -> str:
