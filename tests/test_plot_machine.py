@@ -307,7 +307,8 @@ def test_a_film_flashes_at_impacts_and_fills_the_boxes_that_are_held(sol):
     seen, colors = [], []
     for frame in range(4):
         film._draw_frame(frame)
-        seen.append(len(flashes[stop].get_xdata()) > 0)
+        seen.append(flashes[stop].get_alpha() > 0)
+        assert flashes[stop].get_xdata() == [wall_at(top, stop)]
         colors.append(mpl.colors.to_hex(boxes(top)[stop].get_facecolor()))
     assert seen[:2] == [False, True]
     assert colors[0] == colors[1] == "#ffffff" != colors[3]

@@ -14,7 +14,7 @@ from .._trajectory.event_log import IMPACT
 from .._trajectory.solution import Solution
 from .._types import Numbers
 from ._axes import ink
-from ._drawing import PITCH, Drawing, Pose, draw, face_of
+from ._drawing import PITCH, Drawing, Pose, draw, face_of, place_of_limit
 from ._machine import poses_of
 from ._orbits import solution_of
 from ._scheme import Scheme, scheme_of_solution
@@ -206,20 +206,18 @@ def _clock(ax: Axes, sol: Solution, times: np.ndarray, x: np.ndarray) -> Callabl
 def _contacts(
     ax: Axes, sol: Solution, scheme: Scheme, drawing: Drawing, times: np.ndarray, fading: int
 ) -> Callable[[int, Pose], None]:
-    """Impacts flash where they happen, boxes are filled while they are held."""
+    """Impacts flash at walls and plates, or on the masses where there are none; boxes are filled while they are held."""
     home = PITCH * np.arange(scheme.num_masses)
-    sides = {limit.number: [(limit.mass, limit.side)] for limit in scheme.limits}
-    places = [
-        sides.get(j, [(i, 0) for i in np.flatnonzero(row).tolist()]) for j, row in enumerate(scheme.rows)
-    ]
+    limits = {limit.number: limit for limit in scheme.limits}
+    masses = [np.flatnonzero(row).tolist() for row in scheme.rows]
     flashes = [
         ax.plot([], [], marker=(9, 1, 0), markersize=20, color=_FLASH, linestyle="none", zorder=5)[0]
-        for _ in places
+        for _ in masses
     ]
     log = sol.events
     when, kind, number = (np.asarray(a) for a in (log.t, log.kind, log.stop))
     is_shown = (kind == IMPACT) & (when >= times[0]) & (when <= times[-1])
-    struck = [np.searchsorted(times, when[is_shown & (number == j)]) for j in range(len(places))]
+    struck = [np.searchsorted(times, when[is_shown & (number == j)]) for j in range(len(masses))]
     span = float(times[0]), float(times[-1])
     is_held = np.zeros((len(times), scheme.num_masses), bool)
     for j, row in enumerate(scheme.rows):
@@ -227,11 +225,14 @@ def _contacts(
     free = ax.get_facecolor()
 
     def show(frame: int, pose: Pose) -> None:
-        for flash, own, frames in zip(flashes, places, struck, strict=True):
+        for j, (flash, frames) in enumerate(zip(flashes, struck, strict=True)):
             age = frame - frames[(frames <= frame) & (frames > frame - fading)]
-            x = [face_of(home, pose, i, side) for i, side in own] if len(age) else []
+            if j in limits:
+                x = [place_of_limit(home, pose, limits[j])]
+            else:
+                x = [face_of(home, pose, i, 0) for i in masses[j]]
             flash.set_data(x, np.full(len(x), 0.2))
-            flash.set_alpha(1 - np.min(age) / fading if len(age) else None)
+            flash.set_alpha(1 - np.min(age, initial=fading) / fading)
         for box, held in zip(drawing.boxes, is_held[frame], strict=True):
             box.set_facecolor(HELD if held else free)
 
