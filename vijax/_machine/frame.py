@@ -10,8 +10,7 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from .._system.waves import Waves, phase_at, phase_rate
-from .._types import Scalar, matvec, stack
-from .numbers import Numbers
+from .._types import Reals, Scalar, matvec, stack
 
 
 class Frame(eqx.Module):
@@ -33,9 +32,8 @@ class Frame(eqx.Module):
         angle = self.frequency * t
         return self.waves.rounded(angle), self.frequency * self.waves.rounded(angle, order=1)
 
-    def load(self, numbers: Numbers) -> Waves:
-        """The load - M w'' - C w' - K w."""
-        m, c, k = numbers.mass, numbers.damping, numbers.stiffness
+    def load(self, m: Reals, c: Reals, k: Reals) -> Waves:
+        """The load - M w'' - C w' - K w, of the masses m, (n,), the damping c and the stiffness k, (n, n)."""
         cosine, sine = [], []
         for h, (a, b) in enumerate(zip(self.waves.cosine, self.waves.sine, strict=True), 1):
             w = h * self.frequency

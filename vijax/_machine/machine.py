@@ -207,7 +207,7 @@ def prepare(
         walls = numbers.travel
     elif numbers.travel is not None:
         frame = Frame(numbers.travel, frequency)
-        waves = jax.tree.map(jnp.add, waves, frame.load(numbers))
+        waves = jax.tree.map(jnp.add, waves, frame.load(numbers.mass, numbers.damping, numbers.stiffness))
     is_driven = frequency > 0
     longest = jnp.asarray(jnp.finfo(numbers.mass.dtype).max ** 0.5, numbers.mass.dtype)
     period = jnp.where(is_driven, 2 * jnp.pi / jnp.where(is_driven, frequency, 1.0), longest)

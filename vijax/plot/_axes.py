@@ -6,8 +6,10 @@ from collections.abc import Sequence
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 
 _AXIS_LABELS = {
     "mass": ("Mass", "m", "units of mass"),
@@ -30,6 +32,11 @@ _AXIS_LABELS = {
 def new_axes() -> Axes:
     """Axes in a figure of their own."""
     return plt.subplots(layout="constrained")[1]
+
+
+def figure_of(artist: Artist) -> Figure:
+    """The figure that axes, or words, are in, be it by way of a part of it."""
+    return artist.figure.figure  # pyright: ignore[reportOptionalMemberAccess, reportReturnType]
 
 
 def column_of_axes(ax: Axes | Sequence[Axes] | np.ndarray | None, rows: int) -> np.ndarray:

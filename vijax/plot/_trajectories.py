@@ -12,7 +12,7 @@ from ._axes import check_index, ink, legend_beside, new_axes, of_curves
 from ._contacts import masses_moved_by, masses_of, name_in, place_of
 from ._orbits import solution_of
 
-_HELD = "#f59b42"
+HELD = "#f59b42"
 
 
 def time_series(
@@ -205,7 +205,7 @@ def _draw_contact(
             ax.plot(x, v, color=grey, linewidth=4, zorder=0, label=name)
         mark = np.where(is_held, x, np.nan), v, "-"
     if is_held.any():
-        ax.plot(*mark, color=_HELD, linewidth=4, zorder=4, label=f"held by {name}")
+        ax.plot(*mark, color=HELD, linewidth=4, zorder=4, label=f"held by {name}")
 
 
 def _draw_ends(ax: Axes, sol: Solution, mass: int, begin: float, end: float) -> None:

@@ -1,0 +1,395 @@
+"""Drawings of machines and films of their motion show what the matrices, stops and trajectories say."""
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from drawings import SEEN, grey
+from matplotlib.animation import FFMpegWriter
+from matplotlib.patches import Rectangle
+from PIL import Image
+
+import vijax as vx
+from vijax.plot._drawing import PITCH
+from vijax.plot._machine import poses_of
+from vijax.plot._scheme import scheme_of_solution, scheme_of_system
+
+# Places in a drawing are sums and products of a few numbers of size 10.
+ROUNDING = 1e-13
+# Loads that are read off a machine seen from its stops are differences of forces.
+RECOVERED = 1e-12
+END = 12.0
+
+MODELS = {
+    "wagg_bishop_a": lambda: vx.models.wagg_bishop_a(0.8),
+    "two_sided_oscillator": lambda: vx.models.two_sided_oscillator(1.0),
+    "impact_damper": lambda: vx.models.impact_damper(1.0),
+    "gear_pair": lambda: vx.models.gear_pair(1.0, 1.0),
+    "bead_column": lambda: vx.models.bead_column(3, 2.0),
+    "twenty masses": lambda: vx.models.uniform_chain(1.0, num_masses=20),
+    "ring": lambda: ring(),
+    "nothing but a mass": lambda: alone(),
+}
+# Couplings and ties to the ground by springs, and by dampers.
+LINKS = [
+    ("wagg_bishop_a", 2, 2),
+    ("two_sided_oscillator", 1, 0),
+    ("impact_damper", 1, 0),
+    ("gear_pair", 0, 0),
+    ("bead_column", 0, 0),
+    ("twenty masses", 20, 20),
+    ("ring", 6 + 2, 0),
+    ("nothing but a mass", 0, 0),
+]
+
+
+@pytest.fixture(autouse=True)
+def _close_figures():
+    yield
+    plt.close("all")
+
+
+def alone() -> vx.ImpactSystem:
+    return vx.ImpactSystem([2.0], [[0.0]], [[0.0]], vx.Harmonic([0.0], 1.0))
+
+
+def ring() -> vx.ImpactSystem:
+    """Every mass coupled to every other one, all of them driven, a force and a contact of three masses."""
+    stiffness = np.array([[3.0, -1.0, -1.0, -1.0], [-1, 4, -1, -1], [-1, -1, 3, -1], [-1, -1, -1, 4]])
+    load = vx.base_excitation([1.0, 2.0, 3.0, 4.0], 0.1, 0.8, mean=[-1.0, 0.0, 0.0, 2.0])
+    limits = [
+        vx.Stop(1, 0.2, "upper", 0.7, vx.Harmonic([0.1], 0.8)),
+        vx.Stop(2, -0.3, "lower", 0.5),
+        vx.Contact({0: 1.0, 3: -1.0}, 0.2, 0.4),
+        vx.Contact({0: 1.0, 1: -2.0, 3: 1.0}, 0.5, 0.3),
+    ]
+    return vx.ImpactSystem([1.0, 2.0, 3.0, 4.0], 0 * stiffness, stiffness, load, limits, force=push)
+
+
+def shaken() -> vx.ImpactSystem:
+    """A constant force presses mass 1 on its stop; that of mass 0 moves."""
+    load = vx.Harmonic([0.3, 0.0], 0.8, phase=[0.4, 0.0], mean=[0.0, 0.5])
+    stops = [vx.Stop(0, 0.3, "upper", 0.6, vx.Harmonic([0.1], 0.8)), vx.Stop(1, 0.1, "upper", 0.3)]
+    return vx.chain([1.0, 1.0], [0.1, 0.1], [1.0, 1.0], load, stops)
+
+
+def push(t, x, v, args):
+    return 0 * x
+
+
+@pytest.fixture(scope="module")
+def sol() -> vx.Solution:
+    """With chatter of mass 1, which its stop then holds."""
+    return vx.simulate(shaken(), 0.0, END)
+
+
+def boxes(ax) -> list[Rectangle]:
+    """Those of the masses, in their order."""
+    return [patch for patch in ax.patches if (patch.get_width(), patch.get_height()) == (1, 1)]
+
+
+def displacements(ax) -> np.ndarray:
+    """Of the boxes, in lengths of the drawing."""
+    return np.array([box.get_x() + 0.5 for box in boxes(ax)]) - PITCH * np.arange(len(boxes(ax)))
+
+
+def called(ax, name: str) -> list:
+    return [artist for artist in [*ax.lines, *ax.patches] if artist.get_gid() == name]
+
+
+def wall_at(ax, number: int) -> float:
+    (line,) = called(ax, f"limit {number}")
+    return float(np.asarray(line.get_xdata())[-1])
+
+
+def words(ax) -> list[str]:
+    return [text.get_text() for text in ax.texts]
+
+
+@pytest.mark.parametrize(("name", "num_springs", "num_dampers"), LINKS)
+def test_every_mass_and_coupling_is_drawn_and_no_words_overlap(name, num_springs, num_dampers):
+    system = MODELS[name]()
+    ax = vx.plot.machine(system)
+    ax.figure.draw_without_rendering()
+    assert len(called(ax, "spring")) == num_springs
+    assert len(called(ax, "damper")) == num_dampers
+    assert len(boxes(ax)) == system.num_masses
+    np.testing.assert_allclose(displacements(ax), 0, rtol=0, atol=ROUNDING)
+    assert words(ax)[: system.num_masses] == [str(i) for i in range(system.num_masses)]
+    extents = [text.get_window_extent() for text in ax.texts]
+    overlapping = [
+        (ax.texts[i].get_text(), ax.texts[j].get_text())
+        for i in range(len(extents))
+        for j in range(i)
+        if extents[i].overlaps(extents[j])
+    ]
+    assert overlapping == []
+    whole = ax.figure.bbox
+    assert all(whole.x0 <= box.x0 and box.x1 <= whole.x1 and whole.y0 <= box.y0 for box in extents)
+
+
+def test_springs_join_the_boxes_and_the_wall():
+    ax = vx.plot.machine(vx.models.wagg_bishop_a(0.8), x=[0.1, -0.2])
+    ends = [np.asarray(line.get_xdata())[[0, -1]] for line in called(ax, "spring")]
+    left, right = (box.get_x() for box in boxes(ax))
+    assert ends[0][0] < left
+    np.testing.assert_allclose(ends[0][1], left, rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(ends[1], [left + 1, right], rtol=0, atol=ROUNDING)
+
+
+def test_a_negative_spring_is_dashed_and_said_to_be():
+    system = vx.ImpactSystem(
+        [1.0, 1.0], np.zeros((2, 2)), [[2.0, 1.0], [1.0, 2.0]], vx.Harmonic([0.0, 0.0], 1.0)
+    )
+    ax = vx.plot.machine(system)
+    assert [line.get_linestyle() for line in called(ax, "spring")] == ["-", "-", "--"]
+    assert "dashed: negative stiffness or damping" in words(ax)
+
+
+def test_boxes_walls_and_gaps_have_one_scale():
+    x, positions = np.array([0.2, -0.25]), (-0.4, 0.3)
+    load = vx.Harmonic([0.5, 0.0], 0.8)
+    stops = [vx.Stop(0, positions[0], "lower", 0.7), vx.Stop(1, positions[1], "upper", 0.5)]
+    ax = vx.plot.machine(vx.chain([1.0, 1.0], [0.1, 0.1], [1.0, 1.0], load, stops), x)
+    scale = displacements(ax)[0] / x[0]
+    assert scale > 1
+    np.testing.assert_allclose(displacements(ax), scale * x, rtol=0, atol=ROUNDING)
+    lower, upper = boxes(ax)
+    gaps = [lower.get_x() - wall_at(ax, 0), wall_at(ax, 1) - upper.get_x() - 1]
+    np.testing.assert_allclose(gaps, scale * np.array([0.6, 0.55]), rtol=0, atol=ROUNDING)
+    assert "stop 0\ngap 0.6\n$r$ = 0.7" in words(ax)
+    assert "stop 1\ngap 0.55\n$r$ = 0.5" in words(ax)
+    # Hatched behind the face, away from the mass.
+    behind = [called(ax, f"wall {j}")[0] for j in (0, 1)]
+    assert behind[0].get_x() + behind[0].get_width() == pytest.approx(wall_at(ax, 0))
+    assert behind[1].get_x() == pytest.approx(wall_at(ax, 1))
+
+
+def test_a_stop_that_moves_stands_where_it_is_at_the_time_and_has_an_arrow():
+    table = vx.models.ball_on_table(2.0, 0.1)
+    walls, arrows = [], []
+    for t in (0.0, np.pi / 4, 3 * np.pi / 4):  # in the middle, at the top and at the bottom
+        ax = vx.plot.machine(table, x=[0.2], t=t)
+        walls.append(wall_at(ax, 0))
+        arrows.append([line for line in ax.lines if line.get_marker() in "<>" and len(line.get_xdata()) == 2])
+        scale = displacements(ax)[0] / 0.2
+    np.testing.assert_allclose(np.diff(walls), scale * np.array([0.1, -0.2]), rtol=0, atol=ROUNDING)
+    assert [len(pair) for pair in arrows] == [2, 2, 2]
+
+
+def test_a_contact_is_a_plate_at_its_gap_on_an_arm_of_the_other_mass():
+    x = np.array([0.1, 0.4])
+    ax = vx.plot.machine(vx.models.impact_damper(1.0), x)
+    scale = displacements(ax)[1] / x[1]
+    container, free = boxes(ax)
+    # Contact 0 keeps x1 - x0 below 1, contact 1 keeps x0 - x1 below it.
+    gaps = [wall_at(ax, 0) - free.get_x() - 1, free.get_x() - wall_at(ax, 1)]
+    np.testing.assert_allclose(gaps, scale * np.array([1 - 0.3, 1 + 0.3]), rtol=0, atol=ROUNDING)
+    for number in (0, 1):
+        (arm,) = called(ax, f"limit {number}")
+        root = np.asarray(arm.get_xdata())[0]
+        assert container.get_x() < root <= container.get_x() + 1 + ROUNDING
+    assert "contact 1\ngap 1.3\n$r$ = 0.6" in words(ax)
+
+
+def test_what_has_no_place_in_the_row_is_told_in_words():
+    ax = vx.plot.machine(ring())
+    assert words(ax)[-2:] == [
+        "contact 3: $x_{0} + x_{3} - 2 x_{1} \\leq 0.5$, $r$ = 0.3",
+        "force: function push",
+    ]
+    assert not called(ax, "limit 3")
+    loads = [text for text in words(ax) if "cos" in text]
+    assert loads[:2] == [
+        r"$- 1 + 0.064\,\cos(0.8\,t)$",
+        r"$0.128\,\cos(0.8\,t)$",
+    ]
+
+
+def test_of_a_full_mass_matrix_it_is_said_that_boxes_are_coordinates():
+    ax = vx.plot.machine(vx.models.cantilever(1.0))
+    assert len(called(ax, "spring")) == len(called(ax, "damper")) == 9 + 5
+    assert words(ax)[-2:] == [
+        "full mass matrix: boxes are coordinates",
+        "dashed: negative stiffness or damping",
+    ]
+
+
+def test_only_masses_that_are_driven_have_an_arrow():
+    load = vx.Harmonic([[0.0, 1.0], [0.0, 0.5]], 2.0, phase=[[0.0, np.pi], [0.0, 0.25]])
+    ax = vx.plot.machine(vx.chain([1.0, 1.0], [0.0, 0.0], [1.0, 1.0], load))
+    assert [bool(called(ax, f"load {i}")) for i in (0, 1)] == [False, True]
+    assert r"$- \cos(2\,t) + 0.5\,\cos(4\,t + 0.25)$" in words(ax)
+
+
+def test_a_drawing_goes_into_the_axes_given_and_its_words_fit():
+    figure, (left, right) = plt.subplots(1, 2, figsize=(12, 3))
+    assert vx.plot.machine(ring(), ax=left) is left
+    assert not right.patches
+    figure.draw_without_rendering()
+    extents = [text.get_window_extent() for text in left.texts]
+    assert not any(extents[i].overlaps(extents[j]) for i in range(len(extents)) for j in range(i))
+
+
+def test_a_drawing_is_seen_on_black():
+    with plt.style.context("dark_background"):
+        ax = vx.plot.machine(ring())
+        assert all(grey(text.get_color()) > 1 - SEEN for text in ax.texts)
+        assert all(grey(line.get_color()) > SEEN for line in ax.lines)
+        assert all(grey(box.get_edgecolor()) > SEEN for box in boxes(ax))
+        assert all(grey(box.get_facecolor()) == 0 for box in boxes(ax))
+
+
+def test_machines_are_refused_with_what_to_do():
+    system = vx.models.wagg_bishop_a(0.8)
+    with pytest.raises(ValueError, match=r"Argument `x` must have shape \(2,\), but has shape \(3,\)"):
+        vx.plot.machine(system, [0.0, 0.0, 0.0])
+    with pytest.raises(ValueError, match="Arguments `x` and `t` must be finite"):
+        vx.plot.machine(system, [0.0, np.nan])
+
+
+def test_a_trajectory_tells_the_same_machine(sol):
+    places = np.asarray(sol.evaluate_stops(np.linspace(2.0, 9.0, 6))[0])
+    of_system, of_solution = scheme_of_system(shaken()), scheme_of_solution(sol, places)
+    for name in ("stiffness", "damping", "mean", "rows", "limit", "restitution", "is_moving", "signs"):
+        np.testing.assert_array_equal(getattr(of_solution, name), getattr(of_system, name))
+    assert of_solution.masses == of_system.masses
+    for ours, theirs in ((w.waves.cosine, w.waves.sine) for w in (of_solution, of_system)):
+        assert ours.shape == theirs.shape
+    # Seen from its stops the first mass, and by its spring the second one, feel the inertia of the frame as well.
+    np.testing.assert_allclose(of_solution.waves.cosine, of_system.waves.cosine, rtol=0, atol=RECOVERED)
+    np.testing.assert_allclose(of_solution.waves.sine, of_system.waves.sine, rtol=0, atol=RECOVERED)
+    assert of_solution.load_in_words(1) == of_system.load_in_words(1) == "$0.5$"
+
+
+def axes_of(film) -> tuple:
+    """Of a film that was begun: one that is never drawn warns."""
+    film._fig.canvas.draw()
+    return tuple(film._fig.axes)
+
+
+def test_the_frames_of_a_film_are_the_motion(sol):
+    t = np.linspace(2.0, 9.0, 6)
+    film = vx.plot.animate(sol, t)
+    top, bottom = axes_of(film)
+    x, places = np.asarray(sol.evaluate(t)[0]), np.asarray(sol.evaluate_stops(t)[0])
+    drawn, gaps = [], []
+    for frame in range(6):
+        film._draw_frame(frame)
+        drawn.append(displacements(top))
+        gaps.append([wall_at(top, j) - boxes(top)[j].get_x() - 1 for j in (0, 1)])
+        assert set(bottom.lines[-2].get_xdata()) == {t[frame]}
+        np.testing.assert_array_equal(bottom.lines[-1].get_ydata(), x[frame])
+    scale = drawn[0][0] / x[0, 0]
+    np.testing.assert_allclose(drawn, scale * x, rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(gaps, scale * (places - x), rtol=0, atol=ROUNDING)
+    assert np.ptp(places[:, 0]) > 0.1
+    assert np.min(gaps) > -ROUNDING
+
+
+def test_a_film_flashes_at_impacts_and_fills_the_boxes_that_are_held(sol):
+    log = sol.events
+    when = float(np.asarray(log.t)[np.asarray(log.kind) == vx.STICK][0])
+    stop = int(np.asarray(log.stop)[np.asarray(log.kind) == vx.STICK][0])
+    is_impact = (np.asarray(log.kind) == vx.IMPACT) & (np.asarray(log.stop) == stop)
+    first = float(np.asarray(log.t)[is_impact][0])
+    t = [0.5 * first, first + 1e-3, 0.5 * (first + when), when + 1e-3]
+    # At one frame a second a flash lasts for one frame.
+    film = vx.plot.animate(sol, t, fps=1)
+    top, _ = axes_of(film)
+    flashes = [line for line in top.lines if isinstance(line.get_marker(), tuple)]
+    seen, colors = [], []
+    for frame in range(4):
+        film._draw_frame(frame)
+        seen.append(flashes[stop].get_alpha() > 0)
+        assert flashes[stop].get_xdata() == [wall_at(top, stop)]
+        colors.append(mpl.colors.to_hex(boxes(top)[stop].get_facecolor()))
+    assert seen[:2] == [False, True]
+    assert colors[0] == colors[1] == "#ffffff" != colors[3]
+
+
+def test_a_film_has_the_frames_asked_for(sol, tmp_path):
+    file = tmp_path / "motion.gif"
+    film = vx.plot.animate(sol, span=(4.0, 6.0), speed=2.0, fps=5, file=file)
+    with Image.open(file) as picture:
+        assert picture.n_frames == 5
+        assert picture.info["duration"] == 200
+    assert film._interval == 200
+
+
+def test_a_film_is_shown_by_a_notebook_and_goes_to_a_page(sol, tmp_path):
+    file = tmp_path / "motion.html"
+    film = vx.plot.animate(sol, span=(4.0, 6.0), duration=1.0, fps=2, file=file)
+    text = film._repr_html_()
+    assert text.count("data:image/png") == 2
+    assert text.count("frames[") == file.read_text(encoding="utf-8").count("frames[")
+    assert not plt.fignum_exists(film._fig.number)
+
+
+def test_what_nothing_ties_to_a_place_is_seen_from_its_middle():
+    gears, damper = (scheme_of_system(MODELS[name]()) for name in ("gear_pair", "impact_damper"))
+    x = np.array([[0.0, 0.0], [70.04, 70.0], [90.0, 90.02]])
+    for scheme, is_followed in ((gears, True), (damper, False)):
+        assert scheme.is_followed is is_followed
+        poses, gaps = poses_of(scheme, x, np.tile(scheme.limit, (3, 1)))
+        middles = np.array([pose.x.mean() for pose in poses])
+        assert (np.abs(middles).max() < RECOVERED) == is_followed
+        # Their play fills the drawing only if their common way does not.
+        drawn = poses[1].x[0] - poses[1].x[1]
+        assert (drawn > 0.1) == is_followed
+        np.testing.assert_allclose(gaps, scheme.limit - x @ scheme.rows.T, rtol=0, atol=ROUNDING)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["impact_damper", "gear_pair", "bead_column"])
+def test_a_film_never_shows_a_contact_passed(name):
+    system = MODELS[name]()
+    motion = vx.simulate(system, 0.0, 6.0)
+    film = vx.plot.animate(motion, np.linspace(0.0, 6.0, 7))
+    top, _ = axes_of(film)
+    limits = scheme_of_system(system).limits
+    assert limits
+    for frame in range(7):
+        film._draw_frame(frame)
+        for limit in limits:
+            face = boxes(top)[limit.mass].get_x() + 0.5 + 0.5 * limit.side
+            assert limit.side * (wall_at(top, limit.number) - face) > -1e-9
+
+
+def test_films_are_refused_with_what_to_do(sol, monkeypatch):
+    with pytest.raises(ValueError, match=r"`file` must end in one of .gif, .html, .mp4, but is 'a.avi'"):
+        vx.plot.animate(sol, file="a.avi")
+    monkeypatch.setattr(FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
+    with pytest.raises(RuntimeError, match="need the program ffmpeg, which is not found"):
+        vx.plot.animate(sol, file="a.mp4")
+    with pytest.raises(ValueError, match="Give one of `speed` and `duration`"):
+        vx.plot.animate(sol, speed=1.0, duration=1.0)
+    with pytest.raises(ValueError, match="Argument `fps` must be positive, but is 0"):
+        vx.plot.animate(sol, fps=0)
+    with pytest.raises(ValueError, match="Argument `t` tells every frame: leave out `speed`"):
+        vx.plot.animate(sol, [0.0, 1.0], speed=1.0)
+    with pytest.raises(ValueError, match="Argument `t` must be two or more times in order"):
+        vx.plot.animate(sol, [1.0, 0.0])
+    with pytest.raises(ValueError, match=r"must be two times in order within \[0.0, 12.0\]"):
+        vx.plot.animate(sol, span=(0.0, 13.0))
+
+
+def test_batches_are_refused(sol):
+    batch = jax.tree.map(lambda a: a[None], eqx.filter(sol, eqx.is_array))
+    with pytest.raises(ValueError, match=r"one by one, but this is a batch of shape \(1,\)"):
+        vx.plot.animate(eqx.combine(batch, sol))
+    machines = jax.tree.map(lambda a: jnp.stack([a, a], axis=-1), shaken())
+    with pytest.raises(ValueError, match=r"one by one, but this is a batch of shape \(2,\)"):
+        vx.plot.machine(machines)
+
+
+def test_a_film_does_not_go_past_what_is_known(sol):
+    short = eqx.tree_at(lambda s: s.known_until, sol, jnp.array(5.0))
+    with pytest.raises(ValueError, match=r"The motion is not known after t = 5: show an earlier `span`"):
+        vx.plot.animate(short, [0.0, 6.0])

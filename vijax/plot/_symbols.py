@@ -1,0 +1,57 @@
+"""The symbols of drawings of machines, as lines: springs, dampers, wheels; straight or in an arc."""
+
+import numpy as np
+
+# Half the width of springs and dampers, where the box of a mass is 1 wide and high.
+_HALF = 0.09
+_NUM_TURNS = 6
+# Points of a straight end, which an arc bends.
+_BENT = 12
+
+
+def spring(start: tuple[float, float], end: tuple[float, float], rise: float = 0.0) -> np.ndarray:
+    """A zigzag from one point to another, in an arc if it rises, (2, points)."""
+    way = _Way(start, end, rise)
+    first = 0.5 - min(0.3, 0.5 / way.length)
+    coil = np.linspace(first, 1 - first, 2 * _NUM_TURNS + 1)
+    lead, none = np.linspace(0, first, _BENT), np.zeros(_BENT)
+    aside = np.concatenate([none, _HALF * np.tile([1.0, -1.0], _NUM_TURNS), none])
+    return way.beside(np.concatenate([lead, (coil[1:] + coil[:-1]) / 2, 1 - lead[::-1]]), aside)
+
+
+def damper(start: tuple[float, float], end: tuple[float, float], rise: float = 0.0) -> np.ndarray:
+    """A piston in a cylinder that is open towards the start, (2, points), broken by NaN."""
+    way = _Way(start, end, rise)
+    gap, half, depth = np.nan, _HALF, min(0.12, 0.2 / way.length)
+    rod, back = np.linspace(0, 0.5, _BENT), np.linspace(0.5 + depth, 1, _BENT)
+    cylinder = [0.5 - depth, 0.5 + depth, 0.5 + depth, 0.5 - depth]
+    along = [*rod, gap, 0.5, 0.5, gap, *cylinder, gap, *back]
+    aside = [*(0 * rod), gap, -0.7 * half, 0.7 * half, gap, half, half, -half, -half, gap, *(0 * back)]
+    return way.beside(np.array(along), np.array(aside))
+
+
+def circles(x: np.ndarray, y: float, radius: float) -> np.ndarray:
+    """Circles of one height, (2, points), broken by NaN."""
+    angle = np.append(np.linspace(0, 2 * np.pi, 25), np.nan)
+    return np.stack(
+        [np.add.outer(x, radius * np.cos(angle)).ravel(), np.tile(y + radius * np.sin(angle), len(x))]
+    )
+
+
+class _Way:
+    """The middle line of a symbol: a straight line, or half an ellipse on it."""
+
+    def __init__(self, start: tuple[float, float], end: tuple[float, float], rise: float):
+        a, b = np.array(start), np.array(end)
+        angle = np.pi * np.linspace(0, 1, 201)[:, None]
+        self.points = (a + b) / 2 - (b - a) / 2 * np.cos(angle) + np.array([0.0, rise]) * np.sin(angle)
+        share = np.append(0, np.cumsum(np.hypot(*np.diff(self.points, axis=0).T)))
+        self.length = float(share[-1])
+        self.share = share / self.length
+
+    def beside(self, along: np.ndarray, aside: np.ndarray) -> np.ndarray:
+        """Points given by their share of the way, and their distance to its left."""
+        slope = np.stack([np.gradient(a, self.share) for a in self.points.T], axis=1)
+        slope = slope / np.hypot(*slope.T)[:, None]
+        x, y, dx, dy = (np.interp(along, self.share, a) for a in (*self.points.T, *slope.T))
+        return np.stack([x - aside * dy, y + aside * dx])
