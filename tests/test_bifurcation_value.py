@@ -175,7 +175,13 @@ def test_second_derivatives_are_those_of_first_ones():
     ("make", "kind", "numbers", "sentence"),
     [
         (alone, "gr", np.array([0.5, 0.1]), "no such bifurcation"),
-        (pair, "pd", np.where(UNEQUAL == 100, -0.5, UNEQUAL), "does not follow the orbit"),
+        pytest.param(
+            pair,
+            "pd",
+            np.where(UNEQUAL == 100, -0.5, UNEQUAL),
+            "does not follow the orbit",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_what_is_not_found_is_told(make, kind, numbers, sentence):

@@ -152,7 +152,7 @@ def test_it_is_compiled_and_batched_like_any_function(swept):
     np.testing.assert_allclose(jax.vmap(of)(values), expected, rtol=0, atol=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_spring_that_hardens_obeys_liouville_as_far_as_its_solver_does():
     system = vx.models.duffing_oscillator(1.2)
     found = vx.lyapunov_exponents(system, transient=20, num_periods=50, progress=False)

@@ -308,7 +308,7 @@ def test_in_a_shaken_slot_it_goes_through_the_log_of_a_trajectory():
         np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_of_a_machine_with_a_force_it_has_the_multipliers_of_the_stroboscopic_map():
     system = vx.models.duffing_oscillator(1.5, damping=0.1, cubic_stiffness=0.5)
     sol = vx.simulate(system, 0.0, 60 * float(system.forcing.period), max_events=0, throw=False)

@@ -81,6 +81,7 @@ def test_most_orbits_are_found_again(case):
 
 
 @pytest.mark.parametrize("case", CHOSEN)
+@pytest.mark.slow
 def test_orbits_with_light_impacts_are_found_again_from_near(case):
     found = sought(case)
     assert found.is_light[:, 0].sum() >= 8

@@ -74,6 +74,7 @@ def test_beats_of_a_lightly_damped_chain_are_no_longer_taken_for_something_else(
 
 @pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore:.*max_impacts_reached")  # counts are asked for, not the log
+@pytest.mark.slow
 def test_no_impact_comes_in_a_much_longer_run(light):
     later = sweep(LIGHT, GRID, carry_from=light, transient=0, record=1000)
     num_impacts = later.num_impacts.sum("stop").values
