@@ -6,6 +6,13 @@ import numpy as np
 import pytest
 
 import vijax as vx
+from vijax._execution.points import Point, points_of_lanes
+from vijax._execution.runner import Counts
+from vijax._execution.settings import DEFAULT_SETTINGS
+from vijax._execution.threads import Threads
+from vijax._flow.choose import choose_flow
+from vijax._sweep.sweep import base_of
+from vijax._trajectory import growth
 
 FREQUENCY = "forcing.frequency"
 # Of case (b): a chattering orbit, one whose multipliers are four real ones, and chaos.
@@ -177,6 +184,44 @@ def test_contacts_between_masses_obey_liouville_too():
         time = 50 * float(point.forcing_period)
         exact = -damping + 2 * float(point.num_impacts.values @ np.log(restitution)) / time
         assert float(point.lyapunov_exponents.sum()) == pytest.approx(exact, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_two_thousand_random_machines_lose_the_volume_that_they_should():
+    rng, count = np.random.default_rng(1), 2000
+
+    def random_matrices(least: float) -> np.ndarray:
+        a = rng.normal(size=(count, 2, 2))
+        return a @ a.transpose(0, 2, 1) + least * np.eye(2)
+
+    damping = 0.05 * random_matrices(0.0) * rng.choice([0.1, 1, 10], (count, 1, 1))
+    mass, restitution = rng.uniform(0.3, 3, (count, 2)), rng.uniform(0.3, 1, (count, 2))
+    values = {
+        "mass[0]": mass[:, 0],
+        "mass[1]": mass[:, 1],
+        "damping": damping,
+        "stiffness": random_matrices(0.1),
+        FREQUENCY: rng.uniform(0.5, 4, count),
+        "stops[0].restitution": restitution[:, 0],
+        "stops[1].restitution": restitution[:, 1],
+    }
+    base = base_of(vx.models.wagg_bishop_b(1.0), None, None)
+    points = points_of_lanes(base, values)
+    full = [np.zeros((2, count))] * 2
+    points = Point(jax.tree.map(np.asarray, points.system), *full)
+    flow = choose_flow(points.system, can_stick=True)
+    counts = Counts(50, 100, 0, None, can_stick=True, lyapunov=True)
+    found = Threads(flow, counts, DEFAULT_SETTINGS).run(points, np.arange(count), lambda _: None)
+    period = 2 * np.pi / values[FREQUENCY]
+    exponents, _ = growth.exponents(growth.in_blocks(found.ends["section_growth"]), 100, period)
+    erased = np.isneginf(exponents).sum(axis=0)
+    stuck = found.ends["num_sticks"].sum(axis=0) > 0
+    assert set(np.unique(erased)) == {0, 2}
+    assert (erased[stuck] == 2).all()
+    free = erased == 0
+    by_impacts = 2 * (np.log(restitution.T) * found.ends["num_impacts"]).sum(axis=0) / (100 * period)
+    exact = by_impacts - (damping[:, [0, 1], [0, 1]] / mass).sum(axis=1)
+    np.testing.assert_allclose(exponents.sum(axis=0)[free], exact[free], rtol=1e-12, atol=1e-13)
 
 
 def test_bad_input_is_refused_in_a_sentence():
