@@ -1,0 +1,69 @@
+"""A branch that closes: orbits of one impact in two periods beside a motion that hits nothing, all in closed form."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.optimize
+
+import vijax as vx
+
+pytestmark = pytest.mark.thorough
+
+PERIODS, RESTITUTION, DAMPING_RATIO, PLACE = 2, 0.8, 0.03, 1.5
+
+
+def machine(w: float) -> vx.ImpactSystem:
+    return vx.models.impact_oscillator(
+        w, position=PLACE, restitution=RESTITUTION, damping_ratio=DAMPING_RATIO
+    )
+
+
+def closed_form(w: float) -> tuple[np.ndarray, np.ndarray, complex]:
+    """The quadratic for the impact speed v, the response less (PLACE, 0) at the impact for v = 1, and its amplitude.
+
+    (x, v) less the response p is E times itself a flight before, E the motion of the free machine, and p lies on the ellipse
+    of the response.
+    """
+    damping, step = 2 * DAMPING_RATIO, np.array([0.0, 1.0])
+    flight = scipy.linalg.expm(np.array([[0.0, 1.0], [-1.0, -damping]]) * PERIODS * 2 * np.pi / w)
+    shift = np.linalg.solve(np.eye(2) - flight, step + RESTITUTION * flight @ step)
+    amplitude = 1 / (1 - w * w + 1j * damping * w)
+    square = shift[0] ** 2 + (shift[1] / w) ** 2
+    return np.array([square, 2 * PLACE * shift[0], PLACE**2 - abs(amplitude) ** 2]), shift, amplitude
+
+
+def discriminant(w: float) -> float:
+    a, b, c = closed_form(w)[0]
+    return b * b - 4 * a * c
+
+
+def faster_orbit(w: float) -> vx.PeriodicOrbit:
+    quadratic, shift, amplitude = closed_form(w)
+    v = np.roots(quadratic).real.max()
+    response = np.array([PLACE, 0.0]) + v * shift
+    phase = np.angle((response[0] - 1j * response[1] / w) / amplitude) % (2 * np.pi)
+    system = machine(w)
+    sol = vx.simulate(system, phase / w, 2 * np.pi / w, [PLACE], [-RESTITUTION * v])
+    return vx.periodic_orbit(system, sol.x1, sol.v1, PERIODS)
+
+
+def test_a_closed_branch_is_gone_round_once_between_its_folds():
+    folds = [scipy.optimize.brentq(discriminant, *ends, xtol=1e-15) for ends in ((2.1, 2.4), (2.5, 2.9))]
+    branch = vx.continuation(faster_orbit(2.45), "forcing.frequency", (1.8, 3.2), progress=False)
+    assert branch.points.attrs["ends"] == '["closed", "closed"]'
+    assert [point.kind for point in branch.bifurcations] == ["fold", "fold"]
+    np.testing.assert_allclose(
+        sorted(point.value for point in branch.bifurcations), folds, rtol=0, atol=1e-12
+    )
+    assert min(branch.values) > folds[0] - 1e-12
+    assert max(branch.values) < folds[1] + 1e-12
+    found = branch.points.impact_speed.values[:, 0]
+    exact = [np.roots(closed_form(w)[0]).real for w in branch.values]
+    error = [abs(roots - v).min() for roots, v in zip(exact, found, strict=True)]
+    assert max(error) < 1e-7  # at a fold, the root of a rounding
+    # Both orbits of every frequency, the faster one stable.
+    is_faster = np.array([v > roots.mean() for roots, v in zip(exact, found, strict=True)])
+    is_inside = np.array([discriminant(w) > 1e-3 for w in branch.values])
+    np.testing.assert_array_equal(branch.points.is_stable.values[is_inside], is_faster[is_inside])
+    assert is_faster[is_inside].any()
+    assert not is_faster[is_inside].all()
