@@ -269,6 +269,7 @@ def assert_happens_alike(orbit: vx.PeriodicOrbit) -> None:
         assert abs(one.t - other.t) < SAME_TIME * growth * float(orbit.period)
 
 
+@pytest.mark.slow
 def test_orbits_of_one_mass_stable_and_unstable():
     rng, is_stable = np.random.default_rng(3), []
     for _ in range(24):

@@ -281,7 +281,7 @@ def test_under_jit_it_is_told_by_any_lane():
             jax.block_until_ready(run(jnp.array([0.9, wrong])))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_backwards_derivatives_are_those_forwards_and_lanes_that_are_left_out_spoil_none():
     slopes = jax.jit(jax.grad(lambda *a: total(*a)[0], (0, 1), allow_int=True))
     by_restitution, (by_start, by_amplitude, _) = slopes(R, LANES)
