@@ -46,17 +46,23 @@ def test_on_the_host_whole_numbers_have_64_bits_whatever_the_device_has():
     assert {found.stop.dtype, found.point.dtype, found.number.dtype} == {np.dtype(np.int64)}
 
 
+@pytest.mark.parametrize("has_growth", [False, True])
 @pytest.mark.parametrize("num_stops", [0, 2])
-def test_marks_come_back_with_a_column_for_each_mass_and_stop(num_stops):
+def test_marks_come_back_with_a_column_for_each_mass_and_stop(num_stops, has_growth):
     x = jnp.arange(2.0 * LANES).reshape(2, LANES)
     held_time = jnp.ones((num_stops, LANES))
-    mark = Mark(point=jnp.arange(LANES), period=jnp.array(LARGE), x=x, v=-x, held_time=held_time)
-    found = taken(append(mark_rows(4, 2, num_stops, np.float64), jnp.array([False, True, True]), mark))
+    growth = jnp.concatenate([x, -x]) if has_growth else None
+    mark = Mark(jnp.arange(LANES), jnp.array(LARGE), x=x, v=-x, held_time=held_time, growth=growth)
+    room = mark_rows(4, 2, num_stops, np.float64, has_growth=has_growth)
+    found = taken(append(room, jnp.array([False, True, True]), mark))
     np.testing.assert_array_equal(found.point, [1, 2])
     np.testing.assert_array_equal(found.period, [LARGE, LARGE])
     np.testing.assert_array_equal(found.x, [[1, 4], [2, 5]])
     np.testing.assert_array_equal(found.v, -found.x)
     np.testing.assert_array_equal(found.held_time, np.ones((2, num_stops)))
+    assert (found.growth is not None) == has_growth
+    if has_growth:
+        np.testing.assert_array_equal(found.growth, np.concatenate([found.x, -found.x], axis=1))
 
 
 def test_room_is_what_is_left():
