@@ -72,6 +72,13 @@ def numbered(
     return number, sentences
 
 
+def are_unfounded(doubts: Sequence[tuple[Any, str]]) -> Any:
+    """Whether none of some doubts, see `numbered`, is true."""
+    if not doubts:
+        return np.asarray(True)
+    return ~jnp.any(jnp.stack([is_wrong for is_wrong, _ in doubts]))
+
+
 def lock(number: Int[ArrayLike, ""], sentences: Sequence[str]) -> Scalar:
     """The number 1, computed by a check that raises if something is wrong, see `checked`."""
     if concrete(number) is None:

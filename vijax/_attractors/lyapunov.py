@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -11,7 +10,7 @@ from .._flow.interface import AbstractFlow
 from .._machine.numbers import numbers_of
 from .._orbits.maps import check_period
 from .._progress import tqdm
-from .._refusal import checked, numbered
+from .._refusal import are_unfounded, checked, numbered
 from .._system.checks import validate_start
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.ending import known_or_nan
@@ -104,8 +103,8 @@ def lyapunov_exponents(
             raise ValueError(f"Argument `{name}` must have shape ({n},), but has shape {value.shape}.")
     zero = np.zeros((), x.dtype)
     doubts = validate_start(bound.stops, bound.forcing.frequency, zero, zero, zero[None], x, v)
-    is_sound = ~jnp.any(jnp.stack([is_wrong for is_wrong, _ in doubts])) if doubts else np.asarray(True)
-    request = Request(x, v, np.asarray(settling), np.asarray(averaged), bound_of_steps(max_steps), is_sound)
+    counts = np.asarray(settling), np.asarray(averaged)
+    request = Request(x, v, *counts, max_steps=bound_of_steps(max_steps), is_sound=are_unfounded(doubts))
     if is_known:
         known = known_machine(system, args)
         growth, is_left = _follow_known(known.numbers, known.flow(flow, can_stick=True), request, progress)
@@ -123,14 +122,12 @@ def lyapunov_exponents(
 
 def _follow_known(numbers: Any, flow: AbstractFlow, request: Request, progress: bool) -> tuple[Growth, Array]:
     """Follow a motion of known numbers, call by call."""
-    growth, is_left, told_of = no_growth(numbers, flow), np.asarray(True), 0
+    growth = no_growth(numbers, flow)
     total, most = int(request.transient + request.num_periods), np.asarray(_TURNS)
     with tqdm(total=total, unit="period", disable=not progress, delay=1) as bar:
         while True:
             before = int(growth.steps)
             growth, is_left = follow_some_growth(numbers, flow, request, growth, most)
-            periods = int(growth.state.periods)
-            bar.update(periods - told_of)
-            told_of = periods
+            bar.update(int(growth.state.periods) - bar.n)
             if not is_left or int(growth.steps) < before + _TURNS:
                 return growth, is_left

@@ -59,11 +59,11 @@ def exponents_of(
     return exponents
 
 
-def shares(labels: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """How many motions end on each attractor, their share of all, and its binomial standard error."""
+def shares(labels: np.ndarray, count: int, of: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """How many motions end on each attractor, their share of so many, and its binomial standard error."""
     counts = np.bincount(labels[labels >= 0], minlength=count)
-    share = counts / max(1, len(labels))
-    return counts, share, np.sqrt(share * (1 - share) / max(1, len(labels)))
+    share = counts / of
+    return counts, share, np.sqrt(share * (1 - share) / of)
 
 
 def sorted_by_share(motions: list[Motion], labels: np.ndarray) -> tuple[list[Motion], np.ndarray]:
@@ -78,7 +78,7 @@ def table_of(
     machines: Machines, motions: list[Motion], labels: np.ndarray, is_failed: np.ndarray
 ) -> xr.Dataset:
     """The attractors along `attractor`, and what became of all motions."""
-    counts, share, error = shares(labels, len(motions))
+    counts, share, error = shares(labels, len(motions), len(labels))
     columns = {
         "share": ((), share),
         "share_error": ((), error),
@@ -114,11 +114,10 @@ def table_along(
     shape = len(along), int(name.max(initial=-1)) + 1
     is_found = np.zeros(shape, bool)
     is_found[value, name] = True
-    per_value = len(labels) // len(along)
-    share = np.bincount(labels[labels >= 0], minlength=len(motions)) / per_value
+    _, share, error = shares(labels, len(motions), len(labels) // len(along))
     columns = {
         "share": ((), share),
-        "share_error": ((), np.sqrt(share * (1 - share) / per_value)),
+        "share_error": ((), error),
         **columns_of(machines, motions),
     }
     variables: dict[str, tuple[tuple[str, ...], np.ndarray]] = {"is_found": ((path, ATTRACTOR), is_found)}

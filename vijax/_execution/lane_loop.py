@@ -158,6 +158,7 @@ def _turn(task: Task, progress: Progress) -> Progress:
     impact = Impact(
         time=passed, velocity=velocity, chatter=instant.chatter, stop=stop, point=task.point, number=number
     )
+    kept = None if tangents is None else tangents.start_period(instant.arrived)
     moved = Ends(
         state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),
         num_impacts=lanes.num_impacts + hit,
@@ -165,7 +166,7 @@ def _turn(task: Task, progress: Progress) -> Progress:
         held_time=lanes.held_time + jnp.where(counted, _held(state, instant), 0),
         steps=lanes.steps + live,
         is_finite=lanes.is_finite & (is_finite | ~live),
-        tangents=jax.tree.map(lambda new, old: jnp.where(live, new, old), tangents, lanes.tangents),
+        tangents=jax.tree.map(lambda new, old: jnp.where(live, new, old), kept, lanes.tangents),
     )
     x, v = machine.in_space(moved.state)
     mark = Mark(
@@ -176,9 +177,6 @@ def _turn(task: Task, progress: Progress) -> Progress:
         held_time=moved.held_time,
         growth=None if tangents is None else tangents.growth,
     )
-    if tangents is not None:
-        growth = lambda ends: ends.tangents.growth  # noqa: E731
-        moved = eqx.tree_at(growth, moved, jnp.where(instant.arrived, 0, growth(moved)))
     impacts = append(progress.impacts, hit & (number < work.max_impacts), impact)
     marks = append(progress.marks, counted & instant.arrived, mark)
     return Progress(moved, impacts, marks, progress.turns + 1)

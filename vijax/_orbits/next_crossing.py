@@ -15,7 +15,7 @@ from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._flow.taylor import TaylorFlow
 from .._machine.numbers import Numbers as MachineNumbers, numbers_of
-from .._refusal import checked, numbered
+from .._refusal import are_unfounded, checked, numbered
 from .._system.checks import FINITE, check_one, validate_start
 from .._system.contact import Contact
 from .._system.system import ImpactSystem, with_args
@@ -23,7 +23,7 @@ from .._trajectory.ending import known_or_nan
 from .._trajectory.simulate import bound_of_steps
 from .._trajectory.solution import RESULTS, told
 from .._trajectory.to_impact import Reverse, Wanted, follow_to_impact
-from .._types import Count, Numbers, Scalar, as_float, concrete, whole_number
+from .._types import Count, Numbers, Reals, Scalar, as_float, concrete, whole_number
 from .._xla import padding_allowed
 from .next_impact import give_up
 
@@ -107,14 +107,14 @@ def next_crossing(
     side = _SIDES[direction]
     search = _Search(
         bound,
-        flow or (TaylorFlow() if bound.force is None else choose_flow(bound, can_stick=True)),
+        choose_flow(bound, can_stick=True, wanted=flow or (TaylorFlow() if bound.force is None else None)),
         index,
         place,
         end,
         bound_of_steps(max_steps),
         Reverse(whole_number("max_reverse_steps", max_reverse_steps, 1), throw),
     )
-    is_sound = ~jnp.any(jnp.stack([is_wrong for is_wrong, _ in doubts])) if doubts else jnp.asarray(True)
+    is_sound = are_unfounded(doubts)
     beyond = side * (x[index] - place)
     is_before = (beyond < 0) | ((beyond == 0) & (side * v[index] <= 0))
     start = _Passage(begin, x, v, jnp.asarray(True), RESULTS.successful)
@@ -151,11 +151,11 @@ class _Search(NamedTuple):
     max_steps: Array | np.ndarray
     reverse: Reverse
 
-    def passage(self, start: _Passage, side: float, is_sound: Bool[Array, ""]) -> _Passage:
+    def passage(self, start: _Passage, side: float, is_sound: Reals) -> _Passage:
         """The next passage towards a side, from a start on the other."""
         return self._to(start, side, self.place, self.end, is_sound)
 
-    def back(self, start: _Passage, side: float, is_back: Bool[Array, ""], is_sound: Array) -> _Passage:
+    def back(self, start: _Passage, side: float, is_back: Bool[Array, ""], is_sound: Reals) -> _Passage:
         """Where the mass comes back, or the start itself where it is back already."""
         # Then the motion takes no time, and the place is one that it has not passed.
         place = jnp.where(is_back, start.x[self.mass] + side, self.place)
@@ -167,7 +167,7 @@ class _Search(NamedTuple):
         )
         return _Passage(t, x, v, is_back | found.is_there, found.result)
 
-    def _to(self, start: _Passage, side: float, place: Scalar, end: Scalar, is_sound: Array) -> _Passage:
+    def _to(self, start: _Passage, side: float, place: Scalar, end: Scalar, is_sound: Reals) -> _Passage:
         wanted = Wanted(
             t0=start.t,
             t1=end,

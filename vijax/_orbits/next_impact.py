@@ -7,7 +7,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._machine.numbers import numbers_of
-from .._refusal import checked, numbered
+from .._refusal import are_unfounded, checked, numbered
 from .._system.checks import refuse, validate_start
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.ending import known_or_nan
@@ -107,7 +107,7 @@ def next_impact(
         stop=jnp.asarray(stop),
         num_impacts=np.asarray(whole_number("num_impacts", num_impacts, 1)),
         max_steps=bound_of_steps(max_steps),
-        is_sound=~jnp.any(jnp.stack([is_wrong for is_wrong, _ in doubts])) if doubts else jnp.asarray(True),
+        is_sound=are_unfounded(doubts),
     )
     if is_traced((bound, flow, wanted)):
         numbers, motion = numbers_of(bound), choose_flow(bound, can_stick=True, wanted=flow)

@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Hashable, Sequence
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +13,7 @@ import xarray as xr
 from .._dataset_attributes import versions
 from .._execution.points import Point, with_values
 from .._execution.runner import Counts
+from .._flow.interface import AbstractFlow
 from .._system.description import build, describe
 from .._system.parameters import axis_names, force_parameters, is_parameter
 from .._system.system import ImpactSystem
@@ -46,6 +48,11 @@ def origin(
         "device": jax.default_backend(),
         **versions(),
     }
+
+
+def name_of_flow(motion: AbstractFlow, wanted: AbstractFlow | None) -> str:
+    """What attributes tell of the motion between events: the kind that was chosen, or all of the one that was asked for."""
+    return type(motion).__name__ if wanted is None else eqx.tree_pformat(wanted, width=10**6)
 
 
 def system_of(ds: xr.Dataset) -> ImpactSystem:

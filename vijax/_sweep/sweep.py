@@ -3,7 +3,6 @@
 import os
 from collections.abc import Mapping
 
-import equinox as eqx
 import jax
 import numpy as np
 import xarray as xr
@@ -22,7 +21,7 @@ from .._types import Count, Numbers, as_float, whole_number
 from .carry import run_chain
 from .dataset import dataset
 from .endings import warn_of_endings
-from .provenance import origin
+from .provenance import name_of_flow, origin
 
 
 def sweep(
@@ -127,8 +126,9 @@ def sweep(
         raise ValueError("Exponents are averaged over the recorded periods: let `record` be 1 or more.")
     counts = Counts(transient, record, max_impacts, max_steps, can_stick, bool(lyapunov))
     motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
-    name = type(motion).__name__ if flow is None else eqx.tree_pformat(flow, width=10**6)
-    attributes = origin(base, counts, flow=name, carry=carry, goes_on=carry_from is not None)
+    attributes = origin(
+        base, counts, flow=name_of_flow(motion, flow), carry=carry, goes_on=carry_from is not None
+    )
     runner: AbstractRunner = Threads(motion, counts, settings)
     if store is not None:
         manifest = describe_sweep(attributes, axes, points, flow, settings)

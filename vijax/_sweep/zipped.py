@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-import equinox as eqx
 import numpy as np
 import xarray as xr
 
@@ -17,7 +16,7 @@ from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._system.system import ImpactSystem
 from .dataset import dataset
-from .provenance import origin
+from .provenance import name_of_flow, origin
 
 START = "start"
 
@@ -56,8 +55,7 @@ def sweep_zipped(
     can_stick = can_any_stick(points.system, points.x0, points.v0)
     asked = replace(counts, can_stick=can_stick)
     motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
-    name = type(motion).__name__ if flow is None else eqx.tree_pformat(flow, width=10**6)
-    attributes = origin(base, asked, flow=name, carry=None, goes_on=False)
+    attributes = origin(base, asked, flow=name_of_flow(motion, flow), carry=None, goes_on=False)
     found = Threads(motion, asked, settings).run(points, np.arange(len(states)), tell)
     ds = dataset(points, {START: np.arange(len(states))}, (len(states),), asked, found, attributes)
     coordinates = {path: ((START,), a) for path, a in values.items()}

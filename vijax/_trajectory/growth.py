@@ -1,7 +1,5 @@
 """The loop that follows a motion and how small changes of its state grow, period by period."""
 
-from functools import partial
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -12,8 +10,9 @@ from .._flow.interface import AbstractFlow
 from .._machine.machine import OWN_BOUND, Machine, ample_steps, prepare
 from .._machine.numbers import Numbers
 from .._machine.state import State, start_period
-from .._types import UNROLLED_ALONE, Reals, library_of
-from .._xla import AbstractTask, compile_lightly, in_one_kernel, while_any
+from .._types import Reals, library_of
+from .._xla import AbstractTask, compile_lightly, while_any
+from .loop import one_way
 from .solution import RESULTS
 from .step import begin
 from .tangents import Tangents, advance_with, first_tangents
@@ -87,8 +86,7 @@ class _Task(AbstractTask):
         is_counted = live & instant.arrived & (number >= 0)
         is_ours = is_counted & (jnp.arange(BLOCKS) == number * BLOCKS // jnp.maximum(self.num_periods, 1))
         is_finite = jnp.all(jnp.isfinite(after.x + after.v)) & jnp.isfinite(after.time)
-        growth = jnp.where(instant.arrived, 0, tangents.growth)
-        moved = start_period(after, self.phase0, instant.arrived), Tangents(tangents.frame, growth)
+        moved = start_period(after, self.phase0, instant.arrived), tangents.start_period(instant.arrived)
         state, kept = jax.tree.map(lambda new, old: jnp.where(live, new, old), moved, (state, carry.tangents))
         return Growth(
             state=state,
@@ -99,22 +97,18 @@ class _Task(AbstractTask):
         )
 
 
-def follow_growth(
-    numbers: Numbers, flow: AbstractFlow, request: Request, so_far: Growth | None = None, turns: Reals = None
-) -> tuple[Growth, Bool[Array, ""]]:
-    """Follow a motion to its end, or by some steps.
+def follow_growth(numbers: Numbers, flow: AbstractFlow, request: Request) -> tuple[Growth, Bool[Array, ""]]:
+    """Follow a motion to its end.
 
     Args:
         numbers: of the machine.
         flow: the motion between events.
         request: what is asked for.
-        so_far: where to go on; the start, if it is left out or has taken no step.
-        turns: the most steps to take; all that are needed, if left out.
 
     Returns:
         Where it is then, and whether it may go on.
     """
-    task, carry = _begin(numbers, flow, request, so_far, turns)
+    task, carry = _begin(numbers, flow, request, None, None)
     return _told(task, while_any(task, carry))
 
 
@@ -146,17 +140,8 @@ def _told(task: _Task, last: Growth) -> tuple[Growth, Bool[Array, ""]]:
 def follow_some_growth(
     numbers: Numbers, flow: AbstractFlow, request: Request, so_far: Growth, turns: Reals
 ) -> tuple[Growth, Bool[Array, ""]]:
-    """`follow_growth` for known numbers, in one kernel where possible."""
-
-    def loop(arguments: tuple) -> tuple[_Task, Growth, tuple]:
-        task, carry = _begin(*arguments)
-        return task, jax.lax.while_loop(lambda c: task.is_live(c), lambda c: task.step(c), carry), arguments
-
-    is_small = max(*numbers.rows.shape, numbers.waves.num_harmonics) <= UNROLLED_ALONE
-    is_small = is_small and numbers.mass.ndim == 1
-    run = partial(in_one_kernel, loop) if is_small and flow.fits_one_kernel else loop
-    task, last, _ = run((numbers, flow, request, so_far, turns))
-    return _told(task, last)
+    """`follow_growth` for known numbers, by some steps from where it stands; the start, if no step was taken."""
+    return _told(*one_way(_begin, (numbers, flow, request, so_far, turns)))
 
 
 def no_growth(numbers: Numbers, flow: AbstractFlow) -> Growth:

@@ -7,7 +7,7 @@ or derivatives, take one call, with room for all that was asked.
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -219,7 +219,7 @@ def run(
     """
     request = jax.tree.map(jnp.asarray, request)
     prepare = partial(_begin, room=room, can_stick=can_stick)
-    return _finish(*_one_way(prepare, (numbers, flow, request, left)), request, room)
+    return _finish(*one_way(prepare, (numbers, flow, request, left)), request, room)
 
 
 def run_for_log(
@@ -233,13 +233,13 @@ def run_for_log(
     return last.log, solution.result, jnp.concatenate([solution.x1, solution.v1])
 
 
-def _one_way(prepare: Callable[..., tuple[Task, Carry]], arguments: tuple) -> tuple[Task, Carry]:
-    """The loop without derivatives and its preparation, compiled into one kernel where possible.
+def one_way(prepare: Callable[..., tuple[AbstractTask, Any]], arguments: tuple) -> tuple[Any, Any]:
+    """A loop without derivatives and its preparation, compiled into one kernel where possible: the task, the last carry.
 
     The preparation too, as constants cannot be handed to a kernel.
     """
 
-    def loop(arguments: tuple) -> tuple[Task, Carry, tuple]:
+    def loop(arguments: tuple) -> tuple[AbstractTask, Any, tuple]:
         task, carry = prepare(*arguments)
         return task, jax.lax.while_loop(lambda c: task.is_live(c), lambda c: task.step(c), carry), arguments
 

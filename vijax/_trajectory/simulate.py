@@ -3,7 +3,6 @@
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
@@ -11,7 +10,7 @@ from .._contact.sticking import can_any_stick
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._machine.machine import OWN_BOUND
-from .._refusal import checked, numbered
+from .._refusal import are_unfounded, checked, numbered
 from .._system.checks import validate_start
 from .._system.system import ImpactSystem, with_args
 from .._types import Count, Numbers, as_float, as_known, at_once, concrete, is_traced, whole_number
@@ -148,7 +147,7 @@ def follow(
         max_steps=max_steps,
         max_events=np.asarray(max_events),
         max_turns=np.asarray(NO_PAUSE),
-        is_sound=~jnp.any(jnp.stack([is_wrong for is_wrong, _ in doubts])) if doubts else np.asarray(True),
+        is_sound=are_unfounded(doubts),
     )
     if known:
         motion = known.flow(flow, can_stick=can_stick)

@@ -35,6 +35,10 @@ class Tangents(eqx.Module):
     frame: Float[Array, "vectors state ..."]
     growth: Float[Array, "vectors ..."]
 
+    def start_period(self, is_over: Bool[Array, "..."]) -> "Tangents":
+        """Where a forcing period is over, count the growth from zero."""
+        return Tangents(self.frame, jnp.where(is_over, 0, self.growth))
+
 
 def advance_with(
     tangents: Tangents,
