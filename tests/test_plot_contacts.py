@@ -4,7 +4,6 @@ import matplotlib as mpl
 
 mpl.use("Agg")
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from drawings import PATH, branch_of, cycle, events, named, points, words_of_legend
@@ -19,12 +18,6 @@ SAMPLES = 200
 ROUNDING = 1e-14
 # Up to the number before an impact a velocity changes by an acceleration times the spacing of times there, 7e-15.
 BEFORE = 1e-13
-
-
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
 
 
 def box(wall, motion: vx.Harmonic | None = None) -> vx.ImpactSystem:
