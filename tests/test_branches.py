@@ -171,7 +171,7 @@ def test_the_parameter_itself_is_not_used(doubled):
 
 def retold(point, kind):
     """The point with the name of another kind."""
-    names = point.branch.points["bifurcation"].copy()
+    names = point.branch.points["bifurcation"].astype("U32")
     names[point.index] = kind
     return vx.Bifurcation(vx.Branch(point.branch.points.assign(bifurcation=names)), point.index)
 
