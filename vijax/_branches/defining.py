@@ -144,7 +144,7 @@ class Defining(eqx.Module):
         condition = replace(self.condition, own=own)
         return replace(self, condition=condition.begun(problem, unknowns, self.family.scale))
 
-    def values(self, y: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
+    def values(self, y: Float[Array, " unknowns"]) -> Float[Array, " equations"]:
         """What vanishes."""
         place, own = self.place(y)
         problem, unknowns = self.family.problem(self.sequence, place.p), self.family.unknowns(place)
@@ -154,7 +154,7 @@ class Defining(eqx.Module):
 
     def linearised(
         self, y: Float[Array, " unknowns"]
-    ) -> tuple[Float[Array, "unknowns unknowns"], Float[Array, " unknowns"]]:
+    ) -> tuple[Float[Array, "equations unknowns"], Float[Array, " equations"]]:
         """Its derivatives by the unknowns, and what vanishes."""
 
         def twice(y: Array) -> tuple[Array, Array]:
