@@ -232,11 +232,16 @@ class Rows(AbstractContacts):
         v: Float[Array, "n ..."],
         held: Bool[Array, "contacts ..."],
         phase: Array,
+        damping: Float[Array, "n n ..."],
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
-        """Positions `placed` and velocities `held_still` at once."""
+        """Positions `placed` and velocities `held_still` at once.
+
+        However short the time in which gaps close, dampers act along the way by an impulse of C times it.
+        """
         inertia, rate = inverse_among(self.compliance, held), phase_rate(phase, self.frequency)
-        x, lack = x + self._by(inertia, self.gaps(x, phase)), self.towards(v, rate)
-        return x, v - self._by(inertia, lack)
+        way = self._by(inertia, self.gaps(x, phase))
+        v = v - self.freed(matvec(damping, way))
+        return x + way, v - self._by(inertia, self.towards(v, rate))
 
     def held_still(
         self, v: Float[Array, "n ..."], held: Bool[Array, "contacts ..."], phase_rate: Array
