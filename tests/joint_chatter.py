@@ -50,9 +50,7 @@ def dropped_stack(restitution: float, damping: float = 2.0) -> Machine:
     rows = np.array([[-1.0, 0.0, 0.0], [1.0, -1.0, 0.0]])
     force = -mass * np.array([1.0, 1.0, 0.0])
     x0, still = np.array([0.2, 0.3, 0.3]), np.zeros(3)
-    return Machine(
-        np.diag(mass), damping * between, between, force, still, rows, np.full(2, restitution), x0
-    )
+    return Machine(np.diag(mass), damping * between, between, force, still, rows, np.full(2, restitution), x0)
 
 
 def random_machine(seed: int) -> Machine:
