@@ -123,7 +123,7 @@ def _next_impact(b: np.ndarray, rows: np.ndarray, z: np.ndarray, t: float, gap: 
         times = [_first_root(way) for way in ways]
         j = int(np.argmin(times))
         step = min(times[j], _STEP)
-        change = sum(a * step**k for k, a in enumerate(series[1:], 1))
+        change = step ** np.arange(1, _ORDER + 1) @ np.array(series[1:])
         z, t, gap = z + change, t + step, gap - rows @ change[:n]
         if times[j] <= _STEP:
             gap[j] = 0.0
@@ -133,12 +133,12 @@ def _next_impact(b: np.ndarray, rows: np.ndarray, z: np.ndarray, t: float, gap: 
 
 def _first_root(way: np.ndarray) -> float:
     """The first time within a step at which a gap with this series closes; infinite if there is none."""
-    way = np.polynomial.Polynomial(way if way[0] else way[1:])
-    slope, roots = way.deriv(), way.roots()
+    path = np.polynomial.Polynomial(way if way[0] else way[1:])
+    slope, roots = path.deriv(), path.roots()
     is_real = abs(roots.imag) <= 1e-7 * abs(roots)
     for root in np.sort(roots.real[is_real & (roots.real > 0) & (roots.real <= _STEP)]):
         for _ in range(6):
-            root -= way(root) / slope(root)
+            root -= path(root) / slope(root)
         if root > 0:
             return float(root)
     return np.inf
