@@ -134,7 +134,7 @@ def _next_impact(b: np.ndarray, rows: np.ndarray, z: np.ndarray, t: float, gap: 
 def _first_root(way: np.ndarray) -> float:
     """The first time within a step at which a gap with this series closes; infinite if there is none."""
     path = np.polynomial.Polynomial(way if way[0] else way[1:])
-    slope, roots = path.deriv(), path.roots()
+    slope, roots = path.deriv(), np.linalg.eigvals(np.polynomial.polynomial.polycompanion(path.coef))
     is_real = abs(roots.imag) <= 1e-7 * abs(roots)
     for root in np.sort(roots.real[is_real & (roots.real > 0) & (roots.real <= _STEP)]):
         for _ in range(6):
