@@ -9,10 +9,11 @@ import numpy as np
 import xarray as xr
 
 from .._dataset_attributes import flags
+from .._machine.rows import Rows
 from .._sweep.endings import warn_of_endings
 from .._trajectory.solution import Solution
 from .quiet import stays_quiet
-from .record import Impacts, flat, forcing_periods, impacts_of, label, machines, stop_masses
+from .record import Impacts, flat, forcing_periods, has_full_mass, impacts_of, label, machines, stop_masses
 from .recurrence import Recurrence, recurrence
 from .sections import stroboscopic_section
 
@@ -186,8 +187,10 @@ def _before_impacts(
     # Of several impacts of one mass the first counts: reversed, it is assigned last.
     which = np.flatnonzero(is_undone)[::-1]
     v = v.copy()
-    is_known = masses[impacts.stop[which]] >= 0
-    own, others = which[is_known], which[~is_known]
+    is_own = masses[impacts.stop[which]] >= 0
+    if which.size and has_full_mass(source):
+        is_own = np.zeros_like(is_own)
+    own, others = which[is_own], which[~is_own]
     v[impacts.point[own], number[own] - 1, masses[impacts.stop[own]]] = impacts.velocity[own]
     if others.size:
         _before_contacts(source, v, impacts, number, others)
@@ -197,13 +200,16 @@ def _before_impacts(
 def _before_contacts(
     source: Solution | xr.Dataset, v: np.ndarray, impacts: Impacts, number: np.ndarray, which: np.ndarray
 ) -> None:
-    """The same for contacts between masses, in place: along M^-1 row, up to the speed of approach that is logged."""
+    """The same where other masses are hit as well, in place: along M^-1 row, up to the speed that is logged."""
     points, lane = np.unique(impacts.point[which], return_inverse=True)
     machine, angle = machines(source, points)
     if machine is None:
         return
     machine = jax.tree.map(jnp.asarray, machine)
     contacts, rows = machine.contacts, np.asarray(machine.contacts.rows)
+    assert isinstance(contacts, Rows)
+    # Of a stop the velocity of its mass is logged, of another contact the speed of approach.
+    sign = np.asarray(contacts.signs)
     with jax.numpy_rank_promotion("allow"):  # what all points share is broadcast to them
         rate = machine.phase_rate(machine.phase_at(angle / machine.frequency))
         # The speed of the contact itself, towards which the masses move.
@@ -212,8 +218,9 @@ def _before_contacts(
     for k, j, at in zip(which, impacts.stop[which], lane, strict=True):
         row, change = rows[j, :, at % rows.shape[-1]], moved[j, :, at % moved.shape[-1]]
         before = v[impacts.point[k], number[k] - 1]
-        lack = impacts.velocity[k] + own[j, at % own.shape[-1]] - row @ before
-        before += change * lack / (row @ change)
+        signed = sign[j, at % sign.shape[-1]]
+        along = impacts.velocity[k] * (signed or 1) + (0 if signed else own[j, at % own.shape[-1]])
+        before += change * (along - row @ before) / (row @ change)
 
 
 def _relative(x: np.ndarray, v: np.ndarray, frequency: np.ndarray, impacts: Impacts) -> np.ndarray:

@@ -3,9 +3,10 @@
 Such a motion is the periodic response of its machine and a free vibration that decays. Two bounds show that
 their sum never reaches a stop:
 
-- The response is a sum of harmonics, g(a) = Re sum_h Z_h exp(i h a) at each stop. At its maximum g' = 0, and the
+- The response is a sum of harmonics, g(a) = Re sum_h Z_h exp(i h a) along the row of each stop or contact, less its own
+  motion. At its maximum g' = 0, and the
   nearest of N samples is at most pi / N away, so max g <= max of the samples + (pi / N)^2 / 2 sum_h h^2 |Z_h|.
-- The energy E of the free vibration never grows, so |z_i| <= sqrt(2 E (K^-1)_ii) for all times to come.
+- The energy E of the free vibration never grows, so |a . z| <= sqrt(2 E a K^-1 a) along a row a for all times to come.
 
 (Decaying exponentials, mode by mode, would give a smaller bound of the free vibration, but the modes of
 machines with uneven damping are not orthogonal, and may be nearly parallel.)
@@ -15,6 +16,7 @@ import numpy as np
 import xarray as xr
 
 from .._machine.machine import Machine
+from .._machine.rows import Rows
 from .._trajectory.solution import Solution
 from .record import forcing_periods, machines
 from .response import lanes_first, modes_of, response_of, vibration_left
@@ -48,8 +50,6 @@ def stays_quiet(
         machine, angle = machines(source, block)
         if machine is None or machine.extra is not None or len(machine.mean) != x.shape[1]:
             break
-        if machine.contacts.is_coupled:
-            break
         is_proved[block], contraction = never_hits(machine, angle, x[block], v[block])
         # Not proved where a coordinate was dropped, which gives another machine.
         is_proved[block] &= np.isclose(lanes_first(machine.period), period[block], rtol=1e-5, atol=0)
@@ -75,14 +75,24 @@ def never_hits(machine: Machine, angle: float, x: np.ndarray, v: np.ndarray) -> 
     left = vibration_left(machine, modes, response, angle, (x, v)) + response.rounding
     is_clear = np.broadcast_to(modes.is_damped, left.shape).copy()
     limits, rows = (lanes_first(a) for a in (machine.contacts.limit, machine.contacts.rows))
+    own = _own_waves(machine)
     for j in range(machine.contacts.num):
         row = (rows[:, j, None] @ modes.shapes)[:, 0]
-        waves = (response.waves @ row[..., None])[..., 0]
-        room = limits[:, j] - modes.rounding * abs(limits[:, j])
+        waves = (response.waves @ row[..., None])[..., 0] - own[..., j]
+        room = limits[:, j] - modes.rounding * (abs(limits[:, j]) + abs(own[..., j]).sum(axis=1))
         room = room - np.real(waves[:, 0]) - np.linalg.norm(row, axis=1) * left
         is_clear &= highest(waves[:, 1:], room) < room
     factor = np.exp(modes.decay * lanes_first(machine.period))
     return is_clear, np.broadcast_to(factor, left.shape)
+
+
+def _own_waves(machine: Machine) -> np.ndarray:
+    """The motions of the contacts along their rows, h = 0, 1, ..., (lanes, 1 + harmonics, contacts)."""
+    walls = machine.contacts.walls if isinstance(machine.contacts, Rows) else None
+    if walls is None:
+        return np.zeros((1, 1 + machine.waves.num_harmonics, machine.contacts.num), complex)
+    waves = np.asarray(walls.cosine) - 1j * np.asarray(walls.sine)
+    return lanes_first(np.concatenate([np.zeros_like(waves[:1]), waves]))
 
 
 def highest(waves: np.ndarray, room: np.ndarray) -> np.ndarray:

@@ -102,6 +102,16 @@ def machines(source: Solution | xr.Dataset, which: np.ndarray) -> tuple[Machine 
         return _prepared(numbers_of(system), one, (0 * one, one, one), can_stick=False), 0.0
 
 
+def has_full_mass(source: Solution | xr.Dataset) -> bool:
+    """Whether an impact of one mass may change the velocities of others, as far as the machine is known."""
+    if isinstance(source, Solution):
+        return source.machine.inverse_mass.ndim > 1
+    try:
+        return machines_of(source).has_full_mass
+    except ValueError:  # as in `machines`
+        return False
+
+
 def held_intervals(sol: Solution, stop: int) -> tuple[np.ndarray, np.ndarray]:
     """Starts and ends of the intervals in which a stop holds its mass, as far as the log tells."""
     is_ours = np.asarray(sol.events.stop) == stop

@@ -1,7 +1,7 @@
 """The periodic response of a linear machine, and the free vibration about it, as they are seen from the stops.
 
 Between impacts z = x - w obeys M z'' + C z' + K z = f(t), w the motion of the stops, see `Frame`. With Phi the modes,
-of unit mass, and w_k their frequencies, the coordinates y = diag(w) Phi^-1 z and u = Phi^-1 z' make the energy E of the
+of unit mass, M full or not, and w_k their frequencies, the coordinates y = diag(w) Phi^-1 z and u = Phi^-1 z' make the energy E of the
 free vibration (|y|^2 + |u|^2) / 2. In them K is the unit matrix, the first-order matrix is skew but for the damping,
 and one norm, sqrt(2 E), measures vibrations and rounding errors alike.
 """
@@ -55,14 +55,14 @@ class Response(NamedTuple):
 def modes_of(machine: Machine) -> Modes:
     """The modes of linear machines, lanes last: one for each motion, or one for all."""
     inverse_mass, c, k = map(lanes_first, (machine.contacts.inverse_mass, machine.damping, machine.stiffness))
-    root = np.sqrt(inverse_mass)
-    scale = root[:, :, None] * root[:, None]
-    unit = _SLACK * root.shape[1] * float(np.finfo(machine.damping.dtype).eps)
-    squares, vectors = np.linalg.eigh(k * scale)
+    root, spread = _root(inverse_mass)
+    of_unit_mass = lambda a: np.swapaxes(root, 1, 2) @ a @ root  # noqa: E731
+    unit = _SLACK * root.shape[1] * spread * float(np.finfo(machine.damping.dtype).eps)
+    squares, vectors = np.linalg.eigh(of_unit_mass(k))
     is_stiff = squares[:, 0] > unit * squares[:, -1]
     squares = np.where(is_stiff[:, None], squares, 1)
     w = np.sqrt(squares)
-    damping = np.swapaxes(vectors, 1, 2) @ (c * scale) @ vectors
+    damping = np.swapaxes(vectors, 1, 2) @ of_unit_mass(c) @ vectors
     diagonal = np.broadcast_to(w[:, :, None] * np.eye(w.shape[1]), damping.shape)
     # Almost skew where damping is light: rounding then moves its eigenvalues by no more than its own size.
     first_order = np.block([[np.zeros_like(damping), diagonal], [-diagonal, -damping]])
@@ -70,7 +70,14 @@ def modes_of(machine: Machine) -> Modes:
     is_damped = is_stiff & (decay < -unit * np.linalg.norm(first_order, axis=(1, 2)))
     # Low modes are less well known than high ones.
     rounding = unit * squares[:, -1] / squares[:, 0]
-    return Modes(root[:, :, None] * vectors / w[:, None], w, damping, decay, rounding, is_damped)
+    return Modes(root @ vectors / w[:, None], w, damping, decay, rounding, is_damped)
+
+
+def _root(inverse_mass: np.ndarray) -> tuple[np.ndarray, np.ndarray | float]:
+    """R of M^-1 = R R^T, (lanes, n, n), and how much worse than its entries it is known."""
+    if inverse_mass.ndim == 2:
+        return np.sqrt(inverse_mass)[:, :, None] * np.eye(inverse_mass.shape[1]), 1.0
+    return np.linalg.cholesky(inverse_mass), np.linalg.cond(inverse_mass)
 
 
 def response_of(machine: Machine, modes: Modes) -> Response:

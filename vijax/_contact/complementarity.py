@@ -1,12 +1,14 @@
 """Linear complementarity: w = q + G p with w >= 0, p >= 0 and w . p = 0.
 
 Which entries of p are positive is decided by pivots, one at a time, the first that is wrong first. For a positive
-definite G that ends at the one solution (K. G. Murty, Linear Algebra Appl. 7 (1974)). What belongs to this set is
+definite G that ends at the one solution (K. G. Murty, Linear Algebra Appl. 7 (1974)). A semi-definite one, of rows that depend
+on each other, is decided as if it were definite. What belongs to this set is
 then computed from it, exactly and differentiably. Sizes are those of contacts closed at one instant: few.
 """
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._machine.rows import inverse_among
@@ -32,7 +34,7 @@ def complementary(
     Returns:
         The set where w = 0, p, and w, which is exactly zero on the set.
     """
-    known, q_known = constant((matrix, q))
+    known, q_known = constant((_yielding(matrix), q))
     noise = 16 * len(matrix) * jnp.finfo(matrix.dtype).eps
 
     def wrong(members: Array) -> Array:
@@ -53,3 +55,14 @@ def complementary(
     members, _, _ = jax.lax.while_loop(goes_on, pivot, (allowed, allowed, jnp.array(0)))
     p = -matvec(inverse_among(matrix, members), q)
     return members, p, jnp.where(members, 0, q + matvec(matrix, p))
+
+
+def _yielding(matrix: Float[Array, "contacts contacts ..."]) -> Float[Array, "contacts contacts ..."]:
+    """The matrix with a little more compliance of each contact by itself.
+
+    So that of rows that depend on each other it is decided as well which bear a force: a mass that rests on one wall is
+    taken over by another that is faster.
+    """
+    size = len(matrix)
+    little = np.eye(size) * (1 + 1024 * size * float(jnp.finfo(matrix.dtype).eps)) + (1 - np.eye(size))
+    return matrix * jnp.asarray(little.reshape(size, size, *[1] * (matrix.ndim - 2)), matrix.dtype)

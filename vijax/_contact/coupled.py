@@ -6,8 +6,9 @@ that are at rest hold: complementarity of contact forces and accelerations.
 
 Bounces that are light, and sure to end, are completed at once, as in `separate.py`. Where light bounces of several
 contacts feed each other (a stack that is dropped), they are completed together: contact forces do not change
-the momentum along what all these contacts leave free, so the motion that is skipped is of the third order in the
-speeds, as for one contact. A relative velocity that is nothing but rounding makes its impact plastic: bouncing
+the momentum along what all these contacts leave free, and that of dampers while the gaps close is known. So what is
+skipped is of the third order in the speeds, as for one contact; the times at which they stick are known to some last
+bounces. A relative velocity that is nothing but rounding makes its impact plastic: bouncing
 sets that nothing presses together come to an end as well.
 """
 
@@ -140,7 +141,7 @@ def _stick_and_release(
     contact = jnp.where(stuck, jnp.int8(0), state.contact)
     contact = jnp.where(let_go | pulled, jnp.int8(3), contact)
     contact = jnp.where(pulled & (opening > 0), jnp.int8(2), contact)
-    x, v = contacts.settled(state.x, state.v, now_held, state.phase)
+    x, v = contacts.settled(state.x, state.v, now_held, state.phase, machine.damping)
     gap = jnp.where(now_held, 0, state.gap)
     names = lambda s: (s.x, s.v, s.gap, s.held, s.contact)  # noqa: E731
     after = eqx.tree_at(names, state, (x, v, gap, now_held, contact))

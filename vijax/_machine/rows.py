@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._system.waves import Waves, phase_rate
-from .._types import Reals, Scalar, matvec
+from .._types import Reals, Scalar, constant, matvec
 from .contacts import AbstractContacts
 
 # Up to so many contacts sweeps are written out; more are a loop, which compiles faster.
@@ -81,7 +81,11 @@ class Rows(AbstractContacts):
     ):
         self.rows, self.limit, self.restitution, self.inverse_mass = rows, limit, restitution, inverse_mass
         self.signs, self.walls, self.frequency = signs, walls, frequency
-        self.compliance = jnp.sum(self._weighted()[:, None] * rows[None], axis=2)
+        terms = self._weighted()[:, None] * rows[None]
+        compliance, size = jnp.sum(terms, axis=2), jnp.sum(jnp.abs(terms), axis=2)
+        # Contacts that share no inertia would seem to by rounding, and one that is hit would open others that hold.
+        is_rounding = jnp.abs(compliance) <= _slack(compliance) * size
+        self.compliance = compliance - constant(jnp.where(is_rounding, compliance, 0))
 
     @property
     def masses(self) -> tuple[int, ...]:
@@ -228,11 +232,16 @@ class Rows(AbstractContacts):
         v: Float[Array, "n ..."],
         held: Bool[Array, "contacts ..."],
         phase: Array,
+        damping: Float[Array, "n n ..."],
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
-        """Positions `placed` and velocities `held_still` at once."""
+        """Positions `placed` and velocities `held_still` at once.
+
+        However short the time in which gaps close, dampers act along the way by an impulse of C times it.
+        """
         inertia, rate = inverse_among(self.compliance, held), phase_rate(phase, self.frequency)
-        x, lack = x + self._by(inertia, self.gaps(x, phase)), self.towards(v, rate)
-        return x, v - self._by(inertia, lack)
+        way = self._by(inertia, self.gaps(x, phase))
+        v = v - self.freed(matvec(damping, way))
+        return x + way, v - self._by(inertia, self.towards(v, rate))
 
     def held_still(
         self, v: Float[Array, "n ..."], held: Bool[Array, "contacts ..."], phase_rate: Array
@@ -322,7 +331,7 @@ def inverse_among(
         J. H. Goodnight, A tutorial on the sweep operator, Am. Stat. 33 (1979).
     """
     size, a = len(matrix), matrix + jnp.zeros_like(members, matrix.dtype)[None]
-    slack = 64 * size * jnp.finfo(matrix.dtype).eps
+    slack = _slack(matrix)
 
     def sweep(a: Array, k: Array | int) -> tuple[Array, Array]:
         here = (jnp.arange(size) == k).reshape(-1, *[1] * (a.ndim - 2))
@@ -344,6 +353,11 @@ def inverse_among(
     else:
         a, inside = jax.lax.scan(sweep, a, jnp.arange(size))
     return jnp.where(inside[:, None] & inside[None], a, 0)
+
+
+def _slack(matrix: Float[Array, "contacts contacts ..."]) -> float:
+    """The rounding error of G, and of what is left of it in sweeps, relative to the terms that are added."""
+    return 64 * len(matrix) * float(jnp.finfo(matrix.dtype).eps)
 
 
 def _product(a: Float[Array, "i j ..."], b: Float[Array, "j k ..."]) -> Float[Array, "i k ..."]:

@@ -25,3 +25,4 @@ from ._oscillators import (
     impact_pair as impact_pair,
     two_sided_oscillator as two_sided_oscillator,
 )
+from ._pistons import multi_piston as multi_piston
