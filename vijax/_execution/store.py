@@ -25,7 +25,7 @@ import io
 import json
 import os
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -49,7 +49,7 @@ _MANIFEST = "sweep.json"
 # Prefix of the columns of the impacts, which share a file with the ends of the points.
 _OF_IMPACTS = "impacts."
 # Settings that decide how points are cut into chunks, or who runs them, but no bit of the results.
-_FREE_SETTINGS = ("cores", "chunk_periods", "min_chunk", "max_chunk")
+_FREE_SETTINGS = ("cores", "in_flight", "chunk_periods", "min_chunk", "max_chunk")
 
 
 class Store(AbstractRunner):
@@ -71,17 +71,25 @@ class Store(AbstractRunner):
         """Run some points, see `AbstractRunner.run`."""
         chunks = np.array_split(which, -(-len(which) // self.points_per_chunk))
         parts: dict[int, Found] = {}
-        # Every process has another order; results are joined in that of the points.
-        for number in np.random.default_rng().permutation(len(chunks)).tolist():
-            chunk = chunks[number]
-            of_chunk = jax.tree.map(lambda a, chunk=chunk: a if a.shape[-1] == 1 else a[..., chunk], points)
-            file = self.folder / f"{_digest((of_chunk, chunk))}.npz"
-            found = _read(self, file)
-            if found is None:
-                found = self.runner.run(points, chunk, tell)
-                _keep(self, file, found)
-            else:
-                tell(len(chunk))
+        files: dict[int, Path] = {}
+
+        def missing() -> Iterator[tuple[int, np.ndarray]]:
+            # Every process has another order; results are joined in that of the points.
+            for number in np.random.default_rng().permutation(len(chunks)).tolist():
+                chunk = chunks[number]
+                of_chunk = jax.tree.map(
+                    lambda a, chunk=chunk: a if a.shape[-1] == 1 else a[..., chunk], points
+                )
+                files[number] = self.folder / f"{_digest((of_chunk, chunk))}.npz"
+                found = _read(self, files[number])
+                if found is None:
+                    yield number, chunk
+                else:
+                    parts[number] = found
+                    tell(len(chunk))
+
+        for number, found in self.runner.run_each(points, missing(), tell):
+            _keep(self, files[number], found)
             parts[number] = found
         return together([parts[number] for number in range(len(chunks))])
 
@@ -130,9 +138,8 @@ def _begin(folder: Path, manifest: dict[str, Any], settings: ExecutionSettings) 
             raise ValueError(
                 f"Argument `store` must name a new or empty folder, or a store, but {folder} is neither."
             )
-    periods = max(manifest["transient"] + manifest["record"], 1)
-    of_core = min(max(settings.chunk_periods // periods, settings.min_chunk), settings.max_chunk)
-    size = (settings.cores or count_cores()) * of_core
+    periods = manifest["transient"] + manifest["record"]
+    size = (settings.cores or count_cores()) * settings.chunk_of(periods)
     folder.mkdir(parents=True, exist_ok=True)
     _write(file, json.dumps({"points_per_chunk": size, "sweep": manifest}, indent=1).encode(), _first_come)
 

@@ -2,17 +2,18 @@
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 
 import jax
 import numpy as np
 import xarray as xr
 
 from .._contact.sticking import can_any_stick
+from .._execution.cluster import choose_runner
 from .._execution.points import Point, points_of_lanes
-from .._execution.runner import AbstractRunner, Counts
+from .._execution.runner import Counts
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._execution.store import describe_sweep, open_store
-from .._execution.threads import Threads
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._progress import tqdm
@@ -40,6 +41,7 @@ def sweep(
     max_impacts: Count = 2048,
     max_steps: Count | None = None,
     store: str | os.PathLike[str] | None = None,
+    executor: object = None,
     progress: bool = True,
     settings: ExecutionSettings = DEFAULT_SETTINGS,
 ) -> xr.Dataset:
@@ -79,6 +81,10 @@ def sweep(
             on where the one before it was stopped or killed, and finds the same, bit for bit. Several
             processes may do it at once, on one machine or on several of one kind that share the folder: they
             share the work, and each returns the whole. It may be deleted afterwards.
+        executor: runs chunks of points on other processes or machines: any `concurrent.futures.Executor` (`ProcessPoolExecutor`
+            with `mp_context=multiprocessing.get_context("spawn")`, `mpi4py.futures.MPIPoolExecutor`), or a client of Dask. Each of
+            its workers uses one core. What is found is the same, bit for bit, on processors of one kind; chunks of a worker that is lost are
+            run again, for as long as the executor takes them. If left out, the cores of this process.
         progress: show a progress bar.
         settings: sizes of queues, lanes and chunks, which change how fast it is, and no more than rounding
             in what it finds.
@@ -97,7 +103,8 @@ def sweep(
 
     Raises:
         ValueError: for a path that names nothing, values that make no machine, a start beyond
-            a stop, or a store of another sweep.
+            a stop, a store of another sweep, or an executor that cannot run it.
+        RuntimeError: if an executor takes no more tasks, or loses one again and again.
 
     Example:
         ```python
@@ -129,10 +136,12 @@ def sweep(
     attributes = origin(
         base, counts, flow=name_of_flow(motion, flow), carry=carry, goes_on=carry_from is not None
     )
-    runner: AbstractRunner = Threads(motion, counts, settings)
+    runner = choose_runner(motion, counts, settings, executor)
     if store is not None:
         manifest = describe_sweep(attributes, axes, points, flow, settings)
-        runner = open_store(store, manifest, runner, settings)
+        runner = open_store(
+            store, manifest, runner, settings if executor is None else replace(settings, cores=1)
+        )
     all_points = np.arange(points.x0.shape[-1])
     with tqdm(total=len(all_points), unit="point", disable=not progress) as bar:
         if chain is None:
