@@ -17,7 +17,7 @@ from .._execution.runner import Counts
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._progress import tqdm
-from .._sweep.sweep import base_of, values_of
+from .._sweep.grid import base_of, values_of
 from .._sweep.zipped import START, sweep_zipped
 from .._system.system import ImpactSystem, with_args
 from .._types import Count, Numbers, whole_number

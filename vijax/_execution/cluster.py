@@ -49,8 +49,8 @@ class Cluster(AbstractRunner):
         self, points: Point, parts: Iterable[tuple[int, np.ndarray]], tell: Callable[[int], object]
     ) -> Iterator[tuple[int, Found]]:
         """Run parts side by side, see `AbstractRunner.run_each`."""
-        in_all, numbers = points.x0.shape[-1], jax.tree.map(np.asarray, (points, self.flow))
-        settings = replace(self.settings, cores=1)
+        in_all, settings = points.x0.shape[-1], replace(self.settings, cores=1)
+        numbers = jax.tree.map(np.asarray, (points, self.flow))
 
         def tasks() -> Iterator[tuple[tuple[int, np.ndarray], tuple]]:
             for number, which in parts:

@@ -115,18 +115,37 @@ def open_store(
     if not file.exists():
         _begin(folder, manifest, settings)
     # Read even what was just begun: another process may have written it.
+    size = read_manifest(folder, _MANIFEST, manifest, lambda told: int(told["points_per_chunk"]))
+    digest = hashlib.sha256(json.dumps(manifest, sort_keys=True).encode())
+    return Store(runner, folder, size, digest.hexdigest())
+
+
+def read_manifest(
+    folder: Path, name: str, manifest: dict[str, Any], size: Callable[[Any], Any], *within: str
+) -> Any:
+    """What stands beside a manifest, if the sweep that it tells of is the one that is given.
+
+    Args:
+        folder: of the store.
+        name: of the file in it, of JSON.
+        manifest: what is swept.
+        size: takes the size of chunks from what stands there.
+        within: where in the file it stands.
+    """
+    file = folder / name
     try:
         found = json.loads(file.read_text())
-        there, size = found["sweep"], int(found["points_per_chunk"])
+        for key in within:
+            found = found[key]
+        there, told = found["sweep"], size(found)
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"The file {file} of a store is damaged: delete the folder.") from error
-    difference = _difference(there, manifest)
-    if difference is not None:
+    clause = difference(there, manifest)
+    if clause is not None:
         raise ValueError(
-            f"The store {folder} holds another sweep: {difference}. Name another folder, or delete this one."
+            f"The store {folder} holds another sweep: {clause}. Name another folder, or delete this one."
         )
-    digest = hashlib.sha256(json.dumps(there, sort_keys=True).encode())
-    return Store(runner, folder, size, digest.hexdigest())
+    return told
 
 
 def _begin(folder: Path, manifest: dict[str, Any], settings: ExecutionSettings) -> None:
@@ -246,7 +265,7 @@ def _summary(values: np.ndarray) -> str:
     return f"{' x '.join(map(str, values.shape))} values from {first} to {last} ({_digest(values)[:8]})"
 
 
-def _difference(there: object, here: object, name: str = "") -> str | None:
+def difference(there: object, here: object, name: str = "") -> str | None:
     """The first thing in which two manifests differ, as a clause."""
     if isinstance(there, dict) and isinstance(here, dict):
         pairs = [(f"{name}.{key}".lstrip("."), there.get(key), here.get(key)) for key in {**there, **here}]
@@ -255,4 +274,4 @@ def _difference(there: object, here: object, name: str = "") -> str | None:
     else:
         there, here = ("missing" if a is None else a for a in (there, here))
         return None if there == here else f"`{name}` is {there} there, but {here} here"
-    return next((clause for n, a, b in pairs if (clause := _difference(a, b, n))), None)
+    return next((clause for n, a, b in pairs if (clause := difference(a, b, n))), None)

@@ -19,6 +19,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple, cast
 
 import jax
+import numpy as np
 
 from .._dataset_attributes import versions
 from .._xla import PLAIN
@@ -67,7 +68,7 @@ class _Answer(NamedTuple):
 
 
 def run_tasks(
-    executor: Executor,
+    executor: Executor | None,
     function: Callable,
     tasks: Iterable[tuple[Any, tuple]],
     in_flight: int,
@@ -75,7 +76,7 @@ def run_tasks(
     """Call a function with the arguments of every task, on workers.
 
     Args:
-        executor: gives tasks to workers.
+        executor: gives tasks to workers; None calls the function here, one task after another.
         function: a function of a module, which workers import.
         tasks: for each a key, which stays here, and the arguments; the next is asked for when there is room for it.
         in_flight: how many tasks the executor has at a time.
@@ -89,6 +90,10 @@ def run_tasks(
         ValueError: if a task cannot be sent, or a worker has other versions of what computes.
         Exception: whatever the function raises.
     """
+    if executor is None:
+        for key, args in tasks:
+            yield key, function(*args)
+        return
     desk = _Desk(executor, function, (_Task(*task) for task in tasks), max(in_flight, 1))
     try:
         while desk.give_out():
@@ -147,9 +152,11 @@ class _Desk:
 
 
 def _submit(executor: Executor, function: Callable, task: _Task) -> Future:
+    # An array of JAX is read as 32 bits by a process that has no others yet.
+    args = jax.tree.map(lambda a: np.asarray(a) if isinstance(a, jax.Array) else a, task.args)
     asked = jax.config.read("jax_enable_x64"), _circumstances()
     try:
-        return executor.submit(_run, function, task.args, *asked)
+        return executor.submit(_run, function, args, *asked)
     except Exception as error:
         _refuse_unsendable(task.args)
         raise RuntimeError(
