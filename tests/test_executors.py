@@ -1,17 +1,35 @@
-"""Sweeps on other processes, by any executor, find the same as on this one, bit for bit."""
+"""Sweeps by an executor, of any kind, find the same as on this process, bit for bit; see `test_clusters.py` for real ones."""
 
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+import signal
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 
+import jax
 import numpy as np
 import pytest
 import xarray as xr
-from test_store import FREQUENCIES, FREQUENCY, assert_same, chunks_of, sweep as run_sweep
+from helpers import counted
+from test_store import (  # noqa: F401
+    FREQUENCIES,
+    FREQUENCY,
+    SMALL_CHUNKS,
+    assert_same,
+    chunks_of,
+    interruptible,
+    stop_at_chunk,
+    sweep as run_sweep,
+)
+
+import vijax as vx
+from vijax._execution import tasks
+from vijax._execution.threads import Threads
 
 # Short, but not without impacts.
 sweep = partial(run_sweep, transient=1, record=2)
+ONE_BY_ONE = replace(SMALL_CHUNKS, max_chunk=1)
 
 
 class Here(Executor):
@@ -28,6 +46,20 @@ class Here(Executor):
         else:
             future.set_result(function(*args, **options))
         return future
+
+
+class Slow(Here):
+    """Runs two tasks; others wait for ever."""
+
+    def __init__(self):
+        super().__init__()
+        self.waiting = []
+
+    def submit(self, function, /, *args, **options) -> Future:
+        if self.given < 2:
+            return super().submit(function, *args, **options)
+        self.waiting.append(Future())
+        return self.waiting[-1]
 
 
 class Closed(Here):
@@ -50,6 +82,85 @@ def test_an_executor_changes_nothing(plain, carry):
     assert_same(sweep(carry=carry, executor=Here()), plain[carry])
 
 
+def test_tasks_share_the_program_of_the_whole(plain):
+    with counted() as compilations:
+        sweep(executor=Here(), values={FREQUENCY: FREQUENCIES[:6]})  # chunks of 3
+        sweep(executor=Here(), values={FREQUENCY: FREQUENCIES[:6]}, settings=ONE_BY_ONE)
+    assert compilations == []
+
+
+@pytest.mark.thorough
+def test_points_one_by_one_are_the_same(plain):
+    values = {FREQUENCY: FREQUENCIES[:6]}
+    assert_same(sweep(executor=Here(), values=values, settings=ONE_BY_ONE), sweep(values=values))
+
+
+def test_no_more_tasks_are_given_out_than_are_asked_for():
+    most = []
+
+    class Watched(Here):
+        def submit(self, function, /, *args, **options) -> Future:
+            future = super().submit(function, *args, **options)
+            self.open = getattr(self, "open", 0) + 1
+            most.append(self.open)
+            result = future.result
+
+            def told(*args):
+                self.open -= 1
+                return result(*args)
+
+            future.result = told
+            return future
+
+    sweep(executor=Watched(), settings=replace(SMALL_CHUNKS, in_flight=2))
+    assert (len(most), max(most)) == (5, 2)
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_an_interrupt_cancels_what_waits_and_keeps_what_is_done(tmp_path):
+    executor = Slow()
+    with pytest.MonkeyPatch.context() as patch:
+        stop_at_chunk(2, patch, lambda: signal.raise_signal(signal.SIGINT))
+        with pytest.raises(KeyboardInterrupt):
+            sweep(tmp_path, executor=executor)
+    assert len(executor.waiting) == 3
+    assert all(future.cancelled() for future in executor.waiting)
+    assert len(chunks_of(tmp_path)) == 1
+
+
+@pytest.mark.thorough
+@pytest.mark.filterwarnings("ignore:vijax works in float32")
+def test_an_executor_of_this_process_works_in_the_precision_of_the_call():
+    with jax.enable_x64(False), ThreadPoolExecutor(1) as executor:
+        system = vx.models.wagg_bishop_b(1.0)
+        here, there = (sweep(system=system, executor=one) for one in (None, executor))
+    assert here.x.dtype == np.float32
+    assert_same(there, here)
+
+
+def test_what_a_task_raises_is_raised_here(monkeypatch):
+    def fail(*args):
+        raise ValueError("all is lost")
+
+    monkeypatch.setattr(Threads, "run", fail)
+    with pytest.raises(ValueError, match="all is lost") as raised:
+        sweep(executor=Here())
+    assert "Raised by a worker" in raised.value.__notes__[0]
+
+
+def test_a_worker_with_other_versions_is_refused(monkeypatch):
+    def other(function, /, *args) -> Future:
+        monkeypatch.setattr(tasks, "versions", lambda: {"jax_version": "0.1"})
+        return Here.submit(Here(), function, *args)
+
+    executor = Here()
+    monkeypatch.setattr(executor, "submit", other)
+    with pytest.raises(
+        ValueError, match=r"A worker has `jax_version` 0.1, but .* Give all machines the same"
+    ):
+        sweep(executor=executor)
+
+
 def test_tasks_that_were_lost_are_given_out_again(plain):
     executor = Here(lost=(1, 3, 4))
     assert_same(sweep(executor=executor), plain[None])
@@ -69,63 +180,6 @@ def test_what_a_store_has_is_kept_from_an_executor_that_ends(plain, tmp_path):
     executor = Here()
     assert_same(sweep(tmp_path, executor=executor), plain[None])
     assert executor.given == 3
-
-
-def assert_same_when_read(found: xr.Dataset, expected: xr.Dataset):
-    """Every bit; Zarr keeps lists for arrays among attributes."""
-    expected = expected.copy()
-    expected.steps.attrs.pop("lane_steps", None)
-    for variable in expected.variables.values():
-        variable.attrs = {
-            key: a.tolist() if isinstance(a, np.ndarray) else a for key, a in variable.attrs.items()
-        }
-    xr.testing.assert_identical(found.load(), expected)
-    for name, variable in expected.variables.items():
-        assert found[name].dtype == variable.dtype
-
-
-def test_a_sweep_that_is_written_is_that_in_memory(plain, tmp_path):
-    pytest.importorskip("zarr")
-    found = sweep(out=tmp_path / "a.zarr")
-    assert found.impact_time.chunks is not None
-    assert_same_when_read(found, plain[None])
-    again = Here()
-    assert_same_when_read(sweep(out=tmp_path / "a.zarr", executor=again), plain[None])
-    assert again.given == 1  # a look at all points; nothing is left to run
-
-
-def test_a_sweep_that_is_written_goes_on_where_it_ended(plain, tmp_path):
-    with pytest.raises(RuntimeError, match="takes no more tasks"):
-        sweep(out=tmp_path, executor=Closed())
-    partly = xr.open_zarr(tmp_path, consolidated=False)
-    assert int((partly.result == 0).sum()) in (4, 5)
-    assert int((partly.result == -1).sum()) in (19, 20)
-    executor = Here()
-    assert_same_when_read(sweep(out=tmp_path, executor=executor), plain[None])
-    assert executor.given == 1 + 4
-
-
-def test_blocks_of_several_swept_quantities_are_put_where_they_belong(tmp_path):
-    values = {"v0[1]": [0.0, 0.1, 0.2], FREQUENCY: FREQUENCIES[:7], "x0[0]": [0.0, -0.1]}
-    found = sweep(out=tmp_path, values=values)
-    assert found.result.chunks == ((1, 1, 1), (2, 2, 2, 1), (2,))
-    assert_same_when_read(found, sweep(values=values))
-
-
-@pytest.mark.parametrize("options", [{"carry": "up"}, {"store": "other"}, {"carry_from": xr.Dataset()}])
-def test_what_is_written_starts_by_itself(tmp_path, options):
-    with pytest.raises(ValueError, match="leave out `store`, `carry` and `carry_from`"):
-        sweep(out=tmp_path, **options)
-
-
-def test_a_folder_of_another_sweep_is_not_written_to(tmp_path):
-    sweep(out=tmp_path / "a", transient=0)
-    with pytest.raises(ValueError, match="holds another sweep: `transient` is 0 there, but 1 here"):
-        sweep(out=tmp_path / "a", transient=1)
-    with pytest.raises(ValueError, match="`out` must name a new or empty folder"):
-        sweep(out=tmp_path, transient=0)
-    with pytest.raises(ValueError, match="`store` must name a new or empty folder"):
-        sweep(tmp_path / "a", transient=0)
 
 
 WRONG = {

@@ -61,9 +61,8 @@ def combine(datasets: Sequence[xr.Dataset]) -> xr.Dataset:
     twice = [str(name) for name, index in found.indexes.items() if not index.is_unique]
     if twice:
         raise ValueError(f"{refusal}Values of `{twice[0]}` stand in two.")
-    steps = [ds["steps"].attrs["lane_steps"] for ds in datasets if "lane_steps" in ds["steps"].attrs]
-    if len(steps) == len(datasets):
-        found["steps"].attrs["lane_steps"] = sum(steps)
+    if "steps" in found and "lane_steps" in found["steps"].attrs:
+        found["steps"].attrs["lane_steps"] = sum(ds["steps"].attrs["lane_steps"] for ds in datasets)
     return found
 
 
