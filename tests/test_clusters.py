@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -11,7 +12,6 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 import xarray as xr
 from test_executors import Here, interruptible, sweep  # noqa: F401
@@ -19,6 +19,7 @@ from test_store import NUM_CHUNKS, SMALL_CHUNKS, assert_same, chunks_of, stop_at
 from test_written import assert_same_when_read
 
 import vijax as vx
+from vijax._execution.tasks import run_tasks
 
 pytestmark = pytest.mark.thorough
 
@@ -44,16 +45,6 @@ def test_processes_find_the_same(plain, pool):
 
 def test_processes_write_the_same(plain, pool, tmp_path):
     assert_same_when_read(sweep(out=tmp_path, executor=pool), plain)
-
-
-def test_attractors_and_charts_are_the_same(pool):
-    system = vx.models.wagg_bishop_b(2.05)
-    asked = {"transient": 10, "record": 20, "progress": False}
-    found = [vx.attractors(system, 8, executor=executor, **asked) for executor in (None, pool)]
-    xr.testing.assert_identical(*found)
-    plane = {"forcing.frequency": np.linspace(1.5, 2.0, 3), "forcing.amplitude[0]": np.linspace(0.3, 0.5, 3)}
-    charts = [vx.chart(system, plane, executor=executor, **asked) for executor in (None, pool)]
-    xr.testing.assert_identical(*charts)
 
 
 def test_a_force_that_cannot_be_sent_is_refused(pool):
@@ -112,8 +103,7 @@ def test_dask_runs_again_what_a_killed_worker_had(plain, tmp_path):
             assert_same(sweep(tmp_path, executor=client, settings=replace(SMALL_CHUNKS, in_flight=4)), plain)
         assert killed[0] not in client.run(os.getpid).values()
         # Functions that pickle cannot send, Dask can.
-        system = replace_force(lambda t, x, v, args: -0.1 * x**3)
-        assert_same(sweep(system=system, executor=client.get_executor()), sweep(system=system))
+        assert dict(run_tasks(client.get_executor(), lambda k: k + 1, [("one", (1,))], 1)) == {"one": 2}
 
 
 RANK_0 = """
@@ -148,6 +138,4 @@ def test_two_ranks_of_mpi_find_the_same(plain, tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert "workers: 1" in done.stdout
-    import pickle
-
     assert_same(pickle.loads(out.read_bytes()), plain)

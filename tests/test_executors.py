@@ -193,3 +193,31 @@ def test_an_executor_that_cannot_serve_is_refused(what):
     made, sentence = WRONG[what]
     with pytest.raises(ValueError, match=sentence):
         sweep(executor=made())
+
+
+@pytest.mark.thorough
+def test_a_chart_is_the_same():
+    plane = {FREQUENCY: np.linspace(1.5, 2.0, 3), "x0[0]": np.linspace(-0.1, 0.0, 2)}
+    executor = Here()
+    found, expected = (
+        vx.chart(vx.models.wagg_bishop_b(1.0), plane, transient=2, record=4, executor=one, progress=False)
+        for one in (executor, None)
+    )
+    xr.testing.assert_identical(found, expected)
+    assert executor.given > 0
+
+
+START = {"x0[0]": [0.0, -0.1], "v0[0]": [0.0, 0.1]}
+SEARCHES = {
+    "attractors": lambda executor: vx.attractors(vx.models.wagg_bishop_b(1.0), START, executor=executor),
+    "basins": lambda executor: vx.basins(vx.models.wagg_bishop_b(1.0), START, executor=executor),
+    "follow_attractors": lambda executor: vx.follow_attractors(
+        vx.models.wagg_bishop_b(1.0), FREQUENCY, [1.0, 1.1], np.zeros((2, 4)), executor=executor
+    ),
+}
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+def test_searches_run_their_starts_by_the_executor(search):
+    with pytest.raises(RuntimeError, match="lost the same task 4 times"):
+        SEARCHES[search](Here(lost=tuple(range(10))))
