@@ -6,6 +6,8 @@ import xarray as xr
 from test_executors import Closed, Here, sweep
 from test_store import FREQUENCIES, FREQUENCY
 
+import vijax as vx
+
 pytest.importorskip("zarr")
 
 
@@ -72,3 +74,31 @@ def test_a_folder_of_another_sweep_is_not_written_to(tmp_path):
         sweep(out=tmp_path, transient=0)
     with pytest.raises(ValueError, match="`store` must name a new or empty folder"):
         sweep(tmp_path / "a", transient=0)
+
+
+@pytest.mark.thorough
+def test_the_motion_between_events_is_chosen_for_all_blocks(tmp_path):
+    """Modes do for most points, but not for those of the last block: then none is run by them."""
+    own = vx.models.wagg_bishop_b(1.0)
+    damping = np.array(np.broadcast_to(own.damping, (7, 2, 2)))
+    damping[-1, 0, 0] *= 1.5
+    values = {"damping": damping}
+    expected, found = sweep(values=values), sweep(values=values, out=tmp_path)
+    assert (sweep(values={"damping": damping[:-1]}).flow, expected.flow) == ("ModalFlow", "TaylorFlow")
+    assert_same_when_read(found, expected)
+
+
+@pytest.mark.thorough
+def test_who_finds_a_folder_begun_meanwhile_goes_on_with_it(plain, tmp_path, monkeypatch):
+    replace, met = os.replace, []
+
+    def second(part, path):
+        if Path(path) == tmp_path / "a" and not met:
+            met.append(1)
+            sweep(out=tmp_path / "a")
+        replace(part, path)
+
+    monkeypatch.setattr(os, "replace", second)
+    assert_same_when_read(sweep(out=tmp_path / "a"), plain)
+    assert met
+    assert [file.name for file in tmp_path.iterdir()] == ["a"]

@@ -56,9 +56,9 @@ class Folder:
             slice(k * part, (k + 1) * part) for k, part in zip(map(int, place), self.block, strict=True)
         )
 
-    def is_done(self, number: int) -> bool:
-        """Whether a block is written."""
-        return bool(_group(self.path)[_LONGEST][number] >= 0)
+    def marks(self) -> Any:
+        """The longest record of every block as it stands now, -1 where it is not written; read when it is indexed."""
+        return _group(self.path)[_LONGEST]
 
     def write(self, number: int, ds: xr.Dataset) -> None:
         """Write the results of a block."""
@@ -103,7 +103,7 @@ class Folder:
     def open(self) -> xr.Dataset:
         """The dataset, of which is read what is looked at; the room for impacts is cut to the longest record."""
         group = _group(self.path)
-        longest = int(np.max(group[_LONGEST][...]))
+        longest = int(np.max(self.marks()[...]))
         room = -(-longest // _COLUMNS) * _COLUMNS
         for name, a in group.arrays():
             if a.metadata.dimension_names[-1:] == ("impact",) and a.shape[-1] > room:

@@ -110,11 +110,12 @@ def write_sweep(
     with tqdm(total=sweep.in_all, unit="point", disable=not progress) as bar:
 
         def missing() -> Iterator[tuple[int, tuple]]:
+            marks = folder.marks()
             # Every process has another order, so that several share the work.
             for number in np.random.default_rng().permutation(math.prod(folder.blocks)).tolist():
                 part = _part(axes, folder, number)
                 size = math.prod(len(axis) for axis in part.values())
-                if folder.is_done(number):
+                if marks[number] >= 0:
                     bar.update(size)
                 else:
                     yield size, (sweep, part, folder, number)
