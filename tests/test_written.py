@@ -1,5 +1,8 @@
 """Sweeps that are written as they are run, and read lazily, are those in memory, bit for bit."""
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
