@@ -15,7 +15,7 @@ import argparse
 import time
 from pathlib import Path
 
-from benchmarks import attractors, convergence, first, many, orbits, pictures, report, single, sizes
+from benchmarks import attractors, cluster, convergence, first, many, orbits, pictures, report, single, sizes
 
 PARTS = {
     part.__name__: part
@@ -23,7 +23,7 @@ PARTS = {
         single.work_precision, many.sweeps, many.work, many.throughput, sizes.masses, sizes.stops,
         first.first_results, many.chattering_point, single.derivatives, orbits.periodic_orbits,
         attractors.exponents, attractors.basins, convergence.convergence,
-        convergence.batch_cost, many.accelerator,
+        convergence.batch_cost, cluster.executors, many.accelerator,
     )
 }  # fmt: skip
 

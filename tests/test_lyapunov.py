@@ -11,7 +11,7 @@ from vijax._execution.runner import Counts
 from vijax._execution.settings import DEFAULT_SETTINGS
 from vijax._execution.threads import Threads
 from vijax._flow.choose import choose_flow
-from vijax._sweep.sweep import base_of
+from vijax._sweep.grid import base_of
 from vijax._trajectory import growth
 
 FREQUENCY = "forcing.frequency"

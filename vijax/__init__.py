@@ -45,6 +45,7 @@ from ._orbits.next_impact import next_impact as next_impact
 from ._orbits.orbit import ORBIT_RESULTS as ORBIT_RESULTS, PeriodicOrbit as PeriodicOrbit
 from ._orbits.periodic_orbit import periodic_orbit as periodic_orbit
 from ._refusal import SimulationError as SimulationError
+from ._sweep.combine import combine as combine
 from ._sweep.provenance import system_of as system_of
 from ._sweep.sweep import sweep as sweep
 from ._system.base import base_excitation as base_excitation
@@ -102,6 +103,7 @@ __all__ = [
     "chain",
     "chart",
     "classify",
+    "combine",
     "continuation",
     "find_periodic_orbits",
     "follow_attractors",

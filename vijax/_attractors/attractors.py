@@ -35,6 +35,7 @@ def attractors(
     args: object = None,
     flow: AbstractFlow | None = None,
     max_steps: Count | None = None,
+    executor: object = None,
     progress: bool = True,
     settings: ExecutionSettings = DEFAULT_SETTINGS,
 ) -> xr.Dataset:
@@ -62,6 +63,7 @@ def attractors(
         args: as for `simulate`.
         flow: likewise.
         max_steps: as for `sweep`.
+        executor: as for `sweep`.
         progress: show a bar.
         settings: as for `sweep`.
 
@@ -91,7 +93,9 @@ def attractors(
     """
     transient, record = whole_number("transient", transient), whole_number("record", record, 2)
     check_single(system, args, flow, "attractors")
-    machines = machines_of_one(system, args, transient, record, tolerance, flow, max_steps, settings)
+    machines = machines_of_one(
+        system, args, transient, record, tolerance, flow, max_steps, settings, executor
+    )
     given = starts_of(machines, starts, bounds, seed, x0, v0)
     return _found(machines, given, progress=progress)
 
@@ -113,6 +117,7 @@ def machines_of_one(
     flow: AbstractFlow | None,
     max_steps: Count | None,
     settings: ExecutionSettings,
+    executor: object,
 ) -> Machines:
     """The machine as it is run."""
     if tolerance is not None and not tolerance > 0:
@@ -128,6 +133,7 @@ def machines_of_one(
         flow=flow,
         max_steps=None if max_steps is None else whole_number("max_steps", max_steps, 1),
         settings=settings,
+        executor=executor,
         is_wide=False,
     )
 

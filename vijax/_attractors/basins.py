@@ -27,6 +27,7 @@ def basins(
     args: object = None,
     flow: AbstractFlow | None = None,
     max_steps: Count | None = None,
+    executor: object = None,
     progress: bool = True,
     settings: ExecutionSettings = DEFAULT_SETTINGS,
 ) -> xr.Dataset:
@@ -46,6 +47,7 @@ def basins(
         args: as for `simulate`.
         flow: likewise.
         max_steps: as for `sweep`.
+        executor: as for `sweep`.
         progress: show a bar.
         settings: as for `sweep`.
 
@@ -82,6 +84,7 @@ def basins(
         args=args,
         flow=flow,
         max_steps=max_steps,
+        executor=executor,
         progress=progress,
         settings=settings,
     )

@@ -17,7 +17,7 @@ from .._execution.runner import Counts
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._progress import tqdm
-from .._sweep.sweep import base_of, values_of
+from .._sweep.grid import base_of, values_of
 from .._sweep.zipped import START, sweep_zipped
 from .._system.system import ImpactSystem, with_args
 from .._types import Count, Numbers, whole_number
@@ -41,6 +41,7 @@ def chart(
     lyapunov: bool = False,
     tolerance: float | None = None,
     max_impacts: Count = 2048,
+    executor: object = None,
     progress: bool = True,
     settings: ExecutionSettings = DEFAULT_SETTINGS,
 ) -> xr.Dataset:
@@ -64,6 +65,7 @@ def chart(
         lyapunov: likewise; only points that were run have exponents.
         tolerance: as for `vx.classify`.
         max_impacts: as for `vx.sweep`.
+        executor: as for `vx.sweep`.
         progress: show a bar, of the points of each round of halving.
         settings: as for `vx.sweep`.
 
@@ -107,7 +109,7 @@ def chart(
                 part = where[first : first + _TOGETHER]
                 index = np.unravel_index(part, grid.shape)
                 swept = {path: axis[i] for (path, axis), i in zip(axes.items(), index, strict=True)}
-                yield part, _judged(base, swept, counts, flow, settings, tolerance, bar.update)
+                yield part, _judged(base, swept, counts, flow, settings, executor, tolerance, bar.update)
 
     return _refined(grid, axes, stride, run)
 
@@ -129,13 +131,14 @@ def _judged(
     counts: Counts,
     flow: AbstractFlow | None,
     settings: ExecutionSettings,
+    executor: object,
     tolerance: float | None,
     tell: Callable[[int], object],
 ) -> xr.Dataset:
     """What becomes of some points."""
     start = np.concatenate([base.x0, base.v0])
     states = np.broadcast_to(start, (len(next(iter(swept.values()))), len(start)))
-    ds = sweep_zipped(base.system, swept, states, counts, flow, settings, tell)
+    ds = sweep_zipped(base.system, swept, states, counts, flow, settings, executor, tell)
     motions = classify(ds, tolerance=tolerance)[["motion", "num_periods", "num_impacts"]]
     if counts.lyapunov:
         motions = motions.assign({name: ds[name] for name in ("lyapunov_exponents", "lyapunov_error")})

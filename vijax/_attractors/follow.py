@@ -35,6 +35,7 @@ def follow_attractors(
     args: object = None,
     flow: AbstractFlow | None = None,
     max_steps: Count | None = None,
+    executor: object = None,
     progress: bool = True,
     settings: ExecutionSettings = DEFAULT_SETTINGS,
 ) -> xr.Dataset:
@@ -60,6 +61,7 @@ def follow_attractors(
         args: as for `simulate`.
         flow: likewise.
         max_steps: as for `sweep`.
+        executor: as for `sweep`.
         progress: show a bar.
         settings: as for `sweep`.
 
@@ -89,7 +91,7 @@ def follow_attractors(
     if not threshold > 0:
         raise ValueError(f"Argument `threshold` must be positive, but is {threshold}.")
     check_single(system, args, flow, "follow_attractors")
-    one = machines_of_one(system, args, transient, record, tolerance, flow, max_steps, settings)
+    one = machines_of_one(system, args, transient, record, tolerance, flow, max_steps, settings, executor)
     along, rate = _values(one.system, path, values)
     first = replace(one, system=set_parameter(one.system, path, as_float(along[0])), rate=rate[:1])
     states = starts_of(first, starts, bounds, seed, None, None).states

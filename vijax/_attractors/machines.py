@@ -70,6 +70,7 @@ class Machines:
         flow: the motion between events.
         max_steps: as for `vx.sweep`.
         settings: likewise.
+        executor: likewise.
         is_wide: whether the first sweep has more points than run side by side.
     """
 
@@ -82,6 +83,7 @@ class Machines:
     flow: AbstractFlow | None
     max_steps: int | None
     settings: ExecutionSettings
+    executor: object
     is_wide: bool
 
     def for_sweep_of(self, num_points: int) -> "Machines":
@@ -112,7 +114,8 @@ class Machines:
         counts = Counts(transient, record, max_impacts, self.max_steps, can_stick=True)
         starts = (states / self.scale(machine))[number]
         with tqdm(total=len(number), unit="point", disable=not progress) as bar:
-            ds = sweep_zipped(self.system, of_point, starts, counts, self.flow, self.settings, bar.update)
+            where = self.settings, self.executor
+            ds = sweep_zipped(self.system, of_point, starts, counts, self.flow, *where, bar.update)
         return ds.isel({START: slice(0, len(states))})
 
     def ends(self, ds: xr.Dataset, machine: np.ndarray) -> Ends:

@@ -1,8 +1,8 @@
 """The interface of what runs many points, on any machine, and their results."""
 
 import abc
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import equinox as eqx
 import numpy as np
@@ -39,6 +39,14 @@ class Found:
     impacts: Impact
     lane_steps: int
 
+    def taken(self, order: np.ndarray) -> "Found":
+        """The same with the points in another order, in which the impacts count them already."""
+        return replace(self, ends={name: a[..., order] for name, a in self.ends.items()})
+
+    def numbered(self, which: np.ndarray) -> "Found":
+        """The same with the impacts of points that were counted from 0, of these numbers in the whole sweep."""
+        return replace(self, impacts=replace(self.impacts, point=which[self.impacts.point]))
+
 
 class AbstractRunner(eqx.Module):
     """A way to run points: on the cores of this machine, from a store, on other machines.
@@ -67,6 +75,22 @@ class AbstractRunner(eqx.Module):
         Returns:
             What came of them, in their order; the impacts with their numbers in the whole sweep.
         """
+
+    def run_each(
+        self, points: Point, parts: Iterable[tuple[int, np.ndarray]], tell: Callable[[int], object]
+    ) -> Iterator[tuple[int, Found]]:
+        """Run several parts; overridden where that is not one after another.
+
+        Args:
+            points: as for `run`.
+            parts: numbers of parts, and the points of each; the next is asked for when it may be run.
+            tell: as for `run`.
+
+        Yields:
+            The number of a part and what came of it, when it is done.
+        """
+        for number, which in parts:
+            yield number, self.run(points, which, tell)
 
 
 def together(parts: Sequence[Found]) -> Found:

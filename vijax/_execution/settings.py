@@ -15,8 +15,10 @@ class ExecutionSettings:
         turns: turns of the loop after which it comes back, so that it can be watched and interrupted.
         impact_rows: room for impacts, in rows, which the host takes away when it is full.
         mark_rows: room for the ends of recorded periods, likewise.
-        cores: queues that are run at the same time; if left out, one for every core of this process.
-        chunk_periods: forcing periods in a chunk of a store, for each core: the work of a few seconds.
+        cores: queues that are run at the same time, or with an executor workers among which a small sweep is shared; if left
+            out, one for every core of this process.
+        in_flight: chunks that an executor has at a time: more than it has workers, few enough to stay in memory.
+        chunk_periods: forcing periods in a chunk of a store or of an executor, for each core: the work of a few seconds.
         min_chunk: the fewest points of a chunk for each core, so that lanes do not idle.
         max_chunk: the most points of a chunk for each core, no more than a queue holds.
         long: forcing periods of all points together, above which a sweep has a program of its own, compiled for what
@@ -30,11 +32,16 @@ class ExecutionSettings:
     impact_rows: int = 1 << 15
     mark_rows: int = 1 << 13
     cores: int | None = None
+    in_flight: int = 4096
     chunk_periods: int = 250_000
     min_chunk: int = 192
     max_chunk: int = 2048
     long: int = 30_000_000
     ahead: int = 256
+
+    def chunk_of(self, periods: int) -> int:
+        """Points of a chunk for one core, of so many forcing periods each."""
+        return min(max(self.chunk_periods // max(periods, 1), self.min_chunk), self.max_chunk)
 
 
 DEFAULT_SETTINGS = ExecutionSettings()

@@ -25,7 +25,7 @@ import io
 import json
 import os
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -49,7 +49,7 @@ _MANIFEST = "sweep.json"
 # Prefix of the columns of the impacts, which share a file with the ends of the points.
 _OF_IMPACTS = "impacts."
 # Settings that decide how points are cut into chunks, or who runs them, but no bit of the results.
-_FREE_SETTINGS = ("cores", "chunk_periods", "min_chunk", "max_chunk")
+_FREE_SETTINGS = ("cores", "in_flight", "chunk_periods", "min_chunk", "max_chunk")
 
 
 class Store(AbstractRunner):
@@ -71,17 +71,25 @@ class Store(AbstractRunner):
         """Run some points, see `AbstractRunner.run`."""
         chunks = np.array_split(which, -(-len(which) // self.points_per_chunk))
         parts: dict[int, Found] = {}
-        # Every process has another order; results are joined in that of the points.
-        for number in np.random.default_rng().permutation(len(chunks)).tolist():
-            chunk = chunks[number]
-            of_chunk = jax.tree.map(lambda a, chunk=chunk: a if a.shape[-1] == 1 else a[..., chunk], points)
-            file = self.folder / f"{_digest((of_chunk, chunk))}.npz"
-            found = _read(self, file)
-            if found is None:
-                found = self.runner.run(points, chunk, tell)
-                _keep(self, file, found)
-            else:
-                tell(len(chunk))
+        files: dict[int, Path] = {}
+
+        def missing() -> Iterator[tuple[int, np.ndarray]]:
+            # Every process has another order; results are joined in that of the points.
+            for number in np.random.default_rng().permutation(len(chunks)).tolist():
+                chunk = chunks[number]
+                of_chunk = jax.tree.map(
+                    lambda a, chunk=chunk: a if a.shape[-1] == 1 else a[..., chunk], points
+                )
+                files[number] = self.folder / f"{_digest((of_chunk, chunk))}.npz"
+                found = _read(self, files[number])
+                if found is None:
+                    yield number, chunk
+                else:
+                    parts[number] = found
+                    tell(len(chunk))
+
+        for number, found in self.runner.run_each(points, missing(), tell):
+            _keep(self, files[number], found)
             parts[number] = found
         return together([parts[number] for number in range(len(chunks))])
 
@@ -107,18 +115,37 @@ def open_store(
     if not file.exists():
         _begin(folder, manifest, settings)
     # Read even what was just begun: another process may have written it.
+    size = read_manifest(folder, _MANIFEST, manifest, lambda told: int(told["points_per_chunk"]))
+    digest = hashlib.sha256(json.dumps(manifest, sort_keys=True).encode())
+    return Store(runner, folder, size, digest.hexdigest())
+
+
+def read_manifest(
+    folder: Path, name: str, manifest: dict[str, Any], size: Callable[[Any], Any], *within: str
+) -> Any:
+    """What stands beside a manifest, if the sweep that it tells of is the one that is given.
+
+    Args:
+        folder: of the store.
+        name: of the file in it, of JSON.
+        manifest: what is swept.
+        size: takes the size of chunks from what stands there.
+        within: where in the file it stands.
+    """
+    file = folder / name
     try:
         found = json.loads(file.read_text())
-        there, size = found["sweep"], int(found["points_per_chunk"])
+        for key in within:
+            found = found[key]
+        there, told = found["sweep"], size(found)
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"The file {file} of a store is damaged: delete the folder.") from error
-    difference = _difference(there, manifest)
-    if difference is not None:
+    clause = difference(there, manifest)
+    if clause is not None:
         raise ValueError(
-            f"The store {folder} holds another sweep: {difference}. Name another folder, or delete this one."
+            f"The store {folder} holds another sweep: {clause}. Name another folder, or delete this one."
         )
-    digest = hashlib.sha256(json.dumps(there, sort_keys=True).encode())
-    return Store(runner, folder, size, digest.hexdigest())
+    return told
 
 
 def _begin(folder: Path, manifest: dict[str, Any], settings: ExecutionSettings) -> None:
@@ -130,9 +157,8 @@ def _begin(folder: Path, manifest: dict[str, Any], settings: ExecutionSettings) 
             raise ValueError(
                 f"Argument `store` must name a new or empty folder, or a store, but {folder} is neither."
             )
-    periods = max(manifest["transient"] + manifest["record"], 1)
-    of_core = min(max(settings.chunk_periods // periods, settings.min_chunk), settings.max_chunk)
-    size = (settings.cores or count_cores()) * of_core
+    periods = manifest["transient"] + manifest["record"]
+    size = (settings.cores or count_cores()) * settings.chunk_of(periods)
     folder.mkdir(parents=True, exist_ok=True)
     _write(file, json.dumps({"points_per_chunk": size, "sweep": manifest}, indent=1).encode(), _first_come)
 
@@ -239,7 +265,7 @@ def _summary(values: np.ndarray) -> str:
     return f"{' x '.join(map(str, values.shape))} values from {first} to {last} ({_digest(values)[:8]})"
 
 
-def _difference(there: object, here: object, name: str = "") -> str | None:
+def difference(there: object, here: object, name: str = "") -> str | None:
     """The first thing in which two manifests differ, as a clause."""
     if isinstance(there, dict) and isinstance(here, dict):
         pairs = [(f"{name}.{key}".lstrip("."), there.get(key), here.get(key)) for key in {**there, **here}]
@@ -248,4 +274,4 @@ def _difference(there: object, here: object, name: str = "") -> str | None:
     else:
         there, here = ("missing" if a is None else a for a in (there, here))
         return None if there == here else f"`{name}` is {there} there, but {here} here"
-    return next((clause for n, a, b in pairs if (clause := _difference(a, b, n))), None)
+    return next((clause for n, a, b in pairs if (clause := difference(a, b, n))), None)

@@ -3,7 +3,6 @@
 import os
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import replace
 from threading import Event, Lock
 
 import equinox as eqx
@@ -22,6 +21,9 @@ from .records import Mark, joined, taken
 from .runner import AbstractRunner, Counts, Found, together
 from .settings import ExecutionSettings
 
+# Queues begin one after another: each would compile, and wait for Python's lock.
+_STARTING = Lock()
+
 
 def count_cores() -> int:
     """The cores that this process may use."""
@@ -35,33 +37,33 @@ class Threads(AbstractRunner):
         flow: the motion between events.
         counts: what is asked of every point.
         settings: sizes of lanes and queues.
+        in_all: points of the whole sweep, where those given are a part of it.
     """
 
     flow: AbstractFlow
     counts: Counts
     settings: ExecutionSettings
+    in_all: int | None = None
 
     def run(self, points: Point, which: np.ndarray, tell: Callable[[int], object]) -> Found:
         """Run some points, see `AbstractRunner.run`."""
-        num_queues, shape = self._sizes(points.x0.shape[-1], len(which))
-        # Points with the longest periods have most to do: they come first, shared among all queues.
-        frequency = np.broadcast_to(points.system.forcing.frequency, points.x0.shape[-1])[which]
-        order = which[np.argsort(frequency, kind="stable")]
-        shares = [order[k::num_queues] for k in range(num_queues)]
-        stop, starting = Event(), Lock()
+        num_queues, shape = self._sizes(self.size_of(points), len(which))
+        shares, back = shared_out(points, which, num_queues)
+        stop, x64 = Event(), bool(jax.config.read("jax_enable_x64"))
         workers = ThreadPoolExecutor(self.settings.cores or count_cores())
         try:
             jobs = [
-                workers.submit(_run_queue, self, points, share, shape, tell, stop, starting)
-                for share in shares
+                workers.submit(_run_queue, self, points, share, shape, tell, stop, x64) for share in shares
             ]
             _wait_for(jobs)
         finally:
             stop.set()
             workers.shutdown(wait=True, cancel_futures=True)
-        found = together([job.result() for job in jobs])
-        back = np.argsort(np.concatenate(shares))
-        return replace(found, ends={name: a[..., back] for name, a in found.ends.items()})
+        return together([job.result() for job in jobs]).taken(back)
+
+    def size_of(self, points: Point) -> int:
+        """The number of points of the whole sweep, which decides what is compiled."""
+        return points.x0.shape[-1] if self.in_all is None else self.in_all
 
     def _sizes(self, in_all: int, num_points: int) -> tuple[int, tuple[int, int]]:
         """The number of queues, and the points and lanes of each, which follow from the whole sweep."""
@@ -70,6 +72,17 @@ class Threads(AbstractRunner):
         cores = self.settings.cores or count_cores()
         num_queues = max(-(-num_points // width), min(cores, -(-num_points // num_lanes)))
         return num_queues, (width, num_lanes)
+
+
+def shared_out(points: Point, which: np.ndarray, num_shares: int) -> tuple[list[np.ndarray], np.ndarray]:
+    """Share points out evenly, and the places in which they then stand, one share after another.
+
+    Points with the longest periods have most to do: they come first, shared among all.
+    """
+    frequency = np.broadcast_to(points.system.forcing.frequency, points.x0.shape[-1])[which]
+    order = which[np.argsort(frequency, kind="stable")]
+    shares = [order[k::num_shares] for k in range(num_shares)]
+    return shares, np.argsort(np.concatenate(shares))
 
 
 def _wait_for(jobs: list[Future]) -> None:
@@ -89,11 +102,12 @@ def _run_queue(
     shape: tuple[int, int],
     tell: Callable[[int], object],
     stop: Event,
-    starting: Lock,
+    x64: bool,
 ) -> Found:
     """Run some points."""
-    with jax.numpy_rank_promotion("allow"):  # what all points share is broadcast to them
-        with starting:  # one after another: each would compile, and wait for Python's lock
+    # Settings of JAX are those of a thread; what all points share is broadcast to them.
+    with jax.enable_x64(x64), jax.numpy_rank_promotion("allow"):
+        with _STARTING:
             task, queue = _start(runner, points, share, shape)
         impacts, marks, is_left, told = [], [], True, 0
         while is_left and not stop.is_set():
@@ -112,9 +126,7 @@ def _run_queue(
     }
     kept = {name: np.asarray(a)[..., : len(share)] for name, a in columns.items()}
     kept |= _sections(joined(marks), runner.counts.record, len(share))
-    found = joined(impacts)
-    found = replace(found, point=share[found.point])
-    return Found(kept, found, int(queue.progress.turns) * shape[1])
+    return Found(kept, joined(impacts), int(queue.progress.turns) * shape[1]).numbered(share)
 
 
 def _whole(number: int) -> Array:
@@ -165,7 +177,7 @@ def _start(runner: Threads, points: Point, share: np.ndarray, shape: tuple[int, 
     """Make a queue of some points, filled up to one width: one shape, one compilation, made here."""
     counts, settings, (width, num_lanes) = runner.counts, runner.settings, shape
     filled = np.append(share, np.zeros(width - len(share), int))
-    is_long = points.x0.shape[-1] * (counts.transient + counts.record) > settings.long
+    is_long = runner.size_of(points) * (counts.transient + counts.record) > settings.long
     system, motion = _of_queue((points.system, runner.flow), filled, is_long=is_long)
     x0, v0 = (jax.device_put(a[:, filled]) for a in (points.x0, points.v0))
     periods = (counts.transient, counts.transient + counts.record)

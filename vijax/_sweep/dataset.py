@@ -12,10 +12,13 @@ from .._execution.records import Column
 from .._execution.runner import Counts, Found
 from .._system.contact import AbstractLimit
 from .._system.parameters import axis_names
+from .._system.system import ImpactSystem
 from .._trajectory.growth import exponents, in_blocks
 from .._trajectory.solution import RESULTS
 from .endings import code_of
 
+# What pads variables along `impact`; the others are NaN there.
+FILL = {"impact_stop": -1, "impact_sticks": False}
 _OF_STOPS = ("num_impacts", "num_sticks", "stuck")
 _DIMS = dict.fromkeys(_OF_STOPS, ("stop",)) | {
     "x": ("mass",),
@@ -58,24 +61,24 @@ def dataset(
         tables |= _exponents_table(counts, found, tables["forcing_period"])
     for name, a in tables.items():
         variables[name] = ((*dims, *own.get(name, ())), a.reshape(*shape, *a.shape[1:]))
-    masses = {
-        "stop_mass": (
-            "stop",
-            np.array([stop.slot[0] if stop.slot else -1 for stop in points.system.stops], int),
-        )
-    }
-    coordinates = directions | _coordinates(axes) | masses
-    ds = xr.Dataset(variables, coords=coordinates, attrs=attributes)
-    for name, variable in ds.variables.items():
-        variable.attrs = label(str(name))
+    coordinates = directions | coordinates_of(points.system, axes)
+    ds = labelled(xr.Dataset(variables, coords=coordinates, attrs=attributes))
     ds["steps"].attrs["lane_steps"] = found.lane_steps
     ds["result"].attrs |= flags(list(RESULTS._name_to_item))
     return ds
 
 
-def _coordinates(axes: dict[str, np.ndarray]) -> dict[str, tuple | np.ndarray]:
-    """Coordinates of the swept values; values that are arrays are numbered."""
-    coordinates = {}
+def labelled(ds: xr.Dataset) -> xr.Dataset:
+    """The same with the meaning of every variable."""
+    for name, variable in ds.variables.items():
+        variable.attrs = label(str(name))
+    return ds
+
+
+def coordinates_of(system: ImpactSystem, axes: dict[str, np.ndarray]) -> dict[str, tuple | np.ndarray]:
+    """Coordinates of the stops and of the swept values; values that are arrays are numbered."""
+    masses = [stop.slot[0] if stop.slot else -1 for stop in system.stops]
+    coordinates: dict[str, tuple | np.ndarray] = {"stop_mass": ("stop", np.array(masses, int))}
     for path, axis in axes.items():
         coordinates[path] = axis if axis.ndim == 1 else np.arange(len(axis))
         if axis.ndim > 1:
@@ -91,7 +94,7 @@ def _impact_table(points: Point, counts: Counts, found: Found) -> dict[str, np.n
     frequency = np.broadcast_to(points.system.forcing.frequency, num_points)[point]
     longest = min(int(found.ends["num_impacts"].sum(axis=0).max(initial=0)), counts.max_impacts)
 
-    def table(column: Column, fill: float | int | bool) -> np.ndarray:
+    def table(column: Column, fill: float | int | bool = np.nan) -> np.ndarray:
         rows = np.full((num_points, longest), fill, column.dtype)
         rows[point, impacts.number] = column
         return rows
@@ -99,13 +102,13 @@ def _impact_table(points: Point, counts: Counts, found: Found) -> dict[str, np.n
     phase = np.mod(frequency * impacts.time, 2 * np.pi)
     own = impacts.velocity - frequency * _slopes(points.system.stops, stop, point, phase)
     is_moving = any(one.motion is not None for one in points.system.stops)
-    relative = {"impact_relative_velocity": table(own, np.nan)} if is_moving else {}
+    relative = {"impact_relative_velocity": table(own)} if is_moving else {}
     return relative | {
-        "impact_time": table(impacts.time, np.nan),
-        "impact_velocity": table(impacts.velocity, np.nan),
-        "impact_phase": table(phase, np.nan),
-        "impact_stop": table(stop, -1),
-        "impact_sticks": table(impacts.chatter > 0, False),
+        "impact_time": table(impacts.time),
+        "impact_velocity": table(impacts.velocity),
+        "impact_phase": table(phase),
+        "impact_stop": table(stop, FILL["impact_stop"]),
+        "impact_sticks": table(impacts.chatter > 0, FILL["impact_sticks"]),
     }
 
 

@@ -2,26 +2,28 @@
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 
-import jax
 import numpy as np
 import xarray as xr
 
 from .._contact.sticking import can_any_stick
-from .._execution.points import Point, points_of_lanes
-from .._execution.runner import AbstractRunner, Counts
+from .._execution.cluster import choose_runner
+from .._execution.points import Point
+from .._execution.runner import Counts
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._execution.store import describe_sweep, open_store
-from .._execution.threads import Threads
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._progress import tqdm
 from .._system.system import ImpactSystem, with_args
-from .._types import Count, Numbers, as_float, whole_number
+from .._types import Count, Numbers, whole_number
 from .carry import run_chain
 from .dataset import dataset
 from .endings import warn_of_endings
+from .grid import base_of, grid_points, values_of
 from .provenance import name_of_flow, origin
+from .written import write_sweep
 
 
 def sweep(
@@ -40,6 +42,8 @@ def sweep(
     max_impacts: Count = 2048,
     max_steps: Count | None = None,
     store: str | os.PathLike[str] | None = None,
+    out: str | os.PathLike[str] | None = None,
+    executor: object = None,
     progress: bool = True,
     settings: ExecutionSettings = DEFAULT_SETTINGS,
 ) -> xr.Dataset:
@@ -79,6 +83,14 @@ def sweep(
             on where the one before it was stopped or killed, and finds the same, bit for bit. Several
             processes may do it at once, on one machine or on several of one kind that share the folder: they
             share the work, and each returns the whole. It may be deleted afterwards.
+        out: a folder to which the results are written in Zarr's format as they come, and from which the dataset that is returned
+            reads what is looked at: they need not fit into memory. The same call goes on where it was stopped, several at once
+            share the work, as with `store`. Points that carry nothing alone. Workers of an `executor` write there themselves. To read it later:
+            `xr.open_zarr(out, consolidated=False)`.
+        executor: runs chunks of points on other processes or machines: any `concurrent.futures.Executor` (`ProcessPoolExecutor`
+            with `mp_context=multiprocessing.get_context("spawn")`, `mpi4py.futures.MPIPoolExecutor`), or a client of Dask. Each of
+            its workers uses one core. What is found is the same, bit for bit, on processors of one kind; chunks of a worker that is lost are
+            run again, for as long as the executor takes them. If left out, the cores of this process.
         progress: show a progress bar.
         settings: sizes of queues, lanes and chunks, which change how fast it is, and no more than rounding
             in what it finds.
@@ -97,7 +109,8 @@ def sweep(
 
     Raises:
         ValueError: for a path that names nothing, values that make no machine, a start beyond
-            a stop, or a store of another sweep.
+            a stop, a store of another sweep, or an executor that cannot run it.
+        RuntimeError: if an executor takes no more tasks, or loses one again and again.
 
     Example:
         ```python
@@ -113,26 +126,36 @@ def sweep(
     max_impacts = whole_number("max_impacts", max_impacts)
     if carry not in (None, "up", "down", "both"):
         raise ValueError(f'Argument `carry` must be None, "up", "down" or "both", but is {carry!r}.')
+    max_steps = None if max_steps is None else whole_number("max_steps", max_steps)
+    if lyapunov and record < 1:
+        raise ValueError("Exponents are averaged over the recorded periods: let `record` be 1 or more.")
+    counts = Counts(transient, record, max_impacts, max_steps, can_stick=True, lyapunov=bool(lyapunov))
     axes = values_of(values)
     base = base_of(with_args(system, args), x0, v0)
-    points = _points(base, axes, twice=carry == "both")
+    if out is not None:
+        if store is not None or carry is not None or carry_from is not None:
+            raise ValueError(
+                "Argument `out` is for points that start by themselves: leave out `store`, `carry` and `carry_from`. Parts of a carried "
+                "sweep may be run one by one, each with a `store`, and joined by `combine`."
+            )
+        return write_sweep(out, base, axes, counts, flow, executor, settings, progress=progress)
+    points = grid_points(base, axes, twice=carry == "both")
     shape = ((2,) if carry == "both" else ()) + tuple(len(axis) for axis in axes.values())
     chain = _chain(shape, carry)
     if carry_from is not None:
         points = _start_from(points, carry_from, chain, shape, carry)
     can_stick = carry is not None or can_any_stick(points.system, points.x0, points.v0)
-    max_steps = None if max_steps is None else whole_number("max_steps", max_steps)
-    if lyapunov and record < 1:
-        raise ValueError("Exponents are averaged over the recorded periods: let `record` be 1 or more.")
-    counts = Counts(transient, record, max_impacts, max_steps, can_stick, bool(lyapunov))
+    counts = replace(counts, can_stick=can_stick)
     motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
     attributes = origin(
         base, counts, flow=name_of_flow(motion, flow), carry=carry, goes_on=carry_from is not None
     )
-    runner: AbstractRunner = Threads(motion, counts, settings)
+    runner = choose_runner(motion, counts, settings, executor)
     if store is not None:
         manifest = describe_sweep(attributes, axes, points, flow, settings)
-        runner = open_store(store, manifest, runner, settings)
+        runner = open_store(
+            store, manifest, runner, settings if executor is None else replace(settings, cores=1)
+        )
     all_points = np.arange(points.x0.shape[-1])
     with tqdm(total=len(all_points), unit="point", disable=not progress) as bar:
         if chain is None:
@@ -142,44 +165,6 @@ def sweep(
     ds = dataset(points, axes, shape, counts, found, attributes)
     warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite")
     return ds
-
-
-def values_of(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:
-    """The values of every swept quantity, at least one, (points, ...)."""
-    axes = {path: np.asarray(as_float(v)) for path, v in values.items()}
-    if not axes:
-        raise ValueError("Argument `values` is empty: name a quantity to sweep, or use `simulate`.")
-    if "mass" in axes:
-        raise ValueError(
-            "The path `mass` names a dimension already: sweep `mass[0]`, `mass[1]`, ... instead."
-        )
-    for path, axis in axes.items():
-        if axis.ndim == 0 or len(axis) == 0:
-            raise ValueError(f"The values of `{path}` must have shape (points, ...), but have {axis.shape}.")
-    return axes
-
-
-def base_of(system: ImpactSystem, x0: Numbers | None, v0: Numbers | None) -> Point:
-    """The machine and start that hold where nothing is swept."""
-    n = system.num_masses
-    base = Point(system, *(np.zeros(n) if a is None else np.asarray(as_float(a)) for a in (x0, v0)))
-    for name in ("x0", "v0"):
-        if getattr(base, name).shape != (n,):
-            raise ValueError(
-                f"Argument `{name}` must have shape ({n},), but has {getattr(base, name).shape}."
-            )
-    return base
-
-
-def _points(base: Point, axes: dict[str, np.ndarray], *, twice: bool) -> Point:
-    """The machines and starts of a product grid, of two after one another if `twice`."""
-    dtype = base.system.mass.dtype
-    grid = np.indices([len(axis) for axis in axes.values()]).reshape(len(axes), -1)
-    grid = np.tile(grid, 2 if twice else 1)
-    swept = {path: axis[i].astype(dtype) for (path, axis), i in zip(axes.items(), grid, strict=True)}
-    points = jax.tree.map(lambda a: np.asarray(a, dtype), points_of_lanes(base, swept))
-    full = lambda a: np.array(np.broadcast_to(a, (base.system.num_masses, grid.shape[1])))  # noqa: E731
-    return Point(points.system, full(points.x0), full(points.v0))
 
 
 def _chain(shape: tuple[int, ...], carry: str | None) -> np.ndarray | None:

@@ -8,10 +8,10 @@ import numpy as np
 import xarray as xr
 
 from .._contact.sticking import can_any_stick
+from .._execution.cluster import choose_runner
 from .._execution.points import Point, points_of_lanes
 from .._execution.runner import Counts
 from .._execution.settings import ExecutionSettings
-from .._execution.threads import Threads
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._system.system import ImpactSystem
@@ -28,6 +28,7 @@ def sweep_zipped(
     counts: Counts,
     flow: AbstractFlow | None,
     settings: ExecutionSettings,
+    executor: object,
     tell: Callable[[int], Any],
 ) -> xr.Dataset:
     """Run machines from starts, one of each to every point.
@@ -39,6 +40,7 @@ def sweep_zipped(
         counts: what is asked of every point; whether a stop might hold its mass is found here.
         flow: as for `vx.sweep`.
         settings: likewise.
+        executor: likewise.
         tell: called with the number of points done since the last call.
 
     Returns:
@@ -56,7 +58,8 @@ def sweep_zipped(
     asked = replace(counts, can_stick=can_stick)
     motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
     attributes = origin(base, asked, flow=name_of_flow(motion, flow), carry=None, goes_on=False)
-    found = Threads(motion, asked, settings).run(points, np.arange(len(states)), tell)
+    runner = choose_runner(motion, asked, settings, executor)
+    found = runner.run(points, np.arange(len(states)), tell)
     ds = dataset(points, {START: np.arange(len(states))}, (len(states),), asked, found, attributes)
     coordinates = {path: ((START,), a) for path, a in values.items()}
     coordinates |= {path: ((START, "mass"), a) for path, a in starts.items()}

@@ -1,0 +1,82 @@
+"""The runner of other processes and machines: chunks of points are tasks of an executor.
+
+A task holds the numbers of its own points, and how many the whole sweep has, which decides what is compiled. It is the work of
+seconds on one core, of which a worker is thought to have one. What a worker compiles for its first chunk it has for all.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor
+from dataclasses import replace
+from typing import Any
+
+import jax
+import numpy as np
+
+from .._flow.interface import AbstractFlow
+from .points import Point
+from .runner import AbstractRunner, Counts, Found, together
+from .settings import ExecutionSettings
+from .tasks import as_executor, run_tasks
+from .threads import Threads, count_cores, shared_out
+
+
+class Cluster(AbstractRunner):
+    """Gives chunks of points to an executor.
+
+    Attributes:
+        flow: the motion between events.
+        counts: what is asked of every point.
+        settings: sizes of chunks, lanes and queues.
+        executor: runs tasks.
+    """
+
+    flow: AbstractFlow
+    counts: Counts
+    settings: ExecutionSettings
+    executor: Executor
+
+    def run(self, points: Point, which: np.ndarray, tell: Callable[[int], object]) -> Found:
+        """Run some points, see `AbstractRunner.run`."""
+        settings, num_points = self.settings, len(which)
+        cores = settings.cores or count_cores()
+        size = settings.chunk_of(self.counts.transient + self.counts.record)
+        num_chunks = max(-(-num_points // size), min(cores, -(-num_points // settings.lanes)))
+        shares, back = shared_out(points, which, num_chunks)
+        found = dict(self.run_each(points, enumerate(shares), tell))
+        return together([found[k] for k in range(num_chunks)]).taken(back)
+
+    def run_each(
+        self, points: Point, parts: Iterable[tuple[int, np.ndarray]], tell: Callable[[int], object]
+    ) -> Iterator[tuple[int, Found]]:
+        """Run parts side by side, see `AbstractRunner.run_each`."""
+        in_all, settings = points.x0.shape[-1], replace(self.settings, cores=1)
+        numbers = jax.tree.map(np.asarray, (points, self.flow))
+
+        def tasks() -> Iterator[tuple[tuple[int, np.ndarray], tuple]]:
+            for number, which in parts:
+                own, flow = part_of(numbers, which)
+                yield (number, which), (own, len(which), Threads(flow, self.counts, settings, in_all))
+
+        for (number, which), found in run_tasks(self.executor, _run_part, tasks(), settings.in_flight):
+            tell(len(which))
+            yield number, found.numbered(which)
+
+
+def choose_runner(
+    flow: AbstractFlow, counts: Counts, settings: ExecutionSettings, executor: object
+) -> AbstractRunner:
+    """What runs points: an executor, or without one the cores of this process."""
+    if executor is None:
+        return Threads(flow, counts, settings)
+    return Cluster(flow, counts, settings, as_executor(executor))
+
+
+def part_of(numbers: Any, which: np.ndarray) -> Any:
+    """The numbers of some points, lanes last; a single point stands twice, or its numbers would seem shared by all."""
+    index = which if len(which) > 1 else np.repeat(which, 2)
+    return jax.tree.map(lambda a: a if a.shape[-1] == 1 else a[..., index], numbers)
+
+
+def _run_part(points: Point, num_points: int, runner: Threads) -> Found:
+    """Run the points of a task; called by a worker."""
+    return runner.run(points, np.arange(num_points), lambda _: None)

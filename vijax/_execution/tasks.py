@@ -1,0 +1,213 @@
+"""Tasks given to an executor, on any machine, and their answers as they come.
+
+An executor is whatever follows `concurrent.futures.Executor`: processes of this machine, Dask, MPI. Of it `submit`
+alone is used, and of its futures `add_done_callback`, `result` and `cancel`: each promises no more than that.
+
+What goes wrong in a task comes back as its answer, so whatever a future raises is the executor's: a worker was
+killed, or cannot read what it was sent. Such a task is given out again some times. An executor that takes no more tasks is
+given up, for only who made it can make another.
+
+Tasks are taken from an iterator, and a bounded number of them is given out at a time: there may be more than fit into memory.
+"""
+
+import contextlib
+import pickle
+import traceback
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from queue import Empty, SimpleQueue
+from typing import Any, NamedTuple, cast
+
+import jax
+import numpy as np
+
+from .._dataset_attributes import versions
+from .._xla import PLAIN
+
+# A task that was lost so often, by as many workers perhaps, is what kills them.
+_ATTEMPTS = 4
+# Seconds after which it is seen whether the user interrupts.
+_TURN = 0.5
+
+
+def as_executor(executor: object) -> Executor:
+    """The executor that is meant: itself, or that of a client of Dask.
+
+    Raises:
+        ValueError: if it is neither, or one of processes that would hang.
+    """
+    if callable(get_executor := getattr(executor, "get_executor", None)):
+        executor = get_executor()
+    if not isinstance(executor, Executor):
+        raise ValueError(
+            "Argument `executor` must be a `concurrent.futures.Executor`, as `ProcessPoolExecutor` or "
+            f"`mpi4py.futures.MPIPoolExecutor`, or a client of Dask, but is {executor!r}."
+        )
+    context = getattr(executor, "_mp_context", None)
+    if isinstance(executor, ProcessPoolExecutor) and context and context.get_start_method() == "fork":
+        raise ValueError(
+            "Argument `executor` copies this process by `os.fork`, which hangs after JAX was used: give it "
+            '`mp_context=multiprocessing.get_context("spawn")`.'
+        )
+    return executor
+
+
+class _Task(NamedTuple):
+    """What is asked of a worker, and how often it was."""
+
+    key: Any
+    args: tuple
+    attempts: int = 0
+
+
+class _Answer(NamedTuple):
+    """What a function returned, or raised."""
+
+    value: Any
+    error: Exception | None = None
+
+
+def run_tasks(
+    executor: Executor | None,
+    function: Callable,
+    tasks: Iterable[tuple[Any, tuple]],
+    in_flight: int,
+) -> Iterator[tuple[Any, Any]]:
+    """Call a function with the arguments of every task, on workers.
+
+    Args:
+        executor: gives tasks to workers; None calls the function here, one task after another.
+        function: a function of a module, which workers import.
+        tasks: for each a key, which stays here, and the arguments; the next is asked for when there is room for it.
+        in_flight: how many tasks the executor has at a time.
+
+    Yields:
+        The key and what the function returned, in the order in which they come. Where the iteration is left, tasks that
+        no worker has begun are cancelled.
+
+    Raises:
+        RuntimeError: if the executor takes no more tasks, or loses one again and again.
+        ValueError: if a task cannot be sent, or a worker has other versions of what computes.
+        Exception: whatever the function raises.
+    """
+    if executor is None:
+        for key, args in tasks:
+            yield key, function(*args)
+        return
+    desk = _Desk(executor, function, (_Task(*task) for task in tasks), max(in_flight, 1))
+    try:
+        while desk.give_out():
+            task, answer = desk.next_answer()
+            if answer is None:
+                desk.again.append(task)
+            elif answer.error is not None:
+                raise answer.error
+            else:
+                yield task.key, answer.value
+    finally:
+        for future in desk.given:
+            future.cancel()
+    if desk.closed is not None:
+        raise desk.closed
+
+
+class _Desk:
+    """Where tasks go out and answers come in.
+
+    Attributes:
+        again: tasks that were lost.
+        given: those that the executor has.
+        closed: why it takes no more. What it has is waited for even then.
+    """
+
+    def __init__(self, executor: Executor, function: Callable, more: Iterator[_Task], room: int):
+        self.again: list[_Task] = []
+        self.given: dict[Future, _Task] = {}
+        self.closed: RuntimeError | None = None
+        self._executor, self._function, self._more, self._room = executor, function, more, room
+        self._done: SimpleQueue[Future] = SimpleQueue()
+
+    def give_out(self) -> bool:
+        """Give out tasks while there are any and there is room; whether any is to be waited for."""
+        while self.closed is None and len(self.given) < self._room:
+            task = self.again.pop() if self.again else next(self._more, None)
+            if task is None:
+                break
+            try:
+                future = _submit(self._executor, self._function, task)
+            except RuntimeError as error:
+                self.closed = error
+                break
+            self.given[future] = task._replace(attempts=task.attempts + 1)
+            future.add_done_callback(self._done.put)
+        return bool(self.given)
+
+    def next_answer(self) -> tuple[_Task, _Answer | None]:
+        """Wait for a task to end, in short turns, so that an interrupt is heard."""
+        while True:
+            with contextlib.suppress(Empty):
+                future = self._done.get(timeout=_TURN)
+                task = self.given.pop(future)
+                return task, _answer(future, task)
+
+
+def _submit(executor: Executor, function: Callable, task: _Task) -> Future:
+    # An array of JAX is read as 32 bits by a process that has no others yet.
+    args = jax.tree.map(lambda a: np.asarray(a) if isinstance(a, jax.Array) else a, task.args)
+    asked = jax.config.read("jax_enable_x64"), _circumstances()
+    try:
+        return executor.submit(_run, function, args, *asked)
+    except Exception as error:
+        _refuse_unsendable(task.args)
+        raise RuntimeError(
+            f"The executor takes no more tasks ({type(error).__name__}: {error}): a worker may have been killed. Make a "
+            "new one and call again; what a `store` or `out` has by now is not computed again."
+        ) from error
+
+
+def _answer(future: Future, task: _Task) -> _Answer | None:
+    """The answer to a task; None if the executor lost it."""
+    try:
+        return cast(_Answer, future.result())
+    except Exception as error:
+        _refuse_unsendable(task.args)
+        if task.attempts < _ATTEMPTS:
+            return None
+        raise RuntimeError(
+            f"The executor lost the same task {_ATTEMPTS} times ({type(error).__name__}: {error}). Look whether its workers "
+            "can import vijax, and what they need of memory."
+        ) from error
+
+
+def _refuse_unsendable(args: tuple) -> None:
+    """Say what is wrong, if it is that the arguments cannot be sent."""
+    try:
+        pickle.dumps(args)
+    except Exception as error:
+        raise ValueError(
+            "The machine cannot be sent to another process: a `force` or `flow` of your own must be a class or a function at the "
+            "top level of a module that can be imported there, no lambda and nothing defined inside of a function. (Dask "
+            f"sends those too.) {type(error).__name__}: {error}"
+        ) from error
+
+
+def _circumstances() -> dict[str, object]:
+    """What decides the last bits, but for the processor."""
+    told: dict[str, object] = {name: a for name, a in versions().items() if name != "python_version"}
+    return told | {"device": jax.default_backend(), "VIJAX_PLAIN": PLAIN}
+
+
+def _run(function: Callable, args: tuple, x64: bool, asked: dict[str, object]) -> _Answer:
+    """Call a function as it would be called where the task comes from; run by a worker."""
+    try:
+        for name, here in _circumstances().items():
+            if here != asked[name]:
+                raise ValueError(
+                    f"A worker has `{name}` {here}, but {asked[name]} is where the call was made: results would differ. "
+                    "Give all machines the same environment."
+                )
+        with jax.enable_x64(x64):
+            return _Answer(function(*args))
+    except Exception as error:
+        error.add_note(f"Raised by a worker: {traceback.format_exc()}")
+        return _Answer(None, error)

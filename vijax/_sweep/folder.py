@@ -1,0 +1,167 @@
+"""A folder in Zarr's format to which a sweep is written block by block.
+
+A block is a part of the grid, and a chunk of every array: what is written for it touches no file of another's. How many impacts its
+longest record has is written last, into an array of its own, by which a block is known to be done. Zarr gives a file its
+name when it is whole. Impacts have room for as many as any point may have, of which the parts that are not written take
+nothing on disk; at the end the room is cut to what is used.
+"""
+
+import contextlib
+import os
+import uuid
+from dataclasses import dataclass
+from pathlib import Path
+from shutil import rmtree
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from .._execution.store import read_manifest
+from .dataset import FILL
+
+# Impacts of a point that stand in one file.
+_COLUMNS = 64
+# Where the manifest is among the attributes, and the longest record of every block, -1 where it is not done.
+_BLOCKS, _LONGEST, _MANIFEST = "blocks", "blocks/longest", "blocks/zarr.json"
+# Of points that are not run yet; floats are NaN, other numbers 0.
+_NOT_RUN = {"result": -1} | FILL
+
+
+@dataclass(frozen=True)
+class Folder:
+    """Where a sweep is written.
+
+    Attributes:
+        path: the folder.
+        shape: points of the whole sweep along each path.
+        block: likewise, of one block; the last along a path may have fewer.
+        max_impacts: room for the impacts of one point.
+    """
+
+    path: Path
+    shape: tuple[int, ...]
+    block: tuple[int, ...]
+    max_impacts: int
+
+    @property
+    def blocks(self) -> tuple[int, ...]:
+        """How many blocks there are along each path."""
+        return tuple(-(-size // part) for size, part in zip(self.shape, self.block, strict=True))
+
+    def slices(self, number: int) -> tuple[slice, ...]:
+        """Where a block stands in the grid."""
+        place = np.unravel_index(number, self.blocks)
+        return tuple(
+            slice(k * part, (k + 1) * part) for k, part in zip(map(int, place), self.block, strict=True)
+        )
+
+    def marks(self) -> Any:
+        """The longest record of every block as it stands now, -1 where it is not written; read when it is indexed."""
+        return _group(self.path)[_LONGEST]
+
+    def write(self, number: int, ds: xr.Dataset) -> None:
+        """Write the results of a block."""
+        group = _group(self.path)
+        room = -(-ds.sizes["impact"] // _COLUMNS) * _COLUMNS
+        for name, variable in ds.data_vars.items():
+            own, a = variable.dims[len(self.shape) :], variable.values
+            if name not in group:
+                self._create(group, str(name), variable)
+            region = (*self.slices(number), *(slice(None) for _ in own))
+            if "impact" in own:
+                missing = [(0, 0)] * len(self.shape) + [(0, room - a.shape[-1])]
+                a = np.pad(a, missing, constant_values=_not_run(str(name), a.dtype))
+                region = (*region[:-1], slice(0, room))
+            group[name][region] = a
+        group[_LONGEST][number] = ds.sizes["impact"]
+
+    def _create(self, group: Any, name: str, variable: xr.DataArray) -> None:
+        """Make an array for the whole sweep, unless another process does at this moment."""
+        own = {
+            dim: (size, size)
+            for dim, size in variable.sizes.items()
+            if dim not in variable.dims[: len(self.shape)]
+        }
+        if "impact" in own:
+            own["impact"] = -(-self.max_impacts // _COLUMNS) * _COLUMNS, _COLUMNS
+        attributes = {
+            key: a.tolist() if isinstance(a, np.ndarray) else a for key, a in variable.attrs.items()
+        }
+        attributes.pop("lane_steps", None)  # of this block alone
+        with contextlib.suppress(_exists()):
+            group.create_array(
+                name,
+                shape=(*self.shape, *(whole for whole, _ in own.values())),
+                chunks=(*self.block, *(max(part, 1) for _, part in own.values())),
+                dtype=variable.dtype,
+                fill_value=_not_run(name, variable.dtype),
+                dimension_names=[str(dim) for dim in variable.dims],
+                attributes=attributes,
+            )
+
+    def open(self) -> xr.Dataset:
+        """The dataset, of which is read what is looked at; the room for impacts is cut to the longest record."""
+        group = _group(self.path)
+        longest = int(np.max(self.marks()[...]))
+        room = -(-longest // _COLUMNS) * _COLUMNS
+        for name, a in group.arrays():
+            if a.metadata.dimension_names[-1:] == ("impact",) and a.shape[-1] > room:
+                group[name].resize((*a.shape[:-1], room))
+        return xr.open_zarr(self.path, consolidated=False).isel(impact=slice(0, longest))
+
+
+def begin(folder: Folder, coordinates: xr.Dataset, manifest: dict[str, Any]) -> Folder:
+    """Begin a folder, or go on with one that holds the same sweep.
+
+    It is made under another name, which it changes when it is whole: one process, the first, begins it.
+
+    Args:
+        folder: as it is to be; if it is there already, its blocks may be others.
+        coordinates: the swept values, and the attributes of the dataset.
+        manifest: what is swept, see `describe_sweep`.
+
+    Returns:
+        The folder as it is.
+
+    Raises:
+        ValueError: if there is something else.
+    """
+    path = folder.path
+    if not (path / _MANIFEST).exists():
+        if path.exists() and not (path.is_dir() and not any(path.iterdir())):
+            raise ValueError(
+                f"Argument `out` must name a new or empty folder, or one of the same sweep, but {path} is neither."
+            )
+        part = path.with_name(f"{path.name}.{uuid.uuid4().hex}.part")
+        try:
+            coordinates.to_zarr(part, zarr_format=3, consolidated=False)
+            _group(part).create_array(
+                _LONGEST, shape=(int(np.prod(folder.blocks)),), chunks=(1,), dtype=np.int32, fill_value=-1
+            )
+            _group(part)[_BLOCKS].attrs.update({"block": folder.block, "sweep": manifest})
+            with contextlib.suppress(OSError):  # another process was first
+                os.replace(part, path)
+        finally:
+            rmtree(part, ignore_errors=True)
+    block = read_manifest(
+        path, _MANIFEST, manifest, lambda told: tuple(map(int, told["block"])), "attributes"
+    )
+    return Folder(path, folder.shape, block, folder.max_impacts)
+
+
+def _group(path: Path) -> Any:
+    from zarr import open_group  # slow to import, and asked for by few
+
+    return open_group(path, mode="r+")
+
+
+def _exists() -> type[Exception]:
+    from zarr.errors import ContainsArrayError
+
+    return ContainsArrayError
+
+
+def _not_run(name: str, dtype: np.dtype) -> Any:
+    """What stands for a point that is not run yet."""
+    return _NOT_RUN.get(name, np.nan if dtype.kind == "f" else dtype.type(0).item())

@@ -1,0 +1,48 @@
+"""The points of a sweep: values as they are given, and all their combinations."""
+
+from collections.abc import Mapping
+
+import jax
+import numpy as np
+
+from .._execution.points import Point, points_of_lanes
+from .._system.system import ImpactSystem
+from .._types import Numbers, as_float
+
+
+def values_of(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:
+    """The values of every swept quantity, at least one, (points, ...)."""
+    axes = {path: np.asarray(as_float(v)) for path, v in values.items()}
+    if not axes:
+        raise ValueError("Argument `values` is empty: name a quantity to sweep, or use `simulate`.")
+    if "mass" in axes:
+        raise ValueError(
+            "The path `mass` names a dimension already: sweep `mass[0]`, `mass[1]`, ... instead."
+        )
+    for path, axis in axes.items():
+        if axis.ndim == 0 or len(axis) == 0:
+            raise ValueError(f"The values of `{path}` must have shape (points, ...), but have {axis.shape}.")
+    return axes
+
+
+def base_of(system: ImpactSystem, x0: Numbers | None, v0: Numbers | None) -> Point:
+    """The machine and start that hold where nothing is swept."""
+    n = system.num_masses
+    base = Point(system, *(np.zeros(n) if a is None else np.asarray(as_float(a)) for a in (x0, v0)))
+    for name in ("x0", "v0"):
+        if getattr(base, name).shape != (n,):
+            raise ValueError(
+                f"Argument `{name}` must have shape ({n},), but has {getattr(base, name).shape}."
+            )
+    return base
+
+
+def grid_points(base: Point, axes: dict[str, np.ndarray], *, twice: bool = False) -> Point:
+    """The machines and starts of a product grid, of two after one another if `twice`."""
+    dtype = base.system.mass.dtype
+    grid = np.indices([len(axis) for axis in axes.values()]).reshape(len(axes), -1)
+    grid = np.tile(grid, 2 if twice else 1)
+    swept = {path: axis[i].astype(dtype) for (path, axis), i in zip(axes.items(), grid, strict=True)}
+    points = jax.tree.map(lambda a: np.asarray(a, dtype), points_of_lanes(base, swept))
+    full = lambda a: np.array(np.broadcast_to(a, (base.system.num_masses, grid.shape[1])))  # noqa: E731
+    return Point(points.system, full(points.x0), full(points.v0))
