@@ -2,22 +2,23 @@
 
 import json
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
 
 from .._branches.branch import Branch
 from .._system.description import build
 from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem
 from .._trajectory.event_log import IMPACT
-from ._axes import check_index, ink, label, legend_beside, new_axes, of_curves
+from ._axes import check_index, legend_beside, new_axes, once, span_of_values
 from ._bifurcation import bifurcation, label_of_impacts
+from ._colors import faded, ink, of_curves, styled
 from ._contacts import name_of
+from ._labels import Units, label
 
 _STABILITY = {True: ("-", "stable"), False: ((0, (3.0, 1.5)), "unstable")}
 _MARKERS = {
@@ -42,7 +43,9 @@ def branch(
     ds: xr.Dataset | None = None,
     stop: int = 0,
     *,
+    units: Units | None = None,
     ax: Axes | None = None,
+    **style: Any,
 ) -> Axes:
     """Draw branches of periodic orbits: the velocities before the impacts of their orbits against the parameter.
 
@@ -55,7 +58,9 @@ def branch(
             colours.
         ds: what `vx.sweep` returned for the same parameter, to draw its impacts under the branches, light.
         stop: the stop whose impacts are drawn.
-        ax: where to draw; new axes if left out.
+        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
+        ax: where to draw, also over what is there; new axes if left out.
+        **style: of the lines, as matplotlib's `plot` takes them: `color`, `linewidth`, `label`, ...
 
     Returns:
         The axes.
@@ -82,23 +87,16 @@ def branch(
     if not any(one.lines for one in curves):
         raise ValueError(f"There are no impacts at {name_of(stop, masses)} to draw.")
     ax = new_axes() if ax is None else ax
+    was_empty = not ax.has_data()
     ax.axhline(0, color="0.7", linewidth=0.8, zorder=0)
     if ds is not None:
         _draw_light(ds, stop, ax)
-    colors = of_curves(len(several)) if len(several) > 1 else [ink()]
-    for k, (one, color) in enumerate(zip(curves, colors, strict=True)):
-        if len(several) > 1:
-            ax.plot([], [], color=color, label=f"branch {k}")
-        for is_stable, (style, _) in _STABILITY.items():
-            ax.plot(*_joined(one, is_stable), linestyle=style, color=color, linewidth=1.2)
-    for is_stable, (style, words) in _STABILITY.items():
-        if any(_joined(one, is_stable)[0].size for one in curves):
-            ax.plot([], [], linestyle=style, color=ink(), linewidth=1.2, label=words)
+    _draw_curves(curves, ax, style)
     _draw_marks(curves, ax)
     values = [one.values for one in several] + ([] if ds is None else [ds[path].values.ravel()])
-    ax.set_xlim(min(a.min() for a in values), max(a.max() for a in values))
-    ax.set_xlabel(label(path))
-    ax.set_ylabel(label_of_impacts("velocity", stop, masses))
+    span_of_values(ax, np.concatenate(values), was_empty=was_empty)
+    ax.set_xlabel(label(path, units))
+    ax.set_ylabel(label_of_impacts("velocity", stop, masses, units))
     legend_beside(ax)
     return ax
 
@@ -258,6 +256,22 @@ def _joined(curves: _Curves, is_stable: bool) -> tuple[np.ndarray, np.ndarray]:
     return x, y
 
 
+def _draw_curves(curves: list[_Curves], ax: Axes, style: dict[str, Any]) -> None:
+    """All lines, solid where orbits are stable, with what their colours and strokes mean."""
+    colors = of_curves(len(curves)) if len(curves) > 1 else [ink()]
+    name = style.pop("label", "")
+    for k, (one, color) in enumerate(zip(curves, colors, strict=True)):
+        look = styled(style, color=color, linewidth=1.2)
+        words = ", ".join(filter(None, (name, f"branch {k}" if len(curves) > 1 else "")))
+        if words:
+            ax.plot([], [], label=words, **look)
+        for is_stable, (stroke, _) in _STABILITY.items():
+            ax.plot(*_joined(one, is_stable), **{"linestyle": stroke} | look)
+    for is_stable, (stroke, words) in _STABILITY.items():
+        if any(_joined(one, is_stable)[0].size for one in curves) and (words := once(ax, words)):
+            ax.plot([], [], linestyle=stroke, color=ink(), linewidth=1.2, label=words)
+
+
 def _draw_marks(curves: list[_Curves], ax: Axes) -> None:
     """Mark the bifurcations on all lines."""
     found: dict[str, list[tuple[float, float]]] = {kind: [] for kind in _MARKERS}
@@ -278,7 +292,7 @@ def _draw_marks(curves: list[_Curves], ax: Axes) -> None:
                 markerfacecolor=ink("white", "black"),
                 markeredgewidth=1.0,
                 color=ink(),
-                label=kind.replace("_", " "),
+                label=once(ax, kind.replace("_", " ")),
                 zorder=3,
             )
 
@@ -288,8 +302,7 @@ def _draw_light(ds: xr.Dataset, stop: int, ax: Axes) -> None:
     others = list(ax.lines)
     bifurcation(ds, stop, ax=ax)
     # Paler, not transparent: of those, many points on one another would be dark again.
-    background = np.array(to_rgb(ax.get_facecolor()))
     for line in ax.lines:
         if line not in others:
-            pale = background + _LIGHT * (np.array(to_rgb(line.get_color())) - background)
+            pale = faded(line.get_color(), _LIGHT)
             line.set(color=pale, markerfacecolor=pale, markersize=_LARGER * line.get_markersize(), zorder=1)
