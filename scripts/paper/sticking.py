@@ -68,10 +68,11 @@ def fig11(out: Path, coarse: int = 1) -> None:
     sol = vx.simulate(system, 800.0, 820.0, before.x1, before.v1)
     numbers = "$A_0$ = {amplitude}, $\\Omega$ = {frequency}".format(**FIG_11)
     title = f"Fig. 11: stops at 0.31 and 0.31, {numbers};\n{NUMBERS}"
+    announce(title)
     print(
-        f"{title}\nThe amplitude and the frequency are not printed, but fitted to the paper's four times, one of"
+        "The paper does not print amplitude and frequency: they are fitted to its four times, one of several"
     )
-    print("several solutions")
+    print("solutions")
     rows = []
     for name, (kind, stop, paper, after) in FIG_11_EVENTS.items():
         t = _times(sol, stop, kind)

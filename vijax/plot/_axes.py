@@ -47,14 +47,16 @@ def once(ax: Axes, words: str) -> str | None:
     return None if words in ax.get_legend_handles_labels()[1] else words
 
 
-def span_of_values(ax: Axes, values: np.ndarray, *, was_empty: bool) -> None:
-    """Let the axis to the right span the values, and those of what was drawn there before."""
-    ends = np.array([values.min(), values.max()])
-    if not was_empty:
-        old = np.array(ax.get_xlim())
-        ends = np.array([min(old[0], ends[0]), max(old[1], ends[1])])
-    if ends[0] < ends[1]:
-        ax.set_xlim(ends[0], ends[1])
+def span_so_far(ax: Axes) -> tuple[float, ...]:
+    """What the axis to the right spans, of axes that hold something."""
+    return ax.get_xlim() if ax.has_data() else ()
+
+
+def span_of_values(ax: Axes, values: np.ndarray, so_far: tuple[float, ...]) -> None:
+    """Let the axis to the right span the values, and what it spanned before they were drawn."""
+    first, last = min([*so_far, values.min()]), max([*so_far, values.max()])
+    if first < last:
+        ax.set_xlim(first, last)
 
 
 def span_of_phase(set_limits, set_ticks, origin: float = 0.0) -> None:

@@ -17,6 +17,7 @@ from ._axes import (
     once,
     span_of_phase,
     span_of_values,
+    span_so_far,
 )
 from ._colors import faded, ink, lightness_of, of_curves, styled
 from ._contacts import name_of
@@ -126,7 +127,7 @@ def bifurcation(
     column = column_of_axes(ax, len(stops))
     masses = next(iter(sweeps.values()))["stop_mass"].values
     for j, panel in zip(stops, column, strict=True):
-        was_empty = not panel.has_data()
+        so_far = span_so_far(panel)
         for layer in layers:
             _draw_impacts(layer, path, j, ordinate, panel, style)
         panel.set_ylabel(label_of_impacts(ordinate, j, masses, units))
@@ -135,7 +136,7 @@ def bifurcation(
         else:
             panel.axhline(0, color="0.7", linewidth=0.8, zorder=0)
         values = np.concatenate([layer.ds[path].values.ravel() for layer in layers])
-        span_of_values(panel, values, was_empty=was_empty)
+        span_of_values(panel, values, so_far)
     _draw_legend(layers, column[0])
     column[-1].set_xlabel(label(path, units))
     return column if stop is None else column[0]

@@ -14,7 +14,7 @@ from .._system.description import build
 from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem
 from .._trajectory.event_log import IMPACT
-from ._axes import check_index, legend_beside, new_axes, once, span_of_values
+from ._axes import check_index, legend_beside, new_axes, once, span_of_values, span_so_far
 from ._bifurcation import bifurcation, label_of_impacts
 from ._colors import faded, ink, of_curves, styled
 from ._contacts import name_of
@@ -87,14 +87,14 @@ def branch(
     if not any(one.lines for one in curves):
         raise ValueError(f"There are no impacts at {name_of(stop, masses)} to draw.")
     ax = new_axes() if ax is None else ax
-    was_empty = not ax.has_data()
+    so_far = span_so_far(ax)
     ax.axhline(0, color="0.7", linewidth=0.8, zorder=0)
     if ds is not None:
         _draw_light(ds, stop, ax)
     _draw_curves(curves, ax, style)
     _draw_marks(curves, ax)
     values = [one.values for one in several] + ([] if ds is None else [ds[path].values.ravel()])
-    span_of_values(ax, np.concatenate(values), was_empty=was_empty)
+    span_of_values(ax, np.concatenate(values), so_far)
     ax.set_xlabel(label(path, units))
     ax.set_ylabel(label_of_impacts("velocity", stop, masses, units))
     legend_beside(ax)

@@ -20,8 +20,8 @@ from ._orbits import solution_of
 
 Motion = Solution | PeriodicOrbit | xr.Dataset
 
-# Radians without impacts, at least, between two sets of them.
-_APART = 0.2
+# Radians without impacts, at least, between two sets of them; and of the longest such part how much is enough around 0.
+_APART, _ENOUGH = 0.2, 0.5
 
 
 def impact_map(
@@ -44,8 +44,8 @@ def impact_map(
             several starts all impacts are drawn. Several of them by their names, as in `{"from rest": ds, "orbit": orbit}`,
             are told apart by their colours.
         stop: the stop or contact whose impacts are drawn; None for all.
-        origin: the phase at which the axis begins, in radians; if left out, 0, or the middle of the longest part of the
-            forcing period without impacts where 0 would split a set of them.
+        origin: the phase at which the axis begins, in radians; if left out, 0, or where 0 would split a set of impacts, in
+            the longest part of the forcing period without any.
         units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
         ax: where to draw, also over what is there; new axes if left out.
         **style: of the points, as matplotlib's `plot` takes them: `color`, `marker`, `markersize`, `alpha`, `label`, ...
@@ -128,7 +128,7 @@ def _origin(phase: np.ndarray) -> float:
     ordered = np.sort(phase)
     lengths = np.diff(ordered, append=ordered[0] + 2 * np.pi)
     longest = int(np.argmax(lengths))
-    if lengths[-1] >= _APART or lengths[longest] < _APART:
+    if lengths[longest] < _APART or lengths[-1] >= _ENOUGH * lengths[longest]:
         return 0.0
     middle = ordered[longest] + lengths[longest] / 2
     quarter = np.pi / 2 * np.round(2 * middle / np.pi)

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import TwoSlopeNorm
 
-from ._axes import Sweeps, by_name, new_axes, span_of_values
+from ._axes import Sweeps, by_name, new_axes, span_of_values, span_so_far
 from ._colors import STROKES, of_curves, strokes_of, styled
 from ._labels import RATE, Units, label, with_unit
 
@@ -73,7 +73,7 @@ def _paths(ds: xr.Dataset) -> list[str]:
 
 def _lines(sweeps: dict[str, xr.Dataset], path: str, ax: Axes, style: dict[str, Any]) -> None:
     """A curve for each exponent of each sweep."""
-    was_empty, values = not ax.has_data(), []
+    so_far, values = span_so_far(ax), []
     for k, (name, ds) in enumerate(sweeps.items()):
         ordered = ds.sortby(path)
         exponents, error = (
@@ -98,7 +98,7 @@ def _lines(sweeps: dict[str, xr.Dataset], path: str, ax: Axes, style: dict[str, 
             band = {"color": line.get_color(), "alpha": 0.25, "linewidth": 0}
             ax.fill_between(values[-1], known - 2 * error[i], known + 2 * error[i], **band)
     ax.axhline(0, color="0.5", linewidth=0.8, zorder=0)
-    span_of_values(ax, np.concatenate(values), was_empty=was_empty)
+    span_of_values(ax, np.concatenate(values), so_far)
     ax.legend(loc="best", ncols=2, frameon=False)
 
 

@@ -82,10 +82,10 @@ def heading(ds: xr.Dataset) -> str:
     masses = ds["stop_mass"].values if "stop_mass" in ds.coords else np.array([-1])
     if (masses >= 0).all():
         of = "mass" if len(set(masses.tolist())) == 1 else "masses"
-        of_masses = f",\nof {of} {' | '.join(map(str, masses))}"
+        of_masses = f"\nof {of} {' | '.join(map(str, masses))}"
     else:
         of_masses = ""
-    return f"impacts at stop {stops}{of_masses},\nin forcing periods"
+    return f"impacts at stop {stops}{of_masses}\nin forcing periods"
 
 
 def check_motions(classes: xr.Dataset, max_classes: int) -> None:

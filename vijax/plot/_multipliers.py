@@ -13,11 +13,13 @@ from matplotlib.patches import Circle
 from .._orbits.orbit import PeriodicOrbit
 from ._axes import legend_above, legend_beside, new_axes
 from ._cloud import MARKERS
-from ._colors import ink, of_curves, of_order, styled
+from ._colors import ink, of_order, styled
 from ._labels import Units, label, swept_quantity
 from ._orbits import Orbits, list_of
 
 _DIRECTIONS = {"up": ("^", "swept up"), "down": ("v", "swept down")}
+# So many orbits at most have a marker and a name each.
+_NAMED = 5
 # Few points are drawn large.
 _SIZES = ((40, 30.0), (400, 14.0), (np.inf, 6.0))
 # By how much the picture is wider than the circle, or than what is outside of it.
@@ -34,7 +36,7 @@ def multipliers(
     ones, of orbits that graze, are stars on the edge of the picture, in their direction, and the legend counts them.
 
     Args:
-        orbits: one orbit, or several, told apart by colour and marker, more than eight by their colour alone, from
+        orbits: one orbit, or several, told apart by colour and marker, more than five by their colour alone, from
             the first to the last; or what `vx.periodic_orbits` returned for one swept quantity, which the colours tell.
         limit: the largest real and imaginary part that are drawn where they are; greater than 1.
         units: of the swept quantity, as in `{"time": "s"}`; none are written if left out.
@@ -96,9 +98,8 @@ class _Group(NamedTuple):
 
 def _of_list(orbits: list[PeriodicOrbit]) -> list[_Group]:
     """A group for each orbit, named where they are several but few."""
-    groups, is_named = [], 1 < len(orbits) <= len(MARKERS)
-    colors = of_curves(len(orbits)) if is_named else of_order(len(orbits))
-    for k, (orbit, color) in enumerate(zip(orbits, colors, strict=True)):
+    groups, is_named = [], 1 < len(orbits) <= _NAMED
+    for k, (orbit, color) in enumerate(zip(orbits, of_order(len(orbits)), strict=True)):
         values = np.asarray(orbit.multipliers)
         words, marker = (f"orbit {k}", MARKERS[k]) if is_named else ("", "o")
         groups.append(_Group(values, np.tile(color, (values.size, 1)), words, marker))

@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 from .._orbits.orbit import PeriodicOrbit
 from .._trajectory.event_log import IMPACT
 from .._trajectory.solution import Solution
-from ._axes import check_index, legend_beside, new_axes, once, span_of_values
+from ._axes import check_index, legend_beside, new_axes, once, span_of_values, span_so_far
 from ._colors import ink, of_curves, styled
 from ._contacts import in_symbols, name_in, row_of
 from ._labels import LENGTH, TIME, Units, with_unit
@@ -64,7 +64,7 @@ def relative_motion(
     row, name = row_of(sol, contact), name_in(sol, contact)
     distance, limit = np.asarray(sol.evaluate(t)[0]) @ row, np.asarray(sol.evaluate_stops(t)[0])[:, contact]
     ax = new_axes() if ax is None else ax
-    was_empty = not ax.has_data()
+    so_far = span_so_far(ax)
     look = styled(style, color=of_curves(1)[0], linewidth=1.3, label=f"${in_symbols(row)}$")
     (line,) = ax.plot(t, distance, **look)
     ax.plot(t, limit, color=ink(), linestyle=":", linewidth=1.0, label=once(ax, name))
@@ -81,7 +81,7 @@ def relative_motion(
         # At all of them, padding too: one shape for all trajectories, so one compilation.
         where = np.asarray(sol.evaluate_stops(log.t)[0])[is_hit, contact]
         ax.plot(when[is_hit], where, "o", color=ink(), markersize=4, zorder=3, label=once(ax, "impact"))
-    span_of_values(ax, np.array([begin, end]), was_empty=was_empty)
+    span_of_values(ax, np.array([begin, end]), so_far)
     ax.xaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10]))
     ax.set_xlabel(with_unit("Time $t$", TIME, units))
     ax.set_ylabel(with_unit(f"${in_symbols(row)}$", LENGTH, units))

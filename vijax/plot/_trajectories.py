@@ -10,7 +10,7 @@ from .._attractors.record import held_intervals
 from .._orbits.orbit import PeriodicOrbit
 from .._trajectory.event_log import IMPACT, RELEASE, STICK
 from .._trajectory.solution import Solution
-from ._axes import check_index, legend_beside, new_axes, once, span_of_values
+from ._axes import check_index, legend_beside, new_axes, once, span_of_values, span_so_far
 from ._colors import ink, of_curves, strokes_of, styled
 from ._contacts import masses_moved_by, masses_of, name_in, place_of
 from ._labels import LENGTH, TIME, VELOCITY, Units, with_unit
@@ -62,12 +62,12 @@ def time_series(
     t = sample_times(sol, begin, end, num_samples)
     x = np.asarray(sol.evaluate(t)[0])
     ax = new_axes() if ax is None else ax
-    was_empty = not ax.has_data()
+    so_far = span_so_far(ax)
     colors = _draw_positions(ax, t, x, style)
     for j in range(sol.machine.contacts.num):
         _draw_limit(ax, sol, j, t, x, colors)
     _mark_impacts(ax, sol, t, x)
-    span_of_values(ax, np.array([begin, end]), was_empty=was_empty)
+    span_of_values(ax, np.array([begin, end]), so_far)
     ax.xaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10]))
     ax.set_xlabel(with_unit("Time $t$", TIME, units))
     ax.set_ylabel(with_unit("Position $x_i$", LENGTH, units))
