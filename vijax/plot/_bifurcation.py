@@ -211,11 +211,11 @@ def _of_sweep(ds: xr.Dataset, name: str, color: Any) -> list[_Layer]:
     return [_Layer(ds.sel(direction=way), f"{before}swept {way}", colors[way], sizes[way]) for way in _WAYS]
 
 
-def _beside_ink() -> np.ndarray:
+def _beside_ink() -> str:
     """A colour of the style that is told from the ink in grey too."""
     color = of_curves(2)[1][:3]
     far = abs(lightness_of(color) - lightness_of(ink())) > _APART
-    return color if far else faded(color, _LEFT)
+    return faded(color, 1.0 if far else _LEFT)
 
 
 def _draw_impacts(

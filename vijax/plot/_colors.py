@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib import cbook
 from matplotlib.artist import Artist
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.lines import Line2D
 
 # Curves that a printer without colour makes equally grey differ in their strokes.
@@ -40,10 +40,11 @@ def ink(on_light: str = "black", on_dark: str = "white") -> str:
     return on_dark if is_dark() else on_light
 
 
-def faded(color, share: float) -> np.ndarray:
+def faded(color, share: float) -> str:
     """A colour of which a share is left, the rest is background."""
-    background = np.array(to_rgb(plt.rcParams["axes.facecolor"]))
-    return background + share * (np.array(to_rgb(color)) - background)
+    background = to_rgb(plt.rcParams["axes.facecolor"])
+    red, green, blue = (b + share * (a - b) for a, b in zip(to_rgb(color), background, strict=True))
+    return to_hex((red, green, blue))
 
 
 def with_lightness(color, lightness: float) -> np.ndarray:
