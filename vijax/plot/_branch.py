@@ -18,6 +18,7 @@ from ._axes import check_index, legend_beside, new_axes, once, span_of_values, s
 from ._bifurcation import bifurcation, label_of_impacts
 from ._colors import faded, ink, of_curves, styled
 from ._contacts import name_of
+from ._impact_lines import Impacts, followed
 from ._labels import Units, label
 
 _STABILITY = {True: ("-", "stable"), False: ((0, (3.0, 1.5)), "unstable")}
@@ -132,20 +133,6 @@ def _stop_masses(branch: Branch) -> np.ndarray:
     return np.array([stop.slot[0] if stop.slot else -1 for stop in _system(branch.points).stops], int)
 
 
-class _Impacts(NamedTuple):
-    """The impacts of an orbit at a stop, in the order of its cycle, (impacts,) each.
-
-    Attributes:
-        time: in forcing periods.
-        speed: at which the mass comes to the stop.
-        carried: velocity of the stop, in the direction in which the mass comes; 0 of a contact between masses.
-    """
-
-    time: np.ndarray
-    speed: np.ndarray
-    carried: np.ndarray
-
-
 class _Curves(NamedTuple):
     """What is drawn of a branch.
 
@@ -173,12 +160,12 @@ def _curves(branch: Branch, stop: int) -> _Curves:
     sign = _system(points).stops[stop].sign
     lines = [
         (np.array(numbers), sign * np.array(velocities))
-        for numbers, velocities in _followed(list(_impacts(points, stop)), kinds, points.attrs["num_periods"])
+        for numbers, velocities in followed(list(_impacts(points, stop)), kinds, points.attrs["num_periods"])
     ]
     return _Curves(points[branch.path].values, kinds, is_stable[:-1] & is_stable[1:], lines)
 
 
-def _impacts(points: xr.Dataset, stop: int) -> Iterator[_Impacts]:
+def _impacts(points: xr.Dataset, stop: int) -> Iterator[Impacts]:
     """The impacts of each orbit of a branch."""
     system, path = _system(points), points.attrs["path"]
     times = points.attrs["phase"] + np.cumsum(points["flight"].values, axis=1)
@@ -194,51 +181,7 @@ def _impacts(points: xr.Dataset, stop: int) -> Iterator[_Impacts]:
     is_hit = (points["event_kind"].values == IMPACT) & (points["event_stop"].values == stop)
     columns = (times, points["impact_speed"].values, of_stop)
     for k, hits in enumerate(is_hit):
-        yield _Impacts(*(column[k][hits] for column in columns))
-
-
-def _followed(
-    impacts: list[_Impacts], kinds: np.ndarray, num_periods: int
-) -> list[tuple[list[int], list[float]]]:
-    """The numbers of points and the velocities of each impact, from where it comes to where it goes."""
-    lines: list[tuple[list[int], list[float]]] = []
-    before, there = _Impacts(*np.empty((3, 0))), {}
-    for k, now in enumerate(impacts):
-        earlier = _partners(before, now, num_periods)
-        here = {}
-        for i, velocity in enumerate(now.carried + now.speed):
-            if i in earlier:
-                here[i] = there.pop(earlier[i])
-            else:
-                # At a grazing an impact is there without speed.
-                is_born = k > 0 and kinds[k - 1] == "gr"
-                here[i] = ([k - 1], [float(now.carried[i])]) if is_born else ([], [])
-                lines.append(here[i])
-            here[i][0].append(k)
-            here[i][1].append(float(velocity))
-        for i, (numbers, velocities) in there.items():
-            if kinds[k] == "gr":
-                numbers.append(k)
-                velocities.append(float(before.carried[i]))
-        before, there = now, here
-    return lines
-
-
-def _partners(before: _Impacts, now: _Impacts, num_periods: int) -> dict[int, int]:
-    """Which impact of a cycle is which one of the cycle before it, in the order of both.
-
-    Impacts come and go without speed, at a grazing or at the end of a chatter: where one cycle has more, it is its
-    lightest ones that the other has not. A cycle may begin with another of its impacts than the one before it did.
-    """
-    count = min(len(before.time), len(now.time))
-    if not count:
-        return {}
-    ours, theirs = (np.sort(np.argsort(-a.speed, kind="stable")[:count]) for a in (now, before))
-    rotations = (np.arange(count)[:, None] + np.arange(count)) % count
-    apart = now.time[ours][rotations] - before.time[theirs]
-    apart -= num_periods * np.round(apart / num_periods)
-    best = rotations[np.argmin((apart**2).sum(axis=1))]
-    return dict(zip(ours[best].tolist(), theirs.tolist(), strict=True))
+        yield Impacts(*(column[k][hits] for column in columns))
 
 
 def _joined(curves: _Curves, is_stable: bool) -> tuple[np.ndarray, np.ndarray]:

@@ -65,13 +65,7 @@ class Drawing(NamedTuple):
 
 
 def draw(
-    ax: Axes,
-    scheme: Scheme,
-    pose: Pose,
-    gaps: np.ndarray | None,
-    style: dict[str, Any],
-    *,
-    fits_axes: bool,
+    ax: Axes, scheme: Scheme, pose: Pose, gaps: np.ndarray | None, style: dict[str, Any], *, fits_axes: bool
 ) -> Drawing:
     """Draw a machine.
 
