@@ -19,12 +19,6 @@ TOLD_APART = 0.15
 SAMPLES = 60
 
 
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
 def sticking() -> vx.Solution:
     """Case (b) of the paper, where both masses stick."""

@@ -95,8 +95,7 @@ def animate(
     times = _times(sol, t, span, fps, speed, duration)
     x, places = _course(sol, times)
     scheme = scheme_of_solution(sol, places)
-    load = np.array([scheme.load_at(time) for time in times])
-    poses, _ = poses_of(scheme, x, scheme.signs * places, load)
+    poses, _ = poses_of(scheme, x, scheme.signs * places, np.array([scheme.load_at(time) for time in times]))
     figure, (top, bottom) = plt.subplots(2, layout="constrained")
     drawing = draw(top, scheme, poses[0], None, {}, fits_axes=False)
     width, height = drawing.size
