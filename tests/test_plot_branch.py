@@ -48,7 +48,7 @@ def test_the_line_of_an_impact_is_its_signed_velocity(stop, velocities):
     assert parts(ax, "-") == [list(zip([1.0, 2.0, 3.0], velocities, strict=True))]
     assert parts(ax, "--") == []
     assert ax.get_xlim() == (1.0, 3.0)
-    assert ax.get_xlabel() == r"Forcing frequency $\Omega$ (rad / time)"
+    assert ax.get_xlabel() == r"Forcing frequency $\Omega$"
     assert f"stop {stop}" in ax.get_ylabel()
     assert words_of_legend(ax) == ["stable"]
 

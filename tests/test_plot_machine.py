@@ -1,5 +1,7 @@
 """Drawings of machines and films of their motion show what the matrices, stops and trajectories say."""
 
+import subprocess
+
 import matplotlib as mpl
 
 mpl.use("Agg")
@@ -315,6 +317,16 @@ def test_a_film_has_the_frames_asked_for(sol, tmp_path):
         assert picture.n_frames == 5
         assert picture.info["duration"] == 200
     assert film._interval == 200
+
+
+@pytest.mark.thorough
+@pytest.mark.skipif(not FFMpegWriter.isAvailable(), reason="films in .mp4 need the program ffmpeg")
+def test_a_film_goes_to_a_video(sol, tmp_path):
+    file = tmp_path / "motion.mp4"
+    vx.plot.animate(sol, span=(4.0, 6.0), duration=1.0, fps=4, file=file)
+    asked = ["ffprobe", "-v", "error", "-show_entries", "stream=nb_frames,duration", "-of", "csv=p=0", file]
+    duration, frames = subprocess.run(asked, capture_output=True, text=True, check=True).stdout.split(",")
+    assert (float(duration), int(frames)) == (1.0, 4)
 
 
 def test_a_film_is_shown_by_a_notebook_and_goes_to_a_page(sol, tmp_path):

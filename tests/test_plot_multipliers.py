@@ -95,7 +95,7 @@ def test_the_multipliers_of_a_sweep_have_the_colour_of_its_values(orbits):
     assert places == orbits.multipliers.values[[0, 2]].ravel().tolist()
     assert filled == [False] + 7 * [True]
     (bar,) = ax.child_axes
-    assert bar.get_ylabel() == r"Forcing frequency $\Omega$ (rad / time)"
+    assert bar.get_ylabel() == r"Forcing frequency $\Omega$"
     assert bar.get_ylim() == pytest.approx((0.8, 1.4))
     (marks,) = (c for c in ax.collections if isinstance(c, PathCollection))
     greys = [grey(color[:3]) for color in marks.get_edgecolors()]

@@ -19,7 +19,7 @@ from matplotlib.colors import same_color
 import vijax as vx
 
 PATH = "forcing.frequency"
-UP, DOWN = "#10264f", "#f59b42"
+UP, DOWN = "black", "C1"
 SAMPLES = 100
 # A cycle closes to the rounding of its run, and speeds at impacts are known as well.
 CLOSED = 1e-12

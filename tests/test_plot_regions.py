@@ -11,8 +11,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
-from matplotlib.collections import QuadMesh
-from matplotlib.colors import to_rgb
+from matplotlib.collections import PolyCollection, QuadMesh
+from matplotlib.colors import rgb_to_hsv, to_rgb
 
 import vijax as vx
 
@@ -48,7 +48,9 @@ def grey(color) -> float:
 def legend_colors(ax) -> dict:
     legend = ax.get_legend()
     names = [text.get_text() for text in legend.get_texts()]
-    return dict(zip(names, (patch.get_facecolor() for patch in legend.get_patches()), strict=True))
+    colors = (patch.get_facecolor() for patch in legend.get_patches())
+    # The names of families have none.
+    return {name: color for name, color in zip(names, colors, strict=True) if color[3]}
 
 
 def drawn_classes(ax) -> dict[tuple[float, float], str]:
@@ -76,9 +78,39 @@ def test_a_region_chart_shows_every_motion_where_it_is(classes):
         (0.1, 0.3): "non-periodic",
         (0.1, 0.4): "not settled",
     }
-    assert ax.get_xlabel() == r"Forcing frequency $\Omega$ (rad / time)"
-    assert ax.get_ylabel() == "Forcing amplitude $A_{0}$ (units of force)"
+    assert ax.get_xlabel() == r"Forcing frequency $\Omega$"
+    assert ax.get_ylabel() == "Forcing amplitude $A_{0}$"
     assert ax.get_legend().get_title().get_text() == "impacts at stop 0 | 1\nin forcing periods"
+
+
+def test_what_has_not_settled_is_hatched_and_nothing_else(classes):
+    ax = vx.plot.regions(classes)
+    (hatched,) = (c for c in ax.collections if isinstance(c, PolyCollection) and c.get_hatch())
+    (box,) = (path.vertices for path in hatched.get_paths())
+    np.testing.assert_allclose((box.min(axis=0), box.max(axis=0)), [(0.05, 0.35), (0.15, 0.45)], atol=1e-12)
+    names = [text.get_text() for text in ax.get_legend().get_texts()]
+    hatches = [patch.get_hatch() for patch in ax.get_legend().get_patches()]
+    assert [name for name, hatch in zip(names, hatches, strict=True) if hatch] == ["not settled"]
+
+
+def test_the_legend_groups_motions_by_the_family_whose_hue_they_share(classes):
+    ax = vx.plot.regions(classes)
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == [
+        "no impact", "repeats after 1", "1 | 2 in 1", "chatters, then sticks", r"$\infty$ | 3 in 2",
+        "non-periodic", "not settled",
+    ]  # fmt: skip
+    hues = [rgb_to_hsv(legend_colors(ax)[name][:3])[0] for name in ("1 | 2 in 1", r"$\infty$ | 3 in 2")]
+    np.testing.assert_allclose(hues, [rgb_to_hsv(to_rgb(f"C{k}"))[0] for k in (0, 1)], atol=1e-6)
+
+
+def test_a_motion_is_named_in_the_plane_where_there_is_room():
+    motion = np.ones((40, 40), int)
+    motion[20:], motion[:3, :3] = 0, 3
+    ones = np.ones((40, 40), int)
+    ax = vx.plot.regions(chart(motion.tolist(), ones.tolist(), np.stack([ones, 2 * ones], axis=-1)))
+    found = {text.get_text(): text.get_position()[0] for text in ax.texts}
+    assert found.keys() == {"1 | 2 in 1", "no impact"}  # the few non-periodic points have no room
+    assert found["no impact"] < 2.0 < found["1 | 2 in 1"]  # frequencies fall
 
 
 def test_infinite_and_unknown_numbers_of_impacts_have_words():
@@ -87,8 +119,8 @@ def test_infinite_and_unknown_numbers_of_impacts_have_words():
     assert drawn == {
         (0.2, 0.3): "1 | 0 in 1",
         (0.2, 0.4): r"$\infty$ | 12 in 1",
-        (0.1, 0.3): "? | ? in 3",
-        (0.1, 0.4): "? | ? in 3",
+        (0.1, 0.3): "not counted, in 3",
+        (0.1, 0.4): "not counted, in 3",
     }
 
 
@@ -96,8 +128,9 @@ def test_a_region_chart_calls_the_rare_motions_other(classes):
     drawn = drawn_classes(vx.plot.regions(classes, max_classes=1))
     assert drawn[0.3, 0.3] == "no impact"
     assert drawn[0.3, 0.4] == drawn[0.2, 0.3] == "1 | 2 in 1"
-    assert drawn[0.2, 0.4] == drawn[0.1, 0.4] == "other"
+    assert drawn[0.2, 0.4] == "other"
     assert drawn[0.1, 0.3] == "non-periodic"
+    assert drawn[0.1, 0.4] == "not settled"
 
 
 def test_the_colours_of_a_region_chart_differ_in_grey(classes):

@@ -45,7 +45,7 @@ def test_a_time_series_is_the_motion_and_meets_the_events_exactly(held):
 def test_a_time_series_draws_every_mass_and_every_stop():
     sol = vx.simulate(vx.models.wagg_bishop_b(0.8), 0.0, END)
     ax = vx.plot.time_series(sol, num_samples=SAMPLES)
-    masses, stops = ax.lines[:2], ax.lines[2:]
+    masses, stops = ax.lines[:2], ax.lines[2:4]
     assert [line.get_ydata()[0] for line in stops] == [-0.3, 0.1]
     for stop, mass in zip(stops, masses, strict=True):
         np.testing.assert_array_equal(stop.get_color(), mass.get_color())
@@ -70,6 +70,17 @@ def test_a_time_series_marks_where_a_mass_is_held(held):
     starts = [0.0, *sticks]
     ends = [*releases, END] if held.stuck1[0] else [*releases]
     assert drawn == list(zip(starts, ends, strict=True))
+
+
+def test_a_time_series_marks_the_impacts_on_the_lines_of_their_masses(sticking):
+    ax = vx.plot.time_series(sticking, span=(20.0, 60.0), num_samples=SAMPLES)
+    (marks,) = named(ax, "impact")
+    hits = [events(sticking, vx.IMPACT, j) for j in range(2)]
+    expected = [(t, place) for j, place in enumerate((-0.3, 0.1)) for t in hits[j] if 20.0 <= t <= 60.0]
+    assert len(expected) > 10
+    np.testing.assert_allclose(np.transpose(marks.get_data()), expected, rtol=0, atol=1e-12)
+    bands = [line for line in ax.lines if "held" in line.get_label()]
+    assert [band.get_solid_capstyle() for band in bands] == ["butt"] * 2
 
 
 def test_a_time_series_goes_into_the_axes_given(held):

@@ -26,7 +26,8 @@ QUICK = ("table1",)
 def test_every_figure_and_table_is_drawn_and_written_beside_what_the_paper_says(name, tmp_path, capsys):
     reproduce.JOBS[name](tmp_path, coarse=8)
     path = tmp_path / FILES.get(name, name)
-    assert path.with_suffix(".png").stat().st_size > 20_000
+    for ending in (".png", ".svg", ".pdf"):
+        assert path.with_suffix(ending).stat().st_size > 10_000
     table = pd.read_csv(path.with_suffix(".csv"))
     assert len(table) >= 4
     assert "paper" in capsys.readouterr().out
@@ -37,7 +38,7 @@ def test_table_1_is_that_of_the_two_masses(tmp_path):
     table = pd.read_csv(tmp_path / "table1.csv", index_col="motion")
     for name in ("w_n", "zeta", "w_d"):
         np.testing.assert_allclose(table[name], table[f"{name} exact"], rtol=1e-5)
-    as_printed = table.drop(index="x2 = s2")
+    as_printed = table.drop(index="x_1 = s_1")
     for name in ("w_n", "zeta", "w_d"):
         np.testing.assert_allclose(as_printed[name], as_printed[f"{name} paper"], atol=6e-4)
 
@@ -47,7 +48,7 @@ def test_table_1_is_that_of_the_two_masses(tmp_path):
 def test_table_3_finds_the_coexisting_motions(tmp_path):
     reproduce.JOBS["table3"](tmp_path, coarse=2)
     table = pd.read_csv(tmp_path / "table3.csv").ffill()
-    found = table.groupby("Omega")["mass 2"].agg(set).to_dict()
+    found = table.groupby("Omega")["mass 1"].agg(set).to_dict()
     assert found[0.3] == {"inf in 1"}
     assert found[1.1] == {"3 in 2"}
     assert found[1.7] == found[2.0] == found[2.1] == {"1 in 1", "non-periodic"}

@@ -11,7 +11,7 @@ import vijax as vx
 from vijax import plot
 
 from .motions import is_kind
-from .output import FREQUENCY, FREQUENCY_STEP, compare, impacts_of, ranges, save
+from .output import FREQUENCY, FREQUENCY_STEP, NUMBERS, announce, compare, impacts_of, ranges, save
 
 # Masses that hit within a time step of the paper have a double impact. It is not printed, but at the two
 # frequencies that are named the impacts are 0.0051 and 0.0047 apart.
@@ -20,18 +20,18 @@ _DOUBLE_WITHIN = 0.0055
 
 def fig4(out: Path, coarse: int = 1) -> None:
     """Case (a): impact velocities of both masses against the forcing frequency."""
-    title = "Fig. 4, case (a): stops at 0.3 and 0.3, A1 = 0.3"
+    title = f"Fig. 4, case (a): stops at 0.3 and 0.3, $A_0$ = 0.3; {NUMBERS}"
     ds, rest = _sweeps(vx.models.wagg_bishop_a(1.0), (0.2, 2.0), coarse)
-    print(title)
+    announce(title)
     compare([*_facts_of_case_a(ds), _soundness(ds, rest)])
     _draw(ds, rest, title, out / "case_a")
 
 
 def fig7(out: Path, coarse: int = 1) -> None:
     """Case (b): the same for stops on opposite sides."""
-    title = "Fig. 7, case (b): stops at -0.3 and 0.1, A1 = 0.5"
+    title = f"Fig. 7, case (b): stops at -0.3 and 0.1, $A_0$ = 0.5; {NUMBERS}"
     ds, rest = _sweeps(vx.models.wagg_bishop_b(1.0), (0.1, 2.2), coarse)
-    print(title)
+    announce(title)
     compare([*_facts_of_case_b(ds, rest), _soundness(ds, rest)])
     _draw(ds, rest, title, out / "case_b")
 
@@ -60,8 +60,8 @@ def _facts_of_case_b(ds: xr.Dataset, rest: xr.Dataset) -> list[tuple[str, str, s
     carried, started = (is_kind(vx.classify(a), "non_periodic") for a in (ds, rest))
     is_low = ds[FREQUENCY] < 1.6
     return [
-        ("mass 1 sticks", "Omega < 0.5", f"Omega = {ranges(sticks[0])}"),
-        ("mass 2 sticks", "Omega < 0.5", f"Omega = {ranges(sticks[1])}"),
+        ("mass 0 sticks", "Omega < 0.5", f"Omega = {ranges(sticks[0])}"),
+        ("mass 1 sticks", "Omega < 0.5", f"Omega = {ranges(sticks[1])}"),
         ("non-periodic, below 1.6", "very small regions from 0.6", f"Omega = {ranges(carried & is_low)}"),
         (
             "non-periodic, above 1.6",
@@ -81,17 +81,11 @@ def _soundness(ds: xr.Dataset, rest: xr.Dataset) -> tuple[str, str, str]:
 def _draw(ds: xr.Dataset, rest: xr.Dataset, title: str, path: Path) -> None:
     """All impacts of both masses; grey, below the others, those of the motions reached from rest."""
     fig, axes = plt.subplots(ds.sizes["stop"], sharex=True, figsize=(8, 6.4), layout="constrained")
+    plot.bifurcation(rest, None, ax=axes, color="0.5", markersize=3, markeredgewidth=0, label="from rest")
     plot.bifurcation(ds, None, ax=axes)
     for j, ax in enumerate(axes):
-        frequency, velocity, stop = xr.broadcast(rest[FREQUENCY], rest.impact_velocity, rest.impact_stop)
-        is_here = (stop == j).values
-        ax.plot(
-            frequency.values[is_here], velocity.values[is_here], ".", color="0.45", markersize=3,
-            markeredgewidth=0, zorder=1, rasterized=True, label="from rest",
-        )  # fmt: skip
-        ax.set_title(f"({'ab'[j]}) mass {j + 1}", loc="left")
+        ax.set_title(f"({'ab'[j]}) mass {j}", loc="left")
         ax.label_outer()
-    axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, ncols=3, markerscale=2.5)
     fig.suptitle(title)
     tables = [impacts_of(ds), impacts_of(rest).assign(direction="rest")]
     save(fig, pd.concat(tables), path)

@@ -7,16 +7,16 @@ import pandas as pd
 
 import vijax as vx
 
-from .output import save_table
+from .output import NUMBERS, save_table
 
 _GOLDEN = (5**0.5 - 1) / 2
 # Motion: which masses move, which of their modes, the exact frequency, what the paper prints, its errata.
 TABLE_1 = {
     "free, mode 1": ((0, 1), 0, _GOLDEN, ("0.618", "0.031", "0.618"), ""),
     "free, mode 2": ((0, 1), 1, 1 + _GOLDEN, ("1.618", "0.081", "1.613"), ""),
-    "x1 = s1": ((1,), 0, 1.0, ("1", "0.05", "0.999"), ""),
-    "x2 = s2": (
-        (0,), 0, 2**0.5, ("1", "0.05", "0.705"), "errata: two springs hold mass 1, Eq. 35; 0.705 is half of w_d"
+    "x_0 = s_0": ((1,), 0, 1.0, ("1", "0.05", "0.999"), ""),
+    "x_1 = s_1": (
+        (0,), 0, 2**0.5, ("1", "0.05", "0.705"), "errata: two springs hold mass 0, Eq. 35; 0.705 is half of w_d"
     ),
 }  # fmt: skip
 
@@ -34,7 +34,7 @@ def table1(out: Path, coarse: int = 1) -> None:
         rows.append((motion, *(a for f, t, p in triples for a in (f"{f:.6f}", f"{t:.6f}", p)), note))
     names = (f"{name}{kind}" for name in ("w_n", "zeta", "w_d") for kind in ("", " exact", " paper"))
     table = pd.DataFrame(rows, columns=["motion", *names, "note"])
-    save_table(table, "Table 1, frequencies and damping ratios of the two masses", out / "table1")
+    save_table(table, f"Table 1, frequencies and damping ratios of the two masses; {NUMBERS}", out / "table1")
 
 
 def modes(system: vx.ImpactSystem, free: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ import vijax as vx
 from vijax import plot
 
 from .motions import is_kind, random_starts
-from .output import FREQUENCY, compare, impacts_of, save
+from .output import FREQUENCY, NUMBERS, announce, compare, impacts_of, save
 
 # Panel: frequency, stop, what the paper says.
 _PANELS = {
@@ -36,15 +36,17 @@ def fig9(out: Path, coarse: int = 1) -> None:
     for ax, (panel, (frequency, stop, said)) in zip(axes.flat, _PANELS.items(), strict=True):
         ds = attractors[frequency]
         plot.impact_map(ds, stop, ax=ax)
-        ax.set_title(f"({panel}) $\\Omega$ = {frequency}, mass {stop + 1}", loc="left")
-        ours = impacts_of(ds).query(f"mass == {stop + 1}").rename(columns=lambda c: c.removeprefix("impact_"))
+        ax.set_title(f"({panel}) $\\Omega$ = {frequency}, mass {stop}", loc="left")
+        ours = impacts_of(ds).query(f"mass == {stop}").rename(columns=lambda c: c.removeprefix("impact_"))
         if panel == "c":
             ax.set(xlim=_around(ours.phase), ylim=_around(ours.velocity), xticks=[4.0, 4.1, 4.2, 4.3])
             ax.set_xticklabels(["4.0", "4.1", "4.2", "4.3"])
-        rows.append((f"({panel}) Omega = {frequency}, mass {stop + 1}", said, _found(ds, ours, stop)))
+        rows.append((f"({panel}) Omega = {frequency}, mass {stop}", said, _found(ds, ours, stop)))
         tables.append(ours.assign(panel=panel)[["panel", "frequency", "phase", "velocity"]])
-    print("Fig. 9, case (b); (c) is a close-up")
+    title = f"Fig. 9, case (b): stops at -0.3 and 0.1, $A_0$ = 0.5; (c) is a close-up; {NUMBERS}"
+    announce(title)
     compare(rows)
+    fig.suptitle(title)
     save(fig, pd.concat(tables), out / "fig9")
 
 

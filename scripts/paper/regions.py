@@ -12,7 +12,7 @@ import vijax as vx
 from vijax import plot
 
 from .motions import is_kind, words
-from .output import AMPLITUDE, FREQUENCY, compare, save
+from .output import AMPLITUDE, FREQUENCY, NUMBERS, compare, save
 
 # Steps of 0.0025 and 0.004.
 _POINTS = (721, 201)
@@ -35,7 +35,7 @@ def fig6(out: Path, coarse: int = 1) -> None:
     compare(_facts(motions))
     fig, ax = plt.subplots(figsize=(10, 5), layout="constrained")
     plot.regions(motions, max_classes=10, ax=ax)
-    ax.set_title("Fig. 6, case (a): motions reached from rest", loc="left")
+    ax.set_title(f"Fig. 6, case (a): motions reached from rest; {NUMBERS}", loc="left")
     save(fig, _as_table(motions), out / "fig6")
 
 
@@ -70,9 +70,9 @@ def _facts(motions: xr.Dataset) -> list[tuple[str, str, str]]:
     is_simple = (lowest.num_periods == 1) & (lowest.num_impacts == 1).all("stop")
     edge = float(lowest[FREQUENCY][~is_simple.values & (lowest[FREQUENCY] < 0.6).values].max())
     return [
-        ("line between others and 1 | 1, at A1 = 0.2", "Omega = 0.4", f"Omega = {edge:.4f}"),
-        ("no impact, Omega < 0.4", "at A1 = 0.2", _span(at_rest, amplitude)),
-        ("complete chatter, Omega < 0.4", "a small region at A1 > 0.8", _span(chatter, amplitude)),
+        ("line between others and 1 | 1, at A_0 = 0.2", "Omega = 0.4", f"Omega = {edge:.4f}"),
+        ("no impact, Omega < 0.4", "at A_0 = 0.2", _span(at_rest, amplitude)),
+        ("complete chatter, Omega < 0.4", "a small region at A_0 > 0.8", _span(chatter, amplitude)),
         ("windows in the chaotic region", "for the most part period 1", _windows(motions, chaos)),
         ("non-periodic", "-", f"{float(chaos.mean()):.1%} of the plane"),
         ("not settled", "-", f"{float(is_kind(motions, 'not_settled').mean()):.1%} of the plane"),
@@ -82,7 +82,7 @@ def _facts(motions: xr.Dataset) -> list[tuple[str, str, str]]:
 def _span(where: xr.DataArray, amplitude: np.ndarray) -> str:
     """The amplitudes at which something is so."""
     found = amplitude[where.any(FREQUENCY).values]
-    return f"A1 = {found[0]:.3f} ... {found[-1]:.3f}" if len(found) else "nowhere"
+    return f"A_0 = {found[0]:.3f} ... {found[-1]:.3f}" if len(found) else "nowhere"
 
 
 def _windows(motions: xr.Dataset, chaos: xr.DataArray) -> str:
@@ -106,7 +106,7 @@ def _as_table(motions: xr.Dataset) -> pd.DataFrame:
             "amplitude": flat[AMPLITUDE].values,
             "motion": kinds[flat.motion.values],
             "num_periods": flat.num_periods.values,
-            "impacts of mass 1": impacts[:, 0],
-            "impacts of mass 2": impacts[:, 1],
+            "impacts of mass 0": impacts[:, 0],
+            "impacts of mass 1": impacts[:, 1],
         }
     )

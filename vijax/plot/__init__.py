@@ -1,8 +1,8 @@
 """Pictures of sweeps, trajectories and periodic orbits; the only folder that imports matplotlib.
 
-Every function draws into the axes it is given, or into new ones, and returns them. Units are those
-in which the machine was described, so the axes name the kind of unit alone. Colours differ in
-lightness as well, so that the pictures survive a printer without colour.
+Every function draws into the axes it is given, or into new ones, and returns them. Masses, stops and contacts are counted
+from 0, as in the machine. Units are written as `units=` gives them, and none where it does not. Colours are those of the style
+of matplotlib in use; what they tell, lightness, strokes, marks or words tell too, on a printer without colour.
 """
 
 from ._animate import animate as animate
@@ -15,5 +15,6 @@ from ._machine import machine as machine
 from ._multipliers import multipliers as multipliers
 from ._regions import regions as regions
 from ._relative_motion import relative_motion as relative_motion
+from ._section import section as section
 from ._sticking import sticking_region as sticking_region
 from ._trajectories import phase_portrait as phase_portrait, time_series as time_series

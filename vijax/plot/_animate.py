@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -13,8 +14,9 @@ from .._orbits.orbit import PeriodicOrbit
 from .._trajectory.event_log import IMPACT
 from .._trajectory.solution import Solution
 from .._types import Numbers
-from ._axes import ink
+from ._colors import ink
 from ._drawing import PITCH, Drawing, Pose, draw, face_of, place_of_limit
+from ._labels import Units
 from ._machine import poses_of
 from ._orbits import solution_of
 from ._scheme import Scheme, scheme_of_solution
@@ -49,6 +51,8 @@ def animate(
     speed: float | None = None,
     duration: float | None = None,
     file: str | os.PathLike | None = None,
+    units: Units | None = None,
+    **style: Any,
 ) -> FuncAnimation:
     """Show the machine of a trajectory moving, as `machine` draws it, over its positions against time.
 
@@ -64,6 +68,8 @@ def animate(
         speed: units of time in a second of the film.
         duration: seconds of the film, in place of `speed`; 5 if both are left out.
         file: where to write it, by its ending: `.gif`, `.html` with buttons, or `.mp4`, which needs the program ffmpeg.
+        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
+        **style: of the curves of the positions, as for `time_series`.
 
     Returns:
         The film, an animation of matplotlib.
@@ -89,14 +95,13 @@ def animate(
     times = _times(sol, t, span, fps, speed, duration)
     x, places = _course(sol, times)
     scheme = scheme_of_solution(sol, places)
-    load = np.array([scheme.load_at(time) for time in times])
-    poses, _ = poses_of(scheme, x, scheme.signs * places, load)
+    poses, _ = poses_of(scheme, x, scheme.signs * places, np.array([scheme.load_at(time) for time in times]))
     figure, (top, bottom) = plt.subplots(2, layout="constrained")
-    drawing = draw(top, scheme, poses[0], None, fits_axes=False)
+    drawing = draw(top, scheme, poses[0], None, {}, fits_axes=False)
     width, height = drawing.size
     figure.set_size_inches(max(width, 5.0), height + _HEIGHT)
     top.get_subplotspec().get_gridspec().set_height_ratios([height, _HEIGHT])
-    show_time = _clock(bottom, sol, times, x)
+    show_time = _clock(bottom, sol, times, x, units, style)
     show_contacts = _contacts(top, sol, scheme, drawing, times, max(1, round(_FADING * fps)))
     # Laid out once, so that nothing shakes.
     figure.draw_without_rendering()
@@ -188,11 +193,12 @@ def _course(sol: Solution, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return x, places
 
 
-def _clock(ax: Axes, sol: Solution, times: np.ndarray, x: np.ndarray) -> Callable[[int], None]:
+def _clock(
+    ax: Axes, sol: Solution, times: np.ndarray, x: np.ndarray, units: Units | None, style: dict[str, Any]
+) -> Callable[[int], None]:
     """The positions against time, and a line and discs that go along."""
-    time_series(sol, span=(float(times[0]), float(times[-1])), ax=ax)
+    time_series(sol, span=(float(times[0]), float(times[-1])), units=units, ax=ax, **style)
     ax.legend().remove()  # the boxes have the colours of the lines
-    ax.set_ylabel("Position $x_i$")
     cursor = ax.axvline(times[0], color=ink("0.5", "0.6"), linewidth=1)
     (discs,) = ax.plot([], [], "o", color=ink(), markersize=4, zorder=4)
 

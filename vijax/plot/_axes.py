@@ -1,32 +1,16 @@
-"""What all pictures share: new axes, labels with symbol and unit, colours."""
+"""What all pictures share: new axes, legends, the axis of phases, what is drawn into axes that hold something."""
 
-import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-_AXIS_LABELS = {
-    "mass": ("Mass", "m", "units of mass"),
-    "damping": ("Damping", "C", r"force $\times$ time / length"),
-    "stiffness": ("Stiffness", "K", "force / length"),
-    "forcing.amplitude": ("Forcing amplitude", "A", "units of force"),
-    "forcing.frequency": ("Forcing frequency", r"\Omega", "rad / time"),
-    "forcing.phase": ("Forcing phase", r"\varphi", "rad"),
-    "forcing.mean": ("Constant force", "F", "units of force"),
-    "stops.position": ("Stop position", "s", "units of length"),
-    "stops.restitution": ("Restitution", "r", "ratio"),
-    "stops.motion.amplitude": ("Travel of the stop", "A", "units of length"),
-    "stops.motion.phase": ("Phase of the stop", r"\varphi", "rad"),
-    "stops.motion.mean": ("Stop position", "s", "units of length"),
-    "x0": ("Start position", "x", "units of length"),
-    "v0": ("Start velocity", r"\dot x", "length / time"),
-}
+Sweeps = xr.Dataset | Mapping[str, xr.Dataset]
 
 
 def new_axes() -> Axes:
@@ -50,50 +34,45 @@ def column_of_axes(ax: Axes | Sequence[Axes] | np.ndarray | None, rows: int) -> 
     return given
 
 
-def shades(count: int, first: float = 0.0, last: float = 0.75) -> np.ndarray:
-    """Colours from dark to light, so that curves and points differ in print as well."""
-    return plt.get_cmap("viridis")(np.linspace(first, last, count))
+def by_name(ds: Sweeps, style: dict[str, Any]) -> dict[str, xr.Dataset]:
+    """The datasets to draw, several with their names, one with the `label` that the style has for it, if any."""
+    named = {style.pop("label", ""): ds} if isinstance(ds, xr.Dataset) else dict(ds)
+    if not named:
+        raise ValueError("There is no dataset to draw: give one, or several by their names.")
+    return named
 
 
-def of_curves(count: int) -> np.ndarray:
-    """The same, from light to dark where the background is dark."""
-    return shades(count, 1.0, 0.4) if _is_dark() else shades(count)
+def once(ax: Axes, words: str) -> str | None:
+    """Words for the legend, unless it has them already."""
+    return None if words in ax.get_legend_handles_labels()[1] else words
 
 
-def ink(on_light: str = "black", on_dark: str = "white") -> str:
-    """A colour that is seen on the background of the style in use."""
-    return on_dark if _is_dark() else on_light
+def span_so_far(ax: Axes) -> tuple[float, ...]:
+    """What the axis to the right spans, of axes that hold something."""
+    return ax.get_xlim() if ax.has_data() else ()
 
 
-def _is_dark() -> bool:
-    return bool(np.mean(to_rgb(plt.rcParams["axes.facecolor"])) < 0.5)
+def span_of_values(ax: Axes, values: np.ndarray, so_far: tuple[float, ...]) -> None:
+    """Let the axis to the right span the values, and what it spanned before they were drawn."""
+    first, last = min([*so_far, values.min()]), max([*so_far, values.max()])
+    if first < last:
+        ax.set_xlim(first, last)
 
 
-def label(path: str) -> str:
-    """The words, symbol and unit of a swept quantity; its path where there are none."""
-    name, indices = re.sub(r"\[.*?\]", "", path), re.findall(r"\[(\d+)\]", path)
-    if name not in _AXIS_LABELS:
-        return path
-    words, symbol, unit = _AXIS_LABELS[name]
-    subscript = f"_{{{','.join(indices)}}}" if indices else ""
-    return f"{words} ${symbol}{subscript}$ ({unit})"
-
-
-def swept_quantity(points: xr.DataArray, picture: str) -> str:
-    """The path along which the points of a sweep lie, up and down or in one direction."""
-    swept = [str(dim) for dim in points.dims if dim != "direction"]
-    if len(swept) != 1:
-        raise ValueError(
-            f"{picture} needs one swept quantity, but there are {swept}: "
-            "select one value of the others, as in `ds.sel({path: value})`."
-        )
-    return swept[0]
-
-
-def span_of_phase(set_limits, set_ticks) -> None:
+def span_of_phase(set_limits, set_ticks, origin: float = 0.0) -> None:
     """Let an axis show a whole forcing period, with ticks at its quarters."""
-    set_limits(0, 2 * np.pi)
-    set_ticks(np.pi / 2 * np.arange(5), ["0", r"$\pi/2$", r"$\pi$", r"$3\pi/2$", r"$2\pi$"])
+    set_limits(origin, origin + 2 * np.pi)
+    quarters = np.arange(np.ceil(2 * origin / np.pi - 1e-9), np.floor(2 * origin / np.pi + 4 + 1e-9) + 1)
+    set_ticks(np.pi / 2 * quarters, [_in_pi(int(k)) for k in quarters])
+
+
+def _in_pi(quarters: int) -> str:
+    """A number of quarters of a turn, as part of pi."""
+    if quarters == 0:
+        return "0"
+    sign, count = "-" if quarters < 0 else "", abs(quarters)
+    whole, below = (count // 2, "") if count % 2 == 0 else (count, "/2")
+    return f"${sign}{'' if whole == 1 else whole}\\pi{below}$"
 
 
 def legend_beside(ax: Axes, **options) -> None:
@@ -103,7 +82,12 @@ def legend_beside(ax: Axes, **options) -> None:
 
 def legend_above(ax: Axes, *, markerscale: float) -> None:
     """A legend of points in a row above the axes, the points large enough to be told apart."""
-    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, ncols=4, markerscale=markerscale)
+    legend = ax.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, ncols=4, markerscale=markerscale
+    )
+    for handle in legend.legend_handles:
+        if handle is not None:
+            handle.set_alpha(1.0)  # points are faint where they are many
 
 
 def check_index(name: str, index: int, count: int) -> None:

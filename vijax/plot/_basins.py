@@ -1,17 +1,21 @@
 """Basins of attraction over a plane of starts, and the attractors in it."""
 
 import re
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import ListedColormap
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ._axes import label, legend_beside, new_axes
-from ._regions import words_of_motion
+from ._axes import legend_beside, new_axes
+from ._colors import styled
+from ._labels import Units, label
+from ._motions import heading, words_of_motion
 
 # After Okabe and Ito, told apart by the colour-blind as well; light enough for black points, dark enough for white edges.
 _COLORS = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442", "#0072b2", "#d55e00", "#b0e0c8")
@@ -22,7 +26,13 @@ _SIZES = ((20, 6.0), (100, 4.0), (np.inf, 2.0))
 
 
 def basins(
-    basins: xr.Dataset, *, max_attractors: int = 8, points: bool = True, ax: Axes | None = None
+    basins: xr.Dataset,
+    *,
+    max_attractors: int = 8,
+    points: bool = True,
+    units: Units | None = None,
+    ax: Axes | None = None,
+    **style: Any,
 ) -> Axes:
     """Draw the basins of attraction over a plane of starts, each in a colour, and the sections of the attractors in it.
 
@@ -34,7 +44,9 @@ def basins(
         basins: what `vx.basins` returned, over two start quantities, the first one drawn to the right and the second upwards.
         max_attractors: how many attractors, those with the largest shares, have a colour of their own, 8 at most; the rest is "other".
         points: whether to draw the sections.
+        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
         ax: where to draw; new axes if left out.
+        **style: of the plane, as matplotlib's `pcolormesh` takes them: `alpha`, `rasterized`, ...
 
     Returns:
         The axes.
@@ -60,19 +72,12 @@ def basins(
     count = min(max_attractors, basins.sizes["attractor"])
     codes = basins["label"].values
     codes = np.where(codes >= count, count, codes)
-    ax.pcolormesh(
-        basins[right].values,
-        basins[up].values,
-        codes.T,
-        cmap=ListedColormap([_UNKNOWN, *_COLORS[:count], _OTHER]),
-        vmin=-1.5,
-        vmax=count + 0.5,
-        shading="nearest",
-        rasterized=True,
-    )
+    colors = ListedColormap([_UNKNOWN, *_COLORS[:count], _OTHER])
+    own = {"cmap": colors, "vmin": -1.5, "vmax": count + 0.5, "shading": "nearest", "rasterized": True}
+    ax.pcolormesh(basins[right].values, basins[up].values, codes.T, **styled(style, QuadMesh, **own))
     ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # attractors may lie far outside
     has_mark = [points and _draw_section(ax, basins.isel(attractor=k), right, up, k) for k in range(count)]
-    ax.set(xlabel=label(right), ylabel=label(up))
+    ax.set(xlabel=label(right, units), ylabel=label(up, units))
     _add_legend(ax, basins, codes, has_mark)
     return ax
 
@@ -138,11 +143,10 @@ def _add_legend(ax: Axes, basins: xr.Dataset, codes: np.ndarray, has_mark: list[
         if (codes == code).any():
             handles.append((Patch(facecolor=color, edgecolor="black", linewidth=0.6),))
             words.append(name)
-    stops = " | ".join(str(j) for j in range(basins.sizes["stop"]))
     legend_beside(
         ax,
         handles=handles,
         labels=words,
         handler_map={tuple: HandlerTuple(ndivide=None)},
-        title=f"impacts at stop {stops}\nin forcing periods,\nand share of the starts",
+        title=f"{heading(basins)},\nand share of the starts",
     )

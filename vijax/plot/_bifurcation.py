@@ -1,33 +1,44 @@
 """Bifurcation diagrams: recorded impacts against a swept quantity, and the stability of the orbits they are of."""
 
 from collections.abc import Sequence
-from typing import NamedTuple, overload
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
 from .._sweep.endings import warn_of_endings
-from ._axes import check_index, column_of_axes, ink, label, legend_above, span_of_phase, swept_quantity
+from ._axes import (
+    Sweeps,
+    by_name,
+    check_index,
+    column_of_axes,
+    legend_above,
+    once,
+    span_of_phase,
+    span_of_values,
+    span_so_far,
+)
+from ._colors import faded, ink, lightness_of, of_curves, styled
 from ._contacts import name_of
+from ._labels import ANGLE, VELOCITY, Units, label, swept_quantity, with_unit
 from ._orbits import STABLE, UNKNOWN, UNSTABLE, Orbits, as_sweep, list_of, stability_of
 
 ORDINATES = {
-    "velocity": ("impact_velocity", "Velocity $v^-$ before impact\nat {} (length / time)"),
+    "velocity": ("impact_velocity", "Velocity $v^-$ before impact\nat {}", VELOCITY),
     "relative velocity": (
         "impact_relative_velocity",
-        "Velocity before impact, relative\nto {} (length / time)",
+        "Velocity before impact, relative\nto {}",
+        VELOCITY,
     ),
-    "phase": ("impact_phase", "Phase $\\varphi$ of impact\nat {} (rad)"),
+    "phase": ("impact_phase", "Phase $\\varphi$ of impact\nat {}", ANGLE),
 }
-_OF_CONTACT = "Speed of approach before impact\nat {} (length / time)"
-# Drawn one over the other: where both agree, a dark point in a light one.
-_DIRECTIONS = {
-    "down": ("swept down", ("#f59b42", "#d9731a"), 4.0),
-    "up": ("swept up", ("#10264f", "#bcd4ff"), 1.8),
-}
-_ONE_DIRECTION = ("swept", ("black", "white"), 2.0)
-_OVER = ("", ("black", "white"), 3.0)  # orbits that are drawn over a sweep
+_OF_CONTACT = "Speed of approach before impact\nat {}"
+# The way down under the way up, whose points are small: where both agree, a dark point in a light one.
+_WAYS = ("down", "up")
+_LARGE, _MIDDLE, _SMALL, _OVER = 4.0, 2.0, 1.8, 3.0
+# Of a colour of the style how much is left on the way down, unless it is as far from the ink as this already.
+_LEFT, _APART = 0.75, 0.3
 # By the stability of the orbit: the marker, by how much it is larger, the width of its edge, and its words.
 _MARKS = {
     UNKNOWN: (".", 1.0, 0.0, ""),
@@ -38,29 +49,35 @@ _MARKS = {
 
 @overload
 def bifurcation(
-    ds: xr.Dataset,
+    ds: Sweeps,
     stop: int = 0,
     *,
     ordinate: str = "velocity",
     orbits: Orbits | None = None,
+    units: Units | None = None,
     ax: Axes | None = None,
+    **style: Any,
 ) -> Axes: ...
 @overload
 def bifurcation(
-    ds: xr.Dataset,
+    ds: Sweeps,
     stop: None,
     *,
     ordinate: str = "velocity",
     orbits: Orbits | None = None,
+    units: Units | None = None,
     ax: Sequence[Axes] | np.ndarray | None = None,
+    **style: Any,
 ) -> np.ndarray: ...
 def bifurcation(
-    ds: xr.Dataset,
+    ds: Sweeps,
     stop: int | None = 0,
     *,
     ordinate: str = "velocity",
     orbits: Orbits | None = None,
+    units: Units | None = None,
     ax: Axes | Sequence[Axes] | np.ndarray | None = None,
+    **style: Any,
 ) -> Axes | np.ndarray:
     """Draw a bifurcation diagram: the velocities of the recorded impacts against the swept quantity.
 
@@ -73,13 +90,16 @@ def bifurcation(
     Of a contact between masses the velocity is the speed of approach, positive.
 
     Args:
-        ds: what `vx.sweep` returned for one swept quantity; of several, select all but one first.
+        ds: what `vx.sweep` returned for one swept quantity; of several, select all but one first. Several sweeps of that
+            quantity by their names, as in `{"r = 0.7": one, "r = 0.8": other}`, are told apart by their colours.
         stop: the stop whose impacts are drawn; None for all, one panel a stop.
         ordinate: "velocity" before the impacts, "relative velocity" where stops move, counted from theirs, or
             the "phase" of the impacts in the forcing period.
         orbits: what `vx.periodic_orbits(ds)` returned, to mark the points of the sweep that it polished; or orbits of the
             machine at any values of the swept quantity, as from `vx.find_periodic_orbits`, to draw over them.
-        ax: where to draw, for `stop=None` one axes for each stop; new axes if left out.
+        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
+        ax: where to draw, also over what is there; for `stop=None` one axes for each stop; new axes if left out.
+        **style: of the points of the sweep, as matplotlib's `plot` takes them: `color`, `marker`, `markersize`, `label`, ...
 
     Returns:
         The axes; an array of them for `stop=None`.
@@ -99,38 +119,55 @@ def bifurcation(
     References:
         Wagg & Bishop (2004), Figs. 4 and 7.
     """
-    path = swept_quantity(ds.result, "A bifurcation diagram")
-    if ordinate not in ORDINATES:
-        names = " or ".join(f'"{name}"' for name in ORDINATES)
-        raise ValueError(f'Argument `ordinate` must be {names}, but is "{ordinate}".')
-    if ORDINATES[ordinate][0] not in ds:
-        raise ValueError(
-            'Argument `ordinate` must be "velocity" where no stop moves: there it is the relative one.'
-        )
-    check_index("stop", 0 if stop is None else stop, ds.sizes["stop"])
-    stops = range(ds.sizes["stop"]) if stop is None else [stop]
-    warn_of_endings(ds, "max_impacts_reached")
-    layers = _layers(ds, path, [] if orbits is None else orbits)
+    sweeps = by_name(ds, style)
+    path, num_stops = _common(list(sweeps.values()), ordinate)
+    check_index("stop", 0 if stop is None else stop, num_stops)
+    stops = range(num_stops) if stop is None else [stop]
+    layers = _layers(sweeps, path, [] if orbits is None else orbits)
     column = column_of_axes(ax, len(stops))
+    masses = next(iter(sweeps.values()))["stop_mass"].values
     for j, panel in zip(stops, column, strict=True):
+        so_far = span_so_far(panel)
         for layer in layers:
-            _draw_impacts(layer, path, j, ordinate, panel)
-        panel.set_ylabel(label_of_impacts(ordinate, j, ds["stop_mass"].values))
+            _draw_impacts(layer, path, j, ordinate, panel, style)
+        panel.set_ylabel(label_of_impacts(ordinate, j, masses, units))
         if ordinate == "phase":
             span_of_phase(panel.set_ylim, panel.set_yticks)
         else:
             panel.axhline(0, color="0.7", linewidth=0.8, zorder=0)
         values = np.concatenate([layer.ds[path].values.ravel() for layer in layers])
-        panel.set_xlim(values.min(), values.max())
+        span_of_values(panel, values, so_far)
     _draw_legend(layers, column[0])
-    column[-1].set_xlabel(label(path))
+    column[-1].set_xlabel(label(path, units))
     return column if stop is None else column[0]
 
 
-def label_of_impacts(ordinate: str, stop: int, stop_masses: np.ndarray) -> str:
+def _common(sweeps: list[xr.Dataset], ordinate: str) -> tuple[str, int]:
+    """The quantity that all sweep, and how many stops their machines have."""
+    paths = {swept_quantity(ds.result, "A bifurcation diagram") for ds in sweeps}
+    counts = {ds.sizes["stop"] for ds in sweeps}
+    if len(paths) > 1 or len(counts) > 1:
+        raise ValueError(
+            f"Sweeps are drawn together that sweep one quantity of machines with as many stops, but these sweep "
+            f"{sorted(paths)} of machines with {sorted(counts)} stops."
+        )
+    if ordinate not in ORDINATES:
+        names = " or ".join(f'"{name}"' for name in ORDINATES)
+        raise ValueError(f'Argument `ordinate` must be {names}, but is "{ordinate}".')
+    if any(ORDINATES[ordinate][0] not in ds for ds in sweeps):
+        raise ValueError(
+            'Argument `ordinate` must be "velocity" where no stop moves: there it is the relative one.'
+        )
+    for ds in sweeps:
+        warn_of_endings(ds, "max_impacts_reached")
+    return paths.pop(), counts.pop()
+
+
+def label_of_impacts(ordinate: str, stop: int, stop_masses: np.ndarray, units: Units | None) -> str:
     """What is drawn of the impacts at a stop; of a contact, every velocity is its speed of approach."""
-    is_speed = stop_masses[stop] < 0 and ordinate != "phase"
-    return (_OF_CONTACT if is_speed else ORDINATES[ordinate][1]).format(name_of(stop, stop_masses))
+    _, words, unit = ORDINATES[ordinate]
+    words = _OF_CONTACT if stop_masses[stop] < 0 and ordinate != "phase" else words
+    return with_unit(words.format(name_of(stop, stop_masses)), unit, units)
 
 
 class _Layer(NamedTuple):
@@ -138,24 +175,52 @@ class _Layer(NamedTuple):
 
     ds: xr.Dataset
     words: str
-    colors: tuple[str, str]
+    color: Any
     size: float
+    is_swept: bool = True
 
 
-def _layers(ds: xr.Dataset, path: str, orbits: Orbits) -> list[_Layer]:
+def _layers(sweeps: dict[str, xr.Dataset], path: str, orbits: Orbits) -> list[_Layer]:
     """All that is drawn, the lowest first."""
     if isinstance(orbits, xr.Dataset):
-        ds, over = ds.assign(stability=stability_of(ds, orbits)), []
+        if len(sweeps) > 1:
+            raise ValueError(
+                "Argument `orbits` is of one sweep, but several are drawn: mark them one by one."
+            )
+        ((name, ds),) = sweeps.items()
+        sweeps, over = {name: ds.assign(stability=stability_of(ds, orbits))}, []
     else:
         found = list_of(orbits)
-        over = [_Layer(as_sweep(found, path, ds.sizes["stop"]), *_OVER)] if found else []
-        ds = ds.assign(stability=xr.full_like(ds["result"], UNKNOWN))
-    if "direction" in ds["result"].dims:
-        return [_Layer(ds.sel(direction=way), *style) for way, style in _DIRECTIONS.items()] + over
-    return [_Layer(ds, *_ONE_DIRECTION), *over]
+        num_stops = next(iter(sweeps.values())).sizes["stop"]
+        over = [_Layer(as_sweep(found, path, num_stops), "", ink(), _OVER, False)] if found else []
+        sweeps = {
+            name: ds.assign(stability=xr.full_like(ds["result"], UNKNOWN)) for name, ds in sweeps.items()
+        }
+    colors = of_curves(len(sweeps)) if len(sweeps) > 1 else [ink()]
+    layers = [_of_sweep(ds, name, color) for (name, ds), color in zip(sweeps.items(), colors, strict=True)]
+    return [one for of_sweep in layers for one in of_sweep] + over
 
 
-def _draw_impacts(layer: _Layer, path: str, stop: int, ordinate: str, ax: Axes) -> None:
+def _of_sweep(ds: xr.Dataset, name: str, color: Any) -> list[_Layer]:
+    """The layers of one sweep, those of both ways if it was made up and down."""
+    if "direction" not in ds["result"].dims:
+        return [_Layer(ds, name or "swept", color, _MIDDLE)]
+    colors = {"down": faded(color, 0.5) if name else _beside_ink(), "up": color}
+    sizes = dict(zip(_WAYS, (_LARGE, _SMALL), strict=True))
+    before = f"{name}, " if name else ""
+    return [_Layer(ds.sel(direction=way), f"{before}swept {way}", colors[way], sizes[way]) for way in _WAYS]
+
+
+def _beside_ink() -> str:
+    """A colour of the style that is told from the ink in grey too."""
+    color = of_curves(2)[1][:3]
+    far = abs(lightness_of(color) - lightness_of(ink())) > _APART
+    return faded(color, 1.0 if far else _LEFT)
+
+
+def _draw_impacts(
+    layer: _Layer, path: str, stop: int, ordinate: str, ax: Axes, style: dict[str, Any]
+) -> None:
     """The impacts of a layer at a stop."""
     names = (path, ORDINATES[ordinate][0], "impact_stop", "stability")
     swept, drawn, of_stop, stability = (a.values for a in xr.broadcast(*(layer.ds[name] for name in names)))
@@ -163,32 +228,33 @@ def _draw_impacts(layer: _Layer, path: str, stop: int, ordinate: str, ax: Axes) 
         is_it = (of_stop == stop) & (stability == known)
         if known == UNKNOWN or is_it.any():
             words = layer.words if known == UNKNOWN else ""
-            _draw_points(ax, swept[is_it], drawn[is_it], known, ink(*layer.colors), layer.size, words)
+            look = style if layer.is_swept else {}
+            _draw_points(ax, swept[is_it], drawn[is_it], known, layer, look, words)
 
 
 def _draw_points(
-    ax: Axes, x: np.ndarray, y: np.ndarray, stability: int, color: str, size: float, words: str
+    ax: Axes, x: np.ndarray, y: np.ndarray, stability: int, layer: _Layer, style: dict[str, Any], words: str
 ) -> None:
     marker, larger, edge, _ = _MARKS[stability]
-    ax.plot(
-        x,
-        y,
-        linestyle="none",
-        marker=marker,
-        markersize=larger * size,
-        markeredgewidth=edge,
-        markerfacecolor="none" if edge else color,
-        color=color,
-        label=words,
-        rasterized=True,
-    )
+    color = styled(style).get("color", layer.color)
+    own = {
+        "linestyle": "none",
+        "marker": marker,
+        "markersize": larger * layer.size,
+        "markeredgewidth": edge,
+        "markerfacecolor": "none" if edge else color,
+        "color": color,
+        "rasterized": True,
+    }
+    ax.plot(x, y, label=words, **styled(style, **own))
 
 
 def _draw_legend(layers: list[_Layer], ax: Axes) -> None:
     """What the colours mean, and the marks that there are at any stop."""
     present = np.concatenate([layer.ds["stability"].values.ravel() for layer in layers])
-    known, (_, colors, size) = [k for k in (STABLE, UNSTABLE) if k in present], _ONE_DIRECTION
-    for stability in known:
-        _draw_points(ax, np.empty(0), np.empty(0), stability, ink(*colors), size, _MARKS[stability][-1])
-    if known or len(layers) > 1:
+    sample = layers[0]._replace(color=ink(), size=_MIDDLE)
+    for stability in (STABLE, UNSTABLE):
+        if stability in present and (words := once(ax, _MARKS[stability][-1])):
+            _draw_points(ax, np.empty(0), np.empty(0), stability, sample, {}, words)
+    if len(ax.get_legend_handles_labels()[0]) > 1:
         legend_above(ax, markerscale=2.5)

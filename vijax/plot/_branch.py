@@ -2,22 +2,24 @@
 
 import json
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
 
 from .._branches.branch import Branch
 from .._system.description import build
 from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem
 from .._trajectory.event_log import IMPACT
-from ._axes import check_index, ink, label, legend_beside, new_axes, of_curves
+from ._axes import check_index, legend_beside, new_axes, once, span_of_values, span_so_far
 from ._bifurcation import bifurcation, label_of_impacts
+from ._colors import faded, ink, of_curves, styled
 from ._contacts import name_of
+from ._impact_lines import Impacts, followed
+from ._labels import Units, label
 
 _STABILITY = {True: ("-", "stable"), False: ((0, (3.0, 1.5)), "unstable")}
 _MARKERS = {
@@ -42,7 +44,9 @@ def branch(
     ds: xr.Dataset | None = None,
     stop: int = 0,
     *,
+    units: Units | None = None,
     ax: Axes | None = None,
+    **style: Any,
 ) -> Axes:
     """Draw branches of periodic orbits: the velocities before the impacts of their orbits against the parameter.
 
@@ -55,7 +59,9 @@ def branch(
             colours.
         ds: what `vx.sweep` returned for the same parameter, to draw its impacts under the branches, light.
         stop: the stop whose impacts are drawn.
-        ax: where to draw; new axes if left out.
+        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
+        ax: where to draw, also over what is there; new axes if left out.
+        **style: of the lines, as matplotlib's `plot` takes them: `color`, `linewidth`, `label`, ...
 
     Returns:
         The axes.
@@ -82,23 +88,16 @@ def branch(
     if not any(one.lines for one in curves):
         raise ValueError(f"There are no impacts at {name_of(stop, masses)} to draw.")
     ax = new_axes() if ax is None else ax
+    so_far = span_so_far(ax)
     ax.axhline(0, color="0.7", linewidth=0.8, zorder=0)
     if ds is not None:
         _draw_light(ds, stop, ax)
-    colors = of_curves(len(several)) if len(several) > 1 else [ink()]
-    for k, (one, color) in enumerate(zip(curves, colors, strict=True)):
-        if len(several) > 1:
-            ax.plot([], [], color=color, label=f"branch {k}")
-        for is_stable, (style, _) in _STABILITY.items():
-            ax.plot(*_joined(one, is_stable), linestyle=style, color=color, linewidth=1.2)
-    for is_stable, (style, words) in _STABILITY.items():
-        if any(_joined(one, is_stable)[0].size for one in curves):
-            ax.plot([], [], linestyle=style, color=ink(), linewidth=1.2, label=words)
+    _draw_curves(curves, ax, style)
     _draw_marks(curves, ax)
     values = [one.values for one in several] + ([] if ds is None else [ds[path].values.ravel()])
-    ax.set_xlim(min(a.min() for a in values), max(a.max() for a in values))
-    ax.set_xlabel(label(path))
-    ax.set_ylabel(label_of_impacts("velocity", stop, masses))
+    span_of_values(ax, np.concatenate(values), so_far)
+    ax.set_xlabel(label(path, units))
+    ax.set_ylabel(label_of_impacts("velocity", stop, masses, units))
     legend_beside(ax)
     return ax
 
@@ -134,20 +133,6 @@ def _stop_masses(branch: Branch) -> np.ndarray:
     return np.array([stop.slot[0] if stop.slot else -1 for stop in _system(branch.points).stops], int)
 
 
-class _Impacts(NamedTuple):
-    """The impacts of an orbit at a stop, in the order of its cycle, (impacts,) each.
-
-    Attributes:
-        time: in forcing periods.
-        speed: at which the mass comes to the stop.
-        carried: velocity of the stop, in the direction in which the mass comes; 0 of a contact between masses.
-    """
-
-    time: np.ndarray
-    speed: np.ndarray
-    carried: np.ndarray
-
-
 class _Curves(NamedTuple):
     """What is drawn of a branch.
 
@@ -175,12 +160,12 @@ def _curves(branch: Branch, stop: int) -> _Curves:
     sign = _system(points).stops[stop].sign
     lines = [
         (np.array(numbers), sign * np.array(velocities))
-        for numbers, velocities in _followed(list(_impacts(points, stop)), kinds, points.attrs["num_periods"])
+        for numbers, velocities in followed(list(_impacts(points, stop)), kinds, points.attrs["num_periods"])
     ]
     return _Curves(points[branch.path].values, kinds, is_stable[:-1] & is_stable[1:], lines)
 
 
-def _impacts(points: xr.Dataset, stop: int) -> Iterator[_Impacts]:
+def _impacts(points: xr.Dataset, stop: int) -> Iterator[Impacts]:
     """The impacts of each orbit of a branch."""
     system, path = _system(points), points.attrs["path"]
     times = points.attrs["phase"] + np.cumsum(points["flight"].values, axis=1)
@@ -196,51 +181,7 @@ def _impacts(points: xr.Dataset, stop: int) -> Iterator[_Impacts]:
     is_hit = (points["event_kind"].values == IMPACT) & (points["event_stop"].values == stop)
     columns = (times, points["impact_speed"].values, of_stop)
     for k, hits in enumerate(is_hit):
-        yield _Impacts(*(column[k][hits] for column in columns))
-
-
-def _followed(
-    impacts: list[_Impacts], kinds: np.ndarray, num_periods: int
-) -> list[tuple[list[int], list[float]]]:
-    """The numbers of points and the velocities of each impact, from where it comes to where it goes."""
-    lines: list[tuple[list[int], list[float]]] = []
-    before, there = _Impacts(*np.empty((3, 0))), {}
-    for k, now in enumerate(impacts):
-        earlier = _partners(before, now, num_periods)
-        here = {}
-        for i, velocity in enumerate(now.carried + now.speed):
-            if i in earlier:
-                here[i] = there.pop(earlier[i])
-            else:
-                # At a grazing an impact is there without speed.
-                is_born = k > 0 and kinds[k - 1] == "gr"
-                here[i] = ([k - 1], [float(now.carried[i])]) if is_born else ([], [])
-                lines.append(here[i])
-            here[i][0].append(k)
-            here[i][1].append(float(velocity))
-        for i, (numbers, velocities) in there.items():
-            if kinds[k] == "gr":
-                numbers.append(k)
-                velocities.append(float(before.carried[i]))
-        before, there = now, here
-    return lines
-
-
-def _partners(before: _Impacts, now: _Impacts, num_periods: int) -> dict[int, int]:
-    """Which impact of a cycle is which one of the cycle before it, in the order of both.
-
-    Impacts come and go without speed, at a grazing or at the end of a chatter: where one cycle has more, it is its
-    lightest ones that the other has not. A cycle may begin with another of its impacts than the one before it did.
-    """
-    count = min(len(before.time), len(now.time))
-    if not count:
-        return {}
-    ours, theirs = (np.sort(np.argsort(-a.speed, kind="stable")[:count]) for a in (now, before))
-    rotations = (np.arange(count)[:, None] + np.arange(count)) % count
-    apart = now.time[ours][rotations] - before.time[theirs]
-    apart -= num_periods * np.round(apart / num_periods)
-    best = rotations[np.argmin((apart**2).sum(axis=1))]
-    return dict(zip(ours[best].tolist(), theirs.tolist(), strict=True))
+        yield Impacts(*(column[k][hits] for column in columns))
 
 
 def _joined(curves: _Curves, is_stable: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -256,6 +197,22 @@ def _joined(curves: _Curves, is_stable: bool) -> tuple[np.ndarray, np.ndarray]:
                 found += [drawn, np.full((2, 1), np.nan)]
     x, y = np.concatenate(found, axis=1)
     return x, y
+
+
+def _draw_curves(curves: list[_Curves], ax: Axes, style: dict[str, Any]) -> None:
+    """All lines, solid where orbits are stable, with what their colours and strokes mean."""
+    colors = of_curves(len(curves)) if len(curves) > 1 else [ink()]
+    name = style.pop("label", "")
+    for k, (one, color) in enumerate(zip(curves, colors, strict=True)):
+        look = styled(style, color=color, linewidth=1.2)
+        words = ", ".join(filter(None, (name, f"branch {k}" if len(curves) > 1 else "")))
+        if words:
+            ax.plot([], [], label=words, **look)
+        for is_stable, (stroke, _) in _STABILITY.items():
+            ax.plot(*_joined(one, is_stable), **{"linestyle": stroke} | look)
+    for is_stable, (stroke, words) in _STABILITY.items():
+        if any(_joined(one, is_stable)[0].size for one in curves) and (words := once(ax, words)):
+            ax.plot([], [], linestyle=stroke, color=ink(), linewidth=1.2, label=words)
 
 
 def _draw_marks(curves: list[_Curves], ax: Axes) -> None:
@@ -278,7 +235,7 @@ def _draw_marks(curves: list[_Curves], ax: Axes) -> None:
                 markerfacecolor=ink("white", "black"),
                 markeredgewidth=1.0,
                 color=ink(),
-                label=kind.replace("_", " "),
+                label=once(ax, kind.replace("_", " ")),
                 zorder=3,
             )
 
@@ -288,8 +245,7 @@ def _draw_light(ds: xr.Dataset, stop: int, ax: Axes) -> None:
     others = list(ax.lines)
     bifurcation(ds, stop, ax=ax)
     # Paler, not transparent: of those, many points on one another would be dark again.
-    background = np.array(to_rgb(ax.get_facecolor()))
     for line in ax.lines:
         if line not in others:
-            pale = background + _LIGHT * (np.array(to_rgb(line.get_color())) - background)
+            pale = faded(line.get_color(), _LIGHT)
             line.set(color=pale, markerfacecolor=pale, markersize=_LARGER * line.get_markersize(), zorder=1)

@@ -12,7 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from ._axes import figure_of, ink, of_curves
+from ._axes import figure_of
+from ._colors import ink, of_curves, styled
 from ._contacts import name_of
 from ._scheme import Limit, Link, Scheme
 from ._symbols import circles, damper, spring
@@ -63,7 +64,9 @@ class Drawing(NamedTuple):
     boxes: list[Rectangle]
 
 
-def draw(ax: Axes, scheme: Scheme, pose: Pose, gaps: np.ndarray | None, *, fits_axes: bool) -> Drawing:
+def draw(
+    ax: Axes, scheme: Scheme, pose: Pose, gaps: np.ndarray | None, style: dict[str, Any], *, fits_axes: bool
+) -> Drawing:
     """Draw a machine.
 
     Args:
@@ -71,6 +74,7 @@ def draw(ax: Axes, scheme: Scheme, pose: Pose, gaps: np.ndarray | None, *, fits_
         scheme: the machine.
         pose: its first one.
         gaps: of the stops and contacts, to be named; None to leave them out.
+        style: of the boxes, instead of our own.
         fits_axes: whether the axes keep their size, so that words must be fitted into it.
     """
     ax.set_axis_off()
@@ -80,7 +84,7 @@ def draw(ax: Axes, scheme: Scheme, pose: Pose, gaps: np.ndarray | None, *, fits_
     given = ax.get_window_extent().width / figure_of(ax).dpi if fits_axes else _WIDEST
     scale = min(_INCHES, given / float(np.ptp(ends)))
     thin = min(1.0, 2 * scale)  # lines of a small drawing
-    boxes, moves = _boxes(ax, scheme, home, thin)
+    boxes, moves = _boxes(ax, scheme, home, thin, style)
     moves += [_link(ax, home, link, thin, is_spring=is_spring) for link, is_spring in scheme.links]
     moves += [_limit(ax, scheme, home, limit) for limit in scheme.limits]
     for mass in scheme.grounded:
@@ -142,11 +146,16 @@ def _name_of_limit(
     return place_of_limit(home, pose, limit), "\n".join(words)
 
 
-def _boxes(ax: Axes, scheme: Scheme, home: np.ndarray, thin: float) -> tuple[list[Rectangle], list[Move]]:
+def _boxes(
+    ax: Axes, scheme: Scheme, home: np.ndarray, thin: float, style: dict[str, Any]
+) -> tuple[list[Rectangle], list[Move]]:
     """The masses with their numbers, on wheels, in the colours of their curves in other pictures."""
     colors = of_curves(scheme.num_masses)
     edge = {"facecolor": ax.get_facecolor(), "linewidth": 2.2 * thin, "zorder": 3}
-    boxes = [_rectangle(ax, 0.0, 0.0, 1.0, 1.0, edgecolor=color, **edge) for color in colors]
+    boxes = [
+        _rectangle(ax, 0.0, 0.0, 1.0, 1.0, **styled(style, Rectangle, edgecolor=color, **edge))
+        for color in colors
+    ]
     names = [
         ax.text(
             0, 0.5, str(i), ha="center", va="center", zorder=4, fontsize=12 * thin, color=ink(), clip_on=True

@@ -1,5 +1,8 @@
 """The sections of the impact maps: phase and velocity of every impact."""
 
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -8,29 +11,44 @@ from .._orbits.orbit import PeriodicOrbit
 from .._sweep.endings import warn_of_endings
 from .._trajectory.event_log import IMPACT
 from .._trajectory.solution import Solution
-from ._axes import check_index, ink, legend_above, new_axes, of_curves, span_of_phase
+from ._axes import check_index, legend_above, new_axes, span_of_phase
+from ._cloud import MARKERS, draw_cloud, size_for
+from ._colors import ink, of_curves
 from ._contacts import name_of
+from ._labels import ANGLE, VELOCITY, Units, with_unit
 from ._orbits import solution_of
 
-# Few points are drawn large, the thousands of a chaotic attractor small.
-_SIZES = ((100, 7.0), (1000, 4.0), (np.inf, 1.5))
-_MARKERS = "os^Dv"
+Motion = Solution | PeriodicOrbit | xr.Dataset
+
+# Radians without impacts, at least, between two sets of them; and of the longest such part how much is enough around 0.
+_APART, _ENOUGH = 0.2, 0.5
 
 
 def impact_map(
-    sol_or_ds: Solution | PeriodicOrbit | xr.Dataset, stop: int | None = 0, *, ax: Axes | None = None
+    sol_or_ds: Motion | Mapping[str, Motion],
+    stop: int | None = 0,
+    *,
+    origin: float | None = None,
+    units: Units | None = None,
+    ax: Axes | None = None,
+    **style: Any,
 ) -> Axes:
     """Draw the impacts in the plane of forcing phase and velocity before impact.
 
     That is the section on which the map of a stop, P_i, takes one impact to the next; with
     `stop=None` it is that of the global map P_g, the stops told apart. Of a contact between masses it is their speed of
-    approach that is drawn.
+    approach that is drawn. Thousands of impacts are faint, and dark where many lie on one another.
 
     Args:
         sol_or_ds: a trajectory, a periodic orbit, or what `vx.sweep` returned, of which one machine is selected; from
-            several starts all impacts are drawn.
+            several starts all impacts are drawn. Several of them by their names, as in `{"from rest": ds, "orbit": orbit}`,
+            are told apart by their colours.
         stop: the stop or contact whose impacts are drawn; None for all.
-        ax: where to draw; new axes if left out.
+        origin: the phase at which the axis begins, in radians; if left out, 0, or where 0 would split a set of impacts, in
+            the longest part of the forcing period without any.
+        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
+        ax: where to draw, also over what is there; new axes if left out.
+        **style: of the points, as matplotlib's `plot` takes them: `color`, `marker`, `markersize`, `alpha`, `label`, ...
 
     Returns:
         The axes.
@@ -48,62 +66,100 @@ def impact_map(
     References:
         Wagg & Bishop (2004), Sec. 2.2 and Fig. 9.
     """
-    if isinstance(sol_or_ds, xr.Dataset):
-        warn_of_endings(sol_or_ds, "max_impacts_reached")
-    masses, phase, velocity, of_stop = _impacts(sol_or_ds)
-    num_stops = len(masses)
-    check_index("stop", 0 if stop is None else stop, num_stops)
-    drawn = list(range(num_stops)) if stop is None else [stop]
-    counts = [np.count_nonzero(of_stop == j) for j in drawn]
-    if not sum(counts):
-        where = "any stop" if stop is None else name_of(stop, masses)
-        raise ValueError(f"There are no impacts at {where} to draw.")
-    size = next(size for most, size in _SIZES if sum(counts) <= most)
+    clouds, words = _clouds(sol_or_ds, stop)
+    phases = np.concatenate([one.phase for one in clouds])
+    begin = _origin(phases) if origin is None else float(origin)
     ax = new_axes() if ax is None else ax
-    for j, color in zip(drawn, of_curves(num_stops) if stop is None else [ink()], strict=True):
-        ax.plot(
-            phase[of_stop == j],
-            velocity[of_stop == j],
-            linestyle="none",
-            marker=_MARKERS[j % len(_MARKERS)] if stop is None else "o",
-            markersize=size,
-            markeredgewidth=0,
-            color=color,
-            label=name_of(j, masses),
-            rasterized=True,
-        )
+    many, size = len(clouds) > 1, size_for(len(phases))
+    for one, color, marker in zip(clouds, of_curves(len(clouds)), MARKERS * len(clouds), strict=False):
+        at = begin + np.mod(one.phase - begin, 2 * np.pi)
+        look = {"color": color, "marker": marker} if many else {"color": ink()}
+        draw_cloud(ax, at, one.velocity, style, markersize=size, label=one.name, **look)
     ax.axhline(0, color="0.7", linewidth=0.8, zorder=0)
-    span_of_phase(ax.set_xlim, ax.set_xticks)
-    ax.set_xlabel(r"Phase $\varphi$ of impact (rad)")
-    words = "Speed of approach" if (masses[drawn] < 0).all() else "Velocity $v^-$"
-    at_stop = "" if stop is None else f" at {name_of(stop, masses)}"
-    ax.set_ylabel(f"{words} before impact{at_stop} (length / time)")
-    if stop is None:
+    span_of_phase(ax.set_xlim, ax.set_xticks, begin)
+    ax.set_xlabel(with_unit(r"Phase $\varphi$ of impact", ANGLE, units))
+    ax.set_ylabel(with_unit(words, VELOCITY, units))
+    if many or "label" in style:
         legend_above(ax, markerscale=7 / size)
     return ax
 
 
-def _impacts(
-    sol_or_ds: Solution | PeriodicOrbit | xr.Dataset,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The masses of the stops, and phase, velocity and stop of every impact."""
-    if isinstance(sol_or_ds, xr.Dataset):
-        ds = sol_or_ds
-        several = [
-            str(dim)
-            for dim in ds.result.dims
-            if ds.sizes[dim] > 1 and not str(dim).startswith(("x0", "v0", "direction"))
+class _Cloud(NamedTuple):
+    """Impacts of one colour: phase and velocity, (impacts,) each."""
+
+    name: str
+    phase: np.ndarray
+    velocity: np.ndarray
+
+
+def _clouds(motions: Motion | Mapping[str, Motion], stop: int | None) -> tuple[list[_Cloud], str]:
+    """What is drawn, and the words of the velocity."""
+    is_one = isinstance(motions, Motion)
+    named = {"": motions} if is_one else dict(motions)
+    if not named:
+        raise ValueError("There is no motion to draw: give one, or several by their names.")
+    clouds, words = [], ""
+    for name, motion in named.items():
+        if isinstance(motion, xr.Dataset):
+            warn_of_endings(motion, "max_impacts_reached")
+        masses, phase, velocity, of_stop = _impacts(motion)
+        check_index("stop", 0 if stop is None else stop, len(masses))
+        drawn = list(range(len(masses))) if stop is None else [stop]
+        if not np.isin(of_stop, drawn).any():
+            where = "any stop" if stop is None else name_of(stop, masses)
+            raise ValueError(f"There are no impacts at {where} to draw.")
+        of_stops = {j: of_stop == j for j in drawn}
+        clouds += [
+            _Cloud(_name(name, name_of(j, masses), stop is None), phase[is_it], velocity[is_it])
+            for j, is_it in of_stops.items()
         ]
-        if several:
-            raise ValueError(
-                f"An impact map is of one machine, but {several} are swept: select one value of each, "
-                "as in `ds.sel({path: value})`."
-            )
-        columns = (ds.impact_phase, ds.impact_velocity, ds.impact_stop)
-        return ds["stop_mass"].values, *(column.values.ravel() for column in columns)
-    sol = solution_of(sol_or_ds)
+        quantity = "Speed of approach" if (masses[drawn] < 0).all() else "Velocity $v^-$"
+        words = f"{quantity} before impact" + ("" if stop is None else f" at {name_of(stop, masses)}")
+    return clouds, words
+
+
+def _name(motion: str, stop: str, are_several: bool) -> str:
+    """What the legend calls the impacts of a motion at one of the stops that are drawn."""
+    return f"{motion}, {stop}" if motion and are_several else motion or stop
+
+
+def _origin(phase: np.ndarray) -> float:
+    """Where the axis of phases begins, that no set of impacts lies on both of its ends."""
+    ordered = np.sort(phase)
+    lengths = np.diff(ordered, append=ordered[0] + 2 * np.pi)
+    longest = int(np.argmax(lengths))
+    if lengths[longest] < _APART or lengths[-1] >= _ENOUGH * lengths[longest]:
+        return 0.0
+    middle = ordered[longest] + lengths[longest] / 2
+    quarter = np.pi / 2 * np.round(2 * middle / np.pi)
+    # A quarter of the period where that lies between the sets too.
+    is_between = abs(quarter - middle) < lengths[longest] / 2 - _APART / 4
+    return float(quarter if is_between else middle) - 2 * np.pi
+
+
+def _impacts(motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The masses of the stops, and phase, velocity and stop of every impact."""
+    if isinstance(motion, xr.Dataset):
+        check_one_machine(motion, "An impact map")
+        columns = (motion.impact_phase, motion.impact_velocity, motion.impact_stop)
+        return motion["stop_mass"].values, *(column.values.ravel() for column in columns)
+    sol = solution_of(motion)
     log = sol.events
     is_impact = np.asarray(log.kind) == IMPACT
     t, velocity, stop = (np.asarray(a)[is_impact] for a in (log.t, log.velocity_minus, log.stop))
     phase = np.mod(float(sol.machine.frequency) * t, 2 * np.pi)
     return np.array(sol.machine.contacts.masses, int), phase, velocity, stop
+
+
+def check_one_machine(ds: xr.Dataset, picture: str) -> None:
+    """Refuse a sweep of several machines; several starts of one are welcome."""
+    several = [
+        str(dim)
+        for dim in ds.result.dims
+        if ds.sizes[dim] > 1 and not str(dim).startswith(("x0", "v0", "direction"))
+    ]
+    if several:
+        raise ValueError(
+            f"{picture} is of one machine, but {several} are swept: select one value of each, "
+            "as in `ds.sel({path: value})`."
+        )

@@ -1,24 +1,34 @@
 """Lyapunov exponents over one or two swept quantities."""
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import TwoSlopeNorm
 
-from ._axes import label, new_axes, of_curves
+from ._axes import Sweeps, by_name, new_axes, span_of_values, span_so_far
+from ._colors import STROKES, of_curves, strokes_of, styled
+from ._labels import RATE, Units, label, with_unit
 
-_WORDS = "Lyapunov exponent $\\lambda$ (1 / time)"
+_WORDS = "Lyapunov exponent $\\lambda$"
 
 
-def lyapunov(ds: xr.Dataset, *, ax: Axes | None = None) -> Axes:
+def lyapunov(ds: Sweeps, *, units: Units | None = None, ax: Axes | None = None, **style: Any) -> Axes:
     """Draw the Lyapunov exponents of a sweep: all over one swept quantity, the largest over two.
 
     Above the line at zero, or in red, motions are chaotic. Exponents of minus infinity, of directions that sticking
     erases, are left out. Bands are two standard errors wide to either side.
 
     Args:
-        ds: what `vx.sweep` or `vx.chart` returned with `lyapunov=True`, for one or two swept quantities.
-        ax: where to draw; new axes if left out.
+        ds: what `vx.sweep` or `vx.chart` returned with `lyapunov=True`, for one or two swept quantities. Several of one
+            quantity by their names, as in `{"r = 0.7": one, "r = 0.8": other}`, are told apart by their colours, their exponents
+            by their strokes.
+        units: of `time` and swept quantities, as in `{"time": "s"}`; none are written if left out.
+        ax: where to draw, also over what is there; new axes if left out.
+        **style: of the curves, as matplotlib's `plot` takes them, or of the plane, as `pcolormesh` does: `linewidth`, `cmap`,
+            `label`, ...
 
     Returns:
         The axes.
@@ -34,6 +44,22 @@ def lyapunov(ds: xr.Dataset, *, ax: Axes | None = None) -> Axes:
         ax = vx.plot.lyapunov(ds)
         ```
     """
+    sweeps = by_name(ds, style)
+    paths = [_paths(one) for one in sweeps.values()]
+    if len(sweeps) > 1 and (len(paths[0]) > 1 or any(path != paths[0] for path in paths)):
+        raise ValueError(f"Exponents are drawn together over one quantity, but these are over {paths}.")
+    ax = new_axes() if ax is None else ax
+    if len(paths[0]) == 1:
+        _lines(sweeps, paths[0][0], ax, style)
+        ax.set_ylabel(with_unit(_WORDS, RATE, units))
+    else:
+        _plane(next(iter(sweeps.values())), paths[0], ax, units, style)
+    ax.set_xlabel(label(paths[0][0], units))
+    return ax
+
+
+def _paths(ds: xr.Dataset) -> list[str]:
+    """What was swept."""
     if "lyapunov_exponents" not in ds:
         raise ValueError("The dataset has no `lyapunov_exponents`: sweep with `lyapunov=True`.")
     paths = [str(dim) for dim in ds.lyapunov_exponents.dims if dim != "exponent"]
@@ -42,40 +68,48 @@ def lyapunov(ds: xr.Dataset, *, ax: Axes | None = None) -> Axes:
             f"The picture needs one or two swept quantities, but there are {paths}: "
             "select one value of the others, as in `ds.sel({path: value})`."
         )
-    ds = ds.sortby(paths)
-    ax = new_axes() if ax is None else ax
-    (_lines if len(paths) == 1 else _plane)(ds, paths, ax)
-    ax.set_xlabel(label(paths[0]))
-    return ax
+    return paths
 
 
-def _lines(ds: xr.Dataset, paths: list[str], ax: Axes) -> None:
-    exponents = ds.lyapunov_exponents.transpose("exponent", *paths).values
-    error = ds.lyapunov_error.transpose("exponent", *paths).values
-    exponents = np.where(np.isfinite(exponents), exponents, np.nan)
-    at = ds[paths[0]].values
-    for k, color in enumerate(of_curves(len(exponents))):
-        low, high = exponents[k] - 2 * error[k], exponents[k] + 2 * error[k]
-        ax.fill_between(at, low, high, color=color, alpha=0.25, linewidth=0)
-        ax.plot(at, exponents[k], color=color, linewidth=1.2, label=f"$\\lambda_{{{k + 1}}}$")
+def _lines(sweeps: dict[str, xr.Dataset], path: str, ax: Axes, style: dict[str, Any]) -> None:
+    """A curve for each exponent of each sweep."""
+    so_far, values = span_so_far(ax), []
+    for k, (name, ds) in enumerate(sweeps.items()):
+        ordered = ds.sortby(path)
+        exponents, error = (
+            ordered[one].transpose("exponent", path).values
+            for one in ("lyapunov_exponents", "lyapunov_error")
+        )
+        values.append(ordered[path].values)
+        count = len(exponents)
+        if len(sweeps) == 1:
+            colors = of_curves(count)
+            strokes = strokes_of(colors)
+        else:
+            colors, strokes = (
+                of_curves(len(sweeps))[[k] * count],
+                [STROKES[i % len(STROKES)] for i in range(count)],
+            )
+        for i in range(count):
+            words = ", ".join(filter(None, (name, f"$\\lambda_{{{i + 1}}}$")))
+            look = styled(style, color=colors[i], linestyle=strokes[i], linewidth=1.2, label=words)
+            known = np.where(np.isfinite(exponents[i]), exponents[i], np.nan)
+            (line,) = ax.plot(values[-1], known, **look)
+            band = {"color": line.get_color(), "alpha": 0.25, "linewidth": 0}
+            ax.fill_between(values[-1], known - 2 * error[i], known + 2 * error[i], **band)
     ax.axhline(0, color="0.5", linewidth=0.8, zorder=0)
-    ax.set_xlim(at.min(), at.max())
-    ax.set_ylabel(_WORDS)
+    span_of_values(ax, np.concatenate(values), so_far)
     ax.legend(loc="best", ncols=2, frameon=False)
 
 
-def _plane(ds: xr.Dataset, paths: list[str], ax: Axes) -> None:
-    largest = ds.lyapunov_exponents.isel(exponent=0).transpose(*paths[::-1]).values
-    largest = np.ma.masked_invalid(largest)
+def _plane(ds: xr.Dataset, paths: list[str], ax: Axes, units: Units | None, style: dict[str, Any]) -> None:
+    """The largest exponent as a colour."""
+    ds = ds.sortby(paths)
+    largest = np.ma.masked_invalid(ds.lyapunov_exponents.isel(exponent=0).transpose(*paths[::-1]).values)
     reach = max(float(np.abs(largest).max()), np.finfo(float).tiny) if largest.count() else 1.0
-    mesh = ax.pcolormesh(
-        ds[paths[0]].values,
-        ds[paths[1]].values,
-        largest,
-        cmap="RdBu_r",
-        norm=TwoSlopeNorm(0.0, -reach, reach),
-        shading="nearest",
-        rasterized=True,
-    )
-    ax.figure.colorbar(mesh, ax=ax, label=_WORDS.replace("Lyapunov", "Largest Lyapunov"))
-    ax.set_ylabel(label(paths[1]))
+    norm = TwoSlopeNorm(0.0, -reach, reach)
+    look = styled(style, QuadMesh, cmap="RdBu_r", norm=norm, shading="nearest", rasterized=True)
+    mesh = ax.pcolormesh(*(ds[path].values for path in paths), largest, **look)
+    words = _WORDS.replace("Lyapunov", "Largest Lyapunov")
+    ax.figure.colorbar(mesh, ax=ax, label=with_unit(words, RATE, units))
+    ax.set_ylabel(label(paths[1], units))

@@ -1,5 +1,7 @@
 """A machine as a drawing of its masses, springs, dampers, stops and contacts."""
 
+from typing import Any
+
 import jax
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,7 +17,12 @@ _CLOSED = 1e-12
 
 
 def machine(
-    system: ImpactSystem, x: Numbers | None = None, *, t: float = 0.0, ax: Axes | None = None
+    system: ImpactSystem,
+    x: Numbers | None = None,
+    *,
+    t: float = 0.0,
+    ax: Axes | None = None,
+    **style: Any,
 ) -> Axes:
     """Draw a machine: masses as boxes with their numbers, springs, dampers, stops, contacts, loads.
 
@@ -31,6 +38,7 @@ def machine(
         x: positions of the masses, (n,); zero if left out.
         t: the time, which says where stops stand that move.
         ax: where to draw; new axes in a figure of fitting size if left out.
+        **style: of the boxes, as matplotlib's `Rectangle` takes them: `edgecolor`, `facecolor`, `linewidth`, ...
 
     Returns:
         The axes.
@@ -60,7 +68,7 @@ def machine(
     poses, gaps = poses_of(scheme, np.tile(place, (len(angles), 1)), scheme.signs * limit)
     is_new = ax is None
     ax = new_axes() if ax is None else ax
-    drawing = draw(ax, scheme, poses[0], gaps[0], fits_axes=not is_new)
+    drawing = draw(ax, scheme, poses[0], gaps[0], style, fits_axes=not is_new)
     if is_new:
         figure_of(ax).set_size_inches(drawing.size)
     return ax

@@ -1,27 +1,34 @@
 """The Floquet multipliers of periodic orbits in the complex plane."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.collections import PathCollection
+from matplotlib.colors import ListedColormap, Normalize, to_rgba_array
 from matplotlib.patches import Circle
 
 from .._orbits.orbit import PeriodicOrbit
-from ._axes import ink, label, legend_above, legend_beside, new_axes, of_curves, swept_quantity
+from ._axes import legend_above, legend_beside, new_axes
+from ._cloud import MARKERS
+from ._colors import ink, of_order, styled
+from ._labels import Units, label, swept_quantity
 from ._orbits import Orbits, list_of
 
-_MARKERS = "os^Dv"
 _DIRECTIONS = {"up": ("^", "swept up"), "down": ("v", "swept down")}
+# So many orbits at most have a marker and a name each.
+_NAMED = 5
 # Few points are drawn large.
 _SIZES = ((40, 30.0), (400, 14.0), (np.inf, 6.0))
 # By how much the picture is wider than the circle, or than what is outside of it.
 _WIDER = 1.15
 
 
-def multipliers(orbits: Orbits, *, limit: float = 3.0, ax: Axes | None = None) -> Axes:
+def multipliers(
+    orbits: Orbits, *, limit: float = 3.0, units: Units | None = None, ax: Axes | None = None, **style: Any
+) -> Axes:
     """Draw Floquet multipliers in the complex plane, with the unit circle.
 
     Inside of the circle, where what disturbs an orbit decays, they are filled; elsewhere they are not. An orbit meets a
@@ -29,10 +36,12 @@ def multipliers(orbits: Orbits, *, limit: float = 3.0, ax: Axes | None = None) -
     ones, of orbits that graze, are stars on the edge of the picture, in their direction, and the legend counts them.
 
     Args:
-        orbits: one orbit, or several, told apart by colour and marker, more than five by their colour alone, from the
-            first to the last; or what `vx.periodic_orbits` returned for one swept quantity, which the colours tell.
+        orbits: one orbit, or several, told apart by colour and marker, more than five by their colour alone, from
+            the first to the last; or what `vx.periodic_orbits` returned for one swept quantity, which the colours tell.
         limit: the largest real and imaginary part that are drawn where they are; greater than 1.
+        units: of the swept quantity, as in `{"time": "s"}`; none are written if left out.
         ax: where to draw; new axes if left out.
+        **style: of the points, as matplotlib's `scatter` takes them: `color`, `marker`, `s`, `linewidths`, ...
 
     Returns:
         The axes.
@@ -53,22 +62,26 @@ def multipliers(orbits: Orbits, *, limit: float = 3.0, ax: Axes | None = None) -
     if not limit > 1:
         raise ValueError(f"Argument `limit` must be greater than 1, the unit circle, but is {limit}.")
     groups, bar = _of_sweep(orbits) if isinstance(orbits, xr.Dataset) else (_of_list(list_of(orbits)), None)
+    style = styled(style, PathCollection)
+    if "color" in style:
+        color = to_rgba_array(style.pop("color"))
+        groups, bar = [one._replace(colors=color.repeat(one.values.size, 0)) for one in groups], None
     reach = np.concatenate([_reach(group.values) for group in groups] or [np.empty(0)])
     if not reach.size:
         raise ValueError("Argument `orbits` holds no orbit that was found: give one or more.")
     ax = new_axes() if ax is None else ax
     ax.add_patch(Circle((0, 0), 1, facecolor=ink("0.94", "0.16"), edgecolor="0.5", zorder=0))
     for group in groups:
-        _draw_near(ax, group, limit, next(size for most, size in _SIZES if reach.size <= most))
+        _draw_near(ax, group, limit, next(size for most, size in _SIZES if reach.size <= most), style)
     edge = _WIDER * reach[reach <= limit].max(initial=1)
     _draw_far(ax, groups, limit, edge)
     ax.set(xlim=(-edge, edge), ylim=(-edge, edge), aspect="equal")
-    ax.set_xlabel(r"Real part of the multipliers, $\mathrm{Re}\,\mu$ (ratio)")
-    ax.set_ylabel(r"Imaginary part, $\mathrm{Im}\,\mu$ (ratio)")
+    ax.set_xlabel(r"Real part of the multipliers, $\mathrm{Re}\,\mu$")
+    ax.set_ylabel(r"Imaginary part, $\mathrm{Im}\,\mu$")
     if bar is not None:
         path, colors = bar
         # As high as the axes, which a bar that takes room from them is not where they are square.
-        ax.figure.colorbar(colors, cax=ax.inset_axes((1.04, 0, 0.05, 1)), label=label(path))
+        ax.figure.colorbar(colors, cax=ax.inset_axes((1.04, 0, 0.05, 1)), label=label(path, units))
     if ax.get_legend_handles_labels()[0]:
         legend_beside(ax) if bar is None else legend_above(ax, markerscale=1.0)
     return ax
@@ -85,10 +98,10 @@ class _Group(NamedTuple):
 
 def _of_list(orbits: list[PeriodicOrbit]) -> list[_Group]:
     """A group for each orbit, named where they are several but few."""
-    groups, is_named = [], 1 < len(orbits) <= len(_MARKERS)
-    for k, (orbit, color) in enumerate(zip(orbits, of_curves(len(orbits)), strict=True)):
+    groups, is_named = [], 1 < len(orbits) <= _NAMED
+    for k, (orbit, color) in enumerate(zip(orbits, of_order(len(orbits)), strict=True)):
         values = np.asarray(orbit.multipliers)
-        words, marker = (f"orbit {k}", _MARKERS[k]) if is_named else ("", "o")
+        words, marker = (f"orbit {k}", MARKERS[k]) if is_named else ("", "o")
         groups.append(_Group(values, np.tile(color, (values.size, 1)), words, marker))
     return groups
 
@@ -97,7 +110,7 @@ def _of_sweep(orbits: xr.Dataset) -> tuple[list[_Group], tuple[str, ScalarMappab
     """A group for each direction of the sweep, and what is swept with its colours."""
     path = swept_quantity(orbits["converged"], "A picture of multipliers")
     swept = orbits[path].values
-    colors = ScalarMappable(Normalize(swept.min(), swept.max()), ListedColormap(of_curves(256)))
+    colors = ScalarMappable(Normalize(swept.min(), swept.max()), ListedColormap(of_order(256)))
     ways = _DIRECTIONS if "direction" in orbits["converged"].dims else {None: ("o", "")}
     groups = []
     for way, (marker, words) in ways.items():
@@ -114,20 +127,13 @@ def _reach(values: np.ndarray) -> np.ndarray:
     return np.maximum(np.abs(np.real(values)), np.abs(np.imag(values)))
 
 
-def _draw_near(ax: Axes, group: _Group, limit: float, size: float) -> None:
+def _draw_near(ax: Axes, group: _Group, limit: float, size: float, style: dict[str, Any]) -> None:
     """The multipliers within the picture."""
     is_near = _reach(group.values) <= limit
     mu, colors = group.values[is_near], group.colors[is_near]
-    ax.scatter(
-        np.real(mu),
-        np.imag(mu),
-        s=size,
-        marker=group.marker,
-        facecolors=np.where(np.abs(mu)[:, None] < 1, colors, 0.0),
-        edgecolors=colors.tolist(),
-        linewidths=0.8,
-        label=group.words,
-    )
+    own = {"s": size, "marker": group.marker, "linewidths": 0.8, "label": group.words}
+    own |= {"facecolors": np.where(np.abs(mu)[:, None] < 1, colors, 0.0), "edgecolors": colors.tolist()}
+    ax.scatter(np.real(mu), np.imag(mu), **styled(own, PathCollection) | style)
 
 
 def _draw_far(ax: Axes, groups: list[_Group], limit: float, edge: float) -> None:

@@ -1,55 +1,54 @@
 """Region charts: which motion is found where in a plane of two swept quantities."""
 
-from collections import Counter
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap, to_hex
+from matplotlib.collections import PolyCollection, QuadMesh
+from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
+from scipy import ndimage
 
-from ._axes import label, legend_beside, new_axes, shades
+from ._axes import figure_of, legend_beside, new_axes
+from ._colors import ink, is_dark, lightness_of, styled
+from ._labels import Units, label
+from ._motions import NOT_KNOWN, Entry, check_motions, entries, heading, motions_of
 
-# Only these repeat, and are told apart by impacts and periods.
-_REPEATING = ("periodic", "chattering")
-_WORDS = {"non_impacting": "no impact", "non_periodic": "non-periodic", "not_settled": "not settled"}
-# White, then ever darker, then black: in grey too no two entries of the legend look the same.
-_NO_IMPACT, _OTHER, _NON_PERIODIC = "#ffffff", "#dedede", "#000000"
-# Instead of a number of impacts: infinitely many, and not counted because the log was cut.
-_ENDLESS, _UNKNOWN = -1, -2
-_COUNTS = {_ENDLESS: r"$\infty$", _UNKNOWN: "?"}
-
-
-class _Class(NamedTuple):
-    """A kind of motion, with its periods and impacts per stop if it repeats."""
-
-    motion: str
-    num_periods: int = 0
-    num_impacts: tuple[int, ...] = ()
-
-    @property
-    def words(self) -> str:
-        if self.motion not in _REPEATING:
-            return _WORDS.get(self.motion, self.motion.replace("_", " "))
-        impacts = " | ".join(_COUNTS.get(m, str(m)) for m in self.num_impacts)
-        return f"{impacts} in {self.num_periods}"
+# Of words in the plane: the size of their letters in points, how wide and how high these are of it, and how far the nearest
+# other region must be at least, of half their width and height.
+_FONT, _LETTER, _ROOM = 8, (0.55, 1.2), 1.15
+# Of the width of the axes what is left once they have a legend beside them.
+_LEFT = 0.75
+_HATCHES: dict[str, str] = dict(zip(NOT_KNOWN, ("////", "xxxx"), strict=True))
 
 
-def regions(classes: xr.Dataset, *, max_classes: int = 6, ax: Axes | None = None) -> Axes:
+def regions(
+    classes: xr.Dataset,
+    *,
+    max_classes: int = 6,
+    units: Units | None = None,
+    ax: Axes | None = None,
+    **style: Any,
+) -> Axes:
     """Draw the motions found over a plane of two swept quantities as regions of colour.
 
     "1 | 2 in 1" is a motion that repeats after 1 forcing period, with 1 impact at stop 0 and 2 at
-    stop 1 in it; an infinity sign is a complete chatter, a question mark a log that was cut. Motions without
-    impacts are white, non-periodic ones black.
+    stop 1 in it; an infinity sign is a complete chatter. It stands in the plane where there is room for it. The colour
+    tells after how many forcing periods the motion repeats, or that it chatters, and is the darker the farther down in the
+    legend, so that a printer without colour tells them too. Motions without impacts have the colour of the background,
+    non-periodic ones that of ink, and what has not settled is hatched.
 
     Args:
         classes: what `vx.classify` returned over two swept quantities, the first one drawn to the right and
             the second upwards: `motion`, an integer with the attributes `flag_values` and `flag_meanings`,
             `num_periods`, and with a dimension `stop` more `num_impacts`, infinite or -1 for a complete chatter.
-        max_classes: how many motions, the most frequent ones, have a colour of their own beside the white
-            and the black; the rest is "other".
+        max_classes: how many motions, the most frequent ones, have a colour of their own beside those without impacts, the
+            non-periodic and those not settled; the rest is "other".
+        units: of swept quantities, as in `{"force": "N", "time": "s"}`; none are written if left out.
         ax: where to draw; new axes if left out.
+        **style: of the plane, as matplotlib's `pcolormesh` takes them: `alpha`, `rasterized`, ...
 
     Returns:
         The axes.
@@ -68,84 +67,87 @@ def regions(classes: xr.Dataset, *, max_classes: int = 6, ax: Axes | None = None
     References:
         Wagg & Bishop (2004), Fig. 6.
     """
-    _check(classes, max_classes)
+    check_motions(classes, max_classes)
     right, up = classes.motion.dims
     classes = classes.sortby([right, up])
-    of_point = _classes_of_points(classes)
-    colors = _colors(of_point, max_classes)
-    names = list(colors)
-    code = np.array([names.index(c.words if c.words in colors else "other") for c in of_point])
+    of_point = motions_of(classes)
+    drawn = entries(of_point, max_classes)
+    numbers = {motion: k for k, entry in enumerate(drawn) for motion in entry.motions}
+    code = np.array([numbers[motion] for motion in of_point]).reshape(classes.motion.shape).T
     ax = new_axes() if ax is None else ax
-    ax.pcolormesh(
-        classes[right].values,
-        classes[up].values,
-        code.reshape(classes.motion.shape).T,
-        cmap=ListedColormap(list(colors.values())),
-        vmin=-0.5,
-        vmax=len(names) - 0.5,
-        shading="nearest",
-        rasterized=True,
-    )
-    ax.set_xlabel(label(str(right)))
-    ax.set_ylabel(label(str(up)))
-    patches = [Patch(facecolor=c, edgecolor="black", linewidth=0.6, label=n) for n, c in colors.items()]
-    stops = " | ".join(str(j) for j in range(classes.sizes["stop"]))
-    legend_beside(ax, handles=patches, title=f"impacts at stop {stops}\nin forcing periods")
+    colors = {
+        "cmap": ListedColormap([entry.color for entry in drawn]),
+        "vmin": -0.5,
+        "vmax": len(drawn) - 0.5,
+    }
+    look = styled(style, QuadMesh, shading="nearest", rasterized=True, **colors)
+    mesh = ax.pcolormesh(classes[right].values, classes[up].values, code, **look)
+    _hatch(ax, mesh, code, drawn)
+    _name(ax, classes, code, drawn)
+    ax.set_xlabel(label(str(right), units))
+    ax.set_ylabel(label(str(up), units))
+    legend_beside(ax, **_legend(drawn), title=heading(classes))
     return ax
 
 
-def words_of_motion(motion: xr.Dataset) -> str:
-    """A single motion as the legend of the chart names it, from `motion`, `num_periods` and `num_impacts`."""
-    (one,) = _classes_of_points(motion.expand_dims("point"))
-    return one.words
+def _hatch(ax: Axes, mesh: QuadMesh, code: np.ndarray, drawn: list[Entry]) -> None:
+    """Hatch what is not known, cell by cell, those on one another as one."""
+    corners = np.asarray(mesh.get_coordinates())
+    for number, entry in enumerate(drawn):
+        if entry.words not in _HATCHES:
+            continue
+        boxes = []
+        for k, column in enumerate((code == number).T):
+            edges = np.flatnonzero(np.diff(column.astype(int), prepend=0, append=0))
+            x = corners[0, [k, k + 1], 0]
+            for bottom, top in corners[edges.reshape(-1, 2), 0, 1]:
+                boxes.append([(x[0], bottom), (x[1], bottom), (x[1], top), (x[0], top)])
+        style = {"facecolor": "none", "edgecolor": ink(), "linewidth": 0, "hatch": _HATCHES[entry.words]}
+        ax.add_collection(PolyCollection(boxes, **style), autolim=False)
 
 
-def _check(classes: xr.Dataset, max_classes: int) -> None:
-    for name in ("motion", "num_periods", "num_impacts"):
-        if name not in classes:
-            raise ValueError(f"A region chart needs the variable `{name}`, but there are {list(classes)}.")
-    motion = classes.motion
-    if not {"flag_values", "flag_meanings"} <= set(motion.attrs):
-        raise ValueError("The variable `motion` must have the attributes `flag_values` and `flag_meanings`.")
-    if motion.ndim != 2:
-        raise ValueError(
-            f"A region chart needs two swept quantities, but there are {list(motion.dims)}: "
-            "select one value of the others, as in `ds.sel({path: value})`."
-        )
-    if min(motion.shape) < 2:
-        raise ValueError(f"A region chart needs two values or more of each quantity, but has {motion.shape}.")
-    if max_classes < 0:
-        raise ValueError(f"Argument `max_classes` must be 0 or more, but is {max_classes}.")
+def _name(ax: Axes, classes: xr.Dataset, code: np.ndarray, drawn: list[Entry]) -> None:
+    """Write what a region is into its largest part, where it is widest, lying or standing, if there is room."""
+    x, y = (classes[dim].values for dim in classes.motion.dims)
+    box, dots = ax.get_window_extent(), figure_of(ax).dpi / 72
+    page = (
+        np.array([box.height / code.shape[0], _LEFT * box.width / code.shape[1]]) / dots
+    )  # of a cell, in points
+    for number, entry in enumerate(drawn):
+        if entry.is_other:
+            continue
+        parts = np.empty(np.add(code.shape, 2), np.int32)
+        ndimage.label(np.pad(code == number, 1), output=parts)
+        is_largest = parts == 1 + np.bincount(parts.ravel())[1:].argmax()
+        letters = len(entry.words.replace(r"$\infty$", "o"))
+        half = np.array([_LETTER[1], _LETTER[0] * letters]) * _FONT / 2
+        for angle, needed in ((0, half), (90, half[::-1])):
+            inside = np.asarray(ndimage.distance_transform_edt(is_largest, sampling=page / needed))
+            row, column = np.unravel_index(np.argmax(inside), inside.shape)
+            if inside[row, column] >= _ROOM:
+                outline = withStroke(linewidth=2, foreground=entry.color)
+                common = {"fontsize": _FONT, "color": _on(entry.color), "path_effects": [outline]}
+                middle = {"ha": "center", "va": "center", "rotation": angle, "clip_on": True}
+                ax.text(x[column - 1], y[row - 1], entry.words, **common, **middle)
+                break
 
 
-def _classes_of_points(classes: xr.Dataset) -> list[_Class]:
-    """The class of every point, row by row."""
-    flags = classes.motion.attrs
-    values = np.asarray(flags["flag_values"]).tolist()
-    meaning = dict(zip(values, flags["flag_meanings"].split(), strict=True))
-    dims = classes.motion.dims
-    motion = classes.motion.values.ravel().tolist()
-    periods = classes.num_periods.transpose(*dims).values.ravel().tolist()
-    counts = classes.num_impacts.transpose(*dims, "stop").values.reshape(len(motion), -1)
-    impacts = np.nan_to_num(counts, nan=_UNKNOWN, posinf=_ENDLESS).astype(int).tolist()
-    return [
-        _Class(meaning[k], n, tuple(m)) if meaning[k] in _REPEATING else _Class(meaning[k])
-        for k, n, m in zip(motion, periods, impacts, strict=True)
-    ]
+def _on(color: Any) -> str:
+    """Black or white, whichever is seen on a colour."""
+    return "black" if lightness_of(color) > 0.5 else "white"
 
 
-def _colors(of_point: list[_Class], max_classes: int) -> dict[str, str]:
-    """The entries of the legend with their colours, light to dark."""
-    counts = Counter(of_point)
-    counted = [c for c, _ in counts.most_common() if c.motion not in ("non_impacting", "non_periodic")]
-    named = sorted(counted[:max_classes], key=lambda c: (c.motion not in _REPEATING, c))
-    ladder = shades(len(named), first=0.12, last=0.85)[::-1]
-    colors: dict[str, str] = {}
-    if _Class("non_impacting") in counts:
-        colors[_WORDS["non_impacting"]] = _NO_IMPACT
-    colors |= {c.words: to_hex(color) for c, color in zip(named, ladder, strict=True)}
-    if _Class("non_periodic") in counts:
-        colors[_WORDS["non_periodic"]] = _NON_PERIODIC
-    if len(counted) > max_classes:
-        colors["other"] = _OTHER
-    return colors
+def _legend(drawn: list[Entry]) -> dict[str, list]:
+    """The entries, those of one family under its name."""
+    handles, words, family = [], [], ""
+    for entry in drawn:
+        if entry.family != family:
+            family = entry.family
+            if family:
+                handles.append(Patch(facecolor="none", edgecolor="none"))
+                words.append(family)
+        edge = ink("black", "white") if not is_dark() or lightness_of(entry.color) < 0.5 else "black"
+        common = {"edgecolor": edge, "linewidth": 0.6, "hatch": _HATCHES.get(entry.words)}
+        handles.append(Patch(facecolor=entry.color, **common))
+        words.append(entry.words)
+    return {"handles": handles, "labels": words}

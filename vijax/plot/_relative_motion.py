@@ -1,5 +1,7 @@
 """How near one contact is to closing: relative positions against time."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
@@ -7,8 +9,10 @@ from matplotlib.ticker import MaxNLocator
 from .._orbits.orbit import PeriodicOrbit
 from .._trajectory.event_log import IMPACT
 from .._trajectory.solution import Solution
-from ._axes import check_index, ink, legend_beside, new_axes, of_curves
+from ._axes import check_index, legend_beside, new_axes, once, span_of_values, span_so_far
+from ._colors import ink, of_curves, styled
 from ._contacts import in_symbols, name_in, row_of
+from ._labels import LENGTH, TIME, Units, with_unit
 from ._orbits import solution_of
 from ._trajectories import is_held_at, sample_times, span_of
 
@@ -18,8 +22,10 @@ def relative_motion(
     contact: int = 0,
     *,
     span: tuple[float, float] | None = None,
+    units: Units | None = None,
     ax: Axes | None = None,
     num_samples: int = 2000,
+    **style: Any,
 ) -> Axes:
     """Draw what a contact limits, `row . x`, against time, with the place that it does not pass.
 
@@ -30,8 +36,10 @@ def relative_motion(
         sol: one trajectory, or a periodic orbit, of which one cycle is drawn.
         contact: the contact or stop, by its number in `ImpactSystem(..., stops=...)`.
         span: first and last time of a close-up; the whole trajectory if left out.
-        ax: where to draw; new axes if left out.
+        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
+        ax: where to draw, also over what is there; new axes if left out.
         num_samples: evenly spaced times to draw, beside those of the events.
+        **style: of the curve, as matplotlib's `plot` takes them: `color`, `linewidth`, `label`, ...
 
     Returns:
         The axes.
@@ -53,15 +61,18 @@ def relative_motion(
     check_index("contact", contact, sol.machine.contacts.num)
     begin, end = span_of(sol, span)
     t = sample_times(sol, begin, end, num_samples)
-    row, name, color = row_of(sol, contact), name_in(sol, contact), of_curves(1)[0]
+    row, name = row_of(sol, contact), name_in(sol, contact)
     distance, limit = np.asarray(sol.evaluate(t)[0]) @ row, np.asarray(sol.evaluate_stops(t)[0])[:, contact]
     ax = new_axes() if ax is None else ax
-    ax.plot(t, distance, color=color, linewidth=1.3, label=f"${in_symbols(row)}$")
-    ax.plot(t, limit, color=ink(), linestyle=":", linewidth=1.0, label=name)
+    so_far = span_so_far(ax)
+    look = styled(style, color=of_curves(1)[0], linewidth=1.3, label=f"${in_symbols(row)}$")
+    (line,) = ax.plot(t, distance, **look)
+    ax.plot(t, limit, color=ink(), linestyle=":", linewidth=1.0, label=once(ax, name))
     is_held = is_held_at(sol, contact, begin, end, t)
     if is_held.any():
         held = np.where(is_held, distance, np.nan)
-        ax.plot(t, held, color=color, linewidth=6, alpha=0.5, label=f"held by {name}")
+        band = {"linewidth": 6, "alpha": 0.5, "solid_capstyle": "butt"}
+        ax.plot(t, held, color=line.get_color(), label=once(ax, f"held by {name}"), **band)
     log = sol.events
     when = np.asarray(log.t)
     is_hit = (np.asarray(log.kind) == IMPACT) & (np.asarray(log.stop) == contact)
@@ -69,10 +80,10 @@ def relative_motion(
     if is_hit.any():
         # At all of them, padding too: one shape for all trajectories, so one compilation.
         where = np.asarray(sol.evaluate_stops(log.t)[0])[is_hit, contact]
-        ax.plot(when[is_hit], where, "o", color=ink(), markersize=4, zorder=3, label="impact")
-    ax.set_xlim(begin, end)
+        ax.plot(when[is_hit], where, "o", color=ink(), markersize=4, zorder=3, label=once(ax, "impact"))
+    span_of_values(ax, np.array([begin, end]), so_far)
     ax.xaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10]))
-    ax.set_xlabel("Time $t$ (units of time)")
-    ax.set_ylabel(f"${in_symbols(row)}$ (units of length)")
+    ax.set_xlabel(with_unit("Time $t$", TIME, units))
+    ax.set_ylabel(with_unit(f"${in_symbols(row)}$", LENGTH, units))
     legend_beside(ax)
     return ax

@@ -1,6 +1,7 @@
 """The sticking region in the phase space of one of the masses that go on moving."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,8 +10,10 @@ from .._contact.sticking_region import StickingRegion
 from .._orbits.orbit import PeriodicOrbit
 from .._trajectory.event_log import RELEASE, STICK
 from .._trajectory.solution import Solution
-from ._axes import check_index, ink, legend_beside, new_axes, of_curves
+from ._axes import check_index, legend_beside, new_axes, once
+from ._colors import ink, of_order, styled
 from ._contacts import name_in
+from ._labels import LENGTH, VELOCITY, Units, with_unit
 from ._orbits import solution_of
 from ._trajectories import curve_of_mass, draw_jumps, held_within, span_of
 
@@ -25,14 +28,16 @@ def sticking_region(
     mass: int | None = None,
     *,
     span: tuple[float, float] | None = None,
+    units: Units | None = None,
     ax: Axes | None = None,
     num_samples: int = 400,
+    **style: Any,
 ) -> Axes:
     """Draw the motion of another mass while a stop holds its own, up to the exit boundary of region S.
 
     A circle is where the mass sticks, a disc where it is released. The exit boundary, contact force
-    zero, is drawn where the machine is linear and the force depends on no third mass, and region S beyond it
-    is shaded. A load on the held mass moves it to and fro: then it is drawn as it lies at each release. Of machines with contacts
+    zero, is drawn where the machine is linear and the force depends on no third mass, with its equation in the legend, and
+    region S beyond it is shaded. A load on the held mass moves it to and fro: then it is drawn as it lies at each release. Of machines with contacts
     between masses, a full mass matrix, or stops of one mass that move differently, the motion alone is drawn.
 
     Args:
@@ -40,8 +45,10 @@ def sticking_region(
         stop: the stop that holds its mass.
         mass: the mass whose velocity is drawn against its position; the other one of two if left out.
         span: first and last time to draw; the whole of each trajectory if left out.
+        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
         ax: where to draw; new axes if left out.
         num_samples: evenly spaced times to draw in each sticking interval, beside those of the events.
+        **style: of the curves, as matplotlib's `plot` takes them: `color`, `linewidth`, `linestyle`, ...
 
     Returns:
         The axes.
@@ -69,19 +76,22 @@ def sticking_region(
         name = name_in(many[0], stop).capitalize()
         raise ValueError(f"{name} holds its mass at no time that is to be drawn.")
     ax = new_axes() if ax is None else ax
-    colors = of_curves(len(many))
+    names = [style.get("label", f"$\\Omega$ = {float(sol.machine.frequency):.4g}") for sol in many]
+    style.pop("label", None)
+    colors = of_order(len(many))
+    look = [styled(style, color=c, linestyle=_STYLES[k % 2], linewidth=1.2) for k, c in enumerate(colors)]
+    colors = [one["color"] for one in look]
     for k, (sol, spans) in enumerate(zip(many, held, strict=True)):
         for begin, end in zip(*spans, strict=True):
             x, v = curve_of_mass(sol, mass, begin, end, num_samples)
-            ax.plot(x, v, color=colors[k], linestyle=_STYLES[k % 2], linewidth=1.2)
+            ax.plot(x, v, **look[k])
             draw_jumps(ax, sol, mass, begin, end, colors[k])
         _draw_ends(ax, sol, stop, mass, spans, colors[k])
     _draw_boundaries(ax, many, stop, mass, held, colors)
-    ax.set_xlabel(f"Position $x_{{{mass}}}$ (units of length)")
-    ax.set_ylabel(f"Velocity $\\dot x_{{{mass}}}$ (length / time)")
-    for k, sol in enumerate(many):
-        words = f"$\\Omega$ = {float(sol.machine.frequency):.4g}"
-        ax.plot([], [], color=colors[k], linestyle=_STYLES[k % 2], label=words)
+    ax.set_xlabel(with_unit(f"Position $x_{{{mass}}}$", LENGTH, units))
+    ax.set_ylabel(with_unit(f"Velocity $\\dot x_{{{mass}}}$", VELOCITY, units))
+    for words, one in zip(names, look, strict=True):
+        ax.plot([], [], label=words, **one)
     legend_beside(ax)
     return ax
 
@@ -108,13 +118,15 @@ def _events_at(sol: Solution, stop: int, kind: int, times: np.ndarray) -> np.nda
 
 
 def _draw_ends(
-    ax: Axes, sol: Solution, stop: int, mass: int, spans: tuple[np.ndarray, np.ndarray], color: np.ndarray
+    ax: Axes, sol: Solution, stop: int, mass: int, spans: tuple[np.ndarray, np.ndarray], color: Any
 ) -> None:
     """A circle where the held mass sticks, a disc where it is released."""
-    for times, kind, face in zip(spans, (STICK, RELEASE), (ax.get_facecolor(), color), strict=True):
+    marks = (STICK, "stick", ax.get_facecolor()), (RELEASE, "release", color)
+    for times, (kind, words, face) in zip(spans, marks, strict=True):
         for t in _events_at(sol, stop, kind, times):
             x, v = (float(a[mass]) for a in sol.evaluate(t))
-            ax.plot(x, v, "o", color=color, markerfacecolor=face, markersize=5, zorder=3)
+            common = {"color": color, "markerfacecolor": face, "markersize": 5, "zorder": 3}
+            ax.plot(x, v, "o", label=once(ax, words), **common)
 
 
 def _draw_boundaries(
@@ -123,7 +135,7 @@ def _draw_boundaries(
     stop: int,
     mass: int,
     held: list[tuple[np.ndarray, np.ndarray]],
-    colors: np.ndarray,
+    colors: list,
 ) -> None:
     """The line a x + b v = c: one for all if nothing moves it, else as it lies at each release."""
     if any(sol.machine.extra is not None or sol.machine.contacts.is_coupled for sol in sols):
@@ -140,10 +152,13 @@ def _draw_boundaries(
     is_fixed = np.ptp(planes, axis=(1, 2)).max() <= 1e-12 * np.abs(planes).max()
     words = r"exit boundary $\partial S$"
     if is_fixed:
-        _draw_line(ax, normals[0], levels[0, 0], color=ink(), label=words, linewidth=2.0)
+        equation = f"{words}:\n{_equation(normals[0], levels[0, 0], mass)}"
+        _draw_line(ax, normals[0], levels[0, 0], color=ink(), label=equation, linewidth=2.0)
         x, v = np.meshgrid(*limits)
         force = normals[0, 0] * x + normals[0, 1] * v - levels[0, 0]
-        ax.contourf(x, v, force, levels=[0, max(force.max(), 1e-300)], colors=[ink("0.92", "0.2")], zorder=0)
+        shade = ink("0.92", "0.2")
+        ax.contourf(x, v, force, levels=[0, max(force.max(), 1e-300)], colors=[shade], zorder=0)
+        ax.fill([], [], facecolor=shade, edgecolor=ink("0.6", "0.5"), label="region $S$")
     else:
         for sol, region, normal, (_, ends), color in zip(sols, regions, normals, held, colors, strict=True):
             for t in _events_at(sol, stop, RELEASE, ends):
@@ -153,12 +168,21 @@ def _draw_boundaries(
     ax.set(xlim=limits[0], ylim=limits[1])
 
 
+def _equation(normal: np.ndarray, level: float, mass: int) -> str:
+    """The line, solved for the velocity, or for the position if the force knows no other."""
+    a, b = map(float, normal)
+    symbol = rf"\dot x_{{{mass}}}" if b else f"x_{{{mass}}}"
+    slope, rest = (-a / b, level / b) if b else (0.0, level / a)
+    terms = [f"{value:.4g}{name}" for value, name in ((slope, f" x_{{{mass}}}"), (rest, "")) if value]
+    return f"${symbol} = {' + '.join(terms) or 0}$".replace("+ -", "- ")
+
+
 def _draw_line(
     ax: Axes,
     normal: np.ndarray,
     level: float,
     *,
-    color: str | np.ndarray,
+    color: Any,
     label: str | None,
     linewidth: float,
 ) -> None:

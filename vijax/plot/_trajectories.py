@@ -1,5 +1,7 @@
 """One trajectory or orbit: against time, and velocity against position."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
@@ -8,8 +10,10 @@ from .._attractors.record import held_intervals
 from .._orbits.orbit import PeriodicOrbit
 from .._trajectory.event_log import IMPACT, RELEASE, STICK
 from .._trajectory.solution import Solution
-from ._axes import check_index, ink, legend_beside, new_axes, of_curves
+from ._axes import check_index, legend_beside, new_axes, once, span_of_values, span_so_far
+from ._colors import ink, of_curves, strokes_of, styled
 from ._contacts import masses_moved_by, masses_of, name_in, place_of
+from ._labels import LENGTH, TIME, VELOCITY, Units, with_unit
 from ._orbits import solution_of
 
 HELD = "#f59b42"
@@ -19,19 +23,23 @@ def time_series(
     sol: Solution | PeriodicOrbit,
     *,
     span: tuple[float, float] | None = None,
+    units: Units | None = None,
     ax: Axes | None = None,
     num_samples: int = 2000,
+    **style: Any,
 ) -> Axes:
     """Draw the positions of all masses against time, with their stops.
 
-    A dotted line is a stop, in the colour of its mass. A line is thick where a stop holds the mass, and both lines where a
-    contact of two masses holds, which has no place of its own here: see `relative_motion`.
+    A dotted line is a stop, in the colour of its mass, a disc an impact. A line is thick where a stop holds the mass, and both
+    lines where a contact of two masses holds, which has no place of its own here: see `relative_motion`.
 
     Args:
         sol: one trajectory, or a periodic orbit, of which one cycle is drawn.
         span: first and last time of a close-up; the whole trajectory if left out.
-        ax: where to draw; new axes if left out.
+        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
+        ax: where to draw, also over what is there; new axes if left out.
         num_samples: evenly spaced times to draw, beside those of the events.
+        **style: of the curves, as matplotlib's `plot` takes them: `color`, `linewidth`, `label`, ...
 
     Returns:
         The axes.
@@ -54,27 +62,57 @@ def time_series(
     t = sample_times(sol, begin, end, num_samples)
     x = np.asarray(sol.evaluate(t)[0])
     ax = new_axes() if ax is None else ax
-    colors = of_curves(x.shape[1])
-    for i, color in enumerate(colors):
-        ax.plot(t, x[:, i], color=color, linewidth=1.3, label=f"$x_{{{i}}}$")
+    so_far = span_so_far(ax)
+    colors = _draw_positions(ax, t, x, style)
     for j in range(sol.machine.contacts.num):
-        masses, place = masses_of(sol, j), place_of(sol, j, t)
-        if place is not None:
-            words = f"{name_in(sol, j)}, of $x_{{{masses[0]}}}$"
-            ax.plot(t, place[0], color=colors[masses[0]], linestyle=":", linewidth=1.0, label=words)
-        is_held = is_held_at(sol, j, begin, end, t)
-        if is_held.any():
-            words = ", ".join(f"$x_{{{i}}}$" for i in masses) + " held"
-            for i in masses:
-                held = np.where(is_held, x[:, i], np.nan)
-                label = words if i == masses[0] else None
-                ax.plot(t, held, color=colors[i], linewidth=6, alpha=0.5, label=label)
-    ax.set_xlim(begin, end)
+        _draw_limit(ax, sol, j, t, x, colors)
+    _mark_impacts(ax, sol, t, x)
+    span_of_values(ax, np.array([begin, end]), so_far)
     ax.xaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10]))
-    ax.set_xlabel("Time $t$ (units of time)")
-    ax.set_ylabel("Position $x_i$ (units of length)")
+    ax.set_xlabel(with_unit("Time $t$", TIME, units))
+    ax.set_ylabel(with_unit("Position $x_i$", LENGTH, units))
     legend_beside(ax)
     return ax
+
+
+def _draw_positions(ax: Axes, t: np.ndarray, x: np.ndarray, style: dict[str, Any]) -> list:
+    """The curves of the masses; their colours."""
+    colors = of_curves(x.shape[1])
+    whole = f"{style.pop('label')}, " if "label" in style else ""
+    drawn = []
+    for i, (color, stroke) in enumerate(zip(colors, strokes_of(colors), strict=True)):
+        look = styled(style, color=color, linestyle=stroke, linewidth=1.3)
+        drawn += ax.plot(t, x[:, i], label=f"{whole}$x_{{{i}}}$", **look)
+    return [line.get_color() for line in drawn]
+
+
+def _draw_limit(ax: Axes, sol: Solution, number: int, t: np.ndarray, x: np.ndarray, colors: list) -> None:
+    """A stop in the colour of its mass, and where it, or a contact, holds."""
+    masses, place = masses_of(sol, number), place_of(sol, number, t)
+    if place is not None:
+        words = once(ax, f"{name_in(sol, number)}, of $x_{{{masses[0]}}}$")
+        ax.plot(t, place[0], color=colors[masses[0]], linestyle=":", linewidth=1.0, label=words)
+    is_held = is_held_at(sol, number, t[0], t[-1], t)
+    if is_held.any():
+        words = ", ".join(f"$x_{{{i}}}$" for i in masses) + " held"
+        # Cut off where the mass is let go: a cap would go on beyond it.
+        band = {"linestyle": "-", "linewidth": 6, "alpha": 0.5, "solid_capstyle": "butt"}
+        for i in masses:
+            label = once(ax, words) if i == masses[0] else None
+            ax.plot(t, np.where(is_held, x[:, i], np.nan), color=colors[i], label=label, **band)
+
+
+def _mark_impacts(ax: Axes, sol: Solution, t: np.ndarray, x: np.ndarray) -> None:
+    """A disc on the curve of every mass that is hit, which times `t` of the curves hold."""
+    log, found = sol.events, []
+    when, kind, number = (np.asarray(a) for a in (log.t, log.kind, log.stop))
+    is_shown = (kind == IMPACT) & (when >= t[0]) & (when <= t[-1])
+    for j in range(sol.machine.contacts.num):
+        hits = when[is_shown & (number == j)]
+        found += [(hits, x[np.searchsorted(t, hits), i]) for i in masses_of(sol, j)]
+    at, where = np.concatenate([np.empty((2, 0)), *map(np.array, found)], axis=1)
+    if at.size:
+        ax.plot(at, where, "o", color=ink(), markersize=2.6, zorder=3, label=once(ax, "impact"))
 
 
 def phase_portrait(
@@ -82,8 +120,10 @@ def phase_portrait(
     mass: int = 0,
     *,
     span: tuple[float, float] | None = None,
+    units: Units | None = None,
     ax: Axes | None = None,
     num_samples: int = 2000,
+    **style: Any,
 ) -> Axes:
     """Draw the velocity of one mass against its position.
 
@@ -96,8 +136,10 @@ def phase_portrait(
         sol: one trajectory, or a periodic orbit, of which one cycle is drawn.
         mass: the mass.
         span: first and last time to draw, to leave a transient out; the whole trajectory if left out.
-        ax: where to draw; new axes if left out.
+        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
+        ax: where to draw, also over what is there; new axes if left out.
         num_samples: evenly spaced times to draw, beside those of the events.
+        **style: of the curves, as matplotlib's `plot` takes them: `color`, `linewidth`, `label`, ...
 
     Returns:
         The axes.
@@ -122,15 +164,14 @@ def phase_portrait(
     begin, end = span_of(sol, span)
     x, v = curve_of_mass(sol, mass, begin, end, num_samples)
     ax = new_axes() if ax is None else ax
-    color = of_curves(1)[0]
-    ax.plot(x, v, color=color, linewidth=1.0)
-    draw_jumps(ax, sol, mass, begin, end, color, "impact")
+    (line,) = ax.plot(x, v, **styled(style, color=of_curves(1)[0], linewidth=1.0))
+    draw_jumps(ax, sol, mass, begin, end, line.get_color(), "impact")
     for j in range(sol.machine.contacts.num):
         if mass in masses_of(sol, j):
             _draw_contact(ax, sol, j, mass, begin, end, num_samples)
     _draw_ends(ax, sol, mass, begin, end)
-    ax.set_xlabel(f"Position $x_{{{mass}}}$ (units of length)")
-    ax.set_ylabel(f"Velocity $\\dot x_{{{mass}}}$ (length / time)")
+    ax.set_xlabel(with_unit(f"Position $x_{{{mass}}}$", LENGTH, units))
+    ax.set_ylabel(with_unit(f"Velocity $\\dot x_{{{mass}}}$", VELOCITY, units))
     if ax.get_legend_handles_labels()[0]:
         legend_beside(ax)
     return ax
@@ -168,13 +209,13 @@ def curve_of_mass(
 
 
 def draw_jumps(
-    ax: Axes, sol: Solution, mass: int, begin: float, end: float, color: np.ndarray, label: str | None = None
+    ax: Axes, sol: Solution, mass: int, begin: float, end: float, color: Any, label: str | None = None
 ) -> None:
     """Dashed lines from the velocities before the impacts of a mass to those after."""
     _, where, minus, plus = _impacts(sol, mass, begin, end)
     jumps = ax.vlines(where, minus, plus, color=color, linestyles="dashed", linewidth=0.8)
-    if len(where) and label:
-        jumps.set_label(label)
+    if len(where) and label and (words := once(ax, label)):
+        jumps.set_label(words)
 
 
 def held_within(sol: Solution, stop: int, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
@@ -198,14 +239,14 @@ def _draw_contact(
     is_held, place = is_held_at(sol, number, begin, end, t), place_of(sol, number, t)
     x, v = place if place is not None else (np.asarray(a)[:, mass] for a in sol.evaluate(t))
     if place is not None and not v.any():
-        ax.axvline(x[0], color=grey, linewidth=4, zorder=0, label=name)
+        ax.axvline(x[0], color=grey, linewidth=4, zorder=0, label=once(ax, name))
         mark = x[0], 0, "o"
     else:
         if place is not None:
-            ax.plot(x, v, color=grey, linewidth=4, zorder=0, label=name)
+            ax.plot(x, v, color=grey, linewidth=4, zorder=0, label=once(ax, name))
         mark = np.where(is_held, x, np.nan), v, "-"
     if is_held.any():
-        ax.plot(*mark, color=HELD, linewidth=4, zorder=4, label=f"held by {name}")
+        ax.plot(*mark, color=HELD, linewidth=4, zorder=4, label=once(ax, f"held by {name}"))
 
 
 def _draw_ends(ax: Axes, sol: Solution, mass: int, begin: float, end: float) -> None:
@@ -218,7 +259,8 @@ def _draw_ends(ax: Axes, sol: Solution, mass: int, begin: float, end: float) -> 
         t = np.asarray(sol.events.t)[_is_event(sol, ours, kind, begin, end)]
         if t.size:
             x, v = (np.asarray(a)[:, mass] for a in sol.evaluate(t))
-            ax.plot(x, v, "o", color=ink(), markerfacecolor=face, markersize=size, zorder=zorder, label=words)
+            common = {"color": ink(), "markerfacecolor": face, "markersize": size, "zorder": zorder}
+            ax.plot(x, v, "o", label=once(ax, words), **common)
 
 
 def _impacts(

@@ -7,7 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.text import Text
 
-from ._axes import figure_of, ink
+from ._axes import figure_of
+from ._colors import ink
 
 _FONT = 9
 # Inches between words.

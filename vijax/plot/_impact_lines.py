@@ -1,0 +1,63 @@
+"""The impacts of the orbits of a branch, each followed from the orbit where it comes to the one where it goes."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Impacts(NamedTuple):
+    """The impacts of an orbit at a stop, in the order of its cycle, (impacts,) each.
+
+    Attributes:
+        time: in forcing periods.
+        speed: at which the mass comes to the stop.
+        carried: velocity of the stop, in the direction in which the mass comes; 0 of a contact between masses.
+    """
+
+    time: np.ndarray
+    speed: np.ndarray
+    carried: np.ndarray
+
+
+def followed(
+    impacts: list[Impacts], kinds: np.ndarray, num_periods: int
+) -> list[tuple[list[int], list[float]]]:
+    """The numbers of points and the velocities of each impact, from where it comes to where it goes."""
+    lines: list[tuple[list[int], list[float]]] = []
+    before, there = Impacts(*np.empty((3, 0))), {}
+    for k, now in enumerate(impacts):
+        earlier = _partners(before, now, num_periods)
+        here = {}
+        for i, velocity in enumerate(now.carried + now.speed):
+            if i in earlier:
+                here[i] = there.pop(earlier[i])
+            else:
+                # At a grazing an impact is there without speed.
+                is_born = k > 0 and kinds[k - 1] == "gr"
+                here[i] = ([k - 1], [float(now.carried[i])]) if is_born else ([], [])
+                lines.append(here[i])
+            here[i][0].append(k)
+            here[i][1].append(float(velocity))
+        for i, (numbers, velocities) in there.items():
+            if kinds[k] == "gr":
+                numbers.append(k)
+                velocities.append(float(before.carried[i]))
+        before, there = now, here
+    return lines
+
+
+def _partners(before: Impacts, now: Impacts, num_periods: int) -> dict[int, int]:
+    """Which impact of a cycle is which one of the cycle before it, in the order of both.
+
+    Impacts come and go without speed, at a grazing or at the end of a chatter: where one cycle has more, it is its
+    lightest ones that the other has not. A cycle may begin with another of its impacts than the one before it did.
+    """
+    count = min(len(before.time), len(now.time))
+    if not count:
+        return {}
+    ours, theirs = (np.sort(np.argsort(-a.speed, kind="stable")[:count]) for a in (now, before))
+    rotations = (np.arange(count)[:, None] + np.arange(count)) % count
+    apart = now.time[ours][rotations] - before.time[theirs]
+    apart -= num_periods * np.round(apart / num_periods)
+    best = rotations[np.argmin((apart**2).sum(axis=1))]
+    return dict(zip(ours[best].tolist(), theirs.tolist(), strict=True))

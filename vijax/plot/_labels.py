@@ -1,0 +1,81 @@
+"""Words, symbols and units of what the axes show.
+
+A machine has no units of its own, so none are written but those that the user gives; angles are in radians.
+"""
+
+import re
+from collections.abc import Mapping
+
+import xarray as xr
+
+Units = Mapping[str, str]
+
+LENGTH, VELOCITY, TIME, ANGLE, RATE = "{length}", "{length}/{time}", "{time}", "rad", "1/{time}"
+_KINDS = ("length", "time", "mass", "force")
+_QUANTITIES = {
+    "mass": ("Mass", "m", "{mass}"),
+    "damping": ("Damping", "C", "{force} {time}/{length}"),
+    "stiffness": ("Stiffness", "K", "{force}/{length}"),
+    "forcing.amplitude": ("Forcing amplitude", "A", "{force}"),
+    "forcing.frequency": ("Forcing frequency", r"\Omega", "rad/{time}"),
+    "forcing.phase": ("Forcing phase", r"\varphi", ANGLE),
+    "forcing.mean": ("Constant force", "F", "{force}"),
+    "stops.position": ("Stop position", "s", LENGTH),
+    "stops.restitution": ("Restitution", "r", ""),
+    "stops.motion.amplitude": ("Travel of the stop", "A", LENGTH),
+    "stops.motion.phase": ("Phase of the stop", r"\varphi", ANGLE),
+    "stops.motion.mean": ("Stop position", "s", LENGTH),
+    "x0": ("Start position", "x", LENGTH),
+    "v0": ("Start velocity", r"\dot x", VELOCITY),
+}
+
+
+def with_unit(words: str, unit: str, units: Units | None) -> str:
+    """Words with their unit in brackets, if it is made of units that were given.
+
+    Args:
+        words: what the axis shows.
+        unit: made of kinds of units, `"{length}/{time}"`; empty for a ratio.
+        units: the user's.
+    """
+    given = checked_units(units)
+    try:
+        written = unit.format(**given)
+    except KeyError:  # of a kind that was not given
+        return words
+    return f"{words} ({written})" if written else words
+
+
+def label(path: str, units: Units | None = None) -> str:
+    """The words, symbol and unit of a swept quantity; its path where there are no words."""
+    name, indices = re.sub(r"\[.*?\]", "", path), re.findall(r"\[(\d+)\]", path)
+    words, symbol, unit = _QUANTITIES.get(name, (path, "", ""))
+    if symbol:
+        subscript = f"_{{{','.join(indices)}}}" if indices else ""
+        words = f"{words} ${symbol}{subscript}$"
+    return with_unit(words, checked_units(units).get(path, unit), units)
+
+
+def checked_units(units: Units | None) -> dict[str, str]:
+    """The units that were given: of length, time, mass and force, and of swept quantities by their paths."""
+    given = dict(units or {})
+    unknown = [
+        name for name in given if name not in (*_KINDS, *_QUANTITIES) and not re.search(r"[.\[]", name)
+    ]
+    if unknown:
+        raise ValueError(
+            f"Argument `units` must name units of {', '.join(_KINDS)}, or of a swept quantity by its path, but "
+            f"has {unknown}."
+        )
+    return given
+
+
+def swept_quantity(points: xr.DataArray, picture: str) -> str:
+    """The path along which the points of a sweep lie, up and down or in one direction."""
+    swept = [str(dim) for dim in points.dims if dim != "direction"]
+    if len(swept) != 1:
+        raise ValueError(
+            f"{picture} needs one swept quantity, but there are {swept}: "
+            "select one value of the others, as in `ds.sel({path: value})`."
+        )
+    return swept[0]

@@ -1,0 +1,151 @@
+"""Motions as pictures tell of them: their words, and their colours by family."""
+
+from collections import Counter
+from typing import Any, NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray as xr
+
+from ._colors import ink, is_dark, of_curves, with_lightness
+
+# Only these repeat, and are told apart by impacts and periods.
+_REPEATING = ("periodic", "chattering")
+_WORDS = {"non_impacting": "no impact", "non_periodic": "non-periodic", "not_settled": "not settled"}
+# What is not told of a motion: hatched.
+NOT_KNOWN = ("not settled", "failed")
+# Instead of a number of impacts: infinitely many, and not counted because the log was cut.
+_ENDLESS, _UNCOUNTED = -1, -2
+# How light the first and the last motion with a colour of its own are; those after them; what is not known.
+_LADDER, _OTHER, _GREY = (0.86, 0.22), 0.93, 0.75
+
+
+class Motion(NamedTuple):
+    """A kind of motion, with its periods and impacts per stop if it repeats."""
+
+    kind: str
+    num_periods: int = 0
+    num_impacts: tuple[int, ...] = ()
+
+    @property
+    def words(self) -> str:
+        """As it is called in a legend: `1 | 2 in 1`."""
+        if self.kind not in _REPEATING:
+            return _WORDS.get(self.kind, self.kind.replace("_", " "))
+        if _UNCOUNTED in self.num_impacts:
+            return f"not counted, in {self.num_periods}"
+        impacts = " | ".join(r"$\infty$" if m == _ENDLESS else str(m) for m in self.num_impacts)
+        return f"{impacts} in {self.num_periods}"
+
+    @property
+    def family(self) -> str:
+        """The motions with which it shares a hue."""
+        if self.kind == "periodic":
+            return f"repeats after {self.num_periods}"
+        return "chatters, then sticks" if self.kind == "chattering" else ""
+
+    @property
+    def place(self) -> tuple:
+        """Where it stands in the legend."""
+        kinds = ("non_impacting", *_REPEATING, "non_periodic")
+        rank = kinds.index(self.kind) if self.kind in kinds else len(kinds)
+        return rank, self.kind, self.num_periods, self.num_impacts
+
+
+class Entry(NamedTuple):
+    """What has one colour in a chart.
+
+    Attributes:
+        words: its name.
+        family: what its hue means; empty for what has none.
+        color: red, green and blue.
+        motions: all that it stands for.
+        is_other: whether these are the rare ones.
+    """
+
+    words: str
+    family: str
+    color: Any
+    motions: list[Motion]
+    is_other: bool = False
+
+
+def words_of_motion(motion: xr.Dataset) -> str:
+    """A single motion as legends name it, from `motion`, `num_periods` and `num_impacts`."""
+    (one,) = motions_of(motion.expand_dims("point"))
+    return one.words
+
+
+def heading(ds: xr.Dataset) -> str:
+    """What the numbers in the words of motions are."""
+    stops = " | ".join(str(j) for j in range(ds.sizes["stop"]))
+    masses = ds["stop_mass"].values if "stop_mass" in ds.coords else np.array([-1])
+    if (masses >= 0).all():
+        of = "mass" if len(set(masses.tolist())) == 1 else "masses"
+        of_masses = f"\nof {of} {' | '.join(map(str, masses))}"
+    else:
+        of_masses = ""
+    return f"impacts at stop {stops}{of_masses}\nin forcing periods"
+
+
+def check_motions(classes: xr.Dataset, max_classes: int) -> None:
+    """Refuse what is no chart."""
+    for name in ("motion", "num_periods", "num_impacts"):
+        if name not in classes:
+            raise ValueError(f"A region chart needs the variable `{name}`, but there are {list(classes)}.")
+    motion = classes.motion
+    if not {"flag_values", "flag_meanings"} <= set(motion.attrs):
+        raise ValueError("The variable `motion` must have the attributes `flag_values` and `flag_meanings`.")
+    if motion.ndim != 2:
+        raise ValueError(
+            f"A region chart needs two swept quantities, but there are {list(motion.dims)}: "
+            "select one value of the others, as in `ds.sel({path: value})`."
+        )
+    if min(motion.shape) < 2:
+        raise ValueError(f"A region chart needs two values or more of each quantity, but has {motion.shape}.")
+    if max_classes < 0:
+        raise ValueError(f"Argument `max_classes` must be 0 or more, but is {max_classes}.")
+
+
+def motions_of(classes: xr.Dataset) -> list[Motion]:
+    """The motion at every point, row by row."""
+    flags = classes.motion.attrs
+    values = np.asarray(flags["flag_values"]).tolist()
+    meaning = dict(zip(values, flags["flag_meanings"].split(), strict=True))
+    dims = classes.motion.dims
+    motion = classes.motion.values.ravel().tolist()
+    periods = classes.num_periods.transpose(*dims).values.ravel().tolist()
+    counts = classes.num_impacts.transpose(*dims, "stop").values.reshape(len(motion), -1)
+    impacts = np.nan_to_num(counts, nan=_UNCOUNTED, posinf=_ENDLESS).astype(int).tolist()
+    return [
+        Motion(meaning[k], n, tuple(m)) if meaning[k] in _REPEATING else Motion(meaning[k])
+        for k, n, m in zip(motion, periods, impacts, strict=True)
+    ]
+
+
+def entries(of_point: list[Motion], max_classes: int) -> list[Entry]:
+    """What has a colour of its own, in the order of the legend."""
+    counts = Counter(of_point)
+    repeating = [motion for motion, _ in counts.most_common() if motion.kind in _REPEATING]
+    named = sorted(repeating[:max_classes], key=lambda motion: motion.place)
+    hues = _hues(named)
+    first, last = _LADDER[::-1] if is_dark() else _LADDER
+    ladder = np.linspace(first, last, len(named))
+    found = [
+        Entry(motion.words, motion.family, with_lightness(hues[motion.family], grey), [motion])
+        for motion, grey in zip(named, ladder, strict=True)
+    ]
+    background, grey = plt.rcParams["axes.facecolor"], (1 - _GREY if is_dark() else _GREY)
+    plain = {"non_impacting": background, "non_periodic": ink()}
+    for motion in sorted(set(counts) - set(repeating), key=lambda motion: motion.place):
+        entry = Entry(motion.words, "", plain.get(motion.kind, str(grey)), [motion])
+        found.insert(0, entry) if motion.kind == "non_impacting" else found.append(entry)
+    if rare := repeating[max_classes:]:
+        found.append(Entry("other", "", str(1 - _OTHER if is_dark() else _OTHER), rare, is_other=True))
+    return found
+
+
+def _hues(named: list[Motion]) -> dict[str, np.ndarray]:
+    """A colour of the style for each family, in the order of the legend."""
+    families = list(dict.fromkeys(motion.family for motion in named))
+    return dict(zip(families, of_curves(len(families))[:, :3], strict=True))

@@ -1,0 +1,141 @@
+"""A motion seen on a section of its phase space: once a forcing period, or whenever it passes somewhere."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+
+from .._attractors.sections import stroboscopic_section
+from .._orbits.orbit import PeriodicOrbit
+from .._trajectory.solution import Solution
+from ._axes import check_index, legend_above, new_axes
+from ._cloud import MARKERS, draw_cloud, size_for
+from ._colors import ink, of_curves
+from ._labels import LENGTH, VELOCITY, Units, with_unit
+from ._motions import words_of_motion
+from ._orbits import solution_of
+
+States = Solution | PeriodicOrbit | xr.Dataset | tuple[Any, Any]
+
+# What a dataset calls its points, and the dimensions that are no swept quantities.
+_NAMES = (("section_x", "section_v"), ("x", "v"))
+_OWN = ("period", "section", "direction", "attractor", "mass")
+
+
+def section(
+    states: States | Mapping[str, States],
+    mass: int = 0,
+    *,
+    units: Units | None = None,
+    ax: Axes | None = None,
+    **style: Any,
+) -> Axes:
+    """Draw the points of a section in the plane of position and velocity of one mass.
+
+    A motion that repeats after n forcing periods has n points in the stroboscopic section, at the ends of forcing periods, one
+    with two incommensurate frequencies a closed curve, chaos a cloud. Thousands of points are faint, and dark where many lie
+    on one another.
+
+    Args:
+        states: a trajectory or a periodic orbit, seen at the end of each forcing period since its start; what `vx.sweep`,
+            `vx.stroboscopic_section` or `vx.attractors` returned, of which one machine is selected, from any starts, attractors
+            told apart by their colours; or the points of any section, positions and velocities, ((points, n), (points, n)), as
+            from `vx.stroboscopic_map` or `vx.next_crossing`. Several of them by their names, as in `{"up": one, "down":
+            other}`, are told apart by their colours.
+        mass: the mass.
+        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
+        ax: where to draw, also over what is there; new axes if left out.
+        **style: of the points, as matplotlib's `plot` takes them: `color`, `marker`, `markersize`, `alpha`, `label`, ...
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if there is no such mass, there are no points, they are of several machines, or positions and velocities
+            differ in shape.
+
+    Example:
+        ```python
+        import numpy as np, vijax as vx
+        values = {"forcing.frequency": np.array([2.05]), "x0[1]": np.linspace(-0.5, 0.0, 8)}
+        ds = vx.sweep(vx.models.wagg_bishop_b(1.0), values, transient=300, record=400)
+        ax = vx.plot.section(ds, mass=1)
+        ```
+
+    References:
+        Wagg & Bishop (2004), Sec. 2.2.
+    """
+    named = states if isinstance(states, Mapping) and not isinstance(states, xr.Dataset) else {"": states}
+    clouds = [cloud for name, one in named.items() for cloud in _clouds(name, one, mass)]
+    count = sum(len(cloud.x) for cloud in clouds)
+    if not count:
+        raise ValueError("There are no points to draw: a section needs one forcing period or more.")
+    ax = new_axes() if ax is None else ax
+    many, size = len(clouds) > 1, size_for(count)
+    for cloud, color, marker in zip(clouds, of_curves(len(clouds)), MARKERS * len(clouds), strict=False):
+        look = {"color": color, "marker": marker} if many else {"color": ink()}
+        draw_cloud(ax, cloud.x, cloud.v, style, markersize=size, label=cloud.name, **look)
+    ax.set_xlabel(with_unit(f"Position $x_{{{mass}}}$", LENGTH, units))
+    ax.set_ylabel(with_unit(f"Velocity $\\dot x_{{{mass}}}$", VELOCITY, units))
+    if many or "label" in style:
+        legend_above(ax, markerscale=7 / size)
+    return ax
+
+
+class _Cloud(NamedTuple):
+    """Points of one colour: position and velocity of the mass, (points,) each."""
+
+    name: str
+    x: np.ndarray
+    v: np.ndarray
+
+
+def _clouds(name: str, states: States, mass: int) -> list[_Cloud]:
+    """What is drawn of one motion, or of each of several attractors."""
+    if isinstance(states, tuple):
+        x, v = (np.asarray(a, float) for a in states)
+        if x.shape != v.shape or x.ndim != 2:
+            raise ValueError(
+                f"Positions and velocities must have one shape, (points, n), but have {x.shape} and {v.shape}."
+            )
+        check_index("mass", mass, x.shape[1])
+        return [_known(name, x[:, mass], v[:, mass])]
+    is_dataset = isinstance(states, xr.Dataset)
+    ds = states if is_dataset else stroboscopic_section(solution_of(states))
+    names = next((pair for pair in _NAMES if set(pair) <= set(ds) and "mass" in ds[pair[0]].dims), None)
+    if names is None:
+        raise ValueError(
+            f"A section needs the variables `section_x` and `section_v`, but there are {list(ds)}."
+        )
+    check_index("mass", mass, ds.sizes["mass"])
+    x, v = (ds[one].isel(mass=mass) for one in names)
+    _check_one_machine(x)
+    if "attractor" not in x.dims:
+        return [_known(name, x.values.ravel(), v.transpose(*x.dims).values.ravel())]
+    found = []
+    for k in range(ds.sizes["attractor"]):
+        words = ", ".join(filter(None, (name, words_of_motion(ds.isel(attractor=k)))))
+        one, other = (a.isel(attractor=k).values.ravel() for a in (x, v))
+        found.append(_known(words, one, other))
+    return found
+
+
+def _known(name: str, x: np.ndarray, v: np.ndarray) -> _Cloud:
+    """Without the NaN of motions that are not known, or have fewer points than others."""
+    is_known = np.isfinite(x) & np.isfinite(v)
+    return _Cloud(name, x[is_known], v[is_known])
+
+
+def _check_one_machine(x: xr.DataArray) -> None:
+    several = [
+        str(dim)
+        for dim in x.dims
+        if dim not in _OWN and x.sizes[dim] > 1 and not str(dim).startswith(("x0", "v0"))
+    ]
+    if several:
+        raise ValueError(
+            f"A section is of one machine, but {several} are swept: select one value of each, "
+            "as in `ds.sel({path: value})`."
+        )
