@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import vijax as vx
-from vijax._attractors.chart import _Grid, _refined
+from vijax._attractors.refinement import refined as refine
 
 PLANE = {"forcing.frequency": np.linspace(0.6, 1.6, 37), "forcing.amplitude[0]": np.linspace(0.2, 0.6, 23)}
 
@@ -28,7 +28,7 @@ def refined(kind, shape: tuple[int, int], stride: int) -> tuple[xr.Dataset, list
             yield part, xr.Dataset(columns)
 
     axes = {"a": np.arange(shape[0], dtype=float), "b": np.arange(shape[1], dtype=float)}
-    return _refined(_Grid(*shape), axes, stride, run), due
+    return refine(axes, stride, run, ("motion", "num_periods", "num_impacts")), due
 
 
 def disc(row, col):

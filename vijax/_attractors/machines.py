@@ -58,11 +58,11 @@ class Ends(NamedTuple):
 
 @dataclass(frozen=True)
 class Machines:
-    """Machines that differ by the value of some quantity, or a single one.
+    """Machines that differ by the values of some quantities, or a single one.
 
     Attributes:
         system: the machine, its force bound to its arguments.
-        values: the quantity by its path, one value for each machine; empty for a single machine.
+        values: quantities by their paths, one value for each machine; empty for a single machine.
         rate: W of each, (machines,).
         transient: forcing periods before a motion is looked at.
         record: forcing periods in which it is.
@@ -87,6 +87,11 @@ class Machines:
     def for_sweep_of(self, num_points: int) -> "Machines":
         """The same, run beside a sweep of so many points."""
         return replace(self, is_wide=num_points > self.settings.lanes)
+
+    def of_plane(self, values: dict[str, np.ndarray], num_machines: int) -> "Machines":
+        """So many that differ by some quantities, one value for each."""
+        rate = values.get(FREQUENCY, np.full(num_machines, self.rate[0]))
+        return replace(self, values=values, rate=rate)
 
     def scale(self, machine: np.ndarray) -> np.ndarray:
         """What turns states (x, v) into (W x, v), (points, 2 n)."""

@@ -3,9 +3,9 @@
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.colors import TwoSlopeNorm
 
 from ._axes import label, new_axes, of_curves
+from ._plane import plane
 
 _WORDS = "Lyapunov exponent $\\lambda$ (1 / time)"
 
@@ -65,17 +65,5 @@ def _lines(ds: xr.Dataset, paths: list[str], ax: Axes) -> None:
 
 
 def _plane(ds: xr.Dataset, paths: list[str], ax: Axes) -> None:
-    largest = ds.lyapunov_exponents.isel(exponent=0).transpose(*paths[::-1]).values
-    largest = np.ma.masked_invalid(largest)
-    reach = max(float(np.abs(largest).max()), np.finfo(float).tiny) if largest.count() else 1.0
-    mesh = ax.pcolormesh(
-        ds[paths[0]].values,
-        ds[paths[1]].values,
-        largest,
-        cmap="RdBu_r",
-        norm=TwoSlopeNorm(0.0, -reach, reach),
-        shading="nearest",
-        rasterized=True,
-    )
-    ax.figure.colorbar(mesh, ax=ax, label=_WORDS.replace("Lyapunov", "Largest Lyapunov"))
-    ax.set_ylabel(label(paths[1]))
+    largest = ds.lyapunov_exponents.isel(exponent=0).transpose(*paths)
+    plane(largest, words=_WORDS.replace("Lyapunov", "Largest Lyapunov"), center=0.0, ax=ax)
