@@ -76,7 +76,8 @@ def orbits_near(
     Quiet motions may be far from theirs, of which the linear machine has no other.
     """
     found = machines.polish(states, machine, num_periods)
-    away = np.abs(found.start * machines.scale(machine) - states).max(axis=1)
+    start = machines.after_impacts(found.start * machines.scale(machine), machine)
+    away = np.abs(start - machines.after_impacts(states, machine)).max(axis=1)
     is_near = away <= _NEAR * np.maximum(np.abs(states).max(axis=1), np.finfo(states.dtype).tiny)
     return found, found.is_orbit & (is_near | (is_quiet & (found.num_impacts == 0).all(axis=1)))
 
@@ -92,7 +93,9 @@ def cycles_from(
     found, is_found = orbits_near(machines, states, machine, num_periods, is_quiet)
     start = found.start * machines.scale(machine)
     start = np.where(is_found[:, None], start, states)
-    ds = machines.run(start, machine, 0, max(4 * int(num_periods.max()), 8), max_impacts=1 << 14)
+    ds = machines.run(
+        start, machine, 0, max(4 * int(num_periods.max()), 8), max_impacts=1 << 14, goes_on=True
+    )
     kinds = classify(ds)
     # A cycle that repeats sooner is polished again, as such: else its multipliers would be those of several rounds.
     n = np.where(kinds["num_periods"].values > 0, kinds["num_periods"].values, num_periods)
@@ -100,7 +103,9 @@ def cycles_from(
     of_sooner = (a[sooner] for a in (start, machine, n, is_quiet))
     again = iter(cycles_from(machines, *of_sooner) if sooner.size else [])
     section = np.concatenate([ds["section_x"].values, ds["section_v"].values], axis=2)
-    section *= machines.scale(machine)[:, None]
+    each = np.repeat(machine, section.shape[1])
+    section = (section * machines.scale(machine)[:, None]).reshape(len(each), -1)
+    section = machines.after_impacts(section, each).reshape(len(machine), -1, states.shape[1])
     motions = []
     for k in range(len(states)):
         if n[k] < num_periods[k]:
