@@ -82,7 +82,7 @@ def lasting(motions: list[Motion]) -> tuple[list[Motion], np.ndarray]:
 def _leaky(motions: list[Motion], ends: Ends, sample: np.ndarray, label: np.ndarray) -> set[int]:
     """Clouds from which motions left for a cycle, which therefore are no attractors."""
     is_on_cycle = np.array([motion.num_periods > 0 for motion in motions] + [False])[label]
-    return {*in_clouds(motions, ends, sample[is_on_cycle], ends.section.shape[1])} - {-1}
+    return {*in_clouds(motions, ends, sample[is_on_cycle], ends.section.shape[1]).tolist()} - {-1}
 
 
 def _longer(
