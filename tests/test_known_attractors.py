@@ -34,7 +34,7 @@ def test_an_orbit_begins_at_the_published_fold():
     )
     one = (ds.num_impacts[..., 0] == 1) & (ds.num_periods == 2)
     assert one.sum("attractor").values.tolist() == [0, 1]
-    born = int(one[1].argmax())
+    born = int(one.values[1].argmax())
     assert float(ds.birth[born]) == values[1]
     # A fold's multiplier is 1, and the distance from 1 goes as the root of that from the fold.
     assert 0.99 < float(ds.multipliers[1, born].real.max()) < 1
