@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import vijax as vx
-from vijax._attractors.chart import _Grid, _refined
+from vijax._attractors.refinement import refined as refine
 
 PLANE = {"forcing.frequency": np.linspace(0.6, 1.6, 37), "forcing.amplitude[0]": np.linspace(0.2, 0.6, 23)}
 
@@ -28,7 +28,7 @@ def refined(kind, shape: tuple[int, int], stride: int) -> tuple[xr.Dataset, list
             yield part, xr.Dataset(columns)
 
     axes = {"a": np.arange(shape[0], dtype=float), "b": np.arange(shape[1], dtype=float)}
-    return _refined(_Grid(*shape), axes, stride, run), due
+    return refine(axes, stride, run, ("motion", "num_periods", "num_impacts")), due
 
 
 def disc(row, col):
@@ -78,9 +78,31 @@ def test_a_machine_has_the_motions_of_its_sweep_where_it_was_run():
     assert vx.plot.regions(chart).get_legend() is not None
 
 
+def test_quantities_are_linear_between_corners_and_counts_are_those_of_the_nearest():
+    row, col = np.indices((33, 33))
+
+    def run(where):
+        r, c = np.unravel_index(where, (33, 33))
+        columns = {
+            "motion": ("start", (r > 15).astype(int)),
+            "plane": ("start", 2.0 * r - 3.0 * c),
+            "turning": ("start", (1.0 + r + c) * np.exp(1j)),
+            "erased": ("start", np.where(c == 32, -np.inf, 1.0)),
+        }
+        yield where, xr.Dataset(columns)
+
+    ds = refine({"a": np.arange(33.0), "b": np.arange(33.0)}, 16, run, ("motion",))
+    assert not ds.is_computed.all()
+    np.testing.assert_allclose(ds.plane, 2 * row - 3 * col, atol=1e-12)
+    np.testing.assert_allclose(ds.turning, (1 + row + col) * np.exp(1j), rtol=1e-12)
+    assert set(np.unique(ds.erased)) == {-np.inf, 1.0}
+
+
 def test_other_than_two_quantities_are_refused():
     system = vx.models.wagg_bishop_a(1.0)
     with pytest.raises(ValueError, match=r"A chart needs two paths .* `forcing.frequency` of shape \(37,\)"):
         vx.chart(system, {"forcing.frequency": PLANE["forcing.frequency"]})
     with pytest.raises(ValueError, match="`stride` must be a whole number, 1 or more"):
         vx.chart(system, PLANE, stride=0)
+    with pytest.raises(ValueError, match="with `starts` both paths must be of the machine"):
+        vx.chart(system, {"x0[0]": [0.0, 0.1], "forcing.frequency": [0.8, 0.9]}, starts=3)

@@ -5,14 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .distances import nearest, reach
+from .distances import nearest
 from .machines import Ends
 from .motions import Motion
 
 # A motion is on a cycle within this many times the tolerance; it approaches one from this distance on, relative to its size.
 _SLACK, _NEAR = 10, 1e-2
-# Last points that are compared with a cloud, and of how many of its points neighbourhoods may be smaller than they are far.
-_LAST, _MOST = 3, 0.95
+# Last points that are compared with a cloud.
+_LAST = 3
 # Points compared at once.
 _BLOCK = 1 << 13
 
@@ -101,11 +101,12 @@ def _comes_closer(section: np.ndarray, points: _Points, place: np.ndarray) -> np
 def in_clouds(motions: list[Motion], ends: Ends, left: np.ndarray, last: int = _LAST) -> np.ndarray:
     """Labels of motions whose last points lie in a cloud that lasts."""
     label = np.full(len(left), -1)
-    radius = {k: np.quantile(reach(m.points), _MOST) for k, m in enumerate(motions) if not m.num_periods}
     for block, numbers in _by_machine(ends, left, motions, cycles=False):
         section = ends.section[left[block], -last:]
         rows = section.reshape(-1, section.shape[2])
-        far = [nearest(rows, motions[k].points)[1].reshape(len(block), -1) / radius[k] for k in numbers]
+        far = [
+            nearest(rows, motions[k].points)[1].reshape(len(block), -1) / motions[k].reach for k in numbers
+        ]
         ratio = np.median(np.stack(far), axis=2)
         best = ratio.argmin(axis=0)
         label[block] = np.where(ratio.min(axis=0) <= 1, np.array(numbers)[best], -1)

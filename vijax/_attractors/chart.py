@@ -1,32 +1,43 @@
 """Charts of the motions over a plane of two parameters, computed where they change.
 
 Regions of one motion are wide and their boundaries thin. So a coarse grid is run first, and cells of it whose corners
-differ are halved until they are as small as the grid asked for; the others are filled with the motion of their corners.
+differ are halved until they are as small as the grid asked for; the others are filled from their corners, see `refinement.py`.
 A region, or a tongue of one, thinner than the coarse grid may be missed where it touches none of its points.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from .._dataset_attributes import label
-from .._execution.points import Point
+from .._execution.points import Point, with_values
 from .._execution.runner import Counts
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._progress import tqdm
+from .._sweep.endings import warn_of_endings
 from .._sweep.grid import base_of, values_of
 from .._sweep.zipped import START, sweep_zipped
-from .._system.system import ImpactSystem, with_args
-from .._types import Count, Numbers, whole_number
-from .classify import classify
+from .._system.parameters import set_parameter
+from .._system.system import ImpactSystem
+from .._types import Count, Numbers, as_float, as_known, whole_number
+from .._xla import padding_allowed
+from .attractors import check_single, machines_of_one, starts_of
+from .classify import MOTIONS, classified
+from .coexisting import coexisting, lasting
+from .machines import Machines
+from .motions import orbits_near
+from .refinement import refined
 
 # Points that are run and judged at a time: their logs are in memory together.
 _TOGETHER = 4096
+_KIND = ("motion", "num_periods", "num_impacts")
 
 
+@padding_allowed
 def chart(
     system: ImpactSystem,
     values: Mapping[str, Numbers],
@@ -39,6 +50,10 @@ def chart(
     args: object = None,
     flow: AbstractFlow | None = None,
     lyapunov: bool = False,
+    multipliers: bool = False,
+    starts: Count | tuple[Numbers, Numbers] | Numbers | None = None,
+    bounds: Numbers | None = None,
+    seed: Count = 0,
     tolerance: float | None = None,
     max_impacts: Count = 2048,
     executor: object = None,
@@ -49,8 +64,9 @@ def chart(
 
     What `vx.classify(vx.sweep(system, values))` finds on the whole grid, for a fraction of the points: first every
     `stride`-th point is run in both directions, then cells whose corners differ in motion, periods or impacts
-    are halved until no smaller one is on the grid. The rest is filled with the motion of the corners. What is thinner
-    than `stride` steps of the grid may be missed; `stride=1` runs every point.
+    are halved until no smaller one is on the grid. The rest is filled from the corners. What is thinner
+    than `stride` steps of the grid may be missed; `stride=1` runs every point. With `starts` the number of attractors is found
+    too, and cells whose corners differ in it are halved as well.
 
     Args:
         system: the machine.
@@ -62,7 +78,12 @@ def chart(
         v0: likewise.
         args: likewise.
         flow: likewise.
-        lyapunov: likewise; only points that were run have exponents.
+        lyapunov: likewise.
+        multipliers: polish the motions that repeat, and tell the Floquet multipliers of their orbits.
+        starts: from which attractors are looked for at every point that is run, as for `vx.attractors`; random ones are drawn
+            for the machine in the middle of the plane. If left out, none are.
+        bounds: of random starts, as for `vx.attractors`.
+        seed: likewise.
         tolerance: as for `vx.classify`.
         max_impacts: as for `vx.sweep`.
         executor: as for `vx.sweep`.
@@ -71,11 +92,15 @@ def chart(
 
     Returns:
         Over both paths, `motion`, `num_periods` and `num_impacts` (..., stop) as `vx.classify` tells them, for
-        `vx.plot.regions`; `is_computed`, whether the point was run; and with `lyapunov` the `lyapunov_exponents`
-        (..., exponent) and `lyapunov_error`, NaN elsewhere.
+        `vx.plot.regions`; `is_computed`, whether the point was run. With `lyapunov` the `lyapunov_exponents`
+        (..., exponent) and `lyapunov_error`; with `multipliers` these, (..., multiplier), complex, the largest magnitude first, NaN where
+        the motion does not repeat or no orbit is found; with `starts` the `num_attractors` to which they lead, and of how many
+        starts this is not known, `num_not_settled` and `num_failed`. Points that were not run have the motion and the counts of the
+        nearest corner of their cell; exponents, and magnitudes of multipliers, are linear between its corners.
 
     Raises:
-        ValueError: for other than two paths of two values or more, or as `vx.sweep` does.
+        ValueError: for other than two paths of two values or more, for `starts` with a path that is one of the start, or as
+            `vx.sweep` and `vx.attractors` do.
 
     Example:
         ```python
@@ -100,160 +125,124 @@ def chart(
         can_stick=True,
         lyapunov=bool(lyapunov),
     )
-    base = base_of(with_args(system, args), x0, v0)
-    grid = _Grid(*(len(axis) for axis in axes.values()))
+    check_single(system, args, flow, "chart")
+    one = machines_of_one(
+        system, args, counts.transient, counts.record, tolerance, flow, None, settings, executor
+    )
+    asked = _Asked(base_of(one.system, x0, v0), counts, one, tolerance, bool(multipliers), None)
+    if starts is not None:
+        asked = asked._replace(starts=_starts(one, axes, starts, bounds, seed))
+    together = _TOGETHER if asked.starts is None else max(_TOGETHER // len(asked.starts), 1)
+    shape, results = tuple(len(axis) for axis in axes.values()), []
 
     def run(where: np.ndarray) -> Iterator[tuple[np.ndarray, xr.Dataset]]:
         with tqdm(total=len(where), unit="point", disable=not progress) as bar:
-            for first in range(0, len(where), _TOGETHER):
-                part = where[first : first + _TOGETHER]
-                index = np.unravel_index(part, grid.shape)
+            for first in range(0, len(where), together):
+                part = where[first : first + together]
+                index = np.unravel_index(part, shape)
                 swept = {path: axis[i] for (path, axis), i in zip(axes.items(), index, strict=True)}
-                yield part, _judged(base, swept, counts, flow, settings, executor, tolerance, bar.update)
+                found, result = _found(asked, swept)
+                results.append(result)
+                bar.update(len(part))
+                yield part, found
 
-    return _refined(grid, axes, stride, run)
-
-
-class _Grid(NamedTuple):
-    """How many points there are in both directions."""
-
-    right: int
-    up: int
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        return self.right, self.up
-
-
-def _judged(
-    base: Point,
-    swept: dict[str, np.ndarray],
-    counts: Counts,
-    flow: AbstractFlow | None,
-    settings: ExecutionSettings,
-    executor: object,
-    tolerance: float | None,
-    tell: Callable[[int], object],
-) -> xr.Dataset:
-    """What becomes of some points."""
-    start = np.concatenate([base.x0, base.v0])
-    states = np.broadcast_to(start, (len(next(iter(swept.values()))), len(start)))
-    ds = sweep_zipped(base.system, swept, states, counts, flow, settings, executor, tell)
-    motions = classify(ds, tolerance=tolerance)[["motion", "num_periods", "num_impacts"]]
-    if counts.lyapunov:
-        motions = motions.assign({name: ds[name] for name in ("lyapunov_exponents", "lyapunov_error")})
-    return motions.transpose(START, ...)
-
-
-class _Cells(NamedTuple):
-    """Cells of the grid, by the numbers of their first and last rows and columns, (cells,) each."""
-
-    left: np.ndarray
-    right: np.ndarray
-    bottom: np.ndarray
-    top: np.ndarray
-
-    def corners(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of the corners, (4, cells)."""
-        rows = np.stack([self.left, self.left, self.right, self.right])
-        return rows, np.stack([self.bottom, self.top, self.bottom, self.top])
-
-    def chosen(self, which: np.ndarray) -> "_Cells":
-        return _Cells(*(a[which] for a in self))
-
-    def halved(self) -> "_Cells":
-        """The parts of all cells, halved in every direction in which there is a point between."""
-        parts = []
-        for across in _halves(self.left, self.right):
-            parts += [_Cells(*across, *along) for along in _halves(self.bottom, self.top)]
-        whole = _Cells(*(np.concatenate(a) for a in zip(*parts, strict=True)))
-        return whole.chosen((whole.right > whole.left) & (whole.top > whole.bottom))
-
-
-def _halves(first: np.ndarray, last: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Both halves of intervals; the first is empty where an interval has no point inside."""
-    middle = (first + last) // 2
-    return [(first, middle), (middle, last)]
-
-
-def _refined(
-    grid: _Grid,
-    axes: dict[str, np.ndarray],
-    stride: int,
-    run: Callable[[np.ndarray], Iterator[tuple[np.ndarray, xr.Dataset]]],
-) -> xr.Dataset:
-    """Run the coarse grid, and halve cells whose corners differ until all is known."""
-    is_known, columns, attributes = np.zeros(grid.shape, bool), {}, {}
-    kinds: dict[tuple, int] = {}
-    kind = np.full(grid.shape, -1)
-    source = np.full(grid.shape, -1)  # the point whose motion each has
-    cells = _coarse(grid, stride)
-    while cells.left.size:
-        rows, cols = cells.corners()
-        due = np.unique(np.ravel_multi_index((rows.ravel(), cols.ravel()), grid.shape))
-        for part, found in run(due[~is_known.ravel()[due]]):
-            is_known.ravel()[part] = True
-            kind.ravel()[part], source.ravel()[part] = _kinds(found, kinds), part
-            for name, a in found.data_vars.items():
-                if name not in columns:
-                    columns[name] = (a.dims[1:], np.zeros((is_known.size, *a.shape[1:]), a.dtype))
-                    attributes[name] = a.attrs
-                columns[name][1][part] = a.values
-        corners = kind[rows, cols]
-        is_one = (corners == corners[0]).all(axis=0)
-        _fill(source, is_known, cells.chosen(is_one))
-        is_small = (cells.right - cells.left <= 1) & (cells.top - cells.bottom <= 1)
-        cells = cells.chosen(~is_one & ~is_small).halved()
-    return _dataset(axes, is_known, source, columns, attributes)
-
-
-def _coarse(grid: _Grid, stride: int) -> _Cells:
-    """All cells between points `stride` steps apart, and the last row and column."""
-    edges = [np.append(np.arange(0, size - 1, stride), size - 1) for size in grid.shape]
-    first = np.meshgrid(*(edge[:-1] for edge in edges), indexing="ij")
-    last = np.meshgrid(*(edge[1:] for edge in edges), indexing="ij")
-    return _Cells(first[0].ravel(), last[0].ravel(), first[1].ravel(), last[1].ravel())
-
-
-def _kinds(found: xr.Dataset, kinds: dict[tuple, int]) -> np.ndarray:
-    """A number for each kind of motion, the same from round to round."""
-    impacts = np.nan_to_num(found.num_impacts.values, nan=-2, posinf=-1)
-    rows = np.column_stack([found.motion.values, found.num_periods.values, impacts]).astype(int)
-    own, of_point = np.unique(rows, axis=0, return_inverse=True)
-    numbers = np.array([kinds.setdefault(tuple(row), len(kinds)) for row in own.tolist()])
-    return numbers[of_point.ravel()]
-
-
-def _fill(source: np.ndarray, is_known: np.ndarray, cells: _Cells) -> None:
-    """Give all points of cells, but those that were run, the motion of the nearest corner, in place."""
-    across, along = cells.right - cells.left, cells.top - cells.bottom
-    for width, height in np.unique(np.stack([across, along]), axis=1).T:
-        own = cells.chosen((across == width) & (along == height))
-        i, j = np.arange(width + 1)[:, None], np.arange(height + 1)[None]
-        rows, cols = (own.left[:, None, None] + i, own.bottom[:, None, None] + j)
-        rows, cols = np.broadcast_arrays(rows, cols)
-        corner_row = np.where(2 * i > width, own.right[:, None, None], own.left[:, None, None])
-        corner_col = np.where(2 * j > height, own.top[:, None, None], own.bottom[:, None, None])
-        nearest = np.broadcast_to(np.ravel_multi_index((corner_row, corner_col), source.shape), rows.shape)
-        is_free = ~is_known[rows, cols]
-        source[rows[is_free], cols[is_free]] = nearest[is_free]
-
-
-def _dataset(
-    axes: dict[str, np.ndarray],
-    is_known: np.ndarray,
-    source: np.ndarray,
-    columns: dict[str, tuple[tuple[str, ...], np.ndarray]],
-    attributes: dict[str, dict],
-) -> xr.Dataset:
-    variables = {}
-    for name, (own, a) in columns.items():
-        filled = a[source.ravel()]
-        if name.startswith("lyapunov"):
-            filled = np.where(is_known.reshape(-1, *(1,) * (a.ndim - 1)), filled, np.nan)
-        variables[name] = ((*axes, *own), filled.reshape(*is_known.shape, *a.shape[1:]), attributes[name])
-    ds = xr.Dataset(variables | {"is_computed": (tuple(axes), is_known)}, coords=axes)
-    for path in axes:
-        ds[path].attrs = label(path)
-    ds["is_computed"].attrs = label("is_computed")
+    ds = refined(axes, stride, run, _KIND if asked.starts is None else (*_KIND, "num_attractors"))
+    whole = xr.Dataset(
+        {"result": (START, np.concatenate(results))}, attrs={"max_impacts": counts.max_impacts}
+    )
+    warn_of_endings(whole, "max_impacts_reached", "max_steps_reached", "non_finite")
     return ds
+
+
+class _Asked(NamedTuple):
+    """What is asked of every point.
+
+    Attributes:
+        base: the machine and the start that hold where nothing is swept.
+        counts: what is asked of its sweep.
+        one: the machine as it is run to find attractors.
+        tolerance: as for `classify`.
+        multipliers: whether orbits are polished.
+        starts: of the attractors that are counted, (starts, 2 n), None if none are.
+    """
+
+    base: Point
+    counts: Counts
+    one: Machines
+    tolerance: float | None
+    multipliers: bool
+    starts: np.ndarray | None
+
+
+def _starts(
+    one: Machines,
+    axes: dict[str, np.ndarray],
+    starts: Count | tuple[Numbers, Numbers] | Numbers,
+    bounds: Numbers | None,
+    seed: Count,
+) -> np.ndarray:
+    """The starts that all machines share."""
+    if any(_is_start(path) for path in axes):
+        raise ValueError(
+            f"The attractors of a machine do not depend on its start: with `starts` both paths must be of the machine, but are {[*axes]}."
+        )
+    middle = one.system
+    for path, axis in axes.items():
+        middle = set_parameter(middle, path, as_float(axis[len(axis) // 2]))
+    rate = as_known(middle.forcing.frequency).reshape(1)
+    return starts_of(replace(one, system=middle, rate=rate), starts, bounds, seed, None, None).states
+
+
+def _is_start(path: str) -> bool:
+    return path.split("[")[0] in ("x0", "v0")
+
+
+def _found(asked: _Asked, swept: dict[str, np.ndarray]) -> tuple[xr.Dataset, np.ndarray]:
+    """What is found at some points, and what became of their motions."""
+    lanes, size = with_values(asked.base, swept), len(next(iter(swept.values())))
+    start = np.concatenate([np.broadcast_to(a, (len(a), size)) for a in (lanes.x0, lanes.v0)]).T
+    of_machine = {path: a for path, a in swept.items() if not _is_start(path)}
+    machines = asked.one.of_plane(of_machine, size)
+    counts, where = asked.counts, (machines.settings, machines.executor)
+    ds = sweep_zipped(machines.system, of_machine, start, counts, machines.flow, *where, lambda _: None)
+    found = classified(ds, asked.tolerance, None, None)[list(_KIND)]
+    if counts.lyapunov:
+        found = found.assign({name: ds[name] for name in ("lyapunov_exponents", "lyapunov_error")})
+    columns = {}
+    if asked.multipliers:
+        columns["multipliers"] = ((START, "multiplier"), _multipliers(machines, ds, found))
+    if asked.starts is not None:
+        columns |= {name: (START, a) for name, a in _coexisting(machines, asked.starts).items()}
+    found = found.assign({name: (dims, a, label(name)) for name, (dims, a) in columns.items()})
+    return found.transpose(START, ...), ds["result"].values
+
+
+def _multipliers(machines: Machines, ds: xr.Dataset, found: xr.Dataset) -> np.ndarray:
+    """Floquet multipliers of the motions that repeat."""
+    states = np.concatenate([ds["x"].values, ds["v"].values], axis=1)
+    multipliers = np.full(states.shape, np.nan, np.result_type(states.dtype, np.complex64))
+    which = np.flatnonzero(found["num_periods"].values > 0)
+    if which.size:
+        states = states[which] * machines.scale(which)
+        is_quiet = found["motion"].values[which] == MOTIONS.index("non_impacting")
+        orbits, is_near = orbits_near(machines, states, which, found["num_periods"].values[which], is_quiet)
+        multipliers[which[is_near]] = orbits.multipliers[is_near]
+    return multipliers
+
+
+def _coexisting(machines: Machines, starts: np.ndarray) -> dict[str, np.ndarray]:
+    """How many attractors each machine has, and of how many starts it is not known where they lead."""
+    size = len(machines.rate)
+    machine = np.repeat(np.arange(size), len(starts))
+    machines = machines.for_sweep_of(len(machine))
+    states = np.tile(starts, (size, 1)) * machines.scale(machine)
+    ends = machines.ends(machines.run(states, machine, machines.transient, machines.record), machine)
+    found = coexisting(machines, ends)
+    motions, number = lasting(found.motions)
+    is_unknown = number[found.label] < 0
+    which = {
+        "num_attractors": np.array([motion.machine for motion in motions], int),
+        "num_not_settled": machine[is_unknown & ~ends.is_failed],
+        "num_failed": machine[ends.is_failed],
+    }
+    return {name: np.bincount(a, minlength=size) for name, a in which.items()}

@@ -87,6 +87,16 @@ def classify(
     """
     if isinstance(source, xr.Dataset):
         warn_of_endings(source, "max_impacts_reached")
+    return classified(source, tolerance, double_impact_within, last)
+
+
+def classified(
+    source: Solution | xr.Dataset,
+    tolerance: float | None,
+    double_impact_within: float | None,
+    last: int | None,
+) -> xr.Dataset:
+    """The same without a warning."""
     section, last = _section(source, last)
     tolerance = TOLERANCES[section.v.dtype.itemsize] if tolerance is None else tolerance
     for name, value in (("tolerance", tolerance), ("double_impact_within", double_impact_within)):

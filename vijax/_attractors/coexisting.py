@@ -82,7 +82,7 @@ def lasting(motions: list[Motion]) -> tuple[list[Motion], np.ndarray]:
 def _leaky(motions: list[Motion], ends: Ends, sample: np.ndarray, label: np.ndarray) -> set[int]:
     """Clouds from which motions left for a cycle, which therefore are no attractors."""
     is_on_cycle = np.array([motion.num_periods > 0 for motion in motions] + [False])[label]
-    return {*in_clouds(motions, ends, sample[is_on_cycle], ends.section.shape[1])} - {-1}
+    return {*in_clouds(motions, ends, sample[is_on_cycle], ends.section.shape[1]).tolist()} - {-1}
 
 
 def _longer(
@@ -95,7 +95,7 @@ def _longer(
     of_machine = np.isin(ends.machine, [motions[k].machine for k in leaky])
     which = np.flatnonzero((label < 0) & of_machine & ~ends.is_failed)
     transient = _LONGER * machines.transient
-    ds = machines.run(ends.last[which], ends.machine[which], transient, machines.record)
+    ds = machines.run(ends.last[which], ends.machine[which], transient, machines.record, goes_on=True)
     newer = machines.ends(ds, ends.machine[which])
     label[which] = _settled(machines, motions, newer)
     ends = Ends(*(a.copy() for a in ends))
@@ -152,7 +152,7 @@ def _first_of_each(machine: np.ndarray, most: int, *, spread: bool = False) -> n
 
 def _run_on(machines: Machines, motions: list[Motion], states: np.ndarray, machine: np.ndarray) -> np.ndarray:
     """Labels of motions that are run on for long; new attractors are added to `motions`."""
-    ds = machines.run(states, machine, _LONGER * machines.transient, _LONG_RECORD)
+    ds = machines.run(states, machine, _LONGER * machines.transient, _LONG_RECORD, goes_on=True)
     ends = machines.ends(ds, machine)
     label = _settled(machines, motions, ends)
     left = np.flatnonzero((label < 0) & ~ends.is_failed)

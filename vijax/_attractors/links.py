@@ -32,7 +32,8 @@ def seeded(machines: Machines, found: Coexisting) -> tuple[list[Motion], dict[in
             continue
         machine = before[sound] + 1
         states = physical[sound] * machines.scale(machine)
-        ends = machines.ends(machines.run(states, machine, machines.transient, machines.record), machine)
+        ds = machines.run(states, machine, machines.transient, machines.record, goes_on=True)
+        ends = machines.ends(ds, machine)
         motions, labels = coexisting(machines, ends, motions)
         goes_to |= {due[k]: int(label) for k, label in zip(sound, labels, strict=True)}
     return motions, goes_to

@@ -1,7 +1,7 @@
 """The machines whose attractors are looked for: run from many states, and their cycles polished."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -27,6 +27,8 @@ FREQUENCY = "forcing.frequency"
 _MAX_EVENTS = 256
 # Forcing periods that changes of the state are followed before, and while, their growth is averaged.
 _SETTLING, _AVERAGED = 20, 2000
+# An impact whose gap is so many roundings falls into phase 0.
+_HAIR = 4096
 # Periods of a record that are searched for a repetition, the last ones.
 _COMPARED = 128
 
@@ -58,11 +60,11 @@ class Ends(NamedTuple):
 
 @dataclass(frozen=True)
 class Machines:
-    """Machines that differ by the value of some quantity, or a single one.
+    """Machines that differ by the values of some quantities, or a single one.
 
     Attributes:
         system: the machine, its force bound to its arguments.
-        values: the quantity by its path, one value for each machine; empty for a single machine.
+        values: quantities by their paths, one value for each machine; empty for a single machine.
         rate: W of each, (machines,).
         transient: forcing periods before a motion is looked at.
         record: forcing periods in which it is.
@@ -90,6 +92,11 @@ class Machines:
         """The same, run beside a sweep of so many points."""
         return replace(self, is_wide=num_points > self.settings.lanes)
 
+    def of_plane(self, values: dict[str, np.ndarray], num_machines: int) -> "Machines":
+        """So many that differ by some quantities, one value for each."""
+        rate = values.get(FREQUENCY, np.full(num_machines, self.rate[0]))
+        return replace(self, values=values, rate=rate)
+
     def scale(self, machine: np.ndarray) -> np.ndarray:
         """What turns states (x, v) into (W x, v), (points, 2 n)."""
         rate = self.rate[machine]
@@ -103,9 +110,12 @@ class Machines:
         record: int,
         *,
         max_impacts: int = 0,
+        goes_on: bool = False,
         progress: bool = False,
     ) -> xr.Dataset:
-        """Sweep over starts (W x, v), (points, 2 n), of some machines."""
+        """Sweep over starts (W x, v), (points, 2 n), of some machines; with `goes_on` they are ends of motions."""
+        if goes_on:
+            states = self._onto_stops(states, machine)
         number = np.arange(len(states))
         if self.is_wide:
             # Sweeps of many points and of few are two programs: repeated points spare the compilation of the second.
@@ -118,6 +128,54 @@ class Machines:
             ds = sweep_zipped(self.system, of_point, starts, counts, self.flow, *where, bar.update)
         return ds.isel({START: slice(0, len(states))})
 
+    def _stops(self, machine: np.ndarray) -> tuple[np.ndarray, tuple]:
+        """Masses and stops of each point, lanes last."""
+        zero = np.zeros(self.system.num_masses, self.rate.dtype)
+        of_point = {path: a[machine] for path, a in self.values.items()}
+        lanes = with_values(Point(self.system, zero, zero), of_point).system
+        return np.asarray(lanes.mass), lanes.stops
+
+    def _onto_stops(self, states: np.ndarray, machine: np.ndarray) -> np.ndarray:
+        """States brought back to the stops beyond which they lie by a hair, as where an impact falls into phase 0."""
+        scale = self.scale(machine)
+        x, v = np.split(states / scale, 2, axis=1)
+        for stop in self._stops(machine)[1]:
+            size = np.asarray(stop.reach(0.0) + stop.size(x.T))
+            gap = np.asarray(stop.gap(x.T, 0.0))
+            beyond = np.where((gap < 0) & (gap >= -np.sqrt(np.finfo(x.dtype).eps) * size), gap, 0)
+            row = stop.coefficients
+            square = sum(np.asarray(a) ** 2 for a in row.values())
+            for i, a in row.items():
+                x[:, i] += beyond * np.asarray(a) / square
+        return np.concatenate([x, v], axis=1) * scale
+
+    def after_impacts(self, states: np.ndarray, machine: np.ndarray) -> np.ndarray:
+        """States (W x, v), (points, 2 n), after the impacts that fall into phase 0 to rounding.
+
+        Rounding puts such an impact now before the end of a period, now after it, which reverses the velocity: one cycle would
+        seem two, or none.
+        """
+        scale = self.scale(machine)
+        x, v = np.split(states / scale, 2, axis=1)
+        mass, stops = self._stops(machine)
+        for stop in stops:
+            size, gap = (np.asarray(a) for a in (stop.reach(0.0) + stop.size(x.T), stop.gap(x.T, 0.0)))
+            own = stop.sign * self.rate[machine] * np.asarray(stop.slope_at(0.0))
+            speed = np.asarray(stop.along(v.T)) - own
+            which = np.flatnonzero((np.abs(gap) <= _HAIR * np.finfo(x.dtype).eps * size) & (speed > 0))
+            if not which.size:
+                continue
+            row = np.zeros((len(which), x.shape[1]))
+            for i, a in stop.coefficients.items():
+                row[:, i] = _of_lanes(a, which)
+            matrix = np.moveaxis(
+                _of_lanes(mass if mass.ndim == 3 else np.eye(len(mass))[..., None] * mass, which), -1, 0
+            )
+            moved = np.linalg.solve(matrix, row[..., None])[..., 0]
+            impulse = (1 + _of_lanes(stop.restitution, which)) * speed[which] / (row * moved).sum(axis=1)
+            v[which] -= impulse[:, None] * moved
+        return np.concatenate([x, v], axis=1) * scale
+
     def ends(self, ds: xr.Dataset, machine: np.ndarray) -> Ends:
         """Judge where the motions of a sweep end."""
         scale = self.scale(machine)
@@ -125,6 +183,8 @@ class Machines:
         section = states * scale[:, None].astype(states.dtype)
         is_failed = np.isnan(section.sum(axis=(1, 2)))
         section[is_failed] = 0
+        each = np.repeat(machine, section.shape[1])
+        section = self.after_impacts(section.reshape(len(each), -1), each).reshape(section.shape)
         found = recurrence(_relative(section[:, -_COMPARED:]), self.tolerance)
         is_touched = (ds["num_impacts"].values > 0).any(axis=1) | (ds["held_time"].values > 0).any(
             axis=(1, 2)
@@ -161,6 +221,12 @@ class Machines:
             "flow": self.flow,
         }
         return np.asarray(lyapunov_exponents(system, x, v, **asked, throw=False, progress=False))
+
+
+def _of_lanes(a: Any, which: np.ndarray) -> np.ndarray:
+    """The values of some lanes, (..., lanes), of an array that may have a single one for all."""
+    a = np.atleast_1d(a)
+    return a[..., which] if a.shape[-1] > 1 else np.broadcast_to(a, (*a.shape[:-1], len(which)))
 
 
 def default_tolerance(dtype: np.dtype) -> float:

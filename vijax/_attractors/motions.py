@@ -4,8 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._orbits.many import Orbits
 from .classify import MOTIONS, classify
-from .distances import mixes, same_cycle
+from .distances import mixes, reach, same_cycle
 from .machines import Machines
 
 # Cycles that are not polished are one if they are closer than so many tolerances, relative to their size. Polished ones,
@@ -16,8 +17,8 @@ _NEAR = 1e-2
 # Clouds mix from this fraction of neighbourhoods on: all are expected of one attractor, none of two. Motions that seldom pass from
 # one part of their attractor to another need time for all.
 _MIXED = 0.25
-# Points of a cloud that are kept.
-_CLOUD = 2048
+# Points of a cloud that are kept, and of how many of them neighbourhoods may be smaller than what belongs to it is far.
+_CLOUD, _MOST = 2048, 0.95
 _NON_PERIODIC = MOTIONS.index("non_periodic")
 
 
@@ -36,6 +37,8 @@ class Motion(NamedTuple):
         multipliers: (2 n,), NaN where they are not known.
         residual: of the closing, NaN if it was not polished.
         is_lasting: whether no motion is known to leave it.
+        reach: of chaos, how far points may be from the cloud and belong to it: the distance to the last of some neighbours
+            that but few of its points exceed.
     """
 
     machine: int
@@ -48,6 +51,7 @@ class Motion(NamedTuple):
     multipliers: np.ndarray
     residual: float
     is_lasting: bool = True
+    reach: float = 0.0
 
     @property
     def is_polished(self) -> bool:
@@ -60,6 +64,24 @@ class Motion(NamedTuple):
         return bool((np.abs(self.multipliers) < 1).all())
 
 
+def orbits_near(
+    machines: Machines,
+    states: np.ndarray,
+    machine: np.ndarray,
+    num_periods: np.ndarray,
+    is_quiet: np.ndarray,
+) -> tuple[Orbits, np.ndarray]:
+    """The periodic orbits that a search from states that nearly repeat finds, and whether each is that of its motion.
+
+    Quiet motions may be far from theirs, of which the linear machine has no other.
+    """
+    found = machines.polish(states, machine, num_periods)
+    start = machines.after_impacts(found.start * machines.scale(machine), machine)
+    away = np.abs(start - machines.after_impacts(states, machine)).max(axis=1)
+    is_near = away <= _NEAR * np.maximum(np.abs(states).max(axis=1), np.finfo(states.dtype).tiny)
+    return found, found.is_orbit & (is_near | (is_quiet & (found.num_impacts == 0).all(axis=1)))
+
+
 def cycles_from(
     machines: Machines,
     states: np.ndarray,
@@ -67,19 +89,13 @@ def cycles_from(
     num_periods: np.ndarray,
     is_quiet: np.ndarray,
 ) -> list[Motion]:
-    """The cycles near states that nearly repeat, polished where the search succeeds.
-
-    Quiet motions may be far from theirs, of which the linear machine has no other.
-    """
-    found = machines.polish(states, machine, num_periods)
+    """The cycles near states that nearly repeat, polished where the search succeeds."""
+    found, is_found = orbits_near(machines, states, machine, num_periods, is_quiet)
     start = found.start * machines.scale(machine)
-    size = np.maximum(np.abs(states).max(axis=1), np.finfo(states.dtype).tiny)
-    is_near = (np.abs(start - states).max(axis=1) <= _NEAR * size) | (
-        is_quiet & (found.num_impacts == 0).all(axis=1)
-    )
-    is_found = found.is_orbit & is_near
     start = np.where(is_found[:, None], start, states)
-    ds = machines.run(start, machine, 0, max(4 * int(num_periods.max()), 8), max_impacts=1 << 14)
+    ds = machines.run(
+        start, machine, 0, max(4 * int(num_periods.max()), 8), max_impacts=1 << 14, goes_on=True
+    )
     kinds = classify(ds)
     # A cycle that repeats sooner is polished again, as such: else its multipliers would be those of several rounds.
     n = np.where(kinds["num_periods"].values > 0, kinds["num_periods"].values, num_periods)
@@ -87,7 +103,9 @@ def cycles_from(
     of_sooner = (a[sooner] for a in (start, machine, n, is_quiet))
     again = iter(cycles_from(machines, *of_sooner) if sooner.size else [])
     section = np.concatenate([ds["section_x"].values, ds["section_v"].values], axis=2)
-    section *= machines.scale(machine)[:, None]
+    each = np.repeat(machine, section.shape[1])
+    section = (section * machines.scale(machine)[:, None]).reshape(len(each), -1)
+    section = machines.after_impacts(section, each).reshape(len(machine), -1, states.shape[1])
     motions = []
     for k in range(len(states)):
         if n[k] < num_periods[k]:
@@ -116,7 +134,9 @@ def cloud_of(machines: Machines, machine: int, points: np.ndarray) -> Motion:
     unknown = np.full(machines.system.num_stops, np.nan)
     points = thinned(points)
     multipliers = np.full(points.shape[1], np.nan + 0j)
-    return Motion(machine, points, _size(points), 0, _NON_PERIODIC, unknown, unknown, multipliers, np.nan)
+    size = _size(points)
+    motion = Motion(machine, points, size, 0, _NON_PERIODIC, unknown, unknown, multipliers, np.nan)
+    return motion._replace(reach=_reach(points))
 
 
 def place_of(known: list[Motion], motion: Motion, tolerance: float) -> int:
@@ -125,7 +145,7 @@ def place_of(known: list[Motion], motion: Motion, tolerance: float) -> int:
         if other.machine == motion.machine and is_same(other, motion, tolerance):
             if not motion.num_periods:
                 points = thinned(np.concatenate([other.points, motion.points]))
-                known[k] = other._replace(points=points, size=_size(points))
+                known[k] = other._replace(points=points, size=_size(points), reach=_reach(points))
             return k
     known.append(motion)
     return len(known) - 1
@@ -154,3 +174,7 @@ def thinned(points: np.ndarray, most: int = _CLOUD) -> np.ndarray:
 
 def _size(points: np.ndarray) -> float:
     return float(np.abs(points).max()) or 1.0
+
+
+def _reach(points: np.ndarray) -> float:
+    return float(np.quantile(reach(points), _MOST))

@@ -105,7 +105,7 @@ def _is_own(kind: str, condition: AbstractCondition, other: str, index: int) -> 
     return (
         isinstance(condition, AtEvent)
         and kind == other
-        and (kind == "force_zero" or index == condition.index)
+        and (kind == "force_zero" or index == int(condition.index))
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from .._execution.threads import count_cores
 from .._trajectory.event_log import IMPACT
+from .._xla import jit_lightly
 from .search import Search, Strobe, begin_search, learn
 
 # Searches side by side, the only number compiled for. Most cycles have fewer events than `_FEW`: the others
@@ -135,4 +136,4 @@ def _learn(structure: Any, axes: tuple[int | None, ...]) -> Callable:
     def one(leaves: list, search: Search) -> Search:
         return learn(jax.tree.unflatten(structure, leaves), search)
 
-    return jax.jit(jax.vmap(one, in_axes=([*axes], 0)))
+    return jit_lightly(jax.vmap(one, in_axes=([*axes], 0)))

@@ -13,6 +13,7 @@ from ._impact_map import impact_map as impact_map
 from ._lyapunov import lyapunov as lyapunov
 from ._machine import machine as machine
 from ._multipliers import multipliers as multipliers
+from ._plane import plane as plane
 from ._regions import regions as regions
 from ._relative_motion import relative_motion as relative_motion
 from ._section import section as section

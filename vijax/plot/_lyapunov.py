@@ -5,12 +5,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
-from matplotlib.colors import TwoSlopeNorm
 
 from ._axes import Sweeps, by_name, new_axes, span_of_values, span_so_far
 from ._colors import STROKES, of_curves, strokes_of, styled
 from ._labels import RATE, Units, label, with_unit
+from ._plane import plane
 
 _WORDS = "Lyapunov exponent $\\lambda$"
 
@@ -104,12 +103,6 @@ def _lines(sweeps: dict[str, xr.Dataset], path: str, ax: Axes, style: dict[str, 
 
 def _plane(ds: xr.Dataset, paths: list[str], ax: Axes, units: Units | None, style: dict[str, Any]) -> None:
     """The largest exponent as a colour."""
-    ds = ds.sortby(paths)
-    largest = np.ma.masked_invalid(ds.lyapunov_exponents.isel(exponent=0).transpose(*paths[::-1]).values)
-    reach = max(float(np.abs(largest).max()), np.finfo(float).tiny) if largest.count() else 1.0
-    norm = TwoSlopeNorm(0.0, -reach, reach)
-    look = styled(style, QuadMesh, cmap="RdBu_r", norm=norm, shading="nearest", rasterized=True)
-    mesh = ax.pcolormesh(*(ds[path].values for path in paths), largest, **look)
-    words = _WORDS.replace("Lyapunov", "Largest Lyapunov")
-    ax.figure.colorbar(mesh, ax=ax, label=with_unit(words, RATE, units))
-    ax.set_ylabel(label(paths[1], units))
+    largest = ds.lyapunov_exponents.isel(exponent=0).transpose(*paths)
+    words = with_unit(_WORDS.replace("Lyapunov", "Largest Lyapunov"), RATE, units)
+    plane(largest, words=words, center=0.0, units=units, ax=ax, **style)

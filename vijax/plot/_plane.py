@@ -1,0 +1,97 @@
+"""One quantity over a plane of two others."""
+
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, TwoSlopeNorm
+
+from ._axes import figure_of, new_axes
+from ._colors import of_order, styled
+from ._labels import Units, label
+
+# A count with more values than this is drawn as a quantity.
+_MOST_COUNTS = 12
+
+
+def plane(
+    values: xr.DataArray,
+    *,
+    words: str | None = None,
+    center: float | None = None,
+    units: Units | None = None,
+    ax: Axes | None = None,
+    **style: Any,
+) -> Axes:
+    """Draw one quantity over a plane of two swept ones: a largest multiplier, an exponent, a number of attractors.
+
+    Whole numbers have a colour each, others a scale of colours. Points where the quantity is not known are left out.
+
+    Args:
+        values: over two swept quantities, the first one drawn to the right and the second upwards: real numbers, whole
+            numbers or flags.
+        words: at the scale of colours; the array's `long_name`, or its name, if left out.
+        center: a value from which on colours are others, red above and blue below; none if left out.
+        units: of the swept quantities, as in `{"time": "s"}`; none are written if left out.
+        ax: where to draw; new axes if left out.
+        **style: of the plane, as matplotlib's `pcolormesh` takes them: `cmap`, `norm`, ...
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if there are not two dimensions of two values or more, or the values are complex.
+
+    Example:
+        ```python
+        import numpy as np, vijax as vx
+        plane = {"forcing.frequency": np.linspace(0.7, 1, 33), "forcing.amplitude[0]": np.linspace(0.2, 0.4, 17)}
+        chart = vx.chart(vx.models.wagg_bishop_a(1.0), plane, multipliers=True)
+        ax = vx.plot.plane(abs(chart.multipliers).max("multiplier"), words="Largest multiplier")
+        ```
+    """
+    _check(values)
+    right, up = map(str, values.dims)
+    values = values.sortby([right, up])
+    ax = new_axes() if ax is None else ax
+    numbers = np.ma.masked_invalid(values.values)
+    cmap, norm = _colors(numbers, center)
+    look = styled(style, QuadMesh, cmap=cmap, norm=norm, shading="nearest", rasterized=True)
+    mesh = ax.pcolormesh(values[right].values, values[up].values, numbers.T, **look)
+    name = str(values.attrs.get("long_name", values.name or ""))
+    ticks = np.unique(numbers.compressed()) if isinstance(norm, BoundaryNorm) else None
+    figure_of(ax).colorbar(
+        mesh, ax=ax, ticks=ticks, label=(name[:1].upper() + name[1:]) if words is None else words
+    )
+    ax.set(xlabel=label(right, units), ylabel=label(up, units))
+    return ax
+
+
+def _check(values: xr.DataArray) -> None:
+    dims, shape = list(values.dims), values.shape
+    if len(dims) != 2:
+        raise ValueError(
+            f"A picture of a plane needs two swept quantities, but there are {dims}: "
+            "select one value of the others, as in `ds.sel({path: value})`."
+        )
+    if min(shape) < 2:
+        raise ValueError(f"A picture of a plane needs two values or more of each quantity, but has {shape}.")
+    if np.iscomplexobj(values):
+        raise ValueError("The values are complex: draw their magnitude, as `abs(values)`.")
+
+
+def _colors(numbers: np.ma.MaskedArray, center: float | None) -> tuple[str | Colormap, Normalize]:
+    """The colours, and the numbers that have them."""
+    known = numbers.compressed()
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    count = int(high - low) + 1
+    if not np.issubdtype(numbers.dtype, np.inexact) and count <= _MOST_COUNTS:
+        edges = low - 0.5 + np.arange(count + 1)
+        return ListedColormap(list(of_order(count))), BoundaryNorm(edges, count)
+    if center is None:
+        return plt.rcParams["image.cmap"], Normalize(low, high)
+    reach = max(abs(low - center), abs(high - center), np.finfo(float).tiny)
+    return "RdBu_r", TwoSlopeNorm(center, center - reach, center + reach)
