@@ -49,6 +49,7 @@ from ._sweep.provenance import system_of as system_of
 from ._sweep.sweep import sweep as sweep
 from ._system.base import base_excitation as base_excitation
 from ._system.contact import Contact as Contact
+from ._system.files import load as load, save as save
 from ._system.forcing import Harmonic as Harmonic
 from ._system.stop import Stop as Stop
 from ._system.system import ImpactSystem as ImpactSystem, chain as chain
@@ -108,6 +109,7 @@ __all__ = [
     "impact_configurations",
     "impact_map",
     "keep_compiled",
+    "load",
     "lyapunov_exponents",
     "modal_restitution_matrix",
     "models",
@@ -120,6 +122,7 @@ __all__ = [
     "power_spectrum",
     "restitution_matrix",
     "saltation_matrix",
+    "save",
     "simulate",
     "sticking_region",
     "stroboscopic_map",
