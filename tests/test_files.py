@@ -113,7 +113,7 @@ def local_force():
     [lambda t, x, v, args: -x, local_force(), Spring(1.0, np.ones(1), {"drag": 0.5}, lambda x: x)],
 )
 def test_a_force_that_no_import_finds_is_refused(tmp_path, force):
-    with pytest.raises(ValueError, match="which no text can hold. Define it at the top of a module"):
+    with pytest.raises(ValueError, match=r"which no text can hold\. Define it at the top of a module"):
         vx.save(machine(force), tmp_path / "machine.toml")
     assert not any(tmp_path.iterdir())
     ds = xr.Dataset(attrs={"system": json.dumps(describe(machine(force))), "dtype": "float64"})

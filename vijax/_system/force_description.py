@@ -61,8 +61,10 @@ def build_force(description: dict[str, Any]) -> Callable | None:
     force = _from_text(told)
     if not callable(force):
         raise ValueError(f"`force` must be a function, but {told['path']} is {force!r}.")
-    force = as_force(force)
-    return force if args is None else BoundForce(force, jax.tree.map(as_float, _from_text(args)))
+    found = as_force(force)
+    if found is None or args is None:
+        return found
+    return BoundForce(found, jax.tree.map(as_float, _from_text(args)))
 
 
 def check_force_is_told(description: dict[str, Any]) -> None:
