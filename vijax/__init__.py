@@ -30,6 +30,7 @@ from ._contact.sticking_region import (
 )
 from ._dataset_attributes import version as _version
 from ._execution.settings import ExecutionSettings as ExecutionSettings
+from ._explorer.explore import explore as explore
 from ._flow.choose import load_diffrax_flow as _load_diffrax_flow
 from ._flow.modal import ModalFlow as ModalFlow
 from ._flow.taylor import TaylorFlow as TaylorFlow
@@ -104,6 +105,7 @@ __all__ = [
     "chart",
     "classify",
     "continuation",
+    "explore",
     "find_periodic_orbits",
     "follow_attractors",
     "impact_configurations",

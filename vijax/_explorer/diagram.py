@@ -6,12 +6,14 @@ pixel has the motion of the nearest point.
 
 import re
 from collections.abc import Mapping
+from functools import reduce
+from operator import mul
 from typing import Any
 
 import holoviews as hv
 import numpy as np
 import xarray as xr
-from holoviews.operation.datashader import datashade, dynspread
+from holoviews.operation.datashader import datashade, spread
 
 from .._attractors.classify import classify
 from ..plot._axes import label
@@ -34,7 +36,7 @@ def plain(path: str) -> str:
     return re.sub(r"\$|_\{[\d,]*\}", "", words).replace(r"\times", "*")
 
 
-def impacts(ds: xr.Dataset, path: str, stop: int, look: Look) -> hv.Overlay | hv.Element:
+def impacts(ds: xr.Dataset, path: str, stop: int, look: Look) -> Any:
     """The velocities of the impacts at a stop against the swept quantity.
 
     Args:
@@ -54,12 +56,12 @@ def impacts(ds: xr.Dataset, path: str, stop: int, look: Look) -> hv.Overlay | hv
         ours = of_stop.values == stop
         points = hv.Points((swept.values[ours], velocity.values[ours]), axes)
         if len(points) > MANY:
-            layers.append(dynspread(datashade(points, cmap=[color], min_alpha=110), max_px=2, threshold=0.8))
+            layers.append(spread(datashade(points, cmap=[color], min_alpha=110), px=1))
         else:
             layers.append(points.opts(color=color, size=2.5 if way == "up" else 4))
         if one is ds:
             break
-    return hv.Overlay(layers) if len(layers) > 1 else layers[0]
+    return reduce(mul, layers)
 
 
 def chart(ds: xr.Dataset, right: str, up: str) -> tuple[hv.Element, dict[str, str]]:

@@ -1,6 +1,6 @@
 // The machine moving: `frames` has the numbers of all frames, `colors` those of the page.
 
-const PER_FRAME = 50 // milliseconds
+const PER_FRAME = 60 // milliseconds
 const SVG = "http://www.w3.org/2000/svg"
 
 function shape(parent, kind, attributes) {

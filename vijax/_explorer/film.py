@@ -20,7 +20,7 @@ from ..plot._drawing import draw
 from .look import Look
 from .motion import Motion
 
-FRAMES = 120
+FRAMES = 80
 _DIGITS = 3
 
 
@@ -69,9 +69,7 @@ def frames_of(motion: Motion) -> dict[str, Any]:
         "box": _rounded(np.array(box)),
         "held": held_masses(sol, scheme, times).tolist(),
         "wall": _rounded(np.array(wall)),
-        "walls": [
-            [one.get_height(), one.get_width(), one.get_y() + one.get_height() / 2] for one in walls
-        ],
+        "walls": [[one.get_height(), one.get_width(), one.get_y() + one.get_height() / 2] for one in walls],
         "extent": [float(end(a)) for a in (x, y) for end in (np.nanmin, np.nanmax)],
     }
 

@@ -13,7 +13,7 @@ from .diagram import chart, direction_near, impacts, marker, plain
 from .film import film_of, frames_of
 from .look import DARK, LIGHT, Look
 from .motion import Motion, motion_at, numbers_to_change, point_at
-from .pictures import pictures_of, words_of_multipliers
+from .pictures import DPI, SIZE, pictures_of, words_of_multipliers
 
 _TITLE = "vijax"
 # Of a number that is changed, how far the slider reaches to either side.
@@ -29,6 +29,7 @@ def page_of(ds: xr.Dataset, *, dark: bool) -> pn.viewable.Viewable:
 def serve(ds: xr.Dataset, *, port: int, show: bool, dark: bool) -> None:
     """Serve the page of a sweep until Ctrl-C, every browser one of its own."""
     check(ds)
+    pn.config.raw_css = [f"body {{ background: {(DARK if dark else LIGHT).page} }}"]
     pn.serve(lambda: page_of(ds, dark=dark), port=port, show=show, title=_TITLE)
 
 
@@ -218,7 +219,7 @@ class Explorer:
 
     def _panes(self) -> dict[str, pn.pane.Matplotlib]:
         return {
-            name: pn.pane.Matplotlib(picture, dpi=110, tight=False, height=300)
+            name: pn.pane.Matplotlib(picture, dpi=DPI, tight=False, width=round(DPI * SIZE[0]))
             for name, picture in pictures_of(None, 0, self.look).items()
         }
 

@@ -10,7 +10,8 @@ from .. import plot
 from .look import Look
 from .motion import Motion
 
-_SIZE = (5.2, 3.1)  # inches
+SIZE = (4.4, 2.9)  # inches
+DPI = 100  # of the figure itself: at another one all words would be set twice
 
 
 def pictures_of(motion: Motion | None, mass: int, look: Look) -> dict[str, Figure]:
@@ -44,7 +45,7 @@ def _multipliers(motion: Motion, ax: Axes) -> object:
 
 def _figure(motion: Motion | None, draw: Callable[[Motion, Axes], object], look: Look) -> Figure:
     """A picture; where there is nothing to draw, a sentence."""
-    figure = Figure(figsize=_SIZE, layout="constrained")
+    figure = Figure(figsize=SIZE, dpi=DPI, layout="constrained")
     ax = figure.subplots()
     try:
         if motion is not None:
