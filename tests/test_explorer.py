@@ -26,7 +26,7 @@ ROUNDING = 1e-9
 
 @pytest.fixture(scope="module")
 def sweep() -> xr.Dataset:
-    """Two cycles and, between them, a motion that does not repeat."""
+    """Two cycles and, between them, a motion that has not settled."""
     system = vx.models.wagg_bishop_b(0.8)
     return vx.sweep(system, {FREQUENCY: FREQUENCIES}, transient=100, record=20, progress=False)
 
@@ -68,7 +68,6 @@ def test_every_number_that_can_be_changed_has_a_path_and_its_value():
 
 
 def test_what_is_no_sweep_cannot_be_explored():
-    pytest.importorskip("panel")
     with pytest.raises(ValueError, match=r"shows what `vx\.sweep` returned"):
         vx.explore(xr.Dataset())
 
@@ -143,7 +142,7 @@ def test_a_click_and_a_slider_show_another_motion(page, sweep):
         page.mouse.click(box["x"] + right * box["width"], box["y"] + 0.4 * box["height"])
 
     found = page.locator(".found")
-    found.filter(has_text="non periodic").wait_for()
+    found.filter(has_text="none: no periodic orbit").wait_for()
     before = pictures()
     assert len(before) == 4
     click(0.14)  # at the left end of the diagram

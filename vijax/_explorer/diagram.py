@@ -64,7 +64,7 @@ def impacts(ds: xr.Dataset, path: str, stop: int, look: Look) -> Any:
     return reduce(mul, layers)
 
 
-def chart(ds: xr.Dataset, right: str, up: str) -> tuple[hv.Element, dict[str, str]]:
+def chart(ds: xr.Dataset, right: str, up: str) -> tuple[Any, dict[str, str]]:
     """The kinds of motion over two swept quantities, and the legend: words and their colours."""
     kinds = classify(ds).transpose(right, up, ...).sortby([right, up])
     of_point = _classes_of_points(kinds)
@@ -86,7 +86,7 @@ def chart(ds: xr.Dataset, right: str, up: str) -> tuple[hv.Element, dict[str, st
     }
 
 
-def marker(x: float, y: float | None, look: Look) -> hv.Element:
+def marker(x: float, y: float | None, look: Look) -> Any:
     """The point that is shown: a line in a bifurcation diagram, a ring in a chart."""
     if y is None:
         return hv.VLine(x).opts(color=look.chosen, line_width=1)

@@ -2,6 +2,8 @@
 
 import xarray as xr
 
+from .motion import check
+
 
 def explore(ds: xr.Dataset, *, dark: bool = False):
     """Look at a sweep: its diagram, and the motion at the point that is clicked.
@@ -32,6 +34,7 @@ def explore(ds: xr.Dataset, *, dark: bool = False):
         page = vx.explore(ds)
         ```
     """
+    check(ds)
     try:
         from .page import page_of
     except ImportError as error:

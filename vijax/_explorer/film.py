@@ -76,4 +76,6 @@ def frames_of(motion: Motion) -> dict[str, Any]:
 
 def _rounded(a: np.ndarray) -> list:
     """Numbers short enough to be sent, None where there are none."""
-    return np.where(np.isnan(a), None, a.round(_DIGITS).astype(object)).tolist()
+    told = a.round(_DIGITS).astype(object)
+    told[np.isnan(a)] = None
+    return told.tolist()

@@ -61,6 +61,18 @@ class Motion(NamedTuple):
         return np.asarray(self.solution.x1), np.asarray(self.solution.v1)
 
 
+def check(ds: xr.Dataset) -> None:
+    """Refuse what cannot be explored."""
+    if "result" not in ds or not swept_of(ds):
+        raise ValueError("The explorer shows what `vx.sweep` returned, over one swept quantity or more.")
+    system_of(ds)
+
+
+def swept_of(ds: xr.Dataset) -> list[str]:
+    """The swept quantities."""
+    return [str(dim) for dim in ds["result"].dims if dim != "direction"]
+
+
 def point_at(ds: xr.Dataset, place: Mapping[str, object]) -> xr.Dataset:
     """The one point of a sweep that is nearest to some values of what is swept.
 

@@ -7,12 +7,13 @@ import holoviews as hv
 import numpy as np
 import panel as pn
 import xarray as xr
+from holoviews.streams import Pipe, Tap
 
 from .._sweep.provenance import system_of
 from .diagram import chart, direction_near, impacts, marker, plain
 from .film import film_of, frames_of
 from .look import DARK, LIGHT, Look
-from .motion import Motion, motion_at, numbers_to_change, point_at
+from .motion import Motion, check, motion_at, numbers_to_change, point_at, swept_of
 from .pictures import DPI, SIZE, pictures_of, words_of_multipliers
 
 _TITLE = "vijax"
@@ -31,18 +32,6 @@ def serve(ds: xr.Dataset, *, port: int, show: bool, dark: bool) -> None:
     check(ds)
     pn.config.raw_css = [f"body {{ background: {(DARK if dark else LIGHT).page} }}"]
     pn.serve(lambda: page_of(ds, dark=dark), port=port, show=show, title=_TITLE)
-
-
-def check(ds: xr.Dataset) -> None:
-    """Refuse what cannot be explored."""
-    if "result" not in ds or not swept_of(ds):
-        raise ValueError("The explorer shows what `vx.sweep` returned, over one swept quantity or more.")
-    system_of(ds)
-
-
-def swept_of(ds: xr.Dataset) -> list[str]:
-    """The swept quantities."""
-    return [str(dim) for dim in ds["result"].dims if dim != "direction"]
 
 
 class Explorer:
@@ -96,7 +85,7 @@ class Explorer:
 
     def _make_widgets(self) -> None:
         """Sliders of what the diagram does not show, the stop, the mass, and the parameter that is changed."""
-        self.sliders = [
+        self.sliders: list[pn.widgets.Widget] = [
             pn.widgets.DiscreteSlider(
                 name=plain(dim), options=self.ds[dim].values.tolist(), value=float(self.place[dim])
             )
@@ -158,7 +147,7 @@ class Explorer:
 
     # The diagram
 
-    def _diagram(self) -> hv.Overlay:
+    def _diagram(self) -> Any:
         """The diagram with what marks the chosen point, and listens to clicks."""
         ds = (
             self.ds.sel({dim: self.place[dim] for dim in self.swept[2:]}, method="nearest")
@@ -171,9 +160,9 @@ class Explorer:
             ds = ds.sel(direction=self.place["direction"]) if "direction" in self.place else ds
             drawn, colors = chart(ds, *self.drawn)
             self.legend.object = _legend(colors, self.look)
-        self.marker = hv.streams.Pipe(data=self._chosen())
-        marked = hv.DynamicMap(lambda data: marker(*data, self.look), streams=[self.marker])
-        self.tap = hv.streams.Tap(source=marked, x=None, y=None)
+        self.marker = Pipe(data=self._chosen())
+        marked = hv.DynamicMap(lambda data: marker(data[0], data[1], self.look), streams=[self.marker])
+        self.tap = Tap(source=marked, x=None, y=None)
         self.tap.add_subscriber(self._click)
         style = {
             "bgcolor": self.look.page,

@@ -1,4 +1,4 @@
-"""Pictures of sweeps, trajectories and periodic orbits; the only folder that imports matplotlib.
+"""Pictures of sweeps, trajectories and periodic orbits, drawn by matplotlib.
 
 Every function draws into the axes it is given, or into new ones, and returns them. Units are those
 in which the machine was described, so the axes name the kind of unit alone. Colours differ in
