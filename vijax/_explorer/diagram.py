@@ -19,6 +19,7 @@ from .._attractors.classify import classify
 from ..plot._axes import label
 from ..plot._regions import _classes_of_points, _colors
 from .look import Look
+from .motion import nearest
 
 hv.extension("bokeh")
 
@@ -96,7 +97,7 @@ def marker(x: float, y: float | None, look: Look) -> Any:
 
 def direction_near(ds: xr.Dataset, path: str, stop: int, at: Mapping[str, float]) -> str:
     """Of a sweep up and down, the direction whose impacts at a stop are nearer to a place in the diagram."""
-    point = ds.sel({path: at["x"]}, method="nearest")
+    point = nearest(ds, path, at["x"])
     away = (
         abs(point["impact_velocity"].where(point["impact_stop"] == stop) - at["y"])
         .min("impact")

@@ -1,7 +1,7 @@
 """The motion at one point of a sweep, followed again: what the explorer shows, without any page."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -73,7 +73,7 @@ def swept_of(ds: xr.Dataset) -> list[str]:
     return [str(dim) for dim in ds["result"].dims if dim != "direction"]
 
 
-def point_at(ds: xr.Dataset, place: Mapping[str, object]) -> xr.Dataset:
+def point_at(ds: xr.Dataset, place: Mapping[str, Any]) -> xr.Dataset:
     """The one point of a sweep that is nearest to some values of what is swept.
 
     Args:
@@ -81,14 +81,20 @@ def point_at(ds: xr.Dataset, place: Mapping[str, object]) -> xr.Dataset:
         place: a value for each dimension of its points, "up" or "down" for `direction`.
     """
     for dim in ds["result"].dims:
-        method = None if dim == "direction" else "nearest"
-        ds = ds.sel({dim: place[str(dim)]}, method=method)
+        ds = (
+            ds.sel(direction=place["direction"])
+            if dim == "direction"
+            else nearest(ds, str(dim), place[str(dim)])
+        )
     return ds.load()
 
 
-def motion_at(
-    ds: xr.Dataset, place: Mapping[str, object], changes: Mapping[str, float] | None = None
-) -> Motion:
+def nearest(ds: xr.Dataset, dim: str, value: Any) -> xr.Dataset:
+    """The part of a sweep at the nearest value of a swept quantity; the values may stand in any order."""
+    return ds.isel({dim: int(np.abs(ds[dim].values - value).argmin())})
+
+
+def motion_at(ds: xr.Dataset, place: Mapping[str, Any], changes: Mapping[str, float] | None = None) -> Motion:
     """Follow the motion of a point of a sweep again, perhaps with other parameters.
 
     It goes on from where the sweep ended, so it is the motion that the sweep found, also where several coexist; with

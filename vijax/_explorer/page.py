@@ -4,7 +4,6 @@ import html
 from typing import Any
 
 import holoviews as hv
-import numpy as np
 import panel as pn
 import xarray as xr
 from holoviews.streams import Pipe, Tap
@@ -13,7 +12,7 @@ from .._sweep.provenance import system_of
 from .diagram import chart, direction_near, impacts, marker, plain
 from .film import film_of, frames_of
 from .look import DARK, LIGHT, Look
-from .motion import Motion, check, motion_at, numbers_to_change, point_at, swept_of
+from .motion import Motion, check, motion_at, nearest, numbers_to_change, point_at, swept_of
 from .pictures import DPI, SIZE, pictures_of, words_of_multipliers
 
 _TITLE = "vijax"
@@ -149,11 +148,9 @@ class Explorer:
 
     def _diagram(self) -> Any:
         """The diagram with what marks the chosen point, and listens to clicks."""
-        ds = (
-            self.ds.sel({dim: self.place[dim] for dim in self.swept[2:]}, method="nearest")
-            if self.swept[2:]
-            else self.ds
-        )
+        ds = self.ds
+        for dim in self.swept[2:]:
+            ds = nearest(ds, dim, self.place[dim])
         if len(self.drawn) == 1:
             drawn = impacts(ds, self.drawn[0], self.stop.value, self.look)
         else:
@@ -188,11 +185,9 @@ class Explorer:
             return
         place = {}
         for dim, value in zip(self.drawn, (x, y), strict=False):
-            values = self.ds[dim].values
-            place[dim] = values[np.abs(values - value).argmin()]
+            place[dim] = nearest(self.ds, dim, value)[dim].values
         if "direction" in self.place and len(self.drawn) == 1:
-            chosen = self.ds.sel({dim: self.place[dim] for dim in self.swept[1:]}, method="nearest")
-            place["direction"] = direction_near(chosen, self.drawn[0], self.stop.value, {"x": x, "y": y})
+            place["direction"] = direction_near(self.ds, self.drawn[0], self.stop.value, {"x": x, "y": y})
         self._choose(place)
 
     def _colour_axes(self, plot: Any, element: Any) -> None:
