@@ -12,7 +12,7 @@ import xarray as xr
 
 import vijax as vx
 from vijax._execution.points import Point, points_of_lanes
-from vijax._system.parameters import force_parameters
+from vijax._system.parameters import force_parameters, set_parameter
 from vijax._system.system import with_args
 
 # Two computations of the same bits apart from the order of sums in a batch.
@@ -100,6 +100,8 @@ def test_a_number_of_args_is_swept_by_its_name(force, args, path, by_force):
     assert ds.result.dims == (path,)
     np.testing.assert_allclose(ds.x, by_force.x, rtol=0, atol=ROUNDING)
     np.testing.assert_array_equal(ds.impact_stop, by_force.impact_stop)
+    last = set_parameter(with_args(machine(force), args), path, CUBICS[-1])
+    assert eqx.tree_equal(vx.system_of(ds.isel({path: -1})), last, typematch=True)
 
 
 SYSTEM = with_args(
@@ -158,12 +160,10 @@ def test_values_of_the_wrong_shape_are_refused():
 # The dataset
 
 
-def test_the_dataset_says_what_is_swept_and_refuses_to_build_the_force(by_force):
+def test_the_dataset_says_what_is_swept_and_gives_the_force_back(by_force):
     assert by_force["force.cubic"].attrs == {"long_name": "parameter of the force"}
-    with pytest.raises(
-        ValueError, match=r"the force Spring\(.*law=<function cube>.*\), which no text can hold"
-    ):
-        vx.system_of(by_force.isel({"force.cubic": 0}))
+    found = vx.system_of(by_force.isel({"force.cubic": 2}))
+    assert eqx.tree_equal(found, machine(spring(CUBICS[2])), typematch=True)
 
 
 def test_the_dataset_tells_the_numbers_of_the_force(by_force):

@@ -30,6 +30,7 @@ from ._contact.sticking_region import (
 )
 from ._dataset_attributes import version as _version
 from ._execution.settings import ExecutionSettings as ExecutionSettings
+from ._explorer.explore import explore as explore
 from ._flow.choose import load_diffrax_flow as _load_diffrax_flow
 from ._flow.modal import ModalFlow as ModalFlow
 from ._flow.taylor import TaylorFlow as TaylorFlow
@@ -50,6 +51,7 @@ from ._sweep.provenance import system_of as system_of
 from ._sweep.sweep import sweep as sweep
 from ._system.base import base_excitation as base_excitation
 from ._system.contact import Contact as Contact
+from ._system.files import load as load, save as save
 from ._system.forcing import Harmonic as Harmonic
 from ._system.stop import Stop as Stop
 from ._system.system import ImpactSystem as ImpactSystem, chain as chain
@@ -105,11 +107,13 @@ __all__ = [
     "classify",
     "combine",
     "continuation",
+    "explore",
     "find_periodic_orbits",
     "follow_attractors",
     "impact_configurations",
     "impact_map",
     "keep_compiled",
+    "load",
     "lyapunov_exponents",
     "modal_restitution_matrix",
     "models",
@@ -122,6 +126,7 @@ __all__ = [
     "power_spectrum",
     "restitution_matrix",
     "saltation_matrix",
+    "save",
     "simulate",
     "sticking_region",
     "stroboscopic_map",

@@ -39,7 +39,7 @@ def periodic_orbits(ds: xr.Dataset, *, max_events: Count = 256, progress: bool =
         closing of the cycle, relative to the size of the motion. Where none was found, NaN, False and 0.
 
     Raises:
-        ValueError: if the dataset holds no machine, or one with a `force`.
+        ValueError: if the dataset holds no machine, or one with a `force` that cannot be imported.
 
     Example:
         ```python

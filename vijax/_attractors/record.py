@@ -94,7 +94,7 @@ def machines(source: Solution | xr.Dataset, which: np.ndarray) -> tuple[Machine 
         return jax.tree.map(lambda a: np.asarray(a)[..., None], source.machine), angle
     try:
         system = machines_of(source, tuple(dims_of(source)), which)
-    except ValueError:  # no machine in the attributes, or one with a force
+    except ValueError:  # no machine in the attributes, or one with a force that cannot be imported
         return None, 0.0
     one = jax.device_put(np.ones(1, system.mass.dtype))
     with jax.numpy_rank_promotion("allow"):  # what all points share is broadcast to them

@@ -16,6 +16,7 @@ from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
 from .._orbits.sequence import NOTHING, Sequence
 from .._system.description import build, describe
 from .._system.parameters import set_parameter
+from .._system.system import bound
 from .._trajectory.event_log import IMPACT
 from .family import Family, Place
 from .follow import KINDS, Point, Walk
@@ -189,7 +190,7 @@ def branch_of(family: Family, start: Point, back: Walk, forth: Walk) -> Branch:
 
 def _orbit(point: xr.Dataset) -> PeriodicOrbit:
     """The orbit of one point of a branch."""
-    system = build(json.loads(point.attrs["system"]), point.attrs["dtype"])
+    system = bound(build(json.loads(point.attrs["system"]), point.attrs["dtype"]))
     system = set_parameter(system, point.attrs["path"], point[point.attrs["path"]].values)
     sequence = Sequence(
         point["event_kind"].values, np.maximum(point["event_stop"].values, 0), point["held"].values

@@ -16,7 +16,7 @@ from .._execution.runner import Counts
 from .._flow.interface import AbstractFlow
 from .._system.description import build, describe
 from .._system.parameters import axis_names, force_parameters, is_parameter
-from .._system.system import ImpactSystem
+from .._system.system import ImpactSystem, bound, unbound
 
 
 def origin(
@@ -63,10 +63,11 @@ def system_of(ds: xr.Dataset) -> ImpactSystem:
             it; those that still have several keep the value of the machine that was swept.
 
     Returns:
-        The machine, bit for bit.
+        The machine, bit for bit. A `force` is imported from where it was, and has the `args` of the sweep.
 
     Raises:
-        ValueError: if the attributes hold no machine, or one with a `force`, a function.
+        ValueError: if the attributes hold no machine, or one with a `force` that cannot be imported: a `lambda`, or a
+            function of a notebook or of the main program.
 
     Example:
         ```python
@@ -76,7 +77,7 @@ def system_of(ds: xr.Dataset) -> ImpactSystem:
         sol = vx.simulate(vx.system_of(point), 0.0, 80.0)
         ```
     """
-    return jax.tree.map(lambda a: jnp.asarray(a[..., 0]), machines_of(ds))
+    return unbound(jax.tree.map(lambda a: jnp.asarray(a[..., 0]), machines_of(ds)))
 
 
 def machines_of(
@@ -91,15 +92,16 @@ def machines_of(
         which: the points that are wanted, counted through `dims`; all of them if left out.
 
     Returns:
-        The machines as arrays of NumPy, lanes last; leaves that are the same everywhere have a single one.
+        The machines as arrays of NumPy, lanes last, their forces bound; leaves that are the same everywhere have a
+        single one.
 
     Raises:
-        ValueError: if the attributes hold no machine, or one with a `force`, or if nothing tells what
-            varies along one of `dims`.
+        ValueError: if the attributes hold no machine, or one with a `force` that cannot be imported, or if nothing tells
+            what varies along one of `dims`.
     """
     if "system" not in ds.attrs:
         raise ValueError("Argument `ds` must carry the attributes of `vx.sweep`, but has no `system`.")
-    system = build(json.loads(ds.attrs["system"]), ds.attrs["dtype"])
+    system = bound(build(json.loads(ds.attrs["system"]), ds.attrs["dtype"]))
     start = np.zeros(system.num_masses, ds.attrs["dtype"])
     base, sizes = Point(system, start, start), [ds.sizes[dim] for dim in dims]
     which = np.arange(math.prod(sizes)) if which is None else which

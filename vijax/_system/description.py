@@ -1,4 +1,4 @@
-"""A machine as lists, numbers and words, such as JSON keeps, and back."""
+"""A machine as tables, lists, numbers and words, such as JSON and TOML keep, and back."""
 
 from typing import Any
 
@@ -7,21 +7,24 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from .contact import Contact
-from .force import name_of_force
+from .force_description import build_force, describe_force
 from .forcing import Harmonic
 from .stop import Stop
 from .system import ImpactSystem
 
 _ARRAYS, _OF_FORCING = ("mass", "damping", "stiffness"), ("amplitude", "frequency", "phase", "mean")
+_OF_MOTION = tuple(name for name in _OF_FORCING if name != "frequency")
+_OF_LIMIT = "position", "restitution"
 
 
 def describe(system: ImpactSystem) -> dict[str, Any]:
-    """All that a machine is made of. Floats are Python's, which JSON returns bit for bit.
+    """All that a machine is made of. Floats are Python's, which JSON and TOML return bit for bit.
 
-    A force is told by its name alone.
+    A force is told by where it is imported from, and its numbers; one that no import finds by its name alone.
     """
     return {
         **{name: np.asarray(getattr(system, name)).tolist() for name in _ARRAYS},
+        **describe_force(system.force),
         "forcing": _lists(system.forcing),
         "stops": [
             _place(stop)
@@ -32,25 +35,23 @@ def describe(system: ImpactSystem) -> dict[str, Any]:
             }
             for stop in system.stops
         ],
-        "force": None if system.force is None else name_of_force(system.force),
     }
 
 
 def build(description: dict[str, Any], dtype: DTypeLike) -> ImpactSystem:
-    """The machine of a description, in numbers of type `dtype`.
+    """The machine of a description, in numbers of type `dtype`; its force is bound to `args`, if there are.
 
     Raises:
-        ValueError: for a machine with a force.
+        ValueError: for a description that makes no machine, or of a force that cannot be imported.
     """
-    if description.get("force") is not None:
-        raise ValueError(
-            f"The machine has the force {description['force']}, which no text can hold: build the machine "
-            "as it was built for the sweep."
-        )
-    arrays = {name: np.asarray(description[name], dtype) for name in _ARRAYS}
-    forcing = Harmonic(**{name: np.asarray(description["forcing"][name], dtype) for name in _OF_FORCING})
-    stops = [_stop(stop, forcing, dtype) for stop in description["stops"]]
-    system = ImpactSystem(**arrays, forcing=forcing, stops=stops)
+    _check_names("The machine", description, (*_ARRAYS, "forcing"), ("stops", "force", "args"))
+    arrays = {name: _array(name, description[name], dtype) for name in _ARRAYS}
+    forcing = Harmonic(**_numbers("forcing", description["forcing"], ("amplitude", "frequency"), dtype))
+    told = description.get("stops", [])
+    if not isinstance(told, list):
+        raise ValueError(f"`stops` must be a list of tables, but is {told!r}.")
+    stops = [_stop(f"stops[{j}]", lists, forcing, dtype) for j, lists in enumerate(told)]
+    system = ImpactSystem(**arrays, forcing=forcing, stops=stops, force=build_force(description))
     # Made in the precision that JAX is set to, which holds every number of a narrower one.
     narrow = jax.dtypes.canonicalize_dtype(dtype)
     return jax.tree.map(lambda a: a.astype(narrow), system)
@@ -60,16 +61,29 @@ def _place(stop: Stop | Contact) -> dict[str, Any]:
     """The mass and side of a stop, the row of a contact."""
     if isinstance(stop, Stop):
         return {"mass": stop.mass, "side": stop.side}
-    return {"row": [[i, float(a)] for i, a in stop.coefficients.items()]}
+    return {"row": {str(i): float(a) for i, a in stop.coefficients.items()}}
 
 
-def _stop(lists: dict[str, Any], forcing: Harmonic, dtype: DTypeLike) -> Stop | Contact:
-    position, restitution = (np.asarray(lists[name], dtype) for name in ("position", "restitution"))
-    motion = _motion(lists.get("motion"), forcing, dtype)
-    if "row" in lists:
-        row = {i: np.asarray(a, dtype) for i, a in lists["row"]}
-        return Contact(row, position, restitution, motion)
-    return Stop(lists["mass"], position, lists["side"], restitution, motion)
+def _stop(name: str, lists: Any, forcing: Harmonic, dtype: DTypeLike) -> Stop | Contact:
+    own = ("row",) if isinstance(lists, dict) and "row" in lists else ("mass", "side")
+    _check_names(f"`{name}`", lists, (*own, *_OF_LIMIT), ("motion",))
+    values = {a: _array(f"{name}.{a}", lists[a], dtype) for a in _OF_LIMIT}
+    motion = _motion(f"{name}.motion", lists.get("motion"), forcing, dtype)
+    try:
+        if "row" not in lists:
+            return Stop(lists["mass"], side=lists["side"], motion=motion, **values)
+        return Contact(_row(f"{name}.row", lists["row"], dtype), motion=motion, **values)
+    except ValueError as error:
+        raise ValueError(f"In `{name}`: {error}") from error
+
+
+def _row(name: str, told: Any, dtype: DTypeLike) -> dict[int, np.ndarray]:
+    """The coefficients of a contact, whose masses text counts by words."""
+    if not isinstance(told, dict) or not all(str(i).isdecimal() for i in told):
+        raise ValueError(
+            f"`{name}` must be a table of coefficients by the numbers of masses, but is {told!r}."
+        )
+    return {int(i): _array(f"{name}.{i}", a, dtype) for i, a in told.items()}
 
 
 def _lists(harmonic: Harmonic) -> dict[str, Any]:
@@ -78,7 +92,41 @@ def _lists(harmonic: Harmonic) -> dict[str, Any]:
     return {name: np.asarray(value).tolist() for name, value in values if value is not None}
 
 
-def _motion(lists: dict[str, Any] | None, forcing: Harmonic, dtype: DTypeLike) -> Harmonic | None:
+def _motion(name: str, lists: Any, forcing: Harmonic, dtype: DTypeLike) -> Harmonic | None:
     if lists is None:
         return None
-    return Harmonic(frequency=forcing.frequency, **{name: np.asarray(a, dtype) for name, a in lists.items()})
+    return Harmonic(frequency=forcing.frequency, **_numbers(name, lists, ("amplitude",), dtype, _OF_MOTION))
+
+
+def _numbers(
+    name: str, lists: Any, needed: tuple[str, ...], dtype: DTypeLike, known: tuple[str, ...] = _OF_FORCING
+) -> dict[str, np.ndarray]:
+    """The arrays of a table."""
+    _check_names(f"`{name}`", lists, needed, known)
+    return {key: _array(f"{name}.{key}", a, dtype) for key, a in lists.items()}
+
+
+def _array(name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
+    """Numbers in lists as an array."""
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        array = np.asarray(None)
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"`{name}` must be a number, or lists of numbers of one length, but is {value!r}.")
+    return array.astype(dtype)
+
+
+def _check_names(name: str, lists: Any, needed: tuple[str, ...], others: tuple[str, ...] = ()) -> None:
+    """Refuse a table that lacks something, or has something that is not known: it may be misspelt."""
+    if not isinstance(lists, dict):
+        raise ValueError(f"{name} must be a table, but is {lists!r}.")
+    missing, unknown = (
+        [a for a in needed if a not in lists],
+        [a for a in lists if a not in (*needed, *others)],
+    )
+    known = ", ".join(f"`{a}`" for a in dict.fromkeys((*needed, *others)))
+    if missing:
+        raise ValueError(f"{name} has no `{missing[0]}`: it has {known}.")
+    if unknown:
+        raise ValueError(f"{name} has `{unknown[0]}`, which is not known: there are {known}.")

@@ -51,8 +51,12 @@ def name_of_force(force: Callable) -> str:
     if isinstance(force, BoundForce):
         args = "" if force.args is None else f" with args {eqx.tree_pformat(force.args, width=10**6)}"
         return name_of_force(force.force) + args
-    whole = eqx.combine(force.numbers, force.rest) if isinstance(force, _Frozen) else force
-    return eqx.tree_pformat(whole, width=10**6)
+    return eqx.tree_pformat(whole_force(force), width=10**6)
+
+
+def whole_force(force: Callable) -> Callable:
+    """A force as the user gave it, its numbers arrays."""
+    return eqx.combine(force.numbers, force.rest) if isinstance(force, _Frozen) else force
 
 
 class BoundForce(eqx.Module):
@@ -85,10 +89,12 @@ def bind(force: Callable | None, args: PyTree, num_masses: int) -> BoundForce | 
     """Give a force its `args`, and refuse what cannot be a force.
 
     Args:
-        force: of a machine, or None.
+        force: of a machine, or None. One that is bound keeps its `args` unless there are others.
         args: numbers and arrays in any nesting, or None.
         num_masses: n.
     """
+    if isinstance(force, BoundForce):
+        force, args = force.force, force.args if args is None else args
     if force is None:
         if args is not None:
             raise ValueError("Argument `args` is passed to `force`, but the machine has no `force`.")

@@ -13,7 +13,7 @@ from .._refusal import checked
 from .._types import Numbers, as_float, concrete, in_full_precision
 from .checks import POSITIVE, check_definite, check_one, check_semidefinite, check_slots, move_alike
 from .contact import Contact
-from .force import as_force, bind, name_of_force
+from .force import BoundForce, as_force, bind, name_of_force
 from .forcing import Harmonic
 from .stop import Stop
 
@@ -188,8 +188,21 @@ def with_args(system: ImpactSystem, args: object) -> ImpactSystem:
     if any(stop.motion is not None and stop.motion.frequency is not None for stop in system.stops):
         same = _of_one_frequency(system.forcing, system.stops)
         system = eqx.tree_at(lambda s: (s.forcing, s.stops), system, same)
+    return bound(system, args)
+
+
+def bound(system: ImpactSystem, args: object = None) -> ImpactSystem:
+    """The machine with its force bound to `args`, or to those that it has; all else as it is."""
     force = bind(system.force, args, system.num_masses)
     return system if force is None else eqx.tree_at(lambda s: s.force, system, force)
+
+
+def unbound(system: ImpactSystem) -> ImpactSystem:
+    """The machine with its force as the user gave it, where that has no `args`."""
+    force = system.force
+    if not isinstance(force, BoundForce) or force.args is not None:
+        return system
+    return eqx.tree_at(lambda s: s.force, system, force.force)
 
 
 def chain(

@@ -1,4 +1,4 @@
-"""Pictures of sweeps, trajectories and periodic orbits; the only folder that imports matplotlib.
+"""Pictures of sweeps, trajectories and periodic orbits, drawn by matplotlib.
 
 Every function draws into the axes it is given, or into new ones, and returns them. Masses, stops and contacts are counted
 from 0, as in the machine. Units are written as `units=` gives them, and none where it does not. Colours are those of the style

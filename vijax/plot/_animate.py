@@ -93,9 +93,7 @@ def animate(
     sol = solution_of(sol)
     _check_single(sol)
     times = _times(sol, t, span, fps, speed, duration)
-    x, places = _course(sol, times)
-    scheme = scheme_of_solution(sol, places)
-    poses, _ = poses_of(scheme, x, scheme.signs * places, np.array([scheme.load_at(time) for time in times]))
+    scheme, poses, x = course_of(sol, times)
     figure, (top, bottom) = plt.subplots(2, layout="constrained")
     drawing = draw(top, scheme, poses[0], None, {}, fits_axes=False)
     width, height = drawing.size
@@ -182,15 +180,27 @@ def _check_single(sol: Solution) -> None:
         )
 
 
-def _course(sol: Solution, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the masses are, (times, n), and where the stops stand, (times, stops)."""
+def course_of(sol: Solution, times: np.ndarray) -> tuple[Scheme, list[Pose], np.ndarray]:
+    """What is drawn of a machine, in which pose at each time, and where the masses are, (times, n)."""
     x, places = (np.asarray(at(times)[0]) for at in (sol.evaluate, sol.evaluate_stops))
     if not np.isfinite(x).all():
         raise ValueError(
             f"The motion is not known after t = {float(sol.known_until):.6g}: show an earlier `span`, or simulate with "
             "more `max_events`."
         )
-    return x, places
+    scheme = scheme_of_solution(sol, places)
+    load = np.array([scheme.load_at(time) for time in times])
+    poses, _ = poses_of(scheme, x, scheme.signs * places, load)
+    return scheme, poses, x
+
+
+def held_masses(sol: Solution, scheme: Scheme, times: np.ndarray) -> np.ndarray:
+    """Whether stops or contacts hold each mass, (times, n)."""
+    span = float(times[0]), float(times[-1])
+    is_held = np.zeros((len(times), scheme.num_masses), bool)
+    for j, row in enumerate(scheme.rows):
+        is_held |= np.outer(is_held_at(sol, j, *span, times), row != 0)
+    return is_held
 
 
 def _clock(
@@ -224,10 +234,7 @@ def _contacts(
     when, kind, number = (np.asarray(a) for a in (log.t, log.kind, log.stop))
     is_shown = (kind == IMPACT) & (when >= times[0]) & (when <= times[-1])
     struck = [np.searchsorted(times, when[is_shown & (number == j)]) for j in range(len(masses))]
-    span = float(times[0]), float(times[-1])
-    is_held = np.zeros((len(times), scheme.num_masses), bool)
-    for j, row in enumerate(scheme.rows):
-        is_held |= np.outer(is_held_at(sol, j, *span, times), row != 0)
+    is_held = held_masses(sol, scheme, times)
     free = ax.get_facecolor()
 
     def show(frame: int, pose: Pose) -> None:

@@ -1,0 +1,163 @@
+"""The command `vijax`: what is typed, what comes of it, and one sentence for what cannot be done."""
+
+import re
+import subprocess
+import sys
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import xarray as xr
+
+import vijax as vx
+from vijax._command_line.main import main
+from vijax._command_line.values import swept_values
+
+PLACES = "forcing.frequency"
+
+
+@pytest.fixture
+def machine(tmp_path, monkeypatch):
+    """The file of a machine that says itself how it is swept, in the folder where commands are called."""
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "machine.toml"
+    vx.save(vx.models.wagg_bishop_b(0.8), file)
+    sweep = '[sweep]\ntransient = 9\nrecord = 3\nover = {"forcing.frequency" = "0.5:0.7:3"}\n'
+    file.write_text(file.read_text() + sweep)
+    return file
+
+
+@pytest.fixture(scope="module")
+def dataset() -> xr.Dataset:
+    values = {PLACES: [0.5, 0.8, 1.4]}
+    return vx.sweep(vx.models.wagg_bishop_b(0.8), values, transient=4, record=3, progress=False)
+
+
+def test_a_sweep_is_that_of_python_and_what_is_typed_counts_more(machine, capsys):
+    pytest.importorskip("h5netcdf")
+    typed = [
+        "--over",
+        "forcing.frequency=0.5,0.8,1.4",
+        "--transient",
+        "4",
+        "--x0=-0.1,0",
+        "--set",
+        "stops[1].restitution=0.6",
+    ]
+    assert main(["sweep", "machine.toml", "--out", "kept.nc", "--no-progress", *typed]) == 0
+    assert capsys.readouterr().out == "kept.nc: 3 points\n"
+    system = vx.models.wagg_bishop_b(0.8)
+    stops = [system.stops[0], vx.Stop(1, system.stops[1].position, "upper", 0.6)]
+    system = vx.ImpactSystem(system.mass, system.damping, system.stiffness, system.forcing, stops)
+    expected = vx.sweep(
+        system, {PLACES: [0.5, 0.8, 1.4]}, transient=4, record=3, x0=[-0.1, 0.0], progress=False
+    )
+    xr.testing.assert_identical(xr.load_dataset("kept.nc", engine="h5netcdf"), expected)
+
+
+def test_info_tells_of_machines_and_sweeps(machine, dataset, capsys):
+    pytest.importorskip("h5netcdf")
+    dataset.to_netcdf("kept.nc", engine="h5netcdf")
+    assert main(["info", "machine.toml"]) == main(["info", "kept.nc"]) == 0
+    told = capsys.readouterr().out
+    assert told.count("stop 0     mass 0, x >= -0.3, restitution 0.7") == 2
+    assert re.search(r"forcing.frequency +3 values from 0.5 to 1.4\n +successful +3 points", told)
+    assert re.search(r"transient +4\n", told)
+
+
+def test_plot_draws_what_fits_the_file(machine, dataset):
+    pytest.importorskip("h5netcdf")
+    dataset.to_netcdf("kept.nc", engine="h5netcdf")
+    assert main(["plot", "machine.toml", "--out", "machine.png"]) == 0
+    assert (
+        main(["plot", "kept.nc", "--out", "sweep.png", "--stop", "1", "--at", "forcing.frequency=0.6"]) == 0
+    )
+    for name in ("machine.png", "sweep.png"):
+        assert np.ptp(plt.imread(machine.parent / name)) > 0
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("0.5:2:4", [0.5, 1.0, 1.5, 2.0]),
+        ("1:100:3:log", [1.0, 10.0, 100.0]),
+        ("0.5,-2e3", [0.5, -2e3]),
+        ("7", [7.0]),
+        ([1, 2.5], [1.0, 2.5]),
+    ],
+)
+def test_values_are_written_as_ranges_or_with_commas(text, values):
+    np.testing.assert_allclose(swept_values("x", text), values, rtol=1e-15)
+
+
+SWEEP = ["sweep", "machine.toml", "--out", "kept.nc"]
+
+
+@pytest.mark.parametrize(
+    ("typed", "sentence"),
+    [
+        (["sweep", "nowhere.toml", "--out", "kept.nc"], "No such file"),
+        (["sweep", "machine.toml"], "Say with --out"),
+        (["sweep", "kept.nc", "--out", "more.nc"], "must be a machine"),
+        (["sweep", "machine.toml", "--out", "kept.txt"], "end in .nc (NetCDF) or .zarr (Zarr)"),
+        (["sweep", "machine.toml", "--out", "nowhere/kept.nc"], "make the folder"),
+        ([*SWEEP, "--over", "forcing.frequency"], "must be PATH=VALUES"),
+        ([*SWEEP, "--over", "forcing.frequency=0:1"], "must be first:last:points"),
+        ([*SWEEP, "--over", "forcing.frequency=0:1:9:log"], "only if neither is zero"),
+        ([*SWEEP, "--over", "omega=1"], "The path `omega` names nothing"),
+        ([*SWEEP, "--set", "stops[0].restitution=2"], "must lie between 0"),
+        ([*SWEEP, "--x0", "0"], "Argument `x0` must have shape (2,)"),
+        (["info", "nowhere.nc"], "There is no nowhere.nc"),
+        (["plot", "nowhere.nc", "--out", "kept.png"], "There is no nowhere.nc"),
+    ],
+)
+def test_what_cannot_be_done_is_told_in_a_sentence(machine, capsys, typed, sentence):
+    assert main(typed) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"vijax {typed[0]}: error: ")
+    assert sentence in told
+    assert len(told.splitlines()) == 1
+    assert [file.name for file in machine.parent.iterdir()] == ["machine.toml"]
+
+
+def test_a_table_that_is_not_known_is_told(machine, capsys):
+    machine.write_text(machine.read_text().replace("transient", "transients"))
+    assert main(SWEEP) == 2
+    assert "`sweep` has `transients`, which is not known" in capsys.readouterr().err
+
+
+def test_a_sweep_that_is_stopped_says_what_is_kept(machine, capsys, monkeypatch):
+    def stopped(*args, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("vijax._command_line.sweeping.sweep", stopped)
+    assert main([*SWEEP, "--store", "kept"]) == 130
+    assert "kept in kept, and the same command goes on from there" in capsys.readouterr().err
+    assert main(SWEEP) == 130
+    assert "nothing is kept" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [[], ["sweep"], ["info"], ["plot"], ["explore"]])
+def test_every_command_has_help(command, capsys):
+    with pytest.raises(SystemExit) as end:
+        main([*command, "--help"])
+    assert end.value.code == 0
+    assert "usage: vijax" in capsys.readouterr().out
+
+
+@pytest.mark.thorough
+def test_the_command_runs_as_a_module_and_takes_forces_from_beside_the_file(tmp_path):
+    (tmp_path / "springs.py").write_text("def cubic(t, x, v, args):\n    return -args['k'] * x**3\n")
+    (tmp_path / "machine.toml").write_text(
+        'mass = [1.0]\ndamping = [[0.1]]\nstiffness = [[1.0]]\nforce = "springs:cubic"\nargs = {k = 1.0}\n'
+        'stops = [{mass = 0, side = "upper", position = 0.5, restitution = 0.7}]\n'
+        "[forcing]\namplitude = [0.6]\nfrequency = 0.9\n"
+    )
+    command = ["sweep", tmp_path / "machine.toml", "--out", tmp_path / "kept.nc", "--over", "args.k=0.5,1"]
+    counts = ["--transient", "2", "--record", "3", "--no-progress"]
+    done = subprocess.run([sys.executable, "-m", "vijax", *command, *counts], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    ds = xr.load_dataset(tmp_path / "kept.nc", engine="h5netcdf")
+    assert (ds.result == 0).all()
+    assert ds.x.dtype == np.float64
+    assert float(ds.x[0, 0]) != float(ds.x[1, 0])

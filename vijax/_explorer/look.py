@@ -1,0 +1,38 @@
+"""Colours and styles of the page, light and dark."""
+
+from contextlib import AbstractContextManager
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+
+
+class Look(NamedTuple):
+    """Colours of the page, and of what is drawn on it.
+
+    Attributes:
+        is_dark: light on dark.
+        page: the background.
+        ink: lines and words.
+        faint: of less importance.
+        up: points of a sweep in one direction, or upwards.
+        down: those downwards, and what is held.
+        chosen: the point that is shown.
+    """
+
+    is_dark: bool
+    page: str
+    ink: str
+    faint: str
+    up: str
+    down: str
+    chosen: str
+
+    def style(self) -> AbstractContextManager:
+        """The style of matplotlib in which pictures are drawn."""
+        colors = {f"{part}.facecolor": self.page for part in ("figure", "axes", "savefig")}
+        own = {"font.size": 9.0, "legend.fontsize": 8.0} | colors
+        return plt.style.context(["dark_background", own] if self.is_dark else ["default", own])
+
+
+LIGHT = Look(False, "#ffffff", "#1a1a1a", "#8a8a8a", "#10264f", "#f59b42", "#d62728")
+DARK = Look(True, "#181818", "#e6e6e6", "#8a8a8a", "#bcd4ff", "#d9731a", "#ff6b6b")

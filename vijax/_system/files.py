@@ -1,0 +1,119 @@
+"""Machines as files that people read and write: TOML or JSON."""
+
+import json
+import os
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from .description import build, describe
+from .force_description import check_force_is_told
+from .system import ImpactSystem, with_args
+
+# What files of the command line hold beside a machine.
+_BESIDE = ("sweep",)
+
+
+def save(system: ImpactSystem, file: str | os.PathLike[str], *, args: object = None) -> None:
+    """Write a machine to a file, from which `load` makes it again, bit for bit.
+
+    All that it is made of is named as in Python: `mass`, `damping`, `stiffness`, a table `forcing`, one for each of
+    `stops`. A `force` is told by where it is imported from, `"package.module:function"`, an `eqx.Module` with its fields;
+    nothing of its code goes into the file.
+
+    Args:
+        system: the machine.
+        file: where to write it, by its ending: `.toml` or `.json`. A file of that name is replaced.
+        args: what is passed to the `force` of the machine, which the file then holds too.
+
+    Raises:
+        ValueError: for another ending, a batch of machines, or a force that cannot be imported.
+
+    Example:
+        ```python
+        import vijax as vx
+        vx.save(vx.models.wagg_bishop_b(0.8), "machine.toml")
+        system = vx.load("machine.toml")
+        ```
+    """
+    path = _checked(file)
+    if args is not None:
+        system = with_args(system, args)
+    description = describe(system)
+    check_force_is_told(description)
+    build(description, system.mass.dtype)  # refuses what would not come back, a batch for instance
+    path.write_text(_text(path, _without_none(description)), encoding="utf-8")
+
+
+def load(file: str | os.PathLike[str]) -> ImpactSystem:
+    """Make the machine of a file that `save`, or somebody by hand, has written.
+
+    Of a load `phase` and `mean` may be left out, of a stop its `motion`, and `stops` altogether. A stop has
+    a `mass` and a `side`, a contact a `row`, a table of coefficients by the numbers of masses. A table `sweep`, see
+    `python -m vijax sweep --help`, is not looked at.
+
+    A `force` is imported, which runs its module: load only what you trust. If the file holds `args` too, the
+    machine has them, and `simulate`, `sweep` and all others use them unless they are given others.
+
+    Args:
+        file: by its ending TOML or JSON.
+
+    Returns:
+        The machine, in the precision that JAX is set to.
+
+    Raises:
+        ValueError: for another ending, a file that makes no machine, with the place and the remedy, or a force that
+            cannot be imported.
+        OSError: if the file cannot be read.
+
+    Example:
+        ```python
+        import vijax as vx
+        vx.save(vx.models.wagg_bishop_b(0.8), "machine.json")
+        sol = vx.simulate(vx.load("machine.json"), 0.0, 80.0)
+        ```
+    """
+    return machine_of_table(read_table(file), file)
+
+
+def machine_of_table(table: dict[str, Any], file: str | os.PathLike[str]) -> ImpactSystem:
+    """The machine of a file that is read."""
+    try:
+        return build({name: a for name, a in table.items() if name not in _BESIDE}, "float64")
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from error
+
+
+def read_table(file: str | os.PathLike[str]) -> dict[str, Any]:
+    """What a file of TOML or JSON holds."""
+    path = _checked(file)
+    try:
+        text = path.read_text(encoding="utf-8")
+        table = json.loads(text) if path.suffix.lower() == ".json" else tomllib.loads(text)
+    except ValueError as error:  # of both formats, and of text that is none
+        raise ValueError(f"{file} cannot be read as {path.suffix[1:].upper()}: {error}") from error
+    if not isinstance(table, dict):
+        raise ValueError(f"{file} must hold a machine, a table, but holds {type(table).__name__}.")
+    return table
+
+
+def _text(path: Path, table: dict[str, Any]) -> str:
+    if path.suffix.lower() == ".json":
+        return json.dumps(table, indent=1) + "\n"
+    import tomlkit  # needed here alone
+
+    return tomlkit.dumps(table)
+
+
+def _checked(file: str | os.PathLike[str]) -> Path:
+    path = Path(file)
+    if path.suffix.lower() not in (".toml", ".json"):
+        raise ValueError(f"Files of machines end in .toml or .json, but this is {str(path)!r}.")
+    return path
+
+
+def _without_none(value: Any) -> Any:
+    """Tables without what they do not have, for which TOML has no word."""
+    if isinstance(value, dict):
+        return {name: _without_none(a) for name, a in value.items() if a is not None}
+    return [_without_none(a) for a in value] if isinstance(value, list) else value
