@@ -24,7 +24,7 @@ extensions = [
 ]
 exclude_patterns = ["extensions", "templates"]
 templates_path = ["templates"]
-myst_enable_extensions = ["colon_fence"]
+myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3  # links to headings, as they work in the repository
 nb_execution_mode = "off"  # notebooks are stored with their outputs
 
@@ -35,6 +35,7 @@ autodoc_default_options = {"members": True}
 napoleon_numpy_docstring = False
 napoleon_attr_annotations = False
 add_module_names = False
+toc_object_entries_show_parents = "hide"
 python_use_unqualified_type_names = True
 
 # Links into other libraries; those that cannot be looked up are no fault of these pages.

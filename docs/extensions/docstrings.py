@@ -1,6 +1,6 @@
-"""Docstrings as they are read in an editor, turned into what Sphinx reads.
+"""Docstrings as they are read in an editor, turned into what Sphinx reads; names of the library in pages, as links.
 
-They hold fenced code and single backticks, as Markdown has them. Fences become code blocks; what stands in backticks
+Docstrings hold fenced code and single backticks, as Markdown has them. Fences become code blocks; what stands in backticks
 becomes a link where it names something of the library, or of one of those whose pages are linked, and code elsewhere.
 """
 
@@ -28,6 +28,7 @@ _RETURNED |= {
 def setup(app):
     app.connect("autodoc-process-docstring", _process, priority=100)  # before napoleon
     app.connect("autodoc-process-signature", _tell_returned)
+    app.connect("source-read", _link_names)
     return {"parallel_read_safe": True}
 
 
@@ -62,12 +63,29 @@ def translated(lines: list[str]) -> list[str]:
 
 def _link(match: re.Match) -> str:
     text = match[1].replace(" . ", " · ")  # a full stop and a blank would end the summary of a docstring
+    target = _target(text)
+    return f":py:obj:`{text} <{target}>`" if target else f"``{text}``"
+
+
+def _target(text: str) -> str | None:
+    """What a piece of code names or calls: something of the library, or of one whose pages are linked."""
     first, _, rest = text.partition("(")[0].partition(".")
     target = f"{_ABBREVIATED.get(first, first)}.{rest}"
     known = target.startswith("vijax.") and _is_public(target)
-    if known or re.fullmatch(rf"({'|'.join(_LINKED)})(\.\w+)+", target):
-        return f":py:obj:`{text} <{target}>`"
-    return f"``{text}``"
+    return target if known or re.fullmatch(rf"({'|'.join(_LINKED)})(\.\w+)+", target) else None
+
+
+def _link_names(app, docname, source):
+    """Link what pages in Markdown name of the library; code blocks stay as they are."""
+    if str(app.env.doc2path(docname)).endswith(".md"):
+        blocks = re.split(r"(^```.*?^```$)", source[0], flags=re.M | re.S)
+        blocks[::2] = [re.sub(r"(?<!`)`(vx\.[^`<>]+)`(?!`)", _role, block) for block in blocks[::2]]
+        source[0] = "".join(blocks)
+
+
+def _role(match: re.Match) -> str:
+    target = _target(match[1])
+    return f"{{py:obj}}`{match[1]} <{target}>`" if target else match[0]
 
 
 def _is_public(path: str) -> bool:
