@@ -60,23 +60,32 @@ def _cards(notebook: dict, name: str, pictures: Path) -> tuple[str, list[str]]:
         for level, words in re.findall(r"^(#+) (?:\d+\. )?(.*)$", source, re.M):
             if cell["cell_type"] == "markdown":
                 title, heading = (words, words) if level == "#" else (title, words)
-        outputs = [
-            out["data"]["image/png"] for out in cell.get("outputs", []) if "image/png" in out.get("data", {})
-        ]
-        for output in outputs:
+        for ending, picture in _pictures(cell):
             place = f"{name}-picture-{len(cards) + 1}"
-            (pictures / f"{place}.png").write_bytes(base64.b64decode(output))
+            file = pictures / f"{place}.{ending}"
+            file.write_bytes(base64.b64decode(picture))
             cells.append({"cell_type": "markdown", "id": place, "metadata": {}, "source": f"({place})="})
             functions = dict.fromkeys(re.findall(r"vx\.plot\.(\w+)\(", source))
             drawn_by = ", ".join(f"{{py:func}}`plot.{f} <vijax.plot.{f}>`" for f in functions) or "matplotlib"
             cards.append(
                 _CARD.format(
-                    title=heading, picture=f"gallery/{place}.png", name=name, place=place, drawn_by=drawn_by
+                    title=heading, picture=f"gallery/{file.name}", name=name, place=place, drawn_by=drawn_by
                 )
             )
         cells.append(cell)
     notebook["cells"] = cells
     return title, cards
+
+
+def _pictures(cell: dict) -> list[tuple[str, str]]:
+    """What a cell shows as a picture or a film: the ending of its file, and what is in it."""
+    shown = (output.get("data", {}) for output in cell.get("outputs", []))
+    return [
+        (ending, data[kind])
+        for data in shown
+        for ending in ("png", "gif")
+        if (kind := f"image/{ending}") in data
+    ]
 
 
 def _turn_links(app, name, source):
