@@ -9,6 +9,8 @@ from helpers import counted
 
 import vijax as vx
 
+pytestmark = pytest.mark.thorough
+
 AMPLITUDE, FREQUENCY = "forcing.amplitude[0]", "forcing.frequency"
 # Room for all events of orbits of one mass, in all files: one program.
 ROOM = 32
@@ -188,10 +190,6 @@ def test_machines_of_another_make_have_no_value(doubled):
         vx.bifurcation_value(doubled.bifurcations[0], vx.models.wagg_bishop_b(0.9))
 
 
-# Longer ones
-
-
-@pytest.mark.thorough
 def test_curves_of_two_parameters(doubled):
     bounds = {AMPLITUDE: (0.1, 0.5), FREQUENCY: (0.8, 0.9)}
     grazing, doubling = doubled.bifurcations
@@ -209,7 +207,6 @@ def test_curves_of_two_parameters(doubled):
         vx.bifurcation_curve(doubling, FREQUENCY, {AMPLITUDE: (0.1, 0.5)}, progress=False)
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("frequency", "kind", "amplitude", "speed"),
     [
@@ -229,7 +226,6 @@ def test_published_points_at_other_frequencies(doubled, frequency, kind, amplitu
     assert np.nanmin(np.abs(point.orbit.events.velocity_minus - speed)) < 1e-10
 
 
-@pytest.mark.thorough
 def test_case_a_through_all_its_changes():
     orbit = vx.periodic_orbit(vx.models.wagg_bishop_a(0.8), [0.18, 0.09], [0.33, 0.52])
     branch = follow(orbit, FREQUENCY, 0.4, 2.0)
@@ -243,7 +239,6 @@ def test_case_a_through_all_its_changes():
         assert value == pytest.approx(expected, abs=1e-10)
 
 
-@pytest.mark.thorough
 def test_case_b_a_fold_and_a_doubling_close_together():
     system = vx.models.wagg_bishop_b(1.2)
     sol = vx.simulate(system, 0.0, 200 * system.forcing.period, max_events=4000)
@@ -253,7 +248,6 @@ def test_case_b_a_fold_and_a_doubling_close_together():
     assert 4.5e-6 < doubling.value - fold.value < 5.5e-6
 
 
-@pytest.mark.thorough
 def test_sticking_orbits_to_where_their_sticks_vanish():
     system = vx.models.wagg_bishop_b(0.65)
     sol = vx.simulate(system, 0.0, 200 * system.forcing.period, max_events=40_000)
@@ -264,7 +258,6 @@ def test_sticking_orbits_to_where_their_sticks_vanish():
     assert doubling.value == pytest.approx(0.6655881174, abs=1e-8)
 
 
-@pytest.mark.thorough
 @pytest.mark.slow
 def test_all_branches_of_a_sweep_are_found_once():
     swept = {FREQUENCY: np.linspace(0.7, 1.2, 24)}

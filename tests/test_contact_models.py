@@ -256,6 +256,7 @@ def test_the_frequencies_of_a_cantilever_tend_to_those_of_the_beam_from_above():
     np.testing.assert_allclose(np.log2(errors[0] / errors[1]), ORDER, atol=0.1)
 
 
+@pytest.mark.thorough
 def test_a_beam_that_loses_nothing_keeps_its_energy_through_impacts():
     beam = vx.models.cantilever(1.0, 0.0, num_elements=2, restitution=1.0, damping_ratio=0.0, position=0.05)
     start = np.array([-0.1, -0.3, -0.3, -0.5])
@@ -317,6 +318,7 @@ def test_elastic_beads_between_walls_are_points_that_pass_through_each_other_in_
     assert float((sol.v1**2).sum()) == pytest.approx((v**2).sum(), rel=EXACT)
 
 
+@pytest.mark.thorough
 def test_a_column_that_is_dropped_lies_still_and_each_contact_carries_what_is_above():
     column = vx.models.bead_column(diameter=0.1, restitution=0.5, mass=[3.0, 2.0, 0.5])
     sol = vx.simulate(column, 0.0, 3.0, x0=[0.5, 0.65, 0.8])
@@ -342,6 +344,7 @@ def test_a_light_ball_on_a_heavy_one_is_thrown_up():
     assert float(sol.evaluate(meeting.t)[1][1]) == pytest.approx(after, rel=10 * d)
 
 
+@pytest.mark.thorough
 def test_a_shaken_column_rides_on_a_floor_slower_than_its_weight():
     w, a = 3.0, 0.5
     column = vx.models.bead_column(w, a, num_beads=2, diameter=0.2, mass=2.0, phase=0.3)

@@ -273,6 +273,7 @@ def test_a_carried_sweep_starts_on_the_right_side_of_contacts_that_moved():
     assert (gap > -1e-12).all()
 
 
+@pytest.mark.thorough
 def test_simulate_is_batched_and_compiled_like_any_function():
     def end(position):
         system = eqx.tree_at(lambda s: s.stops[0].position, damper(), position)

@@ -145,6 +145,7 @@ FREE = {
 SLOW = {name: pytest.mark.slow if "elastic" in name else () for name in FREE}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", [pytest.param(name, marks=SLOW[name]) for name in FREE])
 def test_a_free_machine_hits_its_stop_at_the_times_and_speeds_of_elliptic_integrals(name):
     case = FREE[name]

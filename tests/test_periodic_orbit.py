@@ -25,7 +25,8 @@ def product(system, num_periods, impacts):
     return np.exp(-loss) * np.prod(r ** (2 * np.asarray(impacts)))
 
 
-@pytest.mark.parametrize("is_proportional", [True, pytest.param(False, marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("is_proportional", [True, False])
 def test_multipliers_of_random_machines_multiply_to_their_loss_of_volume(is_proportional):
     rng, found = np.random.default_rng(1), 0
     for _ in range(24):

@@ -19,12 +19,6 @@ END = 25.0
 SAMPLES = 100
 
 
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
 def swept() -> xr.Dataset:
     system = vx.models.wagg_bishop_b(1.0)

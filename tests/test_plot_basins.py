@@ -23,12 +23,6 @@ MOTIONS = ("non_impacting", "periodic", "chattering", "non_periodic", "not_settl
 RIGHT, UP = "v0[0]", "x0[1]"
 
 
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
-
-
 def basins(label, attractors: int = 3) -> xr.Dataset:
     """Basins over v0[0] and x0[1], with up to three kinds of attractors."""
     label = np.asarray(label)

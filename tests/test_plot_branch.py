@@ -21,12 +21,6 @@ PALE = 0.2
 ROUNDING = 1e-14
 
 
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
-
-
 def parts(ax, style: str, color: str = "black") -> list[list[tuple[float, float]]]:
     """The unbroken parts of the curves in a style and a colour, those of the legend left out."""
     found = []

@@ -4,7 +4,6 @@ import matplotlib as mpl
 
 mpl.use("Agg")
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from drawings import PATH, branch_of, cycle, events, named, points, words_of_legend
@@ -19,12 +18,6 @@ SAMPLES = 200
 ROUNDING = 1e-14
 # Up to the number before an impact a velocity changes by an acceleration times the spacing of times there, 7e-15.
 BEFORE = 1e-13
-
-
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
 
 
 def box(wall, motion: vx.Harmonic | None = None) -> vx.ImpactSystem:
@@ -162,6 +155,7 @@ def test_relative_motion_to_a_stop_is_the_position_of_its_mass(sol):
     assert len(hits) > len(impacts.get_xdata()) > 0
 
 
+@pytest.mark.thorough
 def test_relative_motion_follows_a_contact_that_moves(breathing):
     ax = vx.plot.relative_motion(breathing, 0, num_samples=SAMPLES)
     line, limit, *_ = ax.lines
@@ -190,6 +184,7 @@ def test_an_impact_map_tells_contacts_from_stops(sol):
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), np.asarray(sol.events.velocity_minus)[is_hit])
 
 
+@pytest.mark.thorough
 def test_a_bifurcation_diagram_of_a_contact_has_its_speeds_of_approach(breathing):
     system = box(WALL, BREATHING)
     ds = vx.sweep(system, {PATH: [0.7, 0.8, 0.9]}, transient=3, record=2, progress=False)

@@ -4,7 +4,6 @@ import matplotlib as mpl
 
 mpl.use("Agg")
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
@@ -13,12 +12,6 @@ from matplotlib.collections import QuadMesh
 import vijax as vx
 
 FREQUENCY, AMPLITUDE = "forcing.frequency", "forcing.amplitude[0]"
-
-
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
 
 
 def exponents(*dims: str) -> xr.Dataset:

@@ -49,12 +49,6 @@ LINKS = [
 ]
 
 
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
-
-
 def alone() -> vx.ImpactSystem:
     return vx.ImpactSystem([2.0], [[0.0]], [[0.0]], vx.Harmonic([0.0], 1.0))
 

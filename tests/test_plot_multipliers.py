@@ -21,12 +21,6 @@ import vijax as vx
 PATH = "forcing.frequency"
 
 
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
 def orbit() -> vx.PeriodicOrbit:
     return cycle(vx.models.wagg_bishop_b(0.25), [0.0, 0.0], [0.0, 0.0])

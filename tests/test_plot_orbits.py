@@ -25,12 +25,6 @@ SAMPLES = 100
 CLOSED = 1e-12
 
 
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
 def sticking() -> vx.PeriodicOrbit:
     """Case (b) of the paper, where both masses chatter, stick and are released in every cycle."""

@@ -22,12 +22,6 @@ PLANE = ("forcing.frequency", "forcing.amplitude[0]")
 MOTIONS = ("non_impacting", "periodic", "chattering", "non_periodic", "not_settled", "failed")
 
 
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
-
-
 def chart(motion: list[list[int]], num_periods: list[list[int]], num_impacts: list) -> xr.Dataset:
     """A classified sweep of two quantities, the frequency in falling order."""
     flags = {"flag_values": np.arange(6, dtype=np.int8), "flag_meanings": " ".join(MOTIONS)}

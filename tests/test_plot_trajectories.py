@@ -17,12 +17,6 @@ END = 25.0
 SAMPLES = 100
 
 
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
 def held() -> vx.Solution:
     """A mass that starts held by its stop, is let go, and held again."""

@@ -53,6 +53,7 @@ def without_machine(ds: xr.Dataset) -> xr.Dataset:
     return ds.drop_attrs()
 
 
+@pytest.mark.thorough
 def test_beats_of_a_lightly_damped_chain_are_no_longer_taken_for_something_else(light):
     before, after = kinds(without_machine(light)), kinds(light)
     has_hit = (light.num_impacts.sum("stop") > 0).values
@@ -154,6 +155,7 @@ def test_each_point_is_judged_by_its_own_machine(many):
         assert 0 < is_quiet.isel(damping=k).mean() < 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "select",
     [
