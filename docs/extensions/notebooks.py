@@ -61,7 +61,7 @@ def _cards(notebook: dict, name: str, pictures: Path) -> tuple[str, list[str]]:
             if cell["cell_type"] == "markdown":
                 title, heading = (words, words) if level == "#" else (title, words)
         for ending, picture in _pictures(cell):
-            place = f"{name}-picture-{len(cards) + 1}"
+            place = f"picture-{name}-{len(cards) + 1}".replace("_", "-")  # as Sphinx would write it
             file = pictures / f"{place}.{ending}"
             file.write_bytes(base64.b64decode(picture))
             cells.append({"cell_type": "markdown", "id": place, "metadata": {}, "source": f"({place})="})
