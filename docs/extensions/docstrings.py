@@ -29,7 +29,6 @@ def setup(app):
     app.connect("autodoc-process-docstring", _process, priority=100)  # before napoleon
     app.connect("autodoc-process-signature", _tell_returned)
     app.connect("source-read", _link_names)
-    return {"parallel_read_safe": True}
 
 
 def _process(app, what, name, obj, options, lines):
@@ -46,9 +45,11 @@ def _tell_returned(app, what, name, obj, options, signature, returned):
 
 
 def translated(lines: list[str]) -> list[str]:
-    """The lines of a docstring as reStructuredText."""
+    """The lines of a docstring as reStructuredText, but for the sections that napoleon knows."""
+    # Napoleon would take what stands before a colon for the type of what is returned.
+    text = re.sub(r"^Returns:\n {4}(?=\S)", ":returns: ", "\n".join(lines), flags=re.M)
     found, fence = [], None
-    for line in lines:
+    for line in text.split("\n"):
         if match := _FENCE.match(line):
             opens = fence is None
             fence = match[1] if opens else None

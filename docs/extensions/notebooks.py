@@ -27,7 +27,6 @@ _CARD = """
 def setup(app):
     app.connect("builder-inited", _write_pages)
     app.connect("source-read", _turn_links)
-    return {"parallel_read_safe": True}
 
 
 def _write_pages(app):
