@@ -190,21 +190,58 @@ def test_machines_of_another_make_have_no_value(doubled):
         vx.bifurcation_value(doubled.bifurcations[0], vx.models.wagg_bishop_b(0.9))
 
 
+def specials(curve):
+    """Names and both parameters of the special points of a curve."""
+    return [
+        (str(name), *(float(curve[path].values[k]) for path in curve.coords))
+        for k, name in enumerate(curve.special.values)
+        if name
+    ]
+
+
 def test_curves_of_two_parameters(doubled):
-    bounds = {AMPLITUDE: (0.1, 0.5), FREQUENCY: (0.8, 0.9)}
+    bounds = {AMPLITUDE: (0.1, 0.5), FREQUENCY: (0.78, 0.9)}
     grazing, doubling = doubled.bifurcations
     curve = vx.bifurcation_curve(grazing, FREQUENCY, bounds, progress=False)
     assert curve.attrs["ends"] == '["bounds", "bounds"]'
     np.testing.assert_allclose(
         curve[AMPLITUDE], grazing_amplitude(curve[FREQUENCY].values), rtol=0, atol=1e-12
     )
+    # An impact without speed does not act on the next one where free oscillations fit into the period.
+    ((name, amplitude, frequency),) = specials(curve)
+    assert name == "resonant_grazing"
+    exact = 4 * np.sqrt(1 - 0.02**2) / 5
+    assert frequency == pytest.approx(exact, abs=1e-12)
+    assert amplitude == pytest.approx(grazing_amplitude(exact), abs=1e-12)
     curve = vx.bifurcation_curve(doubling, FREQUENCY, bounds, progress=False)
     last = curve.isel(point=int(curve[FREQUENCY].values.argmax()))
     assert float(last[FREQUENCY]) == pytest.approx(0.9, abs=1e-12)
     assert float(last[AMPLITUDE]) == pytest.approx(0.35421999760770, abs=1e-11)
-    np.testing.assert_allclose(np.abs(curve.multipliers.values + 1).min(axis=1), 0, atol=1e-6)
+    # There period doublings begin as well.
+    assert curve.attrs["ends"] == '["resonant_grazing", "bounds"]'
+    np.testing.assert_allclose(specials(curve)[0][1:], (grazing_amplitude(exact), exact), rtol=0, atol=1e-12)
+    inside = curve.multipliers.values[curve.special.values == ""]
+    np.testing.assert_allclose(np.abs(inside + 1).min(axis=1), 0, atol=1e-6)
     with pytest.raises(ValueError, match="must be of"):
         vx.bifurcation_curve(doubling, FREQUENCY, {AMPLITUDE: (0.1, 0.5)}, progress=False)
+
+
+@pytest.mark.slow
+def test_two_curves_meet_in_one_point():
+    # Followed for themselves: a fold up to where two impacts coincide, and orbits with two impacts at once.
+    orbit = vx.periodic_orbit(vx.models.wagg_bishop_a(0.8), [0.18, 0.09], [0.33, 0.52])
+    double_impact, fold = follow(orbit, FREQUENCY, 0.8, 1.0).bifurcations[:2]
+    bounds = {FREQUENCY: (0.9, 1.12), "stops[0].position": (0.1, 0.31)}
+    first, second = (
+        vx.bifurcation_curve(point, "stops[0].position", bounds, progress=False)
+        for point in (fold, double_impact)
+    )
+    (met,) = specials(first)
+    assert met[0] == "double_impact+fold"
+    assert first.attrs["ends"].startswith('["double_impact+fold"')
+    (other,) = [point for point in specials(second) if abs(point[1] - met[1]) < 1e-3]
+    assert other[0] == met[0]
+    np.testing.assert_allclose(other[1:], met[1:], rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Complex, Float
+from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .._orbits.condensed import condense
 from .._orbits.cycle import Problem, Unknowns, linearise, residual
@@ -126,16 +126,23 @@ class Defining(eqx.Module):
     sequence: Sequence
     condition: AbstractCondition
 
+    def unknowns(self, place: Place) -> Float[Array, " unknowns"]:
+        """The cycle and the unknowns of the condition as one vector."""
+        return jnp.concatenate([jnp.ravel(a) for a in (*place, self.condition.own)])
+
     def place(self, y: Float[Array, " unknowns"]) -> tuple[Place, Float[Array, " own"]]:
         """The cycle, and the unknowns of the condition."""
-        size, own = len(self.family.scale), len(self.condition.own)
-        end = len(y) - own
-        return Place(y[:size], y[size : end - 1], y[end - 1]), y[end:]
+        size, span = len(self.family.scale), self.family.span
+        end = len(y) - len(self.condition.own)
+        first = end - span.size
+        return Place(y[:size], y[size:first], y[first:end].reshape(span.shape)), y[end:]
 
-    def begun(self, place: Place) -> "Defining":
+    def begun(self, y: Float[Array, " unknowns"]) -> "Defining":
         """With what its condition takes from a cycle."""
+        place, own = self.place(y)
         problem, unknowns = self.family.problem(self.sequence, place.p), self.family.unknowns(place)
-        return replace(self, condition=self.condition.begun(problem, unknowns, self.family.scale))
+        condition = replace(self.condition, own=own)
+        return replace(self, condition=condition.begun(problem, unknowns, self.family.scale))
 
     def values(self, y: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
         """What vanishes."""
@@ -159,32 +166,58 @@ class Defining(eqx.Module):
 
 class _Now(NamedTuple):
     y: Array
+    matrix: Array
     step: Array
     last: Array
     num_steps: Array
 
 
-def solve(defining: Defining, guess: Place) -> tuple[Defining, Float[Array, " unknowns"], Bool[Array, ""]]:
-    """The unknowns near a guess by Newton's method.
+class Plane(NamedTuple):
+    """One more equation, where there are two parameters: `weights . y = target`."""
 
-    Returns:
-        The system with what its condition takes from the guess, the unknowns, and whether nothing but rounding is left.
+    weights: Reals
+    target: Reals
+
+
+class Solved(NamedTuple):
+    """What came of Newton's method.
+
+    Attributes:
+        defining: the system, with what its condition takes from the guess.
+        y: the unknowns.
+        matrix: derivatives of the equations by them, the last row that of the plane.
+        num_steps: how many were taken.
+        is_found: whether nothing but rounding is left.
     """
+
+    defining: Defining
+    y: Float[Array, " unknowns"]
+    matrix: Float[Array, "equations unknowns"]
+    num_steps: Int[Array, ""]
+    is_found: Bool[Array, ""]
+
+
+def solve(defining: Defining, guess: Float[Array, " unknowns"], plane: Plane | None = None) -> Solved:
+    """The unknowns near a guess by Newton's method."""
     defining = defining.begun(guess)
-    y = jnp.concatenate([guess.z, guess.flights, jnp.asarray(guess.p)[None], defining.condition.own])
-    eps, small = jnp.finfo(y.dtype).eps, _SMALL[str(y.dtype)]
+    eps, small = jnp.finfo(guess.dtype).eps, _SMALL[str(guess.dtype)]
 
     def is_on(now: _Now) -> Array:
         is_rounding = (now.step < _ROUNDING * eps) | ((now.step < small) & (now.step >= now.last / 2))
         return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
 
     def one(now: _Now) -> _Now:
-        step = jnp.linalg.solve(*defining.linearised(now.y))
-        return _Now(now.y - step, jnp.max(jnp.abs(step)), now.step, now.num_steps + 1)
+        matrix, values = defining.linearised(now.y)
+        if plane is not None:
+            matrix = jnp.vstack([matrix, plane.weights])
+            values = jnp.append(values, plane.weights @ now.y - plane.target)
+        step = jnp.linalg.solve(matrix, values)
+        return _Now(now.y - step, matrix, jnp.max(jnp.abs(step)), now.step, now.num_steps + 1)
 
-    big = jnp.asarray(jnp.finfo(y.dtype).max, y.dtype)
-    last = jax.lax.while_loop(is_on, one, _Now(y, big, big, jnp.array(0)))
-    return defining, last.y, last.step < small
+    big, size = jnp.asarray(jnp.finfo(guess.dtype).max, guess.dtype), len(guess)
+    first = _Now(guess, jnp.zeros((size, size), guess.dtype), big, big, jnp.array(0))
+    last = jax.lax.while_loop(is_on, one, first)
+    return Solved(defining, last.y, last.matrix, last.num_steps, last.step < small)
 
 
 @eqx.filter_custom_jvp

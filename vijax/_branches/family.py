@@ -20,7 +20,7 @@ class Place(NamedTuple):
     Attributes:
         z: positions and velocities at the start, as seen from the stops, (2 n,).
         flights: durations in forcing periods, (events,).
-        p: the parameter.
+        p: the parameter, (); of a family of two, (2,).
     """
 
     z: Reals
@@ -37,25 +37,11 @@ class Place(NamedTuple):
 
     def along(self, direction: "Place") -> Reals:
         """The product with a direction."""
-        return (self.z * direction.z).sum() + (self.flights * direction.flights).sum() + self.p * direction.p
-
-
-class Line(eqx.Module):
-    """A line in the plane of two parameters: the parameter of its family counts along it.
-
-    Attributes:
-        base: a point on it, (2,).
-        direction: by what both change, (2,).
-        path: the name of the second.
-    """
-
-    base: Reals
-    direction: Reals
-    path: str = eqx.field(static=True)
+        return sum((a * d).sum() for a, d in zip(self, direction, strict=True))
 
 
 class Family(eqx.Module):
-    """The machines of all values of a parameter, and what is asked of their cycles.
+    """The machines of all values of a parameter, or of two, and what is asked of their cycles.
 
     Attributes:
         system: one of them, its force bound to its `args`.
@@ -63,9 +49,9 @@ class Family(eqx.Module):
         num_periods: n.
         phase: where a cycle begins, in forcing periods.
         scale: sizes of positions and velocities, (2 n,).
-        span: size of the parameter.
+        span: size of the parameter, (); of two, (2,).
         path: its name.
-        line: if there are two, along which they vary.
+        second: that of the second, if there are two.
     """
 
     system: ImpactSystem
@@ -75,15 +61,14 @@ class Family(eqx.Module):
     scale: Reals
     span: Reals
     path: str = eqx.field(static=True)
-    line: "Line | None" = None
+    second: str | None = eqx.field(static=True, default=None)
 
     def system_at(self, p: Reals) -> ImpactSystem:
-        """The machine at a value of the scaled parameter."""
-        if self.line is None:
+        """The machine at a value of the scaled parameter, or of both."""
+        if self.second is None:
             return set_parameter(self.system, self.path, p * self.span)
-        first, second = self.line.base + p * self.line.direction
-        system = set_parameter(self.system, self.path, first)
-        return set_parameter(system, self.line.path, second)
+        first, second = p * self.span
+        return set_parameter(set_parameter(self.system, self.path, first), self.second, second)
 
     def problem(self, sequence: Sequence, p: Reals) -> Problem:
         """The equations of a sequence there."""

@@ -34,7 +34,7 @@ CLOSE = 1e-4
 # Cycles by which a branch is first interpolated, how far from a point the others are at least, and how well it is known.
 _NODES, _REACH, _CERTAIN = 9, 1e-3, 1e-10
 # Runs of orbits whose neighbours leave faster than this say nothing.
-_TRUSTED = 1e4
+TRUSTED = 1e4
 
 Asked = Generator[Request, Any, Any]
 
@@ -336,7 +336,7 @@ def _told_by_machine(walk: Walk, point: Point) -> Asked:
     """The point with its events in the cycle, whether the machine follows it, and what it does."""
     point = yield from _in_section(walk, point)
     followed: Followed = yield Request(confirm, point.sequence, (point.place,))
-    is_trusted = np.abs(point.seen.found.multipliers[0]) < _TRUSTED
+    is_trusted = np.abs(point.seen.found.multipliers[0]) < TRUSTED
     return point._replace(is_admissible=bool(followed.is_alike or not is_trusted)), followed
 
 
@@ -613,7 +613,7 @@ def _retold(sequence: Sequence, place: Place, event: Point) -> Asked:
     """The point of an event on another sequence."""
     # No direction is special to these weights, and so none is the branch's plane.
     rng = np.random.default_rng(0)
-    weights = Place(rng.normal(size=place.z.shape), rng.normal(size=place.flights.shape), rng.normal())
+    weights = Place(*(np.asarray(rng.normal(size=np.shape(a))) for a in place))
     weights = Place(*(a / np.sqrt(weights.along(weights)) for a in weights))
     seen = yield from corrected(sequence, place, weights, place.along(weights))
     if not seen.found.is_converged:

@@ -1,0 +1,94 @@
+"""From a bifurcation on a branch to its defining system."""
+
+import numpy as np
+
+from .._orbits.sequence import Sequence
+from .._trajectory.event_log import IMPACT, RELEASE
+from .branch import Bifurcation, cycle_of
+from .changes import with_event
+from .defining import AbstractCondition, AtEvent, AtMultiplier, Defining
+from .family import Family, Place
+from .follow import CLOSE, Asked, Test, corrected, tests_of
+from .programs import Seen, drive, padded, room_for
+from .starts import family_of, starts_of
+
+_NO_SYSTEM = {
+    "bp": "A branch point is there for one machine alone, or by a symmetry: take the points of a branch beside it.",
+    "chatter_completion": 'Where a chatter is completed infinitely many changes meet: take one of them, of a kind "gr" '
+    'or "fold".',
+}
+# What vanishes with the function of a bifurcation is zero but for rounding.
+_LIGHT = 1e-9
+# A flight as short as this, in forcing periods, has no duration.
+_MOMENT = {"float64": 1e-9, "float32": 1e-4}
+
+
+def defining_of(point: Bifurcation, low: float, high: float) -> tuple[Defining, Place]:
+    """The defining system of a point, with padding, and its cycle.
+
+    Args:
+        point: of the kind "fold", "pd", "ns", "gr", "double_impact" or "force_zero".
+        low: bound of the parameter, from which it has its scale.
+        high: likewise.
+
+    Raises:
+        ValueError: for a point of another kind.
+    """
+    if point.kind in _NO_SYSTEM:
+        raise ValueError(_NO_SYSTEM[point.kind])
+    (start,) = starts_of(point.orbit)
+    family = family_of(start._replace(is_admissible=True), point.branch.path, low, high)
+    sequence, place = cycle_of(point, family.scale, point.value / float(family.span))
+    if point.kind in ("fold", "pd", "ns"):
+        condition = _at_multiplier(point)
+    else:
+        condition, sequence, place = _at_event(family, point.kind, sequence, place)
+    sequence, place = padded(sequence, (place,), room_for(len(sequence.kind)))
+    return Defining(family, sequence, condition), place
+
+
+def _at_multiplier(point: Bifurcation) -> AbstractCondition:
+    multipliers = point.branch.points["multipliers"].values[point.index]
+    away = np.abs(multipliers + 1) if point.kind == "pd" else np.abs(np.abs(multipliers) - 1)
+    if point.kind == "pd" and not away.min() < CLOSE:
+        raise ValueError(
+            "The orbit of this point is another one twice: take the period doubling on the branch of that one."
+        )
+    # Of a pair the one above the real axis.
+    angle = np.angle(multipliers[np.argmin(np.where(multipliers.imag > 0, away, np.inf))])
+    theta = {"fold": 0.0, "pd": np.pi}.get(point.kind, angle)
+    return AtMultiplier(np.array([theta]), np.zeros((2, len(multipliers)), complex))
+
+
+def _at_event(
+    family: Family, kind: str, sequence: Sequence, place: Place
+) -> tuple[AbstractCondition, Sequence, Place]:
+    (seen,) = drive([family], [_as_it_is(sequence, place)], lambda: None)
+    test, watched = _test_of(kind, sequence, seen), seen.watched
+    k, is_tangent = test.index, test.kind != "double_impact"
+    if test.kind == "touch":
+        flight, time = int(watched.gap_flight[k]), float(watched.gap_time[k])
+        sequence, place = with_event(sequence, place, IMPACT, k, flight, time)
+        k = flight
+    if test.kind == "force_zero":
+        flight, time = int(watched.force_flight[k]), float(watched.force_time[k])
+        sequence, place = with_event(sequence, place, RELEASE, k, flight, time)
+        k, is_tangent = flight, bool(place.flights[flight] > _MOMENT[str(place.flights.dtype)])
+    return AtEvent(np.zeros(0), np.asarray(k), np.asarray(is_tangent)), sequence, place
+
+
+def _as_it_is(sequence: Sequence, place: Place) -> Asked:
+    """A cycle that is known."""
+    rng = np.random.default_rng(0)
+    weights = Place(*(np.asarray(rng.normal(size=np.shape(a))) for a in place))
+    return (yield from corrected(sequence, place, weights, place.along(weights)))
+
+
+def _test_of(kind: str, sequence: Sequence, seen: Seen) -> Test:
+    """The function that vanishes where an event changes."""
+    wanted = {"gr": ("gr", "touch")}.get(kind, (kind,))
+    tests = [test for test in tests_of(sequence) if test.kind in wanted]
+    # An impact without speed is a touch as well, with a gap of exactly zero.
+    light = _LIGHT * np.abs(seen.start[len(seen.start) // 2 :]).max()
+    impacts = [test for test in tests if test.kind == "gr" and abs(test.of(seen)) < light]
+    return min(impacts or tests, key=lambda test: abs(test.of(seen)))
