@@ -1,4 +1,4 @@
-"""The code in README.md and docs/guide.md runs as it stands and prints what it says."""
+"""The code in README.md and in every page of docs/ runs as it stands and prints what it says."""
 
 import re
 
@@ -6,7 +6,7 @@ import jax
 import matplotlib
 import matplotlib.pyplot as plt
 import pytest
-from documents import ROOT, python_of
+from documents import ROOT, documents, pages, python_of
 
 import vijax as vx
 
@@ -35,7 +35,7 @@ def agree(said: str, printed: str) -> bool:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("document", ["README.md", "docs/guide.md"])
+@pytest.mark.parametrize("document", documents())
 def test_the_code_of_a_document_runs_and_prints_what_it_says(document, elsewhere, capsys):
     code = python_of(document)
     said = re.findall(r"^print\(.*\)  # (.*)$", code, re.M)
@@ -52,13 +52,13 @@ def test_what_is_printed_is_compared_to_its_last_digit():
     assert not agree("True 1.20", "False 1.20")
 
 
-def test_the_guide_names_every_result_and_what_to_do():
-    guide = (ROOT / "docs/guide.md").read_text()
-    named = re.findall(r"^\| `(\w+)` \|", guide, re.M)
+def test_the_reference_names_every_result_and_what_to_do():
+    page = (ROOT / "docs/reference/results.md").read_text()
+    named = re.findall(r"^\| `(\w+)` \|", page, re.M)
     assert named == list(vx.RESULTS._name_to_item)
 
 
-@pytest.mark.parametrize("document", ["README.md", "CONTRIBUTING.md", "docs/guide.md"])
+@pytest.mark.parametrize("document", ["README.md", "CONTRIBUTING.md", *pages()])
 def test_every_link_to_a_file_leads_somewhere(document):
     links = re.findall(r"\]\((?!https?:)([^)#]+)\)", (ROOT / document).read_text())
     assert [link for link in links if not (ROOT / document).parent.joinpath(link).exists()] == []

@@ -29,7 +29,7 @@ def rebound(
 
 
 def restitution_matrix(num_masses: int, restitutions: dict[int, ArrayLike]) -> Float[Array, "n n"]:
-    """Return R of Eq. 12: velocities after = R velocities before.
+    """Return the restitution matrix R, velocities after = R velocities before (equation 12).
 
     Args:
         num_masses: n.
@@ -57,7 +57,7 @@ def restitution_matrix(num_masses: int, restitutions: dict[int, ArrayLike]) -> F
 def modal_restitution_matrix(
     modes: Float[Array, "n n"], restitutions: dict[int, ArrayLike]
 ) -> Float[Array, "n n"]:
-    """Return R^ of Eq. 15: the same impact for the modal velocities, Psi^-1 R Psi.
+    """Return the same matrix for the modal velocities, R^ = Psi^-1 R Psi (equation 15).
 
     Args:
         modes: Psi, shape (n, n), one mode a column.

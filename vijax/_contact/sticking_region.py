@@ -42,8 +42,6 @@ class StickingRegion(eqx.Module):
         held: the stops that hold their masses.
         held_masses: those masses.
         free: the masses that no stop holds, in rising order.
-        x_normal: a, (held, free): a row for each holding stop.
-        v_normal: b, likewise.
 
     References:
         Wagg & Bishop (2004), Secs. 2.3 and 4.6.2.
@@ -64,12 +62,12 @@ class StickingRegion(eqx.Module):
 
     @property
     def x_normal(self) -> Float[Array, "held free"]:
-        """How the contact forces grow with the positions of the free masses."""
+        """How the contact forces grow with the positions of the free masses, a row for each holding stop, (held, free)."""
         return self._normal(self.machine.stiffness)
 
     @property
     def v_normal(self) -> Float[Array, "held free"]:
-        """How the contact forces grow with the velocities of the free masses."""
+        """How they grow with the velocities, likewise."""
         return self._normal(self.machine.damping)
 
     def level(self, phase: Numbers) -> Float[Array, "... held"]:

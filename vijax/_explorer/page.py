@@ -155,7 +155,8 @@ class Explorer:
             drawn = impacts(ds, self.drawn[0], self.stop.value, self.look)
         else:
             ds = ds.sel(direction=self.place["direction"]) if "direction" in self.place else ds
-            drawn, colors = chart(ds, *self.drawn, self.look)
+            right, up = self.drawn
+            drawn, colors = chart(ds, right, up, self.look)
             self.legend.object = _legend(colors, self.look)
         self.marker = Pipe(data=self._chosen())
         marked = hv.DynamicMap(lambda data: marker(data[0], data[1], self.look), streams=[self.marker])

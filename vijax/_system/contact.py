@@ -187,7 +187,7 @@ class Contact(AbstractLimit):
 
     @property
     def sign(self) -> int:
-        """1: the position counts along the row."""
+        """Always 1, as the position counts along the row."""
         return 1
 
     @property

@@ -82,7 +82,7 @@ class Stop(AbstractLimit):
 
     @property
     def sign(self) -> int:
-        """+1 for an upper stop, -1 for a lower one: the gap is `sign (position - x)`."""
+        """The sign in the gap, `sign (position - x)`, which is 1 for an upper stop and -1 for a lower one."""
         return 1 if self.side == "upper" else -1
 
     @property
