@@ -22,7 +22,7 @@ from ._impact_lines import Impacts, followed
 from ._labels import Units, label
 
 _STABILITY = {True: ("-", "stable"), False: ((0, (3.0, 1.5)), "unstable")}
-_MARKERS = {
+MARKERS = {
     "fold": "o",
     "pd": "D",
     "ns": "p",
@@ -32,7 +32,7 @@ _MARKERS = {
     "force_zero": "^",
     "chatter_completion": "s",
 }
-_OTHER = "h"
+OTHER = "h"
 # Where a multiplier passes the unit circle.
 _ON_CIRCLE = ("fold", "pd", "ns", "bp")
 # Of a sweep under the branches: how much of its colours is left, and by how much its points are larger.
@@ -217,7 +217,7 @@ def _draw_curves(curves: list[_Curves], ax: Axes, style: dict[str, Any]) -> None
 
 def _draw_marks(curves: list[_Curves], ax: Axes) -> None:
     """Mark the bifurcations on all lines."""
-    found: dict[str, list[tuple[float, float]]] = {kind: [] for kind in _MARKERS}
+    found: dict[str, list[tuple[float, float]]] = {kind: [] for kind in MARKERS}
     for one in curves:
         for numbers, velocities in one.lines:
             for value, velocity, kind in zip(
@@ -230,7 +230,7 @@ def _draw_marks(curves: list[_Curves], ax: Axes) -> None:
             ax.plot(
                 *np.transpose(places),
                 linestyle="none",
-                marker=_MARKERS.get(kind, _OTHER),
+                marker=MARKERS.get(kind, OTHER),
                 markersize=6.0,
                 markerfacecolor=ink("white", "black"),
                 markeredgewidth=1.0,

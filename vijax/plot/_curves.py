@@ -1,0 +1,101 @@
+"""Curves of bifurcations in the plane of two parameters."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+
+from ._axes import legend_beside, new_axes, once
+from ._branch import MARKERS, OTHER
+from ._colors import ink, of_curves, strokes_of, styled
+from ._labels import Units, label
+
+_WORDS = {
+    "fold": "fold",
+    "pd": "period doubling",
+    "ns": "Neimark-Sacker",
+    "gr": "grazing",
+    "double_impact": "double impact",
+    "force_zero": "force zero",
+}
+
+
+def curves(
+    curves: xr.Dataset | Sequence[xr.Dataset],
+    *,
+    units: Units | None = None,
+    ax: Axes | None = None,
+    **style: Any,
+) -> Axes:
+    """Draw curves of bifurcations in the plane of their two parameters, with their special points.
+
+    Args:
+        curves: what `vx.bifurcation_curve` returned, one or several in one plane; those of one kind have one colour.
+        units: of the parameters, as in `{"time": "s"}`; none are written if left out.
+        ax: where to draw, also over what is there, as a chart of motions; new axes if left out.
+        **style: of the lines, as matplotlib's `plot` takes them: `color`, `linewidth`, ...
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if there is no curve, or the curves are not in one plane.
+
+    Example:
+        ```python
+        import vijax as vx
+        orbit = vx.periodic_orbit(vx.models.wagg_bishop_a(0.8), [0.18, 0.09], [0.33, 0.52])
+        fold = vx.continuation(orbit, "forcing.frequency", (0.8, 1.0)).bifurcations[1]
+        bounds = {"forcing.frequency": (0.8, 1.1), "stops[0].position": (0.2, 0.4)}
+        ax = vx.plot.curves(vx.bifurcation_curve(fold, "stops[0].position", bounds))
+        ```
+    """
+    several = [curves] if isinstance(curves, xr.Dataset) else list(curves)
+    right, up = _plane(several)
+    kinds = list(dict.fromkeys(str(one.attrs["kind"]) for one in several))
+    colors = of_curves(len(kinds))
+    looks = dict(zip(kinds, zip(colors, strokes_of(colors), strict=True), strict=True))
+    ax = new_axes() if ax is None else ax
+    for one in several:
+        kind = str(one.attrs["kind"])
+        color, stroke = looks[kind]
+        words = once(ax, _WORDS.get(kind, kind))
+        look = styled(style, color=color, linestyle=stroke, linewidth=1.4, label=words)
+        ax.plot(one[right].values, one[up].values, **look)
+    _mark(several, right, up, ax)
+    ax.set_xlabel(label(right, units))
+    ax.set_ylabel(label(up, units))
+    legend_beside(ax)
+    return ax
+
+
+def _plane(several: list[xr.Dataset]) -> tuple[str, str]:
+    """The paths of both parameters of all."""
+    if not several:
+        raise ValueError("Argument `curves` is empty: give one or more.")
+    planes = [tuple(map(str, one.coords)) for one in several]
+    if len(planes[0]) != 2 or any(set(plane) != set(planes[0]) for plane in planes):
+        raise ValueError(
+            f"Curves in one plane of two parameters can be drawn together, but these are over {planes}."
+        )
+    return planes[0][0], planes[0][1]
+
+
+def _mark(several: list[xr.Dataset], right: str, up: str, ax: Axes) -> None:
+    """Mark the special points by their names, one mark each."""
+    names = np.concatenate([one["special"].values.astype(str) for one in several])
+    places = np.concatenate([np.stack([one[right].values, one[up].values], axis=1) for one in several])
+    marks = [*MARKERS.values(), OTHER]
+    for k, name in enumerate(dict.fromkeys(names[names != ""].tolist())):
+        ax.plot(
+            *places[names == name].T,
+            linestyle="none",
+            marker=marks[k % len(marks)],
+            markersize=7.0,
+            markerfacecolor=ink("white", "black"),
+            color=ink(),
+            label=once(ax, name.replace("_", " ").replace("+", " and ")),
+            zorder=3,
+        )
