@@ -26,7 +26,8 @@ def test_kinds_have_colours_and_special_points_marks():
     lines = [line for line in ax.lines if line.get_linestyle() != "None"]
     marks = [line for line in ax.lines if line.get_linestyle() == "None"]
     np.testing.assert_array_equal(lines[1].get_xydata(), np.stack([two[1][FREQUENCY], two[1][POSITION]], 1))
-    assert lines[0].get_color() == lines[2].get_color() != lines[1].get_color()
+    colors = [mpl.colors.to_hex(line.get_color()) for line in lines]
+    assert colors[0] == colors[2] != colors[1]
     assert [len(mark.get_xdata()) for mark in marks] == [2, 1]
     assert marks[0].get_marker() != marks[1].get_marker()
     words = [text.get_text() for text in ax.get_legend().get_texts()]
