@@ -18,8 +18,10 @@ from .._system.description import build, describe
 from .._system.parameters import set_parameter
 from .._system.system import bound
 from .._trajectory.event_log import IMPACT
+from .branch_tests import KINDS
 from .family import Family, Place
-from .follow import KINDS, Point, Walk
+from .follow import Walk
+from .point import Point
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,61 +123,16 @@ def branch_of(family: Family, start: Point, back: Walk, forth: Walk) -> Branch:
         back = replace(back, points=[], end="closed")
     points = [*back.points[::-1], start, *forth.points]
     arcs = [-point.arc for point in back.points[::-1]] + [point.arc for point in [start, *forth.points]]
-    room = max(len(point.sequence.kind) for point in points)
-    num_stops = start.sequence.held.shape[1]
-    founds = [point.seen.found for point in points]
-    is_impact = [point.sequence.kind == IMPACT for point in points]
-
-    def rows(values: list, fill: float | int, more: int = 0) -> np.ndarray:
-        values = [np.asarray(a) for a in values]
-        whole = np.full(
-            (len(values), room + more, *values[0].shape[1:]), fill, np.result_type(values[0], type(fill))
-        )
-        for row, a in zip(whole, values, strict=True):
-            row[: len(a)] = a[: room + more]
-        return whole
-
-    z = np.stack([point.seen.start for point in points])
-    multipliers = np.stack([found.multipliers for found in founds])
-    n = z.shape[1] // 2
-    stops = np.arange(num_stops)
-    impacts = [
-        is_hit[:, None] & (point.sequence.stop[:, None] == stops)
-        for is_hit, point in zip(is_impact, points, strict=True)
-    ]
-    speeds = [
-        np.where(is_hit, found.speeds[: len(is_hit)], np.nan)
-        for is_hit, found in zip(is_impact, founds, strict=True)
-    ]
-    gap = np.stack([point.seen.watched.gap for point in points])
     columns = {
         family.path: (("point",), np.array([float(point.place.p * family.span) for point in points])),
         "arclength": (("point",), np.array(arcs)),
-        "x0": (("point", "mass"), z[:, :n]),
-        "v0": (("point", "mass"), z[:, n:]),
-        "multipliers": (("point", "multiplier"), multipliers),
-        "is_stable": (("point",), np.abs(multipliers[:, 0]) < 1),
-        "is_admissible": (("point",), np.array([point.is_admissible for point in points])),
-        "num_impacts": (("point", "stop"), np.stack([hits.sum(axis=0) for hits in impacts])),
-        "impact_speed": (("point", "event"), rows(speeds, np.nan)),
-        "closest_gap": (("point", "stop"), gap),
-        "residual": (("point",), np.array([found.residual for found in founds])),
-        "bifurcation": (
-            ("point",),
-            np.array([KINDS.get(point.kind, point.kind) for point in points]),
-        ),
-        "event_kind": (("point", "event"), rows([point.sequence.kind for point in points], NOTHING)),
-        "event_stop": (("point", "event"), rows([point.sequence.stop for point in points], -1)),
-        "flight": (("point", "event"), rows([point.place.flights for point in points], 0.0)),
-        "held": (
-            ("point", "flight_number", "stop"),
-            rows([point.sequence.held for point in points], False, 1),
-        ),
+        **_columns_of_orbits(points),
+        **_columns_of_events(points),
         "start": (("point", "state"), np.stack([point.place.z * family.scale for point in points])),
     }
     attrs = {
         "system": json.dumps(describe(family.system)),
-        "dtype": str(z.dtype),
+        "dtype": str(columns["x0"][1].dtype),
         "path": family.path,
         "num_periods": int(family.num_periods),
         "phase": float(family.phase),
@@ -186,6 +143,58 @@ def branch_of(family: Family, start: Point, back: Walk, forth: Walk) -> Branch:
     for name, variable in ds.variables.items():
         variable.attrs = label(str(name))
     return Branch(ds)
+
+
+def _columns_of_orbits(points: list[Point]) -> dict[str, tuple]:
+    """What each point has once."""
+    founds = [point.seen.found for point in points]
+    start, multipliers = (
+        np.stack(rows) for rows in ([p.seen.start for p in points], [f.multipliers for f in founds])
+    )
+    x0, v0 = np.split(start, 2, axis=1)
+    return {
+        "x0": (("point", "mass"), x0),
+        "v0": (("point", "mass"), v0),
+        "multipliers": (("point", "multiplier"), multipliers),
+        "is_stable": (("point",), np.abs(multipliers[:, 0]) < 1),
+        "is_admissible": (("point",), np.array([point.is_admissible for point in points])),
+        "closest_gap": (("point", "stop"), np.stack([point.seen.watched.gap for point in points])),
+        "residual": (("point",), np.array([found.residual for found in founds])),
+        "bifurcation": (("point",), np.array([KINDS.get(point.kind, point.kind) for point in points])),
+    }
+
+
+def _columns_of_events(points: list[Point]) -> dict[str, tuple]:
+    """What each point has for every event, with padding."""
+    sequences = [point.sequence for point in points]
+    room, num_stops = max(len(one.kind) for one in sequences), sequences[0].held.shape[1]
+    is_impact = [one.kind == IMPACT for one in sequences]
+    impacts = [
+        np.count_nonzero(hits[:, None] & (one.stop[:, None] == np.arange(num_stops)), axis=0)
+        for hits, one in zip(is_impact, sequences, strict=True)
+    ]
+    speeds = [
+        np.where(hits, point.seen.found.speeds[: len(hits)], np.nan)
+        for hits, point in zip(is_impact, points, strict=True)
+    ]
+    events, flights = ("point", "event"), [point.place.flights for point in points]
+    return {
+        "num_impacts": (("point", "stop"), np.stack(impacts)),
+        "impact_speed": (events, _rows(speeds, room, np.nan)),
+        "event_kind": (events, _rows([one.kind for one in sequences], room, NOTHING)),
+        "event_stop": (events, _rows([one.stop for one in sequences], room, -1)),
+        "flight": (events, _rows(flights, room, 0.0)),
+        "held": (("point", "flight_number", "stop"), _rows([one.held for one in sequences], room + 1, False)),
+    }
+
+
+def _rows(values: list, room: int, fill: float | int) -> np.ndarray:
+    """Arrays of different length, one a row, filled up."""
+    values = [np.asarray(a) for a in values]
+    whole = np.full((len(values), room, *values[0].shape[1:]), fill, np.result_type(values[0], type(fill)))
+    for row, a in zip(whole, values, strict=True):
+        row[: len(a)] = a[:room]
+    return whole
 
 
 def _orbit(point: xr.Dataset) -> PeriodicOrbit:

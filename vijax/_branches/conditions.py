@@ -5,10 +5,11 @@ import numpy as np
 from .._orbits.sequence import Sequence
 from .._trajectory.event_log import IMPACT, RELEASE
 from .branch import Bifurcation, cycle_of
+from .branch_tests import CLOSE, Test, tests_of
 from .changes import with_event
 from .defining import AbstractCondition, AtEvent, AtMultiplier, Defining
 from .family import Family, Place
-from .follow import CLOSE, Asked, Test, corrected, tests_of
+from .point import Asked, corrected
 from .programs import Seen, drive, padded, room_for
 from .starts import family_of, starts_of
 

@@ -11,7 +11,8 @@ from .._progress import tqdm
 from .._types import Count, as_known, whole_number
 from .._xla import padding_allowed
 from .branch import Branch, branch_of
-from .follow import Point, Walk, follow
+from .follow import Walk, follow
+from .point import Point
 from .programs import drive
 from .starts import Start, family_of, points_of, starts_of
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from .._orbits.sequence import Sequence
 from .._trajectory.event_log import IMPACT
+from .branch_tests import CLOSE, KINDS, tests_of
 from .changes import with_order_exchanged, without_event
 from .defining import AbstractCondition, AtEvent, Defining
 from .family import Place
-from .follow import CLOSE, KINDS, tests_of
 from .on_curve import Neighbours, OnCurve
 
 Change = Callable[[Sequence, Place], tuple[Sequence, Place]]

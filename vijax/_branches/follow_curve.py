@@ -13,8 +13,8 @@ from .changes import passed_section, shifted
 from .curve_tests import CurveTest, Seen, curve_tests, faces_of, name_there
 from .defining import AtEvent, Defining, Plane
 from .family import Place
-from .follow import TRUSTED
 from .on_curve import OnCurve, located, neighbours
+from .point import TRUSTED
 from .programs import Request, answer, confirm, locate_start, padded, trimmed
 from .zero import Bracket, next_trial
 

@@ -17,7 +17,8 @@ from .._system.parameters import get_parameter
 from .._system.system import ImpactSystem, with_args
 from .._types import is_traced
 from .family import Family
-from .follow import Point, begin
+from .follow import begin
+from .point import Point
 from .programs import drive
 
 # Events of a cycle beside its impacts for which there is room at first.

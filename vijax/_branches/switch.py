@@ -7,7 +7,8 @@ from .._orbits.sequence import Sequence
 from .._xla import padding_allowed
 from .branch import Bifurcation, branch_of, cycle_of
 from .family import Place
-from .follow import Asked, Point, Walk, corrected, is_followed
+from .follow import Walk
+from .point import Asked, Point, corrected, is_followed
 from .programs import Request, drive, jacobian
 from .starts import family_of, starts_of
 

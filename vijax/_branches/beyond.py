@@ -1,0 +1,129 @@
+"""The same branch on another sequence: where an event comes, goes, passes another or the start of the cycle."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from .._orbits.sequence import NOTHING, Sequence
+from .._trajectory.event_log import IMPACT
+from .._types import Reals
+from .branch_tests import KINDS, Test, tests_of
+from .changes import passed_section, shifted, with_event, with_order_exchanged, without_event
+from .family import Place
+from .point import Asked, Ended, Point, corrected
+from .programs import Followed, Rates, Request, confirm, locate_start, rates_along, trimmed
+
+# What leads off a point where the sequence changes.
+_OFF = 1e-7
+# Where no step leads off, the machine itself is tried at these distances.
+_TRIALS = 1e-6, 1e-5, 1e-4, 1e-3
+
+
+def by_sequence(test: Test, event: Point) -> Asked:
+    """The same on the sequence that it must be, in the direction that its derivative tells."""
+    sequence, place, k = event.sequence, event.place, test.index
+    if test.kind == "touch":
+        watched = event.seen.watched
+        flight, time = int(watched.gap_flight[k]), float(watched.gap_time[k])
+        sequence, place = with_event(sequence, place, IMPACT, k, flight, time)
+        return (yield from _going_on(sequence, place, event, lambda rates: rates.speeds[flight]))
+    if test.kind == "gr":
+        stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
+        sequence, place = without_event(sequence, place, k)
+        return (yield from _going_on(sequence, place, event, lambda rates: rates.gaps[stop], time))
+    if test.kind == "double_impact" and _are_impacts(sequence, k):
+        sequence, place = with_order_exchanged(sequence, place, k)
+        return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[k])))
+    raise Ended(test.kind)
+
+
+def by_machine(event: Point, kind: str) -> Asked:
+    """The point some way ahead with the events that the machine has there."""
+    # Room for what may be new: a stick that is interrupted ends in another chatter.
+    more = 64
+    held = np.concatenate([event.sequence.held, np.repeat(event.sequence.held[-1:], more, axis=0)])
+    kinds, stops = (
+        np.append(event.sequence.kind, [NOTHING] * more),
+        np.append(event.sequence.stop, [0] * more),
+    )
+    longer = Sequence(kinds, stops, held)
+    for ds in _TRIALS:
+        guess = event.place.moved(event.tangent, ds)
+        wide = guess._replace(flights=np.append(guess.flights, np.zeros(more)))
+        followed: Followed = yield Request(confirm, longer, (wide,))
+        new = yield from with_its_bounces(event._replace(place=guess), followed._replace(is_alike=True))
+        told: Followed = yield Request(confirm, new.sequence, (new.place,))
+        if told.is_alike and np.abs(new.place.z - guess.z).max() < 10 * ds:
+            return new._replace(kind="", arc=event.arc + ds)
+    raise Ended(KINDS.get(kind, kind))
+
+
+def in_section(point: Point, num_periods: float) -> Asked:
+    """The point with all its events between the start of the cycle and its end."""
+    by = passed_section(point.place, num_periods)
+    if by == 0:
+        return point
+    time = 0.0 if by > 0 else num_periods
+    z = yield Request(locate_start, point.sequence, (point.place, np.asarray(time)))
+    sequence, place = shifted(point.sequence, point.place, by, num_periods, z)
+    at = yield from _retold(sequence, place, point)
+    # The times of the events go on as they did.
+    before, after = np.cumsum(point.tangent.flights), np.cumsum(at.tangent.flights)
+    is_ahead = np.roll(before, -by) @ after + point.tangent.p * at.tangent.p > 0
+    return at if is_ahead else at.turned()
+
+
+def with_its_bounces(point: Point, followed: Followed) -> Asked:
+    """The point with as many bounces in its chatters as they have there."""
+    num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
+    if not followed.is_alike or num_events == len(point.sequence.kind):
+        return point
+    sequence = trimmed(followed.sequence, num_events)
+    place = point.place._replace(flights=followed.flights[:num_events])
+    # The direction is that of the start and the parameter, whatever the number of bounces.
+    weights = Place(point.tangent.z, 0 * place.flights, point.tangent.p)
+    seen = yield from corrected(sequence, place, weights, place.along(weights))
+    return Point.of(sequence, seen, point.arc) if seen.found.is_converged else point
+
+
+def _are_impacts(sequence: Sequence, k: int) -> bool:
+    is_free = np.array_equal(sequence.held[k - 1], sequence.held[k + 1])
+    return bool(is_free and sequence.kind[k] == IMPACT and sequence.kind[k - 1] == IMPACT)
+
+
+def _going_on(
+    sequence: Sequence, place: Place, event: Point, rate: Callable[[Rates], Reals], time: float = 0.0
+) -> Asked:
+    """The point on the new sequence, in the direction in which a speed or a gap grows."""
+    at = yield from _retold(sequence, place, event)
+    rates: Rates = yield Request(rates_along, sequence, (at.place, at.tangent, np.asarray(time)))
+    return (yield from _off(at, float(rate(rates)) > 0))
+
+
+def _oriented(sequence: Sequence, place: Place, event: Point, ahead: Callable[[Point], float]) -> Asked:
+    """The same in a direction that is read off the tangent."""
+    at = yield from _retold(sequence, place, event)
+    return (yield from _off(at, ahead(at) > 0))
+
+
+def _retold(sequence: Sequence, place: Place, event: Point) -> Asked:
+    """The point of an event on another sequence."""
+    # No direction is special to these weights, and so none is the branch's plane.
+    rng = np.random.default_rng(0)
+    weights = Place(*(np.asarray(rng.normal(size=np.shape(a))) for a in place))
+    weights = Place(*(a / np.sqrt(weights.along(weights)) for a in weights))
+    seen = yield from corrected(sequence, place, weights, place.along(weights))
+    if not seen.found.is_converged:
+        raise Ended("not_converged")
+    return event._replace(sequence=sequence, place=trimmed(seen.found.place, len(sequence.kind)), seen=seen)
+
+
+def _off(at: Point, is_ahead: bool) -> Asked:
+    """A point close behind, in the given direction or in the other."""
+    tangent = at.tangent if is_ahead else at.tangent.turned()
+    target = at.place.along(tangent) + _OFF
+    seen = yield from corrected(at.sequence, at.place.moved(tangent, _OFF), tangent, target)
+    new = Point.of(at.sequence, seen, at.arc + _OFF)
+    if not seen.found.is_converged or min((test.of(seen) for test in tests_of(at.sequence)), default=1) <= 0:
+        raise Ended("several_events")
+    return new

@@ -1,0 +1,83 @@
+"""Functions of a cycle that change their sign where something happens on a branch."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._orbits.sequence import Sequence
+from .._trajectory.event_log import IMPACT, RELEASE
+from .programs import Seen
+
+# A multiplier this close to where it should be is there; halves of a cycle this close are one.
+CLOSE = 1e-4
+# What is seen from two sides has one name.
+KINDS = {"touch": "gr", "period_doubling": "pd"}
+
+
+class Test(NamedTuple):
+    """A function that changes its sign where something happens, and what that is."""
+
+    kind: str
+    of: Callable[[Seen], float]
+    index: int = 0
+
+
+def _ratio(values: Any, of: Any) -> float:
+    """The product of values over 1 + |of|: finite where a multiplier is not."""
+    with np.errstate(invalid="ignore"):
+        parts = values / (1 + np.abs(of))
+    return float(np.prod(np.where(np.isfinite(parts), parts, np.sign(of.real))).real)
+
+
+def _plus(seen: Seen) -> float:
+    mu = seen.found.multipliers
+    return _ratio(1 + mu, mu)
+
+
+def _minus(seen: Seen) -> float:
+    mu = seen.found.multipliers
+    return _ratio(mu - 1, mu)
+
+
+def _pairs(seen: Seen) -> float:
+    mu = seen.found.multipliers
+    first, second = np.triu_indices(len(mu), 1)
+    with np.errstate(invalid="ignore"):
+        products = mu[first] * mu[second]
+    return _ratio(products - 1, np.where(np.isnan(products), 0, products))
+
+
+TESTS_OF_NEIGHBOURS = (
+    Test("fold", lambda seen: float(seen.found.tangent.p)),
+    Test("pd", _plus),
+    Test("bp", _minus),
+    Test("ns", _pairs),
+)
+
+
+def tests_of(sequence: Sequence) -> list[Test]:
+    """Test functions of the sequence: positive as long as a machine can follow it."""
+    found = []
+    for k, (kind, stop) in enumerate(zip(sequence.kind, sequence.stop, strict=True)):
+        if kind == IMPACT:
+            found.append(Test("gr", lambda seen, k=k: float(seen.found.speeds[k]), k))
+        # Two impacts of one stop meet where one of them has no speed.
+        if k > 0 and not (kind == sequence.kind[k - 1] and stop == sequence.stop[k - 1]):
+            ends_stick = kind == RELEASE and sequence.held[k][stop] and not sequence.held[k - 1][stop]
+            name = "chatter_completion" if ends_stick else "double_impact"
+            found.append(Test(name, lambda seen, k=k: float(seen.found.place.flights[k]), k))
+    for j in range(sequence.held.shape[1]):
+        found.append(Test("touch", lambda seen, j=j: float(seen.watched.gap[j]), j))
+        found.append(Test("force_zero", lambda seen, j=j: float(seen.watched.force[j]), j))
+    return found
+
+
+def crossings(tests: list[Test], before: Seen, after: Seen) -> list[Test]:
+    """Those that change from positive to not positive."""
+    return [test for test in tests if test.of(before) > 0 >= test.of(after)]
+
+
+def num_unstable(seen: Seen) -> int:
+    """How many neighbours leave."""
+    return int(np.count_nonzero(np.abs(seen.found.multipliers) > 1))
