@@ -414,6 +414,7 @@ def test_chaos_of_case_a_at_1_4_is_a_transient_beside_the_motion_without_impacts
     assert impacting[1] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.thorough
 def test_chaos_of_case_b_at_2_05_lasts_beside_a_cycle():
     system = vx.models.wagg_bishop_b(2.05)

@@ -82,7 +82,7 @@ def points_of(make):
 
 KINDS = [
     (case_a, CASE_A, "fold"),
-    (case_a, CASE_A, "gr"),
+    pytest.param(case_a, CASE_A, "gr", marks=pytest.mark.slow),
     (case_a, CASE_A, "double_impact"),
     pytest.param(pair, UNEQUAL, "ns", marks=pytest.mark.slow),
     pytest.param(pair, UNEQUAL, "pd", marks=pytest.mark.slow),

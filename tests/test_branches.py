@@ -244,6 +244,7 @@ def test_two_curves_meet_in_one_point():
     np.testing.assert_allclose(other[1:], met[1:], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("frequency", "kind", "amplitude", "speed"),
     [

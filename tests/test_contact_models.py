@@ -313,7 +313,12 @@ def test_a_ball_between_walls_has_the_exact_orbit_of_one_impact_at_each(r, n, a)
 # github.com/professionalMachine1/Multi-piston_vibro-impact_mechanism wrote them (LD_DMV.txt).
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("gravity", "exponent"), [(0.130, -0.2963060962), (0.134, -0.7793959414), (0.140, -1.3862943611)]
+    ("gravity", "exponent"),
+    [
+        (0.130, -0.2963060962),
+        pytest.param(0.134, -0.7793959414, marks=pytest.mark.slow),
+        pytest.param(0.140, -1.3862943611, marks=pytest.mark.slow),
+    ],
 )
 def test_the_multipliers_of_a_machine_on_two_pistons_are_the_published_ones(gravity, exponent):
     system = vx.models.multi_piston(gravity=gravity)

@@ -53,6 +53,7 @@ def test_a_motion_doubles_at_the_published_value_and_goes_on_as_one_attractor():
     assert -1 < float(ds.multipliers[1, 0, 0].real) < -0.99
 
 
+@pytest.mark.slow
 def test_a_chart_counts_one_attractor_more_beyond_the_published_fold():
     plane = {
         "forcing.frequency": [*FOLDS],
@@ -92,6 +93,7 @@ def cascade():
     )
 
 
+@pytest.mark.slow
 def test_a_cascade_of_doublings_is_told_from_the_chaos_behind_it(cascade):
     short, long = vx.classify(cascade, last=15), vx.classify(cascade, last=256)
     names = short.motion.flag_meanings.split()
@@ -101,6 +103,7 @@ def test_a_cascade_of_doublings_is_told_from_the_chaos_behind_it(cascade):
     assert names[int(long.motion[-1])] == "non_periodic"
 
 
+@pytest.mark.slow
 def test_attractors_of_up_to_64_periods_are_polished_cycles(cascade):
     for position, num_periods in [*CASCADE.items()][2:5]:
         end = cascade.sel({POSITION: position})

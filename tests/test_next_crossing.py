@@ -42,6 +42,7 @@ def test_all_passages_of_a_trajectory_are_found(direction):
     assert (abs(np.array(found) - before - 5e-4) <= 5.1e-4).all()
 
 
+@pytest.mark.slow
 @pytest.mark.thorough
 def test_its_derivatives_are_differences_and_hold_the_multipliers():
     system = vx.models.wagg_bishop_a(0.8)

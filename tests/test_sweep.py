@@ -171,6 +171,7 @@ def test_too_few_steps_are_told_and_only_of_their_point():
     assert np.isfinite(cut.x).all()
 
 
+@pytest.mark.slow
 @pytest.mark.thorough
 def test_a_stiff_machine_under_a_slow_load_has_the_steps_it_needs():
     """A period of the slow load has 20 000 of its vibrations, of the fast one 200."""
