@@ -209,4 +209,6 @@ def counted() -> Iterator[list[str]]:
     try:
         yield found
     finally:
-        jax.monitoring.unregister_event_duration_listener(note)
+        # Older releases of JAX have it by a private name alone.
+        remove = getattr(jax.monitoring, "unregister_event_duration_listener", None)
+        (remove or jax._src.monitoring._unregister_event_duration_listener_by_callback)(note)
