@@ -10,7 +10,7 @@ from .._types import Reals
 from .branch_tests import KINDS, Test, tests_of
 from .changes import passed_section, shifted, with_event, with_order_exchanged, without_event
 from .family import Place
-from .point import Asked, Ended, Point, corrected
+from .point import Asked, Ended, Point, as_it_is, corrected
 from .programs import Followed, Rates, Request, confirm, locate_start, rates_along, trimmed
 
 # What leads off a point where the sequence changes.
@@ -108,11 +108,7 @@ def _oriented(sequence: Sequence, place: Place, event: Point, ahead: Callable[[P
 
 def _retold(sequence: Sequence, place: Place, event: Point) -> Asked:
     """The point of an event on another sequence."""
-    # No direction is special to these weights, and so none is the branch's plane.
-    rng = np.random.default_rng(0)
-    weights = Place(*(np.asarray(rng.normal(size=np.shape(a))) for a in place))
-    weights = Place(*(a / np.sqrt(weights.along(weights)) for a in weights))
-    seen = yield from corrected(sequence, place, weights, place.along(weights))
+    seen = yield from as_it_is(sequence, place)
     if not seen.found.is_converged:
         raise Ended("not_converged")
     return event._replace(sequence=sequence, place=trimmed(seen.found.place, len(sequence.kind)), seen=seen)

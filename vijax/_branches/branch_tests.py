@@ -9,6 +9,8 @@ from .._orbits.sequence import Sequence
 from .._trajectory.event_log import IMPACT, RELEASE
 from .programs import Seen
 
+Multipliers = Any
+
 # A multiplier this close to where it should be is there; halves of a cycle this close are one.
 CLOSE = 1e-4
 # What is seen from two sides has one name.
@@ -30,29 +32,34 @@ def _ratio(values: Any, of: Any) -> float:
     return float(np.prod(np.where(np.isfinite(parts), parts, np.sign(of.real))).real)
 
 
-def _plus(seen: Seen) -> float:
-    mu = seen.found.multipliers
+def of_doubling(mu: Multipliers) -> float:
+    """Zero where a multiplier is -1."""
     return _ratio(1 + mu, mu)
 
 
-def _minus(seen: Seen) -> float:
-    mu = seen.found.multipliers
+def of_meeting(mu: Multipliers) -> float:
+    """Zero where a multiplier is 1."""
     return _ratio(mu - 1, mu)
 
 
-def _pairs(seen: Seen) -> float:
-    mu = seen.found.multipliers
+def of_pairs(mu: Multipliers) -> float:
+    """Zero where the product of two multipliers is 1."""
     first, second = np.triu_indices(len(mu), 1)
     with np.errstate(invalid="ignore"):
         products = mu[first] * mu[second]
     return _ratio(products - 1, np.where(np.isnan(products), 0, products))
 
 
+def num_on_circle(mu: Multipliers) -> int:
+    """How many multipliers are on the unit circle, but not real."""
+    return int(np.count_nonzero((np.abs(np.abs(mu) - 1) < CLOSE) & (np.abs(mu.imag) > CLOSE)))
+
+
 TESTS_OF_NEIGHBOURS = (
     Test("fold", lambda seen: float(seen.found.tangent.p)),
-    Test("pd", _plus),
-    Test("bp", _minus),
-    Test("ns", _pairs),
+    Test("pd", lambda seen: of_doubling(seen.found.multipliers)),
+    Test("bp", lambda seen: of_meeting(seen.found.multipliers)),
+    Test("ns", lambda seen: of_pairs(seen.found.multipliers)),
 )
 
 

@@ -9,7 +9,7 @@ from .branch_tests import CLOSE, Test, tests_of
 from .changes import with_event
 from .defining import AbstractCondition, AtEvent, AtMultiplier, Defining
 from .family import Family, Place
-from .point import Asked, corrected
+from .point import as_it_is
 from .programs import Seen, drive, padded, room_for
 from .starts import family_of, starts_of
 
@@ -64,7 +64,7 @@ def _at_multiplier(point: Bifurcation) -> AbstractCondition:
 def _at_event(
     family: Family, kind: str, sequence: Sequence, place: Place
 ) -> tuple[AbstractCondition, Sequence, Place]:
-    (seen,) = drive([family], [_as_it_is(sequence, place)], lambda: None)
+    (seen,) = drive([family], [as_it_is(sequence, place)], lambda: None)
     test, watched = _test_of(kind, sequence, seen), seen.watched
     k, is_tangent = test.index, test.kind != "double_impact"
     if test.kind == "touch":
@@ -76,13 +76,6 @@ def _at_event(
         sequence, place = with_event(sequence, place, RELEASE, k, flight, time)
         k, is_tangent = flight, bool(place.flights[flight] > _MOMENT[str(place.flights.dtype)])
     return AtEvent(np.zeros(0), np.asarray(k), np.asarray(is_tangent)), sequence, place
-
-
-def _as_it_is(sequence: Sequence, place: Place) -> Asked:
-    """A cycle that is known."""
-    rng = np.random.default_rng(0)
-    weights = Place(*(np.asarray(rng.normal(size=np.shape(a))) for a in place))
-    return (yield from corrected(sequence, place, weights, place.along(weights)))
 
 
 def _test_of(kind: str, sequence: Sequence, seen: Seen) -> Test:

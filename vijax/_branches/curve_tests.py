@@ -11,7 +11,7 @@ import numpy as np
 
 from .._orbits.sequence import Sequence
 from .._trajectory.event_log import IMPACT
-from .branch_tests import CLOSE, KINDS, tests_of
+from .branch_tests import CLOSE, KINDS, num_on_circle, of_doubling, of_meeting, of_pairs, tests_of
 from .changes import with_order_exchanged, without_event
 from .defining import AbstractCondition, AtEvent, Defining
 from .family import Place
@@ -23,6 +23,8 @@ Change = Callable[[Sequence, Place], tuple[Sequence, Place]]
 _INFINITE, _DEPENDENT, _ROUNDING = 1e8, 1e-7, 1e-9
 # Angles of a pair of multipliers at which orbits of other periods meet, and whether the curve ends there.
 _ANGLES = {"1:1": (0.0, True), "1:2": (np.pi, True), "1:3": (2 * np.pi / 3, False), "1:4": (np.pi / 2, False)}
+# The multipliers that are there.
+_NEAR = {"fold": [1], "pd": [-1], "1:1": [1, 1], "1:2": [-1, -1]}
 
 
 class Seen(NamedTuple):
@@ -88,11 +90,11 @@ def _of_neighbours(kind: str, face: int) -> list[CurveTest]:
     others = lambda seen: _others(kind, seen, face)  # noqa: E731
     doubling = "1:2" if kind == "pd" else _meeting(kind, "pd")
     found = [
-        CurveTest(doubling, lambda seen, _: _product(others(seen) + 1), face),
-        CurveTest(_meeting(kind, "ns"), lambda seen, _: _product(_pairs(others(seen)) - 1), face),
+        CurveTest(doubling, lambda seen, _: of_doubling(others(seen)), face),
+        CurveTest(_meeting(kind, "ns"), lambda seen, _: of_pairs(others(seen)), face),
     ]
     if kind == "fold":
-        return [*found, CurveTest("1:1", lambda seen, _: _product(others(seen) - 1), face)]
+        return [*found, CurveTest("1:1", lambda seen, _: of_meeting(others(seen)), face)]
     return [*found, CurveTest(_meeting(kind, "fold"), lambda seen, _: float(seen.faces[face].fold), face)]
 
 
@@ -117,14 +119,8 @@ def name_there(test: CurveTest, seen: Seen) -> str:
     if "gr" in kinds and {"fold", "pd", "ns"} & {*kinds} and independence < _DEPENDENT:
         return "resonant_grazing"
     if "ns" in kinds:
-        on_circle = (np.abs(np.abs(mu) - 1) < CLOSE) & (np.abs(mu.imag) > CLOSE)
-        return test.name if np.count_nonzero(on_circle) >= 2 * kinds.count("ns") else ""
-    wanted = {
-        "1:1": [1, 1],
-        "1:2": [-1, -1],
-        **{"+".join(kinds): [{"fold": 1, "pd": -1}.get(a) for a in kinds]},
-    }
-    near = [a for a in wanted.get(test.name, []) if a is not None]
+        return test.name if num_on_circle(mu) >= 2 * kinds.count("ns") else ""
+    near = _NEAR.get(test.name) or [_NEAR[kind][0] for kind in kinds if kind in ("fold", "pd")]
     is_there = all(np.count_nonzero(np.abs(mu - a) < np.sqrt(CLOSE)) >= near.count(a) for a in near)
     return test.name if is_there else ""
 
@@ -138,15 +134,6 @@ def _others(kind: str, seen: Seen, face: int) -> np.ndarray:
     for value in own[: len(mu)]:
         mu = np.delete(mu, np.argmin(np.abs(mu - value)))
     return mu
-
-
-def _product(values: np.ndarray) -> float:
-    return float(np.prod(values / (1 + np.abs(values))).real)
-
-
-def _pairs(mu: np.ndarray) -> np.ndarray:
-    first, second = np.triu_indices(len(mu), 1)
-    return mu[first] * mu[second]
 
 
 def _towards(angle: float, seen: Seen, before: Seen) -> float:

@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from .branch_tests import CLOSE, TESTS_OF_NEIGHBOURS, Test, num_unstable
+from .branch_tests import CLOSE, TESTS_OF_NEIGHBOURS, Test, num_on_circle, num_unstable
 from .family import Place
 from .point import Asked, Ended, Point, on_plane
 from .programs import Request, Seen, locate_start
@@ -133,7 +133,7 @@ def _is_there(test: Test, seen: Seen) -> bool:
     """Whether the multipliers say so too: a test function changes its sign as well where one is infinite."""
     mu = seen.found.multipliers
     if test.kind == "ns":
-        return bool(np.any((np.abs(np.abs(mu) - 1) < CLOSE) & (np.abs(mu.imag) > CLOSE)))
+        return num_on_circle(mu) > 0
     wanted = {"pd": -1, "bp": 1}
     return test.kind not in wanted or bool(np.any(np.abs(mu - wanted[test.kind]) < CLOSE))
 

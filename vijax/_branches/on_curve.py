@@ -36,16 +36,16 @@ class OnCurve(NamedTuple):
     """A point of a curve.
 
     Attributes:
-        y: Reals
-        tangent: Reals
+        y: the unknowns of its defining system.
+        tangent: of the curve, of length 1, in the direction of the weights that led here.
         place: the cycle and both parameters.
-        direction: Reals
-        own: Reals
-        start: Reals
-            speeds: Reals
-        residual: Reals
+        direction: how both change along the curve, (2,).
+        own: unknowns of the condition.
+        start: the state where the cycle begins, (2 n,).
+        speeds: at the impacts, (events,).
+        residual: of the closing.
         watched: what happens between events.
-                num_steps: of Newton's method.
+        num_steps: of Newton's method.
         is_found: whether it came to a point.
     """
 

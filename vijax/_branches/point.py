@@ -74,6 +74,14 @@ def corrected(sequence: Sequence, guess: Place, weights: Place, target: float) -
     return seen
 
 
+def as_it_is(sequence: Sequence, place: Place) -> Asked:
+    """A cycle that is known. No direction is special to the weights, and so none is the branch's plane."""
+    rng = np.random.default_rng(0)
+    weights = Place(*(np.asarray(rng.normal(size=np.shape(a))) for a in place))
+    weights = Place(*(a / np.sqrt(weights.along(weights)) for a in weights))
+    return (yield from corrected(sequence, place, weights, place.along(weights)))
+
+
 def is_followed(point: Point) -> Asked:
     """Whether the machine follows the cycle."""
     followed: Followed = yield Request(confirm, point.sequence, (point.place,))
