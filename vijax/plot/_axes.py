@@ -96,3 +96,17 @@ def check_index(name: str, index: int, count: int) -> None:
         raise ValueError(f"Argument `{name}` is {index}, but the machine has none.")
     if not 0 <= index < count:
         raise ValueError(f"Argument `{name}` must lie in 0 to {count - 1}, but is {index}.")
+
+
+def check_one_machine(sizes: Mapping[Any, int], picture: str, own: Sequence[str]) -> None:
+    """Refuse what is of several machines; several starts of one are welcome, and dimensions of its own."""
+    several = [
+        str(dim)
+        for dim, size in sizes.items()
+        if size > 1 and dim not in own and not str(dim).startswith(("x0", "v0"))
+    ]
+    if several:
+        raise ValueError(
+            f"{picture} is of one machine, but {several} are swept: select one value of each, "
+            "as in `ds.sel({path: value})`."
+        )

@@ -6,21 +6,20 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
 from matplotlib.colors import ListedColormap
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ._axes import legend_beside, new_axes
-from ._colors import styled
-from ._labels import Units, label
+from ._cloud import MARKERS
+from ._labels import Units
+from ._mesh import check_plane, draw_mesh
 from ._motions import heading, words_of_motion
 
 # After Okabe and Ito, told apart by the colour-blind as well; light enough for black points, dark enough for white edges.
 _COLORS = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442", "#0072b2", "#d55e00", "#b0e0c8")
 _OTHER, _UNKNOWN = "#a0a0a0", "#606060"
-_MARKERS = "os^Dv<>p"
 # Points of a cycle are few and drawn large, those of a cloud small.
 _SIZES = ((20, 6.0), (100, 4.0), (np.inf, 2.0))
 
@@ -73,11 +72,9 @@ def basins(
     codes = basins["label"].values
     codes = np.where(codes >= count, count, codes)
     colors = ListedColormap([_UNKNOWN, *_COLORS[:count], _OTHER])
-    own = {"cmap": colors, "vmin": -1.5, "vmax": count + 0.5, "shading": "nearest", "rasterized": True}
-    ax.pcolormesh(basins[right].values, basins[up].values, codes.T, **styled(style, QuadMesh, **own))
+    draw_mesh(ax, basins["label"], codes, units, style, cmap=colors, vmin=-1.5, vmax=count + 0.5)
     ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # attractors may lie far outside
     has_mark = [points and _draw_section(ax, basins.isel(attractor=k), right, up, k) for k in range(count)]
-    ax.set(xlabel=label(right, units), ylabel=label(up, units))
     _add_legend(ax, basins, codes, has_mark)
     return ax
 
@@ -85,14 +82,7 @@ def basins(
 def _check(basins: xr.Dataset, max_attractors: int) -> None:
     if "label" not in basins:
         raise ValueError(f"A picture of basins needs the variable `label`, but there are {list(basins)}.")
-    dims, shape = list(basins["label"].dims), basins["label"].shape
-    if len(dims) != 2:
-        raise ValueError(
-            f"A picture of basins needs two start quantities, but there are {dims}: "
-            "select one value of the others, as in `ds.sel({path: value})`."
-        )
-    if min(shape) < 2:
-        raise ValueError(f"A picture of basins needs two values or more of each quantity, but has {shape}.")
+    check_plane(basins["label"], "A picture of basins", "start")
     if not 0 <= max_attractors <= len(_COLORS):
         raise ValueError(
             f"Argument `max_attractors` must lie in 0 to {len(_COLORS)}, but is {max_attractors}."
@@ -111,7 +101,7 @@ def _draw_section(ax: Axes, attractor: xr.Dataset, right: str, up: str, number: 
         x[seen],
         y[seen],
         linestyle="none",
-        marker=_MARKERS[number],
+        marker=MARKERS[number],
         markersize=size,
         markerfacecolor="black",
         markeredgecolor="white",
@@ -134,7 +124,7 @@ def _add_legend(ax: Axes, basins: xr.Dataset, codes: np.ndarray, has_mark: list[
     for k, is_marked in enumerate(has_mark):
         patch = Patch(facecolor=_COLORS[k], edgecolor="black", linewidth=0.6)
         one = Line2D(
-            [], [], linestyle="none", marker=_MARKERS[k], color="black", markeredgecolor="white", markersize=6
+            [], [], linestyle="none", marker=MARKERS[k], color="black", markeredgecolor="white", markersize=6
         )
         handles.append((patch, one) if is_marked else (patch,))
         attractor = basins.isel(attractor=k)

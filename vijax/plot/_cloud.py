@@ -1,11 +1,12 @@
 """Points of a section: few are drawn large, many small, and fainter the more of them lie in one place."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from ._colors import styled
+from ._axes import legend_above
+from ._colors import ink, of_curves, styled
 
 MARKERS = "os^Dv<>p"
 # Up to how many points are how large.
@@ -16,15 +17,26 @@ _CELLS = 250
 _ENOUGH, _FAINTEST = 4.0, 0.1
 
 
-def size_for(count: int) -> float:
-    """How large to draw so many points."""
-    return next(size for most, size in _SIZES if count <= most)
+class Cloud(NamedTuple):
+    """Points of one colour, (points,) each, and their name in the legend."""
+
+    name: str
+    x: np.ndarray
+    y: np.ndarray
 
 
-def draw_cloud(ax: Axes, x: np.ndarray, y: np.ndarray, style: dict[str, Any], **own: Any) -> None:
-    """Draw points; where they are thousands, the darker a place the more often it is visited."""
-    marks = {"linestyle": "none", "marker": "o", "markeredgewidth": 0, "alpha": _alpha(x, y)}
-    ax.plot(x, y, **styled(style, rasterized=True, **marks | own))
+def draw_clouds(ax: Axes, clouds: list[Cloud], style: dict[str, Any]) -> None:
+    """Draw points, several clouds told apart; where they are thousands, the darker a place the more often it is visited."""
+    count = sum(len(cloud.x) for cloud in clouds)
+    many, size = len(clouds) > 1, next(size for most, size in _SIZES if count <= most)
+    for (name, x, y), color, marker in zip(
+        clouds, of_curves(len(clouds)), MARKERS * len(clouds), strict=False
+    ):
+        look = {"color": color, "marker": marker} if many else {"color": ink(), "marker": "o"}
+        marks = {"linestyle": "none", "markersize": size, "markeredgewidth": 0, "alpha": _alpha(x, y)}
+        ax.plot(x, y, **styled(style, rasterized=True, label=name, **marks, **look))
+    if many or "label" in style:
+        legend_above(ax, markerscale=7 / size)
 
 
 def _alpha(x: np.ndarray, y: np.ndarray) -> float | None:

@@ -1,7 +1,7 @@
 """The sections of the impact maps: phase and velocity of every impact."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -11,9 +11,8 @@ from .._orbits.orbit import PeriodicOrbit
 from .._sweep.endings import warn_of_endings
 from .._trajectory.event_log import IMPACT
 from .._trajectory.solution import Solution
-from ._axes import check_index, legend_above, new_axes, span_of_phase
-from ._cloud import MARKERS, draw_cloud, size_for
-from ._colors import ink, of_curves
+from ._axes import check_index, check_one_machine, new_axes, span_of_phase
+from ._cloud import Cloud, draw_clouds
 from ._contacts import name_of
 from ._labels import ANGLE, VELOCITY, Units, with_unit
 from ._orbits import solution_of
@@ -67,33 +66,20 @@ def impact_map(
         Wagg & Bishop (2004), Sec. 2.2 and Fig. 9.
     """
     clouds, words = _clouds(sol_or_ds, stop)
-    phases = np.concatenate([one.phase for one in clouds])
+    phases = np.concatenate([one.x for one in clouds])
     begin = _origin(phases) if origin is None else float(origin)
     ax = new_axes() if ax is None else ax
-    many, size = len(clouds) > 1, size_for(len(phases))
-    for one, color, marker in zip(clouds, of_curves(len(clouds)), MARKERS * len(clouds), strict=False):
-        at = begin + np.mod(one.phase - begin, 2 * np.pi)
-        look = {"color": color, "marker": marker} if many else {"color": ink()}
-        draw_cloud(ax, at, one.velocity, style, markersize=size, label=one.name, **look)
+    turned = [one._replace(x=begin + np.mod(one.x - begin, 2 * np.pi)) for one in clouds]
+    draw_clouds(ax, turned, style)
     ax.axhline(0, color="0.7", linewidth=0.8, zorder=0)
     span_of_phase(ax.set_xlim, ax.set_xticks, begin)
     ax.set_xlabel(with_unit(r"Phase $\varphi$ of impact", ANGLE, units))
     ax.set_ylabel(with_unit(words, VELOCITY, units))
-    if many or "label" in style:
-        legend_above(ax, markerscale=7 / size)
     return ax
 
 
-class _Cloud(NamedTuple):
-    """Impacts of one colour: phase and velocity, (impacts,) each."""
-
-    name: str
-    phase: np.ndarray
-    velocity: np.ndarray
-
-
-def _clouds(motions: Motion | Mapping[str, Motion], stop: int | None) -> tuple[list[_Cloud], str]:
-    """What is drawn, and the words of the velocity."""
+def _clouds(motions: Motion | Mapping[str, Motion], stop: int | None) -> tuple[list[Cloud], str]:
+    """What is drawn, phases and velocities, and the words of the velocity."""
     is_one = isinstance(motions, Motion)
     named = {"": motions} if is_one else dict(motions)
     if not named:
@@ -110,7 +96,7 @@ def _clouds(motions: Motion | Mapping[str, Motion], stop: int | None) -> tuple[l
             raise ValueError(f"There are no impacts at {where} to draw.")
         of_stops = {j: of_stop == j for j in drawn}
         clouds += [
-            _Cloud(_name(name, name_of(j, masses), stop is None), phase[is_it], velocity[is_it])
+            Cloud(_name(name, name_of(j, masses), stop is None), phase[is_it], velocity[is_it])
             for j, is_it in of_stops.items()
         ]
         quantity = "Speed of approach" if (masses[drawn] < 0).all() else "Velocity $v^-$"
@@ -140,7 +126,7 @@ def _origin(phase: np.ndarray) -> float:
 def _impacts(motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The masses of the stops, and phase, velocity and stop of every impact."""
     if isinstance(motion, xr.Dataset):
-        check_one_machine(motion, "An impact map")
+        check_one_machine(dict(motion.result.sizes), "An impact map", ("direction",))
         columns = (motion.impact_phase, motion.impact_velocity, motion.impact_stop)
         return motion["stop_mass"].values, *(column.values.ravel() for column in columns)
     sol = solution_of(motion)
@@ -149,17 +135,3 @@ def _impacts(motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
     t, velocity, stop = (np.asarray(a)[is_impact] for a in (log.t, log.velocity_minus, log.stop))
     phase = np.mod(float(sol.machine.frequency) * t, 2 * np.pi)
     return np.array(sol.machine.contacts.masses, int), phase, velocity, stop
-
-
-def check_one_machine(ds: xr.Dataset, picture: str) -> None:
-    """Refuse a sweep of several machines; several starts of one are welcome."""
-    several = [
-        str(dim)
-        for dim in ds.result.dims
-        if ds.sizes[dim] > 1 and not str(dim).startswith(("x0", "v0", "direction"))
-    ]
-    if several:
-        raise ValueError(
-            f"{picture} is of one machine, but {several} are swept: select one value of each, "
-            "as in `ds.sel({path: value})`."
-        )

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from ._colors import ink, is_dark, of_curves, with_lightness
+from ._mesh import check_plane
 
 # Only these repeat, and are told apart by impacts and periods.
 _REPEATING = ("periodic", "chattering")
@@ -96,13 +97,7 @@ def check_motions(classes: xr.Dataset, max_classes: int) -> None:
     motion = classes.motion
     if not {"flag_values", "flag_meanings"} <= set(motion.attrs):
         raise ValueError("The variable `motion` must have the attributes `flag_values` and `flag_meanings`.")
-    if motion.ndim != 2:
-        raise ValueError(
-            f"A region chart needs two swept quantities, but there are {list(motion.dims)}: "
-            "select one value of the others, as in `ds.sel({path: value})`."
-        )
-    if min(motion.shape) < 2:
-        raise ValueError(f"A region chart needs two values or more of each quantity, but has {motion.shape}.")
+    check_plane(motion, "A region chart")
     if max_classes < 0:
         raise ValueError(f"Argument `max_classes` must be 0 or more, but is {max_classes}.")
 

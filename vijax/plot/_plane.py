@@ -6,12 +6,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, TwoSlopeNorm
 
 from ._axes import figure_of, new_axes
-from ._colors import of_order, styled
-from ._labels import Units, label
+from ._colors import of_order
+from ._labels import Units
+from ._mesh import check_plane, draw_mesh
 
 # A count with more values than this is drawn as a quantity.
 _MOST_COUNTS = 12
@@ -53,34 +53,20 @@ def plane(
         ax = vx.plot.plane(abs(chart.multipliers).max("multiplier"), words="Largest multiplier")
         ```
     """
-    _check(values)
-    right, up = map(str, values.dims)
-    values = values.sortby([right, up])
+    check_plane(values, "A picture of a plane")
+    if np.iscomplexobj(values):
+        raise ValueError("The values are complex: draw their magnitude, as `abs(values)`.")
+    values = values.sortby(list(values.dims))
     ax = new_axes() if ax is None else ax
     numbers = np.ma.masked_invalid(values.values)
     cmap, norm = _colors(numbers, center)
-    look = styled(style, QuadMesh, cmap=cmap, norm=norm, shading="nearest", rasterized=True)
-    mesh = ax.pcolormesh(values[right].values, values[up].values, numbers.T, **look)
+    mesh = draw_mesh(ax, values, numbers, units, style, cmap=cmap, norm=norm)
     name = str(values.attrs.get("long_name", values.name or ""))
     ticks = np.unique(numbers.compressed()) if isinstance(norm, BoundaryNorm) else None
     figure_of(ax).colorbar(
         mesh, ax=ax, ticks=ticks, label=(name[:1].upper() + name[1:]) if words is None else words
     )
-    ax.set(xlabel=label(right, units), ylabel=label(up, units))
     return ax
-
-
-def _check(values: xr.DataArray) -> None:
-    dims, shape = list(values.dims), values.shape
-    if len(dims) != 2:
-        raise ValueError(
-            f"A picture of a plane needs two swept quantities, but there are {dims}: "
-            "select one value of the others, as in `ds.sel({path: value})`."
-        )
-    if min(shape) < 2:
-        raise ValueError(f"A picture of a plane needs two values or more of each quantity, but has {shape}.")
-    if np.iscomplexobj(values):
-        raise ValueError("The values are complex: draw their magnitude, as `abs(values)`.")
 
 
 def _colors(numbers: np.ma.MaskedArray, center: float | None) -> tuple[str | Colormap, Normalize]:

@@ -12,8 +12,9 @@ from matplotlib.patheffects import withStroke
 from scipy import ndimage
 
 from ._axes import figure_of, legend_beside, new_axes
-from ._colors import ink, is_dark, lightness_of, styled
-from ._labels import Units, label
+from ._colors import ink, is_dark, lightness_of
+from ._labels import Units
+from ._mesh import draw_mesh
 from ._motions import NOT_KNOWN, Entry, check_motions, entries, heading, motions_of
 
 # Of words in the plane: the size of their letters in points, how wide and how high these are of it, and how far the nearest
@@ -68,8 +69,7 @@ def regions(
         Wagg & Bishop (2004), Fig. 6.
     """
     check_motions(classes, max_classes)
-    right, up = classes.motion.dims
-    classes = classes.sortby([right, up])
+    classes = classes.sortby(list(classes.motion.dims))
     of_point = motions_of(classes)
     drawn = entries(of_point, max_classes)
     numbers = {motion: k for k, entry in enumerate(drawn) for motion in entry.motions}
@@ -80,12 +80,9 @@ def regions(
         "vmin": -0.5,
         "vmax": len(drawn) - 0.5,
     }
-    look = styled(style, QuadMesh, shading="nearest", rasterized=True, **colors)
-    mesh = ax.pcolormesh(classes[right].values, classes[up].values, code, **look)
+    mesh = draw_mesh(ax, classes.motion, code.T, units, style, **colors)
     _hatch(ax, mesh, code, drawn)
     _name(ax, classes, code, drawn)
-    ax.set_xlabel(label(str(right), units))
-    ax.set_ylabel(label(str(up), units))
     legend_beside(ax, **_legend(drawn), title=heading(classes))
     return ax
 

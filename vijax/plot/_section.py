@@ -1,7 +1,7 @@
 """A motion seen on a section of its phase space: once a forcing period, or whenever it passes somewhere."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -10,9 +10,8 @@ from matplotlib.axes import Axes
 from .._attractors.sections import stroboscopic_section
 from .._orbits.orbit import PeriodicOrbit
 from .._trajectory.solution import Solution
-from ._axes import check_index, legend_above, new_axes
-from ._cloud import MARKERS, draw_cloud, size_for
-from ._colors import ink, of_curves
+from ._axes import check_index, check_one_machine, new_axes
+from ._cloud import Cloud, draw_clouds
 from ._labels import LENGTH, VELOCITY, Units, with_unit
 from ._motions import words_of_motion
 from ._orbits import solution_of
@@ -69,30 +68,16 @@ def section(
     """
     named = states if isinstance(states, Mapping) and not isinstance(states, xr.Dataset) else {"": states}
     clouds = [cloud for name, one in named.items() for cloud in _clouds(name, one, mass)]
-    count = sum(len(cloud.x) for cloud in clouds)
-    if not count:
+    if not any(len(cloud.x) for cloud in clouds):
         raise ValueError("There are no points to draw: a section needs one forcing period or more.")
     ax = new_axes() if ax is None else ax
-    many, size = len(clouds) > 1, size_for(count)
-    for cloud, color, marker in zip(clouds, of_curves(len(clouds)), MARKERS * len(clouds), strict=False):
-        look = {"color": color, "marker": marker} if many else {"color": ink()}
-        draw_cloud(ax, cloud.x, cloud.v, style, markersize=size, label=cloud.name, **look)
+    draw_clouds(ax, clouds, style)
     ax.set_xlabel(with_unit(f"Position $x_{{{mass}}}$", LENGTH, units))
     ax.set_ylabel(with_unit(f"Velocity $\\dot x_{{{mass}}}$", VELOCITY, units))
-    if many or "label" in style:
-        legend_above(ax, markerscale=7 / size)
     return ax
 
 
-class _Cloud(NamedTuple):
-    """Points of one colour: position and velocity of the mass, (points,) each."""
-
-    name: str
-    x: np.ndarray
-    v: np.ndarray
-
-
-def _clouds(name: str, states: States, mass: int) -> list[_Cloud]:
+def _clouds(name: str, states: States, mass: int) -> list[Cloud]:
     """What is drawn of one motion, or of each of several attractors."""
     if isinstance(states, tuple):
         x, v = (np.asarray(a, float) for a in states)
@@ -111,7 +96,7 @@ def _clouds(name: str, states: States, mass: int) -> list[_Cloud]:
         )
     check_index("mass", mass, ds.sizes["mass"])
     x, v = (ds[one].isel(mass=mass) for one in names)
-    _check_one_machine(x)
+    check_one_machine(dict(x.sizes), "A section", _OWN)
     if "attractor" not in x.dims:
         return [_known(name, x.values.ravel(), v.transpose(*x.dims).values.ravel())]
     found = []
@@ -122,20 +107,7 @@ def _clouds(name: str, states: States, mass: int) -> list[_Cloud]:
     return found
 
 
-def _known(name: str, x: np.ndarray, v: np.ndarray) -> _Cloud:
+def _known(name: str, x: np.ndarray, v: np.ndarray) -> Cloud:
     """Without the NaN of motions that are not known, or have fewer points than others."""
     is_known = np.isfinite(x) & np.isfinite(v)
-    return _Cloud(name, x[is_known], v[is_known])
-
-
-def _check_one_machine(x: xr.DataArray) -> None:
-    several = [
-        str(dim)
-        for dim in x.dims
-        if dim not in _OWN and x.sizes[dim] > 1 and not str(dim).startswith(("x0", "v0"))
-    ]
-    if several:
-        raise ValueError(
-            f"A section is of one machine, but {several} are swept: select one value of each, "
-            "as in `ds.sel({path: value})`."
-        )
+    return Cloud(name, x[is_known], v[is_known])
