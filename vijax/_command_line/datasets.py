@@ -7,14 +7,15 @@ from pathlib import Path
 
 import xarray as xr
 
+from .._system.files import SUFFIXES
+
 # The engine by which xarray reads and writes them.
 _ENGINES = {".nc": "h5netcdf", ".zarr": "zarr"}
-_MACHINES = (".toml", ".json")
 
 
 def is_machine(file: Path) -> bool:
     """Whether a file is one of a machine, by its ending."""
-    return file.suffix.lower() in _MACHINES
+    return file.suffix.lower() in SUFFIXES
 
 
 def open_dataset(file: Path) -> xr.Dataset:

@@ -10,6 +10,8 @@ from .description import build, describe
 from .force_description import check_force_is_told
 from .system import ImpactSystem, with_args
 
+# Endings of files of machines.
+SUFFIXES = (".toml", ".json")
 # What files of the command line hold beside a machine.
 _BESIDE = ("sweep",)
 
@@ -107,7 +109,7 @@ def _text(path: Path, table: dict[str, Any]) -> str:
 
 def _checked(file: str | os.PathLike[str]) -> Path:
     path = Path(file)
-    if path.suffix.lower() not in (".toml", ".json"):
+    if path.suffix.lower() not in SUFFIXES:
         raise ValueError(f"Files of machines end in .toml or .json, but this is {str(path)!r}.")
     return path
 
