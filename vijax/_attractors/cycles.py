@@ -54,9 +54,9 @@ def periodic_orbits(ds: xr.Dataset, *, max_events: Count = 256, progress: bool =
     num_periods = flat(ds, kinds["num_periods"])
     which = np.flatnonzero(np.isin(flat(ds, kinds["motion"]), _REPEATS) & (num_periods > 0))
     states = np.concatenate([flat(ds, ds[name], "mass") for name in ("x", "v")], axis=1)
-    # Neighbouring lanes then take about equally long.
-    impacts = flat(ds, ds["num_impacts"], "stop").sum(axis=1)
-    which = which[np.lexsort((impacts[which], num_periods[which]))]
+    # Neighbouring lanes then take about equally long: a period takes a step at least, and one more for each impact.
+    steps = num_periods * (flat(ds, ds["num_impacts"], "stop").sum(axis=1) + ds.sizes["period"])
+    which = which[np.argsort(-steps[which], kind="stable")]
     found = None
     if which.size:
         machines = machines_of(ds, [*dims_of(ds)], which)

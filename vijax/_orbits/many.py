@@ -14,9 +14,9 @@ from .._trajectory.event_log import IMPACT
 from .._xla import jit_lightly
 from .search import Search, Strobe, begin_search, learn
 
-# Searches side by side, the only number compiled for. Most cycles have fewer events than `_FEW`: the others
-# are searched for again with room for all.
-_LANES, _FEW = 128, 32
+# Searches side by side, the only number compiled for: a lane costs the same among 32 as among 128, and fewer wait for
+# the longest. Most cycles have fewer events than `_FEW`: the others are searched for again with room for all.
+_LANES, _FEW = 32, 32
 
 
 class Orbits(NamedTuple):

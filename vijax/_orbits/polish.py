@@ -12,8 +12,9 @@ from .condensed import Pencil, condense, solve_condensed
 from .cycle import Problem, Residual, Unknowns, linearise, residual
 
 # A step below `_ROUNDING` eps, relative to the orbit, is rounding; so is one below `_SMALL` that is not under
-# half the last.
+# half the last. The step after one below `_TINY` is, as steps shrink quadratically.
 _SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
+_TINY = {"float64": 1e-10, "float32": 3e-6}
 _MAX_STEPS = 24
 
 
@@ -67,6 +68,7 @@ def polish(problem: Problem, guess: Unknowns) -> Polished:
     def is_on(carry: tuple[Unknowns, Polished]) -> Array:
         now = carry[1]
         is_rounding = (now.step < _ROUNDING * eps) | (now.is_converged & (now.step >= now.last / 2))
+        is_rounding = is_rounding | (now.last < _TINY[str(scale.dtype)])
         return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
 
     def one(carry: tuple[Unknowns, Polished]) -> tuple[Unknowns, Polished]:

@@ -9,6 +9,8 @@ does not soon, as among the grazings that a chatter is made of, the motion is fo
 begins again at their end.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -26,13 +28,13 @@ from .._xla import is_any
 from .cycle import Problem, Unknowns, prepared
 from .newton import Cycle, cycle_by_map, cycle_by_sequence
 from .polish import size_of
-from .sequence import NOTHING, Sequence, happens_alike, nothing_happens, sequence_of
+from .sequence import NOTHING, happens_alike, nothing_happens, sequence_of
 
 # The most runs of a search, and how small a fraction of a step is tried.
 MAX_RUNS = 40
 _LEAST = 0.05
-# Closing error of a closed run, relative to the size of the motion.
-_CLOSE = {"float64": 1e-9, "float32": 1e-4}
+# Closing error of a closed run, relative to the size of the motion; how near to a cycle a run begins on it.
+_CLOSE, _STILL = {"float64": 1e-9, "float32": 1e-4}, {"float64": 1e-12, "float32": 1e-5}
 
 
 class Search(eqx.Module):
@@ -135,6 +137,24 @@ class Strobe(eqx.Module):
         return jnp.concatenate([sol.x1, sol.v1])
 
 
+class Run(NamedTuple):
+    """What a run showed.
+
+    Attributes:
+        problem: the equations of its events.
+        start: where it began, in space, (2 n,).
+        flights: the durations of its flights, in forcing periods, (events,).
+        closing: how far it was from closing, relative to the size of the motion.
+        end: where it ended, in space, (2 n,).
+    """
+
+    problem: Problem
+    start: Array
+    flights: Array
+    closing: Scalar
+    end: Array
+
+
 def learn(strobe: Strobe, search: Search) -> Search:
     """Follow the motion from the trial, and update the search."""
     log, result, end = run_for_log(
@@ -146,28 +166,26 @@ def learn(strobe: Strobe, search: Search) -> Search:
     size = size_of(problem, search.trial)
     is_whole = result == RESULTS.successful
     closing = jnp.where(is_whole, jnp.max(jnp.abs(end - search.trial) / size), jnp.inf)
-    is_orbit = is_whole & _is_followed(search, sequence, flights, closing, size)
+    run = Run(problem, search.trial, flights, closing, end)
+    is_orbit = is_whole & search.has_cycle & _is_followed(search.cycle, search.cycle.start, run, _CLOSE)
     search = eqx.tree_at(
         lambda s: (s.is_orbit, s.is_full, s.num_runs),
         search,
         (is_orbit, result == RESULTS.max_events_reached, search.num_runs + 1),
     )
     # Most lanes of a batch become orbits in the same run.
-    return jax.lax.cond(
-        is_any(~is_orbit), lambda: _next(strobe, problem, search, flights, closing, end), lambda: search
-    )
+    return jax.lax.cond(is_any(~is_orbit), lambda: _next(strobe, run, search), lambda: search)
 
 
-def _next(
-    strobe: Strobe, problem: Problem, search: Search, flights: Array, closing: Scalar, end: Array
-) -> Search:
+def _next(strobe: Strobe, run: Run, search: Search) -> Search:
     """The search with its next trial, unless the run from the last was an orbit."""
+    problem, end, closing = run.problem, run.end, run.closing
     is_nearer = closing < search.closing
     # What comes no nearer is not used: in a batch, no other lane waits until its equations are given up.
     kind = jnp.where(is_nearer & ~search.is_orbit, problem.sequence.kind, NOTHING)
     problem = eqx.tree_at(lambda p: p.sequence.kind, problem, kind)
     away = away_from_stops(problem)
-    guess = Unknowns(search.trial + away, flights)
+    guess = Unknowns(search.trial + away, run.flights)
     if strobe.flow.can_leap:
         cycle, entry, first, is_converged = cycle_by_sequence(problem, guess)
     else:
@@ -175,6 +193,8 @@ def _next(
         cycle, entry, first, is_converged = cycle_by_map(problem, guess, end + away, jacobian)
     cycle = eqx.tree_at(lambda c: c.start, cycle, cycle.start - away)
     is_found = is_nearer & is_converged
+    # A run that began on the cycle itself, as one from where a sweep has settled, needs no other.
+    is_orbit = search.is_orbit | (is_found & _is_followed(cycle, entry - away, run, _STILL))
     known = (search.trial, search.base), (first, search.step), (end, search.end)
     base, step, end = (jnp.where(is_nearer, *pair) for pair in known)
     factor = jnp.where(is_nearer, 1.0, search.factor)
@@ -189,24 +209,21 @@ def _next(
         closing=jnp.where(is_stuck, jnp.inf, jnp.where(is_nearer, closing, search.closing)),
         cycle=jax.tree.map(lambda a, b: jnp.where(is_found, a, b), cycle, search.cycle),
         has_cycle=search.has_cycle | is_found,
-        is_orbit=search.is_orbit,
+        is_orbit=is_orbit,
         is_full=search.is_full,
         num_runs=search.num_runs,
     )
     return jax.tree.map(lambda a, b: jnp.where(search.is_orbit, a, b), search, following)
 
 
-def _is_followed(
-    search: Search, sequence: Sequence, flights: Array, closing: Scalar, size: Array
-) -> Bool[Array, ""]:
-    """Whether the run went once round the cycle that was found last."""
-    cycle = search.cycle
+def _is_followed(cycle: Cycle, start: Array, run: Run, near: dict[str, float]) -> Bool[Array, ""]:
+    """Whether a run that began near the start of a cycle went once round it."""
+    size = size_of(run.problem, run.start)
     # A run leaves an unstable orbit, by growing rounding errors.
     growth = jnp.max(jnp.where(jnp.isfinite(cycle.multipliers), jnp.abs(cycle.multipliers), 1))
-    close = _CLOSE[str(size.dtype)]
-    is_from_it = jnp.max(jnp.abs(search.trial - cycle.start) / size) < close
-    is_alike = happens_alike(cycle.sequence, cycle.unknowns.flights, sequence, flights)
-    return search.has_cycle & is_from_it & is_alike & (closing < close * jnp.maximum(growth, 1))
+    is_from_it = jnp.max(jnp.abs(run.start - start) / size) < near[str(size.dtype)]
+    is_alike = happens_alike(cycle.sequence, cycle.unknowns.flights, run.problem.sequence, run.flights)
+    return is_from_it & is_alike & (run.closing < _CLOSE[str(size.dtype)] * jnp.maximum(growth, 1))
 
 
 def away_from_stops(problem: Problem) -> Array:
