@@ -1,5 +1,7 @@
 """The orbits of a sweep, in one batch."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import matplotlib as mpl
 
 mpl.use("Agg")
@@ -11,6 +13,7 @@ import xarray as xr
 from drawings import named, points
 
 import vijax as vx
+from vijax._orbits import learners
 
 SWEPT = {"forcing.frequency": np.linspace(0.7, 1.0, 40)}
 
@@ -53,6 +56,18 @@ def test_their_multipliers_multiply_to_the_loss_of_volume(swept, orbits):
     periods = 2 * np.pi * found.num_periods / found["forcing.frequency"]
     expected = np.exp(-0.3 * periods) * 0.7 ** (2 * found.num_impacts.sum("stop"))
     np.testing.assert_allclose(found.multipliers.prod("multiplier").real, expected, rtol=0, atol=1e-14)
+
+
+def test_workers_find_the_same_bit_for_bit(swept, orbits, monkeypatch):
+    monkeypatch.setattr(learners, "_IN_TASK", 1)
+    with ThreadPoolExecutor(2) as executor:
+        again = vx.periodic_orbits(swept, executor=executor, progress=False)
+    xr.testing.assert_identical(again, orbits)
+
+
+def test_what_gives_no_tasks_is_refused(swept):
+    with pytest.raises(ValueError, match="Argument `executor` must be"):
+        vx.periodic_orbits(swept, executor="workers", progress=False)
 
 
 def test_what_settles_is_stable(orbits):

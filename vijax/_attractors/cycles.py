@@ -1,11 +1,13 @@
 """The periodic orbits of a sweep, polished in one batch."""
 
 from collections.abc import Callable
+from concurrent.futures import Executor
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from .._execution.tasks import as_executor
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._machine.numbers import numbers_of
@@ -23,13 +25,16 @@ _REPEATS = [MOTIONS.index(name) for name in ("non_impacting", "periodic", "chatt
 
 
 @padding_allowed
-def periodic_orbits(ds: xr.Dataset, *, max_events: Count = 256, progress: bool = True) -> xr.Dataset:
+def periodic_orbits(
+    ds: xr.Dataset, *, max_events: Count = 256, executor: object = None, progress: bool = True
+) -> xr.Dataset:
     """Polish every periodic motion of a sweep into its orbit, all in one batch.
 
     Args:
         ds: what `vx.sweep` returned. Of each point that `vx.classify` calls periodic, chattering or non-impacting the
             end state is the guess.
         max_events: the most events of a cycle.
+        executor: as for `vx.sweep`: searches go to its workers instead of the cores of this process, with the same results.
         progress: show a bar.
 
     Returns:
@@ -39,7 +44,8 @@ def periodic_orbits(ds: xr.Dataset, *, max_events: Count = 256, progress: bool =
         closing of the cycle, relative to the size of the motion. Where none was found, NaN, False and 0.
 
     Raises:
-        ValueError: if the dataset holds no machine, or one with a `force` that cannot be imported.
+        ValueError: if the dataset holds no machine, or one with a `force` that cannot be imported, or `executor` is none.
+        RuntimeError: if the executor takes no more tasks, or loses one again and again.
 
     Example:
         ```python
@@ -50,6 +56,7 @@ def periodic_orbits(ds: xr.Dataset, *, max_events: Count = 256, progress: bool =
         ```
     """
     room = whole_number("max_events", max_events, 1)
+    workers = None if executor is None else as_executor(executor)
     kinds = classify(ds)
     num_periods = flat(ds, kinds["num_periods"])
     which = np.flatnonzero(np.isin(flat(ds, kinds["motion"]), _REPEATS) & (num_periods > 0))
@@ -61,7 +68,9 @@ def periodic_orbits(ds: xr.Dataset, *, max_events: Count = 256, progress: bool =
     if which.size:
         machines = machines_of(ds, [*dims_of(ds)], which)
         with tqdm(total=len(which), unit="orbit", disable=not progress) as bar:
-            found = search_orbits(machines, num_periods[which], states[which], room, bar.update)
+            found = search_orbits(
+                machines, num_periods[which], states[which], room, bar.update, executor=workers
+            )
     return _dataset(ds, found, which, num_periods)
 
 
@@ -72,12 +81,13 @@ def search_orbits(
     room: int,
     tell: Callable[[int], Any],
     wanted: AbstractFlow | None = None,
+    executor: Executor | None = None,
 ) -> Orbits:
     """Search from the states of machines with lanes last."""
     numbers, flow = numbers_of(machines), choose_flow(machines, can_stick=True, wanted=wanted)
     (numbers, flow), axes = lanes_first((numbers, flow))
     strobe = Strobe(numbers, flow, num_periods.astype(states.dtype), np.zeros((), states.dtype), room)
-    return search_many(strobe, [*axes, 0, None], states, tell)
+    return search_many(strobe, [*axes, 0, None], states, tell, executor)
 
 
 def _dataset(ds: xr.Dataset, found: Orbits | None, which: np.ndarray, num_periods: np.ndarray) -> xr.Dataset:

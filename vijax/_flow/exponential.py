@@ -6,9 +6,13 @@ a time so short that `_TERMS` suffice, doubled as F -> 2 F + F F, which subtract
 were not used: they give E, from which I would have to be subtracted.)
 """
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from equinox.internal import unvmap_max
+from jax.custom_derivatives import SymbolicZero
+from jaxtyping import Array, Bool, Float, Int
 
 from .._machine.contacts import Held
 from .._machine.machine import Machine
@@ -30,24 +34,60 @@ def exponential_increments(
         C. Moler & C. Van Loan, SIAM Rev. 45 (2003), Methods 1 and 3; L. Shampine, ACM Trans. Math. Softw. 5 (1979)
         for E - I.
     """
-    size = jax.lax.stop_gradient(jnp.abs(span) * machine.rate)
-    doublings = jnp.ceil(jnp.log2(jnp.maximum(size, 1))).astype(int)
-    step = jnp.where(doublings <= _DOUBLINGS, span / 2.0**doublings, jnp.nan)
-    a = _matrix(machine, hold) * step
-    identity = jnp.eye(len(a), dtype=a.dtype).reshape(*a.shape[:2], *[1] * (a.ndim - 2))
-    total = identity / _TERMS
-    for k in range(_TERMS - 1, 0, -1):  # A (1 + A / 2 (1 + A / 3 (...)))
-        total = (identity + _product(a, total)) / k
-
-    def double(f: Array, k: Array) -> tuple[Array, None]:
-        return jnp.where(k < doublings, 2 * f + _product(f, f), f), None
-
-    total, _ = jax.lax.scan(double, _product(a, total), jnp.arange(_DOUBLINGS))
+    total = _increments(_matrix(machine, hold), span, jax.lax.stop_gradient(machine.rate))
     phase = state.phase.reshape(-1, *state.phase.shape[2:])
     y = jnp.concatenate([state.x, state.v, phase, jnp.ones_like(state.x[:1])])
     gone = jnp.sum(total * y[None], axis=1)
     n = machine.num_masses
     return gone[:n], gone[n : 2 * n]
+
+
+@jax.custom_jvp
+def _increments(a: Float[Array, "y y ..."], span: Scalar, rate: Scalar) -> Float[Array, "y y ..."]:
+    """E - I, doubled no more often than any lane needs."""
+    doublings, total = _begun(a, span, rate)
+    most = jnp.clip(unvmap_max(doublings), 0, _DOUBLINGS)
+    return jax.lax.fori_loop(0, most, lambda k, f: _doubled(f, k < doublings), total)
+
+
+@partial(_increments.defjvp, symbolic_zeros=True)
+def _increments_jvp(primals, tangents):
+    (a, span, rate), (change, longer, _) = primals, tangents
+    total = _increments(a, span, rate)
+    moved = jnp.zeros_like(total)
+    if not isinstance(longer, SymbolicZero):  # A E, without the derivatives of all products
+        moved = (a + _product(a, total)) * longer
+    if not isinstance(change, SymbolicZero):
+        moved = moved + jax.jvp(lambda a: _plainly(a, span, rate), (a,), (change,))[1]
+    return total, moved
+
+
+def _plainly(a: Float[Array, "y y ..."], span: Scalar, rate: Scalar) -> Float[Array, "y y ..."]:
+    """The same by a loop that can be differentiated."""
+    doublings, total = _begun(a, span, rate)
+    return jax.lax.scan(lambda f, k: (_doubled(f, k < doublings), None), total, jnp.arange(_DOUBLINGS))[0]
+
+
+def _begun(
+    a: Float[Array, "y y ..."], span: Scalar, rate: Scalar
+) -> tuple[Int[Array, "..."], Float[Array, "y y ..."]]:
+    """How often to double, and the series for a time that is so much shorter."""
+    size = jax.lax.stop_gradient(jnp.abs(span) * rate)
+    doublings = jnp.ceil(jnp.log2(jnp.maximum(size, 1))).astype(int)
+    a = a * jnp.where(doublings <= _DOUBLINGS, span / 2.0**doublings, jnp.nan)
+    identity = jnp.eye(len(a), dtype=a.dtype).reshape(*a.shape[:2], *[1] * (a.ndim - 2))
+
+    def nest(total: Array, k: Array) -> tuple[Array, None]:  # A (1 + A / 2 (1 + A / 3 (...)))
+        return (identity + _product(a, total)) / k, None
+
+    first = jnp.broadcast_to(identity / _TERMS, a.shape)
+    total, _ = jax.lax.scan(nest, first, jnp.arange(_TERMS - 1, 0, -1, dtype=a.dtype))
+    return doublings, _product(a, total)
+
+
+def _doubled(f: Float[Array, "y y ..."], is_on: Bool[Array, "..."]) -> Float[Array, "y y ..."]:
+    """E - I for twice the time, in lanes that need it."""
+    return jnp.where(is_on, 2 * f + _product(f, f), f)
 
 
 def _matrix(machine: Machine, hold: Held) -> Float[Array, "y y ..."]:

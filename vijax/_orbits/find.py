@@ -7,13 +7,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float, Int
 
+from .._flow.interface import AbstractFlow
+from .._system.system import ImpactSystem
 from .._trajectory.event_log import IMPACT, EventLog
 from .._types import Scalar
 from .._xla import compile_lightly
 from .condensed import Pencil
 from .cycle import Problem, log_of_cycle, prepared
 from .floquet import floquet_multipliers
-from .orbit import ORBIT_RESULTS
+from .orbit import ORBIT_RESULTS, PeriodicOrbit
 from .polish import implicit, pencil_of
 from .search import Search, Strobe, away_from_stops, begin_search, learn
 
@@ -60,6 +62,9 @@ def told_of_search(strobe: Strobe, search: Search) -> Found:
     )
 
 
+tell_of_search = compile_lightly(told_of_search)
+
+
 def _by_sequence(strobe: Strobe, search: Search) -> tuple[Array, Array, EventLog]:
     """Start, multipliers and events of an orbit by the equations of its sequence."""
     sequence = search.cycle.sequence
@@ -91,6 +96,37 @@ def _fixed_point_jvp(primals, tangents):
     z = fixed_point(strobe, z)
     _, moved = eqx.filter_jvp(lambda strobe: strobe.end(z), (strobe,), (tangents[0],))
     return z, jnp.linalg.solve(jnp.eye(len(z)) - jax.jacfwd(strobe.end)(z), moved)
+
+
+def orbit_found(
+    found: Found,
+    system: ImpactSystem,
+    num_periods: int,
+    period: Array,
+    phase: Array,
+    args: object,
+    flow: AbstractFlow | None,
+) -> PeriodicOrbit:
+    """What was found, as users know it."""
+    x0, v0 = jnp.split(found.start, 2)
+    return PeriodicOrbit(
+        system=system,
+        num_periods=num_periods,
+        period=period,
+        phase=phase,
+        x0=x0,
+        v0=v0,
+        events=found.events,
+        num_impacts=found.num_impacts,
+        multipliers=found.multipliers,
+        is_stable=found.is_stable,
+        is_admissible=found.is_admissible,
+        residual=found.residual,
+        num_runs=found.num_runs,
+        result=found.result,
+        args=args,
+        flow=flow,
+    )
 
 
 def _constant(tree: Any) -> Any:

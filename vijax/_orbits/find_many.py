@@ -1,6 +1,7 @@
 """All periodic orbits of one machine that are near some guesses."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .._flow.interface import AbstractFlow
@@ -11,11 +12,11 @@ from .._trajectory.known import known_machine
 from .._trajectory.simulate import simulate
 from .._types import Count, Numbers, as_known, is_traced, whole_number
 from .._xla import padding_allowed
-from .many import Orbits, search_many
+from .find import orbit_found, tell_of_search
+from .many import search_each
 from .maps import check_period
 from .orbit import PeriodicOrbit
-from .periodic_orbit import periodic_orbit
-from .search import Strobe
+from .search import Strobe, with_room
 
 # States closer than this, relative to the size of the orbit, are of one orbit.
 _SAME = 1e-6
@@ -74,11 +75,19 @@ def find_periodic_orbits(
     strobe = Strobe(numbers, motion, np.asarray(float(n), states.dtype), np.zeros((), states.dtype), room)
     with tqdm(total=len(states), unit="start", disable=not progress) as bar:
         axes = [None] * len(jax.tree.leaves(strobe))
-        found = search_many(strobe, axes, states, bar.update)
+        parts = search_each(strobe, axes, states, bar.update)
+    searches = {lane: (part, k) for which, part in parts for k, lane in enumerate(which.tolist())}
+    # In the order of their first position.
+    starts_of = {
+        lane: np.asarray(part.cycle.start[k]) for lane, (part, k) in searches.items() if part.is_orbit[k]
+    }
+    lanes = sorted(starts_of, key=lambda lane: tuple(starts_of[lane]))
+    different = _different(system, [starts_of[lane] for lane in lanes], n, args, flow)
     orbits = []
-    for state in _different(system, found, n, args, flow):
-        x, v = np.split(state, 2)
-        orbits.append(periodic_orbit(system, x, v, n, args=args, flow=flow, max_events=room))
+    for part, k in (searches[lanes[i]] for i in different):
+        search = with_room(jax.tree.map(lambda a, k=k: a[k], part), room)
+        found = tell_of_search(strobe, search)
+        orbits.append(orbit_found(found, system, n, jnp.asarray(t1), jnp.zeros_like(t1), args, flow))
     return orbits
 
 
@@ -94,19 +103,20 @@ def _states(starts: tuple[Numbers, Numbers] | Numbers, num_masses: int) -> np.nd
 
 
 def _different(
-    system: ImpactSystem, found: Orbits, num_periods: int, args: object, flow: AbstractFlow | None
-) -> list[np.ndarray]:
-    """States of all orbits, each once, in the order of their first position."""
-    kept: list[np.ndarray] = []
-    known: list[np.ndarray] = []  # the same orbits, at phase 0 of each of their periods
-    states = found.start[found.is_orbit]
-    for state in states[np.lexsort(states.T[::-1])]:
+    system: ImpactSystem, states: list[np.ndarray], num_periods: int, args: object, flow: AbstractFlow | None
+) -> list[int]:
+    """Which of the states are of orbits that were not among those before them."""
+    kept: list[int] = []
+    known: list[np.ndarray] = []  # the orbits so far, at phase 0 of each of their periods
+    for i, state in enumerate(states):
         size = np.abs(state).max() or 1.0
         if any(np.abs(other - state).max() < _SAME * size for other in known):
             continue
-        kept.append(state)
-        x, v = np.split(state, 2)
-        ts = np.arange(num_periods) * np.asarray(system.forcing.period)
-        sol = simulate(system, 0.0, ts[-1], x, v, ts=ts, args=args, flow=flow, throw=False)
-        known += list(np.concatenate([sol.xs, sol.vs], axis=1))
+        kept.append(i)
+        known.append(state)
+        if num_periods > 1:
+            x, v = np.split(state, 2)
+            ts = np.arange(1, num_periods) * np.asarray(system.forcing.period)
+            sol = simulate(system, 0.0, ts[-1], x, v, ts=ts, args=args, flow=flow, throw=False)
+            known += list(np.concatenate([sol.xs, sol.vs], axis=1))
     return kept

@@ -1,18 +1,17 @@
 """Many searches at once, in a program for a fixed number of lanes: those that are done make room for others."""
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from functools import cache
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from .._execution.threads import count_cores
 from .._trajectory.event_log import IMPACT
-from .._xla import jit_lightly
-from .search import Search, Strobe, begin_search, learn
+from .learners import Learners
+from .search import Search, Strobe, begin_search
 
 # Searches side by side, the only number compiled for: a lane costs the same among 32 as among 128, and fewer wait for
 # the longest. Most cycles have fewer events than `_FEW`: the others are searched for again with room for all.
@@ -42,6 +41,7 @@ def search_many(
     axes: Sequence[int | None],
     guesses: np.ndarray,
     tell: Callable[[int], Any],
+    executor: Executor | None = None,
 ) -> Orbits:
     """Search from many guesses, until each has an orbit or nothing left to try.
 
@@ -51,15 +51,31 @@ def search_many(
         axes: for each of its leaves 0 if that is so, None if all share it.
         guesses: states in space, (lanes, 2 n). Neighbours should take about as long.
         tell: is called with how many searches ended since the last call.
+        executor: runs the searches; the cores of this process if left out. Neighbours are the same, and so is every bit.
     """
+    (_, first), *others = search_each(strobe, axes, guesses, tell, executor)
+    found = _told(first)
+    for which, search in others:
+        for a, more in zip(found, _told(search), strict=True):
+            a[which] = more
+    return found
+
+
+def search_each(
+    strobe: Strobe,
+    axes: Sequence[int | None],
+    guesses: np.ndarray,
+    tell: Callable[[int], Any],
+    executor: Executor | None = None,
+) -> list[tuple[np.ndarray, Search]]:
+    """The searches of `search_many` themselves: of all lanes, then those of lanes that needed more room."""
+    everyone = np.arange(len(guesses))
     few = dataclasses.replace(strobe, room=min(_FEW, strobe.room))
-    search = _search(few, axes, guesses, np.arange(len(guesses)), tell)
-    found = _told(search)
-    longer = np.flatnonzero(search.is_full & ~search.is_orbit)
+    search = _search(few, axes, guesses, everyone, tell, executor)
+    found, longer = [(everyone, search)], np.flatnonzero(search.is_full & ~search.is_orbit)
     if strobe.room > _FEW and longer.size:
         tell(-longer.size)
-        for a, more in zip(found, _told(_search(strobe, axes, guesses, longer, tell)), strict=True):
-            a[longer] = more
+        found.append((longer, _search(strobe, axes, guesses, longer, tell, executor)))
     return found
 
 
@@ -69,33 +85,31 @@ def _search(
     guesses: np.ndarray,
     which: np.ndarray,
     tell: Callable[[int], Any],
+    executor: Executor | None,
 ) -> Search:
     """The searches of some lanes, at their ends."""
-    leaves, structure = jax.tree.flatten(strobe)
-    leaves = [
-        np.asarray(a) if axis is None else np.asarray(a)[which] for a, axis in zip(leaves, axes, strict=True)
-    ]
-    learn_all = _learn(structure, tuple(axes))
     whole = jax.tree.map(np.array, _begin(strobe.numbers.rows.shape[-2], strobe.room)(guesses[which]))
-    is_on = np.ones(len(which), bool)
+    leaves, structure = jax.tree.flatten(strobe)
 
-    def learn_chunk(chunk: tuple[np.ndarray, np.ndarray]) -> None:
-        lanes, index = chunk
-        own = [a if axis is None else a[index] for a, axis in zip(leaves, axes, strict=True)]
-        found = learn_all(own, jax.tree.map(lambda a: a[index], whole))
-        is_on[lanes] = np.asarray(found.is_on)[: len(lanes)]
-        for a, new in zip(jax.tree.leaves(whole), jax.tree.leaves(found), strict=True):
-            a[lanes] = np.asarray(new)[: len(lanes)]
+    def chunk_of(lanes: np.ndarray) -> tuple[Strobe, Search]:
+        """Lanes that go together, filled up with the first of them."""
+        index = np.concatenate([lanes, np.full(_LANES - len(lanes), lanes[0])])
+        of_lanes = [
+            np.asarray(a) if axis is None else np.asarray(a)[which[index]]
+            for a, axis in zip(leaves, axes, strict=True)
+        ]
+        return jax.tree.unflatten(structure, of_lanes), jax.tree.map(lambda a: a[index], whole)
 
-    waiting, alone = np.arange(len(which)), 1  # the first is alone: each would compile
-    with ThreadPoolExecutor(count_cores()) as cores:  # XLA lets go of Python while it works
+    with Learners(tuple(axes), executor) as learners:
+        waiting = np.arange(len(which))
         while waiting.size:
-            chunks = list(_chunks(waiting))
-            for part in (chunks[:alone], chunks[alone:]):
-                list(cores.map(learn_chunk, part))
-            alone = 0
-            tell(int(np.count_nonzero(~is_on[waiting])))
-            waiting = waiting[is_on[waiting]]
+            chunks = [waiting[k : k + _LANES] for k in range(0, len(waiting), _LANES)]
+            for k, found in learners.learn(len(chunks), lambda k, chunks=chunks: chunk_of(chunks[k])):
+                for a, new in zip(jax.tree.leaves(whole), jax.tree.leaves(found), strict=True):
+                    a[chunks[k]] = new[: len(chunks[k])]
+            is_on = np.asarray(whole.is_on)[waiting]
+            tell(int(np.count_nonzero(~is_on)))
+            waiting = waiting[is_on]
     return whole
 
 
@@ -119,21 +133,6 @@ def lanes_first(tree: Any) -> tuple[Any, list[int | None]]:
     return jax.tree.unflatten(structure, leaves), axes
 
 
-def _chunks(lanes: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Lanes that go together, and the same filled up to `_LANES` with the first of them."""
-    for k in range(0, len(lanes), _LANES):
-        own = lanes[k : k + _LANES]
-        yield own, np.concatenate([own, np.full(_LANES - len(own), own[0])])
-
-
 @cache
 def _begin(num_stops: int, room: int) -> Callable:
     return jax.jit(jax.vmap(lambda guess: begin_search(guess, num_stops, room)))
-
-
-@cache
-def _learn(structure: Any, axes: tuple[int | None, ...]) -> Callable:
-    def one(leaves: list, search: Search) -> Search:
-        return learn(jax.tree.unflatten(structure, leaves), search)
-
-    return jit_lightly(jax.vmap(one, in_axes=([*axes], 0)))

@@ -13,7 +13,7 @@ from .._trajectory.known import known_machine
 from .._trajectory.solution import told
 from .._types import Count, Numbers, as_float, is_traced, whole_number
 from .._xla import padding_allowed
-from .find import find
+from .find import find, orbit_found
 from .maps import angle_of, check_period
 from .orbit import PeriodicOrbit
 from .search import Strobe
@@ -86,25 +86,7 @@ def periodic_orbit(
         numbers, motion = known.numbers, known.flow(flow, can_stick=True)
     strobe = Strobe(numbers, motion, jnp.asarray(float(n)), angle / (2 * jnp.pi), room)
     found = find(strobe, jnp.concatenate([x, v]))
-    x0, v0 = jnp.split(found.start, 2)
-    orbit = PeriodicOrbit(
-        system=system,
-        num_periods=n,
-        period=n * bound.forcing.period,
-        phase=angle,
-        x0=x0,
-        v0=v0,
-        events=found.events,
-        num_impacts=found.num_impacts,
-        multipliers=found.multipliers,
-        is_stable=found.is_stable,
-        is_admissible=found.is_admissible,
-        residual=found.residual,
-        num_runs=found.num_runs,
-        result=found.result,
-        args=args,
-        flow=flow,
-    )
+    orbit = orbit_found(found, system, n, n * bound.forcing.period, angle, args, flow)
     return checked(orbit, *numbered(doubts, *told(orbit.result))) if throw else orbit
 
 

@@ -28,7 +28,7 @@ from .._xla import is_any
 from .cycle import Problem, Unknowns, prepared
 from .newton import Cycle, cycle_by_map, cycle_by_sequence
 from .polish import size_of
-from .sequence import NOTHING, happens_alike, nothing_happens, sequence_of
+from .sequence import NOTHING, Sequence, happens_alike, nothing_happens, sequence_of
 
 # The most runs of a search, and how small a fraction of a step is tried.
 MAX_RUNS = 40
@@ -79,6 +79,19 @@ def begin_search(guess: Float[Array, " state"], num_stops: int, room: int) -> Se
     cycle = Cycle(guess, unknowns, nothing_happens(room, num_stops), guess + 0j, zero + jnp.inf)
     start, still = (guess, guess), (jnp.zeros_like(guess), guess)
     return Search(*start, *still, zero + 1, zero + jnp.inf, cycle, no, no, no, jnp.array(0))
+
+
+def with_room(search: Search, room: int) -> Search:
+    """A search of one lane, with room for more events."""
+    more = room - len(search.cycle.unknowns.flights)
+    sequence = search.cycle.sequence
+    longer = Sequence(
+        kind=jnp.pad(sequence.kind, (0, more), constant_values=NOTHING),
+        stop=jnp.pad(sequence.stop, (0, more)),
+        held=jnp.pad(sequence.held, ((0, more), (0, 0)), mode="edge"),
+    )
+    flights = jnp.pad(search.cycle.unknowns.flights, (0, more))
+    return eqx.tree_at(lambda s: (s.cycle.sequence, s.cycle.unknowns.flights), search, (longer, flights))
 
 
 class Strobe(eqx.Module):
