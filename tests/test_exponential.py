@@ -9,8 +9,8 @@ import scipy.linalg
 from vijax._flow.exponential import _increments, _plainly
 
 SIZE = 5
-MATRIX = np.random.default_rng(0).normal(size=(SIZE, SIZE))
-RATE = np.linalg.norm(MATRIX)
+MATRIX = jnp.asarray(np.random.default_rng(0).normal(size=(SIZE, SIZE)))
+RATE = jnp.linalg.norm(MATRIX)
 # Rounding of some tens of products of matrices, relative to the largest number.
 ROUNDED = 1e-13
 
@@ -21,11 +21,14 @@ def assert_near(a, b):
 
 @pytest.mark.parametrize("span", [0.3, 7.0, -2.0])
 def test_it_is_that_of_scipy(span):
-    assert_near(_increments(MATRIX, span, RATE), scipy.linalg.expm(span * MATRIX) - np.eye(SIZE))
+    assert_near(
+        _increments(MATRIX, jnp.asarray(span), RATE),
+        scipy.linalg.expm(span * np.asarray(MATRIX)) - np.eye(SIZE),
+    )
 
 
 def test_a_short_time_loses_no_digits():
-    assert_near(_increments(MATRIX, 1e-12, RATE), 1e-12 * MATRIX + 5e-25 * MATRIX @ MATRIX)
+    assert_near(_increments(MATRIX, jnp.asarray(1e-12), RATE), 1e-12 * MATRIX + 5e-25 * MATRIX @ MATRIX)
 
 
 def test_lanes_are_doubled_each_as_often_as_it_needs():
@@ -37,7 +40,7 @@ def test_lanes_are_doubled_each_as_often_as_it_needs():
 
 
 def test_derivatives_are_those_of_all_its_products():
-    at = jnp.asarray(MATRIX), jnp.asarray(0.7)
+    at = MATRIX, jnp.asarray(0.7)
     for which in (0, 1):
         expected = jax.jacfwd(lambda a, span: _plainly(a, span, RATE), which)(*at)
         for derivative in (jax.jacfwd, jax.jacrev):

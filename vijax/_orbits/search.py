@@ -67,7 +67,7 @@ class Search(eqx.Module):
     num_runs: Int[Array, ""]
 
     @property
-    def is_on(self) -> Bool[Array, "..."]:
+    def is_on(self) -> Reals:
         """Whether there is anything left to try."""
         return ~(self.is_orbit | self.is_full) & (self.num_runs < MAX_RUNS) & (self.factor > 0)
 
