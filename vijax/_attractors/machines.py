@@ -117,7 +117,7 @@ class Machines:
     ) -> xr.Dataset:
         """Sweep over starts (W x, v), (points, 2 n), of some machines; with `goes_on` they are ends of motions."""
         if goes_on:
-            states = self._onto_stops(states, machine)
+            states = self.onto_stops(states, machine, float(np.sqrt(np.finfo(states.dtype).eps)))
         number = np.arange(len(states))
         if self.is_wide:
             # Sweeps of many points and of few are two programs: repeated points spare the compilation of the second.
@@ -136,13 +136,19 @@ class Machines:
         of_point = {path: a[machine] for path, a in self.values.items()}
         return with_values(Point(self.system, zero, zero), of_point).system
 
-    def _onto_stops(self, states: np.ndarray, machine: np.ndarray) -> np.ndarray:
-        """States brought back to the stops beyond which they lie by a hair, as where an impact falls into phase 0."""
+    def onto_stops(self, states: np.ndarray, machine: np.ndarray, within: float = float("inf")) -> np.ndarray:
+        """States (W x, v), (points, 2 n), brought back to the stops beyond which they lie.
+
+        Args:
+            states: as where an impact falls into phase 0, or where stops have moved.
+            machine: of each.
+            within: how far at most, relative to the terms of the gap.
+        """
         scale = self.scale(machine)
         x, v = np.split(states / scale, 2, axis=1)
         for stop in self._lanes(machine).stops:
             size, gap = _size_and_gap(stop, x)
-            beyond = np.where((gap < 0) & (gap >= -np.sqrt(np.finfo(x.dtype).eps) * size), gap, 0)
+            beyond = np.where((gap < 0) & (gap >= -within * size), gap, 0)
             row = stop.coefficients
             square = sum(np.asarray(a) ** 2 for a in row.values())
             for i, a in row.items():
