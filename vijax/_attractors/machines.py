@@ -14,7 +14,7 @@ from .._execution.settings import ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._orbits.many import Orbits
 from .._progress import tqdm
-from .._sweep.zipped import START, sweep_zipped
+from .._sweep.zipped import sweep_zipped
 from .._system.contact import AbstractLimit
 from .._system.system import ImpactSystem
 from .classify import TOLERANCES
@@ -118,17 +118,12 @@ class Machines:
         """Sweep over starts (W x, v), (points, 2 n), of some machines; with `goes_on` they are ends of motions."""
         if goes_on:
             states = self.onto_stops(states, machine, float(np.sqrt(np.finfo(states.dtype).eps)))
-        number = np.arange(len(states))
-        if self.is_wide:
-            # Sweeps of many points and of few are two programs: repeated points spare the compilation of the second.
-            number = np.resize(number, max(len(number), self.settings.lanes + 1))
-        of_point = {path: a[machine[number]] for path, a in self.values.items()}
+        of_point = {path: a[machine] for path, a in self.values.items()}
         counts = Counts(transient, record, max_impacts, self.max_steps, can_stick=True)
-        starts = (states / self.scale(machine))[number]
-        with tqdm(total=len(number), unit="point", disable=not progress) as bar:
-            where = self.settings, self.executor
-            ds = sweep_zipped(self.system, of_point, starts, counts, self.flow, *where, bar.update)
-        return ds.isel({START: slice(0, len(states))})
+        starts, where = states / self.scale(machine), (self.settings, self.executor)
+        beside = self.settings.lanes + 1 if self.is_wide else 0
+        with tqdm(total=len(states), unit="point", disable=not progress) as bar:
+            return sweep_zipped(self.system, of_point, starts, counts, self.flow, *where, bar.update, beside)
 
     def _lanes(self, machine: np.ndarray) -> ImpactSystem:
         """The machine of each point, lanes last."""
