@@ -287,6 +287,24 @@ def test_an_attractor_is_not_lost_where_no_start_leads_to_it_any_more():
     assert 0 == ds.share[-1, quiet] < share
 
 
+@polishes
+def test_an_attractor_dies_where_a_stop_comes_to_graze_it_and_leads_to_the_one_that_is_left():
+    """At phase 0 the motion without impacts is at its highest, so there the stop that has moved is past it."""
+    response = 1 / (1 - 3.0**2 + 0.05j * 3.0)
+    grazing = abs(response)
+    load = vx.Harmonic([1.0], 3.0, [-np.angle(response)])
+    stops = [vx.Stop(0, -0.5, "lower", 0.8), vx.Stop(0, 0.5, "upper", 0.8)]
+    system = vx.ImpactSystem([1.0], [[0.05]], [[1.0]], load, stops)
+    near = np.tile([0.98 * grazing, 0.0], (4, 1))
+    values = [1.1 * grazing, 1.01 * grazing, 0.99 * grazing]
+    starts = np.concatenate([near, box(8) * [0.2, 1.0]])
+    ds = vx.follow_attractors(system, "stops[1].position", values, starts, progress=False)
+    quiet = ds.num_impacts.sum("stop", skipna=False).values[0].tolist().index(0)
+    assert ds.is_found.values[:, [quiet, 1 - quiet]].tolist() == [[True, True], [True, True], [False, True]]
+    assert float(ds.death[quiet]) == values[2]
+    assert int(ds.successor[quiet]) == 1 - quiet
+
+
 def motion(value: int, points: list, impacts: float = 1.0) -> Motion:
     """A made up cycle at a value of the parameter."""
     rows, nothing = np.array(points, float), np.zeros(2)

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers import assert_depends_on_every_parameter, log_of
+from scipy.integrate import solve_ivp
 
 import vijax as vx
 
@@ -180,6 +181,38 @@ def test_an_impact_damper_that_is_hit_as_periods_end_repeats_after_one(w):
         assert int(motion.num_periods.squeeze()) == 1
         assert motion.num_impacts.values.ravel().tolist() == [1, 1]
         assert float(motion.recurrence_error.squeeze()) < 1e-10
+
+
+def test_a_light_energy_sink_drains_a_free_vibration_as_the_slow_flow_on_its_invariant_manifold_says():
+    """Two impacts a period while A falls slowly, to the first order of the mass ratio mu.
+
+    Half a period pi the free mass flies at a speed V, from end to end of a container that moves as A sin. At the upper end the
+    container is met at x = k U - d, going back at the speed U, with V = U (1 + r) / (1 - r) by the impact law and
+    k = (pi / 2) (1 + r) / (1 - r) by the flight: so A^2 = U^2 + (k U - d)^2. The impacts take (2 / pi) mu U^2 (1 + r) / (1 - r) in
+    a unit of time, which A^2 / 2 loses. Such manifolds: T. Li, E. Gourc, S. Seguy, A. Berlioz, Int. J. Non-Linear
+    Mechanics 90 (2017) 100-110.
+    """
+    r, first, slow_time = 0.6, 0.6, 0.4
+    ratio = (1 + r) / (1 - r)
+    k = np.pi / 2 * ratio
+
+    def speed(a: float) -> float:
+        return (k + np.sqrt(k * k - (1 + k * k) * (1 - a * a))) / (1 + k * k)
+
+    errors = []
+    for mu in (0.01, 0.0025):
+        system = vx.models.impact_damper(1.0, 0.0, restitution=r, mass_ratio=mu)
+        u = speed(first)
+        x = k * u - 1
+        until = 2 * np.pi * round(slow_time / mu / (2 * np.pi))
+        sol = vx.simulate(system, 0.0, until, [x, x + 1], [-u, -ratio * u])
+        assert int(sol.num_events) == round(until / np.pi) - 1
+        slow = solve_ivp(
+            lambda _, a: -(2 / np.pi) * ratio * speed(a[0]) ** 2 / a, (0, mu * until), [first], rtol=1e-9
+        )
+        errors.append(float(np.hypot(sol.x1[0], sol.v1[0])) - slow.y[0, -1])
+    assert abs(errors[0]) < 0.02
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
 
 
 # Gears

@@ -186,9 +186,19 @@ def of_exponents(rows: list[dict]) -> list[tuple[str, str]]:
     ]
 
 
+def of_contacts(rows: list[dict]) -> list[tuple[str, str]]:
+    """A step with contacts beside one with stops."""
+    own = next(row for row in rows if row["method"] == "contacts")
+    value = f"{own['ratio']:.2f} times one of as many masses and stops, {size(own['error'])}"
+    return [(f"a step of {own['points']} impact dampers", value)]
+
+
 def of_basins(rows: list[dict]) -> list[tuple[str, str]]:
     """Basins beside the sweep of their starts."""
-    return [(f"basins of {r['starts']} starts", f"{r['of the sweep']:.3g} times their sweep") for r in rows]
+    own, serial = (next(row for row in rows if row["method"] == name) for name in ("vijax", "SciPy"))
+    share = f"1/{serial['us per start'] / own['us per start']:.0f} of SciPy's time"
+    value = f"{own['of the sweep']:.3g} times their sweep, {share}, {serial['same labels']:.0%} of its labels"
+    return [(f"basins of {own['starts']} starts", value)]
 
 
 FACTS = {
@@ -200,6 +210,7 @@ FACTS = {
     "derivatives": of_derivatives,
     "exponents": of_exponents,
     "basins": of_basins,
+    "contacts": of_contacts,
     "convergence": of_convergence,
     "batch_cost": of_batch_cost,
 }

@@ -5,14 +5,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .distances import nearest
+from .distances import nearest, reach
 from .machines import Ends
 from .motions import Motion
 
 # A motion is on a cycle within this many times the tolerance; it approaches one from this distance on, relative to its size.
 _SLACK, _NEAR = 10, 1e-2
-# Last points that are compared with a cloud.
-_LAST = 3
+# Last points that are compared with a cloud, and of how many of its own points neighbourhoods may be smaller than what belongs
+# to it is far from it.
+_LAST, _MOST = 3, 0.95
 # Points compared at once.
 _BLOCK = 1 << 13
 
@@ -102,11 +103,9 @@ def in_clouds(motions: list[Motion], ends: Ends, left: np.ndarray, last: int = _
     """Labels of motions whose last points lie in a cloud that lasts."""
     label = np.full(len(left), -1)
     for block, numbers in _by_machine(ends, left, motions, cycles=False):
-        section = ends.section[left[block], -last:]
+        section, clouds = ends.section[left[block], -last:], [motions[k].points for k in numbers]
         rows = section.reshape(-1, section.shape[2])
-        far = [
-            nearest(rows, motions[k].points)[1].reshape(len(block), -1) / motions[k].reach for k in numbers
-        ]
+        far = [nearest(rows, a)[1].reshape(len(block), -1) / np.quantile(reach(a), _MOST) for a in clouds]
         ratio = np.median(np.stack(far), axis=2)
         best = ratio.argmin(axis=0)
         label[block] = np.where(ratio.min(axis=0) <= 1, np.array(numbers)[best], -1)

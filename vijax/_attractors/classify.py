@@ -3,15 +3,13 @@
 import math
 from typing import Final, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
 from .._dataset_attributes import flags
-from .._machine.rows import Rows
 from .._sweep.endings import warn_of_endings
 from .._trajectory.solution import Solution
+from .period_ends import before_impact, filled
 from .quiet import stays_quiet
 from .record import Impacts, flat, forcing_periods, has_full_mass, impacts_of, label, machines, stop_masses
 from .recurrence import Recurrence, recurrence
@@ -194,7 +192,7 @@ def _before_impacts(
     """
     # Impacts just after the end are included, since times are rounded; undoing those changes nothing.
     is_undone = (number >= 1) & (number <= v.shape[1]) & (in_periods <= number + 1e-9)
-    # Of several impacts of one mass the first counts: reversed, it is assigned last.
+    # Of several impacts of one state the first counts: undone last.
     which = np.flatnonzero(is_undone)[::-1]
     v = v.copy()
     is_own = masses[impacts.stop[which]] >= 0
@@ -202,35 +200,23 @@ def _before_impacts(
         is_own = np.zeros_like(is_own)
     own, others = which[is_own], which[~is_own]
     v[impacts.point[own], number[own] - 1, masses[impacts.stop[own]]] = impacts.velocity[own]
-    if others.size:
-        _before_contacts(source, v, impacts, number, others)
+    while others.size:
+        # One impact of each state at a time.
+        _, chosen = np.unique(impacts.point[others] * v.shape[1] + number[others], return_index=True)
+        _undo(source, v, impacts, number, others[chosen])
+        others = np.delete(others, chosen)
     return v
 
 
-def _before_contacts(
+def _undo(
     source: Solution | xr.Dataset, v: np.ndarray, impacts: Impacts, number: np.ndarray, which: np.ndarray
 ) -> None:
-    """The same where other masses are hit as well, in place: along M^-1 row, up to the speed that is logged."""
-    points, lane = np.unique(impacts.point[which], return_inverse=True)
-    machine, angle = machines(source, points)
-    if machine is None:
-        return
-    machine = jax.tree.map(jnp.asarray, machine)
-    contacts, rows = machine.contacts, np.asarray(machine.contacts.rows)
-    assert isinstance(contacts, Rows)
-    # Of a stop the velocity of its mass is logged, of another contact the speed of approach.
-    sign = np.asarray(contacts.signs)
-    with jax.numpy_rank_promotion("allow"):  # what all points share is broadcast to them
-        rate = machine.phase_rate(machine.phase_at(angle / machine.frequency))
-        # The speed of the contact itself, towards which the masses move.
-        own = -np.asarray(contacts.towards(jnp.zeros_like(machine.mean), rate))
-        moved = np.stack([np.asarray(contacts.freed(jnp.asarray(row))) for row in rows])
-    for k, j, at in zip(which, impacts.stop[which], lane, strict=True):
-        row, change = rows[j, :, at % rows.shape[-1]], moved[j, :, at % moved.shape[-1]]
-        before = v[impacts.point[k], number[k] - 1]
-        signed = sign[j, at % sign.shape[-1]]
-        along = impacts.velocity[k] * (signed or 1) + (0 if signed else own[j, at % own.shape[-1]])
-        before += change * (along - row @ before) / (row @ change)
+    """Undo impacts by which several masses change their velocities, in place, if the machines are known."""
+    which = filled(which)
+    machine, angle = machines(source, impacts.point[which])
+    if machine is not None:
+        place = impacts.point[which], number[which] - 1
+        v[place] = before_impact(machine, angle, v[place], impacts.stop[which], impacts.velocity[which])
 
 
 def _relative(x: np.ndarray, v: np.ndarray, frequency: np.ndarray, impacts: Impacts) -> np.ndarray:

@@ -47,8 +47,12 @@ def mixes(ours: np.ndarray, theirs: np.ndarray, least: float) -> bool:
     """
     size = min(len(ours), len(theirs))
     ours, theirs = (a[np.linspace(0, len(a) - 1, size).astype(int)] for a in (ours, theirs))
-    shared = [nearest(a, b)[1] <= reach(a) for a, b in ((ours, theirs), (theirs, ours))]
-    return bool(np.mean(shared) >= least)
+    shared = 0.0
+    for a, b in ((ours, theirs), (theirs, ours)):
+        shared += float(np.mean(nearest(a, b)[1] <= reach(a))) / 2
+        if shared >= least:
+            return True
+    return False
 
 
 def same_cycle(ours: np.ndarray, theirs: np.ndarray, tolerance: float) -> bool:

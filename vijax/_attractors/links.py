@@ -27,12 +27,13 @@ def seeded(machines: Machines, found: Coexisting) -> tuple[list[Motion], dict[in
         # From one value to the next W may change.
         physical = np.stack([motions[k].points[0] for k in due]) / machines.scale(before)
         goes_to |= dict.fromkeys(due, -1)
-        sound = np.flatnonzero(~_is_beyond(machines, physical, before + 1))
+        # Stops that have moved past a motion take it along.
+        states = machines.onto_stops(physical * machines.scale(before + 1), before + 1)
+        sound = np.flatnonzero(~_is_beyond(machines, states / machines.scale(before + 1), before + 1))
         if not sound.size:
             continue
         machine = before[sound] + 1
-        states = physical[sound] * machines.scale(machine)
-        ds = machines.run(states, machine, machines.transient, machines.record, goes_on=True)
+        ds = machines.run(states[sound], machine, machines.transient, machines.record, goes_on=True)
         ends = machines.ends(ds, machine)
         motions, labels = coexisting(machines, ends, motions)
         goes_to |= {due[k]: int(label) for k, label in zip(sound, labels, strict=True)}

@@ -1,7 +1,7 @@
 """The machines whose attractors are looked for: run from many states, and their cycles polished."""
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,11 +14,13 @@ from .._execution.settings import ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._orbits.many import Orbits
 from .._progress import tqdm
-from .._sweep.zipped import START, sweep_zipped
+from .._sweep.zipped import sweep_zipped
+from .._system.contact import AbstractLimit
 from .._system.system import ImpactSystem
 from .classify import TOLERANCES
 from .cycles import search_orbits
 from .lyapunov import lyapunov_exponents
+from .period_ends import after_impacts, filled, machines_of_lanes
 from .quiet import stays_quiet
 from .recurrence import recurrence
 
@@ -115,34 +117,33 @@ class Machines:
     ) -> xr.Dataset:
         """Sweep over starts (W x, v), (points, 2 n), of some machines; with `goes_on` they are ends of motions."""
         if goes_on:
-            states = self._onto_stops(states, machine)
-        number = np.arange(len(states))
-        if self.is_wide:
-            # Sweeps of many points and of few are two programs: repeated points spare the compilation of the second.
-            number = np.resize(number, max(len(number), self.settings.lanes + 1))
-        of_point = {path: a[machine[number]] for path, a in self.values.items()}
+            states = self.onto_stops(states, machine, float(np.sqrt(np.finfo(states.dtype).eps)))
+        of_point = {path: a[machine] for path, a in self.values.items()}
         counts = Counts(transient, record, max_impacts, self.max_steps, can_stick=True)
-        starts = (states / self.scale(machine))[number]
-        with tqdm(total=len(number), unit="point", disable=not progress) as bar:
-            where = self.settings, self.executor
-            ds = sweep_zipped(self.system, of_point, starts, counts, self.flow, *where, bar.update)
-        return ds.isel({START: slice(0, len(states))})
+        starts, where = states / self.scale(machine), (self.settings, self.executor)
+        beside = self.settings.lanes + 1 if self.is_wide else 0
+        with tqdm(total=len(states), unit="point", disable=not progress) as bar:
+            return sweep_zipped(self.system, of_point, starts, counts, self.flow, *where, bar.update, beside)
 
-    def _stops(self, machine: np.ndarray) -> tuple[np.ndarray, tuple]:
-        """Masses and stops of each point, lanes last."""
+    def _lanes(self, machine: np.ndarray) -> ImpactSystem:
+        """The machine of each point, lanes last."""
         zero = np.zeros(self.system.num_masses, self.rate.dtype)
         of_point = {path: a[machine] for path, a in self.values.items()}
-        lanes = with_values(Point(self.system, zero, zero), of_point).system
-        return np.asarray(lanes.mass), lanes.stops
+        return with_values(Point(self.system, zero, zero), of_point).system
 
-    def _onto_stops(self, states: np.ndarray, machine: np.ndarray) -> np.ndarray:
-        """States brought back to the stops beyond which they lie by a hair, as where an impact falls into phase 0."""
+    def onto_stops(self, states: np.ndarray, machine: np.ndarray, within: float = float("inf")) -> np.ndarray:
+        """States (W x, v), (points, 2 n), brought back to the stops beyond which they lie.
+
+        Args:
+            states: as where an impact falls into phase 0, or where stops have moved.
+            machine: of each.
+            within: how far at most, relative to the terms of the gap.
+        """
         scale = self.scale(machine)
         x, v = np.split(states / scale, 2, axis=1)
-        for stop in self._stops(machine)[1]:
-            size = np.asarray(stop.reach(0.0) + stop.size(x.T))
-            gap = np.asarray(stop.gap(x.T, 0.0))
-            beyond = np.where((gap < 0) & (gap >= -np.sqrt(np.finfo(x.dtype).eps) * size), gap, 0)
+        for stop in self._lanes(machine).stops:
+            size, gap = _size_and_gap(stop, x)
+            beyond = np.where((gap < 0) & (gap >= -within * size), gap, 0)
             row = stop.coefficients
             square = sum(np.asarray(a) ** 2 for a in row.values())
             for i, a in row.items():
@@ -150,30 +151,17 @@ class Machines:
         return np.concatenate([x, v], axis=1) * scale
 
     def after_impacts(self, states: np.ndarray, machine: np.ndarray) -> np.ndarray:
-        """States (W x, v), (points, 2 n), after the impacts that fall into phase 0 to rounding.
-
-        Rounding puts such an impact now before the end of a period, now after it, which reverses the velocity: one cycle would
-        seem two, or none.
-        """
+        """States (W x, v), (points, 2 n), after the impacts that fall into phase 0 to rounding."""
         scale = self.scale(machine)
         x, v = np.split(states / scale, 2, axis=1)
-        mass, stops = self._stops(machine)
-        for stop in stops:
-            size, gap = (np.asarray(a) for a in (stop.reach(0.0) + stop.size(x.T), stop.gap(x.T, 0.0)))
-            own = stop.sign * self.rate[machine] * np.asarray(stop.slope_at(0.0))
-            speed = np.asarray(stop.along(v.T)) - own
-            which = np.flatnonzero((np.abs(gap) <= _HAIR * np.finfo(x.dtype).eps * size) & (speed > 0))
-            if not which.size:
-                continue
-            row = np.zeros((len(which), x.shape[1]))
-            for i, a in stop.coefficients.items():
-                row[:, i] = _of_lanes(a, which)
-            matrix = np.moveaxis(
-                _of_lanes(mass if mass.ndim == 3 else np.eye(len(mass))[..., None] * mass, which), -1, 0
-            )
-            moved = np.linalg.solve(matrix, row[..., None])[..., 0]
-            impulse = (1 + _of_lanes(stop.restitution, which)) * speed[which] / (row * moved).sum(axis=1)
-            v[which] -= impulse[:, None] * moved
+        judged = [_size_and_gap(stop, x) for stop in self._lanes(machine).stops]
+        closed = [np.abs(gap) <= _HAIR * np.finfo(x.dtype).eps * size for size, gap in judged]
+        which = np.flatnonzero(np.any(closed, axis=0)) if closed else np.zeros(0, int)
+        if not which.size:
+            return states
+        which = filled(which)
+        lanes = machines_of_lanes(self._lanes(machine[which]))
+        x[which], v[which] = after_impacts(lanes, 0.0, (x[which], v[which]), np.stack(closed)[:, which])
         return np.concatenate([x, v], axis=1) * scale
 
     def ends(self, ds: xr.Dataset, machine: np.ndarray) -> Ends:
@@ -209,10 +197,7 @@ class Machines:
     def exponents(self, state: np.ndarray, machine: int) -> np.ndarray:
         """Lyapunov exponents of the motion of one machine from a state (W x, v), NaN where it does not get on."""
         which = np.array([machine])
-        of_one = {path: a[which] for path, a in self.values.items()}
-        zero = np.zeros(self.system.num_masses, state.dtype)
-        lanes = with_values(Point(self.system, zero, zero), of_one).system
-        system = jax.tree.map(lambda a: jnp.asarray(a[..., 0]), lanes)
+        system = jax.tree.map(lambda a: jnp.asarray(a[..., 0]), self._lanes(which))
         x, v = np.split(state / self.scale(which)[0], 2)
         asked = {
             "transient": _SETTLING,
@@ -223,10 +208,9 @@ class Machines:
         return np.asarray(lyapunov_exponents(system, x, v, **asked, throw=False, progress=False))
 
 
-def _of_lanes(a: Any, which: np.ndarray) -> np.ndarray:
-    """The values of some lanes, (..., lanes), of an array that may have a single one for all."""
-    a = np.atleast_1d(a)
-    return a[..., which] if a.shape[-1] > 1 else np.broadcast_to(a, (*a.shape[:-1], len(which)))
+def _size_and_gap(stop: AbstractLimit, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Magnitudes of the terms of the gaps at phase 0, which set their rounding errors, and the gaps, (points,) each."""
+    return np.asarray(stop.reach(0.0) + stop.size(x.T)), np.asarray(stop.gap(x.T, 0.0))
 
 
 def default_tolerance(dtype: np.dtype) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 
 from .._orbits.many import Orbits
 from .classify import MOTIONS, classify
-from .distances import mixes, reach, same_cycle
+from .distances import mixes, same_cycle
 from .machines import Machines
 
 # Cycles that are not polished are one if they are closer than so many tolerances, relative to their size. Polished ones,
@@ -17,8 +17,8 @@ _NEAR = 1e-2
 # Clouds mix from this fraction of neighbourhoods on: all are expected of one attractor, none of two. Motions that seldom pass from
 # one part of their attractor to another need time for all.
 _MIXED = 0.25
-# Points of a cloud that are kept, and of how many of them neighbourhoods may be smaller than what belongs to it is far.
-_CLOUD, _MOST = 2048, 0.95
+# Points of a cloud that are kept.
+_CLOUD = 2048
 _NON_PERIODIC = MOTIONS.index("non_periodic")
 
 
@@ -37,8 +37,6 @@ class Motion(NamedTuple):
         multipliers: (2 n,), NaN where they are not known.
         residual: of the closing, NaN if it was not polished.
         is_lasting: whether no motion is known to leave it.
-        reach: of chaos, how far points may be from the cloud and belong to it: the distance to the last of some neighbours
-            that but few of its points exceed.
     """
 
     machine: int
@@ -51,7 +49,6 @@ class Motion(NamedTuple):
     multipliers: np.ndarray
     residual: float
     is_lasting: bool = True
-    reach: float = 0.0
 
     @property
     def is_polished(self) -> bool:
@@ -135,8 +132,7 @@ def cloud_of(machines: Machines, machine: int, points: np.ndarray) -> Motion:
     points = thinned(points)
     multipliers = np.full(points.shape[1], np.nan + 0j)
     size = _size(points)
-    motion = Motion(machine, points, size, 0, _NON_PERIODIC, unknown, unknown, multipliers, np.nan)
-    return motion._replace(reach=_reach(points))
+    return Motion(machine, points, size, 0, _NON_PERIODIC, unknown, unknown, multipliers, np.nan)
 
 
 def place_of(known: list[Motion], motion: Motion, tolerance: float) -> int:
@@ -145,7 +141,7 @@ def place_of(known: list[Motion], motion: Motion, tolerance: float) -> int:
         if other.machine == motion.machine and is_same(other, motion, tolerance):
             if not motion.num_periods:
                 points = thinned(np.concatenate([other.points, motion.points]))
-                known[k] = other._replace(points=points, size=_size(points), reach=_reach(points))
+                known[k] = other._replace(points=points, size=_size(points))
             return k
     known.append(motion)
     return len(known) - 1
@@ -174,7 +170,3 @@ def thinned(points: np.ndarray, most: int = _CLOUD) -> np.ndarray:
 
 def _size(points: np.ndarray) -> float:
     return float(np.abs(points).max()) or 1.0
-
-
-def _reach(points: np.ndarray) -> float:
-    return float(np.quantile(reach(points), _MOST))

@@ -18,6 +18,7 @@ import xarray as xr
 from .._machine.machine import Machine
 from .._machine.rows import Rows
 from .._trajectory.solution import Solution
+from .period_ends import filled
 from .record import forcing_periods, machines
 from .response import lanes_first, modes_of, response_of, vibration_left
 
@@ -44,9 +45,7 @@ def stays_quiet(
     period = forcing_periods(source)
     is_proved, factor = np.zeros(len(x), bool), np.full(len(x), np.nan)
     for first in range(0, len(which), _BLOCK):
-        block = which[first : first + _BLOCK]
-        # Repeated points fill the block up to one of few lengths, as each length is compiled for.
-        block = np.resize(block, 1 << (len(block) - 1).bit_length())
+        block = filled(which[first : first + _BLOCK])
         machine, angle = machines(source, block)
         if machine is None or machine.extra is not None or len(machine.mean) != x.shape[1]:
             break

@@ -3,18 +3,15 @@
 import math
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import numpy as np
 import xarray as xr
 
-from .._machine.machine import Machine, prepare
-from .._machine.numbers import numbers_of
+from .._machine.machine import Machine
 from .._sweep.provenance import machines_of
 from .._trajectory.event_log import IMPACT, RELEASE, STICK
 from .._trajectory.solution import Solution
-
-_prepared = eqx.filter_jit(prepare)  # operation by operation it would take seconds to compile
+from .period_ends import machines_of_lanes
 
 
 class Impacts(NamedTuple):
@@ -96,10 +93,7 @@ def machines(source: Solution | xr.Dataset, which: np.ndarray) -> tuple[Machine 
         system = machines_of(source, tuple(dims_of(source)), which)
     except ValueError:  # no machine in the attributes, or one with a force that cannot be imported
         return None, 0.0
-    one = jax.device_put(np.ones(1, system.mass.dtype))
-    with jax.numpy_rank_promotion("allow"):  # what all points share is broadcast to them
-        # Span and start matter to steps and forces alone.
-        return _prepared(numbers_of(system), one, (0 * one, one, one), can_stick=False), 0.0
+    return machines_of_lanes(system), 0.0
 
 
 def has_full_mass(source: Solution | xr.Dataset) -> bool:

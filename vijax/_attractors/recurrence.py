@@ -29,6 +29,8 @@ _MARGIN = 10
 # A motion that keeps returning this close, relative to its size, and no farther than before, is settling.
 _NEAR = 1e-2
 _TINY = np.finfo(np.float32).tiny
+# Points at once: so many that what is computed of them stays in the cache.
+_BLOCK = 1 << 11
 
 
 class Recurrence(NamedTuple):
@@ -54,14 +56,19 @@ def recurrence(section: np.ndarray, tolerance: float) -> Recurrence:
         section: the states, relative to the size of the motion, (points, periods, states).
         tolerance: distance from the cycle below which a motion is on it.
     """
+    blocks = [_of_block(section[k : k + _BLOCK], tolerance) for k in range(0, max(1, len(section)), _BLOCK)]
+    return Recurrence(*map(np.concatenate, zip(*blocks, strict=True)))
+
+
+def _of_block(section: np.ndarray, tolerance: float) -> Recurrence:
     num_points, num_periods = section.shape[:2]
     found, is_settling = np.zeros(num_points, int), np.zeros(num_points, bool)
     error, contraction = np.full(num_points, np.inf), np.full(num_points, np.nan)
     left = np.arange(num_points)
-    section = np.ascontiguousarray(np.moveaxis(section, 2, 0))  # NumPy is slow along short last axes
+    rows = np.ascontiguousarray(section.T)  # NumPy is slow along short last axes
     for n in range(1, num_periods // 2 + 1):
-        rows, least = section[:, left], error[left]
-        steps = np.abs(rows[..., n:] - rows[..., :-n]).max(axis=0)
+        least = error[left]
+        steps = np.abs(rows[:, n:] - rows[:, :-n]).max(axis=0)
         last, factor, is_falling = _trend(steps, n)
         # Avoids 0 times an unknown factor.
         distance = np.maximum(last, _TINY) * np.maximum(1, factor / np.maximum(1 - factor, _TINY))
@@ -72,20 +79,21 @@ def recurrence(section: np.ndarray, tolerance: float) -> Recurrence:
         error[better], contraction[better] = last[is_better], factor[is_better] ** (1 / n)
         is_settling[left] |= is_falling | (last <= tolerance)
         found[left[is_cycle]] = n
-        left = left[~is_cycle]
+        if is_cycle.any():
+            left, rows = left[~is_cycle], rows[..., ~is_cycle]
     contraction[np.isinf(contraction)] = np.nan
     return Recurrence(found, error, contraction, is_settling & (found == 0))
 
 
 def _trend(steps: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The last error, the factor by which n periods change it (infinite if not known), whether it falls."""
-    third, last = steps.shape[1] // 3, steps[:, -n:].max(axis=1)
+    third, last = len(steps) // 3, steps[-n:].max(axis=0)
     if third < n:
-        return last, np.full(len(steps), np.inf), np.zeros(len(steps), bool)
-    thirds = steps[:, steps.shape[1] - 3 * third :].reshape(len(steps), 3, third).max(axis=2)
-    factor = (thirds[:, 2] / np.maximum(thirds[:, 1], _TINY)) ** (n / third)
+        return last, np.full(len(last), np.inf), np.zeros(len(last), bool)
+    thirds = steps[len(steps) - 3 * third :].reshape(3, third, len(last)).max(axis=1)
+    factor = (thirds[2] / np.maximum(thirds[1], _TINY)) ** (n / third)
     # The last two cycles show a chaotic motion leaving an unstable cycle that it came near.
-    now, before = (steps[:, steps.shape[1] - k * n :][:, :n].max(axis=1) for k in (1, 2))
+    now, before = (steps[len(steps) - k * n :][:n].max(axis=0) for k in (1, 2))
     factor = np.maximum(factor, now / np.maximum(before, _TINY))
-    is_near = (thirds[:, 2] <= _NEAR) & (thirds[:, 2] <= thirds[:, 0])
-    return last, factor, is_near | (np.diff(steps[:, third:]) < 0).all(axis=1)
+    is_near = (thirds[2] <= _NEAR) & (thirds[2] <= thirds[0])
+    return last, factor, is_near | (np.diff(steps[third:], axis=0) < 0).all(axis=0)

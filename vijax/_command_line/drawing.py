@@ -14,9 +14,9 @@ from .values import assignment, numbers
 
 _ABOUT = """
 Draw what is in a file: a machine, the bifurcation diagram of a sweep over one quantity, the chart of one over two, a branch
-of periodic orbits, basins.
+of periodic orbits, basins, shares of them.
 """
-_KINDS = ("bifurcation", "regions", "lyapunov", "impact_map", "branch", "basins")
+_KINDS = ("bifurcation", "regions", "lyapunov", "impact_map", "branch", "basins", "shares")
 
 
 def add_to(commands: Any) -> None:
@@ -78,6 +78,7 @@ def draw(asked: argparse.Namespace) -> None:
         "impact_map": lambda: plot.impact_map(ds, asked.stop),
         "branch": lambda: plot.branch(Branch(ds.load()), stop=asked.stop or 0),
         "basins": lambda: plot.basins(ds),
+        "shares": lambda: plot.shares(ds),
     }
     try:
         pictures[kind]()
@@ -87,11 +88,13 @@ def draw(asked: argparse.Namespace) -> None:
 
 def _kind_of(ds: xr.Dataset) -> str:
     """The picture that fits a dataset."""
-    for kind, name in (("branch", "arclength"), ("basins", "label")):
+    for kind, name in (("branch", "arclength"), ("basins", "label"), ("shares", "successor")):
         if name in ds:
             return kind
     if "result" not in ds:
-        raise ValueError("The dataset is none of a sweep, a branch or basins: say with --kind what to draw.")
+        raise ValueError(
+            "The dataset is none of a sweep, a branch, basins or shares: say with --kind what to draw."
+        )
     swept = [dim for dim in ds["result"].dims if dim != "direction"]
     kinds = {0: "impact_map", 1: "bifurcation", 2: "regions"}
     if len(swept) not in kinds:

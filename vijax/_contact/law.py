@@ -28,6 +28,16 @@ def rebound(
     return x, contacts.reflected(state.v, hit, kept, phase_rate)
 
 
+def before(
+    machine: Machine,
+    state: State,
+    hit: Bool[Array, "stops ..."],
+    approach: Float[Array, "stops ..."],
+) -> Float[Array, "n ..."]:
+    """Velocities before `rebound`, by the speeds u at which the stops `hit` were struck: r = 0 leaves no trace of them."""
+    return machine.contacts.brought(state.v, hit, approach, machine.phase_rate(state.phase))
+
+
 def restitution_matrix(num_masses: int, restitutions: dict[int, ArrayLike]) -> Float[Array, "n n"]:
     """Return the restitution matrix R, velocities after = R velocities before (equation 12).
 

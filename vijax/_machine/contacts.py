@@ -156,6 +156,16 @@ class AbstractContacts(eqx.Module):
         """Velocities after impacts with one set of contacts, while another keeps closed."""
 
     @abc.abstractmethod
+    def brought(
+        self,
+        v: Float[Array, "n ..."],
+        flags: Bool[Array, "contacts ..."],
+        approach: Float[Array, "contacts ..."],
+        phase_rate: Array,
+    ) -> Float[Array, "n ..."]:
+        """Velocities changed by impulses of the flagged contacts, until these are approached at given speeds."""
+
+    @abc.abstractmethod
     def gained(self, gain: Float[Array, "n ..."], hold: Held) -> Float[Array, "n ..."]:
         """The gain of velocities that `free_accelerations` make."""
 
@@ -320,6 +330,19 @@ class Stops(AbstractContacts):
         del kept, phase_rate
         for j in range(self.num):
             v = jnp.where(hit[j] & self.bears[j], -self.restitution[j] * v, v)
+        return v
+
+    def brought(
+        self,
+        v: Float[Array, "n ..."],
+        flags: Bool[Array, "contacts ..."],
+        approach: Float[Array, "contacts ..."],
+        phase_rate: Array,
+    ) -> Float[Array, "n ..."]:
+        """Velocities with those of the masses of the flagged contacts replaced."""
+        del phase_rate
+        for j in range(self.num):
+            v = jnp.where(flags[j] & self.bears[j], self.rows[j] * approach[j], v)
         return v
 
     def gained(self, gain: Float[Array, "n ..."], hold: Held) -> Float[Array, "n ..."]:

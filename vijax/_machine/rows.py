@@ -247,7 +247,18 @@ class Rows(AbstractContacts):
         self, v: Float[Array, "n ..."], held: Bool[Array, "contacts ..."], phase_rate: Array
     ) -> Float[Array, "n ..."]:
         """Velocities with no approach to the flagged contacts, after plastic impacts with them."""
-        return v - self._by(inverse_among(self.compliance, held), self.towards(v, phase_rate))
+        return self.brought(v, held, jnp.zeros_like(self.limit), phase_rate)
+
+    def brought(
+        self,
+        v: Float[Array, "n ..."],
+        flags: Bool[Array, "contacts ..."],
+        approach: Float[Array, "contacts ..."],
+        phase_rate: Array,
+    ) -> Float[Array, "n ..."]:
+        """Velocities changed by impulses of the flagged contacts, until these are approached at given speeds."""
+        lack = approach - self.towards(v, phase_rate)
+        return v + self._by(inverse_among(self.compliance, flags), lack)
 
     def reflected(
         self,

@@ -30,6 +30,7 @@ def sweep_zipped(
     settings: ExecutionSettings,
     executor: object,
     tell: Callable[[int], Any],
+    beside: int = 0,
 ) -> xr.Dataset:
     """Run machines from starts, one of each to every point.
 
@@ -42,6 +43,8 @@ def sweep_zipped(
         settings: likewise.
         executor: likewise.
         tell: called with the number of points done since the last call.
+        beside: points of another such sweep. Sweeps of many and of few points are two programs: to compile one less this is run as
+            a part of as many, if they are more.
 
     Returns:
         The dataset of `vx.sweep`, with the points along `start`.
@@ -53,13 +56,16 @@ def sweep_zipped(
     starts = {"x0": x0, "v0": v0}
     zero = np.zeros(system.num_masses, np.asarray(system.mass).dtype)
     base = Point(system, zero, zero)
-    points = points_of_lanes(base, dict(values) | starts)
+    given = dict(values) | starts
+    points = points_of_lanes(base, given)
     can_stick = can_any_stick(points.system, points.x0, points.v0)
     asked = replace(counts, can_stick=can_stick)
     motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
     attributes = origin(base, asked, flow=name_of_flow(motion, flow), carry=None, goes_on=False)
     runner = choose_runner(motion, asked, settings, executor)
-    found = runner.run(points, np.arange(len(states)), tell)
+    filled = np.resize(np.arange(len(states)), max(len(states), beside))
+    whole = points_of_lanes(base, {path: np.asarray(a)[filled] for path, a in given.items()})
+    found = runner.run(whole, np.arange(len(states)), tell)
     ds = dataset(points, {START: np.arange(len(states))}, (len(states),), asked, found, attributes)
     coordinates = {path: ((START,), a) for path, a in values.items()}
     coordinates |= {path: ((START, "mass"), a) for path, a in starts.items()}

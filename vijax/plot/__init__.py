@@ -18,5 +18,6 @@ from ._plane import plane as plane
 from ._regions import regions as regions
 from ._relative_motion import relative_motion as relative_motion
 from ._section import section as section
+from ._shares import shares as shares
 from ._sticking import sticking_region as sticking_region
 from ._trajectories import phase_portrait as phase_portrait, time_series as time_series

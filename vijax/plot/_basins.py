@@ -7,19 +7,13 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
-from matplotlib.legend_handler import HandlerTuple
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
-from ._axes import legend_beside, new_axes
-from ._cloud import MARKERS
+from ._attractors import COLORS, OTHER, UNKNOWN, add_legend, check_count, draw_marks
+from ._axes import new_axes
 from ._labels import Units
 from ._mesh import check_plane, draw_mesh
-from ._motions import heading, words_of_motion
+from ._motions import words_of_motion
 
-# After Okabe and Ito, told apart by the colour-blind as well; light enough for black points, dark enough for white edges.
-_COLORS = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442", "#0072b2", "#d55e00", "#b0e0c8")
-_OTHER, _UNKNOWN = "#a0a0a0", "#606060"
 # Points of a cycle are few and drawn large, those of a cloud small.
 _SIZES = ((20, 6.0), (100, 4.0), (np.inf, 2.0))
 
@@ -71,11 +65,15 @@ def basins(
     count = min(max_attractors, basins.sizes["attractor"])
     codes = basins["label"].values
     codes = np.where(codes >= count, count, codes)
-    colors = ListedColormap([_UNKNOWN, *_COLORS[:count], _OTHER])
+    colors = ListedColormap([UNKNOWN, *COLORS[:count], OTHER])
     draw_mesh(ax, basins["label"], codes, units, style, cmap=colors, vmin=-1.5, vmax=count + 0.5)
     ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # attractors may lie far outside
     has_mark = [points and _draw_section(ax, basins.isel(attractor=k), right, up, k) for k in range(count)]
-    _add_legend(ax, basins, codes, has_mark)
+    named = [basins.isel(attractor=k) for k in range(count)]
+    words = [f"{words_of_motion(one)}, {100 * float(one.share):.3g} %" for one in named]
+    greys = {"other": (count, OTHER), "not known": (-1, UNKNOWN)}
+    seen = {name: color for name, (code, color) in greys.items() if (codes == code).any()}
+    add_legend(ax, basins, words, has_mark, seen)
     return ax
 
 
@@ -83,10 +81,7 @@ def _check(basins: xr.Dataset, max_attractors: int) -> None:
     if "label" not in basins:
         raise ValueError(f"A picture of basins needs the variable `label`, but there are {list(basins)}.")
     check_plane(basins["label"], "A picture of basins", "start")
-    if not 0 <= max_attractors <= len(_COLORS):
-        raise ValueError(
-            f"Argument `max_attractors` must lie in 0 to {len(_COLORS)}, but is {max_attractors}."
-        )
+    check_count(max_attractors)
 
 
 def _draw_section(ax: Axes, attractor: xr.Dataset, right: str, up: str, number: int) -> bool:
@@ -97,17 +92,7 @@ def _draw_section(ax: Axes, attractor: xr.Dataset, right: str, up: str, number: 
     (left, end), (low, high) = ax.get_xlim(), ax.get_ylim()
     seen = (x >= left) & (x <= end) & (y >= low) & (y <= high)
     size = next(size for most, size in _SIZES if seen.sum() <= most)
-    ax.plot(
-        x[seen],
-        y[seen],
-        linestyle="none",
-        marker=MARKERS[number],
-        markersize=size,
-        markerfacecolor="black",
-        markeredgecolor="white",
-        markeredgewidth=size / 8,
-        rasterized=True,
-    )
+    draw_marks(ax, x[seen], y[seen], number, size)
     return bool(seen.any())
 
 
@@ -116,27 +101,3 @@ def _coordinate(attractor: xr.Dataset, path: str) -> np.ndarray | None:
     if match is None:
         return None
     return attractor[f"section_{match[1]}"].isel(mass=int(match[2])).values
-
-
-def _add_legend(ax: Axes, basins: xr.Dataset, codes: np.ndarray, has_mark: list[bool]) -> None:
-    """One entry for each attractor, its colour beside its mark."""
-    handles, words = [], []
-    for k, is_marked in enumerate(has_mark):
-        patch = Patch(facecolor=_COLORS[k], edgecolor="black", linewidth=0.6)
-        one = Line2D(
-            [], [], linestyle="none", marker=MARKERS[k], color="black", markeredgecolor="white", markersize=6
-        )
-        handles.append((patch, one) if is_marked else (patch,))
-        attractor = basins.isel(attractor=k)
-        words.append(f"{words_of_motion(attractor)}, {100 * float(attractor.share):.3g} %")
-    for code, color, name in ((len(has_mark), _OTHER, "other"), (-1, _UNKNOWN, "not known")):
-        if (codes == code).any():
-            handles.append((Patch(facecolor=color, edgecolor="black", linewidth=0.6),))
-            words.append(name)
-    legend_beside(
-        ax,
-        handles=handles,
-        labels=words,
-        handler_map={tuple: HandlerTuple(ndivide=None)},
-        title=f"{heading(basins)},\nand share of the starts",
-    )

@@ -1,0 +1,120 @@
+"""Shares of the starts that lead to each attractor, along a parameter."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+
+from ._attractors import COLORS, OTHER, UNKNOWN, add_legend, check_count, draw_marks
+from ._axes import new_axes
+from ._colors import styled
+from ._labels import Units, label
+from ._motions import words_of_motion
+
+# Of all starts: below it a share is rounding.
+_NOTHING = 1e-9
+
+
+def shares(
+    followed: xr.Dataset,
+    *,
+    max_attractors: int = 8,
+    units: Units | None = None,
+    ax: Axes | None = None,
+    **style: Any,
+) -> Axes:
+    """Draw the shares of the starts that lead to each attractor along a parameter, one upon the other.
+
+    Each value of the parameter has a column, half way to its neighbours. "1 | 2 in 1" is a motion that repeats after 1 forcing
+    period, with 1 impact at stop 0 and 2 at stop 1 in it; of an attractor whose motion changes on its way it is the one with the
+    largest share, which the legend tells too. A mark stands in each band there. Light grey are other attractors, dark grey
+    starts whose motion has not settled, or failed.
+
+    Args:
+        followed: what `vx.follow_attractors` returned, for two values of the parameter or more.
+        max_attractors: how many attractors, those with the largest shares, have a colour of their own, 8 at most; the rest
+            is "other".
+        units: of swept quantities, or what they are made of, as in `{"time": "s"}`; none are written if left out.
+        ax: where to draw; new axes if left out.
+        **style: of the bands, as matplotlib's `fill_between` takes them: `alpha`, `linewidth`, ...
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: if there are no shares along a parameter, or too many colours are asked for.
+
+    Example:
+        ```python
+        import numpy as np, vijax as vx
+        values = np.linspace(1.9, 2.1, 5)
+        followed = vx.follow_attractors(vx.models.wagg_bishop_b(2.0), "forcing.frequency", values, 50)
+        ax = vx.plot.shares(followed)
+        ```
+
+    References:
+        G. Datseris, K. L. Rossi & A. Wagemakers, Framework for global stability analysis of dynamical systems,
+        Chaos 33 (2023) 073151.
+    """
+    path = _path(followed)
+    check_count(max_attractors)
+    followed = followed.sortby(path)
+    share, values = followed["share"].transpose("attractor", path).values, followed[path].values
+    order = np.argsort(-share.max(axis=1), kind="stable")
+    order = order[share[order].max(axis=1) > _NOTHING]
+    named, others = order[:max_attractors], order[max_attractors:]
+    bands = [*share[named], share[others].sum(axis=0), 1 - share.sum(axis=0)]
+    ax = new_axes() if ax is None else ax
+    edges = _edges(values)
+    _draw_bands(ax, edges, bands, [*COLORS[: len(named)], OTHER, UNKNOWN], style)
+    words = []
+    for k, number in enumerate(named):
+        best = int(share[number].argmax())
+        middle = sum(band[best] for band in bands[:k]) + share[number, best] / 2
+        draw_marks(ax, values[best : best + 1], np.array([middle]), k, 6.0)
+        motion = followed.isel({path: best, "attractor": int(number)})
+        words.append(f"{words_of_motion(motion)}, up to {100 * share[number, best]:.3g} %")
+    greys = {"other": (bands[-2], OTHER), "not known": (bands[-1], UNKNOWN)}
+    seen = {name: color for name, (band, color) in greys.items() if (band > _NOTHING).any()}
+    ax.set(xlim=(edges[0], edges[-1]), ylim=(0, 1), xlabel=label(path, units), ylabel="Share of the starts")
+    add_legend(ax, followed, words, [True] * len(named), seen)
+    return ax
+
+
+def _path(followed: xr.Dataset) -> str:
+    """Along what the attractors were followed."""
+    dims = [str(dim) for dim in followed["share"].dims if dim != "attractor"] if "share" in followed else []
+    if len(dims) != 1 or followed.sizes[dims[0]] < 2:
+        raise ValueError(
+            "A picture of shares needs what `vx.follow_attractors` returned for two values of a parameter or more, but has "
+            f"`share` along {dims}."
+        )
+    return dims[0]
+
+
+def _edges(values: np.ndarray) -> np.ndarray:
+    """Where the columns of values begin and end, (values + 1,)."""
+    middles = (values[1:] + values[:-1]) / 2
+    return np.concatenate([[2 * values[0] - middles[0]], middles, [2 * values[-1] - middles[-1]]])
+
+
+def _draw_bands(
+    ax: Axes, edges: np.ndarray, bands: list[np.ndarray], colors: list[str], style: dict[str, Any]
+) -> None:
+    """Stack the bands from the bottom; those that are empty are left out."""
+    below = np.zeros_like(bands[0])
+    for band, color in zip(bands, colors, strict=True):
+        above = below + band
+        if (band > _NOTHING).any():
+            look = styled(style, PolyCollection, facecolor=color, edgecolor="black", linewidth=0.4)
+            low, high = (np.append(a, a[-1]) for a in (below, above))
+            ax.fill_between(edges, low, high, where=_wide(band), step="post", **look)
+        below = above
+
+
+def _wide(band: np.ndarray) -> np.ndarray:
+    """Edges between which there is anything of a band, (values + 1,)."""
+    is_there = np.append(band > _NOTHING, False)
+    return is_there | np.roll(is_there, 1)
