@@ -20,8 +20,7 @@ from .._system.system import bound
 from .._trajectory.event_log import IMPACT
 from .branch_tests import KINDS
 from .family import Family, Place
-from .follow import Walk
-from .point import Point
+from .point import Point, Walk
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,10 +16,10 @@ from .._sweep.provenance import system_of
 from .._system.parameters import get_parameter
 from .._system.system import ImpactSystem, with_args
 from .._types import is_traced
+from .drive import drive
 from .family import Family
 from .follow import begin
 from .point import Point
-from .programs import drive
 
 # Events of a cycle beside its impacts for which there is room at first.
 _OTHERS = 32

@@ -1,0 +1,232 @@
+"""Many branches side by side: what most of them wait for is done next, for all of these in one call."""
+
+from collections.abc import Callable, Generator, Hashable, Sequence as Many
+from functools import cache
+from typing import Any
+
+import jax
+import numpy as np
+
+from .._xla import jit_lightly
+from .family import Family
+from .plain_steps import (
+    SHORTEST,
+    PlainSteps,
+    ahead,
+    along,
+    begun,
+    is_as_told,
+    is_plain,
+    is_sound,
+    known_of,
+    next_length,
+)
+from .point import Point
+from .programs import Followed, Request, Seen, confirm, look, padded, room_for
+
+# Numbers of branches that programs are compiled for, and from how many on each is worth while. The largest is for
+# cycles of few events alone, as their derivatives take memory.
+_SIZES, _MOST_EVENTS = ((2, 1), (64, 17), (1024, 513)), 16_384
+
+
+def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callable[[], Any]) -> list[Any]:
+    """Run tasks side by side until each has returned; they ask, and are sent the answers.
+
+    Args:
+        families: of each task.
+        tasks: generators of requests.
+        tell_progress: is called once a round.
+    """
+    results: list[Any] = [None] * len(tasks)
+    makes, stocks = _stocked(families)
+    groups: dict[tuple, _Calls | _Front] = {}
+    replies: dict[int, Any] = dict.fromkeys(range(len(tasks)))
+    while True:
+        for k, reply in replies.items():
+            try:
+                asked = tasks[k].send(reply)
+            except StopIteration as end:
+                results[k] = end.value
+                continue
+            room, program = room_for(len(asked.sequence.kind)), getattr(asked, "program", None)
+            key = program, room, makes[k]
+            if key not in groups:
+                stock = stocks[makes[k]]
+                groups[key] = _Calls(stock, room, program) if program else _Front(stock, room)
+            groups[key].add(k, asked)
+        largest = max(groups.values(), key=len, default=())
+        if not largest:
+            return results
+        replies = largest.answer()
+        tell_progress()
+
+
+def answer(family: Family, request: Request) -> Any:
+    """The answer to one request."""
+    calls = _Calls(_Stock({0: family}), room_for(len(request.sequence.kind)), request.program)
+    calls.add(0, request)
+    return calls.answer()[0]
+
+
+class _Stock:
+    """Families of one make, stacked."""
+
+    def __init__(self, families: dict[int, Family]):
+        self.rows = _stack(list(families.values()))
+        self.place = {k: row for row, k in enumerate(families)}
+
+    def of(self, tasks: Many[int]) -> Family:
+        """The families of some tasks."""
+        return _taken(self.rows, np.array([self.place[k] for k in tasks]))
+
+
+class _Calls:
+    """Requests for one program."""
+
+    def __init__(self, stock: _Stock, room: int, program: Callable):
+        self.stock, self.room, self.program = stock, room, program
+        self.waiting: list[tuple[int, Request]] = []
+
+    def __len__(self) -> int:
+        return len(self.waiting)
+
+    def add(self, task: int, request: Request) -> None:
+        """One more."""
+        self.waiting.append((task, request))
+
+    def answer(self) -> dict[int, Any]:
+        """Answer as many as fit into one call."""
+        size = _size_for(len(self), self.room)
+        now, self.waiting = self.waiting[:size], self.waiting[size:]
+        tasks = [task for task, _ in now]
+        rows = _stack([padded(request.sequence, request.arguments, self.room) for _, request in now])
+        found = _call(self.program, *_filled((self.stock.of(tasks), *rows), size))
+        return dict(zip(tasks, _split(found, len(now)), strict=True))
+
+
+class _Front:
+    """Branches that take plain steps."""
+
+    def __init__(self, stock: _Stock, room: int):
+        self.stock, self.room = stock, room
+        self.members: list[tuple[int, PlainSteps]] = []
+        self.points: list[Point] = []
+        self.state: Any = None
+        self.fixed: tuple | None = None
+
+    def __len__(self) -> int:
+        return len(self.members)
+
+    def add(self, task: int, asked: PlainSteps) -> None:
+        """One more branch."""
+        row = _stack([begun(asked)])
+        self.state = row if not self.members else jax.tree.map(lambda *a: np.concatenate(a), self.state, row)
+        self.members.append((task, asked))
+        self.points.append(asked.point)
+        self.fixed = None
+
+    def answer(self) -> dict[int, Any]:
+        """Take a step with as many as fit into one call, and give back those whose next step is not plain."""
+        size = _size_for(len(self), self.room)
+        num = min(size, len(self))
+        known, ways = _taken(self.state, slice(num))
+        families, sequences = self._fixed(num, size)
+        guess, weights, targets = ahead(known, ways.ds)
+        seen: Seen = _call(look, families, sequences, *_filled((guess, weights, targets), size))
+        seen = _taken(seen, slice(num))
+        new = known_of(known.sequence, seen.found.place, seen)
+        sound = is_sound(seen.found, along(new.tangent, known.tangent), ways.ds)
+        taken = sound & is_plain(known, new, ways)
+        if taken.any():
+            followed: Followed = _call(confirm, families, sequences, _filled(new.place, size))
+            taken &= is_as_told(known, seen, _taken(followed, slice(num)))
+        known = new if taken.all() else jax.tree.map(lambda a, b: _where(taken, a, b), new, known)
+        arc = np.where(taken, ways.arc + ways.ds, ways.arc)
+        ds = np.where(taken, next_length(seen.found, ways.ds), np.where(sound, ways.ds, ways.ds / 2))
+        self._add_points(taken, seen, arc)
+        is_full = np.array([asked.walk.is_full for _, asked in self.members[:num]])
+        return self._moved_on(
+            known, ways._replace(ds=ds, arc=arc), (sound & ~taken) | (ds < SHORTEST) | is_full
+        )
+
+    def _fixed(self, num: int, size: int) -> tuple:
+        """What stays the same from one step to the next."""
+        if self.fixed is None or self.fixed[0] != (num, size):
+            families = self.stock.of([task for task, _ in self.members[:num]])
+            rows = _filled((families, _taken(self.state[0].sequence, slice(num))), size)
+            self.fixed = (num, size), jax.device_put(rows)
+        return self.fixed[1]
+
+    def _add_points(self, taken: np.ndarray, seen: Seen, arc: np.ndarray) -> None:
+        """Add the points of those that have taken a step."""
+        leaves, structure = jax.tree.flatten(seen)
+        for k in np.flatnonzero(taken):
+            at = jax.tree.unflatten(structure, [a[k] for a in leaves])
+            self.points[k] = Point.of(self.points[k].sequence, at, float(arc[k]))
+            self.members[k][1].walk.points.append(self.points[k])
+
+    def _moved_on(self, known: Any, ways: Any, is_left: np.ndarray) -> dict[int, Any]:
+        """Keep the others, those that waited first in line; answers to those that leave."""
+        num = len(is_left)
+        left = {self.members[k][0]: (self.points[k], float(ways.ds[k])) for k in np.flatnonzero(is_left)}
+        order = [*range(num, len(self)), *np.flatnonzero(~is_left)]
+        if order == list(range(len(self))):
+            self.state = known, ways
+            return left
+        rest = _taken(self.state, slice(num, None))
+        whole = jax.tree.map(lambda *a: np.concatenate(a), (known, ways), rest)
+        self.state = _taken(whole, np.array(order, int))
+        self.members, self.points = [self.members[k] for k in order], [self.points[k] for k in order]
+        self.fixed = None
+        return left
+
+
+def _stocked(families: Many[Family]) -> tuple[list[Hashable], dict[Hashable, _Stock]]:
+    """The make of each family, and those of each make."""
+    members: dict[Hashable, dict[int, Family]] = {}
+    makes = []
+    for k, family in enumerate(families):
+        leaves, structure = jax.tree.flatten(family)
+        makes.append((structure, *(np.shape(a) for a in leaves)))
+        members.setdefault(makes[-1], {})[k] = family
+    return makes, {make: _Stock(own) for make, own in members.items()}
+
+
+def _size_for(num: int, room: int) -> int:
+    """For how many branches side by side to call a program."""
+    sizes = [size for size, least in _SIZES if num >= least and (size <= 64 or size * room <= _MOST_EVENTS)]
+    return sizes[-1]
+
+
+def _call(program: Callable, *rows: Any) -> Any:
+    return jax.device_get(_compiled(program)(*rows))
+
+
+@cache
+def _compiled(program: Callable) -> Callable:
+    return jit_lightly(jax.vmap(program))
+
+
+def _stack(trees: list) -> Any:
+    return jax.tree.map(lambda *a: np.stack(a), *trees)
+
+
+def _taken(tree: Any, rows: Any) -> Any:
+    return jax.tree.map(lambda a: a[rows], tree)
+
+
+def _filled(tree: Any, size: int) -> Any:
+    """The rows, with the first again as often as there is room left."""
+    num = len(jax.tree.leaves(tree)[0])
+    rows = np.append(np.arange(num), np.zeros(size - num, int))
+    return tree if num == size else _taken(tree, rows)
+
+
+def _split(tree: Any, num: int) -> list:
+    """The first rows, one by one."""
+    leaves, structure = jax.tree.flatten(tree)
+    return [jax.tree.unflatten(structure, [a[k] for a in leaves]) for k in range(num)]
+
+
+def _where(is_new: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
+    return np.where(is_new.reshape(-1, *[1] * (new.ndim - 1)), new, old)
