@@ -9,6 +9,7 @@ import numpy as np
 
 from .._xla import jit_lightly
 from .family import Family
+from .packed import Layout, Packed, pack
 from .plain_steps import (
     SHORTEST,
     PlainSteps,
@@ -22,7 +23,7 @@ from .plain_steps import (
     next_length,
 )
 from .point import Point
-from .programs import Followed, Request, Seen, confirm, look, padded, room_for
+from .programs import Request, Seen, confirm, look, padded, room_for
 
 # Numbers of branches that programs are compiled for, and from how many on each is worth while. The largest is for
 # cycles of few events alone, as their derivatives take memory.
@@ -72,12 +73,13 @@ class _Stock:
     """Families of one make, stacked."""
 
     def __init__(self, families: dict[int, Family]):
-        self.rows = _stack(list(families.values()))
+        self.rows = pack(_stack(list(families.values())), has_rows=True)
         self.place = {k: row for row, k in enumerate(families)}
 
-    def of(self, tasks: Many[int]) -> Family:
-        """The families of some tasks."""
-        return _taken(self.rows, np.array([self.place[k] for k in tasks]))
+    def of(self, tasks: Many[int], size: int) -> Packed:
+        """The families of some tasks, the first again as often as there is room left."""
+        rows = [self.place[k] for k in tasks]
+        return self.rows.at(np.array(rows + rows[:1] * (size - len(rows))))
 
 
 class _Calls:
@@ -100,8 +102,8 @@ class _Calls:
         now, self.waiting = self.waiting[:size], self.waiting[size:]
         tasks = [task for task, _ in now]
         rows = _stack([padded(request.sequence, request.arguments, self.room) for _, request in now])
-        found = _call(self.program, *_filled((self.stock.of(tasks), *rows), size))
-        return dict(zip(tasks, _split(found, len(now)), strict=True))
+        found = _call(self.program, self.stock.of(tasks, size), *_filled(rows, size))
+        return {task: found.at(k).tree() for k, task in enumerate(tasks)}
 
 
 class _Front:
@@ -132,18 +134,18 @@ class _Front:
         known, ways = _taken(self.state, slice(num))
         families, sequences = self._fixed(num, size)
         guess, weights, targets = ahead(known, ways.ds)
-        seen: Seen = _call(look, families, sequences, *_filled((guess, weights, targets), size))
-        seen = _taken(seen, slice(num))
+        rows = _call(look, families, sequences, *_filled((guess, weights, targets), size)).at(slice(num))
+        seen: Seen = rows.tree()
         new = known_of(known.sequence, seen.found.place, seen)
         sound = is_sound(seen.found, along(new.tangent, known.tangent), ways.ds)
         taken = sound & is_plain(known, new, ways)
         if taken.any():
-            followed: Followed = _call(confirm, families, sequences, _filled(new.place, size))
-            taken &= is_as_told(known, seen, _taken(followed, slice(num)))
+            followed = _call(confirm, families, sequences, _filled(new.place, size)).at(slice(num)).tree()
+            taken &= is_as_told(known, seen, followed)
         known = new if taken.all() else jax.tree.map(lambda a, b: _where(taken, a, b), new, known)
         arc = np.where(taken, ways.arc + ways.ds, ways.arc)
         ds = np.where(taken, next_length(seen.found, ways.ds), np.where(sound, ways.ds, ways.ds / 2))
-        self._add_points(taken, seen, arc)
+        self._add_points(taken, rows, arc)
         is_full = np.array([asked.walk.is_full for _, asked in self.members[:num]])
         return self._moved_on(
             known, ways._replace(ds=ds, arc=arc), (sound & ~taken) | (ds < SHORTEST) | is_full
@@ -152,17 +154,15 @@ class _Front:
     def _fixed(self, num: int, size: int) -> tuple:
         """What stays the same from one step to the next."""
         if self.fixed is None or self.fixed[0] != (num, size):
-            families = self.stock.of([task for task, _ in self.members[:num]])
-            rows = _filled((families, _taken(self.state[0].sequence, slice(num))), size)
-            self.fixed = (num, size), jax.device_put(rows)
+            families = self.stock.of([task for task, _ in self.members[:num]], size)
+            sequences = _filled(_taken(self.state[0].sequence, slice(num)), size)
+            self.fixed = (num, size), (families, sequences)
         return self.fixed[1]
 
-    def _add_points(self, taken: np.ndarray, seen: Seen, arc: np.ndarray) -> None:
+    def _add_points(self, taken: np.ndarray, rows: Packed, arc: np.ndarray) -> None:
         """Add the points of those that have taken a step."""
-        leaves, structure = jax.tree.flatten(seen)
         for k in np.flatnonzero(taken):
-            at = jax.tree.unflatten(structure, [a[k] for a in leaves])
-            self.points[k] = Point.of(self.points[k].sequence, at, float(arc[k]))
+            self.points[k] = Point.of(self.points[k].sequence, rows.at(k).tree(), float(arc[k]))
             self.members[k][1].walk.points.append(self.points[k])
 
     def _moved_on(self, known: Any, ways: Any, is_left: np.ndarray) -> dict[int, Any]:
@@ -198,13 +198,26 @@ def _size_for(num: int, room: int) -> int:
     return sizes[-1]
 
 
-def _call(program: Callable, *rows: Any) -> Any:
-    return jax.device_get(_compiled(program)(*rows))
+def _call(program: Callable, families: Packed, *rows: Any) -> Packed:
+    """The results of a program for rows of families and of its other arguments."""
+    arguments = pack(rows, has_rows=True)
+    compiled, layouts = _compiled(program, families.layout, arguments.layout)
+    found = compiled(families.arrays, arguments.arrays)
+    return Packed(tuple(np.asarray(a) for a in found), layouts[0])
 
 
 @cache
-def _compiled(program: Callable) -> Callable:
-    return jit_lightly(jax.vmap(program))
+def _compiled(program: Callable, of_family: Layout, of_arguments: Layout) -> tuple[Callable, list[Layout]]:
+    """A program of packed rows, and the layout of its results once it is traced."""
+    layouts = []
+
+    def of_row(family: tuple, arguments: tuple) -> tuple:
+        found = program(Packed(family, of_family).tree(), *Packed(arguments, of_arguments).tree())
+        arrays, layout = pack(found, has_rows=False)
+        layouts.append(layout)
+        return arrays
+
+    return jit_lightly(jax.vmap(of_row)), layouts
 
 
 def _stack(trees: list) -> Any:
@@ -220,12 +233,6 @@ def _filled(tree: Any, size: int) -> Any:
     num = len(jax.tree.leaves(tree)[0])
     rows = np.append(np.arange(num), np.zeros(size - num, int))
     return tree if num == size else _taken(tree, rows)
-
-
-def _split(tree: Any, num: int) -> list:
-    """The first rows, one by one."""
-    leaves, structure = jax.tree.flatten(tree)
-    return [jax.tree.unflatten(structure, [a[k] for a in leaves]) for k in range(num)]
 
 
 def _where(is_new: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
