@@ -15,13 +15,26 @@ import argparse
 import time
 from pathlib import Path
 
-from benchmarks import attractors, cluster, convergence, first, many, orbits, pictures, report, single, sizes
+from benchmarks import (
+    attractors,
+    branches,
+    cluster,
+    convergence,
+    first,
+    many,
+    orbits,
+    pictures,
+    report,
+    single,
+    sizes,
+)
 
 PARTS = {
     part.__name__: part
     for part in (
         single.work_precision, many.sweeps, many.work, many.throughput, sizes.masses, sizes.stops,
         first.first_results, many.chattering_point, single.derivatives, orbits.periodic_orbits,
+        branches.branches,
         attractors.exponents, attractors.basins, convergence.convergence,
         convergence.batch_cost, cluster.executors, many.accelerator,
     )
