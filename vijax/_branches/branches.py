@@ -1,5 +1,8 @@
 """All branches through the orbits of a sweep."""
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import xarray as xr
 
@@ -61,30 +64,33 @@ def branches(
     waiting = [start for start in starts_of(orbits) if low <= _value(start, path) <= high]
     found: list[Branch] = []
     with tqdm(total=len(waiting), unit="orbit", disable=not progress) as bar:
-
-        def follow_all(starts: list[Start], known: list[Branch]) -> list[Branch]:
-            new, left = [], _not_on(starts, known)
-            while left:
-                # Orbits with other numbers of events may lie on one branch, but most do not.
-                kinds: dict[tuple, Start] = {}
-                for start in left:
-                    kinds.setdefault((start.num_periods, start.num_events), start)
-                firsts = list(kinds.values())
-                branches = continued(firsts, path, (low, high), max_points, progress=False)
-                for start, branch in zip(firsts, branches, strict=True):
-                    new += [branch] if _not_on([start], new) else []
-                num_left, taken = len(left), {id(start) for start in firsts}
-                left = _not_on([start for start in left if id(start) not in taken], new)
-                bar.update(num_left - len(left))
-            return new
-
-        last = found = follow_all(waiting, [])
+        follow = partial(continued, path=path, bounds=(low, high), max_points=max_points, progress=False)
+        last = found = _each_once(waiting, [], follow, bar)
         for _ in range(num_doublings):
             points = [point for branch in last for point in branch.bifurcations if point.kind == "pd"]
             doubled = [start for point in points for start in starts_of(switch_branch(point))]
-            last = follow_all(doubled, found)
+            last = _each_once(doubled, found, follow, bar)
             found = found + last
     return found
+
+
+def _each_once(
+    starts: list[Start], known: list[Branch], follow: Callable[[list[Start]], list[Branch]], bar: tqdm
+) -> list[Branch]:
+    """The branches of orbits that are not known, each once."""
+    new, left = [], _not_on(starts, known)
+    while left:
+        # Orbits with other numbers of events may lie on one branch, but most do not.
+        kinds: dict[tuple, Start] = {}
+        for start in left:
+            kinds.setdefault((start.num_periods, start.num_events), start)
+        firsts = list(kinds.values())
+        for start, branch in zip(firsts, follow(firsts), strict=True):
+            new += [branch] if _not_on([start], new) else []
+        num_left, taken = len(left), {id(start) for start in firsts}
+        left = _not_on([start for start in left if id(start) not in taken], new)
+        bar.update(num_left - len(left))
+    return new
 
 
 def _value(start: Start, path: str) -> float:

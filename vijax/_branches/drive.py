@@ -112,23 +112,21 @@ class _Front:
     def __init__(self, stock: _Stock, room: int):
         self.stock, self.room = stock, room
         self.members: list[tuple[int, PlainSteps]] = []
+        self.new: list[tuple[int, PlainSteps]] = []
         self.points: list[Point] = []
         self.state: Any = None
         self.fixed: tuple | None = None
 
     def __len__(self) -> int:
-        return len(self.members)
+        return len(self.members) + len(self.new)
 
     def add(self, task: int, asked: PlainSteps) -> None:
         """One more branch."""
-        row = _stack([begun(asked)])
-        self.state = row if not self.members else jax.tree.map(lambda *a: np.concatenate(a), self.state, row)
-        self.members.append((task, asked))
-        self.points.append(asked.point)
-        self.fixed = None
+        self.new.append((task, asked))
 
     def answer(self) -> dict[int, Any]:
         """Take a step with as many as fit into one call, and give back those whose next step is not plain."""
+        self._join()
         size = _size_for(len(self), self.room)
         num = min(size, len(self))
         known, ways = _taken(self.state, slice(num))
@@ -151,6 +149,16 @@ class _Front:
             known, ways._replace(ds=ds, arc=arc), (sound & ~taken) | (ds < SHORTEST) | is_full
         )
 
+    def _join(self) -> None:
+        """Put the new branches behind the others."""
+        if not self.new:
+            return
+        rows = _stack([begun(asked) for _, asked in self.new])
+        self.state = jax.tree.map(lambda *a: np.concatenate(a), self.state, rows) if self.members else rows
+        self.members += self.new
+        self.points += [asked.point for _, asked in self.new]
+        self.new, self.fixed = [], None
+
     def _fixed(self, num: int, size: int) -> tuple:
         """What stays the same from one step to the next."""
         if self.fixed is None or self.fixed[0] != (num, size):
@@ -166,18 +174,16 @@ class _Front:
             self.members[k][1].walk.points.append(self.points[k])
 
     def _moved_on(self, known: Any, ways: Any, is_left: np.ndarray) -> dict[int, Any]:
-        """Keep the others, those that waited first in line; answers to those that leave."""
-        num = len(is_left)
-        left = {self.members[k][0]: (self.points[k], float(ways.ds[k])) for k in np.flatnonzero(is_left)}
-        order = [*range(num, len(self)), *np.flatnonzero(~is_left)]
-        if order == list(range(len(self))):
-            self.state = known, ways
-            return left
-        rest = _taken(self.state, slice(num, None))
-        whole = jax.tree.map(lambda *a: np.concatenate(a), (known, ways), rest)
-        self.state = _taken(whole, np.array(order, int))
-        self.members, self.points = [self.members[k] for k in order], [self.points[k] for k in order]
-        self.fixed = None
+        """Keep the others; answers to those that leave."""
+        num, gone = len(is_left), np.flatnonzero(is_left)
+        left = {self.members[k][0]: (self.points[k], float(ways.ds[k])) for k in gone}
+        for old, new in zip(jax.tree.leaves(self.state), jax.tree.leaves((known, ways)), strict=True):
+            old[:num] = new
+        if left:
+            order = np.delete(np.arange(len(self.members)), gone)
+            self.state = _taken(self.state, order)
+            self.members, self.points = [self.members[k] for k in order], [self.points[k] for k in order]
+            self.fixed = None
         return left
 
 
@@ -217,6 +223,7 @@ def _compiled(program: Callable, of_family: Layout, of_arguments: Layout) -> tup
         layouts.append(layout)
         return arrays
 
+    of_row.__name__ = program.__name__  # by which profiles know it
     return jit_lightly(jax.vmap(of_row)), layouts
 
 

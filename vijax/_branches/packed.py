@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jax.dtypes import canonicalize_dtype
 
 from .._types import library_of
 
@@ -46,15 +47,16 @@ class Packed(NamedTuple):
 
 
 def pack(tree: Any, *, has_rows: bool) -> Packed:
-    """The numbers of a tree."""
+    """The numbers of a tree, in the precision in which JAX computes."""
     leaves, structure = jax.tree.flatten(tree)
-    lead, kinds = int(has_rows), sorted({str(a.dtype) for a in leaves})
+    lead, names = int(has_rows), [str(canonicalize_dtype(a.dtype)) for a in leaves]
+    kinds = sorted(set(names))
     parts, flat = [], [[] for _ in kinds]
     ends = [0] * len(kinds)
-    for a in leaves:
-        k, shape = kinds.index(str(a.dtype)), np.shape(a)[lead:]
+    for a, name in zip(leaves, names, strict=True):
+        k, shape = kinds.index(name), np.shape(a)[lead:]
         begin, ends[k] = ends[k], ends[k] + math.prod(shape)
         parts.append((k, begin, ends[k], shape))
-        flat[k].append(a.reshape(*np.shape(a)[:lead], -1))
+        flat[k].append(a.reshape(*np.shape(a)[:lead], -1).astype(name))
     arrays = tuple(library_of(*own).concatenate(own, axis=lead) for own in flat)
     return Packed(arrays, Layout(structure, tuple(parts)))
