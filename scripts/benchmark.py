@@ -1,6 +1,6 @@
 """Measure vijax beside what one would take instead: run time against error, throughput, size, first result.
 
-    python scripts/benchmark.py               # quick: about four minutes on two cores
+    python scripts/benchmark.py               # quick: about five minutes on two cores
     python scripts/benchmark.py --full        # everything, all sizes: about forty
     python scripts/benchmark.py --only sweeps derivatives
 

@@ -40,7 +40,9 @@ class Packed(NamedTuple):
     def tree(self) -> Any:
         """The tree."""
         leaves = [
-            self.arrays[k][..., begin:end].reshape((*self.arrays[k].shape[:-1], *shape))
+            self.arrays[k][..., begin:end].reshape((*self.arrays[k].shape[:-1], *shape))[
+                ()
+            ]  # a number is no array
             for k, begin, end, shape in self.layout.parts
         ]
         return jax.tree.unflatten(self.layout.structure, leaves)
