@@ -41,9 +41,8 @@ class Cluster(AbstractRunner):
         cores = settings.cores or count_cores()
         size = settings.chunk_of(self.counts.transient + self.counts.record)
         num_chunks = max(-(-num_points // size), min(cores, -(-num_points // settings.lanes)))
-        shares, back = shared_out(points, which, num_chunks)
-        found = dict(self.run_each(points, enumerate(shares), tell))
-        return together([found[k] for k in range(num_chunks)]).taken(back)
+        shares = shared_out(points, which, num_chunks)
+        return together(self.run_each(points, enumerate(shares), tell), shares)
 
     def run_each(
         self, points: Point, parts: Iterable[tuple[int, np.ndarray]], tell: Callable[[int], object]

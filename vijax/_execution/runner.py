@@ -39,13 +39,10 @@ class Found:
     impacts: Impact
     lane_steps: int
 
-    def taken(self, order: np.ndarray) -> "Found":
-        """The same with the points in another order, in which the impacts count them already."""
-        return replace(self, ends={name: a[..., order] for name, a in self.ends.items()})
-
     def numbered(self, which: np.ndarray) -> "Found":
         """The same with the impacts of points that were counted from 0, of these numbers in the whole sweep."""
-        return replace(self, impacts=replace(self.impacts, point=which[self.impacts.point]))
+        numbers = which.astype(np.int32) if which.max(initial=0) < 2**31 else which
+        return replace(self, impacts=replace(self.impacts, point=numbers[self.impacts.point]))
 
 
 class AbstractRunner(eqx.Module):
@@ -93,7 +90,27 @@ class AbstractRunner(eqx.Module):
             yield number, self.run(points, which, tell)
 
 
-def together(parts: Sequence[Found]) -> Found:
-    """Results of all parts joined, in their order."""
-    ends = {name: np.concatenate([part.ends[name] for part in parts], axis=-1) for name in parts[0].ends}
-    return Found(ends, joined([part.impacts for part in parts]), sum(part.lane_steps for part in parts))
+def together(parts: Iterable[tuple[int, Found]], shares: Sequence[np.ndarray]) -> Found:
+    """Join the results of parts as they come, so that memory never holds all of them twice.
+
+    Args:
+        parts: numbers of parts, in any order, and what came of them.
+        shares: the points of each part.
+
+    Returns:
+        What came of all, the points in increasing order.
+    """
+    points = np.concatenate(shares)
+    places = np.empty_like(points)
+    places[np.argsort(points)] = np.arange(len(points))
+    place_of = np.split(places, np.cumsum([len(share) for share in shares[:-1]]))
+    ends: dict[str, np.ndarray] = {}
+    impacts, lane_steps = {}, 0
+    for number, found in parts:
+        for name, a in found.ends.items():
+            if name not in ends:
+                ends[name] = np.empty((*a.shape[:-1], len(points)), a.dtype)
+            ends[name][..., place_of[number]] = a
+        impacts[number] = found.impacts
+        lane_steps += found.lane_steps
+    return Found(ends, joined([impacts[number] for number in range(len(shares))]), lane_steps)

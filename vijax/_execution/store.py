@@ -91,7 +91,7 @@ class Store(AbstractRunner):
         for number, found in self.runner.run_each(points, missing(), tell):
             _keep(self, files[number], found)
             parts[number] = found
-        return together([parts[number] for number in range(len(chunks))])
+        return together(parts.items(), chunks)
 
 
 def open_store(

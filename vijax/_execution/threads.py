@@ -1,7 +1,7 @@
 """The runner of this machine: a queue of points on every core."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from threading import Event, Lock
 
@@ -48,18 +48,18 @@ class Threads(AbstractRunner):
     def run(self, points: Point, which: np.ndarray, tell: Callable[[int], object]) -> Found:
         """Run some points, see `AbstractRunner.run`."""
         num_queues, shape = self._sizes(self.size_of(points), len(which))
-        shares, back = shared_out(points, which, num_queues)
+        shares = shared_out(points, which, num_queues)
         stop, x64 = Event(), bool(jax.config.read("jax_enable_x64"))
         workers = ThreadPoolExecutor(self.settings.cores or count_cores())
         try:
-            jobs = [
-                workers.submit(_run_queue, self, points, share, shape, tell, stop, x64) for share in shares
-            ]
-            _wait_for(jobs)
+            jobs = {
+                workers.submit(_run_queue, self, points, share, shape, tell, stop, x64): number
+                for number, share in enumerate(shares)
+            }
+            return together(_as_they_end(jobs), shares)
         finally:
             stop.set()
             workers.shutdown(wait=True, cancel_futures=True)
-        return together([job.result() for job in jobs]).taken(back)
 
     def size_of(self, points: Point) -> int:
         """The number of points of the whole sweep, which decides what is compiled."""
@@ -74,24 +74,22 @@ class Threads(AbstractRunner):
         return num_queues, (width, num_lanes)
 
 
-def shared_out(points: Point, which: np.ndarray, num_shares: int) -> tuple[list[np.ndarray], np.ndarray]:
-    """Share points out evenly, and the places in which they then stand, one share after another.
+def shared_out(points: Point, which: np.ndarray, num_shares: int) -> list[np.ndarray]:
+    """Share points out evenly.
 
     Points with the longest periods have most to do: they come first, shared among all.
     """
     frequency = np.broadcast_to(points.system.forcing.frequency, points.x0.shape[-1])[which]
     order = which[np.argsort(frequency, kind="stable")]
-    shares = [order[k::num_shares] for k in range(num_shares)]
-    return shares, np.argsort(np.concatenate(shares))
+    return [order[k::num_shares] for k in range(num_shares)]
 
 
-def _wait_for(jobs: list[Future]) -> None:
-    """Wait in short turns, so that an interrupt is heard, and raise the first error."""
-    waiting = set(jobs)
-    while waiting:
-        done, waiting = wait(waiting, timeout=0.5, return_when=FIRST_COMPLETED)
+def _as_they_end(jobs: dict[Future, int]) -> Iterator[tuple[int, Found]]:
+    """Numbers and results of jobs, or the first error. It waits in short turns, so that an interrupt is heard."""
+    while jobs:
+        done, _ = wait(jobs, timeout=0.5, return_when=FIRST_COMPLETED)
         for job in done:
-            job.result()
+            yield jobs.pop(job), job.result()
 
 
 @padding_allowed  # here, as it is set for each thread
