@@ -1,6 +1,6 @@
 """Measure vijax beside what one would take instead: run time against error, throughput, size, first result.
 
-    python scripts/benchmark.py               # quick: about four minutes on two cores
+    python scripts/benchmark.py               # quick: about five minutes on two cores
     python scripts/benchmark.py --full        # everything, all sizes: about forty
     python scripts/benchmark.py --only sweeps derivatives
 
@@ -17,6 +17,7 @@ from pathlib import Path
 
 from benchmarks import (
     attractors,
+    branches,
     cluster,
     contacts,
     convergence,
@@ -34,7 +35,7 @@ PARTS = {
     for part in (
         single.work_precision, many.sweeps, many.work, many.throughput, sizes.masses, sizes.stops,
         first.first_results, many.chattering_point, single.derivatives, orbits.periodic_orbits,
-        attractors.exponents, attractors.basins, contacts.contacts, convergence.convergence,
+        branches.branches, attractors.exponents, attractors.basins, contacts.contacts, convergence.convergence,
         convergence.batch_cost, cluster.executors, many.accelerator,
     )
 }  # fmt: skip

@@ -104,6 +104,23 @@ def test_max_points_is_kept(doubled):
     assert branch.ends == ("max_points", "max_points")
 
 
+def test_branches_side_by_side_are_those_followed_alone(doubled):
+    # More than are compiled side by side, from both sides of what happens, and one that has only a few points.
+    orbits = [doubled.orbit(k) for k in (-5, 3, -20)]
+    with counted() as compilations:
+        together = follow(orbits, AMPLITUDE, 0.1, 0.5)
+    # Whatever asks, it is answered by one program.
+    assert "jit(look)" not in compilations
+    for orbit, branch in zip(orbits, together, strict=True):
+        alone = follow(orbit, AMPLITUDE, 0.1, 0.5)
+        assert branch.ends == alone.ends == doubled.ends
+        np.testing.assert_allclose(branch.values, alone.values, rtol=0, atol=1e-12)
+        for point, same in zip(branch.bifurcations, doubled.bifurcations, strict=True):
+            assert point.kind == same.kind
+            assert point.value == pytest.approx(same.value, abs=1e-11)
+    assert [len(branch) for branch in follow(orbits, AMPLITUDE, 0.1, 0.5, max_points=2)] == [5, 5, 5]
+
+
 @pytest.mark.parametrize(
     ("orbit", "path", "bounds", "sentence"),
     [

@@ -1,6 +1,7 @@
 """Periodic orbits: those of the paper's sweeps in a batch, beside the sweep and shooting by SciPy."""
 
 import time
+from collections.abc import Callable
 from functools import partial
 
 import jax
@@ -78,17 +79,22 @@ def _by_scipy(ds: xr.Dataset, orbits: xr.Dataset) -> dict:
 
 def _shoot(system: vx.ImpactSystem, guess: np.ndarray, num_periods: int) -> np.ndarray:
     """The fixed point of the stroboscopic map near a guess."""
+    strobe, frequency = strobe_of(system, num_periods), float(system.forcing.frequency)
+    return scipy.optimize.root(lambda y: strobe(y, frequency) - y, guess, tol=1e-11).x
+
+
+def strobe_of(system: vx.ImpactSystem, num_periods: int) -> Callable[[np.ndarray, float], np.ndarray]:
+    """The stroboscopic map by `solve_ivp` with its events, of a state and a frequency of the load."""
     machine = jax.tree.map(np.asarray, system)
     n, load = len(machine.mass), machine.forcing
-    end = num_periods * 2 * np.pi / float(load.frequency)
 
-    def slope(t: float, y: np.ndarray) -> np.ndarray:
-        force = load.mean + load.amplitude * np.cos(load.frequency * t + load.phase)
+    def slope(t: float, y: np.ndarray, frequency: float) -> np.ndarray:
+        force = load.mean + load.amplitude * np.cos(frequency * t + load.phase)
         force = force - machine.damping @ y[n:] - machine.stiffness @ y[:n]
         return np.concatenate([y[n:], force / machine.mass])
 
     def gap_of(stop: vx.Stop):
-        def gap(t: float, y: np.ndarray) -> float:
+        def gap(t: float, y: np.ndarray, frequency: float) -> float:
             return stop.sign * (float(stop.position) - y[stop.mass])
 
         gap.terminal, gap.direction = True, -1
@@ -96,11 +102,11 @@ def _shoot(system: vx.ImpactSystem, guess: np.ndarray, num_periods: int) -> np.n
 
     gaps = [gap_of(stop) for stop in machine.stops]
 
-    def strobe(y: np.ndarray) -> np.ndarray:
-        t = 0.0
+    def strobe(y: np.ndarray, frequency: float) -> np.ndarray:
+        t, end = 0.0, num_periods * 2 * np.pi / frequency
         while t < end:
             found = scipy.integrate.solve_ivp(
-                slope, (t, end), y, "DOP853", events=gaps, rtol=TOLERANCE, atol=TOLERANCE
+                slope, (t, end), y, "DOP853", events=gaps, args=(frequency,), rtol=TOLERANCE, atol=TOLERANCE
             )
             t, y = found.t[-1], found.y[:, -1].copy()
             for stop, times in zip(machine.stops, found.t_events, strict=True):
@@ -108,4 +114,4 @@ def _shoot(system: vx.ImpactSystem, guess: np.ndarray, num_periods: int) -> np.n
                     y[stop.mass], y[n + stop.mass] = stop.position, -stop.restitution * y[n + stop.mass]
         return y
 
-    return scipy.optimize.root(lambda y: strobe(y) - y, guess, tol=1e-11).x
+    return strobe

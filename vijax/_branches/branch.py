@@ -20,8 +20,7 @@ from .._system.system import bound
 from .._trajectory.event_log import IMPACT
 from .branch_tests import KINDS
 from .family import Family, Place
-from .follow import Walk
-from .point import Point
+from .point import Point, Walk
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,25 +165,26 @@ def _columns_of_orbits(points: list[Point]) -> dict[str, tuple]:
 
 def _columns_of_events(points: list[Point]) -> dict[str, tuple]:
     """What each point has for every event, with padding."""
-    sequences = [point.sequence for point in points]
-    room, num_stops = max(len(one.kind) for one in sequences), sequences[0].held.shape[1]
-    is_impact = [one.kind == IMPACT for one in sequences]
-    impacts = [
-        np.count_nonzero(hits[:, None] & (one.stop[:, None] == np.arange(num_stops)), axis=0)
-        for hits, one in zip(is_impact, sequences, strict=True)
-    ]
-    speeds = [
-        np.where(hits, point.seen.found.speeds[: len(hits)], np.nan)
-        for hits, point in zip(is_impact, points, strict=True)
-    ]
+    # Most points have the sequence of the one before, the same object.
+    sequences = {id(point.sequence): point.sequence for point in points}
+    numbers = {one: number for number, one in enumerate(sequences)}
+    which = np.array([numbers[id(point.sequence)] for point in points])
+    own = list(sequences.values())
+    room, num_stops = max(len(one.kind) for one in own), own[0].held.shape[1]
+    kind = _rows([one.kind for one in own], room, NOTHING)[which]
+    stop = _rows([one.stop for one in own], room, -1)[which]
+    held = _rows([one.held for one in own], room + 1, False)[which]
+    is_impact = kind == IMPACT
+    speeds = _rows([point.seen.found.speeds for point in points], room, np.nan)
     events, flights = ("point", "event"), [point.place.flights for point in points]
+    impacts = is_impact[..., None] & (stop[..., None] == np.arange(num_stops))
     return {
-        "num_impacts": (("point", "stop"), np.stack(impacts)),
-        "impact_speed": (events, _rows(speeds, room, np.nan)),
-        "event_kind": (events, _rows([one.kind for one in sequences], room, NOTHING)),
-        "event_stop": (events, _rows([one.stop for one in sequences], room, -1)),
+        "num_impacts": (("point", "stop"), np.count_nonzero(impacts, axis=1)),
+        "impact_speed": (events, np.where(is_impact, speeds, np.nan)),
+        "event_kind": (events, kind),
+        "event_stop": (events, stop),
         "flight": (events, _rows(flights, room, 0.0)),
-        "held": (("point", "flight_number", "stop"), _rows([one.held for one in sequences], room + 1, False)),
+        "held": (("point", "flight_number", "stop"), held),
     }
 
 

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._orbits.sequence import Sequence
+from .._orbits.sequence import NOTHING, Sequence
 from .._trajectory.event_log import IMPACT, RELEASE
 from .programs import Seen
 
@@ -21,32 +21,32 @@ class Test(NamedTuple):
     """A function that changes its sign where something happens, and what that is."""
 
     kind: str
-    of: Callable[[Seen], float]
+    of: Callable[[Seen], Any]
     index: int = 0
 
 
-def _ratio(values: Any, of: Any) -> float:
+def _ratio(values: Any, of: Any) -> Any:
     """The product of values over 1 + |of|: finite where a multiplier is not."""
     with np.errstate(invalid="ignore"):
         parts = values / (1 + np.abs(of))
-    return float(np.prod(np.where(np.isfinite(parts), parts, np.sign(of.real))).real)
+    return np.prod(np.where(np.isfinite(parts), parts, np.sign(of.real)), axis=-1).real
 
 
-def of_doubling(mu: Multipliers) -> float:
+def of_doubling(mu: Multipliers) -> Any:
     """Zero where a multiplier is -1."""
     return _ratio(1 + mu, mu)
 
 
-def of_meeting(mu: Multipliers) -> float:
+def of_meeting(mu: Multipliers) -> Any:
     """Zero where a multiplier is 1."""
     return _ratio(mu - 1, mu)
 
 
-def of_pairs(mu: Multipliers) -> float:
+def of_pairs(mu: Multipliers) -> Any:
     """Zero where the product of two multipliers is 1."""
-    first, second = np.triu_indices(len(mu), 1)
+    first, second = np.triu_indices(mu.shape[-1], 1)
     with np.errstate(invalid="ignore"):
-        products = mu[first] * mu[second]
+        products = mu[..., first] * mu[..., second]
     return _ratio(products - 1, np.where(np.isnan(products), 0, products))
 
 
@@ -56,7 +56,7 @@ def num_on_circle(mu: Multipliers) -> int:
 
 
 TESTS_OF_NEIGHBOURS = (
-    Test("fold", lambda seen: float(seen.found.tangent.p)),
+    Test("fold", lambda seen: seen.found.tangent.p),
     Test("pd", lambda seen: of_doubling(seen.found.multipliers)),
     Test("bp", lambda seen: of_meeting(seen.found.multipliers)),
     Test("ns", lambda seen: of_pairs(seen.found.multipliers)),
@@ -65,12 +65,11 @@ TESTS_OF_NEIGHBOURS = (
 
 def tests_of(sequence: Sequence) -> list[Test]:
     """Test functions of the sequence: positive as long as a machine can follow it."""
-    found = []
+    found, follows_another = [], _follows_another(sequence)
     for k, (kind, stop) in enumerate(zip(sequence.kind, sequence.stop, strict=True)):
         if kind == IMPACT:
             found.append(Test("gr", lambda seen, k=k: float(seen.found.speeds[k]), k))
-        # Two impacts of one stop meet where one of them has no speed.
-        if k > 0 and not (kind == sequence.kind[k - 1] and stop == sequence.stop[k - 1]):
+        if follows_another[k]:
             ends_stick = kind == RELEASE and sequence.held[k][stop] and not sequence.held[k - 1][stop]
             name = "chatter_completion" if ends_stick else "double_impact"
             found.append(Test(name, lambda seen, k=k: float(seen.found.place.flights[k]), k))
@@ -80,11 +79,28 @@ def tests_of(sequence: Sequence) -> list[Test]:
     return found
 
 
+def margins(sequence: Sequence, seen: Seen) -> np.ndarray:
+    """The values of all `tests_of` sequences with padding, of cycles side by side: (..., tests), infinite for no test."""
+    found, watched = seen.found, seen.watched
+    speeds = np.where(sequence.kind == IMPACT, found.speeds, np.inf)
+    flights = np.where(_follows_another(sequence), found.place.flights, np.inf)
+    return np.concatenate([speeds, flights, watched.gap, watched.force], axis=-1)
+
+
+def _follows_another(sequence: Sequence) -> np.ndarray:
+    """Which events can meet the one before: two impacts of one stop meet where one of them has no speed."""
+    kind, stop = sequence.kind, sequence.stop
+    is_same = (kind[..., 1:] == kind[..., :-1]) & (stop[..., 1:] == stop[..., :-1])
+    is_other = np.zeros(kind.shape, bool)
+    is_other[..., 1:] = ~is_same & (kind[..., 1:] != NOTHING)
+    return is_other
+
+
 def crossings(tests: list[Test], before: Seen, after: Seen) -> list[Test]:
     """Those that change from positive to not positive."""
     return [test for test in tests if test.of(before) > 0 >= test.of(after)]
 
 
-def num_unstable(seen: Seen) -> int:
+def num_unstable(seen: Seen) -> Any:
     """How many neighbours leave."""
-    return int(np.count_nonzero(np.abs(seen.found.multipliers) > 1))
+    return np.count_nonzero(np.abs(seen.found.multipliers) > 1, axis=-1)

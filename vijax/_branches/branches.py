@@ -1,5 +1,8 @@
 """All branches through the orbits of a sweep."""
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import xarray as xr
 
@@ -61,37 +64,55 @@ def branches(
     waiting = [start for start in starts_of(orbits) if low <= _value(start, path) <= high]
     found: list[Branch] = []
     with tqdm(total=len(waiting), unit="orbit", disable=not progress) as bar:
-
-        def follow_all(starts: list[Start]) -> list[Branch]:
-            new = []
-            while starts:
-                (branch,) = continued(starts[:1], path, (low, high), max_points, progress=False)
-                new.append(branch)
-                left = [start for start in starts[1:] if not _lies_on(start, branch)]
-                bar.update(len(starts) - len(left))
-                starts = left
-            return new
-
-        last = found = follow_all(waiting)
+        follow = partial(continued, path=path, bounds=(low, high), max_points=max_points, progress=False)
+        last = found = _each_once(waiting, [], follow, bar)
         for _ in range(num_doublings):
             points = [point for branch in last for point in branch.bifurcations if point.kind == "pd"]
             doubled = [start for point in points for start in starts_of(switch_branch(point))]
-            last = follow_all([start for start in doubled if not any(_lies_on(start, one) for one in found)])
+            last = _each_once(doubled, found, follow, bar)
             found = found + last
     return found
+
+
+def _each_once(
+    starts: list[Start], known: list[Branch], follow: Callable[[list[Start]], list[Branch]], bar: tqdm
+) -> list[Branch]:
+    """The branches of orbits that are not known, each once."""
+    new, left = [], _not_on(starts, known)
+    while left:
+        # Orbits with other numbers of events may lie on one branch, but most do not.
+        kinds: dict[tuple, Start] = {}
+        for start in left:
+            kinds.setdefault((start.num_periods, start.num_events), start)
+        firsts = list(kinds.values())
+        for start, branch in zip(firsts, follow(firsts), strict=True):
+            new += [branch] if _not_on([start], new) else []
+        num_left, taken = len(left), {id(start) for start in firsts}
+        left = _not_on([start for start in left if id(start) not in taken], new)
+        bar.update(num_left - len(left))
+    return new
 
 
 def _value(start: Start, path: str) -> float:
     return float(np.asarray(get_parameter(start.system, path)))
 
 
-def _lies_on(start: Start, branch: Branch) -> bool:
-    """Whether an orbit is one of a branch, begun in any of its periods."""
-    points, p = branch.points, _value(start, branch.path)
-    if points.attrs["num_periods"] != start.num_periods:
-        return False
+def _not_on(starts: list[Start], branches: list[Branch]) -> list[Start]:
+    """The orbits that are on none of the branches, begun in any of their periods."""
+    if not branches:
+        return starts
+    left = []
+    for start in starts:
+        own = [branch for branch in branches if branch.points.attrs["num_periods"] == start.num_periods]
+        states = _states(start) if own else start.state[None]
+        left += [] if any(_is_on(branch, _value(start, branch.path), states) for branch in own) else [start]
+    return left
+
+
+def _is_on(branch: Branch, p: float, states: np.ndarray) -> bool:
+    """Whether one of the states, (periods, 2 n), is on a branch."""
+    points, size = branch.points, np.abs(states[0]).max()
     values, z = branch.values, np.concatenate([points["x0"].values, points["v0"].values], axis=1)
-    states, size = _states(start), np.abs(start.state).max()
     for k in np.flatnonzero((values[:-1] - p) * (values[1:] - p) <= 0):
         width = values[k + 1] - values[k]
         chord = z[k + 1] - z[k]

@@ -8,9 +8,10 @@ from .branch import Bifurcation, cycle_of
 from .branch_tests import CLOSE, Test, tests_of
 from .changes import with_event
 from .defining import AbstractCondition, AtEvent, AtMultiplier, Defining
+from .drive import drive
 from .family import Family, Place
 from .point import as_it_is
-from .programs import Seen, drive, padded, room_for
+from .programs import Seen, padded, room_for
 from .starts import family_of, starts_of
 
 _NO_SYSTEM = {

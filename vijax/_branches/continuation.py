@@ -11,9 +11,9 @@ from .._progress import tqdm
 from .._types import Count, as_known, whole_number
 from .._xla import padding_allowed
 from .branch import Branch, branch_of
-from .follow import Walk, follow
-from .point import Point
-from .programs import drive
+from .drive import drive
+from .follow import follow
+from .point import Point, Walk
 from .starts import Start, family_of, points_of, starts_of
 
 

@@ -80,12 +80,15 @@ def correct(family: Family, sequence: Sequence, guess: Place, weights: Place, ta
         equations = condense(flights, count, of_start)
         closing = found.closing / family.scale
 
-        def solved(events: Array, closing: Array, target: Array) -> Place:
-            start, durations = solve_condensed(equations, events, closing, count, target)
+        def solved(share: Array, target: Array) -> Place:
+            values = -share * found.events, -share * closing
+            start, durations = solve_condensed(equations, *values, count, target)
             return Place(start[:size], durations, start[size])
 
-        step = solved(-found.events, -closing, target - here.along(weights))
-        tangent = solved(0 * found.events, 0 * closing, jnp.ones_like(target))
+        shares = jnp.array([1, 0], closing.dtype)
+        targets = jnp.stack([target - here.along(weights), jnp.ones_like(target)])
+        both = jax.vmap(solved)(shares, targets)
+        step, tangent = (jax.tree.map(lambda a, k=k: a[k], both) for k in (0, 1))
         length = jnp.max(jnp.abs(jnp.concatenate([step.z, step.flights, step.p[None]])))
         first = jnp.where(before.num_steps == 0, length, before.first)
         pencil = _at_fixed_parameter(equations, size)

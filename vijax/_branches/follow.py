@@ -1,10 +1,11 @@
-"""One branch, followed in one direction: steps, what is met on a step, and how the branch goes on from there.
+"""One branch, followed in one direction: what is met on a step, and how the branch goes on from there.
+
+Steps on which nothing is met are left to `plain_steps.py`.
 
 `follow` is a generator: it asks for corrected cycles, see `programs.py`, and is sent the answers, so that many
 branches are followed side by side although each is told as if it were alone.
 """
 
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -15,41 +16,16 @@ from .beyond import by_machine, by_sequence, in_section, with_its_bounces
 from .branch_tests import Test, crossings, tests_of
 from .family import Place
 from .locate import first_event, special_points
-from .point import TRUSTED, Asked, Ended, Point, at_parameter, on_plane
+from .plain_steps import SHORTEST, STRAIGHT, PlainSteps, is_sound, next_length
+from .point import TRUSTED, Asked, Ended, Point, Walk, at_parameter, on_plane
 from .programs import Followed, Request, confirm, tell, trimmed
 
-# Lengths of steps: the first, the longest, the shortest.
-_FIRST, _LONGEST, _SHORTEST = 2e-3, 5e-2, 1e-9
+# Length of the first step.
+_FIRST = 2e-3
 # Several events on a step longer than this are separated by shorter steps.
 _SEPARATE = 1e-4
 # A stick as short as this, in forcing periods, vanishes right there.
 _MOMENT = 1e-5
-# The most by which a step may turn, as a cosine; iterations of Newton's method after which steps grow, or shrink.
-_TURN, _FEW, _MANY = 0.98, 4, 7
-
-
-@dataclass
-class Walk:
-    """A branch in one direction, as far as it was followed.
-
-    Attributes:
-        num_periods: n.
-        bounds: of the scaled parameter.
-        max_points: the most points.
-        points: so far.
-        end: why it ended.
-    """
-
-    num_periods: float
-    bounds: tuple[float, float]
-    max_points: int
-    points: list[Point] = field(default_factory=list)
-    end: str = "interrupted"
-
-    @property
-    def is_full(self) -> bool:
-        """Whether there are as many points as were asked for."""
-        return len(self.points) >= self.max_points
 
 
 def begin(sequence: Sequence, start: np.ndarray, p: float) -> Asked:
@@ -81,15 +57,10 @@ def follow(walk: Walk, start: Point) -> Asked:
 def _follow(walk: Walk, start: Point) -> Asked:
     point, ds = start, _FIRST
     while not walk.is_full:
-        try:
-            step = yield from _step(walk, point, ds)
-        except Ended:  # what happens on it could not be located
-            step = None
-        if step is None:
-            ds /= 2
-            if ds < _SHORTEST:
-                yield from _end(walk, point)
-            continue
+        point, ds = yield PlainSteps(walk, start, point, ds)
+        if walk.is_full:
+            break
+        step, ds = yield from _whole_step(walk, point, ds)
         yield from _add_special(walk, point, step)
         if step.event is not None:
             point, ds = (yield from _beyond(walk, *step.event)), min(ds, _FIRST)
@@ -97,8 +68,21 @@ def _follow(walk: Walk, start: Point) -> Asked:
         if (yield from _is_closed(walk, start, point, step.last)):
             raise Ended("closed")
         walk.points.append(step.told)
-        point, ds = (yield from with_its_bounces(step.told, step.followed)), min(ds * step.longer, _LONGEST)
+        point, ds = (yield from with_its_bounces(step.told, step.followed)), step.next_length
     walk.end = "max_points"
+
+
+def _whole_step(walk: Walk, point: Point, ds: float) -> Asked:
+    """A step on which all is known that happens, and its length: halved until it is."""
+    while ds >= SHORTEST:
+        try:
+            step = yield from _step(walk, point, ds)
+        except Ended:  # what happens on it could not be located
+            step = None
+        if step is not None:
+            return step, ds
+        ds /= 2
+    return (yield from _end(walk, point))
 
 
 def _add_special(walk: Walk, point: Point, step: "Step") -> Asked:
@@ -143,7 +127,7 @@ class Step(NamedTuple):
         followed: what the machine does that is started there.
         event: the first change of the sequence, and the point where it is; or None.
         special: bifurcations on the way, in their order.
-        longer: by how much the next step may be longer.
+        next_length: of the next step.
     """
 
     last: Point
@@ -151,7 +135,7 @@ class Step(NamedTuple):
     followed: Followed
     event: tuple[Test, Point] | None
     special: list[Point]
-    longer: float
+    next_length: float
 
 
 def _step(walk: Walk, point: Point, ds: float) -> Asked:
@@ -167,18 +151,15 @@ def _step(walk: Walk, point: Point, ds: float) -> Asked:
     special = yield from special_points(walk.num_periods, point, last)
     if special is None and ds > _SEPARATE:
         return None
-    steps = new.seen.found.num_steps
-    longer = 1.5 if steps <= _FEW else 1.2 if steps < _MANY else 0.7
-    return Step(last, told, followed, event, special or [], longer)
+    length = float(next_length(new.seen.found, ds))
+    return Step(last, told, followed, event, special or [], length)
 
 
 def _ahead(point: Point, ds: float) -> Asked:
     """The next point, or None if the branch is too curved for such a step."""
     seen = yield from on_plane(point, point.place.moved(point.tangent, ds), ds)
-    found = seen.found
     new = Point.of(point.sequence, seen, point.arc + ds)
-    is_sound = found.is_converged and new.tangent.along(point.tangent) > _TURN and found.first < 10 * ds
-    return new if is_sound and found.num_steps <= _MANY else None
+    return new if is_sound(seen.found, new.tangent.along(point.tangent), ds) else None
 
 
 def _told_by_machine(walk: Walk, point: Point) -> Asked:
@@ -223,7 +204,7 @@ def _is_closed(walk: Walk, start: Point, point: Point, new: Point) -> Asked:
         return False
     tangent, ds = point.tangent, new.arc - point.arc
     s = start.place.along(tangent) - point.place.along(tangent)
-    if not 0 < s <= ds or start.tangent.along(tangent) < _TURN:
+    if not 0 < s <= ds or start.tangent.along(tangent) < STRAIGHT:
         return False
     seen = yield from on_plane(point, start.place, s)
     found = trimmed(seen.found.place, len(point.sequence.kind))

@@ -12,10 +12,11 @@ from .._progress import tqdm
 from .changes import passed_section, shifted
 from .curve_tests import CurveTest, Seen, curve_tests, faces_of, name_there
 from .defining import AtEvent, Defining, Plane
+from .drive import answer
 from .family import Place
 from .on_curve import OnCurve, located, neighbours
 from .point import TRUSTED
-from .programs import Request, answer, confirm, locate_start, padded, trimmed
+from .programs import Request, confirm, locate_start, padded, trimmed
 from .zero import Bracket, next_trial
 
 # Steps: the first, the longest, the shortest; the most by which one may turn, as a cosine; iterations of Newton's method
@@ -223,4 +224,4 @@ def _in_section(here: OfCurve) -> OfCurve:
 
 def _answer(here: OfCurve, request: Request):
     """The answer to a request about a point."""
-    return answer([here.defining.family], [request])[0]
+    return answer(here.defining.family, request)

@@ -1,6 +1,7 @@
 """A cycle on a branch, and how it is asked for."""
 
 from collections.abc import Generator
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from .programs import Followed, Request, Seen, confirm, look, trimmed
 # Runs of orbits whose neighbours leave faster than this say nothing.
 TRUSTED = 1e4
 
-Asked = Generator[Request, Any, Any]
+Asked = Generator[Any, Any, Any]
 
 
 class Point(NamedTuple):
@@ -50,6 +51,30 @@ class Point(NamedTuple):
         """The point, to be left in the other direction."""
         found = self.seen.found
         return self._replace(seen=self.seen._replace(found=found._replace(tangent=found.tangent.turned())))
+
+
+@dataclass
+class Walk:
+    """A branch in one direction, as far as it was followed.
+
+    Attributes:
+        num_periods: n.
+        bounds: of the scaled parameter.
+        max_points: the most points.
+        points: so far.
+        end: why it ended.
+    """
+
+    num_periods: float
+    bounds: tuple[float, float]
+    max_points: int
+    points: list[Point] = field(default_factory=list)
+    end: str = "interrupted"
+
+    @property
+    def is_full(self) -> bool:
+        """Whether there are as many points as were asked for."""
+        return len(self.points) >= self.max_points
 
 
 class Ended(Exception):

@@ -1,7 +1,6 @@
 """What is computed along branches, compiled, for many branches side by side."""
 
-from collections.abc import Callable, Generator, Sequence as Many
-from functools import cache
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -17,13 +16,12 @@ from .._system.waves import phase_at
 from .._trajectory.loop import run_for_log
 from .._trajectory.solution import RESULTS
 from .._types import Scalar
-from .._xla import jit_lightly
 from .correct import Corrected, correct
 from .family import Family, Place
 from .watch import Watched, watch
 
-# Numbers of branches side by side and of events of a cycle that programs are compiled for.
-_LANES, _ROOMS = (2, 64), (16, 64, 256, 1024)
+# Numbers of events of a cycle that programs are compiled for.
+_ROOMS = 16, 64, 256, 1024
 
 
 class Seen(NamedTuple):
@@ -119,60 +117,12 @@ def jacobian(family: Family, sequence: Sequence, place: Place) -> Float[Array, "
     return jax.jacfwd(of)(jnp.concatenate([place.z, place.flights]))
 
 
-def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callable[[], Any]) -> list[Any]:
-    """Run tasks side by side until each has returned; they ask, and are sent the answers of all in one call.
-
-    Args:
-        families: of each task.
-        tasks: generators of requests.
-        tell_progress: is called once a round.
-    """
-    results: list[Any] = [None] * len(tasks)
-    replies: dict[int, Any] = dict.fromkeys(range(len(tasks)))
-    while replies:
-        requests: dict[int, Request] = {}
-        for k, reply in replies.items():
-            try:
-                requests[k] = tasks[k].send(reply)
-            except StopIteration as end:
-                results[k] = end.value
-        found = answer([families[k] for k in requests], list(requests.values()))
-        replies = dict(zip(requests, found, strict=True))
-        tell_progress()
-    return results
-
-
 class Request(NamedTuple):
     """What a branch asks for: a program and its arguments, without padding."""
 
     program: Callable
     sequence: Sequence
     arguments: tuple
-
-
-def answer(families: Many[Family], requests: Many[Request]) -> list[Any]:
-    """Answer the requests of several branches, those for the same program in one call."""
-    answers: list[Any] = [None] * len(requests)
-    groups: dict[tuple, list[int]] = {}
-    for k, request in enumerate(requests):
-        room = room_for(len(request.sequence.kind))
-        groups.setdefault((request.program, room, jax.tree.structure(families[k])), []).append(k)
-    for (program, room, _), members in groups.items():
-        while members:
-            own, members = members[: _LANES[-1]], members[_LANES[-1] :]
-            size = next(n for n in _LANES if n >= len(own))
-            filled = own + own[:1] * (size - len(own))
-            rows = [(families[k], *padded(requests[k].sequence, requests[k].arguments, room)) for k in filled]
-            stacked = jax.tree.map(lambda *a: np.stack(a), *rows)
-            found = jax.device_get(_compiled(program)(*stacked))
-            for i, k in enumerate(own):
-                answers[k] = jax.tree.map(lambda a, i=i: a[i], found)
-    return answers
-
-
-@cache
-def _compiled(program: Callable) -> Callable:
-    return jit_lightly(jax.vmap(program))
 
 
 def room_for(num_events: int) -> int:

@@ -12,14 +12,14 @@ from .._flow.taylor import TaylorFlow
 from .._machine.numbers import numbers_of
 from .._orbits.orbit import PeriodicOrbit
 from .._orbits.sequence import nothing_happens
-from .._sweep.provenance import system_of
+from .._sweep.provenance import machines_of
 from .._system.parameters import get_parameter
-from .._system.system import ImpactSystem, with_args
+from .._system.system import ImpactSystem, unbound, with_args
 from .._types import is_traced
+from .drive import drive
 from .family import Family
 from .follow import begin
 from .point import Point
-from .programs import drive
 
 # Events of a cycle beside its impacts for which there is room at first.
 _OTHERS = 32
@@ -76,15 +76,18 @@ def _of_dataset(ds: xr.Dataset) -> Iterator[Start]:
             f"Argument `orbits` must be what `vx.periodic_orbits` returned, but has no {', '.join(sorted(missing))}."
         )
     dims = ds["converged"].dims
-    for place in zip(*np.nonzero(ds["converged"].values), strict=True):
-        point = ds.isel(dict(zip(dims, place, strict=True)))
+    column = lambda name, *own: ds[name].transpose(*dims, *own).values[ds["converged"].values]  # noqa: E731
+    states = np.concatenate([column("x0", "mass"), column("v0", "mass")], axis=1)
+    num_periods, num_impacts = column("num_periods"), column("num_impacts", "stop").sum(axis=1)
+    machines = machines_of(ds, dims, np.flatnonzero(ds["converged"].values))
+    for k, state in enumerate(states):
         yield Start(
-            system=system_of(point),
+            system=unbound(jax.tree.map(lambda a, k=k: a[..., min(k, a.shape[-1] - 1)], machines)),
             args=None,
-            num_periods=int(point["num_periods"]),
+            num_periods=int(num_periods[k]),
             phase=0.0,
-            state=np.concatenate([point["x0"].values, point["v0"].values]),
-            num_events=int(point["num_impacts"].sum()) + _OTHERS,
+            state=state,
+            num_events=int(num_impacts[k]) + _OTHERS,
             is_admissible=True,
         )
 

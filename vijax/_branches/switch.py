@@ -6,10 +6,10 @@ from .._orbits.orbit import PeriodicOrbit
 from .._orbits.sequence import Sequence
 from .._xla import padding_allowed
 from .branch import Bifurcation, branch_of, cycle_of
+from .drive import drive
 from .family import Place
-from .follow import Walk
-from .point import Asked, Point, corrected, is_followed
-from .programs import Request, drive, jacobian
+from .point import Asked, Point, Walk, corrected, is_followed
+from .programs import Request, jacobian
 from .starts import family_of, starts_of
 
 # How far along the other branch, relative to the size of the motion: the first that the machine follows counts.

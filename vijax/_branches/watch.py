@@ -12,6 +12,7 @@ from .._machine.derivatives import approaches, contact_forces, derivatives
 from .._machine.machine import Machine, resting_state
 from .._orbits.cycle import Moment, Problem, Unknowns, begin_cycle, events_of, fly, leap
 from .._types import Scalar
+from .._xla import is_any
 
 # Samples per radian of the fastest part of the motion, the most on a flight, and what it takes from there to the
 # minimum by Newton's method.
@@ -122,7 +123,8 @@ def watch(problem: Problem, unknowns: Unknowns) -> Watched:
         forces = scan.forces.lowered(lifts, _lowest(least, since - step * (1 - part), held, begin, k))
         if room:
             event = jax.tree.map(lambda a: a[k], events)
-            there = fly(machine, flow, begin, event, duration)[0]
+            after = lambda: fly(machine, flow, begin, event, duration)[0]  # noqa: E731
+            there = jax.lax.cond(is_any(is_last), after, lambda: begin)
             begin = jax.tree.map(lambda a, b: jnp.where(is_last, a, b), there, begin)
         return _Scan(jnp.where(is_last, k + 1, k), jnp.where(is_last, 0, i + 1), begin, now, gaps, forces)
 
@@ -179,7 +181,9 @@ def _refined(
         since = jnp.where(is_minimum, since, low.since)
         return jnp.where(is_minimum, value, low.value), low.start + since
 
-    return jax.vmap(one)(lowest, jnp.arange(len(lowest.value)))
+    is_found = is_any(jnp.isfinite(lowest.value))
+    refined = lambda: jax.vmap(one)(lowest, jnp.arange(len(lowest.value)))  # noqa: E731
+    return jax.lax.cond(is_found, refined, lambda: (lowest.value, lowest.start + lowest.since))
 
 
 def _read(machine: Machine, flow: AbstractFlow, begin: Moment, held: Array, since: Array) -> _Reading:

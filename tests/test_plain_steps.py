@@ -1,0 +1,81 @@
+"""Steps of many branches side by side: what decides about them in arrays says what is said of each alone."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from vijax._branches import branch_tests as tests
+from vijax._branches.branch_tests import TESTS_OF_NEIGHBOURS, crossings, margins, num_unstable
+from vijax._branches.correct import Corrected
+from vijax._branches.family import Place
+from vijax._branches.packed import pack
+from vijax._branches.programs import Seen, padded
+from vijax._branches.watch import Watched
+from vijax._orbits.sequence import Sequence
+from vijax._trajectory.event_log import IMPACT, RELEASE
+
+ROOM, STOPS = 16, 2
+
+
+def seen(rng: np.random.Generator, mu: np.ndarray | None = None) -> Seen:
+    """Test functions of either sign, of one cycle or, with the multipliers of several, of these."""
+    if mu is None:
+        root = complex(*rng.normal(size=2))
+        mu = np.array([*rng.normal(size=2), root, root.conjugate()])
+    some = lambda *shape: jnp.asarray(rng.normal(size=(*mu.shape[:-1], *shape)))  # noqa: E731
+    place = Place(some(4), some(ROOM), some())
+    found = Corrected(
+        place, place, jnp.asarray(mu), some(ROOM), some(), some(), jnp.array(3), jnp.array(True)
+    )
+    stops, force = jnp.zeros(STOPS, int), some(STOPS).at[..., 1].set(jnp.inf)
+    watched = Watched(some(STOPS), some(STOPS), stops, force, some(STOPS), stops, some())
+    return jax.device_get(Seen(found, watched, some(4)))
+
+
+def sequence_of(rng: np.random.Generator, num_events: int) -> Sequence:
+    kinds, stops = rng.choice([IMPACT, RELEASE], num_events), rng.integers(STOPS, size=num_events)
+    return Sequence(kinds, stops, rng.random((num_events + 1, STOPS)) < 0.5)
+
+
+@pytest.mark.parametrize("num_events", [0, 1, 5, ROOM])
+def test_margins_are_the_tests_of_a_sequence(num_events):
+    rng = np.random.default_rng(num_events)
+    for _ in range(20):
+        sequence, before, after = sequence_of(rng, num_events), seen(rng), seen(rng)
+        (long,) = padded(sequence, (), ROOM)
+        own, later = margins(long, before), margins(long, after)
+        values = [test.of(before) for test in tests.tests_of(sequence)]
+        np.testing.assert_array_equal(
+            np.sort(own[np.isfinite(own)]), np.sort(np.array(values)[np.isfinite(values)])
+        )
+        is_met = bool(np.any((own > 0) & (later <= 0)))
+        assert is_met == bool(crossings(tests.tests_of(sequence), before, after))
+
+
+def test_functions_of_multipliers_are_those_of_each_branch():
+    # One of them infinite, as where an impact grazes.
+    rng = np.random.default_rng(0)
+    rows = [np.asarray(seen(rng).found.multipliers) for _ in range(6)]
+    rows[2] = np.array([np.inf, 0.2, -0.5, 0.1], complex)
+    together, alone = seen(rng, np.stack(rows)), [seen(rng, mu) for mu in rows]
+    for of in [*(test.of for test in TESTS_OF_NEIGHBOURS[1:]), num_unstable]:
+        np.testing.assert_allclose(of(together), [of(one) for one in alone], rtol=1e-14)
+
+
+def test_packed_trees_are_unpacked_as_they_were():
+    rng = np.random.default_rng(0)
+    tree = {
+        "matrix": rng.normal(size=(3, 2, 2)),
+        "number": rng.normal(size=3),
+        "nothing": np.zeros((3, 0)),
+        "flags": rng.random((3, 4)) < 0.5,
+        "roots": rng.normal(size=(3, 2)) + 1j,
+    }
+    rows = pack(tree, has_rows=True)
+    assert len(rows.arrays) == 3
+    again, second = rows.tree(), rows.at(1).tree()
+    for name, a in tree.items():
+        np.testing.assert_array_equal(again[name], a)
+        np.testing.assert_array_equal(second[name], a[1])
+        assert again[name].dtype == a.dtype
