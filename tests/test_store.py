@@ -27,7 +27,7 @@ CARRIED = np.linspace(0.2, 2.1, 8)
 SYSTEM = vx.models.wagg_bishop_b(1.0)
 # Chunks of the 24 points: 5, 5, 5, 5, 4.
 POINTS_PER_CHUNK, NUM_CHUNKS = 5, 5
-SMALL_CHUNKS = ExecutionSettings(cores=1, max_chunk=POINTS_PER_CHUNK)
+SMALL_CHUNKS = ExecutionSettings(cores=1, max_chunk=POINTS_PER_CHUNK, visits=2)
 
 
 def sweep(store: Path | None = None, system: vx.ImpactSystem = SYSTEM, values=None, **options) -> xr.Dataset:

@@ -44,8 +44,9 @@ class Found:
         return replace(self, ends={name: a[..., order] for name, a in self.ends.items()})
 
     def numbered(self, which: np.ndarray) -> "Found":
-        """The same with the impacts of points that were counted from 0, of these numbers in the whole sweep."""
-        return replace(self, impacts=replace(self.impacts, point=which[self.impacts.point]))
+        """The same, in increasing order, of points that were counted from 0 and have these numbers in the whole sweep."""
+        impacts = replace(self.impacts, point=which.ravel()[self.impacts.point])
+        return replace(self, impacts=impacts).taken(np.argsort(which, axis=None))
 
 
 class AbstractRunner(eqx.Module):
@@ -69,11 +70,12 @@ class AbstractRunner(eqx.Module):
         Args:
             points: the machines and starts of a whole sweep, whose size decides what is compiled; `x0` and
                 `v0` have all points as their last axis.
-            which: the points to run, in increasing order.
+            which: the points to run: in increasing order, (points,), each from its own start; or chains of them, one a
+                column, in which all but the first start where the one before them ended, (visits, chains).
             tell: called with the number of points done since the last call.
 
         Returns:
-            What came of them, in their order; the impacts with their numbers in the whole sweep.
+            What came of them, in increasing order; the impacts with their numbers in the whole sweep.
         """
 
     def run_each(
@@ -97,3 +99,9 @@ def together(parts: Sequence[Found]) -> Found:
     """Results of all parts joined, in their order."""
     ends = {name: np.concatenate([part.ends[name] for part in parts], axis=-1) for name in parts[0].ends}
     return Found(ends, joined([part.impacts for part in parts]), sum(part.lane_steps for part in parts))
+
+
+def rejoined(parts: Sequence[Found], shares: Sequence[np.ndarray]) -> Found:
+    """Results of all points in increasing order, from those of their shares, each in increasing order."""
+    order = np.argsort(np.concatenate([np.sort(share, axis=None) for share in shares]))
+    return together(parts).taken(order)
