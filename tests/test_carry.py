@@ -125,8 +125,7 @@ def test_pieces_of_chains_change_nothing_and_are_not_compiled_anew(both, monkeyp
     monkeypatch.setattr(lane_loop, "advance", lambda *args: traces.append(1) or original(*args))
     in_pieces = sweep(COEXISTING, carry="both", settings=ExecutionSettings(visits=5))
     assert not traces
-    in_pieces.steps.attrs.pop("lane_steps"), both.steps.attrs.pop("lane_steps")
-    xr.testing.assert_identical(in_pieces, both)
+    xr.testing.assert_equal(in_pieces, both)
 
 
 @pytest.mark.parametrize("carry", ["up", "down"])

@@ -60,7 +60,7 @@ class AbstractRunner(eqx.Module):
     - leave the process that calls open to an interrupt, and raise here what goes wrong elsewhere.
 
     One that changes how points are run by another, as a store does, holds that other as a field; what
-    shares points out, as a cluster does, may put the pieces together by `together`.
+    shares points out, as a cluster does, may put the pieces together by `rejoined`.
     """
 
     @abc.abstractmethod

@@ -59,4 +59,5 @@ def _starts(
     of_points = lambda a: a if a.shape[-1] == 1 else a[..., following]  # noqa: E731
     own = Point(jax.tree.map(of_points, points.system), points.x0[:, following], points.v0[:, following])
     x, v, held = (found.ends[name][..., which] for name in ("x", "v", "held"))
-    return carried_start(own.system, (x, v), held, (own.x0, own.v0))
+    x, v = carried_start(own.system, (x, v), held, (own.x0, own.v0))
+    return np.asarray(x), np.asarray(v)
