@@ -40,10 +40,12 @@ def test_impacts_come_back_in_order_and_whole_numbers_exactly(is_64_bit):
     np.testing.assert_array_equal(found.number, [LARGE] * 3)
 
 
-def test_on_the_host_whole_numbers_have_64_bits_whatever_the_device_has():
-    with jax.enable_x64(False):
-        found = recorded(np.float32)
-    assert {found.stop.dtype, found.point.dtype, found.number.dtype} == {np.dtype(np.int64)}
+@pytest.mark.parametrize("is_64_bit", [False, True])
+def test_on_the_host_whole_numbers_have_32_bits_whatever_the_device_has(is_64_bit):
+    """They count points of a queue, stops, and rows: more would take memory alone."""
+    with jax.enable_x64(is_64_bit):
+        found = recorded(np.float64 if is_64_bit else np.float32)
+    assert {found.stop.dtype, found.point.dtype, found.number.dtype} == {np.dtype(np.int32)}
 
 
 @pytest.mark.parametrize("has_growth", [False, True])

@@ -214,7 +214,12 @@ def differentiable(forwards: Callable, backwards: Callable, tree):
 
 def jit_lightly(function: Callable) -> Callable:
     """`jax.jit`, compiled lightly."""
-    return jax.jit(function, compiler_options=_options())
+
+    @cache
+    def compiled() -> Callable:  # which options there are only a backend knows, and no import may start one
+        return jax.jit(function, compiler_options=_options())
+
+    return wraps(function)(lambda *args: compiled()(*args))
 
 
 @eqx.filter_jit

@@ -14,7 +14,7 @@ import numpy as np
 
 from .._flow.interface import AbstractFlow
 from .points import Point
-from .runner import AbstractRunner, Counts, Found, rejoined
+from .runner import AbstractRunner, Counts, Found, together
 from .settings import ExecutionSettings
 from .tasks import as_executor, run_tasks
 from .threads import Threads, count_cores, shared_out
@@ -44,8 +44,7 @@ class Cluster(AbstractRunner):
             min(-(-num_points // size), num_chains), min(cores, -(-num_chains // settings.lanes))
         )
         shares = shared_out(points, which, num_chunks)
-        found = dict(self.run_each(points, enumerate(shares), tell))
-        return rejoined([found[k] for k in range(num_chunks)], shares)
+        return together(self.run_each(points, enumerate(shares), tell), shares)
 
     def run_each(
         self, points: Point, parts: Iterable[tuple[int, np.ndarray]], tell: Callable[[int], object]

@@ -130,16 +130,16 @@ def append(rows: Rows, kept: Bool[Array, "*stops lanes"], record: Impact | Mark)
 
 
 def taken(rows: Rows) -> Impact | Mark:
-    """A copy of what is written, for the room is used again; whole numbers in 64 bits."""
+    """A copy of what is written, for the room is used again; whole numbers, which count what is in memory, in 32 bits."""
     size = int(rows.size)
 
     def copy(a: Array) -> np.ndarray:
-        return np.array(np.asarray(a)[:size], np.int64 if a.dtype.kind == "i" else None)
+        return np.array(np.asarray(a)[:size], np.int32 if a.dtype.kind == "i" else None)
 
     return jax.tree.map(copy, rows.room)
 
 
-def chosen(record: Record, which: np.ndarray) -> Record:
+def chosen(record: Record, which: np.ndarray | slice) -> Record:
     """Some of the rows."""
     return jax.tree.map(lambda a: a[which], record)
 

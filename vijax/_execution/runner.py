@@ -39,14 +39,12 @@ class Found:
     impacts: Impact
     lane_steps: int
 
-    def taken(self, order: np.ndarray) -> "Found":
-        """The same with the points in another order, in which the impacts count them already."""
-        return replace(self, ends={name: a[..., order] for name, a in self.ends.items()})
-
     def numbered(self, which: np.ndarray) -> "Found":
         """The same, in increasing order, of points that were counted from 0 and have these numbers in the whole sweep."""
-        impacts = replace(self.impacts, point=which.ravel()[self.impacts.point])
-        return replace(self, impacts=impacts).taken(np.argsort(which, axis=None))
+        numbers = which.ravel()
+        numbers = numbers.astype(np.int32) if numbers.max(initial=0) < 2**31 else numbers
+        ends = {name: a[..., np.argsort(numbers)] for name, a in self.ends.items()}
+        return replace(self, ends=ends, impacts=replace(self.impacts, point=numbers[self.impacts.point]))
 
 
 class AbstractRunner(eqx.Module):
@@ -60,7 +58,7 @@ class AbstractRunner(eqx.Module):
     - leave the process that calls open to an interrupt, and raise here what goes wrong elsewhere.
 
     One that changes how points are run by another, as a store does, holds that other as a field; what
-    shares points out, as a cluster does, may put the pieces together by `rejoined`.
+    shares points out, as a cluster does, may put the pieces together by `together`.
     """
 
     @abc.abstractmethod
@@ -95,13 +93,27 @@ class AbstractRunner(eqx.Module):
             yield number, self.run(points, which, tell)
 
 
-def together(parts: Sequence[Found]) -> Found:
-    """Results of all parts joined, in their order."""
-    ends = {name: np.concatenate([part.ends[name] for part in parts], axis=-1) for name in parts[0].ends}
-    return Found(ends, joined([part.impacts for part in parts]), sum(part.lane_steps for part in parts))
+def together(parts: Iterable[tuple[int, Found]], shares: Sequence[np.ndarray]) -> Found:
+    """Join the results of parts as they come, so that memory never holds all of them twice.
 
+    Args:
+        parts: numbers of parts, in any order, and what came of them, the points of each in increasing order.
+        shares: the points of each part.
 
-def rejoined(parts: Sequence[Found], shares: Sequence[np.ndarray]) -> Found:
-    """Results of all points in increasing order, from those of their shares, each in increasing order."""
-    order = np.argsort(np.concatenate([np.sort(share, axis=None) for share in shares]))
-    return together(parts).taken(order)
+    Returns:
+        What came of all, the points in increasing order.
+    """
+    points = np.concatenate([np.sort(share, axis=None) for share in shares])
+    places = np.empty_like(points)
+    places[np.argsort(points)] = np.arange(len(points))
+    place_of = np.split(places, np.cumsum([share.size for share in shares[:-1]]))
+    ends: dict[str, np.ndarray] = {}
+    impacts, lane_steps = {}, 0
+    for number, found in parts:
+        for name, a in found.ends.items():
+            if name not in ends:
+                ends[name] = np.empty((*a.shape[:-1], len(points)), a.dtype)
+            ends[name][..., place_of[number]] = a
+        impacts[number] = found.impacts
+        lane_steps += found.lane_steps
+    return Found(ends, joined([impacts[number] for number in range(len(shares))]), lane_steps)

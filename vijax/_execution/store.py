@@ -38,7 +38,7 @@ from .._system.force import BoundForce, program_of
 from .._system.system import ImpactSystem
 from .points import Point
 from .records import Impact
-from .runner import AbstractRunner, Found, rejoined
+from .runner import AbstractRunner, Found, together
 from .settings import ExecutionSettings
 from .threads import count_cores
 
@@ -91,7 +91,7 @@ class Store(AbstractRunner):
         for number, found in self.runner.run_each(points, missing(), tell):
             _keep(self, files[number], found)
             parts[number] = found
-        return rejoined([parts[number] for number in range(len(chunks))], chunks)
+        return together(parts.items(), chunks)
 
 
 def open_store(

@@ -1,7 +1,7 @@
 """The runner of this machine: a queue of points on every core."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from threading import Event, Lock
 
@@ -18,7 +18,7 @@ from .lane_loop import Work
 from .lane_queue import Queue, new_queue, run_lanes
 from .points import Point
 from .records import Mark, joined, taken
-from .runner import AbstractRunner, Counts, Found, rejoined
+from .runner import AbstractRunner, Counts, Found, together
 from .settings import ExecutionSettings
 
 # Queues begin one after another: each would compile, and wait for Python's lock.
@@ -52,14 +52,14 @@ class Threads(AbstractRunner):
         stop, x64 = Event(), bool(jax.config.read("jax_enable_x64"))
         workers = ThreadPoolExecutor(self.settings.cores or count_cores())
         try:
-            jobs = [
-                workers.submit(_run_queue, self, points, share, shape, tell, stop, x64) for share in shares
-            ]
-            _wait_for(jobs)
+            jobs = {
+                workers.submit(_run_queue, self, points, share, shape, tell, stop, x64): number
+                for number, share in enumerate(shares)
+            }
+            return together(_as_they_end(jobs), shares)
         finally:
             stop.set()
             workers.shutdown(wait=True, cancel_futures=True)
-        return rejoined([job.result() for job in jobs], shares)
 
     def size_of(self, points: Point) -> int:
         """The number of points of the whole sweep, which decides what is compiled."""
@@ -84,13 +84,12 @@ def shared_out(points: Point, which: np.ndarray, num_shares: int) -> list[np.nda
     return [order[..., k::num_shares] for k in range(num_shares)]
 
 
-def _wait_for(jobs: list[Future]) -> None:
-    """Wait in short turns, so that an interrupt is heard, and raise the first error."""
-    waiting = set(jobs)
-    while waiting:
-        done, waiting = wait(waiting, timeout=0.5, return_when=FIRST_COMPLETED)
+def _as_they_end(jobs: dict[Future, int]) -> Iterator[tuple[int, Found]]:
+    """Numbers and results of jobs, or the first error. It waits in short turns, so that an interrupt is heard."""
+    while jobs:
+        done, _ = wait(jobs, timeout=0.5, return_when=FIRST_COMPLETED)
         for job in done:
-            job.result()
+            yield jobs.pop(job), job.result()
 
 
 @padding_allowed  # here, as it is set for each thread

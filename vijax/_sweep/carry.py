@@ -12,7 +12,7 @@ import numpy as np
 
 from .._execution.carried import carried_start
 from .._execution.points import Point
-from .._execution.runner import AbstractRunner, Found, rejoined
+from .._execution.runner import AbstractRunner, Found, together
 from .._execution.settings import ExecutionSettings
 
 
@@ -49,7 +49,7 @@ def run_chains(
             which = np.searchsorted(np.sort(pieces[k - 1], axis=None), pieces[k - 1][-1])
             x0[:, piece[0]], v0[:, piece[0]] = _starts(points, piece[0], parts[-1], which)
         parts.append(runner.run(Point(points.system, x0, v0), piece, tell))
-    return rejoined(parts, pieces)
+    return together(enumerate(parts), pieces)
 
 
 def _starts(

@@ -8,7 +8,7 @@ import xarray as xr
 
 from .._dataset_attributes import flags, label
 from .._execution.points import Point
-from .._execution.records import Column
+from .._execution.records import Column, Impact, chosen
 from .._execution.runner import Counts, Found
 from .._system.contact import AbstractLimit
 from .._system.parameters import axis_names
@@ -19,6 +19,8 @@ from .endings import code_of
 
 # What pads variables along `impact`; the others are NaN there.
 FILL = {"impact_stop": -1, "impact_sticks": False}
+# Impacts whose columns are computed at a time: of millions of points they would take more memory than the tables.
+_ROWS = 1 << 20
 _OF_STOPS = ("num_impacts", "num_sticks", "stuck")
 _DIMS = dict.fromkeys(_OF_STOPS, ("stop",)) | {
     "x": ("mass",),
@@ -46,17 +48,18 @@ def dataset(
         axes: the values of every swept quantity.
         shape: the points as a grid; with one more dimension than `axes` if they were visited up and down.
         counts: what was asked of every point.
-        found: what came of them.
+        found: what came of them; its sections are taken out, so that memory does not hold them twice.
         attributes: how the sweep was made.
     """
     # Text of any length: Zarr has no standard form of NumPy's text of fixed length.
     names = np.array(["up", "down"], np.dtypes.StringDType())
     directions = {"direction": names} if len(shape) > len(axes) else {}
     dims = (*directions, *axes)
+    sections = _section_table(counts, found)
     impacts = _impact_table(points, counts, found)
     own = dict.fromkeys(impacts, ("impact",)) | _DIMS
     variables = {}
-    tables = impacts | _section_table(counts, found) | _end_table(points, counts, found)
+    tables = impacts | sections | _end_table(points, counts, found)
     if counts.lyapunov:
         tables |= _exponents_table(counts, found, tables["forcing_period"])
     for name, a in tables.items():
@@ -89,26 +92,30 @@ def coordinates_of(system: ImpactSystem, axes: dict[str, np.ndarray]) -> dict[st
 def _impact_table(points: Point, counts: Counts, found: Found) -> dict[str, np.ndarray]:
     """The impacts of every point in a row, padded to the longest, (points, impacts)."""
     impacts = found.impacts
-    stop, point = impacts.stop, impacts.point
-    num_points = points.x0.shape[-1]
-    frequency = np.broadcast_to(points.system.forcing.frequency, num_points)[point]
     longest = min(int(found.ends["num_impacts"].sum(axis=0).max(initial=0)), counts.max_impacts)
+    shape = points.x0.shape[-1], longest
+    none = _impact_columns(points, chosen(impacts, slice(0)))
+    tables = {name: np.full(shape, FILL.get(name, np.nan), a.dtype) for name, a in none.items()}
+    for first in range(0, len(impacts.point), _ROWS):
+        rows = chosen(impacts, slice(first, first + _ROWS))
+        for name, column in _impact_columns(points, rows).items():
+            tables[name][rows.point, rows.number] = column
+    return tables
 
-    def table(column: Column, fill: float | int | bool = np.nan) -> np.ndarray:
-        rows = np.full((num_points, longest), fill, column.dtype)
-        rows[point, impacts.number] = column
-        return rows
 
-    phase = np.mod(frequency * impacts.time, 2 * np.pi)
-    own = impacts.velocity - frequency * _slopes(points.system.stops, stop, point, phase)
-    is_moving = any(one.motion is not None for one in points.system.stops)
-    relative = {"impact_relative_velocity": table(own)} if is_moving else {}
-    return relative | {
-        "impact_time": table(impacts.time),
-        "impact_velocity": table(impacts.velocity),
-        "impact_phase": table(phase),
-        "impact_stop": table(stop, FILL["impact_stop"]),
-        "impact_sticks": table(impacts.chatter > 0, FILL["impact_sticks"]),
+def _impact_columns(points: Point, rows: Impact) -> dict[str, np.ndarray]:
+    """What is told of some impacts, (impacts,)."""
+    stops, point = points.system.stops, rows.point
+    frequency = np.broadcast_to(points.system.forcing.frequency, points.x0.shape[-1])[point]
+    phase = np.mod(frequency * rows.time, 2 * np.pi)
+    own = rows.velocity - frequency * _slopes(stops, rows.stop, point, phase)
+    is_moving = any(one.motion is not None for one in stops)
+    return ({"impact_relative_velocity": own} if is_moving else {}) | {
+        "impact_time": rows.time,
+        "impact_velocity": rows.velocity,
+        "impact_phase": phase,
+        "impact_stop": rows.stop,
+        "impact_sticks": rows.chatter > 0,
     }
 
 
@@ -131,7 +138,7 @@ def _section_table(counts: Counts, found: Found) -> dict[str, np.ndarray]:
     """Where every point was at the end of each recorded period; NaN for those it did not reach."""
     is_reached = np.arange(counts.record) < (found.ends["periods"] - counts.transient)[:, None]
     x, v, held_time = (
-        np.where(is_reached[..., None], found.ends[f"section_{name}"].T, np.nan)
+        np.where(is_reached[..., None], found.ends.pop(f"section_{name}").T, np.nan)
         for name in ("x", "v", "held_time")
     )
     return {"section_x": x, "section_v": v, "held_time": np.diff(held_time, axis=1, prepend=0)}

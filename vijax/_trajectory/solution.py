@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import lazy_loader
 import numpy as np
-import xarray as xr
 from jaxtyping import Array, Bool, Float, Int
 
 from .._dataset_attributes import flags, label, versions
@@ -22,6 +22,11 @@ from .._types import Flag, Numbers, Reals, Scalar, concrete, is_traced, library_
 from .._xla import compile_lightly, padding_allowed
 from .event_log import KINDS, EventLog, Restarts
 from .grazing import Grazing
+
+if TYPE_CHECKING:
+    import xarray as xr
+else:  # with pandas it takes as long to import as all that a trajectory needs
+    xr = lazy_loader.load("xarray")
 
 
 class RESULTS(eqx.Enumeration):
@@ -181,7 +186,7 @@ class Solution(eqx.Module):
             evaluate = eqx.filter_vmap(evaluate, in_axes=(0, None))
         return evaluate(self.machine, jnp.asarray(t, self.t0.dtype))
 
-    def to_xarray(self) -> xr.Dataset:
+    def to_xarray(self) -> "xr.Dataset":
         """Label what was computed.
 
         Returns:
@@ -338,7 +343,7 @@ def _from_restart(
 
 
 @padding_allowed
-def _dataset(solution: Solution) -> xr.Dataset:
+def _dataset(solution: Solution) -> "xr.Dataset":
     """Label one trajectory, or a batch with its lanes in front."""
     log, grazing = solution.events, solution.grazing
     longest = int(jnp.max(solution.num_events, initial=0))

@@ -5,7 +5,7 @@ taken away, piece by piece. So only another size of machine is compiled anew, an
 calls.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TypeVar
 
@@ -71,8 +71,7 @@ def _window(request: Request, num_reached: int) -> Request:
     waiting = request.goals[num_reached:]
     goals = np.full(_GOALS, request.t1)
     goals[: len(waiting)] = waiting[:_GOALS]
-    return replace(
-        request,
+    return request._replace(
         goals=goals,
         num_goals=np.asarray(min(len(waiting), _GOALS)),
         is_last=np.asarray(len(waiting) <= _GOALS),

@@ -1,0 +1,58 @@
+"""The public names, and where each is; see `__init__.py`."""
+
+from . import models as models, plot as plot
+from ._attractors.attractors import attractors as attractors
+from ._attractors.basins import basins as basins, uncertainty_exponent as uncertainty_exponent
+from ._attractors.chart import chart as chart
+from ._attractors.classify import classify as classify
+from ._attractors.cycles import periodic_orbits as periodic_orbits
+from ._attractors.follow import follow_attractors as follow_attractors
+from ._attractors.lyapunov import lyapunov_exponents as lyapunov_exponents
+from ._attractors.sections import impact_map as impact_map, stroboscopic_section as stroboscopic_section
+from ._attractors.spectrum import power_spectrum as power_spectrum
+from ._branches.bifurcation_value import bifurcation_value as bifurcation_value
+from ._branches.branch import Bifurcation as Bifurcation, Branch as Branch
+from ._branches.branches import branches as branches
+from ._branches.continuation import continuation as continuation
+from ._branches.curve import bifurcation_curve as bifurcation_curve
+from ._branches.switch import switch_branch as switch_branch
+from ._contact.law import (
+    impact_configurations as impact_configurations,
+    modal_restitution_matrix as modal_restitution_matrix,
+    restitution_matrix as restitution_matrix,
+)
+from ._contact.sticking_region import (
+    StickingRegion as StickingRegion,
+    sticking_region as sticking_region,
+)
+from ._execution.settings import ExecutionSettings as ExecutionSettings
+from ._explorer.explore import explore as explore
+from ._flow.diffrax_flow import DiffraxFlow as DiffraxFlow
+from ._flow.modal import ModalFlow as ModalFlow
+from ._flow.taylor import TaylorFlow as TaylorFlow
+from ._keep import keep_compiled as keep_compiled
+from ._orbits.find_many import find_periodic_orbits as find_periodic_orbits
+from ._orbits.maps import (
+    monodromy_matrix as monodromy_matrix,
+    saltation_matrix as saltation_matrix,
+    stroboscopic_map as stroboscopic_map,
+)
+from ._orbits.next_crossing import next_crossing as next_crossing
+from ._orbits.next_impact import next_impact as next_impact
+from ._orbits.orbit import ORBIT_RESULTS as ORBIT_RESULTS, PeriodicOrbit as PeriodicOrbit
+from ._orbits.periodic_orbit import periodic_orbit as periodic_orbit
+from ._refusal import SimulationError as SimulationError
+from ._sweep.combine import combine as combine
+from ._sweep.provenance import system_of as system_of
+from ._sweep.sweep import sweep as sweep
+from ._system.base import base_excitation as base_excitation
+from ._system.contact import Contact as Contact
+from ._system.files import load as load, save as save
+from ._system.forcing import Harmonic as Harmonic
+from ._system.stop import Stop as Stop
+from ._system.system import ImpactSystem as ImpactSystem, chain as chain
+from ._trajectory.event_log import IMPACT as IMPACT, RELEASE as RELEASE, STICK as STICK, EventLog as EventLog
+from ._trajectory.simulate import simulate as simulate
+from ._trajectory.solution import RESULTS as RESULTS, Solution as Solution
+
+__version__: str
