@@ -1,7 +1,7 @@
 """One step of an explicit Runge-Kutta method of diffrax, its stages written out one by one.
 
 `solver.step` of diffrax stores its slopes in one array and loops over the stages, each of which combines all of it. Over lanes
-that took ten times as long as these sums, of which the coefficients that are zero are left out, and each of whose
+that took two to three times as long as these sums, of which the coefficients that are zero are left out, and each of whose
 slopes is computed by itself. The coefficients are those of diffrax, its dense output as a matrix.
 """
 
