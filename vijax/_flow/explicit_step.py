@@ -51,7 +51,7 @@ def _all_combined(rows, slopes: list[PyTree], step: Scalar) -> list[PyTree]:
     return [_combined(row, slopes, step) for row in rows]
 
 
-def _combined(row: Sequence[float], slopes: list[PyTree], step: Scalar) -> PyTree:
+def _combined(row: Sequence[float] | np.ndarray, slopes: list[PyTree], step: Scalar) -> PyTree:
     """A sum of slopes, times the step."""
     used = [(float(weight), slope) for weight, slope in zip(row, slopes, strict=True) if weight != 0]
     if not used:
