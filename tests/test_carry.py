@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+import xarray as xr
 
 import vijax as vx
 from vijax._execution import lane_loop
@@ -10,7 +11,7 @@ from vijax._execution.settings import ExecutionSettings
 
 FREQUENCY = "forcing.frequency"
 TRANSIENT, RECORD = 60, 5
-# What starts that agree to 1e-11 leave of a motion that has settled.
+# What another way of computing leaves of a motion that has settled.
 SETTLED = 1e-9
 
 
@@ -118,10 +119,22 @@ def test_what_cannot_be_carried_is_refused():
         sweep(COEXISTING, carry_from=sweep(COEXISTING[:2]))
 
 
-def test_a_round_of_one_point_is_not_compiled_anew(both, monkeypatch):
+def test_pieces_of_chains_change_nothing_and_are_not_compiled_anew(both, monkeypatch):
     traces = []
     original = lane_loop.advance
     monkeypatch.setattr(lane_loop, "advance", lambda *args: traces.append(1) or original(*args))
-    one_by_one = sweep(COEXISTING, carry="both", settings=ExecutionSettings(ahead=1))
+    in_pieces = sweep(COEXISTING, carry="both", settings=ExecutionSettings(visits=5))
     assert not traces
-    np.testing.assert_allclose(one_by_one.x, both.x, rtol=0, atol=SETTLED)
+    xr.testing.assert_equal(in_pieces, both)
+
+
+@pytest.mark.parametrize("carry", ["up", "down"])
+def test_a_chaotic_motion_goes_on_where_the_point_before_it_ended_bit_for_bit(carry):
+    frequencies = np.linspace(0.55, 0.6, 4)
+    ds = sweep(frequencies, carry=carry).isel({FREQUENCY: slice(None, None, 1 if carry == "up" else -1)})
+    for k in (1, 2):
+        before, here = ds.isel({FREQUENCY: k - 1}), ds.isel({FREQUENCY: k})
+        again = sweep(ds[FREQUENCY].values[k : k + 2], carry="up", x0=before.x.values, v0=before.v.values)
+        again = again.isel({FREQUENCY: 0})
+        for name in ("num_impacts", "x", "v", "section_x"):
+            np.testing.assert_array_equal(again[name], here[name])

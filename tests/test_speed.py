@@ -33,7 +33,7 @@ def compiled() -> str:
     system, flow = jax.tree.map(jnp.asarray, (points.system, flow))
     start, work = (
         jnp.zeros((2, POINTS)),
-        lane_loop.Work(*(jnp.asarray(k) for k in (POINTS, 1, 2, 1000, 16, 1000))),
+        lane_loop.Work(*(jnp.asarray(k) for k in (POINTS, POINTS, 1, 2, 1000, 16, 1000))),
     )
     with jax.numpy_rank_promotion("allow"):
         queue = lane_queue.new_queue(system, start, LANES)

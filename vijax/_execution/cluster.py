@@ -37,10 +37,12 @@ class Cluster(AbstractRunner):
 
     def run(self, points: Point, which: np.ndarray, tell: Callable[[int], object]) -> Found:
         """Run some points, see `AbstractRunner.run`."""
-        settings, num_points = self.settings, len(which)
+        settings, (num_points, num_chains) = self.settings, (which.size, which.shape[-1])
         cores = settings.cores or count_cores()
         size = settings.chunk_of(self.counts.transient + self.counts.record)
-        num_chunks = max(-(-num_points // size), min(cores, -(-num_points // settings.lanes)))
+        num_chunks = max(
+            min(-(-num_points // size), num_chains), min(cores, -(-num_chains // settings.lanes))
+        )
         shares = shared_out(points, which, num_chunks)
         return together(self.run_each(points, enumerate(shares), tell), shares)
 
@@ -54,10 +56,10 @@ class Cluster(AbstractRunner):
         def tasks() -> Iterator[tuple[tuple[int, np.ndarray], tuple]]:
             for number, which in parts:
                 own, flow = part_of(numbers, which)
-                yield (number, which), (own, len(which), Threads(flow, self.counts, settings, in_all))
+                yield (number, which), (own, which.shape, Threads(flow, self.counts, settings, in_all))
 
         for (number, which), found in run_tasks(self.executor, _run_part, tasks(), settings.in_flight):
-            tell(len(which))
+            tell(which.size)
             yield number, found.numbered(which)
 
 
@@ -72,10 +74,10 @@ def choose_runner(
 
 def part_of(numbers: Any, which: np.ndarray) -> Any:
     """The numbers of some points, lanes last; a single point stands twice, or its numbers would seem shared by all."""
-    index = which if len(which) > 1 else np.repeat(which, 2)
+    index = which.ravel() if which.size > 1 else np.repeat(which, 2)
     return jax.tree.map(lambda a: a if a.shape[-1] == 1 else a[..., index], numbers)
 
 
-def _run_part(points: Point, num_points: int, runner: Threads) -> Found:
-    """Run the points of a task; called by a worker."""
-    return runner.run(points, np.arange(num_points), lambda _: None)
+def _run_part(points: Point, shape: tuple[int, ...], runner: Threads) -> Found:
+    """Run the points of a task, all its points or chains of these; called by a worker."""
+    return runner.run(points, np.arange(np.prod(shape)).reshape(shape), lambda _: None)

@@ -60,6 +60,8 @@ class Work(eqx.Module):
 
     Attributes:
         num_points: points in the queue.
+        num_chains: those of them that begin by themselves, which come first: the point of number k starts where that of
+            k - num_chains ended. All of them, where nothing is carried.
         transient: forcing periods before recording.
         num_periods: forcing periods in all.
         max_steps: the most steps of one point, (); of every point or lane, once the loop has its machines.
@@ -68,6 +70,7 @@ class Work(eqx.Module):
     """
 
     num_points: Int[Array, ""]
+    num_chains: Int[Array, ""]
     transient: Int[Array, ""]
     num_periods: Int[Array, ""]
     max_steps: Int[Array, "..."]

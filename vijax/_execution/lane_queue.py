@@ -4,11 +4,15 @@ A loop over lanes lasts as long as its slowest lane. So a lane that is done take
 queue: when enough lanes are done, the loop is left, their results are put aside and new points
 gathered, and it goes on. Points in order of falling work leave little of the last round idle.
 
+Where points are carried, a queue holds chains: a lane that is done goes on with the next point of its chain, from
+where it is, and takes the next chain at the end of it.
+
 Impacts, and the states at the end of every recorded period, are written one after another to
 rows that the host takes away; so memory does not depend on how many there are, and nothing is written in
 the transient.
 """
 
+from collections.abc import Callable
 from functools import partial
 
 import equinox as eqx
@@ -27,6 +31,7 @@ from .._trajectory.step import begin
 from .._trajectory.tangents import Tangents, first_tangents
 from .._types import UNROLLED, Reals
 from .._xla import PLAIN, in_one_kernel
+from .carried import carried_start
 from .lane_loop import Ends, Progress, Task, Work, has_room, is_live, turn_until_fed
 from .records import impact_rows, mark_rows
 from .settings import DEFAULT_SETTINGS, ExecutionSettings
@@ -39,7 +44,7 @@ class Queue(eqx.Module):
         progress: what the lanes do, and what they logged.
         point: the point of each lane; the number of points, if it has none.
         ends: what became of the points that are done.
-        following: the next point that waits.
+        following: the next point that waits, of those that begin by themselves.
     """
 
     progress: Progress
@@ -109,6 +114,7 @@ def run_lanes(
     queue: Queue,
     *,
     can_stick: bool,
+    is_carried: bool = False,
 ) -> tuple[Queue, Bool[Array, ""]]:
     """Work on the queue until it is empty, the log full, or a number of turns done.
 
@@ -117,6 +123,7 @@ def run_lanes(
             axis), where each point starts and how fast, and what is asked for.
         queue: where the work is. The log is written from its beginning.
         can_stick: whether any stop of any point might hold its mass.
+        is_carried: whether some points start where others end, see `Work`.
 
     Returns:
         Where it is then, and whether there is anything left to do.
@@ -134,24 +141,42 @@ def run_lanes(
     is_one_kernel = is_small and flow.fits_one_kernel
     run = partial(in_one_kernel, turn_until_fed) if is_one_kernel else turn_until_fed
 
+    def start(point: Int[Array, " lanes"], before: Ends) -> State:
+        if not is_carried:
+            return _gather(first, point, num_points)
+        given, motion, numbers = (
+            _gather(tree, point, num_points) for tree in ((system, x0, v0), flow, machine)
+        )
+        x, v = carried_start(given[0], (before.state.x, before.state.v), before.state.held, given[1:])
+        has_before = point >= work.num_chains
+        x, v = (jnp.where(has_before, a, own) for a, own in zip((x, v), given[1:], strict=True))
+        return begin(motion, numbers, jnp.broadcast_to(phase0[..., :1], (*phase0.shape[:2], num_lanes)), x, v)
+
     def feed(queue: Queue) -> Queue:
         motion, numbers = (_gather(tree, queue.point, num_points) for tree in (flow, machine))
-        is_waiting = queue.following < work.num_points
-        enough = jnp.where(is_waiting, num_lanes - max(num_lanes // 16, 1), 0)
+        is_waiting = _is_waiting(work, queue)
+        num_busy = jnp.sum(queue.point < work.num_points)
+        enough = jnp.where(is_waiting, jnp.maximum(num_busy - max(num_lanes // 16, 1), 0), 0)
         asked = _of_lanes(work, queue.point)
         task = Task(motion, numbers, phase0[..., :1], asked, queue.point, enough, last_turn)
         progress, _ = run((queue.progress, task))
-        return _refill(asked, first, numbers, eqx.tree_at(lambda q: q.progress, queue, progress))
+        return _refill(asked, start, numbers, eqx.tree_at(lambda q: q.progress, queue, progress))
 
     def is_left(queue: Queue) -> Bool[Array, ""]:
         live = is_live(_of_lanes(work, queue.point), queue.progress.lanes, queue.point)
-        return (queue.following < work.num_points) | jnp.any(live)
+        return _is_waiting(work, queue) | jnp.any(live)
 
     def goes_on(queue: Queue) -> Bool[Array, ""]:
         return is_left(queue) & has_room(queue.progress) & (queue.progress.turns < last_turn)
 
     queue = jax.lax.while_loop(goes_on, feed, queue)
     return queue, is_left(queue)
+
+
+def _is_waiting(work: Work, queue: Queue) -> Bool[Array, ""]:
+    """Whether a lane that is done has something else to do."""
+    goes_on = queue.point + work.num_chains < work.num_points
+    return (queue.following < work.num_chains) | jnp.any(goes_on)
 
 
 def _bounded(work: Work, machine: Machine, num_points: int) -> Work:
@@ -179,7 +204,7 @@ def _gather(tree, point: Int[Array, " lanes"], num_points: int):
     return jax.tree.map(take, tree)
 
 
-def _refill(work: Work, first: State, machine: Machine, queue: Queue) -> Queue:
+def _refill(work: Work, start: Callable[[Array, Ends], State], machine: Machine, queue: Queue) -> Queue:
     """Put aside the results of finished lanes, and give these new points."""
     lanes, num_points = queue.progress.lanes, queue.ends.steps.size
     free = ~is_live(work, lanes, queue.point)
@@ -187,11 +212,15 @@ def _refill(work: Work, first: State, machine: Machine, queue: Queue) -> Queue:
     told = eqx.tree_at(lambda e: (e.state.x, e.state.v), lanes, machine.in_space(lanes.state))
     told = _with_tangents(told, None)
     ends = jax.tree.map(lambda all_, a: all_.at[..., done].set(a, mode="drop"), queue.ends, told)
-    candidate = queue.following + jnp.cumsum(free) - free
-    is_new = free & (candidate < work.num_points)
-    point = jnp.where(is_new, candidate, jnp.where(free, num_points, queue.point))
+    on = queue.point + work.num_chains
+    goes_on = free & (on < work.num_points)
+    begins = free & ~goes_on
+    candidate = queue.following + jnp.cumsum(begins) - begins
+    begins = begins & (candidate < work.num_chains)
+    is_new = goes_on | begins
+    point = jnp.where(goes_on, on, jnp.where(begins, candidate, jnp.where(free, num_points, queue.point)))
     fresh = Ends(
-        state=_gather(first, point, num_points),
+        state=start(point, told),
         num_impacts=jnp.zeros_like(lanes.num_impacts),
         num_sticks=jnp.zeros_like(lanes.num_sticks),
         held_time=jnp.zeros_like(lanes.held_time),
@@ -201,7 +230,7 @@ def _refill(work: Work, first: State, machine: Machine, queue: Queue) -> Queue:
     )
     lanes = jax.tree.map(lambda new, old: jnp.where(is_new, new, old), fresh, lanes)
     progress = eqx.tree_at(lambda p: p.lanes, queue.progress, lanes)
-    return Queue(progress, point, ends, queue.following + jnp.sum(is_new))
+    return Queue(progress, point, ends, queue.following + jnp.sum(begins))
 
 
 def _with_tangents(ends: Ends, tangents: Tangents | None) -> Ends:

@@ -40,9 +40,11 @@ class Found:
     lane_steps: int
 
     def numbered(self, which: np.ndarray) -> "Found":
-        """The same with the impacts of points that were counted from 0, of these numbers in the whole sweep."""
-        numbers = which.astype(np.int32) if which.max(initial=0) < 2**31 else which
-        return replace(self, impacts=replace(self.impacts, point=numbers[self.impacts.point]))
+        """The same, in increasing order, of points that were counted from 0 and have these numbers in the whole sweep."""
+        numbers = which.ravel()
+        numbers = numbers.astype(np.int32) if numbers.max(initial=0) < 2**31 else numbers
+        ends = {name: a[..., np.argsort(numbers)] for name, a in self.ends.items()}
+        return replace(self, ends=ends, impacts=replace(self.impacts, point=numbers[self.impacts.point]))
 
 
 class AbstractRunner(eqx.Module):
@@ -66,11 +68,12 @@ class AbstractRunner(eqx.Module):
         Args:
             points: the machines and starts of a whole sweep, whose size decides what is compiled; `x0` and
                 `v0` have all points as their last axis.
-            which: the points to run, in increasing order.
+            which: the points to run: in increasing order, (points,), each from its own start; or chains of them, one a
+                column, in which all but the first start where the one before them ended, (visits, chains).
             tell: called with the number of points done since the last call.
 
         Returns:
-            What came of them, in their order; the impacts with their numbers in the whole sweep.
+            What came of them, in increasing order; the impacts with their numbers in the whole sweep.
         """
 
     def run_each(
@@ -94,16 +97,16 @@ def together(parts: Iterable[tuple[int, Found]], shares: Sequence[np.ndarray]) -
     """Join the results of parts as they come, so that memory never holds all of them twice.
 
     Args:
-        parts: numbers of parts, in any order, and what came of them.
+        parts: numbers of parts, in any order, and what came of them, the points of each in increasing order.
         shares: the points of each part.
 
     Returns:
         What came of all, the points in increasing order.
     """
-    points = np.concatenate(shares)
+    points = np.concatenate([np.sort(share, axis=None) for share in shares])
     places = np.empty_like(points)
     places[np.argsort(points)] = np.arange(len(points))
-    place_of = np.split(places, np.cumsum([len(share) for share in shares[:-1]]))
+    place_of = np.split(places, np.cumsum([share.size for share in shares[:-1]]))
     ends: dict[str, np.ndarray] = {}
     impacts, lane_steps = {}, 0
     for number, found in parts:

@@ -23,7 +23,7 @@ class ExecutionSettings:
         max_chunk: the most points of a chunk for each core, no more than a queue holds.
         long: forcing periods of all points together, above which a sweep has a program of its own, compiled for what
             it sweeps: a minute or more.
-        ahead: points of a carried chain, past the last whose end is known, that are run again in one round.
+        visits: points of a carried chain that are run in one go; a store keeps them together.
     """
 
     lanes: int = 96
@@ -37,7 +37,7 @@ class ExecutionSettings:
     min_chunk: int = 192
     max_chunk: int = 2048
     long: int = 30_000_000
-    ahead: int = 256
+    visits: int = 256
 
     def chunk_of(self, periods: int) -> int:
         """Points of a chunk for one core, of so many forcing periods each."""

@@ -2,9 +2,8 @@
 
 A store is a folder with a manifest, `sweep.json`, which tells what is swept, and a file for every chunk
 of points that is done, named by a digest of its points, their machines and starts. Every run asks the
-store first, so a sweep that carries end states along needs nothing of its own: called again it goes through
-the same rounds of its chains, and finds the finished ones on disk. (One file per block of the chain would
-hold less, but blocks guess starts in another way than whole chains do: other bits.)
+store first, so a sweep that carries end states along needs nothing of its own: called again it goes along
+the same pieces of its chains, and finds the finished ones on disk.
 
 The result of a point does not depend on the points run beside it, not by a bit, as long as the motion is
 chosen for all points together and the compiled shapes are those of the whole sweep. Therefore a chunk is
@@ -44,7 +43,7 @@ from .settings import ExecutionSettings
 from .threads import count_cores
 
 # Goes up with every change of the content of `Found`, or of its format: older stores are refused.
-_LAYOUT = 3
+_LAYOUT = 4
 _MANIFEST = "sweep.json"
 # Prefix of the columns of the impacts, which share a file with the ends of the points.
 _OF_IMPACTS = "impacts."
@@ -69,7 +68,8 @@ class Store(AbstractRunner):
 
     def run(self, points: Point, which: np.ndarray, tell: Callable[[int], object]) -> Found:
         """Run some points, see `AbstractRunner.run`."""
-        chunks = np.array_split(which, -(-len(which) // self.points_per_chunk))
+        num_chunks = min(-(-which.size // self.points_per_chunk), which.shape[-1])  # chains stay whole
+        chunks = np.array_split(which, num_chunks, axis=-1)
         parts: dict[int, Found] = {}
         files: dict[int, Path] = {}
 
@@ -86,7 +86,7 @@ class Store(AbstractRunner):
                     yield number, chunk
                 else:
                     parts[number] = found
-                    tell(len(chunk))
+                    tell(chunk.size)
 
         for number, found in self.runner.run_each(points, missing(), tell):
             _keep(self, files[number], found)

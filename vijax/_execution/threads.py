@@ -47,7 +47,7 @@ class Threads(AbstractRunner):
 
     def run(self, points: Point, which: np.ndarray, tell: Callable[[int], object]) -> Found:
         """Run some points, see `AbstractRunner.run`."""
-        num_queues, shape = self._sizes(self.size_of(points), len(which))
+        num_queues, shape = self._sizes(self.size_of(points), which)
         shares = shared_out(points, which, num_queues)
         stop, x64 = Event(), bool(jax.config.read("jax_enable_x64"))
         workers = ThreadPoolExecutor(self.settings.cores or count_cores())
@@ -65,23 +65,23 @@ class Threads(AbstractRunner):
         """The number of points of the whole sweep, which decides what is compiled."""
         return points.x0.shape[-1] if self.in_all is None else self.in_all
 
-    def _sizes(self, in_all: int, num_points: int) -> tuple[int, tuple[int, int]]:
+    def _sizes(self, in_all: int, which: np.ndarray) -> tuple[int, tuple[int, int]]:
         """The number of queues, and the points and lanes of each, which follow from the whole sweep."""
         num_lanes = self.settings.lanes
         width = self.settings.points if in_all > num_lanes else num_lanes
         cores = self.settings.cores or count_cores()
-        num_queues = max(-(-num_points // width), min(cores, -(-num_points // num_lanes)))
+        num_queues = max(-(-which.size // width), min(cores, -(-which.shape[-1] // num_lanes)))
         return num_queues, (width, num_lanes)
 
 
 def shared_out(points: Point, which: np.ndarray, num_shares: int) -> list[np.ndarray]:
     """Share points out evenly.
 
-    Points with the longest periods have most to do: they come first, shared among all.
+    Points with the longest periods have most to do: they come first, shared among all. Chains stay whole.
     """
     frequency = np.broadcast_to(points.system.forcing.frequency, points.x0.shape[-1])[which]
-    order = which[np.argsort(frequency, kind="stable")]
-    return [order[k::num_shares] for k in range(num_shares)]
+    order = which[..., np.argsort(frequency.reshape(-1, which.shape[-1])[0], kind="stable")]
+    return [order[..., k::num_shares] for k in range(num_shares)]
 
 
 def _as_they_end(jobs: dict[Future, int]) -> Iterator[tuple[int, Found]]:
@@ -109,21 +109,21 @@ def _run_queue(
             task, queue = _start(runner, points, share, shape)
         impacts, marks, is_left, told = [], [], True, 0
         while is_left and not stop.is_set():
-            queue, more = run_lanes(task, queue, can_stick=runner.counts.can_stick)
+            queue, more = run_lanes(task, queue, can_stick=runner.counts.can_stick, is_carried=share.ndim > 1)
             is_left, progress = bool(more), queue.progress
             impacts.append(taken(progress.impacts))
             marks.append(taken(progress.marks))
             zeros = (_whole(0), _whole(0))
             queue = eqx.tree_at(lambda q: (q.progress.impacts.size, q.progress.marks.size), queue, zeros)
-            done = int(np.sum(np.asarray(queue.ends.steps)[: len(share)] > 0))
+            done = int(np.sum(np.asarray(queue.ends.steps)[: share.size] > 0))
             tell(done - told)
             told = done
     ends, state = queue.ends, queue.ends.state
     columns = {"x": state.x, "v": state.v, "held": state.held, "periods": state.periods} | {
         name: getattr(ends, name) for name in ("num_impacts", "num_sticks", "steps", "is_finite")
     }
-    kept = {name: np.asarray(a)[..., : len(share)] for name, a in columns.items()}
-    kept |= _sections(joined(marks), runner.counts.record, len(share))
+    kept = {name: np.asarray(a)[..., : share.size] for name, a in columns.items()}
+    kept |= _sections(joined(marks), runner.counts.record, share.size)
     return Found(kept, joined(impacts), int(queue.progress.turns) * shape[1]).numbered(share)
 
 
@@ -174,15 +174,15 @@ def _of_queue(
 def _start(runner: Threads, points: Point, share: np.ndarray, shape: tuple[int, int]) -> tuple[tuple, Queue]:
     """Make a queue of some points, filled up to one width: one shape, one compilation, made here."""
     counts, settings, (width, num_lanes) = runner.counts, runner.settings, shape
-    filled = np.append(share, np.zeros(width - len(share), int))
+    filled = np.append(share, np.zeros(width - share.size, int))
     is_long = runner.size_of(points) * (counts.transient + counts.record) > settings.long
     system, motion = _of_queue((points.system, runner.flow), filled, is_long=is_long)
     x0, v0 = (jax.device_put(a[:, filled]) for a in (points.x0, points.v0))
     periods = (counts.transient, counts.transient + counts.record)
     max_steps = OWN_BOUND if counts.max_steps is None else counts.max_steps
-    numbers = (len(share), *periods, max_steps, counts.max_impacts, 0)
+    numbers = (share.size, share.shape[-1], *periods, max_steps, counts.max_impacts, 0)
     work = Work(*map(_whole, numbers))
     task = (motion, system, x0, v0, work)
     queue = new_queue(system, x0, num_lanes, motion, settings, has_tangents=counts.lyapunov)
-    queue, _ = run_lanes(task, queue, can_stick=counts.can_stick)  # no turn yet
+    queue, _ = run_lanes(task, queue, can_stick=counts.can_stick, is_carried=share.ndim > 1)  # no turn yet
     return eqx.tree_at(lambda t: t[4].max_turns, task, _whole(settings.turns)), queue

@@ -27,9 +27,14 @@ from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._types import Scalar, as_float
+from .._xla import compute_once
 from .approximate_step import Attempt, SteppingFlow
 from .bernstein import nodes
 from .clearance import Inside, phase_change
+from .explicit_step import explicit_step
+
+# Gains of positions, velocities, and pushes.
+_Gains = tuple[Array, Array, Array | None]
 
 # Range of possible degrees of dense outputs; those of diffrax go from 3 to 6.
 _LEAST, _MOST = 3, 8
@@ -101,11 +106,8 @@ class DiffraxFlow(SteppingFlow):
 
     def attempt(self, machine: Machine, state: State, hold: Held, step: Scalar) -> Attempt:
         """Try one step."""
-        (displacement, gain, _), error, dense = self._step(machine, state, hold, step, "lax")
+        (displacement, gain, _), error, inside = self._step(machine, state, hold, step, "lax")
         zero = jnp.zeros_like(step)
-        # A Runge-Kutta method keeps slopes times the step: on [0, 1] its dense output is a constant matrix.
-        path = self.solver.interpolation_cls(t0=0.0, t1=1.0, **dense)
-        inside = jax.vmap(path.evaluate)(jnp.asarray(nodes(degree_inside(self.solver)), step.dtype))
         # The gain of a held mass is no part of the motion.
         error = (error[0], machine.contacts.gained(error[1], hold))
         start = (state.x, state.v)
@@ -156,21 +158,24 @@ class DiffraxFlow(SteppingFlow):
 
     def _step(
         self, machine: Machine, state: State, hold: Held, step: Scalar, loop: str
-    ) -> tuple[tuple[Array, Array, Array | None], tuple[Array, Array, Array | None], dict[str, PyTree]]:
-        """Gains of positions, velocities and pushes, their errors and the dense output of one step of the solver."""
+    ) -> tuple[_Gains, _Gains, _Gains]:
+        """Gains of positions, velocities and pushes, their errors, and the gains at the nodes of `bernstein.py`."""
+        degree, args = degree_inside(self.solver), (machine, state, hold)
+        pushes = jnp.zeros_like(state.gap) if machine.contacts.is_coupled else None
+        nothing = jnp.zeros_like(state.x), jnp.zeros_like(state.v), pushes
+        if isinstance(self.solver, diffrax.AbstractERK):
+            field = lambda time, gains: compute_once(_field, time, gains, args)  # noqa: E731
+            end, error, inside = explicit_step(self.solver, field, nothing, step, degree)
+            return end, error, jax.tree.map(lambda *a: jnp.stack(a), *inside)
         solver = eqx.tree_at(lambda s: s.scan_kind, self.solver, loop, is_leaf=lambda leaf: leaf is None)
-        term, args = diffrax.ODETerm(_field), (machine, state, hold)
-        zero, pushes = jnp.zeros_like(step), jnp.zeros_like(state.gap)
-        nothing = (
-            jnp.zeros_like(state.x),
-            jnp.zeros_like(state.v),
-            pushes if machine.contacts.is_coupled else None,
-        )
+        term, zero = diffrax.ODETerm(_field), jnp.zeros_like(step)
         memory = solver.init(term, zero, step, nothing, args)
         if memory is not None:  # A method whose last stage is the first of the next step needs that stage.
             memory = (False, _field(zero, nothing, args))
         end, error, dense, _, _ = solver.step(term, zero, step, nothing, args, memory, made_jump=False)
-        return end, error, dense
+        # A Runge-Kutta method keeps slopes times the step: on [0, 1] its dense output is a constant matrix.
+        path = solver.interpolation_cls(t0=0.0, t1=1.0, **dense)
+        return end, error, jax.vmap(path.evaluate)(jnp.asarray(nodes(degree), step.dtype))
 
 
 def degree_inside(solver: Any) -> int:

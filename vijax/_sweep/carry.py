@@ -1,101 +1,63 @@
 """Sweeps that go on from point to point: every point starts where the one before it ended.
 
-Such a chain is sequential by nature. But a motion that settles forgets its start, so most ends can be
-had without the true start: all points are run at once from a guess, then again from the ends so found,
-until no start changes any more by more than rounding. The result is then that of running one after
-another, also where attractors coexist. Where the motion is chaotic, and remembers its
-start, one more point of the chain gets its true start in every round. (Asking for the same bits makes
-every round like that: a settled motion never forgets the last bits.)
+Such a chain is sequential by nature, and is run so, in a loop of few lanes, a chain in each, that is not left between two points.
+Guessed starts, corrected until none changes any more, were rejected: all points settle side by side then, but a chaotic motion
+remembers its start, and each of its points takes a round of all lanes. A sweep that is chaotic in places took ten times as long.
 """
 
 from collections.abc import Callable
 
+import jax
 import numpy as np
 
+from .._execution.carried import carried_start
 from .._execution.points import Point
-from .._execution.records import chosen, joined
-from .._execution.runner import AbstractRunner, Found
-from .._system.contact import AbstractLimit
-
-# Starts that differ by less, compared with the largest anywhere, are the same.
-_SAME = 1e-11
+from .._execution.runner import AbstractRunner, Found, together
+from .._execution.settings import ExecutionSettings
 
 
-def run_chain(
+def lanes_of_chains(settings: ExecutionSettings, num_chains: int) -> int:
+    """Lanes for so many chains: a power of two, so that few programs are compiled, and no more than others have."""
+    return min(1 << (num_chains - 1).bit_length(), settings.lanes)
+
+
+def run_chains(
     points: Point,
     chain: np.ndarray,
     runner: AbstractRunner,
     tell: Callable[[int], object],
-    ahead: int,
+    settings: ExecutionSettings,
 ) -> Found:
-    """Run points along chains.
+    """Run points along chains, some visits of all of them at a time.
 
     Args:
         points: the machines and starts; `x0` and `v0` have all points as their last axis. The start of
-            the first point of a chain holds, those of the others are first guesses.
+            the first point of a chain holds, those of the others where a motion did not stay finite.
         chain: the points in the order in which they are visited, one chain a column, (visits, chains).
-        runner: runs those of the points that are due, all at once.
-        tell: called with the number of points whose true end was found.
-        ahead: points of a chain past the last whose end is known that are run again in one round.
+        runner: runs pieces of the chains.
+        tell: called with the number of points done.
+        settings: sizes of pieces.
 
     Returns:
         What came of the points, in their order.
     """
-    given = np.concatenate([points.x0, points.v0])
-    starts = given.copy()
-    first = runner.run(points, np.arange(given.shape[1]), _untold)
-    ends, runs, lane_steps = first.ends, [first.impacts], first.lane_steps
-    used, last_run = given.copy(), np.zeros(given.shape[1], int)
-    row = np.arange(len(chain))[:, None]
-    num_known = np.zeros(chain.shape[1], int)
-    while True:
-        starts[:, chain[1:]] = _next_starts(points, given, ends, chain)
-        scale = np.abs(starts).max(axis=1)[:, None, None]
-        is_same = (np.abs(used[:, chain] - starts[:, chain]) <= _SAME * scale).all(axis=0)
-        is_true = np.logical_and.accumulate(is_same, axis=0)
-        tell(int((is_true.sum(axis=0) - num_known).sum()))
-        num_known = is_true.sum(axis=0)
-        if is_true.all():
-            break
-        which = np.sort(chain[~is_same & (row < num_known + ahead)])
-        found = runner.run(Point(points.system, *np.split(starts, 2)), which, _untold)
-        used[:, which], last_run[which] = starts[:, which], len(runs)
-        runs.append(found.impacts)
-        lane_steps += found.lane_steps
-        for name, a in found.ends.items():
-            ends[name][..., which] = a
-    impacts = [chosen(rows, last_run[rows.point] == k) for k, rows in enumerate(runs)]
-    return Found(ends, joined(impacts), lane_steps)
+    num_visits = max(min(settings.visits, settings.points // chain.shape[1]), 1)
+    pieces = [chain[k : k + num_visits] for k in range(0, len(chain), num_visits)]
+    x0, v0, parts = points.x0.copy(), points.v0.copy(), []
+    for k, piece in enumerate(pieces):
+        if k > 0:
+            which = np.searchsorted(np.sort(pieces[k - 1], axis=None), pieces[k - 1][-1])
+            x0[:, piece[0]], v0[:, piece[0]] = _starts(points, piece[0], parts[-1], which)
+        parts.append(runner.run(Point(points.system, x0, v0), piece, tell))
+    return together(enumerate(parts), pieces)
 
 
-def _untold(num_points: int) -> None:
-    """Ignore progress: a point that was run may have to be run again."""
-
-
-def _next_starts(
-    points: Point, given: np.ndarray, ends: dict[str, np.ndarray], chain: np.ndarray
-) -> np.ndarray:
-    """Starts of all points but the first: the end before each, pushed back by stops that moved in.
-
-    A mass that a moving stop holds goes on with it, however it moves from now on.
-    """
-    before, after = chain[:-1], chain[1:]
-    x, v = ends["x"][:, before], ends["v"][:, before]
-    frequency = points.system.forcing.frequency
-    for stop, held in zip(points.system.stops, ends["held"], strict=True):
-        at_start = stop.at(0.0), frequency * stop.slope_at(0.0)
-        position, speed = (np.broadcast_to(np.asarray(a), given.shape[1])[after] for a in at_start)
-        position, goes_with = stop.sign * position, held[before] & (stop.motion is not None)
-        _put(stop, x, position, goes_with | (np.asarray(stop.along(x)) > position))
-        _put(stop, v, stop.sign * speed, goes_with)
-    carried = np.concatenate([x, v])
-    return np.where(np.isfinite(carried).all(axis=0), carried, given[:, after])
-
-
-def _put(stop: AbstractLimit, of_masses: np.ndarray, along: np.ndarray, which: np.ndarray) -> None:
-    """Change positions, or velocities, in place, so that along a stop they are what is given, where asked for."""
-    row = {i: np.asarray(a) for i, a in stop.coefficients.items()}
-    lack, square = along - np.asarray(stop.along(of_masses)), sum(a * a for a in row.values())
-    for i, a in row.items():
-        there = along / a if len(row) == 1 else of_masses[i] + a * lack / square
-        of_masses[i] = np.where(which, there, of_masses[i])
+def _starts(
+    points: Point, following: np.ndarray, found: Found, which: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Starts of points that follow on some of those found."""
+    of_points = lambda a: a if a.shape[-1] == 1 else a[..., following]  # noqa: E731
+    own = Point(jax.tree.map(of_points, points.system), points.x0[:, following], points.v0[:, following])
+    x, v, held = (found.ends[name][..., which] for name in ("x", "v", "held"))
+    x, v = carried_start(own.system, (x, v), held, (own.x0, own.v0))
+    return np.asarray(x), np.asarray(v)

@@ -18,7 +18,7 @@ from .._flow.interface import AbstractFlow
 from .._progress import tqdm
 from .._system.system import ImpactSystem, with_args
 from .._types import Count, Numbers, whole_number
-from .carry import run_chain
+from .carry import lanes_of_chains, run_chains
 from .dataset import dataset
 from .endings import warn_of_endings
 from .grid import base_of, grid_points, values_of
@@ -147,6 +147,8 @@ def sweep(
     can_stick = carry is not None or can_any_stick(points.system, points.x0, points.v0)
     counts = replace(counts, can_stick=can_stick)
     motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
+    if chain is not None:
+        settings = replace(settings, lanes=lanes_of_chains(settings, chain.shape[1]))
     attributes = origin(
         base, counts, flow=name_of_flow(motion, flow), carry=carry, goes_on=carry_from is not None
     )
@@ -161,7 +163,7 @@ def sweep(
         if chain is None:
             found = runner.run(points, all_points, bar.update)
         else:
-            found = run_chain(points, chain, runner, bar.update, settings.ahead)
+            found = run_chains(points, chain, runner, bar.update, settings)
     ds = dataset(points, axes, shape, counts, found, attributes)
     warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite")
     return ds
