@@ -30,6 +30,7 @@ from jaxtyping import PyTree
 from ._ways import (
     KEPT,
     Arrays,
+    Traced,
     Ways,
     along,
     in_front,
@@ -37,7 +38,7 @@ from ._ways import (
     of_batch,
     of_batch_of_tangents,
     of_lanes,
-    traced_once,
+    shapes_of,
     ways_of,
 )
 
@@ -88,9 +89,9 @@ def _made(
         structures, rest = found
         return eqx.combine(*map(jax.tree.unflatten, structures, (y, whole, rest)))
 
-    both = [traced_once(partial(of_lists, function), compiled) for function in (forwards, backwards)]
+    both = [Traced(partial(of_lists, function), compiled) for function in (forwards, backwards)]
     shapes = [[jax.ShapeDtypeStruct(*kind) for kind in part] for part in kinds]
-    y, whole = jax.eval_shape(both[0], *shapes)
+    y, whole = shapes_of(both[0], *shapes)
     return ways_of(*both, compiled, (len(y), len(whole)), ()), join
 
 
@@ -115,9 +116,13 @@ def _evaluate(primitive: Primitive, *row: Any, ways: Ways, sizes: tuple[int, ...
 
 
 def _shapes(primitive: Primitive, *row: Any, ways: Ways, sizes: tuple[int, ...]) -> list:
-    row = tuple(jax.ShapeDtypeStruct(a.shape, a.dtype) for a in row)
-    found = jax.eval_shape(partial(_evaluate, primitive, ways=ways, sizes=sizes), *row)
-    return [ShapedArray(a.shape, a.dtype) for a in found]
+    parts = _parts([jax.ShapeDtypeStruct(a.shape, a.dtype) for a in row], sizes)
+    if primitive is _values:
+        found = shapes_of(ways.values, *parts)
+    else:
+        y, rest, dy = jax.eval_shape(ways.hollow, *parts)
+        found = (y, rest, dy) if primitive is _with_tangents else (dy,)
+    return [ShapedArray(a.shape, a.dtype) for a in chain(*found)]
 
 
 def _differentiate(primitive: Primitive, row: Any, changes: Any, *, ways: Ways, sizes: tuple[int, ...]):

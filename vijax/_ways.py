@@ -31,6 +31,7 @@ class Ways(NamedTuple):
         transposable: the same by the bounded loop.
         pullback: told which cotangents of `y` are given, a function of (fixed, x, those): the cotangents of `dx`. All
             zero if those are.
+        hollow: zeros in the shapes of what `joint` returns, for which the derivative need not be traced.
         compiled: how they are compiled.
         sizes: how many arrays it returns that have derivatives, and others.
         lanes: of a batch, the ways of one lane, the axes of `fixed` and `x`, and how many lanes there are.
@@ -41,6 +42,7 @@ class Ways(NamedTuple):
     joint: Callable
     transposable: Callable
     pullback: Callable
+    hollow: Callable
     compiled: Callable
     sizes: tuple[int, int]
     lanes: tuple[Any, tuple, int] | None = None
@@ -56,14 +58,22 @@ def ways_of(
 ) -> Ways:
     """The ways of a function whose `forwards` and `backwards` are given, along those of `x` that move."""
     joint, transposable = (
-        traced_once(partial(_derivative, function, moves), compiled) for function in (forwards, backwards)
+        Traced(partial(_derivative, function, moves), compiled) for function in (forwards, backwards)
     )
 
     @cache
     def pullback(given: tuple[bool, ...]) -> Callable:
-        return traced_once(partial(_pullback, backwards, moves, given), compiled)
+        return Traced(partial(_pullback, backwards, moves, given), compiled)
 
-    return Ways(forwards, backwards, joint, transposable, pullback, compiled, sizes)
+    hollow = partial(_hollow, forwards)
+    return Ways(forwards, backwards, joint, transposable, pullback, hollow, compiled, sizes)
+
+
+def _hollow(function: Function, fixed: Arrays, x: Arrays, dx: Arrays) -> tuple[Arrays, Arrays, Arrays]:
+    del dx  # its axes of a batch are those of tangents, which are found by `jax.vmap`
+    found = shapes_of(function, fixed, x)
+    y, rest = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), found)
+    return y, rest, y
 
 
 def _derivative(
@@ -124,6 +134,7 @@ def of_batch_of_tangents(ways: Ways, over: tuple, size: int) -> tuple[Ways, int 
         backwards=ways.backwards if shared else _batched(ways.backwards, ways, over),
         joint=_batched(ways.joint, ways, of_all, (axis, axis, 0)),
         transposable=_batched(ways.transposable, ways, of_all, (axis, axis, 0)),
+        hollow=jax.vmap(ways.hollow, *_axes(of_all, (axis, axis, 0))),
         pullback=cache(lambda given, pullback=ways.pullback: _batched(pullback(given), ways, of_all)),
         lanes=ways.lanes if shared else (ways, over, size),
     )
@@ -160,29 +171,49 @@ def in_front(arrays: Arrays, axes: list[int | None], size: int) -> Arrays:
 
 
 def _batched(function: Callable, ways: Ways, over: tuple, to: Any = 0) -> Callable:
-    axes = tuple(list(part) if isinstance(part, tuple) else part for part in over)
-    return traced_once(jax.vmap(function, axes, to), ways.compiled)
+    return Traced(jax.vmap(function, *_axes(over, to)), ways.compiled)
+
+
+def _axes(over: tuple, to: Any) -> tuple[tuple, Any]:
+    """Axes as `jax.vmap` takes them, of lists of arrays."""
+    return tuple(list(part) if isinstance(part, tuple) else part for part in over), to
 
 
 def kind(a: Any) -> tuple[tuple[int, ...], Any]:
     """Shape and type of an array, or of what stands for one."""
-    a = jax.typeof(a)
+    a = a if isinstance(a, jax.ShapeDtypeStruct) else jax.typeof(a)
     return a.shape, a.dtype
 
 
-def traced_once(function: Callable, compiled: Callable) -> Callable:
-    """The function, traced once however often it is asked for: `jax.jit` does so anew under other transformations."""
+class Traced:
+    """A function traced once however often it is asked for: `jax.jit` does so anew under other transformations."""
 
-    @cache
-    def traced(structure: Any, kinds: tuple) -> tuple[Callable, Callable, Any]:
-        shapes = [jax.ShapeDtypeStruct(*kind) for kind in kinds]
-        jaxpr, shape = jax.make_jaxpr(function, return_shape=True)(*jax.tree.unflatten(structure, shapes))
-        run = jaxpr_as_fun(jaxpr)
-        return run, compiled(run), jax.tree.structure(shape)
+    def __init__(self, function: Callable, compiled: Callable):
+        self._traced = cache(partial(_traced, function, compiled))
 
-    def call(*args: PyTree) -> PyTree:
+    def __call__(self, *args: PyTree) -> PyTree:
+        arrays, (run, run_alone, found) = self._look_up(args)
+        return jax.tree.unflatten(jax.tree.structure(found), (run if is_staged() else run_alone)(*arrays))
+
+    def shapes(self, *args: PyTree) -> PyTree:
+        """What `jax.eval_shape` finds, without evaluating the trace again."""
+        return self._look_up(args)[1][2]
+
+    def _look_up(self, args: PyTree) -> tuple[list, tuple[Callable, Callable, PyTree]]:
         arrays, structure = jax.tree.flatten(args)
-        run, run_alone, of_found = traced(structure, tuple(map(kind, arrays)))
-        return jax.tree.unflatten(of_found, (run if is_staged() else run_alone)(*arrays))
+        return arrays, self._traced(structure, tuple(map(kind, arrays)))
 
-    return call
+
+def _traced(
+    function: Callable, compiled: Callable, structure: Any, kinds: tuple
+) -> tuple[Callable, Callable, PyTree]:
+    """The trace as a function of arrays, the same compiled, and the shapes of what it returns."""
+    shapes = [jax.ShapeDtypeStruct(*kind) for kind in kinds]
+    jaxpr, found = jax.make_jaxpr(function, return_shape=True)(*jax.tree.unflatten(structure, shapes))
+    run = jaxpr_as_fun(jaxpr)
+    return run, compiled(run), found
+
+
+def shapes_of(function: Callable, *args: PyTree) -> PyTree:
+    """What `jax.eval_shape` finds, looked up where it is known."""
+    return function.shapes(*args) if isinstance(function, Traced) else jax.eval_shape(function, *args)
