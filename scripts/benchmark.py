@@ -33,8 +33,8 @@ from benchmarks import (
 PARTS = {
     part.__name__: part
     for part in (
-        single.work_precision, many.sweeps, many.work, many.throughput, sizes.masses, sizes.stops,
-        first.first_results, many.chattering_point, single.derivatives, orbits.periodic_orbits,
+        single.work_precision, many.sweeps, many.carried_sweeps, many.solver_sweeps, many.work, many.throughput,
+        sizes.masses, sizes.stops, first.first_results, many.chattering_point, single.derivatives, orbits.periodic_orbits,
         branches.branches, attractors.exponents, attractors.basins, contacts.contacts, convergence.convergence,
         convergence.batch_cost, cluster.executors, many.accelerator,
     )

@@ -85,6 +85,39 @@ def sweeps(full: bool) -> list[dict]:
     return rows
 
 
+def carried_sweeps(full: bool) -> list[dict]:
+    """The same where every point starts where the one before it ended, in turns with the scalar program on one core.
+
+    That program takes the points one after another too, and as long wherever they start.
+    """
+    rows, program = [], cpp.compiled(cpp.SCALAR)
+    for case, (build, frequencies, stops) in CASES.items():
+        run = partial(run_sweep, build(1.0), {FREQUENCY: frequencies}, carry="up")
+        runs, errors = {"vijax": repeated(run)}, {"vijax": case_error(case)}
+        if program is not None:
+            runs["scalar C++, one core"] = repeated(partial(cpp.scalar_sweep, program, stops, frequencies, 1))
+            errors["scalar C++, one core"] = peer_error(case, cpp.scalar)
+        for method, timed in in_turns(runs, 9 if full else 4).items():
+            rows.append({"case": case, "method": method, "error": errors[method], **timed})
+            say(rows[-1])
+    return rows
+
+
+def solver_sweeps(full: bool) -> list[dict]:
+    """The sweep of case (a) by `DiffraxFlow`, in turns with the exact motion."""
+    build, frequencies, _ = CASES["a"]
+    flows = {"exact": None, "DiffraxFlow": vx.DiffraxFlow()}
+    runs = {
+        name: repeated(partial(run_sweep, build(1.0), {FREQUENCY: frequencies}, flow=flow))
+        for name, flow in flows.items()
+    }
+    rows = []
+    for method, timed in in_turns(runs, 5 if full else 3).items():
+        rows.append({"method": method, "error": case_error("a", flows[method]), **timed})
+        say(rows[-1])
+    return rows
+
+
 def heyoka_seconds(stops: tuple[float, float, float], frequencies: np.ndarray, full: bool) -> list[float]:
     """Run times of a sweep by heyoka on all cores; by proportion from every fourth frequency if not full."""
     few = frequencies[:: 1 if full else 4]
@@ -92,11 +125,11 @@ def heyoka_seconds(stops: tuple[float, float, float], frequencies: np.ndarray, f
     return [len(frequencies) / len(few) * seconds for seconds in taken]
 
 
-def case_error(case: str) -> float | None:
+def case_error(case: str, flow: vx.DiffraxFlow | None = None) -> float | None:
     """The largest error of an impact time of `sweep` on the scenes of a case; None if one was missed."""
     scenes, (build, frequencies, _) = scenes_of_case(case), CASES[case]
     values = np.resize([scene["Omega"] for scene in scenes], len(frequencies))  # compiled for this shape
-    ds = run_sweep(build(1.0), {FREQUENCY: values}, transient=0)
+    ds = run_sweep(build(1.0), {FREQUENCY: values}, transient=0, flow=flow)
     return worst([sweep_error(ds, scene, k) for k, scene in enumerate(scenes)])
 
 

@@ -97,6 +97,24 @@ def size(error: float | None) -> str:
     return f"error {error:.0e}" if error else "right in every digit"
 
 
+def of_carried_sweeps(rows: list[dict]) -> list[tuple[str, str]]:
+    """Time of carried sweeps beside the scalar program."""
+    facts = []
+    for case in dict.fromkeys(row["case"] for row in rows):
+        own, *others = (row for row in rows if row["case"] == case)
+        value = f"{own['min / s']:.2g} s, {size(own['error'])}"
+        value += "".join(f"; {own['min / s'] / one['min / s']:.2g} times {one['method']}" for one in others)
+        facts.append((f"case ({case}), every point from the end before it", value))
+    return facts
+
+
+def of_solver_sweeps(rows: list[dict]) -> list[tuple[str, str]]:
+    """Time of a sweep by diffrax beside the exact motion."""
+    exact, other = rows
+    value = f"{other['min / s'] / exact['min / s']:.3g} times the exact motion, {size(other['error'])}"
+    return [("case (a) by `DiffraxFlow`", value)]
+
+
 def of_work(rows: list[dict]) -> list[tuple[str, str]]:
     """Waste, steps and distance from the peak."""
     return [
@@ -128,7 +146,8 @@ def of_first_results(rows: list[dict]) -> list[tuple[str, str]]:
     facts = []
     for what in dict.fromkeys(row["what"] for row in rows):
         waits = {row["cache"]: row["process / s"] for row in rows if row["what"] == what}
-        value = f"{waits['none']:.2g} s; with a filled cache {waits['filled']:.2g} s"
+        value = f"{waits['none']:.2g} s"
+        value += f"; with a filled cache {waits['filled']:.2g} s" if "filled" in waits else ""
         facts.append((f"first result of `{what}` in a fresh process", value))
     return facts
 
@@ -202,6 +221,8 @@ def of_basins(rows: list[dict]) -> list[tuple[str, str]]:
 
 
 FACTS = {
+    "carried_sweeps": of_carried_sweeps,
+    "solver_sweeps": of_solver_sweeps,
     "work": of_work,
     "throughput": of_throughput,
     "masses": of_masses,

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -89,6 +90,12 @@ def memory_high_water() -> float:
     """The most memory that this process ever had, in MB."""
     unit = 1 if sys.platform == "darwin" else 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+
+
+def memory_maps() -> int:
+    """The memory maps of this process, where the system tells them."""
+    maps = Path("/proc/self/maps")
+    return len(maps.read_text().splitlines()) if maps.exists() else 0
 
 
 def num_cores() -> int:
