@@ -52,7 +52,7 @@ class CurveTest(NamedTuple):
     def is_met(self, before: Seen, after: Seen) -> bool:
         """Whether it happens on a step."""
         first, last = self.of(before, before), self.of(after, before)
-        return first >= -_ROUNDING > last if self.is_end else first * last < 0
+        return bool(first >= -_ROUNDING > last if self.is_end else first * last < 0)
 
 
 def curve_tests(kind: str, defining: Defining, sequence: Sequence) -> list[CurveTest]:
