@@ -72,6 +72,7 @@ def box(count: int) -> np.ndarray:
 # What is one, and what is two
 
 
+@pytest.mark.slow
 @polishes
 def test_two_motions_that_are_mirror_images_are_two_though_their_impacts_are_equal():
     pair = found(MIRRORED)
@@ -411,6 +412,7 @@ def test_following_anything_else_is_refused():
 # The paper's machines, and others: long to compile
 
 
+@pytest.mark.slow
 @pytest.mark.thorough
 def test_case_a_has_two_attractors_at_1_8():
     ds = found(vx.models.wagg_bishop_a(1.8), 90)

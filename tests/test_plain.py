@@ -87,6 +87,7 @@ def change_of(section: np.ndarray) -> np.ndarray:
     return steps.max(axis=2).min(axis=1, keepdims=True)
 
 
+@pytest.mark.slow
 @pytest.mark.thorough
 def test_point_by_point_a_sweep_is_the_same_but_where_motions_are_chaotic(tmp_path):
     (ours, repeats), (plain, repeats_as_well) = swept(tmp_path, "0"), swept(tmp_path, "1")
