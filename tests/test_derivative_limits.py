@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import vijax as vx
+from vijax import _ways
 from vijax._both_ways import both_ways
 
 # Light, with a stop that it never reaches: x = cos(sqrt(k) t), some steps a unit of time.
@@ -38,9 +39,22 @@ def test_forward_derivatives_have_no_bound_on_steps():
     assert float(slope) == pytest.approx(-np.sin(LONG) * LONG / 2, rel=1e-9)
 
 
+@pytest.fixture
+def by_many(monkeypatch):
+    """Derivatives backwards by any number go backwards through the steps, as else only those by many."""
+    monkeypatch.setattr(_ways, "FEW", 0)
+
+
+@pytest.mark.thorough
+def test_reverse_derivatives_by_few_numbers_have_no_bound_on_steps():
+    slope = jax.jit(jax.grad(lambda k: light(k, 200.0, (), max_reverse_steps=1)))
+    assert float(slope(1.0)) == pytest.approx(-np.sin(200.0) * 100.0, rel=1e-11)
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("max_reverse_steps", [100, pytest.param(1000, marks=pytest.mark.slow)])
-def test_reverse_derivatives_are_right_or_refused(max_reverse_steps):
+@pytest.mark.usefixtures("by_many")
+def test_reverse_derivatives_by_many_numbers_are_right_or_refused(max_reverse_steps):
     logging.disable(logging.CRITICAL)
     # Without a stop half as long to compile, where it is not the number that counts.
     stops = (STOP,) if max_reverse_steps == 1000 else ()
@@ -54,6 +68,7 @@ def test_reverse_derivatives_are_right_or_refused(max_reverse_steps):
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("by_many")
 def test_without_throw_reverse_derivatives_of_too_many_steps_are_nan_in_their_lane_alone():
     def end(stiffness, t1):
         return light(stiffness, t1, max_reverse_steps=100, throw=False)
@@ -115,7 +130,11 @@ DERIVATIVES = {
 
 @pytest.mark.parametrize("derivative", DERIVATIVES)
 @pytest.mark.parametrize("is_compiled", [False, True])
-def test_a_function_of_two_ways_has_the_derivatives_of_the_plain_one(derivative, is_compiled):
+@pytest.mark.parametrize("few", [0, 32])
+def test_a_function_of_two_ways_has_the_derivatives_of_the_plain_one(
+    derivative, is_compiled, few, monkeypatch
+):
+    monkeypatch.setattr(_ways, "FEW", few)
     x, y, k = jnp.asarray(0.3), jnp.asarray(0.7), jnp.asarray(2)
     ours, theirs = (DERIVATIVES[derivative](_first(f)) for f in (either_way, plain))
     found = (jax.jit(ours) if is_compiled else ours)(x, y, k)
@@ -123,6 +142,7 @@ def test_a_function_of_two_ways_has_the_derivatives_of_the_plain_one(derivative,
         np.testing.assert_allclose(a, b, rtol=1e-14)
 
 
+@pytest.mark.usefixtures("by_many")
 def test_each_way_is_gone_where_it_is_asked_for():
     """Forwards twice the derivative, backwards three times: to see which function is used."""
     function = lambda x: both_ways(lambda x: 2.0 * x, lambda x: 3.0 * x, x)  # noqa: E731
@@ -134,13 +154,23 @@ def test_each_way_is_gone_where_it_is_asked_for():
     assert jax.jit(jax.linearize(function, x)[1])(x) == 2.0
 
 
+def test_backwards_by_few_numbers_is_forwards_by_each():
+    function = lambda x: both_ways(lambda x: 2.0 * x, lambda x: 3.0 * x, x)  # noqa: E731
+    np.testing.assert_array_equal(jax.jacrev(function)(jnp.ones(_ways.FEW)), 2 * np.eye(_ways.FEW))
+    np.testing.assert_array_equal(jax.jacrev(function)(jnp.ones(_ways.FEW + 1)), 3 * np.eye(_ways.FEW + 1))
+
+
 def root(x, y):
     """Of infinite derivative at x = 0, and NaN below."""
     return both_ways(lambda xy: xy[1] * jnp.sqrt(xy[0]), lambda xy: xy[1] * jnp.sqrt(xy[0]), (x, y))
 
 
 @pytest.mark.parametrize("is_compiled", [False, True])
-def test_a_lane_that_a_sum_leaves_out_spoils_no_derivative_by_what_the_lanes_share(is_compiled):
+@pytest.mark.parametrize("few", [0, 32])
+def test_a_lane_that_a_sum_leaves_out_spoils_no_derivative_by_what_the_lanes_share(
+    is_compiled, few, monkeypatch
+):
+    monkeypatch.setattr(_ways, "FEW", few)
     x, y = jnp.array([[4.0, 0.0], [-1.0, 9.0]]), jnp.asarray(1.0)
 
     def total(x, y):

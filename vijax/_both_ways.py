@@ -6,13 +6,14 @@ forwards and can go backwards too, and a rule of differentiation (`jax.custom_jv
 direction. The direction shows in the tangents: backwards they are unknown at first, and then transposed.
 So one function has three primitives:
 
-- `_values`, its results;
-- `_with_tangents`, the derivative of `_values` by the unbounded loop, values and tangents at once;
-- `_tangents`, the rest of `_with_tangents` where values are known and tangents are not (`jax.grad`). It
-  is linear, and transposed by the bounded loop.
+- `values`, its results;
+- `with_tangents`, the derivative of `values` by the unbounded loop, values and tangents at once;
+- `tangents`, the rest of `with_tangents` where values are known and tangents are not (`jax.grad`). It
+  is linear, and transposed by the bounded loop; by few numbers it is a product with the forward
+  derivative by each.
 
-Derivatives of derivatives follow: `_with_tangents` and `_tangents` are functions too, and the derivative
-of each is `_with_tangents` of it. `jax.custom_derivatives.linear_call` was tried, but knows no `vmap`.
+Derivatives of derivatives follow: `with_tangents` and `tangents` are functions too, and the derivative
+of each is `with_tangents` of it. `jax.custom_derivatives.linear_call` was tried, but knows no `vmap`.
 """
 
 from collections.abc import Callable
@@ -33,13 +34,17 @@ from ._ways import (
     Traced,
     Ways,
     along,
+    bind,
     in_front,
     kind,
     of_batch,
     of_batch_of_tangents,
     of_lanes,
     shapes_of,
+    tangents,
+    values,
     ways_of,
+    with_tangents,
 )
 
 
@@ -61,7 +66,7 @@ def both_ways(forwards: Callable, backwards: Callable, tree: PyTree, compiled: C
     kinds = [tuple(map(kind, part)) for part in (fixed, x)]
     structures = tuple(structure for _, structure in parts)
     ways, join = _made(forwards, backwards, compiled, structures, tuple(others), *kinds)
-    y, rest = _parts(_bind(_values, ways, fixed, x), ways.sizes)
+    y, rest = _parts(bind(values, ways, fixed, x), ways.sizes)
     return join(y, rest)
 
 
@@ -95,13 +100,6 @@ def _made(
     return ways_of(*both, compiled, (len(y), len(whole)), ()), join
 
 
-_values, _with_tangents, _tangents = map(Primitive, ("values", "values_with_tangents", "tangents"))
-
-
-def _bind(primitive: Primitive, ways: Ways, *parts: Arrays) -> Arrays:
-    return primitive.bind(*chain(*parts), ways=ways, sizes=tuple(map(len, parts)))
-
-
 def _parts(row: Any, sizes: tuple[int, ...]) -> list[list]:
     ends = [sum(sizes[: k + 1]) for k in range(len(sizes))]
     return [list(row[end - size : end]) for size, end in zip(sizes, ends, strict=True)]
@@ -109,19 +107,19 @@ def _parts(row: Any, sizes: tuple[int, ...]) -> list[list]:
 
 def _evaluate(primitive: Primitive, *row: Any, ways: Ways, sizes: tuple[int, ...]) -> Arrays:
     parts = _parts(row, sizes)
-    if primitive is _values:
+    if primitive is values:
         return list(chain(*ways.values(*parts)))
     y, rest, dy = ways.joint(*parts)
-    return [*y, *rest, *dy] if primitive is _with_tangents else list(dy)
+    return [*y, *rest, *dy] if primitive is with_tangents else list(dy)
 
 
 def _shapes(primitive: Primitive, *row: Any, ways: Ways, sizes: tuple[int, ...]) -> list:
     parts = _parts([jax.ShapeDtypeStruct(a.shape, a.dtype) for a in row], sizes)
-    if primitive is _values:
+    if primitive is values:
         found = shapes_of(ways.values, *parts)
     else:
         y, rest, dy = jax.eval_shape(ways.hollow, *parts)
-        found = (y, rest, dy) if primitive is _with_tangents else (dy,)
+        found = (y, rest, dy) if primitive is with_tangents else (dy,)
     return [ShapedArray(a.shape, a.dtype) for a in chain(*found)]
 
 
@@ -129,15 +127,15 @@ def _differentiate(primitive: Primitive, row: Any, changes: Any, *, ways: Ways, 
     """The values of a primitive and their tangents, as a function of all inputs that can change."""
     fixed, *moving = _parts(row, sizes)
     at, dx = list(chain(*moving)), changes[len(fixed) :]
-    if primitive is not _values:
+    if primitive is not values:
         ways = _of_derivative(primitive, ways, sizes)
     moves = tuple(type(t) is not ad.Zero for t in dx)
     dx = of_lanes(ways, moves, [t for t, move in zip(dx, moves, strict=True) if move])
     ways = along(ways, moves)
-    found = _bind(_with_tangents, ways, fixed, at, dx)
+    found = bind(with_tangents, ways, fixed, at, dx)
     y, rest, dy = _parts(found, (*ways.sizes, ways.sizes[0]))
     nothing = [ad.Zero(jax.typeof(a).to_tangent_aval()) for a in rest]
-    if primitive is not _with_tangents:
+    if primitive is not with_tangents:
         return [*y, *rest], [*dy, *nothing]
     # Tangents of the first derivative are values of the second: they go back to their places.
     half = len(y) // 2
@@ -150,11 +148,11 @@ def _of_derivative(primitive: Primitive, ways: Ways, sizes: tuple[int, ...]) -> 
 
     def of_all(joint: Callable, fixed: Arrays, both: Arrays) -> tuple[Arrays, Arrays]:
         y, rest, dy = joint(fixed, *_parts(both, sizes[1:]))
-        return ([*y, *dy], rest) if primitive is _with_tangents else (dy, [])
+        return ([*y, *dy], rest) if primitive is with_tangents else (dy, [])
 
     forwards, backwards = partial(of_all, ways.joint), partial(of_all, ways.transposable)
     num, rest = ways.sizes
-    sizes_found = (2 * num, rest) if primitive is _with_tangents else (num, 0)
+    sizes_found = (2 * num, rest) if primitive is with_tangents else (num, 0)
     return ways_of(forwards, backwards, ways.compiled, sizes_found, ())
 
 
@@ -162,14 +160,14 @@ def _batch(primitive: Primitive, row: Any, axes: Any, *, ways: Ways, sizes: tupl
     size = next(a.shape[axis] for a, axis in zip(row, axes, strict=True) if axis is not None)
     (fixed, x, *dx), (of_fixed, of_x, *of_dx) = _parts(row, sizes), _parts(axes, sizes)
     over = tuple(of_fixed), tuple(of_x)
-    if primitive is _values:
+    if primitive is values:
         ways = of_batch(ways, over, size)
-        found = _bind(_values, ways, fixed, x)
+        found = bind(values, ways, fixed, x)
         return found, [0] * len(found)
     # Tangents get the batch axis, as their cotangents will have it.
     dx = in_front(dx[0], of_dx[0], size)
     ways, of_values = of_batch_of_tangents(ways, over, size)
-    found = _bind(primitive, ways, fixed, x, dx)
+    found = bind(primitive, ways, fixed, x, dx)
     num_tangents = ways.sizes[0]
     return found, [of_values] * (len(found) - num_tangents) + [0] * num_tangents
 
@@ -186,9 +184,9 @@ def _split_while_tracing(trace: Any, *row: Any, ways: Ways, sizes: tuple[int, ..
     wait = partial(trace.default_process_primitive, tracers=row, params={"ways": ways, "sizes": sizes})
     is_known = [t.pval.is_known() for t in row]
     if not all(is_known[: sizes[0] + sizes[1]]) or all(is_known):
-        return wait(_with_tangents)
+        return wait(with_tangents)
     fixed, x, _ = _parts([t.pval.get_known() for t in row], sizes)
-    return [*map(trace.new_const, _bind(_values, ways, fixed, x)), *wait(_tangents)]
+    return [*map(trace.new_const, bind(values, ways, fixed, x)), *wait(tangents)]
 
 
 def _split_in_checkpoint(saveable: Any, is_unknown: Any, is_there: Any, equation: Any) -> tuple:
@@ -202,23 +200,23 @@ def _split_in_checkpoint(saveable: Any, is_unknown: Any, is_there: Any, equation
         all_ = [True] * len(equation.outvars)
         return None, equation, all_, all_, wanted
     known = equation.replace(
-        primitive=_values,
+        primitive=values,
         invars=equation.invars[:num_known],
         outvars=equation.outvars[:num_values],
         params=equation.params | {"sizes": sizes[:2]},
     )
-    waiting = equation.replace(primitive=_tangents, outvars=equation.outvars[num_values:])
+    waiting = equation.replace(primitive=tangents, outvars=equation.outvars[num_values:])
     unknown = [False] * num_values + [True] * ways.sizes[0]
     return known, waiting, unknown, unknown, wanted
 
 
-for _primitive in (_values, _with_tangents, _tangents):
+for _primitive in (values, with_tangents, tangents):
     _primitive.multiple_results = True
     _primitive.def_impl(partial(_evaluate, _primitive))
     _primitive.def_abstract_eval(partial(_shapes, _primitive))
     mlir.register_lowering(_primitive, mlir.lower_fun(partial(_evaluate, _primitive), multiple_results=True))
     ad.primitive_jvps[_primitive] = partial(_differentiate, _primitive)
     batching.primitive_batchers[_primitive] = partial(_batch, _primitive)
-ad.primitive_transposes[_tangents] = _transpose
-partial_eval.custom_partial_eval_rules[_with_tangents] = _split_while_tracing
-partial_eval.partial_eval_jaxpr_custom_rules[_with_tangents] = _split_in_checkpoint
+ad.primitive_transposes[tangents] = _transpose
+partial_eval.custom_partial_eval_rules[with_tangents] = _split_while_tracing
+partial_eval.partial_eval_jaxpr_custom_rules[with_tangents] = _split_in_checkpoint

@@ -60,10 +60,11 @@ def simulate(
         max_events: length of the event log.
         max_steps: bound on the number of steps. If left out, far more than any sound motion
             takes: 100 000, and 100 per unit of (t1 - t0) * (highest frequency or decay rate).
-        max_reverse_steps: the most steps that derivatives in reverse mode (`jax.grad`, `jax.jacrev`) go
-            back through; memory grows with its logarithm. Forward mode (`jax.jacfwd`) has no such limit.
+        max_reverse_steps: the most steps that derivatives in reverse mode (`jax.grad`, `jax.jacrev`) by
+            more than 32 numbers go back through; memory grows with its logarithm. Those by fewer are
+            made of derivatives in forward mode (`jax.jacfwd`), which have no such limit.
         throw: raise if the result is not `successful`, whatever of it is asked for, under `jax.jit` too;
-            otherwise return the code. Derivatives in reverse mode of a motion of more than `max_reverse_steps`
+            otherwise return the code. Derivatives that are refused because of `max_reverse_steps`
             raise too, and are NaN without `throw`.
 
     Returns:
