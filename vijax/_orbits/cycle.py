@@ -260,10 +260,12 @@ def fly(
     value = jnp.where(is_impact, read(gap), jnp.where(event.kind == RELEASE, read(pressing), duration))
     speed = jnp.where(is_impact, read(machine.approach(end)), 0)
     hit = at_event & is_impact
-    x, v = rebound(machine, end, hit, event.held & event.held_after)
-    gap = jnp.where(hit, 0, jnp.where(contacts.sharing(hit), contacts.gaps(x, phase), gap))
+    placed, v = rebound(machine, end, hit, event.held & event.held_after)
+    # What closes the contact that is hit moves the gaps of others that share its inertia, until the cycle is found.
+    counted_on = gap - contacts.along(placed - x)
+    gap = jnp.where(hit, 0, jnp.where(contacts.sharing(hit), contacts.gaps(placed, phase), counted_on))
     v = contacts.held_still(v, event.held_after, machine.phase_rate(phase))
-    return Moment(jnp.concatenate([x, v]), time, jax.lax.stop_gradient(gap)), (value, speed), end
+    return Moment(jnp.concatenate([placed, v]), time, jax.lax.stop_gradient(gap)), (value, speed), end
 
 
 def leap(
