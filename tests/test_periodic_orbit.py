@@ -160,7 +160,7 @@ def test_it_is_printed_in_five_lines_and_labelled(sticking):
 def test_at_grazing_a_multiplier_is_infinite_and_the_others_are_not():
     end = jnp.array([[0.5, 0.2], [0.1, -0.3]])
     start = jnp.array([[1.0, 0.0], [2.0, 0.0]])
-    found = floquet_multipliers(Pencil(end, start), jnp.array(0))
+    found = floquet_multipliers(Pencil(end, start), jnp.array(0), jnp.zeros((len(end) // 2, len(end) // 2)))
     assert np.isinf(found[0].real)
     # det(Z - mu N) = 0 is linear in mu.
     np.testing.assert_allclose(found[1], 0.17 / 0.7, rtol=1e-13)

@@ -12,6 +12,7 @@ from .._dataset_attributes import label, versions
 from .._flow.choose import choose_flow
 from .._machine.numbers import numbers_of
 from .._orbits.cycle import Problem, Unknowns, log_of_cycle, prepared
+from .._orbits.free_shifts import free_shifts
 from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
 from .._orbits.sequence import NOTHING, Sequence
 from .._system.description import build, describe
@@ -232,7 +233,8 @@ def _orbit(point: xr.Dataset) -> PeriodicOrbit:
 @jax.jit
 def _log(numbers, flow, sequence, unknowns, num_periods, phase):
     machine = prepared(numbers, flow, num_periods)
-    return log_of_cycle(Problem(*machine, sequence, num_periods, phase / (2 * jnp.pi)), unknowns)
+    problem = Problem(*machine, sequence, num_periods, phase / (2 * jnp.pi), free_shifts(numbers))
+    return log_of_cycle(problem, unknowns)
 
 
 def cycle_of(point: Bifurcation, scale: np.ndarray, p: float) -> tuple[Sequence, Place]:

@@ -110,7 +110,7 @@ def correct(family: Family, sequence: Sequence, guess: Place, weights: Place, ta
     return Corrected(
         place=last.place,
         tangent=Place(*(a / size_of_tangent for a in last.tangent)),
-        multipliers=floquet_multipliers(last.pencil, sequence.most_held),
+        multipliers=floquet_multipliers(last.pencil, sequence.most_held, jnp.asarray(family.shifts)),
         speeds=last.speeds,
         residual=last.residual,
         first=last.first,

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from .._flow.interface import AbstractFlow
+from .._machine.machine import Machine
 from .._machine.numbers import numbers_of
 from .._orbits.cycle import Problem, Unknowns, prepared
 from .._orbits.sequence import Sequence
@@ -50,6 +51,7 @@ class Family(eqx.Module):
         phase: where a cycle begins, in forcing periods.
         scale: sizes of positions and velocities, (2 n,).
         span: size of the parameter, (); of two, (2,).
+        shifts: the projection onto those of which nothing tells the cycle, see `free_shifts.py`, (n, n).
         path: its name.
         second: that of the second, if there are two.
     """
@@ -60,6 +62,7 @@ class Family(eqx.Module):
     phase: Reals
     scale: Reals
     span: Reals
+    shifts: Reals
     path: str = eqx.field(static=True)
     second: str | None = eqx.field(static=True, default=None)
 
@@ -73,15 +76,19 @@ class Family(eqx.Module):
     def problem(self, sequence: Sequence, p: Reals) -> Problem:
         """The equations of a sequence there."""
         machine, flow = prepared(numbers_of(self.system_at(p)), self.flow, jnp.asarray(self.num_periods))
-        return Problem(machine, flow, sequence, jnp.asarray(self.num_periods), jnp.asarray(self.phase))
+        return self._asked(machine, flow, sequence)
 
     def linear_problem(self, sequence: Sequence, p: Reals) -> tuple[Problem, Any]:
         """The same, and the change of the machine and its flow by the parameter."""
         machine_at = lambda p: prepared(numbers_of(self.system_at(p)), self.flow, self.num_periods)  # noqa: E731
         (machine, flow), change = eqx.filter_jvp(machine_at, (p,), (jnp.ones_like(p),))
+        return self._asked(machine, flow, sequence), change
+
+    def _asked(self, machine: Machine, flow: AbstractFlow, sequence: Sequence) -> Problem:
+        """What is asked of a cycle of one of the machines."""
         return Problem(
-            machine, flow, sequence, jnp.asarray(self.num_periods), jnp.asarray(self.phase)
-        ), change
+            machine, flow, sequence, *map(jnp.asarray, (self.num_periods, self.phase, self.shifts))
+        )
 
     def unknowns(self, place: Place) -> Unknowns:
         """A place as the unknowns of a cycle."""

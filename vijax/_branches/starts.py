@@ -10,6 +10,7 @@ import xarray as xr
 from .._flow.choose import choose_flow
 from .._flow.taylor import TaylorFlow
 from .._machine.numbers import numbers_of
+from .._orbits.free_shifts import free_shifts
 from .._orbits.orbit import PeriodicOrbit
 from .._orbits.sequence import nothing_happens
 from .._sweep.provenance import machines_of
@@ -131,6 +132,7 @@ def family_of(start: Start, path: str, low: float, high: float) -> Family:
         phase=np.asarray(start.phase / (2 * np.pi), x.dtype),
         scale=np.repeat(length * np.array([1.0, float(numbers.frequency)]), len(x)).astype(x.dtype),
         span=np.asarray(high - low, x.dtype),
+        shifts=np.asarray(free_shifts(numbers)),
         path=path,
     )
 

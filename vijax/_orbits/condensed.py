@@ -64,12 +64,14 @@ class Flights(NamedTuple):
         forward: of the state after each by the state before and the duration, (events, next, next + 1).
         normal: of the value that vanishes at its end, (events, next + 1).
         close: of z at the end of the cycle by the state after the last event, (state, next).
+        pin: added to the closing where this leaves shifts free, by the start, see `free_shifts.py`, (state, state).
     """
 
     begin: Float[Array, "next free"]
     forward: Float[Array, "events next given"]
     normal: Float[Array, "events given"]
     close: Float[Array, "state next"]
+    pin: Float[Array, "state state"]
 
 
 class Weights(NamedTuple):
@@ -175,7 +177,11 @@ def solve_condensed(
     first = jnp.zeros(len(start), end.dtype), jnp.zeros(len(flights.begin), end.dtype)
     rows = flights.forward, flights.normal, equations.row, equations.start, equations.reach, of_events
     (of_start, change), own = over_flights(there, first, rows, count)
-    matrix, value = end - start[:size], of_closing - flights.close @ change + of_start[:size]
+    closed = jnp.eye(size, dtype=end.dtype) - flights.pin
+    matrix, value = (
+        end - closed @ start[:size],
+        of_closing - flights.close @ change + closed @ of_start[:size],
+    )
     if of_weights is not None:
         matrix, value = jnp.vstack([matrix, start[-1]]), jnp.append(value, of_weights - of_start[-1])
     free = jnp.linalg.solve(matrix, value)

@@ -26,6 +26,7 @@ from .._system.waves import phase_at, turned
 from .._trajectory.event_log import IMPACT, RELEASE, EventLog, event_log
 from .._types import Scalar
 from .condensed import Flights, over_flights
+from .free_shifts import pinned
 from .sequence import NOTHING, Sequence
 
 
@@ -64,6 +65,7 @@ class Problem(eqx.Module):
         sequence: what happens.
         num_periods: n, forcing periods.
         phase: where the cycle begins, in forcing periods.
+        shifts: the projection onto those of which nothing tells the cycle, see `free_shifts.py`, (n, n).
     """
 
     machine: Machine
@@ -71,6 +73,7 @@ class Problem(eqx.Module):
     sequence: Sequence
     num_periods: Scalar
     phase: Scalar
+    shifts: Float[Array, "n n"]
 
 
 class Moment(NamedTuple):
@@ -158,7 +161,8 @@ def linearise(
         return end / scale, end
 
     close, end = jax.jacfwd(closed, has_aux=True)(jnp.concatenate([place.z / scale, place.time[None], p]))
-    return Residual(values, end - unknowns.z, speeds), Flights(begin, forward, normal, close)
+    pin = pinned(problem.shifts)
+    return Residual(values, end - unknowns.z, speeds), Flights(begin, forward, normal, close, pin)
 
 
 def log_of_cycle(problem: Problem, unknowns: Unknowns) -> EventLog:
@@ -256,10 +260,12 @@ def fly(
     value = jnp.where(is_impact, read(gap), jnp.where(event.kind == RELEASE, read(pressing), duration))
     speed = jnp.where(is_impact, read(machine.approach(end)), 0)
     hit = at_event & is_impact
-    x, v = rebound(machine, end, hit, event.held & event.held_after)
-    gap = jnp.where(hit, 0, jnp.where(contacts.sharing(hit), contacts.gaps(x, phase), gap))
+    placed, v = rebound(machine, end, hit, event.held & event.held_after)
+    # What closes the contact that is hit moves the gaps of others that share its inertia, until the cycle is found.
+    counted_on = gap - contacts.along(placed - x)
+    gap = jnp.where(hit, 0, jnp.where(contacts.sharing(hit), contacts.gaps(placed, phase), counted_on))
     v = contacts.held_still(v, event.held_after, machine.phase_rate(phase))
-    return Moment(jnp.concatenate([x, v]), time, jax.lax.stop_gradient(gap)), (value, speed), end
+    return Moment(jnp.concatenate([placed, v]), time, jax.lax.stop_gradient(gap)), (value, speed), end
 
 
 def leap(

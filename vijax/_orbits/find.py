@@ -15,6 +15,7 @@ from .._xla import compile_lightly
 from .condensed import Pencil
 from .cycle import Problem, log_of_cycle, prepared
 from .floquet import floquet_multipliers
+from .free_shifts import drifts, free_shifts, pinned
 from .orbit import ORBIT_RESULTS, PeriodicOrbit
 from .polish import implicit, pencil_of
 from .search import Search, Strobe, away_from_stops, begin_search, learn
@@ -58,7 +59,7 @@ def told_of_search(strobe: Strobe, search: Search) -> Found:
         is_admissible=search.is_orbit,
         residual=jnp.where(search.has_cycle, search.cycle.residual, search.closing),
         num_runs=search.num_runs,
-        result=_result(search),
+        result=_result(strobe, search),
     )
 
 
@@ -69,9 +70,9 @@ def _by_sequence(strobe: Strobe, search: Search) -> tuple[Array, Array, EventLog
     """Start, multipliers and events of an orbit by the equations of its sequence."""
     sequence = search.cycle.sequence
     machine = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
-    problem = Problem(*machine, sequence, strobe.num_periods, strobe.phase)
+    problem = Problem(*machine, sequence, strobe.num_periods, strobe.phase, free_shifts(strobe.numbers))
     unknowns = implicit(problem, search.cycle.unknowns)
-    multipliers = floquet_multipliers(pencil_of(problem, unknowns), sequence.most_held)
+    multipliers = floquet_multipliers(pencil_of(problem, unknowns), sequence.most_held, problem.shifts)
     return unknowns.z - away_from_stops(problem), multipliers, log_of_cycle(problem, unknowns)
 
 
@@ -79,7 +80,7 @@ def _by_map(strobe: Strobe, search: Search) -> tuple[Array, Array, EventLog]:
     """The same by the map, for a motion that goes step by step."""
     start = fixed_point(strobe, search.cycle.start)
     pencil = Pencil(jax.jacfwd(strobe.end)(start), jnp.eye(len(start)))
-    multipliers = floquet_multipliers(pencil, search.cycle.sequence.most_held)
+    multipliers = floquet_multipliers(pencil, search.cycle.sequence.most_held, free_shifts(strobe.numbers))
     return start, multipliers, strobe.follow(start).events
 
 
@@ -95,7 +96,8 @@ def _fixed_point_jvp(primals, tangents):
     strobe, z = primals
     z = fixed_point(strobe, z)
     _, moved = eqx.filter_jvp(lambda strobe: strobe.end(z), (strobe,), (tangents[0],))
-    return z, jnp.linalg.solve(jnp.eye(len(z)) - jax.jacfwd(strobe.end)(z), moved)
+    closed = jnp.eye(len(z)) - pinned(free_shifts(strobe.numbers))
+    return z, jnp.linalg.solve(closed - jax.jacfwd(strobe.end)(z), moved)
 
 
 def orbit_found(
@@ -133,9 +135,11 @@ def _constant(tree: Any) -> Any:
     return jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, tree)
 
 
-def _result(search: Search) -> ORBIT_RESULTS:
+def _result(strobe: Strobe, search: Search) -> ORBIT_RESULTS:
     result = ORBIT_RESULTS.where(
         search.is_full, ORBIT_RESULTS.max_events_reached, ORBIT_RESULTS.not_converged
     )
+    does_drift = drifts(strobe.numbers, free_shifts(strobe.numbers))
+    result = ORBIT_RESULTS.where(does_drift, ORBIT_RESULTS.drifts, result)
     result = ORBIT_RESULTS.where(search.has_cycle, ORBIT_RESULTS.left_the_stops, result)
     return ORBIT_RESULTS.where(search.is_orbit, ORBIT_RESULTS.successful, result)

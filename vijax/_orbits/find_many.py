@@ -13,6 +13,7 @@ from .._trajectory.simulate import simulate
 from .._types import Count, Numbers, as_known, is_traced, whole_number
 from .._xla import padding_allowed
 from .find import orbit_found, tell_of_search
+from .free_shifts import free_shifts
 from .many import search_each
 from .maps import check_period
 from .orbit import PeriodicOrbit
@@ -45,7 +46,8 @@ def find_periodic_orbits(
         progress: show a bar.
 
     Returns:
-        The orbits, by the first position at phase 0. Two that are the same, some forcing periods later, count as one.
+        The orbits, by the first position at phase 0. Two that are the same, some forcing periods later or but for a shift that no
+        spring and no contact feels, count as one.
 
     Raises:
         ValueError: if the load has no frequency, the starts have another shape, or one lies beyond a stop.
@@ -82,7 +84,8 @@ def find_periodic_orbits(
         lane: np.asarray(part.cycle.start[k]) for lane, (part, k) in searches.items() if part.is_orbit[k]
     }
     lanes = sorted(starts_of, key=lambda lane: tuple(starts_of[lane]))
-    different = _different(system, [starts_of[lane] for lane in lanes], n, args, flow)
+    felt = np.eye(system.num_masses) - np.asarray(free_shifts(numbers))
+    different = _different(system, [starts_of[lane] for lane in lanes], felt, n, args, flow)
     orbits = []
     for part, k in (searches[lanes[i]] for i in different):
         search = with_room(jax.tree.map(lambda a, k=k: a[k], part), room)
@@ -103,14 +106,20 @@ def _states(starts: tuple[Numbers, Numbers] | Numbers, num_masses: int) -> np.nd
 
 
 def _different(
-    system: ImpactSystem, states: list[np.ndarray], num_periods: int, args: object, flow: AbstractFlow | None
+    system: ImpactSystem,
+    states: list[np.ndarray],
+    felt: np.ndarray,
+    num_periods: int,
+    args: object,
+    flow: AbstractFlow | None,
 ) -> list[int]:
-    """Which of the states are of orbits that were not among those before them."""
+    """Which of the states are of orbits that were not among those before them; `felt` leaves out shifts that nothing feels."""
     kept: list[int] = []
     known: list[np.ndarray] = []  # the orbits so far, at phase 0 of each of their periods
+    told = np.kron(np.eye(2), felt)
     for i, state in enumerate(states):
         size = np.abs(state).max() or 1.0
-        if any(np.abs(other - state).max() < _SAME * size for other in known):
+        if any(np.abs(told @ (other - state)).max() < _SAME * size for other in known):
             continue
         kept.append(i)
         known.append(state)

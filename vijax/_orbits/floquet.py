@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float, Int
 
 from .condensed import Pencil
+from .free_shifts import without_shifts
 
 # No round numbers, as multipliers of -1 and +1 are the ones looked for.
 _SHIFTS = 0.87, -1.13
@@ -25,26 +26,35 @@ _SECOND_DERIVATIVES: dict[str, Any] = (
 )
 
 
-def floquet_multipliers(pencil: Pencil, num_held: Int[Array, ""]) -> Complex[Array, " state"]:
+def floquet_multipliers(
+    pencil: Pencil, num_held: Int[Array, ""], shifts: Float[Array, "n n"]
+) -> Complex[Array, " state"]:
     """The multipliers, those of the largest magnitude first.
 
     Args:
         pencil: of the orbit's neighbours.
         num_held: the most masses that are held at once. All that begins with other positions and velocities of them
             ends alike, so twice as many multipliers are zero: what rounding makes of those is put right.
+        shifts: the projection onto those that nothing feels, see `free_shifts.py`: each has a multiplier 1.
 
     Returns:
         (2 n,), infinite where the orbit grazes.
     """
-    end, start = pencil
+    end, start = without_shifts(pencil, shifts)
     first, second = (jnp.linalg.slogdet(end + s * start)[1] for s in _SHIFTS)
     shift = jnp.where(first >= second, *_SHIFTS)
     nu = _eigenvalues(jnp.linalg.solve(end + shift * start, end - shift * start))
     eps = jnp.finfo(start.dtype).eps
     is_infinite = jnp.abs(1 - nu) <= 4 * eps
     mu = jnp.where(is_infinite, jnp.inf, shift * (1 + nu) / jnp.where(is_infinite, 1, 1 - nu))
-    mu = mu[jnp.argsort(-jnp.abs(jax.lax.stop_gradient(mu)), stable=True)]
-    return jnp.where(jnp.arange(len(mu)) < len(mu) - 2 * num_held, mu, 0)
+    num_shifts = jnp.round(jnp.trace(shifts)).astype(int)
+    rank = len(mu) - 1 - jnp.arange(len(mu))
+    mu = jnp.where(rank < num_shifts + 2 * num_held, 0, _largest_first(mu))
+    return _largest_first(jnp.where(rank < num_shifts, 1, mu))
+
+
+def _largest_first(mu: Complex[Array, " state"]) -> Complex[Array, " state"]:
+    return mu[jnp.argsort(-jnp.abs(jax.lax.stop_gradient(mu)), stable=True)]
 
 
 @jax.custom_jvp

@@ -10,6 +10,7 @@ from .._xla import is_any
 from .condensed import Pencil
 from .cycle import Problem, Unknowns, residual
 from .floquet import floquet_multipliers
+from .free_shifts import pinned
 from .polish import polish, size_of
 from .sequence import NOTHING, Sequence
 
@@ -46,7 +47,7 @@ def cycle_by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, 
         start=z,
         unknowns=polished.unknowns,
         sequence=sequence,
-        multipliers=floquet_multipliers(polished.pencil, sequence.most_held),
+        multipliers=floquet_multipliers(polished.pencil, sequence.most_held, problem.shifts),
         residual=jnp.max(jnp.abs(polished.residual.closing) / size),
     )
     return cycle, _entry(problem, polished.unknowns), polished.first, polished.is_converged
@@ -82,12 +83,14 @@ def cycle_by_map(
 ) -> tuple[Cycle, Array, Array, Bool[Array, ""]]:
     """The same by one step of Newton's method on the stroboscopic map."""
     z, identity, size = guess.z, jnp.eye(len(guess.z)), size_of(problem, guess.z)
-    step = jnp.linalg.solve(identity - jacobian, end - z)
+    step = jnp.linalg.solve(identity - pinned(problem.shifts) - jacobian, end - z)
     cycle = Cycle(
         start=z + step,
         unknowns=Unknowns(z + step, guess.flights),
         sequence=problem.sequence,
-        multipliers=floquet_multipliers(Pencil(jacobian, identity), problem.sequence.most_held),
+        multipliers=floquet_multipliers(
+            Pencil(jacobian, identity), problem.sequence.most_held, problem.shifts
+        ),
         residual=jnp.max(jnp.abs(end - z) / size),
     )
     return cycle, cycle.start, step, jnp.max(jnp.abs(step) / size) < _NEAR[str(size.dtype)]

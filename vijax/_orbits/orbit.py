@@ -29,6 +29,10 @@ class ORBIT_RESULTS(eqx.Enumeration):  # as `RESULTS`
         "left_the_stops: a cycle was found, but no motion of the machine: it passes through a stop, meets one from "
         "behind, or is held where it is pulled. Start from another guess, or with `throw=False` take it for what it is."
     )
+    drifts = (
+        "drifts: nothing holds the masses together along some direction, in which the load has a mean, so that they drift for "
+        "ever. Take that mean away, or hold a mass by a spring."
+    )
     max_events_reached = "max_events_reached: there are more events in so many periods than there is room for. Increase `max_events`."
 
 
@@ -45,7 +49,8 @@ class PeriodicOrbit(eqx.Module):
         events: what happens in one cycle.
         num_impacts: impacts in one cycle, (stops,); of a chatter all that were followed.
         multipliers: Floquet multipliers, (2 n,), complex, the largest magnitude first. Two are zero for every mass that
-            sticks; one is infinite where the orbit grazes.
+            sticks; one is infinite where the orbit grazes; one is 1 for every shift of the masses that no spring and no
+            contact feels.
         is_stable: whether all lie inside of the unit circle.
         is_admissible: whether the machine follows it: run from x0 and v0, it shows the same events.
         residual: what is left of the closing of the cycle, relative to the size of the motion.

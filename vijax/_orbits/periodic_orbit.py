@@ -36,7 +36,8 @@ def periodic_orbit(
 
     The motion is followed from the guess, and Newton's method applied to the equations of the events that it shows:
     impacts, complete chatter, sticking, release, or none. What it finds is followed in its turn, and is an orbit if the
-    same happens.
+    same happens. Where a shift of the masses is felt by no spring and no contact, the orbit is the one at the shift of the
+    guess.
 
     Works under `jax.jit` and `jax.vmap`. Derivatives of the orbit, its events and its multipliers by all numbers of the
     machine, forward and reverse, are those of the implicit function theorem; the guess has none.

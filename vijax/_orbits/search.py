@@ -26,6 +26,7 @@ from .._trajectory.solution import RESULTS, Solution
 from .._types import Reals, Scalar
 from .._xla import is_any
 from .cycle import Problem, Unknowns, prepared
+from .free_shifts import free_shifts
 from .newton import Cycle, cycle_by_map, cycle_by_sequence
 from .polish import size_of
 from .sequence import NOTHING, Sequence, happens_alike, nothing_happens, sequence_of
@@ -175,7 +176,7 @@ def learn(strobe: Strobe, search: Search) -> Search:
     )
     machine, flow = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
     sequence, flights = sequence_of(log, strobe.t0, machine.period)
-    problem = Problem(machine, flow, sequence, strobe.num_periods, strobe.phase)
+    problem = Problem(machine, flow, sequence, strobe.num_periods, strobe.phase, free_shifts(strobe.numbers))
     size = size_of(problem, search.trial)
     is_whole = result == RESULTS.successful
     closing = jnp.where(is_whole, jnp.max(jnp.abs(end - search.trial) / size), jnp.inf)

@@ -28,8 +28,8 @@ def gear_pair(
     m = J / R^2 the teeth press with (M + A m2 cos(W t + phase) / (m1 + m2)) / R1, if there is no drag: they stay in contact while
     A m2 <= M (m1 + m2), and hammer beyond.
 
-    Nothing holds the angle of both gears together: turned by any constant, a motion is another one. `vx.periodic_orbit` and all
-    that start from it need cycles that stand alone, and find these once a weak spring holds a gear, by `stiffness` of the machine.
+    Nothing holds the angle of both gears together: turned by any constant, a motion is another one. `vx.periodic_orbit` finds the
+    one whose angle is that of the guess, with a multiplier 1, and so `is_stable` is False: judge by the others.
 
     Args:
         frequency: angular frequency W of the torque that varies.
