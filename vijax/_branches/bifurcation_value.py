@@ -81,7 +81,7 @@ def _of_machine(defining: Defining, system: ImpactSystem) -> Defining:
     """The defining system of another machine."""
     make = lambda system: (system.num_masses, [stop.slot or (*stop.coefficients,) for stop in system.stops])  # noqa: E731
     (masses, stops), ours = make(defining.family.system), make(system)
-    if ours != (masses, stops) or system.force is not None:
+    if ours != (masses, stops) or not system.force is defining.family.system.force is None:
         raise ValueError(
             f"Argument `system` must be a machine like that of the point, with {masses} masses, no `force` and stops at "
             f"(mass, side) = {stops}."

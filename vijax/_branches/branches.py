@@ -130,5 +130,5 @@ def _states(start: Start) -> np.ndarray:
     x, v = np.split(start.state, 2)
     period = float(start.system.forcing.period)
     ts = start.phase / (2 * np.pi) * period + period * np.arange(start.num_periods)
-    sol = simulate(start.system, ts[0], ts[-1], x, v, ts=ts, throw=False)
+    sol = simulate(start.system, ts[0], ts[-1], x, v, ts=ts, args=start.args, flow=start.flow, throw=False)
     return np.concatenate([sol.xs, sol.vs], axis=1)
