@@ -65,7 +65,7 @@ class Branch:
             raise IndexError(f"The branch has {len(self)} points, so there is no point {k}.")
         attrs = self.points.attrs
         system = self.system or bound(build(json.loads(attrs["system"]), attrs["dtype"]))
-        return _orbit(system, self.points.isel(point=k))
+        return _orbit(jax.tree.map(jnp.asarray, system), self.points.isel(point=k))
 
     def __len__(self) -> int:
         return self.points.sizes["point"]
@@ -212,7 +212,7 @@ def _orbit(system: ImpactSystem, point: xr.Dataset) -> PeriodicOrbit:
     events = _log(numbers_of(system), flow, jax.tree.map(jnp.asarray, sequence), unknowns, float(n), phase)
     multipliers = jnp.asarray(point["multipliers"].values)
     return PeriodicOrbit(
-        system=jax.tree.map(jnp.asarray, system),
+        system=system,
         num_periods=n,
         period=jnp.asarray(n * system.forcing.period),
         phase=jnp.asarray(phase),

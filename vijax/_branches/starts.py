@@ -98,6 +98,27 @@ def _of_dataset(ds: xr.Dataset) -> Iterator[Start]:
         )
 
 
+def value_of(system: ImpactSystem, path: str) -> float:
+    """The value of a parameter that is one number, or for a path with a star the same number everywhere.
+
+    Raises:
+        ValueError: for any other.
+    """
+    values = np.asarray(get_parameter(system, path))
+    if "*" in path and values.ndim == 1:
+        if np.any(values != values[0]):
+            raise ValueError(
+                f"The path `{path}` names {values.tolist()}: numbers that vary together must be equal, as one value is "
+                "given to all."
+            )
+        values = values[0]
+    if values.ndim:
+        raise ValueError(
+            f"The path `{path}` names an array of shape {values.shape}: name one number in it, as in `{path}[0]`."
+        )
+    return float(values)
+
+
 def family_of(start: Start, path: str, low: float, high: float) -> Family:
     """The machines of an orbit along a parameter.
 
@@ -106,11 +127,7 @@ def family_of(start: Start, path: str, low: float, high: float) -> Family:
             follows.
     """
     system = jax.tree.map(np.asarray, with_args(start.system, start.args))
-    value = np.asarray(get_parameter(system, path))
-    if value.ndim:
-        raise ValueError(
-            f"The path `{path}` names an array of shape {value.shape}: name one number in it, as in `{path}[0]`."
-        )
+    value = value_of(system, path)
     if not -np.inf < low < high < np.inf:
         raise ValueError(f"Argument `bounds` must be a lower and a higher value, but is ({low}, {high}).")
     if not low <= value <= high:
@@ -138,7 +155,12 @@ def family_of(start: Start, path: str, low: float, high: float) -> Family:
 def _flow_of(system: ImpactSystem, path: str, wanted: AbstractFlow | None) -> AbstractFlow:
     """The motion of all machines of a family: exact unless they have a `force`."""
     if system.force is not None:
-        return choose_flow(system, can_stick=True, wanted=wanted)
+        flow = choose_flow(system, can_stick=True, wanted=wanted)
+        if type(flow).leap is AbstractFlow.leap:
+            raise ValueError(
+                f"The orbit was found with {type(flow).__name__} as `flow`, which has no `leap`."
+            )
+        return flow
     # Modes are made of known numbers alone.
     changes_modes = path.startswith(("mass", "damping", "stiffness"))
     return TaylorFlow() if changes_modes else choose_flow(system, can_stick=True)
@@ -150,7 +172,7 @@ def points_of(starts: list[Start], families: list[Family]) -> list[Point]:
     for start, family in zip(starts, families, strict=True):
         room_for(start.num_events)  # refuses what has too many
         room = nothing_happens(start.num_events, start.system.num_stops)
-        p = float(np.asarray(get_parameter(family.system, family.path)) / family.span)
+        p = float(value_of(family.system, family.path) / family.span)
         tasks.append(begin(jax.tree.map(np.asarray, room), start.state, p))
     points = drive(families, tasks, lambda: None)
     for k, point in enumerate(points):

@@ -187,7 +187,8 @@ class DiffraxFlow(SteppingFlow):
         is_on = lambda leap: (jnp.abs(leap.left) > 0) & (leap.num_trials < _MOST_TRIALS)  # noqa: E731
         start = _Leap(begin, span, first, nothing, nothing, jnp.array(0))
         end = jax.lax.while_loop(is_on, one, start)
-        return tuple(jnp.where(end.left == 0, a, jnp.nan) for a in (end.displacement, end.gain))
+        is_there = end.left == 0
+        return jnp.where(is_there, end.displacement, jnp.nan), jnp.where(is_there, end.gain, jnp.nan)
 
     def step_by(
         self, machine: Machine, state: State, hold: Held, step: Scalar
