@@ -88,8 +88,8 @@ def test_a_branch_in_a_file_tells_a_force_that_can_be_imported(tmp_path):
     branch = vx.continuation(
         vx.periodic_orbit(system, sol.x1, sol.v1), "force.stiffness", (0.1, 0.3), progress=False
     )
-    assert branch.values.min() == 0.1
-    assert branch.values.max() == 0.3
+    assert branch.values.min() == pytest.approx(0.1, rel=1e-15)
+    assert branch.values.max() == pytest.approx(0.3, rel=1e-15)
     branch.points.to_netcdf(tmp_path / "branch.nc", engine="h5netcdf")
     again = vx.Branch(xr.open_dataset(tmp_path / "branch.nc")).orbit(0)
     np.testing.assert_array_equal(again.x0, branch.orbit(0).x0)
