@@ -127,6 +127,8 @@ def test_branches_side_by_side_are_those_followed_alone(doubled):
         (-1, "forcing.amplitude", (0.1, 0.5), "names an array of shape"),
         (-1, AMPLITUDE, (0.1, 0.3), "does not lie within the bounds"),
         (-1, AMPLITUDE, (0.5, 0.1), "a lower and a higher value"),
+        (-1, AMPLITUDE, (0.1, np.inf), "a lower and a higher value"),
+        (-1, "stops[*].restitution", (0.5, 1.1), "`restitution`"),
         (-1, "forcing.speed", (0.1, 0.5), "names nothing"),
     ],
 )

@@ -8,9 +8,11 @@ import pytest
 from vijax._branches import branch_tests as tests
 from vijax._branches.branch_tests import TESTS_OF_NEIGHBOURS, crossings, margins, num_unstable
 from vijax._branches.correct import Corrected
+from vijax._branches.drive import _asked
 from vijax._branches.family import Place
 from vijax._branches.packed import pack
-from vijax._branches.programs import Seen, padded
+from vijax._branches.point import Full, PlainPoint, Point, side_by_side
+from vijax._branches.programs import MOST_EVENTS, Request, Seen, look, padded
 from vijax._branches.watch import Watched
 from vijax._orbits.sequence import Sequence
 from vijax._trajectory.event_log import IMPACT, RELEASE
@@ -79,3 +81,37 @@ def test_packed_trees_are_unpacked_as_they_were():
         np.testing.assert_array_equal(again[name], a)
         np.testing.assert_array_equal(second[name], a[1])
         assert again[name].dtype == a.dtype
+
+
+def test_points_side_by_side_are_what_each_is_alone():
+    rng = np.random.default_rng(0)
+    sequence = sequence_of(rng, 3)
+    rows = pack(jax.tree.map(lambda *a: np.stack(a), *(seen(rng) for _ in range(3))), has_rows=True)
+    plain = [PlainPoint(sequence, rows, k, float(k)) for k in (2, 0)]
+    few, many = (seen_with_room(rng, room) for room in (ROOM, 2 * ROOM))
+    points = [Point.of(sequence, few, 0.0), plain[0], Point.of(sequence, many, 1.0), plain[1]]
+    together = side_by_side(points)
+    assert together.found.speeds.shape == (4, 2 * ROOM)
+    for k, seen_alone in enumerate([few, rows.at(2).tree(), many, rows.at(0).tree()]):
+        for a, b in zip(jax.tree.leaves(together), jax.tree.leaves(seen_alone), strict=True):
+            own = a[k][tuple(slice(size) for size in np.shape(b))]
+            np.testing.assert_array_equal(own, b)
+            assert np.count_nonzero(a[k]) == np.count_nonzero(own)
+
+
+def seen_with_room(rng: np.random.Generator, room: int) -> Seen:
+    """A cycle with room for so many events."""
+    one = seen(rng)
+    longer = lambda a: np.resize(a, room) if np.shape(a) == (ROOM,) else a  # noqa: E731
+    return jax.tree.map(longer, one)
+
+
+def test_a_branch_that_comes_to_too_many_events_is_told_so():
+    def task():
+        try:
+            yield Request(look, sequence_of(rng, MOST_EVENTS + 1), ())
+        except Full as why:
+            yield Request(look, sequence_of(rng, 3), (str(why),))
+
+    rng = np.random.default_rng(0)
+    assert _asked(task(), None).arguments == ("max_events",)

@@ -81,7 +81,8 @@ def _of_machine(defining: Defining, system: ImpactSystem) -> Defining:
     """The defining system of another machine."""
     make = lambda system: (system.num_masses, [stop.slot or (*stop.coefficients,) for stop in system.stops])  # noqa: E731
     (masses, stops), ours = make(defining.family.system), make(system)
-    if ours != (masses, stops) or system.force is not None:
+    has_force = any(one.force is not None for one in (system, defining.family.system))
+    if ours != (masses, stops) or has_force:
         raise ValueError(
             f"Argument `system` must be a machine like that of the point, with {masses} masses, no `force` and stops at "
             f"(mass, side) = {stops}."

@@ -17,11 +17,12 @@ from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
 from .._orbits.sequence import NOTHING, Sequence
 from .._system.description import build, describe
 from .._system.parameters import set_parameter
-from .._system.system import bound
+from .._system.system import ImpactSystem, bound
 from .._trajectory.event_log import IMPACT
 from .branch_tests import KINDS
 from .family import Family, Place
-from .point import Point, Walk
+from .point import PlainPoint, Point, Walk, side_by_side
+from .programs import Seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +32,12 @@ class Branch:
     Attributes:
         points: a Dataset along `point`, in the order of arclength; `branch.points.to_netcdf(file)` keeps a branch, and
             `vx.Branch(xr.open_dataset(file))` is the same again.
+        system: the machine of its orbits but for the parameter; built from the attributes of `points` if left out, which
+            tell a `force` by where it is imported from.
     """
 
     points: xr.Dataset
+    system: ImpactSystem | None = None
 
     @property
     def path(self) -> str:
@@ -60,7 +64,9 @@ class Branch:
         """The orbit at a point."""
         if not -len(self) <= k < len(self):
             raise IndexError(f"The branch has {len(self)} points, so there is no point {k}.")
-        return _orbit(self.points.isel(point=k))
+        attrs = self.points.attrs
+        system = self.system or bound(build(json.loads(attrs["system"]), attrs["dtype"]))
+        return _orbit(jax.tree.map(jnp.asarray, system), self.points.isel(point=k))
 
     def __len__(self) -> int:
         return self.points.sizes["point"]
@@ -122,13 +128,14 @@ def branch_of(family: Family, start: Point, back: Walk, forth: Walk) -> Branch:
     if forth.end == "closed":
         back = replace(back, points=[], end="closed")
     points = [*back.points[::-1], start, *forth.points]
+    seen = side_by_side(points)
     arcs = [-point.arc for point in back.points[::-1]] + [point.arc for point in [start, *forth.points]]
     columns = {
-        family.path: (("point",), np.array([float(point.place.p * family.span) for point in points])),
+        family.path: (("point",), seen.found.place.p * family.span),
         "arclength": (("point",), np.array(arcs)),
-        **_columns_of_orbits(points),
-        **_columns_of_events(points),
-        "start": (("point", "state"), np.stack([point.place.z * family.scale for point in points])),
+        **_columns_of_orbits(points, seen),
+        **_columns_of_events(points, seen),
+        "start": (("point", "state"), seen.found.place.z * family.scale),
     }
     attrs = {
         "system": json.dumps(describe(family.system)),
@@ -142,29 +149,26 @@ def branch_of(family: Family, start: Point, back: Walk, forth: Walk) -> Branch:
     ds = xr.Dataset(columns, attrs=attrs).set_coords(family.path)
     for name, variable in ds.variables.items():
         variable.attrs = label(str(name))
-    return Branch(ds)
+    return Branch(ds, family.system)
 
 
-def _columns_of_orbits(points: list[Point]) -> dict[str, tuple]:
+def _columns_of_orbits(points: list[Point | PlainPoint], seen: Seen) -> dict[str, tuple]:
     """What each point has once."""
-    founds = [point.seen.found for point in points]
-    start, multipliers = (
-        np.stack(rows) for rows in ([p.seen.start for p in points], [f.multipliers for f in founds])
-    )
-    x0, v0 = np.split(start, 2, axis=1)
+    x0, v0 = np.split(seen.start, 2, axis=1)
+    multipliers = seen.found.multipliers
     return {
         "x0": (("point", "mass"), x0),
         "v0": (("point", "mass"), v0),
         "multipliers": (("point", "multiplier"), multipliers),
         "is_stable": (("point",), np.abs(multipliers[:, 0]) < 1),
         "is_admissible": (("point",), np.array([point.is_admissible for point in points])),
-        "closest_gap": (("point", "stop"), np.stack([point.seen.watched.gap for point in points])),
-        "residual": (("point",), np.array([found.residual for found in founds])),
+        "closest_gap": (("point", "stop"), seen.watched.gap),
+        "residual": (("point",), seen.found.residual),
         "bifurcation": (("point",), np.array([KINDS.get(point.kind, point.kind) for point in points])),
     }
 
 
-def _columns_of_events(points: list[Point]) -> dict[str, tuple]:
+def _columns_of_events(points: list[Point | PlainPoint], seen: Seen) -> dict[str, tuple]:
     """What each point has for every event, with padding."""
     # Most points have the sequence of the one before, the same object.
     sequences = {id(point.sequence): point.sequence for point in points}
@@ -176,15 +180,14 @@ def _columns_of_events(points: list[Point]) -> dict[str, tuple]:
     stop = _rows([one.stop for one in own], room, -1)[which]
     held = _rows([one.held for one in own], room + 1, False)[which]
     is_impact = kind == IMPACT
-    speeds = _rows([point.seen.found.speeds for point in points], room, np.nan)
-    events, flights = ("point", "event"), [point.place.flights for point in points]
+    events, found = ("point", "event"), seen.found
     impacts = is_impact[..., None] & (stop[..., None] == np.arange(num_stops))
     return {
         "num_impacts": (("point", "stop"), np.count_nonzero(impacts, axis=1)),
-        "impact_speed": (events, np.where(is_impact, speeds, np.nan)),
+        "impact_speed": (events, np.where(is_impact, found.speeds[:, :room], np.nan)),
         "event_kind": (events, kind),
         "event_stop": (events, stop),
-        "flight": (events, _rows(flights, room, 0.0)),
+        "flight": (events, np.where(kind != NOTHING, found.place.flights[:, :room], 0.0)),
         "held": (("point", "flight_number", "stop"), held),
     }
 
@@ -198,9 +201,8 @@ def _rows(values: list, room: int, fill: float | int) -> np.ndarray:
     return whole
 
 
-def _orbit(point: xr.Dataset) -> PeriodicOrbit:
+def _orbit(system: ImpactSystem, point: xr.Dataset) -> PeriodicOrbit:
     """The orbit of one point of a branch."""
-    system = bound(build(json.loads(point.attrs["system"]), point.attrs["dtype"]))
     system = set_parameter(system, point.attrs["path"], point[point.attrs["path"]].values)
     sequence = Sequence(
         point["event_kind"].values, np.maximum(point["event_stop"].values, 0), point["held"].values
@@ -211,7 +213,7 @@ def _orbit(point: xr.Dataset) -> PeriodicOrbit:
     events = _log(numbers_of(system), flow, jax.tree.map(jnp.asarray, sequence), unknowns, float(n), phase)
     multipliers = jnp.asarray(point["multipliers"].values)
     return PeriodicOrbit(
-        system=jax.tree.map(jnp.asarray, system),
+        system=system,
         num_periods=n,
         period=jnp.asarray(n * system.forcing.period),
         phase=jnp.asarray(phase),

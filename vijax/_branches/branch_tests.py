@@ -1,6 +1,7 @@
 """Functions of a cycle that change their sign where something happens on a branch."""
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,9 +43,16 @@ def of_meeting(mu: Multipliers) -> Any:
     return _ratio(mu - 1, mu)
 
 
+@cache
+def _pairs(size: int) -> tuple[np.ndarray, np.ndarray]:
+    """The first and the second of all pairs."""
+    first, second = np.triu_indices(size, 1)
+    return first, second
+
+
 def of_pairs(mu: Multipliers) -> Any:
     """Zero where the product of two multipliers is 1."""
-    first, second = np.triu_indices(mu.shape[-1], 1)
+    first, second = _pairs(mu.shape[-1])
     with np.errstate(invalid="ignore"):
         products = mu[..., first] * mu[..., second]
     return _ratio(products - 1, np.where(np.isnan(products), 0, products))

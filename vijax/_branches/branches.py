@@ -8,13 +8,12 @@ import xarray as xr
 
 from .._attractors.cycles import periodic_orbits
 from .._progress import tqdm
-from .._system.parameters import get_parameter
 from .._trajectory.simulate import simulate
 from .._types import Count, whole_number
 from .._xla import padding_allowed
 from .branch import Branch
 from .continuation import continued
-from .starts import Start, starts_of
+from .starts import Start, starts_of, value_of
 from .switch import switch_branch
 
 # An orbit lies on a branch if it is this close to its chord, relative to the length of that.
@@ -94,7 +93,7 @@ def _each_once(
 
 
 def _value(start: Start, path: str) -> float:
-    return float(np.asarray(get_parameter(start.system, path)))
+    return value_of(start.system, path)
 
 
 def _not_on(starts: list[Start], branches: list[Branch]) -> list[Start]:
@@ -130,5 +129,5 @@ def _states(start: Start) -> np.ndarray:
     x, v = np.split(start.state, 2)
     period = float(start.system.forcing.period)
     ts = start.phase / (2 * np.pi) * period + period * np.arange(start.num_periods)
-    sol = simulate(start.system, ts[0], ts[-1], x, v, ts=ts, throw=False)
+    sol = simulate(start.system, ts[0], ts[-1], x, v, ts=ts, args=start.args, flow=start.flow, throw=False)
     return np.concatenate([sol.xs, sol.vs], axis=1)

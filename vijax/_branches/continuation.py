@@ -4,10 +4,13 @@ import warnings
 from collections.abc import Sequence as Many
 from typing import overload
 
+import jax
+import jax.numpy as jnp
 import xarray as xr
 
 from .._orbits.orbit import PeriodicOrbit
 from .._progress import tqdm
+from .._system.parameters import set_parameter
 from .._types import Count, as_known, whole_number
 from .._xla import padding_allowed
 from .branch import Branch, branch_of
@@ -47,12 +50,13 @@ def continuation(
     """Follow a periodic orbit along a parameter, both ways, through all that changes it.
 
     By pseudo-arclength, so that folds are passed; where an impact comes or goes, or two impacts change their order, the
-    sequence of events changes and the branch goes on. Bifurcations on the way are located. Made for 64-bit numbers: with
-    fewer digits a branch may end at a grazing.
+    sequence of events changes and the branch goes on. Bifurcations on the way are located: to rounding, or where the
+    machine has a `force` to the accuracy of the `flow` of the orbit, whose motion is solved flight by flight. Made for
+    64-bit numbers: with fewer digits a branch may end at a grazing.
 
     Args:
         orbit: from which to begin. Several are followed side by side: a list, or what `vx.periodic_orbits` returned.
-        path: the parameter, as in `vx.sweep`.
+        path: the parameter, as in `vx.sweep`; one with a star is one value for all.
         bounds: its lowest and highest value.
         max_points: the most points each way.
         progress: show a bar.
@@ -61,7 +65,8 @@ def continuation(
         The branch, or a list of them.
 
     Raises:
-        ValueError: if the orbit is none, or its value of the parameter does not lie within the bounds.
+        ValueError: if the orbit is none, its value of the parameter does not lie within the bounds, or a bound makes no
+            machine.
 
     Example:
         ```python
@@ -84,9 +89,12 @@ def continued(
     starts: list[Start], path: str, bounds: tuple[float, float], max_points: Count, *, progress: bool
 ) -> list[Branch]:
     """The branches of several orbits, followed side by side."""
-    low, high = (float(as_known(a)) for a in bounds)
+    low, high = _two_numbers(bounds)
     most = whole_number("max_points", max_points, 1)
     families = [family_of(start, path, low, high) for start in starts]
+    for family in families[:1]:  # the others are refused the same values
+        for value in (low, high):
+            set_parameter(jax.tree.map(jnp.asarray, family.system), path, value)
     points = points_of(starts, families)
     walks = [
         Walk(float(family.num_periods), (low / family.span, high / family.span), most)
@@ -105,6 +113,16 @@ def continued(
             warnings.warn("Interrupted: the branches are not complete.", stacklevel=4)
     whole = zip(families, points, walks[::2], walks[1::2], strict=True)
     return [branch_of(family, start, back, forth) for family, start, back, forth in whole]
+
+
+def _two_numbers(bounds: tuple[float, float]) -> tuple[float, float]:
+    try:
+        low, high = (float(as_known(a)) for a in bounds)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"Argument `bounds` must be a lower and a higher value, but is {bounds!r}."
+        ) from error
+    return low, high
 
 
 def _both_ways(starts: list[Point]) -> list[Point]:

@@ -22,8 +22,8 @@ from .plain_steps import (
     known_of,
     next_length,
 )
-from .point import Point
-from .programs import Request, Seen, confirm, look, padded, room_for
+from .point import Full, PlainPoint, Point
+from .programs import MOST_EVENTS, Request, Seen, confirm, look, padded, room_for
 
 # Numbers of branches that programs are compiled for, and from how many on each is worth while. The largest is for
 # cycles of few events alone, as their derivatives take memory.
@@ -45,7 +45,7 @@ def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callabl
     while True:
         for k, reply in replies.items():
             try:
-                asked = tasks[k].send(reply)
+                asked = _asked(tasks[k], reply)
             except StopIteration as end:
                 results[k] = end.value
                 continue
@@ -60,6 +60,14 @@ def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callabl
             return results
         replies = largest.answer()
         tell_progress()
+
+
+def _asked(task: Generator, reply: Any) -> Any:
+    """What a task asks for after a reply; if that has too many events, it is told so, and the others go on."""
+    asked = task.send(reply)
+    while len(asked.sequence.kind) > MOST_EVENTS:
+        asked = task.throw(Full("max_events"))
+    return asked
 
 
 def answer(family: Family, request: Request) -> Any:
@@ -113,7 +121,7 @@ class _Front:
         self.stock, self.room = stock, room
         self.members: list[tuple[int, PlainSteps]] = []
         self.new: list[tuple[int, PlainSteps]] = []
-        self.points: list[Point] = []
+        self.points: list[Point | PlainPoint] = []
         self.state: Any = None
         self.fixed: tuple | None = None
 
@@ -170,13 +178,14 @@ class _Front:
     def _add_points(self, taken: np.ndarray, rows: Packed, arc: np.ndarray) -> None:
         """Add the points of those that have taken a step."""
         for k in np.flatnonzero(taken):
-            self.points[k] = Point.of(self.points[k].sequence, rows.at(k).tree(), float(arc[k]))
+            self.points[k] = PlainPoint(self.points[k].sequence, rows, int(k), float(arc[k]))
             self.members[k][1].walk.points.append(self.points[k])
 
     def _moved_on(self, known: Any, ways: Any, is_left: np.ndarray) -> dict[int, Any]:
         """Keep the others; answers to those that leave."""
         num, gone = len(is_left), np.flatnonzero(is_left)
-        left = {self.members[k][0]: (self.points[k], float(ways.ds[k])) for k in gone}
+        alone = lambda point: point.alone() if isinstance(point, PlainPoint) else point  # noqa: E731
+        left = {self.members[k][0]: (alone(self.points[k]), float(ways.ds[k])) for k in gone}
         for old, new in zip(jax.tree.leaves(self.state), jax.tree.leaves((known, ways)), strict=True):
             old[:num] = new
         if left:

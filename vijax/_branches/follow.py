@@ -17,7 +17,7 @@ from .branch_tests import Test, crossings, tests_of
 from .family import Place
 from .locate import first_event, special_points
 from .plain_steps import SHORTEST, STRAIGHT, PlainSteps, is_sound, next_length
-from .point import TRUSTED, Asked, Ended, Point, Walk, at_parameter, on_plane
+from .point import TRUSTED, Asked, Ended, Full, Point, Walk, at_parameter, on_plane
 from .programs import Followed, Request, confirm, tell, trimmed
 
 # Length of the first step.
@@ -77,6 +77,8 @@ def _whole_step(walk: Walk, point: Point, ds: float) -> Asked:
     while ds >= SHORTEST:
         try:
             step = yield from _step(walk, point, ds)
+        except Full:
+            raise
         except Ended:  # what happens on it could not be located
             step = None
         if step is not None:

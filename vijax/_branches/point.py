@@ -4,10 +4,12 @@ from collections.abc import Generator
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from .._orbits.sequence import Sequence
 from .family import Place
+from .packed import Packed
 from .programs import Followed, Request, Seen, confirm, look, trimmed
 
 # Runs of orbits whose neighbours leave faster than this say nothing.
@@ -53,6 +55,61 @@ class Point(NamedTuple):
         return self._replace(seen=self.seen._replace(found=found._replace(tangent=found.tangent.turned())))
 
 
+class PlainPoint(NamedTuple):
+    """A cycle of a plain step, as one row of what was computed for many: most are never looked at by themselves.
+
+    Attributes:
+        sequence: what happens.
+        rows: what is known of cycles, of this among others.
+        row: which of them it is.
+        arc: as of `Point`.
+    """
+
+    sequence: Sequence
+    rows: Packed
+    row: int
+    arc: float
+
+    @property
+    def kind(self) -> str:
+        """None."""
+        return ""
+
+    @property
+    def is_admissible(self) -> bool:
+        """Else the step would not have been plain."""
+        return True
+
+    def alone(self) -> Point:
+        """The same by itself."""
+        return Point.of(self.sequence, self.rows.at(self.row).tree(), self.arc)
+
+
+def side_by_side(points: list[Point | PlainPoint]) -> Seen:
+    """What is known of points, (points, ...); for events there is room for the most that any of them has."""
+    groups: dict[int, list[int]] = {}
+    for k, point in enumerate(points):
+        make = id(point.rows.layout) if isinstance(point, PlainPoint) else len(point.seen.found.speeds)
+        groups.setdefault(make, []).append(k)
+    parts = [_stacked([points[k] for k in own]) for own in groups.values()]
+
+    def joined(*arrays: np.ndarray) -> np.ndarray:
+        whole = np.zeros((len(points), *np.max([a.shape[1:] for a in arrays], axis=0)), arrays[0].dtype)
+        for own, a in zip(groups.values(), arrays, strict=True):
+            whole[(own, *map(slice, a.shape[1:]))] = a
+        return whole
+
+    return jax.tree.map(joined, *parts)
+
+
+def _stacked(points: list) -> Seen:
+    """The same of points of one kind and room."""
+    if not isinstance(points[0], PlainPoint):
+        return jax.tree.map(lambda *a: np.stack(a), *(point.seen for point in points))
+    rows = zip(*([a[point.row] for a in point.rows.arrays] for point in points), strict=True)
+    return Packed(tuple(np.stack(row) for row in rows), points[0].rows.layout).tree()
+
+
 @dataclass
 class Walk:
     """A branch in one direction, as far as it was followed.
@@ -68,7 +125,7 @@ class Walk:
     num_periods: float
     bounds: tuple[float, float]
     max_points: int
-    points: list[Point] = field(default_factory=list)
+    points: list[Point | PlainPoint] = field(default_factory=list)
     end: str = "interrupted"
 
     @property
@@ -79,6 +136,10 @@ class Walk:
 
 class Ended(Exception):
     """A branch is not followed any further; says why."""
+
+
+class Full(Ended):
+    """A cycle has more events than there is room for."""
 
 
 def at_parameter(sequence: Sequence, guess: Place, p: float) -> Asked:

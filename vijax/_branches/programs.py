@@ -22,6 +22,7 @@ from .watch import Watched, watch
 
 # Numbers of events of a cycle that programs are compiled for.
 _ROOMS = 16, 64, 256, 1024
+MOST_EVENTS = _ROOMS[-1]
 
 
 class Seen(NamedTuple):
@@ -129,13 +130,15 @@ def room_for(num_events: int) -> int:
     """The padded number of events."""
     room = next((room for room in _ROOMS if room >= num_events), None)
     if room is None:
-        raise ValueError(f"A branch came to a cycle of {num_events} events, and {_ROOMS[-1]} are the most.")
+        raise ValueError(f"A branch came to a cycle of {num_events} events, and {MOST_EVENTS} are the most.")
     return room
 
 
 def padded(sequence: Sequence, arguments: tuple, room: int) -> tuple:
     """A sequence, and arguments with the places among them, with padding."""
     more = room - len(sequence.kind)
+    if not more:
+        return sequence, *arguments
     kind = np.append(sequence.kind, np.full(more, NOTHING))
     held = np.concatenate([sequence.held, np.repeat(sequence.held[-1:], more, axis=0)])
     long = Sequence(kind, np.append(sequence.stop, np.zeros(more, int)), held)

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from .._flow.choose import choose_flow
+from .._flow.interface import AbstractFlow
 from .._flow.taylor import TaylorFlow
 from .._machine.numbers import numbers_of
 from .._orbits.free_shifts import free_shifts
@@ -21,6 +22,7 @@ from .drive import drive
 from .family import Family
 from .follow import begin
 from .point import Point
+from .programs import room_for
 
 # Events of a cycle beside its impacts for which there is room at first.
 _OTHERS = 32
@@ -32,6 +34,7 @@ class Start(NamedTuple):
     Attributes:
         system: the machine.
         args: of its force.
+        flow: by which its motion was followed, if one was asked for.
         num_periods: n.
         phase: of the load where it begins, in radians.
         state: positions and velocities there, (2 n,).
@@ -41,6 +44,7 @@ class Start(NamedTuple):
 
     system: ImpactSystem
     args: object
+    flow: AbstractFlow | None
     num_periods: int
     phase: float
     state: np.ndarray
@@ -59,6 +63,7 @@ def starts_of(source: PeriodicOrbit | Many[PeriodicOrbit] | xr.Dataset) -> list[
         Start(
             system=orbit.system,
             args=orbit.args,
+            flow=orbit.flow,
             num_periods=orbit.num_periods,
             phase=float(orbit.phase),
             state=np.concatenate([np.asarray(orbit.x0), np.asarray(orbit.v0)]),
@@ -85,6 +90,7 @@ def _of_dataset(ds: xr.Dataset) -> Iterator[Start]:
         yield Start(
             system=unbound(jax.tree.map(lambda a, k=k: a[..., min(k, a.shape[-1] - 1)], machines)),
             args=None,
+            flow=None,
             num_periods=int(num_periods[k]),
             phase=0.0,
             state=state,
@@ -93,24 +99,37 @@ def _of_dataset(ds: xr.Dataset) -> Iterator[Start]:
         )
 
 
+def value_of(system: ImpactSystem, path: str) -> float:
+    """The value of a parameter that is one number, or for a path with a star the same number everywhere.
+
+    Raises:
+        ValueError: for any other.
+    """
+    values = np.asarray(get_parameter(system, path))
+    if "*" in path and values.ndim == 1:
+        if np.any(values != values[0]):
+            raise ValueError(
+                f"The path `{path}` names {values.tolist()}: numbers that vary together must be equal, as one value is "
+                "given to all."
+            )
+        values = values[0]
+    if values.ndim:
+        raise ValueError(
+            f"The path `{path}` names an array of shape {values.shape}: name one number in it, as in `{path}[0]`."
+        )
+    return float(values)
+
+
 def family_of(start: Start, path: str, low: float, high: float) -> Family:
     """The machines of an orbit along a parameter.
 
     Raises:
-        ValueError: for a path that names no single number, bounds that leave the orbit out, a machine with a `force`,
-            an orbit that no machine follows.
+        ValueError: for a path that names no single number, bounds that leave the orbit out, an orbit that no machine
+            follows.
     """
     system = jax.tree.map(np.asarray, with_args(start.system, start.args))
-    if system.force is not None:
-        raise ValueError(
-            "Branches are those of machines without a `force`: only their motion is known over whole flights."
-        )
-    value = np.asarray(get_parameter(system, path))
-    if value.ndim:
-        raise ValueError(
-            f"The path `{path}` names an array of shape {value.shape}: name one number in it, as in `{path}[0]`."
-        )
-    if not low < high:
+    value = value_of(system, path)
+    if not -np.inf < low < high < np.inf:
         raise ValueError(f"Argument `bounds` must be a lower and a higher value, but is ({low}, {high}).")
     if not low <= value <= high:
         raise ValueError(
@@ -120,14 +139,12 @@ def family_of(start: Start, path: str, low: float, high: float) -> Family:
         raise ValueError(
             "A branch begins with an orbit that the machine follows, but this one is not admissible."
         )
-    # Modes are made of known numbers alone.
-    changes_modes = path.startswith(("mass", "damping", "stiffness"))
     numbers, (x, v) = numbers_of(system), np.split(start.state, 2)
     sizes = np.abs(x).max(), np.abs(v).max() / numbers.frequency, np.abs(numbers.limit).max(initial=0)
     length = max(float(max(sizes)), np.finfo(x.dtype).tiny)
     return Family(
         system=system,
-        flow=jax.tree.map(np.asarray, TaylorFlow() if changes_modes else choose_flow(system, can_stick=True)),
+        flow=jax.tree.map(np.asarray, _flow_of(system, path, start.flow)),
         num_periods=np.asarray(start.num_periods, x.dtype),
         phase=np.asarray(start.phase / (2 * np.pi), x.dtype),
         scale=np.repeat(length * np.array([1.0, float(numbers.frequency)]), len(x)).astype(x.dtype),
@@ -137,12 +154,27 @@ def family_of(start: Start, path: str, low: float, high: float) -> Family:
     )
 
 
+def _flow_of(system: ImpactSystem, path: str, wanted: AbstractFlow | None) -> AbstractFlow:
+    """The motion of all machines of a family: exact unless they have a `force`."""
+    if system.force is not None:
+        flow = choose_flow(system, can_stick=True, wanted=wanted)
+        if type(flow).leap is AbstractFlow.leap:
+            raise ValueError(
+                f"The orbit was found with {type(flow).__name__} as `flow`, which has no `leap`."
+            )
+        return flow
+    # Modes are made of known numbers alone.
+    changes_modes = path.startswith(("mass", "damping", "stiffness"))
+    return TaylorFlow() if changes_modes else choose_flow(system, can_stick=True)
+
+
 def points_of(starts: list[Start], families: list[Family]) -> list[Point]:
     """The points at which the branches begin."""
     tasks = []
     for start, family in zip(starts, families, strict=True):
+        room_for(start.num_events)  # refuses what has too many
         room = nothing_happens(start.num_events, start.system.num_stops)
-        p = float(np.asarray(get_parameter(family.system, family.path)) / family.span)
+        p = float(value_of(family.system, family.path) / family.span)
         tasks.append(begin(jax.tree.map(np.asarray, room), start.state, p))
     points = drive(families, tasks, lambda: None)
     for k, point in enumerate(points):

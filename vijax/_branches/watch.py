@@ -189,7 +189,8 @@ def _refined(
 def _read(machine: Machine, flow: AbstractFlow, begin: Moment, held: Array, since: Array) -> _Reading:
     """The motion some forcing periods after the last event."""
     x, v, phase, _ = leap(machine, flow, begin, held, since)
-    state = resting_state(machine, phase, jnp.split(begin.z, 2)[0] + x, v, held)
+    x, time = jnp.split(begin.z, 2)[0] + x, (begin.time + since) * machine.period
+    state = resting_state(machine, phase, x, v, held, time)
     hold = machine.hold(held)
     now = derivatives(machine, state, hold)
     speed, speed_rate, _ = approaches(machine, state, now)

@@ -159,11 +159,16 @@ class SteppingFlow(AbstractFlow):
 
     def _try(self, machine: Machine, state: State, hold: Held, remaining: Scalar) -> Trial:
         memory = state.memory
-        fastest = machine.waves.num_harmonics * machine.frequency
-        longest = TRUST_AND_TERMS[str(remaining.dtype)][0] / jnp.where(fastest > 0, fastest, 1e-9)
-        wanted = jnp.minimum(jnp.where(memory.step > 0, memory.step, self.first_step(machine)), longest)
+        first = jnp.where(memory.step > 0, memory.step, self.first_step(machine))
+        wanted = jnp.minimum(first, longest_step(machine))
         step = jnp.minimum(jnp.minimum(wanted, memory.cut), remaining)
         return Trial(self.attempt(machine, state, hold, step), step, wanted)
+
+
+def longest_step(machine: Machine) -> Scalar:
+    """The longest step for which `phase_change` is good."""
+    fastest = machine.waves.num_harmonics * machine.frequency
+    return TRUST_AND_TERMS[str(machine.rate.dtype)][0] / jnp.where(fastest > 0, fastest, 1e-9)
 
 
 def _clearance(

@@ -14,7 +14,7 @@ contact force inside the step.
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import diffrax
 import equinox as eqx
@@ -25,20 +25,34 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from .._machine.contacts import Held
 from .._machine.machine import Machine
-from .._machine.state import State
+from .._machine.state import State, remembering
 from .._types import Scalar, as_float
 from .._xla import compute_once
-from .approximate_step import Attempt, SteppingFlow
+from .approximate_step import Attempt, SteppingFlow, longest_step
 from .bernstein import nodes
 from .clearance import Inside, phase_change
+from .exact_step import displaced
 from .explicit_step import explicit_step
 
 # Gains of positions, velocities, and pushes.
 _Gains = tuple[Array, Array, Array | None]
 
+# The most steps of a leap that are tried: more are those of a guess gone astray, for which nothing else waits.
+_MOST_TRIALS = 10_000
 # Range of possible degrees of dense outputs; those of diffrax go from 3 to 6.
 _LEAST, _MOST = 3, 8
 _TOLERANCES = {"float64": (1e-10, 1e-12), "float32": (1e-5, 1e-6)}
+
+
+class _Leap(NamedTuple):
+    """A leap on its way: where it is, what is left of the time, the next step, what was gained, and steps so far."""
+
+    state: State
+    left: Scalar
+    step: Scalar
+    displacement: Array
+    gain: Array
+    num_trials: Array
 
 
 class DiffraxFlow(SteppingFlow):
@@ -106,7 +120,13 @@ class DiffraxFlow(SteppingFlow):
 
     def attempt(self, machine: Machine, state: State, hold: Held, step: Scalar) -> Attempt:
         """Try one step."""
-        (displacement, gain, _), error, inside = self._step(machine, state, hold, step, "lax")
+        return self._judged(state, hold, step, machine, self._step(machine, state, hold, step, "lax"))
+
+    def _judged(
+        self, state: State, hold: Held, step: Scalar, machine: Machine, found: tuple[_Gains, _Gains, _Gains]
+    ) -> Attempt:
+        """A step of which the controller says whether it is accurate enough."""
+        (displacement, gain, _), error, inside = found
         zero = jnp.zeros_like(step)
         # The gain of a held mass is no part of the motion.
         error = (error[0], machine.contacts.gained(error[1], hold))
@@ -120,6 +140,55 @@ class DiffraxFlow(SteppingFlow):
         following = jnp.where(is_finite, stop - begin, step / 4)
         control = jax.tree.map(lambda a, old: jnp.asarray(a, old.dtype), control, state.memory.control)
         return Attempt(displacement, gain, Inside(*inside), is_finite & keep, following, control)
+
+    def leap(
+        self,
+        machine: Machine,
+        state: State,
+        hold: Held,
+        span: Scalar,
+        change: Float[Array, "2 harmonics"],
+    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """Go a whole flight ahead, or back, by as many steps as their accuracy asks for; NaN if there are too many.
+
+        Differentiable forwards. Lengths of steps are constants, but for the last: the derivatives are those of the motion
+        as it is computed.
+        """
+        del change
+        still, longest = jax.lax.stop_gradient, longest_step(machine)
+        # In programs that leap, compiling takes longer than running: stages are a loop.
+        solver = eqx.tree_at(lambda s: s.scan_kind, self.solver, "lax", is_leaf=lambda leaf: leaf is None)
+
+        def one(leap: _Leap) -> _Leap:
+            here, is_last = leap.state, jnp.abs(leap.left) <= leap.step
+            step = jnp.where(is_last, leap.left, jnp.copysign(leap.step, leap.left))
+            attempt = self._judged(here, hold, step, machine, _by_diffrax(solver, machine, here, hold, step))
+            gain = machine.contacts.gained(attempt.gain, hold)
+            phase = phase_change(machine, here.phase, step)
+            moved = displaced(machine, here, attempt.displacement, here.v + gain, phase, step)
+            taken = _Leap(
+                moved,
+                jnp.where(is_last, 0, leap.left - step),
+                leap.step,
+                leap.displacement + attempt.displacement,
+                leap.gain + gain,
+                leap.num_trials,
+            )
+            found = jax.tree.map(lambda a, b: jnp.where(attempt.is_good, a, b), taken, leap)
+            memory = eqx.tree_at(lambda m: m.control, here.memory, still(attempt.control))
+            return found._replace(
+                state=remembering(found.state, memory),
+                step=jnp.minimum(still(jnp.abs(attempt.following)), longest),
+                num_trials=leap.num_trials + 1,
+            )
+
+        begin, nothing = remembering(state, self.memory(jnp.zeros_like(span))), jnp.zeros_like(state.x)
+        first = still(jnp.minimum(self.first_step(machine), longest))
+        is_on = lambda leap: (jnp.abs(leap.left) > 0) & (leap.num_trials < _MOST_TRIALS)  # noqa: E731
+        start = _Leap(begin, span, first, nothing, nothing, jnp.array(0))
+        end = jax.lax.while_loop(is_on, one, start)
+        is_there = end.left == 0
+        return jnp.where(is_there, end.displacement, jnp.nan), jnp.where(is_there, end.gain, jnp.nan)
 
     def step_by(
         self, machine: Machine, state: State, hold: Held, step: Scalar
@@ -160,22 +229,33 @@ class DiffraxFlow(SteppingFlow):
         self, machine: Machine, state: State, hold: Held, step: Scalar, loop: str
     ) -> tuple[_Gains, _Gains, _Gains]:
         """Gains of positions, velocities and pushes, their errors, and the gains at the nodes of `bernstein.py`."""
-        degree, args = degree_inside(self.solver), (machine, state, hold)
-        pushes = jnp.zeros_like(state.gap) if machine.contacts.is_coupled else None
-        nothing = jnp.zeros_like(state.x), jnp.zeros_like(state.v), pushes
         if isinstance(self.solver, diffrax.AbstractERK):
-            field = lambda time, gains: compute_once(_field, time, gains, args)  # noqa: E731
-            end, error, inside = explicit_step(self.solver, field, nothing, step, degree)
+            field = lambda time, gains: compute_once(_field, time, gains, (machine, state, hold))  # noqa: E731
+            nothing = _nothing_gained(machine, state)
+            end, error, inside = explicit_step(self.solver, field, nothing, step, degree_inside(self.solver))
             return end, error, jax.tree.map(lambda *a: jnp.stack(a), *inside)
         solver = eqx.tree_at(lambda s: s.scan_kind, self.solver, loop, is_leaf=lambda leaf: leaf is None)
-        term, zero = diffrax.ODETerm(_field), jnp.zeros_like(step)
-        memory = solver.init(term, zero, step, nothing, args)
-        if memory is not None:  # A method whose last stage is the first of the next step needs that stage.
-            memory = (False, _field(zero, nothing, args))
-        end, error, dense, _, _ = solver.step(term, zero, step, nothing, args, memory, made_jump=False)
-        # A Runge-Kutta method keeps slopes times the step: on [0, 1] its dense output is a constant matrix.
-        path = solver.interpolation_cls(t0=0.0, t1=1.0, **dense)
-        return end, error, jax.vmap(path.evaluate)(jnp.asarray(nodes(degree), step.dtype))
+        return _by_diffrax(solver, machine, state, hold, step)
+
+
+def _nothing_gained(machine: Machine, state: State) -> _Gains:
+    pushes = jnp.zeros_like(state.gap) if machine.contacts.is_coupled else None
+    return jnp.zeros_like(state.x), jnp.zeros_like(state.v), pushes
+
+
+def _by_diffrax(
+    solver: Any, machine: Machine, state: State, hold: Held, step: Scalar
+) -> tuple[_Gains, _Gains, _Gains]:
+    """What `DiffraxFlow._step` returns, by the method as diffrax has it."""
+    nothing, args, zero = _nothing_gained(machine, state), (machine, state, hold), jnp.zeros_like(step)
+    term = diffrax.ODETerm(_field)
+    memory = solver.init(term, zero, step, nothing, args)
+    if memory is not None:  # A method whose last stage is the first of the next step needs that stage.
+        memory = (False, _field(zero, nothing, args))
+    end, error, dense, _, _ = solver.step(term, zero, step, nothing, args, memory, made_jump=False)
+    # A Runge-Kutta method keeps slopes times the step: on [0, 1] its dense output is a constant matrix.
+    path = solver.interpolation_cls(t0=0.0, t1=1.0, **dense)
+    return end, error, jax.vmap(path.evaluate)(jnp.asarray(nodes(degree_inside(solver)), step.dtype))
 
 
 def degree_inside(solver: Any) -> int:

@@ -69,8 +69,8 @@ class AbstractFlow(eqx.Module):
     has to remember from step to step, it keeps in `State.memory`, which `memory` begins. A motion that is
     affine in positions and velocities says so by `is_linear`; one whose steps are made of arithmetic,
     comparisons and choices alone, which compile into one kernel (see `in_one_kernel`), by `fits_one_kernel`;
-    one that has a `leap` once it is prepared, by `can_leap`, and if that loses no digits however far it goes, by
-    `leaps_far`.
+    one that has an exact `leap` once it is prepared, by `can_leap`, and if that loses no digits however far it goes, by
+    `leaps_far`. (An approximate one serves branches, but no search: it is not the map that `fly` computes, to the last bit.)
     """
 
     is_linear: ClassVar[bool] = False
@@ -107,10 +107,11 @@ class AbstractFlow(eqx.Module):
         span: Scalar,
         change: Float[Array, "2 harmonics ..."],
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
-        """Go a whole flight ahead at once, whatever the stops say, if the motion `can_leap`.
+        """Go a whole flight ahead, whatever the stops say, or back for a negative span.
 
-        Differentiable both ways by all its arguments, and exact relative to itself however short the flight; a long
-        one may lose as many digits as its phase has before the point, unless `leaps_far`.
+        If the motion `can_leap`, at once, differentiable both ways by all its arguments, and exact relative to itself however
+        short the flight; a long one may lose as many digits as its phase has before the point, unless `leaps_far`.
+        Otherwise to the accuracy of its steps, differentiable forwards.
 
         Args:
             machine: the numbers of the machine.

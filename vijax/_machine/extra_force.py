@@ -32,7 +32,10 @@ class ExtraForce(eqx.Module):
         return over_lanes(lambda force, t, x, v: force(t, x, v), x, self.force, t, x, v)
 
     def rate(self, t: Scalar, x: Float[Array, "n ..."], v: Float[Array, "n ..."], mass: Array) -> Scalar:
-        """An estimate, from one state, of the frequency or decay rate it adds to the motion."""
+        """An estimate, from one state, of the frequency or decay rate it adds to the motion; a constant.
+
+        Its derivatives, infinite where a force has no slope, would be those of lengths of steps.
+        """
 
         def of_one(force, t, x, v, mass):
             by_x, by_v = jax.jacfwd(force, (1, 2))(t, x, v)
@@ -40,4 +43,4 @@ class ExtraForce(eqx.Module):
             w2, d = (jnp.linalg.norm(a / (root[:, None] * root[None])) for a in (by_x, by_v))
             return (d + jnp.sqrt(d * d + 4 * w2)) / 2
 
-        return over_lanes(of_one, x, self.force, t, x, v, mass)
+        return jax.lax.stop_gradient(over_lanes(of_one, x, self.force, t, x, v, mass))

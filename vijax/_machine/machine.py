@@ -159,13 +159,14 @@ def resting_state(
     x: Float[Array, "n ..."],
     v: Float[Array, "n ..."],
     held: Bool[Array, "stops ..."],
+    time: Scalar | None = None,
 ) -> State:
-    """A state at local time 0, no contact just left."""
+    """A state at a local time, 0 if left out, no contact just left."""
     gap = machine.contacts.gaps(x, phase)
     zero = jnp.zeros(x.shape[1:], x.dtype)
     return State(
         periods=jnp.zeros(zero.shape, int),
-        time=zero,
+        time=zero if time is None else time,
         time_low=zero,
         phase=phase,
         x=x,

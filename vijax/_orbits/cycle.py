@@ -179,7 +179,7 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns) -> EventLog:
         hit = (jnp.arange(contacts.num) == event.stop) & (event.kind == IMPACT)
         stuck, left = event.held_after & ~event.held, event.held & ~event.held_after
         x, v = rebound(machine, end, hit, event.held & event.held_after)
-        state, hold = resting_state(machine, end.phase, x, v, event.held), machine.hold(event.held)
+        state, hold = resting_state(machine, end.phase, x, v, event.held, end.time), machine.hold(event.held)
         now = rates(machine, state, hold)
         pull, speed = contacts.pull(now.force, hold, end.phase), machine.approach(state)
         chatter = jnp.where(stuck, chatter_time(jnp.abs(speed), pull, contacts.restitution), 0)
@@ -253,7 +253,7 @@ def fly(
     x = before + x
     time = place.time + duration
     at_event = jnp.arange(contacts.num) == event.stop
-    end = resting_state(machine, phase, x, v, event.held)
+    end = resting_state(machine, phase, x, v, event.held, time * machine.period)
     pressing = contacts.pressing(machine.total_force(end), machine.hold(event.held), phase)
     read = lambda of_stops: jnp.sum(jnp.where(at_event, of_stops, 0))  # noqa: E731
     is_impact = event.kind == IMPACT
@@ -278,7 +278,7 @@ def leap(
     turn, slide = -2 * half**2, phase_at(angle, num_harmonics)[1]
     change = turned(phase, jnp.stack([turn, slide]))
     x, v = jnp.split(place.z, 2)
-    state = resting_state(machine, phase, x, v, held)
+    state = resting_state(machine, phase, x, v, held, place.time * machine.period)
     hold = machine.hold(held)
     displacement, gain = flow.leap(machine, state, hold, duration * machine.period, change)
     return displacement, v + gain, phase + change, change
