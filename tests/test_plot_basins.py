@@ -19,6 +19,8 @@ import vijax as vx
 
 # What two colours differ by in one of red, green and blue, from 0 to 1, to be told apart on a screen.
 COLOUR_STEP = 0.15
+# What two greys must differ by, from black 0 to white 1, to be told apart in print.
+GREY_STEP = 0.06
 MOTIONS = ("non_impacting", "periodic", "chattering", "non_periodic", "not_settled", "failed")
 RIGHT, UP = "v0[0]", "x0[1]"
 
@@ -119,7 +121,10 @@ def test_attractors_beyond_those_with_a_colour_are_others():
     patches = [patch.get_facecolor()[:3] for patch in ax.get_legend().get_patches()]
     apart = np.abs(np.array(patches)[:, None] - np.array(patches)[None]).max(axis=2)
     assert (apart + np.eye(len(patches))).min() > COLOUR_STEP
-    # Black points with white edges are seen on all of them.
+    # A printer without colour tells them apart, the first ones best, and black points with white edges are seen on all.
+    greys = [*map(grey, patches)]
+    assert np.diff(sorted(greys)).min() > GREY_STEP
+    assert np.diff(sorted(greys[:4])).min() > 2 * GREY_STEP
     assert min(map(grey, patches)) > 0.3
     assert words_of_legend(vx.plot.basins(basins(label, 10), max_attractors=1))[1:] == ["other"]
 

@@ -9,6 +9,7 @@ from matplotlib import cbook
 from matplotlib.artist import Artist
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.lines import Line2D
+from matplotlib.markers import MarkerStyle
 
 # Curves that a printer without colour makes equally grey differ in their strokes.
 STROKES = ("-", (0, (6, 1.5)), (0, (4, 1, 1, 1)), (0, (2, 1)))
@@ -16,17 +17,32 @@ STROKES = ("-", (0, (6, 1.5)), (0, (4, 1, 1, 1)), (0, (2, 1)))
 _LIGHTNESS = np.array([0.299, 0.587, 0.114])
 # By how much greys of curves differ that are told apart, of 1 from black to white.
 _TOLD_APART = 0.15
+# From the darkest to the lightest of points that lightness tells apart.
+_LADDER = (0.1, 0.75)
 
 
 def styled(style: Mapping[str, Any], kind: type[Artist] = Line2D, /, **own: Any) -> dict[str, Any]:
     """What matplotlib is told: what the user says, by any of its names for it, else our own choice."""
-    return own | cbook.normalize_kwargs(dict(style), kind)
+    given = cbook.normalize_kwargs(dict(style), kind)
+    if not MarkerStyle(given.get("marker") or "o").is_filled():
+        own.pop("markeredgewidth", None)  # of a cross there would be nothing left
+    return own | given
 
 
 def of_curves(count: int) -> np.ndarray:
     """The first colours of the style in use, again from its beginning where it has fewer."""
     cycle = [to_rgb(one) for one in plt.rcParams["axes.prop_cycle"].by_key().get("color", ["C0"])]
     return np.array([(*cycle[k % len(cycle)], 1.0) for k in range(count)]).reshape(-1, 4)
+
+
+def of_points(count: int) -> np.ndarray:
+    """Colours of small points: those of the style, lighter or darker if a printer without colour would mix them up."""
+    colors = of_curves(count)
+    if _are_apart(colors):
+        return colors
+    ends = [1 - end for end in _LADDER] if is_dark() else _LADDER
+    colors[:, :3] = [with_lightness(*one) for one in zip(colors, np.linspace(*ends, count), strict=True)]
+    return colors
 
 
 def of_order(count: int) -> np.ndarray:
@@ -70,6 +86,11 @@ def strokes_of(colors: np.ndarray) -> list:
     """Strokes of curves of these colours: those of the style in use, else unbroken ones if grey tells them apart."""
     count = len(colors)
     of_style = plt.rcParams["axes.prop_cycle"].by_key().get("linestyle")
-    greys = np.sort([lightness_of(color[:3]) for color in colors])
-    strokes = of_style or (STROKES[:1] if np.all(np.diff(greys) >= _TOLD_APART) else STROKES)
+    strokes = of_style or (STROKES[:1] if _are_apart(colors) else STROKES)
     return [strokes[k % len(strokes)] for k in range(count)]
+
+
+def _are_apart(colors: np.ndarray) -> bool:
+    """Whether grey tells colours apart."""
+    greys = np.sort([lightness_of(color[:3]) for color in colors])
+    return bool(np.all(np.diff(greys) >= _TOLD_APART))
