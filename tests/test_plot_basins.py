@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from drawings import grey, words_of_legend
-from matplotlib.collections import QuadMesh
+from matplotlib.collections import PolyCollection, QuadMesh
 from matplotlib.colors import same_color
 from matplotlib.lines import Line2D
 
@@ -81,6 +81,18 @@ def test_every_start_has_the_colour_of_its_attractor(style):
                 name = names[int(ds.label.sel({RIGHT: right, UP: up}))]
                 cell = cells[tuple(np.round((right, up), 9))]
                 assert same_color(cell, color_of_entry(ax, name))
+
+
+def test_starts_that_lead_to_no_known_attractor_are_hatched_in_the_plane_and_the_legend():
+    ax = vx.plot.basins(basins(PLANE))
+    (hatched,) = (c for c in ax.collections if isinstance(c, PolyCollection) and c.get_hatch())
+    (cell,) = hatched.get_paths()
+    # The last of the first row: v0[0] from 0.375 to 0.625, x0[1] from 5/12 to 7/12.
+    assert cell.get_extents().extents == pytest.approx((0.375, 5 / 12, 0.625, 7 / 12))
+    assert [patch.get_hatch() for patch in ax.get_legend().get_patches()] == [None] * 3 + [
+        hatched.get_hatch()
+    ]
+    assert not [c for c in vx.plot.basins(basins(np.abs(PLANE))).collections if c.get_hatch()]
 
 
 def test_axes_and_legend_say_what_is_drawn():

@@ -257,7 +257,7 @@ def _draw_points(
 def _draw_legend(layers: list[_Layer], ax: Axes) -> None:
     """What the colours mean, and the marks that there are at any stop."""
     present = np.concatenate([layer.ds["stability"].values.ravel() for layer in layers])
-    sample = layers[0]._replace(color=ink(), size=_MIDDLE)
+    sample = layers[0]._replace(color=ink(), size=min(layer.size for layer in layers if layer.is_swept))
     for stability in (STABLE, UNSTABLE):
         if stability in present and (words := once(ax, _MARKS[stability][-1])):
             _draw_points(ax, np.empty(0), np.empty(0), stability, sample, {}, words)
