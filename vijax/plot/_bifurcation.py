@@ -40,7 +40,7 @@ _LARGE, _MIDDLE, _SMALL, _OVER = 4.0, 2.0, 1.8, 3.0
 # Values that points of these sizes make a line of; of fewer the points are larger, up to so much.
 _LINE, _LARGER = 400, 2.0
 # Of a colour of the style how much is left on the way down, unless it is as far from the ink as this already.
-_LEFT, _APART = 0.75, 0.3
+_LEFT, _APART = 0.6, 0.3
 # By the stability of the orbit: the marker, by how much it is larger, the width of its edge, and its words.
 _MARKS = {
     UNKNOWN: (".", 1.0, 0.0, ""),
