@@ -92,6 +92,11 @@ def test_curves_of_one_lightness_differ_in_their_strokes(sticking):
     assert [line.get_linestyle() for line in lines] == ["-", "--"]
 
 
+def test_curves_of_one_colour_differ_in_their_strokes_too(sticking):
+    lines = vx.plot.time_series(sticking, num_samples=SAMPLES, color="red").lines[:2]
+    assert [line.get_linestyle() for line in lines] == ["-", "--"]
+
+
 def test_every_picture_takes_a_look(sticking):
     look = {"color": "red", "lw": 3.0, "label": "mine"}
     drawn = [

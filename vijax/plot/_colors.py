@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib import cbook
 from matplotlib.artist import Artist
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.colors import to_hex, to_rgb, to_rgba_array
 from matplotlib.lines import Line2D
 from matplotlib.markers import MarkerStyle
 
@@ -82,12 +82,13 @@ def is_dark() -> bool:
     return lightness_of(plt.rcParams["axes.facecolor"]) < 0.5
 
 
-def strokes_of(colors: np.ndarray) -> list:
-    """Strokes of curves of these colours: those of the style in use, else unbroken ones if grey tells them apart."""
-    count = len(colors)
+def looks_of(count: int, style: Mapping[str, Any]) -> list[tuple[np.ndarray, Any]]:
+    """Colours and strokes of curves, unbroken ones if grey tells them apart, as it does not if the user gives all one colour."""
+    color = styled(style).get("color")
+    colors = of_curves(count) if color is None else to_rgba_array([color] * count)
     of_style = plt.rcParams["axes.prop_cycle"].by_key().get("linestyle")
     strokes = of_style or (STROKES[:1] if _are_apart(colors) else STROKES)
-    return [strokes[k % len(strokes)] for k in range(count)]
+    return [(own, strokes[k % len(strokes)]) for k, own in enumerate(colors)]
 
 
 def _are_apart(colors: np.ndarray) -> bool:
