@@ -39,6 +39,8 @@ _WAYS = ("down", "up")
 _LARGE, _MIDDLE, _SMALL, _OVER = 4.0, 2.0, 1.8, 3.0
 # Values that points of these sizes make a line of; of fewer the points are larger, up to so much.
 _LINE, _LARGER = 400, 2.0
+# Of the points of a sweep in the legend, however small they are drawn.
+_IN_LEGEND = 5.0
 # Of a colour of the style how much is left on the way down, unless it is as far from the ink as this already.
 _LEFT, _APART = 0.6, 0.3
 # By the stability of the orbit: the marker, by how much it is larger, the width of its edge, and its words.
@@ -262,4 +264,4 @@ def _draw_legend(layers: list[_Layer], ax: Axes) -> None:
         if stability in present and (words := once(ax, _MARKS[stability][-1])):
             _draw_points(ax, np.empty(0), np.empty(0), stability, sample, {}, words)
     if len(ax.get_legend_handles_labels()[0]) > 1:
-        legend_above(ax, markerscale=2.5)
+        legend_above(ax, markerscale=_IN_LEGEND / sample.size)

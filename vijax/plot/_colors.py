@@ -40,8 +40,11 @@ def of_points(count: int) -> np.ndarray:
     colors = of_curves(count)
     if _are_apart(colors):
         return colors
-    ends = [1 - end for end in _LADDER] if is_dark() else _LADDER
-    colors[:, :3] = [with_lightness(*one) for one in zip(colors, np.linspace(*ends, count), strict=True)]
+    ladder = np.linspace(_LADDER[0], _LADDER[1], count)
+    lightness = 1 - ladder if is_dark() else ladder
+    colors[:, :3] = [
+        with_lightness(own[:3], one) for own, one in zip(colors, lightness.tolist(), strict=True)
+    ]
     return colors
 
 
