@@ -17,7 +17,10 @@ from ._motions import HATCHES, heading, not_known, other
 # tells them apart, the first ones best; light enough for black points, dark enough for white edges.
 _HUES = ("#0072b2", "#e69f00", "#009e73", "#f0e442", "#cc79a7", "#d55e00", "#56b4e9", "#7f4fc9")
 _LIGHTNESS = (0.46, 0.72, 0.32, 0.85, 0.59, 0.39, 0.785, 0.525)
-COLORS = tuple(to_hex(with_lightness(*one)) for one in zip(_HUES, _LIGHTNESS, strict=True))
+COLORS = tuple(
+    to_hex((red, green, blue))
+    for red, green, blue in (with_lightness(*one) for one in zip(_HUES, _LIGHTNESS, strict=True))
+)
 # What has no colour: others, and what is not known.
 HATCH = HATCHES["not settled"]
 
