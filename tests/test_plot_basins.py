@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from drawings import grey, words_of_legend
-from matplotlib.collections import QuadMesh
+from matplotlib.collections import PolyCollection, QuadMesh
 from matplotlib.colors import same_color
 from matplotlib.lines import Line2D
 
@@ -19,6 +19,8 @@ import vijax as vx
 
 # What two colours differ by in one of red, green and blue, from 0 to 1, to be told apart on a screen.
 COLOUR_STEP = 0.15
+# What two greys must differ by, from black 0 to white 1, to be told apart in print.
+GREY_STEP = 0.06
 MOTIONS = ("non_impacting", "periodic", "chattering", "non_periodic", "not_settled", "failed")
 RIGHT, UP = "v0[0]", "x0[1]"
 
@@ -81,6 +83,18 @@ def test_every_start_has_the_colour_of_its_attractor(style):
                 assert same_color(cell, color_of_entry(ax, name))
 
 
+def test_starts_that_lead_to_no_known_attractor_are_hatched_in_the_plane_and_the_legend():
+    ax = vx.plot.basins(basins(PLANE))
+    (hatched,) = (c for c in ax.collections if isinstance(c, PolyCollection) and c.get_hatch())
+    (cell,) = hatched.get_paths()
+    # The last of the first row: v0[0] from 0.375 to 0.625, x0[1] from 5/12 to 7/12.
+    assert cell.get_extents().extents == pytest.approx((0.375, 5 / 12, 0.625, 7 / 12))
+    assert [patch.get_hatch() for patch in ax.get_legend().get_patches()] == [None] * 3 + [
+        hatched.get_hatch()
+    ]
+    assert not [c for c in vx.plot.basins(basins(np.abs(PLANE))).collections if c.get_hatch()]
+
+
 def test_axes_and_legend_say_what_is_drawn():
     ax = vx.plot.basins(basins(PLANE))
     assert ax.get_xlabel() == r"Start velocity $\dot x_{0}$"
@@ -119,7 +133,10 @@ def test_attractors_beyond_those_with_a_colour_are_others():
     patches = [patch.get_facecolor()[:3] for patch in ax.get_legend().get_patches()]
     apart = np.abs(np.array(patches)[:, None] - np.array(patches)[None]).max(axis=2)
     assert (apart + np.eye(len(patches))).min() > COLOUR_STEP
-    # Black points with white edges are seen on all of them.
+    # A printer without colour tells them apart, the first ones best, and black points with white edges are seen on all.
+    greys = [*map(grey, patches)]
+    assert np.diff(sorted(greys)).min() > GREY_STEP
+    assert np.diff(sorted(greys[:4])).min() > 2 * GREY_STEP
     assert min(map(grey, patches)) > 0.3
     assert words_of_legend(vx.plot.basins(basins(label, 10), max_attractors=1))[1:] == ["other"]
 

@@ -92,6 +92,11 @@ def test_curves_of_one_lightness_differ_in_their_strokes(sticking):
     assert [line.get_linestyle() for line in lines] == ["-", "--"]
 
 
+def test_curves_of_one_colour_differ_in_their_strokes_too(sticking):
+    lines = vx.plot.time_series(sticking, num_samples=SAMPLES, color="red").lines[:2]
+    assert [line.get_linestyle() for line in lines] == ["-", "--"]
+
+
 def test_every_picture_takes_a_look(sticking):
     look = {"color": "red", "lw": 3.0, "label": "mine"}
     drawn = [
@@ -201,3 +206,27 @@ def test_what_is_no_section_is_refused(sticking):
     two = vx.stroboscopic_section(sticking).expand_dims({PATH: [1.0, 2.0]})
     with pytest.raises(ValueError, match=r"is of one machine, but \['forcing.frequency'\] are swept"):
         vx.plot.section(two)
+
+
+@pytest.mark.parametrize("style", ["default", "dark_background"])
+def test_points_of_several_sweeps_are_told_apart_in_grey(style):
+    with plt.style.context(style):
+        several = {str(k): sweep(0.1 * k) for k in range(3)}
+        greys = [grey(line.get_color()) for line in vx.plot.bifurcation(several).lines[:3]]
+    assert np.diff(sorted(greys)).min() >= TOLD_APART
+
+
+def test_points_of_few_values_are_larger():
+    few, many = (vx.plot.bifurcation(sweep(0.3, values=np.arange(count))).lines[0] for count in (100, 800))
+    assert few.get_markersize() == 2 * many.get_markersize()
+
+
+@pytest.mark.parametrize("picture", ["bifurcation", "section"])
+def test_a_cross_is_drawn_where_a_disc_has_no_edge(picture):
+    draw, drawn = (
+        getattr(vx.plot, picture),
+        sweep(0.3) if picture == "bifurcation" else (np.eye(2), np.eye(2)),
+    )
+    assert draw(drawn).lines[0].get_markeredgewidth() == 0
+    assert draw(drawn, marker="x").lines[0].get_markeredgewidth() > 0
+    assert draw(drawn, marker="x", mew=3.0).lines[0].get_markeredgewidth() == 3.0

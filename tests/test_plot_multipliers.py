@@ -76,6 +76,13 @@ def test_the_multipliers_of_several_orbits_are_told_apart_in_grey_too(orbit):
     assert ax.get_legend() is None
 
 
+def test_points_have_the_marker_and_the_size_that_curves_would_have(orbit):
+    ax = vx.plot.multipliers(orbit, marker="x", markersize=5.0, color="red")
+    (marks,) = (c for c in ax.collections if isinstance(c, PathCollection))
+    assert marks.get_sizes().tolist() == [25.0]
+    assert {tuple(color) for color in marks.get_edgecolors()} == {(1.0, 0.0, 0.0, 1.0)}
+
+
 def test_multipliers_far_away_are_counted_on_the_edge(orbit):
     far = with_multipliers(orbit, np.inf, -40.0, 3.0 + 4.0j, 3.0 - 4.0j, 0.5)
     ax = vx.plot.multipliers(far)

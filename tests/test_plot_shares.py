@@ -58,6 +58,7 @@ def test_each_attractor_is_as_high_as_its_share_at_every_value(order):
         for k, p in enumerate(patches)
         if same_color(band.get_facecolor(), p)
     }
+    assert [bool(bands[k].get_hatch()) for k in range(5)] == [False] * 4 + [True]
     left = 1 - SHARES.sum(axis=1, keepdims=True)
     for value, row in zip(VALUES, np.concatenate([SHARES, left], axis=1), strict=True):
         assert [height_at(bands[k], value) for k in range(5)] == pytest.approx(row, abs=1e-9)

@@ -54,12 +54,17 @@ def save_table(table: pd.DataFrame, title: str, path: Path, *, left_out: Sequenc
     """Print a table and write it, the picture without some of its columns."""
     announce(title)
     print(as_text(table))
-    seen = table.drop(columns=list(left_out)).astype(str)
+    seen = table.drop(columns=list(left_out)).astype(str).replace(r"\binf\b", r"$\\infty$", regex=True)
+    seen = seen.rename(columns={"Omega": r"$\Omega$"})
     fig, ax = plt.subplots(figsize=(14, 0.6 + 0.26 * len(table)), layout="constrained")
     ax.set_axis_off()
     ax.set_title(title, loc="left")
     drawn = ax.table(
-        seen.values.tolist(), colLabels=list(seen.columns), loc="center", cellLoc="left", edges="horizontal"
+        seen.values.tolist(),
+        colLabels=list(seen.columns),
+        loc="upper left",
+        cellLoc="left",
+        edges="horizontal",
     )
     ink = plt.rcParams["text.color"]
     for cell in drawn.get_celld().values():

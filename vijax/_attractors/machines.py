@@ -152,23 +152,25 @@ class Machines:
 
     def after_impacts(self, states: np.ndarray, machine: np.ndarray) -> np.ndarray:
         """States (W x, v), (points, 2 n), after the impacts that fall into phase 0 to rounding."""
-        scale = self.scale(machine)
-        x, v = np.split(states / scale, 2, axis=1)
-        judged = [_size_and_gap(stop, x) for stop in self._lanes(machine).stops]
+        x = states[:, : self.system.num_masses] / self.rate[machine, None]
+        # Of millions of states; few have an impact there, and the others stay as they are.
+        judged = (_size_and_gap(stop, x) for stop in self._lanes(machine).stops)
         closed = [np.abs(gap) <= _HAIR * np.finfo(x.dtype).eps * size for size, gap in judged]
-        which = np.flatnonzero(np.any(closed, axis=0)) if closed else np.zeros(0, int)
+        which = np.flatnonzero(np.logical_or.reduce(closed)) if closed else np.zeros(0, int)
         if not which.size:
             return states
         which = filled(which)
-        lanes = machines_of_lanes(self._lanes(machine[which]))
-        x[which], v[which] = after_impacts(lanes, 0.0, (x[which], v[which]), np.stack(closed)[:, which])
-        return np.concatenate([x, v], axis=1) * scale
+        scale, lanes = self.scale(machine[which]), machines_of_lanes(self._lanes(machine[which]))
+        before = np.split(states[which] / scale, 2, axis=1)
+        after = after_impacts(lanes, 0.0, (before[0], before[1]), np.stack([a[which] for a in closed]))
+        states = states.copy()
+        states[which] = np.concatenate(after, axis=1) * scale
+        return states
 
     def ends(self, ds: xr.Dataset, machine: np.ndarray) -> Ends:
         """Judge where the motions of a sweep end."""
-        scale = self.scale(machine)
-        states = np.concatenate([ds["section_x"].values, ds["section_v"].values], axis=2)
-        section = states * scale[:, None].astype(states.dtype)
+        x, v = (ds[f"section_{name}"].values for name in "xv")
+        section = np.concatenate([x * self.rate[machine, None, None].astype(x.dtype), v], axis=2)
         is_failed = np.isnan(section.sum(axis=(1, 2)))
         section[is_failed] = 0
         each = np.repeat(machine, section.shape[1])
@@ -177,7 +179,7 @@ class Machines:
         is_touched = (ds["num_impacts"].values > 0).any(axis=1) | (ds["held_time"].values > 0).any(
             axis=(1, 2)
         )
-        last = section[:, -1] / scale
+        last = section[:, -1] / self.scale(machine)
         asked = np.flatnonzero(~is_failed & ~is_touched)
         is_quiet = stays_quiet(ds, asked, *np.split(last, 2, axis=1))[0]
         n = np.where(is_failed, 0, np.where(is_quiet, 1, found.num_periods))
@@ -210,7 +212,8 @@ class Machines:
 
 def _size_and_gap(stop: AbstractLimit, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Magnitudes of the terms of the gaps at phase 0, which set their rounding errors, and the gaps, (points,) each."""
-    return np.asarray(stop.reach(0.0) + stop.size(x.T)), np.asarray(stop.gap(x.T, 0.0))
+    known = jax.tree.map(np.asarray, stop)  # of JAX every operation would be a program
+    return np.asarray(known.reach(0.0) + known.size(x.T)), np.asarray(known.gap(x.T, 0.0))
 
 
 def default_tolerance(dtype: np.dtype) -> float:

@@ -8,6 +8,8 @@ import numpy as np
 import xarray as xr
 
 from .._attractors.classify import MOTIONS, classify
+from .._flow.interface import AbstractFlow
+from .._flow.taylor import TaylorFlow
 from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
 from .._orbits.periodic_orbit import periodic_orbit
 from .._sweep.provenance import system_of
@@ -126,12 +128,13 @@ def motion_at(ds: xr.Dataset, place: Mapping[str, Any], changes: Mapping[str, fl
 def follow(system: ImpactSystem, record: int, x: np.ndarray, v: np.ndarray) -> Motion:
     """The motion from a state at phase 0, over some forcing periods."""
     period = float(system.forcing.period)
-    sol = simulate(system, 0.0, record * period, x, v, max_events=_EVENTS, throw=False)
+    flow = _flow_of(system)
+    sol = simulate(system, 0.0, record * period, x, v, flow=flow, max_events=_EVENTS, throw=False)
     _refuse_unless(sol, RESULTS.successful, RESULTS.max_events_reached)
     kind = classify(sol, last=record)
     n, orbit = int(kind["num_periods"]), None
     if n:
-        found = periodic_orbit(system, x, v, n, max_events=_EVENTS_OF_CYCLE, throw=False)
+        found = periodic_orbit(system, x, v, n, flow=flow, max_events=_EVENTS_OF_CYCLE, throw=False)
         orbit = found if found.result == ORBIT_RESULTS.successful else None
     known = min(record * period, float(sol.known_until))
     shown = (0.0, min(known, (n or min(_SHOWN, record)) * period))
@@ -154,11 +157,18 @@ def _settled(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The state after the transient; a stop that was moved may have come to stand beyond a mass."""
     x = _between_stops(system, x)
-    sol = simulate(
-        system, 0.0, transient * float(system.forcing.period), x, v, max_events=_EVENTS, throw=False
-    )
+    end, flow = transient * float(system.forcing.period), _flow_of(system)
+    sol = simulate(system, 0.0, end, x, v, flow=flow, max_events=_EVENTS, throw=False)
     _refuse_unless(sol, RESULTS.successful, RESULTS.max_events_reached)
     return np.asarray(sol.x1), np.asarray(sol.v1)
+
+
+def _flow_of(system: ImpactSystem) -> AbstractFlow | None:
+    """The motion between events: one for all linear machines, so that a changed number is never one more program.
+
+    By modes, as a sweep has it, a machine whose dampers are changed would be one.
+    """
+    return TaylorFlow() if system.force is None else None
 
 
 def _between_stops(system: ImpactSystem, x: np.ndarray) -> np.ndarray:

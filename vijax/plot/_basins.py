@@ -8,11 +8,11 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
-from ._attractors import COLORS, OTHER, UNKNOWN, add_legend, check_count, draw_marks
+from ._attractors import COLORS, HATCH, add_legend, check_count, draw_marks
 from ._axes import new_axes
 from ._labels import Units
-from ._mesh import check_plane, draw_mesh
-from ._motions import words_of_motion
+from ._mesh import check_plane, draw_mesh, hatch
+from ._motions import not_known, other, words_of_motion
 
 # Points of a cycle are few and drawn large, those of a cloud small.
 _SIZES = ((20, 6.0), (100, 4.0), (np.inf, 2.0))
@@ -30,7 +30,7 @@ def basins(
     """Draw the basins of attraction over a plane of starts, each in a colour, and the sections of the attractors in it.
 
     "1 | 2 in 1, 43 %" is a motion that repeats after 1 forcing period, with 1 impact at stop 0 and 2 at stop 1 in it, to
-    which 43 % of the starts lead. Grey are starts whose motion has not settled, or failed. Points are the states at phase 0 of each
+    which 43 % of the starts lead. Hatched are starts whose motion has not settled, or failed. Points are the states at phase 0 of each
     attractor, a mark for each; they may lie in another's colour, since the plane shows two of all coordinates.
 
     Args:
@@ -65,15 +65,15 @@ def basins(
     count = min(max_attractors, basins.sizes["attractor"])
     codes = basins["label"].values
     codes = np.where(codes >= count, count, codes)
-    colors = ListedColormap([UNKNOWN, *COLORS[:count], OTHER])
-    draw_mesh(ax, basins["label"], codes, units, style, cmap=colors, vmin=-1.5, vmax=count + 0.5)
+    colors = ListedColormap([not_known(), *COLORS[:count], other()])
+    mesh = draw_mesh(ax, basins["label"], codes, units, style, cmap=colors, vmin=-1.5, vmax=count + 0.5)
     ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # attractors may lie far outside
     has_mark = [points and _draw_section(ax, basins.isel(attractor=k), right, up, k) for k in range(count)]
     named = [basins.isel(attractor=k) for k in range(count)]
     words = [f"{words_of_motion(one)}, {100 * float(one.share):.3g} %" for one in named]
-    greys = {"other": (count, OTHER), "not known": (-1, UNKNOWN)}
-    seen = {name: color for name, (code, color) in greys.items() if (codes == code).any()}
-    add_legend(ax, basins, words, has_mark, seen)
+    has_other, is_unknown = bool((codes == count).any()), codes < 0
+    hatch(ax, mesh, is_unknown.T, HATCH)
+    add_legend(ax, basins, words, has_mark, has_other=has_other, has_unknown=bool(is_unknown.any()))
     return ax
 
 

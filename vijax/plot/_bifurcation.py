@@ -19,7 +19,7 @@ from ._axes import (
     span_of_values,
     span_so_far,
 )
-from ._colors import faded, ink, lightness_of, of_curves, styled
+from ._colors import faded, ink, lightness_of, of_curves, of_points, styled
 from ._contacts import name_of
 from ._labels import ANGLE, VELOCITY, Units, label, swept_quantity, with_unit
 from ._orbits import STABLE, UNKNOWN, UNSTABLE, Orbits, as_sweep, list_of, stability_of
@@ -37,8 +37,12 @@ _OF_CONTACT = "Speed of approach before impact\nat {}"
 # The way down under the way up, whose points are small: where both agree, a dark point in a light one.
 _WAYS = ("down", "up")
 _LARGE, _MIDDLE, _SMALL, _OVER = 4.0, 2.0, 1.8, 3.0
+# Values that points of these sizes make a line of; of fewer the points are larger, up to so much.
+_LINE, _LARGER = 400, 2.0
+# Of the points of a sweep in the legend, however small they are drawn.
+_IN_LEGEND = 5.0
 # Of a colour of the style how much is left on the way down, unless it is as far from the ink as this already.
-_LEFT, _APART = 0.75, 0.3
+_LEFT, _APART = 0.6, 0.3
 # By the stability of the orbit: the marker, by how much it is larger, the width of its edge, and its words.
 _MARKS = {
     UNKNOWN: (".", 1.0, 0.0, ""),
@@ -196,17 +200,20 @@ def _layers(sweeps: dict[str, xr.Dataset], path: str, orbits: Orbits) -> list[_L
         sweeps = {
             name: ds.assign(stability=xr.full_like(ds["result"], UNKNOWN)) for name, ds in sweeps.items()
         }
-    colors = of_curves(len(sweeps)) if len(sweeps) > 1 else [ink()]
-    layers = [_of_sweep(ds, name, color) for (name, ds), color in zip(sweeps.items(), colors, strict=True)]
+    colors = of_points(len(sweeps)) if len(sweeps) > 1 else [ink()]
+    layers = [
+        _of_sweep(ds, path, name, color) for (name, ds), color in zip(sweeps.items(), colors, strict=True)
+    ]
     return [one for of_sweep in layers for one in of_sweep] + over
 
 
-def _of_sweep(ds: xr.Dataset, name: str, color: Any) -> list[_Layer]:
+def _of_sweep(ds: xr.Dataset, path: str, name: str, color: Any) -> list[_Layer]:
     """The layers of one sweep, those of both ways if it was made up and down."""
+    larger = float(np.clip(_LINE / ds["result"].sizes[path], 1.0, _LARGER))
     if "direction" not in ds["result"].dims:
-        return [_Layer(ds, name or "swept", color, _MIDDLE)]
+        return [_Layer(ds, name or "swept", color, larger * _MIDDLE)]
     colors = {"down": faded(color, 0.5) if name else _beside_ink(), "up": color}
-    sizes = dict(zip(_WAYS, (_LARGE, _SMALL), strict=True))
+    sizes = dict(zip(_WAYS, (larger * _LARGE, larger * _SMALL), strict=True))
     before = f"{name}, " if name else ""
     return [_Layer(ds.sel(direction=way), f"{before}swept {way}", colors[way], sizes[way]) for way in _WAYS]
 
@@ -252,9 +259,9 @@ def _draw_points(
 def _draw_legend(layers: list[_Layer], ax: Axes) -> None:
     """What the colours mean, and the marks that there are at any stop."""
     present = np.concatenate([layer.ds["stability"].values.ravel() for layer in layers])
-    sample = layers[0]._replace(color=ink(), size=_MIDDLE)
+    sample = layers[0]._replace(color=ink(), size=min(layer.size for layer in layers if layer.is_swept))
     for stability in (STABLE, UNSTABLE):
         if stability in present and (words := once(ax, _MARKS[stability][-1])):
             _draw_points(ax, np.empty(0), np.empty(0), stability, sample, {}, words)
     if len(ax.get_legend_handles_labels()[0]) > 1:
-        legend_above(ax, markerscale=2.5)
+        legend_above(ax, markerscale=_IN_LEGEND / sample.size)

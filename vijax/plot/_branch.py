@@ -36,7 +36,7 @@ OTHER = "h"
 # Where a multiplier passes the unit circle.
 _ON_CIRCLE = ("fold", "pd", "ns", "bp")
 # Of a sweep under the branches: how much of its colours is left, and by how much its points are larger.
-_LIGHT, _LARGER = 0.6, 2.0
+_LIGHT, _LARGER = 0.6, 1.4
 
 
 def branch(

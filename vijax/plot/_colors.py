@@ -7,8 +7,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib import cbook
 from matplotlib.artist import Artist
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.colors import to_hex, to_rgb, to_rgba_array
 from matplotlib.lines import Line2D
+from matplotlib.markers import MarkerStyle
 
 # Curves that a printer without colour makes equally grey differ in their strokes.
 STROKES = ("-", (0, (6, 1.5)), (0, (4, 1, 1, 1)), (0, (2, 1)))
@@ -16,17 +17,35 @@ STROKES = ("-", (0, (6, 1.5)), (0, (4, 1, 1, 1)), (0, (2, 1)))
 _LIGHTNESS = np.array([0.299, 0.587, 0.114])
 # By how much greys of curves differ that are told apart, of 1 from black to white.
 _TOLD_APART = 0.15
+# From the darkest to the lightest of points that lightness tells apart.
+_LADDER = (0.1, 0.75)
 
 
 def styled(style: Mapping[str, Any], kind: type[Artist] = Line2D, /, **own: Any) -> dict[str, Any]:
     """What matplotlib is told: what the user says, by any of its names for it, else our own choice."""
-    return own | cbook.normalize_kwargs(dict(style), kind)
+    given = cbook.normalize_kwargs(dict(style), kind)
+    if not MarkerStyle(given.get("marker") or "o").is_filled():
+        own.pop("markeredgewidth", None)  # of a cross there would be nothing left
+    return own | given
 
 
 def of_curves(count: int) -> np.ndarray:
     """The first colours of the style in use, again from its beginning where it has fewer."""
     cycle = [to_rgb(one) for one in plt.rcParams["axes.prop_cycle"].by_key().get("color", ["C0"])]
     return np.array([(*cycle[k % len(cycle)], 1.0) for k in range(count)]).reshape(-1, 4)
+
+
+def of_points(count: int) -> np.ndarray:
+    """Colours of small points: those of the style, lighter or darker if a printer without colour would mix them up."""
+    colors = of_curves(count)
+    if _are_apart(colors):
+        return colors
+    ladder = np.linspace(_LADDER[0], _LADDER[1], count)
+    lightness = 1 - ladder if is_dark() else ladder
+    colors[:, :3] = [
+        with_lightness(own[:3], one) for own, one in zip(colors, lightness.tolist(), strict=True)
+    ]
+    return colors
 
 
 def of_order(count: int) -> np.ndarray:
@@ -66,10 +85,16 @@ def is_dark() -> bool:
     return lightness_of(plt.rcParams["axes.facecolor"]) < 0.5
 
 
-def strokes_of(colors: np.ndarray) -> list:
-    """Strokes of curves of these colours: those of the style in use, else unbroken ones if grey tells them apart."""
-    count = len(colors)
+def looks_of(count: int, style: Mapping[str, Any]) -> list[tuple[np.ndarray, Any]]:
+    """Colours and strokes of curves, unbroken ones if grey tells them apart, as it does not if the user gives all one colour."""
+    color = styled(style).get("color")
+    colors = of_curves(count) if color is None else to_rgba_array([color] * count)
     of_style = plt.rcParams["axes.prop_cycle"].by_key().get("linestyle")
+    strokes = of_style or (STROKES[:1] if _are_apart(colors) else STROKES)
+    return [(own, strokes[k % len(strokes)]) for k, own in enumerate(colors)]
+
+
+def _are_apart(colors: np.ndarray) -> bool:
+    """Whether grey tells colours apart."""
     greys = np.sort([lightness_of(color[:3]) for color in colors])
-    strokes = of_style or (STROKES[:1] if np.all(np.diff(greys) >= _TOLD_APART) else STROKES)
-    return [strokes[k % len(strokes)] for k in range(count)]
+    return bool(np.all(np.diff(greys) >= _TOLD_APART))

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from ._axes import legend_beside, new_axes, once
 from ._branch import MARKERS, OTHER
-from ._colors import ink, of_curves, strokes_of, styled
+from ._colors import ink, looks_of, styled
 from ._labels import Units, label
 
 _WORDS = {
@@ -55,8 +55,7 @@ def curves(
     several = [curves] if isinstance(curves, xr.Dataset) else list(curves)
     right, up = _plane(several)
     kinds = list(dict.fromkeys(str(one.attrs["kind"]) for one in several))
-    colors = of_curves(len(kinds))
-    looks = dict(zip(kinds, zip(colors, strokes_of(colors), strict=True), strict=True))
+    looks = dict(zip(kinds, looks_of(len(kinds), style), strict=True))
     ax = new_axes() if ax is None else ax
     for one in several:
         kind = str(one.attrs["kind"])

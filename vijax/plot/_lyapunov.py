@@ -7,7 +7,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from ._axes import Sweeps, by_name, new_axes, span_of_values, span_so_far
-from ._colors import STROKES, of_curves, strokes_of, styled
+from ._colors import looks_of, of_curves, styled
 from ._labels import RATE, Units, label, with_unit
 from ._plane import plane
 
@@ -80,18 +80,10 @@ def _lines(sweeps: dict[str, xr.Dataset], path: str, ax: Axes, style: dict[str, 
             for one in ("lyapunov_exponents", "lyapunov_error")
         )
         values.append(ordered[path].values)
-        count = len(exponents)
-        if len(sweeps) == 1:
-            colors = of_curves(count)
-            strokes = strokes_of(colors)
-        else:
-            colors, strokes = (
-                of_curves(len(sweeps))[[k] * count],
-                [STROKES[i % len(STROKES)] for i in range(count)],
-            )
-        for i in range(count):
+        of_sweep = {"color": of_curves(len(sweeps))[k]} if len(sweeps) > 1 else {}
+        for i, (color, stroke) in enumerate(looks_of(len(exponents), of_sweep | style)):
             words = ", ".join(filter(None, (name, f"$\\lambda_{{{i + 1}}}$")))
-            look = styled(style, color=colors[i], linestyle=strokes[i], linewidth=1.2, label=words)
+            look = styled(style, color=color, linestyle=stroke, linewidth=1.2, label=words)
             known = np.where(np.isfinite(exponents[i]), exponents[i], np.nan)
             (line,) = ax.plot(values[-1], known, **look)
             band = {"color": line.get_color(), "alpha": 0.25, "linewidth": 0}

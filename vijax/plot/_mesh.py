@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
+from matplotlib.collections import PolyCollection, QuadMesh
 
-from ._colors import styled
+from ._colors import ink, styled
 from ._labels import Units, label
 
 
@@ -46,3 +46,23 @@ def draw_mesh(
     mesh = ax.pcolormesh(values[right].values, values[up].values, numbers.T, **look)
     ax.set(xlabel=label(right, units), ylabel=label(up, units))
     return mesh
+
+
+def hatch(ax: Axes, mesh: QuadMesh, which: np.ndarray, strokes: str) -> None:
+    """Hatch some cells of a mesh, those on one another as one.
+
+    Args:
+        ax: where the mesh is.
+        mesh: what `draw_mesh` drew.
+        which: the cells, rows upwards, (up, right).
+        strokes: as matplotlib names them.
+    """
+    corners, boxes = np.asarray(mesh.get_coordinates()), []
+    for k, column in enumerate(which.T):
+        edges = np.flatnonzero(np.diff(column.astype(int), prepend=0, append=0))
+        x = corners[0, [k, k + 1], 0]
+        for bottom, top in corners[edges.reshape(-1, 2), 0, 1]:
+            boxes.append([(x[0], bottom), (x[1], bottom), (x[1], top), (x[0], top)])
+    if boxes:
+        look = {"facecolor": "none", "edgecolor": ink(), "linewidth": 0, "hatch": strokes}
+        ax.add_collection(PolyCollection(boxes, **look), autolim=False)

@@ -14,11 +14,16 @@ from ._mesh import check_plane
 _REPEATING = ("periodic", "chattering")
 _WORDS = {"non_impacting": "no impact", "non_periodic": "non-periodic", "not_settled": "not settled"}
 # What is not told of a motion: hatched.
-NOT_KNOWN = ("not settled", "failed")
+HATCHES = {"not settled": "////", "failed": "xxxx"}
 # Instead of a number of impacts: infinitely many, and not counted because the log was cut.
 _ENDLESS, _UNCOUNTED = -1, -2
-# How light the first and the last motion with a colour of its own are; those after them; what is not known.
-_LADDER, _OTHER, _GREY = (0.86, 0.22), 0.93, 0.75
+# How light the first and the last motion with a colour of its own are; those after them; what is not known: on light
+# paper, and on dark.
+_LADDER, _OTHER, _GREY = (
+    {False: (0.86, 0.22), True: (0.28, 0.88)},
+    {False: "0.93", True: "0.15"},
+    {False: "0.75", True: "0.25"},
+)
 
 
 class Motion(NamedTuple):
@@ -124,20 +129,28 @@ def entries(of_point: list[Motion], max_classes: int) -> list[Entry]:
     repeating = [motion for motion, _ in counts.most_common() if motion.kind in _REPEATING]
     named = sorted(repeating[:max_classes], key=lambda motion: motion.place)
     hues = _hues(named)
-    first, last = _LADDER[::-1] if is_dark() else _LADDER
-    ladder = np.linspace(first, last, len(named))
+    ladder = np.linspace(*_LADDER[is_dark()], len(named))
     found = [
         Entry(motion.words, motion.family, with_lightness(hues[motion.family], grey), [motion])
         for motion, grey in zip(named, ladder, strict=True)
     ]
-    background, grey = plt.rcParams["axes.facecolor"], (1 - _GREY if is_dark() else _GREY)
-    plain = {"non_impacting": background, "non_periodic": ink()}
+    plain = {"non_impacting": plt.rcParams["axes.facecolor"], "non_periodic": ink()}
     for motion in sorted(set(counts) - set(repeating), key=lambda motion: motion.place):
-        entry = Entry(motion.words, "", plain.get(motion.kind, str(grey)), [motion])
+        entry = Entry(motion.words, "", plain.get(motion.kind, not_known()), [motion])
         found.insert(0, entry) if motion.kind == "non_impacting" else found.append(entry)
     if rare := repeating[max_classes:]:
-        found.append(Entry("other", "", str(1 - _OTHER if is_dark() else _OTHER), rare, is_other=True))
+        found.append(Entry("other", "", other(), rare, is_other=True))
     return found
+
+
+def other() -> str:
+    """The grey of all that has no colour of its own."""
+    return _OTHER[is_dark()]
+
+
+def not_known() -> str:
+    """The grey of what is not known, which is hatched."""
+    return _GREY[is_dark()]
 
 
 def _hues(named: list[Motion]) -> dict[str, np.ndarray]:

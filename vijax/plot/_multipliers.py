@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PathCollection
 from matplotlib.colors import ListedColormap, Normalize, to_rgba_array
+from matplotlib.markers import MarkerStyle
 from matplotlib.patches import Circle
 
 from .._orbits.orbit import PeriodicOrbit
@@ -41,7 +42,8 @@ def multipliers(
         limit: the largest real and imaginary part that are drawn where they are; greater than 1.
         units: of the swept quantity, as in `{"time": "s"}`; none are written if left out.
         ax: where to draw; new axes if left out.
-        **style: of the points, as matplotlib's `scatter` takes them: `color`, `marker`, `s`, `linewidths`, ...
+        **style: of the points, as matplotlib's `scatter` takes them: `color`, `marker`, `s`, `linewidths`, ...; and
+            `markersize`, as its `plot` does.
 
     Returns:
         The axes.
@@ -62,7 +64,7 @@ def multipliers(
     if not limit > 1:
         raise ValueError(f"Argument `limit` must be greater than 1, the unit circle, but is {limit}.")
     groups, bar = _of_sweep(orbits) if isinstance(orbits, xr.Dataset) else (_of_list(list_of(orbits)), None)
-    style = styled(style, PathCollection)
+    style = _of_points(style)
     if "color" in style:
         color = to_rgba_array(style.pop("color"))
         groups, bar = [one._replace(colors=color.repeat(one.values.size, 0)) for one in groups], None
@@ -122,6 +124,13 @@ def _of_sweep(orbits: xr.Dataset) -> tuple[list[_Group], tuple[str, ScalarMappab
     return groups, (path, colors)
 
 
+def _of_points(style: dict[str, Any]) -> dict[str, Any]:
+    """The look of points, their sizes as `scatter` takes them: squares of what `plot` does."""
+    style = dict(style)
+    size = style.pop("markersize", style.pop("ms", None))
+    return styled(style, PathCollection, **({} if size is None else {"s": size**2}))
+
+
 def _reach(values: np.ndarray) -> np.ndarray:
     """How far along the axes a picture must reach to show them."""
     return np.maximum(np.abs(np.real(values)), np.abs(np.imag(values)))
@@ -132,7 +141,10 @@ def _draw_near(ax: Axes, group: _Group, limit: float, size: float, style: dict[s
     is_near = _reach(group.values) <= limit
     mu, colors = group.values[is_near], group.colors[is_near]
     own = {"s": size, "marker": group.marker, "linewidths": 0.8, "label": group.words}
-    own |= {"facecolors": np.where(np.abs(mu)[:, None] < 1, colors, 0.0), "edgecolors": colors.tolist()}
+    if MarkerStyle(style.get("marker", group.marker)).is_filled():
+        own |= {"facecolors": np.where(np.abs(mu)[:, None] < 1, colors, 0.0), "edgecolors": colors.tolist()}
+    else:  # strokes alone
+        own |= {"facecolors": colors}
     ax.scatter(np.real(mu), np.imag(mu), **styled(own, PathCollection) | style)
 
 

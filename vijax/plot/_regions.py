@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection, QuadMesh
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
@@ -14,15 +13,14 @@ from scipy import ndimage
 from ._axes import figure_of, legend_beside, new_axes
 from ._colors import ink, is_dark, lightness_of
 from ._labels import Units
-from ._mesh import draw_mesh
-from ._motions import NOT_KNOWN, Entry, check_motions, entries, heading, motions_of
+from ._mesh import draw_mesh, hatch
+from ._motions import HATCHES, Entry, check_motions, entries, heading, motions_of
 
 # Of words in the plane: the size of their letters in points, how wide and how high these are of it, and how far the nearest
 # other region must be at least, of half their width and height.
 _FONT, _LETTER, _ROOM = 8, (0.55, 1.2), 1.15
 # Of the width of the axes what is left once they have a legend beside them.
 _LEFT = 0.75
-_HATCHES: dict[str, str] = dict(zip(NOT_KNOWN, ("////", "xxxx"), strict=True))
 
 
 def regions(
@@ -81,26 +79,12 @@ def regions(
         "vmax": len(drawn) - 0.5,
     }
     mesh = draw_mesh(ax, classes.motion, code.T, units, style, **colors)
-    _hatch(ax, mesh, code, drawn)
+    for number, entry in enumerate(drawn):
+        if entry.words in HATCHES:
+            hatch(ax, mesh, code == number, HATCHES[entry.words])
     _name(ax, classes, code, drawn)
     legend_beside(ax, **_legend(drawn), title=heading(classes))
     return ax
-
-
-def _hatch(ax: Axes, mesh: QuadMesh, code: np.ndarray, drawn: list[Entry]) -> None:
-    """Hatch what is not known, cell by cell, those on one another as one."""
-    corners = np.asarray(mesh.get_coordinates())
-    for number, entry in enumerate(drawn):
-        if entry.words not in _HATCHES:
-            continue
-        boxes = []
-        for k, column in enumerate((code == number).T):
-            edges = np.flatnonzero(np.diff(column.astype(int), prepend=0, append=0))
-            x = corners[0, [k, k + 1], 0]
-            for bottom, top in corners[edges.reshape(-1, 2), 0, 1]:
-                boxes.append([(x[0], bottom), (x[1], bottom), (x[1], top), (x[0], top)])
-        style = {"facecolor": "none", "edgecolor": ink(), "linewidth": 0, "hatch": _HATCHES[entry.words]}
-        ax.add_collection(PolyCollection(boxes, **style), autolim=False)
 
 
 def _name(ax: Axes, classes: xr.Dataset, code: np.ndarray, drawn: list[Entry]) -> None:
@@ -144,7 +128,7 @@ def _legend(drawn: list[Entry]) -> dict[str, list]:
                 handles.append(Patch(facecolor="none", edgecolor="none"))
                 words.append(family)
         edge = ink("black", "white") if not is_dark() or lightness_of(entry.color) < 0.5 else "black"
-        common = {"edgecolor": edge, "linewidth": 0.6, "hatch": _HATCHES.get(entry.words)}
+        common = {"edgecolor": edge, "linewidth": 0.6, "hatch": HATCHES.get(entry.words)}
         handles.append(Patch(facecolor=entry.color, **common))
         words.append(entry.words)
     return {"handles": handles, "labels": words}

@@ -7,11 +7,11 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
-from ._attractors import COLORS, OTHER, UNKNOWN, add_legend, check_count, draw_marks
+from ._attractors import COLORS, HATCH, add_legend, check_count, draw_marks
 from ._axes import new_axes
-from ._colors import styled
+from ._colors import ink, styled
 from ._labels import Units, label
-from ._motions import words_of_motion
+from ._motions import not_known, other, words_of_motion
 
 # Of all starts: below it a share is rounding.
 _NOTHING = 1e-9
@@ -29,7 +29,7 @@ def shares(
 
     Each value of the parameter has a column, half way to its neighbours. "1 | 2 in 1" is a motion that repeats after 1 forcing
     period, with 1 impact at stop 0 and 2 at stop 1 in it; of an attractor whose motion changes on its way it is the one with the
-    largest share, which the legend tells too. A mark stands in each band there. Light grey are other attractors, dark grey
+    largest share, which the legend tells too. A mark stands in each band there. Grey are other attractors, hatched
     starts whose motion has not settled, or failed.
 
     Args:
@@ -68,7 +68,7 @@ def shares(
     bands = [*share[named], share[others].sum(axis=0), 1 - share.sum(axis=0)]
     ax = new_axes() if ax is None else ax
     edges = _edges(values)
-    _draw_bands(ax, edges, bands, [*COLORS[: len(named)], OTHER, UNKNOWN], style)
+    _draw_bands(ax, edges, bands, [*COLORS[: len(named)], other(), not_known()], style)
     words = []
     for k, number in enumerate(named):
         best = int(share[number].argmax())
@@ -76,10 +76,9 @@ def shares(
         draw_marks(ax, values[best : best + 1], np.array([middle]), k, 6.0)
         motion = followed.isel({path: best, "attractor": int(number)})
         words.append(f"{words_of_motion(motion)}, up to {100 * share[number, best]:.3g} %")
-    greys = {"other": (bands[-2], OTHER), "not known": (bands[-1], UNKNOWN)}
-    seen = {name: color for name, (band, color) in greys.items() if (band > _NOTHING).any()}
+    has_other, has_unknown = (bool((band > _NOTHING).any()) for band in bands[-2:])
     ax.set(xlim=(edges[0], edges[-1]), ylim=(0, 1), xlabel=label(path, units), ylabel="Share of the starts")
-    add_legend(ax, followed, words, [True] * len(named), seen)
+    add_legend(ax, followed, words, [True] * len(named), has_other=has_other, has_unknown=has_unknown)
     return ax
 
 
@@ -105,10 +104,11 @@ def _draw_bands(
 ) -> None:
     """Stack the bands from the bottom; those that are empty are left out."""
     below = np.zeros_like(bands[0])
-    for band, color in zip(bands, colors, strict=True):
+    strokes = [*[None] * (len(bands) - 1), HATCH]
+    for band, color, hatch in zip(bands, colors, strokes, strict=True):
         above = below + band
         if (band > _NOTHING).any():
-            look = styled(style, PolyCollection, facecolor=color, edgecolor="black", linewidth=0.4)
+            look = styled(style, PolyCollection, facecolor=color, edgecolor=ink(), linewidth=0.4, hatch=hatch)
             low, high = (np.append(a, a[-1]) for a in (below, above))
             ax.fill_between(edges, low, high, where=_wide(band), step="post", **look)
         below = above

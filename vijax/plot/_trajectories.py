@@ -11,7 +11,7 @@ from .._orbits.orbit import PeriodicOrbit
 from .._trajectory.event_log import IMPACT, RELEASE, STICK
 from .._trajectory.solution import Solution
 from ._axes import check_index, legend_beside, new_axes, once, span_of_values, span_so_far
-from ._colors import ink, of_curves, strokes_of, styled
+from ._colors import ink, looks_of, of_curves, styled
 from ._contacts import masses_moved_by, masses_of, name_in, place_of
 from ._labels import LENGTH, TIME, VELOCITY, Units, with_unit
 from ._orbits import solution_of
@@ -77,10 +77,9 @@ def time_series(
 
 def _draw_positions(ax: Axes, t: np.ndarray, x: np.ndarray, style: dict[str, Any]) -> list:
     """The curves of the masses; their colours."""
-    colors = of_curves(x.shape[1])
     whole = f"{style.pop('label')}, " if "label" in style else ""
     drawn = []
-    for i, (color, stroke) in enumerate(zip(colors, strokes_of(colors), strict=True)):
+    for i, (color, stroke) in enumerate(looks_of(x.shape[1], style)):
         look = styled(style, color=color, linestyle=stroke, linewidth=1.3)
         drawn += ax.plot(t, x[:, i], label=f"{whole}$x_{{{i}}}$", **look)
     return [line.get_color() for line in drawn]
