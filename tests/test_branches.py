@@ -315,6 +315,24 @@ def test_sticking_orbits_to_where_their_sticks_vanish():
     assert doubling.value == pytest.approx(0.6655881174, abs=1e-8)
 
 
+def test_a_cascade_of_grazings_ends_where_the_chatter_is_complete():
+    """At the same value as the branch of cycles that stick, which comes from the other side."""
+    system = vx.models.wagg_bishop_b(0.6272962670434061)
+    branch = follow(vx.periodic_orbit(system, [0.5199, 0.0400], [0.1293, 0.0971]), FREQUENCY, 0.627, 0.64)
+    assert branch.ends == ("bounds", "chatter_completion")
+    assert bool(branch.points.is_admissible.all())
+    *_, limit = branch.bifurcations
+    grazings = np.array([point.value for point in points_of(branch, "gr")])
+    steps = np.diff(np.append(grazings[-5:], limit.value))
+    assert np.all(steps[1:-1] < 0.8 * steps[:-2])
+    assert limit.value == pytest.approx(0.637296267043, abs=1e-11)
+    # There the stick of the other side ends: a little farther there is one, a little nearer there is none.
+    for away, num_sticks in ((1e-9, 1), (-1e-9, 0)):
+        system = vx.models.wagg_bishop_b(limit.value + away)
+        orbit = vx.periodic_orbit(system, limit.orbit.x0, limit.orbit.v0)
+        assert np.count_nonzero(orbit.events.kind == vx.STICK) == num_sticks
+
+
 @pytest.mark.slow
 def test_all_branches_of_a_sweep_are_found_once():
     swept = {FREQUENCY: np.linspace(0.7, 1.2, 24)}

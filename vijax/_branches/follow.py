@@ -14,6 +14,7 @@ from .._orbits.sequence import Sequence
 from .._trajectory.event_log import RELEASE
 from .beyond import by_machine, by_sequence, in_section, with_its_bounces
 from .branch_tests import Test, crossings, tests_of
+from .cascade import behind, is_limit, limit_of
 from .family import Place
 from .locate import first_event, special_points
 from .plain_steps import SHORTEST, STRAIGHT, PlainSteps, is_sound, next_length
@@ -26,6 +27,8 @@ _FIRST = 2e-3
 _SEPARATE = 1e-4
 # A stick as short as this, in forcing periods, vanishes right there.
 _MOMENT = 1e-5
+# Steps back to where a stick vanishes.
+_MOST_BACK = 100
 
 
 def begin(sequence: Sequence, start: np.ndarray, p: float) -> Asked:
@@ -180,10 +183,28 @@ def _add(walk: Walk, point: Point) -> Asked:
 def _beyond(walk: Walk, test: Test, event: Point) -> Asked:
     """The point from which the branch goes on behind an event."""
     yield from _add(walk, event)
+    yield from _to_limit(walk, test, event)
     try:
         return (yield from by_sequence(test, event))
     except Ended:
         return (yield from by_machine(event, test.kind))
+
+
+def _to_limit(walk: Walk, test: Test, event: Point) -> Asked:
+    """End at the limit of a cascade of grazings, if an event is one of them."""
+    same = [entry for entry in walk.cascade if entry[0] == test.index]
+    walk.cascade = [*same, (test.index, event)] if test.kind == "touch" else []
+    limit = limit_of([point for _, point in walk.cascade])
+    start = (yield from behind(limit, event)) if limit else None
+    if limit is None or start is None:
+        return
+    back = Walk(walk.num_periods, walk.bounds, _MOST_BACK)
+    yield from follow(back, start)
+    last = back.points[-1] if back.end == "chatter_completion" else None
+    if isinstance(last, Point) and is_limit(last.place, limit, event.place):
+        way = np.append(last.place.z - event.place.z, last.place.p - event.place.p)
+        walk.points.append(last._replace(arc=event.arc + float(np.linalg.norm(way))))
+        raise Ended("chatter_completion")
 
 
 def _to_bound(walk: Walk, point: Point, new: Point) -> Asked:

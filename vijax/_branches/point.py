@@ -119,6 +119,7 @@ class Walk:
         bounds: of the scaled parameter.
         max_points: the most points.
         points: so far.
+        cascade: the last grazings, if all added an impact of one stop, and nothing else happened between them.
         end: why it ended.
     """
 
@@ -126,6 +127,7 @@ class Walk:
     bounds: tuple[float, float]
     max_points: int
     points: list[Point | PlainPoint] = field(default_factory=list)
+    cascade: list[tuple[int, Point]] = field(default_factory=list)
     end: str = "interrupted"
 
     @property

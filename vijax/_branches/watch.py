@@ -1,10 +1,12 @@
 """What happens between the events of a cycle: how near masses come to their stops, how lightly they rest on them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._flow.interface import AbstractFlow
@@ -17,6 +19,9 @@ from .._xla import is_any
 # Samples per radian of the fastest part of the motion, the most on a flight, and what it takes from there to the
 # minimum by Newton's method.
 _DENSITY, _MOST, _STEPS = 1.3, 10_000, 4
+# Where the motion between two samples is looked at. Closest at both ends: a mass that hardly leaves its stop turns back
+# soon after the impact.
+_NODES = (1 - np.cos(np.linspace(0, np.pi, 25))) / 2
 
 
 class Watched(NamedTuple):
@@ -43,14 +48,10 @@ class Watched(NamedTuple):
 
 
 class _Reading(NamedTuple):
-    """Gaps, speeds of approach and their rates, forces, their rates and curvatures, (stops,) each."""
+    """Gaps with three derivatives and forces with two, by time in forcing periods, (stops,) each."""
 
-    gap: Array
-    speed: Array
-    speed_rate: Array
-    force: Array
-    force_rate: Array
-    force_curvature: Array
+    gap: list[Array]
+    force: list[Array]
 
 
 class _Lowest(NamedTuple):
@@ -112,15 +113,12 @@ def watch(problem: Problem, unknowns: Unknowns) -> Watched:
         now = _read(machine, flow, begin, held, since)
         is_first, is_last = i == 0, ~(i < num)  # no end of a flight that is no number
         # A gap is least where a mass turns back; a force likewise, or where a stick begins.
-        turns = ~is_first & ~held & (before.speed > 0) & (now.speed <= 0)
-        part = before.speed / jnp.where(turns, before.speed - now.speed, 1)
-        dip = before.gap - step * machine.period * part * before.speed / 2
-        gaps = scan.gaps.lowered(turns, _lowest(dip, since - step * (1 - part), held, begin, k))
-        lifts = held & (is_first | ((before.force_rate < 0) & (now.force_rate >= 0)))
-        slopes = before.force_rate - now.force_rate
-        part = jnp.where(is_first | (slopes == 0), 1, before.force_rate / jnp.where(slopes == 0, 1, slopes))
-        least = jnp.where(is_first, now.force, jnp.minimum(before.force, now.force))
-        forces = scan.forces.lowered(lifts, _lowest(least, since - step * (1 - part), held, begin, k))
+        gap, force = (_dip(a, b, step) for a, b in zip(before, now, strict=True))
+        turns = ~is_first & ~held & gap.is_there
+        gaps = scan.gaps.lowered(turns, _lowest(gap.value, since - step * (1 - gap.part), held, begin, k))
+        least = jnp.where(is_first, now.force[0], force.value)
+        at = since - jnp.where(is_first, 0, step * (1 - force.part))
+        forces = scan.forces.lowered(held & (is_first | force.is_there), _lowest(least, at, held, begin, k))
         if room:
             event = jax.tree.map(lambda a: a[k], events)
             after = lambda: fly(machine, flow, begin, event, duration)[0]  # noqa: E731
@@ -134,8 +132,8 @@ def watch(problem: Problem, unknowns: Unknowns) -> Watched:
     first = _read(machine, flow, begin, sequence.held[0], 0 * begin.time)
     scan = _Scan(jnp.array(0), jnp.array(0), begin, first, nothing, nothing)
     scan = jax.lax.while_loop(lambda scan: scan.flight <= count, one, scan)
-    gap, gap_time = _refined(machine, flow, scan.gaps, _of_gap)
-    force, force_time = _refined(machine, flow, scan.forces, _of_force)
+    gap, gap_time = _refined(machine, flow, scan.gaps, lambda reading: reading.gap)
+    force, force_time = _refined(machine, flow, scan.forces, lambda reading: reading.force)
     return Watched(
         gap=gap,
         gap_time=gap_time - problem.phase,
@@ -154,16 +152,46 @@ def _lowest(value: Array, since: Array, held: Array, begin: Moment, flight: Arra
     return _Lowest(value, since, rows(held), rows(begin.z), rows(begin.time), rows(flight))
 
 
-def _of_gap(reading: _Reading) -> tuple[Array, Array, Array]:
-    return reading.gap, reading.speed, reading.speed_rate
+class _Dip(NamedTuple):
+    """The lowest minimum between two samples, of each stop: whether there is one, its value, and where, from 0 to 1."""
+
+    is_there: Array
+    value: Array
+    part: Array
 
 
-def _of_force(reading: _Reading) -> tuple[Array, Array, Array]:
-    return reading.force, reading.force_rate, reading.force_curvature
+def _dip(before: list[Array], now: list[Array], step: Array) -> _Dip:
+    """The lowest minimum of the polynomial that has the values and derivatives of two samples."""
+    ends = jnp.stack([a * step**order for side in (before, now) for order, a in enumerate(side)])
+    values, slopes = (jnp.asarray(m, ends.dtype) @ ends for m in _at_nodes(len(before)))
+    turns = (slopes[:-1] < 0) & (slopes[1:] >= 0)
+    share = slopes[:-1] / jnp.where(turns, slopes[:-1] - slopes[1:], 1)
+    widths = jnp.asarray(np.diff(_NODES), ends.dtype)[:, None]
+    lowest = jnp.where(turns, values[:-1] + widths * share * slopes[:-1] / 2, jnp.inf)
+    parts = jnp.asarray(_NODES[:-1], ends.dtype)[:, None] + widths * share
+    at = jnp.argmin(lowest, axis=0)[None]
+    pick = lambda a: jnp.take_along_axis(a, at, axis=0)[0]  # noqa: E731
+    return _Dip(jnp.any(turns, axis=0), pick(lowest), pick(parts))
+
+
+@cache
+def _at_nodes(num: int) -> tuple[np.ndarray, np.ndarray]:
+    """The polynomial of `num` values and derivatives at 0 and as many at 1, and its slope, at `_NODES`, by these."""
+    powers = np.arange(2 * num)
+    rows = [_powers(end, order, powers) for end in (0.0, 1.0) for order in range(num)]
+    solved = np.linalg.inv(np.stack(rows))
+    values, slopes = (np.stack([_powers(u, order, powers) for u in _NODES]) @ solved for order in (0, 1))
+    return values, slopes
+
+
+def _powers(u: float, order: int, powers: np.ndarray) -> np.ndarray:
+    """The derivatives of u^power."""
+    factors = np.prod([powers - i for i in range(order)], axis=0) if order else np.ones(len(powers))
+    return factors * u ** np.maximum(powers - order, 0)
 
 
 def _refined(
-    machine: Machine, flow: AbstractFlow, lowest: _Lowest, of: Callable[[_Reading], tuple]
+    machine: Machine, flow: AbstractFlow, lowest: _Lowest, of: Callable[[_Reading], Sequence[Array]]
 ) -> tuple[Array, Array]:
     """Values and times of the minima by Newton's method on the slope; what is no minimum stays as it was read."""
 
@@ -171,8 +199,8 @@ def _refined(
         begin = Moment(low.z, low.start, jnp.zeros_like(lowest.value))
 
         def nearer(_: Array, since: Array) -> Array:
-            _, slope, rate = (a[stop] for a in of(_read(machine, flow, begin, low.held, since)))
-            return since - jnp.where(rate == 0, 0, slope / jnp.where(rate == 0, 1, rate)) / machine.period
+            _, slope, rate = (a[stop] for a in of(_read(machine, flow, begin, low.held, since))[:3])
+            return since - jnp.where(rate == 0, 0, slope / jnp.where(rate == 0, 1, rate))
 
         since = jax.lax.fori_loop(0, _STEPS, nearer, low.since)
         value = of(_read(machine, flow, begin, low.held, since))[0][stop]
@@ -193,6 +221,6 @@ def _read(machine: Machine, flow: AbstractFlow, begin: Moment, held: Array, sinc
     state = resting_state(machine, phase, x, v, held, time)
     hold = machine.hold(held)
     now = derivatives(machine, state, hold)
-    speed, speed_rate, _ = approaches(machine, state, now)
-    gap = machine.contacts.gaps(state.x, phase)
-    return _Reading(gap, speed, speed_rate, *contact_forces(machine, state, hold, now))
+    gap = [machine.contacts.gaps(state.x, phase), *(-a for a in approaches(machine, state, now))]
+    in_periods = lambda parts: [a * machine.period**order for order, a in enumerate(parts)]  # noqa: E731
+    return _Reading(in_periods(gap), in_periods(contact_forces(machine, state, hold, now)))
