@@ -420,7 +420,7 @@ def test_case_a_has_two_attractors_at_1_8():
     assert ds.num_impacts.values.tolist() == [[1, 1], [1, 0]]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_chaos_of_case_a_at_1_4_is_a_transient_beside_the_motion_without_impacts():
     system = vx.models.wagg_bishop_a(1.4)
     ds = found(system, 90)

@@ -288,7 +288,7 @@ def test_gears_rattle_as_a_ball_between_walls_that_feels_their_relative_force(ra
     assert float(alone.v0[0]) == pytest.approx(float(u), abs=ORBIT)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_gears_turned_by_an_angle_have_the_same_orbit_once(rattling):
     angles = np.array([0.0, 0.7, -3.0])[:, None]
     starts = np.asarray(rattling.x0) + angles, np.asarray(rattling.v0) + 0 * angles
@@ -480,7 +480,7 @@ def test_a_light_ball_on_a_heavy_one_is_thrown_up():
     assert float(sol.evaluate(meeting.t)[1][1]) == pytest.approx(after, rel=10 * d)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_shaken_column_rides_on_a_floor_slower_than_its_weight():
     w, a = 3.0, 0.5
     column = vx.models.bead_column(w, a, num_beads=2, diameter=0.2, mass=2.0, phase=0.3)

@@ -269,7 +269,7 @@ def test_a_trajectory_is_judged_likewise(t0):
     assert kinds(wide) != "non_impacting"
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_trajectory_with_a_force_is_judged_by_its_section():
     spring = lambda t, x, v, args: -0.001 * x  # noqa: E731
     load = vx.Harmonic([0.1, 0.0], 1.9)
