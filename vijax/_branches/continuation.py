@@ -105,7 +105,8 @@ def continued(
     with tqdm(unit="point", disable=not progress) as bar:
 
         def tell() -> None:
-            bar.update(sum(len(walk.points) for walk in walks) - bar.n)
+            if progress:
+                bar.update(sum(len(walk.points) for walk in walks) - bar.n)
 
         try:
             drive([family for family in families for _ in "-+"], tasks, tell)

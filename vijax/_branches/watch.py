@@ -21,7 +21,8 @@ from .._xla import is_any
 _DENSITY, _MOST, _STEPS = 0.7, 10_000, 4
 # Where the motion between two samples is looked at. Much closer at both ends: a mass that hardly leaves its stop turns
 # back soon after the impact.
-_NODES = (s := np.linspace(0, 1, 21)) ** 3 / (s**3 + (1 - s) ** 3)
+_EVEN = np.linspace(0, 1, 21)
+_NODES = _EVEN**3 / (_EVEN**3 + (1 - _EVEN) ** 3)
 
 
 class Watched(NamedTuple):
@@ -162,16 +163,13 @@ class _Dip(NamedTuple):
 
 def _dip(before: list[Array], now: list[Array], step: Array) -> _Dip:
     """The lowest minimum of the polynomial that has the values and derivatives of two samples."""
-    ends = [a * step**order for side in (before, now) for order, a in enumerate(side)]
-    values, slopes = (
-        sum(jnp.asarray(column[:, None], a.dtype) * a for column, a in zip(m.T, ends, strict=True))
-        for m in _at_nodes(len(before))
-    )
+    ends = jnp.stack([a * step**order for side in (before, now) for order, a in enumerate(side)])
+    values, slopes = (jnp.asarray(m, ends.dtype) @ ends for m in _at_nodes(len(before)))
     turns = (slopes[:-1] < 0) & (slopes[1:] >= 0)
     share = slopes[:-1] / jnp.where(turns, slopes[:-1] - slopes[1:], 1)
-    widths = jnp.asarray(np.diff(_NODES), before[0].dtype)[:, None]
+    widths = jnp.asarray(np.diff(_NODES), ends.dtype)[:, None]
     lowest = jnp.where(turns, values[:-1] + widths * share * slopes[:-1] / 2, jnp.inf)
-    parts = jnp.asarray(_NODES[:-1], before[0].dtype)[:, None] + widths * share
+    parts = jnp.asarray(_NODES[:-1], ends.dtype)[:, None] + widths * share
     at = jnp.argmin(lowest, axis=0)[None]
     pick = lambda a: jnp.take_along_axis(a, at, axis=0)[0]  # noqa: E731
     return _Dip(jnp.any(turns, axis=0), pick(lowest), pick(parts))

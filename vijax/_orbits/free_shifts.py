@@ -11,25 +11,32 @@ rounding keeps half the digits: so these are taken out of it by the eigenvectors
 """
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .._machine.numbers import Numbers
 from .._machine.rows import inverse_among
-from .._types import constant
+from .._types import constant, library_of
 from .condensed import Pencil
+
+# Of a machine that is known and clearly held the least singular value, of 1 for springs and contacts.
+_HELD = 1e-3
 
 
 def free_shifts(numbers: Numbers) -> Float[Array, "n n"]:
     """The projection P onto all shifts that no spring and no contact feels; zero for a machine with a `force`, which may."""
     known = constant(numbers)
-    stiffness, rows = jnp.asarray(known.stiffness), jnp.asarray(known.rows)
+    stiffness, rows = known.stiffness, known.rows
     if known.force is not None:
         return jnp.zeros_like(stiffness)
     # Springs and contacts count alike, whatever their units.
-    stiffest = jnp.max(jnp.abs(stiffness))
-    lengths = jnp.sqrt(jnp.sum(rows * rows, axis=1, keepdims=True))
-    rows = rows / lengths
-    felt = stiffness / jnp.where(stiffest > 0, stiffest, 1) + rows.T @ rows
+    library = library_of(stiffness, rows)
+    stiffest = library.max(library.abs(stiffness))
+    rows = rows / library.sqrt(library.sum(rows * rows, axis=1, keepdims=True))
+    felt = stiffness / library.where(stiffest > 0, stiffest, 1) + rows.T @ rows
+    if library is np and np.linalg.svd(felt, compute_uv=False)[-1] > _HELD:
+        return jnp.zeros_like(felt)
+    felt = jnp.asarray(felt)
     inverse = inverse_among(felt, jnp.ones(len(felt), bool))
     # Coordinates that depend on the others have no pivot.
     is_free = jnp.diagonal(inverse) == 0
