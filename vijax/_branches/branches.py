@@ -1,5 +1,6 @@
 """All branches through the orbits of a sweep."""
 
+import warnings
 from collections.abc import Callable
 from functools import partial
 
@@ -39,7 +40,8 @@ def branches(
         progress: show a bar, of the orbits that are accounted for.
 
     Returns:
-        The branches through the sweep, then those of the doubled orbits.
+        The branches through the sweep, then those of the doubled orbits. Orbits that are none of their machines are left out,
+        with a warning; after an interrupt there is what was followed until then.
 
     Raises:
         ValueError: if not exactly one quantity was swept.
@@ -63,9 +65,12 @@ def branches(
     waiting = [start for start in starts_of(orbits) if low <= _value(start, path) <= high]
     found: list[Branch] = []
     with tqdm(total=len(waiting), unit="orbit", disable=not progress) as bar:
-        follow = partial(continued, path=path, bounds=(low, high), max_points=max_points, progress=False)
+        how = {"path": path, "bounds": (low, high), "max_points": max_points}
+        follow = partial(continued, **how, progress=False, leaves_out=True)
         last = found = _each_once(waiting, [], follow, bar)
         for _ in range(num_doublings):
+            if any(map(_is_interrupted, last)):
+                break
             points = [point for branch in last for point in branch.bifurcations if point.kind == "pd"]
             doubled = [start for point in points for start in starts_of(switch_branch(point))]
             last = _each_once(doubled, found, follow, bar)
@@ -74,22 +79,31 @@ def branches(
 
 
 def _each_once(
-    starts: list[Start], known: list[Branch], follow: Callable[[list[Start]], list[Branch]], bar: tqdm
+    starts: list[Start], known: list[Branch], follow: Callable[[list[Start]], list[Branch | None]], bar: tqdm
 ) -> list[Branch]:
     """The branches of orbits that are not known, each once."""
-    new, left = [], _not_on(starts, known)
-    while left:
+    new, left, num_none = [], _not_on(starts, known), 0
+    while left and not any(map(_is_interrupted, new)):
         # Orbits with other numbers of events may lie on one branch, but most do not.
         kinds: dict[tuple, Start] = {}
         for start in left:
             kinds.setdefault((start.num_periods, start.num_events), start)
         firsts = list(kinds.values())
         for start, branch in zip(firsts, follow(firsts), strict=True):
-            new += [branch] if _not_on([start], new) else []
+            num_none += branch is None
+            new += [branch] if branch is not None and _not_on([start], new) else []
         num_left, taken = len(left), {id(start) for start in firsts}
         left = _not_on([start for start in left if id(start) not in taken], new)
         bar.update(num_left - len(left))
+    if num_none:
+        warnings.warn(
+            f"Left out {num_none} orbits that are no periodic orbits of their machines.", stacklevel=4
+        )
     return new
+
+
+def _is_interrupted(branch: Branch) -> bool:
+    return "interrupted" in branch.ends
 
 
 def _value(start: Start, path: str) -> float:
@@ -127,7 +141,7 @@ def _states(start: Start) -> np.ndarray:
     if start.num_periods == 1:
         return start.state[None]
     x, v = np.split(start.state, 2)
-    period = float(start.system.forcing.period)
+    period = 2 * np.pi / float(start.system.forcing.frequency)
     ts = start.phase / (2 * np.pi) * period + period * np.arange(start.num_periods)
     sol = simulate(start.system, ts[0], ts[-1], x, v, ts=ts, args=start.args, flow=start.flow, throw=False)
     return np.concatenate([sol.xs, sol.vs], axis=1)

@@ -15,6 +15,7 @@ from .._types import Count, as_known, whole_number
 from .._xla import padding_allowed
 from .branch import Branch, branch_of
 from .drive import drive
+from .family import Family
 from .follow import follow
 from .point import Point, Walk
 from .starts import Start, family_of, points_of, starts_of
@@ -81,27 +82,48 @@ def continuation(
         E. L. Allgower & K. Georg, Numerical Continuation Methods (1990); M. di Bernardo et al., Piecewise-smooth
         Dynamical Systems (2008), Ch. 6.
     """
-    branches = continued(starts_of(orbit), path, bounds, max_points, progress=progress)
+    followed = continued(starts_of(orbit), path, bounds, max_points, progress=progress)
+    branches = [branch for branch in followed if branch is not None]
     return branches[0] if isinstance(orbit, PeriodicOrbit) else branches
 
 
 def continued(
-    starts: list[Start], path: str, bounds: tuple[float, float], max_points: Count, *, progress: bool
-) -> list[Branch]:
-    """The branches of several orbits, followed side by side."""
+    starts: list[Start],
+    path: str,
+    bounds: tuple[float, float],
+    max_points: Count,
+    *,
+    progress: bool,
+    leaves_out: bool = False,
+) -> list[Branch | None]:
+    """The branches of several orbits, followed side by side; where it `leaves_out` what is no orbit, None for that."""
     low, high = _two_numbers(bounds)
     most = whole_number("max_points", max_points, 1)
     families = [family_of(start, path, low, high) for start in starts]
     for family in families[:1]:  # the others are refused the same values
         for value in (low, high):
             set_parameter(jax.tree.map(jnp.asarray, family.system), path, value)
-    points = points_of(starts, families)
+    all_points = points_of(starts, families)
+    if None in all_points and not leaves_out:
+        raise ValueError(
+            f"Orbit {all_points.index(None)} is no periodic orbit of its machine: find one by `vx.periodic_orbit`."
+        )
+    families = [family for family, point in zip(families, all_points, strict=True) if point is not None]
+    points = [point for point in all_points if point is not None]
     walks = [
         Walk(float(family.num_periods), (low / family.span, high / family.span), most)
         for family in families
         for _ in "-+"
     ]
-    tasks = [follow(walk, start) for walk, start in zip(walks, _both_ways(points), strict=True)]
+    _follow(walks, [family for family in families for _ in "-+"], _both_ways(points), progress=progress)
+    whole = zip(families, points, walks[::2], walks[1::2], strict=True)
+    branches = iter([branch_of(family, start, back, forth) for family, start, back, forth in whole])
+    return [None if point is None else next(branches) for point in all_points]
+
+
+def _follow(walks: list[Walk], families: list[Family], starts: list[Point], *, progress: bool) -> None:
+    """Follow branches from their starts as long as nobody interrupts."""
+    tasks = [follow(walk, start) for walk, start in zip(walks, starts, strict=True)]
     with tqdm(unit="point", disable=not progress) as bar:
 
         def tell() -> None:
@@ -109,11 +131,9 @@ def continued(
                 bar.update(sum(len(walk.points) for walk in walks) - bar.n)
 
         try:
-            drive([family for family in families for _ in "-+"], tasks, tell)
+            drive(families, tasks, tell)
         except KeyboardInterrupt:  # what is done is kept
-            warnings.warn("Interrupted: the branches are not complete.", stacklevel=4)
-    whole = zip(families, points, walks[::2], walks[1::2], strict=True)
-    return [branch_of(family, start, back, forth) for family, start, back, forth in whole]
+            warnings.warn("Interrupted: the branches are not complete.", stacklevel=5)
 
 
 def _two_numbers(bounds: tuple[float, float]) -> tuple[float, float]:
