@@ -13,7 +13,17 @@ from .._machine.machine import OWN_BOUND
 from .._refusal import are_unfounded, checked, numbered
 from .._system.checks import validate_start
 from .._system.system import ImpactSystem, with_args
-from .._types import Count, Numbers, as_float, as_known, at_once, concrete, is_traced, whole_number
+from .._types import (
+    Count,
+    Numbers,
+    as_far_as_known,
+    as_float,
+    as_known,
+    at_once,
+    concrete,
+    is_traced,
+    whole_number,
+)
 from .._xla import padding_allowed
 from .known import known_machine
 from .loop import NO_PAUSE, Asked, Request, run_whole
@@ -135,7 +145,8 @@ def follow(
     if times.ndim != 1:
         raise ValueError(f"Argument `ts` must have shape (times,), but has shape {times.shape}.")
     stops = () if known and known.is_inside(x) else system.stops
-    doubts = validate_start(stops, system.forcing.frequency, begin, end, times, x, v)
+    start = stops, system.forcing.frequency, begin, end, times, x, v
+    doubts = validate_start(*(start if known else as_far_as_known(start)))
     can_stick = (known is not None and known.can_always_stick) or can_any_stick(system, x, v)
     request = Request(
         t0=begin,
