@@ -21,6 +21,8 @@ from .search import Search, Strobe, learn
 Axes = tuple[int | None, ...]
 Chunk = tuple[Strobe, Search]
 
+# What there are programs for.
+_COMPILED: set[tuple] = set()
 # Chunks in a task of an executor: a second of work.
 _IN_TASK = 16
 
@@ -37,7 +39,6 @@ class Learners:
         self._axes, self._executor = axes, executor
         self._x64 = bool(jax.config.read("jax_enable_x64"))
         self._cores = ThreadPoolExecutor(count_cores()) if executor is None else None
-        self._is_compiled = False
 
     def __enter__(self) -> "Learners":
         return self
@@ -59,10 +60,13 @@ class Learners:
         if self._cores is None:
             yield from self._by_workers(num_chunks, chunk)
             return
-        # The first is alone: each would compile.
-        alone, self._is_compiled = 0 if self._is_compiled else 1, True
+        # Until there is a program the first is alone: each would compile.
+        leaves, structure = jax.tree.flatten(chunk(0))
+        program = structure, self._axes, self._x64, tuple(np.shape(a) for a in leaves)
+        alone = 0 if program in _COMPILED else 1
         for numbers in (range(alone), range(alone, num_chunks)):
             yield from zip(numbers, self._cores.map(lambda k: self._here(chunk(k)), numbers), strict=True)
+            _COMPILED.add(program)
 
     @padding_allowed
     def _here(self, chunk: Chunk) -> Search:
