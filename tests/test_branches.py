@@ -88,7 +88,28 @@ def test_a_doubled_branch_ends_where_it_began(doubled):
     assert "period_doubling" in branch.ends
     end = points_of(branch, "pd")[-1]
     assert end.value == pytest.approx(point.value, abs=1e-9)
-    assert vx.switch_branch(points_of(doubled, "gr")[0]) == []
+
+
+def test_families_of_several_periods_leave_a_grazing(doubled):
+    """Of the orbit without impacts: one impact in two periods, whose doubling is published, and both families of three."""
+    alone = vx.periodic_orbit(oscillator(0.2, 0.84091), [0.0], [0.0], max_events=ROOM)
+    (grazing,) = follow(alone, AMPLITUDE, 0.1, 0.5).bifurcations
+    families = vx.switch_branch(grazing)
+    assert [(orbit.num_periods, int(orbit.num_impacts[0])) for orbit in families] == [(2, 1), (3, 1), (3, 2)]
+    for orbit in families:
+        sol = vx.simulate(orbit.system, 0.0, orbit.period, orbit.x0, orbit.v0)
+        assert int(sol.num_events) == int(orbit.num_impacts[0])
+        assert abs(float(orbit.system.forcing.amplitude[0]) - grazing.value) < 1e-3
+    (doubling,) = points_of(follow(families[0], AMPLITUDE, 0.29, 0.33), "pd")
+    assert doubling.value == pytest.approx(0.32561956758361, abs=1e-11)
+    # The branch of three periods comes back to itself, a period later: each of its points is told once.
+    of_three = follow(families[1], AMPLITUDE, 0.1, 0.5)
+    assert "closed" in of_three.ends
+    changes = [(point.kind, round(point.value, 6)) for point in of_three.bifurcations if point.kind != "gr"]
+    assert len(set(changes)) == len(changes) == 4
+    # The same families leave the grazing of the branch of two periods, all but itself.
+    others = vx.switch_branch(points_of(doubled, "gr")[0])
+    assert [(orbit.num_periods, int(orbit.num_impacts[0])) for orbit in others] == [(1, 1), (3, 1), (3, 2)]
 
 
 def test_a_branch_is_kept_in_a_file(doubled, tmp_path):

@@ -125,7 +125,7 @@ class Bifurcation:
 
 def branch_of(family: Family, start: Point, back: Walk, forth: Walk) -> Branch:
     """The branch from what was followed backwards and forwards."""
-    if forth.end == "closed":
+    if forth.end == "closed" and back.end in ("closed", "max_points", "interrupted"):
         back = replace(back, points=[], end="closed")
     points = [*back.points[::-1], start, *forth.points]
     seen = side_by_side(points)

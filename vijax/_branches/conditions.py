@@ -65,6 +65,14 @@ def _at_multiplier(point: Bifurcation) -> AbstractCondition:
 def _at_event(
     family: Family, kind: str, sequence: Sequence, place: Place
 ) -> tuple[AbstractCondition, Sequence, Place]:
+    sequence, place, k, is_tangent = with_its_event(family, kind, sequence, place)
+    return AtEvent(np.zeros(0), np.asarray(k), np.asarray(is_tangent)), sequence, place
+
+
+def with_its_event(
+    family: Family, kind: str, sequence: Sequence, place: Place
+) -> tuple[Sequence, Place, int, bool]:
+    """The cycle of a change of its events with that event among them; its number, and whether it has no speed there."""
     (seen,) = drive([family], [as_it_is(sequence, place)], lambda: None)
     test, watched = _test_of(kind, sequence, seen), seen.watched
     k, is_tangent = test.index, test.kind != "double_impact"
@@ -76,7 +84,7 @@ def _at_event(
         flight, time = int(watched.force_flight[k]), float(watched.force_time[k])
         sequence, place = with_event(sequence, place, RELEASE, k, flight, time)
         k, is_tangent = flight, bool(place.flights[flight] > _MOMENT[str(place.flights.dtype)])
-    return AtEvent(np.zeros(0), np.asarray(k), np.asarray(is_tangent)), sequence, place
+    return sequence, place, k, is_tangent
 
 
 def _test_of(kind: str, sequence: Sequence, seen: Seen) -> Test:

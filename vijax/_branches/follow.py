@@ -19,7 +19,7 @@ from .family import Place
 from .locate import first_event, special_points
 from .plain_steps import SHORTEST, STRAIGHT, PlainSteps, is_sound, next_length
 from .point import TRUSTED, Asked, Ended, Full, Point, Walk, at_parameter, on_plane
-from .programs import Followed, Request, confirm, tell, trimmed
+from .programs import Followed, Request, confirm, locate_start, tell, trimmed
 
 # Length of the first step.
 _FIRST = 2e-3
@@ -27,6 +27,8 @@ _FIRST = 2e-3
 _SEPARATE = 1e-4
 # A stick as short as this, in forcing periods, vanishes right there.
 _MOMENT = 1e-5
+# A cycle this near to another is that one.
+_AGAIN = 1e-8
 # Steps back to where a stick vanishes.
 _MOST_BACK = 100
 
@@ -183,11 +185,29 @@ def _add(walk: Walk, point: Point) -> Asked:
 def _beyond(walk: Walk, test: Test, event: Point) -> Asked:
     """The point from which the branch goes on behind an event."""
     yield from _add(walk, event)
+    yield from _to_passed(walk, event)
     yield from _to_limit(walk, test, event)
     try:
         return (yield from by_sequence(test, event))
     except Ended:
         return (yield from by_machine(event, test.kind))
+
+
+def _to_passed(walk: Walk, event: Point) -> Asked:
+    """End where an event is one that was passed before, some forcing periods later; keep each bifurcation once."""
+    *before, last = walk.points
+    numbers = [k for k, point in enumerate(before) if point.kind]
+    for place, k in enumerate(numbers):
+        old = before[k]
+        if not isinstance(old, Point) or old.kind != last.kind or abs(old.place.p - event.place.p) > _AGAIN:
+            continue
+        for n in range(int(walk.num_periods)):
+            z = yield Request(locate_start, event.sequence, (event.place, np.asarray(float(n))))
+            if np.abs(z - old.place.z).max() < _AGAIN:
+                # The last as many were the first ones again.
+                again = [*numbers, len(before)][-place - 1]
+                del walk.points[again:]
+                raise Ended("closed")
 
 
 def _to_limit(walk: Walk, test: Test, event: Point) -> Asked:

@@ -6,8 +6,10 @@ from .._orbits.orbit import PeriodicOrbit
 from .._orbits.sequence import Sequence
 from .._xla import padding_allowed
 from .branch import Bifurcation, branch_of, cycle_of
+from .conditions import with_its_event
 from .drive import drive
-from .family import Place
+from .family import Family, Place
+from .leaving import leave, repeated, rounds_of, touch_of
 from .point import Asked, Point, Walk, corrected, is_followed
 from .programs import Request, jacobian
 from .starts import family_of, starts_of
@@ -20,8 +22,9 @@ _TRIALS = 1e-3, 1e-4, 1e-2
 def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
     """Orbits on the other branches through a point of a branch, close to it.
 
-    At a period doubling the orbit of twice the period; at a branch point one on each side. A fold has none, and where
-    an impact comes or goes, or two change their order, the branch itself goes on.
+    At a period doubling the orbit of twice the period; at a branch point one on each side; where an impact comes or goes,
+    those of one to three periods of the orbit that touches the stop, in some of which it hits it, as far as the machine
+    follows them. A fold has none, and where two impacts change their order, the branch itself goes on.
 
     Args:
         point: one of `branch.bifurcations`.
@@ -48,6 +51,8 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
         raise ValueError(
             "A torus leaves at a Neimark-Sacker point, no periodic orbit: run `vx.simulate` beside it."
         )
+    if point.kind == "gr":
+        return _at_grazing(point)
     if point.kind not in ("pd", "bp"):
         return []
     (start,) = starts_of(point.orbit)
@@ -59,8 +64,30 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
         family = family_of(start._replace(num_periods=2 * start.num_periods), path, value - 1, value + 1)
     sides = (1.0,) if point.kind == "pd" else (1.0, -1.0)
     found = drive([family] * len(sides), [_beside(sequence, place, side) for side in sides], lambda: None)
+    return [_orbit(family, other) for other in found if other is not None]
+
+
+def _at_grazing(point: Bifurcation) -> list[PeriodicOrbit]:
+    """Orbits on the families that leave a grazing."""
+    (start,) = starts_of(point.orbit)
+    start, path, value = start._replace(is_admissible=True), point.branch.path, point.value
+    family = family_of(start, path, value - 1, value + 1)
+    sequence, place = cycle_of(point, family.scale, value / float(family.span))
+    sequence, place, k, _ = with_its_event(family, "gr", sequence, place)
+    (touch,) = drive([family], [touch_of(sequence, place, k, start.num_periods)], lambda: None)
+    orbits = []
+    for is_hit in rounds_of(touch, start.num_periods):
+        num_periods = len(is_hit) * touch.num_periods
+        longer = family_of(start._replace(num_periods=num_periods), path, value - 1, value + 1)
+        (other,) = drive([longer], [leave(*repeated(touch, is_hit), _TRIALS)], lambda: None)
+        orbits += [] if other is None else [_orbit(longer, other)]
+    return orbits
+
+
+def _orbit(family: Family, point: Point) -> PeriodicOrbit:
+    """The orbit of a point that is alone."""
     empty = Walk(float(family.num_periods), (0.0, 0.0), 0)
-    return [branch_of(family, other, empty, empty).orbit(0) for other in found if other is not None]
+    return branch_of(family, point, empty, empty).orbit(0)
 
 
 def _twice(sequence: Sequence, place: Place, num_periods: int) -> tuple[Sequence, Place]:

@@ -152,7 +152,7 @@ class _Curves(NamedTuple):
 def _curves(branch: Branch, stop: int) -> _Curves:
     """The lines of a branch at a stop."""
     points = branch.points
-    if branch.ends[1] == "closed":  # its last point is followed by its first one
+    if branch.ends == ("closed", "closed"):  # its last point is followed by its first one
         points = points.isel(point=[*range(len(branch)), 0])
     kinds = points["bifurcation"].values.astype(str)
     # On the circle rounding tells whether an orbit is stable: there the other end of a piece decides.

@@ -1,0 +1,117 @@
+"""The families of cycles that leave a grazing.
+
+An orbit that touches a stop is also one of twice the period, or more, with an impact without speed in some of its rounds. On
+each of these sequences a family begins along which such impacts gain speed; the machine follows it if in the other rounds the
+stop is not reached (A. B. Nordmark, Nonlinearity 14 (2001) 1517).
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from .._orbits.sequence import Sequence
+from .._trajectory.event_log import IMPACT
+from .branch_tests import tests_of
+from .changes import with_event, without_event
+from .family import Place
+from .point import Asked, Point, as_it_is, corrected, is_followed
+from .programs import Rates, Request, locate_start, rates_along
+
+# The most rounds, and of a cycle that is another one several times the same state to so much.
+_MOST, _SAME = 3, 1e-6
+
+
+class Touch(NamedTuple):
+    """A cycle that touches a stop.
+
+    Attributes:
+        sequence: what happens, without the touch.
+        place: the cycle.
+        num_periods: n.
+        stop: that it touches.
+        flight: on which flight.
+        time: when, in forcing periods.
+    """
+
+    sequence: Sequence
+    place: Place
+    num_periods: int
+    stop: int
+    flight: int
+    time: float
+
+    def as_impact(self) -> tuple[Sequence, Place]:
+        """The same with the touch as an impact."""
+        return with_event(self.sequence, self.place, IMPACT, self.stop, self.flight, self.time)
+
+
+def touch_of(sequence: Sequence, place: Place, k: int, num_periods: int) -> Asked:
+    """The touch of an impact `k` without speed, of a cycle that is not several times another."""
+    stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
+    sequence, place = without_event(sequence, place, k)
+    num_events = len(sequence.kind)
+    for n in (n for n in range(1, num_periods) if num_periods % n == 0):
+        rounds = num_periods // n
+        z = yield Request(locate_start, sequence, (place, np.asarray(float(n))))
+        if num_events % rounds or np.abs(z - place.z).max() > _SAME:
+            continue
+        first = slice(num_events // rounds)
+        sequence = Sequence(
+            sequence.kind[first], sequence.stop[first], sequence.held[: num_events // rounds + 1]
+        )
+        place, time, num_periods = place._replace(flights=place.flights[first]), time % n, n
+        break
+    flight = int(np.count_nonzero(np.cumsum(place.flights) < time))
+    return Touch(sequence, place, num_periods, stop, flight, time)
+
+
+def rounds_of(touch: Touch, num_periods: int) -> Iterator[list[bool]]:
+    """In which rounds the touch becomes an impact, for all families but that of a branch with so many periods."""
+    for rounds in range(1, _MOST + 1):
+        for hits in range(1, max(rounds, 2)):
+            if (rounds * touch.num_periods, hits) != (num_periods, 1):
+                yield [k < hits for k in range(rounds)]
+
+
+def repeated(touch: Touch, is_hit: list[bool]) -> tuple[Sequence, Place, list[int]]:
+    """Rounds of the cycle, with the touch as an impact in some of them, and the numbers of these impacts."""
+    parts = [touch.as_impact() if hit else (touch.sequence, touch.place) for hit in is_hit]
+    n, flights, hits = touch.num_periods, [], []
+    left = 0.0  # from the last event to the end of the round
+    for hit, (_, place) in zip(is_hit, parts, strict=True):
+        own = place.flights.copy()
+        hits += [sum(map(len, flights)) + touch.flight] if hit else []
+        if len(own):
+            own[0] += left
+            left = 0.0
+        flights.append(own)
+        left += n - place.flights.sum()
+    whole = Sequence(
+        np.concatenate([sequence.kind for sequence, _ in parts]),
+        np.concatenate([sequence.stop for sequence, _ in parts]),
+        np.concatenate([*(sequence.held[:-1] for sequence, _ in parts), parts[-1][0].held[-1:]]),
+    )
+    return whole, touch.place._replace(flights=np.concatenate(flights)), hits
+
+
+def leave(sequence: Sequence, place: Place, hits: list[int], lengths: tuple[float, ...]) -> Asked:
+    """A point on the family of a sequence, at the first of some distances that the machine follows; None if at none."""
+    seen = yield from as_it_is(sequence, place)
+    if not seen.found.is_converged:
+        return None
+    at = Point.of(sequence, seen, 0.0)
+    rates: Rates = yield Request(rates_along, sequence, (at.place, at.tangent, np.asarray(0.0)))
+    is_ahead = rates.speeds[hits] > 0
+    if is_ahead.any() != is_ahead.all():
+        return None
+    tangent = at.tangent if is_ahead.all() else at.tangent.turned()
+    for ds in lengths:
+        seen = yield from corrected(
+            sequence, at.place.moved(tangent, ds), tangent, at.place.along(tangent) + ds
+        )
+        other = Point.of(sequence, seen, 0.0)
+        is_sound = seen.found.is_converged and min(test.of(seen) for test in tests_of(sequence)) > 0
+        if is_sound and (yield from is_followed(other)):
+            return other
+    return None
