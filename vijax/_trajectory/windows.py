@@ -82,12 +82,10 @@ def _window(request: Request, num_reached: int) -> Request:
 def nothing_done(numbers: Numbers, flow: AbstractFlow) -> Left:
     """The input of the first call, in the shapes of what a call leaves."""
     left = _nothing(*numbers.rows.shape, numbers.waves.num_harmonics, numbers.mass.dtype)
+    if type(flow).memory is AbstractFlow.memory:  # none; to ask the flow would take longer than all else here
+        return left
     memory = flow.memory(left.known_until)
-    return (
-        left
-        if memory is None
-        else eqx.tree_at(lambda left: left.state, left, remembering(left.state, memory))
-    )
+    return eqx.tree_at(lambda left: left.state, left, remembering(left.state, memory))
 
 
 @lru_cache
