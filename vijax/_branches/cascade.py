@@ -13,8 +13,9 @@ from .family import Place
 from .point import Asked, Point, at_parameter
 from .programs import Followed, Request, confirm, padded, room_for, trimmed
 
-# So many grazings of one stop are a cascade, if each is nearer to the next than it was to the last.
-MANY = 8
+# So many grazings of one stop are a cascade, if each is nearer to the next than it was to the last; where it is not known
+# how a branch goes on, fewer.
+MANY, FEW = 8, 4
 _NEARER = 0.95
 # How far behind the limit a stick is looked for, in distances of the last grazing from there, and how often.
 _BEHIND, _TRIALS = (0.1, 0.3, 1.0, 3.0, 0.03), 4
@@ -24,7 +25,7 @@ _AWAY = 0.5
 
 def limit_of(grazings: list[Point]) -> Place | None:
     """Where grazings lead, without the durations of flights: A. C. Aitken's extrapolation; None if they lead nowhere."""
-    if len(grazings) < MANY:
+    if len(grazings) < FEW:
         return None
     p = np.array([point.place.p for point in grazings[-4:]], float)
     steps = np.diff(p)

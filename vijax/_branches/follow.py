@@ -14,7 +14,7 @@ from .._orbits.sequence import Sequence
 from .._trajectory.event_log import RELEASE
 from .beyond import by_machine, by_sequence, in_section, with_its_bounces
 from .branch_tests import Test, crossings, tests_of
-from .cascade import behind, is_limit, limit_of
+from .cascade import FEW, MANY, behind, is_limit, limit_of
 from .family import Place
 from .locate import first_event, special_points
 from .plain_steps import SHORTEST, STRAIGHT, PlainSteps, is_sound, next_length
@@ -111,6 +111,7 @@ def _end(walk: Walk, point: Point) -> Asked:
             walk.points.pop()
         yield from _add(walk, point._replace(kind="chatter_completion"))
         raise Ended("chatter_completion")
+    yield from _to_limit(walk, FEW)
     raise Ended("left_the_stops")
 
 
@@ -186,7 +187,9 @@ def _beyond(walk: Walk, test: Test, event: Point) -> Asked:
     """The point from which the branch goes on behind an event."""
     yield from _add(walk, event)
     yield from _to_passed(walk, event)
-    yield from _to_limit(walk, test, event)
+    same = [entry for entry in walk.cascade if entry[0] == test.index]
+    walk.cascade = [*same, (test.index, event)] if test.kind == "touch" else []
+    yield from _to_limit(walk, MANY)
     try:
         return (yield from by_sequence(test, event))
     except Ended:
@@ -210,20 +213,21 @@ def _to_passed(walk: Walk, event: Point) -> Asked:
                 raise Ended("closed")
 
 
-def _to_limit(walk: Walk, test: Test, event: Point) -> Asked:
-    """End at the limit of a cascade of grazings, if an event is one of them."""
-    same = [entry for entry in walk.cascade if entry[0] == test.index]
-    walk.cascade = [*same, (test.index, event)] if test.kind == "touch" else []
-    limit = limit_of([point for _, point in walk.cascade])
-    start = (yield from behind(limit, event)) if limit else None
+def _to_limit(walk: Walk, least: int) -> Asked:
+    """End at the limit of the last grazings, if they are so many and lead to one."""
+    grazings = [point for _, point in walk.cascade]
+    limit = limit_of(grazings) if len(grazings) >= least else None
+    start = (yield from behind(limit, grazings[-1])) if limit else None
     if limit is None or start is None:
         return
+    event = grazings[-1]
     back = Walk(walk.num_periods, walk.bounds, _MOST_BACK)
     yield from follow(back, start)
     last = back.points[-1] if back.end == "chatter_completion" else None
     if isinstance(last, Point) and is_limit(last.place, limit, event.place):
         way = np.append(last.place.z - event.place.z, last.place.p - event.place.p)
-        walk.points.append(last._replace(arc=event.arc + float(np.linalg.norm(way))))
+        arc = max(walk.points[-1].arc, event.arc + float(np.linalg.norm(way)))
+        walk.points.append(last._replace(arc=arc))
         raise Ended("chatter_completion")
 
 

@@ -20,9 +20,9 @@ from .._xla import is_any
 # minimum by Newton's method.
 _DENSITY, _MOST, _STEPS = 0.7, 10_000, 4
 # Where the motion between two samples is looked at. Much closer at both ends: a mass that hardly leaves its stop turns
-# back soon after the impact.
-_EVEN = np.linspace(0, 1, 21)
-_NODES = _EVEN**3 / (_EVEN**3 + (1 - _EVEN) ** 3)
+# back soon after the impact, the sooner the more bounces there were.
+_AFTER, _BEFORE = 1e-6 * 2.5 ** np.arange(15), 1 - 1e-3 * 2.5 ** np.arange(7)
+_NODES = np.concatenate([[0.0], _AFTER, [0.5, 0.62], _BEFORE[::-1], [1.0]])
 
 
 class Watched(NamedTuple):
