@@ -112,6 +112,15 @@ def test_families_of_several_periods_leave_a_grazing(doubled):
     assert [(orbit.num_periods, int(orbit.num_impacts[0])) for orbit in others] == [(1, 1), (3, 1), (3, 2)]
 
 
+def test_a_branch_without_any_event_has_orbits():
+    alone = vx.periodic_orbit(oscillator(0.1, 0.84091), [0.0], [0.0], max_events=ROOM)
+    branch = follow(alone, AMPLITUDE, 0.05, 0.2)
+    orbit = branch.orbit(0)
+    assert int(orbit.num_impacts.sum()) == 0
+    assert np.all(orbit.events.kind == -1)
+    assert np.hypot(orbit.x0, orbit.v0 / 0.84091)[0] == pytest.approx(0.05 / grazing_amplitude(0.84091))
+
+
 def test_a_branch_is_kept_in_a_file(doubled, tmp_path):
     doubled.points.to_netcdf(tmp_path / "branch.nc")
     again = vx.Branch(xr.open_dataset(tmp_path / "branch.nc"))

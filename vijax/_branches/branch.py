@@ -175,7 +175,8 @@ def _columns_of_events(points: list[Point | PlainPoint], seen: Seen) -> dict[str
     numbers = {one: number for number, one in enumerate(sequences)}
     which = np.array([numbers[id(point.sequence)] for point in points])
     own = list(sequences.values())
-    room, num_stops = max(len(one.kind) for one in own), own[0].held.shape[1]
+    # A log has at least one entry, if only of padding.
+    room, num_stops = max(1, *(len(one.kind) for one in own)), own[0].held.shape[1]
     kind = _rows([one.kind for one in own], room, NOTHING)[which]
     stop = _rows([one.stop for one in own], room, -1)[which]
     held = _rows([one.held for one in own], room + 1, False)[which]
