@@ -164,12 +164,9 @@ def constant(tree: T) -> T:
 
 def as_far_as_known(tree: T) -> T:
     """The same numbers for checks, without derivatives, which compile nothing where `grad` alone traces them: NumPy's if known."""
-
-    def known(a: Any) -> Any:
-        a = jax.lax.stop_gradient(a) if isinstance(a, jax.core.Tracer) else a
-        return np.asarray(a) if isinstance(a, jax.Array) and not isinstance(a, jax.core.Tracer) else a
-
-    return jax.tree.map(known, tree)
+    # A `constant` that is known would be staged under `jit`.
+    still = jax.tree.map(lambda a: constant(a) if isinstance(a, jax.core.Tracer) else a, tree)
+    return jax.tree.map(lambda a: a if (known := concrete(a)) is None else known, still)
 
 
 def not_negative(time: Array) -> Array:

@@ -23,9 +23,9 @@ _BEHIND, _TRIALS = (0.1, 0.3, 1.0, 3.0, 0.03), 4
 _AWAY = 0.5
 
 
-def limit_of(grazings: list[Point]) -> Place | None:
-    """Where grazings lead, without the durations of flights: A. C. Aitken's extrapolation; None if they lead nowhere."""
-    if len(grazings) < FEW:
+def limit_of(grazings: list[Point], least: int) -> Place | None:
+    """Where grazings lead, without the durations of flights, by A. C. Aitken's extrapolation; None if nowhere, or they are few."""
+    if len(grazings) < least:
         return None
     p = np.array([point.place.p for point in grazings[-4:]], float)
     steps = np.diff(p)

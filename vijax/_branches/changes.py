@@ -40,6 +40,23 @@ def with_order_exchanged(sequence: Sequence, place: Place, k: int) -> tuple[Sequ
     return Sequence(sequence.kind[order], sequence.stop[order], sequence.held), place
 
 
+def in_a_row(rounds: list[tuple[Sequence, Place]], num_periods: int) -> tuple[Sequence, Place]:
+    """One cycle of several, of `num_periods` each and all from the same state."""
+    flights, left = [], 0.0
+    for _, place in rounds:
+        own = place.flights.copy()
+        own[:1] += left
+        flights.append(own)
+        left = num_periods - place.flights.sum() + (0.0 if len(own) else left)
+    sequences = [sequence for sequence, _ in rounds]
+    whole = Sequence(
+        np.concatenate([sequence.kind for sequence in sequences]),
+        np.concatenate([sequence.stop for sequence in sequences]),
+        np.concatenate([*(sequence.held[:-1] for sequence in sequences), sequences[-1].held[-1:]]),
+    )
+    return whole, rounds[0][1]._replace(flights=np.concatenate(flights))
+
+
 def passed_section(place: Place, num_periods: float) -> int:
     """How many events at the front come before the start of the cycle, negative for those behind its end."""
     times = np.cumsum(place.flights)

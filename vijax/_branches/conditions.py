@@ -12,7 +12,7 @@ from .drive import drive
 from .family import Family, Place
 from .point import as_it_is
 from .programs import Seen, padded, room_for
-from .starts import family_of, starts_of
+from .starts import Start, family_of, starts_of
 
 _NO_SYSTEM = {
     "bp": "A branch point is there for one machine alone, or by a symmetry: take the points of a branch beside it.",
@@ -38,15 +38,21 @@ def defining_of(point: Bifurcation, low: float, high: float) -> tuple[Defining, 
     """
     if point.kind in _NO_SYSTEM:
         raise ValueError(_NO_SYSTEM[point.kind])
-    (start,) = starts_of(point.orbit)
-    family = family_of(start._replace(is_admissible=True), point.branch.path, low, high)
-    sequence, place = cycle_of(point, family.scale, point.value / float(family.span))
+    _, family, sequence, place = family_at(point, low, high)
     if point.kind in ("fold", "pd", "ns"):
         condition = _at_multiplier(point)
     else:
         condition, sequence, place = _at_event(family, point.kind, sequence, place)
     sequence, place = padded(sequence, (place,), room_for(len(sequence.kind)))
     return Defining(family, sequence, condition), place
+
+
+def family_at(point: Bifurcation, low: float, high: float) -> tuple[Start, Family, Sequence, Place]:
+    """The orbit of a point, its machines between two values of the parameter, and its cycle in their scale."""
+    (start,) = starts_of(point.orbit)
+    start = start._replace(is_admissible=True)
+    family = family_of(start, point.branch.path, low, high)
+    return start, family, *cycle_of(point, family.scale, point.value / float(family.span))
 
 
 def _at_multiplier(point: Bifurcation) -> AbstractCondition:

@@ -216,7 +216,7 @@ def _to_passed(walk: Walk, event: Point) -> Asked:
 def _to_limit(walk: Walk, least: int) -> Asked:
     """End at the limit of the last grazings, if they are so many and lead to one."""
     grazings = [point for _, point in walk.cascade]
-    limit = limit_of(grazings) if len(grazings) >= least else None
+    limit = limit_of(grazings, least)
     start = (yield from behind(limit, grazings[-1])) if limit else None
     if limit is None or start is None:
         return

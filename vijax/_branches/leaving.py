@@ -12,10 +12,9 @@ import numpy as np
 
 from .._orbits.sequence import Sequence
 from .._trajectory.event_log import IMPACT
-from .branch_tests import tests_of
-from .changes import with_event, without_event
+from .changes import in_a_row, with_event, without_event
 from .family import Place
-from .point import Asked, Point, as_it_is, corrected, is_followed
+from .point import Asked, Point, as_it_is, first_followed
 from .programs import Rates, Request, locate_start, rates_along
 
 # The most rounds, and of a cycle that is another one several times the same state to so much.
@@ -76,23 +75,12 @@ def rounds_of(touch: Touch, num_periods: int) -> Iterator[list[bool]]:
 
 def repeated(touch: Touch, is_hit: list[bool]) -> tuple[Sequence, Place, list[int]]:
     """Rounds of the cycle, with the touch as an impact in some of them, and the numbers of these impacts."""
-    parts = [touch.as_impact() if hit else (touch.sequence, touch.place) for hit in is_hit]
-    n, flights, hits = touch.num_periods, [], []
-    left = 0.0  # from the last event to the end of the round
-    for hit, (_, place) in zip(is_hit, parts, strict=True):
-        own = place.flights.copy()
-        hits += [sum(map(len, flights)) + touch.flight] if hit else []
-        if len(own):
-            own[0] += left
-            left = 0.0
-        flights.append(own)
-        left += n - place.flights.sum()
-    whole = Sequence(
-        np.concatenate([sequence.kind for sequence, _ in parts]),
-        np.concatenate([sequence.stop for sequence, _ in parts]),
-        np.concatenate([*(sequence.held[:-1] for sequence, _ in parts), parts[-1][0].held[-1:]]),
-    )
-    return whole, touch.place._replace(flights=np.concatenate(flights)), hits
+    rounds = [touch.as_impact() if hit else (touch.sequence, touch.place) for hit in is_hit]
+    ends = np.cumsum([len(sequence.kind) for sequence, _ in rounds])
+    hits = [
+        int(end) - len(rounds[0][0].kind) + touch.flight for end, hit in zip(ends, is_hit, strict=True) if hit
+    ]
+    return *in_a_row(rounds, touch.num_periods), hits
 
 
 def leave(sequence: Sequence, place: Place, hits: list[int], lengths: tuple[float, ...]) -> Asked:
@@ -106,12 +94,4 @@ def leave(sequence: Sequence, place: Place, hits: list[int], lengths: tuple[floa
     if is_ahead.any() != is_ahead.all():
         return None
     tangent = at.tangent if is_ahead.all() else at.tangent.turned()
-    for ds in lengths:
-        seen = yield from corrected(
-            sequence, at.place.moved(tangent, ds), tangent, at.place.along(tangent) + ds
-        )
-        other = Point.of(sequence, seen, 0.0)
-        is_sound = seen.found.is_converged and min(test.of(seen) for test in tests_of(sequence)) > 0
-        if is_sound and (yield from is_followed(other)):
-            return other
-    return None
+    return (yield from first_followed(sequence, at.place, tangent, lengths))

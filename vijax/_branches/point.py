@@ -170,6 +170,16 @@ def as_it_is(sequence: Sequence, place: Place) -> Asked:
     return (yield from corrected(sequence, place, weights, place.along(weights)))
 
 
+def first_followed(sequence: Sequence, place: Place, along: Place, lengths: tuple[float, ...]) -> Asked:
+    """The cycle some way from a place, at the first of several distances at which the machine follows it; None if at none."""
+    for ds in lengths:
+        seen = yield from corrected(sequence, place.moved(along, ds), along, place.along(along) + ds)
+        other = Point.of(sequence, seen, 0.0)
+        if seen.found.is_converged and (yield from is_followed(other)):
+            return other
+    return None
+
+
 def is_followed(point: Point) -> Asked:
     """Whether the machine follows the cycle."""
     followed: Followed = yield Request(confirm, point.sequence, (point.place,))

@@ -5,14 +5,15 @@ import numpy as np
 from .._orbits.orbit import PeriodicOrbit
 from .._orbits.sequence import Sequence
 from .._xla import padding_allowed
-from .branch import Bifurcation, branch_of, cycle_of
-from .conditions import with_its_event
+from .branch import Bifurcation, branch_of
+from .changes import in_a_row
+from .conditions import family_at, with_its_event
 from .drive import drive
 from .family import Family, Place
 from .leaving import leave, repeated, rounds_of, touch_of
-from .point import Asked, Point, Walk, corrected, is_followed
+from .point import Asked, Point, Walk, first_followed
 from .programs import Request, jacobian
-from .starts import family_of, starts_of
+from .starts import family_of
 
 # How far along the other branch, relative to the size of the motion: the first that the machine follows counts.
 _TRIALS = 1e-3, 1e-4, 1e-2
@@ -55,12 +56,10 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
         return _at_grazing(point)
     if point.kind not in ("pd", "bp"):
         return []
-    (start,) = starts_of(point.orbit)
     path, value = point.branch.path, point.value
-    family = family_of(start._replace(is_admissible=True), path, value - 1, value + 1)
-    sequence, place = cycle_of(point, family.scale, value / float(family.span))
+    start, family, sequence, place = family_at(point, value - 1, value + 1)
     if point.kind == "pd":
-        sequence, place = _twice(sequence, place, start.num_periods)
+        sequence, place = in_a_row([(sequence, place)] * 2, start.num_periods)
         family = family_of(start._replace(num_periods=2 * start.num_periods), path, value - 1, value + 1)
     sides = (1.0,) if point.kind == "pd" else (1.0, -1.0)
     found = drive([family] * len(sides), [_beside(sequence, place, side) for side in sides], lambda: None)
@@ -69,10 +68,8 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
 
 def _at_grazing(point: Bifurcation) -> list[PeriodicOrbit]:
     """Orbits on the families that leave a grazing."""
-    (start,) = starts_of(point.orbit)
-    start, path, value = start._replace(is_admissible=True), point.branch.path, point.value
-    family = family_of(start, path, value - 1, value + 1)
-    sequence, place = cycle_of(point, family.scale, value / float(family.span))
+    path, value = point.branch.path, point.value
+    start, family, sequence, place = family_at(point, value - 1, value + 1)
     sequence, place, k, _ = with_its_event(family, "gr", sequence, place)
     (touch,) = drive([family], [touch_of(sequence, place, k, start.num_periods)], lambda: None)
     orbits = []
@@ -90,18 +87,6 @@ def _orbit(family: Family, point: Point) -> PeriodicOrbit:
     return branch_of(family, point, empty, empty).orbit(0)
 
 
-def _twice(sequence: Sequence, place: Place, num_periods: int) -> tuple[Sequence, Place]:
-    """A cycle, told as one of twice the period."""
-    flights, again = place.flights, place.flights.copy()
-    again[:1] += num_periods - flights.sum()
-    double = Sequence(
-        np.tile(sequence.kind, 2),
-        np.tile(sequence.stop, 2),
-        np.concatenate([sequence.held[:-1], sequence.held]),
-    )
-    return double, place._replace(flights=np.concatenate([flights, again]))
-
-
 def _beside(sequence: Sequence, place: Place, side: float) -> Asked:
     """An orbit some way along the direction in which a point has neighbours at its own parameter."""
     matrix = yield Request(jacobian, sequence, (place,))
@@ -109,11 +94,5 @@ def _beside(sequence: Sequence, place: Place, side: float) -> Asked:
     kept = np.r_[: size + num_events]
     direction = np.linalg.svd(matrix[np.ix_(kept, kept)])[2][-1]
     along = Place(direction[:size], direction[size:], np.zeros(()))
-    for ds in _TRIALS:
-        seen = yield from corrected(
-            sequence, place.moved(along, side * ds), along, place.along(along) + side * ds
-        )
-        other = Point.of(sequence, seen, 0.0)
-        if seen.found.is_converged and (yield from is_followed(other)):
-            return other
-    return None
+    lengths = tuple(side * ds for ds in _TRIALS)
+    return (yield from first_followed(sequence, place, along, lengths))

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
+from scipy.interpolate import BPoly
 
 from .._flow.interface import AbstractFlow
 from .._machine.derivatives import approaches, contact_forces, derivatives
@@ -178,17 +179,8 @@ def _dip(before: list[Array], now: list[Array], step: Array) -> _Dip:
 @cache
 def _at_nodes(num: int) -> tuple[np.ndarray, np.ndarray]:
     """The polynomial of `num` values and derivatives at 0 and as many at 1, and its slope, at `_NODES`, by these."""
-    powers = np.arange(2 * num)
-    rows = [_powers(end, order, powers) for end in (0.0, 1.0) for order in range(num)]
-    solved = np.linalg.inv(np.stack(rows))
-    values, slopes = (np.stack([_powers(u, order, powers) for u in _NODES]) @ solved for order in (0, 1))
-    return values, slopes
-
-
-def _powers(u: float, order: int, powers: np.ndarray) -> np.ndarray:
-    """The derivatives of u^power."""
-    factors = np.prod([powers - i for i in range(order)], axis=0) if order else np.ones(len(powers))
-    return factors * u ** np.maximum(powers - order, 0)
+    by_each = BPoly.from_derivatives([0.0, 1.0], np.eye(2 * num).reshape(2, num, 2 * num))
+    return by_each(_NODES), by_each(_NODES, nu=1)
 
 
 def _refined(

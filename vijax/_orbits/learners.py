@@ -39,6 +39,7 @@ class Learners:
         self._axes, self._executor = axes, executor
         self._x64 = bool(jax.config.read("jax_enable_x64"))
         self._cores = ThreadPoolExecutor(count_cores()) if executor is None else None
+        self._program: tuple | None = None
 
     def __enter__(self) -> "Learners":
         return self
@@ -61,12 +62,13 @@ class Learners:
             yield from self._by_workers(num_chunks, chunk)
             return
         # Until there is a program the first is alone: each would compile.
-        leaves, structure = jax.tree.flatten(chunk(0))
-        program = structure, self._axes, self._x64, tuple(np.shape(a) for a in leaves)
-        alone = 0 if program in _COMPILED else 1
+        if self._program is None:  # the same for all chunks
+            leaves, structure = jax.tree.flatten(chunk(0))
+            self._program = structure, self._axes, self._x64, tuple(np.shape(a) for a in leaves)
+        alone = 0 if self._program in _COMPILED else 1
         for numbers in (range(alone), range(alone, num_chunks)):
             yield from zip(numbers, self._cores.map(lambda k: self._here(chunk(k)), numbers), strict=True)
-            _COMPILED.add(program)
+            _COMPILED.add(self._program)
 
     @padding_allowed
     def _here(self, chunk: Chunk) -> Search:
