@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Hashable, Sequence
+from functools import lru_cache
 
 import equinox as eqx
 import jax
@@ -101,7 +102,7 @@ def machines_of(
     """
     if "system" not in ds.attrs:
         raise ValueError("Argument `ds` must carry the attributes of `vx.sweep`, but has no `system`.")
-    system = bound(build(json.loads(ds.attrs["system"]), ds.attrs["dtype"]))
+    system = _built(ds.attrs["system"], ds.attrs["dtype"])
     start = np.zeros(system.num_masses, ds.attrs["dtype"])
     base, sizes = Point(system, start, start), [ds.sizes[dim] for dim in dims]
     which = np.arange(math.prod(sizes)) if which is None else which
@@ -117,6 +118,19 @@ def machines_of(
         raise ValueError(f"Argument `ds` must have swept quantities as coordinates along {unknown}.")
     # The sweep has checked the values, with a start that is not known here.
     return with_values(base, swept).system
+
+
+def _built(description: str, dtype: str) -> ImpactSystem:
+    """The machine that was swept, its force bound; one without a force, which cannot change, is built once."""
+    if json.loads(description).get("force") is None:
+        return _linear(description, dtype, bool(jax.config.read("jax_enable_x64")))
+    return bound(build(json.loads(description), dtype))
+
+
+@lru_cache(maxsize=16)
+def _linear(description: str, dtype: str, x64: bool) -> ImpactSystem:
+    del x64  # the precision that it is built in
+    return build(json.loads(description), dtype)
 
 
 def _swept_values(
