@@ -12,6 +12,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import xarray as xr
 from test_executors import Here, interruptible, sweep  # noqa: F401
@@ -104,6 +105,25 @@ def test_dask_runs_again_what_a_killed_worker_had(plain, tmp_path):
         assert killed[0] not in client.run(os.getpid).values()
         # Functions that pickle cannot send, Dask can.
         assert dict(run_tasks(client.get_executor(), lambda k: k + 1, [("one", (1,))], 1)) == {"one": 2}
+
+
+@pytest.mark.slow
+def test_dask_polishes_the_same_orbits():
+    swept = vx.sweep(
+        vx.models.wagg_bishop_a(1.0),
+        {"forcing.frequency": np.linspace(0.7, 0.9, 70)},
+        transient=200,
+        record=20,
+        progress=False,
+    )
+    distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        orbits = vx.periodic_orbits(swept, executor=client, progress=False)
+    assert orbits["converged"].any()
+    xr.testing.assert_identical(orbits, vx.periodic_orbits(swept, progress=False))
 
 
 RANK_0 = """
