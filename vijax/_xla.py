@@ -17,6 +17,7 @@ import numpy as np
 from equinox.internal import unvmap_any, while_loop
 from jaxtyping import Array, Bool
 
+from ._memory_maps import make_room
 from ._types import is_traced
 
 try:
@@ -82,6 +83,7 @@ def compile_lightly(function: Callable[P, R]) -> Callable[P, R]:
         leaves, structure = jax.tree.flatten((args, kwargs))
         if is_traced(leaves):
             return part(*args, **kwargs)
+        make_room()
         arrays, others = _split(leaves)
         static = structure, tuple(others)
         found = iter(compiled()(static, arrays))
@@ -212,14 +214,19 @@ def differentiable(forwards: Callable, backwards: Callable, tree):
     return both_ways(forwards, backwards, tree, jit_lightly)
 
 
-def jit_lightly(function: Callable) -> Callable:
+def jit_lightly(function: Callable[P, R]) -> Callable[P, R]:
     """`jax.jit`, compiled lightly."""
 
     @cache
     def compiled() -> Callable:  # which options there are only a backend knows, and no import may start one
         return jax.jit(function, compiler_options=_options())
 
-    return wraps(function)(lambda *args: compiled()(*args))
+    @wraps(function)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+        make_room()
+        return compiled()(*args, **kwargs)
+
+    return wrapped
 
 
 @eqx.filter_jit

@@ -12,6 +12,7 @@ from jaxtyping import Array
 
 from .._flow.interface import AbstractFlow
 from .._machine.machine import OWN_BOUND
+from .._memory_maps import make_room
 from .._system.system import ImpactSystem
 from .._xla import padding_allowed
 from .lane_loop import Work
@@ -47,6 +48,7 @@ class Threads(AbstractRunner):
 
     def run(self, points: Point, which: np.ndarray, tell: Callable[[int], object]) -> Found:
         """Run some points, see `AbstractRunner.run`."""
+        make_room()
         num_queues, shape = self._sizes(self.size_of(points), which)
         shares = shared_out(points, which, num_queues)
         stop, x64 = Event(), bool(jax.config.read("jax_enable_x64"))
