@@ -74,7 +74,7 @@ def attractors(
         `motion`, `num_periods`, `num_impacts` (..., stop) and `held_time`, as of `vx.classify`; `multipliers` (..., multiplier), `is_stable` and
         `residual`, as of `vx.periodic_orbits`, NaN and False for what is no polished cycle; `exponents` (..., exponent), the Lyapunov
         exponents, of cycles ln|multiplier| / (n T), of others averaged over 2000 periods, with their standard errors `exponents_error`: what does
-        not repeat is chaotic where the largest is above some of them, else quasi-periodic or close to it; `section_x`, `section_v` (...,
+        not repeat is chaotic where the largest is far above its error, quasi-periodic where it is of the size of that; `section_x`, `section_v` (...,
         section, mass), the states at phase 0 of a cycle, and many of others, padded with NaN.
         Along `start`, or the dimensions of the grid: `label`, the number of the attractor, -1 where the motion has not settled or
         failed, and `is_failed`. `num_not_settled` and `num_failed` count these; a warning tells of the first, which a longer `transient` settles.
