@@ -104,7 +104,7 @@ def test_an_impact_comes_and_goes_without_speed_and_the_others_go_on(is_told):
         assert sorted(parts(ax, "-")) == [
             part[::way] for part in sorted([light, strong], key=lambda a: a[::way])
         ]
-        (mark,) = named(ax, "gr")
+        (mark,) = named(ax, "grazing")
         assert points(mark) == {(2, 0.0), (2, 0.8)}
 
 
@@ -126,7 +126,7 @@ def test_parts_without_impacts_are_left_out():
     ax = vx.plot.branch(branch_of(cycles, ["", "gr", "", "fold", "gr", ""]), stop=1)
     assert parts(ax, "-") == [[(1, 0.1), (2, 0.0)], [(5, 0.0), (6, 0.3)]]
     # The fold is of orbits that are not seen.
-    assert words_of_legend(ax) == ["stable", "gr"]
+    assert words_of_legend(ax) == ["stable", "grazing"]
 
 
 def test_nothing_to_draw_is_told():
@@ -154,20 +154,20 @@ def test_the_last_point_of_a_closed_branch_is_joined_to_the_first():
 
 
 def test_each_kind_of_bifurcation_has_its_mark_on_every_line():
-    kinds = [
-        "fold",
-        "pd",
-        "ns",
-        "bp",
-        "gr",
-        "double_impact",
-        "force_zero",
-        "chatter_completion",
-        "one of these days",
-    ]
+    told = {
+        "fold": "fold",
+        "pd": "period doubling",
+        "ns": "Neimark-Sacker",
+        "bp": "branch point",
+        "gr": "grazing",
+        "double_impact": "double impact",
+        "force_zero": "force zero",
+        "chatter_completion": "chatter completion",
+        "one of these days": "one of these days",
+    }
+    kinds, words = list(told), list(told.values())
     made = branch_of([[(0.2, 1, 0.5), (0.6, 1, 0.25)]] * len(kinds), kinds)
     ax = vx.plot.branch(made, stop=1)
-    words = [kind.replace("_", " ") for kind in kinds]
     assert words_of_legend(ax) == ["stable", *words]
     marks = [line for kind in words for line in named(ax, kind)]
     assert [points(mark) for mark in marks] == [{(k, 0.5), (k, 0.25)} for k in range(1, len(kinds) + 1)]
@@ -213,6 +213,25 @@ def test_a_sweep_is_paler_and_lies_under_its_branches(swept):
     assert same_color(before.get_color(), "red")
     assert ax.get_xlim() == (0.8, 3.0)
     assert words_of_legend(ax) == ["swept down", "swept up", "stable"]
+
+
+@pytest.mark.parametrize("style", ["default", "dark_background"])
+def test_all_stops_have_a_panel_each_and_one_legend(swept, style):
+    """The impact at stop 0 goes at a grazing; the fold after that is seen at stop 1 alone."""
+    cycles = [[(0.2, 0, speed), (0.7, 1, 0.5)] for speed in (0.4, 0.2, 0.0)] + [[(0.7, 1, 0.5)]] * 3
+    made = branch_of(cycles, ["", "", "gr", "", "fold", ""])
+    with plt.style.context(style):
+        top, bottom = vx.plot.branch(made, both_ways(swept), stop=None)
+        alone = vx.plot.branch(made, both_ways(swept), stop=1)
+    assert words_of_legend(top) == ["swept down", "swept up", "stable", "grazing", "fold"]
+    assert bottom.get_legend() is None
+    for ax, stop in ((top, 0), (bottom, 1)):
+        assert f"stop {stop}" in ax.get_ylabel()
+    assert (top.get_xlabel(), bottom.get_xlabel()) == ("", alone.get_xlabel())
+    drawn = [[np.asarray(line.get_xydata()).tolist() for line in ax.lines] for ax in (bottom, alone)]
+    np.testing.assert_equal(*drawn)
+    for text in top.get_legend().get_texts():
+        assert (grey(text.get_color()) > SEEN) == (style == "dark_background")
 
 
 def test_a_branch_goes_into_the_axes_given():

@@ -87,6 +87,7 @@ _MEANINGS = {
     "motion": "kind of motion",
     "num_periods": "number of forcing periods after which the motion repeats, 0 if it does not",
     "exponents": "Lyapunov exponent",
+    "exponents_error": "standard error of the Lyapunov exponent",
     "num_attractors": "number of attractors",
     "num_not_settled": "number of starts whose motion has not settled",
     "num_failed": "number of starts whose motion failed",

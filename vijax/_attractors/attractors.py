@@ -10,7 +10,7 @@ from .._dataset_attributes import label
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._orbits.maps import check_period
-from .._sweep.endings import warn_of_endings
+from .._sweep.endings import warn_of_endings, warn_of_unsettled
 from .._system.system import ImpactSystem, with_args
 from .._types import Count, Numbers, as_known, is_traced, whole_number
 from .._xla import padding_allowed
@@ -45,7 +45,8 @@ def attractors(
     of impacts and periods: each cycle is polished into its periodic orbit, and motions that visit it some forcing periods
     apart are on one attractor. Motions that do not repeat are run on for long; those that stay so are on one
     attractor if the clouds of their section points mix, which nearest neighbours tell (after Schilling 1986). A cycle of more than 64 periods
-    counts as such, and so does a quasi-periodic motion. Attractors that no start leads to are not found.
+    counts as such, and so does a quasi-periodic motion. Where some leave such a cloud for a cycle, it is a chaotic transient, and all in it
+    are run on, up to 630 transients. Attractors that no start leads to are not found.
 
     Args:
         system: the machine.
@@ -72,10 +73,12 @@ def attractors(
         `share_error`, and `num_starts`; `x0` and `v0` (..., mass), the state at phase 0, of a cycle that with the lowest x[0];
         `motion`, `num_periods`, `num_impacts` (..., stop) and `held_time`, as of `vx.classify`; `multipliers` (..., multiplier), `is_stable` and
         `residual`, as of `vx.periodic_orbits`, NaN and False for what is no polished cycle; `exponents` (..., exponent), the Lyapunov
-        exponents, of cycles ln|multiplier| / (n T), of others averaged over 2000 periods; `section_x`, `section_v` (..., section, mass),
-        the states at phase 0 of a cycle, and many of others, padded with NaN.
+        exponents, of cycles ln|multiplier| / (n T), of others averaged over 2000 periods, with their standard errors `exponents_error`: what does
+        not repeat is chaotic where the largest is far above its error, quasi-periodic where it is of the size of that; `section_x`, `section_v` (...,
+        section, mass), the states at phase 0 of a cycle, and many of others, padded with NaN.
         Along `start`, or the dimensions of the grid: `label`, the number of the attractor, -1 where the motion has not settled or
-        failed, and `is_failed`. `num_not_settled` and `num_failed` count these. The result is the same every time.
+        failed, and `is_failed`. `num_not_settled` and `num_failed` count these; a warning tells of the first, which a longer `transient` settles.
+        The result is the same every time.
 
     Raises:
         ValueError: if the load has no frequency, the starts are none of these, or one lies beyond a stop.
@@ -168,6 +171,7 @@ def _found(machines: Machines, starts: Starts, *, progress: bool) -> xr.Dataset:
     motions, number = lasting(found.motions)
     motions, labels = sorted_by_share(motions, number[found.label])
     table = table_of(machines, motions, labels, ends.is_failed)
+    warn_of_unsettled(int(table["num_not_settled"]), len(labels), machines.transient)
     shape, dims = tuple(len(a) for a in starts.axes.values()), tuple(starts.axes)
     of_starts = {"label": labels, "is_failed": ends.is_failed}
     columns = {name: (dims, a.reshape(shape), label(name)) for name, a in of_starts.items()}

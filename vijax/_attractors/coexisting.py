@@ -9,8 +9,9 @@ The motions are run once, without their impacts, and judged by their stroboscopi
 3. Of the rest some, spread evenly, are run on for long: they settle, or show that they are chaotic. Chaotic ones are one
    attractor if the clouds of their section points mix, see `mixes`. A motion of the rest belongs to a stable cycle if it keeps
    close to it, period for period, and comes closer; to a cloud if its last points lie as near to it as its own.
-4. A cloud from which one of these left for a cycle is no attractor, but a chaotic transient: all that may be in it are run on for
-   long, and what then is not settled stays unknown.
+4. A cloud from which one of these left for a cycle is no attractor, but a chaotic transient. Motions leave such a set at a constant rate,
+   and its mean lifetime may be some thousand periods: all that may be in it are run on, twice as long in every round, and what then is
+   not settled stays unknown.
 
 Labels by numbers of impacts alone would join attractors that differ; labels by end states alone would split cycles
 visited at different phases, and tell nothing of chaos.
@@ -53,21 +54,22 @@ def coexisting(machines: Machines, ends: Ends, known: list[Motion] | None = None
     """
     motions = list(known or [])
     label = _settled(machines, motions, ends)
-    for _ in range(_ROUNDS):
+    for times in 2 ** np.arange(_ROUNDS):
         left = np.flatnonzero((label < 0) & ~ends.is_failed)
         sample = left[_first_of_each(ends.machine[left], _SAMPLE, spread=True)]
         if not sample.size:
             break
         num_known = len(motions)
-        label[sample] = _run_on(machines, motions, ends.last[sample], ends.machine[sample])
-        if leaky := _leaky(motions, ends, sample, label[sample]):
-            ends = _longer(machines, motions, ends, label, leaky)
-        left = left[label[left] < 0]
-        label[left] = approached(motions, ends, left)
-        left = left[label[left] < 0]
-        label[left] = in_clouds(motions, ends, left)
-        if len(motions) == num_known and (label[sample] < 0).any():
-            break  # more of the same would tell no more
+        label[sample], later = _run_on(machines, motions, ends.last[sample], ends.machine[sample])
+        for k in _leaky(motions, ends, sample, label[sample]):
+            motions[k] = motions[k]._replace(is_lasting=False)
+        ends = _longer(machines, motions, _replaced(ends, sample, later), label, int(times))
+        for belongs in (approached, in_clouds):
+            unknown = left[label[left] < 0]
+            label[unknown] = belongs(motions, ends, unknown)
+        is_told = len(motions) > num_known or (label[left] >= 0).any()
+        if not is_told and len(left) > _SAMPLE:
+            break  # of few that are left one may leave a transient later; of many none will
     return Coexisting(motions, label)
 
 
@@ -82,24 +84,31 @@ def lasting(motions: list[Motion]) -> tuple[list[Motion], np.ndarray]:
 def _leaky(motions: list[Motion], ends: Ends, sample: np.ndarray, label: np.ndarray) -> set[int]:
     """Clouds from which motions left for a cycle, which therefore are no attractors."""
     is_on_cycle = np.array([motion.num_periods > 0 for motion in motions] + [False])[label]
-    return {*in_clouds(motions, ends, sample[is_on_cycle], ends.section.shape[1]).tolist()} - {-1}
+    # What came closer to its cycle all the time may have done so in the midst of a cloud.
+    gone = sample[is_on_cycle & (approached(motions, ends, sample) < 0)]
+    return {*in_clouds(motions, ends, gone, ends.section.shape[1]).tolist()} - {-1}
 
 
-def _longer(
-    machines: Machines, motions: list[Motion], ends: Ends, label: np.ndarray, leaky: set[int]
-) -> Ends:
-    """Run on all motions that may be in a cloud that does not last; the cloud and their labels are changed in place."""
-    for k in leaky:
-        motions[k] = motions[k]._replace(is_lasting=False)
-    label[np.isin(label, [*leaky])] = -1
-    of_machine = np.isin(ends.machine, [motions[k].machine for k in leaky])
+def _longer(machines: Machines, motions: list[Motion], ends: Ends, label: np.ndarray, times: int) -> Ends:
+    """Run on all motions that may be in a cloud that does not last; their labels are changed in place."""
+    passing = [k for k, motion in enumerate(motions) if not motion.is_lasting]
+    label[np.isin(label, passing)] = -1
+    of_machine = np.isin(ends.machine, [motions[k].machine for k in passing])
     which = np.flatnonzero((label < 0) & of_machine & ~ends.is_failed)
-    transient = _LONGER * machines.transient
+    if not which.size:
+        return ends
+    transient = times * _LONGER * machines.transient
     ds = machines.run(ends.last[which], ends.machine[which], transient, machines.record, goes_on=True)
-    newer = machines.ends(ds, ends.machine[which])
-    label[which] = _settled(machines, motions, newer)
+    later = machines.ends(ds, ends.machine[which])
+    label[which] = _settled(machines, motions, later)
+    return _replaced(ends, which, later)
+
+
+def _replaced(ends: Ends, which: np.ndarray, later: Ends) -> Ends:
+    """The same, with later ends of some motions: as many of their last periods as are kept of all."""
+    later = later._replace(section=later.section[:, -ends.section.shape[1] :])
     ends = Ends(*(a.copy() for a in ends))
-    for whole, part in zip(ends, newer, strict=True):
+    for whole, part in zip(ends, later, strict=True):
         whole[which] = part
     return ends
 
@@ -150,13 +159,16 @@ def _first_of_each(machine: np.ndarray, most: int, *, spread: bool = False) -> n
     return np.concatenate(chosen) if chosen else np.zeros(0, int)
 
 
-def _run_on(machines: Machines, motions: list[Motion], states: np.ndarray, machine: np.ndarray) -> np.ndarray:
-    """Labels of motions that are run on for long; new attractors are added to `motions`."""
-    ds = machines.run(states, machine, _LONGER * machines.transient, _LONG_RECORD, goes_on=True)
+def _run_on(
+    machines: Machines, motions: list[Motion], states: np.ndarray, machine: np.ndarray
+) -> tuple[np.ndarray, Ends]:
+    """Labels of motions that are run on for long, and their ends; new attractors are added to `motions`."""
+    record = max(_LONG_RECORD, machines.record)
+    ds = machines.run(states, machine, _LONGER * machines.transient, record, goes_on=True)
     ends = machines.ends(ds, machine)
     label = _settled(machines, motions, ends)
     left = np.flatnonzero((label < 0) & ~ends.is_failed)
     label[left] = approached(motions, ends, left)
     for k in np.flatnonzero((label < 0) & (ends.num_periods == 0) & ~ends.is_settling & ~ends.is_failed):
         label[k] = place_of(motions, cloud_of(machines, int(machine[k]), ends.section[k]), machines.tolerance)
-    return label
+    return label, ends

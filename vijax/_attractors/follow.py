@@ -7,7 +7,7 @@ import xarray as xr
 
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
-from .._sweep.endings import warn_of_endings
+from .._sweep.endings import warn_of_endings, warn_of_unsettled
 from .._system.parameters import find_parameter, set_parameter
 from .._system.system import ImpactSystem
 from .._types import Count, Numbers, as_float, as_known, whole_number
@@ -107,6 +107,7 @@ def follow_attractors(
     goes_to = {int(number[k]): int(number[j]) for k, j in goes_to.items() if number[k] >= 0}
     begun = linked(motions, len(along), threshold)
     table = table_along(machines, motions, begun, goes_to, number[found.label], ends)
+    warn_of_unsettled(int(table["num_not_settled"].sum()), len(states), transient)
     coordinates = {path: (path, along), "stop_mass": ds["stop_mass"]}
     return table.assign_coords(coordinates).assign_attrs(attributes_of(ds))
 

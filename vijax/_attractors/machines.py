@@ -196,8 +196,8 @@ class Machines:
         found = search_orbits(lanes, num_periods[number], starts, _MAX_EVENTS, lambda _: None, self.flow)
         return Orbits(*(a[: len(states)] for a in found))
 
-    def exponents(self, state: np.ndarray, machine: int) -> np.ndarray:
-        """Lyapunov exponents of the motion of one machine from a state (W x, v), NaN where it does not get on."""
+    def exponents(self, state: np.ndarray, machine: int) -> tuple[np.ndarray, np.ndarray]:
+        """Lyapunov exponents of the motion of one machine from a state (W x, v), and their errors; NaN where it does not get on."""
         which = np.array([machine])
         system = jax.tree.map(lambda a: jnp.asarray(a[..., 0]), self._lanes(which))
         x, v = np.split(state / self.scale(which)[0], 2)
@@ -207,7 +207,8 @@ class Machines:
             "max_steps": self.max_steps,
             "flow": self.flow,
         }
-        return np.asarray(lyapunov_exponents(system, x, v, **asked, throw=False, progress=False))
+        found = lyapunov_exponents(system, x, v, **asked, with_error=True, throw=False, progress=False)
+        return np.asarray(found[0]), np.asarray(found[1])
 
 
 def _size_and_gap(stop: AbstractLimit, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

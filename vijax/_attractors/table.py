@@ -31,6 +31,7 @@ def columns_of(machines: Machines, motions: list[Motion]) -> dict[str, tuple[tup
     multipliers = rows("multipliers", 2 * n, np.result_type(dtype, np.complex64))
     periods = np.array([motion.num_periods for motion in motions], int)
     num_stops = machines.system.num_stops
+    exponents, exponents_error = exponents_of(machines, motions, multipliers, periods)
     return {
         "x0": (("mass",), start[:, :n]),
         "v0": (("mass",), start[:, n:]),
@@ -39,7 +40,8 @@ def columns_of(machines: Machines, motions: list[Motion]) -> dict[str, tuple[tup
         "num_impacts": (("stop",), rows("num_impacts", num_stops, float)),
         "held_time": (("stop",), rows("held_time", num_stops, dtype)),
         "multipliers": (("multiplier",), multipliers),
-        "exponents": (("exponent",), exponents_of(machines, motions, multipliers, periods)),
+        "exponents": (("exponent",), exponents),
+        "exponents_error": (("exponent",), exponents_error),
         "is_stable": ((), np.array([motion.is_stable for motion in motions], bool)),
         "residual": ((), np.array([motion.residual for motion in motions], dtype)),
         "section_x": (("section", "mass"), section[..., :n]),
@@ -49,14 +51,18 @@ def columns_of(machines: Machines, motions: list[Motion]) -> dict[str, tuple[tup
 
 def exponents_of(
     machines: Machines, motions: list[Motion], multipliers: np.ndarray, periods: np.ndarray
-) -> np.ndarray:
-    """Lyapunov exponents, largest first, (attractors, 2 n): of a cycle ln|mu| / (n T), of others by the motion."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lyapunov exponents, largest first, (attractors, 2 n), and their errors.
+
+    Those of a cycle are ln|mu| / (n T), without error; those of others are averaged along the motion.
+    """
     period = 2 * np.pi / machines.rate[[motion.machine for motion in motions]] if motions else np.zeros(0)
     with np.errstate(divide="ignore"):
         exponents = np.log(np.abs(multipliers)) / (np.maximum(periods, 1) * period)[:, None]
+    error = np.zeros_like(exponents)
     for k in np.flatnonzero(np.isnan(exponents).any(axis=1)):
-        exponents[k] = machines.exponents(motions[k].points[0], motions[k].machine)
-    return exponents
+        exponents[k], error[k] = machines.exponents(motions[k].points[0], motions[k].machine)
+    return exponents, error
 
 
 def shares(labels: np.ndarray, count: int, of: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""A warning of points that did not end as they should."""
+"""Warnings of points that did not end as they should."""
 
 import warnings
 
@@ -23,6 +23,22 @@ def warn_of_endings(ds: xr.Dataset, *names: str) -> None:
         if count:
             message = RESULTS[getattr(RESULTS, name)]
             warnings.warn(f"{count} of {ds['result'].size} points ended with {message}", stacklevel=3)
+
+
+def warn_of_unsettled(count: int, of: int, transient: int) -> None:
+    """Warn of starts of which it is not known where they lead. The warning points to the caller's caller.
+
+    Args:
+        count: of them.
+        of: so many starts.
+        transient: forcing periods, as they were asked for.
+    """
+    if count:
+        warnings.warn(
+            f"{count} of {of} starts have not settled, even run on for many times the transient: they may be in "
+            f"chaos that dies out slowly, or near a bifurcation. Increase `transient`, now {transient}.",
+            stacklevel=3,
+        )
 
 
 def code_of(name: str) -> int:

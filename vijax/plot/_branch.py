@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, overload
 
 import jax
 import numpy as np
@@ -14,7 +14,7 @@ from .._system.description import build
 from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem
 from .._trajectory.event_log import IMPACT
-from ._axes import check_index, legend_beside, new_axes, once, span_of_values, span_so_far
+from ._axes import check_index, column_of_axes, legend_beside, once, span_of_values, span_so_far
 from ._bifurcation import bifurcation, label_of_impacts
 from ._colors import faded, ink, of_curves, styled
 from ._contacts import name_of
@@ -33,12 +33,15 @@ MARKERS = {
     "chatter_completion": "s",
 }
 OTHER = "h"
+# Of kinds that are abbreviated.
+_WORDS = {"pd": "period doubling", "ns": "Neimark-Sacker", "bp": "branch point", "gr": "grazing"}
 # Where a multiplier passes the unit circle.
 _ON_CIRCLE = ("fold", "pd", "ns", "bp")
 # Of a sweep under the branches: how much of its colours is left, and by how much its points are larger.
 _LIGHT, _LARGER = 0.6, 1.4
 
 
+@overload
 def branch(
     branches: Branch | Sequence[Branch],
     ds: xr.Dataset | None = None,
@@ -47,7 +50,26 @@ def branch(
     units: Units | None = None,
     ax: Axes | None = None,
     **style: Any,
-) -> Axes:
+) -> Axes: ...
+@overload
+def branch(
+    branches: Branch | Sequence[Branch],
+    ds: xr.Dataset | None = None,
+    *,
+    stop: None,
+    units: Units | None = None,
+    ax: Sequence[Axes] | np.ndarray | None = None,
+    **style: Any,
+) -> np.ndarray: ...
+def branch(
+    branches: Branch | Sequence[Branch],
+    ds: xr.Dataset | None = None,
+    stop: int | None = 0,
+    *,
+    units: Units | None = None,
+    ax: Axes | Sequence[Axes] | np.ndarray | None = None,
+    **style: Any,
+) -> Axes | np.ndarray:
     """Draw branches of periodic orbits: the velocities before the impacts of their orbits against the parameter.
 
     Each impact in the cycle is a line, solid where the orbits are stable and dashed where they are not, from the grazing
@@ -58,13 +80,13 @@ def branch(
         branches: what `vx.continuation` returned, one or several along one parameter; several are told apart by their
             colours.
         ds: what `vx.sweep` returned for the same parameter, to draw its impacts under the branches, light.
-        stop: the stop whose impacts are drawn.
+        stop: the stop whose impacts are drawn; None for all, one panel a stop.
         units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
-        ax: where to draw, also over what is there; new axes if left out.
+        ax: where to draw, also over what is there; for `stop=None` one axes for each stop; new axes if left out.
         **style: of the lines, as matplotlib's `plot` takes them: `color`, `linewidth`, `label`, ...
 
     Returns:
-        The axes.
+        The axes; an array of them for `stop=None`.
 
     Raises:
         ValueError: if there is no branch or no such stop, no orbit has an impact there, or branches and sweep are not of
@@ -81,29 +103,37 @@ def branch(
         Y. A. Kuznetsov, Elements of Applied Bifurcation Theory, Sec. 10.2.
     """
     several = [branches] if isinstance(branches, Branch) else list(branches)
-    path = _parameter(several, ds)
-    check_index("stop", stop, several[0].points.sizes["stop"])
+    path, num_stops = _common(several, ds)
+    check_index("stop", 0 if stop is None else stop, num_stops)
+    stops = range(num_stops) if stop is None else [stop]
     masses = _stop_masses(several[0])
-    curves = [_curves(one, stop) for one in several]
-    if not any(one.lines for one in curves):
-        raise ValueError(f"There are no impacts at {name_of(stop, masses)} to draw.")
-    ax = new_axes() if ax is None else ax
-    so_far = span_so_far(ax)
-    ax.axhline(0, color="0.7", linewidth=0.8, zorder=0)
-    if ds is not None:
-        _draw_light(ds, stop, ax)
-    _draw_curves(curves, ax, style)
-    _draw_marks(curves, ax)
+    curves = {j: [_curves(one, j) for one in several] for j in stops}
+    if not any(one.lines for of_stop in curves.values() for one in of_stop):
+        where = "any stop" if stop is None else name_of(stop, masses)
+        raise ValueError(f"There are no impacts at {where} to draw.")
+    column = column_of_axes(ax, len(stops))
     values = [one.values for one in several] + ([] if ds is None else [ds[path].values.ravel()])
-    span_of_values(ax, np.concatenate(values), so_far)
-    ax.set_xlabel(label(path, units))
-    ax.set_ylabel(label_of_impacts("velocity", stop, masses, units))
-    legend_beside(ax)
-    return ax
+    for j, panel in zip(stops, column, strict=True):
+        so_far = span_so_far(panel)
+        panel.axhline(0, color="0.7", linewidth=0.8, zorder=0)
+        if ds is not None:
+            _draw_light(ds, j, panel)
+        _draw_curves(curves[j], panel, style)
+        _draw_marks(curves[j], panel)
+        span_of_values(panel, np.concatenate(values), so_far)
+        panel.set_xlabel(label(path, units) if panel is column[-1] else "")
+        panel.set_ylabel(label_of_impacts("velocity", j, masses, units))
+    _draw_legend(column)
+    return column if stop is None else column[0]
 
 
-def _parameter(branches: list[Branch], ds: xr.Dataset | None) -> str:
-    """The path of the parameter of all."""
+def words_of(kind: str) -> str:
+    """A kind of bifurcation, or of a special point, as a legend tells it."""
+    return _WORDS.get(kind, kind.replace("_", " ").replace("+", " and "))
+
+
+def _common(branches: list[Branch], ds: xr.Dataset | None) -> tuple[str, int]:
+    """The path of the parameter of all, and how many stops their machines have."""
     if not branches:
         raise ValueError("Argument `branches` is empty: give one or more.")
     paths = {one.path for one in branches}
@@ -120,7 +150,7 @@ def _parameter(branches: list[Branch], ds: xr.Dataset | None) -> str:
     )
     if len(counts) > 1:
         raise ValueError(f"Branches and sweep must be of one machine, but have {sorted(counts)} stops.")
-    return path
+    return path, counts.pop()
 
 
 def _system(points: xr.Dataset) -> ImpactSystem:
@@ -202,7 +232,8 @@ def _joined(curves: _Curves, is_stable: bool) -> tuple[np.ndarray, np.ndarray]:
 def _draw_curves(curves: list[_Curves], ax: Axes, style: dict[str, Any]) -> None:
     """All lines, solid where orbits are stable, with what their colours and strokes mean."""
     colors = of_curves(len(curves)) if len(curves) > 1 else [ink()]
-    name = style.pop("label", "")
+    name = style.get("label", "")
+    style = {key: value for key, value in style.items() if key != "label"}
     for k, (one, color) in enumerate(zip(curves, colors, strict=True)):
         look = styled(style, color=color, linewidth=1.2)
         words = ", ".join(filter(None, (name, f"branch {k}" if len(curves) > 1 else "")))
@@ -235,7 +266,7 @@ def _draw_marks(curves: list[_Curves], ax: Axes) -> None:
                 markerfacecolor=ink("white", "black"),
                 markeredgewidth=1.0,
                 color=ink(),
-                label=once(ax, kind.replace("_", " ")),
+                label=once(ax, words_of(kind)),
                 zorder=3,
             )
 
@@ -249,3 +280,14 @@ def _draw_light(ds: xr.Dataset, stop: int, ax: Axes) -> None:
         if line not in others:
             pale = faded(line.get_color(), _LIGHT)
             line.set(color=pale, markerfacecolor=pale, markersize=_LARGER * line.get_markersize(), zorder=1)
+
+
+def _draw_legend(column: np.ndarray) -> None:
+    """What is in any of the panels, once."""
+    found = {}
+    for ax in column:
+        for handle, words in zip(*ax.get_legend_handles_labels(), strict=True):
+            found.setdefault(words, handle)
+        if ax.get_legend():
+            ax.get_legend().remove()
+    legend_beside(column[0], handles=list(found.values()), labels=list(found))

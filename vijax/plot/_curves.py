@@ -8,18 +8,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from ._axes import legend_beside, new_axes, once
-from ._branch import MARKERS, OTHER
+from ._branch import MARKERS, OTHER, words_of
 from ._colors import ink, looks_of, styled
 from ._labels import Units, label
-
-_WORDS = {
-    "fold": "fold",
-    "pd": "period doubling",
-    "ns": "Neimark-Sacker",
-    "gr": "grazing",
-    "double_impact": "double impact",
-    "force_zero": "force zero",
-}
 
 
 def curves(
@@ -60,7 +51,7 @@ def curves(
     for one in several:
         kind = str(one.attrs["kind"])
         color, stroke = looks[kind]
-        words = once(ax, _WORDS.get(kind, kind))
+        words = once(ax, words_of(kind))
         look = styled(style, color=color, linestyle=stroke, linewidth=1.4, label=words)
         ax.plot(one[right].values, one[up].values, **look)
     _mark(several, right, up, ax)
@@ -95,6 +86,6 @@ def _mark(several: list[xr.Dataset], right: str, up: str, ax: Axes) -> None:
             markersize=7.0,
             markerfacecolor=ink("white", "black"),
             color=ink(),
-            label=once(ax, name.replace("_", " ").replace("+", " and ")),
+            label=once(ax, words_of(name)),
             zorder=3,
         )
