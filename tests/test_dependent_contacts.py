@@ -83,3 +83,20 @@ def test_what_is_shut_stays_so_under_a_solver():
     releases = [[e.t for e in log_of(s) if e.kind == "release"] for s in (exact, solved)]
     np.testing.assert_allclose(releases[1], releases[0], rtol=0, atol=1e-7)
     assert releases[0]
+
+
+@pytest.mark.parametrize("coupling", [0.1, -0.1])
+def test_two_contacts_that_lose_their_force_at_one_instant_are_let_go_together_or_one_holds(coupling):
+    """A force on the outer of two masses presses both on a wall until it turns; then inertia pushes or pulls the inner."""
+    mass = np.array([[0.6, coupling], [coupling, 0.2]])
+    contacts = [vx.Contact({0: 1.0, 1: -1.0}, 0.0, 0.5), vx.Contact({1: 1.0}, 0.0, 0.5)]
+    system = vx.ImpactSystem(mass, np.zeros((2, 2)), np.zeros((2, 2)), vx.Harmonic([1.0, 0.0], 1.0), contacts)
+    sol = vx.simulate(system, 0.0, 4.0, max_events=16)
+    is_pushed = coupling > 0
+    assert [(e.kind, e.stop) for e in log_of(sol)] == [("release", 0), ("release", 1)][: 1 + (not is_pushed)]
+    # The force, cos t, is -sin s with s = t - pi / 2.
+    s = 4.0 - np.pi / 2
+    way = np.sin(s) - s
+    inertia = np.array([1 / mass[0, 0], 0.0]) if is_pushed else np.linalg.inv(mass)[:, 0]
+    np.testing.assert_allclose(sol.x1, inertia * way, rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(sol.v1, inertia * (np.cos(s) - 1), rtol=0, atol=ROUNDING)

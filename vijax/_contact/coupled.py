@@ -144,7 +144,8 @@ def _stick_and_release(
         lambda: compute_once(_decided, machine, state, at_rest | is_plastic, contact, is_jump),
         lambda: (held, contact),
     )
-    is_handed_on = ~is_jump & jnp.any(let_go, axis=0) & jnp.any(state.is_shut, axis=0)
+    num_free = jnp.sum(let_go | state.is_shut, axis=0)
+    is_handed_on = ~is_jump & jnp.any(let_go, axis=0) & (num_free > 1)
     now_held, contact = jax.lax.cond(
         is_any(is_handed_on),
         lambda: compute_once(_handed_on, machine, state, let_go & is_handed_on, now_held, contact),
@@ -226,7 +227,7 @@ def _handed_on(
     held: Bool[Array, "stops ..."],
     contact: Int[Array, "stops ..."],
 ) -> tuple[Bool[Array, "stops ..."], Int[Array, "stops ..."]]:
-    """Which contacts hold where some lose their force and others are shut, and how the rest are left.
+    """Which contacts hold where several lose their force, or others are shut, and how the rest are left.
 
     No force jumps: those that come to hold bear nothing yet, and their rates obey what forces do after a jump.
     """

@@ -159,7 +159,8 @@ def _safe_step(
         bound = compute_once(_bound_of_gap, machine, state, motion, limit)
     steps, is_root = safe_step(bound, limit)
     nearly = short(state.x.dtype) * machine.timescale
-    is_root = is_root & (steps <= nearly)
+    # What has just left comes back later, or else its leading coefficient is rounding; never at once, or before.
+    is_root = is_root & (steps <= nearly) & ((state.contact == 0) | (steps > 0))
     if machine.contacts.is_coupled:
         steps, is_root = jnp.where(state.is_shut, limit, steps), is_root & ~state.is_shut
     # Where a leading coefficient is lost in rounding the bound allows no step; the motion does.
