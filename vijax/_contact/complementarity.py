@@ -58,7 +58,7 @@ def complementary(
     p = -matvec(inverse_among(matrix, members), q)
     w = q + matvec(matrix, p)
     # What is rounding opens nothing.
-    is_zero = closed | (w <= noise * (jnp.abs(q) + matvec(jnp.abs(matrix), p)))
+    is_zero = closed | (allowed & (w <= noise * (jnp.abs(q) + matvec(jnp.abs(matrix), p))))
     return members, p, jnp.where(is_zero, 0, w)
 
 

@@ -120,8 +120,8 @@ class Rows(AbstractContacts):
         size = self.size(jnp.abs(v))
         size = size if self.walls is None else size + self.frequency * self.walls.bound(1)
         kind = jnp.finfo(size.dtype)
-        # Speeds that fall by a factor at every blow end where their squares are no numbers any more.
-        return 4 * kind.eps * size + 2 * kind.tiny**0.5
+        # Speeds that fall by a factor at every blow end before their squares are no numbers any more.
+        return 4 * kind.eps * size + kind.tiny**0.5 / kind.eps
 
     def told_impulse(self, along: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
         """Of a stop the impulse on its mass, of any other contact the one that opens its gap."""
