@@ -157,8 +157,8 @@ def _safe_step(
         bound = jax.lax.cond(is_any_held, lambda: _bound(*now, hold), lambda: _bound_of_gap(*now))
     else:
         bound = compute_once(_bound_of_gap, machine, state, motion, limit)
-    steps, is_root = safe_step(bound, limit)
     nearly = short(state.x.dtype) * machine.timescale
+    steps, is_root = safe_step(bound, limit, nearly)
     # What has just left comes back later, or else its leading coefficient is rounding; never at once, or before.
     is_root = is_root & (steps <= nearly) & ((state.contact == 0) | (steps > 0))
     if machine.contacts.is_coupled:
