@@ -2,7 +2,8 @@
 
 Which entries of p are positive is decided by pivots, one at a time, the first that is wrong first. For a positive
 definite G that ends at the one solution (K. G. Murty, Linear Algebra Appl. 7 (1974)). A semi-definite one, of rows that depend
-on each other, is decided as if it were definite. What belongs to this set is
+on each other, is decided as if it were definite; of those that then bear, as many are let off as depend on others,
+such that no p turns negative. What belongs to this set is
 then computed from it, exactly and differentiably. Sizes are those of contacts closed at one instant: few.
 """
 
@@ -11,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._machine.rows import inverse_among
+from .._machine.rows import diagonal, inverse_among
 from .._types import constant, matvec
 from .._xla import is_any
 
@@ -32,9 +33,9 @@ def complementary(
         allowed: the contacts concerned; the others have p = 0.
 
     Returns:
-        The set where w = 0, p, and w, which is exactly zero on the set.
+        Which bear p, no row depending on those of others that do; p; and w, exactly zero where it is so to rounding.
     """
-    known, q_known = constant((_yielding(matrix), q))
+    known, q_known = constant((_decidable(matrix, allowed), q))
     noise = 16 * len(matrix) * jnp.finfo(matrix.dtype).eps
 
     def wrong(members: Array) -> Array:
@@ -52,17 +53,52 @@ def complementary(
         bad = wrong(members)
         return members ^ (bad & (jnp.cumsum(bad, axis=0) == 1)), bad, count + 1
 
-    members, _, _ = jax.lax.while_loop(goes_on, pivot, (allowed, allowed, jnp.array(0)))
+    closed, _, _ = jax.lax.while_loop(goes_on, pivot, (allowed, allowed, jnp.array(0)))
+    members = _independent(constant(matrix), -matvec(inverse_among(known, closed), q_known), closed)
     p = -matvec(inverse_among(matrix, members), q)
-    return members, p, jnp.where(members, 0, q + matvec(matrix, p))
+    w = q + matvec(matrix, p)
+    # What is rounding opens nothing.
+    is_zero = closed | (allowed & (w <= noise * (jnp.abs(q) + matvec(jnp.abs(matrix), p))))
+    return members, p, jnp.where(is_zero, 0, w)
 
 
-def _yielding(matrix: Float[Array, "contacts contacts ..."]) -> Float[Array, "contacts contacts ..."]:
-    """The matrix with a little more compliance of each contact by itself.
+def _independent(matrix: Array, p: Array, members: Array) -> Array:
+    """Members of which no row depends on others, that bear the same without any p negative.
 
-    So that of rows that depend on each other it is decided as well which bear a force: a mass that rests on one wall is
-    taken over by another that is faster.
+    The p of a row that depends on others is handed over to these, until it or one of theirs is gone, whichever is first.
+    """
+
+    def spare(members: Array, inverse: Array) -> Array:
+        is_spare = members & (diagonal(inverse) == 0)
+        return is_spare & (jnp.cumsum(is_spare, axis=0) == 1)
+
+    def goes_on(carry: tuple) -> Array:
+        return is_any(jnp.any(spare(carry[0], inverse_among(matrix, carry[0])), axis=0))
+
+    def hand_over(carry: tuple) -> tuple:
+        members, p = carry
+        inverse = inverse_among(matrix, members)
+        one = spare(members, inverse)
+        gain = matvec(inverse, jnp.sum(matrix * one[None], axis=1)) - one
+        falls = members & (gain < 0)
+        lasts = jnp.where(falls, jnp.maximum(p, 0) / jnp.where(falls, -gain, 1), jnp.inf)
+        shortest = jnp.min(lasts, axis=0)
+        gone = falls & (lasts == shortest)
+        gone = gone & (jnp.cumsum(gone, axis=0) == 1)
+        moved = p + jnp.where(shortest < jnp.inf, shortest, 0) * gain
+        return members & ~gone, jnp.where(gone, 0, moved)
+
+    return jax.lax.while_loop(goes_on, hand_over, (members, p))[0]
+
+
+def _decidable(matrix: Array, allowed: Array) -> Array:
+    """The matrix; where rows of it depend on each other with a little more compliance of each contact by itself.
+
+    So that of these it is decided as well which bear a force: a mass that rests on one wall is taken over by another that
+    is faster. By the root of a rounding: as much is lost in the inverse.
     """
     size = len(matrix)
-    little = np.eye(size) * (1 + 1024 * size * float(jnp.finfo(matrix.dtype).eps)) + (1 - np.eye(size))
-    return matrix * jnp.asarray(little.reshape(size, size, *[1] * (matrix.ndim - 2)), matrix.dtype)
+    little = 1 + np.eye(size) * float(jnp.finfo(matrix.dtype).eps) ** 0.5
+    yielding = matrix * jnp.asarray(little.reshape(size, size, *[1] * (matrix.ndim - 2)), matrix.dtype)
+    is_singular = jnp.any(allowed & (diagonal(inverse_among(matrix, allowed)) == 0), axis=0)
+    return jnp.where(is_singular, yielding, matrix)

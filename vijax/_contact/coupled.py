@@ -2,7 +2,9 @@
 
 Impacts follow Moreau's form of Newton's law over all closed contacts, see `vx.Contact`: those that hold count as
 plastic, and stay or are torn open. After a jump it is decided by the accelerations which of the closed contacts
-that are at rest hold: complementarity of contact forces and accelerations.
+that are at rest hold: complementarity of contact forces and accelerations. Of those whose rows depend on each other, as
+the legs of a table with four, no more hold than bear a force; the others are `SHUT`. Where one lets go it is decided in the
+same way, by the rates of forces and accelerations, which of these bear instead.
 
 Bounces that are light, and sure to end, are completed at once, as in `separate.py`. Where light bounces of several
 contacts feed each other (a stack that is dropped), they are completed together: contact forces do not change
@@ -15,12 +17,12 @@ sets that nothing presses together come to an end as well.
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from .._machine.derivatives import contact_forces, derivatives, rates
 from .._machine.machine import Machine, resting_state
 from .._machine.rows import Rows
-from .._machine.state import State
+from .._machine.state import SHUT, State
 from .._system.checks import is_touching
 from .._types import Scalar
 from .._xla import compute_once, is_any
@@ -54,11 +56,13 @@ def first_state(
     state = eqx.tree_at(lambda s: (s.gap, s.contact), state, (gap, contact))
     if not machine.can_stick:
         return state
-    held, opening = _holding(machine, state, at_rest)
-    hold = contacts.hold(held)
+    closed, contact = _decided(machine, state, at_rest, contact, jnp.any(at_rest, axis=0))
+    hold = contacts.hold(closed)
     force, *later = contact_forces(machine, state, hold, derivatives(machine, state, hold))
-    held = held & is_pressed(force, tuple(later))
-    contact = jnp.where(at_rest & ~held, jnp.where(opening > 0, jnp.int8(2), jnp.int8(3)), contact)
+    held = closed & is_pressed(force, tuple(later))
+    contact = jnp.where(closed & ~held, jnp.int8(3), contact)
+    state = eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
+    held, contact = _handed_on(machine, state, closed & ~held, held, contact)
     return eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
 
 
@@ -92,19 +96,22 @@ def _impact(
     speed = jnp.where(hit, instant.velocity_minus, 0)
     restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution, 0)
     q = -(1 + restitution) * speed
-    _, impulse, rest = complementary(contacts.compliance, q, hit | state.held)
+    closed = state.held | state.is_shut
+    _, impulse, rest = complementary(contacts.compliance, q, hit | closed)
     v = state.v - contacts.freed(contacts.back(impulse))
-    torn = state.held & (rest > 0)
+    is_open = closed & (rest > 0)
+    torn = state.held & is_open
     plus = jnp.where(hit, -restitution * speed - rest, instant.velocity_plus)
-    x = contacts.placed(state.x, hit | state.held, state.phase)
+    x = contacts.placed(state.x, hit | closed, state.phase)
     # Counted on and not measured afresh: a contact close by keeps the digits of its gap.
-    gap = jnp.where(hit | state.held, 0, state.gap - contacts.along(x - state.x))
+    is_closed = hit | closed | (state.gap == 0)
+    gap = jnp.where(is_closed, 0, state.gap - contacts.along(x - state.x))
     # Other contacts that are closed now open, or are hit in the same instant, by what these impacts changed.
     approach = contacts.towards(v, machine.phase_rate(state.phase))
     noise = contacts.noise(v)
-    is_left = ~hit & ~state.held & (state.contact > 0)
-    contact = jnp.where(is_left & (approach > noise), jnp.int8(0), state.contact)
-    contact = jnp.where(hit | torn | (is_left & (approach < -noise)), jnp.int8(1), contact)
+    is_left = ~hit & ~closed & (state.contact > 0)
+    contact = jnp.where(is_left, jnp.where(approach > noise, jnp.int8(0), jnp.int8(2)), state.contact)
+    contact = jnp.where(hit | is_open | (is_left & (approach < -noise)), jnp.int8(1), contact)
     after = eqx.tree_at(lambda s: (s.x, s.v, s.gap, s.contact), state, (x, v, gap, contact))
     instant = eqx.tree_at(lambda i: (i.velocity_plus, i.impulse), instant, (plus, jnp.where(hit, impulse, 0)))
     return after, instant, torn
@@ -120,8 +127,9 @@ def _stick_and_release(
     """Decide, after all impacts of this instant, which contacts come to hold and which are let go."""
     contacts, hit = _rows(machine), instant.hit
     is_jump = jnp.any(hit, axis=0)
-    let_go = is_event & state.held & ~torn
-    held = state.held & ~let_go & ~torn
+    was_held = state.held & ~torn
+    let_go = is_event & was_held
+    held = was_held & ~let_go
     state = eqx.tree_at(lambda s: s.held, state, held)
     nothing = jnp.zeros_like(hit), jnp.zeros_like(state.gap)
     completed, duration = jax.lax.cond(
@@ -130,17 +138,20 @@ def _stick_and_release(
     # At rest on a contact: held, at the end of their bounces, plastic, or let go at this very instant.
     is_plastic = hit & (instant.velocity_plus == 0)
     at_rest = held | (is_jump & (completed | is_plastic | (~hit & ~let_go & (state.contact >= 2))))
-    now_held, opening = jax.lax.cond(
+    contact = jnp.where(let_go, jnp.int8(3), state.contact)
+    now_held, contact = jax.lax.cond(
         is_any(is_jump),
-        lambda: compute_once(_holding, machine, state, at_rest),
-        lambda: (held, jnp.zeros_like(state.gap)),
+        lambda: compute_once(_decided, machine, state, at_rest | is_plastic, contact, is_jump),
+        lambda: (held, contact),
     )
-    now_held = jnp.where(is_jump, now_held, held)
-    stuck, thrown = now_held & ~held, held & ~now_held
-    pulled = (at_rest | is_plastic) & ~now_held
-    contact = jnp.where(stuck, jnp.int8(0), state.contact)
-    contact = jnp.where(let_go | pulled, jnp.int8(3), contact)
-    contact = jnp.where(pulled & (opening > 0), jnp.int8(2), contact)
+    num_free = jnp.sum(let_go | state.is_shut, axis=0)
+    is_handed_on = ~is_jump & jnp.any(let_go, axis=0) & (num_free > 1)
+    now_held, contact = jax.lax.cond(
+        is_any(is_handed_on),
+        lambda: compute_once(_handed_on, machine, state, let_go & is_handed_on, now_held, contact),
+        lambda: (now_held, contact),
+    )
+    stuck, thrown = now_held & ~was_held, was_held & ~now_held
     x, v = contacts.settled(state.x, state.v, now_held, state.phase, machine.damping)
     gap = jnp.where(now_held, 0, state.gap)
     names = lambda s: (s.x, s.v, s.gap, s.held, s.contact)  # noqa: E731
@@ -148,7 +159,7 @@ def _stick_and_release(
     instant = eqx.tree_at(
         lambda i: (i.stuck, i.released, i.chatter),
         instant,
-        (stuck, let_go | torn | thrown, jnp.where(stuck & completed, duration, 0)),
+        (stuck, torn | thrown, jnp.where(stuck & completed, duration, 0)),
     )
     return after, instant
 
@@ -163,7 +174,7 @@ def _completed(
     contacts, hit = _rows(machine), instant.hit
     approach = machine.approach(state)
     is_hit = hit & is_light(instant.velocity_plus)
-    is_near = ~hit & ~state.held & is_light(approach) & is_light(state.gap)
+    is_near = ~hit & ~state.held & ~state.is_shut & is_light(approach) & is_light(state.gap)
     both = jnp.stack([is_hit | is_near, is_hit])
     end = lambda _, bouncing: (None, _end_of_bounces(machine, state, instant, bouncing))  # noqa: E731
     _, (is_complete, durations) = jax.lax.scan(end, None, both)
@@ -192,14 +203,45 @@ def _end_of_bounces(
     return is_complete | (is_spare & jnp.any(is_complete, axis=0)), jnp.where(is_spare, 0, duration)
 
 
-def _holding(
-    machine: Machine, state: State, at_rest: Bool[Array, "stops ..."]
-) -> tuple[Bool[Array, "stops ..."], Float[Array, "stops ..."]]:
-    """Which of the contacts at rest hold, and the accelerations of the gaps of those that open."""
+def _decided(
+    machine: Machine,
+    state: State,
+    at_rest: Bool[Array, "stops ..."],
+    contact: Int[Array, "stops ..."],
+    is_jump: Bool[Array, "..."],
+) -> tuple[Bool[Array, "stops ..."], Int[Array, "stops ..."]]:
+    """Which of the contacts at rest hold after a jump, and how the others are left."""
     contacts = _rows(machine)
     opening = -contacts.free_pull(machine.total_force(state), state.phase)
     held, _, opening = complementary(contacts.compliance, opening, at_rest)
-    return held, opening
+    left = jnp.where(opening > 0, jnp.int8(2), jnp.int8(3))
+    left = jnp.where(at_rest, jnp.where(held, jnp.int8(0), left), contact)
+    left = jnp.where(~held & (state.gap == 0) & contacts.depend_on(held), jnp.int8(SHUT), left)
+    return jnp.where(is_jump, held, state.held), jnp.where(is_jump, left, contact)
+
+
+def _handed_on(
+    machine: Machine,
+    state: State,
+    let_go: Bool[Array, "stops ..."],
+    held: Bool[Array, "stops ..."],
+    contact: Int[Array, "stops ..."],
+) -> tuple[Bool[Array, "stops ..."], Int[Array, "stops ..."]]:
+    """Which contacts hold where several lose their force, or others are shut, and how the rest are left.
+
+    No force jumps: those that come to hold bear nothing yet, and their rates obey what forces do after a jump.
+    """
+    contacts, is_asked = _rows(machine), jnp.any(let_go, axis=0)
+    hold = contacts.hold(state.held)
+    phase_rate = machine.phase_rate(state.phase)
+    opening = -contacts.pull(rates(machine, state, hold).force_rate, hold, phase_rate)
+    is_free = (let_go | state.is_shut) & is_asked
+    bearing, _, _ = complementary(
+        contacts.compliance_beside(hold), opening, is_free & ~contacts.depend_on(state.held)
+    )
+    held = held | bearing
+    left = jnp.where(contacts.depend_on(held), jnp.int8(SHUT), jnp.int8(3))
+    return held, jnp.where(is_free, jnp.where(bearing, jnp.int8(0), left), contact)
 
 
 def _rows(machine: Machine) -> Rows:

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._machine.contacts import Held
 from .._machine.derivatives import Rates, approaches, rates
 from .._machine.machine import Machine
-from .._machine.state import State
+from .._machine.state import SHUT, State
 from .._system.waves import speeds, turned
 from .._types import Flag, Scalar, smallest
 from .._xla import compute_once, in_one_kernel
@@ -60,6 +60,8 @@ def watched(machine: Machine, state: State, hold: Held) -> Watched:
     approach = approaches(machine, state, motion)
     value = jnp.where(state.held, pull, state.gap)
     slope = jnp.where(state.held, pull_rate, -approach[0])
+    # Nothing happens to a contact that others keep closed.
+    value, slope = jnp.where(state.is_shut, 1, value), jnp.where(state.is_shut, 0, slope)
     return Watched(value, slope, motion, approach, pull)
 
 
@@ -180,12 +182,13 @@ def _prove(view: View, step: Scalar, is_expected: Flag) -> Proof:
     likely = compute_once(_likely, view, displacement, gain, step)
     nearest = view.gap + smallest([-view.displacement[j] for j in range(1, len(displacement))]) + error
     is_crossed = (jnp.where(view.held, smallest(likely), nearest) < 0) | (view.last < 0)
-    is_crossed = is_crossed & ~is_expected
+    is_shut = view.contact == SHUT
+    is_crossed = is_crossed & ~is_expected & ~is_shut
     degree = len(likely) - 1
     share = [jnp.where(view.contact == 0, k / degree, min(k, 1)) for k in range(degree + 1)]
     doubt = jnp.where(is_crossed, 0, error)
     asked = [c - part * doubt for c, part in zip(likely, share, strict=True)]
-    return Proof(compute_once(first_crossing, asked), is_crossed, error)
+    return Proof(jnp.where(is_shut, 1, compute_once(first_crossing, asked)), is_crossed, error)
 
 
 def _error(view: View, displacement: list[Scalar], gain: list[Scalar], step: Scalar) -> Scalar:

@@ -157,9 +157,12 @@ def _safe_step(
         bound = jax.lax.cond(is_any_held, lambda: _bound(*now, hold), lambda: _bound_of_gap(*now))
     else:
         bound = compute_once(_bound_of_gap, machine, state, motion, limit)
-    steps, is_root = safe_step(bound, limit)
     nearly = short(state.x.dtype) * machine.timescale
-    is_root = is_root & (steps <= nearly)
+    steps, is_root = safe_step(bound, limit, nearly)
+    # What has just left comes back later, or else its leading coefficient is rounding; never at once, or before.
+    is_root = is_root & (steps <= nearly) & ((state.contact == 0) | (steps > 0))
+    if machine.contacts.is_coupled:
+        steps, is_root = jnp.where(state.is_shut, limit, steps), is_root & ~state.is_shut
     # Where a leading coefficient is lost in rounding the bound allows no step; the motion does.
     steps = jnp.where(is_root, steps, jnp.maximum(steps, jnp.minimum(nearly, limit)))
     step = jnp.minimum(limit, smallest(steps))
@@ -251,6 +254,7 @@ def _delays(
     dtype = str(state.x.dtype)
     near = jnp.where(state.held, _NEAR_FORCE[dtype], _NEAR_GAP[dtype]) * machine.timescale
     is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
+    is_near = is_near & ~state.is_shut if machine.contacts.is_coupled else is_near
     return jnp.where(is_near, delay, jnp.where(is_root, 0, jnp.inf))
 
 
@@ -269,6 +273,9 @@ def displaced(
 ) -> State:
     """The state after a step, by the displacement, the velocities there, and the change of the phase."""
     time, low = _two_sum(state.time, step)
+    kept, closed = jnp.int8(0), state.held
+    if machine.contacts.is_coupled:
+        kept, closed = jnp.where(state.is_shut, state.contact, kept), closed | state.is_shut
     return eqx.tree_at(
         lambda s: (s.time, s.time_low, s.phase, s.x, s.v, s.gap, s.contact),
         state,
@@ -278,8 +285,8 @@ def displaced(
             state.phase + change,
             state.x + displacement,
             v,
-            machine.contacts.gap_after(state.gap, state.held, displacement, change),
-            jnp.where(step > 0, jnp.int8(0), state.contact),
+            machine.contacts.gap_after(state.gap, closed, displacement, change),
+            jnp.where(step > 0, kept, state.contact),
         ),
     )
 

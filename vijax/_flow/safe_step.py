@@ -59,12 +59,13 @@ def either(condition: Flag, a: Bound, b: Bound) -> Bound:
     return jax.tree.map(lambda new, old: jnp.where(condition, new, old), a, b)
 
 
-def safe_step(bound: Bound, limit: Scalar) -> tuple[Scalar, Flag]:
+def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]:
     """Longest step that is proved free of an event, and whether it ends on a root of the bound.
 
     Args:
         bound: of a function that is not negative now.
         limit: longest step allowed.
+        short: a step so short that its bound is as good as the function; the second trial is no shorter.
 
     Returns:
         The step, and True if the lower bound crosses zero there with a slope.
@@ -82,5 +83,5 @@ def safe_step(bound: Bound, limit: Scalar) -> tuple[Scalar, Flag]:
         never = (under_root < 0) | (~falls & (fall <= 0))
         step = jnp.where(never, trial, jnp.minimum(over / jnp.maximum(under, tiny), trial))
         is_root = ~never & (step < trial) & (root > 0)
-        trial = jnp.where(step > 0, jnp.minimum(limit, 1.5 * step), limit)
+        trial = jnp.where(step > 0, jnp.minimum(limit, jnp.maximum(1.5 * step, short)), limit)
     return step, is_root

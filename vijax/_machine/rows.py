@@ -105,7 +105,7 @@ class Rows(AbstractContacts):
     @property
     def effective_mass(self) -> Float[Array, "contacts ..."]:
         """The mass that is met along the row, 1 / (a M^-1 a)."""
-        return 1 / _diagonal(self.compliance)
+        return 1 / diagonal(self.compliance)
 
     def rounded(self, t: Scalar | float) -> tuple[Array, Array]:
         """Magnitudes of the terms of positions and velocities of the contacts, which set their rounding errors."""
@@ -119,7 +119,9 @@ class Rows(AbstractContacts):
         """Rounding errors of speeds of approach."""
         size = self.size(jnp.abs(v))
         size = size if self.walls is None else size + self.frequency * self.walls.bound(1)
-        return 4 * jnp.finfo(size.dtype).eps * size
+        kind = jnp.finfo(size.dtype)
+        # Speeds that fall by a factor at every blow end before their squares are no numbers any more.
+        return 4 * kind.eps * size + kind.tiny**0.5 / kind.eps
 
     def told_impulse(self, along: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
         """Of a stop the impulse on its mass, of any other contact the one that opens its gap."""
@@ -195,13 +197,32 @@ class Rows(AbstractContacts):
     ) -> Float[Array, "contacts ..."]:
         """Acceleration towards each contact, as if it alone did not hold."""
         free = self._accelerated_towards(self.accelerations(force, hold, phase), phase)
-        inertia = _diagonal(hold.inertia)
+        inertia = diagonal(hold.inertia)
         pressing = self.pressing(force, hold, phase)
         return jnp.where(hold.held, pressing / jnp.where(inertia > 0, inertia, 1), free)
 
     def is_spare(self, hold: Hold) -> Bool[Array, "contacts ..."]:
         """Contacts that hold, but whose row depends on those of others that do."""
-        return hold.held & (_diagonal(hold.inertia) == 0)
+        return hold.held & (diagonal(hold.inertia) == 0)
+
+    def depend_on(self, members: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:
+        """Contacts whose gaps cannot change while those of some others do not: rows and motions depend on theirs."""
+        share = _product(self.compliance, inverse_among(self.compliance, members))
+        whole = diagonal(self.compliance)
+        slack = _slack(self.compliance)
+        rest = whole - jnp.sum(share * self.compliance, axis=1)
+        is_dependent = rest <= slack * whole
+        if self.walls is None:
+            return is_dependent
+        for row in (*self.walls.cosine, *self.walls.sine):
+            size = jnp.abs(row) + matvec(jnp.abs(share), jnp.abs(row))
+            is_dependent = is_dependent & (jnp.abs(row - matvec(share, row)) <= slack * size)
+        return is_dependent
+
+    def compliance_beside(self, hold: Hold) -> Float[Array, "contacts contacts ..."]:
+        """G of the contacts that do not hold, while the others do."""
+        share = _product(self.compliance, hold.inertia)
+        return self.compliance - _product(share, self.compliance)
 
     def free_pull(
         self, force: Float[Array, "n ..."], phase: Float[Array, "2 harmonics ..."]
@@ -376,5 +397,6 @@ def _product(a: Float[Array, "i j ..."], b: Float[Array, "j k ..."]) -> Float[Ar
     return jnp.sum(a[:, :, None] * b[None], axis=1)
 
 
-def _diagonal(matrix: Float[Array, "contacts contacts ..."]) -> Float[Array, "contacts ..."]:
+def diagonal(matrix: Float[Array, "contacts contacts ..."]) -> Float[Array, "contacts ..."]:
+    """The entries of a matrix that belong to one contact each."""
     return jnp.stack([matrix[j, j] for j in range(len(matrix))]) if len(matrix) else matrix[:, 0]

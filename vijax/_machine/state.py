@@ -6,6 +6,9 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._types import Scalar
 
+# A contact that is kept closed by others, see `State.contact`.
+SHUT = 4
+
 
 class State(eqx.Module):
     """Where one trajectory is: all that decides how it goes on.
@@ -16,7 +19,8 @@ class State(eqx.Module):
 
     `contact` tells how a stop was last left: the number of leading derivatives of the gap that
     vanish exactly (0 none, 1 just hit, 2 let go by a jump of the force, 3 let go as the force
-    crossed zero). It holds for the next step only.
+    crossed zero). It holds for the next step only. All of them vanish, `SHUT`, where the row of a contact depends
+    on those of others that hold: it stays closed without a force, until one of them lets go.
 
     `memory` is what the flow that drives the motion keeps from step to step; exact ones keep nothing.
     """
@@ -31,6 +35,11 @@ class State(eqx.Module):
     held: Bool[Array, "stops ..."]
     contact: Int[Array, "stops ..."]
     memory: PyTree = None
+
+    @property
+    def is_shut(self) -> Bool[Array, "stops ..."]:
+        """Contacts that others keep closed."""
+        return self.contact == SHUT
 
 
 def remembering(state: State, memory: PyTree) -> State:
