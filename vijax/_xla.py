@@ -214,7 +214,7 @@ def differentiable(forwards: Callable, backwards: Callable, tree):
     return both_ways(forwards, backwards, tree, jit_lightly)
 
 
-def jit_lightly(function: Callable[P, R]) -> Callable[P, R]:
+def jit_lightly(function: Callable) -> Callable:
     """`jax.jit`, compiled lightly."""
 
     @cache
@@ -222,9 +222,9 @@ def jit_lightly(function: Callable[P, R]) -> Callable[P, R]:
         return jax.jit(function, compiler_options=_options())
 
     @wraps(function)
-    def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+    def wrapped(*args: Any) -> Any:
         make_room()
-        return compiled()(*args, **kwargs)
+        return compiled()(*args)
 
     return wrapped
 

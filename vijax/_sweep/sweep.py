@@ -122,14 +122,7 @@ def sweep(
     References:
         Wagg & Bishop (2004), Secs. 4.4-4.5.
     """
-    transient, record = whole_number("transient", transient), whole_number("record", record)
-    max_impacts = whole_number("max_impacts", max_impacts)
-    if carry not in (None, "up", "down", "both"):
-        raise ValueError(f'Argument `carry` must be None, "up", "down" or "both", but is {carry!r}.')
-    max_steps = None if max_steps is None else whole_number("max_steps", max_steps)
-    if lyapunov and record < 1:
-        raise ValueError("Exponents are averaged over the recorded periods: let `record` be 1 or more.")
-    counts = Counts(transient, record, max_impacts, max_steps, can_stick=True, lyapunov=bool(lyapunov))
+    counts = _counts(transient, record, max_impacts, max_steps, carry, lyapunov=lyapunov)
     axes = values_of(values)
     base = base_of(with_args(system, args), x0, v0)
     if out is not None:
@@ -167,6 +160,26 @@ def sweep(
     ds = dataset(points, axes, shape, counts, found, attributes)
     warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite")
     return ds
+
+
+def _counts(
+    transient: Count,
+    record: Count,
+    max_impacts: Count,
+    max_steps: Count | None,
+    carry: str | None,
+    *,
+    lyapunov: bool,
+) -> Counts:
+    """What is asked of every point; whether a stop might hold its mass is found later."""
+    transient, record = whole_number("transient", transient), whole_number("record", record)
+    max_impacts = whole_number("max_impacts", max_impacts)
+    if carry not in (None, "up", "down", "both"):
+        raise ValueError(f'Argument `carry` must be None, "up", "down" or "both", but is {carry!r}.')
+    max_steps = None if max_steps is None else whole_number("max_steps", max_steps)
+    if lyapunov and record < 1:
+        raise ValueError("Exponents are averaged over the recorded periods: let `record` be 1 or more.")
+    return Counts(transient, record, max_impacts, max_steps, can_stick=True, lyapunov=bool(lyapunov))
 
 
 def _chain(shape: tuple[int, ...], carry: str | None) -> np.ndarray | None:
