@@ -26,8 +26,8 @@ class Spring(eqx.Module):
         return -self.linear * x - self.cubic * x**3
 
 
-def oscillator(amplitude, cubic):
-    load, stop = vx.Harmonic([amplitude], frequency=FREQUENCY), vx.Stop(0, 1.0, restitution=RESTITUTION)
+def oscillator(amplitude, cubic, position=1.0):
+    load, stop = vx.Harmonic([amplitude], frequency=FREQUENCY), vx.Stop(0, position, restitution=RESTITUTION)
     spring = Spring(jnp.array([1.0]), jnp.array([cubic]))
     return vx.ImpactSystem([1.0], [[DAMPING]], [[0.0]], load, [stop], force=spring)
 
@@ -49,6 +49,18 @@ def test_a_linear_spring_written_as_a_force_has_the_published_doubling():
     grazing = next(point.value for point in branch.bifurcations if point.kind == "gr")
     exact = np.sqrt((1 - FREQUENCY**2) ** 2 + (DAMPING * FREQUENCY) ** 2)
     assert grazing == pytest.approx(exact, abs=SOLVED)
+
+
+def test_bifurcations_of_a_linear_spring_written_as_a_force_move_with_the_stop():
+    # All lengths of a linear machine grow with the load.
+    branch = branch_of(0.0, 0.34, 2, (0.3, 0.36))
+    (doubling,) = [point for point in branch.bifurcations if point.kind == "pd"]
+    amplitude = lambda position: vx.bifurcation_value(doubling, oscillator(0.34, 0.0, position))  # noqa: E731
+    value, slope = jax.value_and_grad(amplitude)(1.01)
+    assert value == pytest.approx(1.01 * doubling.value, abs=SOLVED)
+    assert slope == pytest.approx(doubling.value, abs=1e3 * SOLVED)
+    with pytest.raises(ValueError, match="with 1 masses, a `force`"):
+        vx.bifurcation_value(doubling, vx.models.wagg_bishop_a(0.8))
 
 
 def test_orbits_of_a_duffing_oscillator_are_those_that_scipy_follows():

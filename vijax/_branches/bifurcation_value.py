@@ -11,7 +11,7 @@ from .._refusal import checked
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.ending import known_or_nan
 from .._types import Scalar, constant, known_stays_known
-from .._xla import compile_lightly, padding_allowed
+from .._xla import compile_lightly, differentiable, padding_allowed
 from .branch import Bifurcation
 from .conditions import defining_of
 from .defining import AbstractCondition, Defining, implicit, solve
@@ -38,11 +38,11 @@ def bifurcation_value(point: Bifurcation, system: ImpactSystem, *, throw: bool =
     Nothing is divided by the speed of an impact.
 
     Works under `jax.jit` and `jax.vmap`. Derivatives by all numbers of the machine, forward and reverse, are those of the
-    implicit function theorem.
+    implicit function theorem. With a `force` all is as exact as the `flow` of the point's orbit, and compiles for a minute.
 
     Args:
         point: one of `branch.bifurcations`, of the kind "fold", "pd", "ns", "gr", "double_impact" or "force_zero".
-        system: the machine, with as many masses and the same stops; whatever it has for the parameter of the branch is
+        system: the machine, with as many masses, the same stops and a `force` if that of the point has one; whatever it has for the parameter of the branch is
             not used.
         throw: raise if the bifurcation is not found; otherwise its value is NaN, and so are derivatives by what it depends on.
 
@@ -72,8 +72,9 @@ def bifurcation_value(point: Bifurcation, system: ImpactSystem, *, throw: bool =
         defining, guess = defining_of(point, float(values.min()), float(values.max()))
     defining = _of_machine(defining, with_args(system, None))
     condition, y, number = _solved(constant(defining), guess)
-    place, _ = defining.place(implicit(replace(defining, condition=condition), y))
-    found = place.p * defining.family.span
+    solved = replace(defining, condition=condition), y
+    # What JAX makes of derivatives through a solver cannot be transposed; exact motions compile faster as they are.
+    found = _value(solved) if system.force is None else differentiable(_value, _value, solved)
     return checked(found, number, _SENTENCES) if throw else known_or_nan(number == 0, found)
 
 
@@ -81,14 +82,21 @@ def _of_machine(defining: Defining, system: ImpactSystem) -> Defining:
     """The defining system of another machine."""
     make = lambda system: (system.num_masses, [stop.slot or (*stop.coefficients,) for stop in system.stops])  # noqa: E731
     (masses, stops), ours = make(defining.family.system), make(system)
-    has_force = any(one.force is not None for one in (system, defining.family.system))
-    if ours != (masses, stops) or has_force:
+    has_force, ours_has = (one.force is not None for one in (defining.family.system, system))
+    if ours != (masses, stops) or ours_has != has_force:
         raise ValueError(
-            f"Argument `system` must be a machine like that of the point, with {masses} masses, no `force` and stops at "
-            f"(mass, side) = {stops}."
+            f"Argument `system` must be a machine like that of the point, with {masses} masses, "
+            f"{'a' if has_force else 'no'} `force` and stops at (mass, side) = {stops}."
         )
-    # One motion whether matrices are known or traced: one program.
-    return replace(defining, family=replace(defining.family, system=system, flow=TaylorFlow()))
+    # One exact motion whether matrices are known or traced: one program.
+    flow = defining.family.flow if has_force else TaylorFlow()
+    return replace(defining, family=replace(defining.family, system=system, flow=flow))
+
+
+def _value(solved: tuple[Defining, Array]) -> Scalar:
+    """The parameter where a defining system is solved."""
+    defining, y = solved
+    return defining.place(implicit(defining, y))[0].p * defining.family.span
 
 
 @compile_lightly
