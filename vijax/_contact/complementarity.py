@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._machine.rows import diagonal, inverse_among
+from .._machine.small_matrices import diagonal, inverse_among
 from .._types import constant, matvec
 from .._xla import is_any
 

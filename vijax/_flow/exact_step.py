@@ -120,7 +120,7 @@ class ExpandingFlow(AbstractFlow):
         step, is_root = compute_once(_safe_step, machine, state, motion, hold, ahead)
         is_last = step >= remaining
         step = jnp.where(is_last, remaining, step)
-        moved = compute_once(_move, machine, state, motion, step)
+        moved = compute_once(_move, machine, state, motion, hold, step)
         series = compute_once(_near_future, machine, moved, hold)
         delays = compute_once(_delays, machine, moved, series, hold, is_root, ahead - step)
         delay = smallest(delays)
@@ -135,13 +135,14 @@ class ExpandingFlow(AbstractFlow):
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Expand and move at once."""
         motion = compute_once(self.expand, machine, state, hold)
-        return compute_once(motion.move, machine, state, step)
+        return compute_once(_moved, machine, state, motion, hold, step)
 
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
         """Go on by one step, whatever the stops say."""
-        motion = self.expand(machine, state, machine.hold(state.held))
+        hold = machine.hold(state.held)
+        motion = self.expand(machine, state, hold)
         step = jnp.minimum(remaining, motion.limit)
-        return _move(machine, state, motion, step), step
+        return _move(machine, state, motion, hold, step), step
 
 
 def _safe_step(
@@ -205,9 +206,17 @@ def _bound_by(
     return deflated(gap, machine.contacts.rest(x_rest), state.contact, limit)
 
 
-def _move(machine: Machine, state: State, motion: Expansion, step: Scalar) -> State:
+def _move(machine: Machine, state: State, motion: Expansion, hold: Held, step: Scalar) -> State:
     """Follow the smooth motion for `step`."""
-    return displaced(machine, state, *motion.move(machine, state, step), step)
+    return displaced(machine, state, *_moved(machine, state, motion, hold, step), step)
+
+
+def _moved(machine: Machine, state: State, motion: Expansion, hold: Held, step: Scalar) -> tuple[Array, ...]:
+    """The displacement, the velocities and the change of the phase after `step`."""
+    displacement, v, change = motion.move(machine, state, step)
+    if machine.contacts.is_coupled and machine.can_stick:
+        displacement, v = machine.contacts.kept(state.x, displacement, v, hold, state.phase + change)
+    return displacement, v, change
 
 
 def _near_future(machine: Machine, state: State, hold: Held) -> tuple[Array, ...]:

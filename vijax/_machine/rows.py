@@ -21,9 +21,7 @@ from jaxtyping import Array, Bool, Float
 from .._system.waves import Waves, phase_rate
 from .._types import Reals, Scalar, constant, matvec
 from .contacts import AbstractContacts
-
-# Up to so many contacts sweeps are written out; more are a loop, which compiles faster.
-_UNROLLED = 2
+from .small_matrices import diagonal, inverse_among, product, slack_of
 
 
 class Hold(eqx.Module):
@@ -84,7 +82,7 @@ class Rows(AbstractContacts):
         terms = self._weighted()[:, None] * rows[None]
         compliance, size = jnp.sum(terms, axis=2), jnp.sum(jnp.abs(terms), axis=2)
         # Contacts that share no inertia would seem to by rounding, and one that is hit would open others that hold.
-        is_rounding = jnp.abs(compliance) <= _slack(compliance) * size
+        is_rounding = jnp.abs(compliance) <= slack_of(compliance) * size
         self.compliance = compliance - constant(jnp.where(is_rounding, compliance, 0))
 
     @property
@@ -168,8 +166,8 @@ class Rows(AbstractContacts):
     def hold(self, held: Bool[Array, "contacts ..."]) -> Hold:
         """The inverse of G among the held contacts."""
         inertia, weighted = inverse_among(self.compliance, held), self._weighted()
-        reaction = _product(inertia, weighted)
-        mobility = self._inverse() - _product(jnp.swapaxes(weighted, 0, 1), reaction)
+        reaction = product(inertia, weighted)
+        mobility = self._inverse() - product(jnp.swapaxes(weighted, 0, 1), reaction)
         if self.walls is None:
             return Hold(held, inertia, reaction, mobility, None)
         back, accelerated = jnp.swapaxes(reaction, 0, 1), self._accelerated()
@@ -207,9 +205,9 @@ class Rows(AbstractContacts):
 
     def depend_on(self, members: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:
         """Contacts whose gaps cannot change while those of some others do not: rows and motions depend on theirs."""
-        share = _product(self.compliance, inverse_among(self.compliance, members))
+        share = product(self.compliance, inverse_among(self.compliance, members))
         whole = diagonal(self.compliance)
-        slack = _slack(self.compliance)
+        slack = slack_of(self.compliance)
         rest = whole - jnp.sum(share * self.compliance, axis=1)
         is_dependent = rest <= slack * whole
         if self.walls is None:
@@ -221,8 +219,8 @@ class Rows(AbstractContacts):
 
     def compliance_beside(self, hold: Hold) -> Float[Array, "contacts contacts ..."]:
         """G of the contacts that do not hold, while the others do."""
-        share = _product(self.compliance, hold.inertia)
-        return self.compliance - _product(share, self.compliance)
+        share = product(self.compliance, hold.inertia)
+        return self.compliance - product(share, self.compliance)
 
     def free_pull(
         self, force: Float[Array, "n ..."], phase: Float[Array, "2 harmonics ..."]
@@ -263,6 +261,22 @@ class Rows(AbstractContacts):
         way = self._by(inertia, self.gaps(x, phase))
         v = v - self.freed(matvec(damping, way))
         return x + way, v - self._by(inertia, self.towards(v, rate))
+
+    def kept(
+        self,
+        x: Float[Array, "n ..."],
+        displacement: Float[Array, "n ..."],
+        v: Float[Array, "n ..."],
+        hold: Hold,
+        phase: Array,
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+        """A displacement from some positions, and velocities after it, by which no contact that holds opens or gives way.
+
+        Else the rounding errors of every step would add up along rows that several masses bear on.
+        """
+        lack = jnp.where(hold.held, self.gaps(x + displacement, phase), 0)
+        approach = jnp.where(hold.held, self.towards(v, phase_rate(phase, self.frequency)), 0)
+        return displacement + self._by(hold.inertia, lack), v - self._by(hold.inertia, approach)
 
     def held_still(
         self, v: Float[Array, "n ..."], held: Bool[Array, "contacts ..."], phase_rate: Array
@@ -329,7 +343,7 @@ class Rows(AbstractContacts):
         """A M^-1."""
         if not self._has_full_mass:
             return self.rows * self.inverse_mass[None]
-        return _product(self.rows, self.inverse_mass)
+        return product(self.rows, self.inverse_mass)
 
     def _inverse(self) -> Array:
         """M^-1."""
@@ -350,53 +364,3 @@ class Rows(AbstractContacts):
         order = np.arange(1, self.walls.num_harmonics + 1).reshape(-1, *[1] * (self.walls.cosine.ndim - 1))
         rate = -((order * self.frequency) ** 2)
         return Waves(rate * self.walls.cosine, rate * self.walls.sine)
-
-
-def inverse_among(
-    matrix: Float[Array, "contacts contacts ..."], members: Bool[Array, "contacts ..."]
-) -> Float[Array, "contacts contacts ..."]:
-    """The inverse of the part of a symmetric matrix that belongs to the members; zero elsewhere.
-
-    By sweeps, one for each member. A member whose row depends on those before it, to rounding, is left out.
-
-    References:
-        J. H. Goodnight, A tutorial on the sweep operator, Am. Stat. 33 (1979).
-    """
-    size, a = len(matrix), matrix + jnp.zeros_like(members, matrix.dtype)[None]
-    slack = _slack(matrix)
-
-    def sweep(a: Array, k: Array | int) -> tuple[Array, Array]:
-        here = (jnp.arange(size) == k).reshape(-1, *[1] * (a.ndim - 2))
-        pivot, row, column = a[k, k], a[k], a[:, k]
-        is_member = members[k] & (pivot > slack * matrix[k, k])
-        pivot = jnp.where(is_member, pivot, 1)
-        row = row / pivot
-        rest = a - column[:, None] * row[None]
-        rest = jnp.where(here[:, None], row[None], jnp.where(here[None], (-column / pivot)[:, None], rest))
-        rest = jnp.where(here[:, None] & here[None], 1 / pivot, rest)
-        return jnp.where(is_member, rest, a), is_member
-
-    if size <= _UNROLLED:
-        swept = []
-        for k in range(size):
-            a, is_member = sweep(a, k)
-            swept.append(is_member)
-        inside = jnp.stack(swept) if size else members
-    else:
-        a, inside = jax.lax.scan(sweep, a, jnp.arange(size))
-    return jnp.where(inside[:, None] & inside[None], a, 0)
-
-
-def _slack(matrix: Float[Array, "contacts contacts ..."]) -> float:
-    """The rounding error of G, and of what is left of it in sweeps, relative to the terms that are added."""
-    return 64 * len(matrix) * float(jnp.finfo(matrix.dtype).eps)
-
-
-def _product(a: Float[Array, "i j ..."], b: Float[Array, "j k ..."]) -> Float[Array, "i k ..."]:
-    """Matrix product, lanes last."""
-    return jnp.sum(a[:, :, None] * b[None], axis=1)
-
-
-def diagonal(matrix: Float[Array, "contacts contacts ..."]) -> Float[Array, "contacts ..."]:
-    """The entries of a matrix that belong to one contact each."""
-    return jnp.stack([matrix[j, j] for j in range(len(matrix))]) if len(matrix) else matrix[:, 0]

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._machine.numbers import Numbers
-from .._machine.rows import inverse_among
+from .._machine.small_matrices import inverse_among
 from .._types import constant, library_of
 from .condensed import Pencil
 
