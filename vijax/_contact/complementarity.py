@@ -35,14 +35,29 @@ def complementary(
     Returns:
         Which bear p, no row depending on those of others that do; p; and w, exactly zero where it is so to rounding.
     """
-    known, q_known = constant((_decidable(matrix, allowed), q))
     noise = 16 * len(matrix) * jnp.finfo(matrix.dtype).eps
+    is_one = jnp.all(jnp.sum(allowed, axis=0) <= 1)
+    members, closed = jax.lax.cond(
+        is_any(~is_one),
+        lambda: _of_several(*constant((matrix, q)), allowed, noise),
+        lambda: (allowed & (q <= 0), allowed & (q <= 0)),
+    )
+    p = -matvec(inverse_among(matrix, members), q)
+    w = q + matvec(matrix, p)
+    # What is rounding opens nothing.
+    is_zero = closed | (allowed & (w <= noise * (jnp.abs(q) + matvec(jnp.abs(matrix), p))))
+    return members, p, jnp.where(is_zero, 0, w)
+
+
+def _of_several(matrix: Array, q: Array, allowed: Array, noise: float) -> tuple[Array, Array]:
+    """Which of several contacts bear, of these rows no one depending on others, and where w = 0."""
+    known = _decidable(matrix, allowed)
 
     def wrong(members: Array) -> Array:
         # To rounding: a contact that shares nothing with the others gets no impulse, and not a negative one.
         inverse = inverse_among(known, members)
-        p, size_of_p = -matvec(inverse, q_known), matvec(jnp.abs(inverse), jnp.abs(q_known))
-        w, size = q_known + matvec(known, p), jnp.abs(q_known) + matvec(jnp.abs(known), size_of_p)
+        p, size_of_p = -matvec(inverse, q), matvec(jnp.abs(inverse), jnp.abs(q))
+        w, size = q + matvec(known, p), jnp.abs(q) + matvec(jnp.abs(known), size_of_p)
         return allowed & jnp.where(members, p < -noise * size_of_p, w < -noise * size)
 
     def goes_on(carry: tuple) -> Array:
@@ -54,12 +69,7 @@ def complementary(
         return members ^ (bad & (jnp.cumsum(bad, axis=0) == 1)), bad, count + 1
 
     closed, _, _ = jax.lax.while_loop(goes_on, pivot, (allowed, allowed, jnp.array(0)))
-    members = _independent(constant(matrix), -matvec(inverse_among(known, closed), q_known), closed)
-    p = -matvec(inverse_among(matrix, members), q)
-    w = q + matvec(matrix, p)
-    # What is rounding opens nothing.
-    is_zero = closed | (allowed & (w <= noise * (jnp.abs(q) + matvec(jnp.abs(matrix), p))))
-    return members, p, jnp.where(is_zero, 0, w)
+    return _independent(matrix, -matvec(inverse_among(known, closed), q), closed), closed
 
 
 def _independent(matrix: Array, p: Array, members: Array) -> Array:

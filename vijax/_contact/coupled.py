@@ -152,7 +152,11 @@ def _stick_and_release(
         lambda: (now_held, contact),
     )
     stuck, thrown = now_held & ~was_held, was_held & ~now_held
-    x, v = contacts.settled(state.x, state.v, now_held, state.phase, machine.damping)
+    x, v = jax.lax.cond(
+        is_any(now_held),
+        lambda: contacts.settled(state.x, state.v, now_held, state.phase, machine.damping),
+        lambda: (state.x, state.v),
+    )
     gap = jnp.where(now_held, 0, state.gap)
     names = lambda s: (s.x, s.v, s.gap, s.held, s.contact)  # noqa: E731
     after = eqx.tree_at(names, state, (x, v, gap, now_held, contact))
@@ -216,7 +220,9 @@ def _decided(
     held, _, opening = complementary(contacts.compliance, opening, at_rest)
     left = jnp.where(opening > 0, jnp.int8(2), jnp.int8(3))
     left = jnp.where(at_rest, jnp.where(held, jnp.int8(0), left), contact)
-    left = jnp.where(~held & (state.gap == 0) & contacts.depend_on(held), jnp.int8(SHUT), left)
+    is_beside = ~held & (state.gap == 0) & jnp.any(held, axis=0)
+    depends = jax.lax.cond(is_any(is_beside), lambda: contacts.depend_on(held), lambda: jnp.zeros_like(held))
+    left = jnp.where(is_beside & depends, jnp.int8(SHUT), left)
     return jnp.where(is_jump, held, state.held), jnp.where(is_jump, left, contact)
 
 

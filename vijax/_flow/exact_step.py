@@ -214,8 +214,13 @@ def _move(machine: Machine, state: State, motion: Expansion, hold: Held, step: S
 def _moved(machine: Machine, state: State, motion: Expansion, hold: Held, step: Scalar) -> tuple[Array, ...]:
     """The displacement, the velocities and the change of the phase after `step`."""
     displacement, v, change = motion.move(machine, state, step)
-    if machine.contacts.is_coupled and machine.can_stick:
-        displacement, v = machine.contacts.kept(state.x, displacement, v, hold, state.phase + change)
+    if not (machine.contacts.is_coupled and machine.can_stick):
+        return displacement, v, change
+    displacement, v = jax.lax.cond(
+        is_any(state.held),
+        lambda: machine.contacts.kept(state.x, displacement, v, hold, state.phase + change),
+        lambda: (displacement, v),
+    )
     return displacement, v, change
 
 

@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._system.waves import Waves, phase_rate
 from .._types import Reals, Scalar, constant, matvec
+from .._xla import is_any
 from .contacts import AbstractContacts
 from .small_matrices import diagonal, inverse_among, product, slack_of
 
@@ -164,7 +165,14 @@ class Rows(AbstractContacts):
         return jnp.zeros_like(flags)
 
     def hold(self, held: Bool[Array, "contacts ..."]) -> Hold:
-        """The inverse of G among the held contacts."""
+        """What holding does; where nothing is held anywhere, without computing it."""
+        hold = jax.eval_shape(self._hold, held)
+        free = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), hold)
+        free = eqx.tree_at(lambda h: (h.held, h.mobility), free, (held, free.mobility + self._inverse()))
+        return jax.lax.cond(is_any(held), lambda: self._hold(held), lambda: free)
+
+    def _hold(self, held: Bool[Array, "contacts ..."]) -> Hold:
+        """By the inverse of G among the held contacts."""
         inertia, weighted = inverse_among(self.compliance, held), self._weighted()
         reaction = product(inertia, weighted)
         mobility = self._inverse() - product(jnp.swapaxes(weighted, 0, 1), reaction)
