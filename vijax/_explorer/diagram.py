@@ -12,6 +12,7 @@ from typing import Any
 
 import holoviews as hv
 import numpy as np
+import panel as pn
 import xarray as xr
 from holoviews.operation.datashader import datashade, spread
 from matplotlib.colors import to_hex
@@ -22,7 +23,7 @@ from ..plot._motions import entries, motions_of
 from .look import Look
 from .motion import nearest
 
-hv.extension("bokeh")
+hv.extension("bokeh", inline=pn.config.inline)
 
 # Above so many points a browser becomes slow.
 MANY = 20_000

@@ -12,7 +12,8 @@ def explore(ds: xr.Dataset, *, dark: bool = False):
     the value. Beside it stand the motion of the point: its kind and Floquet multipliers, time series, phase portrait,
     impact map, and the machine moving. Another slider changes a parameter of the machine, and the motion that goes
     on from there is followed at once. All runs in this process. In a notebook the last line of a cell shows it,
-    `python -m vijax explore sweep.nc` a page in the browser.
+    `python -m vijax explore sweep.nc` a page in the browser. A notebook loads what draws it from the net; with `PANEL_INLINE=1` in the
+    environment it has all in itself.
 
     Needs the extra: `pip install 'vijax[explore]'`.
 

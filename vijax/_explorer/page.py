@@ -76,9 +76,11 @@ class Explorer:
         chosen = pn.Row(*self.sliders, self.stop, self.mass)
         changed = pn.Row(self.parameter, self.value, self.back)
         left = pn.Column(chosen, self.diagram, self.legend, changed, self.film, width=620)
-        grid = pn.GridBox(*self.pictures.values(), ncols=2)
+        # Two side by side, in a narrow cell of a notebook one below the other.
+        pictures = pn.FlexBox(*self.pictures.values(), max_width=round(2.2 * DPI * SIZE[0]))
+        right = pn.Column(self.words, pictures, sizing_mode="stretch_width")
         styles = {"background": self.look.page, "color": self.look.ink, "padding": "10px"}
-        return pn.Row(left, pn.Column(self.words, grid), styles=styles)
+        return pn.Row(left, right, styles=styles, sizing_mode="stretch_width")
 
     # What is chosen
 
