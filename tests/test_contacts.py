@@ -48,6 +48,15 @@ def test_a_contact_of_one_mass_is_a_stop():
     np.testing.assert_allclose(np.asarray(other.events.impulse)[:n], along, rtol=0, atol=1e-11)
 
 
+def test_a_contact_that_holds_stays_closed_to_rounding():
+    sol = vx.simulate(damper(restitution=0.5, amplitude=0.02, mean=[0.0, 0.5]), 0.0, 1000.0)
+    assert sol.stuck1.tolist() == [True, False]
+    x, v = sol.evaluate(np.linspace(500.0, 1000.0, 200))
+    # Were the errors of all steps left to add up, 1e-10.
+    np.testing.assert_allclose(x[:, 1] - x[:, 0], 0.2, rtol=0, atol=5e-16)
+    np.testing.assert_allclose(v[:, 1] - v[:, 0], 0.0, rtol=0, atol=5e-16)
+
+
 def test_an_impact_keeps_momentum_and_turns_the_relative_velocity_round():
     sol = vx.simulate(damper(), 0.0, 40.0)
     is_heavy = (np.asarray(sol.events.kind) == vx.IMPACT) & (np.asarray(sol.events.velocity_minus) > 1e-3)
