@@ -36,11 +36,11 @@ def complementary(
         Which bear p, no row depending on those of others that do; p; and w, exactly zero where it is so to rounding.
     """
     noise = 16 * len(matrix) * jnp.finfo(matrix.dtype).eps
-    is_one = jnp.all(jnp.sum(allowed, axis=0) <= 1)
+    alone = allowed & (q <= 0)  # where no other is closed, a contact bears unless it opens by itself
     members, closed = jax.lax.cond(
-        is_any(~is_one),
+        is_any(jnp.sum(allowed, axis=0) > 1),
         lambda: _of_several(*constant((matrix, q)), allowed, noise),
-        lambda: (allowed & (q <= 0), allowed & (q <= 0)),
+        lambda: (alone, alone),
     )
     p = -matvec(inverse_among(matrix, members), q)
     w = q + matvec(matrix, p)

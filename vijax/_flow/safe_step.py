@@ -65,7 +65,8 @@ def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]
     Args:
         bound: of a function that is not negative now.
         limit: longest step allowed.
-        short: a step so short that its bound is as good as the function; the second trial is no shorter.
+        short: a step so short that a bound which falls by its second coefficient is as good as the function: the second
+            trial is then no shorter.
 
     Returns:
         The step, and True if the lower bound crosses zero there with a slope.
@@ -73,6 +74,8 @@ def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]
     a0, a1 = bound.a0, bound.a1
     tiny = jnp.finfo(jnp.result_type(a0)).tiny
     trial, step, is_root = limit, limit, jnp.zeros(jnp.shape(limit), bool)
+    # A bound that falls by its rest alone tells of no event: what leaves with a jerk would seem to come back at once.
+    least = jnp.where(8 * bound.rest * short < -bound.a2, short, 0)
     for _ in range(2):  # the second trial is never shorter than the first, its bound being tighter
         fall = bound.rest * trial - bound.a2
         under_root = a1 * a1 + 4 * fall * a0
@@ -83,5 +86,5 @@ def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]
         never = (under_root < 0) | (~falls & (fall <= 0))
         step = jnp.where(never, trial, jnp.minimum(over / jnp.maximum(under, tiny), trial))
         is_root = ~never & (step < trial) & (root > 0)
-        trial = jnp.where(step > 0, jnp.minimum(limit, jnp.maximum(1.5 * step, short)), limit)
+        trial = jnp.where(step > 0, jnp.minimum(limit, jnp.maximum(1.5 * step, least)), limit)
     return step, is_root
