@@ -122,9 +122,10 @@ def machines_of(
 
 def _built(description: str, dtype: str) -> ImpactSystem:
     """The machine that was swept, its force bound; one without a force, which cannot change, is built once."""
-    if json.loads(description).get("force") is None:
+    told = json.loads(description)
+    if told.get("force") is None:
         return _linear(description, dtype, bool(jax.config.read("jax_enable_x64")))
-    return bound(build(json.loads(description), dtype))
+    return bound(build(told, dtype))
 
 
 @lru_cache(maxsize=16)
