@@ -35,7 +35,7 @@ def complementary(
     Returns:
         Which bear p, no row depending on those of others that do; p; and w, exactly zero where it is so to rounding.
     """
-    noise = 16 * len(matrix) * jnp.finfo(matrix.dtype).eps
+    noise = 16 * len(matrix) * float(jnp.finfo(matrix.dtype).eps)
     alone = allowed & (q <= 0)  # where no other is closed, a contact bears unless it opens by itself
     members, closed = jax.lax.cond(
         is_any(jnp.sum(allowed, axis=0) > 1),

@@ -211,7 +211,9 @@ def _move(machine: Machine, state: State, motion: Expansion, hold: Held, step: S
     return displaced(machine, state, *_moved(machine, state, motion, hold, step), step)
 
 
-def _moved(machine: Machine, state: State, motion: Expansion, hold: Held, step: Scalar) -> tuple[Array, ...]:
+def _moved(
+    machine: Machine, state: State, motion: Expansion, hold: Held, step: Scalar
+) -> tuple[Array, Array, Array]:
     """The displacement, the velocities and the change of the phase after `step`."""
     displacement, v, change = motion.move(machine, state, step)
     if not (machine.contacts.is_coupled and machine.can_stick):
