@@ -229,7 +229,7 @@ def retold(point, kind):
 
 @pytest.mark.parametrize(
     ("kind", "sentence"),
-    [("bp", "one machine alone"), ("pd", "another one twice"), ("chatter_completion", "infinitely many")],
+    [("pd", "another one twice"), ("chatter_completion", "infinitely many")],
 )
 def test_kinds_without_a_value_are_told(doubled, kind, sentence):
     with pytest.raises(ValueError, match=sentence):

@@ -41,9 +41,9 @@ def bifurcation_value(point: Bifurcation, system: ImpactSystem, *, throw: bool =
     implicit function theorem. With a `force` all is as exact as the `flow` of the point's orbit, and compiles for a minute.
 
     Args:
-        point: one of `branch.bifurcations`, of the kind "fold", "pd", "ns", "gr", "double_impact" or "force_zero".
-        system: the machine, with as many masses, the same stops and a `force` if that of the point has one; whatever it has for the parameter of the branch is
-            not used.
+        point: one of `branch.bifurcations`, of the kind "fold", "pd", "ns", "bp", "gr", "double_impact" or "force_zero".
+        system: the machine, with as many masses, the same stops and a `force` if that of the point has one; whatever it
+            has for the parameter of the branch is not used. At a "bp" it has the symmetry of the orbits that cross.
         throw: raise if the bifurcation is not found; otherwise its value is NaN, and so are derivatives by what it depends on.
 
     Returns:
@@ -103,8 +103,12 @@ def _value(solved: tuple[Defining, Array]) -> Scalar:
 def _solved(defining: Defining, guess: Place) -> tuple[AbstractCondition, Array, Int[Array, ""]]:
     """The condition, the unknowns that satisfy it, and the number of a sentence, 0 if all is well."""
     solved = solve(defining, defining.unknowns(guess))
-    is_motion = _is_motion(defining, defining.place(solved.y)[0])
-    return solved.defining.condition, solved.y, jnp.where(solved.is_found, jnp.where(is_motion, 0, 2), 1)
+    place, own = defining.place(solved.y)
+    is_motion = _is_motion(defining, place)
+    # Where no symmetry makes branches cross they part.
+    parts = jnp.max(jnp.abs(solved.defining.condition.unfolding(own)))
+    is_found = solved.is_found & (parts < _ROUNDING[str(solved.y.dtype)])
+    return solved.defining.condition, solved.y, jnp.where(is_found, jnp.where(is_motion, 0, 2), 1)
 
 
 def _is_motion(defining: Defining, place: Place) -> Array:

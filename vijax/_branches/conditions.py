@@ -7,7 +7,7 @@ from .._trajectory.event_log import IMPACT, RELEASE
 from .branch import Bifurcation, cycle_of
 from .branch_tests import CLOSE, Test, tests_of
 from .changes import with_event
-from .defining import AbstractCondition, AtEvent, AtMultiplier, Defining
+from .defining import AbstractCondition, AtBranchPoint, AtEvent, AtMultiplier, Defining
 from .drive import drive
 from .family import Family, Place
 from .point import as_it_is
@@ -15,7 +15,6 @@ from .programs import Seen, padded, room_for
 from .starts import Start, family_of, starts_of
 
 _NO_SYSTEM = {
-    "bp": "A branch point is there for one machine alone, or by a symmetry: take the points of a branch beside it.",
     "chatter_completion": 'Where a chatter is completed infinitely many changes meet: take one of them, of a kind "gr" '
     'or "fold".',
 }
@@ -29,7 +28,7 @@ def defining_of(point: Bifurcation, low: float, high: float) -> tuple[Defining, 
     """The defining system of a point, with padding, and its cycle.
 
     Args:
-        point: of the kind "fold", "pd", "ns", "gr", "double_impact" or "force_zero".
+        point: of the kind "fold", "pd", "ns", "bp", "gr", "double_impact" or "force_zero".
         low: bound of the parameter, from which it has its scale.
         high: likewise.
 
@@ -41,6 +40,9 @@ def defining_of(point: Bifurcation, low: float, high: float) -> tuple[Defining, 
     _, family, sequence, place = family_at(point, low, high)
     if point.kind in ("fold", "pd", "ns"):
         condition = _at_multiplier(point)
+    elif point.kind == "bp":
+        size = len(place.z)
+        condition = AtBranchPoint(np.zeros(1), np.zeros(size), np.zeros((2, size + 1)))
     else:
         condition, sequence, place = _at_event(family, point.kind, sequence, place)
     sequence, place = padded(sequence, (place,), room_for(len(sequence.kind)))

@@ -14,10 +14,13 @@ from .._types import Count, as_known, whole_number
 from .._xla import padding_allowed
 from .branch import Bifurcation
 from .conditions import defining_of
-from .defining import Defining
+from .defining import AtBranchPoint, Defining
 from .family import Place
 from .follow_curve import Curve, OfCurve, begin_curve
 from .starts import family_of, starts_of
+
+# The most by which branches that go on crossing part along a curve of length 1.
+_KEPT = 1e-6
 
 
 @padding_allowed
@@ -35,7 +38,8 @@ def bifurcation_curve(
     its own is degenerate, a point is located and named.
 
     Args:
-        point: one of `branch.bifurcations`, of the kind "fold", "pd", "ns", "gr", "double_impact" or "force_zero".
+        point: one of `branch.bifurcations`, of the kind "fold", "pd", "ns", "gr", "double_impact" or "force_zero";
+            or "bp", if the second parameter keeps the symmetry of the orbits that cross.
         path: the second parameter.
         bounds: lowest and highest values of both parameters, by their paths.
         max_points: the most points each way.
@@ -76,6 +80,7 @@ def bifurcation_curve(
     box = np.array([[float(as_known(a)) for a in bounds[name]] for name in (first, path)])
     defining, place = _of_two(*defining_of(point, *box[0]), point, path, box)
     begun = begin_curve(defining, place)
+    _check_crossing(begun, path)
     curve = Curve(point.kind, box / np.asarray(defining.family.span)[:, None], most)
     with tqdm(unit="point", disable=not progress) as bar:
         back, first_end = curve.follow(begun.turned(), bar)
@@ -95,6 +100,15 @@ def _of_two(
     family = replace(family, second=path, span=span, flow=flow)
     second = np.asarray(get_parameter(start.system, path)) / other.span
     return replace(defining, family=family), place._replace(p=np.array([place.p, second], span.dtype))
+
+
+def _check_crossing(begun: OfCurve, path: str) -> None:
+    """Refuse a branch point whose branches part when the second parameter varies."""
+    if isinstance(begun.defining.condition, AtBranchPoint) and np.abs(begun.at.tangent[-1]) > _KEPT:
+        raise ValueError(
+            f"The branches of this point cross by a symmetry that `{path}` breaks: they part, and it has no curve. "
+            "Take a parameter that keeps the symmetry."
+        )
 
 
 def _dataset(point: Bifurcation, path: str, found: list[OfCurve], ends: tuple[str, str]) -> xr.Dataset:

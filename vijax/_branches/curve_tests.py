@@ -24,7 +24,7 @@ _INFINITE, _DEPENDENT, _ROUNDING = 1e8, 1e-7, 1e-9
 # Angles of a pair of multipliers at which orbits of other periods meet, and whether the curve ends there.
 _ANGLES = {"1:1": (0.0, True), "1:2": (np.pi, True), "1:3": (2 * np.pi / 3, False), "1:4": (np.pi / 2, False)}
 # The multipliers that are there.
-_NEAR = {"fold": [1], "pd": [-1], "1:1": [1, 1], "1:2": [-1, -1]}
+_NEAR = {"fold": [1], "bp": [1], "pd": [-1], "1:1": [1, 1], "1:2": [-1, -1]}
 
 
 class Seen(NamedTuple):
@@ -93,7 +93,7 @@ def _of_neighbours(kind: str, face: int) -> list[CurveTest]:
         CurveTest(doubling, lambda seen, _: of_doubling(others(seen)), face),
         CurveTest(_meeting(kind, "ns"), lambda seen, _: of_pairs(others(seen)), face),
     ]
-    if kind == "fold":
+    if kind in ("fold", "bp"):
         return [*found, CurveTest("1:1", lambda seen, _: of_meeting(others(seen)), face)]
     return [*found, CurveTest(_meeting(kind, "fold"), lambda seen, _: float(seen.faces[face].fold), face)]
 
@@ -120,7 +120,7 @@ def name_there(test: CurveTest, seen: Seen) -> str:
         return "resonant_grazing"
     if "ns" in kinds:
         return test.name if num_on_circle(mu) >= 2 * kinds.count("ns") else ""
-    near = _NEAR.get(test.name) or [_NEAR[kind][0] for kind in kinds if kind in ("fold", "pd")]
+    near = _NEAR.get(test.name) or [_NEAR[kind][0] for kind in kinds if kind in ("fold", "bp", "pd")]
     is_there = all(np.count_nonzero(np.abs(mu - a) < np.sqrt(CLOSE)) >= near.count(a) for a in near)
     return test.name if is_there else ""
 
@@ -129,7 +129,7 @@ def _others(kind: str, seen: Seen, face: int) -> np.ndarray:
     """The finite multipliers on a face without those that make the point what it is."""
     mu = np.asarray(seen.faces[face].multipliers)
     mu = mu[np.abs(mu) < _INFINITE]
-    theta = np.asarray(seen.at.own)  # of events there is none
+    theta = np.zeros(1) if kind == "bp" else np.asarray(seen.at.own)  # of events there is none
     own = np.exp(1j * (np.concatenate([theta, -theta]) if kind == "ns" else theta))
     for value in own[: len(mu)]:
         mu = np.delete(mu, np.argmin(np.abs(mu - value)))

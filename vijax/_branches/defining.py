@@ -5,6 +5,7 @@ To the equations of a cycle, see `cycle.py`, with the parameter as one more unkn
     fold, period doubling, Neimark-Sacker    Z - e^{i theta} N is singular; theta is one more unknown
     grazing, a force that touches zero       the value by which the event is known, a gap or a force, has no rate
     double impact                            the flight between the two has no duration
+    branch point                             Z - N is singular, the rate of the parameter being one more column
 
 (Z, N) is the pencil of the neighbours, see `condensed.py`: nothing is divided by the speed of an impact. A matrix A is
 singular where the last unknown psi of the bordered equations
@@ -13,7 +14,8 @@ singular where the last unknown psi of the bordered equations
 
 vanishes. (Its determinant was rejected: how large it is tells nothing.) The two parts of psi are two equations. At a fold
 and a period doubling psi is real where theta is 0 or pi, and its imaginary part keeps theta there: one system serves
-the three.
+the three. At a branch point, where a symmetry makes two branches cross, the equations of a cycle are singular whatever is
+asked besides; so beta b is added to the closing, with one more unknown beta, which is zero at the solution.
 """
 
 import abc
@@ -37,6 +39,22 @@ _SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
 _MAX_STEPS = 16
 
 
+class Cycle(NamedTuple):
+    """A cycle that is no solution yet.
+
+    Attributes:
+        family: the machines.
+        place: its unknowns, the parameter among them.
+        problem: its equations.
+        unknowns: the same without the parameter, in their units.
+    """
+
+    family: Family
+    place: Place
+    problem: Problem
+    unknowns: Unknowns
+
+
 class AbstractCondition(eqx.Module):
     """What happens at a bifurcation.
 
@@ -47,16 +65,16 @@ class AbstractCondition(eqx.Module):
     own: eqx.AbstractVar[Reals]
 
     @abc.abstractmethod
-    def begun(
-        self, problem: Problem, unknowns: Unknowns, scale: Float[Array, " state"]
-    ) -> "AbstractCondition":
+    def begun(self, cycle: Cycle) -> "AbstractCondition":
         """The same with what it takes from the cycle at which Newton's method begins."""
 
     @abc.abstractmethod
-    def values(
-        self, problem: Problem, unknowns: Unknowns, scale: Float[Array, " state"], own: Float[Array, " own"]
-    ) -> Float[Array, " conditions"]:
+    def values(self, cycle: Cycle, own: Float[Array, " own"]) -> Float[Array, " conditions"]:
         """What vanishes there: one more than it has unknowns."""
+
+    @abc.abstractmethod
+    def unfolding(self, own: Float[Array, " own"]) -> Float[Array, "..."]:
+        """What is added to the closing of the cycle, and zero at a solution."""
 
 
 class AtMultiplier(AbstractCondition):
@@ -70,15 +88,44 @@ class AtMultiplier(AbstractCondition):
     own: Reals
     borders: Reals
 
-    def begun(self, problem, unknowns, scale):
-        left, _, right = jnp.linalg.svd(_singular(problem, unknowns, scale, self.own[0]))
+    def begun(self, cycle):
+        left, _, right = jnp.linalg.svd(_singular(cycle, self.own[0]))
         return AtMultiplier(self.own, jnp.stack([left[:, -1], right[-1].conj()]))
 
-    def values(self, problem, unknowns, scale, own):
-        singular, (b, c) = _singular(problem, unknowns, scale, own[0]), self.borders
+    def values(self, cycle, own):
+        singular, (b, c) = _singular(cycle, own[0]), self.borders
         bordered = jnp.block([[singular, b[:, None]], [c.conj()[None], jnp.zeros((1, 1), b.dtype)]])
         psi = jnp.linalg.solve(bordered, jnp.zeros_like(bordered[0]).at[-1].set(1))[-1]
         return jnp.stack([psi.real, psi.imag])
+
+    def unfolding(self, own):
+        return jnp.zeros(())
+
+
+class AtBranchPoint(AbstractCondition):
+    """Another branch crosses.
+
+    Attributes:
+        own: beta, (1,).
+        left: b, a unit vector, (2 n,).
+        right: two unit vectors, (2, 2 n + 1).
+    """
+
+    own: Reals
+    left: Reals
+    right: Reals
+
+    def begun(self, cycle):
+        left, _, right = jnp.linalg.svd(_with_parameter(cycle))
+        return AtBranchPoint(self.own, left[:, -1], right[-2:])
+
+    def values(self, cycle, own):
+        singular, b, c = _with_parameter(cycle), self.left, self.right
+        bordered = jnp.block([[singular, b[:, None]], [c, jnp.zeros((2, 1), b.dtype)]])
+        return jnp.linalg.solve(bordered.T, jnp.zeros_like(bordered[0]).at[-1].set(1))[-2:]
+
+    def unfolding(self, own):
+        return own[0] * self.left
 
 
 class AtEvent(AbstractCondition):
@@ -94,23 +141,33 @@ class AtEvent(AbstractCondition):
     index: Reals
     is_tangent: Reals
 
-    def begun(self, problem, unknowns, scale):
+    def begun(self, cycle):
         return self
 
-    def values(self, problem, unknowns, scale, own):
+    def values(self, cycle, own):
+        problem, unknowns = cycle.problem, cycle.unknowns
         is_event = jnp.arange(len(unknowns.flights)) == self.index
         ending = lambda flights: residual(problem, unknowns._replace(flights=flights)).events  # noqa: E731
         _, changes = jax.jvp(ending, (unknowns.flights,), (is_event.astype(unknowns.flights.dtype),))
         values = jnp.where(self.is_tangent, changes, unknowns.flights)
         return jnp.sum(jnp.where(is_event, values, 0))[None]
 
+    def unfolding(self, own):
+        return jnp.zeros(())
 
-def _singular(
-    problem: Problem, unknowns: Unknowns, scale: Float[Array, " state"], theta: Scalar
-) -> Complex[Array, "state state"]:
+
+def _singular(cycle: Cycle, theta: Scalar) -> Complex[Array, "state state"]:
     """Z - e^{i theta} N."""
-    pencil = condense(linearise(problem, unknowns, scale)[1]).pencil
+    pencil = condense(linearise(cycle.problem, cycle.unknowns, cycle.family.scale)[1]).pencil
     return pencil.end - jax.lax.complex(jnp.cos(theta), jnp.sin(theta)) * pencil.start
+
+
+def _with_parameter(cycle: Cycle) -> Float[Array, "state free"]:
+    """Z - N with the parameter among what is free, the first of two."""
+    family = cycle.family
+    problem, change = family.linear_problem(cycle.problem.sequence, cycle.place.p)
+    pencil = condense(linearise(problem, cycle.unknowns, family.scale, change=change)[1]).pencil
+    return pencil.end - pencil.start[: len(family.scale)]
 
 
 class Defining(eqx.Module):
@@ -137,20 +194,24 @@ class Defining(eqx.Module):
         first = end - span.size
         return Place(y[:size], y[size:first], y[first:end].reshape(span.shape)), y[end:]
 
+    def _cycle(self, place: Place) -> Cycle:
+        return Cycle(
+            self.family, place, self.family.problem(self.sequence, place.p), self.family.unknowns(place)
+        )
+
     def begun(self, y: Float[Array, " unknowns"]) -> "Defining":
         """With what its condition takes from a cycle."""
         place, own = self.place(y)
-        problem, unknowns = self.family.problem(self.sequence, place.p), self.family.unknowns(place)
         condition = replace(self.condition, own=own)
-        return replace(self, condition=condition.begun(problem, unknowns, self.family.scale))
+        return replace(self, condition=condition.begun(self._cycle(place)))
 
     def values(self, y: Float[Array, " unknowns"]) -> Float[Array, " equations"]:
         """What vanishes."""
         place, own = self.place(y)
-        problem, unknowns = self.family.problem(self.sequence, place.p), self.family.unknowns(place)
-        found = residual(problem, unknowns)
-        more = self.condition.values(problem, unknowns, self.family.scale, own)
-        return jnp.concatenate([found.closing / self.family.scale, found.events, more])
+        cycle = self._cycle(place)
+        found = residual(cycle.problem, cycle.unknowns)
+        closing = found.closing / self.family.scale + self.condition.unfolding(own)
+        return jnp.concatenate([closing, found.events, self.condition.values(cycle, own)])
 
     def linearised(
         self, y: Float[Array, " unknowns"]

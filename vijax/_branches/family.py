@@ -79,9 +79,10 @@ class Family(eqx.Module):
         return self._asked(machine, flow, sequence)
 
     def linear_problem(self, sequence: Sequence, p: Reals) -> tuple[Problem, Any]:
-        """The same, and the change of the machine and its flow by the parameter."""
+        """The same, and the change of the machine and its flow by the parameter, or by the first of both."""
         machine_at = lambda p: prepared(numbers_of(self.system_at(p)), self.flow, self.num_periods)  # noqa: E731
-        (machine, flow), change = eqx.filter_jvp(machine_at, (p,), (jnp.ones_like(p),))
+        along = (jnp.arange(jnp.size(p)) == 0).astype(jnp.result_type(p)).reshape(jnp.shape(p))
+        (machine, flow), change = eqx.filter_jvp(machine_at, (p,), (along,))
         return self._asked(machine, flow, sequence), change
 
     def _asked(self, machine: Machine, flow: AbstractFlow, sequence: Sequence) -> Problem:
