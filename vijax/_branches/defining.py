@@ -72,9 +72,10 @@ class AbstractCondition(eqx.Module):
     def values(self, cycle: Cycle, own: Float[Array, " own"]) -> Float[Array, " conditions"]:
         """What vanishes there: one more than it has unknowns."""
 
-    @abc.abstractmethod
     def unfolding(self, own: Float[Array, " own"]) -> Float[Array, "..."]:
-        """What is added to the closing of the cycle, and zero at a solution."""
+        """What is added to the closing of the cycle, and zero at a solution: nothing, unless the cycle is no simple one."""
+        del own
+        return jnp.zeros(())
 
 
 class AtMultiplier(AbstractCondition):
@@ -97,9 +98,6 @@ class AtMultiplier(AbstractCondition):
         bordered = jnp.block([[singular, b[:, None]], [c.conj()[None], jnp.zeros((1, 1), b.dtype)]])
         psi = jnp.linalg.solve(bordered, jnp.zeros_like(bordered[0]).at[-1].set(1))[-1]
         return jnp.stack([psi.real, psi.imag])
-
-    def unfolding(self, own):
-        return jnp.zeros(())
 
 
 class AtBranchPoint(AbstractCondition):
@@ -151,9 +149,6 @@ class AtEvent(AbstractCondition):
         _, changes = jax.jvp(ending, (unknowns.flights,), (is_event.astype(unknowns.flights.dtype),))
         values = jnp.where(self.is_tangent, changes, unknowns.flights)
         return jnp.sum(jnp.where(is_event, values, 0))[None]
-
-    def unfolding(self, own):
-        return jnp.zeros(())
 
 
 def _singular(cycle: Cycle, theta: Scalar) -> Complex[Array, "state state"]:

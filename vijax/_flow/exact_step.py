@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float
 from .._machine.contacts import Held
 from .._machine.derivatives import approaches, contact_forces, rates
 from .._machine.machine import Machine
+from .._machine.rows import Rows
 from .._machine.state import State
 from .._types import Scalar, short, smallest
 from .._xla import compute_once, is_any
@@ -216,11 +217,12 @@ def _moved(
 ) -> tuple[Array, Array, Array]:
     """The displacement, the velocities and the change of the phase after `step`."""
     displacement, v, change = motion.move(machine, state, step)
-    if not (machine.contacts.is_coupled and machine.can_stick):
+    contacts = machine.contacts
+    if not (isinstance(contacts, Rows) and machine.can_stick):
         return displacement, v, change
     displacement, v = jax.lax.cond(
         is_any(state.held),
-        lambda: machine.contacts.kept(state.x, displacement, v, hold, state.phase + change),
+        lambda: contacts.kept(state.x, displacement, v, hold, state.phase + change),
         lambda: (displacement, v),
     )
     return displacement, v, change

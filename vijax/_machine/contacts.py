@@ -189,21 +189,6 @@ class AbstractContacts(eqx.Module):
     ) -> Float[Array, "n ..."]:
         """Velocities as the flagged contacts allow them."""
 
-    def kept(
-        self,
-        x: Float[Array, "n ..."],
-        displacement: Float[Array, "n ..."],
-        v: Float[Array, "n ..."],
-        hold: Held,
-        phase: Array,
-    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
-        """A displacement from some positions, and velocities after it, by which no contact that holds opens or gives way.
-
-        As they are where a held mass does not move at all.
-        """
-        del x, hold, phase
-        return displacement, v
-
 
 class Stops(AbstractContacts):
     """Stops, each of one mass, in whose frame they stand still.
