@@ -23,10 +23,11 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 from jax.core import ShapedArray
 from jax.extend.core import Primitive, Var
 from jax.interpreters import ad, batching, mlir, partial_eval
-from jaxtyping import PyTree
+from jaxtyping import Array, PyTree
 
 from ._ways import (
     KEPT,
@@ -48,7 +49,13 @@ from ._ways import (
 )
 
 
-def both_ways(forwards: Callable, backwards: Callable, tree: PyTree, compiled: Callable = jax.jit) -> PyTree:
+def both_ways(
+    forwards: Callable,
+    backwards: Callable,
+    tree: PyTree,
+    compiled: Callable = jax.jit,
+    of_many: Callable | None = None,
+) -> PyTree:
     """Return `forwards(tree)`, which is differentiated backwards as `backwards`.
 
     Traces and compilations are kept by the functions and the parts of the tree that are no arrays.
@@ -58,6 +65,8 @@ def both_ways(forwards: Callable, backwards: Callable, tree: PyTree, compiled: C
         backwards: the same function, made so that JAX can transpose its derivative.
         tree: floating-point arrays, by which it is differentiated, and anything else.
         compiled: how a function is compiled that is no part of a larger program.
+        of_many: if given, `forwards` of a batch: told a tree whose arrays have the axis of the batch last, or one of
+            length one if all share them, and the size of the batch; the batch is in front of what it returns.
     """
     arrays, others = eqx.partition(tree, lambda a: isinstance(a, jax.Array))
     moving, fixed = eqx.partition(arrays, eqx.is_inexact_array)
@@ -65,7 +74,7 @@ def both_ways(forwards: Callable, backwards: Callable, tree: PyTree, compiled: C
     (fixed, _), (x, _), (others, _) = parts
     kinds = [tuple(map(kind, part)) for part in (fixed, x)]
     structures = tuple(structure for _, structure in parts)
-    ways, join = _made(forwards, backwards, compiled, structures, tuple(others), *kinds)
+    ways, join = _made(forwards, backwards, of_many, compiled, structures, tuple(others), *kinds)
     y, rest = _parts(bind(values, ways, fixed, x), ways.sizes)
     return join(y, rest)
 
@@ -74,6 +83,7 @@ def both_ways(forwards: Callable, backwards: Callable, tree: PyTree, compiled: C
 def _made(
     forwards: Callable,
     backwards: Callable,
+    of_many: Callable | None,
     compiled: Callable,
     structures: tuple,
     others: tuple,
@@ -97,7 +107,24 @@ def _made(
     both = [Traced(partial(of_lists, function), compiled) for function in (forwards, backwards)]
     shapes = [[jax.ShapeDtypeStruct(*kind) for kind in part] for part in kinds]
     y, whole = shapes_of(both[0], *shapes)
-    return ways_of(*both, compiled, (len(y), len(whole)), ()), join
+    ways = ways_of(*both, compiled, (len(y), len(whole)), ())
+    if of_many is not None:
+
+        def of_lists_of_many(over: tuple, size: int, *parts: Arrays) -> tuple[Arrays, Arrays]:
+            last = [
+                [_last(*pair) for pair in zip(*both, strict=True)] for both in zip(parts, over, strict=True)
+            ]
+            return of_lists(lambda tree: of_many(tree, size), *last)
+
+        ways = ways._replace(
+            of_many=lambda over, size: Traced(partial(of_lists_of_many, over, size), compiled)
+        )
+    return ways, join
+
+
+def _last(a: Array, axis: int | None) -> Array:
+    """An array with the axis of a batch last, of length one if it has none."""
+    return a[..., None] if axis is None else jnp.moveaxis(a, axis, -1)
 
 
 def _parts(row: Any, sizes: tuple[int, ...]) -> list[list]:

@@ -41,6 +41,7 @@ class Ways(NamedTuple):
         hollow: zeros in the shapes of what `joint` returns, for which the derivative need not be traced.
         compiled: how they are compiled.
         sizes: how many arrays it returns that have derivatives, and others.
+        of_many: if given, told the axes of a batch of such and its size: the values of the batch.
         lanes: of a batch, the ways of one lane, the axes of `fixed` and `x`, and how many lanes there are.
     """
 
@@ -53,6 +54,7 @@ class Ways(NamedTuple):
     compiled: Callable
     sizes: tuple[int, int]
     lanes: tuple[Any, tuple, int] | None = None
+    of_many: Callable[[tuple, int], Function] | None = None
 
 
 @lru_cache(KEPT)
@@ -161,7 +163,30 @@ def _restricted(
 def of_batch(ways: Ways, over: tuple, size: int) -> Ways:
     """The ways of a batch, by the axes of `fixed` and `x`; for its derivatives see `along`."""
     values, backwards = (_batched(function, ways, over) for function in (ways.values, ways.backwards))
-    return ways_of(values, backwards, ways.compiled, ways.sizes, ())._replace(lanes=(ways, over, size))
+    of_many = None
+    if ways.of_many is not None and size:
+        values = ways.of_many(over, size)
+        of_many = partial(_in_turn, values, ways.compiled)
+    found = ways_of(values, backwards, ways.compiled, ways.sizes, ())
+    return found._replace(lanes=(ways, over, size), of_many=of_many)
+
+
+def _in_turn(values: Function, compiled: Callable, over: tuple, size: int) -> Function:
+    """The values of a batch of batches: one after another."""
+    axes = list(chain(*over))
+
+    def of_all(*parts: Arrays) -> tuple[Arrays, Arrays]:
+        arrays, structure = jax.tree.flatten(parts)
+        moved = [jnp.moveaxis(a, k, 0) for a, k in zip(arrays, axes, strict=True) if k is not None]
+
+        def of_one(own: Arrays) -> tuple[Arrays, Arrays]:
+            given = iter(own)
+            chosen = [a if k is None else next(given) for a, k in zip(arrays, axes, strict=True)]
+            return values(*jax.tree.unflatten(structure, chosen))
+
+        return jax.lax.map(of_one, moved)
+
+    return Traced(of_all, compiled)
 
 
 @lru_cache(KEPT)

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from equinox.internal import unvmap_any, while_loop
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, PyTree
 
 from ._memory_maps import make_room
 from ._types import is_traced
@@ -138,6 +138,12 @@ def in_one_kernel(function: Callable, *args):
     return _call(function, args, inlineable="false", xla_cpu_small_call="true")
 
 
+def not_constant(tree: PyTree) -> PyTree:
+    """The same numbers, of which the compiler does not see whether they are known: those cannot be handed to a kernel."""
+    is_so = jax.lax.linalg.cholesky(jnp.ones((1, 1)))[0, 0] > 0  # it does not look into LAPACK
+    return jax.tree.map(lambda a: jnp.where(is_so, a, jnp.zeros_like(a)), tree)
+
+
 def _call(function: Callable, args: tuple, **attributes: str):
     """Call `function` by an HLO call with `attributes`; the operations inside carry none."""
     if PLAIN or set_xla_metadata is None or jax.default_backend() != "cpu":
@@ -202,8 +208,8 @@ def bounded_while_any(task: AbstractTask, carry, max_steps: int, refuse: Callabl
     return jax.tree.map(lambda a: a * factor if eqx.is_inexact_array(a) else a, last)
 
 
-def differentiable(forwards: Callable, backwards: Callable, tree):
-    """Return `forwards(tree)`, which is differentiated backwards as `backwards`: see `both_ways`.
+def differentiable(forwards: Callable, backwards: Callable, tree, of_many: Callable | None = None):
+    """Return `forwards(tree)`, which is differentiated backwards as `backwards`, and of a batch `of_many`: see `both_ways`.
 
     Where it is no part of a larger program, it is compiled lightly.
     """
@@ -211,7 +217,9 @@ def differentiable(forwards: Callable, backwards: Callable, tree):
     tree = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray | np.generic) else a, tree)
     if PLAIN or both_ways is None:
         return _plainly_both_ways(forwards, backwards, tree)
-    return both_ways(forwards, backwards, tree, jit_lightly)
+    return both_ways(
+        forwards, backwards, tree, jit_lightly, of_many if jax.default_backend() == "cpu" else None
+    )
 
 
 def jit_lightly(function: Callable) -> Callable:

@@ -30,7 +30,7 @@ from .scenes import (
     scenes_of_case,
     sweep_error,
 )
-from .single import installed, simulate_batch
+from .single import installed, side_by_side
 from .timing import Compilations, in_turns, memory_high_water, num_cores, repeated, summary, times
 
 # Machine, frequencies, and the two stops and the amplitude, of each case of the paper.
@@ -261,9 +261,8 @@ def on_device(device: Any, sizes: list[int]) -> list[dict]:
 def batch_row(points: int) -> dict:
     """Many starts of a scene by `simulate` under `jax.vmap`."""
     scene = load(LIGHT_SCENE)
-    start = jnp.zeros(2)
     starts = jnp.linspace(0.0, -0.5, points)[:, None] * jnp.ones(2)
-    run = partial(simulate_batch, machine(scene), scene["t0"], scene["t1"], starts, start)
+    run = partial(side_by_side(machine(scene), scene["t0"], scene["t1"], jnp.zeros(2)), starts)
     with Compilations() as compiling:
         sol = jax.block_until_ready(run())
     end = np.concatenate([sol.x1[0], sol.v1[0]])

@@ -74,7 +74,8 @@ def by_vijax(scene: Scene, batch: int | None = None) -> Program:
         run = lambda: vx.simulate(system, *ends, x0, v0)  # noqa: E731
     else:
         beside = x0 - BESIDE * jnp.linspace(0.0, 1.0, batch)[:, None]
-        run = lambda: simulate_batch(system, *ends, beside, v0)  # noqa: E731
+        together = side_by_side(system, *ends, v0)
+        run = lambda: together(beside)  # noqa: E731
 
     def outcome() -> Outcome:
         sol = run() if batch is None else jax.tree.map(lambda a: a[0], run())
@@ -86,13 +87,9 @@ def by_vijax(scene: Scene, batch: int | None = None) -> Program:
     return Program(outcome, lambda repeats: [s / (batch or 1) for s in seconds(repeats)])
 
 
-@jax.jit
-def simulate_batch(
-    system: vx.ImpactSystem, t0: float, t1: float, x0: jax.Array, v0: jax.Array
-) -> vx.Solution:
-    """Trajectories from starts x0, (batch, n)."""
-    one = partial(vx.simulate, max_events=256, throw=False)
-    return jax.vmap(one, in_axes=(None, None, None, 0, None))(system, t0, t1, x0, v0)
+def side_by_side(system: vx.ImpactSystem, t0: float, t1: float, v0: jax.Array) -> Callable:
+    """Trajectories of a known machine from starts x0, (batch, n), with their logs."""
+    return jax.jit(jax.vmap(lambda x0: vx.simulate(system, t0, t1, x0, v0, max_events=256, throw=False)))
 
 
 def installed(make: Callable[[], Made]) -> Made | None:

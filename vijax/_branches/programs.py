@@ -13,8 +13,8 @@ from .._orbits.cycle import Unknowns, residual, state_at
 from .._orbits.search import Strobe, away_from_stops
 from .._orbits.sequence import NOTHING, Sequence, happens_alike, sequence_of
 from .._system.waves import phase_at
-from .._trajectory.loop import run_for_log
 from .._trajectory.solution import RESULTS
+from .._trajectory.whole import run_for_log
 from .._types import Scalar
 from .correct import Corrected, correct
 from .family import Family, Place

@@ -21,8 +21,9 @@ from .._flow.interface import AbstractFlow
 from .._machine.machine import OWN_BOUND
 from .._machine.numbers import Numbers
 from .._system.waves import phase_at
-from .._trajectory.loop import NO_PAUSE, Asked, Request, run_for_log, run_whole
+from .._trajectory.loop import NO_PAUSE, Request
 from .._trajectory.solution import RESULTS, Solution
+from .._trajectory.whole import Asked, run_for_log, run_whole
 from .._types import Reals, Scalar
 from .._xla import is_any
 from .cycle import Problem, Unknowns, prepared

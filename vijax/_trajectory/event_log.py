@@ -1,13 +1,11 @@
 """The event log: written an instant at a time, read event by event."""
 
-from functools import partial
 from itertools import accumulate
 from typing import Final
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._contact.instant import Instant
@@ -15,8 +13,9 @@ from .._machine.machine import Machine
 from .._machine.state import State
 from .._printing import as_html, as_text, told_of_events
 from .._system.waves import turned
-from .._types import UNROLLED, Flag, Scalar, add_up
+from .._types import UNROLLED, Flag, Reals, Scalar, add_up, lift
 from .._xla import is_any
+from .side_by_side import Writing, put
 
 IMPACT: Final = 0
 STICK: Final = 1
@@ -54,18 +53,19 @@ class EventLog(eqx.Module):
 
 
 class Restarts(eqx.Module):
-    """The state after every instant that had an event, the start first; the rest is padding.
+    """The state after every instant that had an event, the start first, (rows, ...); the rest is padding.
 
-    `t` is the time, `periods` and `time` the same as whole forcing periods since the start and what is left.
+    `t` is the time, `periods` and `time` the same as whole forcing periods since the start and what is left. One that is
+    yet to be written has lanes last, if there are any.
     """
 
     t: Float[Array, "..."]
     periods: Int[Array, "..."]
     time: Float[Array, "..."]
-    phase: Float[Array, "*rows 2 harmonics"]
-    x: Float[Array, "*rows n"]
-    v: Float[Array, "*rows n"]
-    held: Bool[Array, "*rows stops"]
+    phase: Float[Array, "..."]
+    x: Float[Array, "..."]
+    v: Float[Array, "..."]
+    held: Bool[Array, "..."]
 
 
 class Log(eqx.Module):
@@ -74,6 +74,7 @@ class Log(eqx.Module):
     Attributes:
         restarts: the state after each, (rows + 1, ...); what finds no room is written to the last row.
         instants: what happened, likewise.
+        places: of every event its row and its number in that row, `joined`, (events,).
         rows: rows written to this room.
         num_events: events in all, also those past the end of the log.
         events_before: events of rooms before this one.
@@ -83,18 +84,19 @@ class Log(eqx.Module):
 
     restarts: Restarts
     instants: Instant
-    rows: Int[Array, ""]
-    num_events: Int[Array, ""]
-    events_before: Int[Array, ""]
+    places: Int[Array, "*lanes events"]
+    rows: Int[Array, "..."]
+    num_events: Int[Array, "..."]
+    events_before: Int[Array, "..."]
     known_until: Scalar
     is_whole: bool = eqx.field(static=True)
 
-    def has_room(self, max_events: Int[Array, ""]) -> Bool[Array, ""]:
+    def has_room(self, max_events: Int[Array, "..."]) -> Bool[Array, "..."]:
         """Whether there is room for another instant, or none is needed: `max_events` are logged."""
         if self.is_whole:
             return jnp.array(True)
         size, num_stops = self.instants.hit.shape
-        most = 3 * num_stops  # events of one instant
+        most = most_events(num_stops)
         return (self.num_events - self.events_before + most <= size - 2) | (self.num_events >= max_events)
 
     def kept(self) -> Restarts:
@@ -104,6 +106,22 @@ class Log(eqx.Module):
     def kept_instants(self) -> Instant:
         """What happened at each of them."""
         return jax.tree.map(lambda a: a[:-1], self.instants)
+
+
+def most_events(num_stops: int) -> int:
+    """The most events of one instant."""
+    return 3 * num_stops
+
+
+def joined(row: Reals, number: Reals, num_stops: int) -> Reals:
+    """A row and the number of an event of that instant in one; by powers of two, as divisions take long."""
+    return (row << most_events(num_stops).bit_length()) + number
+
+
+def split(both: Reals, num_stops: int) -> tuple[Reals, Reals]:
+    """The inverse of `joined`."""
+    bits = most_events(num_stops).bit_length()
+    return both >> bits, both & ((1 << bits) - 1)
 
 
 def empty_log(first: State, t0: Scalar, room: int, *, is_whole: bool, has_impulses: bool) -> Log:
@@ -127,6 +145,7 @@ def empty_log(first: State, t0: Scalar, room: int, *, is_whole: bool, has_impuls
             held=rows(held, False),
         ),
         instants=jax.tree.map(lambda a: rows(a, 0), nothing),
+        places=jnp.zeros(room + 2 * most_events(held.size), int),
         rows=jnp.array(1),
         num_events=jnp.array(0),
         events_before=jnp.array(0),
@@ -136,18 +155,29 @@ def empty_log(first: State, t0: Scalar, room: int, *, is_whole: bool, has_impuls
 
 
 def write(
-    log: Log, after: State, instant: Instant, time: Scalar, live: Flag, max_events: Int[Array, ""]
+    log: Log, after: State, instant: Instant, time: Scalar, live: Flag, max_events: Int[Array, "..."]
 ) -> Log:
     """Write one row if the instant has an event, unless so many are logged already."""
-    count = jnp.sum(instant.hit) + jnp.sum(instant.stuck) + jnp.sum(instant.released)
+    count = add_up([jnp.sum(a, axis=0) for a in (instant.hit, instant.stuck, instant.released)])
     is_row = live & (count > 0) & (log.num_events < max_events)
-    row = jnp.where(is_row, log.rows, log.instants.time.size - 1)
     restart = Restarts(time, after.periods, after.time, after.phase, after.x, after.v, after.held)
     instant = eqx.tree_at(lambda i: i.time, instant, time)
-    put = partial(jax.lax.dynamic_update_index_in_dim, index=row, axis=0)
+    numbers = jnp.arange(most_events(len(instant.hit)))
+    restarts, instants, places = put(
+        is_row,
+        Writing(log.restarts, jax.tree.map(lambda a: a[None], restart), log.rows),
+        Writing(log.instants, jax.tree.map(lambda a: a[None], instant), log.rows),
+        # What is written too much is written over by the next instant.
+        Writing(
+            log.places,
+            joined(log.rows, lift(numbers, count[None]), len(instant.hit)),
+            log.num_events - log.events_before,
+        ),
+    )
     return Log(
-        restarts=jax.tree.map(put, log.restarts, restart),
-        instants=jax.tree.map(put, log.instants, instant),
+        restarts=restarts,
+        instants=instants,
+        places=places,
         rows=log.rows + is_row,
         num_events=log.num_events + jnp.where(live, count, 0),
         events_before=log.events_before,
@@ -157,7 +187,11 @@ def write(
 
 
 def event_log(
-    machine: Machine, instants: Instant, phases: Float[Array, "rows 2 harmonics"], max_events: int
+    machine: Machine,
+    instants: Instant,
+    phases: Float[Array, "rows 2 harmonics"],
+    max_events: int,
+    places: Int[Array, " events"] | None = None,
 ) -> EventLog:
     """Spread instants into single events, in the order of time.
 
@@ -166,17 +200,32 @@ def event_log(
         instants: what happened, in the order of time, (rows, ...).
         phases: of the load at each.
         max_events: room for so many events.
+        places: of every event its row and its number there, see `Log`; if left out, they are counted.
     """
-    # Impacts of an instant come before its sticks and releases; a stick carries the end of its chatter.
-    happened = jnp.stack([instants.hit, instants.stuck, instants.released], axis=1)
-    _, num_kinds, num_stops = happened.shape
-    row, which = _places(happened.reshape(len(happened), -1), min(max_events + num_stops, happened.size))
-    of_which = np.indices((num_kinds, num_stops)).reshape(2, -1)
-    kind, stop = (jnp.asarray(a, int)[which] for a in of_which)
-    is_event = jnp.arange(row.size) < jnp.sum(happened)
-    t = instants.time[row] + jnp.where(kind == STICK, instants.chatter[row, stop], 0)
-    order = _in_order(jax.lax.stop_gradient(jnp.where(is_event, t, jnp.inf)))[:max_events]
-    t, row, kind, stop, is_event = (a[order] for a in (t, row, kind, stop, is_event))
+    happened = flags_of(instants)
+    num_stops = happened.shape[1] // 3
+    if num_stops == 0:
+        none, nan = jnp.full(max_events, -1), jnp.full(max_events, jnp.nan, instants.time.dtype)
+        return EventLog(nan, none, none, nan, nan, nan)
+    if places is None:
+        places = count_places(happened, max_events + num_stops)
+    row, number = split(places[: max_events + num_stops], num_stops)
+    event = joined(row, flag_of_number(happened[row], number), num_stops)
+
+    def read_off(event: Int[Array, " room"]) -> tuple[Array, ...]:
+        row, flag = split(event, num_stops)
+        kind = (flag >= num_stops).astype(int) + (flag >= 2 * num_stops)
+        stop = flag - kind * num_stops
+        t = instants.time[row]
+        if machine.can_stick:
+            t = t + jnp.where(kind == STICK, instants.chatter[row, stop], 0)
+        return t, row, kind, stop
+
+    is_event = jnp.arange(event.size) < jnp.sum(happened)
+    if machine.can_stick:
+        event = in_order(jax.lax.stop_gradient(jnp.where(is_event, read_off(event)[0], jnp.inf)), event)
+    t, row, kind, stop = read_off(event[:max_events])
+    is_event = is_event[:max_events]
     of_stops = _velocities_of_stops(machine, instants, phases)
     of_stop = 0.0 if of_stops is None else of_stops[row, kind, stop]
     told, is_impact = jax.vmap(machine.contacts.told), kind == IMPACT
@@ -184,51 +233,54 @@ def event_log(
     minus, plus = read(instants.velocity_minus), read(instants.velocity_plus)
     if instants.impulse is not None:
         along = jax.vmap(machine.contacts.told_impulse)(instants.impulse)
-        impulse = jnp.where(is_impact, along[row, stop], 0) if num_stops else minus
+        impulse = jnp.where(is_impact, along[row, stop], 0)
     else:
-        impulse = (machine.contacts.effective_mass[stop] if num_stops else minus) * (plus - minus)
+        impulse = machine.contacts.effective_mass[stop] * (plus - minus)
     t, minus, plus, impulse = (jnp.where(is_event, a, jnp.nan) for a in (t, minus, plus, impulse))
     stop, kind = (jnp.where(is_event, a, -1) for a in (stop, kind))
     return EventLog(t, stop, kind, minus, plus, impulse)
 
 
-def _places(flags: Bool[Array, "rows flags"], room: int) -> tuple[Int[Array, " room"], Int[Array, " room"]]:
-    """Row and column of the flags that are up, row by row; arbitrary past the last of them.
+def flags_of(instants: Instant) -> Bool[Array, "rows flags"]:
+    """Which events happened: impacts of an instant come before its sticks, and these before its releases."""
+    return jnp.concatenate([instants.hit, instants.stuck, instants.released], axis=1)
 
-    `jnp.nonzero` takes ten times as long: it goes through all flags, and most are down.
-    """
-    columns = flags.T.astype(jnp.int32)
-    num = jnp.sum(columns, axis=0)
+
+def count_places(flags: Bool[Array, "rows flags"], room: int) -> Int[Array, " room"]:
+    """Row and number, `joined`, of the flags that are up, row by row; arbitrary past the last of them."""
+    num = jnp.sum(flags, axis=1)
     until = jnp.cumsum(num)  # flags up to the end of each row
-    row = jnp.cumsum(jnp.zeros(room, jnp.int32).at[until].add(1, mode="drop"))
-    row = jnp.minimum(row, len(flags) - 1)
-    number = jnp.arange(room) - (until - num)[row]
-    if 0 < len(columns) <= UNROLLED:
-        column = add_up([(so_far[row] <= number).astype(int) for so_far in accumulate(columns)])
-    else:
-        column = jnp.sum(jnp.cumsum(columns, axis=0)[:, row] <= number[None], axis=0)
-    return row, jnp.minimum(column, len(columns) - 1)
+    event = jnp.arange(room)
+    row = jnp.minimum(jnp.sum(until[None] <= event[:, None], axis=1), len(flags) - 1)
+    return joined(row, event - (until - num)[row], flags.shape[1] // 3)
 
 
-def _in_order(times: Float[Array, " room"]) -> Int[Array, " room"]:
-    """The order of times that are nearly sorted, as `jnp.argsort` finds it, by exchanging neighbours.
+def flag_of_number(flags: Bool[Array, "room flags"], number: Int[Array, " room"]) -> Int[Array, " room"]:
+    """The flag of every row that has so many before it, of those that are up; arbitrary if there is none."""
+    columns = flags.T.astype(int)
+    up_to = list(accumulate(columns)) if len(columns) <= UNROLLED else jnp.cumsum(columns, axis=0)
+    return jnp.minimum(add_up([(a <= number).astype(int) for a in up_to]), len(columns) - 1)
+
+
+def in_order(times: Float[Array, " room"], events: Int[Array, " room"]) -> Int[Array, " room"]:
+    """Events in the order of times that are nearly sorted, by exchanging neighbours.
 
     Rows are in order but for the ends of chatters, at most one pending for each stop. A sort would take
     longer than following the trajectory.
     """
     place = jnp.arange(times.size)
 
-    def is_wrong(rows: tuple[Array, Array]) -> Bool[Array, ""]:
-        return is_any(jnp.any(rows[0][:-1] > rows[0][1:]))
+    def is_wrong(columns: tuple[Array, Array]) -> Bool[Array, ""]:
+        return is_any(jnp.any(columns[0][:-1] > columns[0][1:]))
 
-    def exchange(rows: tuple[Array, Array]) -> tuple[Array, Array]:
+    def exchange(columns: tuple[Array, Array]) -> tuple[Array, Array]:
         for first in (0, 1):
-            is_late = rows[0] > jnp.roll(rows[0], -1)
+            is_late = columns[0] > jnp.roll(columns[0], -1)
             goes = is_late & (place % 2 == first) & (place < times.size - 1)
-            rows = _exchanged(rows[0], goes), _exchanged(rows[1], goes)
-        return rows
+            columns = _exchanged(columns[0], goes), _exchanged(columns[1], goes)
+        return columns
 
-    return jax.lax.while_loop(is_wrong, exchange, (times, place))[1]
+    return jax.lax.while_loop(is_wrong, exchange, (times, events))[1]
 
 
 def _exchanged(a: Array, goes: Bool[Array, " room"]) -> Array:

@@ -26,8 +26,9 @@ from .._types import (
 )
 from .._xla import padding_allowed
 from .known import known_machine
-from .loop import NO_PAUSE, Asked, Request, run_whole
+from .loop import NO_PAUSE, Request
 from .solution import RESULTS, Solution, told
+from .whole import Asked, run_whole
 from .windows import follow_known
 
 

@@ -19,9 +19,9 @@ from .._machine.numbers import Numbers
 from .._machine.state import State, start_period
 from .._types import Reals, Scalar
 from .._xla import AbstractTask, bounded_while_any, differentiable, while_any
-from .loop import factor_in_reverse
 from .solution import RESULTS
 from .step import begin, flight_to, outcome
+from .whole import factor_in_reverse
 
 
 class Wanted(eqx.Module):

@@ -6,11 +6,12 @@ calls.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TypeVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array
@@ -18,10 +19,11 @@ from jaxtyping import Array
 from .._flow.interface import AbstractFlow
 from .._machine.numbers import Numbers
 from .._machine.state import State, remembering
+from .._types import Reals
 from .._xla import compile_lightly
 from .event_log import EventLog, Restarts
 from .grazing import Grazing
-from .loop import Left, Request, run
+from .loop import Carry, Request, Task, begin_all, finish, is_over, one_way
 from .solution import Solution
 
 # Events and saved states of one call, and its steps: less than a second.
@@ -37,15 +39,100 @@ class _Saved(eqx.Module):
     vs: Array
 
 
+class Left(eqx.Module):
+    """Where a trajectory stands, from where another call goes on.
+
+    Attributes:
+        state: the motion.
+        goals: goals reached by this call, the end among them.
+        steps: steps so far.
+        rows: instants that this call logged, the start among them in the first.
+        num_events: events so far.
+        known_until: time of the last logged instant.
+        is_finite: whether the motion stayed finite.
+        is_paused: whether there is more to do.
+        grazing: the closest to grazing it came.
+    """
+
+    state: State
+    goals: Reals
+    steps: Reals
+    rows: Reals
+    num_events: Reals
+    known_until: Reals
+    is_finite: Reals
+    is_paused: Reals
+    grazing: Grazing
+
+
 @compile_lightly
 def _call(
     numbers: Numbers, flow: AbstractFlow, request: Request, left: Left, *, can_stick: bool
 ) -> tuple[Solution, _Saved, Left]:
     """One call; the solution holds only the first of the saved states, as most ask for no more."""
-    solution, left = run(numbers, flow, request, left, room=_EVENTS, can_stick=can_stick)
+    solution, left = _run(numbers, flow, request, left, room=_EVENTS, can_stick=can_stick)
     names = lambda s: (s.ts, s.xs, s.vs)  # noqa: E731
     first = eqx.tree_at(names, solution, [a[:1] for a in names(solution)])
     return first, _Saved(solution.xs, solution.vs), left
+
+
+def _run(
+    numbers: Numbers, flow: AbstractFlow, request: Request, left: Left, *, room: int, can_stick: bool
+) -> tuple[Solution, Left]:
+    """Follow a trajectory from its start, or from where the call before it left it.
+
+    Args:
+        numbers: of the machine.
+        flow: the motion between events.
+        request: what is asked for.
+        left: where to go on; the start, if `left.steps` is 0.
+        room: the most events logged by this call.
+        can_stick: whether any stop might hold its mass.
+
+    Returns:
+        The trajectory, with what this call saw of it, and where it stands.
+    """
+    request = jax.tree.map(jnp.asarray, request)
+    prepare = partial(_begin, room=room, can_stick=can_stick)
+    task, last = one_way(prepare, (numbers, flow, request, left))
+    solution = finish(task, last, request, room)
+    left = Left(
+        state=last.state,
+        goals=last.goal,
+        steps=last.steps,
+        rows=last.log.rows,
+        num_events=last.log.num_events,
+        known_until=last.log.known_until,
+        is_finite=last.is_finite,
+        is_paused=last.is_finite & (last.steps < task.max_steps) & ~is_over(task, last, request),
+        grazing=last.grazing,
+    )
+    return solution, left
+
+
+def _begin(
+    numbers: Numbers, flow: AbstractFlow, request: Request, left: Left, *, room: int, can_stick: bool
+) -> tuple[Task, Carry]:
+    task, carry = begin_all(numbers, flow, request, room=room, can_stick=can_stick, is_whole=False)
+    carry = _gone_on(carry, left)
+    return eqx.tree_at(lambda t: t.last_step, task, carry.steps + request.max_turns), carry
+
+
+def _gone_on(carry: Carry, left: Left) -> Carry:
+    """The carry of a call that goes on, if there was one before it."""
+    goes_on = left.steps > 0
+    log = eqx.tree_at(
+        lambda log: (log.rows, log.num_events, log.events_before, log.known_until),
+        carry.log,
+        (jnp.zeros_like(carry.log.rows), left.num_events, left.num_events, left.known_until),
+    )
+    before = eqx.tree_at(
+        lambda c: (c.state, c.log, c.steps, c.is_finite, c.grazing),
+        carry,
+        (left.state, log, left.steps, left.is_finite, left.grazing),
+    )
+    # Empty room is the same in both.
+    return jax.tree.map(lambda a, b: b if a is b else jnp.where(goes_on, a, b), before, carry)
 
 
 def follow_known(numbers: Numbers, flow: AbstractFlow, request: Request, *, can_stick: bool) -> Solution:
@@ -56,13 +143,13 @@ def follow_known(numbers: Numbers, flow: AbstractFlow, request: Request, *, can_
     while True:
         window = _window(request, num_reached)
         solution, saved, left = _call(numbers, flow, window, left, can_stick=can_stick)
-        is_over = not np.asarray(left.is_paused)
-        if is_over and not calls and len(ts) == 1 and request.max_events == _EVENTS:
+        is_done = not np.asarray(left.is_paused)
+        if is_done and not calls and len(ts) == 1 and request.max_events == _EVENTS:
             return solution
         left = jax.tree.map(np.asarray, left)
         calls.append(_taken(solution, saved, left, int(window.num_goals)))
         num_reached += len(calls[-1].xs)
-        if is_over:
+        if is_done:
             return _joined(solution, ts, calls, int(request.max_events))
 
 

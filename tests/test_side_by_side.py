@@ -1,0 +1,87 @@
+"""Batches of any size and shape, of machines of every make, are what their lanes are alone."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import vijax as vx
+
+END = 12.0
+ROUNDING = 1e-12
+MAKES = {
+    "no stops": lambda: vx.chain([1.0, 1.0], [0.1, 0.1], [1.0, 1.0], vx.Harmonic([1.0, 0.0], 0.8), []),
+    "moving stop": lambda: vx.models.ball_on_table(9.0, 0.2),
+    "contacts": lambda: vx.models.impact_damper(1.0),
+    "full mass": lambda: vx.models.cantilever(2.0, num_elements=1),
+    "six masses": lambda: vx.models.uniform_chain(0.9, num_masses=6),
+}
+
+
+def follow(system: vx.ImpactSystem, x: jax.Array) -> vx.Solution:
+    """From a start at rest."""
+    x0 = jnp.zeros(system.num_masses).at[0].set(x)
+    return vx.simulate(system, 0.0, END, x0, ts=[0.4 * END, END], max_events=40, throw=False)
+
+
+def assert_alike(batch: vx.Solution, index: tuple[int, ...], alone: vx.Solution):
+    found = jax.tree.map(lambda a: a[index], (batch.events, batch.xs, batch.v1, batch.num_events))
+    expected = alone.events, alone.xs, alone.v1, alone.num_events
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(a, b, rtol=ROUNDING, atol=ROUNDING)
+
+
+@pytest.mark.parametrize("size", [1, 5, 131])
+def test_batches_of_a_known_machine_of_any_size(size):
+    system, starts = vx.models.wagg_bishop_b(1.1), -1e-3 * jnp.arange(size)
+    batch = jax.jit(jax.vmap(lambda x: follow(system, x)))(starts)
+    assert batch.x1.shape == (size, 2)
+    assert int(batch.num_events.min()) > 3
+    for k in {0, size // 2, size - 1}:
+        assert_alike(batch, (k,), follow(system, starts[k]))
+
+
+def test_a_batch_of_nothing():
+    assert jax.vmap(lambda x: follow(vx.models.wagg_bishop_b(1.1), x))(jnp.zeros(0)).x1.shape == (0, 2)
+
+
+def test_a_batch_of_batches():
+    starts, frequencies = -1e-2 * jnp.arange(3), jnp.array([0.9, 1.1])
+    of_starts = jax.vmap(lambda x, w: follow(vx.models.wagg_bishop_b(w), x), (0, None))
+    batch = jax.vmap(of_starts, (None, 0))(starts, frequencies)
+    for i, w in enumerate(frequencies):
+        for k, x in enumerate(starts):
+            assert_alike(batch, (i, k), follow(vx.models.wagg_bishop_b(w), x))
+
+
+def test_a_program_of_constants_alone():
+    batch = jax.jit(
+        lambda: jax.vmap(lambda x: follow(vx.models.wagg_bishop_b(1.1), x))(np.array([0.0, -0.1]))
+    )()
+    assert_alike(batch, (1,), follow(vx.models.wagg_bishop_b(1.1), jnp.array(-0.1)))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("make", MAKES)
+def test_machines_of_every_make(make):
+    system = MAKES[make]()
+    starts = jnp.linspace(0.0, 1e-2, 3) * (1 if make == "moving stop" else -1)
+    batch = jax.jit(jax.vmap(follow, (None, 0)))(system, starts)
+    for k, x in enumerate(starts):
+        assert_alike(batch, (k,), follow(system, x))
+
+
+@pytest.mark.slow
+def test_derivatives_of_a_batch_of_batches():
+    """By what all lanes share they are the sum of those of the lanes, forward and reverse."""
+    starts, factors = -1e-2 * jnp.arange(3), jnp.array([0.9, 1.0])
+
+    def end(x, w):
+        return follow(vx.models.wagg_bishop_b(w), x).x1.sum()
+
+    def total(w):
+        return jax.vmap(jax.vmap(end, (0, None)), (None, 0))(starts, w * factors).sum()
+
+    slopes = [c * jax.grad(end, 1)(x, 1.1 * c) for x in starts for c in factors]
+    for derivative in (jax.grad, jax.jacfwd):
+        np.testing.assert_allclose(derivative(total)(1.1), sum(slopes), rtol=1e-11)
