@@ -23,6 +23,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
+try:
+    from jax.extend.core import get_opaque_trace_state
+except ImportError:  # no release is sure to have it
+    get_opaque_trace_state = None
+
 P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
@@ -100,8 +105,10 @@ def as_known(value: Numbers) -> np.ndarray:
 
 def _wanted(array: Array | np.ndarray) -> jnp.dtype:
     """The type that numbers are converted to."""
-    if jnp.issubdtype(array.dtype, jnp.complexfloating):
+    if array.dtype.kind == "c":
         raise ValueError("Expected real numbers, but got complex ones.")
+    if array.dtype == np.float64 and jax.config.read("jax_enable_x64"):
+        return array.dtype
     wanted = jnp.result_type(float)
     if wanted != jnp.float64:
         _warn_about_float32()
@@ -135,7 +142,16 @@ def is_traced(tree: Any) -> bool:
 
 def is_staged() -> bool:
     """Whether what is computed now becomes part of a larger program: under `jit`, not under `vmap` or `grad` alone."""
-    return isinstance(_same(np.float32(0)), jax.core.Tracer)
+    state = None if get_opaque_trace_state is None else get_opaque_trace_state()
+    if state is None or state != _unstaged.get("state"):
+        if isinstance(_same(np.float32(0)), jax.core.Tracer):
+            return True
+        _unstaged["state"] = state
+    return False
+
+
+# In what JAX was when something was last computed at once: to ask `_same` again takes as long as all other checks.
+_unstaged: dict[str, Any] = {}
 
 
 @jax.jit
