@@ -20,6 +20,7 @@ from .locate import first_event, special_points
 from .plain_steps import SHORTEST, STRAIGHT, PlainSteps, is_sound, next_length
 from .point import TRUSTED, Asked, Ended, Full, Point, Walk, at_parameter, on_plane
 from .programs import Followed, Request, confirm, locate_start, tell, trimmed
+from .repeated import where_it_grazes
 
 # Length of the first step.
 _FIRST = 2e-3
@@ -112,6 +113,10 @@ def _end(walk: Walk, point: Point) -> Asked:
         yield from _add(walk, point._replace(kind="chatter_completion"))
         raise Ended("chatter_completion")
     yield from _to_limit(walk, FEW)
+    grazing = yield from where_it_grazes(point)
+    if grazing is not None:
+        yield from _add(walk, grazing)
+        raise Ended("gr")
     raise Ended("left_the_stops")
 
 

@@ -21,12 +21,12 @@ def first_event(point: Point, new: Point, met: list[Test]) -> Asked:
     first, before = None, new
     for test in met:
         if test.of(before.seen) <= 0:  # else it comes after one that is known, or with it
-            event = yield from _locate(point, before, test)
+            event = yield from locate(point, before, test)
             first, before = (test, event), (yield from _just_before(point, event))
     return first, before
 
 
-def _locate(point: Point, new: Point, test: Test) -> Asked:
+def locate(point: Point, new: Point, test: Test) -> Asked:
     """Where a test function vanishes between two points."""
     bracket = Bracket.between(test.of(point.seen), test.of(new.seen), new.arc - point.arc)
     best = new
@@ -117,7 +117,7 @@ def special_points(num_periods: float, point: Point, new: Point) -> Asked:
             continue
         if test.kind == "bp" and any(at.kind in ("fold", "period_doubling") for at in found):
             continue
-        at = yield from (_locate_branch_point if test.kind == "bp" else _locate)(point, new, test)
+        at = yield from (_locate_branch_point if test.kind == "bp" else locate)(point, new, test)
         if not _is_there(test, at.seen):
             continue
         if test.kind == "fold" and (yield from _repeats_sooner(num_periods, at)):

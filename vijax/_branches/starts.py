@@ -9,6 +9,7 @@ import xarray as xr
 
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
+from .._flow.modes import modal_flow
 from .._flow.taylor import TaylorFlow
 from .._machine.numbers import numbers_of
 from .._orbits.free_shifts import free_shifts
@@ -144,7 +145,7 @@ def family_of(start: Start, path: str, low: float, high: float) -> Family:
     length = max(float(max(sizes)), np.finfo(x.dtype).tiny)
     return Family(
         system=system,
-        flow=jax.tree.map(np.asarray, _flow_of(system, path, start.flow)),
+        flow=jax.tree.map(np.asarray, _flow_of(system, path, (low, high), start.flow)),
         num_periods=np.asarray(start.num_periods, x.dtype),
         phase=np.asarray(start.phase / (2 * np.pi), x.dtype),
         scale=np.repeat(length * np.array([1.0, float(numbers.frequency)]), len(x)).astype(x.dtype),
@@ -154,7 +155,9 @@ def family_of(start: Start, path: str, low: float, high: float) -> Family:
     )
 
 
-def _flow_of(system: ImpactSystem, path: str, wanted: AbstractFlow | None) -> AbstractFlow:
+def _flow_of(
+    system: ImpactSystem, path: str, bounds: tuple[float, float], wanted: AbstractFlow | None
+) -> AbstractFlow:
     """The motion of all machines of a family: exact unless they have a `force`."""
     if system.force is not None:
         flow = choose_flow(system, can_stick=True, wanted=wanted)
@@ -163,9 +166,10 @@ def _flow_of(system: ImpactSystem, path: str, wanted: AbstractFlow | None) -> Ab
                 f"The orbit was found with {type(flow).__name__} as `flow`, which has no `leap`."
             )
         return flow
-    # Modes are made of known numbers alone.
+    # Modes are made of known numbers alone, and lose digits near a resonance.
     changes_modes = path.startswith(("mass", "damping", "stiffness"))
-    return TaylorFlow() if changes_modes else choose_flow(system, can_stick=True)
+    band = bounds if path == "forcing.frequency" else None
+    return (None if changes_modes else modal_flow(system, can_stick=True, band=band)) or TaylorFlow()
 
 
 def points_of(starts: list[Start], families: list[Family]) -> list[Point | None]:

@@ -18,12 +18,15 @@ from .modal import ModalFlow, Modes
 _MAX_SETS = 8
 
 
-def modal_flow(system: ImpactSystem, *, can_stick: bool) -> ModalFlow | None:
+def modal_flow(
+    system: ImpactSystem, *, can_stick: bool, band: tuple[float, float] | None = None
+) -> ModalFlow | None:
     """Tabulate the modes of every set of held masses, or return None where they do not serve.
 
     Args:
         system: the machine; its leaves may carry lanes as their last axis.
         can_stick: whether any stop might hold its mass.
+        band: the lowest and the highest frequency of the load; that of the machine if left out.
 
     Returns:
         The flow, or None.
@@ -39,12 +42,12 @@ def modal_flow(system: ImpactSystem, *, can_stick: bool) -> ModalFlow | None:
     mass, damping, stiffness = (
         np.moveaxis(a, -1, 0) if has_lanes else a[None] for a in (mass, damping, stiffness)
     )
-    speed = _speeds(system)
+    speeds = _speeds(system, band)
     sets = [s for k in range(len(holdable) + 1) for s in combinations(holdable, k)]
     tables = []
     for held in sets:
         table = _modes_of_set(mass, damping, stiffness, held)
-        if table is None or not _keeps_digits(table[0], table[1], speed):
+        if table is None or not _keeps_digits(table[0], table[1], speeds):
             return None
         tables.append(table)
     # Copies of the first fill the tables up to the size for stops on other masses: one program serves all.
@@ -58,11 +61,14 @@ def modal_flow(system: ImpactSystem, *, can_stick: bool) -> ModalFlow | None:
     return ModalFlow(Modes(*map(jax.device_put, arrays)), jax.device_put(members))
 
 
-def _speeds(system: ImpactSystem) -> np.ndarray | None:
-    """Frequency of every harmonic of the load and of moving stops, (lanes, harmonics), or None while traced."""
+def _speeds(system: ImpactSystem, band: tuple[float, float] | None) -> tuple[np.ndarray, np.ndarray] | None:
+    """Lowest and highest frequency of every harmonic of the load and of moving stops, (lanes, harmonics); None while traced."""
     frequency = concrete(system.forcing.frequency)
+    if frequency is None:
+        return None
     orders = np.arange(1, num_harmonics(system) + 1)
-    return None if frequency is None else np.atleast_1d(frequency)[:, None] * orders
+    low, high = (np.atleast_1d(a)[:, None] * orders for a in band or (frequency, frequency))
+    return low, high
 
 
 def _modes_of_set(
@@ -101,14 +107,16 @@ def _modes_of_set(
     return w2, decay, shape, inverse, anchor
 
 
-def _keeps_digits(w2: np.ndarray, decay: np.ndarray, speed: np.ndarray | None) -> bool:
+def _keeps_digits(w2: np.ndarray, decay: np.ndarray, speeds: tuple[np.ndarray, np.ndarray] | None) -> bool:
     """Whether the modes are accurate: none only creeps, none is driven near resonance without damping.
 
     While the frequency is traced, this has to hold at every frequency.
     """
     if (decay > 4 * np.sqrt(w2)).any():
         return False
-    if speed is None:
+    if speeds is None:
         return bool((decay >= 1e-2 * np.sqrt(w2)).all())
-    impedance = w2[:, None] - speed[..., None] ** 2 + 2j * decay[:, None] * speed[..., None]
-    return bool((np.abs(impedance) > 1e-2 * (w2[:, None] + speed[..., None] ** 2)).all())
+    low, high = (a[..., None] for a in speeds)
+    speed = np.clip(np.sqrt(w2)[:, None], low, high)  # the nearest to resonance
+    impedance = w2[:, None] - speed**2 + 2j * decay[:, None] * speed
+    return bool((np.abs(impedance) > 1e-2 * (w2[:, None] + speed**2)).all())
