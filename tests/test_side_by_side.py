@@ -18,10 +18,10 @@ MAKES = {
 }
 
 
-def follow(system: vx.ImpactSystem, x: jax.Array) -> vx.Solution:
+def follow(system: vx.ImpactSystem, x: jax.Array, max_events: int = 40) -> vx.Solution:
     """From a start at rest."""
     x0 = jnp.zeros(system.num_masses).at[0].set(x)
-    return vx.simulate(system, 0.0, END, x0, ts=[0.4 * END, END], max_events=40, throw=False)
+    return vx.simulate(system, 0.0, END, x0, ts=[0.4 * END, END], max_events=max_events, throw=False)
 
 
 def assert_alike(batch: vx.Solution, index: tuple[int, ...], alone: vx.Solution):
@@ -39,6 +39,15 @@ def test_batches_of_a_known_machine_of_any_size(size):
     assert int(batch.num_events.min()) > 3
     for k in {0, size // 2, size - 1}:
         assert_alike(batch, (k,), follow(system, starts[k]))
+
+
+@pytest.mark.parametrize("max_events", [0, 3])
+def test_logs_that_are_too_short_end_alike(max_events):
+    system, starts = vx.models.wagg_bishop_b(1.1), -1e-3 * jnp.arange(131)
+    batch = jax.jit(jax.vmap(lambda x: follow(system, x, max_events)))(starts)
+    alone = follow(system, starts[-1], max_events)
+    assert_alike(batch, (130,), alone)
+    assert alone.result == jax.tree.map(lambda a: a[130], batch).result
 
 
 def test_a_batch_of_nothing():

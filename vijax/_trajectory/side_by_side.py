@@ -45,7 +45,7 @@ def in_groups(follow: Callable[[PyTree, int], PyTree], arguments: PyTree, size: 
         return jnp.moveaxis(filled.reshape(*a.shape[:-1], num_groups, lanes), -2, 0)
 
     found = jax.lax.map(of_group, [grouped(a) for yes, a in zip(is_own, leaves, strict=True) if yes])
-    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:size], found)
+    return jax.tree.map(lambda a: a.reshape(num_groups * lanes, *a.shape[2:])[:size], found)
 
 
 def _lanes(size: int) -> int:
