@@ -25,3 +25,8 @@ def test_the_conda_recipe_asks_for_what_the_project_asks_for():
     needed = dict(re.fullmatch(r"([\w-]+)>=(\S+)", line).groups() for line in PROJECT["dependencies"])
     assert asked == needed | {"python": PROJECT["requires-python"].removeprefix(">=")}
     assert len(run.splitlines()) == len(asked)
+
+
+def test_the_conda_recipe_has_the_same_commands():
+    entry_points = re.findall(r"^      - (\S+) = (\S+)$", RECIPE, re.M)
+    assert dict(entry_points) == PROJECT["scripts"]
