@@ -147,7 +147,10 @@ def in_one_kernel(function: Callable, *args):
 def not_constant(tree: PyTree) -> PyTree:
     """The same numbers, of which the compiler does not see whether they are known: those cannot be handed to a kernel."""
     is_so = jax.lax.linalg.cholesky(jnp.ones((1, 1)))[0, 0] > 0  # it does not look into LAPACK
-    return jax.tree.map(lambda a: jnp.where(is_so, a, jnp.zeros_like(a)), tree)
+    hidden = lambda a: jnp.where(is_so, a, jnp.zeros_like(a)) if eqx.is_array(a) else a  # noqa: E731
+    return jax.tree.map(
+        hidden, jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray) else a, tree)
+    )
 
 
 def _call(function: Callable, args: tuple, **attributes: str):
