@@ -240,9 +240,11 @@ def _to_bound(walk: Walk, point: Point, new: Point) -> Asked:
     """Add the point at the bound of the parameter that lies between two, and end."""
     p = walk.bounds[int(new.place.p > walk.bounds[1])]
     share = (p - point.place.p) / (new.place.p - point.place.p)
-    guess = Place(*(a + share * (b - a) for a, b in zip(point.place, new.place, strict=True)))
-    seen = yield from at_parameter(point.sequence, guess, p)
-    if seen.found.is_converged and share > 0:
+    if share > 0:
+        guess = Place(*(a + share * (b - a) for a, b in zip(point.place, new.place, strict=True)))
+        seen = yield from at_parameter(point.sequence, guess, p)
+        if not seen.found.is_converged:
+            raise Ended("not_converged")
         yield from _add(walk, Point.of(point.sequence, seen, point.arc + share * (new.arc - point.arc)))
     raise Ended("bounds")
 
