@@ -23,11 +23,10 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 from jax.core import ShapedArray
 from jax.extend.core import Primitive, Var
 from jax.interpreters import ad, batching, mlir, partial_eval
-from jaxtyping import Array, PyTree
+from jaxtyping import PyTree
 
 from ._ways import (
     KEPT,
@@ -35,6 +34,7 @@ from ._ways import (
     Traced,
     Ways,
     along,
+    at_the_end,
     bind,
     in_front,
     kind,
@@ -111,20 +111,12 @@ def _made(
     if of_many is not None:
 
         def of_lists_of_many(over: tuple, size: int, *parts: Arrays) -> tuple[Arrays, Arrays]:
-            last = [
-                [_last(*pair) for pair in zip(*both, strict=True)] for both in zip(parts, over, strict=True)
-            ]
-            return of_lists(lambda tree: of_many(tree, size), *last)
+            return of_lists(lambda tree: of_many(tree, size), *map(at_the_end, parts, over))
 
         ways = ways._replace(
             of_many=lambda over, size: Traced(partial(of_lists_of_many, over, size), compiled)
         )
     return ways, join
-
-
-def _last(a: Array, axis: int | None) -> Array:
-    """An array with the axis of a batch last, of length one if it has none."""
-    return a[..., None] if axis is None else jnp.moveaxis(a, axis, -1)
 
 
 def _parts(row: Any, sizes: tuple[int, ...]) -> list[list]:

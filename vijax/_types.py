@@ -255,10 +255,14 @@ def over_lanes(function: Callable, like: Array, *trees: Any) -> Any:
     """
     if like.ndim == 1:
         return function(*trees)
-    lanes = like.shape[-1]
-    leaves, structure = jax.tree.flatten(trees)
-    is_shared = [jnp.ndim(a) == 0 or jnp.shape(a)[-1] != lanes for a in leaves]
-    leaves = [a[..., 0] if jnp.ndim(a) and alone else a for a, alone in zip(leaves, is_shared, strict=True)]
-    axes = [None if alone else -1 for alone in is_shared]
+    leaves, axes, structure = lanes_apart(trees, like.shape[-1])
     call = lambda *leaves: function(*jax.tree.unflatten(structure, leaves))  # noqa: E731
     return jax.vmap(call, axes, out_axes=-1)(*leaves)
+
+
+def lanes_apart(tree: Any, lanes: int) -> tuple[list, list[int | None], Any]:
+    """Arrays that carry so many lanes, or a single one for all, as their last axis: as `jax.vmap` takes them, their axes, the structure."""
+    leaves, structure = jax.tree.flatten(tree)
+    axes = [-1 if jnp.shape(a)[-1:] == (lanes,) else None for a in leaves]
+    leaves = [a[..., 0] if jnp.ndim(a) and k is None else a for a, k in zip(leaves, axes, strict=True)]
+    return leaves, axes, structure

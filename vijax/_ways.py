@@ -162,12 +162,10 @@ def _restricted(
 @lru_cache(KEPT)
 def of_batch(ways: Ways, over: tuple, size: int) -> Ways:
     """The ways of a batch, by the axes of `fixed` and `x`; for its derivatives see `along`."""
-    values, backwards = (_batched(function, ways, over) for function in (ways.values, ways.backwards))
-    of_many = None
-    if ways.of_many is not None and size:
-        values = ways.of_many(over, size)
-        of_many = partial(_in_turn, values, ways.compiled)
-    found = ways_of(values, backwards, ways.compiled, ways.sizes, ())
+    own = ways.of_many if size else None
+    values = _batched(ways.values, ways, over) if own is None else own(over, size)
+    found = ways_of(values, _batched(ways.backwards, ways, over), ways.compiled, ways.sizes, ())
+    of_many = None if own is None else partial(_in_turn, values, ways.compiled)
     return found._replace(lanes=(ways, over, size), of_many=of_many)
 
 
@@ -175,16 +173,15 @@ def _in_turn(values: Function, compiled: Callable, over: tuple, size: int) -> Fu
     """The values of a batch of batches: one after another."""
     axes = list(chain(*over))
 
-    def of_all(*parts: Arrays) -> tuple[Arrays, Arrays]:
-        arrays, structure = jax.tree.flatten(parts)
-        moved = [jnp.moveaxis(a, k, 0) for a, k in zip(arrays, axes, strict=True) if k is not None]
+    def of_all(fixed: Arrays, x: Arrays) -> tuple[Arrays, Arrays]:
+        pairs = list(zip([*fixed, *x], axes, strict=True))
+        own = [None if axis is None else jnp.moveaxis(a, axis, 0) for a, axis in pairs]
 
         def of_one(own: Arrays) -> tuple[Arrays, Arrays]:
-            given = iter(own)
-            chosen = [a if k is None else next(given) for a, k in zip(arrays, axes, strict=True)]
-            return values(*jax.tree.unflatten(structure, chosen))
+            row = [a if axis is None else one for (a, axis), one in zip(pairs, own, strict=True)]
+            return values(row[: len(fixed)], row[len(fixed) :])
 
-        return jax.lax.map(of_one, moved)
+        return jax.lax.map(of_one, own)
 
     return Traced(of_all, compiled)
 
@@ -231,6 +228,14 @@ def in_front(arrays: Arrays, axes: list[int | None], size: int) -> Arrays:
     """Arrays with the axis of a batch in front, those that all lanes share repeated."""
     return [
         jnp.broadcast_to(a, (size, *jnp.shape(a))) if axis is None else jnp.moveaxis(a, axis, 0)
+        for a, axis in zip(arrays, axes, strict=True)
+    ]
+
+
+def at_the_end(arrays: Arrays, axes: tuple[int | None, ...]) -> Arrays:
+    """Arrays with the axis of a batch last, of length one if all lanes share them."""
+    return [
+        a[..., None] if axis is None else jnp.moveaxis(a, axis, -1)
         for a, axis in zip(arrays, axes, strict=True)
     ]
 

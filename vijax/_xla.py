@@ -147,10 +147,8 @@ def in_one_kernel(function: Callable, *args):
 def not_constant(tree: PyTree) -> PyTree:
     """The same numbers, of which the compiler does not see whether they are known: those cannot be handed to a kernel."""
     is_so = jax.lax.linalg.cholesky(jnp.ones((1, 1)))[0, 0] > 0  # it does not look into LAPACK
-    hidden = lambda a: jnp.where(is_so, a, jnp.zeros_like(a)) if eqx.is_array(a) else a  # noqa: E731
-    return jax.tree.map(
-        hidden, jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray) else a, tree)
-    )
+    is_array = lambda a: isinstance(a, jax.Array | np.ndarray)  # noqa: E731
+    return jax.tree.map(lambda a: jnp.where(is_so, a, jnp.zeros_like(a)) if is_array(a) else a, tree)
 
 
 def _call(function: Callable, args: tuple, **attributes: str):
@@ -173,6 +171,20 @@ def _call(function: Callable, args: tuple, **attributes: str):
 def is_any(flags: Bool[Array, "..."]) -> Bool[Array, ""]:
     """Whether any flag is up in any lane, those of a `vmap` included. Work may be skipped only if no lane needs it."""
     return unvmap_any(flags)
+
+
+def for_each(flags: Bool[Array, " places"], step: Callable[[Array, R], R], carry: R) -> R:
+    """`step(place, carry)` for each flag that is up, one after another: few are."""
+    places = jnp.arange(flags.size, dtype=jnp.int32)
+
+    def next_after(place: Array | int) -> Array:
+        return jnp.min(jnp.where(flags & (places > place), places, jnp.int32(flags.size)))
+
+    def one(now: tuple[R, Array]) -> tuple[R, Array]:
+        carry, place = now
+        return step(place, carry), next_after(place)
+
+    return jax.lax.while_loop(lambda now: now[1] < flags.size, one, (carry, next_after(-1)))[0]
 
 
 class AbstractTask(eqx.Module):

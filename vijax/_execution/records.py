@@ -14,6 +14,8 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Int
 
+from .._xla import for_each
+
 # On the device, or on the host.
 Column = Array | np.ndarray
 
@@ -114,19 +116,13 @@ def append(rows: Rows, kept: Bool[Array, "*stops lanes"], record: Impact | Mark)
         return jnp.broadcast_to(a, (*own, *kept.shape)).reshape(*own, kept.size).astype(room.dtype)
 
     columns = jax.tree.map(flat, rows.room, record)
-    kept, places = kept.ravel(), jnp.arange(kept.size, dtype=jnp.int32)
 
-    def next_after(place: Int[Array, ""] | int) -> Int[Array, ""]:
-        return jnp.min(jnp.where(kept & (places > place), places, jnp.int32(kept.size)))
-
-    def put(carry):
-        room, size, place = carry
+    def put(place: Int[Array, ""], carry: tuple) -> tuple:
+        room, size = carry
         write = lambda a, new: jax.lax.dynamic_update_index_in_dim(a, new[..., place], size, 0)  # noqa: E731
-        return jax.tree.map(write, room, columns), size + 1, next_after(place)
+        return jax.tree.map(write, room, columns), size + 1
 
-    carry = (rows.room, rows.size, next_after(-1))
-    room, size, _ = jax.lax.while_loop(lambda carry: carry[2] < kept.size, put, carry)
-    return Rows(room, size)
+    return Rows(*for_each(kept.ravel(), put, (rows.room, rows.size)))
 
 
 def taken(rows: Rows) -> Impact | Mark:

@@ -9,11 +9,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, PyTree
 
-from .._types import Reals
+from .._types import lanes_apart
+from .._xla import for_each
 
 # Lanes of a group, from the best number down to the least. As for sweeps, see `lane_loop.py`, fewer leave the vector
 # units idle, and more leave the cache.
@@ -32,19 +34,14 @@ def in_groups(follow: Callable[[PyTree, int], PyTree], arguments: PyTree, size: 
     num_groups = -(-size // lanes)
     if num_groups == 1:
         return follow(arguments, size)
-    leaves, structure = jax.tree.flatten(arguments)
-    is_own = [jnp.shape(a)[-1:] == (size,) for a in leaves]
-
-    def of_group(own: list[Array]) -> PyTree:
-        given = iter(own)
-        chosen = [next(given) if yes else a for yes, a in zip(is_own, leaves, strict=True)]
-        return follow(jax.tree.unflatten(structure, chosen), lanes)
+    own, shared = eqx.partition(arguments, lambda a: jnp.shape(a)[-1:] == (size,))
 
     def grouped(a: Array) -> Array:
         filled = jnp.concatenate([a, jnp.repeat(a[..., -1:], num_groups * lanes - size, axis=-1)], axis=-1)
         return jnp.moveaxis(filled.reshape(*a.shape[:-1], num_groups, lanes), -2, 0)
 
-    found = jax.lax.map(of_group, [grouped(a) for yes, a in zip(is_own, leaves, strict=True) if yes])
+    of_group = lambda own: follow(eqx.combine(own, shared), lanes)  # noqa: E731
+    found = jax.lax.map(of_group, jax.tree.map(grouped, own))
     return jax.tree.map(lambda a: a.reshape(num_groups * lanes, *a.shape[2:])[:size], found)
 
 
@@ -68,10 +65,7 @@ def one_by_one(function: Callable, lanes: int, last: PyTree, first: PyTree) -> A
         last: a tree with lanes last, or a single one for all.
         first: a tree with lanes in front.
     """
-    leaves, structure = jax.tree.flatten(last)
-    is_shared = [jnp.shape(a)[-1:] != (lanes,) for a in leaves]
-    leaves = [a[..., 0] if jnp.ndim(a) and alone else a for a, alone in zip(leaves, is_shared, strict=True)]
-    axes = [None if alone else -1 for alone in is_shared]
+    leaves, axes, structure = lanes_apart(last, lanes)
     call = lambda leaves, first: function(jax.tree.unflatten(structure, leaves), first)  # noqa: E731
     return jax.vmap(call, (axes, 0))(leaves, first)
 
@@ -103,24 +97,17 @@ def put(is_kept: Bool[Array, "..."], *writings: Writing) -> list[PyTree]:
     rooms = [writing.room for writing in writings]
     if is_kept.ndim == 0:
         return [_written(*writing, is_kept) for writing in writings]
-    lanes = jnp.arange(is_kept.size, dtype=jnp.int32)
 
-    def next_after(lane: Reals) -> Int[Array, ""]:
-        return jnp.min(jnp.where(is_kept & (lanes > lane), lanes, jnp.int32(is_kept.size)))
-
-    def write(carry: tuple[list[PyTree], Int[Array, ""]]) -> tuple[list[PyTree], Int[Array, ""]]:
-        rooms, lane = carry
-
+    def write(lane: Int[Array, ""], rooms: list[PyTree]) -> list[PyTree]:
         def of_lane(place: Array, room: Array, rows: Array) -> Array:
             rows = jnp.broadcast_to(rows, (*rows.shape[:-1], is_kept.size))[..., lane].astype(room.dtype)
             start = lane, place[lane].astype(lane.dtype), *[jnp.zeros_like(lane)] * (rows.ndim - 1)
             return jax.lax.dynamic_update_slice(room, rows[None], start)
 
         pairs = zip(rooms, writings, strict=True)
-        rooms = [jax.tree.map(partial(of_lane, w.place), room, w.rows) for room, w in pairs]
-        return rooms, next_after(lane)
+        return [jax.tree.map(partial(of_lane, w.place), room, w.rows) for room, w in pairs]
 
-    return jax.lax.while_loop(lambda carry: carry[1] < is_kept.size, write, (rooms, next_after(-1)))[0]
+    return for_each(is_kept, write, rooms)
 
 
 def _written(room: PyTree, rows: PyTree, place: Int[Array, ""], is_kept: Bool[Array, ""]) -> PyTree:
