@@ -18,7 +18,7 @@ from .cascade import FEW, MANY, behind, is_limit, limit_of
 from .family import Place
 from .locate import first_event, special_points
 from .plain_steps import SHORTEST, STRAIGHT, PlainSteps, is_sound, next_length
-from .point import TRUSTED, Asked, Ended, Full, Point, Walk, at_parameter, on_plane
+from .point import TRUSTED, Asked, Ended, Full, Point, Walk, ahead, at_parameter, on_plane
 from .programs import Followed, Request, confirm, locate_start, tell, trimmed
 from .repeated import where_it_grazes
 
@@ -170,9 +170,8 @@ def _step(walk: Walk, point: Point, ds: float) -> Asked:
 
 def _ahead(point: Point, ds: float) -> Asked:
     """The next point, or None if the branch is too curved for such a step."""
-    seen = yield from on_plane(point, point.place.moved(point.tangent, ds), ds)
-    new = Point.of(point.sequence, seen, point.arc + ds)
-    return new if is_sound(seen.found, new.tangent.along(point.tangent), ds) else None
+    new: Point = yield from ahead(point, ds)
+    return new if is_sound(new.seen.found, new.tangent.along(point.tangent), ds) else None
 
 
 def _told_by_machine(walk: Walk, point: Point) -> Asked:

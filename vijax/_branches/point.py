@@ -150,6 +150,12 @@ def at_parameter(sequence: Sequence, guess: Place, p: float) -> Asked:
     return (yield from corrected(sequence, guess, only_p, p))
 
 
+def ahead(point: Point, ds: float) -> Asked:
+    """The point some way along the branch, as it is found: it may be none."""
+    seen = yield from on_plane(point, point.place.moved(point.tangent, ds), ds)
+    return Point.of(point.sequence, seen, point.arc + ds)
+
+
 def on_plane(point: Point, guess: Place, s: float) -> Asked:
     """The cycle where the branch meets the plane across its tangent, some way from a point."""
     tangent = point.tangent

@@ -11,7 +11,7 @@ from .._trajectory.event_log import IMPACT
 from .branch_tests import tests_of
 from .changes import without_event
 from .locate import locate
-from .point import Asked, Ended, Point, at_parameter, on_plane
+from .point import Asked, Ended, Point, ahead, at_parameter
 
 # Impacts that may vanish have this part of the speed of the fastest at most.
 _LIGHT = 1e-2
@@ -45,23 +45,20 @@ def where_it_grazes(point: Point) -> Asked:
 def _touching(start: Point, sequence: Sequence, stop: int) -> Asked:
     """Where the gap of a stop vanishes near by."""
     test = next(test for test in tests_of(sequence) if test.kind == "touch" and test.index == stop)
-    beside = yield from _moved(start, _STEP)
+    beside = yield from ahead(start, _STEP)
     gap = test.of(start.seen)
     slope = (test.of(beside.seen) - gap) / _STEP
     way = -gap / slope if slope else np.inf
     if not abs(way) < _REACH:
         return None
     start = start if way > 0 else start.turned()
+    beyond = yield from ahead(start, 2 * abs(way) + _STEP)
+    if not gap * test.of(beyond.seen) < 0:
+        return None
     try:
-        beyond = yield from _moved(start, 2 * abs(way) + _STEP)
         return (yield from locate(start, beyond, test))
     except Ended:
         return None
-
-
-def _moved(point: Point, ds: float) -> Asked:
-    seen = yield from on_plane(point, point.place.moved(point.tangent, ds), ds)
-    return Point.of(point.sequence, seen, point.arc + ds)
 
 
 def _is_near(point: Point, found: Point, speed: float) -> bool:

@@ -9,7 +9,6 @@ import xarray as xr
 
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
-from .._flow.modes import modal_flow
 from .._flow.taylor import TaylorFlow
 from .._machine.numbers import numbers_of
 from .._orbits.free_shifts import free_shifts
@@ -169,7 +168,7 @@ def _flow_of(
     # Modes are made of known numbers alone, and lose digits near a resonance.
     changes_modes = path.startswith(("mass", "damping", "stiffness"))
     band = bounds if path == "forcing.frequency" else None
-    return (None if changes_modes else modal_flow(system, can_stick=True, band=band)) or TaylorFlow()
+    return TaylorFlow() if changes_modes else choose_flow(system, can_stick=True, band=band)
 
 
 def points_of(starts: list[Start], families: list[Family]) -> list[Point | None]:

@@ -9,14 +9,20 @@ from .modes import modal_flow
 from .taylor import TaylorFlow
 
 
-def choose_flow(system: ImpactSystem, *, can_stick: bool, wanted: AbstractFlow | None = None) -> AbstractFlow:
-    """The given flow; else modes, Taylor series, or for a machine with a force diffrax."""
+def choose_flow(
+    system: ImpactSystem,
+    *,
+    can_stick: bool,
+    wanted: AbstractFlow | None = None,
+    band: tuple[float, float] | None = None,
+) -> AbstractFlow:
+    """The given flow; else modes, Taylor series, or for a machine with a force diffrax; for `band` see `modal_flow`."""
     if not isinstance(wanted, AbstractFlow | None):
         raise ValueError(
             f"Argument `flow` must be a motion, as `vx.DiffraxFlow(diffrax.Tsit5())` makes of a solver, but is {wanted!r}."
         )
     if system.force is None:
-        return wanted or modal_flow(system, can_stick=can_stick) or TaylorFlow()
+        return wanted or modal_flow(system, can_stick=can_stick, band=band) or TaylorFlow()
     if isinstance(wanted, ExpandingFlow):
         raise ValueError(
             f"Argument `flow` is {type(wanted).__name__}, which is exact for linear machines alone, but the "

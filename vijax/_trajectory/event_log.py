@@ -74,7 +74,7 @@ class Log(eqx.Module):
     Attributes:
         restarts: the state after each, (rows + 1, ...); what finds no room is written to the last row.
         instants: what happened, likewise.
-        places: of every event its row and its number in that row, `joined`, (events,).
+        places: of every event its row and its number in that row, `_joined`, (events,).
         rows: rows written to this room.
         num_events: events in all, also those past the end of the log.
         events_before: events of rooms before this one.
@@ -96,7 +96,7 @@ class Log(eqx.Module):
         if self.is_whole:
             return jnp.array(True)
         size, num_stops = self.instants.hit.shape
-        most = most_events(num_stops)
+        most = _most_events(num_stops)
         return (self.num_events - self.events_before + most <= size - 2) | (self.num_events >= max_events)
 
     def kept(self) -> Restarts:
@@ -108,19 +108,19 @@ class Log(eqx.Module):
         return jax.tree.map(lambda a: a[:-1], self.instants)
 
 
-def most_events(num_stops: int) -> int:
+def _most_events(num_stops: int) -> int:
     """The most events of one instant."""
     return 3 * num_stops
 
 
-def joined(row: Reals, number: Reals, num_stops: int) -> Reals:
+def _joined(row: Reals, number: Reals, num_stops: int) -> Reals:
     """A row and the number of an event of that instant in one; by powers of two, as divisions take long."""
-    return (row << most_events(num_stops).bit_length()) + number
+    return (row << _most_events(num_stops).bit_length()) + number
 
 
-def split(both: Reals, num_stops: int) -> tuple[Reals, Reals]:
-    """The inverse of `joined`."""
-    bits = most_events(num_stops).bit_length()
+def _split(both: Reals, num_stops: int) -> tuple[Reals, Reals]:
+    """The inverse of `_joined`."""
+    bits = _most_events(num_stops).bit_length()
     return both >> bits, both & ((1 << bits) - 1)
 
 
@@ -145,7 +145,7 @@ def empty_log(first: State, t0: Scalar, room: int, *, is_whole: bool, has_impuls
             held=rows(held, False),
         ),
         instants=jax.tree.map(lambda a: rows(a, 0), nothing),
-        places=jnp.zeros(room + 2 * most_events(held.size), int),
+        places=jnp.zeros(room + 2 * _most_events(held.size), int),
         rows=jnp.array(1),
         num_events=jnp.array(0),
         events_before=jnp.array(0),
@@ -162,7 +162,7 @@ def write(
     is_row = live & (count > 0) & (log.num_events < max_events)
     restart = Restarts(time, after.periods, after.time, after.phase, after.x, after.v, after.held)
     instant = eqx.tree_at(lambda i: i.time, instant, time)
-    numbers = jnp.arange(most_events(len(instant.hit)))
+    numbers = jnp.arange(_most_events(len(instant.hit)))
     restarts, instants, places = put(
         is_row,
         Writing(log.restarts, jax.tree.map(lambda a: a[None], restart), log.rows),
@@ -170,7 +170,7 @@ def write(
         # What is written too much is written over by the next instant.
         Writing(
             log.places,
-            joined(log.rows, lift(numbers, count[None]), len(instant.hit)),
+            _joined(log.rows, lift(numbers, count[None]), len(instant.hit)),
             log.num_events - log.events_before,
         ),
     )
@@ -202,18 +202,18 @@ def event_log(
         max_events: room for so many events.
         places: of every event its row and its number there, see `Log`; if left out, they are counted.
     """
-    happened = flags_of(instants)
+    happened = _flags_of(instants)
     num_stops = happened.shape[1] // 3
     if num_stops == 0:
         none, nan = jnp.full(max_events, -1), jnp.full(max_events, jnp.nan, instants.time.dtype)
         return EventLog(nan, none, none, nan, nan, nan)
     if places is None:
-        places = count_places(happened, max_events + num_stops)
-    row, number = split(places[: max_events + num_stops], num_stops)
-    event = joined(row, flag_of_number(happened[row], number), num_stops)
+        places = _count_places(happened, max_events + num_stops)
+    row, number = _split(places[: max_events + num_stops], num_stops)
+    event = _joined(row, _flag_of_number(happened[row], number), num_stops)
 
     def read_off(event: Int[Array, " room"]) -> tuple[Array, ...]:
-        row, flag = split(event, num_stops)
+        row, flag = _split(event, num_stops)
         kind = (flag >= num_stops).astype(int) + (flag >= 2 * num_stops)
         stop = flag - kind * num_stops
         t = instants.time[row]
@@ -223,7 +223,7 @@ def event_log(
 
     is_event = jnp.arange(event.size) < jnp.sum(happened)
     if machine.can_stick:
-        event = in_order(jax.lax.stop_gradient(jnp.where(is_event, read_off(event)[0], jnp.inf)), event)
+        event = _in_order(jax.lax.stop_gradient(jnp.where(is_event, read_off(event)[0], jnp.inf)), event)
     t, row, kind, stop = read_off(event[:max_events])
     is_event = is_event[:max_events]
     of_stops = _velocities_of_stops(machine, instants, phases)
@@ -241,28 +241,28 @@ def event_log(
     return EventLog(t, stop, kind, minus, plus, impulse)
 
 
-def flags_of(instants: Instant) -> Bool[Array, "rows flags"]:
+def _flags_of(instants: Instant) -> Bool[Array, "rows flags"]:
     """Which events happened: impacts of an instant come before its sticks, and these before its releases."""
     return jnp.concatenate([instants.hit, instants.stuck, instants.released], axis=1)
 
 
-def count_places(flags: Bool[Array, "rows flags"], room: int) -> Int[Array, " room"]:
-    """Row and number, `joined`, of the flags that are up, row by row; arbitrary past the last of them."""
+def _count_places(flags: Bool[Array, "rows flags"], room: int) -> Int[Array, " room"]:
+    """Row and number, `_joined`, of the flags that are up, row by row; arbitrary past the last of them."""
     num = jnp.sum(flags, axis=1)
     until = jnp.cumsum(num)  # flags up to the end of each row
     event = jnp.arange(room)
     row = jnp.minimum(jnp.sum(until[None] <= event[:, None], axis=1), len(flags) - 1)
-    return joined(row, event - (until - num)[row], flags.shape[1] // 3)
+    return _joined(row, event - (until - num)[row], flags.shape[1] // 3)
 
 
-def flag_of_number(flags: Bool[Array, "room flags"], number: Int[Array, " room"]) -> Int[Array, " room"]:
+def _flag_of_number(flags: Bool[Array, "room flags"], number: Int[Array, " room"]) -> Int[Array, " room"]:
     """The flag of every row that has so many before it, of those that are up; arbitrary if there is none."""
     columns = flags.T.astype(int)
     up_to = list(accumulate(columns)) if len(columns) <= UNROLLED else jnp.cumsum(columns, axis=0)
     return jnp.minimum(add_up([(a <= number).astype(int) for a in up_to]), len(columns) - 1)
 
 
-def in_order(times: Float[Array, " room"], events: Int[Array, " room"]) -> Int[Array, " room"]:
+def _in_order(times: Float[Array, " room"], events: Int[Array, " room"]) -> Int[Array, " room"]:
     """Events in the order of times that are nearly sorted, by exchanging neighbours.
 
     Rows are in order but for the ends of chatters, at most one pending for each stop. A sort would take

@@ -199,7 +199,7 @@ def begin_all(
         num_goals=r.num_goals + r.is_last,
         resolution=4 * jnp.finfo(t0.dtype).eps * jnp.maximum(jnp.abs(t0), jnp.abs(r.t1)),
         max_steps=max_steps,
-        last_step=jnp.zeros_like(carry.steps) + r.max_turns,
+        last_step=r.max_turns,
         max_events=r.max_events,
     )
     return task, carry

@@ -59,8 +59,7 @@ def _side_by_side(
 ) -> Solution:
     """Trajectories with lanes last; what is returned has them in front."""
     machine, flow, request, asked = whole
-    numbers = machine if isinstance(machine, Numbers) else numbers_of(machine)
-    arguments = not_constant((numbers, flow, request))
+    arguments = not_constant((_in_numbers(machine), flow, request))
     with jax.numpy_rank_promotion("allow"):  # what all lanes share is broadcast to them
         return in_groups(partial(_follow_group, asked), arguments, num_lanes)
 
@@ -84,9 +83,12 @@ def _follow_group(asked: Asked, arguments: tuple[Numbers, AbstractFlow, Request]
 def _run_whole(
     machine: ImpactSystem | Numbers, flow: AbstractFlow, request: Request, asked: Asked, loop: Callable
 ) -> Solution:
-    numbers = machine if isinstance(machine, Numbers) else numbers_of(machine)
-    task, carry = begin_all(numbers, flow, request, room=asked.room, can_stick=asked.can_stick)
+    task, carry = begin_all(_in_numbers(machine), flow, request, room=asked.room, can_stick=asked.can_stick)
     return finish(task, loop(task, carry), request, asked.room)
+
+
+def _in_numbers(machine: ImpactSystem | Numbers) -> Numbers:
+    return machine if isinstance(machine, Numbers) else numbers_of(machine)
 
 
 def run_for_log(
