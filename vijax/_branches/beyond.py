@@ -8,32 +8,57 @@ from .._orbits.sequence import NOTHING, Sequence
 from .._trajectory.event_log import IMPACT
 from .._types import Reals
 from .branch_tests import KINDS, Test, tests_of
-from .changes import passed_section, shifted, with_event, with_order_exchanged, without_event
+from .changes import (
+    in_rounds,
+    passed_section,
+    shifted,
+    with_events,
+    with_order_exchanged,
+    with_stick,
+    without_event,
+    without_stick,
+)
 from .family import Place
-from .point import Asked, Ended, Point, as_it_is, corrected
+from .point import Asked, Ended, Point, Walk, as_it_is, corrected
 from .programs import Followed, Rates, Request, confirm, locate_start, rates_along, trimmed
 
-# What leads off a point where the sequence changes.
-_OFF = 1e-7
+# What leads off a point where the sequence changes: the first of these that does not leave the branch.
+_OFF = 1e-7, 1e-8, 1e-9, 1e-10
 # Where no step leads off, the machine itself is tried at these distances.
 _TRIALS = 1e-6, 1e-5, 1e-4, 1e-3
 
 
-def by_sequence(test: Test, event: Point) -> Asked:
-    """The same on the sequence that it must be, in the direction that its derivative tells."""
+def by_sequence(walk: Walk, test: Test, event: Point) -> Asked:
+    """The same on the sequence that it must be, in the direction that its derivative tells.
+
+    On a cycle that is a shorter one several times all changes of its rounds happen at once.
+    """
     sequence, place, k = event.sequence, event.place, test.index
+    watched, how = event.seen.watched, (walk.rounds, walk.num_periods)
     if test.kind == "touch":
-        watched = event.seen.watched
         flight, time = int(watched.gap_flight[k]), float(watched.gap_time[k])
-        sequence, place = with_event(sequence, place, IMPACT, k, flight, time)
-        return (yield from _going_on(sequence, place, event, lambda rates: rates.speeds[flight]))
+        sequence, place, first = with_events(sequence, place, IMPACT, k, (flight, time), how)
+        return (yield from _going_on(sequence, place, event, lambda rates: rates.speeds[first]))
     if test.kind == "gr":
         stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
-        sequence, place = without_event(sequence, place, k)
+        for number in in_rounds(k, len(sequence.kind), walk.rounds)[::-1]:
+            sequence, place = without_event(sequence, place, number)
         return (yield from _going_on(sequence, place, event, lambda rates: rates.gaps[stop], time))
     if test.kind == "double_impact" and _are_impacts(sequence, k):
-        sequence, place = with_order_exchanged(sequence, place, k)
+        for number in in_rounds(k, len(sequence.kind), walk.rounds):
+            sequence, place = with_order_exchanged(sequence, place, number)
         return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[k])))
+    if test.kind == "onset":
+        flight = int(watched.rise_flight[k])
+        for number in in_rounds(flight - 1, len(sequence.kind), walk.rounds)[::-1]:
+            sequence, place = with_stick(sequence, place, number)
+        return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[flight])))
+    if test.kind == "chatter_completion":
+        if not watched.is_plastic[sequence.stop[k]]:  # ever more bounces come next, see `cascade.py`
+            raise Ended("chatter_completion")
+        for number in in_rounds(k, len(sequence.kind), walk.rounds)[::-1]:
+            sequence, place = without_stick(sequence, place, number)
+        return (yield from _either_way(sequence, place, event))
     raise Ended(test.kind)
 
 
@@ -106,6 +131,15 @@ def _oriented(sequence: Sequence, place: Place, event: Point, ahead: Callable[[P
     return (yield from _off(at, ahead(at) > 0))
 
 
+def _either_way(sequence: Sequence, place: Place, event: Point) -> Asked:
+    """The same in the direction in which nothing else changes at once."""
+    at = yield from _retold(sequence, place, event)
+    try:
+        return (yield from _off(at, True))
+    except Ended:
+        return (yield from _off(at, False))
+
+
 def _retold(sequence: Sequence, place: Place, event: Point) -> Asked:
     """The point of an event on another sequence."""
     seen = yield from as_it_is(sequence, place)
@@ -117,9 +151,13 @@ def _retold(sequence: Sequence, place: Place, event: Point) -> Asked:
 def _off(at: Point, is_ahead: bool) -> Asked:
     """A point close behind, in the given direction or in the other."""
     tangent = at.tangent if is_ahead else at.tangent.turned()
-    target = at.place.along(tangent) + _OFF
-    seen = yield from corrected(at.sequence, at.place.moved(tangent, _OFF), tangent, target)
-    new = Point.of(at.sequence, seen, at.arc + _OFF)
-    if not seen.found.is_converged or min((test.of(seen) for test in tests_of(at.sequence)), default=1) <= 0:
-        raise Ended("several_events")
-    return new
+    for ds in _OFF:
+        guess = at.place.moved(tangent, ds)
+        seen = yield from corrected(at.sequence, guess, tangent, at.place.along(tangent) + ds)
+        new = Point.of(at.sequence, seen, at.arc + ds)
+        away = new.place.moved(guess, -1.0)
+        # Behind a grazing branches may be so curved that Newton's method comes to another of their points.
+        is_near = seen.found.is_converged and np.sqrt(away.along(away)) < ds
+        if is_near and min((test.of(seen) for test in tests_of(at.sequence)), default=1) > 0:
+            return new
+    raise Ended("several_events")

@@ -14,8 +14,13 @@ Multipliers = Any
 
 # A multiplier this close to where it should be is there; halves of a cycle this close are one.
 CLOSE = 1e-4
-# What is seen from two sides has one name.
-KINDS = {"touch": "gr", "period_doubling": "pd"}
+# What is seen from two sides has one name. Where a doubled branch ends, another one crosses it: that of half the period,
+# gone round twice.
+KINDS = {"touch": "gr", "onset": "chatter_completion", "period_doubling": "bp"}
+# A function of multipliers this small at both ends of a step is zero there but for rounding, as without damping.
+_NOTHING = 1e-10
+# A multiplier this close to the unit circle is on it but for rounding; a double one has half the digits.
+_ON_CIRCLE = 1e-7
 
 
 class Test(NamedTuple):
@@ -71,6 +76,11 @@ TESTS_OF_NEIGHBOURS = (
 )
 
 
+def is_crossed(before: Any, after: Any) -> Any:
+    """Whether a function of the neighbours vanishes between two values, neither of which may be rounding for both."""
+    return (before * after < 0) & (np.maximum(np.abs(before), np.abs(after)) > _NOTHING)
+
+
 def tests_of(sequence: Sequence) -> list[Test]:
     """Test functions of the sequence: positive as long as a machine can follow it."""
     found, follows_another = [], _follows_another(sequence)
@@ -84,15 +94,33 @@ def tests_of(sequence: Sequence) -> list[Test]:
     for j in range(sequence.held.shape[1]):
         found.append(Test("touch", lambda seen, j=j: float(seen.watched.gap[j]), j))
         found.append(Test("force_zero", lambda seen, j=j: float(seen.watched.force[j]), j))
+        found.append(Test("onset", lambda seen, j=j: float(seen.watched.rise[j]), j))
     return found
 
 
 def margins(sequence: Sequence, seen: Seen) -> np.ndarray:
     """The values of all `tests_of` sequences with padding, of cycles side by side: (..., tests), infinite for no test."""
-    found, watched = seen.found, seen.watched
-    speeds = np.where(sequence.kind == IMPACT, found.speeds, np.inf)
-    flights = np.where(_follows_another(sequence), found.place.flights, np.inf)
-    return np.concatenate([speeds, flights, watched.gap, watched.force], axis=-1)
+    return _of_tests(
+        sequence, (seen.found.speeds, seen.found.place.flights, *_between_events(seen.watched)), np.inf
+    )
+
+
+def slopes(sequence: Sequence, seen: Seen) -> np.ndarray:
+    """How these change along the branch, likewise; 0 for no test."""
+    rates = (seen.rates.speeds, seen.found.tangent.flights, *_between_events(seen.rates))
+    return np.where(np.isfinite(margins(sequence, seen)), _of_tests(sequence, rates, 0.0), 0.0)
+
+
+def _between_events(watched: Any) -> tuple:
+    return watched.gap, watched.force, watched.rise
+
+
+def _of_tests(sequence: Sequence, values: tuple, none: float) -> np.ndarray:
+    """Values of all impacts, of all flights, and of stops, in one row of tests."""
+    speeds, flights, *of_stops = values
+    speeds = np.where(sequence.kind == IMPACT, speeds, none)
+    flights = np.where(_follows_another(sequence), flights, none)
+    return np.concatenate([speeds, flights, *of_stops], axis=-1)
 
 
 def _follows_another(sequence: Sequence) -> np.ndarray:
@@ -111,4 +139,4 @@ def crossings(tests: list[Test], before: Seen, after: Seen) -> list[Test]:
 
 def num_unstable(seen: Seen) -> Any:
     """How many neighbours leave."""
-    return np.count_nonzero(np.abs(seen.found.multipliers) > 1, axis=-1)
+    return np.count_nonzero(np.abs(seen.found.multipliers) > 1 + _ON_CIRCLE, axis=-1)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from .._orbits.sequence import Sequence
+from .._trajectory.event_log import RELEASE
 from .family import Place
 
 
@@ -22,8 +23,57 @@ def with_event(
     return Sequence(kinds, stops, held), place._replace(flights=flights)
 
 
+def in_rounds(k: int, num_events: int, rounds: int) -> list[int]:
+    """The numbers of an event in all rounds of a cycle that is a shorter one several times."""
+    return sorted({(k + j * num_events // rounds) % num_events for j in range(rounds)})
+
+
+def with_events(
+    sequence: Sequence,
+    place: Place,
+    kind: int,
+    stop: int,
+    at: tuple[int, float],
+    how: tuple[int, float],
+) -> tuple[Sequence, Place, int]:
+    """`with_event` in every round of a cycle, and the number of the first of these events.
+
+    Args:
+        sequence: what happens.
+        place: the cycle.
+        kind: of the event.
+        stop: of the event.
+        at: on which flight, and when, of one of them.
+        how: the number of rounds, and of forcing periods of all.
+    """
+    (flight, time), (rounds, num_periods) = at, how
+    if rounds == 1:
+        return *with_event(sequence, place, kind, stop, flight, time), flight
+    ends, flights = np.cumsum(place.flights), []
+    for when in sorted((time + j * num_periods / rounds) % num_periods for j in range(rounds))[::-1]:
+        flights.append(int(np.count_nonzero(ends < when)))
+        sequence, place = with_event(sequence, place, kind, stop, flights[-1], when)
+    return sequence, place, flights[-1]
+
+
+def with_stick(sequence: Sequence, place: Place, k: int) -> tuple[Sequence, Place]:
+    """With a stick that lasts no time after an impact `k`, and its release."""
+    stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
+    sequence, place = with_event(sequence, place, RELEASE, stop, k + 1, time)
+    held = sequence.held.copy()
+    held[k + 1, stop] = True
+    return Sequence(sequence.kind, sequence.stop, held), place
+
+
+def without_stick(sequence: Sequence, place: Place, k: int) -> tuple[Sequence, Place]:
+    """Without a release `k` that ends a stick which lasts no time."""
+    held = sequence.held.copy()
+    held[k] = held[k + 1]
+    return without_event(Sequence(sequence.kind, sequence.stop, held), place, k)
+
+
 def without_event(sequence: Sequence, place: Place, k: int) -> tuple[Sequence, Place]:
-    """Without an impact that has no speed."""
+    """Without an event that changes nothing, as an impact without speed."""
     flights = np.delete(place.flights, k)
     if k < len(flights):
         flights[k] += place.flights[k]
@@ -40,7 +90,7 @@ def with_order_exchanged(sequence: Sequence, place: Place, k: int) -> tuple[Sequ
     return Sequence(sequence.kind[order], sequence.stop[order], sequence.held), place
 
 
-def in_a_row(rounds: list[tuple[Sequence, Place]], num_periods: int) -> tuple[Sequence, Place]:
+def in_a_row(rounds: list[tuple[Sequence, Place]], num_periods: float) -> tuple[Sequence, Place]:
     """One cycle of several, of `num_periods` each and all from the same state."""
     flights, left = [], 0.0
     for _, place in rounds:

@@ -119,6 +119,30 @@ def correct(family: Family, sequence: Sequence, guess: Place, weights: Place, ta
     )
 
 
+def as_corrected(family: Family, sequence: Sequence, place: Place, tangent: Place) -> Corrected:
+    """A cycle that is known, as if Newton's method had come to it.
+
+    Args:
+        family: of the machines.
+        sequence: what happens.
+        place: the cycle and its parameter.
+        tangent: of the branch there.
+    """
+    count, zero = jnp.sum(sequence.is_event), jnp.zeros_like(place.p)
+    found, flights = linearise(family.problem(sequence, place.p), family.unknowns(place), family.scale, count)
+    pencil = condense(flights, count).pencil
+    return Corrected(
+        place=place,
+        tangent=tangent,
+        multipliers=floquet_multipliers(pencil, sequence.most_held, jnp.asarray(family.shifts)),
+        speeds=found.speed,
+        residual=jnp.max(jnp.abs(found.closing / family.scale)),
+        first=zero,
+        num_steps=jnp.array(0),
+        is_converged=jnp.array(True),
+    )
+
+
 def _at_fixed_parameter(equations: Condensed, size: int) -> Pencil:
     """How neighbours at the same parameter begin and end."""
     end, start = equations.pencil

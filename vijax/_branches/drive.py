@@ -18,6 +18,7 @@ from .plain_steps import (
     begun,
     is_as_told,
     is_plain,
+    is_resolved,
     is_sound,
     known_of,
     next_length,
@@ -144,13 +145,15 @@ class _Front:
         seen: Seen = rows.tree()
         new = known_of(known.sequence, seen.found.place, seen)
         sound = is_sound(seen.found, along(new.tangent, known.tangent), ways.ds)
+        sound &= is_resolved(known, new, ways.ds)
         taken = sound & is_plain(known, new, ways)
         if taken.any():
             followed = _call(confirm, families, sequences, _filled(new.place, size)).at(slice(num)).tree()
             taken &= is_as_told(known, seen, followed)
+        length = next_length(seen.found, known, new, ways.ds)
         known = new if taken.all() else jax.tree.map(lambda a, b: _where(taken, a, b), new, known)
         arc = np.where(taken, ways.arc + ways.ds, ways.arc)
-        ds = np.where(taken, next_length(seen.found, ways.ds), np.where(sound, ways.ds, ways.ds / 2))
+        ds = np.where(taken, length, np.where(sound, ways.ds, ways.ds / 2))
         self._add_points(taken, rows, arc)
         is_full = np.array([asked.walk.is_full for _, asked in self.members[:num]])
         return self._moved_on(

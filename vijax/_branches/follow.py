@@ -15,21 +15,25 @@ from .._trajectory.event_log import RELEASE
 from .beyond import by_machine, by_sequence, in_section, with_its_bounces
 from .branch_tests import Test, crossings, tests_of
 from .cascade import FEW, MANY, behind, is_limit, limit_of
-from .family import Place
+from .closing import first_repeated, is_at_start, rounds_of
 from .locate import first_event, special_points
-from .plain_steps import SHORTEST, STRAIGHT, PlainSteps, is_sound, next_length
-from .point import TRUSTED, Asked, Ended, Full, Point, Walk, ahead, at_parameter, on_plane
-from .programs import Followed, Request, confirm, locate_start, tell, trimmed
+from .plain_steps import (
+    PROBE,
+    SHORTEST,
+    PlainSteps,
+    is_resolved,
+    is_sound,
+    known_alone,
+    next_length,
+)
+from .point import TRUSTED, Asked, Ended, Full, Point, Walk, ahead, at_parameter, between
+from .programs import Followed, Request, confirm, tell, trimmed
 from .repeated import where_it_grazes
 
-# Length of the first step.
-_FIRST = 2e-3
 # Several events on a step longer than this are separated by shorter steps.
 _SEPARATE = 1e-4
 # A stick as short as this, in forcing periods, vanishes right there.
 _MOMENT = 1e-5
-# A cycle this near to another is that one.
-_AGAIN = 1e-8
 # Steps back to where a stick vanishes.
 _MOST_BACK = 100
 
@@ -61,7 +65,8 @@ def follow(walk: Walk, start: Point) -> Asked:
 
 
 def _follow(walk: Walk, start: Point) -> Asked:
-    point, ds = start, _FIRST
+    walk.rounds = yield from rounds_of(start.sequence, start.place, int(walk.num_periods))
+    point, ds = start, PROBE
     while not walk.is_full:
         point, ds = yield PlainSteps(walk, start, point, ds)
         if walk.is_full:
@@ -69,9 +74,9 @@ def _follow(walk: Walk, start: Point) -> Asked:
         step, ds = yield from _whole_step(walk, point, ds)
         yield from _add_special(walk, point, step)
         if step.event is not None:
-            point, ds = (yield from _beyond(walk, *step.event)), min(ds, _FIRST)
+            point, ds = (yield from _beyond(walk, *step.event)), min(ds, PROBE)
             continue
-        if (yield from _is_closed(walk, start, point, step.last)):
+        if (yield from is_at_start(walk, start, point, step.last)):
             raise Ended("closed")
         walk.points.append(step.told)
         point, ds = (yield from with_its_bounces(step.told, step.followed)), step.next_length
@@ -95,11 +100,14 @@ def _whole_step(walk: Walk, point: Point, ds: float) -> Asked:
 
 def _add_special(walk: Walk, point: Point, step: "Step") -> Asked:
     """Add the bifurcations of a step, and end where the branch does."""
-    for found in [*step.special, step.last]:
+    last = step.last if step.event is None else step.event[1]
+    for found in [*step.special, last]:
         if not walk.bounds[0] <= found.place.p <= walk.bounds[1]:
             yield from _to_bound(walk, point, found)
-        if found is not step.last:
-            yield from _add(walk, found)
+        if found is last:
+            return
+        yield from _add(walk, found)
+        yield from _to_passed(walk)
         if found.kind == "period_doubling":
             raise Ended("period_doubling")
 
@@ -156,15 +164,18 @@ def _step(walk: Walk, point: Point, ds: float) -> Asked:
     new = yield from _ahead(point, ds)
     if new is None:
         return None
+    before, after = known_alone(point), known_alone(new)
+    if not is_resolved(before, after, ds)[0]:
+        return None
     met = crossings(tests_of(point.sequence), point.seen, new.seen)
     told, followed = yield from _told_by_machine(walk, new)
     if not (met or told.is_admissible) or (len(met) > 1 and ds > _SEPARATE):
         return None
     event, last = yield from first_event(point, new, met)
-    special = yield from special_points(walk.num_periods, point, last)
+    special = yield from special_points(walk, point, last)
     if special is None and ds > _SEPARATE:
         return None
-    length = float(next_length(new.seen.found, ds))
+    length = float(next_length(new.seen.found, before, after, ds)[0])
     return Step(last, told, followed, event, special or [], length)
 
 
@@ -190,31 +201,27 @@ def _add(walk: Walk, point: Point) -> Asked:
 def _beyond(walk: Walk, test: Test, event: Point) -> Asked:
     """The point from which the branch goes on behind an event."""
     yield from _add(walk, event)
-    yield from _to_passed(walk, event)
+    yield from _to_passed(walk)
     same = [entry for entry in walk.cascade if entry[0] == test.index]
     walk.cascade = [*same, (test.index, event)] if test.kind == "touch" else []
     yield from _to_limit(walk, MANY)
     try:
-        return (yield from by_sequence(test, event))
+        return (yield from by_sequence(walk, test, event))
     except Ended:
-        return (yield from by_machine(event, test.kind))
+        new = yield from by_machine(event, test.kind)
+    if test.kind == "chatter_completion":
+        if np.count_nonzero(new.sequence.kind == RELEASE) < np.count_nonzero(event.sequence.kind == RELEASE):
+            raise Ended("chatter_completion")
+        walk.points[-1] = walk.points[-1]._replace(kind="")  # there are more bounces, and the stick goes on
+    return new
 
 
-def _to_passed(walk: Walk, event: Point) -> Asked:
-    """End where an event is one that was passed before, some forcing periods later; keep each bifurcation once."""
-    *before, last = walk.points
-    numbers = [k for k, point in enumerate(before) if point.kind]
-    for place, k in enumerate(numbers):
-        old = before[k]
-        if not isinstance(old, Point) or old.kind != last.kind or abs(old.place.p - event.place.p) > _AGAIN:
-            continue
-        for n in range(int(walk.num_periods)):
-            z = yield Request(locate_start, event.sequence, (event.place, np.asarray(float(n))))
-            if np.abs(z - old.place.z).max() < _AGAIN:
-                # The last as many were the first ones again.
-                again = [*numbers, len(before)][-place - 1]
-                del walk.points[again:]
-                raise Ended("closed")
+def _to_passed(walk: Walk) -> Asked:
+    """End where the last bifurcation was passed before; keep each once."""
+    again = yield from first_repeated(walk)
+    if again is not None:
+        del walk.points[again:]
+        raise Ended("closed")
 
 
 def _to_limit(walk: Walk, least: int) -> Asked:
@@ -240,26 +247,10 @@ def _to_bound(walk: Walk, point: Point, new: Point) -> Asked:
     p = walk.bounds[int(new.place.p > walk.bounds[1])]
     share = (p - point.place.p) / (new.place.p - point.place.p)
     if share > 0:
-        guess = Place(*(a + share * (b - a) for a, b in zip(point.place, new.place, strict=True)))
-        seen = yield from at_parameter(point.sequence, guess, p)
+        seen = yield from at_parameter(point.sequence, between(point, new, share), p)
         if not seen.found.is_converged:
             raise Ended("not_converged")
+        exact = seen.found.place._replace(p=np.asarray(p))
+        seen = seen._replace(found=seen.found._replace(place=exact))
         yield from _add(walk, Point.of(point.sequence, seen, point.arc + share * (new.arc - point.arc)))
     raise Ended("bounds")
-
-
-def _is_closed(walk: Walk, start: Point, point: Point, new: Point) -> Asked:
-    """Whether the step comes back to the start."""
-    same = np.array_equal(start.sequence.kind, point.sequence.kind) and np.array_equal(
-        start.sequence.stop, point.sequence.stop
-    )
-    if not same or len(walk.points) < 4:
-        return False
-    tangent, ds = point.tangent, new.arc - point.arc
-    s = start.place.along(tangent) - point.place.along(tangent)
-    if not 0 < s <= ds or start.tangent.along(tangent) < STRAIGHT:
-        return False
-    seen = yield from on_plane(point, start.place, s)
-    found = trimmed(seen.found.place, len(point.sequence.kind))
-    away = found.moved(start.place, -1.0)
-    return bool(seen.found.is_converged and np.sqrt(away.along(away)) < 1e-8)

@@ -124,16 +124,20 @@ class Curve:
                 continue
             bound = self._at_bound(here, new.at)
             points, end = self._met(here, new if bound is None else bound)
-            if not end and not _is_followed(points[-1]):
+            if end:
+                return [*found, *points], end
+            # An event that passes the start of the cycle is no change of it.
+            points[-1] = _in_section(points[-1])
+            if not _is_followed(points[-1]):
                 ds, why = ds / 2, "left_the_stops"
                 continue
             found += points
             bar.update(len(points))
-            if end or bound is not None:
-                return found, end or "bounds"
+            if bound is not None:
+                return found, "bounds"
             if len(found) > 2 and _is_back(begun.at, here.at, new.at):
                 return found, "closed"
-            here = found[-1] = _in_section(points[-1])
+            here = found[-1]
             ds = min(ds * (1.5 if new.at.num_steps <= _FEW else 1.0), _LONGEST)
         return found, "max_points"
 

@@ -13,12 +13,13 @@ import numpy as np
 from .._orbits.sequence import Sequence
 from .._trajectory.event_log import IMPACT
 from .changes import in_a_row, with_event, without_event
+from .closing import rounds_of
 from .family import Place
 from .point import Asked, Point, as_it_is, first_followed
-from .programs import Rates, Request, locate_start, rates_along
+from .programs import Rates, Request, rates_along
 
-# The most rounds, and of a cycle that is another one several times the same state to so much.
-_MOST, _SAME = 3, 1e-6
+# The most rounds.
+_MOST = 3
 
 
 class Touch(NamedTuple):
@@ -49,23 +50,16 @@ def touch_of(sequence: Sequence, place: Place, k: int, num_periods: int) -> Aske
     """The touch of an impact `k` without speed, of a cycle that is not several times another."""
     stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
     sequence, place = without_event(sequence, place, k)
-    num_events = len(sequence.kind)
-    for n in (n for n in range(1, num_periods) if num_periods % n == 0):
-        rounds = num_periods // n
-        z = yield Request(locate_start, sequence, (place, np.asarray(float(n))))
-        if num_events % rounds or np.abs(z - place.z).max() > _SAME:
-            continue
-        first = slice(num_events // rounds)
-        sequence = Sequence(
-            sequence.kind[first], sequence.stop[first], sequence.held[: num_events // rounds + 1]
-        )
-        place, time, num_periods = place._replace(flights=place.flights[first]), time % n, n
-        break
+    rounds = yield from rounds_of(sequence, place, num_periods)
+    num = len(sequence.kind) // rounds
+    sequence = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.held[: num + 1])
+    place, num_periods = place._replace(flights=place.flights[:num]), num_periods // rounds
+    time %= num_periods
     flight = int(np.count_nonzero(np.cumsum(place.flights) < time))
     return Touch(sequence, place, num_periods, stop, flight, time)
 
 
-def rounds_of(touch: Touch, num_periods: int) -> Iterator[list[bool]]:
+def hits_of(touch: Touch, num_periods: int) -> Iterator[list[bool]]:
     """In which rounds the touch becomes an impact, for all families but that of a branch with so many periods."""
     for rounds in range(1, _MOST + 1):
         for hits in range(1, max(rounds, 2)):

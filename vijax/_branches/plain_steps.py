@@ -7,10 +7,11 @@ is given back as it was before that step, for `follow.py` to look into.
 
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from .._orbits.sequence import NOTHING, Sequence
-from .branch_tests import TESTS_OF_NEIGHBOURS, margins, num_unstable
+from .branch_tests import TESTS_OF_NEIGHBOURS, is_crossed, margins, num_unstable, slopes
 from .correct import Corrected
 from .family import Place
 from .point import TRUSTED, Point, Walk
@@ -20,6 +21,13 @@ from .programs import Followed, Seen, padded, room_for
 _LONGEST, SHORTEST = 5e-2, 1e-9
 # The most by which a step may turn, as a cosine; iterations of Newton's method after which steps grow, or shrink.
 STRAIGHT, _FEW, _MANY = 0.98, 4, 7
+# Length of the first step, and of the probe before it from which is known how fast multipliers turn.
+FIRST, PROBE = 2e-3, 1e-5
+# How far a multiplier may move on a step, in distances from +1: at most, and as the next step is planned for. A resonance
+# is a pair of them that passes there. Steps as short as the last are not made shorter by it.
+_TURNED, _PLANNED, _NARROWEST = 0.6, 0.4, 1e-6
+# Multipliers this near the real axis are real: folds and branch points have tests of their own.
+_REAL = 1e-9
 
 
 class PlainSteps(NamedTuple):
@@ -51,16 +59,20 @@ class Known(NamedTuple):
         place: the last points.
         tangent: of the branches there.
         margins: test functions of the sequence, (branches, tests).
+        slopes: how these change along the branch.
         neighbours: those of the neighbours, (branches, 4).
         num_unstable: how many neighbours leave.
+        multipliers: (branches, 2 n).
     """
 
     sequence: Sequence
     place: Place
     tangent: Place
     margins: np.ndarray
+    slopes: np.ndarray
     neighbours: np.ndarray
     num_unstable: np.ndarray
+    multipliers: np.ndarray
 
 
 class Ways(NamedTuple):
@@ -89,10 +101,39 @@ def is_sound(found: Corrected, turn: Any, ds: Any) -> Any:
     return is_near & (turn > STRAIGHT)
 
 
-def next_length(found: Corrected, ds: Any) -> Any:
+def is_resolved(known: Known, new: Known, ds: Any) -> np.ndarray:
+    """Whether steps are short enough to see all that happens on them: no resonance is passed, and no test vanishes twice."""
+    is_slow = (_turned(known, new) <= _TURNED) | (ds <= _NARROWEST)
+    falls, rises = known.slopes * _row(ds) / 3, new.slopes * _row(ds) / 3
+    # The cubic through both ends is positive if these of its coefficients are.
+    with np.errstate(invalid="ignore"):
+        dips = (falls < 0) & (rises > 0) & ((known.margins + falls <= 0) | (new.margins - rises <= 0))
+    is_known = (known.margins > 0) & (new.margins > 0)
+    return is_slow & ~np.any(dips & is_known, axis=1)
+
+
+def next_length(found: Corrected, known: Known, new: Known, ds: Any) -> Any:
     """The length of a step after one of length `ds`."""
     steps = found.num_steps
-    return np.minimum(ds * np.where(steps <= _FEW, 1.5, np.where(steps < _MANY, 1.2, 0.7)), _LONGEST)
+    grown = ds * np.where(steps <= _FEW, 1.5, np.where(steps < _MANY, 1.2, 0.7))
+    grown = np.minimum(np.where(ds == PROBE, FIRST, grown), _LONGEST)
+    planned = ds * _PLANNED / np.maximum(_turned(known, new), np.finfo(float).tiny)
+    return np.minimum(grown, np.maximum(planned, _NARROWEST))
+
+
+def _turned(known: Known, new: Known) -> np.ndarray:
+    """How far multipliers have moved, in distances from +1, at most; real ones are not counted."""
+    mu, before = new.multipliers, known.multipliers
+    is_pair = np.isfinite(mu) & (np.abs(mu.imag) > _REAL)
+    mu = np.where(is_pair, mu, 0)
+    with np.errstate(invalid="ignore"):
+        ways = np.abs(mu[:, :, None] - before[:, None, :])
+    way = np.min(np.where(np.isfinite(ways), ways, np.inf), axis=2)
+    return np.max(np.where(is_pair, way / np.maximum(np.abs(mu - 1), _REAL), 0), axis=1)
+
+
+def _row(ds: Any) -> np.ndarray:
+    return np.reshape(ds, (-1, 1))
 
 
 def along(one: Place, other: Place) -> np.ndarray:
@@ -112,8 +153,21 @@ def known_of(sequence: Sequence, place: Place, seen: Seen) -> Known:
     """What steps from cycles that were seen are judged by."""
     values = np.stack([test.of(seen) for test in TESTS_OF_NEIGHBOURS], axis=-1)
     return Known(
-        sequence, place, seen.found.tangent, margins(sequence, seen), values, np.asarray(num_unstable(seen))
+        sequence,
+        place,
+        seen.found.tangent,
+        margins(sequence, seen),
+        slopes(sequence, seen),
+        values,
+        np.asarray(num_unstable(seen)),
+        seen.found.multipliers,
     )
+
+
+def known_alone(point: Point) -> Known:
+    """What steps from one point are judged by."""
+    sequence, place = padded(point.sequence, (point.place,), len(point.seen.found.speeds))
+    return known_of(*jax.tree.map(lambda a: np.asarray(a)[None], (sequence, place, point.seen)))
 
 
 def begun(asked: PlainSteps) -> tuple[Known, Ways]:
@@ -134,7 +188,7 @@ def begun(asked: PlainSteps) -> tuple[Known, Ways]:
 def is_plain(known: Known, new: Known, ways: Ways) -> np.ndarray:
     """Whether nothing is met on steps to new points."""
     is_met = np.any((known.margins > 0) & (new.margins <= 0), axis=1)
-    is_special = np.any(known.neighbours * new.neighbours < 0, axis=1)
+    is_special = np.any(is_crossed(known.neighbours, new.neighbours), axis=1)
     is_odd = (new.num_unstable - known.num_unstable) % 2 != 0
     low, high = ways.bounds.T
     is_out = (new.place.p < low) | (new.place.p > high)

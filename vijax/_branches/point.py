@@ -120,6 +120,7 @@ class Walk:
         max_points: the most points.
         points: so far.
         cascade: the last grazings, if all added an impact of one stop, and nothing else happened between them.
+        rounds: how often its cycles are a shorter one.
         end: why it ended.
     """
 
@@ -128,6 +129,7 @@ class Walk:
     max_points: int
     points: list[Point | PlainPoint] = field(default_factory=list)
     cascade: list[tuple[int, Point]] = field(default_factory=list)
+    rounds: int = 1
     end: str = "interrupted"
 
     @property
@@ -148,6 +150,11 @@ def at_parameter(sequence: Sequence, guess: Place, p: float) -> Asked:
     """The cycle at a value of the parameter."""
     only_p = Place(0 * guess.z, 0 * guess.flights, np.asarray(1.0))
     return (yield from corrected(sequence, guess, only_p, p))
+
+
+def between(point: Point, new: Point, share: float) -> Place:
+    """A place on the chord from one point to another."""
+    return Place(*(a + share * (b - a) for a, b in zip(point.place, new.place, strict=True)))
 
 
 def ahead(point: Point, ds: float) -> Asked:

@@ -16,9 +16,9 @@ from .._system.waves import phase_at
 from .._trajectory.solution import RESULTS
 from .._trajectory.whole import run_for_log
 from .._types import Scalar
-from .correct import Corrected, correct
+from .correct import Corrected, as_corrected, correct
 from .family import Family, Place
-from .watch import Watched, watch
+from .watch import Levels, Watched, levels, watch
 
 # Numbers of events of a cycle that programs are compiled for.
 _ROOMS = 16, 64, 256, 1024
@@ -26,10 +26,11 @@ MOST_EVENTS = _ROOMS[-1]
 
 
 class Seen(NamedTuple):
-    """A corrected cycle, what happens between its events, and its start in space, (2 n,)."""
+    """A corrected cycle, what happens between its events, how that changes along the branch, its start in space, (2 n,)."""
 
     found: Corrected
     watched: Watched
+    rates: Levels
     start: Float[Array, " state"]
 
 
@@ -58,8 +59,23 @@ def look(family: Family, sequence: Sequence, guess: Place, weights: Place, targe
     """The cycle of a sequence with `weights . place = target`."""
     found = correct(family, sequence, guess, weights, target)
     place = jax.tree.map(lambda a, b: jnp.where(found.is_converged, a, b), found.place, guess)
+    return _seen(family, sequence, found, place)
+
+
+def see(family: Family, sequence: Sequence, place: Place, tangent: Place) -> Seen:
+    """A cycle that is known, where Newton's method along the branch has no step to take."""
+    return _seen(family, sequence, as_corrected(family, sequence, place, tangent), place)
+
+
+def _seen(family: Family, sequence: Sequence, found: Corrected, place: Place) -> Seen:
     problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
-    return Seen(found, watch(problem, unknowns), unknowns.z - away_from_stops(problem))
+    watched = watch(problem, unknowns)
+
+    def levels_at(place: Place) -> Levels:
+        return levels(family.problem(sequence, place.p), family.unknowns(place), watched)
+
+    rates = jax.jvp(levels_at, (place,), (found.tangent,))[1]
+    return Seen(found, watched, rates, unknowns.z - away_from_stops(problem))
 
 
 def confirm(family: Family, sequence: Sequence, place: Place) -> Followed:

@@ -10,7 +10,7 @@ from .changes import in_a_row
 from .conditions import family_at, with_its_event
 from .drive import drive
 from .family import Family, Place
-from .leaving import leave, repeated, rounds_of, touch_of
+from .leaving import hits_of, leave, repeated, touch_of
 from .point import Asked, Point, Walk, first_followed
 from .programs import Request, jacobian
 from .starts import family_of
@@ -73,7 +73,7 @@ def _at_grazing(point: Bifurcation) -> list[PeriodicOrbit]:
     sequence, place, k, _ = with_its_event(family, "gr", sequence, place)
     (touch,) = drive([family], [touch_of(sequence, place, k, start.num_periods)], lambda: None)
     orbits = []
-    for is_hit in rounds_of(touch, start.num_periods):
+    for is_hit in hits_of(touch, start.num_periods):
         num_periods = len(is_hit) * touch.num_periods
         longer = family_of(start._replace(num_periods=num_periods), path, value - 1, value + 1)
         (other,) = drive([longer], [leave(*repeated(touch, is_hit), _TRIALS)], lambda: None)

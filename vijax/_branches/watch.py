@@ -2,24 +2,28 @@
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 from scipy.interpolate import BPoly
 
 from .._flow.interface import AbstractFlow
 from .._machine.derivatives import approaches, contact_forces, derivatives
 from .._machine.machine import Machine, resting_state
 from .._orbits.cycle import Moment, Problem, Unknowns, begin_cycle, events_of, fly, leap
+from .._orbits.sequence import NOTHING, Sequence as CycleEvents
+from .._trajectory.event_log import IMPACT
 from .._types import Scalar
 from .._xla import is_any
 
 # Samples per radian of the fastest part of the motion, the most on a flight, and what it takes from there to the
 # minimum by Newton's method.
-_DENSITY, _MOST, _STEPS = 0.7, 10_000, 4
+_DENSITY, _MOST, _STEPS = 0.7, 10_000, 6
+# A slope this small beside what a polynomial is made of, in units of rounding, is none.
+_NO_SLOPE = 8.0
 # Where the motion between two samples is looked at. Much closer at both ends: a mass that hardly leaves its stop turns
 # back soon after the impact, the sooner the more bounces there were.
 _AFTER, _BEFORE = 1e-6 * 2.5 ** np.arange(15), 1 - 1e-3 * 2.5 ** np.arange(7)
@@ -37,6 +41,10 @@ class Watched(NamedTuple):
         force: on each stop that holds, (stops,); infinite if it never does.
         force_time: when, (stops,).
         force_flight: on which flight, (stops,).
+        rise: the acceleration away from each stop after an impact without rebound, restitution 0, that leaves its mass
+            free, (stops,); infinite if there is none.
+        rise_flight: the flight that begins with it, (stops,).
+        is_plastic: whether impacts have no rebound, (stops,).
         last: the duration of the flight after the last event, in forcing periods.
     """
 
@@ -46,7 +54,26 @@ class Watched(NamedTuple):
     force: Float[Array, " stops"]
     force_time: Float[Array, " stops"]
     force_flight: Int[Array, " stops"]
+    rise: Float[Array, " stops"]
+    rise_flight: Int[Array, " stops"]
+    is_plastic: Bool[Array, " stops"]
     last: Scalar
+
+
+class Levels(NamedTuple):
+    """What is to stay positive on a cycle: speeds at its impacts, and as of `Watched` gap, force and rise.
+
+    Attributes:
+        speeds: of approach, (events,).
+        gap: (stops,).
+        force: (stops,).
+        rise: (stops,).
+    """
+
+    speeds: Float[Array, " events"]
+    gap: Float[Array, " stops"]
+    force: Float[Array, " stops"]
+    rise: Float[Array, " stops"]
 
 
 class _Reading(NamedTuple):
@@ -61,7 +88,7 @@ class _Lowest(NamedTuple):
 
     Attributes:
         value: of the minimum.
-        since: the time since the last event.
+        since: the time since the last event, and two between which it is, (stops, 3).
         held: the stops that hold, (stops, stops).
         z: the state after the last event, (stops, 2 n).
         start: the time of that event.
@@ -95,6 +122,7 @@ class _Scan(NamedTuple):
     before: _Reading
     gaps: _Lowest
     forces: _Lowest
+    rises: _Lowest
 
 
 def watch(problem: Problem, unknowns: Unknowns) -> Watched:
@@ -115,24 +143,31 @@ def watch(problem: Problem, unknowns: Unknowns) -> Watched:
         now = _read(machine, flow, begin, held, since)
         is_first, is_last = i == 0, ~(i < num)  # no end of a flight that is no number
         # A gap is least where a mass turns back; a force likewise, or where a stick begins.
-        gap, force = (_dip(a, b, step) for a, b in zip(before, now, strict=True))
+        has_left = (i == 1) & _have_left(sequence, k)
+        gap = _dip(before.gap, now.gap, step, has_left)
+        force = _dip(before.force, now.force, step, jnp.zeros_like(held))
         turns = ~is_first & ~held & gap.is_there
-        gaps = scan.gaps.lowered(turns, _lowest(gap.value, since - step * (1 - gap.part), held, begin, k))
+        gaps = scan.gaps.lowered(turns, _lowest(gap.value, gap.times(since, step), held, begin, k))
         least = jnp.where(is_first, now.force[0], force.value)
-        at = since - jnp.where(is_first, 0, step * (1 - force.part))
+        at = jnp.where(is_first, since, force.times(since, step))
         forces = scan.forces.lowered(held & (is_first | force.is_there), _lowest(least, at, held, begin, k))
+        # Without rebound a mass has neither gap nor speed: it leaves by its acceleration, or not at all.
+        rests = is_first & ~held & _is_after_plastic(machine, sequence, k)
+        rises = scan.rises.lowered(rests, _lowest(now.gap[2], since, held, begin, k))
         if room:
             event = jax.tree.map(lambda a: a[k], events)
             after = lambda: fly(machine, flow, begin, event, duration)[0]  # noqa: E731
             there = jax.lax.cond(is_any(is_last), after, lambda: begin)
             begin = jax.tree.map(lambda a, b: jnp.where(is_last, a, b), there, begin)
-        return _Scan(jnp.where(is_last, k + 1, k), jnp.where(is_last, 0, i + 1), begin, now, gaps, forces)
+        return _Scan(
+            jnp.where(is_last, k + 1, k), jnp.where(is_last, 0, i + 1), begin, now, gaps, forces, rises
+        )
 
     begin = begin_cycle(problem, machine, unknowns.z)
     none = jnp.full(machine.contacts.num, jnp.inf)
     nothing = _lowest(none, 0 * begin.time, sequence.held[0], begin, jnp.array(0))
     first = _read(machine, flow, begin, sequence.held[0], 0 * begin.time)
-    scan = _Scan(jnp.array(0), jnp.array(0), begin, first, nothing, nothing)
+    scan = _Scan(jnp.array(0), jnp.array(0), begin, first, nothing, nothing, nothing)
     scan = jax.lax.while_loop(lambda scan: scan.flight <= count, one, scan)
     gap, gap_time = _refined(machine, flow, scan.gaps, lambda reading: reading.gap)
     force, force_time = _refined(machine, flow, scan.forces, lambda reading: reading.force)
@@ -143,37 +178,125 @@ def watch(problem: Problem, unknowns: Unknowns) -> Watched:
         force=force,
         force_time=force_time - problem.phase,
         force_flight=scan.forces.flight,
+        rise=scan.rises.value,
+        rise_flight=scan.rises.flight,
+        is_plastic=machine.contacts.restitution == 0,
         last=flights[count],
     )
+
+
+def levels(problem: Problem, unknowns: Unknowns, watched: Watched) -> Levels:
+    """Read a cycle where another was watched, to see how that changes: minima do not move to first order."""
+    machine, flow, sequence = problem.machine, problem.flow, problem.sequence
+    first = begin_cycle(problem, machine, unknowns.z)
+
+    def one(begin: Moment, flight: tuple) -> tuple[Moment, tuple[Moment, Array]]:
+        there, (_, speed), _ = fly(machine, flow, begin, *flight)
+        return there, (there, speed)
+
+    begins, speeds = first, jnp.zeros_like(unknowns.flights)
+    begins = jax.tree.map(lambda a: a[None], begins)
+    if len(sequence.kind):
+        later, speeds = jax.lax.scan(one, first, (events_of(sequence), unknowns.flights))[1]
+        begins = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), begins, later)
+
+    def read(flight: Array, stop: Array, time: Array | None) -> _Reading:
+        begin = jax.tree.map(lambda a: a[flight], begins)
+        at = jax.lax.stop_gradient(begin.time)
+        since = jnp.zeros_like(at) if time is None else jnp.maximum(time + problem.phase - at, 0)
+        reading = _read(machine, flow, begin, sequence.held[flight], since)
+        return jax.tree.map(lambda a: a[stop], reading)
+
+    stops = jnp.arange(machine.contacts.num)
+    by_stop = jax.vmap(read)
+    return Levels(
+        speeds=speeds,
+        gap=by_stop(watched.gap_flight, stops, watched.gap_time).gap[0],
+        force=by_stop(watched.force_flight, stops, watched.force_time).force[0],
+        rise=jax.vmap(lambda flight, stop: read(flight, stop, None))(watched.rise_flight, stops).gap[2],
+    )
+
+
+def _have_left(sequence: CycleEvents, flight: Array) -> Array:
+    """The stops from which masses set out on a flight, (stops,)."""
+    held = sequence.held
+    if not len(sequence.kind):
+        return jnp.zeros(held.shape[1], bool)
+    before = jnp.maximum(flight - 1, 0)
+    is_own = (jnp.arange(held.shape[1]) == sequence.stop[before]) & (sequence.kind[before] != NOTHING)
+    return (flight > 0) & ~held[flight] & (is_own | held[before])
+
+
+def _is_after_plastic(machine: Machine, sequence: CycleEvents, flight: Array) -> Array:
+    """The stop whose impact without rebound begins a flight, (stops,)."""
+    if not len(sequence.kind):
+        return jnp.zeros(machine.contacts.num, bool)
+    before = jnp.maximum(flight - 1, 0)
+    is_impact = (flight > 0) & (sequence.kind[before] == IMPACT)
+    is_own = jnp.arange(machine.contacts.num) == sequence.stop[before]
+    return is_impact & is_own & (machine.contacts.restitution == 0)
 
 
 def _lowest(value: Array, since: Array, held: Array, begin: Moment, flight: Array) -> _Lowest:
     """A minimum of each stop on one flight."""
     rows = lambda a: jnp.broadcast_to(a, (len(value), *a.shape))  # noqa: E731
-    since = jnp.broadcast_to(since, value.shape)
+    since = jnp.broadcast_to(since, (3, len(value))).T
     return _Lowest(value, since, rows(held), rows(begin.z), rows(begin.time), rows(flight))
 
 
 class _Dip(NamedTuple):
-    """The lowest minimum between two samples, of each stop: whether there is one, its value, and where, from 0 to 1."""
+    """The lowest minimum between two samples, of each stop.
+
+    Attributes:
+        is_there: whether there is one.
+        value: of it.
+        part: where it is, from 0 to 1.
+        lower: after which it is.
+        upper: before which.
+    """
 
     is_there: Array
     value: Array
     part: Array
+    lower: Array
+    upper: Array
+
+    def times(self, since: Array, step: Array) -> Array:
+        """Where it is and between which times, where the samples end at a time, (3, stops)."""
+        return since - step * (1 - jnp.stack([self.part, self.lower, self.upper]))
 
 
-def _dip(before: list[Array], now: list[Array], step: Array) -> _Dip:
-    """The lowest minimum of the polynomial that has the values and derivatives of two samples."""
+def _dip(before: list[Array], now: list[Array], step: Array, has_left: Array) -> _Dip:
+    """The lowest minimum of the polynomial that has the values and derivatives of two samples.
+
+    A slope of zero at the first sample is a turn as well, for the minimum may lie where the cycle begins or another stop is
+    hit; but not of a mass that `has_left` its stop there.
+    """
     ends = jnp.stack([a * step**order for side in (before, now) for order, a in enumerate(side)])
     values, slopes = (jnp.asarray(m, ends.dtype) @ ends for m in _at_nodes(len(before)))
+    largest = jnp.max(jnp.abs(ends), axis=0)
+    none = _NO_SLOPE * jnp.finfo(ends.dtype).eps * largest
+    first = jnp.where(has_left, largest + 1, slopes[0] - none)
+    slopes = jnp.concatenate([first[None], slopes[1:]])
     turns = (slopes[:-1] < 0) & (slopes[1:] >= 0)
-    share = slopes[:-1] / jnp.where(turns, slopes[:-1] - slopes[1:], 1)
     widths = jnp.asarray(np.diff(_NODES), ends.dtype)[:, None]
-    lowest = jnp.where(turns, values[:-1] + widths * share * slopes[:-1] / 2, jnp.inf)
-    parts = jnp.asarray(_NODES[:-1], ends.dtype)[:, None] + widths * share
+    share, depth = _minimum(
+        *(jnp.where(turns, widths * a, 0) for a in (slopes[:-1], slopes[1:])), jnp.diff(values, axis=0)
+    )
+    lowest = jnp.where(turns, values[:-1] + depth, jnp.inf)
+    before_it = jnp.broadcast_to(jnp.asarray(_NODES[:-1], ends.dtype)[:, None], lowest.shape)
     at = jnp.argmin(lowest, axis=0)[None]
     pick = lambda a: jnp.take_along_axis(a, at, axis=0)[0]  # noqa: E731
-    return _Dip(jnp.any(turns, axis=0), pick(lowest), pick(parts))
+    begin, width = pick(before_it), pick(jnp.broadcast_to(widths, lowest.shape))
+    return _Dip(jnp.any(turns, axis=0), pick(lowest), begin + width * pick(share), begin, begin + width)
+
+
+def _minimum(first: Array, last: Array, rise: Array) -> tuple[Array, Array]:
+    """Where between 0 and 1 a cubic is least that begins with a negative slope and ends with none such, and how deep."""
+    bend, twist = 3 * rise - 2 * first - last, 3 * (first + last - 2 * rise)
+    root = bend + jnp.sqrt(jnp.maximum(bend * bend - twist * first, 0))
+    at = jnp.where(root > 0, -first / jnp.where(root > 0, root, 1), 0)
+    return at, at * (first + at * (bend + at * twist / 3))
 
 
 @cache
@@ -186,25 +309,31 @@ def _at_nodes(num: int) -> tuple[np.ndarray, np.ndarray]:
 def _refined(
     machine: Machine, flow: AbstractFlow, lowest: _Lowest, of: Callable[[_Reading], Sequence[Array]]
 ) -> tuple[Array, Array]:
-    """Values and times of the minima by Newton's method on the slope; what is no minimum stays as it was read."""
+    """Values and times of the minima by Newton's method on the slope, held between the two times it has for each; what is
+    no minimum stays as it was read.
+    """
 
     def one(low: _Lowest, stop: Array) -> tuple[Array, Array]:
         begin = Moment(low.z, low.start, jnp.zeros_like(lowest.value))
 
-        def nearer(_: Array, since: Array) -> Array:
+        def nearer(_: Any, at: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            since, lower, upper = at
             _, slope, rate = (a[stop] for a in of(_read(machine, flow, begin, low.held, since))[:3])
-            return since - jnp.where(rate == 0, 0, slope / jnp.where(rate == 0, 1, rate))
+            lower, upper = jnp.where(slope < 0, since, lower), jnp.where(slope < 0, upper, since)
+            newton = since - slope / jnp.where(rate > 0, rate, 1)
+            is_inside = (rate > 0) & (newton >= lower) & (newton <= upper)
+            return jnp.where(is_inside, newton, (lower + upper) / 2), lower, upper
 
-        since = jax.lax.fori_loop(0, _STEPS, nearer, low.since)
+        first, lower, upper = low.since
+        since, *_ = jax.lax.fori_loop(0, _STEPS, nearer, (first, lower, upper))
         value = of(_read(machine, flow, begin, low.held, since))[0][stop]
-        is_near = jnp.abs(since - low.since) * machine.rate * machine.period < 1 / _DENSITY
-        is_minimum = jnp.isfinite(low.value) & (low.since > 0) & is_near
-        since = jnp.where(is_minimum, since, low.since)
+        is_minimum = jnp.isfinite(low.value) & (lower < upper)
+        since = jnp.where(is_minimum, since, first)
         return jnp.where(is_minimum, value, low.value), low.start + since
 
     is_found = is_any(jnp.isfinite(lowest.value))
     refined = lambda: jax.vmap(one)(lowest, jnp.arange(len(lowest.value)))  # noqa: E731
-    return jax.lax.cond(is_found, refined, lambda: (lowest.value, lowest.start + lowest.since))
+    return jax.lax.cond(is_found, refined, lambda: (lowest.value, lowest.start + lowest.since[:, 0]))
 
 
 def _read(machine: Machine, flow: AbstractFlow, begin: Moment, held: Array, since: Array) -> _Reading:

@@ -1,0 +1,105 @@
+"""Points at which the equations of a branch are singular, by the equations of what happens there.
+
+Two branches cross at a branch point. Where a doubled branch ends it meets that of half the period, gone round twice, at the
+period doubling of the latter. Newton's method along the branch converges at neither; their defining systems are regular.
+"""
+
+from dataclasses import replace
+from functools import partial
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool
+
+from .._orbits.sequence import Sequence
+from .branch_tests import CLOSE, Test
+from .changes import in_a_row
+from .defining import AtBranchPoint, AtMultiplier, Defining, solve
+from .family import Family, Place
+from .point import Asked, Ended, Point, between, on_plane
+from .programs import Request, Seen, locate_start, see, trimmed
+
+# Cycles by which the test function of a branch point is interpolated.
+_NODES = 9
+# The most by which branches part at a point where they are to cross, and how far it is from its first guess.
+_CROSSED, _NEAR = 1e-9, 1e-2
+
+
+def crossing(family: Family, sequence: Sequence, guess: Place) -> tuple[Place, Bool[Array, ""]]:
+    """The branch point near a guess, and whether there is one."""
+    size = len(guess.z)
+    condition = AtBranchPoint(jnp.zeros(1), jnp.zeros(size), jnp.zeros((2, size + 1)))
+    defining = Defining(family, sequence, condition)
+    solved = solve(defining, defining.unknowns(guess))
+    place, own = defining.place(solved.y)
+    return place, solved.is_found & (jnp.max(jnp.abs(own)) < _CROSSED)
+
+
+def doubling(family: Family, sequence: Sequence, guess: Place) -> tuple[Place, Bool[Array, ""]]:
+    """The period doubling of a cycle of half as many periods near a guess, and whether there is one."""
+    half = replace(family, num_periods=family.num_periods / 2)
+    borders = jnp.zeros((2, len(guess.z)), jnp.result_type(guess.z, jnp.complex64))
+    defining = Defining(half, sequence, AtMultiplier(jnp.full(1, jnp.pi, guess.z.dtype), borders))
+    solved = solve(defining, defining.unknowns(guess))
+    return defining.place(solved.y)[0], solved.is_found
+
+
+def branch_point(point: Point, new: Point, test: Test) -> Asked:
+    """The branch point between two points of a branch."""
+    length = new.arc - point.arc
+    nodes = (1 - np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)) * length / 2
+    known = yield from _seen_at(point, new, nodes)
+    s = _root_of(test, known, length)
+    if not np.isfinite(s):
+        raise Ended("not_converged")
+    guess = between(point, new, s / length)
+    place, is_found = yield Request(crossing, point.sequence, (guess,))
+    place = trimmed(place, len(point.sequence.kind))
+    away = place.moved(guess, -1.0)
+    if not is_found or not np.sqrt(away.along(away)) < _NEAR:
+        raise Ended("not_converged")
+    s = place.along(point.tangent) - point.place.along(point.tangent)
+    return (yield from _as_known(point.sequence, place, point.tangent, point.arc + float(s), test.kind))
+
+
+def end_of_doubled(num_periods: float, point: Point) -> Asked:
+    """The end of a doubled branch at the period doubling from which it comes, near a point; None if it does not end there."""
+    sequence, place, half = point.sequence, point.place, num_periods / 2
+    if num_periods % 2 or len(sequence.kind) % 2:
+        return None
+    z = yield Request(locate_start, sequence, (place, np.asarray(half)))
+    if not np.abs(z - place.z).max() < CLOSE:
+        return None
+    num = len(sequence.kind) // 2
+    once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.held[: num + 1])
+    found, is_found = yield Request(doubling, once, (place._replace(flights=place.flights[:num]),))
+    if not is_found:
+        raise Ended("not_converged")
+    twice, place = in_a_row([(once, trimmed(found, num))] * 2, half)
+    return (yield from _as_known(twice, place, point.tangent, point.arc, "period_doubling"))
+
+
+def _as_known(sequence: Sequence, place: Place, tangent: Place, arc: float, kind: str) -> Asked:
+    seen: Seen = yield Request(see, sequence, (place, tangent))
+    return Point.of(sequence, seen, arc, kind=kind)
+
+
+def _seen_at(point: Point, new: Point, ways: np.ndarray) -> Asked:
+    """The cycles that are found some ways from a point, with these."""
+    found = []
+    ahead = partial(between, point, new)
+    for s in ways:
+        seen = yield from on_plane(point, ahead(s / (new.arc - point.arc)), s)
+        found += [(s, seen)] if seen.found.is_converged else []
+    return found
+
+
+def _root_of(test: Test, known: list[tuple[float, Seen]], length: float) -> float:
+    """The zero on a step of the polynomial through a test function; not a number unless there is one."""
+    if len(known) < 4:
+        return np.nan
+    ways, values = np.array([s for s, _ in known]), [test.of(seen) for _, seen in known]
+    roots = np.polynomial.Polynomial.fit(ways, values, len(ways) - 1).roots()
+    is_real = np.abs(roots.imag) < 1e-9 * length
+    roots = roots[is_real & (roots.real > 0) & (roots.real < length)].real
+    return float(roots[0]) if len(roots) == 1 else np.nan
