@@ -86,8 +86,10 @@ def test_a_doubled_branch_ends_where_it_began(doubled):
     np.testing.assert_allclose(sol.x1, orbit.x0, rtol=0, atol=1e-11)
     branch = follow(orbit, AMPLITUDE, 0.32, 0.33)
     assert "period_doubling" in branch.ends
-    end = points_of(branch, "pd")[-1]
-    assert end.value == pytest.approx(point.value, abs=1e-9)
+    # There it meets the branch of half the period, gone round twice.
+    (end,) = points_of(branch, "bp")
+    assert end.value == pytest.approx(point.value, abs=1e-15)
+    assert np.abs(end.orbit.multipliers - 1).min() < 1e-8
 
 
 def test_families_of_several_periods_leave_a_grazing(doubled):

@@ -31,32 +31,44 @@ _TRIALS = 1e-6, 1e-5, 1e-4, 1e-3
 def by_sequence(walk: Walk, test: Test, event: Point) -> Asked:
     """The same on the sequence that it must be, in the direction that its derivative tells.
 
-    On a cycle that is a shorter one several times all changes of its rounds happen at once.
+    On a cycle that is a shorter one several times the change may happen in one of its rounds, or in all of them.
     """
+    for rounds in sorted({1, walk.rounds}):
+        try:
+            new = yield from _in_rounds(rounds, walk.num_periods, test, event)
+        except Ended as why:
+            if rounds == walk.rounds:
+                raise why
+            continue
+        walk.rounds = rounds
+        return new
+
+
+def _in_rounds(rounds: int, num_periods: float, test: Test, event: Point) -> Asked:
     sequence, place, k = event.sequence, event.place, test.index
-    watched, how = event.seen.watched, (walk.rounds, walk.num_periods)
+    watched, how = event.seen.watched, (rounds, num_periods)
     if test.kind == "touch":
         flight, time = int(watched.gap_flight[k]), float(watched.gap_time[k])
         sequence, place, first = with_events(sequence, place, IMPACT, k, (flight, time), how)
         return (yield from _going_on(sequence, place, event, lambda rates: rates.speeds[first]))
     if test.kind == "gr":
         stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
-        for number in in_rounds(k, len(sequence.kind), walk.rounds)[::-1]:
+        for number in in_rounds(k, len(sequence.kind), rounds)[::-1]:
             sequence, place = without_event(sequence, place, number)
         return (yield from _going_on(sequence, place, event, lambda rates: rates.gaps[stop], time))
     if test.kind == "double_impact" and _are_impacts(sequence, k):
-        for number in in_rounds(k, len(sequence.kind), walk.rounds):
+        for number in in_rounds(k, len(sequence.kind), rounds):
             sequence, place = with_order_exchanged(sequence, place, number)
         return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[k])))
     if test.kind == "onset":
         flight = int(watched.rise_flight[k])
-        for number in in_rounds(flight - 1, len(sequence.kind), walk.rounds)[::-1]:
+        for number in in_rounds(flight - 1, len(sequence.kind), rounds)[::-1]:
             sequence, place = with_stick(sequence, place, number)
         return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[flight])))
     if test.kind == "chatter_completion":
         if not watched.is_plastic[sequence.stop[k]]:  # ever more bounces come next, see `cascade.py`
             raise Ended("chatter_completion")
-        for number in in_rounds(k, len(sequence.kind), walk.rounds)[::-1]:
+        for number in in_rounds(k, len(sequence.kind), rounds)[::-1]:
             sequence, place = without_stick(sequence, place, number)
         return (yield from _either_way(sequence, place, event))
     raise Ended(test.kind)

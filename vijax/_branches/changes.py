@@ -90,7 +90,7 @@ def with_order_exchanged(sequence: Sequence, place: Place, k: int) -> tuple[Sequ
     return Sequence(sequence.kind[order], sequence.stop[order], sequence.held), place
 
 
-def in_a_row(rounds: list[tuple[Sequence, Place]], num_periods: float) -> tuple[Sequence, Place]:
+def in_a_row(rounds: list[tuple[Sequence, Place]], num_periods: int | float) -> tuple[Sequence, Place]:
     """One cycle of several, of `num_periods` each and all from the same state."""
     flights, left = [], 0.0
     for _, place in rounds:

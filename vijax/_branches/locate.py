@@ -10,6 +10,8 @@ from .zero import Bracket, next_trial
 
 # Just before a point where the sequence changes.
 _OFF = 1e-7
+# Multipliers as large as this that change their sign on a step pass infinity, and not zero.
+_LARGE = 1e2
 
 
 def first_event(point: Point, new: Point, met: list[Test]) -> Asked:
@@ -47,7 +49,10 @@ def _just_before(point: Point, event: Point) -> Asked:
 def special_points(walk: Walk, point: Point, new: Point) -> Asked:
     """Bifurcations on a step, in their order; None if multipliers tell of more than are found."""
     found, change = [], 0
+    is_infinite = _passes_infinity(point.seen.found.multipliers[0], new.seen.found.multipliers[0])
     for test in TESTS_OF_NEIGHBOURS:
+        if test.kind in ("pd", "bp") and is_infinite:
+            continue
         if not is_crossed(test.of(point.seen), test.of(new.seen)):
             continue
         if test.kind == "bp" and any(at.kind in ("fold", "period_doubling") for at in found):
@@ -62,6 +67,12 @@ def special_points(walk: Walk, point: Point, new: Point) -> Asked:
     if (num_unstable(new.seen) - num_unstable(point.seen) - change) % 2:
         return None
     return sorted(found, key=lambda at: at.arc)
+
+
+def _passes_infinity(before: complex, after: complex) -> bool:
+    """Whether the largest multiplier passes infinity, where functions of multipliers change their sign as well."""
+    is_large = min(abs(before), abs(after)) > _LARGE
+    return bool(is_large and np.sign(before.real) != np.sign(after.real))
 
 
 def _is_there(test: Test, seen: Seen) -> bool:
