@@ -154,7 +154,7 @@ def test_the_command_runs_as_a_module_and_takes_forces_from_beside_the_file(tmp_
         "[forcing]\namplitude = [0.6]\nfrequency = 0.9\n"
     )
     command = ["sweep", tmp_path / "machine.toml", "--out", tmp_path / "kept.nc", "--over", "args.k=0.5,1"]
-    counts = ["--transient", "2", "--record", "3", "--no-progress"]
+    counts = ["--transient", "2", "--record", "3", "--no-progress", "--allow-forces", "springs"]
     done = subprocess.run([sys.executable, "-m", "vijax", *command, *counts], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     ds = xr.load_dataset(tmp_path / "kept.nc", engine="h5netcdf")
