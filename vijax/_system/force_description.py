@@ -138,8 +138,8 @@ def _alike(found: Any, wanted: Any) -> Any:
 def _name_in(told: Any, args: Any) -> str:
     """The name of a force by its text, and its numbers, on one line."""
     if isinstance(told, dict) and "path" in told:
-        fields = (f"{name}={reprlib.repr(a)}" for name, a in told.items() if name != "path")
-        name = f"{told['path']}({', '.join(fields)})"
+        fields = ", ".join(f"{name}={reprlib.repr(a)}" for name, a in told.items() if name != "path")
+        name = f"{told['path']}({fields})" if fields else str(told["path"])
     else:
         name = str(told["name"] if isinstance(told, dict) and "name" in told else told)
     whole = name if args is None else f"{name} with args {reprlib.repr(args)}"
