@@ -13,6 +13,7 @@ import pytest
 import xarray as xr
 
 import vijax as vx
+from vijax._attractors.record import has_full_mass, is_linear, machines
 from vijax._command_line.main import main
 from vijax._system.description import describe
 from vijax._system.system import with_args
@@ -297,6 +298,19 @@ def test_numbers_are_printed_alike_wherever_a_machine_is_from(place):
     others = [vx.load("machine.toml"), vx.system_of(xr.Dataset(attrs=attributes))]
     assert not any(leaf.weak_type for one in (system, *others) for leaf in jax.tree.leaves(one))
     assert {repr(one.force) for one in others} == {repr(system.force)} == {"CubicSpring(stiffness=f64[])"}
+
+
+def test_impacts_of_a_machine_are_known_without_its_force():
+    told = {"mass": [[2.0, 0.5], [0.5, 1.0]], "damping": np.eye(2).tolist(), "stiffness": np.eye(2).tolist()}
+    told |= {"forcing": LOAD | {"amplitude": [0.6, 0.0]}, "force": {"name": "<lambda>"}}
+    told |= {"stops": [{"mass": 0, "side": "upper", "position": 0.5, "restitution": 0.7}]}
+    points = {"result": ("force.cubic", np.zeros(2, int))}
+    ds = xr.Dataset(points, {"force.cubic": [0.5, 1.0]}, {"system": json.dumps(told), "dtype": "float64"})
+    assert has_full_mass(ds)
+    assert not is_linear(ds)
+    machine, _ = machines(ds, np.arange(2))
+    np.testing.assert_allclose(machine.inverse_mass[..., 0], np.linalg.inv(told["mass"]), rtol=1e-15)
+    assert machine.contacts.num == 1
 
 
 @pytest.mark.thorough
