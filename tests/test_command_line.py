@@ -123,7 +123,15 @@ def test_what_cannot_be_done_is_told_in_a_sentence(machine, capsys, typed, sente
 def test_a_table_that_is_not_known_is_told(machine, capsys):
     machine.write_text(machine.read_text().replace("transient", "transients"))
     assert main(SWEEP) == 2
-    assert "`sweep` has `transients`, which is not known" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "`sweep` has `transients`, which is not known" in told
+    assert "did you mean `transient`?" in told
+
+
+def test_a_file_does_not_allow_itself_what_it_names(machine, capsys):
+    machine.write_text(machine.read_text().replace("[sweep]", '[sweep]\nallow_forces = ["springs"]'))
+    assert main(SWEEP) == 2
+    assert "`sweep` has `allow_forces`, which is not known" in capsys.readouterr().err
 
 
 def test_a_sweep_that_is_stopped_says_what_is_kept(machine, capsys, monkeypatch):
@@ -154,7 +162,7 @@ def test_the_command_runs_as_a_module_and_takes_forces_from_beside_the_file(tmp_
         "[forcing]\namplitude = [0.6]\nfrequency = 0.9\n"
     )
     command = ["sweep", tmp_path / "machine.toml", "--out", tmp_path / "kept.nc", "--over", "args.k=0.5,1"]
-    counts = ["--transient", "2", "--record", "3", "--no-progress"]
+    counts = ["--transient", "2", "--record", "3", "--no-progress", "--allow-forces", "springs"]
     done = subprocess.run([sys.executable, "-m", "vijax", *command, *counts], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     ds = xr.load_dataset(tmp_path / "kept.nc", engine="h5netcdf")

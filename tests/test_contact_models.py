@@ -81,8 +81,14 @@ def test_every_parameter_of_a_model_may_be_traced_and_differentiated(name):
             lambda: vx.models.gear_pair(1.0, 1.0, radii=[1.0]),
             r"`radii` must have shape \(2,\), but has shape \(1,\)",
         ),
-        (lambda: vx.models.cantilever(1.0, num_elements=0), "`num_elements` must be 1 or more, but is 0"),
-        (lambda: vx.models.bead_column(num_beads=0), "`num_beads` must be 1 or more, but is 0"),
+        (
+            lambda: vx.models.cantilever(1.0, num_elements=0),
+            "`num_elements` must be a whole number, 1 or more, but is 0",
+        ),
+        (
+            lambda: vx.models.bead_column(num_beads=0),
+            "`num_beads` must be a whole number, 1 or more, but is 0",
+        ),
         (
             lambda: vx.models.ball_between_walls(1.0, jnp.array([0.1])),
             r"`amplitude` must be a number, but has shape \(1,\)",

@@ -95,7 +95,7 @@ def test_a_force_is_found_by_its_path_and_has_its_args(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     file = tmp_path / "machine.toml"
     file.write_text('force = "springs:cubic"\nargs = [2.0]\n' + TEXT)
-    force = vx.load(file).force
+    force = vx.load(file, allow_forces=["springs"]).force
     found = force(jnp.asarray(0.0), jnp.asarray([0.5]), jnp.asarray([0.0]))
     np.testing.assert_allclose(found, [-0.25], rtol=1e-15)
     monkeypatch.delitem(sys.modules, "springs")
@@ -142,17 +142,34 @@ def with_line(line: str) -> str:
         ),
         (with_line('force = "nowhere_at_all:f"'), "'nowhere_at_all:f' cannot be imported"),
         (with_line('force = "math:pie"'), "'math:pie' cannot be imported"),
-        (with_line('force = "math:pi"'), "`force` must be a function, but math:pi is 3.14"),
+        (with_line('force = "math:pi"'), "classes of `eqx.Module`, but math:pi is of type float"),
         (with_line("force = 3.0"), '`force` must be "package.module:function"'),
         (with_line("args = [2.0]"), "`args` are passed to `force`, but there is no `force`"),
-        (with_line('force = {path = "math:sin", k = 1.0}'), "math:sin is no class, so it has no fields k"),
+        (
+            with_line('force = {path = "json:loads", k = 1.0}'),
+            "json:loads is no class, so it has no fields k",
+        ),
+        (with_line('force = {path = "vijax.models:CubicSpring"}'), "cannot be made of the fields none"),
+        (
+            with_line('force = {path = "vijax.models:CubicSpring", stifness = 1.0}'),
+            "CubicSpring has no field `stifness`: it has stiffness",
+        ),
+        (with_line('force = ".x:y"'), r"must be \"package.module:function\", but is '.x:y'"),
+        (with_line('force = "vijax.models:CubicSpring"\nargs = {path = 1}'), 'function", but is 1'),
+        (
+            with_line('force = {path = "vijax.models:CubicSpring", stiffness = 1.0}\nargs = ["1.0"]'),
+            r"A list in `force` or `args` must be an array of numbers, but is \['1.0'\]",
+        ),
+        (TEXT.replace("damping", "dampng"), "no `damping`: .* Instead of `dampng`, did you mean `damping`?"),
+        (with_line("force = " + "[" * 50 + "]" * 50), "is nested more than 40 deep"),
+        (with_line("force = " + "[" * 99999 + "]" * 99999), "is nested more than 40 deep"),
     ],
 )
 def test_what_is_wrong_with_a_file_is_told(tmp_path, text, sentence):
     file = tmp_path / "machine.toml"
     file.write_text(text)
     with pytest.raises(ValueError, match=sentence) as refusal:
-        vx.load(file)
+        vx.load(file, allow_forces=True)
     assert str(file) in str(refusal.value)
 
 
@@ -162,3 +179,23 @@ def test_a_file_of_another_kind_is_refused(tmp_path):
     (tmp_path / "list.json").write_text("[]")
     with pytest.raises(ValueError, match="must hold a machine, a table, but holds list"):
         vx.load(tmp_path / "list.json")
+    (tmp_path / "deep.json").write_text('{"mass": ' + "[" * 99999)
+    with pytest.raises(ValueError, match="is nested more than 40 deep"):
+        vx.load(tmp_path / "deep.json")
+
+
+def test_a_file_without_end_is_not_read(tmp_path, monkeypatch):
+    monkeypatch.setattr("vijax._system.files._LARGEST", 1 << 20)
+    (tmp_path / "machine.json").write_text(" " * (1 << 21))
+    with pytest.raises(ValueError, match="has more than 1 MiB, which no machine needs"):
+        vx.load(tmp_path / "machine.json")
+
+
+@pytest.mark.parametrize("make", [True, False])
+def test_a_place_where_nothing_can_be_written_is_told(tmp_path, make):
+    (tmp_path / "taken").write_text("")
+    file = tmp_path / ("taken" if make else "nowhere") / "machine.toml"
+    with pytest.raises(
+        ValueError, match=r"Argument `file` must name a place that can be written to, but .* is none"
+    ):
+        vx.save(machine(), file)

@@ -1,5 +1,7 @@
 """Branches of machines with a force of the user's own, whose cycles are followed by a solver of diffrax."""
 
+import json
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -106,3 +108,14 @@ def test_a_branch_in_a_file_tells_a_force_that_can_be_imported(tmp_path):
     again = vx.Branch(xr.open_dataset(tmp_path / "branch.nc")).orbit(0)
     np.testing.assert_array_equal(again.x0, branch.orbit(0).x0)
     assert get_parameter(again.system, "force.stiffness") == pytest.approx(branch.values[0])
+
+    # As if the force were one that no text holds.
+    told = json.loads(branch.points.attrs["system"]) | {"force": {"name": "<lambda>"}}
+    kept = branch.points.assign_attrs(system=json.dumps(told))
+    with pytest.raises(ValueError, match="which no text can hold"):
+        vx.Branch(kept).orbit(0)
+    for again in (vx.Branch(kept, force=system.force), vx.Branch(kept, system)):
+        np.testing.assert_array_equal(again.orbit(0).x0, branch.orbit(0).x0)
+        assert get_parameter(again.orbit(0).system, "force.stiffness") == pytest.approx(branch.values[0])
+    with pytest.raises(ValueError, match=r"Give `vx\.Branch` the machine, or its force, not both"):
+        vx.Branch(kept, system, force=system.force)

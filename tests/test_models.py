@@ -292,7 +292,7 @@ def test_a_uniform_chain_of_two_masses_is_that_of_the_paper():
 
 
 def test_a_chain_of_one_mass_is_refused():
-    with pytest.raises(ValueError, match="`num_masses` must be 2 or more, but is 1"):
+    with pytest.raises(ValueError, match="`num_masses` must be a whole number, 2 or more, but is 1"):
         vx.models.uniform_chain(0.8, num_masses=1)
 
 

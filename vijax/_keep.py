@@ -6,6 +6,8 @@ from pathlib import Path
 import jax
 from platformdirs import user_cache_path
 
+from ._writing import told_where
+
 try:
     from jax.experimental.compilation_cache.compilation_cache import reset_cache
 except ImportError:  # without it, nothing may have been compiled before
@@ -26,6 +28,9 @@ def keep_compiled(folder: str | os.PathLike[str] | None = None) -> Path:
     Returns:
         The folder.
 
+    Raises:
+        ValueError: if the folder cannot be made.
+
     Example:
         ```python
         import vijax as vx
@@ -34,7 +39,8 @@ def keep_compiled(folder: str | os.PathLike[str] | None = None) -> Path:
         ```
     """
     place = user_cache_path("vijax") if folder is None else Path(folder)
-    place.mkdir(parents=True, exist_ok=True)
+    with told_where("folder", place):
+        place.mkdir(parents=True, exist_ok=True)
     jax.config.update("jax_compilation_cache_dir", str(place))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

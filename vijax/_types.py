@@ -11,11 +11,12 @@ several times slower.)
 """
 
 import operator
+import reprlib
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from functools import cache, reduce, wraps
-from typing import TYPE_CHECKING, Any, ParamSpec, SupportsIndex, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, SupportsFloat, SupportsIndex, TypeVar
 
 import jax
 import jax.core
@@ -85,21 +86,37 @@ def known_stays_known() -> AbstractContextManager:
 
 
 @at_once
-def as_float(value: Numbers) -> Array:
-    """Convert to a floating-point array in the precision that JAX is set to, from any other."""
-    is_traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
-    if is_traced or isinstance(value, bool | int | float):
+def as_float(value: Numbers, name: str = "") -> Array:
+    """Convert to a floating-point array in the precision that JAX is set to, from any other.
+
+    Args:
+        value: numbers.
+        name: of the argument, for the sentence that refuses anything else.
+    """
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value)):
         array = jnp.asarray(value)
         wanted = _wanted(array)
         return array if array.dtype == wanted else array.astype(wanted)
-    if isinstance(value, jax.Array) and value.dtype == _wanted(value):
+    if isinstance(value, jax.Array) and value.dtype == _wanted(value) and not value.weak_type:
         return value
-    return jax.device_put(as_known(value))
+    return jax.device_put(as_known(value, name))
 
 
-def as_known(value: Numbers) -> np.ndarray:
+def as_known(value: Numbers, name: str = "") -> np.ndarray:
     """The same by NumPy, which compiles nothing."""
-    array = np.asarray(value)
+    try:
+        array = np.asarray(value)
+        if array.dtype == object and all(isinstance(a, SupportsFloat) for a in array.flat):
+            array = array.astype(float)  # fractions, decimals
+    except (ValueError, TypeError, OverflowError):  # lists of different lengths, numbers that are too large
+        array = np.asarray(None)
+    if array.dtype.kind not in "biufc" and not jnp.issubdtype(array.dtype, np.floating):
+        who = (
+            f"Argument `{name}` must be made of real numbers, but is"
+            if name
+            else "Expected real numbers, but got"
+        )
+        raise ValueError(f"{who} {reprlib.repr(value)}.")
     return np.array(array, _wanted(array))
 
 

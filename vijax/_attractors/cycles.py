@@ -44,7 +44,8 @@ def periodic_orbits(
         closing of the cycle, relative to the size of the motion. Where none was found, NaN, False and 0.
 
     Raises:
-        ValueError: if the dataset holds no machine, or one with a `force` that cannot be imported, or `executor` is none.
+        ValueError: if the dataset holds no machine, or one with a `force` that may not be imported, see `vx.system_of`, or
+            cannot, or `executor` is none.
         RuntimeError: if the executor takes no more tasks, or loses one again and again.
 
     Example:

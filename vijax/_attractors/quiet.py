@@ -19,7 +19,7 @@ from .._machine.machine import Machine
 from .._machine.rows import Rows
 from .._trajectory.solution import Solution
 from .period_ends import filled
-from .record import forcing_periods, machines
+from .record import forcing_periods, is_linear, machines
 from .response import lanes_first, modes_of, response_of, vibration_left
 
 # Points per block: the machines of all points at once would need much memory.
@@ -44,10 +44,10 @@ def stays_quiet(
     """
     period = forcing_periods(source)
     is_proved, factor = np.zeros(len(x), bool), np.full(len(x), np.nan)
-    for first in range(0, len(which), _BLOCK):
+    for first in range(0, len(which) if is_linear(source) else 0, _BLOCK):
         block = filled(which[first : first + _BLOCK])
         machine, angle = machines(source, block)
-        if machine is None or machine.extra is not None or len(machine.mean) != x.shape[1]:
+        if machine is None or len(machine.mean) != x.shape[1]:
             break
         is_proved[block], contraction = never_hits(machine, angle, x[block], v[block])
         # Not proved where a coordinate was dropped, which gives another machine.

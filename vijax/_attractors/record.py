@@ -9,6 +9,7 @@ import xarray as xr
 
 from .._machine.machine import Machine
 from .._sweep.provenance import machines_of
+from .._system.force_description import TOLD
 from .._trajectory.event_log import IMPACT, RELEASE, STICK
 from .._trajectory.solution import Solution
 from .period_ends import machines_of_lanes
@@ -85,13 +86,16 @@ def forcing_periods(source: Solution | xr.Dataset) -> np.ndarray:
 
 
 def machines(source: Solution | xr.Dataset, which: np.ndarray) -> tuple[Machine | None, float]:
-    """The machines of some points, lanes last, if they are known, and the phase of the load at the ends of periods."""
+    """The machines of some points, lanes last, if they are known, and the phase of the load at the ends of periods.
+
+    Those of a dataset are without their force, of which impacts know nothing: it need not be imported.
+    """
     if isinstance(source, Solution):
         angle = float(source.machine.frequency) * float(source.t0)
         return jax.tree.map(lambda a: np.asarray(a)[..., None], source.machine), angle
     try:
-        system = machines_of(source, tuple(dims_of(source)), which)
-    except ValueError:  # no machine in the attributes, or one with a force that cannot be imported
+        system = machines_of(source, tuple(dims_of(source)), which, force=TOLD)
+    except ValueError:  # no machine in the attributes
         return None, 0.0
     return machines_of_lanes(system), 0.0
 
@@ -101,7 +105,17 @@ def has_full_mass(source: Solution | xr.Dataset) -> bool:
     if isinstance(source, Solution):
         return source.machine.inverse_mass.ndim > 1
     try:
-        return machines_of(source).has_full_mass
+        return machines_of(source, force=TOLD).has_full_mass
+    except ValueError:  # as in `machines`
+        return False
+
+
+def is_linear(source: Solution | xr.Dataset) -> bool:
+    """Whether the machine is known to have no force."""
+    if isinstance(source, Solution):
+        return source.machine.extra is None
+    try:
+        return machines_of(source, force=TOLD).force is None
     except ValueError:  # as in `machines`
         return False
 

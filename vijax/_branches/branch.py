@@ -1,7 +1,8 @@
 """What `continuation` returns: a branch of periodic orbits and its bifurcations."""
 
 import json
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +16,8 @@ from .._orbits.cycle import Problem, Unknowns, log_of_cycle, prepared
 from .._orbits.free_shifts import free_shifts
 from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
 from .._orbits.sequence import NOTHING, Sequence
-from .._system.description import build, describe
+from .._system.description import build_from, describe
+from .._system.forces_by_path import Allowed
 from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem, bound
 from .._trajectory.event_log import IMPACT
@@ -32,12 +34,20 @@ class Branch:
     Attributes:
         points: a Dataset along `point`, in the order of arclength; `branch.points.to_netcdf(file)` keeps a branch, and
             `vx.Branch(xr.open_dataset(file))` is the same again.
-        system: the machine of its orbits but for the parameter; built from the attributes of `points` if left out, which
-            tell a `force` by where it is imported from.
+        system: the machine of its orbits but for the parameter; built from the attributes of `points` if left out, once an
+            orbit is asked for.
+        allow_forces: modules from which the `force` of that machine may be imported, as for `vx.system_of`.
+        force: the force of that machine, as for `vx.system_of`.
     """
 
     points: xr.Dataset
     system: ImpactSystem | None = None
+    allow_forces: Allowed = field(default=False, kw_only=True)
+    force: Callable | None = field(default=None, kw_only=True)
+
+    def __post_init__(self):
+        if self.system is not None and self.force is not None:
+            raise ValueError("Give `vx.Branch` the machine, or its force, not both.")
 
     @property
     def path(self) -> str:
@@ -64,9 +74,10 @@ class Branch:
         """The orbit at a point."""
         if not -len(self) <= k < len(self):
             raise IndexError(f"The branch has {len(self)} points, so there is no point {k}.")
-        attrs = self.points.attrs
-        system = self.system or bound(build(json.loads(attrs["system"]), attrs["dtype"]))
-        return _orbit(jax.tree.map(jnp.asarray, system), self.points.isel(point=k))
+        system = self.system or build_from(
+            self.points.attrs, allow_forces=self.allow_forces, force=self.force
+        )
+        return _orbit(jax.tree.map(jnp.asarray, bound(system)), self.points.isel(point=k))
 
     def __len__(self) -> int:
         return self.points.sizes["point"]

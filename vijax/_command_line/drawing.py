@@ -8,7 +8,8 @@ import xarray as xr
 
 from .._attractors.classify import classify
 from .._branches.branch import Branch
-from .._system.files import load
+from .._system.files import look_at, read_table
+from .._system.spelling import did_you_mean
 from .datasets import check_folder, is_machine, open_dataset
 from .values import assignment, numbers
 
@@ -62,13 +63,16 @@ def draw(asked: argparse.Namespace) -> None:
     from .. import plot  # imports matplotlib
 
     if is_machine(asked.file):
-        plot.machine(load(asked.file))
+        plot.machine(look_at(read_table(asked.file), asked.file))
         return
     ds = open_dataset(asked.file)
     for text in asked.at:
         path, value = assignment(text)
         if path not in ds.dims:
-            raise ValueError(f"--at {text}: the dataset has {', '.join(map(str, ds.dims))}, but no `{path}`.")
+            dims = [str(dim) for dim in ds.dims]
+            raise ValueError(
+                f"--at {text}: the dataset has {', '.join(dims)}, but no `{path}`.{did_you_mean(path, dims)}"
+            )
         ds = ds.sel({path: numbers(path, value)[0]}, method="nearest")
     kind = asked.kind or _kind_of(ds)
     pictures = {

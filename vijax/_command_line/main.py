@@ -5,11 +5,9 @@ traceback, and exit code 1, is a defect of this program.
 """
 
 import argparse
-import os
 import sys
 import warnings
 from collections.abc import Sequence
-from pathlib import Path
 
 import jax
 
@@ -34,7 +32,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     asked = _parser().parse_args(arguments)
     jax.config.update("jax_enable_x64", True)
-    _let_forces_be_imported(asked)
     with warnings.catch_warnings():
         warnings.showwarning = lambda message, *rest: _tell(asked, f"warning: {message}")
         try:
@@ -59,11 +56,3 @@ def _parser() -> argparse.ArgumentParser:
 
 def _tell(asked: argparse.Namespace, sentence: str) -> None:
     print(f"vijax {asked.command}: {sentence}", file=sys.stderr)  # noqa: T201
-
-
-def _let_forces_be_imported(asked: argparse.Namespace) -> None:
-    """Find the module of a force in the folder where the command is called, and beside the file."""
-    file: Path = asked.machine if asked.command == "sweep" else asked.file
-    for folder in (os.getcwd(), str(file.resolve().parent)):
-        if folder not in sys.path:
-            sys.path.append(folder)

@@ -5,7 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from .._keep import keep_compiled
+from .._sweep.provenance import system_of
 from .datasets import open_dataset
+from .forces import add_allow_forces, allowed
 
 _ABOUT = """
 Look at a sweep in a browser: a click on its bifurcation diagram, or chart, shows the motion there, a slider changes a
@@ -23,6 +25,7 @@ def add_to(commands: Any) -> None:
     add("--dark", action="store_true", help="light on dark")
     add("--keep-compiled", action=argparse.BooleanOptionalAction, default=True,
         help="keep compiled programs for later (~/.cache/vijax)")  # fmt: skip
+    add_allow_forces(parser)
     parser.set_defaults(run=run)
 
 
@@ -32,4 +35,7 @@ def run(asked: argparse.Namespace) -> None:
 
     if asked.keep_compiled:
         keep_compiled()
-    serve(open_dataset(asked.file).load(), port=asked.port, show=asked.show, dark=asked.dark)
+    ds = open_dataset(asked.file).load()
+    if asked.allow_forces:
+        system_of(ds, allow_forces=allowed(asked, asked.file))  # from now on it is known
+    serve(ds, port=asked.port, show=asked.show, dark=asked.dark)

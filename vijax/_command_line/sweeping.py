@@ -10,8 +10,10 @@ from .._keep import keep_compiled
 from .._sweep.sweep import sweep
 from .._system.files import machine_of_table, read_table
 from .._system.parameters import set_parameter
+from .._system.spelling import did_you_mean
 from .._system.system import bound
 from .datasets import check_target, is_machine, open_dataset, write
+from .forces import add_allow_forces, allowed
 from .values import RANGES, assignment, numbers, one_or_several, swept_values
 
 _ABOUT = """
@@ -26,7 +28,7 @@ a machine, machine.toml:                        vx.save(system, "machine.toml") 
   damping = [[0.1]]
   stiffness = [[1.0]]
   stops = [{mass = 0, side = "upper", position = 0.3, restitution = 0.7}]
-  # force = "package.module:function"           with args = [...] for what it is passed
+  # force = "package.module:function"           with args = [...] for what it is passed, and --allow-forces package
   [forcing]
   amplitude = [0.6]
   frequency = 0.8
@@ -78,6 +80,7 @@ def add_to(commands: Any) -> None:
         help="keep compiled programs for later commands (~/.cache/vijax)",
     )
     add("--progress", action=argparse.BooleanOptionalAction, help="show a bar (if a terminal looks on)")
+    add_allow_forces(parser)
     parser.set_defaults(run=run, progress=sys.stderr.isatty())
 
 
@@ -86,7 +89,7 @@ def run(asked: argparse.Namespace) -> None:
     if not is_machine(asked.machine):
         raise ValueError(f"{asked.machine} must be a machine, .toml or .json.")
     table = read_table(asked.machine)
-    system = bound(machine_of_table(table, asked.machine))
+    system = bound(machine_of_table(table, asked.machine, allowed(asked, asked.machine)))
     for text in getattr(asked, "changes", []):
         path, value = assignment(text)
         system = set_parameter(system, path, one_or_several(path, value))
@@ -126,6 +129,7 @@ def _options(table: Any, typed: dict[str, Any], file: str) -> dict[str, Any]:
     if unknown:
         raise ValueError(
             f"{file}: `sweep` has `{unknown[0]}`, which is not known: there are {', '.join(known)}."
+            f"{did_you_mean(unknown[0], known)}"
         )
     over = table.get("over", {}) | dict(assignment(text) for text in typed.get("over", []))
     if not over:

@@ -10,7 +10,8 @@ import xarray as xr
 from .._branches.branch import Branch
 from .._printing import Told, as_text
 from .._sweep.provenance import system_of
-from .._system.files import load, read_table
+from .._system.files import look_at, read_table
+from .._system.force_description import TOLD
 from .datasets import is_machine, open_dataset
 
 _HOW = ("transient", "record", "carry", "carry_from", "flow", "dtype", "vijax_version")
@@ -34,8 +35,9 @@ def run(asked: argparse.Namespace) -> None:
 
 def words_of_machine(file: Path) -> str:
     """A machine, and what its file says of sweeps."""
-    table, words = read_table(file).get("sweep"), repr(load(file))
-    return words if table is None else f"{words}\nsweep\n  {table}"
+    table = read_table(file)
+    words = repr(look_at(table, file))
+    return f"{words}\nsweep\n  {table['sweep']}" if "sweep" in table else words
 
 
 def words_of_dataset(ds: xr.Dataset) -> str:
@@ -67,6 +69,6 @@ def _span(values: xr.DataArray) -> str:
 def _machine(ds: xr.Dataset) -> str:
     """The machine, or why it is not known."""
     try:
-        return repr(system_of(ds)).replace("\n", "\n  ")
+        return repr(system_of(ds, force=TOLD)).replace("\n", "\n  ")
     except ValueError as error:
         return str(error)

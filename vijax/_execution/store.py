@@ -36,6 +36,7 @@ import numpy as np
 from .._flow.interface import AbstractFlow
 from .._system.force import BoundForce, program_of
 from .._system.system import ImpactSystem
+from .._writing import told_where
 from .points import Point
 from .records import Impact
 from .runner import AbstractRunner, Found, together
@@ -159,8 +160,10 @@ def _begin(folder: Path, manifest: dict[str, Any], settings: ExecutionSettings) 
             )
     periods = manifest["transient"] + manifest["record"]
     size = (settings.cores or count_cores()) * settings.chunk_of(periods)
-    folder.mkdir(parents=True, exist_ok=True)
-    _write(file, json.dumps({"points_per_chunk": size, "sweep": manifest}, indent=1).encode(), _first_come)
+    text = json.dumps({"points_per_chunk": size, "sweep": manifest}, indent=1)
+    with told_where("store", folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        _write(file, text.encode(), _first_come)
 
 
 def describe_sweep(

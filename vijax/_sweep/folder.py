@@ -18,6 +18,7 @@ import numpy as np
 import xarray as xr
 
 from .._execution.store import read_manifest
+from .._writing import told_where
 from .dataset import FILL
 
 # Impacts of a point that stand in one file.
@@ -135,11 +136,12 @@ def begin(folder: Folder, coordinates: xr.Dataset, manifest: dict[str, Any]) -> 
             )
         part = path.with_name(f"{path.name}.{uuid.uuid4().hex}.part")
         try:
-            coordinates.to_zarr(part, zarr_format=3, consolidated=False)
-            _group(part).create_array(
-                _LONGEST, shape=(int(np.prod(folder.blocks)),), chunks=(1,), dtype=np.int32, fill_value=-1
-            )
-            _group(part)[_BLOCKS].attrs.update({"block": folder.block, "sweep": manifest})
+            with told_where("out", path):
+                coordinates.to_zarr(part, zarr_format=3, consolidated=False)
+                _group(part).create_array(
+                    _LONGEST, shape=(int(np.prod(folder.blocks)),), chunks=(1,), dtype=np.int32, fill_value=-1
+                )
+                _group(part)[_BLOCKS].attrs.update({"block": folder.block, "sweep": manifest})
             with contextlib.suppress(OSError):  # another process was first
                 os.replace(part, path)
         finally:

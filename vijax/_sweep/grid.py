@@ -12,7 +12,12 @@ from .._types import Numbers, as_float
 
 def values_of(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:
     """The values of every swept quantity, at least one, (points, ...)."""
-    axes = {path: np.asarray(as_float(v)) for path, v in values.items()}
+    if not isinstance(values, Mapping):
+        raise ValueError(
+            "Argument `values` must give the values of each quantity by its path, as {'forcing.frequency': [0.8, 0.9]}, but is "
+            f"{values!r}."
+        )
+    axes = {path: np.asarray(as_float(v, path)) for path, v in values.items()}
     if not axes:
         raise ValueError("Argument `values` is empty: name a quantity to sweep, or use `simulate`.")
     if "mass" in axes:
@@ -28,7 +33,9 @@ def values_of(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:
 def base_of(system: ImpactSystem, x0: Numbers | None, v0: Numbers | None) -> Point:
     """The machine and start that hold where nothing is swept."""
     n = system.num_masses
-    base = Point(system, *(np.zeros(n) if a is None else np.asarray(as_float(a)) for a in (x0, v0)))
+    given = {"x0": x0, "v0": v0}
+    starts = (np.zeros(n) if a is None else np.asarray(as_float(a, name)) for name, a in given.items())
+    base = Point(system, *starts)
     for name in ("x0", "v0"):
         if getattr(base, name).shape != (n,):
             raise ValueError(

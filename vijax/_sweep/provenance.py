@@ -2,8 +2,9 @@
 
 import json
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from functools import lru_cache
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -15,8 +16,11 @@ from .._dataset_attributes import versions
 from .._execution.points import Point, with_values
 from .._execution.runner import Counts
 from .._flow.interface import AbstractFlow
-from .._system.description import build, describe
-from .._system.parameters import axis_names, force_parameters, is_parameter
+from .._system.description import build_from, describe
+from .._system.force import ToldForce
+from .._system.force_description import TOLD
+from .._system.forces_by_path import Allowed
+from .._system.parameters import axis_names, force_parameters, is_of_force, is_parameter
 from .._system.system import ImpactSystem, bound, unbound
 
 
@@ -56,19 +60,27 @@ def name_of_flow(motion: AbstractFlow, wanted: AbstractFlow | None) -> str:
     return type(motion).__name__ if wanted is None else eqx.tree_pformat(wanted, width=10**6)
 
 
-def system_of(ds: xr.Dataset) -> ImpactSystem:
+def system_of(
+    ds: xr.Dataset, *, allow_forces: Allowed = False, force: Callable | None = None
+) -> ImpactSystem:
     """Build the machine of a sweep again, from its dataset alone, in memory or from a file.
+
+    A dataset may come from anywhere, and to import a `force` runs its module. So none is imported but those of
+    `vijax.models`, those that this process has itself swept or saved, and those that are allowed here, which from then on
+    `vx.periodic_orbits`, `vx.branches`, `vx.explore` and others take as well.
 
     Args:
         ds: what `vx.sweep` returned, or a part of it. Quantities of which one value is selected have
             it; those that still have several keep the value of the machine that was swept.
+        allow_forces: names of modules from which a force may be imported, as for `vx.load`, or True for any.
+        force: the force of the machine, where it cannot be imported, or shall not be: a `lambda`, a function of a
+            notebook or of the main program. It is taken as it is, and has the swept values and `args` of the dataset.
 
     Returns:
         The machine, bit for bit. A `force` is imported from where it was, and has the `args` of the sweep.
 
     Raises:
-        ValueError: if the attributes hold no machine, or one with a `force` that cannot be imported: a `lambda`, or a
-            function of a notebook or of the main program.
+        ValueError: if the attributes hold no machine, or one with a `force` that may not be imported, or cannot.
 
     Example:
         ```python
@@ -78,11 +90,17 @@ def system_of(ds: xr.Dataset) -> ImpactSystem:
         sol = vx.simulate(vx.system_of(point), 0.0, 80.0)
         ```
     """
-    return unbound(jax.tree.map(lambda a: jnp.asarray(a[..., 0]), machines_of(ds)))
+    machines = machines_of(ds, allow_forces=allow_forces, force=force)
+    return unbound(jax.tree.map(lambda a: jnp.asarray(a[..., 0]), machines))
 
 
 def machines_of(
-    ds: xr.Dataset, dims: Sequence[Hashable] = (), which: np.ndarray | None = None
+    ds: xr.Dataset,
+    dims: Sequence[Hashable] = (),
+    which: np.ndarray | None = None,
+    *,
+    allow_forces: Allowed = False,
+    force: Callable | None = None,
 ) -> ImpactSystem:
     """Build the machines of many points of a sweep, from its dataset alone.
 
@@ -91,18 +109,20 @@ def machines_of(
         dims: the dimensions of the points; none for a single point. Quantities that vary along others keep
             the value of the machine that was swept.
         which: the points that are wanted, counted through `dims`; all of them if left out.
+        allow_forces: as for `system_of`.
+        force: likewise; with `TOLD` the machines are known but for their force.
 
     Returns:
         The machines as arrays of NumPy, lanes last, their forces bound; leaves that are the same everywhere have a
         single one.
 
     Raises:
-        ValueError: if the attributes hold no machine, or one with a `force` that cannot be imported, or if nothing tells
-            what varies along one of `dims`.
+        ValueError: if the attributes hold no machine, or one with a `force` that may not be imported, or cannot, or if
+            nothing tells what varies along one of `dims`.
     """
     if "system" not in ds.attrs:
         raise ValueError("Argument `ds` must carry the attributes of `vx.sweep`, but has no `system`.")
-    system = _built(ds.attrs["system"], ds.attrs["dtype"])
+    system = _built(ds.attrs, allow_forces, force)
     start = np.zeros(system.num_masses, ds.attrs["dtype"])
     base, sizes = Point(system, start, start), [ds.sizes[dim] for dim in dims]
     which = np.arange(math.prod(sizes)) if which is None else which
@@ -111,8 +131,9 @@ def machines_of(
     known: set[Hashable] = {"direction"}
     for path, (along, values) in _swept_values(ds, base, set(dims)).items():
         lanes = values.values[tuple(places[dim] for dim in along)]
-        swept[path] = np.asarray(lanes if along else lanes[None], start.dtype)
         known.update(along)
+        if is_parameter(base, path):
+            swept[path] = np.asarray(lanes if along else lanes[None], start.dtype)
     if not known.issuperset(dims):
         unknown = ", ".join(f"`{dim}`" for dim in dims if dim not in known)
         raise ValueError(f"Argument `ds` must have swept quantities as coordinates along {unknown}.")
@@ -120,18 +141,21 @@ def machines_of(
     return with_values(base, swept).system
 
 
-def _built(description: str, dtype: str) -> ImpactSystem:
+def _built(attributes: dict[Any, Any], allow_forces: Allowed, force: Callable | None) -> ImpactSystem:
     """The machine that was swept, its force bound; one without a force, which cannot change, is built once."""
-    told = json.loads(description)
-    if told.get("force") is None:
-        return _linear(description, dtype, bool(jax.config.read("jax_enable_x64")))
-    return bound(build(told, dtype))
+    if force is None or isinstance(force, ToldForce):
+        text, dtype = str(attributes["system"]), str(attributes.get("dtype"))
+        system = _without_force(text, dtype, bool(jax.config.read("jax_enable_x64")))
+        if system.force is None or force is not None:
+            return system
+    return bound(build_from(attributes, allow_forces=allow_forces, force=force))
 
 
 @lru_cache(maxsize=16)
-def _linear(description: str, dtype: str, x64: bool) -> ImpactSystem:
+def _without_force(text: str, dtype: str, x64: bool) -> ImpactSystem:
+    """The machine, of a force no more than its name."""
     del x64  # the precision that it is built in
-    return build(json.loads(description), dtype)
+    return build_from({"system": text, "dtype": dtype}, force=TOLD)
 
 
 def _swept_values(
@@ -147,4 +171,9 @@ def _swept_values(
         # Names given to a parameter's own dimension, `mass` for instance, are no values.
         if dims.issuperset(along) and not is_counter and name not in own:
             found[path] = along, values.transpose(*along, *own)
-    return {path: values for path, values in found.items() if is_parameter(base, path)}
+    is_told = isinstance(base.system.force, ToldForce)  # whose numbers are none of the machine's
+    return {
+        path: values
+        for path, values in found.items()
+        if is_parameter(base, path) or (is_told and is_of_force(path))
+    }

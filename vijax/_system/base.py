@@ -48,7 +48,7 @@ def base_excitation(
     References:
         J. P. Den Hartog, Mechanical Vibrations (4th ed., 1956), Ch. 2.
     """
-    m, a, w = as_float(mass), as_float(amplitude), as_float(frequency)
+    m, a, w = as_float(mass, "mass"), as_float(amplitude, "amplitude"), as_float(frequency, "frequency")
     angle = as_float(jnp.zeros_like(a) if phase is None else phase)
     if m.ndim != 1:
         raise ValueError(f"Argument `mass` must have shape (n,), but has shape {m.shape}.")

@@ -164,9 +164,9 @@ class Contact(AbstractLimit):
                 f"{{0: 1.0, 1: -1.0}}, but is {row!r}."
             )
         self.masses = tuple(whole_number("row", mass) for mass in row)
-        self.row = as_float(list(row.values()))
-        self.position = as_float(position)
-        self.restitution = as_float(restitution)
+        self.row = as_float(list(row.values()), "row")
+        self.position = as_float(position, "position")
+        self.restitution = as_float(restitution, "restitution")
         self.motion = motion
 
     def __check_init__(self):

@@ -1,5 +1,6 @@
 """A machine as tables, lists, numbers and words, such as JSON and TOML keep, and back."""
 
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -8,13 +9,17 @@ from jax.typing import DTypeLike
 
 from .contact import Contact
 from .force_description import build_force, describe_force
+from .forces_by_path import Allowed
 from .forcing import Harmonic
+from .spelling import did_you_mean
 from .stop import Stop
 from .system import ImpactSystem
+from .tables import table_of
 
 _ARRAYS, _OF_FORCING = ("mass", "damping", "stiffness"), ("amplitude", "frequency", "phase", "mean")
 _OF_MOTION = tuple(name for name in _OF_FORCING if name != "frequency")
 _OF_LIMIT = "position", "restitution"
+_TYPES = ("float32", "float64")
 
 
 def describe(system: ImpactSystem) -> dict[str, Any]:
@@ -38,11 +43,23 @@ def describe(system: ImpactSystem) -> dict[str, Any]:
     }
 
 
-def build(description: dict[str, Any], dtype: DTypeLike) -> ImpactSystem:
+def build(
+    description: dict[str, Any],
+    dtype: DTypeLike,
+    *,
+    allow_forces: Allowed = False,
+    force: Callable | None = None,
+) -> ImpactSystem:
     """The machine of a description, in numbers of type `dtype`; its force is bound to `args`, if there are.
 
+    Args:
+        description: what `describe` has made, or somebody by hand.
+        dtype: of its numbers.
+        allow_forces: the modules of forces that may be imported, see `vx.load`.
+        force: what is taken in place of the force that the description tells of.
+
     Raises:
-        ValueError: for a description that makes no machine, or of a force that cannot be imported.
+        ValueError: for a description that makes no machine, or of a force that may not be imported, or cannot.
     """
     _check_names("The machine", description, (*_ARRAYS, "forcing"), ("stops", "force", "args"))
     arrays = {name: _array(name, description[name], dtype) for name in _ARRAYS}
@@ -51,10 +68,24 @@ def build(description: dict[str, Any], dtype: DTypeLike) -> ImpactSystem:
     if not isinstance(told, list):
         raise ValueError(f"`stops` must be a list of tables, but is {told!r}.")
     stops = [_stop(f"stops[{j}]", lists, forcing, dtype) for j, lists in enumerate(told)]
-    system = ImpactSystem(**arrays, forcing=forcing, stops=stops, force=build_force(description))
+    own = build_force(description, allow_forces, force)
+    system = ImpactSystem(**arrays, forcing=forcing, stops=stops, force=own)
     # Made in the precision that JAX is set to, which holds every number of a narrower one.
     narrow = jax.dtypes.canonicalize_dtype(dtype)
     return jax.tree.map(lambda a: a.astype(narrow), system)
+
+
+def build_from(
+    attributes: Mapping[Any, Any], *, allow_forces: Allowed = False, force: Callable | None = None
+) -> ImpactSystem:
+    """The machine that the attributes of a dataset tell of, see `build`."""
+    text, dtype = attributes.get("system"), attributes.get("dtype")
+    if not isinstance(text, str) or dtype not in _TYPES:
+        raise ValueError(
+            f"Datasets of vijax have attributes `system`, a text, and `dtype`, one of {', '.join(_TYPES)}, but `dtype` is {dtype!r}."
+        )
+    name = "The attribute `system` of the dataset"
+    return build(table_of(text, "JSON", name), dtype, allow_forces=allow_forces, force=force)
 
 
 def _place(stop: Stop | Contact) -> dict[str, Any]:
@@ -126,7 +157,8 @@ def _check_names(name: str, lists: Any, needed: tuple[str, ...], others: tuple[s
         [a for a in lists if a not in (*needed, *others)],
     )
     known = ", ".join(f"`{a}`" for a in dict.fromkeys((*needed, *others)))
+    meant = did_you_mean(unknown[0], [*missing, *needed, *others]) if unknown else ""
     if missing:
-        raise ValueError(f"{name} has no `{missing[0]}`: it has {known}.")
+        raise ValueError(f"{name} has no `{missing[0]}`: it has {known}.{meant}")
     if unknown:
-        raise ValueError(f"{name} has `{unknown[0]}`, which is not known: there are {known}.")
+        raise ValueError(f"{name} has `{unknown[0]}`, which is not known: there are {known}.{meant}")

@@ -2,18 +2,23 @@
 
 import json
 import os
-import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from .._writing import told_where
 from .description import build, describe
-from .force_description import check_force_is_told
+from .force_description import TOLD, check_force_is_told
+from .forces_by_path import Allowed
 from .system import ImpactSystem, with_args
+from .tables import table_of
 
 # Endings of files of machines.
 SUFFIXES = (".toml", ".json")
 # What files of the command line hold beside a machine.
 _BESIDE = ("sweep",)
+# Bytes of a file that are read; the matrices of a thousand masses take less than half.
+_LARGEST = 1 << 28
 
 
 def save(system: ImpactSystem, file: str | os.PathLike[str], *, args: object = None) -> None:
@@ -29,7 +34,8 @@ def save(system: ImpactSystem, file: str | os.PathLike[str], *, args: object = N
         args: what is passed to the `force` of the machine, which the file then holds too.
 
     Raises:
-        ValueError: for another ending, a batch of machines, or a force that cannot be imported.
+        ValueError: for another ending, a batch of machines, a force that cannot be imported, or a place that cannot be
+            written to.
 
     Example:
         ```python
@@ -44,28 +50,35 @@ def save(system: ImpactSystem, file: str | os.PathLike[str], *, args: object = N
     description = describe(system)
     check_force_is_told(description)
     build(description, system.mass.dtype)  # refuses what would not come back, a batch for instance
-    path.write_text(_text(path, _without_none(description)), encoding="utf-8")
+    text = _text(path, _without_none(description))
+    with told_where("file", path):
+        path.write_text(text, encoding="utf-8")
 
 
-def load(file: str | os.PathLike[str]) -> ImpactSystem:
+def load(file: str | os.PathLike[str], *, allow_forces: Allowed = False) -> ImpactSystem:
     """Make the machine of a file that `save`, or somebody by hand, has written.
 
     Of a load `phase` and `mean` may be left out, of a stop its `motion`, and `stops` altogether. A stop has
     a `mass` and a `side`, a contact a `row`, a table of coefficients by the numbers of masses. A table `sweep`, see
     `python -m vijax sweep --help`, is not looked at.
 
-    A `force` is imported, which runs its module: load only what you trust. If the file holds `args` too, the
-    machine has them, and `simulate`, `sweep` and all others use them unless they are given others.
+    To import a `force` runs its module, so a file names none but those of `vijax.models`, those that this process has itself
+    saved or swept, or was allowed before, and those that `allow_forces` allows; it is made of functions and classes of
+    `eqx.Module`, and nothing else is called. If the file holds `args` too, the machine has them, and `simulate`, `sweep`
+    and all others use them unless they are given others.
 
     Args:
         file: by its ending TOML or JSON.
+        allow_forces: names of modules from which a force may be imported, `["springs"]`, each with its submodules;
+            True for any that the file names, which may then run whatever is installed. The force must be defined in one of
+            them.
 
     Returns:
         The machine, in the precision that JAX is set to.
 
     Raises:
         ValueError: for another ending, a file that makes no machine, with the place and the remedy, or a force that
-            cannot be imported.
+            may not be imported, or cannot.
         OSError: if the file cannot be read.
 
     Example:
@@ -75,13 +88,24 @@ def load(file: str | os.PathLike[str]) -> ImpactSystem:
         sol = vx.simulate(vx.load("machine.json"), 0.0, 80.0)
         ```
     """
-    return machine_of_table(read_table(file), file)
+    return machine_of_table(read_table(file), file, allow_forces)
 
 
-def machine_of_table(table: dict[str, Any], file: str | os.PathLike[str]) -> ImpactSystem:
-    """The machine of a file that is read."""
+def look_at(table: dict[str, Any], file: str | os.PathLike[str]) -> ImpactSystem:
+    """The machine of a file that is read, to be printed or drawn: its force has no more than a name, and nothing is imported."""
+    return machine_of_table(table, file, force=TOLD)
+
+
+def machine_of_table(
+    table: dict[str, Any],
+    file: str | os.PathLike[str],
+    allow_forces: Allowed = False,
+    force: Callable | None = None,
+) -> ImpactSystem:
+    """The machine of a file that is read, see `build`."""
+    own = {name: a for name, a in table.items() if name not in _BESIDE}
     try:
-        return build({name: a for name, a in table.items() if name not in _BESIDE}, "float64")
+        return build(own, "float64", allow_forces=allow_forces, force=force)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from error
 
@@ -89,14 +113,18 @@ def machine_of_table(table: dict[str, Any], file: str | os.PathLike[str]) -> Imp
 def read_table(file: str | os.PathLike[str]) -> dict[str, Any]:
     """What a file of TOML or JSON holds."""
     path = _checked(file)
+    kind = path.suffix[1:].upper()
+    with path.open("rb") as opened:
+        found = opened.read(_LARGEST + 1)
+    if len(found) > _LARGEST:
+        raise ValueError(
+            f"{file} has more than {_LARGEST >> 20} MiB, which no machine needs: it is not read."
+        )
     try:
-        text = path.read_text(encoding="utf-8")
-        table = json.loads(text) if path.suffix.lower() == ".json" else tomllib.loads(text)
-    except ValueError as error:  # of both formats, and of text that is none
-        raise ValueError(f"{file} cannot be read as {path.suffix[1:].upper()}: {error}") from error
-    if not isinstance(table, dict):
-        raise ValueError(f"{file} must hold a machine, a table, but holds {type(table).__name__}.")
-    return table
+        text = found.decode("utf-8")
+    except ValueError as error:
+        raise ValueError(f"{file} cannot be read as {kind}: {error}") from error
+    return table_of(text, kind, str(file))
 
 
 def _text(path: Path, table: dict[str, Any]) -> str:

@@ -48,6 +48,8 @@ class _Frozen(eqx.Module):
 
 def name_of_force(force: Callable) -> str:
     """Name of a force, and its structure without its numbers."""
+    if isinstance(force, ToldForce):
+        return force.name
     if isinstance(force, BoundForce):
         args = "" if force.args is None else f" with args {eqx.tree_pformat(force.args, width=10**6)}"
         return name_of_force(force.force) + args
@@ -57,6 +59,15 @@ def name_of_force(force: Callable) -> str:
 def whole_force(force: Callable) -> Callable:
     """A force as the user gave it, its numbers arrays."""
     return eqx.combine(force.numbers, force.rest) if isinstance(force, _Frozen) else force
+
+
+class ToldForce(eqx.Module):
+    """In place of a force of which nothing is wanted but its name."""
+
+    name: str = eqx.field(static=True)
+
+    def __call__(self, t: Array, x: Array, v: Array, args: PyTree) -> Array:
+        raise ValueError(f"The force {self.name} was not imported, so nothing can be computed with it.")
 
 
 class BoundForce(eqx.Module):

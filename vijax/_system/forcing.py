@@ -48,15 +48,15 @@ class Harmonic(eqx.Module):
         phase: Numbers | None = None,
         mean: Numbers | None = None,
     ):
-        self.amplitude = as_float(amplitude)
-        self.frequency = as_float(frequency)
+        self.amplitude = as_float(amplitude, "amplitude")
+        self.frequency = as_float(frequency, "frequency")
         n = self.amplitude.shape[-1:]
         self.phase = (
             as_float(np.zeros(self.amplitude.shape, self.amplitude.dtype))
             if phase is None
-            else as_float(phase)
+            else as_float(phase, "phase")
         )
-        self.mean = as_float(np.zeros(n, self.amplitude.dtype)) if mean is None else as_float(mean)
+        self.mean = as_float(np.zeros(n, self.amplitude.dtype) if mean is None else mean, "mean")
 
     def __check_init__(self):
         shape = self.amplitude.shape

@@ -24,6 +24,7 @@ from jaxtyping import Array, PyTree
 
 from .._types import Numbers, as_float
 from .force import numbers_of
+from .spelling import did_you_mean
 from .system import ImpactSystem, check_again
 
 Whole = TypeVar("Whole", bound=eqx.Module)
@@ -98,7 +99,7 @@ def set_parameter(whole: Whole, path: str, value: Numbers) -> Whole:
     old = [jnp.asarray(leaves[i]) for i in place.leaves]
     entries = [a[place.index] for a in old]
     _check_alike(path, entries)
-    new, one, all_places = as_float(value), entries[0].shape, (len(old), *entries[0].shape)
+    new, one, all_places = as_float(value, path), entries[0].shape, (len(old), *entries[0].shape)
     if new.shape != one and not ("*" in path and new.shape == all_places):
         wanted = f"{one} or {all_places}" if "*" in path else f"{one}"
         raise ValueError(f"The value of `{path}` must have shape {wanted}, but has shape {new.shape}.")
@@ -181,6 +182,8 @@ def _check_alike(path: str, values: Iterable[Array]) -> None:
 
 def _names_nothing(whole: eqx.Module, path: str) -> str:
     names, system = parameter_names(whole), _machine_of(whole)
+    every = [re.sub(r"^stops\[\d+\]", "stops[*]", name) for name in names]
+    meant = did_you_mean(path, dict.fromkeys([*every, *names]))
     of_stops = dict.fromkeys(re.sub(r"stops\[\d+\]", "", name) for name in names if name.startswith("stops["))
     names = [name for name in names if not name.startswith("stops[")]
     names += [f"stops[{j}]{name}" for j in ("j", "*") for name in of_stops]
@@ -189,6 +192,6 @@ def _names_nothing(whole: eqx.Module, path: str) -> str:
         f"them as in `x0[1]` or `damping[0][1]`; the machine has {system.num_masses} masses and "
         f"{system.num_stops} stops."
     )
-    if system.force is None:
-        return sentence
-    return f"{sentence} Of its force, floating-point numbers have paths: write 1.0 in it, not 1."
+    if system.force is not None:
+        sentence += " Of its force, floating-point numbers have paths: write 1.0 in it, not 1."
+    return sentence + meant

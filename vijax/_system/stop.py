@@ -62,9 +62,9 @@ class Stop(AbstractLimit):
         motion: Harmonic | None = None,
     ):
         self.mass = whole_number("mass", mass)
-        self.position = as_float(position)
+        self.position = as_float(position, "position")
         self.side = side
-        self.restitution = as_float(restitution)
+        self.restitution = as_float(restitution, "restitution")
         self.motion = motion
 
     def __check_init__(self):

@@ -67,9 +67,10 @@ class ImpactSystem(eqx.Module):
         stops: Sequence[Stop | Contact] = (),
         force: Any = None,
     ):
-        self.mass = as_float(mass)
-        self.damping = as_float(damping)
-        self.stiffness = as_float(stiffness)
+        self.mass = as_float(mass, "mass")
+        self.damping = as_float(damping, "damping")
+        self.stiffness = as_float(stiffness, "stiffness")
+        _check_parts(forcing, stops)
         self.forcing, self.stops = _of_one_frequency(*in_full_precision((forcing, tuple(stops))))
         self.force = as_force(force)
 
@@ -149,6 +150,19 @@ class ImpactSystem(eqx.Module):
     def num_stops(self) -> int:
         """Number of stops."""
         return len(self.stops)
+
+
+def _check_parts(forcing: Any, stops: Any) -> None:
+    """Refuse what is no load, or no list of stops."""
+    if not isinstance(forcing, Harmonic):
+        raise ValueError(
+            "Argument `forcing` must be a `vx.Harmonic`, one whose amplitudes are 0 if nothing drives the machine, but is "
+            f"{forcing!r}."
+        )
+    if not isinstance(stops, list | tuple) or not all(isinstance(stop, Stop | Contact) for stop in stops):
+        raise ValueError(
+            f"Argument `stops` must be a list of `vx.Stop` and `vx.Contact`, also where there is one, but is {stops!r}."
+        )
 
 
 def _of_one_frequency(
@@ -242,8 +256,9 @@ def chain(
     References:
         Wagg & Bishop (2004), Eqs. 1-2.
     """
-    mass, damping, stiffness = (as_float(a) for a in (masses, dampings, stiffnesses))
-    for name, values in (("masses", mass), ("dampings", damping), ("stiffnesses", stiffness)):
+    given = {"masses": masses, "dampings": dampings, "stiffnesses": stiffnesses}
+    mass, damping, stiffness = (as_float(a, name) for name, a in given.items())
+    for name, values in zip(given, (mass, damping, stiffness), strict=True):
         if values.shape != (mass.size,):
             raise ValueError(
                 f"Argument `{name}` must have one entry per mass, shape ({mass.size},), "

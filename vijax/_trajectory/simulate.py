@@ -137,9 +137,9 @@ def follow(
         convert, known = as_known, known_machine(system, args)
         system = known.system
     zeros = np.zeros(system.num_masses)
-    begin, end = convert(t0), convert(t1)
-    times = end[None] if ts is None else convert(ts)
-    x, v = (convert(zeros if a is None else a) for a in (x0, v0))
+    begin, end = convert(t0, "t0"), convert(t1, "t1")
+    times = end[None] if ts is None else convert(ts, "ts")
+    x, v = (convert(zeros if a is None else a, name) for name, a in (("x0", x0), ("v0", v0)))
     for name, value in (("x0", x), ("v0", v)):
         if value.shape != zeros.shape:
             raise ValueError(f"Argument `{name}` must have shape {zeros.shape}, but has shape {value.shape}.")

@@ -10,7 +10,7 @@ from .._system.contact import Contact
 from .._system.forcing import Harmonic
 from .._system.stop import Stop
 from .._system.system import ImpactSystem
-from .._types import Numbers, as_float, at_once
+from .._types import Numbers, as_float, at_once, whole_number
 
 
 def bouncing_ball(
@@ -190,8 +190,7 @@ def bead_column(
         Physical Review E 49 (1994) 1634-1646; S. McNamara and W. R. Young, "Inelastic collapse and clumping in a one-dimensional
         granular medium", Physics of Fluids A 4 (1992) 496-504.
     """
-    if num_beads < 1:
-        raise ValueError(f"Argument `num_beads` must be 1 or more, but is {num_beads}.")
+    num_beads = whole_number("num_beads", num_beads, 1)
     d = as_float(diameter)
     masses = jnp.broadcast_to(as_float(mass), (num_beads,))
     motion = None if amplitude is None else _travel(amplitude, frequency, phase)
@@ -199,7 +198,7 @@ def bead_column(
     between = [Contact({i - 1: 1.0, i: -1.0}, -d, restitution) for i in range(1, num_beads)]
     above = [] if position is None else [Stop(num_beads - 1, as_float(position) - d, "upper", restitution)]
     none = jnp.zeros((num_beads, num_beads))
-    weight = Harmonic(jnp.zeros(num_beads), frequency, mean=-masses * gravity)
+    weight = Harmonic(jnp.zeros(num_beads), frequency, mean=-masses * as_float(gravity))
     return ImpactSystem(masses, none, none, weight, [floor, *between, *above])
 
 
@@ -214,5 +213,5 @@ def _travel(amplitude: ArrayLike, frequency: ArrayLike, phase: ArrayLike) -> Har
 def _ball(floor: Stop, mass: ArrayLike, gravity: ArrayLike, frequency: ArrayLike) -> ImpactSystem:
     """A ball on which only its weight and the floor act."""
     masses = as_float(mass)[None]
-    load = Harmonic([0.0], frequency, mean=-masses * gravity)
+    load = Harmonic([0.0], frequency, mean=-masses * as_float(gravity))
     return ImpactSystem(masses, [[0.0]], [[0.0]], load, [floor])

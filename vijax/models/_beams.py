@@ -7,7 +7,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._system.forcing import Harmonic
 from .._system.stop import Stop
 from .._system.system import ImpactSystem
-from .._types import as_float, at_once
+from .._types import as_float, at_once, whole_number
 
 # The lowest root b of cos(b) cosh(b) = -1.
 _FIRST_ROOT = 1.8751040687119611
@@ -68,13 +68,12 @@ def cantilever(
         F. C. Moon and S. W. Shaw, "Chaotic vibrations of a beam with non-linear boundary conditions", Int. J. Non-Linear
         Mechanics 18 (1983) 465-477; J. S. Przemieniecki, Theory of Matrix Structural Analysis (1968), Ch. 5 and 11.
     """
-    if num_elements < 1:
-        raise ValueError(f"Argument `num_elements` must be 1 or more, but is {num_elements}.")
+    num_elements = whole_number("num_elements", num_elements, 1)
     h, tip = as_float(length) / num_elements, 2 * num_elements - 2
     mass = _assembled(_MASS, h, num_elements) * as_float(mass_per_length) * h
     stiffness = _assembled(_STIFFNESS, h, num_elements) * as_float(bending_stiffness) / h**3
     first = (_FIRST_ROOT / length) ** 2 * jnp.sqrt(as_float(bending_stiffness) / mass_per_length)
-    force, angle = (jnp.zeros(2 * num_elements).at[tip].set(a) for a in (amplitude, phase))
+    force, angle = (jnp.zeros(2 * num_elements).at[tip].set(as_float(a)) for a in (amplitude, phase))
     stop = Stop(tip, position, "upper", restitution)
     damping = 2 * as_float(damping_ratio) / first * stiffness
     return ImpactSystem(mass, damping, stiffness, Harmonic(force, frequency, angle), [stop])

@@ -6,7 +6,7 @@ from jaxtyping import ArrayLike
 from .._system.forcing import Harmonic
 from .._system.stop import Stop
 from .._system.system import ImpactSystem, chain
-from .._types import as_float, at_once
+from .._types import as_float, at_once, whole_number
 
 
 def wagg_bishop_a(frequency: ArrayLike, amplitude: ArrayLike = 0.3) -> ImpactSystem:
@@ -106,9 +106,8 @@ def uniform_chain(
         motions, chaos and spatial coherence in a 10 degree of freedom impact oscillator", Chaos, Solitons
         and Fractals 3 (1993) 515-536, study another machine of ten masses.
     """
-    if num_masses < 2:
-        raise ValueError(f"Argument `num_masses` must be 2 or more, but is {num_masses}.")
-    load = Harmonic(jnp.zeros(num_masses).at[0].set(amplitude), frequency)
+    num_masses = whole_number("num_masses", num_masses, 2)
+    load = Harmonic(jnp.zeros(num_masses).at[0].set(as_float(amplitude)), frequency)
     stops = [Stop(i, position, "upper", restitution) for i in (0, num_masses - 1)]
     m, c, k = (jnp.full(num_masses, as_float(a)) for a in (mass, damping, stiffness))
     return chain(m, c, k, load, stops)

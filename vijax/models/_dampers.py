@@ -55,4 +55,4 @@ def impact_damper(
         Contact({0: 1.0, 1: -1.0}, position, restitution),
     ]
     damping, stiffness = (jnp.diag(jnp.array([a, 0.0])) for a in (2 * as_float(damping_ratio), 1.0))
-    return ImpactSystem(jnp.array([1.0, mass_ratio]), damping, stiffness, load, ends)
+    return ImpactSystem(jnp.array([1.0, as_float(mass_ratio)]), damping, stiffness, load, ends)

@@ -14,6 +14,7 @@ from .._orbits.orbit import PeriodicOrbit
 from .._trajectory.event_log import IMPACT
 from .._trajectory.solution import Solution
 from .._types import Numbers
+from .._writing import told_where
 from ._colors import ink
 from ._drawing import PITCH, Drawing, Pose, draw, face_of, place_of_limit
 from ._labels import Units
@@ -132,11 +133,12 @@ def _checked_path(file: str | os.PathLike | None) -> Path | None:
 
 
 def _write(film: FuncAnimation, path: Path, fps: int) -> None:
-    if path.suffix.lower() == ".html":
-        path.write_text(film.to_jshtml(), encoding="utf-8")
-    else:
-        is_gif = path.suffix.lower() == ".gif"
-        film.save(path, writer=PillowWriter(fps=fps) if is_gif else FFMpegWriter(fps=fps))
+    with told_where("file", path):
+        if path.suffix.lower() == ".html":
+            path.write_text(film.to_jshtml(), encoding="utf-8")
+        else:
+            is_gif = path.suffix.lower() == ".gif"
+            film.save(path, writer=PillowWriter(fps=fps) if is_gif else FFMpegWriter(fps=fps))
 
 
 def _times(

@@ -1,6 +1,5 @@
 """Branches of periodic orbits: the velocities of their impacts against the parameter."""
 
-import json
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple, overload
 
@@ -10,8 +9,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from .._branches.branch import Branch
-from .._system.description import build
-from .._system.parameters import set_parameter
+from .._system.description import build_from
+from .._system.force_description import TOLD
+from .._system.parameters import is_of_force, set_parameter
 from .._system.system import ImpactSystem
 from .._trajectory.event_log import IMPACT
 from ._axes import check_index, column_of_axes, legend_beside, once, span_of_values, span_so_far
@@ -154,8 +154,8 @@ def _common(branches: list[Branch], ds: xr.Dataset | None) -> tuple[str, int]:
 
 
 def _system(points: xr.Dataset) -> ImpactSystem:
-    """The machine of a branch, at one of its points."""
-    return build(json.loads(points.attrs["system"]), points.attrs["dtype"])
+    """The machine of a branch, at one of its points, but for its force."""
+    return build_from(points.attrs, force=TOLD)  # of the stops alone
 
 
 def _stop_masses(branch: Branch) -> np.ndarray:
@@ -201,7 +201,7 @@ def _impacts(points: xr.Dataset, stop: int) -> Iterator[Impacts]:
     times = points.attrs["phase"] + np.cumsum(points["flight"].values, axis=1)
 
     def carried(value: jax.Array, angles: jax.Array) -> jax.Array:
-        machine = set_parameter(system, path, value)
+        machine = system if is_of_force(path) else set_parameter(system, path, value)
         at = machine.stops[stop]
         if at.slot is None:  # the speed at which a contact closes is all that there is
             return 0 * angles
