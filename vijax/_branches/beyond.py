@@ -22,6 +22,9 @@ from .family import Place
 from .point import Asked, Ended, Point, Walk, as_it_is, corrected
 from .programs import Followed, Rates, Request, confirm, locate_start, rates_along, trimmed
 
+# Rounds of a cycle in which something changes at once, and forcing periods of all of it.
+How = tuple[int, float]
+
 # What leads off a point where the sequence changes: the first of these that does not leave the branch.
 _OFF = 1e-7, 1e-8, 1e-9, 1e-10
 # Where no step leads off, the machine itself is tried at these distances.
@@ -33,9 +36,11 @@ def by_sequence(walk: Walk, test: Test, event: Point) -> Asked:
 
     On a cycle that is a shorter one several times the change may happen in one of its rounds, or in all of them.
     """
+    if test.kind not in _CHANGES:
+        raise Ended(test.kind)
     for rounds in sorted({1, walk.rounds}):
         try:
-            new = yield from _in_rounds(rounds, walk.num_periods, test, event)
+            new = yield from _CHANGES[test.kind](event, test.index, (rounds, walk.num_periods))
         except Ended as why:
             if rounds == walk.rounds:
                 raise why
@@ -44,34 +49,64 @@ def by_sequence(walk: Walk, test: Test, event: Point) -> Asked:
         return new
 
 
-def _in_rounds(rounds: int, num_periods: float, test: Test, event: Point) -> Asked:
-    sequence, place, k = event.sequence, event.place, test.index
-    watched, how = event.seen.watched, (rounds, num_periods)
-    if test.kind == "touch":
-        flight, time = int(watched.gap_flight[k]), float(watched.gap_time[k])
-        sequence, place, first = with_events(sequence, place, IMPACT, k, (flight, time), how)
-        return (yield from _going_on(sequence, place, event, lambda rates: rates.speeds[first]))
-    if test.kind == "gr":
-        stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
-        for number in in_rounds(k, len(sequence.kind), rounds)[::-1]:
-            sequence, place = without_event(sequence, place, number)
-        return (yield from _going_on(sequence, place, event, lambda rates: rates.gaps[stop], time))
-    if test.kind == "double_impact" and _are_impacts(sequence, k):
-        for number in in_rounds(k, len(sequence.kind), rounds):
-            sequence, place = with_order_exchanged(sequence, place, number)
-        return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[k])))
-    if test.kind == "onset":
-        flight = int(watched.rise_flight[k])
-        for number in in_rounds(flight - 1, len(sequence.kind), rounds)[::-1]:
-            sequence, place = with_stick(sequence, place, number)
-        return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[flight])))
-    if test.kind == "chatter_completion":
-        if not watched.is_plastic[sequence.stop[k]]:  # ever more bounces come next, see `cascade.py`
-            raise Ended("chatter_completion")
-        for number in in_rounds(k, len(sequence.kind), rounds)[::-1]:
-            sequence, place = without_stick(sequence, place, number)
-        return (yield from _either_way(sequence, place, event))
-    raise Ended(test.kind)
+def _with_impact(event: Point, stop: int, how: How) -> Asked:
+    """Behind a gap that vanishes: with an impact there."""
+    watched = event.seen.watched
+    at = int(watched.gap_flight[stop]), float(watched.gap_time[stop])
+    sequence, place, first = with_events(event.sequence, event.place, IMPACT, stop, at, how)
+    return (yield from _going_on(sequence, place, event, lambda rates: rates.speeds[first]))
+
+
+def _without_impact(event: Point, k: int, how: How) -> Asked:
+    """Behind an impact that loses its speed: without it."""
+    sequence, place = event.sequence, event.place
+    stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
+    for number in in_rounds(k, len(sequence.kind), how)[::-1]:
+        sequence, place = without_event(sequence, place, number)
+    return (yield from _going_on(sequence, place, event, lambda rates: rates.gaps[stop], time))
+
+
+def _in_other_order(event: Point, k: int, how: How) -> Asked:
+    """Behind two impacts at one time: in the other order."""
+    sequence, place = event.sequence, event.place
+    if not _are_impacts(sequence, k):
+        raise Ended("double_impact")
+    for number in in_rounds(k, len(sequence.kind), how):
+        sequence, place = with_order_exchanged(sequence, place, number)
+    return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[k])))
+
+
+def _with_stick(event: Point, stop: int, how: How) -> Asked:
+    """Behind an impact without rebound that does not let its mass go any more: with a stick."""
+    sequence, place = event.sequence, event.place
+    flight = int(event.seen.watched.rise_flight[stop])
+    for number in in_rounds(flight - 1, len(sequence.kind), how)[::-1]:
+        sequence, place = with_stick(sequence, place, number)
+    return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[flight])))
+
+
+def _without_stick(event: Point, k: int, how: How) -> Asked:
+    """Behind a stick that lasts no time: without it, if its impact has no rebound."""
+    sequence, place = event.sequence, event.place
+    if not event.seen.watched.is_plastic[sequence.stop[k]]:  # ever more bounces come next, see `cascade.py`
+        raise Ended("chatter_completion")
+    for number in in_rounds(k, len(sequence.kind), how)[::-1]:
+        sequence, place = without_stick(sequence, place, number)
+    at = yield from _retold(sequence, place, event)
+    try:
+        return (yield from _off(at, True))
+    except Ended:
+        return (yield from _off(at, False))
+
+
+# What changes at each kind of event.
+_CHANGES = {
+    "touch": _with_impact,
+    "gr": _without_impact,
+    "double_impact": _in_other_order,
+    "onset": _with_stick,
+    "chatter_completion": _without_stick,
+}
 
 
 def by_machine(event: Point, kind: str) -> Asked:
@@ -141,15 +176,6 @@ def _oriented(sequence: Sequence, place: Place, event: Point, ahead: Callable[[P
     """The same in a direction that is read off the tangent."""
     at = yield from _retold(sequence, place, event)
     return (yield from _off(at, ahead(at) > 0))
-
-
-def _either_way(sequence: Sequence, place: Place, event: Point) -> Asked:
-    """The same in the direction in which nothing else changes at once."""
-    at = yield from _retold(sequence, place, event)
-    try:
-        return (yield from _off(at, True))
-    except Ended:
-        return (yield from _off(at, False))
 
 
 def _retold(sequence: Sequence, place: Place, event: Point) -> Asked:

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +26,9 @@ from .branch_tests import KINDS
 from .family import Family, Place
 from .point import PlainPoint, Point, Walk, side_by_side
 from .programs import Seen
+
+# Logs have room for a multiple of so many events: one program for most orbits of a branch.
+_STEP_OF_ROOM = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +226,8 @@ def _orbit(system: ImpactSystem, point: xr.Dataset) -> PeriodicOrbit:
     flow = choose_flow(system, can_stick=True)
     n, phase = int(point.attrs["num_periods"]), 2 * np.pi * point.attrs["phase"]
     unknowns = Unknowns(jnp.asarray(point["start"].values), jnp.asarray(point["flight"].values))
-    events = _log(numbers_of(system), flow, jax.tree.map(jnp.asarray, sequence), unknowns, float(n), phase)
+    cycle = jax.tree.map(jnp.asarray, sequence), unknowns, float(n), phase
+    events = _log(numbers_of(system), flow, *cycle, room=_room_of_log(sequence))
     multipliers = jnp.asarray(point["multipliers"].values)
     return PeriodicOrbit(
         system=system,
@@ -244,11 +249,20 @@ def _orbit(system: ImpactSystem, point: xr.Dataset) -> PeriodicOrbit:
     )
 
 
-@jax.jit
-def _log(numbers, flow, sequence, unknowns, num_periods, phase):
+def _room_of_log(sequence: Sequence) -> int:
+    """Room for all that a log tells: impacts, and the sticks and releases of their instants."""
+    held = sequence.held.astype(int)
+    num_changes = np.abs(np.diff(held, axis=0)).sum()
+    return _STEP_OF_ROOM * max(
+        1, -(-int(np.count_nonzero(sequence.kind == IMPACT) + num_changes) // _STEP_OF_ROOM)
+    )
+
+
+@partial(jax.jit, static_argnames="room")
+def _log(numbers, flow, sequence, unknowns, num_periods, phase, *, room):
     machine = prepared(numbers, flow, num_periods)
     problem = Problem(*machine, sequence, num_periods, phase / (2 * jnp.pi), free_shifts(numbers))
-    return log_of_cycle(problem, unknowns)
+    return log_of_cycle(problem, unknowns, room)
 
 
 def cycle_of(point: Bifurcation, scale: np.ndarray, p: float) -> tuple[Sequence, Place]:

@@ -23,8 +23,9 @@ def with_event(
     return Sequence(kinds, stops, held), place._replace(flights=flights)
 
 
-def in_rounds(k: int, num_events: int, rounds: int) -> list[int]:
-    """The numbers of an event in all rounds of a cycle that is a shorter one several times."""
+def in_rounds(k: int, num_events: int, how: tuple[int, float]) -> list[int]:
+    """The numbers of an event in all rounds of a cycle that is a shorter one several times, see `with_events`."""
+    rounds, _ = how
     return sorted({(k + j * num_events // rounds) % num_events for j in range(rounds)})
 
 

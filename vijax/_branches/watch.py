@@ -309,8 +309,9 @@ def _at_nodes(num: int) -> tuple[np.ndarray, np.ndarray]:
 def _refined(
     machine: Machine, flow: AbstractFlow, lowest: _Lowest, of: Callable[[_Reading], Sequence[Array]]
 ) -> tuple[Array, Array]:
-    """Values and times of the minima by Newton's method on the slope, held between the two times it has for each; what is
-    no minimum stays as it was read.
+    """Values and times of the minima by Newton's method on the slope, which stays between the two times known of each.
+
+    What is no minimum stays as it was read.
     """
 
     def one(low: _Lowest, stop: Array) -> tuple[Array, Array]:

@@ -165,8 +165,8 @@ def linearise(
     return Residual(values, end - unknowns.z, speeds), Flights(begin, forward, normal, close, pin)
 
 
-def log_of_cycle(problem: Problem, unknowns: Unknowns) -> EventLog:
-    """All events of an orbit, with room for as many as its sequence has; differentiable.
+def log_of_cycle(problem: Problem, unknowns: Unknowns, room: int) -> EventLog:
+    """All events of an orbit, with room for so many; differentiable.
 
     From its equations: exact, where a run of an unstable orbit goes astray.
     """
@@ -198,7 +198,7 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns) -> EventLog:
 
     flights = events_of(problem.sequence), unknowns.flights
     instants, phases = jax.lax.scan(one, begin_cycle(problem, machine, unknowns.z), flights)[1]
-    return event_log(machine, instants, phases, len(unknowns.flights))
+    return event_log(machine, instants, phases, room)
 
 
 def state_at(problem: Problem, unknowns: Unknowns, time: Scalar) -> Float[Array, " state"]:

@@ -73,7 +73,11 @@ def _by_sequence(strobe: Strobe, search: Search) -> tuple[Array, Array, EventLog
     problem = Problem(*machine, sequence, strobe.num_periods, strobe.phase, free_shifts(strobe.numbers))
     unknowns = implicit(problem, search.cycle.unknowns)
     multipliers = floquet_multipliers(pencil_of(problem, unknowns), sequence.most_held, problem.shifts)
-    return unknowns.z - away_from_stops(problem), multipliers, log_of_cycle(problem, unknowns)
+    return (
+        unknowns.z - away_from_stops(problem),
+        multipliers,
+        log_of_cycle(problem, unknowns, len(unknowns.flights)),
+    )
 
 
 def _by_map(strobe: Strobe, search: Search) -> tuple[Array, Array, EventLog]:

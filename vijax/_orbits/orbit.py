@@ -86,7 +86,8 @@ class PeriodicOrbit(eqx.Module):
             ```
         """
         t0 = self.phase / self.system.forcing.frequency
-        max_events = self.events.t.shape[-1]
+        # A run may have another bounce of a chatter than the orbit, or an impact where that grazes.
+        max_events = 2 * self.events.t.shape[-1] + 8
         return simulate(
             self.system,
             t0,
