@@ -10,7 +10,7 @@ import xarray as xr
 from .._attractors.cycles import periodic_orbits
 from .._progress import tqdm
 from .._trajectory.simulate import simulate
-from .._types import Count, whole_number
+from .._types import Count, refuse_single_precision, whole_number
 from .._xla import padding_allowed
 from .branch import Branch
 from .continuation import continued
@@ -44,16 +44,18 @@ def branches(
         with a warning; after an interrupt there is what was followed until then.
 
     Raises:
-        ValueError: if not exactly one quantity was swept.
+        ValueError: if not exactly one quantity was swept, or 64-bit numbers are off, or were when it was swept.
 
     Example:
         ```python
-        import numpy as np, vijax as vx
+        import jax, numpy as np, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         swept = {"forcing.frequency": np.linspace(0.7, 1.0, 40)}
         ds = vx.sweep(vx.models.wagg_bishop_a(1.0), swept, transient=200)
         found = vx.branches(ds)
         ```
     """
+    refuse_single_precision("branches", ds.get("x0", ds.get("x")))
     num_doublings = whole_number("depth", depth)
     orbits = ds if "converged" in ds else periodic_orbits(ds, progress=progress)
     paths = [str(dim) for dim in orbits["converged"].dims if dim != "direction"]

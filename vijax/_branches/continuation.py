@@ -11,7 +11,7 @@ import xarray as xr
 from .._orbits.orbit import PeriodicOrbit
 from .._progress import tqdm
 from .._system.parameters import set_parameter
-from .._types import Count, as_known, whole_number
+from .._types import Count, as_known, refuse_single_precision, whole_number
 from .._xla import padding_allowed
 from .branch import Branch, branch_of
 from .drive import drive
@@ -52,8 +52,7 @@ def continuation(
 
     By pseudo-arclength, so that folds are passed; where an impact comes or goes, or two impacts change their order, the
     sequence of events changes and the branch goes on. Bifurcations on the way are located: to rounding, or where the
-    machine has a `force` to the accuracy of the `flow` of the orbit, whose motion is solved flight by flight. Made for
-    64-bit numbers: with fewer digits a branch may end at a grazing.
+    machine has a `force` to the accuracy of the `flow` of the orbit, whose motion is solved flight by flight.
 
     Args:
         orbit: from which to begin. Several are followed side by side: a list, or what `vx.periodic_orbits` returned.
@@ -66,12 +65,13 @@ def continuation(
         The branch, or a list of them.
 
     Raises:
-        ValueError: if the orbit is none, its value of the parameter does not lie within the bounds, or a bound makes no
-            machine.
+        ValueError: if the orbit is none, its value of the parameter does not lie within the bounds, a bound makes no
+            machine, or 64-bit numbers are off, or were when the orbit was found.
 
     Example:
         ```python
-        import vijax as vx
+        import jax, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         system = vx.models.wagg_bishop_a(0.8)
         orbit = vx.periodic_orbit(system, [0.18, 0.09], [0.33, 0.52])
         branch = vx.continuation(orbit, "forcing.frequency", (0.7, 1.0))
@@ -82,7 +82,9 @@ def continuation(
         E. L. Allgower & K. Georg, Numerical Continuation Methods (1990); M. di Bernardo et al., Piecewise-smooth
         Dynamical Systems (2008), Ch. 6.
     """
-    followed = continued(starts_of(orbit), path, bounds, max_points, progress=progress)
+    starts = starts_of(orbit)
+    refuse_single_precision("continuation", [(start.system, start.state) for start in starts])
+    followed = continued(starts, path, bounds, max_points, progress=progress)
     branches = [branch for branch in followed if branch is not None]
     return branches[0] if isinstance(orbit, PeriodicOrbit) else branches
 

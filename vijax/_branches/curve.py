@@ -10,7 +10,7 @@ from .._dataset_attributes import label, versions
 from .._flow.taylor import TaylorFlow
 from .._progress import tqdm
 from .._system.parameters import get_parameter
-from .._types import Count, as_known, whole_number
+from .._types import Count, as_known, refuse_single_precision, whole_number
 from .._xla import padding_allowed
 from .branch import Bifurcation
 from .conditions import defining_of
@@ -54,11 +54,12 @@ def bifurcation_curve(
         orbit no further, by the name of what happens there.
 
     Raises:
-        ValueError: for paths or bounds that do not fit, or a kind that has no curve.
+        ValueError: for paths or bounds that do not fit, a kind that has no curve, or if 64-bit numbers are off.
 
     Example:
         ```python
-        import vijax as vx
+        import jax, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         system = vx.models.wagg_bishop_a(0.8)
         orbit = vx.periodic_orbit(system, [0.18, 0.09], [0.33, 0.52])
         branch = vx.continuation(orbit, "forcing.frequency", (0.8, 1.0))
@@ -71,6 +72,7 @@ def bifurcation_curve(
         Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory (2004), Ch. 8-10; D. J. W. Simpson, Resonant grazing
         bifurcations in simple impacting systems, arXiv 2510.16218 and earlier work cited there.
     """
+    refuse_single_precision("bifurcation_curve", point.branch.points["x0"])
     first = point.branch.path
     if set(bounds) != {first, path} or first == path:
         raise ValueError(
