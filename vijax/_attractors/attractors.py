@@ -82,6 +82,7 @@ def attractors(
 
     Raises:
         ValueError: if the load has no frequency, the starts are none of these, one lies beyond a stop, or 64-bit numbers are off.
+        KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
         ```python

@@ -56,6 +56,7 @@ def basins(
 
     Raises:
         ValueError: if the grid has fewer than two quantities, or names others than of the start; and as `attractors`.
+        KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
         ```python

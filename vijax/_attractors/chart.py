@@ -101,6 +101,7 @@ def chart(
     Raises:
         ValueError: for other than two paths of two values or more, for `starts` with a path that is one of the start, for
             `multipliers` or `starts` if 64-bit numbers are off, or as `vx.sweep` and `vx.attractors` do.
+        KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
         ```python

@@ -47,6 +47,7 @@ def periodic_orbits(
         ValueError: if the dataset holds no machine, or one with a `force` that cannot be imported, `executor` is none, or 64-bit numbers are
             off, or were when it was swept.
         RuntimeError: if the executor takes no more tasks, or loses one again and again.
+        KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
         ```python

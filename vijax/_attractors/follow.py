@@ -74,6 +74,7 @@ def follow_attractors(
 
     Raises:
         ValueError: if the path names no number of the machine; and as `attractors`.
+        KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
         ```python

@@ -1,6 +1,5 @@
 """From an orbit to its branch."""
 
-import warnings
 from collections.abc import Sequence as Many
 from typing import overload
 
@@ -9,7 +8,7 @@ import jax.numpy as jnp
 import xarray as xr
 
 from .._orbits.orbit import PeriodicOrbit
-from .._progress import tqdm
+from .._progress import Interrupted, bringing, tqdm
 from .._system.parameters import set_parameter
 from .._types import Count, as_known, refuse_single_precision, whole_number
 from .._xla import padding_allowed
@@ -67,6 +66,7 @@ def continuation(
     Raises:
         ValueError: if the orbit is none, its value of the parameter does not lie within the bounds, a bound makes no
             machine, or 64-bit numbers are off, or were when the orbit was found.
+        Interrupted: after Ctrl-C, a `KeyboardInterrupt` whose `result` is what was followed until then.
 
     Example:
         ```python
@@ -84,9 +84,15 @@ def continuation(
     """
     starts = starts_of(orbit)
     refuse_single_precision("continuation", [(start.system, start.state) for start in starts])
-    followed = continued(starts, path, bounds, max_points, progress=progress)
-    branches = [branch for branch in followed if branch is not None]
-    return branches[0] if isinstance(orbit, PeriodicOrbit) else branches
+
+    def as_asked(followed: list[Branch | None]) -> Branch | list[Branch]:
+        branches = [branch for branch in followed if branch is not None]
+        return branches[0] if isinstance(orbit, PeriodicOrbit) else branches
+
+    try:
+        return as_asked(continued(starts, path, bounds, max_points, progress=progress))
+    except Interrupted as stopped:
+        raise Interrupted(as_asked(stopped.result)) from None
 
 
 def continued(
@@ -117,14 +123,19 @@ def continued(
         for family in families
         for _ in "-+"
     ]
-    _follow(walks, [family for family in families for _ in "-+"], _both_ways(points), progress=progress)
-    whole = zip(families, points, walks[::2], walks[1::2], strict=True)
-    branches = iter([branch_of(family, start, back, forth) for family, start, back, forth in whole])
-    return [None if point is None else next(branches) for point in all_points]
+
+    def told() -> list[Branch | None]:
+        whole = zip(families, points, walks[::2], walks[1::2], strict=True)
+        branches = iter([branch_of(family, start, back, forth) for family, start, back, forth in whole])
+        return [None if point is None else next(branches) for point in all_points]
+
+    with bringing(told):
+        _follow(walks, [family for family in families for _ in "-+"], _both_ways(points), progress=progress)
+    return told()
 
 
 def _follow(walks: list[Walk], families: list[Family], starts: list[Point], *, progress: bool) -> None:
-    """Follow branches from their starts as long as nobody interrupts."""
+    """Follow branches from their starts."""
     tasks = [follow(walk, start) for walk, start in zip(walks, starts, strict=True)]
     with tqdm(unit="point", disable=not progress) as bar:
 
@@ -132,10 +143,7 @@ def _follow(walks: list[Walk], families: list[Family], starts: list[Point], *, p
             if progress:
                 bar.update(sum(len(walk.points) for walk in walks) - bar.n)
 
-        try:
-            drive(families, tasks, tell)
-        except KeyboardInterrupt:  # what is done is kept
-            warnings.warn("Interrupted: the branches are not complete.", stacklevel=5)
+        drive(families, tasks, tell)
 
 
 def _two_numbers(bounds: tuple[float, float]) -> tuple[float, float]:

@@ -51,6 +51,7 @@ def find_periodic_orbits(
 
     Raises:
         ValueError: if the load has no frequency, the starts have another shape, one lies beyond a stop, or 64-bit numbers are off.
+        KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
         ```python
