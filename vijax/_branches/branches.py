@@ -40,8 +40,8 @@ def branches(
         progress: show a bar, of the orbits that are accounted for.
 
     Returns:
-        The branches through the sweep, then those of the doubled orbits. Orbits that are none of their machines are left out,
-        with a warning.
+        The branches through the sweep, then those of the doubled orbits. Orbits that are none of their machines, or not
+        isolated, are left out with a warning.
 
     Raises:
         ValueError: if not exactly one quantity was swept, or 64-bit numbers are off, or were when it was swept.
@@ -103,7 +103,8 @@ def _each_once(
         bar.update(num_left - len(left))
     if num_none:
         warnings.warn(
-            f"Left out {num_none} orbits that are no periodic orbits of their machines.", stacklevel=4
+            f"Left out {num_none} orbits that are no periodic orbits of their machines, or not isolated.",
+            stacklevel=4,
         )
     return found[num_known:]
 

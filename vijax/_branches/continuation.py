@@ -17,7 +17,7 @@ from .drive import drive
 from .family import Family
 from .follow import follow
 from .point import Point, Walk
-from .starts import Start, family_of, points_of, starts_of
+from .starts import Start, family_of, points_of, refuse_start, starts_of
 
 
 @overload
@@ -64,7 +64,7 @@ def continuation(
         The branch, or a list of them.
 
     Raises:
-        ValueError: if the orbit is none, its value of the parameter does not lie within the bounds, a bound makes no
+        ValueError: if the orbit is none, or not isolated, as at a resonance without damping, its value of the parameter does not lie within the bounds, a bound makes no
             machine, or 64-bit numbers are off, or were when the orbit was found.
         Interrupted: after Ctrl-C, a `KeyboardInterrupt` whose `result` is what was followed until then.
 
@@ -113,9 +113,8 @@ def continued(
             set_parameter(jax.tree.map(jnp.asarray, family.system), path, value)
     all_points = points_of(starts, families)
     if None in all_points and not leaves_out:
-        raise ValueError(
-            f"Orbit {all_points.index(None)} is no periodic orbit of its machine: find one by `vx.periodic_orbit`."
-        )
+        k = all_points.index(None)
+        refuse_start(k, starts[k], families[k])
     families = [family for family, point in zip(families, all_points, strict=True) if point is not None]
     points = [point for point in all_points if point is not None]
     walks = [
