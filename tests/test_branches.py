@@ -8,8 +8,6 @@ import xarray as xr
 from helpers import counted
 
 import vijax as vx
-from vijax._branches import continuation
-from vijax._branches.drive import drive
 
 pytestmark = pytest.mark.thorough
 
@@ -367,23 +365,7 @@ def test_a_cascade_of_grazings_ends_where_the_chatter_is_complete():
         assert np.count_nonzero(orbit.events.kind == vx.STICK) == num_sticks
 
 
-def interrupted_after(num_rounds):
-    """What drives branches, until someone loses patience."""
-
-    def tell(told):
-        def tell_and_count():
-            told()
-            rounds.append(None)
-            if len(rounds) == num_rounds:
-                raise KeyboardInterrupt
-
-        rounds = []
-        return tell_and_count
-
-    return lambda families, tasks, told: drive(families, tasks, tell(told))
-
-
-def test_of_many_orbits_what_is_none_is_left_out_and_an_interrupt_keeps_what_is_done(monkeypatch):
+def test_of_many_orbits_what_is_none_is_left_out():
     swept = {AMPLITUDE: [0.34, 0.36, 0.38]}
     ds = vx.sweep(oscillator(0.36, 0.84091), swept, x0=[0.43], v0=[0.15], transient=400, progress=False)
     orbits = vx.periodic_orbits(ds, progress=False)
@@ -393,11 +375,6 @@ def test_of_many_orbits_what_is_none_is_left_out_and_an_interrupt_keeps_what_is_
     with pytest.warns(UserWarning, match="Left out 1 orbits"):
         (branch,) = vx.branches(orbits, depth=0, progress=False)
     assert branch.values[[0, -1]] == pytest.approx([0.34, 0.38])
-    monkeypatch.setattr(continuation, "drive", interrupted_after(3))
-    with pytest.warns(UserWarning, match="Interrupted: the branches are not complete"):
-        (branch,) = vx.branches(orbits.isel({AMPLITUDE: [0, 2]}), progress=False)
-    assert "interrupted" in branch.ends
-    assert 1 <= len(branch) < 8
 
 
 @pytest.mark.slow

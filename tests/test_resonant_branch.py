@@ -36,3 +36,38 @@ def test_it_ends_at_resonance_with_an_orbit_in_closed_form():
     assert x == pytest.approx(STOP, abs=1e-14)
     x, v = at_resonance(2 * np.pi, STOP, -RESTITUTION * v, impact)
     np.testing.assert_allclose([x, v], [first.x0[0], first.v0[0]], rtol=0, atol=1e-13)
+
+
+# Without damping all motions that miss the stop repeat where W divides 1.
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("x0", [0.1, 1.3333], ids=["far from its first guess", "the guess itself"])
+def test_an_orbit_all_of_whose_neighbours_repeat_is_refused_as_not_isolated(x0):
+    orbit = vx.periodic_orbit(vx.models.impact_oscillator(0.5, position=3.0), [x0], [0.1])
+    assert np.abs(orbit.multipliers - 1).max() < 1e-14
+    for path, bounds in ((FREQUENCY, (0.4, 0.6)), ("forcing.amplitude[0]", (0.9, 1.1))):
+        with pytest.raises(
+            ValueError, match=r"Orbit 0 is not isolated: .* Add damping, or begin at a frequency off"
+        ):
+            vx.continuation(orbit, path, bounds, progress=False)
+
+
+@pytest.mark.thorough
+def test_with_damping_or_beside_the_resonance_the_same_orbit_has_a_branch():
+    damped = vx.models.impact_oscillator(0.5, position=3.0, damping_ratio=0.01)
+    beside = vx.models.impact_oscillator(0.52, position=3.0)
+    for system in (damped, beside):
+        orbit = vx.periodic_orbit(system, [0.1], [0.1])
+        branch = vx.continuation(orbit, FREQUENCY, (0.45, 0.55), progress=False)
+        assert branch.ends == ("bounds", "bounds")
+
+
+@pytest.mark.thorough
+def test_of_a_sweep_orbits_that_are_not_isolated_are_left_out_with_a_warning():
+    system = vx.models.impact_oscillator(0.5, position=3.0)
+    ds = vx.sweep(system, {FREQUENCY: [0.49, 0.5]}, x0=[0.1], transient=0, record=50, progress=False)
+    orbits = vx.periodic_orbits(ds, progress=False)
+    assert orbits.converged.values.tolist() == [False, True]
+    with pytest.warns(UserWarning, match=r"Left out 1 orbits .* or not isolated"):
+        assert vx.branches(orbits, (0.45, 0.55), progress=False) == []

@@ -41,6 +41,7 @@ from ._orbits.next_crossing import next_crossing as next_crossing
 from ._orbits.next_impact import next_impact as next_impact
 from ._orbits.orbit import ORBIT_RESULTS as ORBIT_RESULTS, PeriodicOrbit as PeriodicOrbit
 from ._orbits.periodic_orbit import periodic_orbit as periodic_orbit
+from ._progress import Interrupted as Interrupted
 from ._refusal import SimulationError as SimulationError
 from ._sweep.combine import combine as combine
 from ._sweep.provenance import system_of as system_of

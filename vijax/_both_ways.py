@@ -55,6 +55,7 @@ def both_ways(
     tree: PyTree,
     compiled: Callable = jax.jit,
     of_many: Callable | None = None,
+    watch: Callable | None = None,
 ) -> PyTree:
     """Return `forwards(tree)`, which is differentiated backwards as `backwards`.
 
@@ -67,6 +68,8 @@ def both_ways(
         compiled: how a function is compiled that is no part of a larger program.
         of_many: if given, `forwards` of a batch: told a tree whose arrays have the axis of the batch last, or one of
             length one if all share them, and the size of the batch; the batch is in front of what it returns.
+        watch: if given, is told first derivatives, those of the results in their tree, or a list of those by arguments,
+            and returns them.
     """
     arrays, others = eqx.partition(tree, lambda a: isinstance(a, jax.Array))
     moving, fixed = eqx.partition(arrays, eqx.is_inexact_array)
@@ -74,7 +77,7 @@ def both_ways(
     (fixed, _), (x, _), (others, _) = parts
     kinds = [tuple(map(kind, part)) for part in (fixed, x)]
     structures = tuple(structure for _, structure in parts)
-    ways, join = _made(forwards, backwards, of_many, compiled, structures, tuple(others), *kinds)
+    ways, join = _made(forwards, backwards, of_many, watch, compiled, structures, tuple(others), *kinds)
     y, rest = _parts(bind(values, ways, fixed, x), ways.sizes)
     return join(y, rest)
 
@@ -84,6 +87,7 @@ def _made(
     forwards: Callable,
     backwards: Callable,
     of_many: Callable | None,
+    watch: Callable | None,
     compiled: Callable,
     structures: tuple,
     others: tuple,
@@ -116,6 +120,13 @@ def _made(
         ways = ways._replace(
             of_many=lambda over, size: Traced(partial(of_lists_of_many, over, size), compiled)
         )
+    if watch is not None:
+
+        def watched(derivatives: Arrays, of_results: bool) -> Arrays:
+            structure = found[0][0] if of_results else jax.tree.structure(derivatives)
+            return jax.tree.leaves(watch(jax.tree.unflatten(structure, derivatives)))
+
+        ways = ways._replace(watch=watched)
     return ways, join
 
 
@@ -129,6 +140,7 @@ def _evaluate(primitive: Primitive, *row: Any, ways: Ways, sizes: tuple[int, ...
     if primitive is values:
         return list(chain(*ways.values(*parts)))
     y, rest, dy = ways.joint(*parts)
+    dy = ways.watch(dy, True)
     return [*y, *rest, *dy] if primitive is with_tangents else list(dy)
 
 
@@ -195,7 +207,7 @@ def _transpose(cotangents: Any, *row: Any, ways: Ways, sizes: tuple[int, ...]) -
     fixed, x, _ = _parts(row, sizes)
     given = tuple(type(c) is not ad.Zero for c in cotangents)
     found = ways.pullback(given)(fixed, x, [c for c, yes in zip(cotangents, given, strict=True) if yes])
-    return [None] * (sizes[0] + sizes[1]) + list(found)
+    return [None] * (sizes[0] + sizes[1]) + ways.watch(list(found), False)
 
 
 def _split_while_tracing(trace: Any, *row: Any, ways: Ways, sizes: tuple[int, ...]) -> list:

@@ -147,6 +147,28 @@ def in_full_precision(tree: T) -> T:
     return jax.tree.map(lambda a: as_float(a) if is_other(a) else a, tree)
 
 
+def is_single_precision(*given: Any) -> bool:
+    """Whether JAX has no 64-bit numbers, or some of what is given are none, of whatever made them before."""
+    if jnp.result_type(float) != jnp.float64:
+        return True
+    dtypes = (getattr(leaf, "dtype", None) for leaf in jax.tree.leaves(given))
+    return any(dtype is not None and dtype.kind == "f" and dtype.itemsize < 8 for dtype in dtypes)
+
+
+def refuse_single_precision(who: str, *given: Any) -> None:
+    """Refuse what rounding to 7 digits would make wrong without a sign of it: whether neighbours meet, what a limit is.
+
+    Args:
+        who: the function that is called.
+        given: the machine, and what is known of its motions.
+    """
+    if is_single_precision(*given):
+        raise ValueError(
+            f'`{who}` needs 64-bit numbers, and the machine made of them: put `jax.config.update("jax_enable_x64", True)` at '
+            "the top of the script."
+        )
+
+
 def concrete(value: Any) -> np.ndarray | None:
     """Return the value as NumPy's, or None while it is being traced."""
     return None if isinstance(value, jax.core.Tracer) else np.asarray(value)

@@ -43,6 +43,7 @@ class Ways(NamedTuple):
         sizes: how many arrays it returns that have derivatives, and others.
         of_many: if given, told the axes of a batch of such and its size: the values of the batch.
         lanes: of a batch, the ways of one lane, the axes of `fixed` and `x`, and how many lanes there are.
+        watch: if given, returns derivatives as they are, those of results, or else by arguments, and says what is wrong.
     """
 
     values: Function
@@ -55,6 +56,7 @@ class Ways(NamedTuple):
     sizes: tuple[int, int]
     lanes: tuple[Any, tuple, int] | None = None
     of_many: Callable[[tuple, int], Function] | None = None
+    watch: Callable[[Arrays, bool], Arrays] = lambda derivatives, of_results: derivatives
 
 
 @lru_cache(KEPT)
@@ -166,7 +168,7 @@ def of_batch(ways: Ways, over: tuple, size: int) -> Ways:
     values = _batched(ways.values, ways, over) if own is None else own(over, size)
     found = ways_of(values, _batched(ways.backwards, ways, over), ways.compiled, ways.sizes, ())
     of_many = None if own is None else partial(_in_turn, values, ways.compiled)
-    return found._replace(lanes=(ways, over, size), of_many=of_many)
+    return found._replace(lanes=(ways, over, size), of_many=of_many, watch=ways.watch)
 
 
 def _in_turn(values: Function, compiled: Callable, over: tuple, size: int) -> Function:
@@ -210,7 +212,8 @@ def along(ways: Ways, moves: tuple[bool, ...]) -> Ways:
     what is asked of one lane touches no other, see `_pullback`.
     """
     if ways.lanes is None:
-        return ways_of(ways.values, ways.backwards, ways.compiled, ways.sizes, moves)
+        found = ways_of(ways.values, ways.backwards, ways.compiled, ways.sizes, moves)
+        return found._replace(watch=ways.watch)
     one, over, size = ways.lanes
     return of_batch_of_tangents(along(one, moves), over, size)[0]
 

@@ -229,7 +229,13 @@ def bounded_while_any(task: AbstractTask, carry, max_steps: int, refuse: Callabl
     return jax.tree.map(lambda a: a * factor if eqx.is_inexact_array(a) else a, last)
 
 
-def differentiable(forwards: Callable, backwards: Callable, tree, of_many: Callable | None = None):
+def differentiable(
+    forwards: Callable,
+    backwards: Callable,
+    tree: Any,
+    of_many: Callable | None = None,
+    watch: Callable | None = None,
+):
     """Return `forwards(tree)`, which is differentiated backwards as `backwards`, and of a batch `of_many`: see `both_ways`.
 
     Where it is no part of a larger program, it is compiled lightly.
@@ -238,9 +244,8 @@ def differentiable(forwards: Callable, backwards: Callable, tree, of_many: Calla
     tree = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray | np.generic) else a, tree)
     if PLAIN or both_ways is None:
         return _plainly_both_ways(forwards, backwards, tree)
-    return both_ways(
-        forwards, backwards, tree, jit_lightly, of_many if jax.default_backend() == "cpu" else None
-    )
+    of_many = of_many if jax.default_backend() == "cpu" else None
+    return both_ways(forwards, backwards, tree, jit_lightly, of_many, watch)
 
 
 def jit_lightly(function: Callable) -> Callable:

@@ -12,7 +12,7 @@ from .._flow.interface import AbstractFlow
 from .._orbits.maps import check_period
 from .._sweep.endings import warn_of_endings, warn_of_unsettled
 from .._system.system import ImpactSystem, with_args
-from .._types import Count, Numbers, as_known, is_traced, whole_number
+from .._types import Count, Numbers, as_known, is_traced, refuse_single_precision, whole_number
 from .._xla import padding_allowed
 from .coexisting import coexisting, lasting
 from .machines import Machines, default_tolerance
@@ -60,7 +60,7 @@ def attractors(
         x0: positions where a grid names none, (n,); zero if left out.
         v0: velocities, likewise.
         tolerance: how near a motion must be to the cycle it settles on, relative to its size;
-            1e-6, or 1e-3 in single precision, if left out.
+            1e-6 if left out.
         args: as for `simulate`.
         flow: likewise.
         max_steps: as for `sweep`.
@@ -81,11 +81,13 @@ def attractors(
         The result is the same every time.
 
     Raises:
-        ValueError: if the load has no frequency, the starts are none of these, or one lies beyond a stop.
+        ValueError: if the load has no frequency, the starts are none of these, one lies beyond a stop, or 64-bit numbers are off.
+        KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
         ```python
-        import numpy as np, vijax as vx
+        import jax, numpy as np, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         found = vx.attractors(vx.models.wagg_bishop_b(2.05), 200)
         print(found.share.values, found.num_impacts.values)
         ```
@@ -94,6 +96,7 @@ def attractors(
         G. Datseris & A. Wagemakers, Effortless estimation of basins of attraction, Chaos 32 (2022) 023104;
         M. F. Schilling, Multivariate two-sample tests based on nearest neighbors, J. Am. Stat. Assoc. 81 (1986) 799.
     """
+    refuse_single_precision("attractors", system)
     transient, record = whole_number("transient", transient), whole_number("record", record, 2)
     check_single(system, args, flow, "attractors")
     machines = machines_of_one(

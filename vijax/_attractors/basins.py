@@ -8,7 +8,7 @@ import xarray as xr
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._system.system import ImpactSystem
-from .._types import Count, Numbers
+from .._types import Count, Numbers, refuse_single_precision
 from .attractors import attractors
 
 # Distances to neighbours that a slope and its error need, and the largest, as a part of the grid.
@@ -56,10 +56,12 @@ def basins(
 
     Raises:
         ValueError: if the grid has fewer than two quantities, or names others than of the start; and as `attractors`.
+        KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
         ```python
-        import numpy as np, vijax as vx
+        import jax, numpy as np, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         grid = {"x0[0]": np.linspace(-0.3, 0.3, 60), "v0[0]": np.linspace(-1, 1, 60)}
         found = vx.basins(vx.models.wagg_bishop_b(2.05), grid)
         ax = vx.plot.basins(found)
@@ -68,6 +70,7 @@ def basins(
     References:
         G. Datseris & A. Wagemakers, Effortless estimation of basins of attraction, Chaos 32 (2022) 023104.
     """
+    refuse_single_precision("basins", system)
     if not isinstance(grid, Mapping) or len(grid) < 2:
         raise ValueError(
             'Argument `grid` must name two start quantities or more, as {"x0[0]": values, "v0[0]": values}; '
@@ -109,7 +112,8 @@ def uncertainty_exponent(basins: xr.Dataset) -> xr.Dataset:
 
     Example:
         ```python
-        import numpy as np, vijax as vx
+        import jax, numpy as np, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         grid = {"x0[0]": np.linspace(-0.3, 0.3, 100), "v0[0]": np.linspace(-1, 1, 100)}
         found = vx.basins(vx.models.wagg_bishop_b(2.05), grid)
         vx.uncertainty_exponent(found).exponent

@@ -23,7 +23,7 @@ from .._sweep.grid import base_of, values_of
 from .._sweep.zipped import START, sweep_zipped
 from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem
-from .._types import Count, Numbers, as_float, as_known, whole_number
+from .._types import Count, Numbers, as_float, as_known, refuse_single_precision, whole_number
 from .._xla import padding_allowed
 from .attractors import check_single, machines_of_one, starts_of
 from .classify import MOTIONS, classified
@@ -99,8 +99,9 @@ def chart(
         nearest corner of their cell; exponents, and magnitudes of multipliers, are linear between its corners.
 
     Raises:
-        ValueError: for other than two paths of two values or more, for `starts` with a path that is one of the start, or as
-            `vx.sweep` and `vx.attractors` do.
+        ValueError: for other than two paths of two values or more, for `starts` with a path that is one of the start, for
+            `multipliers` or `starts` if 64-bit numbers are off, or as `vx.sweep` and `vx.attractors` do.
+        KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
         ```python
@@ -125,6 +126,8 @@ def chart(
         can_stick=True,
         lyapunov=bool(lyapunov),
     )
+    if multipliers or starts is not None:
+        refuse_single_precision("chart` with `multipliers` or `starts", system)
     check_single(system, args, flow, "chart")
     one = machines_of_one(
         system, args, counts.transient, counts.record, tolerance, flow, None, settings, executor

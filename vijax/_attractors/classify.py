@@ -72,6 +72,7 @@ def classify(
     Raises:
         ValueError: if fewer than two periods are recorded, the load has no frequency, or an argument is
             not positive.
+        KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
         ```python

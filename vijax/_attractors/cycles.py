@@ -16,7 +16,7 @@ from .._orbits.search import Strobe
 from .._progress import tqdm
 from .._sweep.provenance import machines_of
 from .._system.system import ImpactSystem
-from .._types import Count, whole_number
+from .._types import Count, refuse_single_precision, whole_number
 from .._xla import padding_allowed
 from .classify import MOTIONS, classify
 from .record import dims_of, flat, label
@@ -45,17 +45,20 @@ def periodic_orbits(
 
     Raises:
         ValueError: if the dataset holds no machine, or one with a `force` that may not be imported, see `vx.system_of`, or
-            cannot, or `executor` is none.
+            cannot, if `executor` is none, or if 64-bit numbers are off, or were when it was swept.
         RuntimeError: if the executor takes no more tasks, or loses one again and again.
+        KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
         ```python
-        import numpy as np, vijax as vx
+        import jax, numpy as np, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         ds = vx.sweep(vx.models.wagg_bishop_a(1.0), {"forcing.frequency": np.arange(0.7, 0.9, 0.01)})
         orbits = vx.periodic_orbits(ds)
         abs(orbits.multipliers).max("multiplier")
         ```
     """
+    refuse_single_precision("periodic_orbits", ds.get("x"))
     room = whole_number("max_events", max_events, 1)
     workers = None if executor is None else as_executor(executor)
     kinds = classify(ds)

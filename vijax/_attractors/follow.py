@@ -10,7 +10,7 @@ from .._flow.interface import AbstractFlow
 from .._sweep.endings import warn_of_endings, warn_of_unsettled
 from .._system.parameters import find_parameter, set_parameter
 from .._system.system import ImpactSystem
-from .._types import Count, Numbers, as_float, as_known, whole_number
+from .._types import Count, Numbers, as_float, as_known, refuse_single_precision, whole_number
 from .._xla import padding_allowed
 from .attractors import check_single, machines_of_one, starts_of
 from .coexisting import coexisting, lasting
@@ -74,10 +74,12 @@ def follow_attractors(
 
     Raises:
         ValueError: if the path names no number of the machine; and as `attractors`.
+        KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
         ```python
-        import numpy as np, vijax as vx
+        import jax, numpy as np, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         found = vx.follow_attractors(vx.models.wagg_bishop_b(2.0), "forcing.frequency", np.linspace(1.9, 2.1, 5), 50)
         print(found.share.values, found.birth.values, found.death.values)
         ```
@@ -87,6 +89,7 @@ def follow_attractors(
         Chaos 33 (2023) 073151; M.-P. Dubuisson & A. K. Jain, A modified Hausdorff distance for object matching,
         Proc. ICPR (1994) 566.
     """
+    refuse_single_precision("follow_attractors", system)
     transient, record = whole_number("transient", transient), whole_number("record", record, 2)
     if not threshold > 0:
         raise ValueError(f"Argument `threshold` must be positive, but is {threshold}.")

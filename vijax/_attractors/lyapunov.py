@@ -69,7 +69,7 @@ def lyapunov_exponents(
         max_steps: likewise.
         with_error: return standard errors as well.
         throw: raise if the motion does not get to the end; otherwise all is NaN.
-        progress: show a bar, where it takes longer than a second. One may interrupt.
+        progress: show a bar, where it takes longer than a second.
 
     Returns:
         The exponents per unit of time, the largest first, (2 n,). With `with_error` also their standard errors, from
@@ -80,6 +80,7 @@ def lyapunov_exponents(
         ValueError: if the load has no frequency, or the `force` not the period of the load, or the start lies beyond
             a stop.
         RuntimeError: with `throw`, if the motion does not get there, see `RESULTS`.
+        KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
         ```python

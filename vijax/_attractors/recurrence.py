@@ -65,7 +65,8 @@ def _of_block(section: np.ndarray, tolerance: float) -> Recurrence:
     found, is_settling = np.zeros(num_points, int), np.zeros(num_points, bool)
     error, contraction = np.full(num_points, np.inf), np.full(num_points, np.nan)
     left = np.arange(num_points)
-    rows = np.ascontiguousarray(section.T)  # NumPy is slow along short last axes
+    # NumPy is slow along short last axes; in 32 bits the ratios below overflow.
+    rows = np.ascontiguousarray(section.T, float)
     for n in range(1, num_periods // 2 + 1):
         least = error[left]
         steps = np.abs(rows[:, n:] - rows[:, :-n]).max(axis=0)

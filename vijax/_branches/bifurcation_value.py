@@ -10,7 +10,7 @@ from .._orbits.cycle import residual
 from .._refusal import checked
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.ending import known_or_nan
-from .._types import Scalar, constant, known_stays_known
+from .._types import Scalar, constant, known_stays_known, refuse_single_precision
 from .._xla import compile_lightly, differentiable, padding_allowed
 from .branch import Bifurcation
 from .conditions import defining_of
@@ -50,12 +50,13 @@ def bifurcation_value(point: Bifurcation, system: ImpactSystem, *, throw: bool =
         The value, in the units of the parameter.
 
     Raises:
-        ValueError: for a point of another kind, or a machine of another make.
+        ValueError: for a point of another kind, a machine of another make, or if 64-bit numbers are off.
         RuntimeError: with `throw`, if Newton's method finds none near, or one that no motion of the machine has.
 
     Example:
         ```python
         import jax, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         system = vx.models.wagg_bishop_a(0.8)
         orbit = vx.periodic_orbit(system, [0.18, 0.09], [0.33, 0.52])
         fold = vx.continuation(orbit, "forcing.frequency", (0.8, 1.0)).bifurcations[1]
@@ -67,6 +68,7 @@ def bifurcation_value(point: Bifurcation, system: ImpactSystem, *, throw: bool =
         Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory (2004), Sec. 10.3; W. Govaerts, Numerical Methods for
         Bifurcations of Dynamical Equilibria (2000), Ch. 3.
     """
+    refuse_single_precision("bifurcation_value", point.branch.points["x0"], system)
     with known_stays_known():
         values = point.branch.values
         defining, guess = defining_of(point, float(values.min()), float(values.max()))

@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 from .._attractors.cycles import periodic_orbits
-from .._progress import tqdm
+from .._progress import Interrupted, bringing, tqdm
 from .._trajectory.simulate import simulate
-from .._types import Count, whole_number
+from .._types import Count, refuse_single_precision, whole_number
 from .._xla import padding_allowed
 from .branch import Branch
 from .continuation import continued
@@ -40,20 +40,23 @@ def branches(
         progress: show a bar, of the orbits that are accounted for.
 
     Returns:
-        The branches through the sweep, then those of the doubled orbits. Orbits that are none of their machines are left out,
-        with a warning; after an interrupt there is what was followed until then.
+        The branches through the sweep, then those of the doubled orbits. Orbits that are none of their machines, or not
+        isolated, are left out with a warning.
 
     Raises:
-        ValueError: if not exactly one quantity was swept.
+        ValueError: if not exactly one quantity was swept, or 64-bit numbers are off, or were when it was swept.
+        Interrupted: after Ctrl-C, a `KeyboardInterrupt` whose `result` are the branches that were found until then.
 
     Example:
         ```python
-        import numpy as np, vijax as vx
+        import jax, numpy as np, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         swept = {"forcing.frequency": np.linspace(0.7, 1.0, 40)}
         ds = vx.sweep(vx.models.wagg_bishop_a(1.0), swept, transient=200)
         found = vx.branches(ds)
         ```
     """
+    refuse_single_precision("branches", ds.get("x0", ds.get("x")))
     num_doublings = whole_number("depth", depth)
     orbits = ds if "converged" in ds else periodic_orbits(ds, progress=progress)
     paths = [str(dim) for dim in orbits["converged"].dims if dim != "direction"]
@@ -64,46 +67,46 @@ def branches(
     (path,), (low, high) = paths, bounds or (float(ds[paths[0]].min()), float(ds[paths[0]].max()))
     waiting = [start for start in starts_of(orbits) if low <= _value(start, path) <= high]
     found: list[Branch] = []
-    with tqdm(total=len(waiting), unit="orbit", disable=not progress) as bar:
+    with tqdm(total=len(waiting), unit="orbit", disable=not progress) as bar, bringing(lambda: found):
         how = {"path": path, "bounds": (low, high), "max_points": max_points}
         follow = partial(continued, **how, progress=False, leaves_out=True)
-        last = found = _each_once(waiting, [], follow, bar)
+        last = _each_once(waiting, found, follow, bar)
         for _ in range(num_doublings):
-            if any(map(_is_interrupted, last)):
-                break
             points = [point for branch in last for point in branch.bifurcations if point.kind == "pd"]
             doubled = [start for point in points for start in starts_of(switch_branch(point))]
             last = _each_once(doubled, found, follow, bar)
-            found = found + last
     return found
 
 
 def _each_once(
-    starts: list[Start], known: list[Branch], follow: Callable[[list[Start]], list[Branch | None]], bar: tqdm
+    starts: list[Start], found: list[Branch], follow: Callable[[list[Start]], list[Branch | None]], bar: tqdm
 ) -> list[Branch]:
-    """The branches of orbits that are not known, each once."""
-    new, left, num_none = [], _not_on(starts, known), 0
-    while left and not any(map(_is_interrupted, new)):
+    """Add the branches of orbits that are on none of those found, each once; those that were added."""
+    num_known, left, num_none = len(found), _not_on(starts, found), 0
+    while left:
         # Orbits with other numbers of events may lie on one branch, but most do not.
         kinds: dict[tuple, Start] = {}
         for start in left:
             kinds.setdefault((start.num_periods, start.num_events), start)
-        firsts = list(kinds.values())
-        for start, branch in zip(firsts, follow(firsts), strict=True):
+        firsts, stopped = list(kinds.values()), None
+        try:
+            followed = follow(firsts)
+        except Interrupted as interrupt:
+            followed, stopped = interrupt.result, interrupt
+        for start, branch in zip(firsts, followed, strict=True):
             num_none += branch is None
-            new += [branch] if branch is not None and _not_on([start], new) else []
+            found += [branch] if branch is not None and _not_on([start], found[num_known:]) else []
+        if stopped:
+            raise stopped
         num_left, taken = len(left), {id(start) for start in firsts}
-        left = _not_on([start for start in left if id(start) not in taken], new)
+        left = _not_on([start for start in left if id(start) not in taken], found[num_known:])
         bar.update(num_left - len(left))
     if num_none:
         warnings.warn(
-            f"Left out {num_none} orbits that are no periodic orbits of their machines.", stacklevel=4
+            f"Left out {num_none} orbits that are no periodic orbits of their machines, or not isolated.",
+            stacklevel=4,
         )
-    return new
-
-
-def _is_interrupted(branch: Branch) -> bool:
-    return "interrupted" in branch.ends
+    return found[num_known:]
 
 
 def _value(start: Start, path: str) -> float:

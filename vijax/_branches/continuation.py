@@ -1,6 +1,5 @@
 """From an orbit to its branch."""
 
-import warnings
 from collections.abc import Sequence as Many
 from typing import overload
 
@@ -9,16 +8,16 @@ import jax.numpy as jnp
 import xarray as xr
 
 from .._orbits.orbit import PeriodicOrbit
-from .._progress import tqdm
+from .._progress import Interrupted, bringing, tqdm
 from .._system.parameters import set_parameter
-from .._types import Count, as_known, whole_number
+from .._types import Count, as_known, refuse_single_precision, whole_number
 from .._xla import padding_allowed
 from .branch import Branch, branch_of
 from .drive import drive
 from .family import Family
 from .follow import follow
 from .point import Point, Walk
-from .starts import Start, family_of, points_of, starts_of
+from .starts import Start, family_of, points_of, refuse_start, starts_of
 
 
 @overload
@@ -52,8 +51,7 @@ def continuation(
 
     By pseudo-arclength, so that folds are passed; where an impact comes or goes, or two impacts change their order, the
     sequence of events changes and the branch goes on. Bifurcations on the way are located: to rounding, or where the
-    machine has a `force` to the accuracy of the `flow` of the orbit, whose motion is solved flight by flight. Made for
-    64-bit numbers: with fewer digits a branch may end at a grazing.
+    machine has a `force` to the accuracy of the `flow` of the orbit, whose motion is solved flight by flight.
 
     Args:
         orbit: from which to begin. Several are followed side by side: a list, or what `vx.periodic_orbits` returned.
@@ -66,12 +64,14 @@ def continuation(
         The branch, or a list of them.
 
     Raises:
-        ValueError: if the orbit is none, its value of the parameter does not lie within the bounds, or a bound makes no
-            machine.
+        ValueError: if the orbit is none, or not isolated, as at a resonance without damping, its value of the parameter does not lie within the bounds, a bound makes no
+            machine, or 64-bit numbers are off, or were when the orbit was found.
+        Interrupted: after Ctrl-C, a `KeyboardInterrupt` whose `result` is what was followed until then.
 
     Example:
         ```python
-        import vijax as vx
+        import jax, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         system = vx.models.wagg_bishop_a(0.8)
         orbit = vx.periodic_orbit(system, [0.18, 0.09], [0.33, 0.52])
         branch = vx.continuation(orbit, "forcing.frequency", (0.7, 1.0))
@@ -82,9 +82,17 @@ def continuation(
         E. L. Allgower & K. Georg, Numerical Continuation Methods (1990); M. di Bernardo et al., Piecewise-smooth
         Dynamical Systems (2008), Ch. 6.
     """
-    followed = continued(starts_of(orbit), path, bounds, max_points, progress=progress)
-    branches = [branch for branch in followed if branch is not None]
-    return branches[0] if isinstance(orbit, PeriodicOrbit) else branches
+    starts = starts_of(orbit)
+    refuse_single_precision("continuation", [(start.system, start.state) for start in starts])
+
+    def as_asked(followed: list[Branch | None]) -> Branch | list[Branch]:
+        branches = [branch for branch in followed if branch is not None]
+        return branches[0] if isinstance(orbit, PeriodicOrbit) else branches
+
+    try:
+        return as_asked(continued(starts, path, bounds, max_points, progress=progress))
+    except Interrupted as stopped:
+        raise Interrupted(as_asked(stopped.result)) from None
 
 
 def continued(
@@ -105,9 +113,8 @@ def continued(
             set_parameter(jax.tree.map(jnp.asarray, family.system), path, value)
     all_points = points_of(starts, families)
     if None in all_points and not leaves_out:
-        raise ValueError(
-            f"Orbit {all_points.index(None)} is no periodic orbit of its machine: find one by `vx.periodic_orbit`."
-        )
+        k = all_points.index(None)
+        refuse_start(k, starts[k], families[k])
     families = [family for family, point in zip(families, all_points, strict=True) if point is not None]
     points = [point for point in all_points if point is not None]
     walks = [
@@ -115,14 +122,19 @@ def continued(
         for family in families
         for _ in "-+"
     ]
-    _follow(walks, [family for family in families for _ in "-+"], _both_ways(points), progress=progress)
-    whole = zip(families, points, walks[::2], walks[1::2], strict=True)
-    branches = iter([branch_of(family, start, back, forth) for family, start, back, forth in whole])
-    return [None if point is None else next(branches) for point in all_points]
+
+    def told() -> list[Branch | None]:
+        whole = zip(families, points, walks[::2], walks[1::2], strict=True)
+        branches = iter([branch_of(family, start, back, forth) for family, start, back, forth in whole])
+        return [None if point is None else next(branches) for point in all_points]
+
+    with bringing(told):
+        _follow(walks, [family for family in families for _ in "-+"], _both_ways(points), progress=progress)
+    return told()
 
 
 def _follow(walks: list[Walk], families: list[Family], starts: list[Point], *, progress: bool) -> None:
-    """Follow branches from their starts as long as nobody interrupts."""
+    """Follow branches from their starts."""
     tasks = [follow(walk, start) for walk, start in zip(walks, starts, strict=True)]
     with tqdm(unit="point", disable=not progress) as bar:
 
@@ -130,10 +142,7 @@ def _follow(walks: list[Walk], families: list[Family], starts: list[Point], *, p
             if progress:
                 bar.update(sum(len(walk.points) for walk in walks) - bar.n)
 
-        try:
-            drive(families, tasks, tell)
-        except KeyboardInterrupt:  # what is done is kept
-            warnings.warn("Interrupted: the branches are not complete.", stacklevel=5)
+        drive(families, tasks, tell)
 
 
 def _two_numbers(bounds: tuple[float, float]) -> tuple[float, float]:

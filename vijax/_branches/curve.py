@@ -8,9 +8,9 @@ import xarray as xr
 
 from .._dataset_attributes import label, versions
 from .._flow.taylor import TaylorFlow
-from .._progress import tqdm
+from .._progress import bringing, tqdm
 from .._system.parameters import get_parameter
-from .._types import Count, as_known, whole_number
+from .._types import Count, as_known, refuse_single_precision, whole_number
 from .._xla import padding_allowed
 from .branch import Bifurcation
 from .conditions import defining_of
@@ -54,11 +54,13 @@ def bifurcation_curve(
         orbit no further, by the name of what happens there.
 
     Raises:
-        ValueError: for paths or bounds that do not fit, or a kind that has no curve.
+        ValueError: for paths or bounds that do not fit, a kind that has no curve, or if 64-bit numbers are off.
+        Interrupted: after Ctrl-C, a `KeyboardInterrupt` whose `result` is the curve as far as it was followed.
 
     Example:
         ```python
-        import vijax as vx
+        import jax, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         system = vx.models.wagg_bishop_a(0.8)
         orbit = vx.periodic_orbit(system, [0.18, 0.09], [0.33, 0.52])
         branch = vx.continuation(orbit, "forcing.frequency", (0.8, 1.0))
@@ -71,6 +73,7 @@ def bifurcation_curve(
         Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory (2004), Ch. 8-10; D. J. W. Simpson, Resonant grazing
         bifurcations in simple impacting systems, arXiv 2510.16218 and earlier work cited there.
     """
+    refuse_single_precision("bifurcation_curve", point.branch.points["x0"])
     first = point.branch.path
     if set(bounds) != {first, path} or first == path:
         raise ValueError(
@@ -82,10 +85,17 @@ def bifurcation_curve(
     begun = begin_curve(defining, place)
     _check_crossing(begun, path)
     curve = Curve(point.kind, box / np.asarray(defining.family.span)[:, None], most)
-    with tqdm(unit="point", disable=not progress) as bar:
-        back, first_end = curve.follow(begun.turned(), bar)
-        forth, last_end = ([], "closed") if first_end == "closed" else curve.follow(begun, bar)
-    return _dataset(point, path, [*back[::-1], begun, *forth], (first_end, last_end))
+    back: list[OfCurve] = []
+    forth: list[OfCurve] = []
+    ends = ["interrupted", "interrupted"]
+
+    def told() -> xr.Dataset:
+        return _dataset(point, path, [*back[::-1], begun, *forth], ends)
+
+    with tqdm(unit="point", disable=not progress) as bar, bringing(told):
+        _, ends[0] = curve.follow(begun.turned(), bar, back)
+        _, ends[1] = (forth, "closed") if ends[0] == "closed" else curve.follow(begun, bar, forth)
+    return told()
 
 
 def _of_two(
@@ -111,7 +121,7 @@ def _check_crossing(begun: OfCurve, path: str) -> None:
         )
 
 
-def _dataset(point: Bifurcation, path: str, found: list[OfCurve], ends: tuple[str, str]) -> xr.Dataset:
+def _dataset(point: Bifurcation, path: str, found: list[OfCurve], ends: list[str]) -> xr.Dataset:
     """The curve, labelled."""
     family = found[0].defining.family
     at = [one.at for one in found]

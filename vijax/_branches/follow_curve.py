@@ -111,9 +111,8 @@ class Curve:
     box: np.ndarray
     most: int
 
-    def follow(self, begun: OfCurve, bar: tqdm) -> tuple[list[OfCurve], str]:
-        """All points in the direction of one, and why there are no more."""
-        found: list[OfCurve] = []
+    def follow(self, begun: OfCurve, bar: tqdm, found: list[OfCurve]) -> tuple[list[OfCurve], str]:
+        """All points in the direction of one, added to those found as they come, and why there are no more."""
         here, ds, why = begun, _FIRST, ""
         while len(found) < self.most:
             if ds < _SHORTEST:

@@ -24,6 +24,8 @@ from .follow import begin
 from .point import Point
 from .programs import room_for
 
+# Multipliers this near to 1 are: those of a fold without losses keep half the digits.
+_ONE = 1e-10
 # Events of a cycle beside its impacts for which there is room at first.
 _OTHERS = 32
 
@@ -40,6 +42,7 @@ class Start(NamedTuple):
         state: positions and velocities there, (2 n,).
         num_events: room for so many events.
         is_admissible: whether the machine follows it.
+        multipliers: (2 n,).
     """
 
     system: ImpactSystem
@@ -50,6 +53,7 @@ class Start(NamedTuple):
     state: np.ndarray
     num_events: int
     is_admissible: bool
+    multipliers: np.ndarray
 
 
 def starts_of(source: PeriodicOrbit | Many[PeriodicOrbit] | xr.Dataset) -> list[Start]:
@@ -69,6 +73,7 @@ def starts_of(source: PeriodicOrbit | Many[PeriodicOrbit] | xr.Dataset) -> list[
             state=np.concatenate([np.asarray(orbit.x0), np.asarray(orbit.v0)]),
             num_events=int(np.count_nonzero(np.asarray(orbit.events.kind) >= 0)),
             is_admissible=bool(orbit.is_admissible),
+            multipliers=np.asarray(orbit.multipliers),
         )
         for orbit in orbits
     ]
@@ -76,7 +81,7 @@ def starts_of(source: PeriodicOrbit | Many[PeriodicOrbit] | xr.Dataset) -> list[
 
 def _of_dataset(ds: xr.Dataset) -> Iterator[Start]:
     """The points of a dataset that are orbits."""
-    missing = {"converged", "x0", "v0", "num_periods", "num_impacts"} - set(ds.variables)
+    missing = {"converged", "x0", "v0", "num_periods", "num_impacts", "multipliers"} - set(ds.variables)
     if missing:
         raise ValueError(
             f"Argument `orbits` must be what `vx.periodic_orbits` returned, but has no {', '.join(sorted(missing))}."
@@ -85,6 +90,7 @@ def _of_dataset(ds: xr.Dataset) -> Iterator[Start]:
     column = lambda name, *own: ds[name].transpose(*dims, *own).values[ds["converged"].values]  # noqa: E731
     states = np.concatenate([column("x0", "mass"), column("v0", "mass")], axis=1)
     num_periods, num_impacts = column("num_periods"), column("num_impacts", "stop").sum(axis=1)
+    multipliers = column("multipliers", "multiplier")
     machines = machines_of(ds, dims, np.flatnonzero(ds["converged"].values))
     for k, state in enumerate(states):
         yield Start(
@@ -96,6 +102,7 @@ def _of_dataset(ds: xr.Dataset) -> Iterator[Start]:
             state=state,
             num_events=int(num_impacts[k]) + _OTHERS,
             is_admissible=True,
+            multipliers=multipliers[k],
         )
 
 
@@ -172,11 +179,34 @@ def _flow_of(
 
 
 def points_of(starts: list[Start], families: list[Family]) -> list[Point | None]:
-    """The points at which the branches begin; None for what is no orbit of its machine."""
-    tasks = []
-    for start, family in zip(starts, families, strict=True):
+    """The points at which the branches begin; None for what is no orbit of its machine, or not isolated."""
+    tasks, which = [], [k for k, start in enumerate(starts) if is_isolated(start, families[k])]
+    for start, family in ((starts[k], families[k]) for k in which):
         room_for(start.num_events)  # refuses what has too many
         room = nothing_happens(start.num_events, start.system.num_stops)
         p = float(value_of(family.system, family.path) / family.span)
         tasks.append(begin(jax.tree.map(np.asarray, room), start.state, p))
-    return drive(families, tasks, lambda: None)
+    found = dict(zip(which, drive([families[k] for k in which], tasks, lambda: None), strict=True))
+    return [found.get(k) for k in range(len(starts))]
+
+
+def is_isolated(start: Start, family: Family) -> bool:
+    """Whether an orbit has no neighbours that repeat as well, at the same value of the parameter, but for shifts that nothing feels.
+
+    At a fold one multiplier is 1, and the branch leads on; where two are, as at a resonance of a vibration without losses,
+    Newton's method goes to any of the neighbours.
+    """
+    num_ones = np.count_nonzero(np.abs(start.multipliers - 1) < _ONE)
+    return bool(num_ones < 2 + 2 * np.trace(family.shifts))
+
+
+def refuse_start(number: int, start: Start, family: Family) -> None:
+    """Say why an orbit has no point at which a branch begins."""
+    if is_isolated(start, family):
+        raise ValueError(
+            f"Orbit {number} is no periodic orbit of its machine: find one by `vx.periodic_orbit`."
+        )
+    raise ValueError(
+        f"Orbit {number} is not isolated: two of its multipliers are exactly +1, as at a resonance without damping, where all "
+        "its neighbours repeat as well, and no branch is told among them. Add damping, or begin at a frequency off the resonance."
+    )

@@ -4,6 +4,7 @@ import numpy as np
 
 from .._orbits.orbit import PeriodicOrbit
 from .._orbits.sequence import Sequence
+from .._types import refuse_single_precision
 from .._xla import padding_allowed
 from .branch import Bifurcation, branch_of
 from .changes import in_a_row
@@ -34,11 +35,12 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
         The orbits, from which `vx.continuation` goes on; none where there are no other branches.
 
     Raises:
-        ValueError: for a Neimark-Sacker point, where what comes is no periodic orbit.
+        ValueError: for a Neimark-Sacker point, where what comes is no periodic orbit, or if 64-bit numbers are off.
 
     Example:
         ```python
-        import vijax as vx
+        import jax, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         system = vx.models.wagg_bishop_b(1.05)
         sol = vx.simulate(system, 0.0, 200 * system.forcing.period, max_events=4000)
         branch = vx.continuation(vx.periodic_orbit(system, sol.x1, sol.v1), "forcing.frequency", (1.0, 1.1))
@@ -48,6 +50,7 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
     References:
         E. L. Allgower & K. Georg, Numerical Continuation Methods (1990), Ch. 8.
     """
+    refuse_single_precision("switch_branch", point.branch.points["x0"])
     if point.kind == "ns":
         raise ValueError(
             "A torus leaves at a Neimark-Sacker point, no periodic orbit: run `vx.simulate` beside it."

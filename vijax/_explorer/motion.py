@@ -17,6 +17,7 @@ from .._system.parameters import get_parameter, parameter_names, set_parameter
 from .._system.system import ImpactSystem, bound
 from .._trajectory.simulate import simulate
 from .._trajectory.solution import RESULTS, Solution
+from .._types import is_single_precision
 
 # Room for the events of the periods that are shown, and of one cycle; one of each, so that nothing is compiled twice.
 _EVENTS, _EVENTS_OF_CYCLE = 4096, 256
@@ -133,7 +134,7 @@ def follow(system: ImpactSystem, record: int, x: np.ndarray, v: np.ndarray) -> M
     _refuse_unless(sol, RESULTS.successful, RESULTS.max_events_reached)
     kind = classify(sol, last=record)
     n, orbit = int(kind["num_periods"]), None
-    if n:
+    if n and not is_single_precision(system):
         found = periodic_orbit(system, x, v, n, flow=flow, max_events=_EVENTS_OF_CYCLE, throw=False)
         orbit = found if found.result == ORBIT_RESULTS.successful else None
     known = min(record * period, float(sol.known_until))

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .. import plot
+from .._types import is_single_precision
 from .look import Look
 from .motion import Motion
 
@@ -29,7 +30,7 @@ def pictures_of(motion: Motion | None, mass: int, look: Look) -> dict[str, Figur
 def words_of_multipliers(motion: Motion) -> str:
     """The Floquet multipliers, the largest first."""
     if motion.orbit is None:
-        return "none: no periodic orbit"
+        return f"none: {'they need 64-bit numbers' if is_single_precision(motion.system) else 'no periodic orbit'}"
     told = [
         f"{a.real:.4g}" if a.imag == 0 else f"{a.real:.4g} {'+' if a.imag > 0 else '-'} {abs(a.imag):.4g}i"
         for a in np.asarray(motion.orbit.multipliers).tolist()

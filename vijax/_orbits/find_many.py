@@ -10,7 +10,7 @@ from .._system.checks import validate_start
 from .._system.system import ImpactSystem
 from .._trajectory.known import known_machine
 from .._trajectory.simulate import simulate
-from .._types import Count, Numbers, as_known, is_traced, whole_number
+from .._types import Count, Numbers, as_known, is_traced, refuse_single_precision, whole_number
 from .._xla import padding_allowed
 from .find import orbit_found, tell_of_search
 from .free_shifts import free_shifts
@@ -50,16 +50,19 @@ def find_periodic_orbits(
         spring and no contact feels, count as one.
 
     Raises:
-        ValueError: if the load has no frequency, the starts have another shape, or one lies beyond a stop.
+        ValueError: if the load has no frequency, the starts have another shape, one lies beyond a stop, or 64-bit numbers are off.
+        KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
         ```python
-        import numpy as np, vijax as vx
+        import jax, numpy as np, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         system = vx.models.wagg_bishop_a(0.8)
         starts = np.random.default_rng(0).uniform(-0.3, 0.3, (100, 4))
         orbits = vx.find_periodic_orbits(system, 1, starts)
         ```
     """
+    refuse_single_precision("find_periodic_orbits", system)
     n, room = whole_number("num_periods", num_periods, 1), whole_number("max_events", max_events, 1)
     states = _states(starts, system.num_masses)
     if is_traced((system, args, flow)):

@@ -80,7 +80,8 @@ class PeriodicOrbit(eqx.Module):
 
         Example:
             ```python
-            import vijax as vx
+            import jax, vijax as vx
+            jax.config.update("jax_enable_x64", True)
             orbit = vx.periodic_orbit(vx.models.wagg_bishop_a(0.8), [0.18, 0.09], [0.33, 0.52])
             vx.plot.phase_portrait(orbit.solution())
             ```

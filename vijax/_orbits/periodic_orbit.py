@@ -11,7 +11,7 @@ from .._system.checks import validate_start
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.known import known_machine
 from .._trajectory.solution import told
-from .._types import Count, Numbers, as_float, is_traced, whole_number
+from .._types import Count, Numbers, as_float, is_traced, refuse_single_precision, whole_number
 from .._xla import padding_allowed
 from .find import find, orbit_found
 from .maps import angle_of, check_period
@@ -57,12 +57,13 @@ def periodic_orbit(
         The orbit, see `vx.PeriodicOrbit`.
 
     Raises:
-        ValueError: if the load has no frequency, or the guess lies beyond a stop.
+        ValueError: if the load has no frequency, the guess lies beyond a stop, or 64-bit numbers are off.
         RuntimeError: with `throw`, for every result but `successful`.
 
     Example:
         ```python
-        import vijax as vx
+        import jax, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         system = vx.models.wagg_bishop_a(0.8)
         sol = vx.simulate(system, 0.0, 50 * system.forcing.period)
         orbit = vx.periodic_orbit(system, sol.x1, sol.v1)
@@ -72,6 +73,7 @@ def periodic_orbit(
     References:
         Wagg & Bishop (2004), Sec. 4.4; S. Foale & S. R. Bishop, Phil. Trans. R. Soc. A 338 (1992).
     """
+    refuse_single_precision("periodic_orbit", system)
     n = whole_number("num_periods", num_periods, 1)
     room = whole_number("max_events", max_events, 1)
     check_period(system, args, x0, v0)

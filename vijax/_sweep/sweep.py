@@ -111,6 +111,7 @@ def sweep(
         ValueError: for a path that names nothing, values that make no machine, a start beyond
             a stop, a store of another sweep, or an executor that cannot run it.
         RuntimeError: if an executor takes no more tasks, or loses one again and again.
+        KeyboardInterrupt: after Ctrl-C; what `store` or `out` holds is kept, and the same call goes on from there.
 
     Example:
         ```python

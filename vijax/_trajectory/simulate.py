@@ -56,7 +56,8 @@ def simulate(
     Derivatives, forward and reverse, go through every event. Where the sequence of events is about to
     change, at a grazing impact above all, they are one-sided, those of the sequence that happened:
     `Solution.grazing` tells how close that was. They are taken faster where mass, damping and
-    stiffness are not among what is differentiated.
+    stiffness are not among what is differentiated. Where they grow to 1e20 and more, over a long chaotic
+    span, a warning says so, once; under `jax.jit` it does with `throw`.
 
     Args:
         system: the machine.

@@ -19,6 +19,7 @@ from .event_log import Log
 from .loop import Carry, Request, Task, begin_all, finish, one_way
 from .side_by_side import in_groups, one_by_one, to_all
 from .solution import RESULTS, Solution, told
+from .too_large import watch, watch_closely
 
 
 class Asked(NamedTuple):
@@ -41,7 +42,9 @@ def run_whole(
     machine: ImpactSystem | Numbers, flow: AbstractFlow, request: Request, asked: Asked
 ) -> Solution:
     """Follow a trajectory in one call, differentiably."""
-    return differentiable(_forwards, _backwards, (machine, flow, request, asked), _side_by_side)
+    # A program with `throw` calls back into Python anyway.
+    watched = watch_closely if asked.raises else watch
+    return differentiable(_forwards, _backwards, (machine, flow, request, asked), _side_by_side, watched)
 
 
 def _forwards(whole: tuple[ImpactSystem | Numbers, AbstractFlow, Request, Asked]) -> Solution:

@@ -50,7 +50,8 @@ def basins(
 
     Example:
         ```python
-        import numpy as np, vijax as vx
+        import jax, numpy as np, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         grid = {"x0[0]": np.linspace(-0.3, 0.3, 60), "v0[0]": np.linspace(-1, 1, 60)}
         ax = vx.plot.basins(vx.basins(vx.models.wagg_bishop_b(2.05), grid))
         ```

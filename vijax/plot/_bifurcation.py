@@ -114,7 +114,8 @@ def bifurcation(
 
     Example:
         ```python
-        import numpy as np, vijax as vx
+        import jax, numpy as np, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         system, frequency = vx.models.wagg_bishop_b(1.0), np.arange(0.3, 2.1, 0.01)
         ds = vx.sweep(system, {"forcing.frequency": frequency}, carry="both")
         top, bottom = vx.plot.bifurcation(ds, stop=None, orbits=vx.periodic_orbits(ds))

@@ -94,7 +94,8 @@ def branch(
 
     Example:
         ```python
-        import vijax as vx
+        import jax, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         orbit = vx.periodic_orbit(vx.models.wagg_bishop_a(0.8), [0.18, 0.09], [0.33, 0.52])
         ax = vx.plot.branch(vx.continuation(orbit, "forcing.frequency", (0.7, 1.0)), stop=0)
         ```

@@ -36,7 +36,8 @@ def curves(
 
     Example:
         ```python
-        import vijax as vx
+        import jax, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         orbit = vx.periodic_orbit(vx.models.wagg_bishop_a(0.8), [0.18, 0.09], [0.33, 0.52])
         fold = vx.continuation(orbit, "forcing.frequency", (0.8, 1.0)).bifurcations[1]
         bounds = {"forcing.frequency": (0.8, 1.1), "stops[0].position": (0.2, 0.4)}

@@ -53,7 +53,8 @@ def multipliers(
 
     Example:
         ```python
-        import numpy as np, vijax as vx
+        import jax, numpy as np, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         ds = vx.sweep(vx.models.wagg_bishop_a(1.0), {"forcing.frequency": np.arange(0.7, 0.9, 0.005)})
         ax = vx.plot.multipliers(vx.periodic_orbits(ds))
         ```

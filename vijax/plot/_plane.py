@@ -47,7 +47,8 @@ def plane(
 
     Example:
         ```python
-        import numpy as np, vijax as vx
+        import jax, numpy as np, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         plane = {"forcing.frequency": np.linspace(0.7, 1, 33), "forcing.amplitude[0]": np.linspace(0.2, 0.4, 17)}
         chart = vx.chart(vx.models.wagg_bishop_a(1.0), plane, multipliers=True)
         ax = vx.plot.plane(abs(chart.multipliers).max("multiplier"), words="Largest multiplier")

@@ -48,7 +48,8 @@ def shares(
 
     Example:
         ```python
-        import numpy as np, vijax as vx
+        import jax, numpy as np, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         values = np.linspace(1.9, 2.1, 5)
         followed = vx.follow_attractors(vx.models.wagg_bishop_b(2.0), "forcing.frequency", values, 50)
         ax = vx.plot.shares(followed)

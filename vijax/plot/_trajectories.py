@@ -148,7 +148,8 @@ def phase_portrait(
 
     Example:
         ```python
-        import vijax as vx
+        import jax, vijax as vx
+        jax.config.update("jax_enable_x64", True)
         system = vx.models.wagg_bishop_b(0.8)
         sol = vx.simulate(system, 0.0, 50 * system.forcing.period)
         orbit = vx.periodic_orbit(system, sol.x1, sol.v1)
