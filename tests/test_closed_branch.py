@@ -1,6 +1,7 @@
 """A branch that closes: orbits of one impact in two periods beside a motion that hits nothing, all in closed form."""
 
 import numpy as np
+import one_impact
 import pytest
 import scipy.linalg
 import scipy.optimize
@@ -67,3 +68,36 @@ def test_a_closed_branch_is_gone_round_once_between_its_folds():
     np.testing.assert_array_equal(branch.points.is_stable.values[is_inside], is_faster[is_inside])
     assert is_faster[is_inside].any()
     assert not is_faster[is_inside].all()
+
+
+def test_period_doublings_of_a_closed_branch_are_those_in_closed_form_wherever_it_is_begun():
+    numbers, n = one_impact.Numbers(0.57, 0.9, 0.0255), 3
+
+    def instability(w: float, sign: int) -> float:
+        """Zero where a multiplier is -1: the speed of the faster orbit for 1, of the slower for -1."""
+        at = one_impact.step(w, numbers, n, float(one_impact.speed(w, numbers, n, sign)))
+        return 1 + np.trace(at) + np.linalg.det(at)
+
+    def root(function, low, high, *args):
+        return scipy.optimize.brentq(function, low, high, args, xtol=1e-14)
+
+    folds = [
+        root(lambda w: float(one_impact.discriminant(w, numbers, n)), *ends)
+        for ends in ((3.1, 3.2), (5.0, 5.1))
+    ]
+    ws = np.linspace(folds[0] + 1e-4, folds[1] - 1e-4, 20)
+    doublings = []
+    for sign in (-1, 1):
+        values = np.array([instability(w, sign) for w in ws])
+        changes = np.flatnonzero(values[:-1] * values[1:] < 0)
+        doublings += [root(instability, ws[k], ws[k + 1], sign) for k in changes]
+    assert len(doublings) == 2
+    for w, sign in ((3.4, 1), (3.9, 1), (3.6, -1)):
+        start = one_impact.after_impact(w, numbers, n, float(one_impact.speed(w, numbers, n, sign)))
+        orbit = vx.periodic_orbit(numbers.machine(w), *start, n, max_events=8)
+        branch = vx.continuation(orbit, "forcing.frequency", (1.5, 5.5), progress=False)
+        assert branch.ends == ("closed", "closed")
+        assert sorted(point.kind for point in branch.bifurcations) == ["fold", "fold", "pd", "pd"]
+        for kind, exact in (("fold", folds), ("pd", doublings)):
+            found = sorted(point.value for point in branch.bifurcations if point.kind == kind)
+            np.testing.assert_allclose(found, sorted(exact), rtol=0, atol=1e-11)

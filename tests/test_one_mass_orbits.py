@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from exact_orbits import Table, exact_orbit
 from helpers import CHATTER_END
+from one_impact import Numbers, clearance, discriminant, speed
 from problems import sticking_orbit
 
 import vijax as vx
@@ -78,6 +79,30 @@ def undamped(stop):
 )
 def test_all_orbits_of_an_undamped_mass_are_found(stop, expected):
     np.testing.assert_allclose(speeds(undamped(stop)), expected, rtol=0, atol=1e-9)
+
+
+def drawn(n, num):
+    """Machines with orbits of one impact in n periods, and the speeds of these, none near a grazing."""
+    rng = np.random.default_rng(n)
+    while num:
+        r, position = rng.choice([0.1, 0.4, 0.8, 0.95, 1.0]), rng.uniform(-1.5, 1.5)
+        numbers, w = Numbers(position, r, rng.choice([0.01, 0.05])), rng.uniform(0.3, 2 * n + 1.5)
+        if discriminant(w, numbers, n) < 1e-3:
+            continue
+        found = [float(speed(w, numbers, n, sign)) for sign in (-1, 1)]
+        free = [clearance(w, numbers, n, v) if v > 0 else -1.0 for v in found]
+        exact = [v for v, gap in zip(found, free, strict=True) if gap > 0]
+        if exact and min(map(abs, free)) > 1e-3:
+            num -= 1
+            yield numbers, w, exact
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_all_orbits_of_one_impact_are_found_and_no_others(n):
+    for numbers, w, exact in drawn(n, 4):
+        found = orbits_of(numbers.machine(w), n, starts=200)
+        np.testing.assert_allclose(speeds(found), sorted(exact), rtol=1e-10)
 
 
 @pytest.mark.thorough

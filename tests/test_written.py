@@ -56,6 +56,17 @@ def test_a_sweep_that_is_written_goes_on_where_it_ended(plain, tmp_path):
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize("name", ["x", "result", "impact_time"])
+def test_what_was_lost_of_a_folder_is_run_again(plain, tmp_path, name):
+    sweep(out=tmp_path)
+    block = tmp_path / name / "c" / "1"
+    (block if block.is_file() else next(file for file in block.rglob("*") if file.is_file())).unlink()
+    executor = Here()
+    assert_same_when_read(sweep(out=tmp_path, executor=executor), plain)
+    assert executor.given == 1 + 1
+
+
+@pytest.mark.thorough
 def test_blocks_of_several_swept_quantities_are_put_where_they_belong(tmp_path):
     pytest.importorskip("dask")
     values = {"v0[1]": [0.0, 0.1, 0.2], FREQUENCY: FREQUENCIES[:7], "x0[0]": [0.0, -0.1]}

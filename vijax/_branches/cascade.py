@@ -17,6 +17,9 @@ from .programs import Followed, Request, confirm, padded, room_for, trimmed
 # how a branch goes on, fewer.
 MANY, FEW = 8, 4
 _NEARER = 0.95
+# Where they come nearer so fast that the last is this near to the limit, in the way from the fourth last, few are enough:
+# further ones are lost in rounding.
+_CERTAIN = 1e-3
 # How far behind the limit a stick is looked for, in distances of the last grazing from there, and how often.
 _BEHIND, _TRIALS = (0.1, 0.3, 1.0, 3.0, 0.03), 4
 # How far the limit may be from where the grazings lead, likewise.
@@ -25,7 +28,7 @@ _AWAY = 0.5
 
 def limit_of(grazings: list[Point], least: int) -> Place | None:
     """Where grazings lead, without the durations of flights, by A. C. Aitken's extrapolation; None if nowhere, or they are few."""
-    if len(grazings) < least:
+    if len(grazings) < FEW:
         return None
     p = np.array([point.place.p for point in grazings[-4:]], float)
     steps = np.diff(p)
@@ -34,6 +37,8 @@ def limit_of(grazings: list[Point], least: int) -> Place | None:
         return None
     before, last = (point.place for point in grazings[-2:])
     share = ratios[-1] / (1 - ratios[-1])
+    if len(grazings) < least and not abs(share * steps[-1]) < _CERTAIN * abs(p[-1] - p[0]):
+        return None
     return Place(last.z + share * (last.z - before.z), np.zeros(0), last.p + share * steps[-1])
 
 

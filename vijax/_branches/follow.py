@@ -121,7 +121,8 @@ def _end(walk: Walk, point: Point) -> Asked:
         yield from _add(walk, point._replace(kind="chatter_completion"))
         raise Ended("chatter_completion")
     yield from _to_limit(walk, FEW)
-    grazing = yield from where_it_grazes(point)
+    # The light impacts of a cascade are those of a chatter.
+    grazing = None if walk.cascade else (yield from where_it_grazes(point))
     if grazing is not None:
         yield from _add(walk, grazing)
         raise Ended("gr")
@@ -168,6 +169,8 @@ def _step(walk: Walk, point: Point, ds: float) -> Asked:
     if not is_resolved(before, after, ds)[0]:
         return None
     met = crossings(tests_of(point.sequence), point.seen, new.seen)
+    if any(test.kind == "chatter_completion" and not _is_plastic(point, test) for test in met):
+        return None  # there are ever more bounces on the way
     told, followed = yield from _told_by_machine(walk, new)
     if not (met or told.is_admissible) or (len(met) > 1 and ds > _SEPARATE):
         return None
@@ -177,6 +180,11 @@ def _step(walk: Walk, point: Point, ds: float) -> Asked:
         return None
     length = float(next_length(new.seen.found, before, after, ds)[0])
     return Step(last, told, followed, event, special or [], length)
+
+
+def _is_plastic(point: Point, test: Test) -> bool:
+    """Whether the stop of an event has no rebound."""
+    return bool(point.seen.watched.is_plastic[point.sequence.stop[test.index]])
 
 
 def _ahead(point: Point, ds: float) -> Asked:
@@ -208,12 +216,7 @@ def _beyond(walk: Walk, test: Test, event: Point) -> Asked:
     try:
         return (yield from by_sequence(walk, test, event))
     except Ended:
-        new = yield from by_machine(event, test.kind)
-    if test.kind == "chatter_completion":
-        if np.count_nonzero(new.sequence.kind == RELEASE) < np.count_nonzero(event.sequence.kind == RELEASE):
-            raise Ended("chatter_completion")
-        walk.points[-1] = walk.points[-1]._replace(kind="")  # there are more bounces, and the stick goes on
-    return new
+        return (yield from by_machine(event, test.kind))
 
 
 def _to_passed(walk: Walk) -> Asked:

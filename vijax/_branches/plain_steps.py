@@ -17,7 +17,7 @@ from .family import Place
 from .point import TRUSTED, Point, Walk
 from .programs import Followed, Seen, padded, room_for
 
-# Lengths of steps: the longest, the shortest.
+# Lengths of steps: the longest, along the parameter or of a cycle of size 1; the shortest.
 _LONGEST, SHORTEST = 5e-2, 1e-9
 # The most by which a step may turn, as a cosine; iterations of Newton's method after which steps grow, or shrink.
 STRAIGHT, _FEW, _MANY = 0.98, 4, 7
@@ -116,7 +116,12 @@ def next_length(found: Corrected, known: Known, new: Known, ds: Any) -> Any:
     """The length of a step after one of length `ds`."""
     steps = found.num_steps
     grown = ds * np.where(steps <= _FEW, 1.5, np.where(steps < _MANY, 1.2, 0.7))
-    grown = np.minimum(np.where(ds == PROBE, FIRST, grown), _LONGEST)
+    # Cycles may become much larger than the first one, but no step is longer along the parameter.
+    size = np.maximum(np.max(np.abs(new.place.z), axis=1), 1)
+    longest = np.minimum(
+        _LONGEST * size, np.maximum(_LONGEST / np.maximum(np.abs(new.tangent.p), _REAL), _LONGEST)
+    )
+    grown = np.minimum(np.where(ds == PROBE, FIRST, grown), longest)
     planned = ds * _PLANNED / np.maximum(_turned(known, new), np.finfo(float).tiny)
     return np.minimum(grown, np.maximum(planned, _NARROWEST))
 

@@ -130,27 +130,34 @@ def watch(problem: Problem, unknowns: Unknowns) -> Watched:
     machine, flow, sequence = problem.machine, problem.flow, problem.sequence
     count, room = jnp.sum(sequence.is_event), len(sequence.kind)
     radians = machine.rate * machine.period
-    flights = jnp.append(unknowns.flights, 0).at[count].set(problem.num_periods - jnp.sum(unknowns.flights))
+    last = problem.num_periods - jnp.sum(unknowns.flights)
+    # Where an event has passed the start of the cycle, what lies beyond it there is no motion.
+    early = jnp.minimum(unknowns.flights[0], 0) if room else 0.0
+    flights = jnp.append(unknowns.flights, 0).at[count].set(last + early)
     events = jax.tree.map(lambda a: jnp.concatenate([a, a[-1:]]) if room else None, events_of(sequence))
 
     def one(scan: _Scan) -> _Scan:
         k, i, begin, before = scan[:4]
         held, duration = sequence.held[k], flights[k]
-        longest = jnp.clip(duration, 0, problem.num_periods)
+        skipped = jnp.where(k == 0, jnp.clip(-last, 0), 0)
+        longest = jnp.clip(duration - skipped, 0, problem.num_periods)
         # A parameter tried in vain may make any machine, as one without a load, whose period is without end.
         num = jnp.clip(jnp.ceil(longest * radians * _DENSITY), 1, _MOST)
-        step, since = duration / num, duration * i / num
+        step = longest / num
+        since = skipped + step * i
         now = _read(machine, flow, begin, held, since)
         is_first, is_last = i == 0, ~(i < num)  # no end of a flight that is no number
         # A gap is least where a mass turns back; a force likewise, or where a stick begins.
         has_left = (i == 1) & _have_left(sequence, k)
         gap = _dip(before.gap, now.gap, step, has_left)
         force = _dip(before.force, now.force, step, jnp.zeros_like(held))
-        turns = ~is_first & ~held & gap.is_there
+        has_length = ~is_first & (longest > 0)
+        turns = has_length & ~held & gap.is_there
         gaps = scan.gaps.lowered(turns, _lowest(gap.value, gap.times(since, step), held, begin, k))
         least = jnp.where(is_first, now.force[0], force.value)
         at = jnp.where(is_first, since, force.times(since, step))
-        forces = scan.forces.lowered(held & (is_first | force.is_there), _lowest(least, at, held, begin, k))
+        is_least = held & (is_first | (has_length & force.is_there))
+        forces = scan.forces.lowered(is_least, _lowest(least, at, held, begin, k))
         # Without rebound a mass has neither gap nor speed: it leaves by its acceleration, or not at all.
         rests = is_first & ~held & _is_after_plastic(machine, sequence, k)
         rises = scan.rises.lowered(rests, _lowest(now.gap[2], since, held, begin, k))
@@ -181,7 +188,7 @@ def watch(problem: Problem, unknowns: Unknowns) -> Watched:
         rise=scan.rises.value,
         rise_flight=scan.rises.flight,
         is_plastic=machine.contacts.restitution == 0,
-        last=flights[count],
+        last=last,
     )
 
 

@@ -207,7 +207,12 @@ def _next(strobe: Strobe, run: Run, search: Search) -> Search:
         jacobian = jax.jacfwd(strobe.end)(search.trial)
         cycle, entry, first, is_converged = cycle_by_map(problem, guess, end + away, jacobian)
     cycle = eqx.tree_at(lambda c: c.start, cycle, cycle.start - away)
-    is_found = is_nearer & is_converged
+    # Nothing closes where a stop holds its mass at one end of the run alone: the next run begins where this one ended.
+    # (Its bounces would vanish into the start of the cycle, and be there as impacts without speed.)
+    held = problem.sequence.held
+    is_open = jnp.any(held[0] != held[-1])
+    first = jnp.where(is_open, end - search.trial, first)
+    is_found = is_nearer & is_converged & ~is_open
     # A run that began on the cycle itself, as one from where a sweep has settled, needs no other.
     is_orbit = search.is_orbit | (is_found & _is_followed(cycle, entry - away, run, _STILL))
     known = (search.trial, search.base), (first, search.step), (end, search.end)

@@ -1,15 +1,18 @@
 """A folder in Zarr's format to which a sweep is written block by block.
 
 A block is a part of the grid, and a chunk of every array: what is written for it touches no file of another's. How many impacts its
-longest record has is written last, into an array of its own, by which a block is known to be done. Zarr gives a file its
-name when it is whole. Impacts have room for as many as any point may have, of which the parts that are not written take
-nothing on disk; at the end the room is cut to what is used.
+longest record has is written last, into an array of its own, by which a block is known to be done, and before it how many files
+it takes: Zarr makes none of what equals the filling, and one that was lost, by a copy cut short or where old files are
+deleted, would read as points that were not run. Zarr gives a file its name when it is whole. Impacts have room for as many as
+any point may have, of which the parts that are not written take nothing on disk; at the end the room is cut to what is used.
 """
 
 import contextlib
 import os
 import uuid
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from shutil import rmtree
 from typing import Any
@@ -23,8 +26,8 @@ from .dataset import FILL
 
 # Impacts of a point that stand in one file.
 _COLUMNS = 64
-# Where the manifest is among the attributes, and the longest record of every block, -1 where it is not done.
-_BLOCKS, _LONGEST, _MANIFEST = "blocks", "blocks/longest", "blocks/zarr.json"
+# Where the manifest is among the attributes; of every block the longest record and the number of its files, -1 where it is not done.
+_BLOCKS, _LONGEST, _FILES, _MANIFEST = "blocks", "blocks/longest", "blocks/files", "blocks/zarr.json"
 # Of points that are not run yet; floats are NaN, other numbers 0.
 _NOT_RUN = {"result": -1} | FILL
 
@@ -57,9 +60,17 @@ class Folder:
             slice(k * part, (k + 1) * part) for k, part in zip(map(int, place), self.block, strict=True)
         )
 
-    def marks(self) -> Any:
-        """The longest record of every block as it stands now, -1 where it is not written; read when it is indexed."""
-        return _group(self.path)[_LONGEST]
+    def done(self) -> Callable[[int], bool]:
+        """Tells of each block whether it is written, and all its files are there, at the moment when it is asked."""
+        group = _group(self.path)
+        # A block is done once every array has been made: they are looked up but once.
+        arrays = cache(lambda: dict(group.arrays()))
+
+        def is_done(number: int) -> bool:
+            longest = int(group[_LONGEST][number])
+            return longest >= 0 and self._num_files(arrays(), number, longest) == int(group[_FILES][number])
+
+        return is_done
 
     def write(self, number: int, ds: xr.Dataset) -> None:
         """Write the results of a block."""
@@ -75,7 +86,20 @@ class Folder:
                 a = np.pad(a, missing, constant_values=_not_run(str(name), a.dtype))
                 region = (*region[:-1], slice(0, room))
             group[name][region] = a
+        group[_FILES][number] = self._num_files(dict(group.arrays()), number, ds.sizes["impact"])
         group[_LONGEST][number] = ds.sizes["impact"]
+
+    def _num_files(self, arrays: dict[str, Any], number: int, longest: int) -> int:
+        """How many files there are of what is written for a block."""
+        place, count = tuple(map(int, np.unravel_index(number, self.blocks))), 0
+        for name, a in arrays.items():
+            own = a.metadata.dimension_names[len(self.shape) :]
+            if a.shape[: len(self.shape)] != self.shape or a.chunks[: len(self.shape)] != self.block:
+                continue  # the swept values
+            columns = -(-longest // _COLUMNS) if own[-1:] == ("impact",) else 1
+            chunks = [(*place, *(0,) * (len(own) - 1), *((k,) if own else ())) for k in range(columns)]
+            count += sum((self.path / name / a.metadata.encode_chunk_key(chunk)).exists() for chunk in chunks)
+        return count
 
     def _create(self, group: Any, name: str, variable: xr.DataArray) -> None:
         """Make an array for the whole sweep, unless another process does at this moment."""
@@ -104,7 +128,7 @@ class Folder:
     def open(self) -> xr.Dataset:
         """The dataset, of which is read what is looked at; the room for impacts is cut to the longest record."""
         group = _group(self.path)
-        longest = int(np.max(self.marks()[...]))
+        longest = int(np.max(group[_LONGEST][...]))
         room = -(-longest // _COLUMNS) * _COLUMNS
         for name, a in group.arrays():
             if a.metadata.dimension_names[-1:] == ("impact",) and a.shape[-1] > room:
@@ -138,9 +162,10 @@ def begin(folder: Folder, coordinates: xr.Dataset, manifest: dict[str, Any]) -> 
         try:
             with told_where("out", path):
                 coordinates.to_zarr(part, zarr_format=3, consolidated=False)
-                _group(part).create_array(
-                    _LONGEST, shape=(int(np.prod(folder.blocks)),), chunks=(1,), dtype=np.int32, fill_value=-1
-                )
+                for name in (_LONGEST, _FILES):
+                    _group(part).create_array(
+                        name, shape=(int(np.prod(folder.blocks)),), chunks=(1,), dtype=np.int32, fill_value=-1
+                    )
                 _group(part)[_BLOCKS].attrs.update({"block": folder.block, "sweep": manifest})
             with contextlib.suppress(OSError):  # another process was first
                 os.replace(part, path)

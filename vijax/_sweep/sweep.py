@@ -85,7 +85,7 @@ def sweep(
             share the work, and each returns the whole. It may be deleted afterwards.
         out: a folder to which the results are written in Zarr's format as they come, and from which the dataset that is returned
             reads what is looked at: they need not fit into memory. The same call goes on where it was stopped, several at once
-            share the work, as with `store`. Points that carry nothing alone. Workers of an `executor` write there themselves. To read it later:
+            share the work, as with `store`; what was lost of it is run again. Points that carry nothing alone. Workers of an `executor` write there themselves. To read it later:
             `xr.open_zarr(out, consolidated=False)`.
         executor: runs chunks of points on other processes or machines: any `concurrent.futures.Executor` (`ProcessPoolExecutor`
             with `mp_context=multiprocessing.get_context("spawn")`, `mpi4py.futures.MPIPoolExecutor`), or a client of Dask. Each of

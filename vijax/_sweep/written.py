@@ -36,7 +36,7 @@ from .grid import grid_points
 from .provenance import name_of_flow, origin
 
 # Goes up with every change of what is written.
-_LAYOUT = "Zarr 1"
+_LAYOUT = "Zarr 2"
 # Points that are looked at in one task, before any is run.
 _LOOKED_AT = 1 << 16
 
@@ -110,12 +110,12 @@ def write_sweep(
     with tqdm(total=sweep.in_all, unit="point", disable=not progress) as bar:
 
         def missing() -> Iterator[tuple[int, tuple]]:
-            marks = folder.marks()
+            is_done = folder.done()
             # Every process has another order, so that several share the work.
             for number in np.random.default_rng().permutation(math.prod(folder.blocks)).tolist():
                 part = _part(axes, folder, number)
                 size = math.prod(len(axis) for axis in part.values())
-                if marks[number] >= 0:
+                if is_done(number):
                     bar.update(size)
                 else:
                     yield size, (sweep, part, folder, number)
