@@ -13,7 +13,7 @@ from vijax._branches.family import Place
 from vijax._branches.packed import pack
 from vijax._branches.point import Full, PlainPoint, Point, side_by_side
 from vijax._branches.programs import MOST_EVENTS, Request, Seen, look, padded
-from vijax._branches.watch import Watched
+from vijax._branches.watch import Levels, Watched
 from vijax._orbits.sequence import Sequence
 from vijax._trajectory.event_log import IMPACT, RELEASE
 
@@ -31,8 +31,11 @@ def seen(rng: np.random.Generator, mu: np.ndarray | None = None) -> Seen:
         place, place, jnp.asarray(mu), some(ROOM), some(), some(), jnp.array(3), jnp.array(True)
     )
     stops, force = jnp.zeros(STOPS, int), some(STOPS).at[..., 1].set(jnp.inf)
-    watched = Watched(some(STOPS), some(STOPS), stops, force, some(STOPS), stops, some())
-    return jax.device_get(Seen(found, watched, some(4)))
+    watched = Watched(
+        some(STOPS), some(STOPS), stops, force, some(STOPS), stops, some(STOPS), stops, stops > 0, some()
+    )
+    rates = Levels(some(ROOM), some(STOPS), some(STOPS), some(STOPS))
+    return jax.device_get(Seen(found, watched, rates, some(4)))
 
 
 def sequence_of(rng: np.random.Generator, num_events: int) -> Sequence:

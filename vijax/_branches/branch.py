@@ -27,8 +27,8 @@ from .family import Family, Place
 from .point import PlainPoint, Point, Walk, side_by_side
 from .programs import Seen
 
-# Logs have room for a multiple of so many events: one program for most orbits of a branch.
-_STEP_OF_ROOM = 8
+# Logs have room for a multiple of so many events, one program for most orbits of a branch; and so much to spare.
+_STEP_OF_ROOM, _SPARE = 8, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,12 +250,13 @@ def _orbit(system: ImpactSystem, point: xr.Dataset) -> PeriodicOrbit:
 
 
 def _room_of_log(sequence: Sequence) -> int:
-    """Room for all that a log tells: impacts, and the sticks and releases of their instants."""
-    held = sequence.held.astype(int)
-    num_changes = np.abs(np.diff(held, axis=0)).sum()
-    return _STEP_OF_ROOM * max(
-        1, -(-int(np.count_nonzero(sequence.kind == IMPACT) + num_changes) // _STEP_OF_ROOM)
-    )
+    """Room for all that a log tells: impacts, and the sticks and releases of their instants.
+
+    With some to spare, for a run may have other bounces of a chatter, or an impact where the orbit grazes.
+    """
+    num_changes = np.abs(np.diff(sequence.held.astype(int), axis=0)).sum()
+    count = int(np.count_nonzero(sequence.kind == IMPACT) + num_changes) + _SPARE
+    return _STEP_OF_ROOM * -(-count // _STEP_OF_ROOM)
 
 
 @partial(jax.jit, static_argnames="room")

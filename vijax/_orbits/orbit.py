@@ -87,8 +87,7 @@ class PeriodicOrbit(eqx.Module):
             ```
         """
         t0 = self.phase / self.system.forcing.frequency
-        # A run may have another bounce of a chatter than the orbit, or an impact where that grazes.
-        max_events = 2 * self.events.t.shape[-1] + 8
+        max_events = self.events.t.shape[-1]
         return simulate(
             self.system,
             t0,
