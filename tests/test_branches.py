@@ -88,6 +88,9 @@ def test_a_doubled_branch_ends_where_it_began(doubled):
     (end,) = points_of(branch, "bp")
     assert end.value == pytest.approx(point.value, abs=1e-15)
     assert np.abs(end.orbit.multipliers - 1).min() < 1e-8
+    (half,) = vx.switch_branch(end)
+    assert half.num_periods == 2
+    assert float(vx.bifurcation_value(end, end.orbit.system)) == pytest.approx(point.value, abs=1e-12)
 
 
 def test_families_of_several_periods_leave_a_grazing(doubled):

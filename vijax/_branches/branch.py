@@ -118,7 +118,8 @@ class Bifurcation:
     def kind(self) -> str:
         """What happens.
 
-        One of "fold", "pd" (period doubling), "ns" (Neimark-Sacker), "bp" (branch point), "gr" (grazing),
+        One of "fold", "pd" (period doubling), "ns" (Neimark-Sacker), "bp" (branch point, also where a doubled branch meets
+        the orbit of half its period), "gr" (grazing),
         "double_impact" (of two stops at once), "force_zero" (a stop that holds its mass is not pressed for a moment),
         "chatter_completion" (a stick begins or ends to be).
         """

@@ -53,6 +53,11 @@ def continuation(
     sequence of events changes and the branch goes on. Bifurcations on the way are located: to rounding, or where the
     machine has a `force` to the accuracy of the `flow` of the orbit, whose motion is solved flight by flight.
 
+    Steps are at most 5 % of the bounds long, and so short that no multiplier turns past +1 unseen, as a pair of them does at a
+    resonance, and that a gap, a force or an impact speed cannot vanish twice on one: a window of impacts is
+    found if it is wider than a millionth of the bounds. What changes twice on a step without either, as two period doublings
+    close to each other, may be passed over: follow the branch again within narrower bounds to see more.
+
     Args:
         orbit: from which to begin. Several are followed side by side: a list, or what `vx.periodic_orbits` returned.
         path: the parameter, as in `vx.sweep`; one with a star is one value for all.

@@ -12,7 +12,7 @@ from .conditions import family_at, with_its_event
 from .drive import drive
 from .family import Family, Place
 from .leaving import hits_of, leave, repeated, touch_of
-from .point import Asked, Point, Walk, first_followed
+from .point import Asked, Point, Walk, as_it_is, first_followed
 from .programs import Request, jacobian
 from .starts import family_of
 
@@ -24,7 +24,8 @@ _TRIALS = 1e-3, 1e-4, 1e-2
 def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
     """Orbits on the other branches through a point of a branch, close to it.
 
-    At a period doubling the orbit of twice the period; at a branch point one on each side; where an impact comes or goes,
+    At a period doubling the orbit of twice the period, and where a doubled branch ends that of half the period; at any other
+    branch point one on each side; where an impact comes or goes,
     those of one to three periods of the orbit that touches the stop, in some of which it hits it, as far as the machine
     follows them. A fold has none, and where two impacts change their order, the branch itself goes on.
 
@@ -61,12 +62,32 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
         return []
     path, value = point.branch.path, point.value
     start, family, sequence, place = family_at(point, value - 1, value + 1)
+    if _ends_doubled(point):
+        half = family_of(start._replace(num_periods=start.num_periods // 2), path, value - 1, value + 1)
+        (other,) = drive([half], [_gone_round_once(sequence, place)], lambda: None)
+        return [] if other is None else [_orbit(half, other)]
     if point.kind == "pd":
         sequence, place = in_a_row([(sequence, place)] * 2, start.num_periods)
         family = family_of(start._replace(num_periods=2 * start.num_periods), path, value - 1, value + 1)
     sides = (1.0,) if point.kind == "pd" else (1.0, -1.0)
     found = drive([family] * len(sides), [_beside(sequence, place, side) for side in sides], lambda: None)
     return [_orbit(family, other) for other in found if other is not None]
+
+
+def _ends_doubled(point: Bifurcation) -> bool:
+    """Whether a doubled branch ends at a point."""
+    first, last = point.branch.ends
+    end = {0: first, len(point.branch) - 1: last}.get(point.index)
+    return point.kind == "bp" and end == "period_doubling"
+
+
+def _gone_round_once(sequence: Sequence, place: Place) -> Asked:
+    """An orbit on the branch of half as many periods."""
+    num = len(sequence.kind) // 2
+    once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.held[: num + 1])
+    seen = yield from as_it_is(once, place._replace(flights=place.flights[:num]))
+    at = Point.of(once, seen, 0.0)
+    return (yield from first_followed(once, at.place, at.tangent, _TRIALS))
 
 
 def _at_grazing(point: Bifurcation) -> list[PeriodicOrbit]:
