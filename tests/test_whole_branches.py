@@ -31,7 +31,9 @@ def response(system, frequency=None):
     """The orbit without impacts, as positions and velocities at phase 0."""
     w = float(system.forcing.frequency) if frequency is None else frequency
     matrix = system.stiffness - w**2 * jnp.diag(system.mass) + 1j * w * system.damping
-    x = np.linalg.solve(matrix, np.asarray(system.forcing.amplitude) * np.exp(1j * np.asarray(system.forcing.phase)))
+    x = np.linalg.solve(
+        matrix, np.asarray(system.forcing.amplitude) * np.exp(1j * np.asarray(system.forcing.phase))
+    )
     return x.real, (1j * w * x).real
 
 
@@ -105,7 +107,9 @@ def test_without_rebound_sticks_begin_where_an_impact_is_not_pulled_away(plastic
     assert (onset.kind, doubling.kind) == ("chatter_completion", "pd")
     assert onset.value == pytest.approx(brentq(end_of_leap, 2.0, 2.1, xtol=1e-15), abs=1e-13)
     again = follow(plastic.orbit(0), FREQUENCY, 1.5, 4.0)
-    np.testing.assert_allclose([a for _, a in told(again)], [a for _, a in told(plastic)], rtol=0, atol=LOCATED)
+    np.testing.assert_allclose(
+        [a for _, a in told(again)], [a for _, a in told(plastic)], rtol=0, atol=LOCATED
+    )
 
 
 def test_orbits_with_sticks_without_rebound_have_all_their_events(plastic):

@@ -40,12 +40,12 @@ def is_at_start(walk: Walk, start: Point, point: Point, new: Point) -> Asked:
     return bool(seen.found.is_converged and np.sqrt(away.along(away)) < _AGAIN)
 
 
-def first_repeated(walk: Walk) -> Asked:
+def first_repeated(walk: Walk, last: Point) -> Asked:
     """The number of the first point of a walk that was passed again, if its last one was passed before; else None.
 
     A cycle may come back some forcing periods later.
     """
-    *before, last = walk.points
+    before = walk.points[:-1]
     numbers = [k for k, point in enumerate(before) if point.kind]
     for place, k in enumerate(numbers):
         old = before[k]

@@ -106,8 +106,7 @@ def _add_special(walk: Walk, point: Point, step: "Step") -> Asked:
             yield from _to_bound(walk, point, found)
         if found is last:
             return
-        yield from _add(walk, found)
-        yield from _to_passed(walk)
+        yield from _to_passed(walk, (yield from _add(walk, found)))
         if found.kind == "period_doubling":
             raise Ended("period_doubling")
 
@@ -202,14 +201,15 @@ def _told_by_machine(walk: Walk, point: Point) -> Asked:
 
 
 def _add(walk: Walk, point: Point) -> Asked:
-    """Add a point to the walk."""
-    walk.points.append((yield from in_section(point, walk.num_periods)))
+    """Add a point to the walk, as it is with all its events in the cycle."""
+    point = yield from in_section(point, walk.num_periods)
+    walk.points.append(point)
+    return point
 
 
 def _beyond(walk: Walk, test: Test, event: Point) -> Asked:
     """The point from which the branch goes on behind an event."""
-    yield from _add(walk, event)
-    yield from _to_passed(walk)
+    yield from _to_passed(walk, (yield from _add(walk, event)))
     same = [entry for entry in walk.cascade if entry[0] == test.index]
     walk.cascade = [*same, (test.index, event)] if test.kind == "touch" else []
     yield from _to_limit(walk, MANY)
@@ -219,9 +219,9 @@ def _beyond(walk: Walk, test: Test, event: Point) -> Asked:
         return (yield from by_machine(event, test.kind))
 
 
-def _to_passed(walk: Walk) -> Asked:
+def _to_passed(walk: Walk, last: Point) -> Asked:
     """End where the last bifurcation was passed before; keep each once."""
-    again = yield from first_repeated(walk)
+    again = yield from first_repeated(walk, last)
     if again is not None:
         del walk.points[again:]
         raise Ended("closed")

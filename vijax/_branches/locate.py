@@ -49,7 +49,7 @@ def _just_before(point: Point, event: Point) -> Asked:
 def special_points(walk: Walk, point: Point, new: Point) -> Asked:
     """Bifurcations on a step, in their order; None if multipliers tell of more than are found."""
     found, change = [], 0
-    is_infinite = _passes_infinity(point.seen.found.multipliers[0], new.seen.found.multipliers[0])
+    is_infinite = _passes_infinity(*(complex(at.seen.found.multipliers[0]) for at in (point, new)))
     for test in TESTS_OF_NEIGHBOURS:
         if test.kind in ("pd", "bp") and is_infinite:
             continue

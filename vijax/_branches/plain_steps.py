@@ -129,7 +129,7 @@ def next_length(found: Corrected, known: Known, new: Known, ds: Any) -> Any:
 def _turned(known: Known, new: Known) -> np.ndarray:
     """How far multipliers have moved, in distances from +1, at most; real ones are not counted."""
     mu, before = new.multipliers, known.multipliers
-    is_pair = np.isfinite(mu) & (np.abs(mu.imag) > _REAL)
+    is_pair = np.isfinite(mu) & (np.abs(np.imag(mu)) > _REAL)
     mu = np.where(is_pair, mu, 0)
     with np.errstate(invalid="ignore"):
         ways = np.abs(mu[:, :, None] - before[:, None, :])
@@ -165,7 +165,7 @@ def known_of(sequence: Sequence, place: Place, seen: Seen) -> Known:
         slopes(sequence, seen),
         values,
         np.asarray(num_unstable(seen)),
-        seen.found.multipliers,
+        np.asarray(seen.found.multipliers),
     )
 
 

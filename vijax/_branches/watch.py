@@ -1,14 +1,11 @@
 """What happens between the events of a cycle: how near masses come to their stops, how lightly they rest on them."""
 
 from collections.abc import Callable, Sequence
-from functools import cache
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
-from scipy.interpolate import BPoly
 
 from .._flow.interface import AbstractFlow
 from .._machine.derivatives import approaches, contact_forces, derivatives
@@ -18,16 +15,11 @@ from .._orbits.sequence import NOTHING, Sequence as CycleEvents
 from .._trajectory.event_log import IMPACT
 from .._types import Scalar
 from .._xla import is_any
+from .minima import dip
 
 # Samples per radian of the fastest part of the motion, the most on a flight, and what it takes from there to the
 # minimum by Newton's method.
 _DENSITY, _MOST, _STEPS = 0.7, 10_000, 6
-# A slope this small beside what a polynomial is made of, in units of rounding, is none.
-_NO_SLOPE = 8.0
-# Where the motion between two samples is looked at. Much closer at both ends: a mass that hardly leaves its stop turns
-# back soon after the impact, the sooner the more bounces there were.
-_AFTER, _BEFORE = 1e-6 * 2.5 ** np.arange(15), 1 - 1e-3 * 2.5 ** np.arange(7)
-_NODES = np.concatenate([[0.0], _AFTER, [0.5, 0.62], _BEFORE[::-1], [1.0]])
 
 
 class Watched(NamedTuple):
@@ -149,8 +141,8 @@ def watch(problem: Problem, unknowns: Unknowns) -> Watched:
         is_first, is_last = i == 0, ~(i < num)  # no end of a flight that is no number
         # A gap is least where a mass turns back; a force likewise, or where a stick begins.
         has_left = (i == 1) & _have_left(sequence, k)
-        gap = _dip(before.gap, now.gap, step, has_left)
-        force = _dip(before.force, now.force, step, jnp.zeros_like(held))
+        gap = dip(before.gap, now.gap, step, has_left)
+        force = dip(before.force, now.force, step, jnp.zeros_like(held))
         has_length = ~is_first & (longest > 0)
         turns = has_length & ~held & gap.is_there
         gaps = scan.gaps.lowered(turns, _lowest(gap.value, gap.times(since, step), held, begin, k))
@@ -207,20 +199,20 @@ def levels(problem: Problem, unknowns: Unknowns, watched: Watched) -> Levels:
         later, speeds = jax.lax.scan(one, first, (events_of(sequence), unknowns.flights))[1]
         begins = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), begins, later)
 
-    def read(flight: Array, stop: Array, time: Array | None) -> _Reading:
+    def read(flight: Array, since: Array, stop: Array) -> _Reading:
         begin = jax.tree.map(lambda a: a[flight], begins)
-        at = jax.lax.stop_gradient(begin.time)
-        since = jnp.zeros_like(at) if time is None else jnp.maximum(time + problem.phase - at, 0)
-        reading = _read(machine, flow, begin, sequence.held[flight], since)
-        return jax.tree.map(lambda a: a[stop], reading)
+        since = jnp.maximum(since - jax.lax.stop_gradient(begin.time), 0)
+        return jax.tree.map(lambda a: a[stop], _read(machine, flow, begin, sequence.held[flight], since))
 
-    stops = jnp.arange(machine.contacts.num)
-    by_stop = jax.vmap(read)
+    def of_stops(flights: Array, times: Array) -> _Reading:
+        return jax.vmap(read)(flights, times + problem.phase, jnp.arange(machine.contacts.num))
+
     return Levels(
         speeds=speeds,
-        gap=by_stop(watched.gap_flight, stops, watched.gap_time).gap[0],
-        force=by_stop(watched.force_flight, stops, watched.force_time).force[0],
-        rise=jax.vmap(lambda flight, stop: read(flight, stop, None))(watched.rise_flight, stops).gap[2],
+        gap=of_stops(watched.gap_flight, watched.gap_time).gap[0],
+        force=of_stops(watched.force_flight, watched.force_time).force[0],
+        # Right where these flights begin.
+        rise=of_stops(watched.rise_flight, jnp.full_like(watched.gap_time, -jnp.inf)).gap[2],
     )
 
 
@@ -249,68 +241,6 @@ def _lowest(value: Array, since: Array, held: Array, begin: Moment, flight: Arra
     rows = lambda a: jnp.broadcast_to(a, (len(value), *a.shape))  # noqa: E731
     since = jnp.broadcast_to(since, (3, len(value))).T
     return _Lowest(value, since, rows(held), rows(begin.z), rows(begin.time), rows(flight))
-
-
-class _Dip(NamedTuple):
-    """The lowest minimum between two samples, of each stop.
-
-    Attributes:
-        is_there: whether there is one.
-        value: of it.
-        part: where it is, from 0 to 1.
-        lower: after which it is.
-        upper: before which.
-    """
-
-    is_there: Array
-    value: Array
-    part: Array
-    lower: Array
-    upper: Array
-
-    def times(self, since: Array, step: Array) -> Array:
-        """Where it is and between which times, where the samples end at a time, (3, stops)."""
-        return since - step * (1 - jnp.stack([self.part, self.lower, self.upper]))
-
-
-def _dip(before: list[Array], now: list[Array], step: Array, has_left: Array) -> _Dip:
-    """The lowest minimum of the polynomial that has the values and derivatives of two samples.
-
-    A slope of zero at the first sample is a turn as well, for the minimum may lie where the cycle begins or another stop is
-    hit; but not of a mass that `has_left` its stop there.
-    """
-    ends = jnp.stack([a * step**order for side in (before, now) for order, a in enumerate(side)])
-    values, slopes = (jnp.asarray(m, ends.dtype) @ ends for m in _at_nodes(len(before)))
-    largest = jnp.max(jnp.abs(ends), axis=0)
-    none = _NO_SLOPE * jnp.finfo(ends.dtype).eps * largest
-    first = jnp.where(has_left, largest + 1, slopes[0] - none)
-    slopes = jnp.concatenate([first[None], slopes[1:]])
-    turns = (slopes[:-1] < 0) & (slopes[1:] >= 0)
-    widths = jnp.asarray(np.diff(_NODES), ends.dtype)[:, None]
-    share, depth = _minimum(
-        *(jnp.where(turns, widths * a, 0) for a in (slopes[:-1], slopes[1:])), jnp.diff(values, axis=0)
-    )
-    lowest = jnp.where(turns, values[:-1] + depth, jnp.inf)
-    before_it = jnp.broadcast_to(jnp.asarray(_NODES[:-1], ends.dtype)[:, None], lowest.shape)
-    at = jnp.argmin(lowest, axis=0)[None]
-    pick = lambda a: jnp.take_along_axis(a, at, axis=0)[0]  # noqa: E731
-    begin, width = pick(before_it), pick(jnp.broadcast_to(widths, lowest.shape))
-    return _Dip(jnp.any(turns, axis=0), pick(lowest), begin + width * pick(share), begin, begin + width)
-
-
-def _minimum(first: Array, last: Array, rise: Array) -> tuple[Array, Array]:
-    """Where between 0 and 1 a cubic is least that begins with a negative slope and ends with none such, and how deep."""
-    bend, twist = 3 * rise - 2 * first - last, 3 * (first + last - 2 * rise)
-    root = bend + jnp.sqrt(jnp.maximum(bend * bend - twist * first, 0))
-    at = jnp.where(root > 0, -first / jnp.where(root > 0, root, 1), 0)
-    return at, at * (first + at * (bend + at * twist / 3))
-
-
-@cache
-def _at_nodes(num: int) -> tuple[np.ndarray, np.ndarray]:
-    """The polynomial of `num` values and derivatives at 0 and as many at 1, and its slope, at `_NODES`, by these."""
-    by_each = BPoly.from_derivatives([0.0, 1.0], np.eye(2 * num).reshape(2, num, 2 * num))
-    return by_each(_NODES), by_each(_NODES, nu=1)
 
 
 def _refined(

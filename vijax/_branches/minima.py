@@ -1,0 +1,77 @@
+"""Where a gap or a force is least between two samples of a motion: of the polynomial that has their derivatives."""
+
+from functools import cache
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from scipy.interpolate import BPoly
+
+# A slope this small beside what a polynomial is made of, in units of rounding, is none.
+_NO_SLOPE = 8.0
+# Where the motion between two samples is looked at. Much closer at both ends: a mass that hardly leaves its stop turns
+# back soon after the impact, the sooner the more bounces there were.
+_AFTER, _BEFORE = 1e-6 * 2.5 ** np.arange(15), 1 - 1e-3 * 2.5 ** np.arange(7)
+_NODES = np.concatenate([[0.0], _AFTER, [0.5, 0.62], _BEFORE[::-1], [1.0]])
+
+
+class Dip(NamedTuple):
+    """The lowest minimum between two samples, of each stop.
+
+    Attributes:
+        is_there: whether there is one.
+        value: of it.
+        part: where it is, from 0 to 1.
+        lower: after which it is.
+        upper: before which.
+    """
+
+    is_there: Array
+    value: Array
+    part: Array
+    lower: Array
+    upper: Array
+
+    def times(self, since: Array, step: Array) -> Array:
+        """Where it is and between which times, where the samples end at a time, (3, stops)."""
+        return since - step * (1 - jnp.stack([self.part, self.lower, self.upper]))
+
+
+def dip(before: list[Array], now: list[Array], step: Array, has_left: Array) -> Dip:
+    """The lowest minimum of the polynomial that has the values and derivatives of two samples.
+
+    A slope of zero at the first sample is a turn as well, for the minimum may lie where the cycle begins or another stop is
+    hit; but not of a mass that `has_left` its stop there.
+    """
+    ends = jnp.stack([a * step**order for side in (before, now) for order, a in enumerate(side)])
+    values, slopes = (jnp.asarray(m, ends.dtype) @ ends for m in _at_nodes(len(before)))
+    largest = jnp.max(jnp.abs(ends), axis=0)
+    none = _NO_SLOPE * jnp.finfo(ends.dtype).eps * largest
+    first = jnp.where(has_left, largest + 1, slopes[0] - none)
+    slopes = jnp.concatenate([first[None], slopes[1:]])
+    turns = (slopes[:-1] < 0) & (slopes[1:] >= 0)
+    widths = jnp.asarray(np.diff(_NODES), ends.dtype)[:, None]
+    first, last = (jnp.where(turns, widths * a, 0) for a in (slopes[:-1], slopes[1:]))
+    share, depth = _minimum(first, last, jnp.diff(values, axis=0))
+    lowest = jnp.where(turns, values[:-1] + depth, jnp.inf)
+    before_it = jnp.broadcast_to(jnp.asarray(_NODES[:-1], ends.dtype)[:, None], lowest.shape)
+    at = jnp.argmin(lowest, axis=0)[None]
+    pick = lambda a: jnp.take_along_axis(a, at, axis=0)[0]  # noqa: E731
+    begin, width = pick(before_it), pick(jnp.broadcast_to(widths, lowest.shape))
+    return Dip(jnp.any(turns, axis=0), pick(lowest), begin + width * pick(share), begin, begin + width)
+
+
+def _minimum(first: Array, last: Array, rise: Array) -> tuple[Array, Array]:
+    """Where between 0 and 1 a cubic is least that begins with a negative slope and ends with none such, and how deep."""
+    bend, twist = 3 * rise - 2 * first - last, 3 * (first + last - 2 * rise)
+    root = bend + jnp.sqrt(jnp.maximum(bend * bend - twist * first, 0))
+    at = jnp.where(root > 0, -first / jnp.where(root > 0, root, 1), 0)
+    return at, at * (first + at * (bend + at * twist / 3))
+
+
+@cache
+def _at_nodes(num: int) -> tuple[np.ndarray, np.ndarray]:
+    """The polynomial of `num` values and derivatives at 0 and as many at 1, and its slope, at `_NODES`, by these."""
+    by_each = BPoly.from_derivatives([0.0, 1.0], np.eye(2 * num).reshape(2, num, 2 * num))
+    return by_each(_NODES), by_each(_NODES, nu=1)
