@@ -124,7 +124,8 @@ class Curve:
             bound = self._at_bound(here, new.at)
             points, end = self._met(here, new if bound is None else bound)
             if end:
-                return [*found, *points], end
+                found += points
+                return found, end
             # An event that passes the start of the cycle is no change of it.
             points[-1] = _in_section(points[-1])
             if not _is_followed(points[-1]):
