@@ -219,6 +219,67 @@ def test_an_impact_that_passes_the_start_of_the_cycle_is_no_grazing():
     np.testing.assert_allclose(values[0], values[1], rtol=0, atol=LOCATED)
 
 
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_a_hop_between_two_holds_vanishes_where_the_force_touches_zero(restitution):
+    """The load pulls the mass off the stop that the spring presses it to once it is stronger than 0.31."""
+    found = []
+    for amplitude in (0.2, 0.5):
+        system = oscillator(
+            1.8, amplitude=amplitude, position=-0.31, damping_ratio=0.1, restitution=restitution
+        )
+        sol = vx.simulate(system, 0.0, 400 * system.forcing.period, [-0.31], max_events=0, throw=False)
+        branch = follow(orbit_of(system, sol.x1, sol.v1), "forcing.amplitude[0]", 0.1, 1.0)
+        assert branch.ends[0] == "bounds"
+        (value,) = [value for kind, value in told(branch) if kind == "force_zero"]
+        assert value == pytest.approx(0.31, abs=1e-12)
+        found.append(kinds(branch))
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize(
+    ("numbers", "n", "start"),
+    [
+        pytest.param(
+            (1.13498519570028, -0.36230239228048, 0.06896643399205, 0.0, 1.0), 2, (-0.36230239228048, 0.0)
+        ),
+        pytest.param(
+            (2.7511168901050387, -0.02549055743887335, 0.11170630544373185, 0.0, 2.0),
+            1,
+            (-0.0721787251, 0.6046945924),
+        ),
+    ],
+    ids=["release", "plastic impact"],
+)
+def test_no_event_that_passes_the_start_of_the_cycle_is_a_change(numbers, n, start):
+    frequency, position, damping_ratio, restitution, phase = numbers
+    own = {"damping_ratio": damping_ratio, "restitution": restitution, "position": position}
+    branches = []
+    for angle in (phase, 0.0):
+        system = vx.models.impact_oscillator(frequency, phase=angle, **own)
+        x, v = start
+        if angle == 0.0:  # the same motion, met an angle of the load later
+            first = vx.periodic_orbit(vx.models.impact_oscillator(frequency, phase=phase, **own), [x], [v], n)
+            later = vx.simulate(first.system, 0.0, (2 * np.pi - phase) / frequency, first.x0, first.v0)
+            x, v = later.x1, later.v1
+        branches.append(follow(orbit_of(system, x, v, n), POSITION, -0.8, 1.2))
+    assert branches[0].ends == branches[1].ends == ("bounds", "bounds")
+    assert kinds(branches[0]) == kinds(branches[1])
+    values = [[value for _, value in told(branch)] for branch in branches]
+    np.testing.assert_allclose(values[0], values[1], rtol=0, atol=LOCATED)
+
+
+def test_a_chatter_has_room_for_its_last_bounces():
+    """Where the cycle has nearly as many events as its program has room for."""
+    system = vx.models.impact_oscillator(
+        0.5745788216196517, damping_ratio=0.09978594367951248, restitution=0.0, position=0.6084226900248537
+    )
+    branch = follow(orbit_of(system, 0.6084226900248537, 0.0), RESTITUTION, 0.0, 1.0)
+    assert branch.ends == ("bounds", "chatter_completion")
+    for point in branch.bifurcations:
+        check_point(point)
+        point.orbit.solution()
+
+
 @pytest.mark.slow
 def test_branches_and_curves_do_not_depend_on_the_phase_at_which_the_cycle_begins():
     found = []

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .._orbits.sequence import NOTHING, Sequence
+from .._orbits.sequence import Sequence
 from .._trajectory.event_log import IMPACT
 from .._types import Reals
 from .branch_tests import KINDS, Test, tests_of
@@ -19,14 +19,16 @@ from .changes import (
     without_stick,
 )
 from .family import Place
-from .point import Asked, Ended, Point, Walk, as_it_is, corrected
-from .programs import Followed, Rates, Request, confirm, locate_start, rates_along, trimmed
+from .point import Asked, Ended, Point, Walk, as_it_is, at_parameter, corrected
+from .programs import Followed, Rates, Request, confirm, locate_start, padded, rates_along, trimmed
 
 # Rounds of a cycle in which something changes at once, and forcing periods of all of it.
 How = tuple[int, float]
 
 # What leads off a point where the sequence changes: the first of these that does not leave the branch.
 _OFF = 1e-7, 1e-8, 1e-9, 1e-10
+# Room for new events: a stick that is interrupted ends in another chatter.
+_MORE = 64
 # Where no step leads off, the machine itself is tried at these distances.
 _TRIALS = 1e-6, 1e-5, 1e-4, 1e-3
 
@@ -94,9 +96,9 @@ def _without_stick(event: Point, k: int, how: How) -> Asked:
         sequence, place = without_stick(sequence, place, number)
     at = yield from _retold(sequence, place, event)
     try:
-        return (yield from _off(at, True))
+        return (yield from off(at, True))
     except Ended:
-        return (yield from _off(at, False))
+        return (yield from off(at, False))
 
 
 # What changes at each kind of event.
@@ -111,23 +113,35 @@ _CHANGES = {
 
 def by_machine(event: Point, kind: str) -> Asked:
     """The point some way ahead with the events that the machine has there."""
-    # Room for what may be new: a stick that is interrupted ends in another chatter.
-    more = 64
-    held = np.concatenate([event.sequence.held, np.repeat(event.sequence.held[-1:], more, axis=0)])
-    kinds, stops = (
-        np.append(event.sequence.kind, [NOTHING] * more),
-        np.append(event.sequence.stop, [0] * more),
-    )
-    longer = Sequence(kinds, stops, held)
     for ds in _TRIALS:
         guess = event.place.moved(event.tangent, ds)
-        wide = guess._replace(flights=np.append(guess.flights, np.zeros(more)))
-        followed: Followed = yield Request(confirm, longer, (wide,))
+        followed = yield from _followed(event.sequence, guess)
         new = yield from with_its_bounces(event._replace(place=guess), followed._replace(is_alike=True))
         told: Followed = yield Request(confirm, new.sequence, (new.place,))
         if told.is_alike and np.abs(new.place.z - guess.z).max() < 10 * ds:
             return new._replace(kind="", arc=event.arc + ds)
     raise Ended(KINDS.get(kind, kind))
+
+
+def as_machine_has_it(point: Point, guess: Place) -> Asked:
+    """The cycle that the machine follows near a guess, at its parameter; None if it follows none."""
+    followed = yield from _followed(point.sequence, guess)
+    num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
+    sequence = trimmed(followed.sequence, num_events)
+    place = guess._replace(flights=followed.flights[:num_events])
+    seen = yield from at_parameter(sequence, place, float(guess.p))
+    if not seen.found.is_converged:
+        return None
+    found = Point.of(sequence, seen, point.arc)
+    told: Followed = yield Request(confirm, sequence, (found.place,))
+    return found if told.is_alike else None
+
+
+def _followed(sequence: Sequence, place: Place) -> Asked:
+    """What the machine does from a place, with room for what may be new there."""
+    longer, wide = padded(sequence, (place,), len(sequence.kind) + _MORE)
+    followed: Followed = yield Request(confirm, longer, (wide,))
+    return followed
 
 
 def in_section(point: Point, num_periods: float) -> Asked:
@@ -169,13 +183,13 @@ def _going_on(
     """The point on the new sequence, in the direction in which a speed or a gap grows."""
     at = yield from _retold(sequence, place, event)
     rates: Rates = yield Request(rates_along, sequence, (at.place, at.tangent, np.asarray(time)))
-    return (yield from _off(at, float(rate(rates)) > 0))
+    return (yield from off(at, float(rate(rates)) > 0))
 
 
 def _oriented(sequence: Sequence, place: Place, event: Point, ahead: Callable[[Point], float]) -> Asked:
     """The same in a direction that is read off the tangent."""
     at = yield from _retold(sequence, place, event)
-    return (yield from _off(at, ahead(at) > 0))
+    return (yield from off(at, ahead(at) > 0))
 
 
 def _retold(sequence: Sequence, place: Place, event: Point) -> Asked:
@@ -186,7 +200,7 @@ def _retold(sequence: Sequence, place: Place, event: Point) -> Asked:
     return event._replace(sequence=sequence, place=trimmed(seen.found.place, len(sequence.kind)), seen=seen)
 
 
-def _off(at: Point, is_ahead: bool) -> Asked:
+def off(at: Point, is_ahead: bool = True) -> Asked:
     """A point close behind, in the given direction or in the other."""
     tangent = at.tangent if is_ahead else at.tangent.turned()
     for ds in _OFF:

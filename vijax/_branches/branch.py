@@ -27,8 +27,9 @@ from .family import Family, Place
 from .point import PlainPoint, Point, Walk, side_by_side
 from .programs import Seen
 
-# Logs have room for a multiple of so many events, one program for most orbits of a branch; and so much to spare.
-_STEP_OF_ROOM, _SPARE = 8, 4
+# Logs have room for a multiple of so many events, one program for most orbits of a branch; and so much to spare, and where
+# a chatter may end later.
+_STEP_OF_ROOM, _SPARE, _OF_CHATTER = 8, 4, 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,7 +257,8 @@ def _room_of_log(sequence: Sequence) -> int:
     With some to spare, for a run may have other bounces of a chatter, or an impact where the orbit grazes.
     """
     num_changes = np.abs(np.diff(sequence.held.astype(int), axis=0)).sum()
-    count = int(np.count_nonzero(sequence.kind == IMPACT) + num_changes) + _SPARE
+    spare = _OF_CHATTER if num_changes else _SPARE
+    count = int(np.count_nonzero(sequence.kind == IMPACT) + num_changes) + spare
     return _STEP_OF_ROOM * -(-count // _STEP_OF_ROOM)
 
 

@@ -11,7 +11,7 @@ from .._orbits.sequence import Sequence
 from .._trajectory.event_log import RELEASE
 from .family import Place
 from .point import Asked, Point, at_parameter
-from .programs import Followed, Request, confirm, padded, room_for, trimmed
+from .programs import SPARE, Followed, Request, confirm, padded, room_for, trimmed
 
 # So many grazings of one stop are a cascade, if each is nearer to the next than it was to the last; where it is not known
 # how a branch goes on, fewer.
@@ -61,7 +61,7 @@ def behind(limit: Place, last: Point) -> Asked:
 def _with_stick(limit: Place, last: Point, p: float) -> Asked:
     """The cycle with a stick at a value of the parameter: that of the machine, corrected until it is followed."""
     place = limit._replace(p=np.asarray(p))
-    room = room_for(4 * len(last.sequence.kind))
+    room = room_for(4 * len(last.sequence.kind)) - SPARE
     longer = padded(last.sequence, (), room)[0]
     for _ in range(_TRIALS):
         wide = place._replace(flights=np.zeros(room))
@@ -79,3 +79,14 @@ def _with_stick(limit: Place, last: Point, p: float) -> Asked:
             return found
         place = found.place
     return None
+
+
+def shortest_stick(point: Point) -> float:
+    """How long the shortest hold of a stop lasts, in forcing periods; 0 if there is none."""
+    sequence, times = point.sequence, np.append(0.0, np.cumsum(point.place.flights))
+    found = [
+        times[k + 1] - times[np.flatnonzero(~sequence.held[: k + 1, stop])[-1] + 1]
+        for k, stop in enumerate(sequence.stop)
+        if sequence.kind[k] == RELEASE and not sequence.held[: k + 1, stop].all()
+    ]
+    return float(min(found, default=0.0))

@@ -11,11 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from .._orbits.sequence import Sequence
-from .._trajectory.event_log import RELEASE
-from .beyond import by_machine, by_sequence, in_section, with_its_bounces
+from .beyond import as_machine_has_it, by_machine, by_sequence, in_section, off, with_its_bounces
 from .branch_tests import Test, crossings, tests_of
-from .cascade import FEW, MANY, behind, is_limit, limit_of
+from .cascade import FEW, MANY, behind, is_limit, limit_of, shortest_stick
 from .closing import first_repeated, is_at_start, rounds_of
+from .family import Place
+from .hops import hop_that_ends, where_hop_ends
 from .locate import first_event, special_points
 from .plain_steps import (
     PROBE,
@@ -26,7 +27,7 @@ from .plain_steps import (
     known_alone,
     next_length,
 )
-from .point import TRUSTED, Asked, Ended, Full, Point, Walk, ahead, at_parameter, between
+from .point import TRUSTED, Asked, Ended, Full, Point, Walk, ahead, as_it_is, at_parameter, between
 from .programs import Followed, Request, confirm, tell, trimmed
 from .repeated import where_it_grazes
 
@@ -34,6 +35,10 @@ from .repeated import where_it_grazes
 _SEPARATE = 1e-4
 # A stick as short as this, in forcing periods, vanishes right there.
 _MOMENT = 1e-5
+# An event this near to a bound is met there.
+_ON_BOUND = 1e-8
+# How far an orbit that is given is from the cycle that it is, and from its parameter.
+_NEAR, _AT = 1e-3, 1e-9
 # Steps back to where a stick vanishes.
 _MOST_BACK = 100
 
@@ -49,11 +54,13 @@ def begin(sequence: Sequence, start: np.ndarray, p: float) -> Asked:
     place, followed = yield Request(tell, sequence, (start, np.asarray(p)))
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
     sequence, place = trimmed(followed.sequence, num_events), trimmed(place, num_events)
-    seen = yield from at_parameter(sequence, place, p)
-    away = np.abs(seen.found.place.z - place.z).max()
-    if not seen.found.is_converged or not away < 1e-3:
-        return None
-    return Point.of(sequence, seen, 0.0)
+    # At a fold the parameter does not tell one cycle from the next.
+    for ask in (at_parameter(sequence, place, p), as_it_is(sequence, place)):
+        seen = yield from ask
+        away = np.abs(seen.found.place.z - place.z).max()
+        if seen.found.is_converged and away < _NEAR and abs(seen.found.place.p - p) < _AT:
+            return Point.of(sequence, seen, 0.0)
+    return None
 
 
 def follow(walk: Walk, start: Point) -> Asked:
@@ -72,6 +79,9 @@ def _follow(walk: Walk, start: Point) -> Asked:
         if walk.is_full:
             break
         step, ds = yield from _whole_step(walk, point, ds)
+        if step is None:
+            point, ds = (yield from _behind_hop(walk, point)), PROBE
+            continue
         yield from _add_special(walk, point, step)
         if step.event is not None:
             point, ds = (yield from _beyond(walk, *step.event)), min(ds, PROBE)
@@ -84,7 +94,7 @@ def _follow(walk: Walk, start: Point) -> Asked:
 
 
 def _whole_step(walk: Walk, point: Point, ds: float) -> Asked:
-    """A step on which all is known that happens, and its length: halved until it is."""
+    """A step on which all is known that happens, and its length, halved until it is; None if none is short enough."""
     while ds >= SHORTEST:
         try:
             step = yield from _step(walk, point, ds)
@@ -95,15 +105,32 @@ def _whole_step(walk: Walk, point: Point, ds: float) -> Asked:
         if step is not None:
             return step, ds
         ds /= 2
-    return (yield from _end(walk, point))
+    return None, ds
+
+
+def _behind_hop(walk: Walk, point: Point) -> Asked:
+    """The point from which the branch goes on where no step is short enough, for a hop vanishes; else it ends."""
+    event = yield from where_hop_ends(point)
+    if event is None:
+        yield from _end(walk, point)
+    return (yield from _add_and_go_on(walk, event))
+
+
+def _add_and_go_on(walk: Walk, event: Point) -> Asked:
+    """The point behind one where a force touches zero: the mass is held."""
+    yield from _to_passed(walk, (yield from _add(walk, event)))
+    return (yield from off(event))
 
 
 def _add_special(walk: Walk, point: Point, step: "Step") -> Asked:
     """Add the bifurcations of a step, and end where the branch does."""
     last = step.last if step.event is None else step.event[1]
     for found in [*step.special, last]:
-        if not walk.bounds[0] <= found.place.p <= walk.bounds[1]:
-            yield from _to_bound(walk, point, found)
+        is_near = bool(min(abs(found.place.p - bound) for bound in walk.bounds) < _ON_BOUND)
+        # A restitution of 0 is such a bound: impacts whose speed it makes vanish there, all at once.
+        is_at_it = is_near and found is last and step.event is not None
+        if is_at_it or not walk.bounds[0] <= found.place.p <= walk.bounds[1]:
+            yield from _to_bound(walk, point, found, is_event=is_at_it)
         if found is last:
             return
         yield from _to_passed(walk, (yield from _add(walk, found)))
@@ -113,7 +140,7 @@ def _add_special(walk: Walk, point: Point, step: "Step") -> Asked:
 
 def _end(walk: Walk, point: Point) -> Asked:
     """End where no step is short enough."""
-    if 0 < _shortest_stick(point) < _MOMENT:
+    if 0 < shortest_stick(point) < _MOMENT:
         # Sticks vanish faster than they shorten: what is left of the way is rounding.
         if walk.points and walk.points[-1].arc == point.arc:
             walk.points.pop()
@@ -126,17 +153,6 @@ def _end(walk: Walk, point: Point) -> Asked:
         yield from _add(walk, grazing)
         raise Ended("gr")
     raise Ended("left_the_stops")
-
-
-def _shortest_stick(point: Point) -> float:
-    """How long the shortest hold of a stop lasts, in forcing periods; 0 if there is none."""
-    sequence, times = point.sequence, np.append(0.0, np.cumsum(point.place.flights))
-    found = [
-        times[k + 1] - times[np.flatnonzero(~sequence.held[: k + 1, stop])[-1] + 1]
-        for k, stop in enumerate(sequence.stop)
-        if sequence.kind[k] == RELEASE and not sequence.held[: k + 1, stop].all()
-    ]
-    return float(min(found, default=0.0))
 
 
 class Step(NamedTuple):
@@ -209,6 +225,9 @@ def _add(walk: Walk, point: Point) -> Asked:
 
 def _beyond(walk: Walk, test: Test, event: Point) -> Asked:
     """The point from which the branch goes on behind an event."""
+    hop = yield from hop_that_ends(test, event)
+    if hop is not None:
+        return (yield from _add_and_go_on(walk, hop))
     yield from _to_passed(walk, (yield from _add(walk, event)))
     same = [entry for entry in walk.cascade if entry[0] == test.index]
     walk.cascade = [*same, (test.index, event)] if test.kind == "touch" else []
@@ -245,15 +264,27 @@ def _to_limit(walk: Walk, least: int) -> Asked:
         raise Ended("chatter_completion")
 
 
-def _to_bound(walk: Walk, point: Point, new: Point) -> Asked:
-    """Add the point at the bound of the parameter that lies between two, and end."""
-    p = walk.bounds[int(new.place.p > walk.bounds[1])]
+def _to_bound(walk: Walk, point: Point, new: Point, *, is_event: bool) -> Asked:
+    """Add the point at the bound of the parameter that lies between two, or at which an event is, and end."""
+    p = min(walk.bounds, key=lambda bound: abs(bound - new.place.p))
     share = (p - point.place.p) / (new.place.p - point.place.p)
     if share > 0:
-        seen = yield from at_parameter(point.sequence, between(point, new, share), p)
-        if not seen.found.is_converged:
-            raise Ended("not_converged")
-        exact = seen.found.place._replace(p=np.asarray(p))
-        seen = seen._replace(found=seen.found._replace(place=exact))
-        yield from _add(walk, Point.of(point.sequence, seen, point.arc + share * (new.arc - point.arc)))
+        guess = between(point, new, share)._replace(p=np.asarray(p))
+        at = yield from _at_bound(point, guess, is_event=is_event)
+        exact = at.seen.found.place._replace(p=np.asarray(p))
+        seen = at.seen._replace(found=at.seen.found._replace(place=exact))
+        yield from _add(walk, Point.of(at.sequence, seen, point.arc + share * (new.arc - point.arc)))
     raise Ended("bounds")
+
+
+def _at_bound(point: Point, guess: Place, *, is_event: bool) -> Asked:
+    """The cycle at a bound; where events vanish there, what the machine does."""
+    p = float(guess.p)
+    if not is_event:
+        seen = yield from at_parameter(point.sequence, guess, p)
+        if seen.found.is_converged:
+            return Point.of(point.sequence, seen, point.arc)
+    found = yield from as_machine_has_it(point, guess)
+    if found is None:
+        raise Ended("not_converged")
+    return found

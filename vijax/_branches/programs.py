@@ -22,7 +22,9 @@ from .watch import Levels, Watched, levels, watch
 
 # Numbers of events of a cycle that programs are compiled for.
 _ROOMS = 16, 64, 256, 1024
-MOST_EVENTS = _ROOMS[-1]
+# Room for bounces that a run has and its cycle has not; and for sticks in the log of a run, beside its events.
+SPARE, _STICKS = 4, 0.5
+MOST_EVENTS = _ROOMS[-1] - SPARE
 
 
 class Seen(NamedTuple):
@@ -97,10 +99,18 @@ def tell(
 def _run(family: Family, sequence: Sequence, place: Place, start: Float[Array, " state"]) -> Followed:
     room = len(sequence.kind)
     numbers = numbers_of(family.system_at(place.p))
-    strobe = Strobe(numbers, family.flow, family.num_periods, family.phase, room)
-    log, result, _ = run_for_log(numbers, family.flow, strobe.request(start), room=room, can_stick=True)
-    other, flights = sequence_of(log, strobe.t0, strobe.period)
-    is_alike = (result == RESULTS.successful) & happens_alike(sequence, place.flights, other, flights)
+    room_of_log = room + int(_STICKS * room)
+    strobe = Strobe(numbers, family.flow, family.num_periods, family.phase, room_of_log)
+    log, result, _ = run_for_log(
+        numbers, family.flow, strobe.request(start), room=room_of_log, can_stick=True
+    )
+    whole, flights = sequence_of(log, strobe.t0, strobe.period)
+    other, flights = (
+        Sequence(whole.kind[:room], whole.stop[:room], whole.held[: room + 1]),
+        flights[:room],
+    )
+    is_whole = (result == RESULTS.successful) & (jnp.sum(whole.is_event) <= room)
+    is_alike = is_whole & happens_alike(sequence, place.flights, other, flights)
     return Followed(is_alike, other, flights)
 
 
@@ -144,7 +154,7 @@ class Request(NamedTuple):
 
 def room_for(num_events: int) -> int:
     """The padded number of events."""
-    room = next((room for room in _ROOMS if room >= num_events), None)
+    room = next((room for room in _ROOMS if room >= num_events + SPARE), None)
     if room is None:
         raise ValueError(f"A branch came to a cycle of {num_events} events, and {MOST_EVENTS} are the most.")
     return room

@@ -6,7 +6,6 @@ speed v the multipliers grow like v^-m; but the other cycle is as well-condition
 
 import numpy as np
 
-from .._orbits.sequence import Sequence
 from .._trajectory.event_log import IMPACT
 from .branch_tests import tests_of
 from .changes import without_event
@@ -36,15 +35,15 @@ def where_it_grazes(point: Point) -> Asked:
         return None
     start = Point.of(sequence, seen, point.arc)
     for stop in np.unique(point.sequence.stop[light]):
-        found = yield from _touching(start, sequence, int(stop))
+        found = yield from vanishing(start, "touch", int(stop))
         if found is not None and _is_near(point, found, speeds[light].max()):
             return found._replace(arc=point.arc)
     return None
 
 
-def _touching(start: Point, sequence: Sequence, stop: int) -> Asked:
-    """Where the gap of a stop vanishes near by."""
-    test = next(test for test in tests_of(sequence) if test.kind == "touch" and test.index == stop)
+def vanishing(start: Point, kind: str, stop: int) -> Asked:
+    """Where the least gap or force of a stop vanishes near by; None if it does not."""
+    test = next(test for test in tests_of(start.sequence) if test.kind == kind and test.index == stop)
     beside = yield from ahead(start, _STEP)
     gap = test.of(start.seen)
     slope = (test.of(beside.seen) - gap) / _STEP

@@ -140,7 +140,7 @@ def watch(problem: Problem, unknowns: Unknowns) -> Watched:
         now = _read(machine, flow, begin, held, since)
         is_first, is_last = i == 0, ~(i < num)  # no end of a flight that is no number
         # A gap is least where a mass turns back; a force likewise, or where a stick begins.
-        has_left = (i == 1) & _have_left(sequence, k)
+        has_left = (i == 1) & _have_left(sequence, k, jnp.where(last < 0, count, 0))
         gap = dip(before.gap, now.gap, step, has_left)
         force = dip(before.force, now.force, step, jnp.zeros_like(held))
         has_length = ~is_first & (longest > 0)
@@ -148,7 +148,9 @@ def watch(problem: Problem, unknowns: Unknowns) -> Watched:
         gaps = scan.gaps.lowered(turns, _lowest(gap.value, gap.times(since, step), held, begin, k))
         least = jnp.where(is_first, now.force[0], force.value)
         at = jnp.where(is_first, since, force.times(since, step))
-        is_least = held & (is_first | (has_length & force.is_there))
+        # A release that has passed the start of the cycle leaves no hold there.
+        begins = is_first & ((k > 0) | (longest > 0))
+        is_least = held & (begins | (has_length & force.is_there))
         forces = scan.forces.lowered(is_least, _lowest(least, at, held, begin, k))
         # Without rebound a mass has neither gap nor speed: it leaves by its acceleration, or not at all.
         rests = is_first & ~held & _is_after_plastic(machine, sequence, k)
@@ -216,14 +218,22 @@ def levels(problem: Problem, unknowns: Unknowns, watched: Watched) -> Levels:
     )
 
 
-def _have_left(sequence: CycleEvents, flight: Array) -> Array:
-    """The stops from which masses set out on a flight, (stops,)."""
+def _have_left(sequence: CycleEvents, flight: Array, passed: Array) -> Array:
+    """The stops from which masses set out on a flight, (stops,).
+
+    Args:
+        sequence: what happens.
+        flight: its number.
+        passed: the number of the last event plus one if it has passed the end of the cycle, so that the first flight begins
+            with it; else 0.
+    """
     held = sequence.held
     if not len(sequence.kind):
         return jnp.zeros(held.shape[1], bool)
-    before = jnp.maximum(flight - 1, 0)
+    event = jnp.where(flight > 0, flight, passed) - 1
+    before = jnp.maximum(event, 0)
     is_own = (jnp.arange(held.shape[1]) == sequence.stop[before]) & (sequence.kind[before] != NOTHING)
-    return (flight > 0) & ~held[flight] & (is_own | held[before])
+    return (event >= 0) & ~held[flight] & (is_own | held[before])
 
 
 def _is_after_plastic(machine: Machine, sequence: CycleEvents, flight: Array) -> Array:
