@@ -112,12 +112,14 @@ def _behind_hop(walk: Walk, point: Point) -> Asked:
     """The point from which the branch goes on where no step is short enough, for a hop vanishes; else it ends."""
     event = yield from where_hop_ends(point)
     if event is None:
-        yield from _end(walk, point)
-    return (yield from _add_and_go_on(walk, event))
+        return (yield from _end(walk, point))
+    return (yield from _add_and_go_on(walk, point, event))
 
 
-def _add_and_go_on(walk: Walk, event: Point) -> Asked:
+def _add_and_go_on(walk: Walk, point: Point, event: Point) -> Asked:
     """The point behind one where a force touches zero: the mass is held."""
+    if not walk.bounds[0] <= event.place.p <= walk.bounds[1]:
+        yield from _end_at_bound(walk, point, point.place, event, is_event=True)
     yield from _to_passed(walk, (yield from _add(walk, event)))
     return (yield from off(event))
 
@@ -126,7 +128,7 @@ def _add_special(walk: Walk, point: Point, step: "Step") -> Asked:
     """Add the bifurcations of a step, and end where the branch does."""
     last = step.last if step.event is None else step.event[1]
     for found in [*step.special, last]:
-        is_near = bool(min(abs(found.place.p - bound) for bound in walk.bounds) < _ON_BOUND)
+        is_near = bool(abs(found.place.p - walk.nearest_bound(float(found.place.p))) < _ON_BOUND)
         # A restitution of 0 is such a bound: impacts whose speed it makes vanish there, all at once.
         is_at_it = is_near and found is last and step.event is not None
         if is_at_it or not walk.bounds[0] <= found.place.p <= walk.bounds[1]:
@@ -227,7 +229,7 @@ def _beyond(walk: Walk, test: Test, event: Point) -> Asked:
     """The point from which the branch goes on behind an event."""
     hop = yield from hop_that_ends(test, event)
     if hop is not None:
-        return (yield from _add_and_go_on(walk, hop))
+        return (yield from _add_and_go_on(walk, event, hop))
     yield from _to_passed(walk, (yield from _add(walk, event)))
     same = [entry for entry in walk.cascade if entry[0] == test.index]
     walk.cascade = [*same, (test.index, event)] if test.kind == "touch" else []
@@ -266,14 +268,21 @@ def _to_limit(walk: Walk, least: int) -> Asked:
 
 def _to_bound(walk: Walk, point: Point, new: Point, *, is_event: bool) -> Asked:
     """Add the point at the bound of the parameter that lies between two, or at which an event is, and end."""
-    p = min(walk.bounds, key=lambda bound: abs(bound - new.place.p))
+    p = walk.nearest_bound(float(new.place.p))
     share = (p - point.place.p) / (new.place.p - point.place.p)
-    if share > 0:
-        guess = between(point, new, share)._replace(p=np.asarray(p))
-        at = yield from _at_bound(point, guess, is_event=is_event)
-        exact = at.seen.found.place._replace(p=np.asarray(p))
-        seen = at.seen._replace(found=at.seen.found._replace(place=exact))
-        yield from _add(walk, Point.of(at.sequence, seen, point.arc + share * (new.arc - point.arc)))
+    if share <= 0:
+        raise Ended("bounds")
+    guess, arc = between(point, new, share), point.arc + share * (new.arc - point.arc)
+    yield from _end_at_bound(walk, point, guess, new._replace(arc=arc), is_event=is_event)
+
+
+def _end_at_bound(walk: Walk, point: Point, guess: Place, new: Point, *, is_event: bool) -> Asked:
+    """Add the point at the bound next to a new one, which has its length of the branch, and end."""
+    p = np.asarray(walk.nearest_bound(float(new.place.p)))
+    at = yield from _at_bound(point, guess._replace(p=p), is_event=is_event)
+    exact = at.seen.found.place._replace(p=p)
+    seen = at.seen._replace(found=at.seen.found._replace(place=exact))
+    yield from _add(walk, Point.of(at.sequence, seen, new.arc))
     raise Ended("bounds")
 
 

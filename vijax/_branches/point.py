@@ -137,6 +137,10 @@ class Walk:
         """Whether there are as many points as were asked for."""
         return len(self.points) >= self.max_points
 
+    def nearest_bound(self, p: float) -> float:
+        """The bound next to a value of the parameter."""
+        return min(self.bounds, key=lambda bound: abs(bound - p))
+
 
 class Ended(Exception):
     """A branch is not followed any further; says why."""
