@@ -360,7 +360,8 @@ def test_a_cascade_of_grazings_ends_where_the_chatter_is_complete():
     grazings = np.array([point.value for point in points_of(branch, "gr")])
     steps = np.diff(np.append(grazings[-5:], limit.value))
     assert np.all(steps[1:-1] < 0.8 * steps[:-2])
-    assert limit.value == pytest.approx(0.637296267043, abs=1e-11)
+    # Runs bounce 80 times at 0.637296267011, and stick at 0.637296267005.
+    assert limit.value == pytest.approx(0.637296267011, abs=1e-11)
     # There the stick of the other side ends: a little farther there is one, a little nearer there is none.
     for away, num_sticks in ((1e-9, 1), (-1e-9, 0)):
         system = vx.models.wagg_bishop_b(limit.value + away)

@@ -27,6 +27,8 @@ How = tuple[int, float]
 
 # What leads off a point where the sequence changes: the first of these that does not leave the branch.
 _OFF = 1e-7, 1e-8, 1e-9, 1e-10
+# Bounces are not added to a chatter that has one as short as this, in forcing periods: the rest of them is rounding.
+_LIGHTEST = 1e-7
 # Room for new events: a stick that is interrupted ends in another chatter.
 _MORE = 64
 # Where no step leads off, the machine itself is tried at these distances.
@@ -162,7 +164,10 @@ def in_section(point: Point, num_periods: float) -> Asked:
 def with_its_bounces(point: Point, followed: Followed) -> Asked:
     """The point with as many bounces in its chatters as they have there."""
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
+    is_light = np.min(point.place.flights, initial=np.inf) < _LIGHTEST
     if not followed.is_alike or num_events == len(point.sequence.kind):
+        return point
+    if is_light and num_events > len(point.sequence.kind):
         return point
     sequence = trimmed(followed.sequence, num_events)
     place = point.place._replace(flights=followed.flights[:num_events])

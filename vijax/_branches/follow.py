@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._orbits.sequence import Sequence
+from .._trajectory.event_log import RELEASE
 from .beyond import as_machine_has_it, by_machine, by_sequence, in_section, off, with_its_bounces
 from .branch_tests import Test, crossings, tests_of
 from .cascade import FEW, MANY, behind, is_limit, limit_of, shortest_stick
@@ -90,7 +91,15 @@ def _follow(walk: Walk, start: Point) -> Asked:
             raise Ended("closed")
         walk.points.append(step.told)
         point, ds = (yield from with_its_bounces(step.told, step.followed)), step.next_length
+        if _has_lost_stick(step.told, point):  # the branch ends between the two
+            point = step.told
     walk.end = "max_points"
+
+
+def _has_lost_stick(told: Point, point: Point) -> bool:
+    """Whether the last bounces of a chatter are there, but not the stick behind them any more."""
+    before, after = (np.count_nonzero(one.sequence.kind == RELEASE) for one in (told, point))
+    return bool(after < before and 0 < shortest_stick(told) < _MOMENT)
 
 
 def _whole_step(walk: Walk, point: Point, ds: float) -> Asked:
