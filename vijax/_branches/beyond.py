@@ -165,9 +165,8 @@ def with_its_bounces(point: Point, followed: Followed) -> Asked:
     """The point with as many bounces in its chatters as they have there."""
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
     is_light = np.min(point.place.flights, initial=np.inf) < _LIGHTEST
-    if not followed.is_alike or num_events == len(point.sequence.kind):
-        return point
-    if is_light and num_events > len(point.sequence.kind):
+    more = num_events - len(point.sequence.kind)
+    if not followed.is_alike or more == 0 or (is_light and more > 0):
         return point
     sequence = trimmed(followed.sequence, num_events)
     place = point.place._replace(flights=followed.flights[:num_events])

@@ -93,8 +93,8 @@ def bifurcation_curve(
         return _dataset(point, path, [*back[::-1], begun, *forth], ends)
 
     with tqdm(unit="point", disable=not progress) as bar, bringing(told):
-        _, ends[0] = curve.follow(begun.turned(), bar, back)
-        _, ends[1] = (forth, "closed") if ends[0] == "closed" else curve.follow(begun, bar, forth)
+        ends[0] = curve.follow(begun.turned(), bar, back)
+        ends[1] = "closed" if ends[0] == "closed" else curve.follow(begun, bar, forth)
     return told()
 
 

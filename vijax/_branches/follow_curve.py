@@ -111,12 +111,12 @@ class Curve:
     box: np.ndarray
     most: int
 
-    def follow(self, begun: OfCurve, bar: tqdm, found: list[OfCurve]) -> tuple[list[OfCurve], str]:
-        """All points in the direction of one, added to those found as they come, and why there are no more."""
+    def follow(self, begun: OfCurve, bar: tqdm, found: list[OfCurve]) -> str:
+        """Add all points in the direction of one to those found, as they come; why there are no more."""
         here, ds, why = begun, _FIRST, ""
         while len(found) < self.most:
             if ds < _SHORTEST:
-                return found, why
+                return why
             new = _step(here, ds)
             if new is None:
                 ds, why = ds / 2, "not_converged"
@@ -125,7 +125,7 @@ class Curve:
             points, end = self._met(here, new if bound is None else bound)
             if end:
                 found += points
-                return found, end
+                return end
             # An event that passes the start of the cycle is no change of it.
             points[-1] = _in_section(points[-1])
             if not _is_followed(points[-1]):
@@ -134,12 +134,12 @@ class Curve:
             found += points
             bar.update(len(points))
             if bound is not None:
-                return found, "bounds"
+                return "bounds"
             if len(found) > 2 and _is_back(begun.at, here.at, new.at):
-                return found, "closed"
+                return "closed"
             here = found[-1]
             ds = min(ds * (1.5 if new.at.num_steps <= _FEW else 1.0), _LONGEST)
-        return found, "max_points"
+        return "max_points"
 
     def _at_bound(self, here: OfCurve, new: OnCurve) -> Seen | None:
         """The point of the curve at the first bound between two, or None."""
