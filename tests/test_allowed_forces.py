@@ -13,10 +13,10 @@ import pytest
 import xarray as xr
 
 import vijax as vx
-from vijax._attractors.record import has_full_mass, is_linear, machines
-from vijax._command_line.main import main
+from vijax._sections.record import has_full_mass, is_linear, machines
 from vijax._system.description import describe
 from vijax._system.system import with_args
+from vijax.studio.command_line.main import main
 
 # A module that leaves a mark beside itself for everything that is run of it.
 SPRINGS = """
@@ -143,7 +143,10 @@ NOT_ALLOWED = {
 }
 NO_FORCE = {
     "through ready-made ones": ("vijax.models._nonlinear:jnp.linalg.norm", "cannot be imported"),
-    "beside ready-made ones": ("vijax.models._nonlinear:as_float", "vijax._types:as_float is not imported"),
+    "beside ready-made ones": (
+        "vijax.models._nonlinear:as_float",
+        "vijax._jax.arrays:as_float is not imported",
+    ),
     "no path": (".x:y", "must be \"package.module:function\", but is '.x:y'"),
     "within a function": ("springs:f.<locals>.g", 'must be "package.module:function"'),
     "another line": ("springs:cubic\n", 'must be "package.module:function"'),
@@ -384,7 +387,7 @@ def test_a_package_that_lies_beside_a_file_is_not_taken_for_one_that_is_missing(
     """The folder of a file that somebody sent is none of Python's path."""
     (tmp_path / "machine.json").write_text(json.dumps(MACHINE))
     (tmp_path / "elsewhere").mkdir()
-    code = f"import sys; from vijax._command_line.main import main; main(['info', {str(tmp_path / 'machine.json')!r}]); print(sys.path)"
+    code = f"import sys; from vijax.studio.command_line.main import main; main(['info', {str(tmp_path / 'machine.json')!r}]); print(sys.path)"
     run = [sys.executable, "-c", code]
     done = subprocess.run(run, capture_output=True, text=True, cwd=tmp_path / "elsewhere", check=True)
     assert str(tmp_path) not in done.stdout.splitlines()[-1].replace(str(tmp_path / "elsewhere"), "")

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import vijax as vx
-from vijax._attractors.refinement import refined as refine
+from vijax._charts.refinement import refined as refine
 
 PLANE = {"forcing.frequency": np.linspace(0.6, 1.6, 37), "forcing.amplitude[0]": np.linspace(0.2, 0.6, 23)}
 

@@ -10,8 +10,8 @@ import pytest
 import xarray as xr
 
 import vijax as vx
-from vijax._command_line.main import main
-from vijax._command_line.values import swept_values
+from vijax.studio.command_line.main import main
+from vijax.studio.command_line.values import swept_values
 
 PLACES = "forcing.frequency"
 
@@ -138,7 +138,7 @@ def test_a_sweep_that_is_stopped_says_what_is_kept(machine, capsys, monkeypatch)
     def stopped(*args, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("vijax._command_line.sweeping.sweep", stopped)
+    monkeypatch.setattr("vijax.studio.command_line.sweep.sweep", stopped)
     assert main([*SWEEP, "--store", "kept"]) == 130
     assert "kept in kept, and the same command goes on from there" in capsys.readouterr().err
     assert main(SWEEP) == 130

@@ -12,7 +12,7 @@ from helpers import log_of, paired
 from scipy.linalg import expm
 
 import vijax as vx
-from vijax._contact.complementarity import complementary
+from vijax._hybrid.complementarity import complementary
 
 DAMPING, STIFFNESS = [[0.04, 0.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, 0.0]]
 

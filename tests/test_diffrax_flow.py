@@ -15,7 +15,7 @@ from helpers import load_scene, log_of, paired
 from problems import one_mass
 
 import vijax as vx
-from vijax._contact.sticking_region import StickingRegion
+from vijax._hybrid.sticking_region import StickingRegion
 
 # Some hundred steps of 1e-10 each.
 SOLVER = 1e-8

@@ -15,8 +15,8 @@ import xarray as xr
 from helpers import counted
 
 import vijax as vx
-from vijax._explorer.motion import motion_at, numbers_to_change
 from vijax._system.parameters import get_parameter
+from vijax.studio.explorer.motion import motion_at, numbers_to_change
 
 FREQUENCY = "forcing.frequency"
 FREQUENCIES = [0.5, 0.8, 1.3]

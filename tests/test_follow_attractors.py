@@ -5,9 +5,9 @@ import pytest
 from coexisting_motions import MIRRORED, box, machine
 
 import vijax as vx
+from vijax._attractors.attractor import Motion
+from vijax._attractors.attractor_matching import linked
 from vijax._attractors.distances import set_distance
-from vijax._attractors.links import linked
-from vijax._attractors.motions import Motion
 
 FREQUENCY = "forcing.frequency"
 # Cycles are polished by a program that takes long to compile.

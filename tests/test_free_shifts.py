@@ -5,7 +5,7 @@ import pytest
 
 import vijax as vx
 from vijax._machine.numbers import numbers_of
-from vijax._orbits.free_shifts import free_shifts
+from vijax._orbits.rigid_modes import free_shifts
 
 LOAD = vx.Harmonic([1.0, 0.0, 0.0], 1.0)
 # Masses 0 and 1 are joined by a spring, 1 and 2 by a contact: all three may move on together.

@@ -11,10 +11,10 @@ import xarray as xr
 from test_store import interruptible  # noqa: F401
 
 import vijax as vx
-from vijax._attractors import classify
 from vijax._branches import branches, continuation
-from vijax._branches.follow_curve import Curve
+from vijax._branches.codim2_continuation import Curve
 from vijax._progress import tqdm
+from vijax._sections import classify
 
 pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("interruptible")]
 AMPLITUDE, FREQUENCY = "forcing.amplitude[0]", "forcing.frequency"

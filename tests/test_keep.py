@@ -7,7 +7,7 @@ import jax
 import pytest
 
 import vijax as vx
-from vijax import _keep
+from vijax._jax import compilation_cache
 
 PROGRAM = """
 import sys
@@ -39,7 +39,7 @@ def test_the_next_process_finds_what_was_compiled(tmp_path):
 
 def test_without_a_folder_that_of_the_user_is_taken(tmp_path, monkeypatch):
     before = jax.config.jax_compilation_cache_dir
-    monkeypatch.setattr(_keep, "user_cache_path", lambda name: tmp_path / name)
+    monkeypatch.setattr(compilation_cache, "user_cache_path", lambda name: tmp_path / name)
     try:
         assert vx.keep_compiled() == tmp_path / "vijax"
         assert jax.config.jax_compilation_cache_dir == str(tmp_path / "vijax")

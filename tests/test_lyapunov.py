@@ -12,7 +12,7 @@ from vijax._execution.settings import DEFAULT_SETTINGS
 from vijax._execution.threads import Threads
 from vijax._flow.choose import choose_flow
 from vijax._sweep.grid import base_of
-from vijax._trajectory import growth
+from vijax._trajectory import lyapunov_loop
 
 FREQUENCY = "forcing.frequency"
 # Of case (b): a chattering orbit, one whose multipliers are four real ones, and chaos.
@@ -213,7 +213,7 @@ def test_two_thousand_random_machines_lose_the_volume_that_they_should():
     counts = Counts(50, 100, 0, None, can_stick=True, lyapunov=True)
     found = Threads(flow, counts, DEFAULT_SETTINGS).run(points, np.arange(count), lambda _: None)
     period = 2 * np.pi / values[FREQUENCY]
-    exponents, _ = growth.exponents(growth.in_blocks(found.ends["section_growth"]), 100, period)
+    exponents, _ = lyapunov_loop.exponents(lyapunov_loop.in_blocks(found.ends["section_growth"]), 100, period)
     erased = np.isneginf(exponents).sum(axis=0)
     stuck = found.ends["num_sticks"].sum(axis=0) > 0
     assert set(np.unique(erased)) == {0, 2}

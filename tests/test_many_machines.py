@@ -6,15 +6,15 @@ import sys
 import jax
 import pytest
 
-from vijax import _memory_maps
+from vijax._jax import memory_maps
 
 MACHINES = """
 import sys
 import jax, numpy as np
 jax.config.update("jax_enable_x64", True)
 import vijax as vx
-from vijax import _memory_maps
-from vijax._memory_maps import num_maps
+from vijax._jax import memory_maps
+from vijax._jax.memory_maps import num_maps
 
 def machine(seed):
     rng = np.random.default_rng(seed)
@@ -44,12 +44,12 @@ print(len(shapes), (num_maps() - before) / max(len(shapes) - 1, 1))
 SWEPT = """
 first = swept(machine(0))
 most = num_maps() + 3000  # some ten sweeps
-_memory_maps.most_maps = lambda: most
+memory_maps.most_maps = lambda: most
 for seed in range(1, int(sys.argv[1])):
     swept(machine(seed))
     assert num_maps() < most, (seed, num_maps())
 assert first.identical(swept(machine(0)))
-print(_memory_maps._taken.others > 0)
+print(memory_maps._taken.others > 0)
 """
 # A process has 65,530: then 300 machines take less than all.
 MOST_MAPS = 200
@@ -89,19 +89,19 @@ def test_programs_are_dropped_before_the_maps_are_used_up():
 @on_linux
 def test_programs_are_dropped_when_maps_run_short_and_not_again_and_again(monkeypatch):
     dropped, now = [], [1000]
-    monkeypatch.setattr(_memory_maps, "most_maps", lambda: 10_000)
-    monkeypatch.setattr(_memory_maps, "num_maps", lambda: now[0])
-    monkeypatch.setattr(_memory_maps, "_taken", _memory_maps._Taken())
+    monkeypatch.setattr(memory_maps, "most_maps", lambda: 10_000)
+    monkeypatch.setattr(memory_maps, "num_maps", lambda: now[0])
+    monkeypatch.setattr(memory_maps, "_taken", memory_maps._Taken())
     monkeypatch.setattr(jax, "clear_caches", lambda: dropped.append(now[0]))
 
     def after_many_programs(maps: int) -> int:
-        _memory_maps._taken.new, now[0] = 100, maps
-        _memory_maps.make_room()
+        memory_maps._taken.new, now[0] = 100, maps
+        memory_maps.make_room()
         return len(dropped)
 
     assert [after_many_programs(maps) for maps in (7000, 8000, 8500, 9500)] == [0, 1, 1, 2]
     now[0] = 30_000
-    _memory_maps.make_room()  # nothing was compiled
-    _memory_maps._taken.new = 100
-    jax.jit(lambda x: [_memory_maps.make_room(), x][1])(1.0)  # what is being traced is not disturbed
+    memory_maps.make_room()  # nothing was compiled
+    memory_maps._taken.new = 100
+    jax.jit(lambda x: [memory_maps.make_room(), x][1])(1.0)  # what is being traced is not disturbed
     assert len(dropped) == 2

@@ -9,7 +9,7 @@ from helpers import load_scene, log_of, paired
 import vijax as vx
 from vijax._flow.approximate_step import Attempt, SteppingFlow
 from vijax._flow.bernstein import nodes
-from vijax._flow.clearance import Inside
+from vijax._flow.event_margins import Inside
 from vijax._system.waves import speeds
 
 # A position wrong by 1e-11 moves a light impact by more.

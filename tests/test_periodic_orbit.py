@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vijax as vx
-from vijax._orbits.condensed import Pencil
+from vijax._orbits.condensation import Pencil
 from vijax._orbits.floquet import floquet_multipliers
 
 # A small multiplier is known as well as the largest one.

@@ -13,7 +13,7 @@ import xarray as xr
 from drawings import named, points
 
 import vijax as vx
-from vijax._orbits import learners
+from vijax._orbits import search_workers
 
 SWEPT = {"forcing.frequency": np.linspace(0.7, 1.0, 40)}
 
@@ -59,7 +59,7 @@ def test_their_multipliers_multiply_to_the_loss_of_volume(swept, orbits):
 
 
 def test_workers_find_the_same_bit_for_bit(swept, orbits, monkeypatch):
-    monkeypatch.setattr(learners, "_IN_TASK", 1)
+    monkeypatch.setattr(search_workers, "_IN_TASK", 1)
     with ThreadPoolExecutor(2) as executor:
         again = vx.periodic_orbits(swept, executor=executor, progress=False)
     xr.testing.assert_identical(again, orbits)

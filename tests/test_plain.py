@@ -14,7 +14,7 @@ import pytest
 import xarray as xr
 
 import vijax as vx
-from vijax import _xla
+from vijax._jax import xla
 
 # The same operations in the same order, but for what the compiler fuses.
 ROUNDING = 1e-14
@@ -34,7 +34,7 @@ with open(sys.argv[1], "wb") as file:
 """
 
 
-class Growth(_xla.AbstractTask):
+class Growth(xla.AbstractTask):
     """Growth by a factor until 10 is passed."""
 
     factor: jax.Array
@@ -53,14 +53,14 @@ def grown(factor):
         return loop(Growth(factor), (jnp.ones(()), jnp.zeros((), int)))
 
     refuse = lambda cut: jnp.where(cut, jnp.nan, 1.0)  # noqa: E731
-    bounded = partial(_xla.bounded_while_any, max_steps=16, refuse=refuse)
-    x, _ = _xla.differentiable(partial(by, _xla.while_any), partial(by, bounded), factor)
-    return _xla.compute_once(jnp.sin, x)
+    bounded = partial(xla.bounded_while_any, max_steps=16, refuse=refuse)
+    x, _ = xla.differentiable(partial(by, xla.while_any), partial(by, bounded), factor)
+    return xla.compute_once(jnp.sin, x)
 
 
 @pytest.mark.parametrize("plain", [False, True])
 def test_values_and_derivatives_of_a_loop_are_those_of_its_steps(plain, monkeypatch):
-    monkeypatch.setattr(_xla, "PLAIN", plain)
+    monkeypatch.setattr(xla, "PLAIN", plain)
     # 1.5 is past 10 after 6 steps, 2 after 4.
     factors, steps = jnp.array([1.5, 2.0]), np.array([6, 4])
     expected = np.cos(factors**steps) * steps * factors ** (steps - 1)

@@ -5,15 +5,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from vijax._branches import branch_tests as tests
-from vijax._branches.branch_tests import TESTS_OF_NEIGHBOURS, crossings, margins, num_unstable
-from vijax._branches.correct import Corrected
-from vijax._branches.drive import _asked
-from vijax._branches.family import Place
-from vijax._branches.packed import pack
+from vijax._branches import test_functions as tests
+from vijax._branches.admissibility import Levels, Watched
+from vijax._branches.corrector import Corrected
+from vijax._branches.kernels import MOST_EVENTS, Request, Seen, look, padded
+from vijax._branches.packing import pack
+from vijax._branches.parameter_family import Place
 from vijax._branches.point import Full, PlainPoint, Point, side_by_side
-from vijax._branches.programs import MOST_EVENTS, Request, Seen, look, padded
-from vijax._branches.watch import Levels, Watched
+from vijax._branches.scheduler import _asked
+from vijax._branches.test_functions import TESTS_OF_NEIGHBOURS, crossings, margins, num_unstable
 from vijax._orbits.sequence import Sequence
 from vijax._trajectory.event_log import IMPACT, RELEASE
 

@@ -18,9 +18,9 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 
 import vijax as vx
-from vijax.plot._drawing import PITCH
-from vijax.plot._machine import poses_of
-from vijax.plot._scheme import scheme_of_solution, scheme_of_system
+from vijax.studio.drawing.drawing import PITCH
+from vijax.studio.drawing.machine import poses_of
+from vijax.studio.drawing.scheme import scheme_of_solution, scheme_of_system
 
 # Places in a drawing are sums and products of a few numbers of size 10.
 ROUNDING = 1e-13

@@ -11,7 +11,7 @@ import xarray as xr
 from responses import LOAD, UNEVEN, matrices, response_at
 
 import vijax as vx
-from vijax._attractors import quiet
+from vijax._sections import non_impacting_proof
 from vijax._sweep.provenance import machines_of
 
 FREQUENCY, POSITION = "forcing.frequency", "stops[*].position"
@@ -197,7 +197,7 @@ def test_a_file_is_judged_as_the_sweep(many, tmp_path):
 
 def test_blocks_of_points_do_not_matter(many, monkeypatch):
     whole = vx.classify(many)
-    monkeypatch.setattr(quiet, "_BLOCK", 5)
+    monkeypatch.setattr(non_impacting_proof, "_BLOCK", 5)
     assert_same(vx.classify(many), whole)
 
 

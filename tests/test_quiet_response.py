@@ -8,10 +8,10 @@ import pytest
 from responses import LOAD, UNEVEN, amplitudes, matrices, response_at
 
 import vijax as vx
-from vijax._attractors.quiet import highest, never_hits
-from vijax._attractors.response import modes_of, response_of, vibration_left
 from vijax._machine.machine import Machine, prepare
-from vijax._trajectory.known import known_machine
+from vijax._sections.non_impacting_proof import highest, never_hits
+from vijax._sections.response import modes_of, response_of, vibration_left
+from vijax._trajectory.concrete_machine import known_machine
 
 # Some hundred roundings of numbers of about 1.
 ROUNDED = 1e-12

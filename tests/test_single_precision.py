@@ -11,8 +11,8 @@ import xarray as xr
 from documents import ROOT
 
 import vijax as vx
-from vijax._explorer.motion import follow
-from vijax._explorer.pictures import words_of_multipliers
+from vijax.studio.explorer.motion import follow
+from vijax.studio.explorer.pictures import words_of_multipliers
 
 # The library says that it works in 32 bits, or that a machine was made so; that is tested elsewhere.
 pytestmark = [

@@ -7,8 +7,8 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "vijax"
 ORDER = (
-    "_types _refusal _ways _both_ways _memory_maps _xla _writing _keep _progress _dataset_attributes _printing _system models _machine _contact "
-    "_flow _trajectory _execution _orbits _sweep _attractors _branches plot _explorer _command_line __main__ __init__"
+    "_writing _jax _progress _dataset_attributes _printing _system models _machine _hybrid _flow _trajectory _execution "
+    "_sweep _sections _orbits _attractors _charts _branches plot studio __main__ __init__"
 ).split()
 FILES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import vijax as vx
-from vijax._trajectory import too_large
+from vijax._trajectory import derivative_growth
 
 SYSTEM = vx.models.impact_oscillator(2.4, restitution=0.4, damping_ratio=0.1)
 # A unit in which a metre is so little has derivatives that are so large.
@@ -19,9 +19,9 @@ SENTENCE = "Derivatives through a trajectory have grown to 1e"
 @pytest.fixture(autouse=True)
 def _not_told_yet():
     """Whatever was told in other tests."""
-    too_large._warn.cache_clear()
+    derivative_growth._warn.cache_clear()
     yield
-    too_large._warn.cache_clear()
+    derivative_growth._warn.cache_clear()
 
 
 def end(y, unit=TINY_UNIT, throw=True):
@@ -78,8 +78,8 @@ def test_others_are_not_told_of_and_stay_what_they_are(derivative):
 
 def test_what_is_infinite_is_not_told_of():
     """At grazing derivatives are infinite, however short the span."""
-    assert told_by(lambda: too_large.watch([jnp.array([np.inf, -np.inf, np.nan, 1.0])])) == []
-    assert told_by(lambda: too_large.watch([jnp.array([np.inf, -1e20])])) != []
+    assert told_by(lambda: derivative_growth.watch([jnp.array([np.inf, -np.inf, np.nan, 1.0])])) == []
+    assert told_by(lambda: derivative_growth.watch([jnp.array([np.inf, -1e20])])) != []
 
 
 @pytest.mark.thorough

@@ -3,34 +3,29 @@
 from . import models as models, plot as plot
 from ._attractors.attractors import attractors as attractors
 from ._attractors.basins import basins as basins, uncertainty_exponent as uncertainty_exponent
-from ._attractors.chart import chart as chart
-from ._attractors.classify import classify as classify
-from ._attractors.cycles import periodic_orbits as periodic_orbits
 from ._attractors.follow import follow_attractors as follow_attractors
-from ._attractors.lyapunov import lyapunov_exponents as lyapunov_exponents
-from ._attractors.sections import impact_map as impact_map, stroboscopic_section as stroboscopic_section
-from ._attractors.spectrum import power_spectrum as power_spectrum
 from ._branches.bifurcation_value import bifurcation_value as bifurcation_value
 from ._branches.branch import Bifurcation as Bifurcation, Branch as Branch
 from ._branches.branches import branches as branches
 from ._branches.continuation import continuation as continuation
 from ._branches.curve import bifurcation_curve as bifurcation_curve
 from ._branches.switch import switch_branch as switch_branch
-from ._contact.law import (
+from ._charts.chart import chart as chart
+from ._execution.settings import ExecutionSettings as ExecutionSettings
+from ._flow.diffrax_flow import DiffraxFlow as DiffraxFlow
+from ._flow.modal import ModalFlow as ModalFlow
+from ._flow.taylor import TaylorFlow as TaylorFlow
+from ._hybrid.law import (
     impact_configurations as impact_configurations,
     modal_restitution_matrix as modal_restitution_matrix,
     restitution_matrix as restitution_matrix,
 )
-from ._contact.sticking_region import (
+from ._hybrid.sticking_region import (
     StickingRegion as StickingRegion,
     sticking_region as sticking_region,
 )
-from ._execution.settings import ExecutionSettings as ExecutionSettings
-from ._explorer.explore import explore as explore
-from ._flow.diffrax_flow import DiffraxFlow as DiffraxFlow
-from ._flow.modal import ModalFlow as ModalFlow
-from ._flow.taylor import TaylorFlow as TaylorFlow
-from ._keep import keep_compiled as keep_compiled
+from ._jax.compilation_cache import keep_compiled as keep_compiled
+from ._jax.errors import SimulationError as SimulationError
 from ._orbits.find_many import find_periodic_orbits as find_periodic_orbits
 from ._orbits.maps import (
     monodromy_matrix as monodromy_matrix,
@@ -41,8 +36,12 @@ from ._orbits.next_crossing import next_crossing as next_crossing
 from ._orbits.next_impact import next_impact as next_impact
 from ._orbits.orbit import ORBIT_RESULTS as ORBIT_RESULTS, PeriodicOrbit as PeriodicOrbit
 from ._orbits.periodic_orbit import periodic_orbit as periodic_orbit
+from ._orbits.sweep_orbits import periodic_orbits as periodic_orbits
 from ._progress import Interrupted as Interrupted
-from ._refusal import SimulationError as SimulationError
+from ._sections.classify import classify as classify
+from ._sections.lyapunov import lyapunov_exponents as lyapunov_exponents
+from ._sections.sections import impact_map as impact_map, stroboscopic_section as stroboscopic_section
+from ._sections.spectrum import power_spectrum as power_spectrum
 from ._sweep.combine import combine as combine
 from ._sweep.provenance import system_of as system_of
 from ._sweep.sweep import sweep as sweep
@@ -55,5 +54,6 @@ from ._system.system import ImpactSystem as ImpactSystem, chain as chain
 from ._trajectory.event_log import IMPACT as IMPACT, RELEASE as RELEASE, STICK as STICK, EventLog as EventLog
 from ._trajectory.simulate import simulate as simulate
 from ._trajectory.solution import RESULTS as RESULTS, Solution as Solution
+from .studio.explorer.explore import explore as explore
 
 __version__: str

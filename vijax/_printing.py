@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from ._types import concrete
+from ._jax.arrays import concrete
 
 # The most numbers of a vector, rows of a matrix, stops of a machine, and events of a log that are shown.
 _NUMBERS, _ROWS, _STOPS, _EVENTS = 6, 3, 3, 7

@@ -9,13 +9,13 @@ import xarray as xr
 from .._dataset_attributes import label
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
-from .._orbits.maps import check_period
-from .._sweep.endings import warn_of_endings, warn_of_unsettled
+from .._jax.arrays import Count, Numbers, as_known, is_traced, refuse_single_precision, whole_number
+from .._jax.xla import padding_allowed
+from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
+from .._system.periodicity import check_period
 from .._system.system import ImpactSystem, with_args
-from .._types import Count, Numbers, as_known, is_traced, refuse_single_precision, whole_number
-from .._xla import padding_allowed
 from .coexisting import coexisting, lasting
-from .machines import Machines, default_tolerance
+from .ensemble import Machines, default_tolerance
 from .starts import Starts, bounds_of, drawn_starts, grid_of_starts, listed_starts
 from .table import attributes_of, sorted_by_share, table_of
 

@@ -7,8 +7,8 @@ import xarray as xr
 
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
+from .._jax.arrays import Count, Numbers, refuse_single_precision
 from .._system.system import ImpactSystem
-from .._types import Count, Numbers, refuse_single_precision
 from .attractors import attractors
 
 # Distances to neighbours that a slope and its error need, and the largest, as a part of the grid.

@@ -21,9 +21,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .belongs import approached, in_clouds, on_cycles
-from .machines import Ends, Machines
-from .motions import Motion, cloud_of, cycles_from, place_of
+from .assignment import approached, in_clouds, on_cycles
+from .attractor import Motion, cloud_of, cycles_from, place_of
+from .ensemble import Ends, Machines
 
 # Width of a cell, relative to the size of the motion; cells that are polished in a round, of each machine.
 _CELL, _MOST_CELLS = 1e-3, 64

@@ -7,15 +7,15 @@ import xarray as xr
 
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
-from .._sweep.endings import warn_of_endings, warn_of_unsettled
+from .._jax.arrays import Count, Numbers, as_float, as_known, refuse_single_precision, whole_number
+from .._jax.xla import padding_allowed
+from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
 from .._system.parameters import find_parameter, set_parameter
 from .._system.system import ImpactSystem
-from .._types import Count, Numbers, as_float, as_known, refuse_single_precision, whole_number
-from .._xla import padding_allowed
+from .attractor_matching import linked, seeded
 from .attractors import check_single, machines_of_one, starts_of
 from .coexisting import coexisting, lasting
-from .links import linked, seeded
-from .machines import FREQUENCY
+from .ensemble import FREQUENCY
 from .table import attributes_of, table_along
 
 

@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 
 from .._execution.points import Point
+from .._jax.arrays import Count, Numbers, as_float, as_known, whole_number
 from .._sweep.zipped import START
 from .._system.checks import is_touching
 from .._system.parameters import find_parameter
 from .._system.system import ImpactSystem
-from .._types import Count, Numbers, as_float, as_known, whole_number
-from .machines import Machines
+from .ensemble import Machines
 
 # How often starts beyond stops are drawn again.
 _TRIES = 200

@@ -4,9 +4,9 @@ import numpy as np
 import xarray as xr
 
 from .._dataset_attributes import flags, label
-from .classify import MOTIONS
-from .machines import Ends, Machines
-from .motions import Motion
+from .._sections.classify import MOTIONS
+from .attractor import Motion
+from .ensemble import Ends, Machines
 
 ATTRACTOR = "attractor"
 # Of the attributes of a sweep those that are of its points.

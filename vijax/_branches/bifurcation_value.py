@@ -6,17 +6,17 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from .._flow.taylor import TaylorFlow
+from .._jax.arrays import Scalar, constant, known_stays_known, refuse_single_precision
+from .._jax.errors import checked
+from .._jax.nan_mask import known_or_nan
+from .._jax.xla import compile_lightly, differentiable, padding_allowed
 from .._orbits.cycle import residual
-from .._refusal import checked
 from .._system.system import ImpactSystem, with_args
-from .._trajectory.ending import known_or_nan
-from .._types import Scalar, constant, known_stays_known, refuse_single_precision
-from .._xla import compile_lightly, differentiable, padding_allowed
+from .admissibility import watch
+from .bifurcation_setup import defining_of
 from .branch import Bifurcation
-from .conditions import defining_of
-from .defining import AbstractCondition, Defining, implicit, solve
-from .family import Place
-from .watch import watch
+from .defining_systems import AbstractCondition, Defining, implicit, solve
+from .parameter_family import Place
 
 # What must not be negative on a motion is zero but for rounding.
 _ROUNDING = {"float64": 1e-9, "float32": 1e-4}

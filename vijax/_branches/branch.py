@@ -14,18 +14,18 @@ from .._dataset_attributes import label, versions
 from .._flow.choose import choose_flow
 from .._machine.numbers import numbers_of
 from .._orbits.cycle import Problem, Unknowns, log_of_cycle, prepared
-from .._orbits.free_shifts import free_shifts
 from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
+from .._orbits.rigid_modes import free_shifts
 from .._orbits.sequence import NOTHING, Sequence
 from .._system.description import build_from, describe
 from .._system.forces_by_path import Allowed
 from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem, bound
 from .._trajectory.event_log import IMPACT
-from .branch_tests import KINDS
-from .family import Family, Place
+from .kernels import Seen
+from .parameter_family import Family, Place
 from .point import PlainPoint, Point, Walk, side_by_side
-from .programs import Seen
+from .test_functions import KINDS
 
 # Logs have room for a multiple of so many events, one program for most orbits of a branch; and so much to spare, and where
 # a chatter may end later.

@@ -6,10 +6,10 @@ from functools import partial
 
 import xarray as xr
 
-from .._attractors.cycles import periodic_orbits
+from .._jax.arrays import Count, refuse_single_precision, whole_number
+from .._jax.xla import padding_allowed
+from .._orbits.sweep_orbits import periodic_orbits
 from .._progress import Interrupted, bringing, tqdm
-from .._types import Count, refuse_single_precision, whole_number
-from .._xla import padding_allowed
 from .branch import Branch
 from .continuation import continued
 from .membership import not_on

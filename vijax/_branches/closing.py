@@ -3,10 +3,10 @@
 import numpy as np
 
 from .._orbits.sequence import Sequence
-from .family import Place
-from .plain_steps import STRAIGHT
+from .batched_steps import STRAIGHT
+from .kernels import Request, locate_start, trimmed
+from .parameter_family import Place
 from .point import Asked, Point, Walk, on_plane
-from .programs import Request, locate_start, trimmed
 
 # A cycle this near to another is that one; the same state of a cycle that is another one several times.
 _AGAIN, _SAME = 1e-8, 1e-6

@@ -7,16 +7,16 @@ import jax
 import jax.numpy as jnp
 import xarray as xr
 
+from .._jax.arrays import Count, as_known, refuse_single_precision, whole_number
+from .._jax.xla import padding_allowed
 from .._orbits.orbit import PeriodicOrbit
 from .._progress import Interrupted, bringing, tqdm
 from .._system.parameters import set_parameter
-from .._types import Count, as_known, refuse_single_precision, whole_number
-from .._xla import padding_allowed
 from .branch import Branch, branch_of
-from .drive import drive
-from .family import Family
 from .follow import follow
+from .parameter_family import Family
 from .point import Point, Walk
+from .scheduler import drive
 from .starts import Start, family_of, points_of, refuse_start, starts_of
 
 

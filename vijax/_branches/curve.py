@@ -8,15 +8,15 @@ import xarray as xr
 
 from .._dataset_attributes import label, versions
 from .._flow.taylor import TaylorFlow
+from .._jax.arrays import Count, as_known, refuse_single_precision, whole_number
+from .._jax.xla import padding_allowed
 from .._progress import bringing, tqdm
 from .._system.parameters import get_parameter
-from .._types import Count, as_known, refuse_single_precision, whole_number
-from .._xla import padding_allowed
+from .bifurcation_setup import defining_of
 from .branch import Bifurcation
-from .conditions import defining_of
-from .defining import AtBranchPoint, Defining
-from .family import Place
-from .follow_curve import Curve, OfCurve, begin_curve
+from .codim2_continuation import Curve, OfCurve, begin_curve
+from .defining_systems import AtBranchPoint, Defining
+from .parameter_family import Place
 from .starts import family_of, starts_of
 
 # The most by which branches that go on crossing part along a curve of length 1.

@@ -1,8 +1,8 @@
 """One branch, followed in one direction: what is met on a step, and how the branch goes on from there.
 
-Steps on which nothing is met are left to `plain_steps.py`.
+Steps on which nothing is met are left to `batched_steps.py`.
 
-`follow` is a generator: it asks for corrected cycles, see `programs.py`, and is sent the answers, so that many
+`follow` is a generator: it asks for corrected cycles, see `kernels.py`, and is sent the answers, so that many
 branches are followed side by side although each is told as if it were alone.
 """
 
@@ -12,14 +12,7 @@ import numpy as np
 
 from .._orbits.sequence import Sequence
 from .._trajectory.event_log import RELEASE
-from .beyond import as_machine_has_it, by_machine, by_sequence, in_section, off, with_its_bounces
-from .branch_tests import Test, crossings, tests_of
-from .cascade import FEW, MANY, behind, is_limit, limit_of, shortest_stick
-from .closing import first_repeated, is_at_start, rounds_of
-from .family import Place
-from .hops import hop_that_ends, where_hop_ends
-from .locate import first_event, special_points
-from .plain_steps import (
+from .batched_steps import (
     PROBE,
     SHORTEST,
     PlainSteps,
@@ -28,9 +21,16 @@ from .plain_steps import (
     known_alone,
     next_length,
 )
+from .closing import first_repeated, is_at_start, rounds_of
+from .degenerate_grazing import where_it_grazes
+from .grazing_cascade import FEW, MANY, behind, is_limit, limit_of, shortest_stick
+from .kernels import Followed, Request, confirm, tell, trimmed
+from .locate import first_event, special_points
+from .parameter_family import Place
 from .point import TRUSTED, Asked, Ended, Full, Point, Walk, ahead, as_it_is, at_parameter, between
-from .programs import Followed, Request, confirm, tell, trimmed
-from .repeated import where_it_grazes
+from .sequence_switching import as_machine_has_it, by_machine, by_sequence, in_section, off, with_its_bounces
+from .test_functions import Test, crossings, tests_of
+from .vanishing_flights import hop_that_ends, where_hop_ends
 
 # Several events on a step longer than this are separated by shorter steps.
 _SEPARATE = 1e-4

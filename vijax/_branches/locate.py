@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from .branch_tests import CLOSE, TESTS_OF_NEIGHBOURS, Test, is_crossed, num_on_circle, num_unstable
+from .bracket import Bracket, next_trial
+from .kernels import Seen
 from .point import Asked, Ended, Point, Walk, between, on_plane
-from .programs import Seen
 from .singular import branch_point, end_of_doubled
-from .zero import Bracket, next_trial
+from .test_functions import CLOSE, TESTS_OF_NEIGHBOURS, Test, is_crossed, num_on_circle, num_unstable
 
 # Just before a point where the sequence changes.
 _OFF = 1e-7

@@ -7,14 +7,14 @@ import numpy as np
 
 from .._orbits.sequence import Sequence
 from .._trajectory.simulate import simulate
-from .beyond import in_section
+from .bracket import Bracket, next_trial
 from .branch import Bifurcation, Branch, cycle_of
-from .drive import drive
-from .family import Family, Place
+from .kernels import Seen
+from .parameter_family import Family, Place
 from .point import Asked, Point, at_parameter, corrected
-from .programs import Seen
+from .scheduler import drive
+from .sequence_switching import in_section
 from .starts import Start, family_of, value_of
-from .zero import Bracket, next_trial
 
 # A point of a branch is asked for its cycle if the chord to its neighbour is not shorter than the way from there to the orbit.
 # (To take what is near a chord for a point of the branch was tried: where an impact passes the start of the cycle the

@@ -8,9 +8,9 @@ import jax
 import numpy as np
 
 from .._orbits.sequence import Sequence
-from .family import Place
-from .packed import Packed
-from .programs import Followed, Request, Seen, confirm, look, trimmed
+from .kernels import Followed, Request, Seen, confirm, look, trimmed
+from .packing import Packed
+from .parameter_family import Place
 
 # Runs of orbits whose neighbours leave faster than this say nothing.
 TRUSTED = 1e4

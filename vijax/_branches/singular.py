@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from .._orbits.sequence import Sequence
-from .branch_tests import CLOSE, Test
-from .changes import in_a_row
-from .defining import AtBranchPoint, AtMultiplier, Defining, solve
-from .family import Family, Place
+from .defining_systems import AtBranchPoint, AtMultiplier, Defining, solve
+from .kernels import Request, Seen, locate_start, see, trimmed
+from .parameter_family import Family, Place
 from .point import Asked, Ended, Point, between, on_plane
-from .programs import Request, Seen, locate_start, see, trimmed
+from .sequence_edits import in_a_row
+from .test_functions import CLOSE, Test
 
 # Cycles by which the test function of a branch point is interpolated.
 _NODES = 9

@@ -10,19 +10,19 @@ import xarray as xr
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._flow.taylor import TaylorFlow
+from .._jax.arrays import is_traced
 from .._machine.numbers import numbers_of
-from .._orbits.free_shifts import free_shifts
 from .._orbits.orbit import PeriodicOrbit
+from .._orbits.rigid_modes import free_shifts
 from .._orbits.sequence import nothing_happens
 from .._sweep.provenance import machines_of
 from .._system.parameters import get_parameter
 from .._system.system import ImpactSystem, unbound, with_args
-from .._types import is_traced
-from .drive import drive
-from .family import Family
 from .follow import begin
+from .kernels import room_for
+from .parameter_family import Family
 from .point import Point
-from .programs import room_for
+from .scheduler import drive
 
 # Multipliers this near to 1 are: those of a fold without losses keep half the digits.
 _ONE = 1e-10

@@ -2,18 +2,18 @@
 
 import numpy as np
 
+from .._jax.arrays import refuse_single_precision
+from .._jax.xla import padding_allowed
 from .._orbits.orbit import PeriodicOrbit
 from .._orbits.sequence import Sequence
-from .._types import refuse_single_precision
-from .._xla import padding_allowed
+from .bifurcation_setup import family_at, with_its_event
 from .branch import Bifurcation, branch_of
-from .changes import in_a_row
-from .conditions import family_at, with_its_event
-from .drive import drive
-from .family import Family, Place
-from .leaving import hits_of, leave, repeated, touch_of
+from .grazing_families import hits_of, leave, repeated, touch_of
+from .kernels import Request, jacobian
+from .parameter_family import Family, Place
 from .point import Asked, Point, Walk, as_it_is, first_followed
-from .programs import Request, jacobian
+from .scheduler import drive
+from .sequence_edits import in_a_row
 from .starts import family_of
 
 # How far along the other branch, relative to the size of the motion: the first that the machine follows counts.

@@ -22,13 +22,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._contact.instant import Instant
 from .._flow.interface import AbstractFlow
+from .._hybrid.transition import Instant
+from .._jax.xla import compute_once
 from .._machine.machine import Machine
 from .._machine.state import State, start_period
 from .._trajectory.step import advance
-from .._trajectory.tangents import Tangents, advance_with
-from .._xla import compute_once
+from .._trajectory.tangent_frame import Tangents, advance_with
 from .records import Impact, Mark, Rows, append
 
 

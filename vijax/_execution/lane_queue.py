@@ -23,15 +23,15 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._flow.interface import AbstractFlow
+from .._jax.arrays import UNROLLED, Reals
+from .._jax.xla import PLAIN, in_one_kernel
 from .._machine.machine import OWN_BOUND, Machine, ample_steps, prepare
 from .._machine.numbers import num_harmonics, numbers_of
 from .._machine.state import State
 from .._system.system import ImpactSystem
 from .._trajectory.step import begin
-from .._trajectory.tangents import Tangents, first_tangents
-from .._types import UNROLLED, Reals
-from .._xla import PLAIN, in_one_kernel
-from .carried import carried_start
+from .._trajectory.tangent_frame import Tangents, first_tangents
+from .carry_start import carried_start
 from .lane_loop import Ends, Progress, Task, Work, has_room, is_live, turn_until_fed
 from .records import impact_rows, mark_rows
 from .settings import DEFAULT_SETTINGS, ExecutionSettings

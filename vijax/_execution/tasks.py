@@ -22,7 +22,7 @@ import jax
 import numpy as np
 
 from .._dataset_attributes import versions
-from .._xla import PLAIN
+from .._jax.xla import PLAIN
 
 # A task that was lost so often, by as many workers perhaps, is what kills them.
 _ATTEMPTS = 4

@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Array
 
 from .._flow.interface import AbstractFlow
+from .._jax.memory_maps import make_room
+from .._jax.xla import padding_allowed
 from .._machine.machine import OWN_BOUND
-from .._memory_maps import make_room
 from .._system.system import ImpactSystem
-from .._xla import padding_allowed
 from .lane_loop import Work
 from .lane_queue import Queue, new_queue, run_lanes
 from .points import Point

@@ -21,11 +21,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PyTree
 
+from .._jax.arrays import Flag, Scalar, over_lanes
 from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State, remembering
-from .._types import Flag, Scalar, over_lanes
-from .clearance import Inside, Watched, delays, is_due, nearness, phase_change, watch, watched
+from .event_margins import Inside, Watched, delays, is_due, nearness, phase_change, watch, watched
 from .exact_step import displaced, one_instant
 from .interface import AbstractFlow, Flight
 from .modal import TRUST_AND_TERMS

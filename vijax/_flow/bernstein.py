@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._types import Scalar, add_up, smallest
-from .._xla import compute_once
+from .._jax.arrays import Scalar, add_up, smallest
+from .._jax.xla import compute_once
 
 # Accuracy of the first zero, and least length of intervals in doubt.
 _CLOSE = 1e-7

@@ -23,14 +23,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
+from .._jax.arrays import Scalar, as_float
+from .._jax.xla import compute_once
 from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State, remembering
-from .._types import Scalar, as_float
-from .._xla import compute_once
 from .approximate_step import Attempt, SteppingFlow, longest_step
 from .bernstein import nodes
-from .clearance import Inside, phase_change
+from .event_margins import Inside, phase_change
 from .exact_step import displaced
 from .explicit_step import explicit_step
 

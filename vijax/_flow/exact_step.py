@@ -17,13 +17,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._jax.arrays import Scalar, short, smallest
+from .._jax.xla import compute_once, is_any
 from .._machine.contacts import Held
 from .._machine.derivatives import approaches, contact_forces, rates
 from .._machine.machine import Machine
 from .._machine.rows import Rows
 from .._machine.state import State
-from .._types import Scalar, short, smallest
-from .._xla import compute_once, is_any
 from .interface import AbstractFlow, Expansion, Flight
 from .safe_step import Bound, deflated, either, safe_step
 from .series import derivative, horner, sum_series, taylor_series

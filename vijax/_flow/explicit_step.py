@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
-from .._types import Scalar, add_up
-from .._xla import compute_once
+from .._jax.arrays import Scalar, add_up
+from .._jax.xla import compute_once
 from .bernstein import nodes
 
 # Coefficients of a dense output that are rounding, not there.

@@ -14,10 +14,10 @@ from equinox.internal import unvmap_max
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool, Float, Int
 
+from .._jax.arrays import Scalar, matvec
 from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
-from .._types import Scalar, matvec
 
 # For norms up to 1 the 20th term is below rounding.
 _TERMS = 19

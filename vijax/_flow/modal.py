@@ -23,13 +23,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._jax.arrays import Scalar, matvec, stack
+from .._jax.xla import compute_once, is_any
 from .._machine.contacts import Held
 from .._machine.derivatives import Derivatives, derivatives
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._system.waves import Waves, speeds, turned
-from .._types import Scalar, matvec, stack
-from .._xla import compute_once, is_any
 from .exact_step import ExpandingFlow
 from .interface import Expansion
 

@@ -10,9 +10,9 @@ from itertools import combinations
 import jax
 import numpy as np
 
+from .._jax.arrays import concrete
 from .._machine.numbers import num_harmonics
 from .._system.system import ImpactSystem
-from .._types import concrete
 from .modal import ModalFlow, Modes
 
 _MAX_SETS = 8

@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from .._types import Flag, Scalar
+from .._jax.arrays import Flag, Scalar
 
 
 class Bound(eqx.Module):

@@ -26,10 +26,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._jax.arrays import Scalar, add_up, matvec
 from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
-from .._types import Scalar, add_up, matvec
 
 _SHORT = 4
 

@@ -6,12 +6,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._jax.arrays import Scalar
+from .._jax.xla import compute_once
 from .._machine.contacts import Held
 from .._machine.derivatives import Derivatives
 from .._machine.machine import Machine
 from .._machine.state import State
-from .._types import Scalar
-from .._xla import compute_once
 from .exact_step import ExpandingFlow
 from .exponential import exponential_increments
 from .interface import Expansion

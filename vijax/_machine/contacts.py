@@ -1,7 +1,7 @@
 """Contacts as the engine sees them: rows that limit the motion.
 
 A contact keeps its gap, `s - a . x`, from falling below zero: a is a row over the masses, s its limit. All
-consequences of rows stand here, in `rows.py` and in `_contact/`, and nowhere else: gaps, speeds of approach,
+consequences of rows stand here, in `rows.py` and in `_hybrid/`, and nowhere else: gaps, speeds of approach,
 the masses a contact bears on, the effect of holding on a motion. The rest of the engine knows contacts by their
 number alone.
 
@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._types import Reals, matvec, stack
+from .._jax.arrays import Reals, matvec, stack
 
 # Which contacts hold, and what that does to the motion: the flags of the masses that rest, (n, ...), for `Stops`; for
 # `Rows` a `Hold`.

@@ -5,8 +5,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._jax.arrays import Scalar, over_lanes
 from .._system.force import BoundForce
-from .._types import Scalar, over_lanes
 from .frame import Frame
 
 

@@ -9,8 +9,8 @@ x comes in with the start and goes out with saved, logged and recorded results.
 import equinox as eqx
 from jaxtyping import Array, Float
 
+from .._jax.arrays import Reals, Scalar, matvec, stack
 from .._system.waves import Waves, phase_at, phase_rate
-from .._types import Reals, Scalar, matvec, stack
 
 
 class Frame(eqx.Module):

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .._jax.arrays import Scalar, matvec, not_negative, over_lanes
 from .._system.waves import Waves, phase_at, phase_rate
-from .._types import Scalar, matvec, not_negative, over_lanes
 from .contacts import AbstractContacts, Held, Stops
 from .extra_force import ExtraForce
 from .frame import Frame

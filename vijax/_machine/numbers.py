@@ -8,10 +8,10 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from .._jax.arrays import Reals, add_up, library_of, stack
 from .._system.force import BoundForce
 from .._system.system import ImpactSystem
 from .._system.waves import Waves
-from .._types import Reals, add_up, library_of, stack
 
 
 class Numbers(eqx.Module):

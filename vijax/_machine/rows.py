@@ -18,9 +18,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from .._jax.arrays import Reals, Scalar, constant, matvec
+from .._jax.xla import is_any
 from .._system.waves import Waves, phase_rate
-from .._types import Reals, Scalar, constant, matvec
-from .._xla import is_any
 from .contacts import AbstractContacts
 from .small_matrices import diagonal, inverse_among, product, slack_of
 

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from .._types import Scalar
+from .._jax.arrays import Scalar
 
 # A contact that is kept closed by others, see `State.contact`.
 SHUT = 4

@@ -14,19 +14,19 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._contact.instant import Instant
-from .._contact.law import rebound
-from .._contact.sticking import chatter_time
 from .._flow.interface import AbstractFlow
+from .._hybrid.law import rebound
+from .._hybrid.sticking import chatter_time
+from .._hybrid.transition import Instant
+from .._jax.arrays import Scalar
 from .._machine.derivatives import rates
 from .._machine.machine import Machine, prepare, resting_state
 from .._machine.numbers import Numbers
 from .._machine.state import State
 from .._system.waves import phase_at, turned
 from .._trajectory.event_log import IMPACT, RELEASE, EventLog, event_log
-from .._types import Scalar
-from .condensed import Flights, over_flights
-from .free_shifts import pinned
+from .condensation import Flights, over_flights
+from .rigid_modes import pinned
 from .sequence import NOTHING, Sequence
 
 
@@ -65,7 +65,7 @@ class Problem(eqx.Module):
         sequence: what happens.
         num_periods: n, forcing periods.
         phase: where the cycle begins, in forcing periods.
-        shifts: the projection onto those of which nothing tells the cycle, see `free_shifts.py`, (n, n).
+        shifts: the projection onto those of which nothing tells the cycle, see `rigid_modes.py`, (n, n).
     """
 
     machine: Machine

@@ -8,16 +8,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .._flow.interface import AbstractFlow
+from .._jax.arrays import Scalar
+from .._jax.xla import compile_lightly
 from .._system.system import ImpactSystem
 from .._trajectory.event_log import IMPACT, EventLog
-from .._types import Scalar
-from .._xla import compile_lightly
-from .condensed import Pencil
+from .condensation import Pencil
 from .cycle import Problem, log_of_cycle, prepared
 from .floquet import floquet_multipliers
-from .free_shifts import drifts, free_shifts, pinned
+from .newton import implicit, pencil_of
 from .orbit import ORBIT_RESULTS, PeriodicOrbit
-from .polish import implicit, pencil_of
+from .rigid_modes import drifts, free_shifts, pinned
 from .search import Search, Strobe, away_from_stops, begin_search, learn
 
 

@@ -5,18 +5,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._flow.interface import AbstractFlow
+from .._jax.arrays import Count, Numbers, as_known, is_traced, refuse_single_precision, whole_number
+from .._jax.xla import padding_allowed
 from .._progress import tqdm
 from .._system.checks import validate_start
+from .._system.periodicity import check_period
 from .._system.system import ImpactSystem
-from .._trajectory.known import known_machine
+from .._trajectory.concrete_machine import known_machine
 from .._trajectory.simulate import simulate
-from .._types import Count, Numbers, as_known, is_traced, refuse_single_precision, whole_number
-from .._xla import padding_allowed
 from .find import orbit_found, tell_of_search
-from .free_shifts import free_shifts
 from .many import search_each
-from .maps import check_period
 from .orbit import PeriodicOrbit
+from .rigid_modes import free_shifts
 from .search import Strobe, with_room
 
 # States closer than this, relative to the size of the orbit, are of one orbit.

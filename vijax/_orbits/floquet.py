@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float, Int
 
-from .condensed import Pencil
-from .free_shifts import without_shifts
+from .condensation import Pencil
+from .rigid_modes import without_shifts
 
 # No round numbers, as multipliers of -1 and +1 are the ones looked for.
 _SHIFTS = 0.87, -1.13
@@ -35,7 +35,7 @@ def floquet_multipliers(
         pencil: of the orbit's neighbours.
         num_held: the most masses that are held at once. All that begins with other positions and velocities of them
             ends alike, so twice as many multipliers are zero: what rounding makes of those is put right.
-        shifts: the projection onto those that nothing feels, see `free_shifts.py`: each has a multiplier 1.
+        shifts: the projection onto those that nothing feels, see `rigid_modes.py`: each has a multiplier 1.
 
     Returns:
         (2 n,), infinite where the orbit grazes.

@@ -10,8 +10,8 @@ import jax
 import numpy as np
 
 from .._trajectory.event_log import IMPACT
-from .learners import Learners
 from .search import Search, Strobe, begin_search
+from .search_workers import Learners
 
 # Searches side by side, the only number compiled for: a lane costs the same among 32 as among 128, and fewer wait for
 # the longest. Most cycles have fewer events than `_FEW`: the others are searched for again with room for all.

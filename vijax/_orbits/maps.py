@@ -5,19 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._contact.law import rebound
 from .._flow.interface import AbstractFlow
-from .._machine.machine import prepare, resting_state
-from .._machine.numbers import Numbers as MachineNumbers, numbers_of
-from .._machine.state import State
-from .._refusal import checked, numbered
-from .._system.checks import FINITE, check_one, not_finite, refuse
-from .._system.periodicity import refuse_off_period
-from .._system.system import ImpactSystem, with_args
-from .._trajectory.ending import known_or_nan
-from .._trajectory.simulate import Settings, follow
-from .._trajectory.solution import RESULTS, told
-from .._types import (
+from .._hybrid.law import rebound
+from .._jax.arrays import (
     Count,
     Numbers,
     Reals,
@@ -25,10 +15,19 @@ from .._types import (
     as_float,
     concrete,
     in_full_precision,
-    known_stays_known,
     whole_number,
 )
-from .._xla import differentiable, padding_allowed
+from .._jax.errors import checked, numbered
+from .._jax.nan_mask import known_or_nan
+from .._jax.xla import differentiable, padding_allowed
+from .._machine.machine import prepare, resting_state
+from .._machine.numbers import Numbers as MachineNumbers, numbers_of
+from .._machine.state import State
+from .._system.checks import FINITE, check_one, not_finite, refuse
+from .._system.periodicity import check_period
+from .._system.system import ImpactSystem, with_args
+from .._trajectory.simulate import Settings, follow
+from .._trajectory.solution import RESULTS, told
 
 
 @padding_allowed
@@ -98,23 +97,6 @@ def angle_of(phase: ArrayLike) -> Scalar:
         raise ValueError(f"Argument `phase` must be a number, but has shape {angle.shape}.")
     check_one("phase", angle, FINITE)
     return angle
-
-
-def check_period(system: ImpactSystem, args: object, x0: Numbers, v0: Numbers) -> None:
-    """Refuse a load without a period, and a force of another one, where their numbers are known."""
-    frequency = concrete(system.forcing.frequency)
-    if frequency is not None and not frequency > 0:
-        raise ValueError("The load has no frequency, so there is no forcing period: use `vx.simulate`.")
-    bound = with_args(system, args)
-    is_traced = any(concrete(leaf) is None for leaf in jax.tree.leaves(bound))
-    if bound.force is None or is_traced or not np.asarray(bound.forcing.frequency) > 0:
-        return
-    # A start that is differentiated is not known, but its place among the stops hardly matters.
-    starts = (concrete(as_float(a)) for a in (x0, v0))
-    x, v = (np.zeros(bound.num_masses) if a is None else a for a in starts)
-    one_lane = lambda a: np.asarray(a)[..., None]  # noqa: E731
-    with known_stays_known():
-        refuse_off_period(jax.tree.map(one_lane, bound), x[:, None], v[:, None], who="the stroboscopic map")
 
 
 @padding_allowed

@@ -1,96 +1,116 @@
-"""From one run of the motion to a cycle, by the equations of its events or by its map."""
+"""From a guess to the orbit: Newton's method on the equations of a cycle, and its derivatives."""
+
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Complex, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from .._types import Scalar
-from .._xla import is_any
-from .condensed import Pencil
-from .cycle import Problem, Unknowns, residual
-from .floquet import floquet_multipliers
-from .free_shifts import pinned
-from .polish import polish, size_of
-from .sequence import NOTHING, Sequence
+from .._jax.arrays import Scalar
+from .condensation import Pencil, condense, solve_condensed
+from .cycle import Problem, Residual, Unknowns, linearise, residual
 
-# A Newton step of the map that leads to rounding, relative to the size of the motion.
-_NEAR = {"float64": 1e-8, "float32": 3e-4}
+# A step below `_ROUNDING` eps, relative to the orbit, is rounding; so is one below `_SMALL` that is not under
+# half the last. The step after one below `_TINY` is, as steps shrink quadratically.
+_SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
+_TINY = {"float64": 1e-10, "float32": 3e-6}
+_MAX_STEPS = 24
 
 
-class Cycle(eqx.Module):
-    """A solution of the equations of some sequence: an orbit, if the machine does what the sequence says.
+class Polished(NamedTuple):
+    """Where Newton's method came to.
 
     Attributes:
-        start: positions and velocities at its start, in space, (2 n,).
-        unknowns: the same as seen from the stops, and the durations of its flights.
-        sequence: what happens.
-        multipliers: (2 n,).
-        residual: closing error, relative to the size of the motion.
+        unknowns: the cycle.
+        residual: what is left of its equations.
+        pencil: of its neighbours, for the multipliers; in scaled coordinates.
+        first: by how much the first step moved the start, (2 n,).
+        step: size of the next step, relative to the orbit.
+        last: that of the step before.
+        num_steps: how many were taken.
     """
 
-    start: Float[Array, " state"]
     unknowns: Unknowns
-    sequence: Sequence
-    multipliers: Complex[Array, " state"]
-    residual: Scalar
+    residual: Residual
+    pencil: Pencil
+    first: Float[Array, " state"]
+    step: Scalar
+    last: Scalar
+    num_steps: Int[Array, ""]
+
+    @property
+    def is_converged(self) -> Bool[Array, ""]:
+        """Whether nothing but rounding is left."""
+        return self.step < _SMALL[str(self.step.dtype)]
 
 
-def cycle_by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, Array, Bool[Array, ""]]:
-    """The cycle of the sequence, where to enter it, the first step towards it, and whether it was reached."""
-    polished = polish(problem, guess)
-    z, sequence, size = polished.unknowns.z, problem.sequence, size_of(problem, polished.unknowns.z)
-    # A cycle that begins within a chatter is faster elsewhere.
-    fastest = jnp.max(jnp.abs(polished.residual.speed), initial=0)
-    size = size * jnp.maximum(1, fastest / size[-1])
-    cycle = Cycle(
-        start=z,
-        unknowns=polished.unknowns,
-        sequence=sequence,
-        multipliers=floquet_multipliers(polished.pencil, sequence.most_held, problem.shifts),
-        residual=jnp.max(jnp.abs(polished.residual.closing) / size),
-    )
-    return cycle, _entry(problem, polished.unknowns), polished.first, polished.is_converged
+def size_of(problem: Problem, z: Float[Array, " state"]) -> Float[Array, " state"]:
+    """Sizes of positions and velocities of a motion, by which they are measured, (2 n,)."""
+    x, v = jnp.split(jnp.abs(z), 2)
+    limit, frequency = jnp.abs(problem.machine.contacts.limit), problem.machine.frequency
+    length = jnp.maximum(jnp.max(x), jnp.max(v) / frequency)
+    length = jnp.maximum(length, jnp.max(limit, initial=0))
+    length = jnp.where(length > 0, length, 1)
+    return jnp.repeat(jnp.stack([length, length * frequency]), len(x))
 
 
-def _entry(problem: Problem, cycle: Unknowns) -> Array:
-    """The state of a cycle at the phase where it begins, as seen from the stops.
+def polish(problem: Problem, guess: Unknowns) -> Polished:
+    """Solve the equations of a cycle by Newton's method, from a guess.
 
-    That is its start, unless on the way from the guess an event has passed this phase: then it happens before the
-    cycle begins, or after it ends, and a run from the start would meet it twice or not at all.
+    Args:
+        problem: the machine and the sequence.
+        guess: where to begin.
     """
-    sequence, num_periods = problem.sequence, problem.num_periods
-    times = jnp.cumsum(cycle.flights)
-    is_early = jnp.any(sequence.is_event & (times < 0))
-    has_passed = is_early | jnp.any(sequence.is_event & (times > num_periods))
+    scale = size_of(problem, guess.z)
+    eps, count = jnp.finfo(scale.dtype).eps, jnp.sum(problem.sequence.is_event)
 
-    def later() -> Array:
-        """The state there once what is early has happened, or before what is late has."""
-        end = jnp.where(is_early, 0, num_periods)
-        is_kept = jnp.cumsum(sequence.is_event & (times <= end)) == 1 + jnp.arange(len(times))
-        last = jnp.sum(is_kept)
-        held = sequence.held[jnp.minimum(jnp.arange(len(times) + 1), last)]
-        kept = Sequence(jnp.where(is_kept, sequence.kind, NOTHING), sequence.stop, held)
-        part = eqx.tree_at(lambda p: (p.sequence, p.num_periods), problem, (kept, end))
-        return cycle.z + residual(part, Unknowns(cycle.z, jnp.where(is_kept, cycle.flights, 0))).closing
+    def is_on(carry: tuple[Unknowns, Polished]) -> Array:
+        now = carry[1]
+        is_rounding = (now.step < _ROUNDING * eps) | (now.is_converged & (now.step >= now.last / 2))
+        is_rounding = is_rounding | (now.last < _TINY[str(scale.dtype)])
+        return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
 
-    z = jax.lax.cond(is_any(has_passed), later, lambda: cycle.z)
-    return jnp.where(has_passed, z, cycle.z)
+    def one(carry: tuple[Unknowns, Polished]) -> tuple[Unknowns, Polished]:
+        here, before = carry
+        found, flights = linearise(problem, here, scale, count)
+        equations = condense(flights, count)
+        dz, dflights = solve_condensed(equations, -found.events, -found.closing / scale, count)
+        step = jnp.maximum(jnp.max(jnp.abs(dz)), jnp.max(jnp.abs(dflights), initial=0))
+        first = jnp.where(before.num_steps == 0, dz * scale, before.first)
+        now = Polished(here, found, equations.pencil, first, step, before.step, before.num_steps + 1)
+        return Unknowns(here.z + dz * scale, here.flights + dflights), now
+
+    return jax.lax.while_loop(is_on, one, (guess, _nothing(guess)))[1]
 
 
-def cycle_by_map(
-    problem: Problem, guess: Unknowns, end: Array, jacobian: Array
-) -> tuple[Cycle, Array, Array, Bool[Array, ""]]:
-    """The same by one step of Newton's method on the stroboscopic map."""
-    z, identity, size = guess.z, jnp.eye(len(guess.z)), size_of(problem, guess.z)
-    step = jnp.linalg.solve(identity - pinned(problem.shifts) - jacobian, end - z)
-    cycle = Cycle(
-        start=z + step,
-        unknowns=Unknowns(z + step, guess.flights),
-        sequence=problem.sequence,
-        multipliers=floquet_multipliers(
-            Pencil(jacobian, identity), problem.sequence.most_held, problem.shifts
-        ),
-        residual=jnp.max(jnp.abs(end - z) / size),
-    )
-    return cycle, cycle.start, step, jnp.max(jnp.abs(step) / size) < _NEAR[str(size.dtype)]
+def _nothing(guess: Unknowns) -> Polished:
+    """The result before the first step."""
+    z, events = guess
+    big, square = jnp.asarray(jnp.finfo(z.dtype).max, z.dtype), jnp.zeros((len(z), len(z)), z.dtype)
+    nothing = Residual(jnp.zeros_like(events), jnp.zeros_like(z), jnp.zeros_like(events))
+    return Polished(guess, nothing, Pencil(square, square), jnp.zeros_like(z), big, big, jnp.array(0))
+
+
+def pencil_of(problem: Problem, unknowns: Unknowns) -> Pencil:
+    """The pencil of the neighbours of an orbit, differentiable."""
+    scale = jax.lax.stop_gradient(size_of(problem, unknowns.z))
+    return condense(linearise(problem, unknowns, scale)[1]).pencil
+
+
+@eqx.filter_custom_jvp
+def implicit(problem: Problem, unknowns: Unknowns) -> Unknowns:
+    """The unknowns of an orbit as a function of its machine: derivatives by the implicit function theorem."""
+    del problem
+    return unknowns
+
+
+@implicit.def_jvp
+def _implicit_jvp(primals, tangents):
+    problem, unknowns = primals
+    unknowns = implicit(problem, unknowns)
+    scale = size_of(problem, unknowns.z)
+    _, moved = eqx.filter_jvp(lambda problem: residual(problem, unknowns), (problem,), (tangents[0],))
+    _, flights = linearise(problem, unknowns, scale)
+    change = solve_condensed(condense(flights), -moved.events, -moved.closing / scale)
+    return unknowns, Unknowns(change[0] * scale, change[1])

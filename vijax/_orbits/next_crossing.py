@@ -14,17 +14,17 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._flow.taylor import TaylorFlow
+from .._jax.arrays import Count, Numbers, Reals, Scalar, as_float, concrete, whole_number
+from .._jax.errors import are_unfounded, checked, numbered
+from .._jax.nan_mask import known_or_nan
+from .._jax.xla import padding_allowed
 from .._machine.numbers import Numbers as MachineNumbers, numbers_of
-from .._refusal import are_unfounded, checked, numbered
 from .._system.checks import FINITE, check_one, validate_start
 from .._system.contact import Contact
 from .._system.system import ImpactSystem, with_args
-from .._trajectory.ending import known_or_nan
+from .._trajectory.impact_loop import Reverse, Wanted, follow_to_impact
 from .._trajectory.simulate import bound_of_steps
 from .._trajectory.solution import RESULTS, told
-from .._trajectory.to_impact import Reverse, Wanted, follow_to_impact
-from .._types import Count, Numbers, Reals, Scalar, as_float, concrete, whole_number
-from .._xla import padding_allowed
 from .next_impact import give_up
 
 _SIDES = {"up": 1.0, "down": -1.0}

@@ -6,17 +6,17 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
+from .._jax.arrays import Count, Numbers, as_float, concrete, is_traced, whole_number
+from .._jax.errors import are_unfounded, checked, numbered
+from .._jax.nan_mask import known_or_nan
+from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
-from .._refusal import are_unfounded, checked, numbered
 from .._system.checks import refuse, validate_start
 from .._system.system import ImpactSystem, with_args
-from .._trajectory.ending import known_or_nan
-from .._trajectory.known import known_machine
+from .._trajectory.concrete_machine import known_machine
+from .._trajectory.impact_loop import Reverse, Wanted, follow_to_impact
 from .._trajectory.simulate import bound_of_steps
 from .._trajectory.solution import RESULTS, told
-from .._trajectory.to_impact import Reverse, Wanted, follow_to_impact
-from .._types import Count, Numbers, as_float, concrete, is_traced, whole_number
-from .._xla import padding_allowed
 from .maps import wrong_stop
 
 # How long an impact is waited for, in forcing periods.

@@ -9,12 +9,12 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .._dataset_attributes import flags, label, versions
 from .._flow.interface import AbstractFlow
+from .._jax.arrays import Scalar, concrete
 from .._printing import as_html, as_text, told_of_orbit
 from .._system.system import ImpactSystem
 from .._trajectory.event_log import KINDS, EventLog
 from .._trajectory.simulate import simulate
 from .._trajectory.solution import Solution
-from .._types import Scalar, concrete
 
 
 class ORBIT_RESULTS(eqx.Enumeration):  # as `RESULTS`

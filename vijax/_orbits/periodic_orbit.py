@@ -5,16 +5,17 @@ from jaxtyping import Array, ArrayLike
 
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
+from .._jax.arrays import Count, Numbers, as_float, is_traced, refuse_single_precision, whole_number
+from .._jax.errors import checked, numbered
+from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
-from .._refusal import checked, numbered
 from .._system.checks import validate_start
+from .._system.periodicity import check_period
 from .._system.system import ImpactSystem, with_args
-from .._trajectory.known import known_machine
+from .._trajectory.concrete_machine import known_machine
 from .._trajectory.solution import told
-from .._types import Count, Numbers, as_float, is_traced, refuse_single_precision, whole_number
-from .._xla import padding_allowed
 from .find import find, orbit_found
-from .maps import angle_of, check_period
+from .maps import angle_of
 from .orbit import PeriodicOrbit
 from .search import Strobe
 

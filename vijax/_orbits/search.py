@@ -1,7 +1,7 @@
 """The search for an orbit: its state, and its update by one run of the motion.
 
 A run of n periods from a start tells the sequence of its events, which gives two ways on. Newton's method on
-the equations of that sequence (`newton.py`) goes to the cycle of the sequence, if there is one near, across
+the equations of that sequence (`candidate_cycle.py`) goes to the cycle of the sequence, if there is one near, across
 grazing and whatever lies between; its first step alone is the Newton step of the stroboscopic map. The cycle
 is tried first, as its basin is far wider. It counts once a run from it shows the same events. If that run
 does not, and comes no nearer to closing, the single step is taken, halved until the run comes nearer. If it
@@ -18,18 +18,18 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
+from .._jax.arrays import Reals, Scalar
+from .._jax.xla import is_any
 from .._machine.machine import OWN_BOUND
 from .._machine.numbers import Numbers
 from .._system.waves import phase_at
 from .._trajectory.loop import NO_PAUSE, Request
+from .._trajectory.single_call import Asked, run_for_log, run_whole
 from .._trajectory.solution import RESULTS, Solution
-from .._trajectory.whole import Asked, run_for_log, run_whole
-from .._types import Reals, Scalar
-from .._xla import is_any
+from .candidate_cycle import Cycle, cycle_by_map, cycle_by_sequence
 from .cycle import Problem, Unknowns, prepared
-from .free_shifts import free_shifts
-from .newton import Cycle, cycle_by_map, cycle_by_sequence
-from .polish import size_of
+from .newton import size_of
+from .rigid_modes import free_shifts
 from .sequence import NOTHING, Sequence, happens_alike, nothing_happens, sequence_of
 
 # The most runs of a search, and how small a fraction of a step is tried.

@@ -5,8 +5,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from .._jax.arrays import Reals, Scalar
 from .._trajectory.event_log import IMPACT, RELEASE, Log
-from .._types import Reals, Scalar
 
 NOTHING = -1
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import jax
 import numpy as np
 
-from .._execution.carried import carried_start
+from .._execution.carry_start import carried_start
 from .._execution.points import Point
 from .._execution.runner import AbstractRunner, Found, together
 from .._execution.settings import ExecutionSettings

@@ -13,9 +13,9 @@ from .._execution.runner import Counts, Found
 from .._system.contact import AbstractLimit
 from .._system.parameters import axis_names
 from .._system.system import ImpactSystem
-from .._trajectory.growth import exponents, in_blocks
+from .._trajectory.lyapunov_loop import exponents, in_blocks
 from .._trajectory.solution import RESULTS
-from .endings import code_of
+from .outcomes import code_of
 
 # What pads variables along `impact`; the others are NaN there.
 FILL = {"impact_stop": -1, "impact_sticks": False}

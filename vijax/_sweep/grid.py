@@ -6,8 +6,8 @@ import jax
 import numpy as np
 
 from .._execution.points import Point, points_of_lanes
+from .._jax.arrays import Numbers, as_float
 from .._system.system import ImpactSystem
-from .._types import Numbers, as_float
 
 
 def values_of(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:

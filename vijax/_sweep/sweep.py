@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from .._contact.sticking import can_any_stick
 from .._execution.cluster import choose_runner
 from .._execution.points import Point
 from .._execution.runner import Counts
@@ -15,15 +14,16 @@ from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._execution.store import describe_sweep, open_store
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
+from .._hybrid.sticking import can_any_stick
+from .._jax.arrays import Count, Numbers, whole_number
 from .._progress import tqdm
 from .._system.system import ImpactSystem, with_args
-from .._types import Count, Numbers, whole_number
 from .carry import lanes_of_chains, run_chains
 from .dataset import dataset
-from .endings import warn_of_endings
 from .grid import base_of, grid_points, values_of
+from .outcomes import warn_of_endings
 from .provenance import name_of_flow, origin
-from .written import write_sweep
+from .zarr_output import write_sweep
 
 
 def sweep(

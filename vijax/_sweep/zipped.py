@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from .._contact.sticking import can_any_stick
 from .._execution.cluster import choose_runner
 from .._execution.points import Point, points_of_lanes
 from .._execution.runner import Counts
 from .._execution.settings import ExecutionSettings
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
+from .._hybrid.sticking import can_any_stick
 from .._system.system import ImpactSystem
 from .dataset import dataset
 from .provenance import name_of_flow, origin

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
-from .._types import Numbers, as_float, at_once
+from .._jax.arrays import Numbers, as_float, at_once
 from .forcing import Harmonic
 
 

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .._types import Flag, Reals, concrete, library_of
+from .._jax.arrays import Flag, Reals, concrete, library_of
 
 
 class Rule(NamedTuple):

@@ -7,8 +7,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .._jax.arrays import Reals, as_float, concrete, whole_number
 from .._printing import as_html, as_text, told_of_contact
-from .._types import Reals, as_float, concrete, whole_number
 from .checks import FINITE, RESTITUTION, check_one
 from .forcing import Harmonic
 from .waves import Waves

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-from .._types import as_float
+from .._jax.arrays import as_float
 
 
 def as_force(force: Any) -> Callable | None:

@@ -18,7 +18,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from .._types import as_float
+from .._jax.arrays import as_float
 from .force import BoundForce, ToldForce, as_force, name_of_force, whole_force
 from .forces_by_path import Allowed, found_by, found_here, path_of, paths_in, remember
 from .spelling import did_you_mean

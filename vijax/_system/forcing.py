@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .._jax.arrays import Numbers, as_float, library_of
 from .._printing import as_html, as_text, told_of_harmonic
-from .._types import Numbers, as_float, library_of
 from .checks import FINITE, NOT_NEGATIVE, check_one
 from .waves import Waves
 

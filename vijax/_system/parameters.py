@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, PyTree
 
-from .._types import Numbers, as_float
+from .._jax.arrays import Numbers, as_float
 from .force import numbers_of
 from .spelling import did_you_mean
 from .system import ImpactSystem, check_again

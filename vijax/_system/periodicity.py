@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._types import concrete, over_lanes
+from .._jax.arrays import Numbers, as_float, concrete, known_stays_known, over_lanes
 from .force import BoundForce
-from .system import ImpactSystem
+from .system import ImpactSystem, with_args
 
 # No simple fractions of a period, so that no wave of a likely frequency vanishes at all of them.
 _TIMES = (0.1234, 0.5678, 0.8341)
@@ -41,6 +41,23 @@ def refuse_off_period(
     """
     if isinstance(system.force, BoundForce) and is_off_period(system, x, v):
         raise ValueError(_OFF_PERIOD.format(where=where, who=who))
+
+
+def check_period(system: ImpactSystem, args: object, x0: Numbers, v0: Numbers) -> None:
+    """Refuse a load without a period, and a force of another one, where their numbers are known."""
+    frequency = concrete(system.forcing.frequency)
+    if frequency is not None and not frequency > 0:
+        raise ValueError("The load has no frequency, so there is no forcing period: use `vx.simulate`.")
+    bound = with_args(system, args)
+    is_traced = any(concrete(leaf) is None for leaf in jax.tree.leaves(bound))
+    if bound.force is None or is_traced or not np.asarray(bound.forcing.frequency) > 0:
+        return
+    # A start that is differentiated is not known, but its place among the stops hardly matters.
+    starts = (concrete(as_float(a)) for a in (x0, v0))
+    x, v = (np.zeros(bound.num_masses) if a is None else a for a in starts)
+    one_lane = lambda a: np.asarray(a)[..., None]  # noqa: E731
+    with known_stays_known():
+        refuse_off_period(jax.tree.map(one_lane, bound), x[:, None], v[:, None], who="the stroboscopic map")
 
 
 def is_off_period(system: ImpactSystem, x: np.ndarray | Array, v: np.ndarray | Array) -> bool:

@@ -5,8 +5,8 @@ from typing import Literal
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
+from .._jax.arrays import Count, Reals, as_float, whole_number
 from .._printing import as_html, as_text, told_of_stop
-from .._types import Count, Reals, as_float, whole_number
 from .contact import AbstractLimit
 from .forcing import Harmonic
 

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._jax.arrays import Numbers, as_float, concrete, in_full_precision
+from .._jax.errors import checked
 from .._printing import as_html, as_text, told_of_system
-from .._refusal import checked
-from .._types import Numbers, as_float, concrete, in_full_precision
 from .checks import POSITIVE, check_definite, check_one, check_semidefinite, check_slots, move_alike
 from .contact import Contact
 from .force import BoundForce, as_force, bind, name_of_force

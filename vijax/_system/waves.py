@@ -11,7 +11,7 @@ Axes: (harmonics, rows) of a series, (2, harmonics) of a phase; lanes, if there 
 import equinox as eqx
 import numpy as np
 
-from .._types import Reals, add_up, library_of, lift, stack
+from .._jax.arrays import Reals, add_up, library_of, lift, stack
 
 
 class Waves(eqx.Module):

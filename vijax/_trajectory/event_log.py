@@ -8,14 +8,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._contact.instant import Instant
+from .._hybrid.transition import Instant
+from .._jax.arrays import UNROLLED, Flag, Reals, Scalar, add_up, lift
+from .._jax.xla import is_any
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._printing import as_html, as_text, told_of_events
 from .._system.waves import turned
-from .._types import UNROLLED, Flag, Reals, Scalar, add_up, lift
-from .._xla import is_any
-from .side_by_side import Writing, put
+from .batched import Writing, put
 
 IMPACT: Final = 0
 STICK: Final = 1

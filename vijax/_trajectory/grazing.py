@@ -11,12 +11,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._contact.instant import Instant
+from .._hybrid.transition import Instant
+from .._jax.arrays import Flag, Scalar, constant, smallest
+from .._jax.xla import is_any
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.state import State
-from .._types import Flag, Scalar, constant, smallest
-from .._xla import is_any
 
 
 class Grazing(eqx.Module):

@@ -1,8 +1,8 @@
 """The loop that follows a trajectory, or several side by side with lanes last, and its results.
 
-Known numbers go through one program for all machines of a size, see `windows.py`: it has room for a fixed
+Known numbers go through one program for all machines of a size, see `chunked.py`: it has room for a fixed
 number of events and saved states, and is called again until all is done. Traced values, under `jit`, `vmap`
-or derivatives, take one call, with room for all that was asked: see `whole.py`.
+or derivatives, take one call, with room for all that was asked: see `single_call.py`.
 """
 
 from collections.abc import Callable
@@ -16,14 +16,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
+from .._jax.arrays import UNROLLED_ALONE, Reals, Scalar
+from .._jax.xla import AbstractTask, in_one_kernel, while_any
 from .._machine.machine import OWN_BOUND, Machine, ample_steps, in_periods, prepare
 from .._machine.numbers import Numbers
 from .._machine.state import State, start_period
-from .._types import UNROLLED_ALONE, Reals, Scalar
-from .._xla import AbstractTask, in_one_kernel, while_any
+from .batched import Writing, chosen, put, to_all
 from .event_log import Log, empty_log, event_log, write
 from .grazing import Grazing, nothing_met, update_grazing
-from .side_by_side import Writing, chosen, put, to_all
 from .solution import RESULTS, Solution
 from .step import advance, begin
 

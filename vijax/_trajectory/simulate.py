@@ -6,14 +6,10 @@ import jax
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from .._contact.sticking import can_any_stick
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
-from .._machine.machine import OWN_BOUND
-from .._refusal import are_unfounded, checked, numbered
-from .._system.checks import validate_start
-from .._system.system import ImpactSystem, with_args
-from .._types import (
+from .._hybrid.sticking import can_any_stick
+from .._jax.arrays import (
     Count,
     Numbers,
     as_far_as_known,
@@ -24,12 +20,16 @@ from .._types import (
     is_traced,
     whole_number,
 )
-from .._xla import padding_allowed
-from .known import known_machine
+from .._jax.errors import are_unfounded, checked, numbered
+from .._jax.xla import padding_allowed
+from .._machine.machine import OWN_BOUND
+from .._system.checks import validate_start
+from .._system.system import ImpactSystem, with_args
+from .chunked import follow_known
+from .concrete_machine import known_machine
 from .loop import NO_PAUSE, Request
+from .single_call import Asked, run_whole
 from .solution import RESULTS, Solution, told
-from .whole import Asked, run_whole
-from .windows import follow_known
 
 
 @padding_allowed

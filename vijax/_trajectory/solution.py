@@ -12,14 +12,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._dataset_attributes import flags, label, versions
-from .._flow.coasting import coast
 from .._flow.interface import AbstractFlow
+from .._flow.smooth_flow import coast
+from .._jax.arrays import Flag, Numbers, Reals, Scalar, concrete, is_traced, library_of
+from .._jax.errors import checked
+from .._jax.xla import compile_lightly, padding_allowed
 from .._machine.machine import Machine, in_periods, resting_state
 from .._machine.state import remembering
 from .._printing import as_html, as_text, told_of_solution
-from .._refusal import checked
-from .._types import Flag, Numbers, Reals, Scalar, concrete, is_traced, library_of
-from .._xla import compile_lightly, padding_allowed
 from .event_log import KINDS, EventLog, Restarts
 from .grazing import Grazing
 

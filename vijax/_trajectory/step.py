@@ -10,14 +10,14 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._contact import coupled, separate
-from .._contact.instant import Instant
 from .._flow.exact_step import fly
 from .._flow.interface import AbstractFlow, Flight
+from .._hybrid import coupled_impacts, diagonal_impacts
+from .._hybrid.transition import Instant
+from .._jax.arrays import Scalar, not_negative
+from .._jax.xla import compute_once
 from .._machine.machine import Machine
 from .._machine.state import State, remembering
-from .._types import Scalar, not_negative
-from .._xla import compute_once
 
 
 def begin(
@@ -29,7 +29,7 @@ def begin(
     t0: Scalar | float = 0.0,
 ) -> State:
     """The state of a trajectory before its first step."""
-    law = coupled if machine.contacts.is_coupled else separate
+    law = coupled_impacts if machine.contacts.is_coupled else diagonal_impacts
     first = law.first_state(machine, phase, x, v, t0)
     return remembering(first, flow.memory(first.time))
 
@@ -66,7 +66,7 @@ def flight_to(
 
 def outcome(machine: Machine, flight: Flight) -> tuple[State, Instant]:
     """The second half: the state after the step, and what happened there."""
-    law = coupled if machine.contacts.is_coupled else separate
+    law = coupled_impacts if machine.contacts.is_coupled else diagonal_impacts
     after, instant = compute_once(law.resolve, machine, flight.end, flight.is_event)
     # Not by `is_event`: a mass that has just left may seem to come back at once, by rounding, for ever.
     happened = instant.hit | instant.stuck | instant.released

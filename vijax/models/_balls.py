@@ -6,11 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
+from .._jax.arrays import Numbers, as_float, at_once, whole_number
 from .._system.contact import Contact
 from .._system.forcing import Harmonic
 from .._system.stop import Stop
 from .._system.system import ImpactSystem
-from .._types import Numbers, as_float, at_once, whole_number
 
 
 def bouncing_ball(

@@ -4,10 +4,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .._jax.arrays import as_float, at_once, whole_number
 from .._system.forcing import Harmonic
 from .._system.stop import Stop
 from .._system.system import ImpactSystem
-from .._types import as_float, at_once, whole_number
 
 # The lowest root b of cos(b) cosh(b) = -1.
 _FIRST_ROOT = 1.8751040687119611

@@ -3,10 +3,10 @@
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
+from .._jax.arrays import as_float, at_once, whole_number
 from .._system.forcing import Harmonic
 from .._system.stop import Stop
 from .._system.system import ImpactSystem, chain
-from .._types import as_float, at_once, whole_number
 
 
 def wagg_bishop_a(frequency: ArrayLike, amplitude: ArrayLike = 0.3) -> ImpactSystem:

@@ -3,10 +3,10 @@
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
+from .._jax.arrays import Numbers, as_float, at_once
 from .._system.contact import Contact
 from .._system.forcing import Harmonic
 from .._system.system import ImpactSystem
-from .._types import Numbers, as_float, at_once
 
 
 @at_once

@@ -2,11 +2,11 @@
 
 from jaxtyping import ArrayLike
 
+from .._jax.arrays import as_float
 from .._system.base import base_excitation
 from .._system.forcing import Harmonic
 from .._system.stop import Stop
 from .._system.system import ImpactSystem
-from .._types import as_float
 
 
 def impact_oscillator(

@@ -1,23 +1,30 @@
-"""Pictures of sweeps, trajectories and periodic orbits, drawn by matplotlib.
+"""Pictures of machines, sweeps, trajectories and periodic orbits, drawn by matplotlib.
 
 Every function draws into the axes it is given, or into new ones, and returns them. Masses, stops and contacts are counted
 from 0, as in the machine. Units are written as `units=` gives them, and none where it does not. Colours are those of the style
-of matplotlib in use; what they tell, lightness, strokes, marks or words tell too, on a printer without colour.
+of matplotlib in use; lightness, strokes, marks or words repeat what they say, for a printer without colour.
 """
 
-from ._animate import animate as animate
-from ._basins import basins as basins
-from ._bifurcation import bifurcation as bifurcation
-from ._branch import branch as branch
-from ._curves import curves as curves
-from ._impact_map import impact_map as impact_map
-from ._lyapunov import lyapunov as lyapunov
-from ._machine import machine as machine
-from ._multipliers import multipliers as multipliers
-from ._plane import plane as plane
-from ._regions import regions as regions
-from ._relative_motion import relative_motion as relative_motion
-from ._section import section as section
-from ._shares import shares as shares
-from ._sticking import sticking_region as sticking_region
-from ._trajectories import phase_portrait as phase_portrait, time_series as time_series
+import lazy_loader as _lazy_loader
+
+# Each is imported when it is first asked for. `__init__.pyi` lists them for type checkers. Drawings and films of machines
+# stand in `studio/`, which imports from this folder.
+_PLACES = {
+    "plot._basins": ["basins"],
+    "plot._bifurcation": ["bifurcation"],
+    "plot._branch": ["branch"],
+    "plot._curves": ["curves"],
+    "plot._impact_map": ["impact_map"],
+    "plot._lyapunov": ["lyapunov"],
+    "plot._multipliers": ["multipliers"],
+    "plot._plane": ["plane"],
+    "plot._regions": ["regions"],
+    "plot._relative_motion": ["relative_motion"],
+    "plot._section": ["section"],
+    "plot._shares": ["shares"],
+    "plot._sticking": ["sticking_region"],
+    "plot._trajectories": ["phase_portrait", "time_series"],
+    "studio.drawing.animate": ["animate"],
+    "studio.drawing.machine": ["machine"],
+}
+__getattr__, __dir__, __all__ = _lazy_loader.attach("vijax", submod_attrs=_PLACES)

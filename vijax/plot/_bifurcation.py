@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from .._sweep.endings import warn_of_endings
+from .._sweep.outcomes import warn_of_endings
 from ._axes import (
     Sweeps,
     by_name,

@@ -8,7 +8,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from .._orbits.orbit import PeriodicOrbit
-from .._sweep.endings import warn_of_endings
+from .._sweep.outcomes import warn_of_endings
 from .._trajectory.event_log import IMPACT
 from .._trajectory.solution import Solution
 from ._axes import check_index, check_one_machine, new_axes, span_of_phase

@@ -7,8 +7,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from .._attractors.sections import stroboscopic_section
 from .._orbits.orbit import PeriodicOrbit
+from .._sections.sections import stroboscopic_section
 from .._trajectory.solution import Solution
 from ._axes import check_index, check_one_machine, new_axes
 from ._cloud import Cloud, draw_clouds

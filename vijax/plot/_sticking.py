@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from .._contact.sticking_region import StickingRegion
+from .._hybrid.sticking_region import StickingRegion
 from .._orbits.orbit import PeriodicOrbit
 from .._trajectory.event_log import RELEASE, STICK
 from .._trajectory.solution import Solution

@@ -1,0 +1,112 @@
+"""To which of some known attractors motions belong."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from .attractor import Motion
+from .distances import nearest, reach
+from .ensemble import Ends
+
+# A motion is on a cycle within this many times the tolerance; it approaches one from this distance on, relative to its size.
+_SLACK, _NEAR = 10, 1e-2
+# Last points that are compared with a cloud, and of how many of its own points neighbourhoods may be smaller than what belongs
+# to it is far from it.
+_LAST, _MOST = 3, 0.95
+# Points compared at once.
+_BLOCK = 1 << 13
+
+
+class _Points(NamedTuple):
+    """Section points of several attractors, one after another.
+
+    Attributes:
+        states: (points, 2 n).
+        owner: the number of the attractor of each.
+        size: of its attractor.
+        after: the place of the point one period later.
+    """
+
+    states: np.ndarray
+    owner: np.ndarray
+    size: np.ndarray
+    after: np.ndarray
+
+
+def _points_of(motions: list[Motion], numbers: list[int]) -> _Points:
+    count = [len(motions[k].points) for k in numbers]
+    begin = np.cumsum([0, *count])[:-1]
+    after = [b + np.roll(np.arange(c), -1) for b, c in zip(begin, count, strict=True)]
+    return _Points(
+        np.concatenate([motions[k].points for k in numbers]),
+        np.repeat(numbers, count),
+        np.repeat([motions[k].size for k in numbers], count),
+        np.concatenate(after),
+    )
+
+
+def _by_machine(
+    ends: Ends, left: np.ndarray, motions: list[Motion], *, cycles: bool
+) -> Iterator[tuple[np.ndarray, list[int]]]:
+    """For each machine, and each block of its points that are left, these and the attractors of the machine."""
+    for each in np.unique(ends.machine[left]):
+        numbers = [
+            k
+            for k, m in enumerate(motions)
+            if m.machine == each and bool(m.num_periods) == cycles and m.is_lasting
+        ]
+        places = np.flatnonzero(ends.machine[left] == each)
+        for k in range(0, len(places) if numbers else 0, _BLOCK):
+            yield places[k : k + _BLOCK], numbers
+
+
+def on_cycles(motions: list[Motion], ends: Ends, left: np.ndarray, tolerance: float) -> np.ndarray:
+    """Labels of motions that end on a cycle."""
+    label = np.full(len(left), -1)
+    for block, numbers in _by_machine(ends, left, motions, cycles=True):
+        points = _points_of(motions, numbers)
+        place, distance = nearest(ends.last[left[block]], points.states)
+        label[block] = np.where(distance <= _SLACK * tolerance * points.size[place], points.owner[place], -1)
+    return label
+
+
+def approached(motions: list[Motion], ends: Ends, left: np.ndarray) -> np.ndarray:
+    """Labels of motions that come closer and closer to a stable cycle."""
+    label = np.full(len(left), -1)
+    for block, numbers in _by_machine(ends, left, motions, cycles=True):
+        points = _points_of(motions, numbers)
+        is_stable = np.array([motion.is_stable for motion in motions])[points.owner]
+        section = ends.section[left[block]]
+        place, distance = nearest(section[:, -1], points.states)
+        near = np.flatnonzero(is_stable[place] & (distance <= _NEAR * points.size[place]))
+        label[block[near]] = np.where(
+            _comes_closer(section[near], points, place[near]), points.owner[place[near]], -1
+        )
+    return label
+
+
+def _comes_closer(section: np.ndarray, points: _Points, place: np.ndarray) -> np.ndarray:
+    """Whether motions keep near a cycle all the time, period for period, and nearer at the end than at the beginning."""
+    before = np.empty_like(points.after)
+    before[points.after] = np.arange(len(points.after))
+    distance, at = np.empty(section.shape[:2]), place
+    for k in range(section.shape[1] - 1, -1, -1):
+        distance[:, k] = np.abs(section[:, k] - points.states[at]).max(axis=1)
+        at = before[at]
+    third = max(1, section.shape[1] // 3)
+    is_near = distance.max(axis=1) <= _NEAR * points.size[place]
+    return is_near & (distance[:, -third:].max(axis=1) < distance[:, :third].max(axis=1))
+
+
+def in_clouds(motions: list[Motion], ends: Ends, left: np.ndarray, last: int = _LAST) -> np.ndarray:
+    """Labels of motions whose last points lie in a cloud that lasts."""
+    label = np.full(len(left), -1)
+    for block, numbers in _by_machine(ends, left, motions, cycles=False):
+        section, clouds = ends.section[left[block], -last:], [motions[k].points for k in numbers]
+        rows = section.reshape(-1, section.shape[2])
+        far = [nearest(rows, a)[1].reshape(len(block), -1) / np.quantile(reach(a), _MOST) for a in clouds]
+        ratio = np.median(np.stack(far), axis=2)
+        best = ratio.argmin(axis=0)
+        label[block] = np.where(ratio.min(axis=0) <= 1, np.array(numbers)[best], -1)
+    return label

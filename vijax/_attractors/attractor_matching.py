@@ -1,0 +1,80 @@
+"""Attractors at one value of a parameter, and what they are at the next."""
+
+import numpy as np
+
+from .._jax.arrays import as_float
+from .._system.parameters import set_parameter
+from .attractor import Motion
+from .coexisting import Coexisting, coexisting
+from .distances import set_distance
+from .ensemble import Machines
+from .starts import is_beyond
+
+
+def seeded(machines: Machines, found: Coexisting) -> tuple[list[Motion], dict[int, int]]:
+    """Start at each value from the attractors at the value before.
+
+    What is found so is started from in its turn, until nothing is new.
+
+    Returns:
+        All attractors, and for each of them, by its number, that at the next value on which its motion ends, -1 if it is
+        not known.
+    """
+    motions, goes_to = found.motions, {}
+    last = len(machines.rate) - 1
+    while due := [k for k, m in enumerate(motions) if k not in goes_to and m.machine < last]:
+        before = np.array([motions[k].machine for k in due])
+        # From one value to the next W may change.
+        physical = np.stack([motions[k].points[0] for k in due]) / machines.scale(before)
+        goes_to |= dict.fromkeys(due, -1)
+        # Stops that have moved past a motion take it along.
+        states = machines.onto_stops(physical * machines.scale(before + 1), before + 1)
+        sound = np.flatnonzero(~_is_beyond(machines, states / machines.scale(before + 1), before + 1))
+        if not sound.size:
+            continue
+        machine = before[sound] + 1
+        ds = machines.run(states[sound], machine, machines.transient, machines.record, goes_on=True)
+        ends = machines.ends(ds, machine)
+        motions, labels = coexisting(machines, ends, motions)
+        goes_to |= {due[k]: int(label) for k, label in zip(sound, labels, strict=True)}
+    return motions, goes_to
+
+
+def _is_beyond(machines: Machines, physical: np.ndarray, machine: np.ndarray) -> np.ndarray:
+    """Whether states lie beyond a stop, which may stand elsewhere at the next value."""
+    ((path, along),) = machines.values.items()
+    beyond = np.zeros(len(physical), bool)
+    for each in np.unique(machine):
+        there = set_parameter(machines.system, path, as_float(along[each]))
+        beyond[machine == each] = is_beyond(there, physical[machine == each])
+    return beyond
+
+
+def linked(motions: list[Motion], num_values: int, threshold: float) -> np.ndarray:
+    """Number the attractors along the parameter, so that what goes on keeps its number, (motions,).
+
+    Numbers are given in the order in which attractors begin.
+    """
+    name = np.full(len(motions), -1)
+    here, count = [], 0
+    for value in range(num_values):
+        before, here = here, [k for k, m in enumerate(motions) if m.machine == value]
+        pairs = [(*_distance(motions[j], motions[k]), j, k) for j in before for k in here]
+        is_left = dict.fromkeys([*before, *here], True)
+        for _, distance, j, k in sorted(pairs):
+            if distance <= threshold and is_left[j] and is_left[k]:
+                name[k] = name[j]
+                is_left[j] = is_left[k] = False
+        for k in here:
+            if is_left[k]:
+                name[k], count = count, count + 1
+    return name
+
+
+def _distance(ours: Motion, theirs: Motion) -> tuple[bool, float]:
+    """Whether events differ, and how far two attractors are apart, relative to their size."""
+    rates = [m.num_impacts / max(1, m.num_periods) for m in (ours, theirs)]
+    is_other = not np.array_equal(*rates, equal_nan=True) or (ours.num_periods == 0) != (
+        theirs.num_periods == 0
+    )
+    return is_other, set_distance(ours.points, theirs.points) / max(ours.size, theirs.size)

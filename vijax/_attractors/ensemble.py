@@ -1,0 +1,227 @@
+"""The machines whose attractors are looked for: run from many states, and their cycles polished."""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+
+from .._execution.points import Point, with_values
+from .._execution.runner import Counts
+from .._execution.settings import ExecutionSettings
+from .._flow.interface import AbstractFlow
+from .._orbits.many import Orbits
+from .._orbits.sweep_orbits import search_orbits
+from .._progress import tqdm
+from .._sections.classify import TOLERANCES
+from .._sections.lyapunov import lyapunov_exponents
+from .._sections.non_impacting_proof import stays_quiet
+from .._sections.recurrence import recurrence
+from .._sections.section_side import after_impacts, filled, machines_of_lanes
+from .._sweep.zipped import sweep_zipped
+from .._system.contact import AbstractLimit
+from .._system.system import ImpactSystem
+
+FREQUENCY = "forcing.frequency"
+# Room for the events of a cycle that is polished.
+_MAX_EVENTS = 256
+# Forcing periods that changes of the state are followed before, and while, their growth is averaged.
+_SETTLING, _AVERAGED = 20, 2000
+# An impact whose gap is so many roundings falls into phase 0.
+_HAIR = 4096
+# Periods of a record that are searched for a repetition, the last ones.
+_COMPARED = 128
+
+
+class Ends(NamedTuple):
+    """Where motions end, points first, states as (W x, v).
+
+    Attributes:
+        section: the state at the end of each recorded period, (points, periods, 2 n); 0 where the motion failed.
+        machine: of each point.
+        num_periods: n, 0 where the motion does not repeat.
+        is_settling: whether it is on the way to a cycle.
+        is_quiet: whether it is proved to come to the response of its machine without another impact; then n = 1.
+        is_failed: whether it is not known.
+    """
+
+    section: np.ndarray
+    machine: np.ndarray
+    num_periods: np.ndarray
+    is_settling: np.ndarray
+    is_quiet: np.ndarray
+    is_failed: np.ndarray
+
+    @property
+    def last(self) -> np.ndarray:
+        """The end states, (points, 2 n)."""
+        return self.section[:, -1]
+
+
+@dataclass(frozen=True)
+class Machines:
+    """Machines that differ by the values of some quantities, or a single one.
+
+    Attributes:
+        system: the machine, its force bound to its arguments.
+        values: quantities by their paths, one value for each machine; empty for a single machine.
+        rate: W of each, (machines,).
+        transient: forcing periods before a motion is looked at.
+        record: forcing periods in which it is.
+        tolerance: how near a motion must be to the cycle it settles on, relative to its size.
+        flow: the motion between events.
+        max_steps: as for `vx.sweep`.
+        settings: likewise.
+        executor: likewise.
+        is_wide: whether the first sweep has more points than run side by side.
+    """
+
+    system: ImpactSystem
+    values: dict[str, np.ndarray]
+    rate: np.ndarray
+    transient: int
+    record: int
+    tolerance: float
+    flow: AbstractFlow | None
+    max_steps: int | None
+    settings: ExecutionSettings
+    executor: object
+    is_wide: bool
+
+    def for_sweep_of(self, num_points: int) -> "Machines":
+        """The same, run beside a sweep of so many points."""
+        return replace(self, is_wide=num_points > self.settings.lanes)
+
+    def of_plane(self, values: dict[str, np.ndarray], num_machines: int) -> "Machines":
+        """So many that differ by some quantities, one value for each."""
+        rate = values.get(FREQUENCY, np.full(num_machines, self.rate[0]))
+        return replace(self, values=values, rate=rate)
+
+    def scale(self, machine: np.ndarray) -> np.ndarray:
+        """What turns states (x, v) into (W x, v), (points, 2 n)."""
+        rate = self.rate[machine]
+        return np.repeat(np.stack([rate, np.ones_like(rate)], axis=1), self.system.num_masses, axis=1)
+
+    def run(
+        self,
+        states: np.ndarray,
+        machine: np.ndarray,
+        transient: int,
+        record: int,
+        *,
+        max_impacts: int = 0,
+        goes_on: bool = False,
+        progress: bool = False,
+    ) -> xr.Dataset:
+        """Sweep over starts (W x, v), (points, 2 n), of some machines; with `goes_on` they are ends of motions."""
+        if goes_on:
+            states = self.onto_stops(states, machine, float(np.sqrt(np.finfo(states.dtype).eps)))
+        of_point = {path: a[machine] for path, a in self.values.items()}
+        counts = Counts(transient, record, max_impacts, self.max_steps, can_stick=True)
+        starts, where = states / self.scale(machine), (self.settings, self.executor)
+        beside = self.settings.lanes + 1 if self.is_wide else 0
+        with tqdm(total=len(states), unit="point", disable=not progress) as bar:
+            return sweep_zipped(self.system, of_point, starts, counts, self.flow, *where, bar.update, beside)
+
+    def _lanes(self, machine: np.ndarray) -> ImpactSystem:
+        """The machine of each point, lanes last."""
+        zero = np.zeros(self.system.num_masses, self.rate.dtype)
+        of_point = {path: a[machine] for path, a in self.values.items()}
+        return with_values(Point(self.system, zero, zero), of_point).system
+
+    def onto_stops(self, states: np.ndarray, machine: np.ndarray, within: float = float("inf")) -> np.ndarray:
+        """States (W x, v), (points, 2 n), brought back to the stops beyond which they lie.
+
+        Args:
+            states: as where an impact falls into phase 0, or where stops have moved.
+            machine: of each.
+            within: how far at most, relative to the terms of the gap.
+        """
+        scale = self.scale(machine)
+        x, v = np.split(states / scale, 2, axis=1)
+        for stop in self._lanes(machine).stops:
+            size, gap = _size_and_gap(stop, x)
+            beyond = np.where((gap < 0) & (gap >= -within * size), gap, 0)
+            row = stop.coefficients
+            square = sum(np.asarray(a) ** 2 for a in row.values())
+            for i, a in row.items():
+                x[:, i] += beyond * np.asarray(a) / square
+        return np.concatenate([x, v], axis=1) * scale
+
+    def after_impacts(self, states: np.ndarray, machine: np.ndarray) -> np.ndarray:
+        """States (W x, v), (points, 2 n), after the impacts that fall into phase 0 to rounding."""
+        x = states[:, : self.system.num_masses] / self.rate[machine, None]
+        # Of millions of states; few have an impact there, and the others stay as they are.
+        judged = (_size_and_gap(stop, x) for stop in self._lanes(machine).stops)
+        closed = [np.abs(gap) <= _HAIR * np.finfo(x.dtype).eps * size for size, gap in judged]
+        which = np.flatnonzero(np.logical_or.reduce(closed)) if closed else np.zeros(0, int)
+        if not which.size:
+            return states
+        which = filled(which)
+        scale, lanes = self.scale(machine[which]), machines_of_lanes(self._lanes(machine[which]))
+        before = np.split(states[which] / scale, 2, axis=1)
+        after = after_impacts(lanes, 0.0, (before[0], before[1]), np.stack([a[which] for a in closed]))
+        states = states.copy()
+        states[which] = np.concatenate(after, axis=1) * scale
+        return states
+
+    def ends(self, ds: xr.Dataset, machine: np.ndarray) -> Ends:
+        """Judge where the motions of a sweep end."""
+        x, v = (ds[f"section_{name}"].values for name in "xv")
+        section = np.concatenate([x * self.rate[machine, None, None].astype(x.dtype), v], axis=2)
+        is_failed = np.isnan(section.sum(axis=(1, 2)))
+        section[is_failed] = 0
+        each = np.repeat(machine, section.shape[1])
+        section = self.after_impacts(section.reshape(len(each), -1), each).reshape(section.shape)
+        found = recurrence(_relative(section[:, -_COMPARED:]), self.tolerance)
+        is_touched = (ds["num_impacts"].values > 0).any(axis=1) | (ds["held_time"].values > 0).any(
+            axis=(1, 2)
+        )
+        last = section[:, -1] / self.scale(machine)
+        asked = np.flatnonzero(~is_failed & ~is_touched)
+        is_quiet = stays_quiet(ds, asked, *np.split(last, 2, axis=1))[0]
+        n = np.where(is_failed, 0, np.where(is_quiet, 1, found.num_periods))
+        return Ends(section, machine, n, found.is_settling & (n == 0), is_quiet, is_failed)
+
+    def polish(self, states: np.ndarray, machine: np.ndarray, num_periods: np.ndarray) -> Orbits:
+        """Search the cycles near states (W x, v) that nearly repeat."""
+        # Two at least, with a frequency each: then the program is that of the orbits of a sweep over the frequency.
+        number = np.resize(np.arange(len(states)), max(2, len(states)))
+        of_point = {path: a[machine[number]] for path, a in ({FREQUENCY: self.rate} | self.values).items()}
+        zero = np.zeros(self.system.num_masses, states.dtype)
+        lanes = with_values(Point(self.system, zero, zero), of_point).system
+        starts = (states / self.scale(machine))[number]
+        found = search_orbits(lanes, num_periods[number], starts, _MAX_EVENTS, lambda _: None, self.flow)
+        return Orbits(*(a[: len(states)] for a in found))
+
+    def exponents(self, state: np.ndarray, machine: int) -> tuple[np.ndarray, np.ndarray]:
+        """Lyapunov exponents of the motion of one machine from a state (W x, v), and their errors; NaN where it does not get on."""
+        which = np.array([machine])
+        system = jax.tree.map(lambda a: jnp.asarray(a[..., 0]), self._lanes(which))
+        x, v = np.split(state / self.scale(which)[0], 2)
+        asked = {
+            "transient": _SETTLING,
+            "num_periods": _AVERAGED,
+            "max_steps": self.max_steps,
+            "flow": self.flow,
+        }
+        found = lyapunov_exponents(system, x, v, **asked, with_error=True, throw=False, progress=False)
+        return np.asarray(found[0]), np.asarray(found[1])
+
+
+def _size_and_gap(stop: AbstractLimit, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Magnitudes of the terms of the gaps at phase 0, which set their rounding errors, and the gaps, (points,) each."""
+    known = jax.tree.map(np.asarray, stop)  # of JAX every operation would be a program
+    return np.asarray(known.reach(0.0) + known.size(x.T)), np.asarray(known.gap(x.T, 0.0))
+
+
+def default_tolerance(dtype: np.dtype) -> float:
+    """How near a motion must be to the cycle it settles on, as for `classify`."""
+    return TOLERANCES[dtype.itemsize]
+
+
+def _relative(section: np.ndarray) -> np.ndarray:
+    size = np.abs(section).max(axis=(1, 2), keepdims=True)
+    return section / np.where(size == 0, 1, size).astype(float)

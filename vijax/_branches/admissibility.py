@@ -1,0 +1,296 @@
+"""What happens between the events of a cycle: how near masses come to their stops, how lightly they rest on them."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .._flow.interface import AbstractFlow
+from .._jax.arrays import Scalar
+from .._jax.xla import is_any
+from .._machine.derivatives import approaches, contact_forces, derivatives
+from .._machine.machine import Machine, resting_state
+from .._orbits.cycle import Moment, Problem, Unknowns, begin_cycle, events_of, fly, leap
+from .._orbits.sequence import NOTHING, Sequence as CycleEvents
+from .._trajectory.event_log import IMPACT
+from .minima import dip
+
+# Samples per radian of the fastest part of the motion, the most on a flight, and what it takes from there to the
+# minimum by Newton's method.
+_DENSITY, _MOST, _STEPS = 0.7, 10_000, 6
+
+
+class Watched(NamedTuple):
+    """The least gap while free and the least force while held, of each stop.
+
+    Attributes:
+        gap: where a mass turns back from its stop without touching it, negative where it is beyond, (stops,);
+            infinite if it never does.
+        gap_time: when, in forcing periods since the start, (stops,).
+        gap_flight: on which flight, (stops,).
+        force: on each stop that holds, (stops,); infinite if it never does.
+        force_time: when, (stops,).
+        force_flight: on which flight, (stops,).
+        rise: the acceleration away from each stop after an impact without rebound, restitution 0, that leaves its mass
+            free, (stops,); infinite if there is none.
+        rise_flight: the flight that begins with it, (stops,).
+        is_plastic: whether impacts have no rebound, (stops,).
+        last: the duration of the flight after the last event, in forcing periods.
+    """
+
+    gap: Float[Array, " stops"]
+    gap_time: Float[Array, " stops"]
+    gap_flight: Int[Array, " stops"]
+    force: Float[Array, " stops"]
+    force_time: Float[Array, " stops"]
+    force_flight: Int[Array, " stops"]
+    rise: Float[Array, " stops"]
+    rise_flight: Int[Array, " stops"]
+    is_plastic: Bool[Array, " stops"]
+    last: Scalar
+
+
+class Levels(NamedTuple):
+    """What is to stay positive on a cycle: speeds at its impacts, and as of `Watched` gap, force and rise.
+
+    Attributes:
+        speeds: of approach, (events,).
+        gap: (stops,).
+        force: (stops,).
+        rise: (stops,).
+    """
+
+    speeds: Float[Array, " events"]
+    gap: Float[Array, " stops"]
+    force: Float[Array, " stops"]
+    rise: Float[Array, " stops"]
+
+
+class _Reading(NamedTuple):
+    """Gaps with three derivatives and forces with two, by time in forcing periods, (stops,) each."""
+
+    gap: list[Array]
+    force: list[Array]
+
+
+class _Lowest(NamedTuple):
+    """The lowest minimum so far, of each stop: its value, and where it is.
+
+    Attributes:
+        value: of the minimum.
+        since: the time since the last event, and two between which it is, (stops, 3).
+        held: the stops that hold, (stops, stops).
+        z: the state after the last event, (stops, 2 n).
+        start: the time of that event.
+        flight: number of the flight.
+    """
+
+    value: Array
+    since: Array
+    held: Array
+    z: Array
+    start: Array
+    flight: Array
+
+    def lowered(self, is_minimum: Array, other: "_Lowest") -> "_Lowest":
+        """The lower of two, where the other is a minimum."""
+        is_lower = is_minimum & (other.value < self.value)
+        return _Lowest(
+            *(
+                jnp.where(is_lower if a.ndim == 1 else is_lower[:, None], b, a)
+                for a, b in zip(self, other, strict=True)
+            )
+        )
+
+
+class _Scan(NamedTuple):
+    """Where the search is: the flight, the sample on it, where that flight began, the last reading."""
+
+    flight: Array
+    sample: Array
+    begin: Moment
+    before: _Reading
+    gaps: _Lowest
+    forces: _Lowest
+    rises: _Lowest
+
+
+def watch(problem: Problem, unknowns: Unknowns) -> Watched:
+    """Look closely at a cycle between its events."""
+    machine, flow, sequence = problem.machine, problem.flow, problem.sequence
+    count, room = jnp.sum(sequence.is_event), len(sequence.kind)
+    radians = machine.rate * machine.period
+    last = problem.num_periods - jnp.sum(unknowns.flights)
+    # Where an event has passed the start of the cycle, what lies beyond it there is no motion.
+    early = jnp.minimum(unknowns.flights[0], 0) if room else 0.0
+    flights = jnp.append(unknowns.flights, 0).at[count].set(last + early)
+    events = jax.tree.map(lambda a: jnp.concatenate([a, a[-1:]]) if room else None, events_of(sequence))
+
+    def one(scan: _Scan) -> _Scan:
+        k, i, begin, before = scan[:4]
+        held, duration = sequence.held[k], flights[k]
+        skipped = jnp.where(k == 0, jnp.clip(-last, 0), 0)
+        longest = jnp.clip(duration - skipped, 0, problem.num_periods)
+        # A parameter tried in vain may make any machine, as one without a load, whose period is without end.
+        num = jnp.clip(jnp.ceil(longest * radians * _DENSITY), 1, _MOST)
+        step = longest / num
+        since = skipped + step * i
+        now = _read(machine, flow, begin, held, since)
+        is_first, is_last = i == 0, ~(i < num)  # no end of a flight that is no number
+        # A gap is least where a mass turns back; a force likewise, or where a stick begins.
+        has_left = (i == 1) & _have_left(sequence, k, jnp.where(last < 0, count, 0))
+        gap = dip(before.gap, now.gap, step, has_left)
+        force = dip(before.force, now.force, step, jnp.zeros_like(held))
+        has_length = ~is_first & (longest > 0)
+        turns = has_length & ~held & gap.is_there
+        gaps = scan.gaps.lowered(turns, _lowest(gap.value, gap.times(since, step), held, begin, k))
+        least = jnp.where(is_first, now.force[0], force.value)
+        at = jnp.where(is_first, since, force.times(since, step))
+        # A release that has passed the start of the cycle leaves no hold there.
+        begins = is_first & ((k > 0) | (longest > 0))
+        is_least = held & (begins | (has_length & force.is_there))
+        forces = scan.forces.lowered(is_least, _lowest(least, at, held, begin, k))
+        # Without rebound a mass has neither gap nor speed: it leaves by its acceleration, or not at all.
+        rests = is_first & ~held & _is_after_plastic(machine, sequence, k)
+        rises = scan.rises.lowered(rests, _lowest(now.gap[2], since, held, begin, k))
+        if room:
+            event = jax.tree.map(lambda a: a[k], events)
+            after = lambda: fly(machine, flow, begin, event, duration)[0]  # noqa: E731
+            there = jax.lax.cond(is_any(is_last), after, lambda: begin)
+            begin = jax.tree.map(lambda a, b: jnp.where(is_last, a, b), there, begin)
+        return _Scan(
+            jnp.where(is_last, k + 1, k), jnp.where(is_last, 0, i + 1), begin, now, gaps, forces, rises
+        )
+
+    begin = begin_cycle(problem, machine, unknowns.z)
+    none = jnp.full(machine.contacts.num, jnp.inf)
+    nothing = _lowest(none, 0 * begin.time, sequence.held[0], begin, jnp.array(0))
+    first = _read(machine, flow, begin, sequence.held[0], 0 * begin.time)
+    scan = _Scan(jnp.array(0), jnp.array(0), begin, first, nothing, nothing, nothing)
+    scan = jax.lax.while_loop(lambda scan: scan.flight <= count, one, scan)
+    gap, gap_time = _refined(machine, flow, scan.gaps, lambda reading: reading.gap)
+    force, force_time = _refined(machine, flow, scan.forces, lambda reading: reading.force)
+    return Watched(
+        gap=gap,
+        gap_time=gap_time - problem.phase,
+        gap_flight=scan.gaps.flight,
+        force=force,
+        force_time=force_time - problem.phase,
+        force_flight=scan.forces.flight,
+        rise=scan.rises.value,
+        rise_flight=scan.rises.flight,
+        is_plastic=machine.contacts.restitution == 0,
+        last=last,
+    )
+
+
+def levels(problem: Problem, unknowns: Unknowns, watched: Watched) -> Levels:
+    """Read a cycle where another was watched, to see how that changes: minima do not move to first order."""
+    machine, flow, sequence = problem.machine, problem.flow, problem.sequence
+    first = begin_cycle(problem, machine, unknowns.z)
+
+    def one(begin: Moment, flight: tuple) -> tuple[Moment, tuple[Moment, Array]]:
+        there, (_, speed), _ = fly(machine, flow, begin, *flight)
+        return there, (there, speed)
+
+    begins, speeds = first, jnp.zeros_like(unknowns.flights)
+    begins = jax.tree.map(lambda a: a[None], begins)
+    if len(sequence.kind):
+        later, speeds = jax.lax.scan(one, first, (events_of(sequence), unknowns.flights))[1]
+        begins = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), begins, later)
+
+    def read(flight: Array, since: Array, stop: Array) -> _Reading:
+        begin = jax.tree.map(lambda a: a[flight], begins)
+        since = jnp.maximum(since - jax.lax.stop_gradient(begin.time), 0)
+        return jax.tree.map(lambda a: a[stop], _read(machine, flow, begin, sequence.held[flight], since))
+
+    def of_stops(flights: Array, times: Array) -> _Reading:
+        return jax.vmap(read)(flights, times + problem.phase, jnp.arange(machine.contacts.num))
+
+    return Levels(
+        speeds=speeds,
+        gap=of_stops(watched.gap_flight, watched.gap_time).gap[0],
+        force=of_stops(watched.force_flight, watched.force_time).force[0],
+        # Right where these flights begin.
+        rise=of_stops(watched.rise_flight, jnp.full_like(watched.gap_time, -jnp.inf)).gap[2],
+    )
+
+
+def _have_left(sequence: CycleEvents, flight: Array, passed: Array) -> Array:
+    """The stops from which masses set out on a flight, (stops,).
+
+    Args:
+        sequence: what happens.
+        flight: its number.
+        passed: the number of the last event plus one if it has passed the end of the cycle, so that the first flight begins
+            with it; else 0.
+    """
+    held = sequence.held
+    if not len(sequence.kind):
+        return jnp.zeros(held.shape[1], bool)
+    event = jnp.where(flight > 0, flight, passed) - 1
+    before = jnp.maximum(event, 0)
+    is_own = (jnp.arange(held.shape[1]) == sequence.stop[before]) & (sequence.kind[before] != NOTHING)
+    return (event >= 0) & ~held[flight] & (is_own | held[before])
+
+
+def _is_after_plastic(machine: Machine, sequence: CycleEvents, flight: Array) -> Array:
+    """The stop whose impact without rebound begins a flight, (stops,)."""
+    if not len(sequence.kind):
+        return jnp.zeros(machine.contacts.num, bool)
+    before = jnp.maximum(flight - 1, 0)
+    is_impact = (flight > 0) & (sequence.kind[before] == IMPACT)
+    is_own = jnp.arange(machine.contacts.num) == sequence.stop[before]
+    return is_impact & is_own & (machine.contacts.restitution == 0)
+
+
+def _lowest(value: Array, since: Array, held: Array, begin: Moment, flight: Array) -> _Lowest:
+    """A minimum of each stop on one flight."""
+    rows = lambda a: jnp.broadcast_to(a, (len(value), *a.shape))  # noqa: E731
+    since = jnp.broadcast_to(since, (3, len(value))).T
+    return _Lowest(value, since, rows(held), rows(begin.z), rows(begin.time), rows(flight))
+
+
+def _refined(
+    machine: Machine, flow: AbstractFlow, lowest: _Lowest, of: Callable[[_Reading], Sequence[Array]]
+) -> tuple[Array, Array]:
+    """Values and times of the minima by Newton's method on the slope, which stays between the two times known of each.
+
+    What is no minimum stays as it was read.
+    """
+
+    def one(low: _Lowest, stop: Array) -> tuple[Array, Array]:
+        begin = Moment(low.z, low.start, jnp.zeros_like(lowest.value))
+
+        def nearer(_: Any, at: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            since, lower, upper = at
+            _, slope, rate = (a[stop] for a in of(_read(machine, flow, begin, low.held, since))[:3])
+            lower, upper = jnp.where(slope < 0, since, lower), jnp.where(slope < 0, upper, since)
+            newton = since - slope / jnp.where(rate > 0, rate, 1)
+            is_inside = (rate > 0) & (newton >= lower) & (newton <= upper)
+            return jnp.where(is_inside, newton, (lower + upper) / 2), lower, upper
+
+        first, lower, upper = low.since
+        since, *_ = jax.lax.fori_loop(0, _STEPS, nearer, (first, lower, upper))
+        value = of(_read(machine, flow, begin, low.held, since))[0][stop]
+        is_minimum = jnp.isfinite(low.value) & (lower < upper)
+        since = jnp.where(is_minimum, since, first)
+        return jnp.where(is_minimum, value, low.value), low.start + since
+
+    is_found = is_any(jnp.isfinite(lowest.value))
+    refined = lambda: jax.vmap(one)(lowest, jnp.arange(len(lowest.value)))  # noqa: E731
+    return jax.lax.cond(is_found, refined, lambda: (lowest.value, lowest.start + lowest.since[:, 0]))
+
+
+def _read(machine: Machine, flow: AbstractFlow, begin: Moment, held: Array, since: Array) -> _Reading:
+    """The motion some forcing periods after the last event."""
+    x, v, phase, _ = leap(machine, flow, begin, held, since)
+    x, time = jnp.split(begin.z, 2)[0] + x, (begin.time + since) * machine.period
+    state = resting_state(machine, phase, x, v, held, time)
+    hold = machine.hold(held)
+    now = derivatives(machine, state, hold)
+    gap = [machine.contacts.gaps(state.x, phase), *(-a for a in approaches(machine, state, now))]
+    in_periods = lambda parts: [a * machine.period**order for order, a in enumerate(parts)]  # noqa: E731
+    return _Reading(in_periods(gap), in_periods(contact_forces(machine, state, hold, now)))

@@ -1,0 +1,105 @@
+"""From a bifurcation on a branch to its defining system."""
+
+import numpy as np
+
+from .._orbits.sequence import Sequence
+from .._trajectory.event_log import IMPACT, RELEASE
+from .branch import Bifurcation, cycle_of
+from .defining_systems import AbstractCondition, AtBranchPoint, AtEvent, AtMultiplier, Defining
+from .kernels import Seen, padded, room_for
+from .parameter_family import Family, Place
+from .point import as_it_is
+from .scheduler import drive
+from .sequence_edits import with_event
+from .starts import Start, family_of, starts_of
+from .test_functions import CLOSE, Test, tests_of
+
+_NO_SYSTEM = {
+    "chatter_completion": 'Where a chatter is completed infinitely many changes meet: take one of them, of a kind "gr" '
+    'or "fold".',
+}
+# What vanishes with the function of a bifurcation is zero but for rounding.
+_LIGHT = 1e-9
+# A flight as short as this, in forcing periods, has no duration.
+_MOMENT = {"float64": 1e-9, "float32": 1e-4}
+
+
+def defining_of(point: Bifurcation, low: float, high: float) -> tuple[Defining, Place]:
+    """The defining system of a point, with padding, and its cycle.
+
+    Args:
+        point: of the kind "fold", "pd", "ns", "bp", "gr", "double_impact" or "force_zero".
+        low: bound of the parameter, from which it has its scale.
+        high: likewise.
+
+    Raises:
+        ValueError: for a point of another kind.
+    """
+    if point.kind in _NO_SYSTEM:
+        raise ValueError(_NO_SYSTEM[point.kind])
+    _, family, sequence, place = family_at(point, low, high)
+    if point.kind in ("fold", "pd", "ns"):
+        condition = _at_multiplier(point)
+    elif point.kind == "bp":
+        size = len(place.z)
+        condition = AtBranchPoint(np.zeros(1), np.zeros(size), np.zeros((2, size + 1)))
+    else:
+        condition, sequence, place = _at_event(family, point.kind, sequence, place)
+    sequence, place = padded(sequence, (place,), room_for(len(sequence.kind)))
+    return Defining(family, sequence, condition), place
+
+
+def family_at(point: Bifurcation, low: float, high: float) -> tuple[Start, Family, Sequence, Place]:
+    """The orbit of a point, its machines between two values of the parameter, and its cycle in their scale."""
+    (start,) = starts_of(point.orbit)
+    start = start._replace(is_admissible=True)
+    family = family_of(start, point.branch.path, low, high)
+    return start, family, *cycle_of(point, family.scale, point.value / float(family.span))
+
+
+def _at_multiplier(point: Bifurcation) -> AbstractCondition:
+    multipliers = point.branch.points["multipliers"].values[point.index]
+    away = np.abs(multipliers + 1) if point.kind == "pd" else np.abs(np.abs(multipliers) - 1)
+    if point.kind == "pd" and not away.min() < CLOSE:
+        raise ValueError(
+            "The orbit of this point is another one twice: take the period doubling on the branch of that one."
+        )
+    # Of a pair the one above the real axis.
+    angle = np.angle(multipliers[np.argmin(np.where(multipliers.imag > 0, away, np.inf))])
+    theta = {"fold": 0.0, "pd": np.pi}.get(point.kind, angle)
+    return AtMultiplier(np.array([theta]), np.zeros((2, len(multipliers)), complex))
+
+
+def _at_event(
+    family: Family, kind: str, sequence: Sequence, place: Place
+) -> tuple[AbstractCondition, Sequence, Place]:
+    sequence, place, k, is_tangent = with_its_event(family, kind, sequence, place)
+    return AtEvent(np.zeros(0), np.asarray(k), np.asarray(is_tangent)), sequence, place
+
+
+def with_its_event(
+    family: Family, kind: str, sequence: Sequence, place: Place
+) -> tuple[Sequence, Place, int, bool]:
+    """The cycle of a change of its events with that event among them; its number, and whether it has no speed there."""
+    (seen,) = drive([family], [as_it_is(sequence, place)], lambda: None)
+    test, watched = _test_of(kind, sequence, seen), seen.watched
+    k, is_tangent = test.index, test.kind != "double_impact"
+    if test.kind == "touch":
+        flight, time = int(watched.gap_flight[k]), float(watched.gap_time[k])
+        sequence, place = with_event(sequence, place, IMPACT, k, flight, time)
+        k = flight
+    if test.kind == "force_zero":
+        flight, time = int(watched.force_flight[k]), float(watched.force_time[k])
+        sequence, place = with_event(sequence, place, RELEASE, k, flight, time)
+        k, is_tangent = flight, bool(place.flights[flight] > _MOMENT[str(place.flights.dtype)])
+    return sequence, place, k, is_tangent
+
+
+def _test_of(kind: str, sequence: Sequence, seen: Seen) -> Test:
+    """The function that vanishes where an event changes."""
+    wanted = {"gr": ("gr", "touch")}.get(kind, (kind,))
+    tests = [test for test in tests_of(sequence) if test.kind in wanted]
+    # An impact without speed is a touch as well, with a gap of exactly zero.
+    light = _LIGHT * np.abs(seen.start[len(seen.start) // 2 :]).max()
+    impacts = [test for test in tests if test.kind == "gr" and abs(test.of(seen)) < light]
+    return min(impacts or tests, key=lambda test: abs(test.of(seen)))

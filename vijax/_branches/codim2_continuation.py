@@ -1,0 +1,231 @@
+"""A curve of bifurcations in the plane of two parameters, followed in one direction."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from .._orbits.sequence import Sequence
+from .._progress import tqdm
+from .bracket import Bracket, next_trial
+from .codim1_point import OnCurve, located, neighbours
+from .codim2_tests import CurveTest, Seen, curve_tests, faces_of, name_there
+from .defining_systems import AtEvent, Defining, Plane
+from .kernels import Request, confirm, locate_start, padded, trimmed
+from .parameter_family import Place
+from .point import TRUSTED
+from .scheduler import answer
+from .sequence_edits import passed_section, shifted
+
+# Steps: the first, the longest, the shortest; the most by which one may turn, as a cosine; iterations of Newton's method
+# up to which steps grow, and after which they are taken again.
+_FIRST, _LONGEST, _SHORTEST = 2e-3, 2e-2, 1e-9
+_TURN, _FEW, _MANY = 0.98, 4, 7
+# On a bound, in the scale of the parameters.
+_ON_BOUND = 1e-12
+
+
+class OfCurve(NamedTuple):
+    """A point of a curve.
+
+    Attributes:
+        seen: what is known of it.
+        defining: its defining system, with padding.
+        special: the name of what happens there besides, or "".
+    """
+
+    seen: Seen
+    defining: Defining
+    special: str = ""
+
+    @property
+    def at(self) -> OnCurve:
+        """The point."""
+        return self.seen.at
+
+    @property
+    def sequence(self) -> Sequence:
+        """What happens on the orbit."""
+        return sequence_of(self.defining)
+
+    def turned(self) -> "OfCurve":
+        """The point, to be left in the other direction."""
+        at = self.at._replace(tangent=-self.at.tangent, direction=-self.at.direction)
+        return self._replace(seen=self.seen._replace(at=at))
+
+    def in_plane(self, guess: np.ndarray, weights: np.ndarray, target: float) -> Seen:
+        """The point of the curve near a guess in a plane."""
+        return look(self.defining, guess, Plane(weights, np.asarray(target, guess.dtype)))
+
+    def ahead(self, s: float, towards: OnCurve | None = None) -> Seen:
+        """The point of the curve some way ahead, where its tangent leads or between it and another."""
+        y, tangent = self.at.y, self.at.tangent
+        way = tangent if towards is None else (towards.y - y) / ((towards.y - y) @ tangent)
+        return self.in_plane(y + s * way, tangent, y @ tangent + s)
+
+
+def sequence_of(defining: Defining) -> Sequence:
+    """What happens on an orbit, without padding."""
+    return trimmed(defining.sequence, int(np.count_nonzero(defining.sequence.kind >= 0)))
+
+
+def look(defining: Defining, guess: np.ndarray, plane: Plane) -> Seen:
+    """The point of a curve in a plane, with its neighbours."""
+    at = jax.device_get(located(defining, guess, plane))
+    sequence = sequence_of(defining)
+    place, room = trimmed(at.place, len(sequence.kind)), len(defining.sequence.kind)
+    faces = []
+    for change in faces_of(defining, sequence):
+        its_own, there = change(sequence, place)
+        faces.append(jax.device_get(neighbours(defining.family, *padded(its_own, (there,), room))))
+    return Seen(at, tuple(faces))
+
+
+def begin_curve(defining: Defining, place: Place) -> OfCurve:
+    """The point of a curve at a cycle that is known."""
+    y = np.asarray(defining.unknowns(place))
+    # No direction is special to these weights, and so none is the curve's plane.
+    weights = np.random.default_rng(0).normal(size=len(y)).astype(y.dtype)
+    weights /= np.linalg.norm(weights)
+    seen = look(defining, y, Plane(weights, weights @ y))
+    if not seen.at.is_found:
+        raise ValueError(
+            "The curve cannot be followed from this point: take one farther from other bifurcations."
+        )
+    return OfCurve(seen, defining)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A curve that is followed.
+
+    Attributes:
+        kind: of the bifurcation.
+        box: bounds of both parameters in their scale, (2, 2).
+        most: the most points.
+    """
+
+    kind: str
+    box: np.ndarray
+    most: int
+
+    def follow(self, begun: OfCurve, bar: tqdm, found: list[OfCurve]) -> str:
+        """Add all points in the direction of one to those found, as they come; why there are no more."""
+        here, ds, why = begun, _FIRST, ""
+        while len(found) < self.most:
+            if ds < _SHORTEST:
+                return why
+            new = _step(here, ds)
+            if new is None:
+                ds, why = ds / 2, "not_converged"
+                continue
+            bound = self._at_bound(here, new.at)
+            points, end = self._met(here, new if bound is None else bound)
+            if end:
+                found += points
+                return end
+            # An event that passes the start of the cycle is no change of it.
+            points[-1] = _in_section(points[-1])
+            if not _is_followed(points[-1]):
+                ds, why = ds / 2, "left_the_stops"
+                continue
+            found += points
+            bar.update(len(points))
+            if bound is not None:
+                return "bounds"
+            if len(found) > 2 and _is_back(begun.at, here.at, new.at):
+                return "closed"
+            here = found[-1]
+            ds = min(ds * (1.5 if new.at.num_steps <= _FEW else 1.0), _LONGEST)
+        return "max_points"
+
+    def _at_bound(self, here: OfCurve, new: OnCurve) -> Seen | None:
+        """The point of the curve at the first bound between two, or None."""
+        p, ahead = here.at.place.p, new.place.p
+        crossed = [
+            ((bound - p[k]) / (ahead[k] - p[k]), k, bound)
+            for k, bounds in enumerate(self.box)
+            for bound, side in zip(bounds, (-1, 1), strict=True)
+            if side * (ahead[k] - bound) > 0 and side * (p[k] - bound) < -_ON_BOUND
+        ]
+        if not crossed:
+            return here.seen if np.any((ahead < self.box[:, 0]) | (ahead > self.box[:, 1])) else None
+        share, k, bound = min(crossed)
+        y, weights = here.at.y, np.zeros_like(here.at.y)
+        weights[len(y) - len(here.at.own) - 2 + k] = np.sign(ahead[k] - p[k])
+        return here.in_plane(y + share * (new.y - y), weights, bound * weights.sum())
+
+    def _met(self, here: OfCurve, new: Seen) -> tuple[list[OfCurve], str]:
+        """The special points of a step and, unless the curve ends before it, the last one; and why it ends."""
+        found: list[OfCurve] = []
+        for _, test, seen in sorted(self._special(here, new), key=lambda one: one[0]):
+            if name := name_there(test, seen):
+                found.append(here._replace(seen=seen, special=name))
+                if test.is_end:
+                    return found, name
+        return [*found, here._replace(seen=new, special="")], ""
+
+    def _special(self, here: OfCurve, new: Seen) -> Iterator[tuple[float, CurveTest, Seen]]:
+        """Where test functions vanish on a step, and how far ahead."""
+        length = float((new.at.y - here.at.y) @ here.at.tangent)
+        for test in curve_tests(self.kind, here.defining, here.sequence):
+            if not test.is_met(here.seen, new):
+                continue
+            bracket = Bracket.between(test.of(here.seen, here.seen), test.of(new, here.seen), length)
+            s, seen = length, new
+            while seen.at.is_found and (trial := next_trial(bracket)) is not None:
+                s, seen = trial, here.ahead(trial, new.at)
+                bracket = bracket.narrowed(s, test.of(seen, here.seen))
+            if seen.at.is_found:
+                yield s, test, seen
+
+
+def _step(here: OfCurve, ds: float) -> Seen | None:
+    """The next point, or None if the curve is too curved to know it so far away."""
+    new = here.ahead(ds)
+    at = new.at
+    is_sound = at.is_found and at.tangent @ here.at.tangent > _TURN and at.num_steps <= _MANY
+    return new if is_sound else None
+
+
+def _is_followed(here: OfCurve) -> bool:
+    """Whether the machine follows the cycle; where its events change it may do either."""
+    if isinstance(here.defining.condition, AtEvent) or np.abs(here.seen.faces[0].multipliers[0]) > TRUSTED:
+        return True
+    place = trimmed(here.at.place, len(here.sequence.kind))
+    return bool(_answer(here, Request(confirm, here.sequence, (place,))).is_alike)
+
+
+def _is_back(begun: OnCurve, here: OnCurve, new: OnCurve) -> bool:
+    """Whether a step passes where the curve was begun."""
+    if len(begun.y) != len(new.y) or begun.tangent @ new.tangent < _TURN:
+        return False
+    way, passed = new.y - here.y, begun.y - here.y
+    share = (passed @ way) / (way @ way)
+    return bool(0 < share <= 1 and np.linalg.norm(passed - share * way) < 0.1 * np.linalg.norm(way))
+
+
+def _in_section(here: OfCurve) -> OfCurve:
+    """The point with all its events between the start of the cycle and its end."""
+    sequence, num_periods = here.sequence, float(here.defining.family.num_periods)
+    place = trimmed(here.at.place, len(sequence.kind))
+    by = passed_section(place, num_periods)
+    if by == 0:
+        return here
+    time = np.asarray(0.0 if by > 0 else num_periods)
+    z = _answer(here, Request(locate_start, sequence, (place, time)))
+    sequence, place = shifted(sequence, place, by, num_periods, z)
+    condition = replace(here.defining.condition, own=here.at.own)
+    if isinstance(condition, AtEvent):
+        condition = replace(condition, index=(condition.index - by) % len(sequence.kind))
+    (sequence, place) = padded(sequence, (place,), len(here.defining.sequence.kind))
+    moved = begin_curve(replace(here.defining, sequence=sequence, condition=condition), place)
+    moved = moved._replace(special=here.special)
+    return moved if moved.at.direction @ here.at.direction > 0 else moved.turned()
+
+
+def _answer(here: OfCurve, request: Request):
+    """The answer to a request about a point."""
+    return answer(here.defining.family, request)

@@ -1,0 +1,142 @@
+"""What can happen on a curve of bifurcations: where another one meets it, or its own is degenerate.
+
+Where an impact comes or goes, or two change their order, the orbit has two faces: neighbours on one side have other
+events than those on the other, and so other multipliers.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from .._orbits.sequence import Sequence
+from .._trajectory.event_log import IMPACT
+from .codim1_point import Neighbours, OnCurve
+from .defining_systems import AbstractCondition, AtEvent, Defining
+from .parameter_family import Place
+from .sequence_edits import with_order_exchanged, without_event
+from .test_functions import CLOSE, KINDS, num_on_circle, of_doubling, of_meeting, of_pairs, tests_of
+
+Change = Callable[[Sequence, Place], tuple[Sequence, Place]]
+
+# A multiplier as large as this is infinite; what is as small is not independent; gaps and forces are zero but for this.
+_INFINITE, _DEPENDENT, _ROUNDING = 1e8, 1e-7, 1e-9
+# Angles of a pair of multipliers at which orbits of other periods meet, and whether the curve ends there.
+_ANGLES = {"1:1": (0.0, True), "1:2": (np.pi, True), "1:3": (2 * np.pi / 3, False), "1:4": (np.pi / 2, False)}
+# The multipliers that are there.
+_NEAR = {"fold": [1], "bp": [1], "pd": [-1], "1:1": [1, 1], "1:2": [-1, -1]}
+
+
+class Seen(NamedTuple):
+    """A point of a curve with its neighbours on each face."""
+
+    at: OnCurve
+    faces: tuple[Neighbours, ...]
+
+
+class CurveTest(NamedTuple):
+    """A function that changes its sign where something happens.
+
+    Attributes:
+        name: of the point, the kinds that meet with a plus sign.
+        of: the function of a point, and of the one where the step began.
+        face: on which it happens.
+        is_end: whether the machine follows no orbit beyond, or the kind has none there.
+    """
+
+    name: str
+    of: Callable[[Seen, Seen], float]
+    face: int = 0
+    is_end: bool = False
+
+    def is_met(self, before: Seen, after: Seen) -> bool:
+        """Whether it happens on a step."""
+        first, last = self.of(before, before), self.of(after, before)
+        return bool(first >= -_ROUNDING > last if self.is_end else first * last < 0)
+
+
+def curve_tests(kind: str, defining: Defining, sequence: Sequence) -> list[CurveTest]:
+    """All tests on a curve of a kind."""
+    found = [test for k in range(len(faces_of(defining, sequence))) for test in _of_neighbours(kind, k)]
+    if kind == "fold":
+        found.append(CurveTest("cusp", lambda seen, before: float(seen.at.direction @ before.at.direction)))
+    if kind == "ns":
+        found += [
+            CurveTest(name, lambda seen, before, to=angle: _towards(to, seen, before), is_end=is_end)
+            for name, (angle, is_end) in _ANGLES.items()
+        ]
+    return found + [
+        CurveTest(_meeting(kind, test.kind), lambda seen, _, of=test.of: of(seen.at), is_end=True)
+        for test in tests_of(sequence)
+        if not _is_own(kind, defining.condition, test.kind, test.index)
+    ]
+
+
+def faces_of(defining: Defining, sequence: Sequence) -> list[Change]:
+    """What makes each face of the orbit of its sequence and its place."""
+    as_it_is = lambda sequence, place: (sequence, place)  # noqa: E731
+    condition = defining.condition
+    if not isinstance(condition, AtEvent):
+        return [as_it_is]
+    k = int(condition.index)
+    if sequence.kind[k] != IMPACT:
+        return [as_it_is]
+    other = without_event if condition.is_tangent else with_order_exchanged
+    return [as_it_is, lambda sequence, place: other(sequence, place, k)]
+
+
+def _of_neighbours(kind: str, face: int) -> list[CurveTest]:
+    """Tests of the multipliers on a face."""
+    others = lambda seen: _others(kind, seen, face)  # noqa: E731
+    doubling = "1:2" if kind == "pd" else _meeting(kind, "pd")
+    found = [
+        CurveTest(doubling, lambda seen, _: of_doubling(others(seen)), face),
+        CurveTest(_meeting(kind, "ns"), lambda seen, _: of_pairs(others(seen)), face),
+    ]
+    if kind in ("fold", "bp"):
+        return [*found, CurveTest("1:1", lambda seen, _: of_meeting(others(seen)), face)]
+    return [*found, CurveTest(_meeting(kind, "fold"), lambda seen, _: float(seen.faces[face].fold), face)]
+
+
+def _meeting(kind: str, other: str) -> str:
+    return "+".join(sorted((kind, KINDS.get(other, other))))
+
+
+def _is_own(kind: str, condition: AbstractCondition, other: str, index: int) -> bool:
+    """Whether an event is that of the curve: it has no test."""
+    return (
+        isinstance(condition, AtEvent)
+        and kind == other
+        and (kind == "force_zero" or index == int(condition.index))
+    )
+
+
+def name_there(test: CurveTest, seen: Seen) -> str:
+    """The name of a point, or nothing if multipliers do not say so too: functions also change their sign at infinity."""
+    kinds = test.name.split("+")
+    mu, _, independence = seen.faces[test.face]
+    # Neighbours of an impact without speed have every multiplier where it does not act on the next.
+    if "gr" in kinds and {"fold", "pd", "ns"} & {*kinds} and independence < _DEPENDENT:
+        return "resonant_grazing"
+    if "ns" in kinds:
+        return test.name if num_on_circle(mu) >= 2 * kinds.count("ns") else ""
+    near = _NEAR.get(test.name) or [_NEAR[kind][0] for kind in kinds if kind in ("fold", "bp", "pd")]
+    is_there = all(np.count_nonzero(np.abs(mu - a) < np.sqrt(CLOSE)) >= near.count(a) for a in near)
+    return test.name if is_there else ""
+
+
+def _others(kind: str, seen: Seen, face: int) -> np.ndarray:
+    """The finite multipliers on a face without those that make the point what it is."""
+    mu = np.asarray(seen.faces[face].multipliers)
+    mu = mu[np.abs(mu) < _INFINITE]
+    theta = np.zeros(1) if kind == "bp" else np.asarray(seen.at.own)  # of events there is none
+    own = np.exp(1j * (np.concatenate([theta, -theta]) if kind == "ns" else theta))
+    for value in own[: len(mu)]:
+        mu = np.delete(mu, np.argmin(np.abs(mu - value)))
+    return mu
+
+
+def _towards(angle: float, seen: Seen, before: Seen) -> float:
+    """How far the angle of the pair is from another, positive where the step began."""
+    side = np.sign(before.at.own[0] - angle) or 1.0
+    return float(side * (seen.at.own[0] - angle))

@@ -1,0 +1,159 @@
+"""Newton's method on a cycle and its parameter, with one more equation: pseudo-arclength."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Complex, Float, Int
+
+from .._jax.arrays import Scalar
+from .._orbits.condensation import Condensed, Pencil, Weights, basis_of_kernel, condense, solve_condensed
+from .._orbits.cycle import linearise
+from .._orbits.floquet import floquet_multipliers
+from .._orbits.sequence import Sequence
+from .parameter_family import Family, Place
+
+# As in `newton.py`.
+_SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
+_MAX_STEPS = 12
+
+
+class Corrected(NamedTuple):
+    """What came of a correction.
+
+    Attributes:
+        place: the cycle and its parameter.
+        tangent: of the branch there, of length 1, in the direction of the weights.
+        multipliers: (2 n,).
+        speeds: at the impacts, (events,).
+        residual: of the closing.
+        first: length of the first step.
+        num_steps: how many were taken.
+        is_converged: whether nothing but rounding is left.
+    """
+
+    place: Place
+    tangent: Place
+    multipliers: Complex[Array, " state"]
+    speeds: Float[Array, " events"]
+    residual: Scalar
+    first: Scalar
+    num_steps: Int[Array, ""]
+    is_converged: Bool[Array, ""]
+
+
+class _Now(NamedTuple):
+    place: Place
+    pencil: Pencil
+    tangent: Place
+    speeds: Array
+    residual: Array
+    first: Array
+    step: Array
+    last: Array
+    num_steps: Array
+
+
+def correct(family: Family, sequence: Sequence, guess: Place, weights: Place, target: Scalar) -> Corrected:
+    """Solve the equations of a sequence and `weights . place = target`, from a guess.
+
+    Args:
+        family: of the machines.
+        sequence: what happens.
+        guess: where to begin.
+        weights: of the last equation, the tangent at the last point for instance.
+        target: its right-hand side.
+    """
+    eps, small = jnp.finfo(guess.z.dtype).eps, _SMALL[str(guess.z.dtype)]
+    count = jnp.sum(sequence.is_event)
+    of_start = Weights(jnp.append(weights.z, weights.p), weights.flights)
+    size = len(guess.z)
+
+    def is_on(now: _Now) -> Array:
+        is_rounding = (now.step < _ROUNDING * eps) | ((now.step < small) & (now.step >= now.last / 2))
+        return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
+
+    def one(now: tuple[Place, _Now]) -> tuple[Place, _Now]:
+        here, before = now
+        problem, change = family.linear_problem(sequence, here.p)
+        found, flights = linearise(problem, family.unknowns(here), family.scale, count, change)
+        equations = condense(flights, count, of_start)
+        closing = found.closing / family.scale
+
+        def solved(share: Array, target: Array) -> Place:
+            values = -share * found.events, -share * closing
+            start, durations = solve_condensed(equations, *values, count, target)
+            return Place(start[:size], durations, start[size])
+
+        shares = jnp.array([1, 0], closing.dtype)
+        targets = jnp.stack([target - here.along(weights), jnp.ones_like(target)])
+        both = jax.vmap(solved)(shares, targets)
+        step, tangent = (jax.tree.map(lambda a, k=k: a[k], both) for k in (0, 1))
+        length = jnp.max(jnp.abs(jnp.concatenate([step.z, step.flights, step.p[None]])))
+        first = jnp.where(before.num_steps == 0, length, before.first)
+        pencil = _at_fixed_parameter(equations, size)
+        told = _Now(
+            here,
+            pencil,
+            tangent,
+            found.speed,
+            jnp.max(jnp.abs(closing)),
+            first,
+            length,
+            before.step,
+            before.num_steps + 1,
+        )
+        return here.moved(step, 1.0), told
+
+    last = jax.lax.while_loop(lambda now: is_on(now[1]), one, (guess, _nothing(guess)))[1]
+    size_of_tangent = jnp.sqrt(last.tangent.along(last.tangent))
+    return Corrected(
+        place=last.place,
+        tangent=Place(*(a / size_of_tangent for a in last.tangent)),
+        multipliers=floquet_multipliers(last.pencil, sequence.most_held, jnp.asarray(family.shifts)),
+        speeds=last.speeds,
+        residual=last.residual,
+        first=last.first,
+        num_steps=last.num_steps,
+        is_converged=last.step < small,
+    )
+
+
+def as_corrected(family: Family, sequence: Sequence, place: Place, tangent: Place) -> Corrected:
+    """A cycle that is known, as if Newton's method had come to it.
+
+    Args:
+        family: of the machines.
+        sequence: what happens.
+        place: the cycle and its parameter.
+        tangent: of the branch there.
+    """
+    count, zero = jnp.sum(sequence.is_event), jnp.zeros_like(place.p)
+    found, flights = linearise(family.problem(sequence, place.p), family.unknowns(place), family.scale, count)
+    pencil = condense(flights, count).pencil
+    return Corrected(
+        place=place,
+        tangent=tangent,
+        multipliers=floquet_multipliers(pencil, sequence.most_held, jnp.asarray(family.shifts)),
+        speeds=found.speed,
+        residual=jnp.max(jnp.abs(found.closing / family.scale)),
+        first=zero,
+        num_steps=jnp.array(0),
+        is_converged=jnp.array(True),
+    )
+
+
+def _at_fixed_parameter(equations: Condensed, size: int) -> Pencil:
+    """How neighbours at the same parameter begin and end."""
+    end, start = equations.pencil
+    basis = basis_of_kernel(start[size])
+    return Pencil(end @ basis, start[:size] @ basis)
+
+
+def _nothing(guess: Place) -> _Now:
+    z, events, p = guess
+    zero, size = jnp.zeros_like(p), len(z)
+    big, square = zero + jnp.finfo(z.dtype).max, jnp.zeros((size, size), z.dtype)
+    return _Now(
+        guess, Pencil(square, square), guess, jnp.zeros_like(events), zero, zero, big, big, jnp.array(0)
+    )

@@ -1,0 +1,301 @@
+"""Defining systems: equations whose solution is a bifurcation, and that solution as a function of the machine.
+
+To the equations of a cycle, see `cycle.py`, with the parameter as one more unknown, come those of what happens there:
+
+    fold, period doubling, Neimark-Sacker    Z - e^{i theta} N is singular; theta is one more unknown
+    grazing, a force that touches zero       the value by which the event is known, a gap or a force, has no rate
+    double impact                            the flight between the two has no duration
+    branch point                             Z - N is singular, the rate of the parameter being one more column
+
+(Z, N) is the pencil of the neighbours, see `condensation.py`: nothing is divided by the speed of an impact. A matrix A is
+singular where the last unknown psi of the bordered equations
+
+    A y + b psi = 0,    c* y = 1
+
+vanishes. (Its determinant was rejected: how large it is tells nothing.) The two parts of psi are two equations. At a fold
+and a period doubling psi is real where theta is 0 or pi, and its imaginary part keeps theta there: one system serves
+the three. At a branch point, where a symmetry makes two branches cross, the equations of a cycle are singular whatever is
+asked besides; so beta b is added to the closing, with one more unknown beta, which is zero at the solution.
+"""
+
+import abc
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Complex, Float, Int
+
+from .._jax.arrays import Reals, Scalar
+from .._jax.xla import compile_lightly
+from .._orbits.condensation import condense
+from .._orbits.cycle import Problem, Unknowns, linearise, residual
+from .._orbits.sequence import Sequence
+from .parameter_family import Family, Place
+
+# As in `newton.py`.
+_SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
+_MAX_STEPS = 16
+
+
+class Cycle(NamedTuple):
+    """A cycle that is no solution yet.
+
+    Attributes:
+        family: the machines.
+        place: its unknowns, the parameter among them.
+        problem: its equations.
+        unknowns: the same without the parameter, in their units.
+    """
+
+    family: Family
+    place: Place
+    problem: Problem
+    unknowns: Unknowns
+
+
+class AbstractCondition(eqx.Module):
+    """What happens at a bifurcation.
+
+    Attributes:
+        own: first guesses of the unknowns that it has beside those of the cycle, (own,).
+    """
+
+    own: eqx.AbstractVar[Reals]
+
+    @abc.abstractmethod
+    def begun(self, cycle: Cycle) -> "AbstractCondition":
+        """The same with what it takes from the cycle at which Newton's method begins."""
+
+    @abc.abstractmethod
+    def values(self, cycle: Cycle, own: Float[Array, " own"]) -> Float[Array, " conditions"]:
+        """What vanishes there: one more than it has unknowns."""
+
+    def unfolding(self, own: Float[Array, " own"]) -> Float[Array, "..."]:
+        """What is added to the closing of the cycle, and zero at a solution: nothing, unless the cycle is no simple one."""
+        del own
+        return jnp.zeros(())
+
+
+class AtMultiplier(AbstractCondition):
+    """A multiplier is e^{i theta}.
+
+    Attributes:
+        own: theta, (1,).
+        borders: b and c, unit vectors, (2, 2 n).
+    """
+
+    own: Reals
+    borders: Reals
+
+    def begun(self, cycle):
+        left, _, right = jnp.linalg.svd(_singular(cycle, self.own[0]))
+        return AtMultiplier(self.own, jnp.stack([left[:, -1], right[-1].conj()]))
+
+    def values(self, cycle, own):
+        singular, (b, c) = _singular(cycle, own[0]), self.borders
+        bordered = jnp.block([[singular, b[:, None]], [c.conj()[None], jnp.zeros((1, 1), b.dtype)]])
+        psi = jnp.linalg.solve(bordered, jnp.zeros_like(bordered[0]).at[-1].set(1))[-1]
+        return jnp.stack([psi.real, psi.imag])
+
+
+class AtBranchPoint(AbstractCondition):
+    """Another branch crosses.
+
+    Attributes:
+        own: beta, (1,).
+        left: b, a unit vector, (2 n,).
+        right: two unit vectors, (2, 2 n + 1).
+    """
+
+    own: Reals
+    left: Reals
+    right: Reals
+
+    def begun(self, cycle):
+        left, _, right = jnp.linalg.svd(_with_parameter(cycle))
+        return AtBranchPoint(self.own, left[:, -1], right[-2:])
+
+    def values(self, cycle, own):
+        singular, b, c = _with_parameter(cycle), self.left, self.right
+        bordered = jnp.block([[singular, b[:, None]], [c, jnp.zeros((2, 1), b.dtype)]])
+        return jnp.linalg.solve(bordered.T, jnp.zeros_like(bordered[0]).at[-1].set(1))[-2:]
+
+    def unfolding(self, own):
+        return own[0] * self.left
+
+
+class AtEvent(AbstractCondition):
+    """The value by which an event is known vanishes with its rate, or its flight has no duration.
+
+    Attributes:
+        own: nothing, (0,).
+        index: number of the event.
+        is_tangent: which of the two.
+    """
+
+    own: Reals
+    index: Reals
+    is_tangent: Reals
+
+    def begun(self, cycle):
+        return self
+
+    def values(self, cycle, own):
+        problem, unknowns = cycle.problem, cycle.unknowns
+        is_event = jnp.arange(len(unknowns.flights)) == self.index
+        ending = lambda flights: residual(problem, unknowns._replace(flights=flights)).events  # noqa: E731
+        _, changes = jax.jvp(ending, (unknowns.flights,), (is_event.astype(unknowns.flights.dtype),))
+        values = jnp.where(self.is_tangent, changes, unknowns.flights)
+        return jnp.sum(jnp.where(is_event, values, 0))[None]
+
+
+def _singular(cycle: Cycle, theta: Scalar) -> Complex[Array, "state state"]:
+    """Z - e^{i theta} N."""
+    pencil = condense(linearise(cycle.problem, cycle.unknowns, cycle.family.scale)[1]).pencil
+    return pencil.end - jax.lax.complex(jnp.cos(theta), jnp.sin(theta)) * pencil.start
+
+
+def _with_parameter(cycle: Cycle) -> Float[Array, "state free"]:
+    """Z - N with the parameter among what is free, the first of two."""
+    family = cycle.family
+    problem, change = family.linear_problem(cycle.problem.sequence, cycle.place.p)
+    pencil = condense(linearise(problem, cycle.unknowns, family.scale, change=change)[1]).pencil
+    return pencil.end - pencil.start[: len(family.scale)]
+
+
+class Defining(eqx.Module):
+    """A defining system.
+
+    Attributes:
+        family: the machines.
+        sequence: what happens on the orbit.
+        condition: what makes it a bifurcation.
+    """
+
+    family: Family
+    sequence: Sequence
+    condition: AbstractCondition
+
+    def unknowns(self, place: Place) -> Float[Array, " unknowns"]:
+        """The cycle and the unknowns of the condition as one vector."""
+        return jnp.concatenate([jnp.ravel(a) for a in (*place, self.condition.own)])
+
+    def place(self, y: Float[Array, " unknowns"]) -> tuple[Place, Float[Array, " own"]]:
+        """The cycle, and the unknowns of the condition."""
+        size, span = len(self.family.scale), self.family.span
+        end = len(y) - len(self.condition.own)
+        first = end - span.size
+        return Place(y[:size], y[size:first], y[first:end].reshape(span.shape)), y[end:]
+
+    def _cycle(self, place: Place) -> Cycle:
+        return Cycle(
+            self.family, place, self.family.problem(self.sequence, place.p), self.family.unknowns(place)
+        )
+
+    def begun(self, y: Float[Array, " unknowns"]) -> "Defining":
+        """With what its condition takes from a cycle."""
+        place, own = self.place(y)
+        condition = replace(self.condition, own=own)
+        return replace(self, condition=condition.begun(self._cycle(place)))
+
+    def values(self, y: Float[Array, " unknowns"]) -> Float[Array, " equations"]:
+        """What vanishes."""
+        place, own = self.place(y)
+        cycle = self._cycle(place)
+        found = residual(cycle.problem, cycle.unknowns)
+        closing = found.closing / self.family.scale + self.condition.unfolding(own)
+        return jnp.concatenate([closing, found.events, self.condition.values(cycle, own)])
+
+    def linearised(
+        self, y: Float[Array, " unknowns"]
+    ) -> tuple[Float[Array, "equations unknowns"], Float[Array, " equations"]]:
+        """Its derivatives by the unknowns, and what vanishes."""
+
+        def twice(y: Array) -> tuple[Array, Array]:
+            values = self.values(y)
+            return values, values
+
+        return jax.jacfwd(twice, has_aux=True)(y)
+
+
+class _Now(NamedTuple):
+    y: Array
+    matrix: Array
+    step: Array
+    last: Array
+    num_steps: Array
+
+
+class Plane(NamedTuple):
+    """One more equation, where there are two parameters: `weights . y = target`."""
+
+    weights: Reals
+    target: Reals
+
+
+class Solved(NamedTuple):
+    """What came of Newton's method.
+
+    Attributes:
+        defining: the system, with what its condition takes from the guess.
+        y: the unknowns.
+        matrix: derivatives of the equations by them, the last row that of the plane.
+        num_steps: how many were taken.
+        is_found: whether nothing but rounding is left.
+    """
+
+    defining: Defining
+    y: Float[Array, " unknowns"]
+    matrix: Float[Array, "equations unknowns"]
+    num_steps: Int[Array, ""]
+    is_found: Bool[Array, ""]
+
+
+def solve(defining: Defining, guess: Float[Array, " unknowns"], plane: Plane | None = None) -> Solved:
+    """The unknowns near a guess by Newton's method."""
+    defining = defining.begun(guess)
+    eps, small = jnp.finfo(guess.dtype).eps, _SMALL[str(guess.dtype)]
+
+    def is_on(now: _Now) -> Array:
+        is_rounding = (now.step < _ROUNDING * eps) | ((now.step < small) & (now.step >= now.last / 2))
+        return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
+
+    def one(now: _Now) -> _Now:
+        matrix, values = defining.linearised(now.y)
+        if plane is not None:
+            matrix = jnp.vstack([matrix, plane.weights])
+            values = jnp.append(values, plane.weights @ now.y - plane.target)
+        step = jnp.linalg.solve(matrix, values)
+        return _Now(now.y - step, matrix, jnp.max(jnp.abs(step)), now.step, now.num_steps + 1)
+
+    big, size = jnp.asarray(jnp.finfo(guess.dtype).max, guess.dtype), len(guess)
+    first = _Now(guess, jnp.zeros((size, size), guess.dtype), big, big, jnp.array(0))
+    last = jax.lax.while_loop(is_on, one, first)
+    return Solved(defining, last.y, last.matrix, last.num_steps, last.step < small)
+
+
+@eqx.filter_custom_jvp
+def implicit(defining: Defining, y: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
+    """The solution as a function of the machine: derivatives by the implicit function theorem."""
+    del defining
+    return y
+
+
+@implicit.def_jvp
+def _implicit_jvp(primals, tangents):
+    defining, y = primals
+    y = implicit(defining, y)
+    return y, -jnp.linalg.solve(_matrix(defining, y), _moved(defining, tangents[0], y))
+
+
+# Programs of their own: derivatives of all kinds share the first, outside of `jax.jit`.
+@compile_lightly
+def _matrix(defining: Defining, y: Float[Array, " unknowns"]) -> Float[Array, "unknowns unknowns"]:
+    return defining.linearised(y)[0]
+
+
+@compile_lightly
+def _moved(defining: Defining, change: Any, y: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
+    return eqx.filter_jvp(lambda defining: defining.values(y), (defining,), (change,))[1]

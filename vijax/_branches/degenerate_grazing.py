@@ -1,0 +1,64 @@
+"""Where several impacts of a cycle vanish at once: there it is another cycle several times, which grazes.
+
+Branches of cycles of several periods end like that at the grazing of one of fewer. No step leads there, for with m impacts of
+speed v the multipliers grow like v^-m; but the other cycle is as well-conditioned there as anywhere.
+"""
+
+import numpy as np
+
+from .._trajectory.event_log import IMPACT
+from .locate import locate
+from .point import Asked, Ended, Point, ahead, at_parameter
+from .sequence_edits import without_event
+from .test_functions import tests_of
+
+# Impacts that may vanish have this part of the speed of the fastest at most.
+_LIGHT = 1e-2
+# Length of the step by which the slope of a gap is found, and of the longest way to its zero.
+_STEP, _REACH = 1e-6, 1e-2
+# How far the two cycles are apart at most, in speeds of the impacts that vanish.
+_NEAR = 10.0
+
+
+def where_it_grazes(point: Point) -> Asked:
+    """The grazing at which a branch ends close to a point, with the sequence of the cycle that grazes; None if there is none."""
+    kind = point.sequence.kind
+    speeds = np.where(kind == IMPACT, point.seen.found.speeds[: len(kind)], np.inf)
+    light = np.flatnonzero(speeds < _LIGHT * np.max(speeds, where=np.isfinite(speeds), initial=0))
+    if len(light) < 2:
+        return None
+    sequence, place = point.sequence, point.place
+    for k in light[::-1]:
+        sequence, place = without_event(sequence, place, int(k))
+    seen = yield from at_parameter(sequence, place, float(place.p))
+    if not seen.found.is_converged:
+        return None
+    start = Point.of(sequence, seen, point.arc)
+    for stop in np.unique(point.sequence.stop[light]):
+        found = yield from vanishing(start, "touch", int(stop))
+        if found is not None and _is_near(point, found, speeds[light].max()):
+            return found._replace(arc=point.arc)
+    return None
+
+
+def vanishing(start: Point, kind: str, stop: int) -> Asked:
+    """Where the least gap or force of a stop vanishes near by; None if it does not."""
+    test = next(test for test in tests_of(start.sequence) if test.kind == kind and test.index == stop)
+    beside = yield from ahead(start, _STEP)
+    gap = test.of(start.seen)
+    slope = (test.of(beside.seen) - gap) / _STEP
+    way = -gap / slope if slope else np.inf
+    if not abs(way) < _REACH:
+        return None
+    start = start if way > 0 else start.turned()
+    beyond = yield from ahead(start, 2 * abs(way) + _STEP)
+    if not gap * test.of(beyond.seen) < 0:
+        return None
+    try:
+        return (yield from locate(start, beyond, test))
+    except Ended:
+        return None
+
+
+def _is_near(point: Point, found: Point, speed: float) -> bool:
+    return bool(np.abs(found.place.z - point.place.z).max() < _NEAR * speed)

@@ -1,0 +1,92 @@
+"""Where a branch of ever more bounces leads.
+
+Behind a grazing that adds a bounce to an incomplete chatter there is the next one, nearer by about the coefficient of
+restitution, and so on. The limit of these grazings, where the chatter is completed, is not reached along the branch, but from
+behind: there the mass sticks for a while, and cycles are followed back to where their stick vanishes.
+"""
+
+import numpy as np
+
+from .._orbits.sequence import Sequence
+from .._trajectory.event_log import RELEASE
+from .kernels import SPARE, Followed, Request, confirm, padded, room_for, trimmed
+from .parameter_family import Place
+from .point import Asked, Point, at_parameter
+
+# So many grazings of one stop are a cascade, if each is nearer to the next than it was to the last; where it is not known
+# how a branch goes on, fewer.
+MANY, FEW = 8, 4
+_NEARER = 0.95
+# Where they come nearer so fast that the last is this near to the limit, in the way from the fourth last, few are enough:
+# further ones are lost in rounding.
+_CERTAIN = 1e-3
+# How far behind the limit a stick is looked for, in distances of the last grazing from there, and how often.
+_BEHIND, _TRIALS = (0.1, 0.3, 1.0, 3.0, 0.03), 4
+# How far the limit may be from where the grazings lead, likewise.
+_AWAY = 0.5
+
+
+def limit_of(grazings: list[Point], least: int) -> Place | None:
+    """Where grazings lead, without the durations of flights, by A. C. Aitken's extrapolation; None if nowhere, or they are few."""
+    if len(grazings) < FEW:
+        return None
+    p = np.array([point.place.p for point in grazings[-4:]], float)
+    steps = np.diff(p)
+    ratios = steps[1:] / np.where(steps[:-1] == 0, np.inf, steps[:-1])
+    if not np.all((ratios > 0) & (ratios < _NEARER)):
+        return None
+    before, last = (point.place for point in grazings[-2:])
+    share = ratios[-1] / (1 - ratios[-1])
+    if len(grazings) < least and not abs(share * steps[-1]) < _CERTAIN * abs(p[-1] - p[0]):
+        return None
+    return Place(last.z + share * (last.z - before.z), np.zeros(0), last.p + share * steps[-1])
+
+
+def is_limit(found: Place, limit: Place, last: Place) -> bool:
+    """Whether a cycle is the one that grazings lead to."""
+    away, left = found.p - limit.p, last.p - limit.p
+    return bool(abs(away) < _AWAY * abs(left) and np.all(np.abs(found.z - limit.z) < 1e-2 + abs(left)))
+
+
+def behind(limit: Place, last: Point) -> Asked:
+    """A cycle with a stick behind a limit, on the way back to it; None if there is none."""
+    way = limit.p - last.place.p
+    for share in _BEHIND:
+        found = yield from _with_stick(limit, last, limit.p + share * way)
+        if found is not None:
+            return found if found.tangent.p * way < 0 else found.turned()
+    return None
+
+
+def _with_stick(limit: Place, last: Point, p: float) -> Asked:
+    """The cycle with a stick at a value of the parameter: that of the machine, corrected until it is followed."""
+    place = limit._replace(p=np.asarray(p))
+    room = room_for(4 * len(last.sequence.kind)) - SPARE
+    longer = padded(last.sequence, (), room)[0]
+    for _ in range(_TRIALS):
+        wide = place._replace(flights=np.zeros(room))
+        followed: Followed = yield Request(confirm, longer, (wide,))
+        sequence: Sequence = trimmed(followed.sequence, int(np.count_nonzero(followed.sequence.kind >= 0)))
+        if RELEASE not in sequence.kind:
+            return None
+        place = place._replace(flights=followed.flights[: len(sequence.kind)])
+        seen = yield from at_parameter(sequence, place, p)
+        if not seen.found.is_converged:
+            return None
+        found = Point.of(sequence, seen, last.arc)
+        told: Followed = yield Request(confirm, sequence, (found.place,))
+        if told.is_alike:
+            return found
+        place = found.place
+    return None
+
+
+def shortest_stick(point: Point) -> float:
+    """How long the shortest hold of a stop lasts, in forcing periods; 0 if there is none."""
+    sequence, times = point.sequence, np.append(0.0, np.cumsum(point.place.flights))
+    found = [
+        times[k + 1] - times[np.flatnonzero(~sequence.held[: k + 1, stop])[-1] + 1]
+        for k, stop in enumerate(sequence.stop)
+        if sequence.kind[k] == RELEASE and not sequence.held[: k + 1, stop].all()
+    ]
+    return float(min(found, default=0.0))

@@ -1,0 +1,179 @@
+"""What is computed along branches, compiled, for many branches side by side."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .._jax.arrays import Scalar
+from .._machine.numbers import numbers_of
+from .._orbits.cycle import Unknowns, residual, state_at
+from .._orbits.search import Strobe, away_from_stops
+from .._orbits.sequence import NOTHING, Sequence, happens_alike, sequence_of
+from .._system.waves import phase_at
+from .._trajectory.single_call import run_for_log
+from .._trajectory.solution import RESULTS
+from .admissibility import Levels, Watched, levels, watch
+from .corrector import Corrected, as_corrected, correct
+from .parameter_family import Family, Place
+
+# Numbers of events of a cycle that programs are compiled for.
+_ROOMS = 16, 64, 256, 1024
+# Room for bounces that a run has and its cycle has not; and for sticks in the log of a run, beside its events.
+SPARE, _STICKS = 4, 0.5
+MOST_EVENTS = _ROOMS[-1] - SPARE
+
+
+class Seen(NamedTuple):
+    """A corrected cycle, what happens between its events, how that changes along the branch, its start in space, (2 n,)."""
+
+    found: Corrected
+    watched: Watched
+    rates: Levels
+    start: Float[Array, " state"]
+
+
+class Followed(NamedTuple):
+    """What the machine does that is started on a cycle.
+
+    Attributes:
+        is_alike: whether it is what the sequence says.
+        sequence: what happens.
+        flights: how long they last.
+    """
+
+    is_alike: Bool[Array, ""]
+    sequence: Sequence
+    flights: Float[Array, " events"]
+
+
+class Rates(NamedTuple):
+    """How speeds at impacts, (events,), and the gaps at some time, (stops,), change along a branch."""
+
+    speeds: Float[Array, " events"]
+    gaps: Float[Array, " stops"]
+
+
+def look(family: Family, sequence: Sequence, guess: Place, weights: Place, target: Scalar) -> Seen:
+    """The cycle of a sequence with `weights . place = target`."""
+    found = correct(family, sequence, guess, weights, target)
+    place = jax.tree.map(lambda a, b: jnp.where(found.is_converged, a, b), found.place, guess)
+    return _seen(family, sequence, found, place)
+
+
+def see(family: Family, sequence: Sequence, place: Place, tangent: Place) -> Seen:
+    """A cycle that is known, where Newton's method along the branch has no step to take."""
+    return _seen(family, sequence, as_corrected(family, sequence, place, tangent), place)
+
+
+def _seen(family: Family, sequence: Sequence, found: Corrected, place: Place) -> Seen:
+    problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
+    watched = watch(problem, unknowns)
+
+    def levels_at(place: Place) -> Levels:
+        return levels(family.problem(sequence, place.p), family.unknowns(place), watched)
+
+    rates = jax.jvp(levels_at, (place,), (found.tangent,))[1]
+    return Seen(found, watched, rates, unknowns.z - away_from_stops(problem))
+
+
+def confirm(family: Family, sequence: Sequence, place: Place) -> Followed:
+    """Follow the motion from the start of a cycle."""
+    away = away_from_stops(family.problem(sequence, place.p))
+    return _run(family, sequence, place, family.unknowns(place).z - away)
+
+
+def tell(
+    family: Family, sequence: Sequence, start: Float[Array, " state"], p: Scalar
+) -> tuple[Place, Followed]:
+    """Follow the motion from a start in space: its cycle, and what happens, with room for the events of a sequence."""
+    z = (start + away_from_stops(family.problem(sequence, p))) / family.scale
+    place = Place(z, jnp.zeros(len(sequence.kind)), p)
+    followed = _run(family, sequence, place, start)
+    return place._replace(flights=followed.flights), followed
+
+
+def _run(family: Family, sequence: Sequence, place: Place, start: Float[Array, " state"]) -> Followed:
+    room = len(sequence.kind)
+    numbers = numbers_of(family.system_at(place.p))
+    room_of_log = room + int(_STICKS * room)
+    strobe = Strobe(numbers, family.flow, family.num_periods, family.phase, room_of_log)
+    log, result, _ = run_for_log(
+        numbers, family.flow, strobe.request(start), room=room_of_log, can_stick=True
+    )
+    whole, flights = sequence_of(log, strobe.t0, strobe.period)
+    other, flights = (
+        Sequence(whole.kind[:room], whole.stop[:room], whole.held[: room + 1]),
+        flights[:room],
+    )
+    is_whole = (result == RESULTS.successful) & (jnp.sum(whole.is_event) <= room)
+    is_alike = is_whole & happens_alike(sequence, place.flights, other, flights)
+    return Followed(is_alike, other, flights)
+
+
+def locate_start(family: Family, sequence: Sequence, place: Place, time: Scalar) -> Float[Array, " state"]:
+    """The scaled state of a cycle some forcing periods after its start."""
+    return state_at(family.problem(sequence, place.p), family.unknowns(place), time) / family.scale
+
+
+def rates_along(family: Family, sequence: Sequence, place: Place, direction: Place, time: Scalar) -> Rates:
+    """How a cycle changes in a direction."""
+
+    def of(place: Place) -> Rates:
+        problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
+        x, _ = jnp.split(state_at(problem, unknowns, time), 2)
+        machine, turns = problem.machine, problem.phase + time
+        phase = phase_at(2 * jnp.pi * turns, machine.waves.num_harmonics)
+        return Rates(residual(problem, unknowns).speed, machine.contacts.gaps(x, phase))
+
+    return jax.jvp(of, (place,), (direction,))[1]
+
+
+def jacobian(family: Family, sequence: Sequence, place: Place) -> Float[Array, "equations unknowns"]:
+    """Derivatives of all equations by the start and the durations, in their scale, with rows and columns of padding."""
+    size = len(place.z)
+    problem = family.problem(sequence, place.p)
+
+    def of(y: Array) -> Array:
+        found = residual(problem, Unknowns(y[:size] * family.scale, y[size:]))
+        return jnp.concatenate([found.closing / family.scale, found.events])
+
+    return jax.jacfwd(of)(jnp.concatenate([place.z, place.flights]))
+
+
+class Request(NamedTuple):
+    """What a branch asks for: a program and its arguments, without padding."""
+
+    program: Callable
+    sequence: Sequence
+    arguments: tuple
+
+
+def room_for(num_events: int) -> int:
+    """The padded number of events."""
+    room = next((room for room in _ROOMS if room >= num_events + SPARE), None)
+    if room is None:
+        raise ValueError(f"A branch came to a cycle of {num_events} events, and {MOST_EVENTS} are the most.")
+    return room
+
+
+def padded(sequence: Sequence, arguments: tuple, room: int) -> tuple:
+    """A sequence, and arguments with the places among them, with padding."""
+    more = room - len(sequence.kind)
+    if not more:
+        return sequence, *arguments
+    kind = np.append(sequence.kind, np.full(more, NOTHING))
+    held = np.concatenate([sequence.held, np.repeat(sequence.held[-1:], more, axis=0)])
+    long = Sequence(kind, np.append(sequence.stop, np.zeros(more, int)), held)
+    pad = lambda a: a._replace(flights=np.append(a.flights, np.zeros(more))) if isinstance(a, Place) else a  # noqa: E731
+    return long, *map(pad, arguments)
+
+
+def trimmed(tree: Any, num_events: int) -> Any:
+    """A sequence or a place without its padding."""
+    if isinstance(tree, Place):
+        return tree._replace(flights=tree.flights[:num_events])
+    return Sequence(tree.kind[:num_events], tree.stop[:num_events], tree.held[: num_events + 1])

@@ -1,0 +1,64 @@
+"""Trees of many arrays as few, one for each kind of number: what a call costs grows with the number of its arrays."""
+
+import math
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jax.dtypes import canonicalize_dtype
+
+from .._jax.arrays import library_of
+
+
+class Layout(NamedTuple):
+    """Where everything is.
+
+    Attributes:
+        structure: of the tree.
+        parts: of each of its arrays, in which packed one it is, from where to where, and its shape.
+    """
+
+    structure: Any
+    parts: tuple[tuple[int, int, int, tuple[int, ...]], ...]
+
+
+class Packed(NamedTuple):
+    """A tree whose arrays may have an axis of rows, the first of all.
+
+    Attributes:
+        arrays: one for each kind, (numbers,) or (rows, numbers).
+        layout: of the tree.
+    """
+
+    arrays: tuple[Any, ...]
+    layout: Layout
+
+    def at(self, rows: Any) -> "Packed":
+        """One of the rows, or some."""
+        return Packed(tuple(a[rows] for a in self.arrays), self.layout)
+
+    def tree(self) -> Any:
+        """The tree."""
+        leaves = [
+            self.arrays[k][..., begin:end].reshape((*self.arrays[k].shape[:-1], *shape))[
+                ()
+            ]  # a number is no array
+            for k, begin, end, shape in self.layout.parts
+        ]
+        return jax.tree.unflatten(self.layout.structure, leaves)
+
+
+def pack(tree: Any, *, has_rows: bool) -> Packed:
+    """The numbers of a tree, in the precision in which JAX computes."""
+    leaves, structure = jax.tree.flatten(tree)
+    lead, names = int(has_rows), [str(canonicalize_dtype(a.dtype)) for a in leaves]
+    kinds = sorted(set(names))
+    parts, flat = [], [[] for _ in kinds]
+    ends = [0] * len(kinds)
+    for a, name in zip(leaves, names, strict=True):
+        k, shape = kinds.index(name), np.shape(a)[lead:]
+        begin, ends[k] = ends[k], ends[k] + math.prod(shape)
+        parts.append((k, begin, ends[k], shape))
+        flat[k].append(a.reshape(*np.shape(a)[:lead], -1).astype(name))
+    arrays = tuple(library_of(*own).concatenate(own, axis=lead) for own in flat)
+    return Packed(arrays, Layout(structure, tuple(parts)))

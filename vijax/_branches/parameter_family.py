@@ -1,0 +1,96 @@
+"""The cycles of a machine whose parameter varies: where they are, and in which coordinates they are followed."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from .._flow.interface import AbstractFlow
+from .._jax.arrays import Reals
+from .._machine.machine import Machine
+from .._machine.numbers import numbers_of
+from .._orbits.cycle import Problem, Unknowns, prepared
+from .._orbits.sequence import Sequence
+from .._system.parameters import set_parameter
+from .._system.system import ImpactSystem
+
+
+class Place(NamedTuple):
+    """A cycle and the parameter at which it is one, or a direction from there; each in its scale.
+
+    Attributes:
+        z: positions and velocities at the start, as seen from the stops, (2 n,).
+        flights: durations in forcing periods, (events,).
+        p: the parameter, (); of a family of two, (2,).
+    """
+
+    z: Reals
+    flights: Reals
+    p: Reals
+
+    def moved(self, direction: "Place", by: Reals) -> "Place":
+        """The place some way in a direction."""
+        return Place(*(a + by * d for a, d in zip(self, direction, strict=True)))
+
+    def turned(self) -> "Place":
+        """The opposite direction."""
+        return Place(*(-a for a in self))
+
+    def along(self, direction: "Place") -> Reals:
+        """The product with a direction."""
+        return sum((a * d).sum() for a, d in zip(self, direction, strict=True))
+
+
+class Family(eqx.Module):
+    """The machines of all values of a parameter, or of two, and what is asked of their cycles.
+
+    Attributes:
+        system: one of them, its force bound to its `args`.
+        flow: the motion between events.
+        num_periods: n.
+        phase: where a cycle begins, in forcing periods.
+        scale: sizes of positions and velocities, (2 n,).
+        span: size of the parameter, (); of two, (2,).
+        shifts: the projection onto those of which nothing tells the cycle, see `rigid_modes.py`, (n, n).
+        path: its name.
+        second: that of the second, if there are two.
+    """
+
+    system: ImpactSystem
+    flow: AbstractFlow
+    num_periods: Reals
+    phase: Reals
+    scale: Reals
+    span: Reals
+    shifts: Reals
+    path: str = eqx.field(static=True)
+    second: str | None = eqx.field(static=True, default=None)
+
+    def system_at(self, p: Reals) -> ImpactSystem:
+        """The machine at a value of the scaled parameter, or of both."""
+        if self.second is None:
+            return set_parameter(self.system, self.path, p * self.span)
+        first, second = p * self.span
+        return set_parameter(set_parameter(self.system, self.path, first), self.second, second)
+
+    def problem(self, sequence: Sequence, p: Reals) -> Problem:
+        """The equations of a sequence there."""
+        machine, flow = prepared(numbers_of(self.system_at(p)), self.flow, jnp.asarray(self.num_periods))
+        return self._asked(machine, flow, sequence)
+
+    def linear_problem(self, sequence: Sequence, p: Reals) -> tuple[Problem, Any]:
+        """The same, and the change of the machine and its flow by the parameter, or by the first of both."""
+        machine_at = lambda p: prepared(numbers_of(self.system_at(p)), self.flow, self.num_periods)  # noqa: E731
+        along = (jnp.arange(jnp.size(p)) == 0).astype(jnp.result_type(p)).reshape(jnp.shape(p))
+        (machine, flow), change = eqx.filter_jvp(machine_at, (p,), (along,))
+        return self._asked(machine, flow, sequence), change
+
+    def _asked(self, machine: Machine, flow: AbstractFlow, sequence: Sequence) -> Problem:
+        """What is asked of a cycle of one of the machines."""
+        return Problem(
+            machine, flow, sequence, *map(jnp.asarray, (self.num_periods, self.phase, self.shifts))
+        )
+
+    def unknowns(self, place: Place) -> Unknowns:
+        """A place as the unknowns of a cycle."""
+        return Unknowns(place.z * self.scale, place.flights)

@@ -1,0 +1,258 @@
+"""Many branches side by side: what most of them wait for is done next, for all of these in one call."""
+
+from collections.abc import Callable, Generator, Hashable, Sequence as Many
+from functools import cache
+from typing import Any
+
+import jax
+import numpy as np
+
+from .._jax.xla import jit_lightly
+from .batched_steps import (
+    SHORTEST,
+    PlainSteps,
+    ahead,
+    along,
+    begun,
+    is_as_told,
+    is_plain,
+    is_resolved,
+    is_sound,
+    known_of,
+    next_length,
+)
+from .kernels import MOST_EVENTS, Request, Seen, confirm, look, padded, room_for
+from .packing import Layout, Packed, pack
+from .parameter_family import Family
+from .point import Full, PlainPoint, Point
+
+# Numbers of branches that programs are compiled for, and from how many on each is worth while. The largest is for
+# cycles of few events alone, as their derivatives take memory.
+_SIZES, _MOST_EVENTS = ((2, 1), (64, 17), (1024, 513)), 16_384
+
+
+def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callable[[], Any]) -> list[Any]:
+    """Run tasks side by side until each has returned; they ask, and are sent the answers.
+
+    Args:
+        families: of each task.
+        tasks: generators of requests.
+        tell_progress: is called once a round.
+    """
+    results: list[Any] = [None] * len(tasks)
+    makes, stocks = _stocked(families)
+    groups: dict[tuple, _Calls | _Front] = {}
+    replies: dict[int, Any] = dict.fromkeys(range(len(tasks)))
+    while True:
+        for k, reply in replies.items():
+            try:
+                asked = _asked(tasks[k], reply)
+            except StopIteration as end:
+                results[k] = end.value
+                continue
+            room, program = room_for(len(asked.sequence.kind)), getattr(asked, "program", None)
+            key = program, room, makes[k]
+            if key not in groups:
+                stock = stocks[makes[k]]
+                groups[key] = _Calls(stock, room, program) if program else _Front(stock, room)
+            groups[key].add(k, asked)
+        largest = max(groups.values(), key=len, default=())
+        if not largest:
+            return results
+        replies = largest.answer()
+        tell_progress()
+
+
+def _asked(task: Generator, reply: Any) -> Any:
+    """What a task asks for after a reply; if that has too many events, it is told so, and the others go on."""
+    asked = task.send(reply)
+    while len(asked.sequence.kind) > MOST_EVENTS:
+        asked = task.throw(Full("max_events"))
+    return asked
+
+
+def answer(family: Family, request: Request) -> Any:
+    """The answer to one request."""
+    calls = _Calls(_Stock({0: family}), room_for(len(request.sequence.kind)), request.program)
+    calls.add(0, request)
+    return calls.answer()[0]
+
+
+class _Stock:
+    """Families of one make, stacked."""
+
+    def __init__(self, families: dict[int, Family]):
+        self.rows = pack(_stack(list(families.values())), has_rows=True)
+        self.place = {k: row for row, k in enumerate(families)}
+
+    def of(self, tasks: Many[int], size: int) -> Packed:
+        """The families of some tasks, the first again as often as there is room left."""
+        rows = [self.place[k] for k in tasks]
+        return self.rows.at(np.array(rows + rows[:1] * (size - len(rows))))
+
+
+class _Calls:
+    """Requests for one program."""
+
+    def __init__(self, stock: _Stock, room: int, program: Callable):
+        self.stock, self.room, self.program = stock, room, program
+        self.waiting: list[tuple[int, Request]] = []
+
+    def __len__(self) -> int:
+        return len(self.waiting)
+
+    def add(self, task: int, request: Request) -> None:
+        """One more."""
+        self.waiting.append((task, request))
+
+    def answer(self) -> dict[int, Any]:
+        """Answer as many as fit into one call."""
+        size = _size_for(len(self), self.room)
+        now, self.waiting = self.waiting[:size], self.waiting[size:]
+        tasks = [task for task, _ in now]
+        rows = _stack([padded(request.sequence, request.arguments, self.room) for _, request in now])
+        found = _call(self.program, self.stock.of(tasks, size), *_filled(rows, size))
+        return {task: found.at(k).tree() for k, task in enumerate(tasks)}
+
+
+class _Front:
+    """Branches that take plain steps."""
+
+    def __init__(self, stock: _Stock, room: int):
+        self.stock, self.room = stock, room
+        self.members: list[tuple[int, PlainSteps]] = []
+        self.new: list[tuple[int, PlainSteps]] = []
+        self.points: list[Point | PlainPoint] = []
+        self.state: Any = None
+        self.fixed: tuple | None = None
+
+    def __len__(self) -> int:
+        return len(self.members) + len(self.new)
+
+    def add(self, task: int, asked: PlainSteps) -> None:
+        """One more branch."""
+        self.new.append((task, asked))
+
+    def answer(self) -> dict[int, Any]:
+        """Take a step with as many as fit into one call, and give back those whose next step is not plain."""
+        self._join()
+        size = _size_for(len(self), self.room)
+        num = min(size, len(self))
+        known, ways = _taken(self.state, slice(num))
+        families, sequences = self._fixed(num, size)
+        guess, weights, targets = ahead(known, ways.ds)
+        rows = _call(look, families, sequences, *_filled((guess, weights, targets), size)).at(slice(num))
+        seen: Seen = rows.tree()
+        new = known_of(known.sequence, seen.found.place, seen)
+        sound = is_sound(seen.found, along(new.tangent, known.tangent), ways.ds)
+        sound &= is_resolved(known, new, ways.ds)
+        taken = sound & is_plain(known, new, ways)
+        if taken.any():
+            followed = _call(confirm, families, sequences, _filled(new.place, size)).at(slice(num)).tree()
+            taken &= is_as_told(known, seen, followed)
+        length = next_length(seen.found, known, new, ways.ds)
+        known = new if taken.all() else jax.tree.map(lambda a, b: _where(taken, a, b), new, known)
+        arc = np.where(taken, ways.arc + ways.ds, ways.arc)
+        ds = np.where(taken, length, np.where(sound, ways.ds, ways.ds / 2))
+        self._add_points(taken, rows, arc)
+        is_full = np.array([asked.walk.is_full for _, asked in self.members[:num]])
+        return self._moved_on(
+            known, ways._replace(ds=ds, arc=arc), (sound & ~taken) | (ds < SHORTEST) | is_full
+        )
+
+    def _join(self) -> None:
+        """Put the new branches behind the others."""
+        if not self.new:
+            return
+        rows = _stack([begun(asked) for _, asked in self.new])
+        self.state = jax.tree.map(lambda *a: np.concatenate(a), self.state, rows) if self.members else rows
+        self.members += self.new
+        self.points += [asked.point for _, asked in self.new]
+        self.new, self.fixed = [], None
+
+    def _fixed(self, num: int, size: int) -> tuple:
+        """What stays the same from one step to the next."""
+        if self.fixed is None or self.fixed[0] != (num, size):
+            families = self.stock.of([task for task, _ in self.members[:num]], size)
+            sequences = _filled(_taken(self.state[0].sequence, slice(num)), size)
+            self.fixed = (num, size), (families, sequences)
+        return self.fixed[1]
+
+    def _add_points(self, taken: np.ndarray, rows: Packed, arc: np.ndarray) -> None:
+        """Add the points of those that have taken a step."""
+        for k in np.flatnonzero(taken):
+            self.points[k] = PlainPoint(self.points[k].sequence, rows, int(k), float(arc[k]))
+            self.members[k][1].walk.points.append(self.points[k])
+
+    def _moved_on(self, known: Any, ways: Any, is_left: np.ndarray) -> dict[int, Any]:
+        """Keep the others; answers to those that leave."""
+        num, gone = len(is_left), np.flatnonzero(is_left)
+        alone = lambda point: point.alone() if isinstance(point, PlainPoint) else point  # noqa: E731
+        left = {self.members[k][0]: (alone(self.points[k]), float(ways.ds[k])) for k in gone}
+        for old, new in zip(jax.tree.leaves(self.state), jax.tree.leaves((known, ways)), strict=True):
+            old[:num] = new
+        if left:
+            order = np.delete(np.arange(len(self.members)), gone)
+            self.state = _taken(self.state, order)
+            self.members, self.points = [self.members[k] for k in order], [self.points[k] for k in order]
+            self.fixed = None
+        return left
+
+
+def _stocked(families: Many[Family]) -> tuple[list[Hashable], dict[Hashable, _Stock]]:
+    """The make of each family, and those of each make."""
+    members: dict[Hashable, dict[int, Family]] = {}
+    makes = []
+    for k, family in enumerate(families):
+        leaves, structure = jax.tree.flatten(family)
+        makes.append((structure, *(np.shape(a) for a in leaves)))
+        members.setdefault(makes[-1], {})[k] = family
+    return makes, {make: _Stock(own) for make, own in members.items()}
+
+
+def _size_for(num: int, room: int) -> int:
+    """For how many branches side by side to call a program."""
+    sizes = [size for size, least in _SIZES if num >= least and (size <= 64 or size * room <= _MOST_EVENTS)]
+    return sizes[-1]
+
+
+def _call(program: Callable, families: Packed, *rows: Any) -> Packed:
+    """The results of a program for rows of families and of its other arguments."""
+    arguments = pack(rows, has_rows=True)
+    compiled, layouts = _compiled(program, families.layout, arguments.layout)
+    found = compiled(families.arrays, arguments.arrays)
+    return Packed(tuple(np.asarray(a) for a in found), layouts[0])
+
+
+@cache
+def _compiled(program: Callable, of_family: Layout, of_arguments: Layout) -> tuple[Callable, list[Layout]]:
+    """A program of packed rows, and the layout of its results once it is traced."""
+    layouts = []
+
+    def of_row(family: tuple, arguments: tuple) -> tuple:
+        found = program(Packed(family, of_family).tree(), *Packed(arguments, of_arguments).tree())
+        arrays, layout = pack(found, has_rows=False)
+        layouts.append(layout)
+        return arrays
+
+    of_row.__name__ = program.__name__  # by which profiles know it
+    return jit_lightly(jax.vmap(of_row)), layouts
+
+
+def _stack(trees: list) -> Any:
+    return jax.tree.map(lambda *a: np.stack(a), *trees)
+
+
+def _taken(tree: Any, rows: Any) -> Any:
+    return jax.tree.map(lambda a: a[rows], tree)
+
+
+def _filled(tree: Any, size: int) -> Any:
+    """The rows, with the first again as often as there is room left."""
+    num = len(jax.tree.leaves(tree)[0])
+    rows = np.append(np.arange(num), np.zeros(size - num, int))
+    return tree if num == size else _taken(tree, rows)
+
+
+def _where(is_new: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
+    return np.where(is_new.reshape(-1, *[1] * (new.ndim - 1)), new, old)

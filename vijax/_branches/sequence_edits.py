@@ -1,0 +1,137 @@
+"""How the sequence of a cycle changes where an event comes, goes, or passes another: the same motion, told anew."""
+
+import numpy as np
+
+from .._orbits.sequence import Sequence
+from .._trajectory.event_log import RELEASE
+from .parameter_family import Place
+
+
+def with_event(
+    sequence: Sequence, place: Place, kind: int, stop: int, flight: int, time: float
+) -> tuple[Sequence, Place]:
+    """An event of a stop that changes nothing, on a flight, some forcing periods after the start.
+
+    An impact without speed, where a gap vanishes, or a release that does not set free, where a force does.
+    """
+    since = time - place.flights[:flight].sum()
+    held = np.insert(sequence.held, flight, sequence.held[flight], axis=0)
+    flights = np.insert(place.flights, flight, since)
+    if flight < len(place.flights):
+        flights[flight + 1] -= since
+    kinds, stops = np.insert(sequence.kind, flight, kind), np.insert(sequence.stop, flight, stop)
+    return Sequence(kinds, stops, held), place._replace(flights=flights)
+
+
+def in_rounds(k: int, num_events: int, how: tuple[int, float]) -> list[int]:
+    """The numbers of an event in all rounds of a cycle that is a shorter one several times, see `with_events`."""
+    rounds, _ = how
+    return sorted({(k + j * num_events // rounds) % num_events for j in range(rounds)})
+
+
+def with_events(
+    sequence: Sequence,
+    place: Place,
+    kind: int,
+    stop: int,
+    at: tuple[int, float],
+    how: tuple[int, float],
+) -> tuple[Sequence, Place, int]:
+    """`with_event` in every round of a cycle, and the number of the first of these events.
+
+    Args:
+        sequence: what happens.
+        place: the cycle.
+        kind: of the event.
+        stop: of the event.
+        at: on which flight, and when, of one of them.
+        how: the number of rounds, and of forcing periods of all.
+    """
+    (flight, time), (rounds, num_periods) = at, how
+    if rounds == 1:
+        return *with_event(sequence, place, kind, stop, flight, time), flight
+    ends, flights = np.cumsum(place.flights), []
+    for when in sorted((time + j * num_periods / rounds) % num_periods for j in range(rounds))[::-1]:
+        flights.append(int(np.count_nonzero(ends < when)))
+        sequence, place = with_event(sequence, place, kind, stop, flights[-1], when)
+    return sequence, place, flights[-1]
+
+
+def with_stick(sequence: Sequence, place: Place, k: int) -> tuple[Sequence, Place]:
+    """With a stick that lasts no time after an impact `k`, and its release."""
+    stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
+    sequence, place = with_event(sequence, place, RELEASE, stop, k + 1, time)
+    held = sequence.held.copy()
+    held[k + 1, stop] = True
+    return Sequence(sequence.kind, sequence.stop, held), place
+
+
+def without_stick(sequence: Sequence, place: Place, k: int) -> tuple[Sequence, Place]:
+    """Without a release `k` that ends a stick which lasts no time."""
+    held = sequence.held.copy()
+    held[k] = held[k + 1]
+    return without_event(Sequence(sequence.kind, sequence.stop, held), place, k)
+
+
+def without_event(sequence: Sequence, place: Place, k: int) -> tuple[Sequence, Place]:
+    """Without an event that changes nothing, as an impact without speed."""
+    flights = np.delete(place.flights, k)
+    if k < len(flights):
+        flights[k] += place.flights[k]
+    held = np.delete(sequence.held, k + 1, axis=0)
+    return Sequence(np.delete(sequence.kind, k), np.delete(sequence.stop, k), held), place._replace(
+        flights=flights
+    )
+
+
+def with_order_exchanged(sequence: Sequence, place: Place, k: int) -> tuple[Sequence, Place]:
+    """With an impact before another at the same time, `k` and the one before it."""
+    order = np.arange(len(sequence.kind))
+    order[[k - 1, k]] = k, k - 1
+    return Sequence(sequence.kind[order], sequence.stop[order], sequence.held), place
+
+
+def in_a_row(rounds: list[tuple[Sequence, Place]], num_periods: int | float) -> tuple[Sequence, Place]:
+    """One cycle of several, of `num_periods` each and all from the same state."""
+    flights, left = [], 0.0
+    for _, place in rounds:
+        own = place.flights.copy()
+        own[:1] += left
+        flights.append(own)
+        left = num_periods - place.flights.sum() + (0.0 if len(own) else left)
+    sequences = [sequence for sequence, _ in rounds]
+    whole = Sequence(
+        np.concatenate([sequence.kind for sequence in sequences]),
+        np.concatenate([sequence.stop for sequence in sequences]),
+        np.concatenate([*(sequence.held[:-1] for sequence in sequences), sequences[-1].held[-1:]]),
+    )
+    return whole, rounds[0][1]._replace(flights=np.concatenate(flights))
+
+
+def passed_section(place: Place, num_periods: float) -> int:
+    """How many events at the front come before the start of the cycle, negative for those behind its end."""
+    times = np.cumsum(place.flights)
+    return int(np.count_nonzero(times < 0)) or -int(np.count_nonzero(times > num_periods))
+
+
+def shifted(
+    sequence: Sequence, place: Place, by: int, num_periods: float, z: np.ndarray
+) -> tuple[Sequence, Place]:
+    """The cycle with its first events as its last, or its last as its first for a negative number.
+
+    Args:
+        sequence: what happens.
+        place: the cycle.
+        by: how many events.
+        num_periods: n.
+        z: the state where the cycle now begins.
+    """
+    times = np.cumsum(place.flights)
+    order = np.roll(np.arange(len(times)), -by)
+    times[: max(by, 0)] += num_periods
+    times[len(times) + min(by, 0) :] -= num_periods
+    held = np.concatenate(
+        [np.roll(sequence.held[:-1], -by, axis=0), sequence.held[[by]] if by > 0 else sequence.held[[by - 1]]]
+    )
+    flights = np.diff(times[order], prepend=0)
+    return Sequence(sequence.kind[order], sequence.stop[order], held), place._replace(z=z, flights=flights)

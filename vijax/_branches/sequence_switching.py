@@ -1,0 +1,221 @@
+"""The same branch on another sequence: where an event comes, goes, passes another or the start of the cycle."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from .._jax.arrays import Reals
+from .._orbits.sequence import Sequence
+from .._trajectory.event_log import IMPACT
+from .kernels import Followed, Rates, Request, confirm, locate_start, padded, rates_along, trimmed
+from .parameter_family import Place
+from .point import Asked, Ended, Point, Walk, as_it_is, at_parameter, corrected
+from .sequence_edits import (
+    in_rounds,
+    passed_section,
+    shifted,
+    with_events,
+    with_order_exchanged,
+    with_stick,
+    without_event,
+    without_stick,
+)
+from .test_functions import KINDS, Test, tests_of
+
+# Rounds of a cycle in which something changes at once, and forcing periods of all of it.
+How = tuple[int, float]
+
+# What leads off a point where the sequence changes: the first of these that does not leave the branch.
+_OFF = 1e-7, 1e-8, 1e-9, 1e-10
+# Bounces are not added to a chatter that has one as short as this, in forcing periods: the rest of them is rounding.
+_LIGHTEST = 1e-7
+# Room for new events: a stick that is interrupted ends in another chatter.
+_MORE = 64
+# Where no step leads off, the machine itself is tried at these distances.
+_TRIALS = 1e-6, 1e-5, 1e-4, 1e-3
+
+
+def by_sequence(walk: Walk, test: Test, event: Point) -> Asked:
+    """The same on the sequence that it must be, in the direction that its derivative tells.
+
+    On a cycle that is a shorter one several times the change may happen in one of its rounds, or in all of them.
+    """
+    if test.kind not in _CHANGES:
+        raise Ended(test.kind)
+    for rounds in sorted({1, walk.rounds}):
+        try:
+            new = yield from _CHANGES[test.kind](event, test.index, (rounds, walk.num_periods))
+        except Ended as why:
+            if rounds == walk.rounds:
+                raise why
+            continue
+        walk.rounds = rounds
+        return new
+
+
+def _with_impact(event: Point, stop: int, how: How) -> Asked:
+    """Behind a gap that vanishes: with an impact there."""
+    watched = event.seen.watched
+    at = int(watched.gap_flight[stop]), float(watched.gap_time[stop])
+    sequence, place, first = with_events(event.sequence, event.place, IMPACT, stop, at, how)
+    return (yield from _going_on(sequence, place, event, lambda rates: rates.speeds[first]))
+
+
+def _without_impact(event: Point, k: int, how: How) -> Asked:
+    """Behind an impact that loses its speed: without it."""
+    sequence, place = event.sequence, event.place
+    stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
+    for number in in_rounds(k, len(sequence.kind), how)[::-1]:
+        sequence, place = without_event(sequence, place, number)
+    return (yield from _going_on(sequence, place, event, lambda rates: rates.gaps[stop], time))
+
+
+def _in_other_order(event: Point, k: int, how: How) -> Asked:
+    """Behind two impacts at one time: in the other order."""
+    sequence, place = event.sequence, event.place
+    if not _are_impacts(sequence, k):
+        raise Ended("double_impact")
+    for number in in_rounds(k, len(sequence.kind), how):
+        sequence, place = with_order_exchanged(sequence, place, number)
+    return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[k])))
+
+
+def _with_stick(event: Point, stop: int, how: How) -> Asked:
+    """Behind an impact without rebound that does not let its mass go any more: with a stick."""
+    sequence, place = event.sequence, event.place
+    flight = int(event.seen.watched.rise_flight[stop])
+    for number in in_rounds(flight - 1, len(sequence.kind), how)[::-1]:
+        sequence, place = with_stick(sequence, place, number)
+    return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[flight])))
+
+
+def _without_stick(event: Point, k: int, how: How) -> Asked:
+    """Behind a stick that lasts no time: without it, if its impact has no rebound."""
+    sequence, place = event.sequence, event.place
+    if not event.seen.watched.is_plastic[
+        sequence.stop[k]
+    ]:  # ever more bounces come next, see `grazing_cascade.py`
+        raise Ended("chatter_completion")
+    for number in in_rounds(k, len(sequence.kind), how)[::-1]:
+        sequence, place = without_stick(sequence, place, number)
+    at = yield from _retold(sequence, place, event)
+    try:
+        return (yield from off(at, True))
+    except Ended:
+        return (yield from off(at, False))
+
+
+# What changes at each kind of event.
+_CHANGES = {
+    "touch": _with_impact,
+    "gr": _without_impact,
+    "double_impact": _in_other_order,
+    "onset": _with_stick,
+    "chatter_completion": _without_stick,
+}
+
+
+def by_machine(event: Point, kind: str) -> Asked:
+    """The point some way ahead with the events that the machine has there."""
+    for ds in _TRIALS:
+        guess = event.place.moved(event.tangent, ds)
+        followed = yield from _followed(event.sequence, guess)
+        new = yield from with_its_bounces(event._replace(place=guess), followed._replace(is_alike=True))
+        told: Followed = yield Request(confirm, new.sequence, (new.place,))
+        if told.is_alike and np.abs(new.place.z - guess.z).max() < 10 * ds:
+            return new._replace(kind="", arc=event.arc + ds)
+    raise Ended(KINDS.get(kind, kind))
+
+
+def as_machine_has_it(point: Point, guess: Place) -> Asked:
+    """The cycle that the machine follows near a guess, at its parameter; None if it follows none."""
+    followed = yield from _followed(point.sequence, guess)
+    num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
+    sequence = trimmed(followed.sequence, num_events)
+    place = guess._replace(flights=followed.flights[:num_events])
+    seen = yield from at_parameter(sequence, place, float(guess.p))
+    if not seen.found.is_converged:
+        return None
+    found = Point.of(sequence, seen, point.arc)
+    told: Followed = yield Request(confirm, sequence, (found.place,))
+    return found if told.is_alike else None
+
+
+def _followed(sequence: Sequence, place: Place) -> Asked:
+    """What the machine does from a place, with room for what may be new there."""
+    longer, wide = padded(sequence, (place,), len(sequence.kind) + _MORE)
+    followed: Followed = yield Request(confirm, longer, (wide,))
+    return followed
+
+
+def in_section(point: Point, num_periods: float) -> Asked:
+    """The point with all its events between the start of the cycle and its end."""
+    by = passed_section(point.place, num_periods)
+    if by == 0:
+        return point
+    time = 0.0 if by > 0 else num_periods
+    z = yield Request(locate_start, point.sequence, (point.place, np.asarray(time)))
+    sequence, place = shifted(point.sequence, point.place, by, num_periods, z)
+    at = yield from _retold(sequence, place, point)
+    # The times of the events go on as they did.
+    before, after = np.cumsum(point.tangent.flights), np.cumsum(at.tangent.flights)
+    is_ahead = np.roll(before, -by) @ after + point.tangent.p * at.tangent.p > 0
+    return at if is_ahead else at.turned()
+
+
+def with_its_bounces(point: Point, followed: Followed) -> Asked:
+    """The point with as many bounces in its chatters as they have there."""
+    num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
+    is_light = np.min(point.place.flights, initial=np.inf) < _LIGHTEST
+    more = num_events - len(point.sequence.kind)
+    if not followed.is_alike or more == 0 or (is_light and more > 0):
+        return point
+    sequence = trimmed(followed.sequence, num_events)
+    place = point.place._replace(flights=followed.flights[:num_events])
+    # The direction is that of the start and the parameter, whatever the number of bounces.
+    weights = Place(point.tangent.z, 0 * place.flights, point.tangent.p)
+    seen = yield from corrected(sequence, place, weights, place.along(weights))
+    return Point.of(sequence, seen, point.arc) if seen.found.is_converged else point
+
+
+def _are_impacts(sequence: Sequence, k: int) -> bool:
+    is_free = np.array_equal(sequence.held[k - 1], sequence.held[k + 1])
+    return bool(is_free and sequence.kind[k] == IMPACT and sequence.kind[k - 1] == IMPACT)
+
+
+def _going_on(
+    sequence: Sequence, place: Place, event: Point, rate: Callable[[Rates], Reals], time: float = 0.0
+) -> Asked:
+    """The point on the new sequence, in the direction in which a speed or a gap grows."""
+    at = yield from _retold(sequence, place, event)
+    rates: Rates = yield Request(rates_along, sequence, (at.place, at.tangent, np.asarray(time)))
+    return (yield from off(at, float(rate(rates)) > 0))
+
+
+def _oriented(sequence: Sequence, place: Place, event: Point, ahead: Callable[[Point], float]) -> Asked:
+    """The same in a direction that is read off the tangent."""
+    at = yield from _retold(sequence, place, event)
+    return (yield from off(at, ahead(at) > 0))
+
+
+def _retold(sequence: Sequence, place: Place, event: Point) -> Asked:
+    """The point of an event on another sequence."""
+    seen = yield from as_it_is(sequence, place)
+    if not seen.found.is_converged:
+        raise Ended("not_converged")
+    return event._replace(sequence=sequence, place=trimmed(seen.found.place, len(sequence.kind)), seen=seen)
+
+
+def off(at: Point, is_ahead: bool = True) -> Asked:
+    """A point close behind, in the given direction or in the other."""
+    tangent = at.tangent if is_ahead else at.tangent.turned()
+    for ds in _OFF:
+        guess = at.place.moved(tangent, ds)
+        seen = yield from corrected(at.sequence, guess, tangent, at.place.along(tangent) + ds)
+        new = Point.of(at.sequence, seen, at.arc + ds)
+        away = new.place.moved(guess, -1.0)
+        # Behind a grazing branches may be so curved that Newton's method comes to another of their points.
+        is_near = seen.found.is_converged and np.sqrt(away.along(away)) < ds
+        if is_near and min((test.of(seen) for test in tests_of(at.sequence)), default=1) > 0:
+            return new
+    raise Ended("several_events")

@@ -1,0 +1,142 @@
+"""Functions of a cycle that change their sign where something happens on a branch."""
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._orbits.sequence import NOTHING, Sequence
+from .._trajectory.event_log import IMPACT, RELEASE
+from .kernels import Seen
+
+Multipliers = Any
+
+# A multiplier this close to where it should be is there; halves of a cycle this close are one.
+CLOSE = 1e-4
+# What is seen from two sides has one name. Where a doubled branch ends, another one crosses it: that of half the period,
+# gone round twice.
+KINDS = {"touch": "gr", "onset": "chatter_completion", "period_doubling": "bp"}
+# A function of multipliers this small at both ends of a step is zero there but for rounding, as without damping.
+_NOTHING = 1e-10
+# A multiplier this close to the unit circle is on it but for rounding; a double one has half the digits.
+_ON_CIRCLE = 1e-7
+
+
+class Test(NamedTuple):
+    """A function that changes its sign where something happens, and what that is."""
+
+    kind: str
+    of: Callable[[Seen], Any]
+    index: int = 0
+
+
+def _ratio(values: Any, of: Any) -> Any:
+    """The product of values over 1 + |of|: finite where a multiplier is not."""
+    with np.errstate(invalid="ignore"):
+        parts = values / (1 + np.abs(of))
+    return np.prod(np.where(np.isfinite(parts), parts, np.sign(of.real)), axis=-1).real
+
+
+def of_doubling(mu: Multipliers) -> Any:
+    """Zero where a multiplier is -1."""
+    return _ratio(1 + mu, mu)
+
+
+def of_meeting(mu: Multipliers) -> Any:
+    """Zero where a multiplier is 1."""
+    return _ratio(mu - 1, mu)
+
+
+@cache
+def _pairs(size: int) -> tuple[np.ndarray, np.ndarray]:
+    """The first and the second of all pairs."""
+    first, second = np.triu_indices(size, 1)
+    return first, second
+
+
+def of_pairs(mu: Multipliers) -> Any:
+    """Zero where the product of two multipliers is 1."""
+    first, second = _pairs(mu.shape[-1])
+    with np.errstate(invalid="ignore"):
+        products = mu[..., first] * mu[..., second]
+    return _ratio(products - 1, np.where(np.isnan(products), 0, products))
+
+
+def num_on_circle(mu: Multipliers) -> int:
+    """How many multipliers are on the unit circle, but not real."""
+    return int(np.count_nonzero((np.abs(np.abs(mu) - 1) < CLOSE) & (np.abs(mu.imag) > CLOSE)))
+
+
+TESTS_OF_NEIGHBOURS = (
+    Test("fold", lambda seen: seen.found.tangent.p),
+    Test("pd", lambda seen: of_doubling(seen.found.multipliers)),
+    Test("bp", lambda seen: of_meeting(seen.found.multipliers)),
+    Test("ns", lambda seen: of_pairs(seen.found.multipliers)),
+)
+
+
+def is_crossed(before: Any, after: Any) -> Any:
+    """Whether a function of the neighbours vanishes between two values, neither of which may be rounding for both."""
+    return (before * after < 0) & (np.maximum(np.abs(before), np.abs(after)) > _NOTHING)
+
+
+def tests_of(sequence: Sequence) -> list[Test]:
+    """Test functions of the sequence: positive as long as a machine can follow it."""
+    found, follows_another = [], _follows_another(sequence)
+    for k, (kind, stop) in enumerate(zip(sequence.kind, sequence.stop, strict=True)):
+        if kind == IMPACT:
+            found.append(Test("gr", lambda seen, k=k: float(seen.found.speeds[k]), k))
+        if follows_another[k]:
+            ends_stick = kind == RELEASE and sequence.held[k][stop] and not sequence.held[k - 1][stop]
+            name = "chatter_completion" if ends_stick else "double_impact"
+            found.append(Test(name, lambda seen, k=k: float(seen.found.place.flights[k]), k))
+    for j in range(sequence.held.shape[1]):
+        found.append(Test("touch", lambda seen, j=j: float(seen.watched.gap[j]), j))
+        found.append(Test("force_zero", lambda seen, j=j: float(seen.watched.force[j]), j))
+        found.append(Test("onset", lambda seen, j=j: float(seen.watched.rise[j]), j))
+    return found
+
+
+def margins(sequence: Sequence, seen: Seen) -> np.ndarray:
+    """The values of all `tests_of` sequences with padding, of cycles side by side: (..., tests), infinite for no test."""
+    return _of_tests(
+        sequence, (seen.found.speeds, seen.found.place.flights, *_between_events(seen.watched)), np.inf
+    )
+
+
+def slopes(sequence: Sequence, seen: Seen) -> np.ndarray:
+    """How these change along the branch, likewise; 0 for no test."""
+    rates = (seen.rates.speeds, seen.found.tangent.flights, *_between_events(seen.rates))
+    return np.where(np.isfinite(margins(sequence, seen)), _of_tests(sequence, rates, 0.0), 0.0)
+
+
+def _between_events(watched: Any) -> tuple:
+    return watched.gap, watched.force, watched.rise
+
+
+def _of_tests(sequence: Sequence, values: tuple, none: float) -> np.ndarray:
+    """Values of all impacts, of all flights, and of stops, in one row of tests."""
+    speeds, flights, *of_stops = values
+    speeds = np.where(sequence.kind == IMPACT, speeds, none)
+    flights = np.where(_follows_another(sequence), flights, none)
+    return np.concatenate([speeds, flights, *of_stops], axis=-1)
+
+
+def _follows_another(sequence: Sequence) -> np.ndarray:
+    """Which events can meet the one before: two impacts of one stop meet where one of them has no speed."""
+    kind, stop = sequence.kind, sequence.stop
+    is_same = (kind[..., 1:] == kind[..., :-1]) & (stop[..., 1:] == stop[..., :-1])
+    is_other = np.zeros(kind.shape, bool)
+    is_other[..., 1:] = ~is_same & (kind[..., 1:] != NOTHING)
+    return is_other
+
+
+def crossings(tests: list[Test], before: Seen, after: Seen) -> list[Test]:
+    """Those that change from positive to not positive."""
+    return [test for test in tests if test.of(before) > 0 >= test.of(after)]
+
+
+def num_unstable(seen: Seen) -> Any:
+    """How many neighbours leave."""
+    return np.count_nonzero(np.abs(seen.found.multipliers) > 1 + _ON_CIRCLE, axis=-1)

@@ -1,0 +1,251 @@
+"""Charts of the motions over a plane of two parameters, computed where they change.
+
+Regions of one motion are wide and their boundaries thin. So a coarse grid is run first, and cells of it whose corners
+differ are halved until they are as small as the grid asked for; the others are filled from their corners, see `refinement.py`.
+A region, or a tongue of one, thinner than the coarse grid may be missed where it touches none of its points.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from .._attractors.attractor import orbits_near
+from .._attractors.attractors import check_single, machines_of_one, starts_of
+from .._attractors.coexisting import coexisting, lasting
+from .._attractors.ensemble import Machines
+from .._dataset_attributes import label
+from .._execution.points import Point, with_values
+from .._execution.runner import Counts
+from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
+from .._flow.interface import AbstractFlow
+from .._jax.arrays import Count, Numbers, as_float, as_known, refuse_single_precision, whole_number
+from .._jax.xla import padding_allowed
+from .._progress import tqdm
+from .._sections.classify import MOTIONS, classified
+from .._sweep.grid import base_of, values_of
+from .._sweep.outcomes import warn_of_endings
+from .._sweep.zipped import START, sweep_zipped
+from .._system.parameters import set_parameter
+from .._system.system import ImpactSystem
+from .refinement import refined
+
+# Points that are run and judged at a time: their logs are in memory together.
+_TOGETHER = 4096
+_KIND = ("motion", "num_periods", "num_impacts")
+
+
+@padding_allowed
+def chart(
+    system: ImpactSystem,
+    values: Mapping[str, Numbers],
+    *,
+    stride: Count = 8,
+    transient: Count = 100,
+    record: Count = 20,
+    x0: Numbers | None = None,
+    v0: Numbers | None = None,
+    args: object = None,
+    flow: AbstractFlow | None = None,
+    lyapunov: bool = False,
+    multipliers: bool = False,
+    starts: Count | tuple[Numbers, Numbers] | Numbers | None = None,
+    bounds: Numbers | None = None,
+    seed: Count = 0,
+    tolerance: float | None = None,
+    max_impacts: Count = 2048,
+    executor: object = None,
+    progress: bool = True,
+    settings: ExecutionSettings = DEFAULT_SETTINGS,
+) -> xr.Dataset:
+    """Say which motion is found where in a plane of two parameters, refined where the motion changes.
+
+    What `vx.classify(vx.sweep(system, values))` finds on the whole grid, for a fraction of the points: first every
+    `stride`-th point is run in both directions, then cells whose corners differ in motion, periods or impacts
+    are halved until no smaller one is on the grid. The rest is filled from the corners. What is thinner
+    than `stride` steps of the grid may be missed; `stride=1` runs every point. With `starts` the number of attractors is found
+    too, and cells whose corners differ in it are halved as well.
+
+    Args:
+        system: the machine.
+        values: two paths and their values, as for `vx.sweep`, in increasing or decreasing order.
+        stride: steps of the grid between the first points.
+        transient: as for `vx.sweep`.
+        record: likewise.
+        x0: likewise.
+        v0: likewise.
+        args: likewise.
+        flow: likewise.
+        lyapunov: likewise.
+        multipliers: polish the motions that repeat, and tell the Floquet multipliers of their orbits.
+        starts: from which attractors are looked for at every point that is run, as for `vx.attractors`; random ones are drawn
+            for the machine in the middle of the plane. If left out, none are.
+        bounds: of random starts, as for `vx.attractors`.
+        seed: likewise.
+        tolerance: as for `vx.classify`.
+        max_impacts: as for `vx.sweep`.
+        executor: as for `vx.sweep`.
+        progress: show a bar, of the points of each round of halving.
+        settings: as for `vx.sweep`.
+
+    Returns:
+        Over both paths, `motion`, `num_periods` and `num_impacts` (..., stop) as `vx.classify` tells them, for
+        `vx.plot.regions`; `is_computed`, whether the point was run. With `lyapunov` the `lyapunov_exponents`
+        (..., exponent) and `lyapunov_error`; with `multipliers` these, (..., multiplier), complex, the largest magnitude first, NaN where
+        the motion does not repeat or no orbit is found; with `starts` the `num_attractors` to which they lead, and of how many
+        starts this is not known, `num_not_settled` and `num_failed`. Points that were not run have the motion and the counts of the
+        nearest corner of their cell; exponents, and magnitudes of multipliers, are linear between its corners.
+
+    Raises:
+        ValueError: for other than two paths of two values or more, for `starts` with a path that is one of the start, for
+            `multipliers` or `starts` if 64-bit numbers are off, or as `vx.sweep` and `vx.attractors` do.
+        KeyboardInterrupt: after Ctrl-C; nothing is kept.
+
+    Example:
+        ```python
+        import numpy as np, vijax as vx
+        plane = {"forcing.frequency": np.linspace(0.4, 2, 129), "forcing.amplitude[0]": np.linspace(0.2, 1, 65)}
+        ax = vx.plot.regions(vx.chart(vx.models.wagg_bishop_a(1.0), plane))
+        ```
+    """
+    stride = whole_number("stride", stride, 1)
+    axes = values_of(values)
+    if len(axes) != 2 or any(axis.ndim != 1 or len(axis) < 2 for axis in axes.values()):
+        raise ValueError(
+            "A chart needs two paths with two numbers or more each, but has "
+            + ", ".join(f"`{path}` of shape {axis.shape}" for path, axis in axes.items())
+            + ": use `vx.sweep` for others."
+        )
+    counts = Counts(
+        whole_number("transient", transient),
+        whole_number("record", record, 2),
+        whole_number("max_impacts", max_impacts),
+        max_steps=None,
+        can_stick=True,
+        lyapunov=bool(lyapunov),
+    )
+    if multipliers or starts is not None:
+        refuse_single_precision("chart` with `multipliers` or `starts", system)
+    check_single(system, args, flow, "chart")
+    one = machines_of_one(
+        system, args, counts.transient, counts.record, tolerance, flow, None, settings, executor
+    )
+    asked = _Asked(base_of(one.system, x0, v0), counts, one, tolerance, bool(multipliers), None)
+    if starts is not None:
+        asked = asked._replace(starts=_starts(one, axes, starts, bounds, seed))
+    together = _TOGETHER if asked.starts is None else max(_TOGETHER // len(asked.starts), 1)
+    shape, results = tuple(len(axis) for axis in axes.values()), []
+
+    def run(where: np.ndarray) -> Iterator[tuple[np.ndarray, xr.Dataset]]:
+        with tqdm(total=len(where), unit="point", disable=not progress) as bar:
+            for first in range(0, len(where), together):
+                part = where[first : first + together]
+                index = np.unravel_index(part, shape)
+                swept = {path: axis[i] for (path, axis), i in zip(axes.items(), index, strict=True)}
+                found, result = _found(asked, swept)
+                results.append(result)
+                bar.update(len(part))
+                yield part, found
+
+    ds = refined(axes, stride, run, _KIND if asked.starts is None else (*_KIND, "num_attractors"))
+    whole = xr.Dataset(
+        {"result": (START, np.concatenate(results))}, attrs={"max_impacts": counts.max_impacts}
+    )
+    warn_of_endings(whole, "max_impacts_reached", "max_steps_reached", "non_finite")
+    return ds
+
+
+class _Asked(NamedTuple):
+    """What is asked of every point.
+
+    Attributes:
+        base: the machine and the start that hold where nothing is swept.
+        counts: what is asked of its sweep.
+        one: the machine as it is run to find attractors.
+        tolerance: as for `classify`.
+        multipliers: whether orbits are polished.
+        starts: of the attractors that are counted, (starts, 2 n), None if none are.
+    """
+
+    base: Point
+    counts: Counts
+    one: Machines
+    tolerance: float | None
+    multipliers: bool
+    starts: np.ndarray | None
+
+
+def _starts(
+    one: Machines,
+    axes: dict[str, np.ndarray],
+    starts: Count | tuple[Numbers, Numbers] | Numbers,
+    bounds: Numbers | None,
+    seed: Count,
+) -> np.ndarray:
+    """The starts that all machines share."""
+    if any(_is_start(path) for path in axes):
+        raise ValueError(
+            f"The attractors of a machine do not depend on its start: with `starts` both paths must be of the machine, but are {[*axes]}."
+        )
+    middle = one.system
+    for path, axis in axes.items():
+        middle = set_parameter(middle, path, as_float(axis[len(axis) // 2]))
+    rate = as_known(middle.forcing.frequency).reshape(1)
+    return starts_of(replace(one, system=middle, rate=rate), starts, bounds, seed, None, None).states
+
+
+def _is_start(path: str) -> bool:
+    return path.split("[")[0] in ("x0", "v0")
+
+
+def _found(asked: _Asked, swept: dict[str, np.ndarray]) -> tuple[xr.Dataset, np.ndarray]:
+    """What is found at some points, and what became of their motions."""
+    lanes, size = with_values(asked.base, swept), len(next(iter(swept.values())))
+    start = np.concatenate([np.broadcast_to(a, (len(a), size)) for a in (lanes.x0, lanes.v0)]).T
+    of_machine = {path: a for path, a in swept.items() if not _is_start(path)}
+    machines = asked.one.of_plane(of_machine, size)
+    counts, where = asked.counts, (machines.settings, machines.executor)
+    ds = sweep_zipped(machines.system, of_machine, start, counts, machines.flow, *where, lambda _: None)
+    found = classified(ds, asked.tolerance, None, None)[list(_KIND)]
+    if counts.lyapunov:
+        found = found.assign({name: ds[name] for name in ("lyapunov_exponents", "lyapunov_error")})
+    columns = {}
+    if asked.multipliers:
+        columns["multipliers"] = ((START, "multiplier"), _multipliers(machines, ds, found))
+    if asked.starts is not None:
+        columns |= {name: (START, a) for name, a in _coexisting(machines, asked.starts).items()}
+    found = found.assign({name: (dims, a, label(name)) for name, (dims, a) in columns.items()})
+    return found.transpose(START, ...), ds["result"].values
+
+
+def _multipliers(machines: Machines, ds: xr.Dataset, found: xr.Dataset) -> np.ndarray:
+    """Floquet multipliers of the motions that repeat."""
+    states = np.concatenate([ds["x"].values, ds["v"].values], axis=1)
+    multipliers = np.full(states.shape, np.nan, np.result_type(states.dtype, np.complex64))
+    which = np.flatnonzero(found["num_periods"].values > 0)
+    if which.size:
+        states = states[which] * machines.scale(which)
+        is_quiet = found["motion"].values[which] == MOTIONS.index("non_impacting")
+        orbits, is_near = orbits_near(machines, states, which, found["num_periods"].values[which], is_quiet)
+        multipliers[which[is_near]] = orbits.multipliers[is_near]
+    return multipliers
+
+
+def _coexisting(machines: Machines, starts: np.ndarray) -> dict[str, np.ndarray]:
+    """How many attractors each machine has, and of how many starts it is not known where they lead."""
+    size = len(machines.rate)
+    machine = np.repeat(np.arange(size), len(starts))
+    machines = machines.for_sweep_of(len(machine))
+    states = np.tile(starts, (size, 1)) * machines.scale(machine)
+    ends = machines.ends(machines.run(states, machine, machines.transient, machines.record), machine)
+    found = coexisting(machines, ends)
+    motions, number = lasting(found.motions)
+    is_unknown = number[found.label] < 0
+    which = {
+        "num_attractors": np.array([motion.machine for motion in motions], int),
+        "num_not_settled": machine[is_unknown & ~ends.is_failed],
+        "num_failed": machine[ends.is_failed],
+    }
+    return {name: np.bincount(a, minlength=size) for name, a in which.items()}

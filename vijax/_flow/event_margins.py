@@ -1,0 +1,217 @@
+"""Quantity watched at every stop during an approximate step, and its bounds by the polynomial.
+
+As in `safe_step.py`, one function of time is positive while nothing happens: the gap of a free
+mass, divided by the power of time that it begins with, or the contact force of a held one.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .._jax.arrays import Flag, Scalar, smallest
+from .._jax.xla import compute_once, in_one_kernel
+from .._machine.contacts import Held
+from .._machine.derivatives import Rates, approaches, rates
+from .._machine.machine import Machine
+from .._machine.state import SHUT, State
+from .._system.waves import speeds, turned
+from .bernstein import bernstein, divided, first_crossing, nodes, slopes
+from .modal import TRUST_AND_TERMS, cosine_and_sine
+
+
+class Inside(eqx.Module):
+    """A step between its ends, at the nodes of `bernstein.py`.
+
+    Attributes:
+        displacement: x - x(0), (nodes, n).
+        gain: v - v(0), (nodes, n), see `AbstractContacts.free_accelerations`.
+        pushes: likewise, (nodes, stops).
+    """
+
+    displacement: Float[Array, "nodes n"]
+    gain: Float[Array, "nodes n"]
+    pushes: Float[Array, "nodes stops"] | None = None
+
+
+class Watched(eqx.Module):
+    """What is watched at one instant, and the motion there.
+
+    Attributes:
+        value: the gap, or where a contact holds its pull, (stops,).
+        slope: its first derivative.
+        motion: forces, accelerations and their rates.
+        approach: derivatives of the position relative to each contact, the first to the third.
+        pull: acceleration towards each contact, as if it alone did not hold.
+    """
+
+    value: Float[Array, " stops"]
+    slope: Float[Array, " stops"]
+    motion: Rates
+    approach: list[Float[Array, " stops"]]
+    pull: Float[Array, " stops"]
+
+
+def watched(machine: Machine, state: State, hold: Held) -> Watched:
+    """The present."""
+    motion, phase = rates(machine, state, hold), state.phase
+    pull = machine.contacts.pull(motion.force, hold, phase)
+    pull_rate = machine.contacts.pull(motion.force_rate, hold, machine.phase_rate(phase))
+    approach = approaches(machine, state, motion)
+    value = jnp.where(state.held, pull, state.gap)
+    slope = jnp.where(state.held, pull_rate, -approach[0])
+    # Nothing happens to a contact that others keep closed.
+    value, slope = jnp.where(state.is_shut, 1, value), jnp.where(state.is_shut, 0, slope)
+    return Watched(value, slope, motion, approach, pull)
+
+
+def is_due(now: Watched, state: State) -> Bool[Array, " stops"]:
+    """Whether an event is due at the start: the gap is closed and closing, or the contact force is gone and falling."""
+    return (state.contact == 0) & (now.value <= 0) & (now.slope < 0)
+
+
+def delays(end: Watched, held: Bool[Array, " stops"], scale: Scalar) -> Float[Array, " stops"]:
+    """Time from the end of a step to the event of every stop, if near enough for the terms known; else infinite.
+
+    Args:
+        end: what is watched at the end of the step.
+        held: stops that hold their mass.
+        scale: the time in which the motion changes.
+    """
+    curve = jnp.where(held, 0, -end.approach[1] / 2)
+    bend = jnp.where(held, 0, -end.approach[2] / 6)
+    square = end.slope * end.slope - 4 * curve * end.value
+    is_simple = (end.slope < 0) & (4 * square > end.slope * end.slope)
+    root = jnp.sqrt(jnp.where(is_simple, square, 1))
+    delay = 2 * end.value / (root - jnp.where(is_simple, end.slope, 0))
+    for _ in range(2):
+        value = end.value + delay * (end.slope + delay * (curve + delay * bend))
+        rate = end.slope + delay * (2 * curve + 3 * delay * bend)
+        delay = delay - value / jnp.where(is_simple & (rate < 0), rate, -1)
+    return jnp.where(is_simple & (jnp.abs(delay) <= scale * nearness(held, delay.dtype)), delay, jnp.inf)
+
+
+def nearness(held: Bool[Array, " stops"], dtype: jnp.dtype) -> Float[Array, " stops"]:
+    """Times, as parts of the scale of time, at which the first omitted power is below rounding."""
+    eps = float(jnp.finfo(dtype).eps)
+    return jnp.where(held, eps**0.5, eps ** (1 / 3))
+
+
+class View(eqx.Module):
+    """A step as one stop sees it: at its start, and counted towards the stop.
+
+    Attributes:
+        held: whether the stop holds its mass.
+        contact: how it was last left, see `State`.
+        gap: distance to it.
+        v: velocity.
+        a: acceleration.
+        jerk: its rate.
+        pull: what the acceleration were, if the mass were not held.
+        last_pull: the same at the end of the step.
+        last: what is watched, at the end of the step.
+        displacement: of its mass since the start, at the nodes of `bernstein.py`, (nodes,).
+        gain: of velocity, likewise.
+    """
+
+    held: Flag
+    contact: Int[Array, "..."]
+    gap: Scalar
+    v: Scalar
+    a: Scalar
+    jerk: Scalar
+    pull: Scalar
+    last_pull: Scalar
+    last: Scalar
+    displacement: Float[Array, "*stops nodes"]
+    gain: Float[Array, "*stops nodes"]
+
+
+class Proof(eqx.Module):
+    """Result for one stop: how much of a step its polynomial proves free of events.
+
+    Attributes:
+        free: the part of the step in which nothing happens: up to the event, if there is one, else as far as
+            the polynomial tells for sure.
+        is_crossed: whether an event happens even if the polynomial is as wrong as it may be.
+        error: how wrong it may be.
+    """
+
+    free: Scalar
+    is_crossed: Flag
+    error: Scalar
+
+
+def watch(
+    machine: Machine,
+    state: State,
+    now: Watched,
+    end: Watched,
+    inside: Inside,
+    step: Scalar,
+    is_expected: Bool[Array, " stops"],
+) -> Proof:
+    """Watch every stop during a step; an event `is_expected` at its end does not count as crossed."""
+    contacts, times = machine.contacts, step * nodes(len(inside.gain) - 1)
+    changes = jax.vmap(lambda time: phase_change(machine, state.phase, time))(times)
+    view = View(
+        held=state.held,
+        contact=state.contact,
+        gap=state.gap,
+        v=now.approach[0],
+        a=now.approach[1],
+        jerk=now.approach[2],
+        pull=now.pull,
+        last_pull=end.pull,
+        last=end.value,
+        displacement=jax.vmap(contacts.towards, out_axes=1)(inside.displacement, changes),
+        gain=jax.vmap(contacts.pushed, out_axes=1)(inside.gain, inside.pushes),
+    )
+    return in_one_kernel(jax.vmap(_prove, (0, None, 0)), view, step, is_expected)
+
+
+def _prove(view: View, step: Scalar, is_expected: Flag) -> Proof:
+    """Prove as much of a step as possible free of events of one stop.
+
+    Its ends are as exact as the step. The error of the position between them is at most the difference
+    between its derivative and the velocity, times the time since the start.
+    """
+    displacement = compute_once(bernstein, view.displacement)
+    gain = compute_once(bernstein, view.gain)
+    error = compute_once(_error, view, displacement, gain, step)
+    likely = compute_once(_likely, view, displacement, gain, step)
+    nearest = view.gap + smallest([-view.displacement[j] for j in range(1, len(displacement))]) + error
+    is_crossed = (jnp.where(view.held, smallest(likely), nearest) < 0) | (view.last < 0)
+    is_shut = view.contact == SHUT
+    is_crossed = is_crossed & ~is_expected & ~is_shut
+    degree = len(likely) - 1
+    share = [jnp.where(view.contact == 0, k / degree, min(k, 1)) for k in range(degree + 1)]
+    doubt = jnp.where(is_crossed, 0, error)
+    asked = [c - part * doubt for c, part in zip(likely, share, strict=True)]
+    return Proof(jnp.where(is_shut, 1, compute_once(first_crossing, asked)), is_crossed, error)
+
+
+def _error(view: View, displacement: list[Scalar], gain: list[Scalar], step: Scalar) -> Scalar:
+    speeds = [step * (view.v + g) for g in gain]
+    defects = [-jnp.abs(s - v) for s, v in zip(slopes(displacement), speeds, strict=True)]
+    return jnp.where(view.held, 0, -smallest(defects))
+
+
+def _likely(view: View, displacement: list[Scalar], gain: list[Scalar], step: Scalar) -> list[Scalar]:
+    """Bernstein coefficients of the contact force, or of the gap divided by the powers of time it begins with."""
+    gap = [view.gap, *(view.gap - d for d in displacement[1:])]
+    for order, start in ((1, -step * view.v), (2, -(step**2) * view.a / 2), (3, -(step**3) * view.jerk / 6)):
+        shorter = divided(gap, start)
+        gap = [jnp.where(view.contact >= order, s, g) for s, g in zip(shorter, gap, strict=True)]
+    force = [step * view.pull, *slopes(gain)[1:-1], step * view.last_pull]
+    return [jnp.where(view.held, f, g) for f, g in zip(force, gap, strict=True)]
+
+
+def phase_change(machine: Machine, phase: Float[Array, "2 harmonics ..."], time: Scalar) -> Array:
+    """By how much the phase of the forcing changes in some time, not longer than any step.
+
+    By power series: a library's sine and cosine in every stage of a solver cost a third of the step.
+    """
+    angle = speeds(phase, machine.frequency) * time
+    wave, arc = cosine_and_sine(angle * angle, TRUST_AND_TERMS[str(angle.dtype)][1])
+    return turned(phase, (wave, angle * arc))

@@ -1,0 +1,143 @@
+"""The smooth motion over any time, whatever the stops say.
+
+A motion by modes is known at all times at once. Any other goes step by step within a forcing period. Whole
+periods of a linear machine are one affine map z -> P z + b, the same for each, whose powers are made by squaring:
+the way to the next year is no longer than the way to tomorrow, and time and phase begin anew with every period,
+as they do where a trajectory is followed.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from .._jax.arrays import Scalar
+from .._jax.xla import is_any
+from .._machine.machine import Machine
+from .._machine.state import State
+from .._system.waves import phase_at, turned
+from .interface import AbstractFlow
+
+# Without a load any time serves as period; this one, times the rate of the motion, is a few steps.
+_UNIT = 8.0
+
+
+def coast(
+    flow: AbstractFlow,
+    machine: Machine,
+    state: State,
+    phase0: Float[Array, "2 harmonics"],
+    periods: Int[Array, ""],
+    time: Scalar,
+    max_steps: Int[Array, ""],
+) -> State:
+    """The smooth motion from a state on, with the masses held that are held there.
+
+    Args:
+        flow: the motion.
+        machine: the numbers of the machine.
+        state: where it begins.
+        phase0: the phase of the forcing at the start of a period.
+        periods: whole forcing periods since the start at the end.
+        time: and what is left; not before the beginning.
+        max_steps: the most steps within any period. A motion that needs more ends in NaN.
+    """
+    if flow.leaps_far:
+        return _leap(flow, machine, state, phase0, periods, time)
+    return _by_steps(flow, machine, state, phase0, periods, time, max_steps)
+
+
+def _leap(
+    flow: AbstractFlow,
+    machine: Machine,
+    state: State,
+    phase0: Float[Array, "2 harmonics"],
+    periods: Int[Array, ""],
+    time: Scalar,
+) -> State:
+    """All at once."""
+    span = (periods - state.periods) * machine.period + (time - state.time)
+    phase = turned(phase0, phase_at(machine.frequency * time, machine.waves.num_harmonics))
+    displacement, gain = flow.leap(machine, state, machine.hold(state.held), span, phase - state.phase)
+    names = lambda s: (s.periods, s.time, s.phase, s.x, s.v)  # noqa: E731
+    there = periods, time, phase, state.x + displacement, state.v + gain
+    # After no time the state is that of the start to the last bit.
+    here = [jnp.where(span == 0, a, b) for a, b in zip(names(state), there, strict=True)]
+    return eqx.tree_at(names, state, here)
+
+
+def _by_steps(
+    flow: AbstractFlow,
+    machine: Machine,
+    state: State,
+    phase0: Float[Array, "2 harmonics"],
+    periods: Int[Array, ""],
+    time: Scalar,
+    max_steps: Int[Array, ""],
+) -> State:
+    """Step by step within a period, and by whole periods."""
+    is_driven = machine.frequency > 0
+    unit = jnp.where(is_driven, machine.period, _UNIT * machine.timescale)
+    is_later = periods > state.periods
+    ahead = jnp.maximum(jnp.where(is_later, machine.period, time) - state.time, 0)
+    whole = jnp.where(is_driven, periods - state.periods - is_later, jnp.floor(ahead / unit).astype(int))
+    ahead = jnp.where(is_driven, ahead, ahead - whole * unit)
+    state = _for(flow, machine, state, ahead, max_steps)
+    state = _at_start(state, phase0, is_driven & is_later)
+
+    # Only lanes with whole periods to go take them: a period may be far longer than the rest of the motion.
+    length = jnp.where(whole > 0, unit, 0)
+
+    def period(state: State) -> State:
+        return _at_start(_for(flow, machine, state, length, max_steps), phase0, is_driven)
+
+    if flow.is_linear:
+        state = jax.lax.cond(is_any(whole > 0), lambda: _power(period, state, whole), lambda: state)
+    else:
+        repeat = lambda carry: (period(carry[0]), carry[1] - 1)  # noqa: E731
+        state, _ = jax.lax.while_loop(lambda carry: carry[1] > 0, repeat, (state, whole))
+    return _for(flow, machine, state, jnp.where(is_driven & is_later, time, 0), max_steps)
+
+
+def _at_start(state: State, phase0: Float[Array, "2 harmonics"], is_over: Array) -> State:
+    later = state.periods + 1, jnp.zeros_like(state.time), jnp.zeros_like(state.time), phase0
+    where = lambda s: (s.periods, s.time, s.time_low, s.phase)  # noqa: E731
+    return eqx.tree_at(
+        where, state, tuple(jnp.where(is_over, a, b) for a, b in zip(later, where(state), strict=True))
+    )
+
+
+def _for(
+    flow: AbstractFlow, machine: Machine, state: State, time: Scalar, max_steps: Int[Array, ""]
+) -> State:
+    """Go on for a time, step by step."""
+
+    def step(carry):
+        state, remaining, steps = carry
+        state, length = flow.coast(machine, state, remaining)
+        return state, remaining - length, steps + 1
+
+    is_on = lambda carry: (carry[1] > 0) & (carry[2] < max_steps)  # noqa: E731
+    state, remaining, _ = jax.lax.while_loop(is_on, step, (state, time, jnp.array(0)))
+    return eqx.tree_at(lambda s: s.x, state, jnp.where(remaining > 0, jnp.nan, state.x))
+
+
+def _power(period, state: State, count: Int[Array, ""]) -> State:
+    """Apply the affine map of a period `count` times."""
+    n = len(state.x)
+    names = lambda s: (s.x, s.v)  # noqa: E731
+
+    def strobe(z: Float[Array, " state"]) -> Float[Array, " state"]:
+        return jnp.concatenate(names(period(eqx.tree_at(names, state, (z[:n], z[n:])))))
+
+    z = jnp.concatenate(names(state))
+    origin = jnp.zeros_like(z)
+
+    def square(carry):
+        z, matrix, shift, left = carry
+        z = jnp.where(left % 2 == 1, matrix @ z + shift, z)
+        return z, matrix @ matrix, matrix @ shift + shift, left // 2
+
+    start = (z, jax.jacfwd(strobe)(origin), strobe(origin), count)
+    z, *_ = jax.lax.while_loop(lambda carry: carry[3] > 0, square, start)
+    return eqx.tree_at(lambda s: (s.x, s.v, s.periods), state, (z[:n], z[n:], state.periods + count))

@@ -1,0 +1,123 @@
+"""What happens at an instant, and at the start, to stops that have their masses for themselves.
+
+An instant may hold several events: all its impacts are applied first, and only then is it decided
+who sticks and who is let go, because one impact can release a mass (through the dampers)
+that another impact of the same instant presses again.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .._jax.arrays import Scalar
+from .._jax.xla import compute_once, is_any
+from .._machine.derivatives import derivatives, rates
+from .._machine.machine import Machine, resting_state
+from .._machine.state import State
+from .._system.checks import is_touching
+from .law import rebound
+from .sticking import chatter_is_complete, chatter_time, is_light, is_pressed
+from .transition import Instant
+
+
+def first_state(
+    machine: Machine,
+    phase: Float[Array, "2 harmonics ..."],
+    x: Float[Array, "n ..."],
+    v: Float[Array, "n ..."],
+    t0: Scalar | float = 0.0,
+) -> State:
+    """The state at t0: on a stop moving in, moving out, at rest and pressed, at rest and pulled.
+
+    A mass that moves into its stop is hit by the first step.
+    """
+    x, v = machine.seen_from_stops(phase, x, v)
+    reach, speed = _sizes(machine, t0)
+    touching = is_touching(machine.contacts.gaps(x, phase), reach)
+    x = machine.contacts.placed(x, touching, phase)
+    v = machine.contacts.held_still(v, touching & is_touching(machine.contacts.along(v), speed), phase)
+    state = resting_state(machine, phase, x, v, jnp.zeros(touching.shape, bool))
+    state = eqx.tree_at(lambda s: s.gap, state, jnp.where(touching, 0, state.gap))
+    inward = machine.contacts.along(v)
+    leaving, at_rest = touching & (inward < 0), touching & (inward == 0)
+    contact = jnp.where(leaving, jnp.int8(1), state.contact)
+    if not machine.can_stick:
+        return eqx.tree_at(lambda s: s.contact, state, contact)
+    now = derivatives(machine, state, machine.contacts.hold(at_rest))
+    force, *later = map(machine.contacts.along, (now.force, now.force_rate, now.force_curvature))
+    held = at_rest & is_pressed(force, tuple(later))
+    contact = jnp.where(at_rest & ~held, jnp.where(force < 0, jnp.int8(2), jnp.int8(3)), contact)
+    return eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
+
+
+def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) -> tuple[State, Instant]:
+    """Apply the impacts of this instant, then decide who sticks and who is let go."""
+    v_minus = machine.contacts.along(state.v)
+    hit = is_event & ~state.held & (v_minus > 0)
+    x, v = rebound(machine, state, hit)
+    # The gap on the other side of a mass that was hit is measured afresh, its own is zero.
+    afresh = machine.contacts.sharing(hit)
+    gap = jnp.where(hit, 0, jnp.where(afresh, machine.contacts.gaps(x, state.phase), state.gap))
+    contact = jnp.where(hit, jnp.int8(1), state.contact)
+    after = eqx.tree_at(lambda s: (s.x, s.v, s.gap, s.contact), state, (x, v, gap, contact))
+    none, zeros = jnp.zeros_like(hit), jnp.zeros_like(gap)
+    arrived = jnp.zeros_like(state.time, bool)
+    instant = Instant(hit, none, none, v_minus, machine.contacts.along(v), zeros, arrived, state.time)
+    if not machine.can_stick:
+        return after, instant
+    is_doubtful = state.held | (state.contact >= 2) | (hit & is_light(instant.velocity_plus))
+    return jax.lax.cond(
+        is_any(is_doubtful),
+        lambda: _stick_and_release(machine, after, instant, is_event),
+        lambda: (after, instant),
+    )
+
+
+def _stick_and_release(
+    machine: Machine, state: State, instant: Instant, is_event: Bool[Array, "stops ..."]
+) -> tuple[State, Instant]:
+    """Decide, after all impacts of this instant, which masses come to rest on a stop and which leave one."""
+    let_go = is_event & state.held
+    state = eqx.tree_at(lambda s: s.held, state, state.held & ~let_go)
+    approach, approach_rate = compute_once(_approach, machine, state)
+    speed = jnp.abs(instant.velocity_plus)
+    chatter = compute_once(chatter_time, speed, approach, machine.contacts.restitution)
+    is_complete = compute_once(chatter_is_complete, speed, approach, approach_rate, chatter, machine.rate)
+    stuck = instant.hit & is_complete
+    is_jump = jnp.any(instant.hit, axis=0)
+    thrown = state.held & (approach < 0) & is_jump
+    # Let go at this very instant, and pressed again before it could leave.
+    pressed_again = ~state.held & (state.contact >= 2) & (approach > 0) & is_jump
+    pulled = instant.hit & ~stuck & (speed == 0)
+    contact = jnp.where(stuck | pressed_again, jnp.int8(0), state.contact)
+    contact = jnp.where(let_go | pulled, jnp.int8(3), contact)
+    contact = jnp.where(thrown | (pulled & (approach < 0)), jnp.int8(2), contact)
+
+    v = machine.contacts.held_still(state.v, stuck, state.phase)
+    held = (state.held & ~thrown) | stuck | pressed_again
+    after = eqx.tree_at(lambda s: (s.v, s.held, s.contact), state, (v, held, contact))
+    instant = eqx.tree_at(
+        lambda i: (i.stuck, i.released, i.chatter),
+        instant,
+        (stuck | pressed_again, let_go | thrown, jnp.where(stuck, chatter, 0)),
+    )
+    return after, instant
+
+
+def _approach(machine: Machine, state: State) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."]]:
+    """Acceleration of every mass towards its stops if no mass were held, and its rate."""
+    hold = machine.hold(state.held)
+    now, pull = rates(machine, state, hold), machine.contacts.pull
+    return pull(now.force, hold, state.phase), pull(now.force_rate, hold, state.phase)
+
+
+def _sizes(
+    machine: Machine, t0: Scalar | float
+) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."]]:
+    """Magnitudes of the terms subtracted to form gaps and relative velocities; they set the rounding errors."""
+    position = machine.contacts.position
+    if machine.frame is None:
+        return position, jnp.zeros_like(position)
+    travel, speed = (machine.contacts.size(a) for a in machine.frame.extent(t0))
+    return jnp.abs(position) + travel, speed

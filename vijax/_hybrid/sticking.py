@@ -1,0 +1,89 @@
+"""When a mass stays on its stop, and when it lets go.
+
+A mass on its stop at rest is held while the contact force presses; the force is what acts on the
+mass from everything else, counted towards the stop (Wagg & Bishop 2004, Sec. 2.3).
+"""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .._jax.arrays import Scalar, concrete, short
+from .._system.system import ImpactSystem
+
+
+def can_any_stick(system: ImpactSystem, x0: Array | np.ndarray, v0: Array | np.ndarray) -> bool:
+    """Whether any stop might ever hold its mass: r < 1, or the mass starts at rest on it.
+
+    Known only from concrete values; while any is traced the answer is yes. Lanes may stand last.
+    """
+    for stop in system.stops:
+        if stop.motion is not None:
+            return True  # at rest on it, or not: the start time decides
+        r, position, x, v = (concrete(a) for a in (stop.restitution, stop.position, x0, v0))
+        if r is None or (r < 1).any():
+            return True
+        if position is None or x is None or v is None:
+            return True
+        along, coefficients = concrete(stop.along(x)), [concrete(a) for a in stop.coefficients.values()]
+        if any(a is None for a in coefficients) or along is None:
+            return True
+        is_close = np.abs(along - stop.sign * position) <= 1e-3 * np.abs(position)
+        if (is_close & (concrete(stop.along(v)) == 0)).any():
+            return True
+    return False
+
+
+def chatter_time(
+    speed: Float[Array, "stops ..."],
+    approach: Float[Array, "stops ..."],
+    restitution: Float[Array, "stops ..."],
+) -> Float[Array, "stops ..."]:
+    """How long bounces last that begin with `speed` against the acceleration `approach`.
+
+    Each bounce takes 2 v / a and the speeds form a geometric series: T = 2 v / (a (1 - r)). Infinite
+    where the mass is not pressed, or r = 1.
+    """
+    loss = approach * (1 - restitution)
+    return jnp.where(loss > 0, 2 * speed / jnp.where(loss > 0, loss, 1), jnp.where(speed > 0, jnp.inf, 0))
+
+
+def chatter_is_complete(
+    speed: Float[Array, "stops ..."],
+    approach: Float[Array, "stops ..."],
+    approach_rate: Float[Array, "stops ..."],
+    duration: Float[Array, "stops ..."],
+    rate: Scalar,
+) -> Bool[Array, "stops ..."]:
+    """Whether the bounces after an impact may be replaced by sticking at once.
+
+    The remaining bounces move the other masses by O(v^3) only, so they may be skipped when they are
+    light (v below 1e-6, and short against the motion: the change is then below rounding) and sure
+    to end, the pressing force staying positive while they last. Otherwise the mass bounces on,
+    and an incomplete chatter is followed to its end.
+    """
+    is_short = 2 * speed * rate <= 2 * _light(speed) * approach
+    presses_on = approach + 2 * jnp.minimum(approach_rate, 0) * duration > 0
+    return is_light(speed) & is_short & (approach > 0) & presses_on & jnp.isfinite(duration)
+
+
+def is_light(velocity: Float[Array, "stops ..."]) -> Bool[Array, "stops ..."]:
+    """Whether an impact that is left at this velocity may be the last before sticking."""
+    return jnp.abs(velocity) <= _light(velocity)
+
+
+def _light(velocity: Array) -> float:
+    return short(velocity.dtype) / 6
+
+
+def is_pressed(
+    force: Float[Array, "stops ..."], derivatives: tuple[Float[Array, "stops ..."], ...]
+) -> Bool[Array, "stops ..."]:
+    """Whether a mass at rest on its stop is held: the sign of the first derivative that is not zero.
+
+    A contact force that stays zero holds the mass, which is at rest either way.
+    """
+    pressed = jnp.ones(force.shape, bool)
+    for value in (*derivatives[::-1], force):
+        pressed = jnp.where(value == 0, pressed, value > 0)
+    return pressed

@@ -1,0 +1,292 @@
+"""A function with its derivatives, each traced once: the parts of `both_ways.py`.
+
+`jax.jit` traces a function anew under every other transformation, and a step of a trajectory takes half a second
+to trace.
+"""
+
+from collections.abc import Callable
+from functools import cache, lru_cache, partial
+from itertools import chain
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.extend.core import Primitive, jaxpr_as_fun
+from jaxtyping import Array, PyTree
+
+from .arrays import add_up, is_staged
+
+Arrays = list[Any]  # of JAX, or what stands for them while a function is traced
+Function = Callable[[Arrays, Arrays], tuple[Arrays, Arrays]]
+# The most functions whose traces, or compilations, are kept.
+KEPT = 256
+# The most numbers by which derivatives backwards are made of those forwards. Even those by so many take no longer
+# (0.5 times as long by 21, 1.2 by 36), and they need no bounded loop, which takes up to twice as long to compile.
+FEW = 32
+
+values, with_tangents, tangents = map(Primitive, ("values", "values_with_tangents", "tangents"))
+
+
+class Ways(NamedTuple):
+    """A function of `fixed` and `x` with its derivatives along `dx`.
+
+    Attributes:
+        values: (fixed, x), by the unbounded loop.
+        backwards: the same by the bounded loop.
+        joint: (fixed, x, dx), values and tangents, by the unbounded loop.
+        transposable: the same by the bounded loop.
+        pullback: told which cotangents of `y` are given, a function of (fixed, x, those): the cotangents of `dx`. All
+            zero if those are.
+        hollow: zeros in the shapes of what `joint` returns, for which the derivative need not be traced.
+        compiled: how they are compiled.
+        sizes: how many arrays it returns that have derivatives, and others.
+        of_many: if given, told the axes of a batch of such and its size: the values of the batch.
+        lanes: of a batch, the ways of one lane, the axes of `fixed` and `x`, and how many lanes there are.
+        watch: if given, returns derivatives as they are, those of results, or else by arguments, and says what is wrong.
+    """
+
+    values: Function
+    backwards: Function
+    joint: Callable
+    transposable: Callable
+    pullback: Callable
+    hollow: Callable
+    compiled: Callable
+    sizes: tuple[int, int]
+    lanes: tuple[Any, tuple, int] | None = None
+    of_many: Callable[[tuple, int], Function] | None = None
+    watch: Callable[[Arrays, bool], Arrays] = lambda derivatives, of_results: derivatives
+
+
+@lru_cache(KEPT)
+def ways_of(
+    forwards: Function,
+    backwards: Function,
+    compiled: Callable,
+    sizes: tuple[int, int],
+    moves: tuple[bool, ...],
+) -> Ways:
+    """The ways of a function whose `forwards` and `backwards` are given, along those of `x` that move."""
+    joint, transposable = (
+        Traced(partial(_derivative, function, moves), compiled) for function in (forwards, backwards)
+    )
+
+    @cache
+    def pullback(given: tuple[bool, ...]) -> Callable:
+        return Traced(partial(_pullback, ways, moves, given), compiled)
+
+    hollow = partial(_hollow, forwards)
+    ways = Ways(forwards, backwards, joint, transposable, pullback, hollow, compiled, sizes)
+    return ways
+
+
+def _hollow(function: Function, fixed: Arrays, x: Arrays, dx: Arrays) -> tuple[Arrays, Arrays, Arrays]:
+    del dx  # its axes of a batch are those of tangents, which are found by `jax.vmap`
+    found = shapes_of(function, fixed, x)
+    y, rest = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), found)
+    return y, rest, y
+
+
+def _derivative(
+    function: Function, moves: tuple[bool, ...], fixed: Arrays, x: Arrays, dx: Arrays
+) -> tuple[Arrays, Arrays, Arrays]:
+    of_moving, moving = _restricted(function, moves, fixed, x)
+    y, dy, rest = jax.jvp(of_moving, (moving,), (dx,), has_aux=True)
+    return y, rest, dy
+
+
+def _pullback(
+    ways: Ways,
+    moves: tuple[bool, ...],
+    given: tuple[bool, ...],
+    fixed: Arrays,
+    x: Arrays,
+    cotangents: Arrays,
+) -> Arrays:
+    moving = [a for a, move in zip(x, moves, strict=True) if move]
+    if sum(a.size for a in moving) <= FEW:
+        return _product(ways, given, fixed, x, moving, cotangents)
+    of_moving, moving = _restricted(ways.backwards, moves, fixed, x)
+
+    def wanted(moving: Arrays) -> Arrays:
+        return [a for a, yes in zip(of_moving(moving)[0], given, strict=True) if yes]
+
+    pulled = jax.vjp(wanted, moving)[1](cotangents)[0]
+    # What nobody asks for has no derivative, also where JAX's would be 0 times infinity: a lane that a sum leaves out
+    # spoils no derivative by what the lanes share. Where NaN is asked for, nothing is known.
+    asked = jnp.concatenate([jnp.ravel(c) for c in cotangents])
+    factor = jnp.where(jnp.any(jnp.isnan(asked)), jnp.nan, 1)
+    return [jnp.where(jnp.any(asked != 0), a * factor.astype(a.dtype), 0) for a in pulled]
+
+
+def _product(
+    ways: Ways,
+    given: tuple[bool, ...],
+    fixed: Arrays,
+    x: Arrays,
+    moving: Arrays,
+    cotangents: Arrays,
+) -> Arrays:
+    """The pullback as a product with the tangents along every single number."""
+
+    def pulled(dx: Arrays) -> Array:
+        dy = bind(with_tangents, ways, fixed, x, dx)[sum(ways.sizes) :]
+        pairs = zip(cotangents, [d for d, yes in zip(dy, given, strict=True) if yes], strict=True)
+        # What nobody asks for has no derivative, also where it is infinite.
+        return add_up([jnp.sum(jnp.where(c != 0, c * d, 0)) for c, d in pairs])
+
+    ends = np.cumsum([a.size for a in moving])
+    units = np.split(np.eye(ends[-1]), ends[:-1], axis=1)
+    pairs = list(zip(units, moving, strict=True))
+    found = jax.vmap(pulled)([jnp.asarray(u.reshape(-1, *a.shape), a.dtype) for u, a in pairs])
+    parts = jnp.split(found, ends[:-1])
+    return [part.reshape(a.shape).astype(a.dtype) for part, a in zip(parts, moving, strict=True)]
+
+
+def bind(primitive: Primitive, ways: Ways, *parts: Arrays) -> Arrays:
+    """What a primitive returns of lists of arrays."""
+    return primitive.bind(*chain(*parts), ways=ways, sizes=tuple(map(len, parts)))
+
+
+def _restricted(
+    function: Function, moves: tuple[bool, ...], fixed: Arrays, x: Arrays
+) -> tuple[Callable, Arrays]:
+    """The same as a function of the moving arguments alone, so that the others cost nothing."""
+
+    def of_moving(moving: Arrays) -> tuple[Arrays, Arrays]:
+        moving = list(moving)
+        return function(fixed, [moving.pop(0) if move else a for a, move in zip(x, moves, strict=True)])
+
+    return of_moving, [a for a, move in zip(x, moves, strict=True) if move]
+
+
+@lru_cache(KEPT)
+def of_batch(ways: Ways, over: tuple, size: int) -> Ways:
+    """The ways of a batch, by the axes of `fixed` and `x`; for its derivatives see `along`."""
+    own = ways.of_many if size else None
+    values = _batched(ways.values, ways, over) if own is None else own(over, size)
+    found = ways_of(values, _batched(ways.backwards, ways, over), ways.compiled, ways.sizes, ())
+    of_many = None if own is None else partial(_in_turn, values, ways.compiled)
+    return found._replace(lanes=(ways, over, size), of_many=of_many, watch=ways.watch)
+
+
+def _in_turn(values: Function, compiled: Callable, over: tuple, size: int) -> Function:
+    """The values of a batch of batches: one after another."""
+    axes = list(chain(*over))
+
+    def of_all(fixed: Arrays, x: Arrays) -> tuple[Arrays, Arrays]:
+        pairs = list(zip([*fixed, *x], axes, strict=True))
+        own = [None if axis is None else jnp.moveaxis(a, axis, 0) for a, axis in pairs]
+
+        def of_one(own: Arrays) -> tuple[Arrays, Arrays]:
+            row = [a if axis is None else one for (a, axis), one in zip(pairs, own, strict=True)]
+            return values(row[: len(fixed)], row[len(fixed) :])
+
+        return jax.lax.map(of_one, own)
+
+    return Traced(of_all, compiled)
+
+
+@lru_cache(KEPT)
+def of_batch_of_tangents(ways: Ways, over: tuple, size: int) -> tuple[Ways, int | None]:
+    """The ways of a batch of tangents, and the axis that their values have: none if all lanes share them."""
+    shared = all(axis is None for part in over for axis in part)
+    axis, of_all = None if shared else 0, (*over, 0)
+    ways = ways._replace(
+        values=ways.values if shared else _batched(ways.values, ways, over),
+        backwards=ways.backwards if shared else _batched(ways.backwards, ways, over),
+        joint=_batched(ways.joint, ways, of_all, (axis, axis, 0)),
+        transposable=_batched(ways.transposable, ways, of_all, (axis, axis, 0)),
+        hollow=jax.vmap(ways.hollow, *_axes(of_all, (axis, axis, 0))),
+        pullback=cache(lambda given, pullback=ways.pullback: _batched(pullback(given), ways, of_all)),
+        lanes=ways.lanes if shared else (ways, over, size),
+    )
+    return ways, axis
+
+
+def along(ways: Ways, moves: tuple[bool, ...]) -> Ways:
+    """The ways along those of `x` that move. For a batch they take tangents as `of_lanes` returns them.
+
+    A derivative of a batch is a batch of derivatives, of every lane by a copy of its own of what the lanes share: so
+    what is asked of one lane touches no other, see `_pullback`.
+    """
+    if ways.lanes is None:
+        found = ways_of(ways.values, ways.backwards, ways.compiled, ways.sizes, moves)
+        return found._replace(watch=ways.watch)
+    one, over, size = ways.lanes
+    return of_batch_of_tangents(along(one, moves), over, size)[0]
+
+
+def of_lanes(ways: Ways, moves: tuple[bool, ...], dx: Arrays) -> Arrays:
+    """Tangents of those of `x` that move, with the lanes of a batch in front."""
+    if ways.lanes is None:
+        return dx
+    one, (_, of_x), size = ways.lanes
+    dx = in_front(dx, [axis for axis, move in zip(of_x, moves, strict=True) if move], size)
+    return jax.vmap(partial(of_lanes, one, moves))(dx)
+
+
+def in_front(arrays: Arrays, axes: list[int | None], size: int) -> Arrays:
+    """Arrays with the axis of a batch in front, those that all lanes share repeated."""
+    return [
+        jnp.broadcast_to(a, (size, *jnp.shape(a))) if axis is None else jnp.moveaxis(a, axis, 0)
+        for a, axis in zip(arrays, axes, strict=True)
+    ]
+
+
+def at_the_end(arrays: Arrays, axes: tuple[int | None, ...]) -> Arrays:
+    """Arrays with the axis of a batch last, of length one if all lanes share them."""
+    return [
+        a[..., None] if axis is None else jnp.moveaxis(a, axis, -1)
+        for a, axis in zip(arrays, axes, strict=True)
+    ]
+
+
+def _batched(function: Callable, ways: Ways, over: tuple, to: Any = 0) -> Callable:
+    return Traced(jax.vmap(function, *_axes(over, to)), ways.compiled)
+
+
+def _axes(over: tuple, to: Any) -> tuple[tuple, Any]:
+    """Axes as `jax.vmap` takes them, of lists of arrays."""
+    return tuple(list(part) if isinstance(part, tuple) else part for part in over), to
+
+
+def kind(a: Any) -> tuple[tuple[int, ...], Any]:
+    """Shape and type of an array, or of what stands for one."""
+    a = a if isinstance(a, jax.ShapeDtypeStruct) else jax.typeof(a)
+    return a.shape, a.dtype
+
+
+class Traced:
+    """A function traced once however often it is asked for: `jax.jit` does so anew under other transformations."""
+
+    def __init__(self, function: Callable, compiled: Callable):
+        self._traced = cache(partial(_traced, function, compiled))
+
+    def __call__(self, *args: PyTree) -> PyTree:
+        arrays, (run, run_alone, found) = self._look_up(args)
+        return jax.tree.unflatten(jax.tree.structure(found), (run if is_staged() else run_alone)(*arrays))
+
+    def shapes(self, *args: PyTree) -> PyTree:
+        """What `jax.eval_shape` finds, without evaluating the trace again."""
+        return self._look_up(args)[1][2]
+
+    def _look_up(self, args: PyTree) -> tuple[list, tuple[Callable, Callable, PyTree]]:
+        arrays, structure = jax.tree.flatten(args)
+        return arrays, self._traced(structure, tuple(map(kind, arrays)))
+
+
+def _traced(
+    function: Callable, compiled: Callable, structure: Any, kinds: tuple
+) -> tuple[Callable, Callable, PyTree]:
+    """The trace as a function of arrays, the same compiled, and the shapes of what it returns."""
+    shapes = [jax.ShapeDtypeStruct(*kind) for kind in kinds]
+    jaxpr, found = jax.make_jaxpr(function, return_shape=True)(*jax.tree.unflatten(structure, shapes))
+    run = jaxpr_as_fun(jaxpr)
+    return run, compiled(run), found
+
+
+def shapes_of(function: Callable, *args: PyTree) -> PyTree:
+    """What `jax.eval_shape` finds, looked up where it is known."""
+    return function.shapes(*args) if isinstance(function, Traced) else jax.eval_shape(function, *args)

@@ -1,0 +1,279 @@
+"""Instructions to the compiler.
+
+None is needed for right results: `VIJAX_PLAIN=1` in the environment, read once, leaves all of them out, as a
+release of JAX that lacks them does.
+"""
+
+import abc
+import os
+from collections.abc import Callable, Hashable
+from functools import cache, wraps
+from operator import attrgetter
+from typing import Any, ParamSpec, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from equinox.internal import unvmap_any, while_loop
+from jaxtyping import Array, Bool, PyTree
+
+from .arrays import is_traced
+from .memory_maps import make_room
+
+try:
+    from jax.experimental.xla_metadata import set_xla_metadata
+except ImportError:
+    set_xla_metadata = None
+try:
+    from .both_ways import both_ways
+except (ImportError, AttributeError):  # it is made of parts of JAX that may change
+    both_ways = None
+
+PLAIN = os.environ.get("VIJAX_PLAIN", "0") not in ("", "0")
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+_ARE_NANS_ERRORS = attrgetter("jax_debug_nans", "jax_debug_infs")
+
+
+def padding_allowed(function: Callable[P, R]) -> Callable[P, R]:
+    """Let a function return NaN and infinity where JAX is set to stop at them, `jax_debug_nans` for instance.
+
+    Logs are padded with them, and steps that are not needed overflow unseen. Inside a `jit` of the
+    user's, JAX checks the results of that one at its end, and nothing can be done here.
+    """
+
+    @wraps(function)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+        if not any(_ARE_NANS_ERRORS(jax.config)):
+            return function(*args, **kwargs)
+        with jax.debug_nans(False), jax.debug_infs(False):  # not in the key of kept compilations
+            return function(*args, **kwargs)
+
+    return wrapped
+
+
+# A program that runs once, or for milliseconds, costs mostly the time to compile it. Without XLA's own code
+# generator that takes half as long, and a fifth of the memory maps, of which a process has 65,530.
+_LIGHTLY = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 4}
+
+
+def compile_lightly(function: Callable[P, R]) -> Callable[P, R]:
+    """`eqx.filter_jit` for what runs no longer than it takes to compile, and is called with little effort.
+
+    What is no array is static, and so are Python's numbers. The structure of what is returned follows from what is
+    static. As a part of a larger program, under `jax.jit` or derivatives, it has no say in how that is compiled.
+    """
+    part = eqx.filter_jit(function)
+    structures: dict[Hashable, tuple[Any, list]] = {}
+
+    def of_arrays(static: tuple[Any, tuple], arrays: list) -> list:
+        structure, others = static
+        given = iter(arrays)
+        leaves = [next(given) if other is _ARRAY else other for other in others]
+        args, kwargs = jax.tree.unflatten(structure, leaves)
+        leaves, structure = jax.tree.flatten(function(*args, **kwargs))  # pyright: ignore[reportCallIssue]
+        arrays, others = _split(leaves)
+        structures[static] = structure, others
+        return arrays
+
+    @cache
+    def compiled() -> Callable:
+        return jax.jit(of_arrays, static_argnums=0, compiler_options=_options())
+
+    @wraps(function)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+        leaves, structure = jax.tree.flatten((args, kwargs))
+        if is_traced(leaves):
+            return part(*args, **kwargs)
+        make_room()
+        arrays, others = _split(leaves)
+        static = structure, tuple(others)
+        found = iter(compiled()(static, arrays))
+        structure, others = structures[static]
+        return jax.tree.unflatten(structure, [next(found) if other is _ARRAY else other for other in others])
+
+    return wrapped
+
+
+# Stands for an array among static leaves.
+_ARRAY = object()
+
+
+def _split(leaves: list) -> tuple[list, list]:
+    """The arrays among leaves, and all leaves with `_ARRAY` in place of arrays."""
+    is_array = [isinstance(leaf, jax.Array | np.ndarray | np.generic) for leaf in leaves]
+    arrays = [leaf for leaf, yes in zip(leaves, is_array, strict=True) if yes]
+    return arrays, [_ARRAY if yes else leaf for leaf, yes in zip(leaves, is_array, strict=True)]
+
+
+def _options() -> dict | None:
+    return _LIGHTLY if _knows_how() and not PLAIN else None
+
+
+@cache
+def _knows_how() -> bool:
+    """Whether this version of XLA has the options."""
+    try:
+        jax.jit(lambda: 0, compiler_options=_LIGHTLY).lower().compile()
+    except Exception:  # which error is raised depends on the version
+        return False
+    return jax.default_backend() == "cpu"
+
+
+def compute_once(function: Callable, *args):
+    """Call `function` so that XLA computes what it shares once, not once per result.
+
+    On a CPU XLA fuses every result of a loop body separately and repeats in each whatever they share. No
+    fusion crosses a call, but a call is inlined, unless it says that it must not be.
+    """
+    return _call(function, args, inlineable="false")
+
+
+def in_one_kernel(function: Callable, *args):
+    """Call `function`, all of it compiled into one kernel: on a CPU XLA runs every fusion as a kernel.
+
+    A kernel takes 50 ns to start, as long as it takes to compute when it has a hundred lanes. Calls that
+    are marked as small, as XLA itself marks its small loops, are compiled whole. Scatter, sort and
+    custom calls are impossible in them, and so are arguments that nothing reads: the function has to read
+    all of each, or to return it.
+    """
+    return _call(function, args, inlineable="false", xla_cpu_small_call="true")
+
+
+def not_constant(tree: PyTree) -> PyTree:
+    """The same numbers, of which the compiler does not see whether they are known: those cannot be handed to a kernel."""
+    is_so = jax.lax.linalg.cholesky(jnp.ones((1, 1)))[0, 0] > 0  # it does not look into LAPACK
+    is_array = lambda a: isinstance(a, jax.Array | np.ndarray)  # noqa: E731
+    return jax.tree.map(lambda a: jnp.where(is_so, a, jnp.zeros_like(a)) if is_array(a) else a, tree)
+
+
+def _call(function: Callable, args: tuple, **attributes: str):
+    """Call `function` by an HLO call with `attributes`; the operations inside carry none."""
+    if PLAIN or set_xla_metadata is None or jax.default_backend() != "cpu":
+        return function(*args)
+    annotate = set_xla_metadata
+    # XLA removes arrays without elements, and the call would have an argument that nothing reads.
+    arrays, rest = eqx.partition(args, lambda a: isinstance(a, jax.Array) and a.size > 0)
+
+    def called(arrays):
+        with annotate(**dict.fromkeys(attributes)):
+            empty = jax.tree.map(lambda a: jnp.zeros_like(a) if isinstance(a, jax.Array) else a, rest)
+            return function(*eqx.combine(arrays, empty))
+
+    with annotate(**attributes):
+        return jax.jit(called)(arrays)
+
+
+def is_any(flags: Bool[Array, "..."]) -> Bool[Array, ""]:
+    """Whether any flag is up in any lane, those of a `vmap` included. Work may be skipped only if no lane needs it."""
+    return unvmap_any(flags)
+
+
+def for_each(flags: Bool[Array, " places"], step: Callable[[Array, R], R], carry: R) -> R:
+    """`step(place, carry)` for each flag that is up, one after another: few are."""
+    places = jnp.arange(flags.size, dtype=jnp.int32)
+
+    def next_after(place: Array | int) -> Array:
+        return jnp.min(jnp.where(flags & (places > place), places, jnp.int32(flags.size)))
+
+    def one(now: tuple[R, Array]) -> tuple[R, Array]:
+        carry, place = now
+        return step(place, carry), next_after(place)
+
+    return jax.lax.while_loop(lambda now: now[1] < flags.size, one, (carry, next_after(-1)))[0]
+
+
+class AbstractTask(eqx.Module):
+    """The body of `while_any` and all that it depends on."""
+
+    @abc.abstractmethod
+    def is_live(self, carry) -> Bool[Array, "..."]:
+        """Lanes that have something left to do."""
+
+    @abc.abstractmethod
+    def step(self, carry):
+        """The next carry, unchanged in every lane that is not live."""
+
+
+def while_any(task: AbstractTask, carry: Any) -> Any:
+    """Step while any lane is live, those of a `vmap` included.
+
+    A plain `while_loop` under `vmap` copies the whole carry in every step to leave the finished
+    lanes alone, logs and all; here `step` does that itself, and knows how.
+    """
+    return jax.lax.while_loop(lambda c: is_any(task.is_live(c)), lambda c: task.step(c), carry)
+
+
+def bounded_while_any(task: AbstractTask, carry, max_steps: int, refuse: Callable):
+    """The same by a loop that JAX can transpose, with checkpoints and a bound.
+
+    Args:
+        task: what the loop does.
+        carry: where it begins.
+        max_steps: the bound.
+        refuse: given whether there were more, returns the factor by which all numbers are multiplied.
+    """
+    last = while_loop(
+        lambda c: is_any(task.is_live(c)),
+        lambda c: task.step(c),
+        carry,
+        max_steps=max_steps,
+        base=16,
+        kind="bounded",
+    )
+    factor = refuse(task.is_live(last))
+    return jax.tree.map(lambda a: a * factor if eqx.is_inexact_array(a) else a, last)
+
+
+def differentiable(
+    forwards: Callable,
+    backwards: Callable,
+    tree: Any,
+    of_many: Callable | None = None,
+    watch: Callable | None = None,
+):
+    """Return `forwards(tree)`, which is differentiated backwards as `backwards`, and of a batch `of_many`: see `both_ways`.
+
+    Where it is no part of a larger program, it is compiled lightly.
+    """
+    # NumPy arrays would be compiled into the program.
+    tree = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray | np.generic) else a, tree)
+    if PLAIN or both_ways is None:
+        return _plainly_both_ways(forwards, backwards, tree)
+    of_many = of_many if jax.default_backend() == "cpu" else None
+    return both_ways(forwards, backwards, tree, jit_lightly, of_many, watch)
+
+
+def jit_lightly(function: Callable) -> Callable:
+    """`jax.jit`, compiled lightly."""
+
+    @cache
+    def compiled() -> Callable:  # which options there are only a backend knows, and no import may start one
+        return jax.jit(function, compiler_options=_options())
+
+    @wraps(function)
+    def wrapped(*args: Any) -> Any:
+        make_room()
+        return compiled()(*args)
+
+    return wrapped
+
+
+@eqx.filter_jit
+def _plainly_both_ways(forwards: Callable, backwards: Callable, tree):
+    """`both_ways` of public JAX alone: every derivative, forward ones too, goes through `backwards`."""
+    arrays, static = eqx.partition(tree, lambda a: isinstance(a, jax.Array))
+
+    @jax.custom_jvp
+    def function(arrays):
+        return forwards(eqx.combine(arrays, static))
+
+    @function.defjvp
+    def _(primals, tangents):
+        return jax.jvp(lambda arrays: backwards(eqx.combine(arrays, static)), primals, tangents)
+
+    return function(arrays)

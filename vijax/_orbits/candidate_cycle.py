@@ -1,0 +1,96 @@
+"""From one run of the motion to a cycle, by the equations of its events or by its map."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Complex, Float
+
+from .._jax.arrays import Scalar
+from .._jax.xla import is_any
+from .condensation import Pencil
+from .cycle import Problem, Unknowns, residual
+from .floquet import floquet_multipliers
+from .newton import polish, size_of
+from .rigid_modes import pinned
+from .sequence import NOTHING, Sequence
+
+# A Newton step of the map that leads to rounding, relative to the size of the motion.
+_NEAR = {"float64": 1e-8, "float32": 3e-4}
+
+
+class Cycle(eqx.Module):
+    """A solution of the equations of some sequence: an orbit, if the machine does what the sequence says.
+
+    Attributes:
+        start: positions and velocities at its start, in space, (2 n,).
+        unknowns: the same as seen from the stops, and the durations of its flights.
+        sequence: what happens.
+        multipliers: (2 n,).
+        residual: closing error, relative to the size of the motion.
+    """
+
+    start: Float[Array, " state"]
+    unknowns: Unknowns
+    sequence: Sequence
+    multipliers: Complex[Array, " state"]
+    residual: Scalar
+
+
+def cycle_by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, Array, Bool[Array, ""]]:
+    """The cycle of the sequence, where to enter it, the first step towards it, and whether it was reached."""
+    polished = polish(problem, guess)
+    z, sequence, size = polished.unknowns.z, problem.sequence, size_of(problem, polished.unknowns.z)
+    # A cycle that begins within a chatter is faster elsewhere.
+    fastest = jnp.max(jnp.abs(polished.residual.speed), initial=0)
+    size = size * jnp.maximum(1, fastest / size[-1])
+    cycle = Cycle(
+        start=z,
+        unknowns=polished.unknowns,
+        sequence=sequence,
+        multipliers=floquet_multipliers(polished.pencil, sequence.most_held, problem.shifts),
+        residual=jnp.max(jnp.abs(polished.residual.closing) / size),
+    )
+    return cycle, _entry(problem, polished.unknowns), polished.first, polished.is_converged
+
+
+def _entry(problem: Problem, cycle: Unknowns) -> Array:
+    """The state of a cycle at the phase where it begins, as seen from the stops.
+
+    That is its start, unless on the way from the guess an event has passed this phase: then it happens before the
+    cycle begins, or after it ends, and a run from the start would meet it twice or not at all.
+    """
+    sequence, num_periods = problem.sequence, problem.num_periods
+    times = jnp.cumsum(cycle.flights)
+    is_early = jnp.any(sequence.is_event & (times < 0))
+    has_passed = is_early | jnp.any(sequence.is_event & (times > num_periods))
+
+    def later() -> Array:
+        """The state there once what is early has happened, or before what is late has."""
+        end = jnp.where(is_early, 0, num_periods)
+        is_kept = jnp.cumsum(sequence.is_event & (times <= end)) == 1 + jnp.arange(len(times))
+        last = jnp.sum(is_kept)
+        held = sequence.held[jnp.minimum(jnp.arange(len(times) + 1), last)]
+        kept = Sequence(jnp.where(is_kept, sequence.kind, NOTHING), sequence.stop, held)
+        part = eqx.tree_at(lambda p: (p.sequence, p.num_periods), problem, (kept, end))
+        return cycle.z + residual(part, Unknowns(cycle.z, jnp.where(is_kept, cycle.flights, 0))).closing
+
+    z = jax.lax.cond(is_any(has_passed), later, lambda: cycle.z)
+    return jnp.where(has_passed, z, cycle.z)
+
+
+def cycle_by_map(
+    problem: Problem, guess: Unknowns, end: Array, jacobian: Array
+) -> tuple[Cycle, Array, Array, Bool[Array, ""]]:
+    """The same by one step of Newton's method on the stroboscopic map."""
+    z, identity, size = guess.z, jnp.eye(len(guess.z)), size_of(problem, guess.z)
+    step = jnp.linalg.solve(identity - pinned(problem.shifts) - jacobian, end - z)
+    cycle = Cycle(
+        start=z + step,
+        unknowns=Unknowns(z + step, guess.flights),
+        sequence=problem.sequence,
+        multipliers=floquet_multipliers(
+            Pencil(jacobian, identity), problem.sequence.most_held, problem.shifts
+        ),
+        residual=jnp.max(jnp.abs(end - z) / size),
+    )
+    return cycle, cycle.start, step, jnp.max(jnp.abs(step) / size) < _NEAR[str(size.dtype)]

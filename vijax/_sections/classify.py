@@ -1,0 +1,298 @@
+"""Kind of motion: how many impacts in how many forcing periods, or no repetition."""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from .._dataset_attributes import flags
+from .._sweep.outcomes import warn_of_endings
+from .._trajectory.solution import Solution
+from .non_impacting_proof import stays_quiet
+from .record import Impacts, flat, forcing_periods, has_full_mass, impacts_of, label, machines, stop_masses
+from .recurrence import Recurrence, recurrence
+from .section_side import before_impact, filled
+from .sections import stroboscopic_section
+
+MOTIONS: Final = ("non_impacting", "periodic", "chattering", "non_periodic", "not_settled", "failed")
+# An impact this close before the end of a period, as a fraction of it, counts as one just after it: otherwise
+# some periods of a cycle with an impact there would end before it and some after.
+_EDGE = 1e-3
+TOLERANCES: Final = {8: 1e-6, 4: 1e-3}
+
+
+def classify(
+    source: Solution | xr.Dataset,
+    *,
+    tolerance: float | None = None,
+    double_impact_within: float | None = None,
+    last: int | None = None,
+) -> xr.Dataset:
+    """Say of each motion whether it repeats, after how many forcing periods, and with how many impacts.
+
+    A motion repeats after n forcing periods if its state at the end of each period is that n periods
+    before; an (m, n) motion has m impacts in them. Within `record` periods only n up to record / 2 can be
+    told, and only n up to record / 4 while the motion still settles: a longer period looks like chaos.
+
+    Where nothing is hit, and the machine is known and linear, it is not the section that decides: the periodic
+    response to the load is computed, and what is left of the free vibration. If the response stays between the
+    stops, every mode is damped, and the energy of the free vibration cannot carry any mass to a stop,
+    the motion is `non_impacting` with n = 1 however slowly it settles, whatever the `tolerance`.
+
+    Long periods, up to record / 2 of them, look like chaos until they repeat. In a sweep with `lyapunov=True` the largest
+    exponent tells them apart: what does not repeat is `non_periodic` if it is positive by three standard errors, and
+    `not_settled` if it is negative by three.
+
+    Args:
+        source: what `vx.simulate` or `vx.sweep` returned.
+        tolerance: how near a motion must be to the cycle it settles on, relative to its size;
+            1e-6, or 1e-3 in single precision, if left out.
+        double_impact_within: impacts of different masses closer than this, in units of time, are a double
+            impact; a thousandth of the forcing period if left out.
+        last: forcing periods that are looked at, the last ones. If left out, all that a sweep recorded,
+            and the second half of a trajectory.
+
+    Returns:
+        With the dimensions of the sweep,
+        `motion`: `non_impacting` (and periodic, or about to be, see above), `periodic`, `chattering` (periodic, with a complete
+        chatter), `non_periodic`, `not_settled` (coming closer to a cycle, or close to one, but not on it),
+        or `failed`, as numbers named by its attributes;
+        `num_periods`: n, 0 if the motion does not repeat;
+        `num_impacts` (..., stop): m, infinite for a complete chatter;
+        `held_time` (..., stop): for how long, in n periods, each stop holds its mass;
+        `num_double_impacts`: in n periods, neighbours in time of different masses;
+        `recurrence_error`: the largest change of the state in n periods, relative to the size of the motion,
+        and `contraction`, the factor by which it falls from period to period, NaN if that is not known; where
+        the motion does not repeat, those of the n for which it does best, and where the machine decides, the
+        exact factor of its slowest mode, exp(T max Re lambda).
+        What belongs to n periods is NaN if there is no n, and counts are if the log was cut, of which a
+        warning tells.
+
+    Raises:
+        ValueError: if fewer than two periods are recorded, the load has no frequency, or an argument is
+            not positive.
+        KeyboardInterrupt: after Ctrl-C; nothing is kept.
+
+    Example:
+        ```python
+        import numpy as np, vijax as vx
+        ds = vx.sweep(vx.models.wagg_bishop_a(1.0), {"forcing.frequency": np.arange(0.2, 2.0, 0.01)})
+        motions = vx.classify(ds)
+        ```
+
+    References:
+        Wagg & Bishop (2004), Sec. 4.4 with Table 2, Sec. 4.5 with Table 3.
+    """
+    if isinstance(source, xr.Dataset):
+        warn_of_endings(source, "max_impacts_reached")
+    return classified(source, tolerance, double_impact_within, last)
+
+
+def classified(
+    source: Solution | xr.Dataset,
+    tolerance: float | None,
+    double_impact_within: float | None,
+    last: int | None,
+) -> xr.Dataset:
+    """The same without a warning."""
+    section, last = _section(source, last)
+    tolerance = TOLERANCES[section.v.dtype.itemsize] if tolerance is None else tolerance
+    for name, value in (("tolerance", tolerance), ("double_impact_within", double_impact_within)):
+        if value is not None and not value > 0:
+            raise ValueError(f"Argument `{name}` must be positive, but is {value}.")
+    period, masses, impacts = forcing_periods(source), stop_masses(source), impacts_of(source)
+    in_periods = impacts.time / period[impacts.point]
+    number = np.floor(in_periods + _EDGE).astype(int)  # of the period of each impact, from 0
+    v = _before_impacts(source, section.v.values, masses, impacts, number, in_periods)
+    relative = _relative(section.x.values, v, 2 * np.pi / period, impacts)[:, -last:]
+    is_failed = np.isnan(relative.sum(axis=(1, 2)))
+    found = recurrence(np.where(is_failed[:, None, None], 0, relative), tolerance)
+    is_cut = _is_cut(source, impacts, len(period))
+    is_asked = ~(is_failed | is_cut | _is_touched(section, impacts, number, last))
+    found = _with_quiet(source, found, section, np.flatnonzero(is_asked), relative)
+    found = _with_exponents(source, found)
+    n = np.where(is_failed, 0, found.num_periods)
+    tally = _tally(section, impacts, number, n, masses)
+    within = period / 1000 if double_impact_within is None else np.full(len(n), double_impact_within)
+    doubles = _double_impacts(impacts, tally.is_ours, masses, within)
+    is_counted = (n > 0) & ~is_cut
+    columns = {
+        "motion": ((), _motion(n, is_failed, found.is_settling, tally, is_cut)),
+        "num_periods": ((), n),
+        "num_impacts": (("stop",), np.where(is_counted[:, None], tally.num_impacts, np.nan)),
+        "held_time": (("stop",), np.where((n > 0)[:, None], tally.held_time, np.nan)),
+        "num_double_impacts": ((), np.where(is_counted, doubles, np.nan)),
+        "recurrence_error": ((), np.where(is_failed, np.nan, found.error)),
+        "contraction": ((), np.where(is_failed, np.nan, found.contraction)),
+    }
+    ds = label(source, columns)
+    ds["motion"].attrs = flags(MOTIONS)
+    return ds
+
+
+class _Tally(NamedTuple):
+    """Impacts and held times of the last n periods.
+
+    Attributes:
+        is_ours: whether each impact lies in them.
+        num_impacts: of each stop, infinite where a complete chatter ends, (points, stops).
+        held_time: likewise.
+    """
+
+    is_ours: np.ndarray
+    num_impacts: np.ndarray
+    held_time: np.ndarray
+
+
+def _section(source: Solution | xr.Dataset, last: int | None) -> tuple[xr.Dataset, int]:
+    """The section as (points, period, mass or stop), and how many periods of it are compared."""
+    section = stroboscopic_section(source)
+    recorded = section.sizes["period"]
+    if last is None:
+        last = recorded if isinstance(source, xr.Dataset) else -(-recorded // 2)
+    if not 2 <= last <= recorded:
+        raise ValueError(
+            f"Of {recorded} forcing periods the last {last} are to be compared with each other, but they must "
+            f"be 2 at least and {recorded} at most: record more periods, or change `last`."
+        )
+    own = {"x": "mass", "v": "mass", "held_time": "stop"}
+    columns = {name: flat(source, section[name], "period", dim) for name, dim in own.items()}
+    return xr.Dataset({name: (("point", "period", own[name]), a) for name, a in columns.items()}), last
+
+
+def _motion(
+    n: np.ndarray, is_failed: np.ndarray, is_settling: np.ndarray, tally: _Tally, is_cut: np.ndarray
+) -> np.ndarray:
+    """Number in `MOTIONS` of each motion; where the log is cut, a held mass counts as chatter."""
+    is_held = (tally.held_time > 0).any(axis=1)
+    is_chattering = np.isinf(tally.num_impacts).any(axis=1) | (is_cut & is_held)
+    is_impacting = (tally.num_impacts > 0).any(axis=1) | is_cut
+    kinds = {
+        "failed": is_failed,
+        "not_settled": (n == 0) & is_settling,
+        "non_periodic": n == 0,
+        "chattering": is_chattering,
+        "periodic": is_impacting,
+    }
+    numbers = [MOTIONS.index(kind) for kind in kinds]
+    return np.select([*kinds.values()], numbers, MOTIONS.index("non_impacting")).astype(np.int8)
+
+
+def _before_impacts(
+    source: Solution | xr.Dataset,
+    v: np.ndarray,
+    masses: np.ndarray,
+    impacts: Impacts,
+    number: np.ndarray,
+    in_periods: np.ndarray,
+) -> np.ndarray:
+    """Undo the impacts just before the end of a period.
+
+    Rounding puts an impact at the very end now before it, now after it, which reverses the velocity.
+    """
+    # Impacts just after the end are included, since times are rounded; undoing those changes nothing.
+    is_undone = (number >= 1) & (number <= v.shape[1]) & (in_periods <= number + 1e-9)
+    # Of several impacts of one state the first counts: undone last.
+    which = np.flatnonzero(is_undone)[::-1]
+    v = v.copy()
+    is_own = masses[impacts.stop[which]] >= 0
+    if which.size and has_full_mass(source):
+        is_own = np.zeros_like(is_own)
+    own, others = which[is_own], which[~is_own]
+    v[impacts.point[own], number[own] - 1, masses[impacts.stop[own]]] = impacts.velocity[own]
+    while others.size:
+        # One impact of each state at a time.
+        _, chosen = np.unique(impacts.point[others] * v.shape[1] + number[others], return_index=True)
+        _undo(source, v, impacts, number, others[chosen])
+        others = np.delete(others, chosen)
+    return v
+
+
+def _undo(
+    source: Solution | xr.Dataset, v: np.ndarray, impacts: Impacts, number: np.ndarray, which: np.ndarray
+) -> None:
+    """Undo impacts by which several masses change their velocities, in place, if the machines are known."""
+    which = filled(which)
+    machine, angle = machines(source, impacts.point[which])
+    if machine is not None:
+        place = impacts.point[which], number[which] - 1
+        v[place] = before_impact(machine, angle, v[place], impacts.stop[which], impacts.velocity[which])
+
+
+def _relative(x: np.ndarray, v: np.ndarray, frequency: np.ndarray, impacts: Impacts) -> np.ndarray:
+    """States relative to the size of the motion: the largest velocity, or W x if that is larger."""
+    x = frequency[:, None, None] * x
+    size = np.maximum(*(np.abs(a).max(axis=(1, 2), initial=0) for a in (x, v)))
+    np.fmax.at(size, impacts.point, np.abs(impacts.velocity))
+    return np.concatenate([x, v], axis=2) / np.where(size == 0, 1, size)[:, None, None]
+
+
+def _is_touched(section: xr.Dataset, impacts: Impacts, number: np.ndarray, last: int) -> np.ndarray:
+    """Whether anything hits a stop, or is held by one, in the periods that are looked at."""
+    is_late = number >= section.sizes["period"] - last
+    num_impacts = np.bincount(impacts.point[is_late], minlength=section.sizes["point"])
+    return (num_impacts > 0) | (section.held_time.values[:, -last:] > 0).any(axis=(1, 2))
+
+
+def _with_quiet(
+    source: Solution | xr.Dataset,
+    found: Recurrence,
+    section: xr.Dataset,
+    asked: np.ndarray,
+    relative: np.ndarray,
+) -> Recurrence:
+    """Judge motions without impacts by their machine's response: in the section beats hide how they end."""
+    is_quiet, contraction = stays_quiet(source, asked, *(section[name].values[:, -1] for name in ("x", "v")))
+    step = np.abs(relative[:, -1] - relative[:, -2]).max(axis=1)
+    return Recurrence(
+        np.where(is_quiet, 1, found.num_periods),
+        np.where(is_quiet, step, found.error),
+        np.where(is_quiet, contraction, found.contraction),
+        found.is_settling & ~is_quiet,
+    )
+
+
+def _with_exponents(source: Solution | xr.Dataset, found: Recurrence) -> Recurrence:
+    """Judge motions that do not repeat by their largest Lyapunov exponent, where it is known and told from zero."""
+    if isinstance(source, Solution) or "lyapunov_exponents" not in source:
+        return found
+    largest, error = (
+        flat(source, source[f"lyapunov_{name}"], "exponent")[:, 0] for name in ("exponents", "error")
+    )
+    is_settling = np.where(largest > 3 * error, False, found.is_settling | (largest < -3 * error))
+    return found._replace(is_settling=is_settling)
+
+
+def _is_cut(source: Solution | xr.Dataset, impacts: Impacts, num_points: int) -> np.ndarray:
+    """Whether the log is incomplete: nothing is known of a trajectory after its log ends."""
+    if isinstance(source, Solution):
+        return np.zeros(num_points, bool)
+    happened = flat(source, source["num_impacts"], "stop").sum(axis=1)
+    return np.bincount(impacts.point, minlength=num_points) < happened
+
+
+def _tally(
+    section: xr.Dataset, impacts: Impacts, number: np.ndarray, n: np.ndarray, masses: np.ndarray
+) -> _Tally:
+    """Count what happens in the last n periods of each point."""
+    recorded, shape = section.sizes["period"], (len(n), len(masses))
+    is_ours = (number >= (recorded - n)[impacts.point]) & (number < recorded)
+    place = impacts.point * len(masses) + impacts.stop
+    count = lambda which: np.bincount(place[which], minlength=math.prod(shape)).reshape(shape)  # noqa: E731
+    counts = np.where(count(is_ours & impacts.sticks) > 0, np.inf, count(is_ours))
+    is_last = np.arange(recorded) >= (recorded - n)[:, None]
+    return _Tally(is_ours, counts, np.where(is_last[..., None], section.held_time.values, 0).sum(axis=1))
+
+
+def _double_impacts(
+    impacts: Impacts, is_ours: np.ndarray, masses: np.ndarray, within: np.ndarray
+) -> np.ndarray:
+    """Neighbouring impacts of two masses, or contacts, closer than `within`; they belong to the period of the second."""
+    first, second = slice(None, -1), slice(1, None)
+    # What has no mass of its own is another with every contact.
+    of_stop = np.where(masses >= 0, masses, -1 - np.arange(len(masses)))
+    point, mass = impacts.point, of_stop[impacts.stop]
+    is_double = (point[first] == point[second]) & (mass[first] != mass[second]) & is_ours[second]
+    is_double &= np.diff(impacts.time) <= within[point[second]]
+    return np.bincount(point[second][is_double], minlength=len(within)).astype(float)

@@ -1,0 +1,134 @@
+"""Lyapunov exponents of a motion."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._flow.choose import choose_flow
+from .._flow.interface import AbstractFlow
+from .._jax.arrays import Count, Numbers, as_float, as_known, in_full_precision, is_traced, whole_number
+from .._jax.errors import are_unfounded, checked, numbered
+from .._jax.nan_mask import known_or_nan
+from .._jax.xla import padding_allowed
+from .._machine.numbers import numbers_of
+from .._progress import tqdm
+from .._system.checks import validate_start
+from .._system.periodicity import check_period
+from .._system.system import ImpactSystem, with_args
+from .._trajectory.concrete_machine import known_machine
+from .._trajectory.lyapunov_loop import (
+    Growth,
+    Request,
+    exponents,
+    follow_growth,
+    follow_some_growth,
+    no_growth,
+    result_of,
+)
+from .._trajectory.simulate import bound_of_steps
+from .._trajectory.solution import RESULTS, told
+
+# Steps of one call, a second or less: between calls one may interrupt, and progress is shown.
+_TURNS = 1 << 17
+
+
+@padding_allowed
+def lyapunov_exponents(
+    system: ImpactSystem,
+    x0: Numbers | None = None,
+    v0: Numbers | None = None,
+    *,
+    transient: Count = 100,
+    num_periods: Count = 1000,
+    args: object = None,
+    flow: AbstractFlow | None = None,
+    max_steps: Count | None = None,
+    with_error: bool = False,
+    throw: bool = True,
+    progress: bool = True,
+) -> Float[Array, " exponents"] | tuple[Float[Array, " exponents"], Float[Array, " exponents"]]:
+    """Return all Lyapunov exponents of a motion: the mean rates at which small changes of its state grow or fade.
+
+    A positive one makes a motion chaotic. On a periodic orbit they are ln |mu| / (n T) of its multipliers. They are taken
+    through all events: through impacts, chatter and release by the derivative of each step, exact to rounding. Where a
+    stop comes to hold a mass, two directions are erased, and by an impact with r = 0 one: they have exponents of minus
+    infinity. Without either, whatever the motion, the sum is that of the loss of volume,
+    -tr(M^-1 C) + sum over impacts of 2 ln r, per unit of time.
+
+    Works under `jax.jit` and `jax.vmap`; for many machines `vx.sweep(..., lyapunov=True)` is faster.
+
+    Args:
+        system: the machine; its load must have a frequency, and its `force`, if it has one, that period.
+        x0: positions at phase 0 of the load, (n,); zero if left out.
+        v0: velocities, likewise.
+        transient: forcing periods in which the motion settles, and the changes turn to the directions that grow.
+        num_periods: forcing periods that are averaged over, 1 or more.
+        args: as for `simulate`.
+        flow: likewise.
+        max_steps: likewise.
+        with_error: return standard errors as well.
+        throw: raise if the motion does not get to the end; otherwise all is NaN.
+        progress: show a bar, where it takes longer than a second.
+
+    Returns:
+        The exponents per unit of time, the largest first, (2 n,). With `with_error` also their standard errors, from
+        the scatter of 20 blocks of periods one after another; 0 for minus infinity, and NaN if there is only one
+        period. Blocks much shorter than the motion remembers make them too small.
+
+    Raises:
+        ValueError: if the load has no frequency, or the `force` not the period of the load, or the start lies beyond
+            a stop.
+        RuntimeError: with `throw`, if the motion does not get there, see `RESULTS`.
+        KeyboardInterrupt: after Ctrl-C; nothing is kept.
+
+    Example:
+        ```python
+        import vijax as vx
+        system = vx.models.wagg_bishop_b(2.0)
+        exponents, error = vx.lyapunov_exponents(system, [0.0, 0.0], [0.0, 0.1], with_error=True)
+        ```
+
+    References:
+        G. Benettin et al., Meccanica 15 (1980); P. C. Mueller, Chaos, Solitons & Fractals 5 (1995), for jumps.
+    """
+    system, n = in_full_precision(system), system.num_masses
+    x, v = (np.zeros(n) if a is None else a for a in (x0, v0))
+    check_period(system, args, x, v)
+    bound = with_args(system, args)
+    settling, averaged = whole_number("transient", transient), whole_number("num_periods", num_periods, 1)
+    is_known = not is_traced((system, args, flow, x, v, max_steps))
+    x, v = ((as_known if is_known else as_float)(a) for a in (x, v))
+    for name, value in (("x0", x), ("v0", v)):
+        if value.shape != (n,):
+            raise ValueError(f"Argument `{name}` must have shape ({n},), but has shape {value.shape}.")
+    zero = np.zeros((), x.dtype)
+    doubts = validate_start(bound.stops, bound.forcing.frequency, zero, zero, zero[None], x, v)
+    counts = np.asarray(settling), np.asarray(averaged)
+    request = Request(x, v, *counts, max_steps=bound_of_steps(max_steps), is_sound=are_unfounded(doubts))
+    if is_known:
+        known = known_machine(system, args)
+        growth, is_left = _follow_known(known.numbers, known.flow(flow, can_stick=True), request, progress)
+    else:
+        motion = choose_flow(bound, can_stick=True, wanted=flow)
+        growth, is_left = follow_growth(numbers_of(bound), motion, request)
+    result = result_of(growth, request, is_left)
+    found = exponents(growth.totals, averaged, system.forcing.period)
+    if throw:
+        found = checked(found, *numbered(doubts, *told(result)))
+    else:
+        found = known_or_nan(result == RESULTS.successful, found)
+    return found if with_error else found[0]
+
+
+def _follow_known(numbers: Any, flow: AbstractFlow, request: Request, progress: bool) -> tuple[Growth, Array]:
+    """Follow a motion of known numbers, call by call."""
+    growth = no_growth(numbers, flow)
+    total, most = int(request.transient + request.num_periods), np.asarray(_TURNS)
+    with tqdm(total=total, unit="period", disable=not progress, delay=1) as bar:
+        while True:
+            before = int(growth.steps)
+            growth, is_left = follow_some_growth(numbers, flow, request, growth, most)
+            bar.update(int(growth.state.periods) - bar.n)
+            if not is_left or int(growth.steps) < before + _TURNS:
+                return growth, is_left

@@ -1,0 +1,115 @@
+"""The proof that a motion without impacts stays without them.
+
+Such a motion is the periodic response of its machine and a free vibration that decays. Two bounds show that
+their sum never reaches a stop:
+
+- The response is a sum of harmonics, g(a) = Re sum_h Z_h exp(i h a) along the row of each stop or contact, less its own
+  motion. At its maximum g' = 0, and the
+  nearest of N samples is at most pi / N away, so max g <= max of the samples + (pi / N)^2 / 2 sum_h h^2 |Z_h|.
+- The energy E of the free vibration never grows, so |a . z| <= sqrt(2 E a K^-1 a) along a row a for all times to come.
+
+(Decaying exponentials, mode by mode, would give a smaller bound of the free vibration, but the modes of
+machines with uneven damping are not orthogonal, and may be nearly parallel.)
+"""
+
+import numpy as np
+import xarray as xr
+
+from .._machine.machine import Machine
+from .._machine.rows import Rows
+from .._trajectory.solution import Solution
+from .record import forcing_periods, is_linear, machines
+from .response import lanes_first, modes_of, response_of, vibration_left
+from .section_side import filled
+
+# Points per block: the machines of all points at once would need much memory.
+_BLOCK = 1 << 13
+_SAMPLES, _ROOM = (64, 1024), 1 << 20
+
+
+def stays_quiet(
+    source: Solution | xr.Dataset, which: np.ndarray, x: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Prove that some motions come to the periodic response of their machine, without another impact.
+
+    Args:
+        source: what `vx.simulate` or `vx.sweep` returned.
+        which: the numbers of the points that are asked about.
+        x: positions of all points at the end of their last forcing period, (points, n).
+        v: velocities, likewise.
+
+    Returns:
+        Whether it is proved, and the factor by which a motion comes closer to the response in a forcing period,
+        NaN where it is not, (points,) each.
+    """
+    period = forcing_periods(source)
+    is_proved, factor = np.zeros(len(x), bool), np.full(len(x), np.nan)
+    for first in range(0, len(which) if is_linear(source) else 0, _BLOCK):
+        block = filled(which[first : first + _BLOCK])
+        machine, angle = machines(source, block)
+        if machine is None or len(machine.mean) != x.shape[1]:
+            break
+        is_proved[block], contraction = never_hits(machine, angle, x[block], v[block])
+        # Not proved where a coordinate was dropped, which gives another machine.
+        is_proved[block] &= np.isclose(lanes_first(machine.period), period[block], rtol=1e-5, atol=0)
+        factor[block] = np.where(is_proved[block], contraction, np.nan)
+    return is_proved, factor
+
+
+def never_hits(machine: Machine, angle: float, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Prove that motions never reach a stop again.
+
+    Args:
+        machine: linear machines, lanes last: one for each motion, or a single one where all have the same.
+        angle: a phase of the load.
+        x: positions in space at that phase, (lanes, n).
+        v: velocities, likewise.
+
+    Returns:
+        Whether it is proved, and the factor by which the motion comes closer to the periodic response in a
+        forcing period, exp(max Re lambda T), (lanes,) each.
+    """
+    modes = modes_of(machine)
+    response = response_of(machine, modes)
+    left = vibration_left(machine, modes, response, angle, (x, v)) + response.rounding
+    is_clear = np.broadcast_to(modes.is_damped, left.shape).copy()
+    limits, rows = (lanes_first(a) for a in (machine.contacts.limit, machine.contacts.rows))
+    own = _own_waves(machine)
+    for j in range(machine.contacts.num):
+        row = (rows[:, j, None] @ modes.shapes)[:, 0]
+        waves = (response.waves @ row[..., None])[..., 0] - own[..., j]
+        room = limits[:, j] - modes.rounding * (abs(limits[:, j]) + abs(own[..., j]).sum(axis=1))
+        room = room - np.real(waves[:, 0]) - np.linalg.norm(row, axis=1) * left
+        is_clear &= highest(waves[:, 1:], room) < room
+    factor = np.exp(modes.decay * lanes_first(machine.period))
+    return is_clear, np.broadcast_to(factor, left.shape)
+
+
+def _own_waves(machine: Machine) -> np.ndarray:
+    """The motions of the contacts along their rows, h = 0, 1, ..., (lanes, 1 + harmonics, contacts)."""
+    walls = machine.contacts.walls if isinstance(machine.contacts, Rows) else None
+    if walls is None:
+        return np.zeros((1, 1 + machine.waves.num_harmonics, machine.contacts.num), complex)
+    waves = np.asarray(walls.cosine) - 1j * np.asarray(walls.sine)
+    return lanes_first(np.concatenate([np.zeros_like(waves[:1]), waves]))
+
+
+def highest(waves: np.ndarray, room: np.ndarray) -> np.ndarray:
+    """Bound Re sum_h waves_h exp(i h a), h = 1, 2, ..., from above for all a, as closely as `room` asks for.
+
+    Args:
+        waves: (lanes, harmonics).
+        room: what the bound should be below, (lanes,).
+    """
+    orders = np.arange(1, waves.shape[1] + 1)
+    waves = np.broadcast_to(waves, (len(room), len(orders)))
+    bound, curvature = np.abs(waves).sum(axis=1), (orders**2 * np.abs(waves)).sum(axis=1)
+    for each in _SAMPLES if len(orders) > 1 else ():  # for one harmonic this bound is the maximum
+        num = each * len(orders)
+        angles = orders[:, None] * (2 * np.pi / num * np.arange(num))
+        left = np.flatnonzero(bound >= room)
+        for part in np.array_split(left, 1 + len(left) * num // _ROOM):
+            samples = np.real(waves[part] @ np.exp(1j * angles))
+            closer = samples.max(axis=1) + curvature[part] * (np.pi / num) ** 2 / 2
+            bound[part] = np.minimum(bound[part], closer)
+    return bound

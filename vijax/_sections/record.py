@@ -1,0 +1,156 @@
+"""The impacts of a trajectory or a sweep in one form: a flat list, without padding."""
+
+import math
+from typing import NamedTuple
+
+import jax
+import numpy as np
+import xarray as xr
+
+from .._machine.machine import Machine
+from .._sweep.provenance import machines_of
+from .._system.force_description import TOLD
+from .._trajectory.event_log import IMPACT, RELEASE, STICK
+from .._trajectory.solution import Solution
+from .section_side import machines_of_lanes
+
+
+class Impacts(NamedTuple):
+    """The impacts of all points, those of a point together and in the order of time.
+
+    Attributes:
+        point: the point of each, counted through the grid; 0 for a trajectory.
+        time: since the start of a trajectory, or the transient of a sweep.
+        phase: W t mod 2 pi.
+        velocity: signed, before the impact.
+        stop: where.
+        sticks: whether a complete chatter ends here, its last, lightest bounces left out.
+    """
+
+    point: np.ndarray
+    time: np.ndarray
+    phase: np.ndarray
+    velocity: np.ndarray
+    stop: np.ndarray
+    sticks: np.ndarray
+
+
+def impacts_of(source: Solution | xr.Dataset) -> Impacts:
+    """List all impacts in the log."""
+    return _of_trajectory(source) if isinstance(source, Solution) else _of_sweep(source)
+
+
+def dims_of(source: Solution | xr.Dataset) -> dict[str, int]:
+    """The dimensions of the points and their sizes; none for a trajectory."""
+    if isinstance(source, Solution):
+        return {}
+    return {str(name): source.sizes[name] for name in source["result"].dims}
+
+
+def flat(source: Solution | xr.Dataset, a: xr.DataArray, *own: str) -> np.ndarray:
+    """The values of an array over the grid with the points in a row, (points, *own)."""
+    grid = dims_of(source)
+    return a.transpose(*grid, *own).values.reshape((math.prod(grid.values()), *(a.sizes[dim] for dim in own)))
+
+
+def label(
+    source: Solution | xr.Dataset, columns: dict[str, tuple[tuple[str, ...], np.ndarray]]
+) -> xr.Dataset:
+    """Label arrays over points, (points, ...), given with the names of their other dimensions."""
+    grid = dims_of(source)
+    variables = {
+        name: ((*grid, *own), a.reshape((*grid.values(), *a.shape[1:]))) for name, (own, a) in columns.items()
+    }
+    used = {*grid, *(dim for own, _ in columns.values() for dim in own)}
+    trajectory = {"stop_mass": xr.DataArray(stop_masses(source), dims="stop")}
+    coordinates = trajectory if isinstance(source, Solution) else source.coords
+    return xr.Dataset(variables, coords={name: c for name, c in coordinates.items() if used >= set(c.dims)})
+
+
+def stop_masses(source: Solution | xr.Dataset) -> np.ndarray:
+    """The mass of each stop, (stops,)."""
+    if isinstance(source, Solution):
+        return np.array(source.machine.contacts.masses, int)
+    return source["stop_mass"].values
+
+
+def forcing_periods(source: Solution | xr.Dataset) -> np.ndarray:
+    """The forcing period of every point, (points,)."""
+    if isinstance(source, xr.Dataset):
+        return flat(source, source["forcing_period"])
+    if np.ndim(source.t0):
+        raise ValueError("Argument `source` holds several trajectories: pass one, or use `vx.sweep`.")
+    if not source.machine.frequency > 0:
+        raise ValueError("The load has no frequency, so there is no forcing period to compare with.")
+    return np.array([source.machine.period], float)
+
+
+def machines(source: Solution | xr.Dataset, which: np.ndarray) -> tuple[Machine | None, float]:
+    """The machines of some points, lanes last, if they are known, and the phase of the load at the ends of periods.
+
+    Those of a dataset are without their force, of which impacts know nothing: it need not be imported.
+    """
+    if isinstance(source, Solution):
+        angle = float(source.machine.frequency) * float(source.t0)
+        return jax.tree.map(lambda a: np.asarray(a)[..., None], source.machine), angle
+    try:
+        system = machines_of(source, tuple(dims_of(source)), which, force=TOLD)
+    except ValueError:  # no machine in the attributes
+        return None, 0.0
+    return machines_of_lanes(system), 0.0
+
+
+def has_full_mass(source: Solution | xr.Dataset) -> bool:
+    """Whether an impact of one mass may change the velocities of others, as far as the machine is known."""
+    if isinstance(source, Solution):
+        return source.machine.inverse_mass.ndim > 1
+    try:
+        return machines_of(source, force=TOLD).has_full_mass
+    except ValueError:  # as in `machines`
+        return False
+
+
+def is_linear(source: Solution | xr.Dataset) -> bool:
+    """Whether the machine is known to have no force."""
+    if isinstance(source, Solution):
+        return source.machine.extra is None
+    try:
+        return machines_of(source, force=TOLD).force is None
+    except ValueError:  # as in `machines`
+        return False
+
+
+def held_intervals(sol: Solution, stop: int) -> tuple[np.ndarray, np.ndarray]:
+    """Starts and ends of the intervals in which a stop holds its mass, as far as the log tells."""
+    is_ours = np.asarray(sol.events.stop) == stop
+    t, kind = np.asarray(sol.events.t)[is_ours], np.asarray(sol.events.kind)[is_ours]
+    starts, ends = t[kind == STICK], t[kind == RELEASE]
+    turns = kind[(kind == STICK) | (kind == RELEASE)]
+    if turns[0] == RELEASE if turns.size else bool(sol.stuck1[stop]):
+        starts = np.append(float(sol.t0), starts)
+    if len(starts) > len(ends):
+        ends = np.append(ends, min(float(sol.t1), float(sol.known_until)))
+    return starts, ends
+
+
+def _of_sweep(ds: xr.Dataset) -> Impacts:
+    names = ("time", "phase", "velocity", "stop", "sticks")
+    columns = [flat(ds, ds[f"impact_{name}"], "impact") for name in names]
+    point, column = np.nonzero(columns[3] >= 0)
+    return Impacts(point, *(a[point, column] for a in columns))
+
+
+def _of_trajectory(sol: Solution) -> Impacts:
+    forcing_periods(sol)  # refuses all but a single trajectory with a phase
+    log, n = sol.events, int(sol.num_events)
+    t, kind, stop, velocity = (np.asarray(a)[:n] for a in (log.t, log.kind, log.stop, log.velocity_minus))
+    sticks = np.zeros(n, bool)
+    for j in range(sol.machine.contacts.num):
+        ours = np.flatnonzero(stop == j)
+        # A mass that sticks at once, r = 0, has no chatter: the stick comes at the time of its impact.
+        is_end = (kind[ours[1:]] == STICK) & (kind[ours[:-1]] == IMPACT) & (t[ours[1:]] > t[ours[:-1]])
+        sticks[ours[:-1][is_end]] = True
+    hit = kind == IMPACT
+    phase = np.mod(float(sol.machine.frequency) * t[hit], 2 * np.pi)
+    point = np.zeros(np.count_nonzero(hit), int)
+    return Impacts(point, t[hit] - float(sol.t0), phase, velocity[hit], stop[hit], sticks[hit])

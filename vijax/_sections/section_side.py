@@ -1,0 +1,87 @@
+"""Impacts at the very end of a forcing period, which rounding puts now before it, now after it.
+
+Each reverses velocities, so that one cycle would seem two, or none: all states of a section are taken on one side of them.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike
+
+from .._hybrid.law import before, rebound
+from .._jax.arrays import Reals
+from .._machine.machine import Machine, prepare, resting_state
+from .._machine.numbers import numbers_of
+from .._machine.state import State
+from .._system.system import ImpactSystem
+
+_prepared = eqx.filter_jit(prepare)  # operation by operation it would take seconds to compile
+
+
+def machines_of_lanes(system: ImpactSystem) -> Machine:
+    """What the engine computes with, of machines side by side; for what is asked of one instant."""
+    one = jax.device_put(np.ones(1, system.mass.dtype))
+    with jax.numpy_rank_promotion("allow"):  # what all points share is broadcast to them
+        # Span and start matter to steps and forces alone.
+        return _prepared(numbers_of(system), one, (0 * one, one, one), can_stick=False)
+
+
+def filled(which: np.ndarray) -> np.ndarray:
+    """Numbers of points, repeated up to one of few counts, for each count is compiled for."""
+    return np.resize(which, 1 << (len(which) - 1).bit_length())
+
+
+def after_impacts(
+    machine: Machine, angle: float, states: tuple[np.ndarray, np.ndarray], closed: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities after the impacts with contacts that are closed and approached.
+
+    Args:
+        machine: lanes last.
+        angle: the phase of the load.
+        states: positions and velocities before, (lanes, n) each.
+        closed: which contacts are, (contacts, lanes).
+    """
+    with jax.numpy_rank_promotion("allow"):
+        x, v = _after(machine, angle, states[0].T, states[1].T, closed)
+    return np.asarray(x).T, np.asarray(v).T
+
+
+def before_impact(
+    machine: Machine, angle: float, v: np.ndarray, stop: np.ndarray, velocity: np.ndarray
+) -> np.ndarray:
+    """Velocities before one impact of each lane.
+
+    Args:
+        machine: lanes last.
+        angle: the phase of the load.
+        v: velocities after, (lanes, n); those before stay as they are.
+        stop: which contact was hit, (lanes,).
+        velocity: before the impact, as it is logged, (lanes,).
+    """
+    with jax.numpy_rank_promotion("allow"):
+        return np.asarray(_before(machine, angle, v.T, stop, velocity)).T
+
+
+@eqx.filter_jit
+def _after(machine: Machine, angle: ArrayLike, x: Reals, v: Reals, closed: Reals) -> tuple[Reals, Reals]:
+    state = _state(machine, angle, x, v)
+    hit = closed & (machine.approach(state) > 0)
+    after = eqx.tree_at(lambda s: (s.x, s.v), state, rebound(machine, state, hit))
+    return machine.in_space(after)
+
+
+@eqx.filter_jit
+def _before(machine: Machine, angle: ArrayLike, v: Reals, stop: Reals, velocity: Reals) -> Reals:
+    state = _state(machine, angle, jnp.zeros_like(v), v)
+    own = machine.velocity_of_stops(state.phase)
+    hit = jnp.arange(machine.contacts.num)[:, None] == stop
+    approach = machine.contacts.told(jnp.where(hit, velocity, 0) - (0 if own is None else own))
+    return machine.in_space(eqx.tree_at(lambda s: s.v, state, before(machine, state, hit, approach)))[1]
+
+
+def _state(machine: Machine, angle: ArrayLike, x: Reals, v: Reals) -> State:
+    phase = machine.phase_at(jnp.asarray(angle / machine.frequency))
+    x, v = machine.seen_from_stops(phase, jnp.asarray(x), jnp.asarray(v))
+    return resting_state(machine, phase, x, v, jnp.zeros((machine.contacts.num, x.shape[1]), bool))

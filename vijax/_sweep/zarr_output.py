@@ -1,0 +1,181 @@
+"""A sweep that is written as it is run, so that no more of it is in memory than is being run.
+
+Workers make the points of a block, run them and write what comes of them themselves, wherever they are. The bits are those of a sweep
+in memory: the motion between events, and whether any stop might hold its mass, are asked of all points before any is run,
+and a block is run as a part of the whole.
+"""
+
+import math
+import os
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+
+import equinox as eqx
+import numpy as np
+import xarray as xr
+
+from .._execution.cluster import part_of
+from .._execution.points import Point, with_values
+from .._execution.runner import Counts
+from .._execution.settings import ExecutionSettings
+from .._execution.store import describe_sweep
+from .._execution.tasks import as_executor, run_tasks
+from .._execution.threads import Threads, count_cores
+from .._flow.choose import choose_flow
+from .._flow.interface import AbstractFlow
+from .._flow.taylor import TaylorFlow
+from .._hybrid.sticking import can_any_stick
+from .._progress import tqdm
+from .dataset import coordinates_of, dataset, labelled
+from .folder import Folder, begin
+from .grid import grid_points
+from .outcomes import warn_of_endings
+from .provenance import name_of_flow, origin
+
+# Goes up with every change of what is written.
+_LAYOUT = "Zarr 2"
+# Points that are looked at in one task, before any is run.
+_LOOKED_AT = 1 << 16
+
+
+class _Sweep(eqx.Module):
+    """What is the same for all blocks.
+
+    Attributes:
+        base: the machine and start that hold where nothing is swept.
+        counts: what is asked of every point.
+        flow: the motion between events that is asked for.
+        settings: sizes of lanes and queues.
+        in_all: the number of points.
+    """
+
+    base: Point
+    counts: Counts
+    flow: AbstractFlow | None
+    settings: ExecutionSettings
+    in_all: int
+
+    def points(self, axes: dict[str, np.ndarray]) -> Point:
+        """The points of a block, two at least, or their numbers would seem shared by all."""
+        points = grid_points(self.base, axes)
+        return part_of(points, np.arange(points.x0.shape[-1])) if self.in_all > 1 else points
+
+    def run(self, axes: dict[str, np.ndarray]) -> xr.Dataset:
+        """Run a block as a part of the whole."""
+        points, shape = self.points(axes), tuple(len(axis) for axis in axes.values())
+        which = np.arange(math.prod(shape))
+        motion = choose_flow(points.system, can_stick=self.counts.can_stick, wanted=self.flow)
+        found = Threads(motion, self.counts, self.settings, self.in_all).run(points, which, lambda _: None)
+        return dataset(grid_points(self.base, axes), axes, shape, self.counts, found, {})
+
+
+def write_sweep(
+    out: str | os.PathLike[str],
+    base: Point,
+    axes: dict[str, np.ndarray],
+    counts: Counts,
+    flow: AbstractFlow | None,
+    executor: object,
+    settings: ExecutionSettings,
+    *,
+    progress: bool,
+) -> xr.Dataset:
+    """Run a sweep into a folder, or go on with one there, and open it.
+
+    Args:
+        out: the folder, which is made if it is not there.
+        base: the machine and start that hold where nothing is swept.
+        axes: the values of every swept quantity.
+        counts: what is asked of every point.
+        flow: as for `sweep`.
+        executor: likewise.
+        settings: likewise.
+        progress: likewise.
+
+    Raises:
+        ValueError: if the folder holds something else, or Zarr is not installed.
+    """
+    if find_spec("zarr") is None:
+        raise ValueError("Argument `out` needs Zarr: pip install 'vijax[io]'.")
+    workers = None if executor is None else as_executor(executor)
+    shape = tuple(len(axis) for axis in axes.values())
+    cores = (settings.cores or count_cores()) if workers is None else 1
+    sweep = _Sweep(base, counts, flow, replace(settings, cores=cores), math.prod(shape))
+    sweep = _looked_at(sweep, axes, workers)
+    block = _block_of(shape, cores * settings.chunk_of(counts.transient + counts.record))
+    folder = _begun(Folder(Path(out).absolute(), shape, block, counts.max_impacts), sweep, axes, flow)
+    with tqdm(total=sweep.in_all, unit="point", disable=not progress) as bar:
+
+        def missing() -> Iterator[tuple[int, tuple]]:
+            is_done = folder.done()
+            # Every process has another order, so that several share the work.
+            for number in np.random.default_rng().permutation(math.prod(folder.blocks)).tolist():
+                part = _part(axes, folder, number)
+                size = math.prod(len(axis) for axis in part.values())
+                if is_done(number):
+                    bar.update(size)
+                else:
+                    yield size, (sweep, part, folder, number)
+
+        for size, _ in run_tasks(workers, _write_block, missing(), settings.in_flight):
+            bar.update(size)
+    ds = folder.open()
+    warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite")
+    return ds
+
+
+def _write_block(sweep: _Sweep, axes: dict[str, np.ndarray], folder: Folder, number: int) -> None:
+    """Run a block and write what comes of it; called by a worker."""
+    folder.write(number, sweep.run(axes))
+
+
+def _part(axes: dict[str, np.ndarray], folder: Folder, number: int) -> dict[str, np.ndarray]:
+    """The swept values of a block."""
+    places = zip(axes.items(), folder.slices(number), strict=True)
+    return {path: axis[place] for (path, axis), place in places}
+
+
+def _block_of(shape: tuple[int, ...], size: int) -> tuple[int, ...]:
+    """The shape of blocks of so many points or less, neighbours along the last paths."""
+    block = []
+    for points in reversed(shape):
+        block.append(min(points, max(size, 1)))
+        size //= points
+    return tuple(reversed(block))
+
+
+def _looked_at(sweep: _Sweep, axes: dict[str, np.ndarray], workers: Executor | None) -> _Sweep:
+    """The sweep with the motion that serves all its points, all of which are checked."""
+    shape = tuple(len(axis) for axis in axes.values())
+    whole = Folder(Path(), shape, _block_of(shape, _LOOKED_AT), 0)
+    tasks = ((None, (sweep, _part(axes, whole, k))) for k in range(math.prod(whole.blocks)))
+    told = [found for _, found in run_tasks(workers, _look_at, tasks, sweep.settings.in_flight)]
+    can_stick = any(can for can, _ in told)
+    fits = all(fits[can_stick] for _, fits in told)
+    flow = TaylorFlow() if sweep.flow is None and not fits else sweep.flow
+    return replace(sweep, counts=replace(sweep.counts, can_stick=can_stick), flow=flow)
+
+
+def _look_at(sweep: _Sweep, axes: dict[str, np.ndarray]) -> tuple[bool, tuple[bool, ...]]:
+    """Whether a stop might hold its mass, and whether other than modes are needed, unless it might, or if it might."""
+    points = sweep.points(axes)
+    can_stick = can_any_stick(points.system, points.x0, points.v0)
+    fits = tuple(
+        not isinstance(choose_flow(points.system, can_stick=can, wanted=sweep.flow), TaylorFlow)
+        for can in (False, True)
+    )
+    return can_stick, fits
+
+
+def _begun(folder: Folder, sweep: _Sweep, axes: dict[str, np.ndarray], flow: AbstractFlow | None) -> Folder:
+    """The folder, with the blocks that it has if it was begun before."""
+    first = sweep.points(_part(axes, folder, 0))
+    motion = choose_flow(first.system, can_stick=sweep.counts.can_stick, wanted=sweep.flow)
+    attributes = origin(sweep.base, sweep.counts, flow=name_of_flow(motion, flow), carry=None, goes_on=False)
+    one = with_values(sweep.base, {})
+    manifest = describe_sweep(attributes, axes, one, flow, sweep.settings) | {"layout": _LAYOUT}
+    coordinates = labelled(xr.Dataset(coords=coordinates_of(one.system, axes), attrs=attributes))
+    return begin(folder, coordinates, manifest)

@@ -1,0 +1,177 @@
+"""The motion up to an impact with one of the stops: the loop of `next_impact`.
+
+The loop ends at the impact. To look for it in the log of a trajectory would need a bound on its time and on the
+events before it, and would follow, and differentiate, the motion up to that bound.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .._flow.interface import AbstractFlow
+from .._jax.arrays import Reals, Scalar
+from .._jax.xla import AbstractTask, bounded_while_any, differentiable, while_any
+from .._machine.machine import OWN_BOUND, Machine, ample_steps, in_periods, prepare
+from .._machine.numbers import Numbers
+from .._machine.state import State, start_period
+from .single_call import factor_in_reverse
+from .solution import RESULTS
+from .step import begin, flight_to, outcome
+
+
+class Wanted(eqx.Module):
+    """What is asked for.
+
+    Attributes:
+        t0: start of the motion.
+        t1: when to give up.
+        x0: positions at the start, (n,).
+        v0: velocities there, (n,).
+        stop: the stop whose impacts count.
+        num_impacts: the number of the impact that is wanted; the first after t0 is 1.
+        max_steps: bound on the steps, `OWN_BOUND` for one by the rate of the machine.
+        is_sound: whether to start at all.
+    """
+
+    t0: Reals
+    t1: Reals
+    x0: Reals
+    v0: Reals
+    stop: Reals
+    num_impacts: Reals
+    max_steps: Reals
+    is_sound: Reals
+
+
+class Arrival(eqx.Module):
+    """Where the motion came.
+
+    Attributes:
+        t: time.
+        x: positions, (n,).
+        v: velocities just before what happened there, (n,).
+        is_there: whether it is the impact that was wanted.
+        result: what ended the motion; `successful` also where it had no such impact.
+    """
+
+    t: Scalar
+    x: Float[Array, " n"]
+    v: Float[Array, " n"]
+    is_there: Bool[Array, ""]
+    result: RESULTS
+
+
+class _Carry(NamedTuple):
+    """The state after the last step, the velocities just before, and how many impacts and steps there were."""
+
+    state: State
+    v: Float[Array, " n"]
+    impacts: Int[Array, ""]
+    steps: Int[Array, ""]
+    is_over: Bool[Array, ""]
+    is_finite: Bool[Array, ""]
+
+
+class _Task(AbstractTask):
+    """The loop body and all that it depends on, so that derivatives see it."""
+
+    flow: AbstractFlow
+    machine: Machine
+    phase0: Float[Array, "2 harmonics"]
+    stop: Int[Array, ""]
+    num_impacts: Int[Array, ""]
+    last_period: Int[Array, ""]
+    last_time: Scalar
+    resolution: Scalar
+    max_steps: Int[Array, ""]
+
+    def is_there(self, carry: _Carry) -> Bool[Array, ""]:
+        """Whether the motion came to the impact."""
+        return carry.impacts >= self.num_impacts
+
+    def is_live(self, carry: _Carry) -> Bool[Array, ""]:
+        """Whether to go on."""
+        is_on = carry.is_finite & ~carry.is_over & (carry.steps < self.max_steps)
+        return is_on & ~self.is_there(carry)
+
+    def step(self, carry: _Carry) -> _Carry:
+        """One step of the motion."""
+        state, live = carry.state, self.is_live(carry)
+        is_last_period = state.periods >= self.last_period
+        target = jnp.where(is_last_period, self.last_time, self.machine.period)
+        flight = flight_to(self.flow, self.machine, state, target, self.resolution)
+        after, instant = outcome(self.machine, flight)
+        # A motion that starts with an impact has it at once.
+        is_later = (state.periods > 0) | (instant.time > 0)
+        after = start_period(after, self.phase0, instant.arrived & ~is_last_period)
+        is_finite = jnp.all(jnp.isfinite(after.x + after.v)) & jnp.isfinite(after.time)
+        return _Carry(
+            state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),
+            v=jnp.where(live, flight.end.v, carry.v),
+            impacts=carry.impacts + (live & instant.hit[self.stop] & is_later),
+            steps=carry.steps + live,
+            is_over=carry.is_over | (live & instant.arrived & is_last_period),
+            is_finite=carry.is_finite & (is_finite | ~live),
+        )
+
+
+class Reverse(NamedTuple):
+    """How derivatives in reverse are taken: see `simulate`, and `factor_in_reverse`."""
+
+    max_steps: int
+    raises: bool
+
+
+def follow_to_impact(numbers: Numbers, flow: AbstractFlow, wanted: Wanted, reverse: Reverse) -> Arrival:
+    """Follow a motion to the impact that is wanted, differentiably."""
+    return differentiable(_forwards, _backwards, (numbers, flow, wanted, reverse))
+
+
+def _forwards(whole: tuple[Numbers, AbstractFlow, Wanted, Reverse]) -> Arrival:
+    return _follow(*whole[:3], while_any)
+
+
+def _backwards(whole: tuple[Numbers, AbstractFlow, Wanted, Reverse]) -> Arrival:
+    reverse = whole[3]
+    refuse = partial(factor_in_reverse, raises=reverse.raises)
+    return _follow(*whole[:3], partial(bounded_while_any, max_steps=reverse.max_steps, refuse=refuse))
+
+
+def _follow(numbers: Numbers, flow: AbstractFlow, wanted: Wanted, loop: Callable) -> Arrival:
+    task, carry = _begin(numbers, flow, wanted)
+    last = loop(task, carry)
+    is_there = task.is_there(last)
+    result = RESULTS.where(is_there | last.is_over, RESULTS.successful, RESULTS.max_steps_reached)
+    result = RESULTS.where(last.is_finite, result, RESULTS.non_finite)
+    result = RESULTS.where(wanted.is_sound, result, RESULTS.unsound_start)
+    state = last.state
+    x, v = task.machine.in_space(eqx.tree_at(lambda s: s.v, state, last.v))
+    t = wanted.t0 + state.periods * task.machine.period + state.time
+    return Arrival(t, x, v, is_there, result)
+
+
+def _begin(numbers: Numbers, flow: AbstractFlow, wanted: Wanted) -> tuple[_Task, _Carry]:
+    w, span = wanted, jax.lax.stop_gradient(wanted.t1 - wanted.t0)
+    machine = prepare(numbers, jnp.where(span > 0, span, 1), (w.t0, w.x0, w.v0), can_stick=True)
+    flow = flow.prepare(machine)
+    phase0 = machine.phase_at(w.t0)
+    first = begin(flow, machine, phase0, w.x0, w.v0, w.t0)
+    last_period, last_time = in_periods(machine, span)
+    task = _Task(
+        flow=flow,
+        machine=machine,
+        phase0=phase0,
+        stop=w.stop,
+        num_impacts=w.num_impacts,
+        last_period=last_period,
+        last_time=last_time,
+        resolution=4 * jnp.finfo(w.t0.dtype).eps * jnp.maximum(jnp.abs(w.t0), jnp.abs(w.t1)),
+        max_steps=jnp.where(w.max_steps == OWN_BOUND, ample_steps(machine, span), w.max_steps),
+    )
+    nothing = jnp.array(0)
+    return task, _Carry(first, first.v, nothing, nothing, jnp.array(False), w.is_sound)

@@ -1,0 +1,195 @@
+"""The loop that follows a motion and how small changes of its state grow, period by period."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from .._flow.interface import AbstractFlow
+from .._jax.arrays import Reals, library_of
+from .._jax.xla import AbstractTask, compile_lightly, while_any
+from .._machine.machine import OWN_BOUND, Machine, ample_steps, prepare
+from .._machine.numbers import Numbers
+from .._machine.state import State, start_period
+from .chunked import nothing_done
+from .loop import one_way
+from .solution import RESULTS
+from .step import begin
+from .tangent_frame import Tangents, advance_with, first_tangents
+
+# The periods are cut into so many blocks, by which the error of a mean is told.
+BLOCKS = 20
+
+
+class Request(eqx.Module):
+    """What is asked for.
+
+    Attributes:
+        x0: positions at the start, (n,).
+        v0: velocities, (n,).
+        transient: periods that are not counted.
+        num_periods: periods that are.
+        max_steps: bound on the steps, `OWN_BOUND` for one by the rate of the machine.
+        is_sound: whether to start at all.
+    """
+
+    x0: Reals
+    v0: Reals
+    transient: Reals
+    num_periods: Reals
+    max_steps: Reals
+    is_sound: Reals
+
+
+class Growth(eqx.Module):
+    """Where a motion stands, and what grew on the way.
+
+    Attributes:
+        state: the motion.
+        tangents: small changes, their growth since the last end of a period.
+        totals: growth in the counted periods, block by block, (blocks, 2 n).
+        steps: steps so far.
+        is_finite: whether the motion stayed finite.
+    """
+
+    state: State
+    tangents: Tangents
+    totals: Float[Array, "blocks vectors"]
+    steps: Int[Array, ""]
+    is_finite: Bool[Array, ""]
+
+
+class _Task(AbstractTask):
+    """The loop body and all that it depends on."""
+
+    flow: AbstractFlow
+    machine: Machine
+    phase0: Float[Array, "2 harmonics"]
+    transient: Int[Array, ""]
+    num_periods: Int[Array, ""]
+    last_step: Int[Array, ""]
+
+    def is_live(self, carry: Growth) -> Bool[Array, ""]:
+        """Whether there is anything left to do in this call."""
+        is_on = carry.is_finite & (carry.steps < self.last_step)
+        return is_on & (carry.state.periods < self.transient + self.num_periods)
+
+    def step(self, carry: Growth) -> Growth:
+        """One step of the motion and of the changes that go with it."""
+        state, machine, live = carry.state, self.machine, self.is_live(carry)
+        resolution = 4 * jnp.finfo(state.x.dtype).eps * machine.period
+        after, instant, tangents = advance_with(
+            carry.tangents, self.flow, machine, state, machine.period, resolution
+        )
+        number = state.periods - self.transient
+        is_counted = live & instant.arrived & (number >= 0)
+        is_ours = is_counted & (jnp.arange(BLOCKS) == number * BLOCKS // jnp.maximum(self.num_periods, 1))
+        is_finite = jnp.all(jnp.isfinite(after.x + after.v)) & jnp.isfinite(after.time)
+        moved = start_period(after, self.phase0, instant.arrived), tangents.start_period(instant.arrived)
+        state, kept = jax.tree.map(lambda new, old: jnp.where(live, new, old), moved, (state, carry.tangents))
+        return Growth(
+            state=state,
+            tangents=kept,
+            totals=carry.totals + jnp.where(is_ours[:, None], tangents.growth, 0),
+            steps=carry.steps + live,
+            is_finite=carry.is_finite & (is_finite | ~live),
+        )
+
+
+def follow_growth(numbers: Numbers, flow: AbstractFlow, request: Request) -> tuple[Growth, Bool[Array, ""]]:
+    """Follow a motion to its end.
+
+    Args:
+        numbers: of the machine.
+        flow: the motion between events.
+        request: what is asked for.
+
+    Returns:
+        Where it is then, and whether it may go on.
+    """
+    task, carry = _begin(numbers, flow, request, None, None)
+    return _told(task, while_any(task, carry))
+
+
+def _begin(
+    numbers: Numbers, flow: AbstractFlow, request: Request, so_far: Growth | None, turns: Reals
+) -> tuple[_Task, Growth]:
+    r = jax.tree.map(jnp.asarray, request)
+    zero = jnp.zeros_like(r.x0[0])
+    one_period = 2 * jnp.pi / numbers.frequency
+    machine = prepare(numbers, one_period, (zero, r.x0, r.v0), can_stick=True)
+    flow, phase0 = flow.prepare(machine), machine.phase_at(zero)
+    count = jnp.zeros_like(r.transient)
+    nothing = jnp.zeros((BLOCKS, 2 * r.x0.size), r.x0.dtype)
+    carry = Growth(begin(flow, machine, phase0, r.x0, r.v0), first_tangents(r.x0), nothing, count, r.is_sound)
+    if so_far is not None:
+        carry = jax.tree.map(lambda new, old: jnp.where(so_far.steps > 0, old, new), carry, so_far)
+    span = (r.transient + r.num_periods) * machine.period
+    bound = jnp.where(r.max_steps == OWN_BOUND, ample_steps(machine, span), r.max_steps)
+    last = bound if turns is None else jnp.minimum(bound, carry.steps + turns)
+    return _Task(flow, machine, phase0, r.transient, r.num_periods, last), carry
+
+
+def _told(task: _Task, last: Growth) -> tuple[Growth, Bool[Array, ""]]:
+    is_left = last.is_finite & (last.state.periods < task.transient + task.num_periods)
+    return last, is_left
+
+
+@compile_lightly
+def follow_some_growth(
+    numbers: Numbers, flow: AbstractFlow, request: Request, so_far: Growth, turns: Reals
+) -> tuple[Growth, Bool[Array, ""]]:
+    """`follow_growth` for known numbers, by some steps from where it stands; the start, if no step was taken."""
+    return _told(*one_way(_begin, (numbers, flow, request, so_far, turns)))
+
+
+def no_growth(numbers: Numbers, flow: AbstractFlow) -> Growth:
+    """The input of the first call, in the shapes of what a call leaves."""
+    left, size = nothing_done(numbers, flow), 2 * numbers.mass.shape[-1]
+    shapes = (size, size), (size,), (BLOCKS, size)
+    frame, growth, totals = jax.device_put([np.zeros(shape, numbers.mass.dtype) for shape in shapes])
+    return Growth(left.state, Tangents(frame, growth), totals, left.steps, left.is_finite)
+
+
+def result_of(growth: Growth, request: Request, is_left: Bool[Array, ""]) -> RESULTS:
+    """What became of the motion."""
+    result = RESULTS.where(is_left, RESULTS.max_steps_reached, RESULTS.successful)
+    result = RESULTS.where(growth.is_finite, result, RESULTS.non_finite)
+    return RESULTS.where(request.is_sound, result, RESULTS.unsound_start)
+
+
+def exponents(totals: Reals, num_periods: int, period: Reals) -> tuple[Reals, Reals]:
+    """Exponents and their standard errors, the largest first.
+
+    Args:
+        totals: growth in blocks of periods, as `in_blocks` cuts them, (blocks, 2 n, ...).
+        num_periods: periods in all.
+        period: the forcing period, (...).
+    """
+    library = library_of(totals, period)
+    count = _periods_of_blocks(num_periods)
+    mean = totals.sum(axis=0) / (num_periods * period)
+    is_erased = mean == -np.inf
+    finite = library.where(is_erased, 0, mean)
+    count = count.reshape(-1, *(1,) * mean.ndim)
+    scatter = library.where(is_erased, 0, totals) - finite[None] * (count * period)
+    used = int((count > 0).sum())
+    spread = used / (used - 1) if used > 1 else np.nan
+    error = library.sqrt(spread * (scatter**2).sum(axis=0)) / (num_periods * period)
+    error = library.where(is_erased, 0, error)
+    order = library.argsort(-mean, axis=0, stable=True)
+    return library.take_along_axis(mean, order, axis=0), library.take_along_axis(error, order, axis=0)
+
+
+def in_blocks(growth: np.ndarray) -> np.ndarray:
+    """Growth in each period, (2 n, periods, points), summed in blocks, (blocks, 2 n, points)."""
+    ends = np.cumsum(_periods_of_blocks(growth.shape[1]))
+    parts = np.split(growth, ends[:-1], axis=1)
+    return np.stack([part.sum(axis=1) for part in parts])
+
+
+def _periods_of_blocks(num_periods: int) -> np.ndarray:
+    """How many periods p have p * BLOCKS // num_periods = 0, 1, ...: those of each block."""
+    first = -(-np.arange(BLOCKS + 1) * num_periods // BLOCKS)
+    return np.diff(first)

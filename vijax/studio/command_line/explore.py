@@ -1,0 +1,41 @@
+"""The command `explore`."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ..._jax.compilation_cache import keep_compiled
+from ..._sweep.provenance import system_of
+from .datasets import open_dataset
+from .forces import add_allow_forces, allowed
+
+_ABOUT = """
+Look at a sweep in a browser: a click on its bifurcation diagram, or chart, shows the motion there, a slider changes a
+parameter. Needs the extra: pip install 'vijax[explore]'. Ctrl-C ends it.
+"""
+
+
+def add_to(commands: Any) -> None:
+    """Add the command and its options."""
+    parser = commands.add_parser("explore", help="look at a sweep in a browser", description=_ABOUT)
+    add = parser.add_argument
+    add("file", type=Path, help="a dataset, .nc or .zarr")
+    add("--port", type=int, default=0, help="of the page, http://localhost:PORT (any that is free)")
+    add("--show", action=argparse.BooleanOptionalAction, default=True, help="open the browser")
+    add("--dark", action="store_true", help="light on dark")
+    add("--keep-compiled", action=argparse.BooleanOptionalAction, default=True,
+        help="keep compiled programs for later (~/.cache/vijax)")  # fmt: skip
+    add_allow_forces(parser)
+    parser.set_defaults(run=run)
+
+
+def run(asked: argparse.Namespace) -> None:
+    """Serve the page until Ctrl-C."""
+    from ..explorer.page import serve  # imports Panel
+
+    if asked.keep_compiled:
+        keep_compiled()
+    ds = open_dataset(asked.file).load()
+    if asked.allow_forces:
+        system_of(ds, allow_forces=allowed(asked, asked.file))  # from now on it is known
+    serve(ds, port=asked.port, show=asked.show, dark=asked.dark)

@@ -1,0 +1,58 @@
+"""The command `vijax`: what it is asked for, and how it tells what went wrong.
+
+Whatever is wrong with what is asked, or with a file, ends in one sentence and exit code 2, without a traceback. A
+traceback, and exit code 1, is a defect of this program.
+"""
+
+import argparse
+import sys
+import warnings
+from collections.abc import Sequence
+
+import jax
+
+from ..._dataset_attributes import version
+from . import explore, info, plot, sweep
+
+_ABOUT = """
+Vibro-impact machines: sweeps over parameters, pictures, and an explorer, for files of machines (.toml, .json) and datasets
+(.nc, .zarr). All is computed in 64-bit numbers.
+"""
+_WRONG, _STOPPED = 2, 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Do what the command line says.
+
+    Args:
+        arguments: as they are typed after the name of the command; those of this process, if left out.
+
+    Returns:
+        The exit code: 0, 2 if what was asked for cannot be done, or 130 after Ctrl-C.
+    """
+    asked = _parser().parse_args(arguments)
+    jax.config.update("jax_enable_x64", True)
+    with warnings.catch_warnings():
+        warnings.showwarning = lambda message, *rest: _tell(asked, f"warning: {message}")
+        try:
+            asked.run(asked)
+        except (ValueError, OSError, RuntimeError) as error:
+            _tell(asked, f"error: {error}")
+            return _WRONG
+        except KeyboardInterrupt as stopped:
+            _tell(asked, str(stopped) or "Stopped.")
+            return _STOPPED
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser("vijax", description=_ABOUT)
+    parser.add_argument("--version", action="version", version=f"vijax {version('vijax')}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
+    for command in (sweep, info, plot, explore):
+        command.add_to(commands)
+    return parser
+
+
+def _tell(asked: argparse.Namespace, sentence: str) -> None:
+    print(f"vijax {asked.command}: {sentence}", file=sys.stderr)  # noqa: T201

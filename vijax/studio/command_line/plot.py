@@ -1,0 +1,108 @@
+"""The command `plot`."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from ..._branches.branch import Branch
+from ..._sections.classify import classify
+from ..._system.files import look_at, read_table
+from ..._system.spelling import did_you_mean
+from .datasets import check_folder, is_machine, open_dataset
+from .values import assignment, numbers
+
+_ABOUT = """
+Draw what is in a file: a machine, the bifurcation diagram of a sweep over one quantity, the chart of one over two, a branch
+of periodic orbits, basins, shares of them.
+"""
+_KINDS = ("bifurcation", "regions", "lyapunov", "impact_map", "branch", "basins", "shares")
+
+
+def add_to(commands: Any) -> None:
+    """Add the command and its options."""
+    parser = commands.add_parser("plot", help="draw what is in a file", description=_ABOUT)
+    add = parser.add_argument
+    add("file", type=Path, help="a machine, .toml or .json, or a dataset, .nc or .zarr")
+    add("--out", type=Path, required=True, metavar="PICTURE", help="the picture: .png, .svg or .pdf")
+    add("--kind", choices=_KINDS, help="the picture of vx.plot (what fits the dataset)")
+    add("--stop", type=int, metavar="J", help="the stop whose impacts are drawn (all, a panel each)")
+    add("--ordinate", choices=("velocity", "relative velocity", "phase"), default="velocity")
+    add(
+        "--at",
+        metavar="PATH=VALUE",
+        action="append",
+        default=[],
+        help="draw the points nearest to this value",
+    )
+    add("--style", default="default", metavar="NAME", help="a style of matplotlib, as dark_background")
+    add("--dpi", type=float, default=150.0)
+    parser.set_defaults(run=run)
+
+
+def run(asked: argparse.Namespace) -> None:
+    """Draw, and write the picture."""
+    check_folder(asked.out)
+    import matplotlib as mpl  # pictures alone need it, and no window
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    try:
+        with plt.style.context(asked.style):
+            draw(asked)
+            plt.savefig(asked.out, dpi=asked.dpi, bbox_inches="tight")
+    finally:
+        plt.close("all")
+    print(asked.out)  # noqa: T201
+
+
+def draw(asked: argparse.Namespace) -> None:
+    """The picture that is asked for, in a new figure."""
+    from ... import plot  # imports matplotlib
+
+    if is_machine(asked.file):
+        plot.machine(look_at(read_table(asked.file), asked.file))
+        return
+    ds = open_dataset(asked.file)
+    for text in asked.at:
+        path, value = assignment(text)
+        if path not in ds.dims:
+            dims = [str(dim) for dim in ds.dims]
+            raise ValueError(
+                f"--at {text}: the dataset has {', '.join(dims)}, but no `{path}`.{did_you_mean(path, dims)}"
+            )
+        ds = ds.sel({path: numbers(path, value)[0]}, method="nearest")
+    kind = asked.kind or _kind_of(ds)
+    pictures = {
+        "bifurcation": lambda: plot.bifurcation(ds, stop=asked.stop, ordinate=asked.ordinate),
+        "regions": lambda: plot.regions(classify(ds)),
+        "lyapunov": lambda: plot.lyapunov(ds),
+        "impact_map": lambda: plot.impact_map(ds, asked.stop),
+        "branch": lambda: plot.branch(Branch(ds.load()), stop=asked.stop or 0),
+        "basins": lambda: plot.basins(ds),
+        "shares": lambda: plot.shares(ds),
+    }
+    try:
+        pictures[kind]()
+    except (KeyError, AttributeError) as error:
+        raise ValueError(f"{asked.file} is no dataset for a picture `{kind}`: it has no {error}.") from error
+
+
+def _kind_of(ds: xr.Dataset) -> str:
+    """The picture that fits a dataset."""
+    for kind, name in (("branch", "arclength"), ("basins", "label"), ("shares", "successor")):
+        if name in ds:
+            return kind
+    if "result" not in ds:
+        raise ValueError(
+            "The dataset is none of a sweep, a branch, basins or shares: say with --kind what to draw."
+        )
+    swept = [dim for dim in ds["result"].dims if dim != "direction"]
+    kinds = {0: "impact_map", 1: "bifurcation", 2: "regions"}
+    if len(swept) not in kinds:
+        raise ValueError(
+            f"The sweep is over {', '.join(map(str, swept))}: choose one value of some, --at PATH=VALUE."
+        )
+    return kinds[len(swept)]

@@ -1,0 +1,155 @@
+"""The command `sweep`."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from ..._execution.settings import ExecutionSettings
+from ..._jax.compilation_cache import keep_compiled
+from ..._sweep.sweep import sweep
+from ..._system.files import machine_of_table, read_table
+from ..._system.parameters import set_parameter
+from ..._system.spelling import did_you_mean
+from ..._system.system import bound
+from .datasets import check_target, is_machine, open_dataset, write
+from .forces import add_allow_forces, allowed
+from .values import RANGES, assignment, numbers, one_or_several, swept_values
+
+_ABOUT = """
+Run a machine over a grid of parameter values, and keep the dataset in a file: vx.sweep without a program.
+
+What is swept, and how, stands on the command line, or in a table `sweep` of the machine's file; the command line counts
+more. The computation is in 64-bit numbers, on all cores.
+"""
+_EXAMPLES = """
+a machine, machine.toml:                        vx.save(system, "machine.toml") writes one
+  mass = [1.0]
+  damping = [[0.1]]
+  stiffness = [[1.0]]
+  stops = [{mass = 0, side = "upper", position = 0.3, restitution = 0.7}]
+  # force = "package.module:function"           with args = [...] for what it is passed, and --allow-forces package
+  [forcing]
+  amplitude = [0.6]
+  frequency = 0.8
+  [sweep]                                       may be left out; every option below by its name
+  carry = "both"
+  over = {"forcing.frequency" = "0.5:2:1000"}
+
+examples:
+  vijax sweep machine.toml --out sweep.nc
+  vijax sweep machine.toml --out sweep.nc --over forcing.frequency=0.5:2:1000 --over 'forcing.amplitude[0]=0.2,0.3'
+  vijax sweep machine.toml --out sweep.zarr --store kept --transient 1000   # killed and called again, it goes on
+"""
+_PLACES = ("out", "store", "carry_from")
+_STARTS = ("x0", "v0")
+
+
+def add_to(commands: Any) -> None:
+    """Add the command and its options."""
+    parser = commands.add_parser(
+        "sweep",
+        help="run a machine over a grid of parameter values, into a file",
+        description=_ABOUT,
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        argument_default=argparse.SUPPRESS,
+    )
+    add = parser.add_argument
+    add("machine", type=Path, help="the machine, .toml or .json")
+    add("--out", metavar="FILE", help="where the dataset goes, .nc or .zarr; replaced if it is there")
+    add(
+        "--over", metavar="PATH=VALUES", action="append", help=f"what is swept: {RANGES}; several make a grid"
+    )
+    add("--set", metavar="PATH=VALUE", action="append", dest="changes", help="change the machine first")
+    add("--transient", type=int, metavar="N", help="forcing periods before recording (100)")
+    add("--record", type=int, metavar="N", help="forcing periods that are recorded (20)")
+    add("--carry", choices=("up", "down", "both"), help="start every point where the one before it ended")
+    add("--carry-from", metavar="FILE", help="go on from the end states of an earlier sweep")
+    add("--x0", metavar="X,X,...", help="positions at the start (0); --x0=-0.1,0 if the first is negative")
+    add("--v0", metavar="V,V,...", help="velocities at the start (0)")
+    add("--lyapunov", action="store_true", help="compute all Lyapunov exponents too")
+    add("--max-impacts", type=int, metavar="N", help="room for the recorded impacts of one point (2048)")
+    add("--max-steps", type=int, metavar="N", help="bound on the steps of one point")
+    add("--store", metavar="FOLDER", help="keep finished points there: the same command goes on from them, and "
+        "several at once share the work")  # fmt: skip
+    add("--cores", type=int, metavar="N", help="cores to use (all)")
+    add(
+        "--keep-compiled",
+        action="store_true",
+        help="keep compiled programs for later commands (~/.cache/vijax)",
+    )
+    add("--progress", action=argparse.BooleanOptionalAction, help="show a bar (if a terminal looks on)")
+    add_allow_forces(parser)
+    parser.set_defaults(run=run, progress=sys.stderr.isatty())
+
+
+def run(asked: argparse.Namespace) -> None:
+    """Sweep, and write the dataset."""
+    if not is_machine(asked.machine):
+        raise ValueError(f"{asked.machine} must be a machine, .toml or .json.")
+    table = read_table(asked.machine)
+    system = bound(machine_of_table(table, asked.machine, allowed(asked, asked.machine)))
+    for text in getattr(asked, "changes", []):
+        path, value = assignment(text)
+        system = set_parameter(system, path, one_or_several(path, value))
+    options = _options(table.get("sweep", {}), vars(asked), str(asked.machine))
+    if "out" not in options:
+        raise ValueError("Say with --out in which file the dataset goes, .nc or .zarr.")
+    out = Path(options.pop("out"))
+    check_target(out)
+    if getattr(asked, "keep_compiled", False):
+        keep_compiled()
+    settings = ExecutionSettings(cores=options.pop("cores", None))
+    try:
+        ds = sweep(system, options.pop("over"), **options, settings=settings, progress=asked.progress)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(_kept(options.get("store"))) from None
+    write(ds, out)
+    print(f"{out}: {' x '.join(str(n) for n in ds['result'].shape)} points")  # noqa: T201
+
+
+def _options(table: Any, typed: dict[str, Any], file: str) -> dict[str, Any]:
+    """What `vx.sweep` is asked for: what the file says, and over it what is typed."""
+    known = (
+        "over",
+        "transient",
+        "record",
+        "carry",
+        *_STARTS,
+        "lyapunov",
+        "max_impacts",
+        "max_steps",
+        *_PLACES,
+        "cores",
+    )
+    if not isinstance(table, dict) or not isinstance(table.get("over", {}), dict):
+        raise ValueError(f"{file}: `sweep` and `sweep.over` must be tables.")
+    unknown = [name for name in table if name not in known]
+    if unknown:
+        raise ValueError(
+            f"{file}: `sweep` has `{unknown[0]}`, which is not known: there are {', '.join(known)}."
+            f"{did_you_mean(unknown[0], known)}"
+        )
+    over = table.get("over", {}) | dict(assignment(text) for text in typed.get("over", []))
+    if not over:
+        raise ValueError(
+            "Say what is swept: --over forcing.frequency=0.5:2:1000, or a table `sweep.over` in the file."
+        )
+    options = table | {name: typed[name] for name in known if name in typed}
+    options["over"] = {path: swept_values(path, told) for path, told in over.items()}
+    for name in _STARTS:
+        if name in options:
+            told = options[name]
+            options[name] = numbers(name, told) if isinstance(told, str) else swept_values(name, told)
+    if "carry_from" in options:
+        options["carry_from"] = open_dataset(Path(options["carry_from"]))
+    if not isinstance(options.get("lyapunov", False), bool):
+        raise ValueError(f"{file}: `sweep.lyapunov` must be true or false.")
+    return options
+
+
+def _kept(store: str | None) -> str:
+    if store is None:
+        return "Stopped; nothing is kept. With --store FOLDER the same command would go on from there."
+    return f"Stopped; what is done is kept in {store}, and the same command goes on from there."

@@ -1,0 +1,254 @@
+"""A trajectory as a film: its machine moving, over its positions against time."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
+from matplotlib.axes import Axes
+
+from ..._jax.arrays import Numbers
+from ..._orbits.orbit import PeriodicOrbit
+from ..._trajectory.event_log import IMPACT
+from ..._trajectory.solution import Solution
+from ..._writing import told_where
+from ...plot._colors import ink
+from ...plot._labels import Units
+from ...plot._orbits import solution_of
+from ...plot._trajectories import HELD, is_held_at, span_of, time_series
+from .drawing import PITCH, Drawing, Pose, draw, face_of, place_of_limit
+from .machine import poses_of
+from .scheme import Scheme, scheme_of_solution
+
+_ENDINGS = ".gif", ".html", ".mp4"
+_FLASH = "#e4572e"
+# Seconds of the film in which an impact fades.
+_FADING = 0.2
+# Seconds a film takes if nothing is said.
+_DURATION = 5.0
+# Inches of the positions against time.
+_HEIGHT = 2.0
+
+
+class Film(FuncAnimation):
+    """An animation that notebooks show by itself."""
+
+    def _repr_html_(self) -> str:
+        html = self.to_jshtml()
+        # Otherwise notebooks show its last frame as well.
+        plt.close(self._fig)  # pyright: ignore[reportAttributeAccessIssue]
+        return html
+
+
+def animate(
+    sol: Solution | PeriodicOrbit,
+    t: Numbers | None = None,
+    *,
+    span: tuple[float, float] | None = None,
+    fps: int = 25,
+    speed: float | None = None,
+    duration: float | None = None,
+    file: str | os.PathLike | None = None,
+    units: Units | None = None,
+    **style: Any,
+) -> FuncAnimation:
+    """Show the machine of a trajectory moving, as `machine` draws it, over its positions against time.
+
+    Masses are orange while a stop or contact holds them, impacts flash. Arrows are the loads at the time. A machine
+    that no spring or stop ties to a place is seen from its middle. In a notebook the last line of a cell, `vx.plot.animate(sol)`,
+    is the film with buttons; in a script keep what is returned and call `plt.show()`.
+
+    Args:
+        sol: one trajectory, or a periodic orbit, of which one cycle is shown.
+        t: the times of the frames, (frames,), in order; evenly spaced ones if left out.
+        span: first and last time of a close-up; the whole trajectory if left out.
+        fps: frames in a second of the film.
+        speed: units of time in a second of the film.
+        duration: seconds of the film, in place of `speed`; 5 if both are left out.
+        file: where to write it, by its ending: `.gif`, `.html` with buttons, or `.mp4`, which needs the program ffmpeg.
+        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
+        **style: of the curves of the positions, as for `time_series`.
+
+    Returns:
+        The film, an animation of matplotlib.
+
+    Raises:
+        ValueError: for a batch, an orbit that was not found, a span or times that do not lie within the trajectory, a rate that is not positive, a file of another
+            kind, or a motion that is not known at all of the times.
+        RuntimeError: for a film in `.mp4` without ffmpeg.
+
+    Example:
+        ```python
+        import vijax as vx
+        sol = vx.simulate(vx.models.wagg_bishop_b(0.2), 0.0, 80.0)
+        film = vx.plot.animate(sol, span=(60.0, 70.0), duration=5.0, file="motion.gif")
+        ```
+
+    References:
+        Wagg & Bishop (2004), Figs. 1 and 5.
+    """
+    path = _checked_path(file)
+    sol = solution_of(sol)
+    _check_single(sol)
+    times = _times(sol, t, span, fps, speed, duration)
+    scheme, poses, x = course_of(sol, times)
+    figure, (top, bottom) = plt.subplots(2, layout="constrained")
+    drawing = draw(top, scheme, poses[0], None, {}, fits_axes=False)
+    width, height = drawing.size
+    figure.set_size_inches(max(width, 5.0), height + _HEIGHT)
+    top.get_subplotspec().get_gridspec().set_height_ratios([height, _HEIGHT])
+    show_time = _clock(bottom, sol, times, x, units, style)
+    show_contacts = _contacts(top, sol, scheme, drawing, times, max(1, round(_FADING * fps)))
+    # Laid out once, so that nothing shakes.
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+
+    def show(frame: int) -> list:
+        drawing.move(poses[frame])
+        show_contacts(frame, poses[frame])
+        show_time(frame)
+        return []
+
+    film = Film(figure, show, frames=len(times), interval=1000 / fps, cache_frame_data=False)
+    if path is not None:
+        _write(film, path, fps)
+    return film
+
+
+def _checked_path(file: str | os.PathLike | None) -> Path | None:
+    if file is None:
+        return None
+    path = Path(file)
+    ending = path.suffix.lower()
+    if ending not in _ENDINGS:
+        raise ValueError(f"Argument `file` must end in one of {', '.join(_ENDINGS)}, but is {str(path)!r}.")
+    if ending == ".mp4" and not FFMpegWriter.isAvailable():
+        raise RuntimeError(
+            "Films in .mp4 need the program ffmpeg, which is not found: install it, or write a .gif or .html."
+        )
+    return path
+
+
+def _write(film: FuncAnimation, path: Path, fps: int) -> None:
+    with told_where("file", path):
+        if path.suffix.lower() == ".html":
+            path.write_text(film.to_jshtml(), encoding="utf-8")
+        else:
+            is_gif = path.suffix.lower() == ".gif"
+            film.save(path, writer=PillowWriter(fps=fps) if is_gif else FFMpegWriter(fps=fps))
+
+
+def _times(
+    sol: Solution,
+    t: Numbers | None,
+    span: tuple[float, float] | None,
+    fps: int,
+    speed: float | None,
+    duration: float | None,
+) -> np.ndarray:
+    """The time of each frame."""
+    for name, value in (("fps", fps), ("speed", speed), ("duration", duration)):
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise ValueError(f"Argument `{name}` must be positive, but is {value}.")
+    given = [
+        name
+        for name, value in (("span", span), ("speed", speed), ("duration", duration))
+        if value is not None
+    ]
+    if t is not None:
+        times = np.asarray(t, float)
+        if given:
+            raise ValueError(
+                f"Argument `t` tells every frame: leave out {' and '.join(f'`{name}`' for name in given)}."
+            )
+        if times.ndim != 1 or times.size < 2 or not (np.diff(times) > 0).all():
+            raise ValueError("Argument `t` must be two or more times in order, of shape (frames,).")
+        span_of(sol, (times[0], times[-1]))
+        return times
+    if speed is not None and duration is not None:
+        raise ValueError("Give one of `speed` and `duration`: either follows from the other.")
+    begin, end = span_of(sol, span)
+    seconds = (end - begin) / speed if speed is not None else duration or _DURATION
+    return np.linspace(begin, end, max(2, round(seconds * fps)))
+
+
+def _check_single(sol: Solution) -> None:
+    if sol.t1.ndim:
+        raise ValueError(
+            f"Trajectories are shown one by one, but this is a batch of shape {sol.t1.shape}: take one of its parts."
+        )
+
+
+def course_of(sol: Solution, times: np.ndarray) -> tuple[Scheme, list[Pose], np.ndarray]:
+    """What is drawn of a machine, in which pose at each time, and where the masses are, (times, n)."""
+    x, places = (np.asarray(at(times)[0]) for at in (sol.evaluate, sol.evaluate_stops))
+    if not np.isfinite(x).all():
+        raise ValueError(
+            f"The motion is not known after t = {float(sol.known_until):.6g}: show an earlier `span`, or simulate with "
+            "more `max_events`."
+        )
+    scheme = scheme_of_solution(sol, places)
+    load = np.array([scheme.load_at(time) for time in times])
+    poses, _ = poses_of(scheme, x, scheme.signs * places, load)
+    return scheme, poses, x
+
+
+def held_masses(sol: Solution, scheme: Scheme, times: np.ndarray) -> np.ndarray:
+    """Whether stops or contacts hold each mass, (times, n)."""
+    span = float(times[0]), float(times[-1])
+    is_held = np.zeros((len(times), scheme.num_masses), bool)
+    for j, row in enumerate(scheme.rows):
+        is_held |= np.outer(is_held_at(sol, j, *span, times), row != 0)
+    return is_held
+
+
+def _clock(
+    ax: Axes, sol: Solution, times: np.ndarray, x: np.ndarray, units: Units | None, style: dict[str, Any]
+) -> Callable[[int], None]:
+    """The positions against time, and a line and discs that go along."""
+    time_series(sol, span=(float(times[0]), float(times[-1])), units=units, ax=ax, **style)
+    ax.legend().remove()  # the boxes have the colours of the lines
+    cursor = ax.axvline(times[0], color=ink("0.5", "0.6"), linewidth=1)
+    (discs,) = ax.plot([], [], "o", color=ink(), markersize=4, zorder=4)
+
+    def show(frame: int) -> None:
+        cursor.set_xdata([times[frame]] * 2)
+        discs.set_data(np.full(x.shape[1], times[frame]), x[frame])
+
+    return show
+
+
+def _contacts(
+    ax: Axes, sol: Solution, scheme: Scheme, drawing: Drawing, times: np.ndarray, fading: int
+) -> Callable[[int, Pose], None]:
+    """Impacts flash at walls and plates, or on the masses where there are none; boxes are filled while they are held."""
+    home = PITCH * np.arange(scheme.num_masses)
+    limits = {limit.number: limit for limit in scheme.limits}
+    masses = [np.flatnonzero(row).tolist() for row in scheme.rows]
+    flashes = [
+        ax.plot([], [], marker=(9, 1, 0), markersize=20, color=_FLASH, linestyle="none", zorder=5)[0]
+        for _ in masses
+    ]
+    log = sol.events
+    when, kind, number = (np.asarray(a) for a in (log.t, log.kind, log.stop))
+    is_shown = (kind == IMPACT) & (when >= times[0]) & (when <= times[-1])
+    struck = [np.searchsorted(times, when[is_shown & (number == j)]) for j in range(len(masses))]
+    is_held = held_masses(sol, scheme, times)
+    free = ax.get_facecolor()
+
+    def show(frame: int, pose: Pose) -> None:
+        for j, (flash, frames) in enumerate(zip(flashes, struck, strict=True)):
+            age = frame - frames[(frames <= frame) & (frames > frame - fading)]
+            if j in limits:
+                x = [place_of_limit(home, pose, limits[j])]
+            else:
+                x = [face_of(home, pose, i, 0) for i in masses[j]]
+            flash.set_data(x, np.full(len(x), 0.2))
+            flash.set_alpha(1 - np.min(age, initial=fading) / fading)
+        for box, held in zip(drawing.boxes, is_held[frame], strict=True):
+            box.set_facecolor(HELD if held else free)
+
+    return show

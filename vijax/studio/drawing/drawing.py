@@ -1,0 +1,299 @@
+"""The drawing of a machine, which can be moved: all of it but the words follows one pose.
+
+A box is 1 wide and high, boxes at rest are `PITCH` apart. Displacements are scaled to at most `ROOM`, so that
+neither boxes nor walls ever meet but where the machine says so.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+
+from ...plot._axes import figure_of
+from ...plot._colors import ink, of_curves, styled
+from ...plot._contacts import name_of
+from .scheme import Limit, Link, Scheme
+from .symbols import circles, damper, spring
+from .words import Words, write
+
+PITCH, ROOM = 2.3, 0.5
+# Heights: of springs and dampers in a row, of walls and the plates of contacts, of the floor.
+_SPRING, _DAMPER, _WALL, _PLATE, _WHEEL = 0.82, 0.56, 0.2, 0.32, 0.1
+_FLOOR = -2 * _WHEEL
+# Where springs to the ground end: above boxes, or at the walls at both ends of the row.
+_CEILING, _END, _HATCHED = 1.55, 1.75, 0.14
+# What is seen beside the outermost boxes where there is no wall.
+_BESIDE = 1.25
+# Arrows: of loads, from where on its box, and of what moves.
+_LOAD, _ROOT, _TRAVEL = 1.15, 0.15, _FLOOR - 0.14
+# Inches that 1 takes in a figure of its own, and of the whole figure.
+_INCHES, _WIDEST = 1.1, 10.0
+
+
+class Pose(NamedTuple):
+    """Where everything is, in lengths of the drawing.
+
+    Attributes:
+        x: displacements of the masses, (n,).
+        gap: of all stops and contacts, (stops,).
+        load: the length of the arrows, (n,).
+    """
+
+    x: np.ndarray
+    gap: np.ndarray
+    load: np.ndarray
+
+
+Move = Callable[[Pose], None]
+
+
+class Drawing(NamedTuple):
+    """What was drawn.
+
+    Attributes:
+        move: puts it into a pose.
+        size: width and height in inches at which it is drawn well.
+        boxes: of the masses.
+    """
+
+    move: Move
+    size: tuple[float, float]
+    boxes: list[Rectangle]
+
+
+def draw(
+    ax: Axes, scheme: Scheme, pose: Pose, gaps: np.ndarray | None, style: dict[str, Any], *, fits_axes: bool
+) -> Drawing:
+    """Draw a machine.
+
+    Args:
+        ax: where.
+        scheme: the machine.
+        pose: its first one.
+        gaps: of the stops and contacts, to be named; None to leave them out.
+        style: of the boxes, instead of our own.
+        fits_axes: whether the axes keep their size, so that words must be fitted into it.
+    """
+    ax.set_axis_off()
+    ax.set_aspect("equal")
+    home = PITCH * np.arange(scheme.num_masses)
+    ends = _ends(scheme, home)
+    given = ax.get_window_extent().width / figure_of(ax).dpi if fits_axes else _WIDEST
+    scale = min(_INCHES, given / float(np.ptp(ends)))
+    thin = min(1.0, 2 * scale)  # lines of a small drawing
+    boxes, moves = _boxes(ax, scheme, home, thin, style)
+    moves += [_link(ax, home, link, thin, is_spring=is_spring) for link, is_spring in scheme.links]
+    moves += [_limit(ax, scheme, home, limit) for limit in scheme.limits]
+    for mass in scheme.grounded:
+        _ground(ax, home, mass)
+    loads = {i: text for i in range(scheme.num_masses) if (text := scheme.load_in_words(i))}
+    moves += [_arrow(ax, home, i) for i in loads]
+
+    def move(pose: Pose) -> None:
+        for one in moves:
+            one(pose)
+
+    move(pose)
+    ax.plot(ends, [_FLOOR, _FLOOR], color=ink("0.6", "0.5"), linewidth=1, zorder=0)
+    words = Words(
+        above=[(float(home[i]) + _ROOT, text) for i, text in loads.items()],
+        below=[_name_of_limit(scheme, home, pose, limit, gaps) for limit in scheme.limits],
+        notes=scheme.notes,
+    )
+    below = _TRAVEL - 0.12 if scheme.is_moving.any() else _FLOOR - 0.08
+    size = write(ax, words, ends, (below, _LOAD + 0.15, _top(scheme, home)), scale, fits_axes=fits_axes)
+    return Drawing(move, size, boxes)
+
+
+def face_of(home: np.ndarray, pose: Pose, mass: int, side: int) -> float:
+    """Where a side of a box is, 0 for its middle."""
+    return float(home[mass] + pose.x[mass]) + 0.5 * side
+
+
+def place_of_limit(home: np.ndarray, pose: Pose, limit: Limit) -> float:
+    """Where the wall or plate is."""
+    return face_of(home, pose, limit.mass, limit.side) + limit.side * float(pose.gap[limit.number])
+
+
+def _ends(scheme: Scheme, home: np.ndarray) -> np.ndarray:
+    """What is seen of the floor."""
+    at_walls = {_wall_beside(home, mass) for mass in scheme.grounded}
+    left, right = (_END if side in at_walls else _BESIDE for side in (-1, 1))
+    return np.array([home[0] - left - 0.2, home[-1] + right + 0.2])
+
+
+def _top(scheme: Scheme, home: np.ndarray) -> float:
+    """Where the drawing ends, words left out."""
+    ceilings = [_CEILING + _HATCHED for mass in scheme.grounded if not _wall_beside(home, mass)]
+    arcs = [
+        1.1 + _rise(link, is_spring=is_spring)
+        for link, is_spring in scheme.links
+        if link.other is not None and link.other > link.mass + 1
+    ]
+    return max([_LOAD + 0.1, *ceilings, *arcs])
+
+
+def _name_of_limit(
+    scheme: Scheme, home: np.ndarray, pose: Pose, limit: Limit, gaps: np.ndarray | None
+) -> tuple[float, str]:
+    """What is written below a stop or contact."""
+    j = limit.number
+    gap = [] if gaps is None else [f"gap {gaps[j]:.3g}"]
+    words = [name_of(j, scheme.masses), *gap, f"$r$ = {scheme.restitution[j]:.3g}"]
+    return place_of_limit(home, pose, limit), "\n".join(words)
+
+
+def _boxes(
+    ax: Axes, scheme: Scheme, home: np.ndarray, thin: float, style: dict[str, Any]
+) -> tuple[list[Rectangle], list[Move]]:
+    """The masses with their numbers, on wheels, in the colours of their curves in other pictures."""
+    colors = of_curves(scheme.num_masses)
+    edge = {"facecolor": ax.get_facecolor(), "linewidth": 2.2 * thin, "zorder": 3}
+    boxes = [
+        _rectangle(ax, 0.0, 0.0, 1.0, 1.0, **styled(style, Rectangle, edgecolor=color, **edge))
+        for color in colors
+    ]
+    names = [
+        ax.text(
+            0, 0.5, str(i), ha="center", va="center", zorder=4, fontsize=12 * thin, color=ink(), clip_on=True
+        )
+        for i in range(len(home))
+    ]
+    (wheels,) = ax.plot([], [], color=ink("0.4", "0.6"), linewidth=thin, zorder=2)
+
+    def move(pose: Pose) -> None:
+        middle = home + pose.x
+        for box, name, x in zip(boxes, names, middle, strict=True):
+            box.set_x(x - 0.5)
+            name.set_x(x)
+        wheels.set_data(*circles(np.concatenate([middle - 0.3, middle + 0.3]), -_WHEEL, _WHEEL))
+
+    return boxes, [move]
+
+
+def _link(ax: Axes, home: np.ndarray, link: Link, thin: float, *, is_spring: bool) -> Move:
+    """A spring or damper, dashed where its force has the wrong sign."""
+    symbol, height = (spring, _SPRING) if is_spring else (damper, _DAMPER)
+    style = "-" if link.strength > 0 else (0, (2, 1))
+    (line,) = ax.plot([], [], color=ink("0.25", "0.8"), linestyle=style, linewidth=1.1 * thin, zorder=1)
+    line.set_gid("spring" if is_spring else "damper")
+    place = _way_of(home, link, height, -0.4 if is_spring else -0.18)
+
+    def move(pose: Pose) -> None:
+        line.set_data(*symbol(*place(pose)))
+
+    return move
+
+
+def _way_of(
+    home: np.ndarray, link: Link, height: float, aside: float
+) -> Callable[[Pose], tuple[tuple[float, float], tuple[float, float], float]]:
+    """From where to where a spring or damper goes, and how far it rises between."""
+    i, j = link.mass, link.other
+    if j is None and (side := _wall_beside(home, i)):
+        wall = float(home[i]) + side * _END
+        return lambda pose: ((wall, height), (face_of(home, pose, i, side), height), 0.0)
+    if j is None:
+        top = float(home[i]) + aside, _CEILING
+        return lambda pose: (top, (face_of(home, pose, i, 0) + aside, 1.0), 0.0)
+    if j == i + 1:
+        return lambda pose: ((face_of(home, pose, i, 1), height), (face_of(home, pose, j, -1), height), 0.0)
+    rise = _rise(link, is_spring=height == _SPRING)
+    return lambda pose: (
+        (face_of(home, pose, i, 0) + 0.25, 1.0),
+        (face_of(home, pose, j, 0) + 0.05, 1.0),
+        rise,
+    )
+
+
+def _ground(ax: Axes, home: np.ndarray, mass: int) -> None:
+    """To which a mass is tied: the wall at the end of the row, or above its box."""
+    side, x = _wall_beside(home, mass), float(home[mass])
+    if side:
+        x += side * _END
+        _hatch(ax, x if side > 0 else x - _HATCHED, _FLOOR, _HATCHED, 1.1 - _FLOOR)
+        ax.plot([x, x], [_FLOOR, 1.1], color=ink(), linewidth=1.2)
+    else:
+        _hatch(ax, x - 0.52, _CEILING, 0.46, _HATCHED)
+        ax.plot([x - 0.52, x - 0.06], [_CEILING, _CEILING], color=ink(), linewidth=1.2)
+
+
+def _wall_beside(home: np.ndarray, mass: int) -> int:
+    """On which side of a mass there is room for a wall: -1 of the first, 1 of the last, 0 of others."""
+    return -1 if mass == 0 else int(mass == len(home) - 1)
+
+
+def _rise(link: Link, *, is_spring: bool) -> float:
+    """How far an arc rises above the boxes."""
+    span = 1 if link.other is None else link.other - link.mass
+    return 0.6 * span**0.5 + (0.0 if is_spring else 0.25)
+
+
+def _hatch(ax: Axes, x: float, y: float, width: float, height: float) -> Rectangle:
+    """A piece of the ground."""
+    style = {"facecolor": "none", "edgecolor": ink("0.35", "0.7"), "hatch": "/////", "linewidth": 0}
+    return _rectangle(ax, x, y, width, height, **style)
+
+
+def _rectangle(ax: Axes, x: float, y: float, width: float, height: float, **style: Any) -> Rectangle:
+    rectangle = Rectangle((x, y), width, height, **style)
+    ax.add_patch(rectangle)
+    return rectangle
+
+
+def _limit(ax: Axes, scheme: Scheme, home: np.ndarray, limit: Limit) -> Move:
+    """A wall on the floor, or the plate of a contact with the arm that bears it; an arrow below what moves."""
+    (line,) = ax.plot([], [], color=ink(), linewidth=1.8, zorder=2)
+    line.set_gid(f"limit {limit.number}")
+    wall = _hatch(ax, 0.0, _FLOOR, _HATCHED, _WALL - _FLOOR) if limit.support is None else None
+    if wall is not None:
+        wall.set_gid(f"wall {limit.number}")
+    arrow = _double_arrow(ax) if scheme.is_moving[limit.number] else []
+    under = -0.06 - 0.07 * (limit.number % 2)
+
+    def move(pose: Pose) -> None:
+        x = place_of_limit(home, pose, limit)
+        if wall is not None:
+            wall.set_x(x if limit.side > 0 else x - _HATCHED)
+        line.set_data(*_plate(home, pose, limit, x, under))
+        for part in arrow:
+            part.set_data([x - 0.25, x + 0.25], [_TRAVEL, _TRAVEL])
+
+    return move
+
+
+def _double_arrow(ax: Axes) -> list[Line2D]:
+    common = {"color": ink(), "linewidth": 1, "markersize": 5}
+    tips = (("<", 0), (">", 1))
+    return [ax.plot([], [], marker=tip, markevery=[end], **common)[0] for tip, end in tips]
+
+
+def _plate(
+    home: np.ndarray, pose: Pose, limit: Limit, x: float, under: float
+) -> tuple[list[float], list[float]]:
+    """The face of a wall; or a plate on an arm, straight from the left neighbour, else round below the boxes."""
+    if limit.support is None:
+        return [x, x], [_FLOOR, _WALL]
+    if limit.mass == limit.support + 1 and limit.side < 0:
+        root = face_of(home, pose, limit.support, 1)
+        return [root, x, np.nan, x, x], [_PLATE, _PLATE, np.nan, _PLATE - 0.1, _PLATE + 0.1]
+    root = face_of(home, pose, limit.support, 0) + 0.4
+    return [root, root, x, x], [0.0, under, under, _PLATE + 0.1]
+
+
+def _arrow(ax: Axes, home: np.ndarray, mass: int) -> Move:
+    """The load on a mass, along the top of its box."""
+    (line,) = ax.plot([], [], color=ink(), linewidth=1.6, zorder=4)
+    (tip,) = ax.plot([], [], color=ink(), linestyle="none", markersize=6, zorder=4)
+    line.set_gid(f"load {mass}")
+
+    def move(pose: Pose) -> None:
+        root, length = face_of(home, pose, mass, 0) + _ROOT, pose.load[mass]
+        line.set_data([root, root + length], [_LOAD, _LOAD])
+        tip.set_data([root + length], [_LOAD])
+        tip.set_marker(">" if length >= 0 else "<")
+
+    return move

@@ -1,0 +1,103 @@
+"""A machine as a drawing of its masses, springs, dampers, stops and contacts."""
+
+from typing import Any
+
+import jax
+import numpy as np
+from matplotlib.axes import Axes
+
+from ..._jax.arrays import Numbers
+from ..._system.system import ImpactSystem
+from ...plot._axes import figure_of, new_axes
+from .drawing import ROOM, Pose, draw
+from .scheme import Scheme, scheme_of_system
+
+# Of the place of a stop: a smaller gap is one of rounding.
+_CLOSED = 1e-12
+
+
+def machine(
+    system: ImpactSystem,
+    x: Numbers | None = None,
+    *,
+    t: float = 0.0,
+    ax: Axes | None = None,
+    **style: Any,
+) -> Axes:
+    """Draw a machine: masses as boxes with their numbers, springs, dampers, stops, contacts, loads.
+
+    Springs and dampers are read off the matrices: an entry -k_ij beside the diagonal couples two masses, what is left
+    in a row, the sum of all its entries, ties its mass to the ground. Neighbours are joined in the row, other masses by arcs above it. A spring of negative
+    stiffness is dashed; with a full mass matrix the boxes are coordinates. A hatched wall is a stop, a double arrow under it says that it moves, a plate on an arm
+    the contact of two masses; of other contacts and of a `force` the words below tell. A row of beads or gears lies like any other, positive to the right.
+
+    Distances are those of a scheme: displacements and gaps have one scale, chosen so that nothing overlaps.
+
+    Args:
+        system: the machine.
+        x: positions of the masses, (n,); zero if left out.
+        t: the time, which says where stops stand that move.
+        ax: where to draw; new axes in a figure of fitting size if left out.
+        **style: of the boxes, as matplotlib's `Rectangle` takes them: `edgecolor`, `facecolor`, `linewidth`, ...
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: for a batch of machines, positions of another shape, or numbers that are not finite.
+
+    Example:
+        ```python
+        import vijax as vx
+        ax = vx.plot.machine(vx.models.wagg_bishop_b(0.8), x=[0.1, -0.1])
+        ```
+
+    References:
+        Wagg & Bishop (2004), Fig. 1.
+    """
+    system = jax.tree.map(np.asarray, system)  # nothing is compiled for a picture
+    scheme = scheme_of_system(system)
+    place = np.zeros(scheme.num_masses) if x is None else np.asarray(x, float)
+    if place.shape != (scheme.num_masses,):
+        raise ValueError(f"Argument `x` must have shape ({scheme.num_masses},), but has shape {place.shape}.")
+    if not (np.isfinite(place).all() and np.isfinite(t)):
+        raise ValueError("Arguments `x` and `t` must be finite.")
+    # Over a whole period, whose first instant is drawn: the scale does not depend on it.
+    angles = scheme.frequency * t + np.linspace(0, 2 * np.pi, 9)
+    limit = np.array([[float(stop.at(angle)) for stop in system.stops] for angle in angles])
+    poses, gaps = poses_of(scheme, np.tile(place, (len(angles), 1)), scheme.signs * limit)
+    is_new = ax is None
+    ax = new_axes() if ax is None else ax
+    drawing = draw(ax, scheme, poses[0], gaps[0], style, fits_axes=not is_new)
+    if is_new:
+        figure_of(ax).set_size_inches(drawing.size)
+    return ax
+
+
+def poses_of(
+    scheme: Scheme, x: np.ndarray, limit: np.ndarray, load: np.ndarray | None = None
+) -> tuple[list[Pose], np.ndarray]:
+    """What the drawing shows of a motion, and the gaps in units of length along the rows, (times, stops).
+
+    Args:
+        scheme: the machine.
+        x: positions, (times, n).
+        limit: where stops and contacts stand, counted along their rows, (times, stops).
+        load: on the masses, (times, n); arrows of one length if left out.
+    """
+    gaps = limit - x @ scheme.rows.T
+    gaps[abs(gaps) < _CLOSED * np.max(abs(limit), axis=0, initial=0.0)] = 0.0
+    unit = np.ones(len(scheme.rows))
+    drawn = [one.number for one in scheme.limits]
+    unit[drawn] = [one.unit for one in scheme.limits]
+    seen = x - x.mean(axis=1, keepdims=True) if scheme.is_followed else x
+    largest = max(np.max(abs(seen)), np.max(abs(limit / unit)[:, drawn], initial=0.0))
+    scale = ROOM / largest if largest > 0 else 1.0
+    if load is None:
+        is_waving = scheme.waves.bound() > 0
+        load = np.where(is_waving, 1.0, np.sign(scheme.mean))[None] * np.ones_like(x)
+    else:
+        load = load / (scheme.largest_load or 1.0)
+    return [
+        Pose(*one) for one in zip(scale * seen, scale * gaps / unit, 0.5 * load, strict=True)
+    ], gaps + 0.0  # no -0

@@ -1,0 +1,237 @@
+"""What a drawing tells of a machine, read off an `ImpactSystem` or off the machine of a trajectory."""
+
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from ..._machine.machine import Machine
+from ..._system.force import name_of_force
+from ..._system.system import ImpactSystem
+from ..._system.waves import Waves
+from ..._trajectory.solution import Solution
+from ...plot._contacts import in_symbols, name_of
+
+# Of the largest entry of a matrix or of a load: what is smaller is left over from sums that should vanish.
+_NOTHING = 1e-9
+
+
+class Limit(NamedTuple):
+    """A stop, or a contact of two masses, as it is drawn: a wall or a plate in front of one side of a mass.
+
+    Attributes:
+        number: in the machine.
+        mass: in front of which it is.
+        side: 1 on the right of the mass, -1 on its left.
+        support: the mass that bears it, None for the ground.
+        unit: the factor of the positions in the row: gaps are lengths times this.
+    """
+
+    number: int
+    mass: int
+    side: int
+    support: int | None
+    unit: float
+
+
+class Link(NamedTuple):
+    """A spring or damper between two masses, or with `other` None between a mass and the ground."""
+
+    mass: int
+    other: int | None
+    strength: float
+
+
+class Scheme(NamedTuple):
+    """A machine as it is drawn.
+
+    Attributes:
+        stiffness: (n, n).
+        damping: (n, n).
+        mean: of the load, (n,).
+        waves: the rest of the load, (harmonics, n).
+        frequency: W.
+        rows: of stops and contacts, counted towards them, (stops, n).
+        masses: the mass of each stop, -1 for a contact.
+        limit: where they stand along their rows in the mean, (stops,).
+        restitution: (stops,).
+        is_moving: which of them move, (stops,).
+        is_lumped: whether the mass matrix is diagonal; else the boxes are coordinates.
+        force: the name of the force that is not linear, if there is one.
+    """
+
+    stiffness: np.ndarray
+    damping: np.ndarray
+    mean: np.ndarray
+    waves: Waves
+    frequency: float
+    rows: np.ndarray
+    masses: tuple[int, ...]
+    limit: np.ndarray
+    restitution: np.ndarray
+    is_moving: np.ndarray
+    is_lumped: bool
+    force: str | None
+
+    @property
+    def num_masses(self) -> int:
+        """Number of masses, n."""
+        return len(self.mean)
+
+    @property
+    def signs(self) -> np.ndarray:
+        """With which sign the place of each stop or contact counts along its row, (stops,)."""
+        is_stop = np.array(self.masses, int) >= 0
+        return np.where(is_stop, self.rows.sum(axis=1), 1.0)
+
+    @property
+    def limits(self) -> list[Limit]:
+        """Stops, and contacts of one mass or of the distance of two; others have no place in a drawing."""
+        found = []
+        for j, row in enumerate(self.rows):
+            own = np.flatnonzero(row)
+            if len(own) == 1 or (len(own) == 2 and row[own].sum() == 0):
+                support, mass = [None, *own.tolist()][-2:]
+                found.append(Limit(j, mass, int(np.sign(row[mass])), support, abs(float(row[mass]))))
+        return found
+
+    @property
+    def grounded(self) -> list[int]:
+        """The masses tied to the ground by a spring or damper."""
+        return sorted({link.mass for link, _ in self.links if link.other is None})
+
+    @property
+    def is_followed(self) -> bool:
+        """Whether no spring or stop ties the machine to a place, so that it is drawn as seen from its middle."""
+        is_tied = any(link.other is None and is_spring for link, is_spring in self.links)
+        return len(self.rows) > 0 and not is_tied and not self.rows.sum(axis=1).any()
+
+    @property
+    def links(self) -> list[tuple[Link, bool]]:
+        """All springs and dampers, and which are springs."""
+        return [
+            (link, is_spring)
+            for matrix, is_spring in ((self.stiffness, True), (self.damping, False))
+            for link in _links(matrix)
+        ]
+
+    @property
+    def notes(self) -> list[str]:
+        """In words what the drawing does not show."""
+        drawn = {limit.number for limit in self.limits}
+        rows = [
+            f"{name_of(j, self.masses)}: ${in_symbols(row)} \\leq {self.limit[j]:.3g}$, $r$ = {self.restitution[j]:.3g}"
+            for j, row in enumerate(self.rows)
+            if j not in drawn
+        ]
+        is_negative = any(link.strength < 0 for link, _ in self.links)
+        negative = ["dashed: negative stiffness or damping"] if is_negative else []
+        inertia = [] if self.is_lumped else ["full mass matrix: boxes are coordinates"]
+        return [*rows, *inertia, *([f"force: {self.force}"] if self.force else []), *negative]
+
+    def load_at(self, t: float) -> np.ndarray:
+        """The load on every mass at a time, (n,)."""
+        return self.mean + self.waves.at_angle(self.frequency * t)
+
+    @property
+    def largest_load(self) -> float:
+        """A bound of the load on any mass."""
+        return float(np.max(abs(self.mean) + self.waves.bound()))
+
+    def load_in_words(self, mass: int) -> str:
+        """The load on a mass as a formula; empty where there is none."""
+        if abs(self.mean[mass]) + self.waves.bound()[mass] <= _NOTHING * self.largest_load:
+            return ""
+        terms = [] if self.mean[mass] == 0 else [_signed(float(self.mean[mass]))]
+        for h, (cosine, sine) in enumerate(
+            zip(self.waves.cosine[:, mass], self.waves.sine[:, mass], strict=True), 1
+        ):
+            size, phase = float(np.hypot(cosine, sine)), float(np.arctan2(-sine, cosine))
+            if size > _NOTHING * self.largest_load:
+                at_pi = abs(phase) > np.pi - _NOTHING
+                shift = "" if at_pi or abs(phase) < _NOTHING else f" {_signed(phase)}"
+                angle = rf"{_factor(h * self.frequency)}t{shift}"
+                sign = "-" if at_pi else "+"
+                terms.append(rf"{sign} {_factor(size)}\cos({angle})")
+        words = " ".join(terms[:2]).removeprefix("+ ")
+        return f"${words}{' + ...' if len(terms) > 2 else ''}$"
+
+
+def scheme_of_system(system: ImpactSystem) -> Scheme:
+    """What is drawn of a machine."""
+    if system.stiffness.ndim != 2:
+        raise ValueError(
+            f"Machines are drawn one by one, but this is a batch of shape {system.stiffness.shape[2:]}: draw its parts."
+        )
+    rows = np.zeros((system.num_stops, system.num_masses))
+    for j, stop in enumerate(system.stops):
+        for i, a in stop.coefficients.items():
+            rows[j, i] = float(a)
+    moving = [stop.motion is not None and bool(np.any(stop.motion.amplitude)) for stop in system.stops]
+    return Scheme(
+        *(np.asarray(a) for a in (system.stiffness, system.damping, system.forcing.mean)),
+        waves=jax.tree.map(np.asarray, system.forcing.waves()),
+        frequency=float(system.forcing.frequency),
+        rows=rows,
+        masses=tuple(stop.slot[0] if stop.slot else -1 for stop in system.stops),
+        limit=np.array([float(stop.sign * stop.centre) for stop in system.stops]),
+        restitution=np.array([float(stop.restitution) for stop in system.stops]),
+        is_moving=np.array(moving, bool),
+        is_lumped=not system.has_full_mass,
+        force=None if system.force is None else _name(system.force),
+    )
+
+
+def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
+    """What is drawn of the machine of a trajectory, whose stops stand at some places in its course, (times, stops)."""
+    machine = sol.machine
+    rows, num_stops = np.asarray(machine.contacts.rows), machine.contacts.num
+    return Scheme(
+        *(np.asarray(a) for a in (machine.stiffness, machine.damping, machine.mean)),
+        waves=_load_in_space(machine),
+        frequency=float(machine.frequency),
+        rows=rows.reshape(num_stops, machine.num_masses),
+        masses=machine.contacts.masses,
+        limit=np.asarray(machine.contacts.limit),
+        restitution=np.asarray(machine.contacts.restitution),
+        is_moving=np.ptp(places, axis=0) > 0,
+        is_lumped=machine.inverse_mass.ndim == 1,
+        force=None if machine.extra is None else _name(machine.extra.force),
+    )
+
+
+def _links(matrix: np.ndarray) -> list[Link]:
+    """The springs of a stiffness matrix, or the dampers of a damping matrix.
+
+    An entry -k beside the diagonal couples two masses, what is left in a row ties its mass to the ground.
+    """
+    nothing = _NOTHING * np.max(abs(matrix))
+    left = matrix.sum(axis=1)
+    ground = [Link(int(i), None, float(left[i])) for i in np.flatnonzero(abs(left) > nothing)]
+    pairs = np.argwhere(np.triu(abs(matrix) > nothing, 1)).tolist()
+    return [*ground, *(Link(i, j, -float(matrix[i, j])) for i, j in pairs)]
+
+
+def _load_in_space(machine: Machine) -> Waves:
+    """The load but for its mean; that of a machine seen from its stops has inertia forces in it."""
+    waves, frame = jax.tree.map(np.asarray, machine.waves), machine.frame
+    if frame is not None:
+        inertia = frame.load(1 / machine.inverse_mass, machine.damping, machine.stiffness)
+        waves = jax.tree.map(
+            lambda a, b: np.where(abs(a - b) > _NOTHING * abs(b), a - b, 0.0), waves, inertia
+        )
+    return waves
+
+
+def _name(force: object) -> str:
+    """The name of a force without its numbers."""
+    return name_of_force(force).partition("(")[0].strip("<>")  # pyright: ignore[reportArgumentType]
+
+
+def _factor(size: float) -> str:
+    words = f"{size:.3g}"
+    return "" if words == "1" else rf"{words}\,"
+
+
+def _signed(number: float) -> str:
+    return f"{'-' if number < 0 else '+'} {abs(number):.3g}"

@@ -1,0 +1,121 @@
+"""The diagram of a sweep that is clicked: impacts over one swept quantity, kinds of motion over two.
+
+Many points are drawn by datashader, as an image of the part that is seen. A chart is an image anyway: on an even grid every
+pixel has the motion of the nearest point.
+"""
+
+import re
+from collections.abc import Mapping
+from functools import reduce
+from operator import mul
+from typing import Any
+
+import holoviews as hv
+import numpy as np
+import panel as pn
+import xarray as xr
+from holoviews.operation.datashader import datashade, spread
+from matplotlib.colors import to_hex
+
+from ..._sections.classify import classify
+from ...plot._labels import label
+from ...plot._motions import entries, motions_of
+from .look import Look
+from .motion import nearest
+
+hv.extension("bokeh", inline=pn.config.inline)
+
+# Above so many points a browser becomes slow.
+MANY = 20_000
+_PIXELS, _CLASSES = 800, 6
+_SYMBOLS = {r"\Omega": "Ω", r"\varphi": "φ", r"\dot x": "ẋ"}
+
+
+def plain(path: str) -> str:
+    """The words of a swept quantity without the signs of TeX."""
+    words = label(path)
+    for tex, sign in _SYMBOLS.items():
+        words = words.replace(tex, sign)
+    return re.sub(r"\$|_\{[\d,]*\}", "", words).replace(r"\times", "*")
+
+
+def impacts(ds: xr.Dataset, path: str, stop: int, look: Look) -> Any:
+    """The velocities of the impacts at a stop against the swept quantity.
+
+    Args:
+        ds: a sweep over one quantity, perhaps up and down.
+        path: the quantity.
+        stop: the stop.
+        look: colours.
+    """
+    axes = [
+        hv.Dimension("swept", label=plain(path)),
+        hv.Dimension("velocity", label=f"Velocity before impact at stop {stop}"),
+    ]
+    layers = []
+    for way, color in {"down": look.down, "up": look.up}.items():
+        one = ds if "direction" not in ds["result"].dims else ds.sel(direction=way)
+        swept, velocity, of_stop = xr.broadcast(one[path], one["impact_velocity"], one["impact_stop"])
+        ours = of_stop.values == stop
+        points = hv.Points((swept.values[ours], velocity.values[ours]), axes)
+        if len(points) > MANY:
+            layers.append(spread(datashade(points, cmap=[color], min_alpha=110), px=1))
+        else:
+            layers.append(points.opts(color=color, size=2.5 if way == "up" else 4))
+        if one is ds:
+            break
+    return reduce(mul, layers)
+
+
+def chart(ds: xr.Dataset, right: str, up: str, look: Look) -> tuple[Any, dict[str, str]]:
+    """The kinds of motion over two swept quantities, and the legend: words and their colours."""
+    kinds = classify(ds).transpose(right, up, ...).sortby([right, up])
+    of_point = motions_of(kinds)
+    with look.style():
+        drawn = entries(of_point, _CLASSES)
+    numbers = {motion: k for k, entry in enumerate(drawn) for motion in entry.motions}
+    colors = {entry.words: to_hex(entry.color) for entry in drawn}
+    code = [numbers[motion] for motion in of_point]
+    whole = xr.DataArray(
+        np.reshape(code, kinds["motion"].shape), {right: kinds[right], up: kinds[up]}, (right, up)
+    )
+    even = {dim: _even(kinds[dim].values) for dim in (right, up)}
+    pixels = whole.sel(even, method="nearest").values.T
+    image = hv.Image(
+        (even[right], even[up], pixels),
+        [hv.Dimension("right", label=plain(right)), hv.Dimension("up", label=plain(up))],
+        hv.Dimension("kind", range=(-0.5, len(drawn) - 0.5)),
+    )
+    return image.opts(cmap=list(colors.values()), colorbar=False), {
+        _plain_words(n): c for n, c in colors.items()
+    }
+
+
+def marker(x: float, y: float | None, look: Look) -> Any:
+    """The point that is shown: a line in a bifurcation diagram, a ring in a chart."""
+    if y is None:
+        return hv.VLine(x).opts(color=look.chosen, line_width=1)
+    style: dict[str, Any] = {"line_color": look.chosen, "fill_alpha": 0, "line_width": 2.5, "size": 12}
+    return hv.Points([(x, y)]).opts(**style)
+
+
+def direction_near(ds: xr.Dataset, path: str, stop: int, at: Mapping[str, float]) -> str:
+    """Of a sweep up and down, the direction whose impacts at a stop are nearer to a place in the diagram."""
+    point = nearest(ds, path, at["x"])
+    away = (
+        abs(point["impact_velocity"].where(point["impact_stop"] == stop) - at["y"])
+        .min("impact")
+        .fillna(np.inf)
+    )
+    return str(point["direction"].values[int(away.argmin("direction"))])
+
+
+def _even(values: np.ndarray) -> np.ndarray:
+    """The values themselves if they are even, else pixels."""
+    steps = np.diff(values)
+    is_even = len(values) <= _PIXELS and np.allclose(steps, steps[0])
+    return values if is_even else np.linspace(values[0], values[-1], _PIXELS)
+
+
+def _plain_words(words: str) -> str:
+    return words.replace(r"$\infty$", "∞")

@@ -1,0 +1,81 @@
+"""The machine of a motion moving, as `vx.plot.machine` draws it, frame by frame in the browser.
+
+To draw pictures of all frames would take a minute. So only the numbers of the drawing go to the browser, of all frames at
+once: its lines, one after the other with gaps between, and where the boxes and the walls are.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import param
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from panel.custom import JSComponent
+
+from ...plot._colors import of_curves
+from ..drawing.animate import course_of, held_masses
+from ..drawing.drawing import draw
+from .look import Look
+from .motion import Motion
+
+FRAMES = 80
+_DIGITS = 3
+
+
+class Film(JSComponent):
+    """The drawing and what plays it."""
+
+    frames = param.Dict({})
+    colors = param.Dict({})
+
+    _esm = Path(__file__).with_name("film.js")
+
+
+def film_of(num_masses: int, look: Look) -> Film:
+    """A film that shows nothing yet, its boxes in the colours of their curves in other pictures."""
+    with look.style():
+        masses = [to_hex(color) for color in of_curves(num_masses)]
+    colors = {"ink": look.ink, "faint": look.faint, "page": look.page, "held": look.down, "masses": masses}
+    return Film(colors=colors, sizing_mode="stretch_width", min_height=240)
+
+
+def frames_of(motion: Motion) -> dict[str, Any]:
+    """The numbers of a film of the part of a motion that is shown.
+
+    Returns:
+        `x`, `y` of all lines, None between them, (frames, points); `box`, the middles of the boxes, and `held`, whether
+        something holds the mass, (frames, n); `wall`, the middles of the hatched pieces, (frames, walls), and `walls`,
+        their heights, widths and middles in the vertical, (walls, 3); `extent`, what is seen: left, right, bottom, top.
+    """
+    sol, times = motion.solution, np.linspace(*motion.shown, FRAMES)
+    scheme, poses, _ = course_of(sol, times)
+    ax = Figure(figsize=(8, 2)).subplots()
+    drawing = draw(ax, scheme, poses[0], None, {}, fits_axes=False)
+    lines = [line for line in ax.lines if line.get_linestyle() != "None"]
+    walls = [patch for patch in ax.patches if isinstance(patch, Rectangle) and patch not in drawing.boxes]
+    curves, box, wall = [], [], []
+    gap = np.full((1, 2), np.nan)
+    for pose in poses:
+        drawing.move(pose)
+        curves.append(np.concatenate([part for line in lines for part in (line.get_xydata(), gap)]))
+        box.append([one.get_x() + 0.5 for one in drawing.boxes])
+        wall.append([one.get_x() + one.get_width() / 2 for one in walls])
+    x, y = np.moveaxis(np.array(curves), -1, 0)
+    return {
+        "x": _rounded(x),
+        "y": _rounded(y),
+        "box": _rounded(np.array(box)),
+        "held": held_masses(sol, scheme, times).tolist(),
+        "wall": _rounded(np.array(wall)),
+        "walls": [[one.get_height(), one.get_width(), one.get_y() + one.get_height() / 2] for one in walls],
+        "extent": [float(end(a)) for a in (x, y) for end in (np.nanmin, np.nanmax)],
+    }
+
+
+def _rounded(a: np.ndarray) -> list:
+    """Numbers short enough to be sent, None where there are none."""
+    told = a.round(_DIGITS).astype(object)
+    told[np.isnan(a)] = None
+    return told.tolist()

@@ -1,0 +1,191 @@
+"""The motion at one point of a sweep, followed again: what the explorer shows, without any page."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+
+from ..._flow.interface import AbstractFlow
+from ..._flow.taylor import TaylorFlow
+from ..._jax.arrays import is_single_precision
+from ..._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
+from ..._orbits.periodic_orbit import periodic_orbit
+from ..._sections.classify import MOTIONS, classify
+from ..._sweep.provenance import system_of
+from ..._system.parameters import get_parameter, parameter_names, set_parameter
+from ..._system.system import ImpactSystem, bound
+from ..._trajectory.simulate import simulate
+from ..._trajectory.solution import RESULTS, Solution
+
+# Room for the events of the periods that are shown, and of one cycle; one of each, so that nothing is compiled twice.
+_EVENTS, _EVENTS_OF_CYCLE = 4096, 256
+# The periods that are followed: enough to tell a motion by, and a motion that does not repeat shows the last few.
+_FEWEST, _SHOWN = 8, 8
+
+
+class Motion(NamedTuple):
+    """What is found at a point.
+
+    Attributes:
+        system: the machine there.
+        solution: the motion over the recorded periods, from phase 0.
+        shown: first and last time to show, of one cycle if it repeats.
+        kind: what `vx.classify` says of it.
+        orbit: the periodic orbit, if one was found.
+    """
+
+    system: ImpactSystem
+    solution: Solution
+    shown: tuple[float, float]
+    kind: xr.Dataset
+    orbit: PeriodicOrbit | None
+
+    @property
+    def num_periods(self) -> int:
+        """Forcing periods after which it repeats, 0 if it does not."""
+        return int(self.kind["num_periods"])
+
+    @property
+    def words(self) -> str:
+        """Its kind, in words."""
+        name = MOTIONS[int(self.kind["motion"])].replace("_", " ")
+        if not self.num_periods:
+            return name
+        counts = [_count(m) for m in self.kind["num_impacts"].values.tolist()]
+        periods = "period" if self.num_periods == 1 else "periods"
+        at_stops = f", {' | '.join(counts)} impacts" if counts else ""
+        return f"{name}{at_stops} in {self.num_periods} forcing {periods}"
+
+    @property
+    def end(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where it goes on, at phase 0."""
+        return np.asarray(self.solution.x1), np.asarray(self.solution.v1)
+
+
+def check(ds: xr.Dataset) -> None:
+    """Refuse what cannot be explored."""
+    if "result" not in ds or not swept_of(ds):
+        raise ValueError("The explorer shows what `vx.sweep` returned, over one swept quantity or more.")
+    system_of(ds)
+
+
+def swept_of(ds: xr.Dataset) -> list[str]:
+    """The swept quantities."""
+    return [str(dim) for dim in ds["result"].dims if dim != "direction"]
+
+
+def point_at(ds: xr.Dataset, place: Mapping[str, Any]) -> xr.Dataset:
+    """The one point of a sweep that is nearest to some values of what is swept.
+
+    Args:
+        ds: what `vx.sweep` returned.
+        place: a value for each dimension of its points, "up" or "down" for `direction`.
+    """
+    for dim in ds["result"].dims:
+        ds = (
+            ds.sel(direction=place["direction"])
+            if dim == "direction"
+            else nearest(ds, str(dim), place[str(dim)])
+        )
+    return ds.load()
+
+
+def nearest(ds: xr.Dataset, dim: str, value: Any) -> xr.Dataset:
+    """The part of a sweep at the nearest value of a swept quantity; the values may stand in any order."""
+    return ds.isel({dim: int(np.abs(ds[dim].values - value).argmin())})
+
+
+def motion_at(ds: xr.Dataset, place: Mapping[str, Any], changes: Mapping[str, float] | None = None) -> Motion:
+    """Follow the motion of a point of a sweep again, perhaps with other parameters.
+
+    It goes on from where the sweep ended, so it is the motion that the sweep found, also where several coexist; with
+    other parameters it is followed for as many forcing periods as the sweep's transient first.
+
+    Args:
+        ds: what `vx.sweep` returned.
+        place: a value for each dimension of its points; the nearest point counts.
+        changes: parameters of the machine by their paths, that are changed.
+
+    Raises:
+        ValueError: if the machine is not known, a path names nothing, or a value makes no machine.
+        RuntimeError: if the motion cannot be followed.
+    """
+    point = point_at(ds, place)
+    code = int(point["result"])
+    name = point["result"].attrs["flag_meanings"].split()[code]
+    if not np.isfinite(np.concatenate([point["x"].values, point["v"].values])).all():
+        raise RuntimeError(f"The sweep has no motion here: {RESULTS[getattr(RESULTS, name)]}")
+    system = bound(system_of(point))
+    for path, value in (changes or {}).items():
+        system = set_parameter(system, path, value)
+    x, v = point["x"].values, point["v"].values
+    if changes:
+        x, v = _settled(system, int(ds.attrs["transient"]), x, v)
+    return follow(system, max(int(ds.attrs["record"]), _FEWEST), x, v)
+
+
+def follow(system: ImpactSystem, record: int, x: np.ndarray, v: np.ndarray) -> Motion:
+    """The motion from a state at phase 0, over some forcing periods."""
+    period = float(system.forcing.period)
+    flow = _flow_of(system)
+    sol = simulate(system, 0.0, record * period, x, v, flow=flow, max_events=_EVENTS, throw=False)
+    _refuse_unless(sol, RESULTS.successful, RESULTS.max_events_reached)
+    kind = classify(sol, last=record)
+    n, orbit = int(kind["num_periods"]), None
+    if n and not is_single_precision(system):
+        found = periodic_orbit(system, x, v, n, flow=flow, max_events=_EVENTS_OF_CYCLE, throw=False)
+        orbit = found if found.result == ORBIT_RESULTS.successful else None
+    known = min(record * period, float(sol.known_until))
+    shown = (0.0, min(known, (n or min(_SHOWN, record)) * period))
+    return Motion(system, sol, shown, kind, orbit)
+
+
+def numbers_to_change(system: ImpactSystem) -> dict[str, float]:
+    """Every single number of a machine by its path, off the diagonals of matrices nothing."""
+    found = {}
+    for path in parameter_names(bound(system)):
+        value = np.asarray(get_parameter(bound(system), path))
+        for index in np.ndindex(value.shape):
+            if path not in ("mass", "damping", "stiffness") or len(set(index)) == 1:
+                found[path + "".join(f"[{i}]" for i in index)] = float(value[index])
+    return found
+
+
+def _settled(
+    system: ImpactSystem, transient: int, x: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The state after the transient; a stop that was moved may have come to stand beyond a mass."""
+    x = _between_stops(system, x)
+    end, flow = transient * float(system.forcing.period), _flow_of(system)
+    sol = simulate(system, 0.0, end, x, v, flow=flow, max_events=_EVENTS, throw=False)
+    _refuse_unless(sol, RESULTS.successful, RESULTS.max_events_reached)
+    return np.asarray(sol.x1), np.asarray(sol.v1)
+
+
+def _flow_of(system: ImpactSystem) -> AbstractFlow | None:
+    """The motion between events: one for all linear machines, so that a changed number is never one more program.
+
+    By modes, as a sweep has it, a machine whose dampers are changed would be one.
+    """
+    return TaylorFlow() if system.force is None else None
+
+
+def _between_stops(system: ImpactSystem, x: np.ndarray) -> np.ndarray:
+    """Positions with every mass set onto the stop that it would be beyond."""
+    x = np.array(x, float)
+    for stop in system.stops:
+        gap = float(stop.gap(jnp.asarray(x), jnp.asarray(0.0)))
+        if stop.slot is not None and gap < 0:
+            x[stop.slot[0]] += stop.sign * gap
+    return x
+
+
+def _refuse_unless(sol: Solution, *allowed: RESULTS) -> None:
+    if not any(sol.result == one for one in allowed):
+        raise RuntimeError(RESULTS[sol.result])
+
+
+def _count(impacts: float) -> str:
+    return "∞" if np.isinf(impacts) else "?" if np.isnan(impacts) else f"{impacts:.0f}"

@@ -1,0 +1,59 @@
+"""The pictures of one motion, drawn by `vx.plot`."""
+
+from collections.abc import Callable
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ... import plot
+from ..._jax.arrays import is_single_precision
+from .look import Look
+from .motion import Motion
+
+SIZE = (4.4, 2.9)  # inches
+DPI = 100  # of the figure itself: at another one all words would be set twice
+
+
+def pictures_of(motion: Motion | None, mass: int, look: Look) -> dict[str, Figure]:
+    """Time series, phase portrait of a mass, impact map and multipliers; without a motion nothing in them."""
+    draws: dict[str, Callable[[Motion, Axes], object]] = {
+        "time series": lambda m, ax: plot.time_series(m.solution, span=m.shown, ax=ax),
+        "phase portrait": lambda m, ax: plot.phase_portrait(m.solution, mass, span=m.shown, ax=ax),
+        "impact map": lambda m, ax: plot.impact_map(m.solution, None, ax=ax),
+        "multipliers": _multipliers,
+    }
+    with look.style():
+        return {name: _figure(motion, draw, look) for name, draw in draws.items()}
+
+
+def words_of_multipliers(motion: Motion) -> str:
+    """The Floquet multipliers, the largest first."""
+    if motion.orbit is None:
+        return f"none: {'they need 64-bit numbers' if is_single_precision(motion.system) else 'no periodic orbit'}"
+    told = [
+        f"{a.real:.4g}" if a.imag == 0 else f"{a.real:.4g} {'+' if a.imag > 0 else '-'} {abs(a.imag):.4g}i"
+        for a in np.asarray(motion.orbit.multipliers).tolist()
+    ]
+    return f"{', '.join(told)} ({'stable' if motion.orbit.is_stable else 'unstable'})"
+
+
+def _multipliers(motion: Motion, ax: Axes) -> object:
+    if motion.orbit is None:
+        raise ValueError("No periodic orbit, so no multipliers.")
+    return plot.multipliers(motion.orbit, ax=ax)
+
+
+def _figure(motion: Motion | None, draw: Callable[[Motion, Axes], object], look: Look) -> Figure:
+    """A picture; where there is nothing to draw, a sentence."""
+    figure = Figure(figsize=SIZE, dpi=DPI, layout="constrained")
+    ax = figure.subplots()
+    try:
+        if motion is not None:
+            draw(motion, ax)
+    except ValueError as error:
+        ax.clear()
+        ax.text(0.5, 0.5, str(error), ha="center", va="center", color=look.faint, transform=ax.transAxes)
+    if not ax.has_data():
+        ax.set_axis_off()
+    return figure
