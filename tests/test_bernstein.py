@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from vijax._flow.bernstein import bernstein, divided, first_crossing, nodes, slopes
+from vijax._flow.bernstein import bernstein, derivative_coefficients, divided, first_crossing, nodes
 from vijax._flow.diffrax_flow import degree_inside
 
 
@@ -34,7 +34,7 @@ def test_bernstein_coefficients_of_a_slope_and_of_a_quotient_are_those_of_their_
     values = np.polynomial.Polynomial([0.0, *powers])  # 0 at 0
     found = bernstein(jnp.asarray(values(times)))
     for coefficients, expected in (
-        (slopes(found), values.deriv()),
+        (derivative_coefficients(found), values.deriv()),
         (divided(found, jnp.asarray(powers[0])), np.polynomial.Polynomial(powers)),
     ):
         np.testing.assert_allclose(coefficients, bernstein(jnp.asarray(expected(times))), rtol=0, atol=1e-11)

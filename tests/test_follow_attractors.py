@@ -5,7 +5,7 @@ import pytest
 from coexisting_motions import MIRRORED, box, machine
 
 import vijax as vx
-from vijax._attractors.attractor import Motion
+from vijax._attractors.attractor import Attractor
 from vijax._attractors.attractor_matching import linked
 from vijax._attractors.distances import set_distance
 
@@ -67,10 +67,10 @@ def test_an_attractor_dies_where_a_stop_comes_to_graze_it_and_leads_to_the_one_t
     assert int(ds.successor[quiet]) == 1 - quiet
 
 
-def motion(value: int, points: list, impacts: float = 1.0) -> Motion:
+def motion(value: int, points: list, impacts: float = 1.0) -> Attractor:
     """A made up cycle at a value of the parameter."""
     rows, nothing = np.array(points, float), np.zeros(2)
-    return Motion(value, rows, 1.0, len(rows), 1, np.array([impacts]), nothing, nothing + 0j, 0.0)
+    return Attractor(value, rows, 1.0, len(rows), 1, np.array([impacts]), nothing, nothing + 0j, 0.0)
 
 
 def test_the_nearest_goes_on_those_with_the_same_impacts_first():

@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 import vijax as vx
-from vijax._execution.points import Point, points_of_lanes
+from vijax._execution.points import LaneInput, points_of_lanes
 from vijax._system.parameters import force_parameters, set_parameter
 from vijax._system.system import with_args
 
@@ -107,7 +107,7 @@ def test_a_number_of_args_is_swept_by_its_name(force, args, path, by_force):
 SYSTEM = with_args(
     machine(spring()), {"k": (1.0, jnp.arange(6.0).reshape(2, 3)), "two words": 3.0, "z": Magnet(4.0)}
 )
-BASE = Point(SYSTEM, np.zeros(1), np.zeros(1))
+BASE = LaneInput(SYSTEM, np.zeros(1), np.zeros(1))
 PLACES = {
     "force.cubic": (2.0, lambda s: s.force.force.numbers.cubic),
     "force.parts.drag": (2.0, lambda s: s.force.force.numbers.parts["drag"]),
@@ -170,7 +170,7 @@ def test_the_dataset_tells_the_numbers_of_the_force(by_force):
     told = json.loads(by_force.attrs["force_parameters"])
     assert told == {"force.cubic": 1.0, "force.parts.drag": 0.05}
     many = with_args(machine(spring()), jnp.ones((3, 6)))
-    assert force_parameters(Point(many, np.zeros(1), np.zeros(1)))["args"] == "shape (3, 6)"
+    assert force_parameters(LaneInput(many, np.zeros(1), np.zeros(1)))["args"] == "shape (3, 6)"
 
 
 def test_a_swept_array_has_axes_of_its_own_and_survives_a_file(tmp_path):

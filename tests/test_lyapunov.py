@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vijax as vx
-from vijax._execution.points import Point, points_of_lanes
+from vijax._execution.points import LaneInput, points_of_lanes
 from vijax._execution.runner import Counts
 from vijax._execution.settings import DEFAULT_SETTINGS
 from vijax._execution.threads import Threads
@@ -208,7 +208,7 @@ def test_two_thousand_random_machines_lose_the_volume_that_they_should():
     base = base_of(vx.models.wagg_bishop_b(1.0), None, None)
     points = points_of_lanes(base, values)
     full = [np.zeros((2, count))] * 2
-    points = Point(jax.tree.map(np.asarray, points.system), *full)
+    points = LaneInput(jax.tree.map(np.asarray, points.system), *full)
     flow = choose_flow(points.system, can_stick=True)
     counts = Counts(50, 100, 0, None, can_stick=True, lyapunov=True)
     found = Threads(flow, counts, DEFAULT_SETTINGS).run(points, np.arange(count), lambda _: None)

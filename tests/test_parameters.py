@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import vijax as vx
-from vijax._execution.points import Point, points_of_lanes
+from vijax._execution.points import LaneInput, points_of_lanes
 from vijax._system.parameters import (
     axis_names,
     get_parameter,
@@ -56,7 +56,7 @@ MACHINES = {
     "moving stops": slot(),
     "force": with_force(),
     "force and args": with_args(with_force(), (0.05, np.arange(6.0).reshape(2, 3))),
-    "a start": Point(slot(), np.zeros(2), np.ones(2)),
+    "a start": LaneInput(slot(), np.zeros(2), np.ones(2)),
 }
 
 
@@ -81,7 +81,9 @@ def test_every_path_is_set_to_what_it_has_and_nothing_changes(name):
 @pytest.mark.parametrize("name", MACHINES)
 def test_every_leaf_is_set_alone_and_is_what_a_sweep_sets(name):
     machine = MACHINES[name]
-    base = machine if isinstance(machine, Point) else Point(machine, *np.zeros((2, machine.num_masses)))
+    base = (
+        machine if isinstance(machine, LaneInput) else LaneInput(machine, *np.zeros((2, machine.num_masses)))
+    )
     for path in parameter_names(base):
         value = 0.9 * get_parameter(base, path)
         changed = set_parameter(base, path, value)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from vijax._branches import test_functions as tests
-from vijax._branches.admissibility import Levels, Watched
+from vijax._branches.admissibility import LeastMargins, Levels
 from vijax._branches.corrector import Corrected
-from vijax._branches.kernels import MOST_EVENTS, Request, Seen, look, padded
+from vijax._branches.kernels import MOST_EVENTS, CorrectedCycle, KernelCall, corrected_cycle, padded
 from vijax._branches.packing import pack
-from vijax._branches.parameter_family import Place
-from vijax._branches.point import Full, PlainPoint, Point, side_by_side
+from vijax._branches.parameter_family import ExtendedCycle
+from vijax._branches.point import BranchPoint, Full, PlainPoint, side_by_side
 from vijax._branches.scheduler import _asked
 from vijax._branches.test_functions import TESTS_OF_NEIGHBOURS, crossings, margins, num_unstable
 from vijax._orbits.sequence import Sequence
@@ -20,22 +20,22 @@ from vijax._trajectory.event_log import IMPACT, RELEASE
 ROOM, STOPS = 16, 2
 
 
-def seen(rng: np.random.Generator, mu: np.ndarray | None = None) -> Seen:
+def seen(rng: np.random.Generator, mu: np.ndarray | None = None) -> CorrectedCycle:
     """Test functions of either sign, of one cycle or, with the multipliers of several, of these."""
     if mu is None:
         root = complex(*rng.normal(size=2))
         mu = np.array([*rng.normal(size=2), root, root.conjugate()])
     some = lambda *shape: jnp.asarray(rng.normal(size=(*mu.shape[:-1], *shape)))  # noqa: E731
-    place = Place(some(4), some(ROOM), some())
+    place = ExtendedCycle(some(4), some(ROOM), some())
     found = Corrected(
         place, place, jnp.asarray(mu), some(ROOM), some(), some(), jnp.array(3), jnp.array(True)
     )
     stops, force = jnp.zeros(STOPS, int), some(STOPS).at[..., 1].set(jnp.inf)
-    watched = Watched(
+    watched = LeastMargins(
         some(STOPS), some(STOPS), stops, force, some(STOPS), stops, some(STOPS), stops, stops > 0, some()
     )
     rates = Levels(some(ROOM), some(STOPS), some(STOPS), some(STOPS))
-    return jax.device_get(Seen(found, watched, rates, some(4)))
+    return jax.device_get(CorrectedCycle(found, watched, rates, some(4)))
 
 
 def sequence_of(rng: np.random.Generator, num_events: int) -> Sequence:
@@ -92,7 +92,7 @@ def test_points_side_by_side_are_what_each_is_alone():
     rows = pack(jax.tree.map(lambda *a: np.stack(a), *(seen(rng) for _ in range(3))), has_rows=True)
     plain = [PlainPoint(sequence, rows, k, float(k)) for k in (2, 0)]
     few, many = (seen_with_room(rng, room) for room in (ROOM, 2 * ROOM))
-    points = [Point.of(sequence, few, 0.0), plain[0], Point.of(sequence, many, 1.0), plain[1]]
+    points = [BranchPoint.of(sequence, few, 0.0), plain[0], BranchPoint.of(sequence, many, 1.0), plain[1]]
     together = side_by_side(points)
     assert together.found.speeds.shape == (4, 2 * ROOM)
     for k, seen_alone in enumerate([few, rows.at(2).tree(), many, rows.at(0).tree()]):
@@ -102,7 +102,7 @@ def test_points_side_by_side_are_what_each_is_alone():
             assert np.count_nonzero(a[k]) == np.count_nonzero(own)
 
 
-def seen_with_room(rng: np.random.Generator, room: int) -> Seen:
+def seen_with_room(rng: np.random.Generator, room: int) -> CorrectedCycle:
     """A cycle with room for so many events."""
     one = seen(rng)
     longer = lambda a: np.resize(a, room) if np.shape(a) == (ROOM,) else a  # noqa: E731
@@ -112,9 +112,9 @@ def seen_with_room(rng: np.random.Generator, room: int) -> Seen:
 def test_a_branch_that_comes_to_too_many_events_is_told_so():
     def task():
         try:
-            yield Request(look, sequence_of(rng, MOST_EVENTS + 1), ())
+            yield KernelCall(corrected_cycle, sequence_of(rng, MOST_EVENTS + 1), ())
         except Full as why:
-            yield Request(look, sequence_of(rng, 3), (str(why),))
+            yield KernelCall(corrected_cycle, sequence_of(rng, 3), (str(why),))
 
     rng = np.random.default_rng(0)
     assert _asked(task(), None).arguments == ("max_events",)

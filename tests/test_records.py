@@ -5,7 +5,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from vijax._execution.records import Impact, Mark, append, chosen, impact_rows, joined, mark_rows, taken
+from vijax._execution.records import (
+    Impact,
+    Mark,
+    append,
+    impact_rows,
+    joined,
+    mark_rows,
+    selected_rows,
+    taken,
+)
 
 # The first whole number that has no place among floats of 32 bits.
 LARGE = 2**24 + 1
@@ -75,6 +84,6 @@ def test_room_is_what_is_left():
 
 def test_rows_are_chosen_and_joined_column_by_column():
     found = recorded(np.float64)
-    both = joined([chosen(found, found.stop == 1), chosen(found, found.stop == 0)])
+    both = joined([selected_rows(found, found.stop == 1), selected_rows(found, found.stop == 0)])
     np.testing.assert_array_equal(both.time, [1.0, 0.25, 0.75])
     np.testing.assert_array_equal(both.point, LARGE + np.array([0, 0, 2]))

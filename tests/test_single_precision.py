@@ -11,7 +11,7 @@ import xarray as xr
 from documents import ROOT
 
 import vijax as vx
-from vijax.studio.explorer.motion import follow
+from vijax.studio.explorer.motion import motion_from
 from vijax.studio.explorer.pictures import words_of_multipliers
 
 # The library says that it works in 32 bits, or that a machine was made so; that is tested elsewhere.
@@ -104,7 +104,7 @@ def test_a_chart_without_orbits_needs_no_64_bits():
 def test_the_explorer_shows_a_motion_of_single_precision_without_multipliers():
     with jax.enable_x64(False):
         orbit = orbit_in(32)
-        motion = follow(made_in(32), 8, np.asarray(orbit.x0), np.asarray(orbit.v0))
+        motion = motion_from(made_in(32), 8, np.asarray(orbit.x0), np.asarray(orbit.v0))
         assert words_of_multipliers(motion) == "none: they need 64-bit numbers"
     assert motion.num_periods == 1
 

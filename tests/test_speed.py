@@ -10,7 +10,7 @@ import pytest
 
 import vijax as vx
 from vijax._execution import lane_loop, lane_queue
-from vijax._execution.points import Point, points_of_lanes
+from vijax._execution.points import LaneInput, points_of_lanes
 from vijax._execution.settings import ExecutionSettings
 from vijax._flow.choose import choose_flow
 
@@ -27,7 +27,7 @@ POINTS, LANES = 16, 8
 @pytest.fixture(scope="module")
 def compiled() -> str:
     """The text of the loop over lanes for a frequency sweep of case (b)."""
-    base = Point(vx.models.wagg_bishop_b(1.0), np.zeros(2), np.zeros(2))
+    base = LaneInput(vx.models.wagg_bishop_b(1.0), np.zeros(2), np.zeros(2))
     points = points_of_lanes(base, {"forcing.frequency": np.linspace(0.5, 1.5, POINTS)})
     flow = choose_flow(points.system, can_stick=True)
     system, flow = jax.tree.map(jnp.asarray, (points.system, flow))

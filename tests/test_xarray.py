@@ -13,7 +13,7 @@ import xarray as xr
 from outputs import FILES, assert_comes_back, names_of
 
 import vijax as vx
-from vijax._execution.points import Point
+from vijax._execution.points import LaneInput
 from vijax._execution.runner import Counts
 from vijax._sweep.provenance import origin
 from vijax._system.description import build, describe
@@ -153,7 +153,7 @@ def test_attributes_of_one_mass_and_of_many_survive(tmp_path, num_masses):
     system = vx.chain(links, links, links, load)
     start = np.zeros(num_masses)
     counts = Counts(transient=1, record=1, max_impacts=1, max_steps=1, can_stick=False)
-    attributes = origin(Point(system, start, start), counts, flow="", carry=None, goes_on=False)
+    attributes = origin(LaneInput(system, start, start), counts, flow="", carry=None, goes_on=False)
     assert (len(attributes["system"]) > 1 << 16) == (num_masses == 90)
     xr.Dataset(attrs=attributes).to_netcdf(tmp_path / "file.nc", engine="h5netcdf")
     with xr.open_dataset(tmp_path / "file.nc") as found:

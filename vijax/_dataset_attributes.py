@@ -109,7 +109,7 @@ _UNITS = {
 }
 
 
-def label(name: str) -> dict[str, str]:
+def variable_attributes(name: str) -> dict[str, str]:
     """The attributes of a variable or of a swept path: meaning, and unit where there is one."""
     name = re.sub(r"\[[^]]*\]|\.values$", "", name)
     name = re.sub(r"^(force|args)\..*", r"\1", name)

@@ -21,14 +21,14 @@ _WIDTH = 90
 _COLUMNS = ("t", "kind", "stop", "velocity_minus", "velocity_plus", "impulse")
 
 
-class Told(NamedTuple):
+class Description(NamedTuple):
     """A title, and rows of which the first cell says what the others are."""
 
     title: str
     rows: list[tuple[str, ...]]
 
 
-def as_text(tell: Callable[..., Told], thing: Any, *words: Any) -> str:
+def as_text(tell: Callable[..., Description], thing: Any, *words: Any) -> str:
     """A description in aligned columns."""
     told = _told(tell, thing, *words)
     if told is None:
@@ -39,7 +39,7 @@ def as_text(tell: Callable[..., Told], thing: Any, *words: Any) -> str:
     return "\n".join([told.title, *(f"  {line}" for line in lines)])
 
 
-def as_html(tell: Callable[..., Told], thing: Any, *words: Any) -> str:
+def as_html(tell: Callable[..., Description], thing: Any, *words: Any) -> str:
     """The same as a table."""
     told = _told(tell, thing, *words)
     if told is None:
@@ -54,7 +54,7 @@ def as_html(tell: Callable[..., Told], thing: Any, *words: Any) -> str:
     return f"<div>{html.escape(told.title)}</div><table>{''.join(rows)}</table>"
 
 
-def _told(tell: Callable[..., Told], thing: Any, *words: Any) -> Told | None:
+def _told(tell: Callable[..., Description], thing: Any, *words: Any) -> Description | None:
     """Description of an object; None if its fields are odd or missing."""
     try:
         return tell(thing, *words)
@@ -62,7 +62,7 @@ def _told(tell: Callable[..., Told], thing: Any, *words: Any) -> Told | None:
         return None
 
 
-def told_of_harmonic(harmonic: Any) -> Told:
+def describe_harmonic(harmonic: Any) -> Description:
     """A load, or the motion of a stop, which has no frequency."""
     batch = _batch((harmonic.frequency, 0), (harmonic.mean, 1))
     own = harmonic.amplitude.ndim - len(batch)
@@ -72,28 +72,28 @@ def told_of_harmonic(harmonic: Any) -> Told:
     parts = (("phase", harmonic.phase, own), ("mean", harmonic.mean, 1))
     rows += [(name, _numbers(value, own)) for name, value, own in parts if not _is_zero(value)]
     kind = harmonic.num_harmonics(len(batch))
-    return Told(f"Harmonic with {_count(kind, 'harmonic')}{_beside(harmonic.amplitude, batch)}", rows)
+    return Description(f"Harmonic with {_count(kind, 'harmonic')}{_beside(harmonic.amplitude, batch)}", rows)
 
 
-def told_of_stop(stop: Any) -> Told:
+def describe_stop(stop: Any) -> Description:
     """A stop on one line."""
     batch = _batch((stop.position, 0), (stop.restitution, 0))
-    return Told(f"Stop of mass {stop.mass}: {_wall(stop)}{_beside(stop.position, batch)}", [])
+    return Description(f"Stop of mass {stop.mass}: {_wall(stop)}{_beside(stop.position, batch)}", [])
 
 
-def told_of_contact(contact: Any) -> Told:
+def describe_contact(contact: Any) -> Description:
     """A contact on one line."""
     batch = _batch((contact.position, 0), (contact.restitution, 0))
-    return Told(f"Contact: {_wall(contact)}{_beside(contact.position, batch)}", [])
+    return Description(f"Contact: {_wall(contact)}{_beside(contact.position, batch)}", [])
 
 
-def told_of_system(system: Any, name_of_force: Callable[[Any], str]) -> Told:
+def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Description:
     """A machine: its matrices, its load, its stops, its force."""
     forcing, stops = system.forcing, system.stops
     walls = [(value, 0) for stop in stops for value in (stop.position, stop.restitution)]
     batch = _batch((system.damping, 2), (forcing.frequency, 0), *walls)
     masses = _count(system.stiffness.shape[-1], "mass", "masses")
-    load = told_of_harmonic(forcing).rows
+    load = describe_harmonic(forcing).rows
     rows = [
         ("mass", _numbers(system.mass, 2 if system.has_full_mass else 1)),
         ("damping", _numbers(system.damping, 2)),
@@ -109,22 +109,22 @@ def told_of_system(system: Any, name_of_force: Callable[[Any], str]) -> Told:
     if system.force is not None:
         rows.append(("force", _short(name_of_force(jax.tree.map(_as_number, system.force)))))
     count = _count(len(stops), "stop")
-    return Told(f"ImpactSystem of {masses} and {count}{_beside(system.mass, batch)}", rows)
+    return Description(f"ImpactSystem of {masses} and {count}{_beside(system.mass, batch)}", rows)
 
 
-def told_of_events(log: Any, kinds: Sequence[str]) -> Told:
+def describe_events(log: Any, kinds: Sequence[str]) -> Description:
     """The first and the last events."""
     kind = concrete(log.kind)
     room, batch = log.t.shape[-1], log.t.shape[:-1]
     title = f"EventLog with room for {_count(room, 'event')}{_beside(log.t, batch)}"
     if kind is None:
-        return Told(title, [(name, _shape(getattr(log, name))) for name in ("t", "stop", "kind")])
+        return Description(title, [(name, _shape(getattr(log, name))) for name in ("t", "stop", "kind")])
     title += f": {_kinds(kind, kinds)}"
     count = int(np.count_nonzero(kind >= 0))
     if batch or not count:
-        return Told(title, [])
+        return Description(title, [])
     rows = [("...",) if i is None else _event(log, i, kinds) for i in _first_and_last(count)]
-    return Told(title, [("", *_COLUMNS), *rows])
+    return Description(title, [("", *_COLUMNS), *rows])
 
 
 def _first_and_last(count: int) -> list[int | None]:
@@ -141,7 +141,7 @@ def _event(log: Any, i: int, kinds: Sequence[str]) -> tuple[str, ...]:
     return (str(i), *numbers.values())
 
 
-def told_of_solution(solution: Any, results: Sequence[str], kinds: Sequence[str]) -> Told:
+def describe_solution(solution: Any, results: Sequence[str], kinds: Sequence[str]) -> Description:
     """A trajectory, or a batch of them: what became of it, its events, and its end."""
     batch, log = solution.t1.shape, solution.events
     kind, held = concrete(log.kind), concrete(solution.stuck1)
@@ -157,10 +157,10 @@ def told_of_solution(solution: Any, results: Sequence[str], kinds: Sequence[str]
         ("ts", f"{_count(solution.ts.shape[-1], 'saved state')}, xs {list(solution.xs.shape)}"),
         ("steps", f"{_numbers(solution.num_steps, 0)}, rejected {_numbers(solution.num_rejected, 0)}"),
     ]
-    return Told(f"Solution from {span}{_beside(solution.t1, batch)}", rows)
+    return Description(f"Solution from {span}{_beside(solution.t1, batch)}", rows)
 
 
-def told_of_orbit(orbit: Any, results: Sequence[str], kinds: Sequence[str]) -> Told:
+def describe_orbit(orbit: Any, results: Sequence[str], kinds: Sequence[str]) -> Description:
     """A periodic orbit, or a batch of them, in five lines."""
     kind, code = concrete(orbit.events.kind), concrete(orbit.result._value)
     multipliers = concrete(orbit.multipliers)
@@ -171,7 +171,7 @@ def told_of_orbit(orbit: Any, results: Sequence[str], kinds: Sequence[str]) -> T
         ("multipliers", _shape(orbit.multipliers) if multipliers is None else _judged(orbit, multipliers)),
     ]
     n = _count(orbit.num_periods, "forcing period")
-    return Told(
+    return Description(
         f"PeriodicOrbit of {n}, {_numbers(orbit.period, 0)}{_beside(orbit.x0, orbit.period.shape)}", rows
     )
 

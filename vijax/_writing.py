@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 @contextmanager
-def told_where(name: str, path: Path) -> Iterator[None]:
+def naming_argument(name: str, path: Path) -> Iterator[None]:
     """Say of what is being written which argument names a place where nothing can be.
 
     Args:

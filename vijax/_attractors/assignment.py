@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .attractor import Motion
+from .attractor import Attractor
 from .distances import nearest, reach
-from .ensemble import Ends
+from .ensemble import Endpoints
 
 # A motion is on a cycle within this many times the tolerance; it approaches one from this distance on, relative to its size.
 _SLACK, _NEAR = 10, 1e-2
@@ -34,7 +34,7 @@ class _Points(NamedTuple):
     after: np.ndarray
 
 
-def _points_of(motions: list[Motion], numbers: list[int]) -> _Points:
+def _points_of(motions: list[Attractor], numbers: list[int]) -> _Points:
     count = [len(motions[k].points) for k in numbers]
     begin = np.cumsum([0, *count])[:-1]
     after = [b + np.roll(np.arange(c), -1) for b, c in zip(begin, count, strict=True)]
@@ -47,7 +47,7 @@ def _points_of(motions: list[Motion], numbers: list[int]) -> _Points:
 
 
 def _by_machine(
-    ends: Ends, left: np.ndarray, motions: list[Motion], *, cycles: bool
+    ends: Endpoints, left: np.ndarray, motions: list[Attractor], *, cycles: bool
 ) -> Iterator[tuple[np.ndarray, list[int]]]:
     """For each machine, and each block of its points that are left, these and the attractors of the machine."""
     for each in np.unique(ends.machine[left]):
@@ -61,7 +61,7 @@ def _by_machine(
             yield places[k : k + _BLOCK], numbers
 
 
-def on_cycles(motions: list[Motion], ends: Ends, left: np.ndarray, tolerance: float) -> np.ndarray:
+def on_cycles(motions: list[Attractor], ends: Endpoints, left: np.ndarray, tolerance: float) -> np.ndarray:
     """Labels of motions that end on a cycle."""
     label = np.full(len(left), -1)
     for block, numbers in _by_machine(ends, left, motions, cycles=True):
@@ -71,7 +71,7 @@ def on_cycles(motions: list[Motion], ends: Ends, left: np.ndarray, tolerance: fl
     return label
 
 
-def approached(motions: list[Motion], ends: Ends, left: np.ndarray) -> np.ndarray:
+def approached(motions: list[Attractor], ends: Endpoints, left: np.ndarray) -> np.ndarray:
     """Labels of motions that come closer and closer to a stable cycle."""
     label = np.full(len(left), -1)
     for block, numbers in _by_machine(ends, left, motions, cycles=True):
@@ -99,7 +99,7 @@ def _comes_closer(section: np.ndarray, points: _Points, place: np.ndarray) -> np
     return is_near & (distance[:, -third:].max(axis=1) < distance[:, :third].max(axis=1))
 
 
-def in_clouds(motions: list[Motion], ends: Ends, left: np.ndarray, last: int = _LAST) -> np.ndarray:
+def in_clouds(motions: list[Attractor], ends: Endpoints, left: np.ndarray, last: int = _LAST) -> np.ndarray:
     """Labels of motions whose last points lie in a cloud that lasts."""
     label = np.full(len(left), -1)
     for block, numbers in _by_machine(ends, left, motions, cycles=False):

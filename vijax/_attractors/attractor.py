@@ -22,7 +22,7 @@ _CLOUD = 2048
 _NON_PERIODIC = MOTIONS.index("non_periodic")
 
 
-class Motion(NamedTuple):
+class Attractor(NamedTuple):
     """An attractor.
 
     Attributes:
@@ -85,7 +85,7 @@ def cycles_from(
     machine: np.ndarray,
     num_periods: np.ndarray,
     is_quiet: np.ndarray,
-) -> list[Motion]:
+) -> list[Attractor]:
     """The cycles near states that nearly repeat, polished where the search succeeds."""
     found, is_found = orbits_near(machines, states, machine, num_periods, is_quiet)
     start = found.start * machines.scale(machine)
@@ -111,7 +111,7 @@ def cycles_from(
         points = section[k, : n[k]]
         points = np.roll(points, -int(points[:, 0].argmin()), axis=0)
         motions.append(
-            Motion(
+            Attractor(
                 machine=int(machine[k]),
                 points=points,
                 size=_size(points),
@@ -126,16 +126,16 @@ def cycles_from(
     return motions
 
 
-def cloud_of(machines: Machines, machine: int, points: np.ndarray) -> Motion:
+def cloud_of(machines: Machines, machine: int, points: np.ndarray) -> Attractor:
     """A chaotic motion, from its section (points, 2 n)."""
     unknown = np.full(machines.system.num_stops, np.nan)
     points = thinned(points)
     multipliers = np.full(points.shape[1], np.nan + 0j)
     size = _size(points)
-    return Motion(machine, points, size, 0, _NON_PERIODIC, unknown, unknown, multipliers, np.nan)
+    return Attractor(machine, points, size, 0, _NON_PERIODIC, unknown, unknown, multipliers, np.nan)
 
 
-def place_of(known: list[Motion], motion: Motion, tolerance: float) -> int:
+def attractor_index(known: list[Attractor], motion: Attractor, tolerance: float) -> int:
     """The number of a motion among those that are known, to which it is added if it is new."""
     for k, other in enumerate(known):
         if other.machine == motion.machine and is_same(other, motion, tolerance):
@@ -147,7 +147,7 @@ def place_of(known: list[Motion], motion: Motion, tolerance: float) -> int:
     return len(known) - 1
 
 
-def is_same(ours: Motion, theirs: Motion, tolerance: float) -> bool:
+def is_same(ours: Attractor, theirs: Attractor, tolerance: float) -> bool:
     """Whether two motions of one machine are one, by their states and events.
 
     Cycles are compared point by point, up to a shift by whole periods; clouds by whether they mix.

@@ -4,14 +4,14 @@ import numpy as np
 
 from .._jax.arrays import as_float
 from .._system.parameters import set_parameter
-from .attractor import Motion
+from .attractor import Attractor
 from .coexisting import Coexisting, coexisting
 from .distances import set_distance
 from .ensemble import Machines
 from .starts import is_beyond
 
 
-def seeded(machines: Machines, found: Coexisting) -> tuple[list[Motion], dict[int, int]]:
+def seeded(machines: Machines, found: Coexisting) -> tuple[list[Attractor], dict[int, int]]:
     """Start at each value from the attractors at the value before.
 
     What is found so is started from in its turn, until nothing is new.
@@ -50,7 +50,7 @@ def _is_beyond(machines: Machines, physical: np.ndarray, machine: np.ndarray) ->
     return beyond
 
 
-def linked(motions: list[Motion], num_values: int, threshold: float) -> np.ndarray:
+def linked(motions: list[Attractor], num_values: int, threshold: float) -> np.ndarray:
     """Number the attractors along the parameter, so that what goes on keeps its number, (motions,).
 
     Numbers are given in the order in which attractors begin.
@@ -71,7 +71,7 @@ def linked(motions: list[Motion], num_values: int, threshold: float) -> np.ndarr
     return name
 
 
-def _distance(ours: Motion, theirs: Motion) -> tuple[bool, float]:
+def _distance(ours: Attractor, theirs: Attractor) -> tuple[bool, float]:
     """Whether events differ, and how far two attractors are apart, relative to their size."""
     rates = [m.num_impacts / max(1, m.num_periods) for m in (ours, theirs)]
     is_other = not np.array_equal(*rates, equal_nan=True) or (ours.num_periods == 0) != (

@@ -6,7 +6,7 @@ from typing import Any, cast
 import numpy as np
 import xarray as xr
 
-from .._dataset_attributes import label
+from .._dataset_attributes import variable_attributes
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_known, is_traced, refuse_single_precision, whole_number
@@ -17,7 +17,7 @@ from .._system.system import ImpactSystem, with_args
 from .coexisting import coexisting, lasting
 from .ensemble import Machines, default_tolerance
 from .starts import Starts, bounds_of, drawn_starts, grid_of_starts, listed_starts
-from .table import attributes_of, sorted_by_share, table_of
+from .table import attractor_dataset, attributes_of, sorted_by_share
 
 
 @padding_allowed
@@ -76,7 +76,7 @@ def attractors(
         exponents, of cycles ln|multiplier| / (n T), of others averaged over 2000 periods, with their standard errors `exponents_error`: what does
         not repeat is chaotic where the largest is far above its error, quasi-periodic where it is of the size of that; `section_x`, `section_v` (...,
         section, mass), the states at phase 0 of a cycle, and many of others, padded with NaN.
-        Along `start`, or the dimensions of the grid: `label`, the number of the attractor, -1 where the motion has not settled or
+        Along `start`, or the dimensions of the grid: `variable_attributes`, the number of the attractor, -1 where the motion has not settled or
         failed, and `is_failed`. `num_not_settled` and `num_failed` count these; a warning tells of the first, which a longer `transient` settles.
         The result is the same every time.
 
@@ -102,7 +102,7 @@ def attractors(
     machines = machines_of_one(
         system, args, transient, record, tolerance, flow, max_steps, settings, executor
     )
-    given = starts_of(machines, starts, bounds, seed, x0, v0)
+    given = requested_starts(machines, starts, bounds, seed, x0, v0)
     return _found(machines, given, progress=progress)
 
 
@@ -144,7 +144,7 @@ def machines_of_one(
     )
 
 
-def starts_of(
+def requested_starts(
     machines: Machines,
     starts: Count | tuple[Numbers, Numbers] | Numbers | Mapping[str, Numbers],
     bounds: Numbers | None,
@@ -173,11 +173,11 @@ def _found(machines: Machines, starts: Starts, *, progress: bool) -> xr.Dataset:
     found = coexisting(machines, ends)
     motions, number = lasting(found.motions)
     motions, labels = sorted_by_share(motions, number[found.label])
-    table = table_of(machines, motions, labels, ends.is_failed)
+    table = attractor_dataset(machines, motions, labels, ends.is_failed)
     warn_of_unsettled(int(table["num_not_settled"]), len(labels), machines.transient)
     shape, dims = tuple(len(a) for a in starts.axes.values()), tuple(starts.axes)
     of_starts = {"label": labels, "is_failed": ends.is_failed}
-    columns = {name: (dims, a.reshape(shape), label(name)) for name, a in of_starts.items()}
+    columns = {name: (dims, a.reshape(shape), variable_attributes(name)) for name, a in of_starts.items()}
     table = table.assign(columns)
     coordinates = {path: (path, a) for path, a in starts.axes.items()} | {"stop_mass": ds["stop_mass"]}
     return table.assign_coords(coordinates).assign_attrs(attributes_of(ds))

@@ -22,8 +22,8 @@ from typing import NamedTuple
 import numpy as np
 
 from .assignment import approached, in_clouds, on_cycles
-from .attractor import Motion, cloud_of, cycles_from, place_of
-from .ensemble import Ends, Machines
+from .attractor import Attractor, attractor_index, cloud_of, cycles_from
+from .ensemble import Endpoints, Machines
 
 # Width of a cell, relative to the size of the motion; cells that are polished in a round, of each machine.
 _CELL, _MOST_CELLS = 1e-3, 64
@@ -40,11 +40,11 @@ class Coexisting(NamedTuple):
         label: the number of the attractor of each motion, -1 where it is not known.
     """
 
-    motions: list[Motion]
+    motions: list[Attractor]
     label: np.ndarray
 
 
-def coexisting(machines: Machines, ends: Ends, known: list[Motion] | None = None) -> Coexisting:
+def coexisting(machines: Machines, ends: Endpoints, known: list[Attractor] | None = None) -> Coexisting:
     """Find the attractors on which motions end.
 
     Args:
@@ -73,7 +73,7 @@ def coexisting(machines: Machines, ends: Ends, known: list[Motion] | None = None
     return Coexisting(motions, label)
 
 
-def lasting(motions: list[Motion]) -> tuple[list[Motion], np.ndarray]:
+def lasting(motions: list[Attractor]) -> tuple[list[Attractor], np.ndarray]:
     """The attractors among motions, and the number among these of each, then of none, -1 for those that are none."""
     number = np.full(len(motions) + 1, -1)
     kept = [k for k, motion in enumerate(motions) if motion.is_lasting]
@@ -81,7 +81,7 @@ def lasting(motions: list[Motion]) -> tuple[list[Motion], np.ndarray]:
     return [motions[k] for k in kept], number
 
 
-def _leaky(motions: list[Motion], ends: Ends, sample: np.ndarray, label: np.ndarray) -> set[int]:
+def _leaky(motions: list[Attractor], ends: Endpoints, sample: np.ndarray, label: np.ndarray) -> set[int]:
     """Clouds from which motions left for a cycle, which therefore are no attractors."""
     is_on_cycle = np.array([motion.num_periods > 0 for motion in motions] + [False])[label]
     # What came closer to its cycle all the time may have done so in the midst of a cloud.
@@ -89,7 +89,9 @@ def _leaky(motions: list[Motion], ends: Ends, sample: np.ndarray, label: np.ndar
     return {*in_clouds(motions, ends, gone, ends.section.shape[1]).tolist()} - {-1}
 
 
-def _longer(machines: Machines, motions: list[Motion], ends: Ends, label: np.ndarray, times: int) -> Ends:
+def _longer(
+    machines: Machines, motions: list[Attractor], ends: Endpoints, label: np.ndarray, times: int
+) -> Endpoints:
     """Run on all motions that may be in a cloud that does not last; their labels are changed in place."""
     passing = [k for k, motion in enumerate(motions) if not motion.is_lasting]
     label[np.isin(label, passing)] = -1
@@ -104,16 +106,16 @@ def _longer(machines: Machines, motions: list[Motion], ends: Ends, label: np.nda
     return _replaced(ends, which, later)
 
 
-def _replaced(ends: Ends, which: np.ndarray, later: Ends) -> Ends:
+def _replaced(ends: Endpoints, which: np.ndarray, later: Endpoints) -> Endpoints:
     """The same, with later ends of some motions: as many of their last periods as are kept of all."""
     later = later._replace(section=later.section[:, -ends.section.shape[1] :])
-    ends = Ends(*(a.copy() for a in ends))
+    ends = Endpoints(*(a.copy() for a in ends))
     for whole, part in zip(ends, later, strict=True):
         whole[which] = part
     return ends
 
 
-def _settled(machines: Machines, motions: list[Motion], ends: Ends) -> np.ndarray:
+def _settled(machines: Machines, motions: list[Attractor], ends: Endpoints) -> np.ndarray:
     """Labels of the motions that repeat; new cycles are added to `motions`."""
     label = np.full(len(ends.machine), -1)
     for _ in range(_ROUNDS):
@@ -125,13 +127,13 @@ def _settled(machines: Machines, motions: list[Motion], ends: Ends) -> np.ndarra
             break
         of_cells = (a[cells] for a in (ends.last, ends.machine, ends.num_periods, ends.is_quiet))
         for k, motion in zip(cells, cycles_from(machines, *of_cells), strict=True):
-            label[k] = place_of(motions, motion, machines.tolerance)
+            label[k] = attractor_index(motions, motion, machines.tolerance)
             if ends.is_quiet[k]:
                 label[ends.is_quiet & (ends.machine == ends.machine[k])] = label[k]
     return label
 
 
-def _one_of_each_cell(ends: Ends, left: np.ndarray) -> np.ndarray:
+def _one_of_each_cell(ends: Endpoints, left: np.ndarray) -> np.ndarray:
     """Of the motions in each cell the first, of the cells with the most motions."""
     states = ends.last[left]
     size = np.abs(states).max(axis=1, keepdims=True)
@@ -160,8 +162,8 @@ def _first_of_each(machine: np.ndarray, most: int, *, spread: bool = False) -> n
 
 
 def _run_on(
-    machines: Machines, motions: list[Motion], states: np.ndarray, machine: np.ndarray
-) -> tuple[np.ndarray, Ends]:
+    machines: Machines, motions: list[Attractor], states: np.ndarray, machine: np.ndarray
+) -> tuple[np.ndarray, Endpoints]:
     """Labels of motions that are run on for long, and their ends; new attractors are added to `motions`."""
     record = max(_LONG_RECORD, machines.record)
     ds = machines.run(states, machine, _LONGER * machines.transient, record, goes_on=True)
@@ -170,5 +172,7 @@ def _run_on(
     left = np.flatnonzero((label < 0) & ~ends.is_failed)
     label[left] = approached(motions, ends, left)
     for k in np.flatnonzero((label < 0) & (ends.num_periods == 0) & ~ends.is_settling & ~ends.is_failed):
-        label[k] = place_of(motions, cloud_of(machines, int(machine[k]), ends.section[k]), machines.tolerance)
+        label[k] = attractor_index(
+            motions, cloud_of(machines, int(machine[k]), ends.section[k]), machines.tolerance
+        )
     return label, ends

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from .._execution.points import Point, with_values
+from .._execution.points import LaneInput, with_values
 from .._execution.runner import Counts
 from .._execution.settings import ExecutionSettings
 from .._flow.interface import AbstractFlow
@@ -35,7 +35,7 @@ _HAIR = 4096
 _COMPARED = 128
 
 
-class Ends(NamedTuple):
+class Endpoints(NamedTuple):
     """Where motions end, points first, states as (W x, v).
 
     Attributes:
@@ -129,7 +129,7 @@ class Machines:
         """The machine of each point, lanes last."""
         zero = np.zeros(self.system.num_masses, self.rate.dtype)
         of_point = {path: a[machine] for path, a in self.values.items()}
-        return with_values(Point(self.system, zero, zero), of_point).system
+        return with_values(LaneInput(self.system, zero, zero), of_point).system
 
     def onto_stops(self, states: np.ndarray, machine: np.ndarray, within: float = float("inf")) -> np.ndarray:
         """States (W x, v), (points, 2 n), brought back to the stops beyond which they lie.
@@ -167,7 +167,7 @@ class Machines:
         states[which] = np.concatenate(after, axis=1) * scale
         return states
 
-    def ends(self, ds: xr.Dataset, machine: np.ndarray) -> Ends:
+    def ends(self, ds: xr.Dataset, machine: np.ndarray) -> Endpoints:
         """Judge where the motions of a sweep end."""
         x, v = (ds[f"section_{name}"].values for name in "xv")
         section = np.concatenate([x * self.rate[machine, None, None].astype(x.dtype), v], axis=2)
@@ -183,7 +183,7 @@ class Machines:
         asked = np.flatnonzero(~is_failed & ~is_touched)
         is_quiet = stays_quiet(ds, asked, *np.split(last, 2, axis=1))[0]
         n = np.where(is_failed, 0, np.where(is_quiet, 1, found.num_periods))
-        return Ends(section, machine, n, found.is_settling & (n == 0), is_quiet, is_failed)
+        return Endpoints(section, machine, n, found.is_settling & (n == 0), is_quiet, is_failed)
 
     def polish(self, states: np.ndarray, machine: np.ndarray, num_periods: np.ndarray) -> Orbits:
         """Search the cycles near states (W x, v) that nearly repeat."""
@@ -191,7 +191,7 @@ class Machines:
         number = np.resize(np.arange(len(states)), max(2, len(states)))
         of_point = {path: a[machine[number]] for path, a in ({FREQUENCY: self.rate} | self.values).items()}
         zero = np.zeros(self.system.num_masses, states.dtype)
-        lanes = with_values(Point(self.system, zero, zero), of_point).system
+        lanes = with_values(LaneInput(self.system, zero, zero), of_point).system
         starts = (states / self.scale(machine))[number]
         found = search_orbits(lanes, num_periods[number], starts, _MAX_EVENTS, lambda _: None, self.flow)
         return Orbits(*(a[: len(states)] for a in found))

@@ -13,7 +13,7 @@ from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
 from .._system.parameters import find_parameter, set_parameter
 from .._system.system import ImpactSystem
 from .attractor_matching import linked, seeded
-from .attractors import check_single, machines_of_one, starts_of
+from .attractors import check_single, machines_of_one, requested_starts
 from .coexisting import coexisting, lasting
 from .ensemble import FREQUENCY
 from .table import attributes_of, table_along
@@ -97,7 +97,7 @@ def follow_attractors(
     one = machines_of_one(system, args, transient, record, tolerance, flow, max_steps, settings, executor)
     along, rate = _values(one.system, path, values)
     first = replace(one, system=set_parameter(one.system, path, as_float(along[0])), rate=rate[:1])
-    states = starts_of(first, starts, bounds, seed, None, None).states
+    states = requested_starts(first, starts, bounds, seed, None, None).states
     machines = replace(one, values={path: along}, rate=rate).for_sweep_of(len(along) * len(states))
     machine = np.repeat(np.arange(len(along)), len(states))
     states = np.tile(states, (len(along), 1)) * machines.scale(machine)

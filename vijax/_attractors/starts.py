@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._execution.points import Point
+from .._execution.points import LaneInput
 from .._jax.arrays import Count, Numbers, as_float, as_known, whole_number
 from .._sweep.zipped import START
 from .._system.checks import is_touching
@@ -47,7 +47,7 @@ def grid_of_starts(
     shape = tuple(len(a) if a.ndim == 1 else 0 for a in axes.values())
     grid = np.indices(shape).reshape(len(axes), -1)
     states = np.tile(base.reshape(-1), (grid.shape[1], 1))
-    whole = Point(system, as_float(np.zeros(n)), as_float(np.zeros(n)))
+    whole = LaneInput(system, as_float(np.zeros(n)), as_float(np.zeros(n)))
     for (path, a), place in zip(axes.items(), grid, strict=True):
         if a.ndim != 1 or not a.size:
             raise ValueError(f"The values of `{path}` must have shape (points,), but have {a.shape}.")
@@ -55,7 +55,7 @@ def grid_of_starts(
     return Starts(states, axes)
 
 
-def _column(whole: Point, path: str, n: int) -> int:
+def _column(whole: LaneInput, path: str, n: int) -> int:
     """The place in a state of a quantity of the start."""
     index = find_parameter(whole, path).index
     if path.split("[")[0] not in ("x0", "v0") or len(index) != 1:

@@ -3,10 +3,10 @@
 import numpy as np
 import xarray as xr
 
-from .._dataset_attributes import flags, label
+from .._dataset_attributes import flags, variable_attributes
 from .._sections.classify import MOTIONS
-from .attractor import Motion
-from .ensemble import Ends, Machines
+from .attractor import Attractor
+from .ensemble import Endpoints, Machines
 
 ATTRACTOR = "attractor"
 # Of the attributes of a sweep those that are of its points.
@@ -14,7 +14,7 @@ _OF_POINTS = ("x0", "v0", "carry", "carry_from", "max_impacts")
 _FILL = {"motion": -1, "num_periods": 0, "is_stable": False}
 
 
-def columns_of(machines: Machines, motions: list[Motion]) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
+def columns_of(machines: Machines, motions: list[Attractor]) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
     """What is told of each attractor, with the names of the other dimensions."""
     n, count = machines.system.num_masses, len(motions)
     machine = np.array([motion.machine for motion in motions], int)
@@ -50,7 +50,7 @@ def columns_of(machines: Machines, motions: list[Motion]) -> dict[str, tuple[tup
 
 
 def exponents_of(
-    machines: Machines, motions: list[Motion], multipliers: np.ndarray, periods: np.ndarray
+    machines: Machines, motions: list[Attractor], multipliers: np.ndarray, periods: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lyapunov exponents, largest first, (attractors, 2 n), and their errors.
 
@@ -65,14 +65,14 @@ def exponents_of(
     return exponents, error
 
 
-def shares(labels: np.ndarray, count: int, of: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def share_statistics(labels: np.ndarray, count: int, of: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """How many motions end on each attractor, their share of so many, and its binomial standard error."""
     counts = np.bincount(labels[labels >= 0], minlength=count)
     share = counts / of
     return counts, share, np.sqrt(share * (1 - share) / of)
 
 
-def sorted_by_share(motions: list[Motion], labels: np.ndarray) -> tuple[list[Motion], np.ndarray]:
+def sorted_by_share(motions: list[Attractor], labels: np.ndarray) -> tuple[list[Attractor], np.ndarray]:
     """The attractors with the most motions first, and the labels that fit."""
     counts = np.bincount(labels[labels >= 0], minlength=len(motions))
     order = np.argsort(-counts, kind="stable")
@@ -80,11 +80,11 @@ def sorted_by_share(motions: list[Motion], labels: np.ndarray) -> tuple[list[Mot
     return [motions[k] for k in order], rank[labels]
 
 
-def table_of(
-    machines: Machines, motions: list[Motion], labels: np.ndarray, is_failed: np.ndarray
+def attractor_dataset(
+    machines: Machines, motions: list[Attractor], labels: np.ndarray, is_failed: np.ndarray
 ) -> xr.Dataset:
     """The attractors along `attractor`, and what became of all motions."""
-    counts, share, error = shares(labels, len(motions), len(labels))
+    counts, share, error = share_statistics(labels, len(motions), len(labels))
     columns = {
         "share": ((), share),
         "share_error": ((), error),
@@ -99,11 +99,11 @@ def table_of(
 
 def table_along(
     machines: Machines,
-    motions: list[Motion],
+    motions: list[Attractor],
     name: np.ndarray,
     goes_to: dict[int, int],
     labels: np.ndarray,
-    ends: Ends,
+    ends: Endpoints,
 ) -> xr.Dataset:
     """The same along a parameter.
 
@@ -120,7 +120,7 @@ def table_along(
     shape = len(along), int(name.max(initial=-1)) + 1
     is_found = np.zeros(shape, bool)
     is_found[value, name] = True
-    _, share, error = shares(labels, len(motions), len(labels) // len(along))
+    _, share, error = share_statistics(labels, len(motions), len(labels) // len(along))
     columns = {
         "share": ((), share),
         "share_error": ((), error),
@@ -156,7 +156,7 @@ def attributes_of(ds: xr.Dataset) -> dict:
 
 def _with_words(ds: xr.Dataset) -> xr.Dataset:
     for name, variable in ds.variables.items():
-        variable.attrs = label(str(name))
+        variable.attrs = variable_attributes(str(name))
     ds["motion"].attrs |= flags(MOTIONS)
     ds["num_impacts"].attrs["long_name"] = "number of impacts in one cycle"
     ds["held_time"].attrs["long_name"] = "for how long the stop holds its mass in one cycle"

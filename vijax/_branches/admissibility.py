@@ -12,7 +12,7 @@ from .._jax.arrays import Scalar
 from .._jax.xla import is_any
 from .._machine.derivatives import approaches, contact_forces, derivatives
 from .._machine.machine import Machine, resting_state
-from .._orbits.cycle import Moment, Problem, Unknowns, begin_cycle, events_of, fly, leap
+from .._orbits.cycle import Moment, Problem, Unknowns, begin_cycle, events_of, fly_to_event, flow_map
 from .._orbits.sequence import NOTHING, Sequence as CycleEvents
 from .._trajectory.event_log import IMPACT
 from .minima import dip
@@ -22,7 +22,7 @@ from .minima import dip
 _DENSITY, _MOST, _STEPS = 0.7, 10_000, 6
 
 
-class Watched(NamedTuple):
+class LeastMargins(NamedTuple):
     """The least gap while free and the least force while held, of each stop.
 
     Attributes:
@@ -53,7 +53,7 @@ class Watched(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """What is to stay positive on a cycle: speeds at its impacts, and as of `Watched` gap, force and rise.
+    """What is to stay positive on a cycle: speeds at its impacts, and as of `LeastMargins` gap, force and rise.
 
     Attributes:
         speeds: of approach, (events,).
@@ -117,7 +117,7 @@ class _Scan(NamedTuple):
     rises: _Lowest
 
 
-def watch(problem: Problem, unknowns: Unknowns) -> Watched:
+def margins_of_cycle(problem: Problem, unknowns: Unknowns) -> LeastMargins:
     """Look closely at a cycle between its events."""
     machine, flow, sequence = problem.machine, problem.flow, problem.sequence
     count, room = jnp.sum(sequence.is_event), len(sequence.kind)
@@ -157,7 +157,7 @@ def watch(problem: Problem, unknowns: Unknowns) -> Watched:
         rises = scan.rises.lowered(rests, _lowest(now.gap[2], since, held, begin, k))
         if room:
             event = jax.tree.map(lambda a: a[k], events)
-            after = lambda: fly(machine, flow, begin, event, duration)[0]  # noqa: E731
+            after = lambda: fly_to_event(machine, flow, begin, event, duration)[0]  # noqa: E731
             there = jax.lax.cond(is_any(is_last), after, lambda: begin)
             begin = jax.tree.map(lambda a, b: jnp.where(is_last, a, b), there, begin)
         return _Scan(
@@ -172,7 +172,7 @@ def watch(problem: Problem, unknowns: Unknowns) -> Watched:
     scan = jax.lax.while_loop(lambda scan: scan.flight <= count, one, scan)
     gap, gap_time = _refined(machine, flow, scan.gaps, lambda reading: reading.gap)
     force, force_time = _refined(machine, flow, scan.forces, lambda reading: reading.force)
-    return Watched(
+    return LeastMargins(
         gap=gap,
         gap_time=gap_time - problem.phase,
         gap_flight=scan.gaps.flight,
@@ -186,13 +186,13 @@ def watch(problem: Problem, unknowns: Unknowns) -> Watched:
     )
 
 
-def levels(problem: Problem, unknowns: Unknowns, watched: Watched) -> Levels:
+def levels(problem: Problem, unknowns: Unknowns, watched: LeastMargins) -> Levels:
     """Read a cycle where another was watched, to see how that changes: minima do not move to first order."""
     machine, flow, sequence = problem.machine, problem.flow, problem.sequence
     first = begin_cycle(problem, machine, unknowns.z)
 
     def one(begin: Moment, flight: tuple) -> tuple[Moment, tuple[Moment, Array]]:
-        there, (_, speed), _ = fly(machine, flow, begin, *flight)
+        there, (_, speed), _ = fly_to_event(machine, flow, begin, *flight)
         return there, (there, speed)
 
     begins, speeds = first, jnp.zeros_like(unknowns.flights)
@@ -286,7 +286,7 @@ def _refined(
 
 def _read(machine: Machine, flow: AbstractFlow, begin: Moment, held: Array, since: Array) -> _Reading:
     """The motion some forcing periods after the last event."""
-    x, v, phase, _ = leap(machine, flow, begin, held, since)
+    x, v, phase, _ = flow_map(machine, flow, begin, held, since)
     x, time = jnp.split(begin.z, 2)[0] + x, (begin.time + since) * machine.period
     state = resting_state(machine, phase, x, v, held, time)
     hold = machine.hold(held)

@@ -12,10 +12,10 @@ import numpy as np
 
 from .._orbits.sequence import NOTHING, Sequence
 from .corrector import Corrected
-from .kernels import Followed, Seen, padded, room_for
-from .parameter_family import Place
-from .point import TRUSTED, Point, Walk
-from .test_functions import TESTS_OF_NEIGHBOURS, is_crossed, margins, num_unstable, slopes
+from .kernels import CorrectedCycle, Followed, padded, room_for
+from .parameter_family import ExtendedCycle
+from .point import TRUSTED, BranchPoint, Walk
+from .test_functions import TESTS_OF_NEIGHBOURS, is_crossed, margins, num_unstable, test_slopes
 
 # Lengths of steps: the longest, along the parameter or of a cycle of size 1; the shortest.
 _LONGEST, SHORTEST = 5e-2, 1e-9
@@ -41,8 +41,8 @@ class PlainSteps(NamedTuple):
     """
 
     walk: Walk
-    start: Point
-    point: Point
+    start: BranchPoint
+    point: BranchPoint
     ds: float
 
     @property
@@ -66,8 +66,8 @@ class Known(NamedTuple):
     """
 
     sequence: Sequence
-    place: Place
-    tangent: Place
+    place: ExtendedCycle
+    tangent: ExtendedCycle
     margins: np.ndarray
     slopes: np.ndarray
     neighbours: np.ndarray
@@ -75,7 +75,7 @@ class Known(NamedTuple):
     multipliers: np.ndarray
 
 
-class Ways(NamedTuple):
+class BranchSteps(NamedTuple):
     """How far branches have come, and how far they may go.
 
     Attributes:
@@ -91,8 +91,8 @@ class Ways(NamedTuple):
     arc: np.ndarray
     num_periods: np.ndarray
     bounds: np.ndarray
-    start: Place
-    tangent: Place
+    start: ExtendedCycle
+    tangent: ExtendedCycle
 
 
 def is_sound(found: Corrected, turn: Any, ds: Any) -> Any:
@@ -141,20 +141,22 @@ def _row(ds: Any) -> np.ndarray:
     return np.reshape(ds, (-1, 1))
 
 
-def along(one: Place, other: Place) -> np.ndarray:
+def inner_products(one: ExtendedCycle, other: ExtendedCycle) -> np.ndarray:
     """The products of places of branches side by side."""
     return (one.z * other.z).sum(1) + (one.flights * other.flights).sum(1) + one.p * other.p
 
 
-def ahead(known: Known, ds: np.ndarray) -> tuple[Place, Place, np.ndarray]:
+def predictions(known: Known, ds: np.ndarray) -> tuple[ExtendedCycle, ExtendedCycle, np.ndarray]:
     """What the next points are corrected from: guesses, weights and targets."""
     place, tangent = known.place, known.tangent
     by = ds[:, None]
-    guess = Place(place.z + by * tangent.z, place.flights + by * tangent.flights, place.p + ds * tangent.p)
-    return guess, tangent, along(place, tangent) + ds
+    guess = ExtendedCycle(
+        place.z + by * tangent.z, place.flights + by * tangent.flights, place.p + ds * tangent.p
+    )
+    return guess, tangent, inner_products(place, tangent) + ds
 
 
-def known_of(sequence: Sequence, place: Place, seen: Seen) -> Known:
+def known_of(sequence: Sequence, place: ExtendedCycle, seen: CorrectedCycle) -> Known:
     """What steps from cycles that were seen are judged by."""
     values = np.stack([test.of(seen) for test in TESTS_OF_NEIGHBOURS], axis=-1)
     return Known(
@@ -162,20 +164,20 @@ def known_of(sequence: Sequence, place: Place, seen: Seen) -> Known:
         place,
         seen.found.tangent,
         margins(sequence, seen),
-        slopes(sequence, seen),
+        test_slopes(sequence, seen),
         values,
         np.asarray(num_unstable(seen)),
         np.asarray(seen.found.multipliers),
     )
 
 
-def known_alone(point: Point) -> Known:
+def known_alone(point: BranchPoint) -> Known:
     """What steps from one point are judged by."""
     sequence, place = padded(point.sequence, (point.place,), len(point.seen.found.speeds))
     return known_of(*jax.tree.map(lambda a: np.asarray(a)[None], (sequence, place, point.seen)))
 
 
-def begun(asked: PlainSteps) -> tuple[Known, Ways]:
+def begun(asked: PlainSteps) -> tuple[Known, BranchSteps]:
     """One branch, to be put beside others."""
     walk, start, point, ds = asked
     room = room_for(len(point.sequence.kind))
@@ -186,11 +188,11 @@ def begun(asked: PlainSteps) -> tuple[Known, Ways]:
     if is_same:
         _, origin, tangent = padded(one, (start.place, start.tangent), room)
     ds, arc, num_periods, bounds = (np.asarray(a) for a in (ds, point.arc, walk.num_periods, walk.bounds))
-    ways = Ways(ds, arc, num_periods, bounds, origin, tangent)
+    ways = BranchSteps(ds, arc, num_periods, bounds, origin, tangent)
     return known_of(sequence, place, point.seen), ways
 
 
-def is_plain(known: Known, new: Known, ways: Ways) -> np.ndarray:
+def is_plain(known: Known, new: Known, ways: BranchSteps) -> np.ndarray:
     """Whether nothing is met on steps to new points."""
     is_met = np.any((known.margins > 0) & (new.margins <= 0), axis=1)
     is_special = np.any(is_crossed(known.neighbours, new.neighbours), axis=1)
@@ -199,12 +201,12 @@ def is_plain(known: Known, new: Known, ways: Ways) -> np.ndarray:
     is_out = (new.place.p < low) | (new.place.p > high)
     times = np.cumsum(new.place.flights, axis=1)
     is_other = (new.sequence.kind != NOTHING) & ((times < 0) | (times > ways.num_periods[:, None]))
-    s = along(ways.start, known.tangent) - along(known.place, known.tangent)
-    is_back = (s > 0) & (s <= ways.ds) & (along(ways.tangent, known.tangent) >= STRAIGHT)
+    s = inner_products(ways.start, known.tangent) - inner_products(known.place, known.tangent)
+    is_back = (s > 0) & (s <= ways.ds) & (inner_products(ways.tangent, known.tangent) >= STRAIGHT)
     return ~(is_met | is_special | is_odd | is_out | is_back | np.any(is_other, axis=1))
 
 
-def is_as_told(known: Known, seen: Seen, followed: Followed) -> np.ndarray:
+def follows_cycle(known: Known, seen: CorrectedCycle, followed: Followed) -> np.ndarray:
     """Whether machines follow cycles, with as many events as these have; not asked of those that no run can follow."""
     same_number = np.count_nonzero((followed.sequence.kind != NOTHING), axis=1) == np.count_nonzero(
         (known.sequence.kind != NOTHING), axis=1

@@ -6,12 +6,12 @@ from .._orbits.sequence import Sequence
 from .._trajectory.event_log import IMPACT, RELEASE
 from .branch import Bifurcation, cycle_of
 from .defining_systems import AbstractCondition, AtBranchPoint, AtEvent, AtMultiplier, Defining
-from .kernels import Seen, padded, room_for
-from .parameter_family import Family, Place
+from .kernels import CorrectedCycle, padded, room_for
+from .parameter_family import ExtendedCycle, Family
 from .point import as_it_is
 from .scheduler import drive
 from .sequence_edits import with_event
-from .starts import Start, family_of, starts_of
+from .starts import Start, family_of, starting_orbits
 from .test_functions import CLOSE, Test, tests_of
 
 _NO_SYSTEM = {
@@ -24,7 +24,7 @@ _LIGHT = 1e-9
 _MOMENT = {"float64": 1e-9, "float32": 1e-4}
 
 
-def defining_of(point: Bifurcation, low: float, high: float) -> tuple[Defining, Place]:
+def defining_of(point: Bifurcation, low: float, high: float) -> tuple[Defining, ExtendedCycle]:
     """The defining system of a point, with padding, and its cycle.
 
     Args:
@@ -49,9 +49,9 @@ def defining_of(point: Bifurcation, low: float, high: float) -> tuple[Defining, 
     return Defining(family, sequence, condition), place
 
 
-def family_at(point: Bifurcation, low: float, high: float) -> tuple[Start, Family, Sequence, Place]:
+def family_at(point: Bifurcation, low: float, high: float) -> tuple[Start, Family, Sequence, ExtendedCycle]:
     """The orbit of a point, its machines between two values of the parameter, and its cycle in their scale."""
-    (start,) = starts_of(point.orbit)
+    (start,) = starting_orbits(point.orbit)
     start = start._replace(is_admissible=True)
     family = family_of(start, point.branch.path, low, high)
     return start, family, *cycle_of(point, family.scale, point.value / float(family.span))
@@ -71,15 +71,15 @@ def _at_multiplier(point: Bifurcation) -> AbstractCondition:
 
 
 def _at_event(
-    family: Family, kind: str, sequence: Sequence, place: Place
-) -> tuple[AbstractCondition, Sequence, Place]:
+    family: Family, kind: str, sequence: Sequence, place: ExtendedCycle
+) -> tuple[AbstractCondition, Sequence, ExtendedCycle]:
     sequence, place, k, is_tangent = with_its_event(family, kind, sequence, place)
     return AtEvent(np.zeros(0), np.asarray(k), np.asarray(is_tangent)), sequence, place
 
 
 def with_its_event(
-    family: Family, kind: str, sequence: Sequence, place: Place
-) -> tuple[Sequence, Place, int, bool]:
+    family: Family, kind: str, sequence: Sequence, place: ExtendedCycle
+) -> tuple[Sequence, ExtendedCycle, int, bool]:
     """The cycle of a change of its events with that event among them; its number, and whether it has no speed there."""
     (seen,) = drive([family], [as_it_is(sequence, place)], lambda: None)
     test, watched = _test_of(kind, sequence, seen), seen.watched
@@ -95,7 +95,7 @@ def with_its_event(
     return sequence, place, k, is_tangent
 
 
-def _test_of(kind: str, sequence: Sequence, seen: Seen) -> Test:
+def _test_of(kind: str, sequence: Sequence, seen: CorrectedCycle) -> Test:
     """The function that vanishes where an event changes."""
     wanted = {"gr": ("gr", "touch")}.get(kind, (kind,))
     tests = [test for test in tests_of(sequence) if test.kind in wanted]

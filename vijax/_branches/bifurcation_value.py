@@ -12,11 +12,11 @@ from .._jax.nan_mask import known_or_nan
 from .._jax.xla import compile_lightly, differentiable, padding_allowed
 from .._orbits.cycle import residual
 from .._system.system import ImpactSystem, with_args
-from .admissibility import watch
+from .admissibility import margins_of_cycle
 from .bifurcation_setup import defining_of
 from .branch import Bifurcation
-from .defining_systems import AbstractCondition, Defining, implicit, solve
-from .parameter_family import Place
+from .defining_systems import AbstractCondition, Defining, implicit_solution, solve
+from .parameter_family import ExtendedCycle
 
 # What must not be negative on a motion is zero but for rounding.
 _ROUNDING = {"float64": 1e-9, "float32": 1e-4}
@@ -98,11 +98,11 @@ def _of_machine(defining: Defining, system: ImpactSystem) -> Defining:
 def _value(solved: tuple[Defining, Array]) -> Scalar:
     """The parameter where a defining system is solved."""
     defining, y = solved
-    return defining.place(implicit(defining, y))[0].p * defining.family.span
+    return defining.place(implicit_solution(defining, y))[0].p * defining.family.span
 
 
 @compile_lightly
-def _solved(defining: Defining, guess: Place) -> tuple[AbstractCondition, Array, Int[Array, ""]]:
+def _solved(defining: Defining, guess: ExtendedCycle) -> tuple[AbstractCondition, Array, Int[Array, ""]]:
     """The condition, the unknowns that satisfy it, and the number of a sentence, 0 if all is well."""
     solved = solve(defining, defining.unknowns(guess))
     place, own = defining.place(solved.y)
@@ -113,11 +113,11 @@ def _solved(defining: Defining, guess: Place) -> tuple[AbstractCondition, Array,
     return solved.defining.condition, solved.y, jnp.where(is_found, jnp.where(is_motion, 0, 2), 1)
 
 
-def _is_motion(defining: Defining, place: Place) -> Array:
+def _is_motion(defining: Defining, place: ExtendedCycle) -> Array:
     """Whether no stop is passed, no mass held where it is pulled, and the events are in their order."""
     family, sequence = defining.family, defining.sequence
     problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
-    watched, speeds = watch(problem, unknowns), residual(problem, unknowns).speed
+    watched, speeds = margins_of_cycle(problem, unknowns), residual(problem, unknowns).speed
     length, speed = family.scale[0], family.scale[-1]
     force = speed * problem.machine.frequency * jnp.max(family.system.mass)
     least = [

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from .._dataset_attributes import label, versions
+from .._dataset_attributes import variable_attributes, versions
 from .._flow.choose import choose_flow
 from .._machine.numbers import numbers_of
 from .._orbits.cycle import Problem, Unknowns, log_of_cycle, prepared
@@ -22,9 +22,9 @@ from .._system.forces_by_path import Allowed
 from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem, bound
 from .._trajectory.event_log import IMPACT
-from .kernels import Seen
-from .parameter_family import Family, Place
-from .point import PlainPoint, Point, Walk, side_by_side
+from .kernels import CorrectedCycle
+from .parameter_family import ExtendedCycle, Family
+from .point import BranchPoint, PlainPoint, Walk, side_by_side
 from .test_functions import KINDS
 
 # Logs have room for a multiple of so many events, one program for most orbits of a branch; and so much to spare, and where
@@ -140,7 +140,7 @@ class Bifurcation:
         return f"{self.kind} at {self.value:.12g} (point {self.index})"
 
 
-def branch_of(family: Family, start: Point, back: Walk, forth: Walk) -> Branch:
+def branch_of(family: Family, start: BranchPoint, back: Walk, forth: Walk) -> Branch:
     """The branch from what was followed backwards and forwards."""
     if forth.end == "closed" and back.end in ("closed", "max_points", "interrupted"):
         back = replace(back, points=[], end="closed")
@@ -165,11 +165,11 @@ def branch_of(family: Family, start: Point, back: Walk, forth: Walk) -> Branch:
     }
     ds = xr.Dataset(columns, attrs=attrs).set_coords(family.path)
     for name, variable in ds.variables.items():
-        variable.attrs = label(str(name))
+        variable.attrs = variable_attributes(str(name))
     return Branch(ds, family.system)
 
 
-def _columns_of_orbits(points: list[Point | PlainPoint], seen: Seen) -> dict[str, tuple]:
+def _columns_of_orbits(points: list[BranchPoint | PlainPoint], seen: CorrectedCycle) -> dict[str, tuple]:
     """What each point has once."""
     x0, v0 = np.split(seen.start, 2, axis=1)
     multipliers = seen.found.multipliers
@@ -185,7 +185,7 @@ def _columns_of_orbits(points: list[Point | PlainPoint], seen: Seen) -> dict[str
     }
 
 
-def _columns_of_events(points: list[Point | PlainPoint], seen: Seen) -> dict[str, tuple]:
+def _columns_of_events(points: list[BranchPoint | PlainPoint], seen: CorrectedCycle) -> dict[str, tuple]:
     """What each point has for every event, with padding."""
     # Most points have the sequence of the one before, the same object.
     sequences = {id(point.sequence): point.sequence for point in points}
@@ -269,7 +269,7 @@ def _log(numbers, flow, sequence, unknowns, num_periods, phase, *, room):
     return log_of_cycle(problem, unknowns, room)
 
 
-def cycle_of(point: Bifurcation, scale: np.ndarray, p: float) -> tuple[Sequence, Place]:
+def cycle_of(point: Bifurcation, scale: np.ndarray, p: float) -> tuple[Sequence, ExtendedCycle]:
     """The sequence and the place of a bifurcation, in some scale."""
     at = point.branch.points.isel(point=point.index)
     num_events = int(np.count_nonzero(at["event_kind"].values >= 0))
@@ -277,4 +277,4 @@ def cycle_of(point: Bifurcation, scale: np.ndarray, p: float) -> tuple[Sequence,
     sequence = Sequence(
         at["event_kind"].values[events], at["event_stop"].values[events], at["held"].values[: num_events + 1]
     )
-    return sequence, Place(at["start"].values / scale, at["flight"].values[events], np.asarray(p))
+    return sequence, ExtendedCycle(at["start"].values / scale, at["flight"].values[events], np.asarray(p))

@@ -13,7 +13,7 @@ from .._progress import Interrupted, bringing, tqdm
 from .branch import Branch
 from .continuation import continued
 from .membership import not_on
-from .starts import Start, starts_of, value_of
+from .starts import Start, starting_orbits, value_of
 from .switch import switch_branch
 
 
@@ -61,7 +61,7 @@ def branches(
             f"Branches need one swept quantity, but there are {paths}: select one value of the others."
         )
     (path,), (low, high) = paths, bounds or (float(ds[paths[0]].min()), float(ds[paths[0]].max()))
-    waiting = [start for start in starts_of(orbits) if low <= _value(start, path) <= high]
+    waiting = [start for start in starting_orbits(orbits) if low <= _value(start, path) <= high]
     found: list[Branch] = []
     with tqdm(total=len(waiting), unit="orbit", disable=not progress) as bar, bringing(lambda: found):
         how = {"path": path, "bounds": (low, high), "max_points": max_points}
@@ -69,7 +69,7 @@ def branches(
         last = _each_once(waiting, found, follow, bar)
         for _ in range(num_doublings):
             points = [point for branch in last for point in branch.bifurcations if point.kind == "pd"]
-            doubled = [start for point in points for start in starts_of(switch_branch(point))]
+            doubled = [start for point in points for start in starting_orbits(switch_branch(point))]
             last = _each_once(doubled, found, follow, bar)
     return found
 

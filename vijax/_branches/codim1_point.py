@@ -12,10 +12,10 @@ from .._orbits.cycle import linearise, residual
 from .._orbits.floquet import floquet_multipliers
 from .._orbits.search import away_from_stops
 from .._orbits.sequence import Sequence
-from .admissibility import Watched, watch
+from .admissibility import LeastMargins, margins_of_cycle
 from .defining_systems import Defining, Plane, solve
 from .kernels import jacobian
-from .parameter_family import Family, Place
+from .parameter_family import ExtendedCycle, Family
 
 
 class Neighbours(NamedTuple):
@@ -51,13 +51,13 @@ class OnCurve(NamedTuple):
 
     y: Reals
     tangent: Reals
-    place: Place
+    place: ExtendedCycle
     direction: Reals
     own: Reals
     start: Reals
     speeds: Reals
     residual: Reals
-    watched: Watched
+    watched: LeastMargins
     num_steps: Int[Array, ""]
     is_found: Bool[Array, ""]
 
@@ -85,7 +85,7 @@ def located(defining: Defining, guess: Float[Array, " unknowns"], plane: Plane) 
         start=unknowns.z - away_from_stops(problem),
         speeds=found.speed,
         residual=jnp.max(jnp.abs(found.closing / defining.family.scale)),
-        watched=watch(problem, unknowns),
+        watched=margins_of_cycle(problem, unknowns),
         num_steps=solved.num_steps,
         is_found=solved.is_found,
     )
@@ -97,7 +97,7 @@ def _tangent(matrix: Float[Array, "unknowns unknowns"]) -> Float[Array, " unknow
 
 
 @jit_lightly
-def neighbours(family: Family, sequence: Sequence, place: Place) -> Neighbours:
+def neighbours(family: Family, sequence: Sequence, place: ExtendedCycle) -> Neighbours:
     """How the neighbours of a cycle come back that has these events."""
     problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
     pencil = condense(linearise(problem, unknowns, family.scale)[1]).pencil

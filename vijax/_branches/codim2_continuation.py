@@ -11,10 +11,10 @@ from .._orbits.sequence import Sequence
 from .._progress import tqdm
 from .bracket import Bracket, next_trial
 from .codim1_point import OnCurve, located, neighbours
-from .codim2_tests import CurveTest, Seen, curve_tests, faces_of, name_there
+from .codim2_tests import CurveNeighbourhood, CurveTest, curve_tests, faces_of, name_there
 from .defining_systems import AtEvent, Defining, Plane
-from .kernels import Request, confirm, locate_start, padded, trimmed
-from .parameter_family import Place
+from .kernels import KernelCall, confirm, locate_start, padded, trimmed
+from .parameter_family import ExtendedCycle
 from .point import TRUSTED
 from .scheduler import answer
 from .sequence_edits import passed_section, shifted
@@ -36,7 +36,7 @@ class OfCurve(NamedTuple):
         special: the name of what happens there besides, or "".
     """
 
-    seen: Seen
+    seen: CurveNeighbourhood
     defining: Defining
     special: str = ""
 
@@ -48,48 +48,48 @@ class OfCurve(NamedTuple):
     @property
     def sequence(self) -> Sequence:
         """What happens on the orbit."""
-        return sequence_of(self.defining)
+        return unpadded_sequence(self.defining)
 
     def turned(self) -> "OfCurve":
         """The point, to be left in the other direction."""
         at = self.at._replace(tangent=-self.at.tangent, direction=-self.at.direction)
         return self._replace(seen=self.seen._replace(at=at))
 
-    def in_plane(self, guess: np.ndarray, weights: np.ndarray, target: float) -> Seen:
+    def in_plane(self, guess: np.ndarray, weights: np.ndarray, target: float) -> CurveNeighbourhood:
         """The point of the curve near a guess in a plane."""
-        return look(self.defining, guess, Plane(weights, np.asarray(target, guess.dtype)))
+        return point_with_neighbours(self.defining, guess, Plane(weights, np.asarray(target, guess.dtype)))
 
-    def ahead(self, s: float, towards: OnCurve | None = None) -> Seen:
+    def ahead(self, s: float, towards: OnCurve | None = None) -> CurveNeighbourhood:
         """The point of the curve some way ahead, where its tangent leads or between it and another."""
         y, tangent = self.at.y, self.at.tangent
         way = tangent if towards is None else (towards.y - y) / ((towards.y - y) @ tangent)
         return self.in_plane(y + s * way, tangent, y @ tangent + s)
 
 
-def sequence_of(defining: Defining) -> Sequence:
+def unpadded_sequence(defining: Defining) -> Sequence:
     """What happens on an orbit, without padding."""
     return trimmed(defining.sequence, int(np.count_nonzero(defining.sequence.kind >= 0)))
 
 
-def look(defining: Defining, guess: np.ndarray, plane: Plane) -> Seen:
+def point_with_neighbours(defining: Defining, guess: np.ndarray, plane: Plane) -> CurveNeighbourhood:
     """The point of a curve in a plane, with its neighbours."""
     at = jax.device_get(located(defining, guess, plane))
-    sequence = sequence_of(defining)
+    sequence = unpadded_sequence(defining)
     place, room = trimmed(at.place, len(sequence.kind)), len(defining.sequence.kind)
     faces = []
     for change in faces_of(defining, sequence):
         its_own, there = change(sequence, place)
         faces.append(jax.device_get(neighbours(defining.family, *padded(its_own, (there,), room))))
-    return Seen(at, tuple(faces))
+    return CurveNeighbourhood(at, tuple(faces))
 
 
-def begin_curve(defining: Defining, place: Place) -> OfCurve:
+def begin_curve(defining: Defining, place: ExtendedCycle) -> OfCurve:
     """The point of a curve at a cycle that is known."""
     y = np.asarray(defining.unknowns(place))
     # No direction is special to these weights, and so none is the curve's plane.
     weights = np.random.default_rng(0).normal(size=len(y)).astype(y.dtype)
     weights /= np.linalg.norm(weights)
-    seen = look(defining, y, Plane(weights, weights @ y))
+    seen = point_with_neighbours(defining, y, Plane(weights, weights @ y))
     if not seen.at.is_found:
         raise ValueError(
             "The curve cannot be followed from this point: take one farther from other bifurcations."
@@ -141,7 +141,7 @@ class Curve:
             ds = min(ds * (1.5 if new.at.num_steps <= _FEW else 1.0), _LONGEST)
         return "max_points"
 
-    def _at_bound(self, here: OfCurve, new: OnCurve) -> Seen | None:
+    def _at_bound(self, here: OfCurve, new: OnCurve) -> CurveNeighbourhood | None:
         """The point of the curve at the first bound between two, or None."""
         p, ahead = here.at.place.p, new.place.p
         crossed = [
@@ -157,7 +157,7 @@ class Curve:
         weights[len(y) - len(here.at.own) - 2 + k] = np.sign(ahead[k] - p[k])
         return here.in_plane(y + share * (new.y - y), weights, bound * weights.sum())
 
-    def _met(self, here: OfCurve, new: Seen) -> tuple[list[OfCurve], str]:
+    def _met(self, here: OfCurve, new: CurveNeighbourhood) -> tuple[list[OfCurve], str]:
         """The special points of a step and, unless the curve ends before it, the last one; and why it ends."""
         found: list[OfCurve] = []
         for _, test, seen in sorted(self._special(here, new), key=lambda one: one[0]):
@@ -167,7 +167,9 @@ class Curve:
                     return found, name
         return [*found, here._replace(seen=new, special="")], ""
 
-    def _special(self, here: OfCurve, new: Seen) -> Iterator[tuple[float, CurveTest, Seen]]:
+    def _special(
+        self, here: OfCurve, new: CurveNeighbourhood
+    ) -> Iterator[tuple[float, CurveTest, CurveNeighbourhood]]:
         """Where test functions vanish on a step, and how far ahead."""
         length = float((new.at.y - here.at.y) @ here.at.tangent)
         for test in curve_tests(self.kind, here.defining, here.sequence):
@@ -182,7 +184,7 @@ class Curve:
                 yield s, test, seen
 
 
-def _step(here: OfCurve, ds: float) -> Seen | None:
+def _step(here: OfCurve, ds: float) -> CurveNeighbourhood | None:
     """The next point, or None if the curve is too curved to know it so far away."""
     new = here.ahead(ds)
     at = new.at
@@ -195,7 +197,7 @@ def _is_followed(here: OfCurve) -> bool:
     if isinstance(here.defining.condition, AtEvent) or np.abs(here.seen.faces[0].multipliers[0]) > TRUSTED:
         return True
     place = trimmed(here.at.place, len(here.sequence.kind))
-    return bool(_answer(here, Request(confirm, here.sequence, (place,))).is_alike)
+    return bool(_answer(here, KernelCall(confirm, here.sequence, (place,))).is_alike)
 
 
 def _is_back(begun: OnCurve, here: OnCurve, new: OnCurve) -> bool:
@@ -215,7 +217,7 @@ def _in_section(here: OfCurve) -> OfCurve:
     if by == 0:
         return here
     time = np.asarray(0.0 if by > 0 else num_periods)
-    z = _answer(here, Request(locate_start, sequence, (place, time)))
+    z = _answer(here, KernelCall(locate_start, sequence, (place, time)))
     sequence, place = shifted(sequence, place, by, num_periods, z)
     condition = replace(here.defining.condition, own=here.at.own)
     if isinstance(condition, AtEvent):
@@ -226,6 +228,6 @@ def _in_section(here: OfCurve) -> OfCurve:
     return moved if moved.at.direction @ here.at.direction > 0 else moved.turned()
 
 
-def _answer(here: OfCurve, request: Request):
+def _answer(here: OfCurve, request: KernelCall):
     """The answer to a request about a point."""
     return answer(here.defining.family, request)

@@ -13,11 +13,11 @@ from .._orbits.sequence import Sequence
 from .._trajectory.event_log import IMPACT
 from .codim1_point import Neighbours, OnCurve
 from .defining_systems import AbstractCondition, AtEvent, Defining
-from .parameter_family import Place
+from .parameter_family import ExtendedCycle
 from .sequence_edits import with_order_exchanged, without_event
 from .test_functions import CLOSE, KINDS, num_on_circle, of_doubling, of_meeting, of_pairs, tests_of
 
-Change = Callable[[Sequence, Place], tuple[Sequence, Place]]
+Change = Callable[[Sequence, ExtendedCycle], tuple[Sequence, ExtendedCycle]]
 
 # A multiplier as large as this is infinite; what is as small is not independent; gaps and forces are zero but for this.
 _INFINITE, _DEPENDENT, _ROUNDING = 1e8, 1e-7, 1e-9
@@ -27,7 +27,7 @@ _ANGLES = {"1:1": (0.0, True), "1:2": (np.pi, True), "1:3": (2 * np.pi / 3, Fals
 _NEAR = {"fold": [1], "bp": [1], "pd": [-1], "1:1": [1, 1], "1:2": [-1, -1]}
 
 
-class Seen(NamedTuple):
+class CurveNeighbourhood(NamedTuple):
     """A point of a curve with its neighbours on each face."""
 
     at: OnCurve
@@ -45,11 +45,11 @@ class CurveTest(NamedTuple):
     """
 
     name: str
-    of: Callable[[Seen, Seen], float]
+    of: Callable[[CurveNeighbourhood, CurveNeighbourhood], float]
     face: int = 0
     is_end: bool = False
 
-    def is_met(self, before: Seen, after: Seen) -> bool:
+    def is_met(self, before: CurveNeighbourhood, after: CurveNeighbourhood) -> bool:
         """Whether it happens on a step."""
         first, last = self.of(before, before), self.of(after, before)
         return bool(first >= -_ROUNDING > last if self.is_end else first * last < 0)
@@ -111,7 +111,7 @@ def _is_own(kind: str, condition: AbstractCondition, other: str, index: int) -> 
     )
 
 
-def name_there(test: CurveTest, seen: Seen) -> str:
+def name_there(test: CurveTest, seen: CurveNeighbourhood) -> str:
     """The name of a point, or nothing if multipliers do not say so too: functions also change their sign at infinity."""
     kinds = test.name.split("+")
     mu, _, independence = seen.faces[test.face]
@@ -125,7 +125,7 @@ def name_there(test: CurveTest, seen: Seen) -> str:
     return test.name if is_there else ""
 
 
-def _others(kind: str, seen: Seen, face: int) -> np.ndarray:
+def _others(kind: str, seen: CurveNeighbourhood, face: int) -> np.ndarray:
     """The finite multipliers on a face without those that make the point what it is."""
     mu = np.asarray(seen.faces[face].multipliers)
     mu = mu[np.abs(mu) < _INFINITE]
@@ -136,7 +136,7 @@ def _others(kind: str, seen: Seen, face: int) -> np.ndarray:
     return mu
 
 
-def _towards(angle: float, seen: Seen, before: Seen) -> float:
+def _towards(angle: float, seen: CurveNeighbourhood, before: CurveNeighbourhood) -> float:
     """How far the angle of the pair is from another, positive where the step began."""
     side = np.sign(before.at.own[0] - angle) or 1.0
     return float(side * (seen.at.own[0] - angle))

@@ -13,11 +13,11 @@ from .._orbits.orbit import PeriodicOrbit
 from .._progress import Interrupted, bringing, tqdm
 from .._system.parameters import set_parameter
 from .branch import Branch, branch_of
-from .follow import follow
+from .follow import follow_branch
 from .parameter_family import Family
-from .point import Point, Walk
+from .point import BranchPoint, Walk
 from .scheduler import drive
-from .starts import Start, family_of, points_of, refuse_start, starts_of
+from .starts import Start, family_of, points_of, refuse_start, starting_orbits
 
 
 @overload
@@ -87,7 +87,7 @@ def continuation(
         E. L. Allgower & K. Georg, Numerical Continuation Methods (1990); M. di Bernardo et al., Piecewise-smooth
         Dynamical Systems (2008), Ch. 6.
     """
-    starts = starts_of(orbit)
+    starts = starting_orbits(orbit)
     refuse_single_precision("continuation", [(start.system, start.state) for start in starts])
 
     def as_asked(followed: list[Branch | None]) -> Branch | list[Branch]:
@@ -138,9 +138,9 @@ def continued(
     return told()
 
 
-def _follow(walks: list[Walk], families: list[Family], starts: list[Point], *, progress: bool) -> None:
+def _follow(walks: list[Walk], families: list[Family], starts: list[BranchPoint], *, progress: bool) -> None:
     """Follow branches from their starts."""
-    tasks = [follow(walk, start) for walk, start in zip(walks, starts, strict=True)]
+    tasks = [follow_branch(walk, start) for walk, start in zip(walks, starts, strict=True)]
     with tqdm(unit="point", disable=not progress) as bar:
 
         def tell() -> None:
@@ -160,7 +160,7 @@ def _two_numbers(bounds: tuple[float, float]) -> tuple[float, float]:
     return low, high
 
 
-def _both_ways(starts: list[Point]) -> list[Point]:
+def _both_ways(starts: list[BranchPoint]) -> list[BranchPoint]:
     """Every start twice, towards smaller and towards larger values of the parameter."""
     found = []
     for start in starts:

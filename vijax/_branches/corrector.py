@@ -11,7 +11,7 @@ from .._orbits.condensation import Condensed, Pencil, Weights, basis_of_kernel, 
 from .._orbits.cycle import linearise
 from .._orbits.floquet import floquet_multipliers
 from .._orbits.sequence import Sequence
-from .parameter_family import Family, Place
+from .parameter_family import ExtendedCycle, Family
 
 # As in `newton.py`.
 _SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
@@ -32,8 +32,8 @@ class Corrected(NamedTuple):
         is_converged: whether nothing but rounding is left.
     """
 
-    place: Place
-    tangent: Place
+    place: ExtendedCycle
+    tangent: ExtendedCycle
     multipliers: Complex[Array, " state"]
     speeds: Float[Array, " events"]
     residual: Scalar
@@ -43,9 +43,9 @@ class Corrected(NamedTuple):
 
 
 class _Now(NamedTuple):
-    place: Place
+    place: ExtendedCycle
     pencil: Pencil
-    tangent: Place
+    tangent: ExtendedCycle
     speeds: Array
     residual: Array
     first: Array
@@ -54,7 +54,9 @@ class _Now(NamedTuple):
     num_steps: Array
 
 
-def correct(family: Family, sequence: Sequence, guess: Place, weights: Place, target: Scalar) -> Corrected:
+def correct(
+    family: Family, sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: Scalar
+) -> Corrected:
     """Solve the equations of a sequence and `weights . place = target`, from a guess.
 
     Args:
@@ -73,17 +75,17 @@ def correct(family: Family, sequence: Sequence, guess: Place, weights: Place, ta
         is_rounding = (now.step < _ROUNDING * eps) | ((now.step < small) & (now.step >= now.last / 2))
         return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
 
-    def one(now: tuple[Place, _Now]) -> tuple[Place, _Now]:
+    def one(now: tuple[ExtendedCycle, _Now]) -> tuple[ExtendedCycle, _Now]:
         here, before = now
         problem, change = family.linear_problem(sequence, here.p)
         found, flights = linearise(problem, family.unknowns(here), family.scale, count, change)
         equations = condense(flights, count, of_start)
         closing = found.closing / family.scale
 
-        def solved(share: Array, target: Array) -> Place:
+        def solved(share: Array, target: Array) -> ExtendedCycle:
             values = -share * found.events, -share * closing
             start, durations = solve_condensed(equations, *values, count, target)
-            return Place(start[:size], durations, start[size])
+            return ExtendedCycle(start[:size], durations, start[size])
 
         shares = jnp.array([1, 0], closing.dtype)
         targets = jnp.stack([target - here.along(weights), jnp.ones_like(target)])
@@ -109,7 +111,7 @@ def correct(family: Family, sequence: Sequence, guess: Place, weights: Place, ta
     size_of_tangent = jnp.sqrt(last.tangent.along(last.tangent))
     return Corrected(
         place=last.place,
-        tangent=Place(*(a / size_of_tangent for a in last.tangent)),
+        tangent=ExtendedCycle(*(a / size_of_tangent for a in last.tangent)),
         multipliers=floquet_multipliers(last.pencil, sequence.most_held, jnp.asarray(family.shifts)),
         speeds=last.speeds,
         residual=last.residual,
@@ -119,7 +121,9 @@ def correct(family: Family, sequence: Sequence, guess: Place, weights: Place, ta
     )
 
 
-def as_corrected(family: Family, sequence: Sequence, place: Place, tangent: Place) -> Corrected:
+def as_corrected(
+    family: Family, sequence: Sequence, place: ExtendedCycle, tangent: ExtendedCycle
+) -> Corrected:
     """A cycle that is known, as if Newton's method had come to it.
 
     Args:
@@ -150,7 +154,7 @@ def _at_fixed_parameter(equations: Condensed, size: int) -> Pencil:
     return Pencil(end @ basis, start[:size] @ basis)
 
 
-def _nothing(guess: Place) -> _Now:
+def _nothing(guess: ExtendedCycle) -> _Now:
     z, events, p = guess
     zero, size = jnp.zeros_like(p), len(z)
     big, square = zero + jnp.finfo(z.dtype).max, jnp.zeros((size, size), z.dtype)

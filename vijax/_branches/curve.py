@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from .._dataset_attributes import label, versions
+from .._dataset_attributes import variable_attributes, versions
 from .._flow.taylor import TaylorFlow
 from .._jax.arrays import Count, as_known, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
@@ -16,8 +16,8 @@ from .bifurcation_setup import defining_of
 from .branch import Bifurcation
 from .codim2_continuation import Curve, OfCurve, begin_curve
 from .defining_systems import AtBranchPoint, Defining
-from .parameter_family import Place
-from .starts import family_of, starts_of
+from .parameter_family import ExtendedCycle
+from .starts import family_of, starting_orbits
 
 # The most by which branches that go on crossing part along a curve of length 1.
 _KEPT = 1e-6
@@ -99,10 +99,10 @@ def bifurcation_curve(
 
 
 def _of_two(
-    defining: Defining, place: Place, point: Bifurcation, path: str, box: np.ndarray
-) -> tuple[Defining, Place]:
+    defining: Defining, place: ExtendedCycle, point: Bifurcation, path: str, box: np.ndarray
+) -> tuple[Defining, ExtendedCycle]:
     """The defining system with a second parameter."""
-    family, (start,) = defining.family, starts_of(point.orbit)
+    family, (start,) = defining.family, starting_orbits(point.orbit)
     other = family_of(start._replace(is_admissible=True), path, *box[1])
     span = np.array([family.span, other.span])
     # The motion by modes is that of matrices which no parameter changes.
@@ -141,5 +141,5 @@ def _dataset(point: Bifurcation, path: str, found: list[OfCurve], ends: list[str
     attrs = {"kind": point.kind, "ends": json.dumps(ends), "num_periods": int(family.num_periods)}
     ds = xr.Dataset(columns, attrs=attrs | versions()).set_coords([point.branch.path, path])
     for name, variable in ds.variables.items():
-        variable.attrs = label(str(name))
+        variable.attrs = variable_attributes(str(name))
     return ds

@@ -32,14 +32,14 @@ from .._jax.xla import compile_lightly
 from .._orbits.condensation import condense
 from .._orbits.cycle import Problem, Unknowns, linearise, residual
 from .._orbits.sequence import Sequence
-from .parameter_family import Family, Place
+from .parameter_family import ExtendedCycle, Family
 
 # As in `newton.py`.
 _SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
 _MAX_STEPS = 16
 
 
-class Cycle(NamedTuple):
+class TrialCycle(NamedTuple):
     """A cycle that is no solution yet.
 
     Attributes:
@@ -50,7 +50,7 @@ class Cycle(NamedTuple):
     """
 
     family: Family
-    place: Place
+    place: ExtendedCycle
     problem: Problem
     unknowns: Unknowns
 
@@ -65,11 +65,11 @@ class AbstractCondition(eqx.Module):
     own: eqx.AbstractVar[Reals]
 
     @abc.abstractmethod
-    def begun(self, cycle: Cycle) -> "AbstractCondition":
+    def begun(self, cycle: TrialCycle) -> "AbstractCondition":
         """The same with what it takes from the cycle at which Newton's method begins."""
 
     @abc.abstractmethod
-    def values(self, cycle: Cycle, own: Float[Array, " own"]) -> Float[Array, " conditions"]:
+    def values(self, cycle: TrialCycle, own: Float[Array, " own"]) -> Float[Array, " conditions"]:
         """What vanishes there: one more than it has unknowns."""
 
     def unfolding(self, own: Float[Array, " own"]) -> Float[Array, "..."]:
@@ -151,13 +151,13 @@ class AtEvent(AbstractCondition):
         return jnp.sum(jnp.where(is_event, values, 0))[None]
 
 
-def _singular(cycle: Cycle, theta: Scalar) -> Complex[Array, "state state"]:
+def _singular(cycle: TrialCycle, theta: Scalar) -> Complex[Array, "state state"]:
     """Z - e^{i theta} N."""
     pencil = condense(linearise(cycle.problem, cycle.unknowns, cycle.family.scale)[1]).pencil
     return pencil.end - jax.lax.complex(jnp.cos(theta), jnp.sin(theta)) * pencil.start
 
 
-def _with_parameter(cycle: Cycle) -> Float[Array, "state free"]:
+def _with_parameter(cycle: TrialCycle) -> Float[Array, "state free"]:
     """Z - N with the parameter among what is free, the first of two."""
     family = cycle.family
     problem, change = family.linear_problem(cycle.problem.sequence, cycle.place.p)
@@ -178,19 +178,19 @@ class Defining(eqx.Module):
     sequence: Sequence
     condition: AbstractCondition
 
-    def unknowns(self, place: Place) -> Float[Array, " unknowns"]:
+    def unknowns(self, place: ExtendedCycle) -> Float[Array, " unknowns"]:
         """The cycle and the unknowns of the condition as one vector."""
         return jnp.concatenate([jnp.ravel(a) for a in (*place, self.condition.own)])
 
-    def place(self, y: Float[Array, " unknowns"]) -> tuple[Place, Float[Array, " own"]]:
+    def place(self, y: Float[Array, " unknowns"]) -> tuple[ExtendedCycle, Float[Array, " own"]]:
         """The cycle, and the unknowns of the condition."""
         size, span = len(self.family.scale), self.family.span
         end = len(y) - len(self.condition.own)
         first = end - span.size
-        return Place(y[:size], y[size:first], y[first:end].reshape(span.shape)), y[end:]
+        return ExtendedCycle(y[:size], y[size:first], y[first:end].reshape(span.shape)), y[end:]
 
-    def _cycle(self, place: Place) -> Cycle:
-        return Cycle(
+    def _cycle(self, place: ExtendedCycle) -> TrialCycle:
+        return TrialCycle(
             self.family, place, self.family.problem(self.sequence, place.p), self.family.unknowns(place)
         )
 
@@ -277,16 +277,16 @@ def solve(defining: Defining, guess: Float[Array, " unknowns"], plane: Plane | N
 
 
 @eqx.filter_custom_jvp
-def implicit(defining: Defining, y: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
+def implicit_solution(defining: Defining, y: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
     """The solution as a function of the machine: derivatives by the implicit function theorem."""
     del defining
     return y
 
 
-@implicit.def_jvp
+@implicit_solution.def_jvp
 def _implicit_jvp(primals, tangents):
     defining, y = primals
-    y = implicit(defining, y)
+    y = implicit_solution(defining, y)
     return y, -jnp.linalg.solve(_matrix(defining, y), _moved(defining, tangents[0], y))
 
 

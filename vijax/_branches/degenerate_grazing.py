@@ -8,7 +8,7 @@ import numpy as np
 
 from .._trajectory.event_log import IMPACT
 from .locate import locate
-from .point import Asked, Ended, Point, ahead, at_parameter
+from .point import Asked, BranchPoint, Ended, at_parameter, predicted_point
 from .sequence_edits import without_event
 from .test_functions import tests_of
 
@@ -20,7 +20,7 @@ _STEP, _REACH = 1e-6, 1e-2
 _NEAR = 10.0
 
 
-def where_it_grazes(point: Point) -> Asked:
+def grazing_of_shorter_cycle(point: BranchPoint) -> Asked:
     """The grazing at which a branch ends close to a point, with the sequence of the cycle that grazes; None if there is none."""
     kind = point.sequence.kind
     speeds = np.where(kind == IMPACT, point.seen.found.speeds[: len(kind)], np.inf)
@@ -33,7 +33,7 @@ def where_it_grazes(point: Point) -> Asked:
     seen = yield from at_parameter(sequence, place, float(place.p))
     if not seen.found.is_converged:
         return None
-    start = Point.of(sequence, seen, point.arc)
+    start = BranchPoint.of(sequence, seen, point.arc)
     for stop in np.unique(point.sequence.stop[light]):
         found = yield from vanishing(start, "touch", int(stop))
         if found is not None and _is_near(point, found, speeds[light].max()):
@@ -41,17 +41,17 @@ def where_it_grazes(point: Point) -> Asked:
     return None
 
 
-def vanishing(start: Point, kind: str, stop: int) -> Asked:
+def vanishing(start: BranchPoint, kind: str, stop: int) -> Asked:
     """Where the least gap or force of a stop vanishes near by; None if it does not."""
     test = next(test for test in tests_of(start.sequence) if test.kind == kind and test.index == stop)
-    beside = yield from ahead(start, _STEP)
+    beside = yield from predicted_point(start, _STEP)
     gap = test.of(start.seen)
     slope = (test.of(beside.seen) - gap) / _STEP
     way = -gap / slope if slope else np.inf
     if not abs(way) < _REACH:
         return None
     start = start if way > 0 else start.turned()
-    beyond = yield from ahead(start, 2 * abs(way) + _STEP)
+    beyond = yield from predicted_point(start, 2 * abs(way) + _STEP)
     if not gap * test.of(beyond.seen) < 0:
         return None
     try:
@@ -60,5 +60,5 @@ def vanishing(start: Point, kind: str, stop: int) -> Asked:
         return None
 
 
-def _is_near(point: Point, found: Point, speed: float) -> bool:
+def _is_near(point: BranchPoint, found: BranchPoint, speed: float) -> bool:
     return bool(np.abs(found.place.z - point.place.z).max() < _NEAR * speed)

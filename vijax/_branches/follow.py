@@ -2,7 +2,7 @@
 
 Steps on which nothing is met are left to `batched_steps.py`.
 
-`follow` is a generator: it asks for corrected cycles, see `kernels.py`, and is sent the answers, so that many
+`follow_branch` is a generator: it asks for corrected cycles, see `kernels.py`, and is sent the answers, so that many
 branches are followed side by side although each is told as if it were alone.
 """
 
@@ -22,15 +22,26 @@ from .batched_steps import (
     next_length,
 )
 from .closing import first_repeated, is_at_start, rounds_of
-from .degenerate_grazing import where_it_grazes
+from .degenerate_grazing import grazing_of_shorter_cycle
 from .grazing_cascade import FEW, MANY, behind, is_limit, limit_of, shortest_stick
-from .kernels import Followed, Request, confirm, tell, trimmed
+from .kernels import Followed, KernelCall, confirm, cycle_of_motion, trimmed
 from .locate import first_event, special_points
-from .parameter_family import Place
-from .point import TRUSTED, Asked, Ended, Full, Point, Walk, ahead, as_it_is, at_parameter, between
+from .parameter_family import ExtendedCycle
+from .point import (
+    TRUSTED,
+    Asked,
+    BranchPoint,
+    Ended,
+    Full,
+    Walk,
+    as_it_is,
+    at_parameter,
+    between,
+    predicted_point,
+)
 from .sequence_switching import as_machine_has_it, by_machine, by_sequence, in_section, off, with_its_bounces
 from .test_functions import Test, crossings, tests_of
-from .vanishing_flights import hop_that_ends, where_hop_ends
+from .vanishing_flights import end_of_vanishing_flight, hop_that_ends
 
 # Several events on a step longer than this are separated by shorter steps.
 _SEPARATE = 1e-4
@@ -44,7 +55,7 @@ _NEAR, _AT = 1e-3, 1e-9
 _MOST_BACK = 100
 
 
-def begin(sequence: Sequence, start: np.ndarray, p: float) -> Asked:
+def point_at_orbit(sequence: Sequence, start: np.ndarray, p: float) -> Asked:
     """The point of a branch at an orbit, given by its start in space; None if there is none.
 
     Args:
@@ -52,7 +63,7 @@ def begin(sequence: Sequence, start: np.ndarray, p: float) -> Asked:
         start: positions and velocities, (2 n,).
         p: the scaled parameter.
     """
-    place, followed = yield Request(tell, sequence, (start, np.asarray(p)))
+    place, followed = yield KernelCall(cycle_of_motion, sequence, (start, np.asarray(p)))
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
     sequence, place = trimmed(followed.sequence, num_events), trimmed(place, num_events)
     # At a fold the parameter does not tell one cycle from the next.
@@ -60,11 +71,11 @@ def begin(sequence: Sequence, start: np.ndarray, p: float) -> Asked:
         seen = yield from ask
         away = np.abs(seen.found.place.z - place.z).max()
         if seen.found.is_converged and away < _NEAR and abs(seen.found.place.p - p) < _AT:
-            return Point.of(sequence, seen, 0.0)
+            return BranchPoint.of(sequence, seen, 0.0)
     return None
 
 
-def follow(walk: Walk, start: Point) -> Asked:
+def follow_branch(walk: Walk, start: BranchPoint) -> Asked:
     """Follow a branch from a point in the direction of its tangent; points are added to the walk."""
     try:
         yield from _follow(walk, start)
@@ -72,7 +83,7 @@ def follow(walk: Walk, start: Point) -> Asked:
         walk.end = str(why)
 
 
-def _follow(walk: Walk, start: Point) -> Asked:
+def _follow(walk: Walk, start: BranchPoint) -> Asked:
     walk.rounds = yield from rounds_of(start.sequence, start.place, int(walk.num_periods))
     point, ds = start, PROBE
     while not walk.is_full:
@@ -96,13 +107,13 @@ def _follow(walk: Walk, start: Point) -> Asked:
     walk.end = "max_points"
 
 
-def _has_lost_stick(told: Point, point: Point) -> bool:
+def _has_lost_stick(told: BranchPoint, point: BranchPoint) -> bool:
     """Whether the last bounces of a chatter are there, but not the stick behind them any more."""
     before, after = (np.count_nonzero(one.sequence.kind == RELEASE) for one in (told, point))
     return bool(after < before and 0 < shortest_stick(told) < _MOMENT)
 
 
-def _whole_step(walk: Walk, point: Point, ds: float) -> Asked:
+def _whole_step(walk: Walk, point: BranchPoint, ds: float) -> Asked:
     """A step on which all is known that happens, and its length, halved until it is; None if none is short enough."""
     while ds >= SHORTEST:
         try:
@@ -117,15 +128,15 @@ def _whole_step(walk: Walk, point: Point, ds: float) -> Asked:
     return None, ds
 
 
-def _behind_hop(walk: Walk, point: Point) -> Asked:
+def _behind_hop(walk: Walk, point: BranchPoint) -> Asked:
     """The point from which the branch goes on where no step is short enough, for a hop vanishes; else it ends."""
-    event = yield from where_hop_ends(point)
+    event = yield from end_of_vanishing_flight(point)
     if event is None:
         return (yield from _end(walk, point))
     return (yield from _add_and_go_on(walk, point, event))
 
 
-def _add_and_go_on(walk: Walk, point: Point, event: Point) -> Asked:
+def _add_and_go_on(walk: Walk, point: BranchPoint, event: BranchPoint) -> Asked:
     """The point behind one where a force touches zero: the mass is held."""
     if not walk.bounds[0] <= event.place.p <= walk.bounds[1]:
         yield from _end_at_bound(walk, point, point.place, event, is_event=True)
@@ -133,7 +144,7 @@ def _add_and_go_on(walk: Walk, point: Point, event: Point) -> Asked:
     return (yield from off(event))
 
 
-def _add_special(walk: Walk, point: Point, step: "Step") -> Asked:
+def _add_special(walk: Walk, point: BranchPoint, step: "Step") -> Asked:
     """Add the bifurcations of a step, and end where the branch does."""
     last = step.last if step.event is None else step.event[1]
     for found in [*step.special, last]:
@@ -149,7 +160,7 @@ def _add_special(walk: Walk, point: Point, step: "Step") -> Asked:
             raise Ended("period_doubling")
 
 
-def _end(walk: Walk, point: Point) -> Asked:
+def _end(walk: Walk, point: BranchPoint) -> Asked:
     """End where no step is short enough."""
     if 0 < shortest_stick(point) < _MOMENT:
         # Sticks vanish faster than they shorten: what is left of the way is rounding.
@@ -159,7 +170,7 @@ def _end(walk: Walk, point: Point) -> Asked:
         raise Ended("chatter_completion")
     yield from _to_limit(walk, FEW)
     # The light impacts of a cascade are those of a chatter.
-    grazing = None if walk.cascade else (yield from where_it_grazes(point))
+    grazing = None if walk.cascade else (yield from grazing_of_shorter_cycle(point))
     if grazing is not None:
         yield from _add(walk, grazing)
         raise Ended("gr")
@@ -178,15 +189,15 @@ class Step(NamedTuple):
         next_length: of the next step.
     """
 
-    last: Point
-    told: Point
+    last: BranchPoint
+    told: BranchPoint
     followed: Followed
-    event: tuple[Test, Point] | None
-    special: list[Point]
+    event: tuple[Test, BranchPoint] | None
+    special: list[BranchPoint]
     next_length: float
 
 
-def _step(walk: Walk, point: Point, ds: float) -> Asked:
+def _step(walk: Walk, point: BranchPoint, ds: float) -> Asked:
     """A step from a point, or None if it is too long to know all that happens on it."""
     new = yield from _ahead(point, ds)
     if new is None:
@@ -208,33 +219,33 @@ def _step(walk: Walk, point: Point, ds: float) -> Asked:
     return Step(last, told, followed, event, special or [], length)
 
 
-def _is_plastic(point: Point, test: Test) -> bool:
+def _is_plastic(point: BranchPoint, test: Test) -> bool:
     """Whether the stop of an event has no rebound."""
     return bool(point.seen.watched.is_plastic[point.sequence.stop[test.index]])
 
 
-def _ahead(point: Point, ds: float) -> Asked:
+def _ahead(point: BranchPoint, ds: float) -> Asked:
     """The next point, or None if the branch is too curved for such a step."""
-    new: Point = yield from ahead(point, ds)
+    new: BranchPoint = yield from predicted_point(point, ds)
     return new if is_sound(new.seen.found, new.tangent.along(point.tangent), ds) else None
 
 
-def _told_by_machine(walk: Walk, point: Point) -> Asked:
+def _told_by_machine(walk: Walk, point: BranchPoint) -> Asked:
     """The point with its events in the cycle, whether the machine follows it, and what it does."""
     point = yield from in_section(point, walk.num_periods)
-    followed: Followed = yield Request(confirm, point.sequence, (point.place,))
+    followed: Followed = yield KernelCall(confirm, point.sequence, (point.place,))
     is_trusted = np.abs(point.seen.found.multipliers[0]) < TRUSTED
     return point._replace(is_admissible=bool(followed.is_alike or not is_trusted)), followed
 
 
-def _add(walk: Walk, point: Point) -> Asked:
+def _add(walk: Walk, point: BranchPoint) -> Asked:
     """Add a point to the walk, as it is with all its events in the cycle."""
     point = yield from in_section(point, walk.num_periods)
     walk.points.append(point)
     return point
 
 
-def _beyond(walk: Walk, test: Test, event: Point) -> Asked:
+def _beyond(walk: Walk, test: Test, event: BranchPoint) -> Asked:
     """The point from which the branch goes on behind an event."""
     hop = yield from hop_that_ends(test, event)
     if hop is not None:
@@ -249,7 +260,7 @@ def _beyond(walk: Walk, test: Test, event: Point) -> Asked:
         return (yield from by_machine(event, test.kind))
 
 
-def _to_passed(walk: Walk, last: Point) -> Asked:
+def _to_passed(walk: Walk, last: BranchPoint) -> Asked:
     """End where the last bifurcation was passed before; keep each once."""
     again = yield from first_repeated(walk, last)
     if again is not None:
@@ -266,16 +277,16 @@ def _to_limit(walk: Walk, least: int) -> Asked:
         return
     event = grazings[-1]
     back = Walk(walk.num_periods, walk.bounds, _MOST_BACK)
-    yield from follow(back, start)
+    yield from follow_branch(back, start)
     last = back.points[-1] if back.end == "chatter_completion" else None
-    if isinstance(last, Point) and is_limit(last.place, limit, event.place):
+    if isinstance(last, BranchPoint) and is_limit(last.place, limit, event.place):
         way = np.append(last.place.z - event.place.z, last.place.p - event.place.p)
         arc = max(walk.points[-1].arc, event.arc + float(np.linalg.norm(way)))
         walk.points.append(last._replace(arc=arc))
         raise Ended("chatter_completion")
 
 
-def _to_bound(walk: Walk, point: Point, new: Point, *, is_event: bool) -> Asked:
+def _to_bound(walk: Walk, point: BranchPoint, new: BranchPoint, *, is_event: bool) -> Asked:
     """Add the point at the bound of the parameter that lies between two, or at which an event is, and end."""
     p = walk.nearest_bound(float(new.place.p))
     share = (p - point.place.p) / (new.place.p - point.place.p)
@@ -285,23 +296,25 @@ def _to_bound(walk: Walk, point: Point, new: Point, *, is_event: bool) -> Asked:
     yield from _end_at_bound(walk, point, guess, new._replace(arc=arc), is_event=is_event)
 
 
-def _end_at_bound(walk: Walk, point: Point, guess: Place, new: Point, *, is_event: bool) -> Asked:
+def _end_at_bound(
+    walk: Walk, point: BranchPoint, guess: ExtendedCycle, new: BranchPoint, *, is_event: bool
+) -> Asked:
     """Add the point at the bound next to a new one, which has its length of the branch, and end."""
     p = np.asarray(walk.nearest_bound(float(new.place.p)))
     at = yield from _at_bound(point, guess._replace(p=p), is_event=is_event)
     exact = at.seen.found.place._replace(p=p)
     seen = at.seen._replace(found=at.seen.found._replace(place=exact))
-    yield from _add(walk, Point.of(at.sequence, seen, new.arc))
+    yield from _add(walk, BranchPoint.of(at.sequence, seen, new.arc))
     raise Ended("bounds")
 
 
-def _at_bound(point: Point, guess: Place, *, is_event: bool) -> Asked:
+def _at_bound(point: BranchPoint, guess: ExtendedCycle, *, is_event: bool) -> Asked:
     """The cycle at a bound; where events vanish there, what the machine does."""
     p = float(guess.p)
     if not is_event:
         seen = yield from at_parameter(point.sequence, guess, p)
         if seen.found.is_converged:
-            return Point.of(point.sequence, seen, point.arc)
+            return BranchPoint.of(point.sequence, seen, point.arc)
     found = yield from as_machine_has_it(point, guess)
     if found is None:
         raise Ended("not_converged")

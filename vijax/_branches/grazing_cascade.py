@@ -9,9 +9,9 @@ import numpy as np
 
 from .._orbits.sequence import Sequence
 from .._trajectory.event_log import RELEASE
-from .kernels import SPARE, Followed, Request, confirm, padded, room_for, trimmed
-from .parameter_family import Place
-from .point import Asked, Point, at_parameter
+from .kernels import SPARE, Followed, KernelCall, confirm, padded, room_for, trimmed
+from .parameter_family import ExtendedCycle
+from .point import Asked, BranchPoint, at_parameter
 
 # So many grazings of one stop are a cascade, if each is nearer to the next than it was to the last; where it is not known
 # how a branch goes on, fewer.
@@ -26,7 +26,7 @@ _BEHIND, _TRIALS = (0.1, 0.3, 1.0, 3.0, 0.03), 4
 _AWAY = 0.5
 
 
-def limit_of(grazings: list[Point], least: int) -> Place | None:
+def limit_of(grazings: list[BranchPoint], least: int) -> ExtendedCycle | None:
     """Where grazings lead, without the durations of flights, by A. C. Aitken's extrapolation; None if nowhere, or they are few."""
     if len(grazings) < FEW:
         return None
@@ -39,16 +39,16 @@ def limit_of(grazings: list[Point], least: int) -> Place | None:
     share = ratios[-1] / (1 - ratios[-1])
     if len(grazings) < least and not abs(share * steps[-1]) < _CERTAIN * abs(p[-1] - p[0]):
         return None
-    return Place(last.z + share * (last.z - before.z), np.zeros(0), last.p + share * steps[-1])
+    return ExtendedCycle(last.z + share * (last.z - before.z), np.zeros(0), last.p + share * steps[-1])
 
 
-def is_limit(found: Place, limit: Place, last: Place) -> bool:
+def is_limit(found: ExtendedCycle, limit: ExtendedCycle, last: ExtendedCycle) -> bool:
     """Whether a cycle is the one that grazings lead to."""
     away, left = found.p - limit.p, last.p - limit.p
     return bool(abs(away) < _AWAY * abs(left) and np.all(np.abs(found.z - limit.z) < 1e-2 + abs(left)))
 
 
-def behind(limit: Place, last: Point) -> Asked:
+def behind(limit: ExtendedCycle, last: BranchPoint) -> Asked:
     """A cycle with a stick behind a limit, on the way back to it; None if there is none."""
     way = limit.p - last.place.p
     for share in _BEHIND:
@@ -58,14 +58,14 @@ def behind(limit: Place, last: Point) -> Asked:
     return None
 
 
-def _with_stick(limit: Place, last: Point, p: float) -> Asked:
+def _with_stick(limit: ExtendedCycle, last: BranchPoint, p: float) -> Asked:
     """The cycle with a stick at a value of the parameter: that of the machine, corrected until it is followed."""
     place = limit._replace(p=np.asarray(p))
     room = room_for(4 * len(last.sequence.kind)) - SPARE
     longer = padded(last.sequence, (), room)[0]
     for _ in range(_TRIALS):
         wide = place._replace(flights=np.zeros(room))
-        followed: Followed = yield Request(confirm, longer, (wide,))
+        followed: Followed = yield KernelCall(confirm, longer, (wide,))
         sequence: Sequence = trimmed(followed.sequence, int(np.count_nonzero(followed.sequence.kind >= 0)))
         if RELEASE not in sequence.kind:
             return None
@@ -73,15 +73,15 @@ def _with_stick(limit: Place, last: Point, p: float) -> Asked:
         seen = yield from at_parameter(sequence, place, p)
         if not seen.found.is_converged:
             return None
-        found = Point.of(sequence, seen, last.arc)
-        told: Followed = yield Request(confirm, sequence, (found.place,))
+        found = BranchPoint.of(sequence, seen, last.arc)
+        told: Followed = yield KernelCall(confirm, sequence, (found.place,))
         if told.is_alike:
             return found
         place = found.place
     return None
 
 
-def shortest_stick(point: Point) -> float:
+def shortest_stick(point: BranchPoint) -> float:
     """How long the shortest hold of a stop lasts, in forcing periods; 0 if there is none."""
     sequence, times = point.sequence, np.append(0.0, np.cumsum(point.place.flights))
     found = [

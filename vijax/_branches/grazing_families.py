@@ -13,9 +13,9 @@ import numpy as np
 from .._orbits.sequence import Sequence
 from .._trajectory.event_log import IMPACT
 from .closing import rounds_of
-from .kernels import Rates, Request, rates_along
-from .parameter_family import Place
-from .point import Asked, Point, as_it_is, first_followed
+from .kernels import BranchRates, KernelCall, rates_along
+from .parameter_family import ExtendedCycle
+from .point import Asked, BranchPoint, as_it_is, first_followed
 from .sequence_edits import in_a_row, with_event, without_event
 
 # The most rounds.
@@ -35,18 +35,18 @@ class Touch(NamedTuple):
     """
 
     sequence: Sequence
-    place: Place
+    place: ExtendedCycle
     num_periods: int
     stop: int
     flight: int
     time: float
 
-    def as_impact(self) -> tuple[Sequence, Place]:
+    def as_impact(self) -> tuple[Sequence, ExtendedCycle]:
         """The same with the touch as an impact."""
         return with_event(self.sequence, self.place, IMPACT, self.stop, self.flight, self.time)
 
 
-def touch_of(sequence: Sequence, place: Place, k: int, num_periods: int) -> Asked:
+def touch_of(sequence: Sequence, place: ExtendedCycle, k: int, num_periods: int) -> Asked:
     """The touch of an impact `k` without speed, of a cycle that is not several times another."""
     stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
     sequence, place = without_event(sequence, place, k)
@@ -67,7 +67,7 @@ def hits_of(touch: Touch, num_periods: int) -> Iterator[list[bool]]:
                 yield [k < hits for k in range(rounds)]
 
 
-def repeated(touch: Touch, is_hit: list[bool]) -> tuple[Sequence, Place, list[int]]:
+def repeated(touch: Touch, is_hit: list[bool]) -> tuple[Sequence, ExtendedCycle, list[int]]:
     """Rounds of the cycle, with the touch as an impact in some of them, and the numbers of these impacts."""
     rounds = [touch.as_impact() if hit else (touch.sequence, touch.place) for hit in is_hit]
     ends = np.cumsum([len(sequence.kind) for sequence, _ in rounds])
@@ -77,13 +77,13 @@ def repeated(touch: Touch, is_hit: list[bool]) -> tuple[Sequence, Place, list[in
     return *in_a_row(rounds, touch.num_periods), hits
 
 
-def leave(sequence: Sequence, place: Place, hits: list[int], lengths: tuple[float, ...]) -> Asked:
+def leave(sequence: Sequence, place: ExtendedCycle, hits: list[int], lengths: tuple[float, ...]) -> Asked:
     """A point on the family of a sequence, at the first of some distances that the machine follows; None if at none."""
     seen = yield from as_it_is(sequence, place)
     if not seen.found.is_converged:
         return None
-    at = Point.of(sequence, seen, 0.0)
-    rates: Rates = yield Request(rates_along, sequence, (at.place, at.tangent, np.asarray(0.0)))
+    at = BranchPoint.of(sequence, seen, 0.0)
+    rates: BranchRates = yield KernelCall(rates_along, sequence, (at.place, at.tangent, np.asarray(0.0)))
     is_ahead = rates.speeds[hits] > 0
     if is_ahead.any() != is_ahead.all():
         return None

@@ -16,9 +16,9 @@ from .._orbits.sequence import NOTHING, Sequence, happens_alike, sequence_of
 from .._system.waves import phase_at
 from .._trajectory.single_call import run_for_log
 from .._trajectory.solution import RESULTS
-from .admissibility import Levels, Watched, levels, watch
+from .admissibility import LeastMargins, Levels, levels, margins_of_cycle
 from .corrector import Corrected, as_corrected, correct
-from .parameter_family import Family, Place
+from .parameter_family import ExtendedCycle, Family
 
 # Numbers of events of a cycle that programs are compiled for.
 _ROOMS = 16, 64, 256, 1024
@@ -27,11 +27,11 @@ SPARE, _STICKS = 4, 0.5
 MOST_EVENTS = _ROOMS[-1] - SPARE
 
 
-class Seen(NamedTuple):
+class CorrectedCycle(NamedTuple):
     """A corrected cycle, what happens between its events, how that changes along the branch, its start in space, (2 n,)."""
 
     found: Corrected
-    watched: Watched
+    watched: LeastMargins
     rates: Levels
     start: Float[Array, " state"]
 
@@ -50,53 +50,55 @@ class Followed(NamedTuple):
     flights: Float[Array, " events"]
 
 
-class Rates(NamedTuple):
+class BranchRates(NamedTuple):
     """How speeds at impacts, (events,), and the gaps at some time, (stops,), change along a branch."""
 
     speeds: Float[Array, " events"]
     gaps: Float[Array, " stops"]
 
 
-def look(family: Family, sequence: Sequence, guess: Place, weights: Place, target: Scalar) -> Seen:
+def corrected_cycle(
+    family: Family, sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: Scalar
+) -> CorrectedCycle:
     """The cycle of a sequence with `weights . place = target`."""
     found = correct(family, sequence, guess, weights, target)
     place = jax.tree.map(lambda a, b: jnp.where(found.is_converged, a, b), found.place, guess)
     return _seen(family, sequence, found, place)
 
 
-def see(family: Family, sequence: Sequence, place: Place, tangent: Place) -> Seen:
+def see(family: Family, sequence: Sequence, place: ExtendedCycle, tangent: ExtendedCycle) -> CorrectedCycle:
     """A cycle that is known, where Newton's method along the branch has no step to take."""
     return _seen(family, sequence, as_corrected(family, sequence, place, tangent), place)
 
 
-def _seen(family: Family, sequence: Sequence, found: Corrected, place: Place) -> Seen:
+def _seen(family: Family, sequence: Sequence, found: Corrected, place: ExtendedCycle) -> CorrectedCycle:
     problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
-    watched = watch(problem, unknowns)
+    watched = margins_of_cycle(problem, unknowns)
 
-    def levels_at(place: Place) -> Levels:
+    def levels_at(place: ExtendedCycle) -> Levels:
         return levels(family.problem(sequence, place.p), family.unknowns(place), watched)
 
     rates = jax.jvp(levels_at, (place,), (found.tangent,))[1]
-    return Seen(found, watched, rates, unknowns.z - away_from_stops(problem))
+    return CorrectedCycle(found, watched, rates, unknowns.z - away_from_stops(problem))
 
 
-def confirm(family: Family, sequence: Sequence, place: Place) -> Followed:
+def confirm(family: Family, sequence: Sequence, place: ExtendedCycle) -> Followed:
     """Follow the motion from the start of a cycle."""
     away = away_from_stops(family.problem(sequence, place.p))
     return _run(family, sequence, place, family.unknowns(place).z - away)
 
 
-def tell(
+def cycle_of_motion(
     family: Family, sequence: Sequence, start: Float[Array, " state"], p: Scalar
-) -> tuple[Place, Followed]:
+) -> tuple[ExtendedCycle, Followed]:
     """Follow the motion from a start in space: its cycle, and what happens, with room for the events of a sequence."""
     z = (start + away_from_stops(family.problem(sequence, p))) / family.scale
-    place = Place(z, jnp.zeros(len(sequence.kind)), p)
+    place = ExtendedCycle(z, jnp.zeros(len(sequence.kind)), p)
     followed = _run(family, sequence, place, start)
     return place._replace(flights=followed.flights), followed
 
 
-def _run(family: Family, sequence: Sequence, place: Place, start: Float[Array, " state"]) -> Followed:
+def _run(family: Family, sequence: Sequence, place: ExtendedCycle, start: Float[Array, " state"]) -> Followed:
     room = len(sequence.kind)
     numbers = numbers_of(family.system_at(place.p))
     room_of_log = room + int(_STICKS * room)
@@ -114,25 +116,29 @@ def _run(family: Family, sequence: Sequence, place: Place, start: Float[Array, "
     return Followed(is_alike, other, flights)
 
 
-def locate_start(family: Family, sequence: Sequence, place: Place, time: Scalar) -> Float[Array, " state"]:
+def locate_start(
+    family: Family, sequence: Sequence, place: ExtendedCycle, time: Scalar
+) -> Float[Array, " state"]:
     """The scaled state of a cycle some forcing periods after its start."""
     return state_at(family.problem(sequence, place.p), family.unknowns(place), time) / family.scale
 
 
-def rates_along(family: Family, sequence: Sequence, place: Place, direction: Place, time: Scalar) -> Rates:
+def rates_along(
+    family: Family, sequence: Sequence, place: ExtendedCycle, direction: ExtendedCycle, time: Scalar
+) -> BranchRates:
     """How a cycle changes in a direction."""
 
-    def of(place: Place) -> Rates:
+    def of(place: ExtendedCycle) -> BranchRates:
         problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
         x, _ = jnp.split(state_at(problem, unknowns, time), 2)
         machine, turns = problem.machine, problem.phase + time
         phase = phase_at(2 * jnp.pi * turns, machine.waves.num_harmonics)
-        return Rates(residual(problem, unknowns).speed, machine.contacts.gaps(x, phase))
+        return BranchRates(residual(problem, unknowns).speed, machine.contacts.gaps(x, phase))
 
     return jax.jvp(of, (place,), (direction,))[1]
 
 
-def jacobian(family: Family, sequence: Sequence, place: Place) -> Float[Array, "equations unknowns"]:
+def jacobian(family: Family, sequence: Sequence, place: ExtendedCycle) -> Float[Array, "equations unknowns"]:
     """Derivatives of all equations by the start and the durations, in their scale, with rows and columns of padding."""
     size = len(place.z)
     problem = family.problem(sequence, place.p)
@@ -144,7 +150,7 @@ def jacobian(family: Family, sequence: Sequence, place: Place) -> Float[Array, "
     return jax.jacfwd(of)(jnp.concatenate([place.z, place.flights]))
 
 
-class Request(NamedTuple):
+class KernelCall(NamedTuple):
     """What a branch asks for: a program and its arguments, without padding."""
 
     program: Callable
@@ -168,12 +174,14 @@ def padded(sequence: Sequence, arguments: tuple, room: int) -> tuple:
     kind = np.append(sequence.kind, np.full(more, NOTHING))
     held = np.concatenate([sequence.held, np.repeat(sequence.held[-1:], more, axis=0)])
     long = Sequence(kind, np.append(sequence.stop, np.zeros(more, int)), held)
-    pad = lambda a: a._replace(flights=np.append(a.flights, np.zeros(more))) if isinstance(a, Place) else a  # noqa: E731
-    return long, *map(pad, arguments)
+    return long, *(
+        a._replace(flights=np.append(a.flights, np.zeros(more))) if isinstance(a, ExtendedCycle) else a
+        for a in arguments
+    )
 
 
 def trimmed(tree: Any, num_events: int) -> Any:
     """A sequence or a place without its padding."""
-    if isinstance(tree, Place):
+    if isinstance(tree, ExtendedCycle):
         return tree._replace(flights=tree.flights[:num_events])
     return Sequence(tree.kind[:num_events], tree.stop[:num_events], tree.held[: num_events + 1])

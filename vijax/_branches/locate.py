@@ -3,8 +3,8 @@
 import numpy as np
 
 from .bracket import Bracket, next_trial
-from .kernels import Seen
-from .point import Asked, Ended, Point, Walk, between, on_plane
+from .kernels import CorrectedCycle
+from .point import Asked, BranchPoint, Ended, Walk, between, on_plane
 from .singular import branch_point, end_of_doubled
 from .test_functions import CLOSE, TESTS_OF_NEIGHBOURS, Test, is_crossed, num_on_circle, num_unstable
 
@@ -14,7 +14,7 @@ _OFF = 1e-7
 _LARGE = 1e2
 
 
-def first_event(point: Point, new: Point, met: list[Test]) -> Asked:
+def first_event(point: BranchPoint, new: BranchPoint, met: list[Test]) -> Asked:
     """The first of the events of a step, or None; and the point just before it, or the end of the step."""
     first, before = None, new
     for test in met:
@@ -24,7 +24,7 @@ def first_event(point: Point, new: Point, met: list[Test]) -> Asked:
     return first, before
 
 
-def locate(point: Point, new: Point, test: Test) -> Asked:
+def locate(point: BranchPoint, new: BranchPoint, test: Test) -> Asked:
     """Where a test function vanishes between two points."""
     bracket = Bracket.between(test.of(point.seen), test.of(new.seen), new.arc - point.arc)
     best = new
@@ -32,21 +32,21 @@ def locate(point: Point, new: Point, test: Test) -> Asked:
         seen = yield from on_plane(point, between(point, new, s / (new.arc - point.arc)), s)
         if not seen.found.is_converged:
             raise Ended("not_converged")
-        best = Point.of(point.sequence, seen, point.arc + s, kind=test.kind)
+        best = BranchPoint.of(point.sequence, seen, point.arc + s, kind=test.kind)
         bracket = bracket.narrowed(s, test.of(seen))
     return best._replace(kind=test.kind)
 
 
-def _just_before(point: Point, event: Point) -> Asked:
+def _just_before(point: BranchPoint, event: BranchPoint) -> Asked:
     """A point right before one where the sequence changes: there multipliers may be infinite."""
     s = event.arc - point.arc - _OFF
     if s <= _OFF:
         return point
     seen = yield from on_plane(point, event.place, s)
-    return Point.of(point.sequence, seen, point.arc + s)
+    return BranchPoint.of(point.sequence, seen, point.arc + s)
 
 
-def special_points(walk: Walk, point: Point, new: Point) -> Asked:
+def special_points(walk: Walk, point: BranchPoint, new: BranchPoint) -> Asked:
     """Bifurcations on a step, in their order; None if multipliers tell of more than are found."""
     found, change = [], 0
     is_infinite = _passes_infinity(*(complex(at.seen.found.multipliers[0]) for at in (point, new)))
@@ -75,7 +75,7 @@ def _passes_infinity(before: complex, after: complex) -> bool:
     return bool(is_large and np.sign(before.real) != np.sign(after.real))
 
 
-def _is_there(test: Test, seen: Seen) -> bool:
+def _is_there(test: Test, seen: CorrectedCycle) -> bool:
     """Whether the multipliers say so too: a test function changes its sign as well where one is infinite."""
     mu = seen.found.multipliers
     if test.kind == "ns":

@@ -9,9 +9,9 @@ from .._orbits.sequence import Sequence
 from .._trajectory.simulate import simulate
 from .bracket import Bracket, next_trial
 from .branch import Bifurcation, Branch, cycle_of
-from .kernels import Seen
-from .parameter_family import Family, Place
-from .point import Asked, Point, at_parameter, corrected
+from .kernels import CorrectedCycle
+from .parameter_family import ExtendedCycle, Family
+from .point import Asked, BranchPoint, at_parameter, corrected
 from .scheduler import drive
 from .sequence_switching import in_section
 from .starts import Start, family_of, value_of
@@ -77,7 +77,7 @@ def _is_met(chance: _Chance, family: Family) -> Asked:
     return False
 
 
-def _between(ends: list[tuple[Sequence, Place]], p: float) -> Asked:
+def _between(ends: list[tuple[Sequence, ExtendedCycle]], p: float) -> Asked:
     """The cycle between two of a branch at a value of the parameter, or None.
 
     In planes across the chord, for where two branches cross Newton's method at the parameter comes to either.
@@ -89,7 +89,7 @@ def _between(ends: list[tuple[Sequence, Place]], p: float) -> Asked:
     length = float(np.sqrt(chord.along(chord)))
     if length == 0:
         return None
-    way = Place(*(np.asarray(a / length) for a in chord))
+    way = ExtendedCycle(*(np.asarray(a / length) for a in chord))
     bracket, seen = Bracket.between(float(first.p) - p, float(last.p) - p, length), None
     while (s := next_trial(bracket)) is not None and bracket.trials < _TRIALS:
         guess = first.moved(way, s)
@@ -100,9 +100,9 @@ def _between(ends: list[tuple[Sequence, Place]], p: float) -> Asked:
     return seen
 
 
-def _is_same(chance: _Chance, family: Family, sequence: Sequence, seen: Seen) -> Asked:
+def _is_same(chance: _Chance, family: Family, sequence: Sequence, seen: CorrectedCycle) -> Asked:
     """Whether a cycle is the orbit."""
-    point = yield from in_section(Point.of(sequence, seen, 0.0), float(family.num_periods))
+    point = yield from in_section(BranchPoint.of(sequence, seen, 0.0), float(family.num_periods))
     away = np.abs(chance.states - point.seen.start).max(axis=1).min()
     return bool(away < _SAME * np.abs(chance.states).max())
 

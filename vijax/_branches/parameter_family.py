@@ -15,7 +15,7 @@ from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem
 
 
-class Place(NamedTuple):
+class ExtendedCycle(NamedTuple):
     """A cycle and the parameter at which it is one, or a direction from there; each in its scale.
 
     Attributes:
@@ -28,15 +28,15 @@ class Place(NamedTuple):
     flights: Reals
     p: Reals
 
-    def moved(self, direction: "Place", by: Reals) -> "Place":
+    def moved(self, direction: "ExtendedCycle", by: Reals) -> "ExtendedCycle":
         """The place some way in a direction."""
-        return Place(*(a + by * d for a, d in zip(self, direction, strict=True)))
+        return ExtendedCycle(*(a + by * d for a, d in zip(self, direction, strict=True)))
 
-    def turned(self) -> "Place":
+    def turned(self) -> "ExtendedCycle":
         """The opposite direction."""
-        return Place(*(-a for a in self))
+        return ExtendedCycle(*(-a for a in self))
 
-    def along(self, direction: "Place") -> Reals:
+    def along(self, direction: "ExtendedCycle") -> Reals:
         """The product with a direction."""
         return sum((a * d).sum() for a, d in zip(self, direction, strict=True))
 
@@ -91,6 +91,6 @@ class Family(eqx.Module):
             machine, flow, sequence, *map(jnp.asarray, (self.num_periods, self.phase, self.shifts))
         )
 
-    def unknowns(self, place: Place) -> Unknowns:
+    def unknowns(self, place: ExtendedCycle) -> Unknowns:
         """A place as the unknowns of a cycle."""
         return Unknowns(place.z * self.scale, place.flights)

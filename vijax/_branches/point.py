@@ -8,9 +8,9 @@ import jax
 import numpy as np
 
 from .._orbits.sequence import Sequence
-from .kernels import Followed, Request, Seen, confirm, look, trimmed
+from .kernels import CorrectedCycle, Followed, KernelCall, confirm, corrected_cycle, trimmed
 from .packing import Packed
-from .parameter_family import Place
+from .parameter_family import ExtendedCycle
 
 # Runs of orbits whose neighbours leave faster than this say nothing.
 TRUSTED = 1e4
@@ -18,7 +18,7 @@ TRUSTED = 1e4
 Asked = Generator[Any, Any, Any]
 
 
-class Point(NamedTuple):
+class BranchPoint(NamedTuple):
     """A cycle on a branch.
 
     Attributes:
@@ -31,25 +31,25 @@ class Point(NamedTuple):
     """
 
     sequence: Sequence
-    place: Place
-    seen: Seen
+    place: ExtendedCycle
+    seen: CorrectedCycle
     kind: str
     arc: float
     is_admissible: bool
 
     @classmethod
-    def of(cls, sequence: Sequence, seen: Seen, arc: float, *, kind: str = "") -> "Point":
+    def of(cls, sequence: Sequence, seen: CorrectedCycle, arc: float, *, kind: str = "") -> "BranchPoint":
         """A point as it is seen."""
         return cls(
             sequence, trimmed(seen.found.place, len(sequence.kind)), seen, kind, arc, is_admissible=True
         )
 
     @property
-    def tangent(self) -> Place:
+    def tangent(self) -> ExtendedCycle:
         """Of the branch."""
         return trimmed(self.seen.found.tangent, len(self.sequence.kind))
 
-    def turned(self) -> "Point":
+    def turned(self) -> "BranchPoint":
         """The point, to be left in the other direction."""
         found = self.seen.found
         return self._replace(seen=self.seen._replace(found=found._replace(tangent=found.tangent.turned())))
@@ -62,7 +62,7 @@ class PlainPoint(NamedTuple):
         sequence: what happens.
         rows: what is known of cycles, of this among others.
         row: which of them it is.
-        arc: as of `Point`.
+        arc: as of `BranchPoint`.
     """
 
     sequence: Sequence
@@ -80,12 +80,12 @@ class PlainPoint(NamedTuple):
         """Else the step would not have been plain."""
         return True
 
-    def alone(self) -> Point:
+    def alone(self) -> BranchPoint:
         """The same by itself."""
-        return Point.of(self.sequence, self.rows.at(self.row).tree(), self.arc)
+        return BranchPoint.of(self.sequence, self.rows.at(self.row).tree(), self.arc)
 
 
-def side_by_side(points: list[Point | PlainPoint]) -> Seen:
+def side_by_side(points: list[BranchPoint | PlainPoint]) -> CorrectedCycle:
     """What is known of points, (points, ...); for events there is room for the most that any of them has."""
     groups: dict[int, list[int]] = {}
     for k, point in enumerate(points):
@@ -102,7 +102,7 @@ def side_by_side(points: list[Point | PlainPoint]) -> Seen:
     return jax.tree.map(joined, *parts)
 
 
-def _stacked(points: list) -> Seen:
+def _stacked(points: list) -> CorrectedCycle:
     """The same of points of one kind and room."""
     if not isinstance(points[0], PlainPoint):
         return jax.tree.map(lambda *a: np.stack(a), *(point.seen for point in points))
@@ -127,8 +127,8 @@ class Walk:
     num_periods: float
     bounds: tuple[float, float]
     max_points: int
-    points: list[Point | PlainPoint] = field(default_factory=list)
-    cascade: list[tuple[int, Point]] = field(default_factory=list)
+    points: list[BranchPoint | PlainPoint] = field(default_factory=list)
+    cascade: list[tuple[int, BranchPoint]] = field(default_factory=list)
     rounds: int = 1
     end: str = "interrupted"
 
@@ -150,54 +150,56 @@ class Full(Ended):
     """A cycle has more events than there is room for."""
 
 
-def at_parameter(sequence: Sequence, guess: Place, p: float) -> Asked:
+def at_parameter(sequence: Sequence, guess: ExtendedCycle, p: float) -> Asked:
     """The cycle at a value of the parameter."""
-    only_p = Place(0 * guess.z, 0 * guess.flights, np.asarray(1.0))
+    only_p = ExtendedCycle(0 * guess.z, 0 * guess.flights, np.asarray(1.0))
     return (yield from corrected(sequence, guess, only_p, p))
 
 
-def between(point: Point, new: Point, share: float) -> Place:
+def between(point: BranchPoint, new: BranchPoint, share: float) -> ExtendedCycle:
     """A place on the chord from one point to another."""
-    return Place(*(a + share * (b - a) for a, b in zip(point.place, new.place, strict=True)))
+    return ExtendedCycle(*(a + share * (b - a) for a, b in zip(point.place, new.place, strict=True)))
 
 
-def ahead(point: Point, ds: float) -> Asked:
+def predicted_point(point: BranchPoint, ds: float) -> Asked:
     """The point some way along the branch, as it is found: it may be none."""
     seen = yield from on_plane(point, point.place.moved(point.tangent, ds), ds)
-    return Point.of(point.sequence, seen, point.arc + ds)
+    return BranchPoint.of(point.sequence, seen, point.arc + ds)
 
 
-def on_plane(point: Point, guess: Place, s: float) -> Asked:
+def on_plane(point: BranchPoint, guess: ExtendedCycle, s: float) -> Asked:
     """The cycle where the branch meets the plane across its tangent, some way from a point."""
     tangent = point.tangent
     return (yield from corrected(point.sequence, guess, tangent, point.place.along(tangent) + s))
 
 
-def corrected(sequence: Sequence, guess: Place, weights: Place, target: float) -> Asked:
+def corrected(sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: float) -> Asked:
     """The cycle with `weights . place = target`."""
-    seen: Seen = yield Request(look, sequence, (guess, weights, np.asarray(target)))
+    seen: CorrectedCycle = yield KernelCall(corrected_cycle, sequence, (guess, weights, np.asarray(target)))
     return seen
 
 
-def as_it_is(sequence: Sequence, place: Place) -> Asked:
+def as_it_is(sequence: Sequence, place: ExtendedCycle) -> Asked:
     """A cycle that is known. No direction is special to the weights, and so none is the branch's plane."""
     rng = np.random.default_rng(0)
-    weights = Place(*(np.asarray(rng.normal(size=np.shape(a))) for a in place))
-    weights = Place(*(a / np.sqrt(weights.along(weights)) for a in weights))
+    weights = ExtendedCycle(*(np.asarray(rng.normal(size=np.shape(a))) for a in place))
+    weights = ExtendedCycle(*(a / np.sqrt(weights.along(weights)) for a in weights))
     return (yield from corrected(sequence, place, weights, place.along(weights)))
 
 
-def first_followed(sequence: Sequence, place: Place, along: Place, lengths: tuple[float, ...]) -> Asked:
+def first_followed(
+    sequence: Sequence, place: ExtendedCycle, along: ExtendedCycle, lengths: tuple[float, ...]
+) -> Asked:
     """The cycle some way from a place, at the first of several distances at which the machine follows it; None if at none."""
     for ds in lengths:
         seen = yield from corrected(sequence, place.moved(along, ds), along, place.along(along) + ds)
-        other = Point.of(sequence, seen, 0.0)
+        other = BranchPoint.of(sequence, seen, 0.0)
         if seen.found.is_converged and (yield from is_followed(other)):
             return other
     return None
 
 
-def is_followed(point: Point) -> Asked:
+def is_followed(point: BranchPoint) -> Asked:
     """Whether the machine follows the cycle."""
-    followed: Followed = yield Request(confirm, point.sequence, (point.place,))
+    followed: Followed = yield KernelCall(confirm, point.sequence, (point.place,))
     return bool(followed.is_alike)

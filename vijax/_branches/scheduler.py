@@ -11,20 +11,20 @@ from .._jax.xla import jit_lightly
 from .batched_steps import (
     SHORTEST,
     PlainSteps,
-    ahead,
-    along,
     begun,
-    is_as_told,
+    follows_cycle,
+    inner_products,
     is_plain,
     is_resolved,
     is_sound,
     known_of,
     next_length,
+    predictions,
 )
-from .kernels import MOST_EVENTS, Request, Seen, confirm, look, padded, room_for
+from .kernels import MOST_EVENTS, CorrectedCycle, KernelCall, confirm, corrected_cycle, padded, room_for
 from .packing import Layout, Packed, pack
 from .parameter_family import Family
-from .point import Full, PlainPoint, Point
+from .point import BranchPoint, Full, PlainPoint
 
 # Numbers of branches that programs are compiled for, and from how many on each is worth while. The largest is for
 # cycles of few events alone, as their derivatives take memory.
@@ -71,7 +71,7 @@ def _asked(task: Generator, reply: Any) -> Any:
     return asked
 
 
-def answer(family: Family, request: Request) -> Any:
+def answer(family: Family, request: KernelCall) -> Any:
     """The answer to one request."""
     calls = _Calls(_Stock({0: family}), room_for(len(request.sequence.kind)), request.program)
     calls.add(0, request)
@@ -96,12 +96,12 @@ class _Calls:
 
     def __init__(self, stock: _Stock, room: int, program: Callable):
         self.stock, self.room, self.program = stock, room, program
-        self.waiting: list[tuple[int, Request]] = []
+        self.waiting: list[tuple[int, KernelCall]] = []
 
     def __len__(self) -> int:
         return len(self.waiting)
 
-    def add(self, task: int, request: Request) -> None:
+    def add(self, task: int, request: KernelCall) -> None:
         """One more."""
         self.waiting.append((task, request))
 
@@ -122,7 +122,7 @@ class _Front:
         self.stock, self.room = stock, room
         self.members: list[tuple[int, PlainSteps]] = []
         self.new: list[tuple[int, PlainSteps]] = []
-        self.points: list[Point | PlainPoint] = []
+        self.points: list[BranchPoint | PlainPoint] = []
         self.state: Any = None
         self.fixed: tuple | None = None
 
@@ -140,16 +140,18 @@ class _Front:
         num = min(size, len(self))
         known, ways = _taken(self.state, slice(num))
         families, sequences = self._fixed(num, size)
-        guess, weights, targets = ahead(known, ways.ds)
-        rows = _call(look, families, sequences, *_filled((guess, weights, targets), size)).at(slice(num))
-        seen: Seen = rows.tree()
+        guess, weights, targets = predictions(known, ways.ds)
+        rows = _call(corrected_cycle, families, sequences, *_filled((guess, weights, targets), size)).at(
+            slice(num)
+        )
+        seen: CorrectedCycle = rows.tree()
         new = known_of(known.sequence, seen.found.place, seen)
-        sound = is_sound(seen.found, along(new.tangent, known.tangent), ways.ds)
+        sound = is_sound(seen.found, inner_products(new.tangent, known.tangent), ways.ds)
         sound &= is_resolved(known, new, ways.ds)
         taken = sound & is_plain(known, new, ways)
         if taken.any():
             followed = _call(confirm, families, sequences, _filled(new.place, size)).at(slice(num)).tree()
-            taken &= is_as_told(known, seen, followed)
+            taken &= follows_cycle(known, seen, followed)
         length = next_length(seen.found, known, new, ways.ds)
         known = new if taken.all() else jax.tree.map(lambda a, b: _where(taken, a, b), new, known)
         arc = np.where(taken, ways.arc + ways.ds, ways.arc)

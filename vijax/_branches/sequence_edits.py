@@ -4,12 +4,12 @@ import numpy as np
 
 from .._orbits.sequence import Sequence
 from .._trajectory.event_log import RELEASE
-from .parameter_family import Place
+from .parameter_family import ExtendedCycle
 
 
 def with_event(
-    sequence: Sequence, place: Place, kind: int, stop: int, flight: int, time: float
-) -> tuple[Sequence, Place]:
+    sequence: Sequence, place: ExtendedCycle, kind: int, stop: int, flight: int, time: float
+) -> tuple[Sequence, ExtendedCycle]:
     """An event of a stop that changes nothing, on a flight, some forcing periods after the start.
 
     An impact without speed, where a gap vanishes, or a release that does not set free, where a force does.
@@ -31,12 +31,12 @@ def in_rounds(k: int, num_events: int, how: tuple[int, float]) -> list[int]:
 
 def with_events(
     sequence: Sequence,
-    place: Place,
+    place: ExtendedCycle,
     kind: int,
     stop: int,
     at: tuple[int, float],
     how: tuple[int, float],
-) -> tuple[Sequence, Place, int]:
+) -> tuple[Sequence, ExtendedCycle, int]:
     """`with_event` in every round of a cycle, and the number of the first of these events.
 
     Args:
@@ -57,7 +57,7 @@ def with_events(
     return sequence, place, flights[-1]
 
 
-def with_stick(sequence: Sequence, place: Place, k: int) -> tuple[Sequence, Place]:
+def with_stick(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
     """With a stick that lasts no time after an impact `k`, and its release."""
     stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
     sequence, place = with_event(sequence, place, RELEASE, stop, k + 1, time)
@@ -66,14 +66,14 @@ def with_stick(sequence: Sequence, place: Place, k: int) -> tuple[Sequence, Plac
     return Sequence(sequence.kind, sequence.stop, held), place
 
 
-def without_stick(sequence: Sequence, place: Place, k: int) -> tuple[Sequence, Place]:
+def without_stick(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
     """Without a release `k` that ends a stick which lasts no time."""
     held = sequence.held.copy()
     held[k] = held[k + 1]
     return without_event(Sequence(sequence.kind, sequence.stop, held), place, k)
 
 
-def without_event(sequence: Sequence, place: Place, k: int) -> tuple[Sequence, Place]:
+def without_event(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
     """Without an event that changes nothing, as an impact without speed."""
     flights = np.delete(place.flights, k)
     if k < len(flights):
@@ -84,14 +84,16 @@ def without_event(sequence: Sequence, place: Place, k: int) -> tuple[Sequence, P
     )
 
 
-def with_order_exchanged(sequence: Sequence, place: Place, k: int) -> tuple[Sequence, Place]:
+def with_order_exchanged(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
     """With an impact before another at the same time, `k` and the one before it."""
     order = np.arange(len(sequence.kind))
     order[[k - 1, k]] = k, k - 1
     return Sequence(sequence.kind[order], sequence.stop[order], sequence.held), place
 
 
-def in_a_row(rounds: list[tuple[Sequence, Place]], num_periods: int | float) -> tuple[Sequence, Place]:
+def in_a_row(
+    rounds: list[tuple[Sequence, ExtendedCycle]], num_periods: int | float
+) -> tuple[Sequence, ExtendedCycle]:
     """One cycle of several, of `num_periods` each and all from the same state."""
     flights, left = [], 0.0
     for _, place in rounds:
@@ -108,15 +110,15 @@ def in_a_row(rounds: list[tuple[Sequence, Place]], num_periods: int | float) -> 
     return whole, rounds[0][1]._replace(flights=np.concatenate(flights))
 
 
-def passed_section(place: Place, num_periods: float) -> int:
+def passed_section(place: ExtendedCycle, num_periods: float) -> int:
     """How many events at the front come before the start of the cycle, negative for those behind its end."""
     times = np.cumsum(place.flights)
     return int(np.count_nonzero(times < 0)) or -int(np.count_nonzero(times > num_periods))
 
 
 def shifted(
-    sequence: Sequence, place: Place, by: int, num_periods: float, z: np.ndarray
-) -> tuple[Sequence, Place]:
+    sequence: Sequence, place: ExtendedCycle, by: int, num_periods: float, z: np.ndarray
+) -> tuple[Sequence, ExtendedCycle]:
     """The cycle with its first events as its last, or its last as its first for a negative number.
 
     Args:

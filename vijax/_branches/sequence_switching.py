@@ -7,9 +7,9 @@ import numpy as np
 from .._jax.arrays import Reals
 from .._orbits.sequence import Sequence
 from .._trajectory.event_log import IMPACT
-from .kernels import Followed, Rates, Request, confirm, locate_start, padded, rates_along, trimmed
-from .parameter_family import Place
-from .point import Asked, Ended, Point, Walk, as_it_is, at_parameter, corrected
+from .kernels import BranchRates, Followed, KernelCall, confirm, locate_start, padded, rates_along, trimmed
+from .parameter_family import ExtendedCycle
+from .point import Asked, BranchPoint, Ended, Walk, as_it_is, at_parameter, corrected
 from .sequence_edits import (
     in_rounds,
     passed_section,
@@ -35,7 +35,7 @@ _MORE = 64
 _TRIALS = 1e-6, 1e-5, 1e-4, 1e-3
 
 
-def by_sequence(walk: Walk, test: Test, event: Point) -> Asked:
+def by_sequence(walk: Walk, test: Test, event: BranchPoint) -> Asked:
     """The same on the sequence that it must be, in the direction that its derivative tells.
 
     On a cycle that is a shorter one several times the change may happen in one of its rounds, or in all of them.
@@ -53,7 +53,7 @@ def by_sequence(walk: Walk, test: Test, event: Point) -> Asked:
         return new
 
 
-def _with_impact(event: Point, stop: int, how: How) -> Asked:
+def _with_impact(event: BranchPoint, stop: int, how: How) -> Asked:
     """Behind a gap that vanishes: with an impact there."""
     watched = event.seen.watched
     at = int(watched.gap_flight[stop]), float(watched.gap_time[stop])
@@ -61,7 +61,7 @@ def _with_impact(event: Point, stop: int, how: How) -> Asked:
     return (yield from _going_on(sequence, place, event, lambda rates: rates.speeds[first]))
 
 
-def _without_impact(event: Point, k: int, how: How) -> Asked:
+def _without_impact(event: BranchPoint, k: int, how: How) -> Asked:
     """Behind an impact that loses its speed: without it."""
     sequence, place = event.sequence, event.place
     stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
@@ -70,7 +70,7 @@ def _without_impact(event: Point, k: int, how: How) -> Asked:
     return (yield from _going_on(sequence, place, event, lambda rates: rates.gaps[stop], time))
 
 
-def _in_other_order(event: Point, k: int, how: How) -> Asked:
+def _in_other_order(event: BranchPoint, k: int, how: How) -> Asked:
     """Behind two impacts at one time: in the other order."""
     sequence, place = event.sequence, event.place
     if not _are_impacts(sequence, k):
@@ -80,7 +80,7 @@ def _in_other_order(event: Point, k: int, how: How) -> Asked:
     return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[k])))
 
 
-def _with_stick(event: Point, stop: int, how: How) -> Asked:
+def _with_stick(event: BranchPoint, stop: int, how: How) -> Asked:
     """Behind an impact without rebound that does not let its mass go any more: with a stick."""
     sequence, place = event.sequence, event.place
     flight = int(event.seen.watched.rise_flight[stop])
@@ -89,7 +89,7 @@ def _with_stick(event: Point, stop: int, how: How) -> Asked:
     return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[flight])))
 
 
-def _without_stick(event: Point, k: int, how: How) -> Asked:
+def _without_stick(event: BranchPoint, k: int, how: How) -> Asked:
     """Behind a stick that lasts no time: without it, if its impact has no rebound."""
     sequence, place = event.sequence, event.place
     if not event.seen.watched.is_plastic[
@@ -115,19 +115,19 @@ _CHANGES = {
 }
 
 
-def by_machine(event: Point, kind: str) -> Asked:
+def by_machine(event: BranchPoint, kind: str) -> Asked:
     """The point some way ahead with the events that the machine has there."""
     for ds in _TRIALS:
         guess = event.place.moved(event.tangent, ds)
         followed = yield from _followed(event.sequence, guess)
         new = yield from with_its_bounces(event._replace(place=guess), followed._replace(is_alike=True))
-        told: Followed = yield Request(confirm, new.sequence, (new.place,))
+        told: Followed = yield KernelCall(confirm, new.sequence, (new.place,))
         if told.is_alike and np.abs(new.place.z - guess.z).max() < 10 * ds:
             return new._replace(kind="", arc=event.arc + ds)
     raise Ended(KINDS.get(kind, kind))
 
 
-def as_machine_has_it(point: Point, guess: Place) -> Asked:
+def as_machine_has_it(point: BranchPoint, guess: ExtendedCycle) -> Asked:
     """The cycle that the machine follows near a guess, at its parameter; None if it follows none."""
     followed = yield from _followed(point.sequence, guess)
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
@@ -136,25 +136,25 @@ def as_machine_has_it(point: Point, guess: Place) -> Asked:
     seen = yield from at_parameter(sequence, place, float(guess.p))
     if not seen.found.is_converged:
         return None
-    found = Point.of(sequence, seen, point.arc)
-    told: Followed = yield Request(confirm, sequence, (found.place,))
+    found = BranchPoint.of(sequence, seen, point.arc)
+    told: Followed = yield KernelCall(confirm, sequence, (found.place,))
     return found if told.is_alike else None
 
 
-def _followed(sequence: Sequence, place: Place) -> Asked:
+def _followed(sequence: Sequence, place: ExtendedCycle) -> Asked:
     """What the machine does from a place, with room for what may be new there."""
     longer, wide = padded(sequence, (place,), len(sequence.kind) + _MORE)
-    followed: Followed = yield Request(confirm, longer, (wide,))
+    followed: Followed = yield KernelCall(confirm, longer, (wide,))
     return followed
 
 
-def in_section(point: Point, num_periods: float) -> Asked:
+def in_section(point: BranchPoint, num_periods: float) -> Asked:
     """The point with all its events between the start of the cycle and its end."""
     by = passed_section(point.place, num_periods)
     if by == 0:
         return point
     time = 0.0 if by > 0 else num_periods
-    z = yield Request(locate_start, point.sequence, (point.place, np.asarray(time)))
+    z = yield KernelCall(locate_start, point.sequence, (point.place, np.asarray(time)))
     sequence, place = shifted(point.sequence, point.place, by, num_periods, z)
     at = yield from _retold(sequence, place, point)
     # The times of the events go on as they did.
@@ -163,7 +163,7 @@ def in_section(point: Point, num_periods: float) -> Asked:
     return at if is_ahead else at.turned()
 
 
-def with_its_bounces(point: Point, followed: Followed) -> Asked:
+def with_its_bounces(point: BranchPoint, followed: Followed) -> Asked:
     """The point with as many bounces in its chatters as they have there."""
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
     is_light = np.min(point.place.flights, initial=np.inf) < _LIGHTEST
@@ -173,9 +173,9 @@ def with_its_bounces(point: Point, followed: Followed) -> Asked:
     sequence = trimmed(followed.sequence, num_events)
     place = point.place._replace(flights=followed.flights[:num_events])
     # The direction is that of the start and the parameter, whatever the number of bounces.
-    weights = Place(point.tangent.z, 0 * place.flights, point.tangent.p)
+    weights = ExtendedCycle(point.tangent.z, 0 * place.flights, point.tangent.p)
     seen = yield from corrected(sequence, place, weights, place.along(weights))
-    return Point.of(sequence, seen, point.arc) if seen.found.is_converged else point
+    return BranchPoint.of(sequence, seen, point.arc) if seen.found.is_converged else point
 
 
 def _are_impacts(sequence: Sequence, k: int) -> bool:
@@ -184,21 +184,27 @@ def _are_impacts(sequence: Sequence, k: int) -> bool:
 
 
 def _going_on(
-    sequence: Sequence, place: Place, event: Point, rate: Callable[[Rates], Reals], time: float = 0.0
+    sequence: Sequence,
+    place: ExtendedCycle,
+    event: BranchPoint,
+    rate: Callable[[BranchRates], Reals],
+    time: float = 0.0,
 ) -> Asked:
     """The point on the new sequence, in the direction in which a speed or a gap grows."""
     at = yield from _retold(sequence, place, event)
-    rates: Rates = yield Request(rates_along, sequence, (at.place, at.tangent, np.asarray(time)))
+    rates: BranchRates = yield KernelCall(rates_along, sequence, (at.place, at.tangent, np.asarray(time)))
     return (yield from off(at, float(rate(rates)) > 0))
 
 
-def _oriented(sequence: Sequence, place: Place, event: Point, ahead: Callable[[Point], float]) -> Asked:
+def _oriented(
+    sequence: Sequence, place: ExtendedCycle, event: BranchPoint, ahead: Callable[[BranchPoint], float]
+) -> Asked:
     """The same in a direction that is read off the tangent."""
     at = yield from _retold(sequence, place, event)
     return (yield from off(at, ahead(at) > 0))
 
 
-def _retold(sequence: Sequence, place: Place, event: Point) -> Asked:
+def _retold(sequence: Sequence, place: ExtendedCycle, event: BranchPoint) -> Asked:
     """The point of an event on another sequence."""
     seen = yield from as_it_is(sequence, place)
     if not seen.found.is_converged:
@@ -206,13 +212,13 @@ def _retold(sequence: Sequence, place: Place, event: Point) -> Asked:
     return event._replace(sequence=sequence, place=trimmed(seen.found.place, len(sequence.kind)), seen=seen)
 
 
-def off(at: Point, is_ahead: bool = True) -> Asked:
+def off(at: BranchPoint, is_ahead: bool = True) -> Asked:
     """A point close behind, in the given direction or in the other."""
     tangent = at.tangent if is_ahead else at.tangent.turned()
     for ds in _OFF:
         guess = at.place.moved(tangent, ds)
         seen = yield from corrected(at.sequence, guess, tangent, at.place.along(tangent) + ds)
-        new = Point.of(at.sequence, seen, at.arc + ds)
+        new = BranchPoint.of(at.sequence, seen, at.arc + ds)
         away = new.place.moved(guess, -1.0)
         # Behind a grazing branches may be so curved that Newton's method comes to another of their points.
         is_near = seen.found.is_converged and np.sqrt(away.along(away)) < ds

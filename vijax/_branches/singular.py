@@ -13,9 +13,9 @@ from jaxtyping import Array, Bool
 
 from .._orbits.sequence import Sequence
 from .defining_systems import AtBranchPoint, AtMultiplier, Defining, solve
-from .kernels import Request, Seen, locate_start, see, trimmed
-from .parameter_family import Family, Place
-from .point import Asked, Ended, Point, between, on_plane
+from .kernels import CorrectedCycle, KernelCall, locate_start, see, trimmed
+from .parameter_family import ExtendedCycle, Family
+from .point import Asked, BranchPoint, Ended, between, on_plane
 from .sequence_edits import in_a_row
 from .test_functions import CLOSE, Test
 
@@ -25,7 +25,9 @@ _NODES = 9
 _CROSSED, _NEAR = 1e-9, 1e-2
 
 
-def crossing(family: Family, sequence: Sequence, guess: Place) -> tuple[Place, Bool[Array, ""]]:
+def crossing(
+    family: Family, sequence: Sequence, guess: ExtendedCycle
+) -> tuple[ExtendedCycle, Bool[Array, ""]]:
     """The branch point near a guess, and whether there is one."""
     size = len(guess.z)
     condition = AtBranchPoint(jnp.zeros(1), jnp.zeros(size), jnp.zeros((2, size + 1)))
@@ -35,7 +37,9 @@ def crossing(family: Family, sequence: Sequence, guess: Place) -> tuple[Place, B
     return place, solved.is_found & (jnp.max(jnp.abs(own)) < _CROSSED)
 
 
-def doubling(family: Family, sequence: Sequence, guess: Place) -> tuple[Place, Bool[Array, ""]]:
+def doubling(
+    family: Family, sequence: Sequence, guess: ExtendedCycle
+) -> tuple[ExtendedCycle, Bool[Array, ""]]:
     """The period doubling of a cycle of half as many periods near a guess, and whether there is one."""
     half = replace(family, num_periods=family.num_periods / 2)
     borders = jnp.zeros((2, len(guess.z)), jnp.result_type(guess.z, jnp.complex64))
@@ -44,7 +48,7 @@ def doubling(family: Family, sequence: Sequence, guess: Place) -> tuple[Place, B
     return defining.place(solved.y)[0], solved.is_found
 
 
-def branch_point(point: Point, new: Point, test: Test) -> Asked:
+def branch_point(point: BranchPoint, new: BranchPoint, test: Test) -> Asked:
     """The branch point between two points of a branch."""
     length = new.arc - point.arc
     nodes = (1 - np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)) * length / 2
@@ -53,7 +57,7 @@ def branch_point(point: Point, new: Point, test: Test) -> Asked:
     if not np.isfinite(s):
         raise Ended("not_converged")
     guess = between(point, new, s / length)
-    place, is_found = yield Request(crossing, point.sequence, (guess,))
+    place, is_found = yield KernelCall(crossing, point.sequence, (guess,))
     place = trimmed(place, len(point.sequence.kind))
     away = place.moved(guess, -1.0)
     if not is_found or not np.sqrt(away.along(away)) < _NEAR:
@@ -62,29 +66,31 @@ def branch_point(point: Point, new: Point, test: Test) -> Asked:
     return (yield from _as_known(point.sequence, place, point.tangent, point.arc + float(s), test.kind))
 
 
-def end_of_doubled(num_periods: float, point: Point) -> Asked:
+def end_of_doubled(num_periods: float, point: BranchPoint) -> Asked:
     """The end of a doubled branch at the period doubling from which it comes, near a point; None if it does not end there."""
     sequence, place, half = point.sequence, point.place, num_periods / 2
     if num_periods % 2 or len(sequence.kind) % 2:
         return None
-    z = yield Request(locate_start, sequence, (place, np.asarray(half)))
+    z = yield KernelCall(locate_start, sequence, (place, np.asarray(half)))
     if not np.abs(z - place.z).max() < CLOSE:
         return None
     num = len(sequence.kind) // 2
     once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.held[: num + 1])
-    found, is_found = yield Request(doubling, once, (place._replace(flights=place.flights[:num]),))
+    found, is_found = yield KernelCall(doubling, once, (place._replace(flights=place.flights[:num]),))
     if not is_found:
         raise Ended("not_converged")
     twice, place = in_a_row([(once, trimmed(found, num))] * 2, half)
     return (yield from _as_known(twice, place, point.tangent, point.arc, "period_doubling"))
 
 
-def _as_known(sequence: Sequence, place: Place, tangent: Place, arc: float, kind: str) -> Asked:
-    seen: Seen = yield Request(see, sequence, (place, tangent))
-    return Point.of(sequence, seen, arc, kind=kind)
+def _as_known(
+    sequence: Sequence, place: ExtendedCycle, tangent: ExtendedCycle, arc: float, kind: str
+) -> Asked:
+    seen: CorrectedCycle = yield KernelCall(see, sequence, (place, tangent))
+    return BranchPoint.of(sequence, seen, arc, kind=kind)
 
 
-def _seen_at(point: Point, new: Point, ways: np.ndarray) -> Asked:
+def _seen_at(point: BranchPoint, new: BranchPoint, ways: np.ndarray) -> Asked:
     """The cycles that are found some ways from a point, with these."""
     found = []
     ahead = partial(between, point, new)
@@ -94,7 +100,7 @@ def _seen_at(point: Point, new: Point, ways: np.ndarray) -> Asked:
     return found
 
 
-def _root_of(test: Test, known: list[tuple[float, Seen]], length: float) -> float:
+def _root_of(test: Test, known: list[tuple[float, CorrectedCycle]], length: float) -> float:
     """The zero on a step of the polynomial through a test function; not a number unless there is one."""
     if len(known) < 4:
         return np.nan

@@ -18,10 +18,10 @@ from .._orbits.sequence import nothing_happens
 from .._sweep.provenance import machines_of
 from .._system.parameters import get_parameter
 from .._system.system import ImpactSystem, unbound, with_args
-from .follow import begin
+from .follow import point_at_orbit
 from .kernels import room_for
 from .parameter_family import Family
-from .point import Point
+from .point import BranchPoint
 from .scheduler import drive
 
 # Multipliers this near to 1 are: those of a fold without losses keep half the digits.
@@ -56,7 +56,7 @@ class Start(NamedTuple):
     multipliers: np.ndarray
 
 
-def starts_of(source: PeriodicOrbit | Many[PeriodicOrbit] | xr.Dataset) -> list[Start]:
+def starting_orbits(source: PeriodicOrbit | Many[PeriodicOrbit] | xr.Dataset) -> list[Start]:
     """All orbits of a list, or of what `vx.periodic_orbits` returned."""
     if isinstance(source, xr.Dataset):
         return list(_of_dataset(source))
@@ -167,9 +167,9 @@ def _flow_of(
     """The motion of all machines of a family: exact unless they have a `force`."""
     if system.force is not None:
         flow = choose_flow(system, can_stick=True, wanted=wanted)
-        if type(flow).leap is AbstractFlow.leap:
+        if type(flow).flow_map is AbstractFlow.flow_map:
             raise ValueError(
-                f"The orbit was found with {type(flow).__name__} as `flow`, which has no `leap`."
+                f"The orbit was found with {type(flow).__name__} as `flow`, which has no `flow_map`."
             )
         return flow
     # Modes are made of known numbers alone, and lose digits near a resonance.
@@ -178,14 +178,14 @@ def _flow_of(
     return TaylorFlow() if changes_modes else choose_flow(system, can_stick=True, band=band)
 
 
-def points_of(starts: list[Start], families: list[Family]) -> list[Point | None]:
+def points_of(starts: list[Start], families: list[Family]) -> list[BranchPoint | None]:
     """The points at which the branches begin; None for what is no orbit of its machine, or not isolated."""
     tasks, which = [], [k for k, start in enumerate(starts) if is_isolated(start, families[k])]
     for start, family in ((starts[k], families[k]) for k in which):
         room_for(start.num_events)  # refuses what has too many
         room = nothing_happens(start.num_events, start.system.num_stops)
         p = float(value_of(family.system, family.path) / family.span)
-        tasks.append(begin(jax.tree.map(np.asarray, room), start.state, p))
+        tasks.append(point_at_orbit(jax.tree.map(np.asarray, room), start.state, p))
     found = dict(zip(which, drive([families[k] for k in which], tasks, lambda: None), strict=True))
     return [found.get(k) for k in range(len(starts))]
 

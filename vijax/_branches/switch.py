@@ -9,9 +9,9 @@ from .._orbits.sequence import Sequence
 from .bifurcation_setup import family_at, with_its_event
 from .branch import Bifurcation, branch_of
 from .grazing_families import hits_of, leave, repeated, touch_of
-from .kernels import Request, jacobian
-from .parameter_family import Family, Place
-from .point import Asked, Point, Walk, as_it_is, first_followed
+from .kernels import KernelCall, jacobian
+from .parameter_family import ExtendedCycle, Family
+from .point import Asked, BranchPoint, Walk, as_it_is, first_followed
 from .scheduler import drive
 from .sequence_edits import in_a_row
 from .starts import family_of
@@ -81,12 +81,12 @@ def _ends_doubled(point: Bifurcation) -> bool:
     return point.kind == "bp" and end == "period_doubling"
 
 
-def _gone_round_once(sequence: Sequence, place: Place) -> Asked:
+def _gone_round_once(sequence: Sequence, place: ExtendedCycle) -> Asked:
     """An orbit on the branch of half as many periods."""
     num = len(sequence.kind) // 2
     once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.held[: num + 1])
     seen = yield from as_it_is(once, place._replace(flights=place.flights[:num]))
-    at = Point.of(once, seen, 0.0)
+    at = BranchPoint.of(once, seen, 0.0)
     return (yield from first_followed(once, at.place, at.tangent, _TRIALS))
 
 
@@ -105,18 +105,18 @@ def _at_grazing(point: Bifurcation) -> list[PeriodicOrbit]:
     return orbits
 
 
-def _orbit(family: Family, point: Point) -> PeriodicOrbit:
+def _orbit(family: Family, point: BranchPoint) -> PeriodicOrbit:
     """The orbit of a point that is alone."""
     empty = Walk(float(family.num_periods), (0.0, 0.0), 0)
     return branch_of(family, point, empty, empty).orbit(0)
 
 
-def _beside(sequence: Sequence, place: Place, side: float) -> Asked:
+def _beside(sequence: Sequence, place: ExtendedCycle, side: float) -> Asked:
     """An orbit some way along the direction in which a point has neighbours at its own parameter."""
-    matrix = yield Request(jacobian, sequence, (place,))
+    matrix = yield KernelCall(jacobian, sequence, (place,))
     size, num_events = len(place.z), len(place.flights)
     kept = np.r_[: size + num_events]
     direction = np.linalg.svd(matrix[np.ix_(kept, kept)])[2][-1]
-    along = Place(direction[:size], direction[size:], np.zeros(()))
+    along = ExtendedCycle(direction[:size], direction[size:], np.zeros(()))
     lengths = tuple(side * ds for ds in _TRIALS)
     return (yield from first_followed(sequence, place, along, lengths))

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._orbits.sequence import NOTHING, Sequence
 from .._trajectory.event_log import IMPACT, RELEASE
-from .kernels import Seen
+from .kernels import CorrectedCycle
 
 Multipliers = Any
 
@@ -27,7 +27,7 @@ class Test(NamedTuple):
     """A function that changes its sign where something happens, and what that is."""
 
     kind: str
-    of: Callable[[Seen], Any]
+    of: Callable[[CorrectedCycle], Any]
     index: int = 0
 
 
@@ -98,14 +98,14 @@ def tests_of(sequence: Sequence) -> list[Test]:
     return found
 
 
-def margins(sequence: Sequence, seen: Seen) -> np.ndarray:
+def margins(sequence: Sequence, seen: CorrectedCycle) -> np.ndarray:
     """The values of all `tests_of` sequences with padding, of cycles side by side: (..., tests), infinite for no test."""
     return _of_tests(
         sequence, (seen.found.speeds, seen.found.place.flights, *_between_events(seen.watched)), np.inf
     )
 
 
-def slopes(sequence: Sequence, seen: Seen) -> np.ndarray:
+def test_slopes(sequence: Sequence, seen: CorrectedCycle) -> np.ndarray:
     """How these change along the branch, likewise; 0 for no test."""
     rates = (seen.rates.speeds, seen.found.tangent.flights, *_between_events(seen.rates))
     return np.where(np.isfinite(margins(sequence, seen)), _of_tests(sequence, rates, 0.0), 0.0)
@@ -132,11 +132,11 @@ def _follows_another(sequence: Sequence) -> np.ndarray:
     return is_other
 
 
-def crossings(tests: list[Test], before: Seen, after: Seen) -> list[Test]:
+def crossings(tests: list[Test], before: CorrectedCycle, after: CorrectedCycle) -> list[Test]:
     """Those that change from positive to not positive."""
     return [test for test in tests if test.of(before) > 0 >= test.of(after)]
 
 
-def num_unstable(seen: Seen) -> Any:
+def num_unstable(seen: CorrectedCycle) -> Any:
     """How many neighbours leave."""
     return np.count_nonzero(np.abs(seen.found.multipliers) > 1 + _ON_CIRCLE, axis=-1)

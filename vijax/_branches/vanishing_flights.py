@@ -12,15 +12,15 @@ import numpy as np
 from .._orbits.sequence import Sequence
 from .._trajectory.event_log import IMPACT, RELEASE
 from .degenerate_grazing import vanishing
-from .parameter_family import Place
-from .point import Asked, Point, at_parameter
+from .parameter_family import ExtendedCycle
+from .point import Asked, BranchPoint, at_parameter
 from .test_functions import Test
 
 # Hops as short as this, in forcing periods, may vanish close by; the cycle without it is this near.
 _SHORT, _NEAR = 5e-2, 1e-2
 
 
-def where_hop_ends(point: Point, flight: int | None = None) -> Asked:
+def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> Asked:
     """The point close to another where the force touches zero, with the sequence without the hop; None if there is none.
 
     Args:
@@ -31,25 +31,25 @@ def where_hop_ends(point: Point, flight: int | None = None) -> Asked:
         seen = yield from at_parameter(sequence, place, float(place.p))
         if not seen.found.is_converged or np.abs(seen.found.place.z - place.z).max() > _NEAR:
             continue
-        start = Point.of(sequence, seen, point.arc)
+        start = BranchPoint.of(sequence, seen, point.arc)
         found = yield from vanishing(start, "force_zero", stop)
         if found is not None:
             return found
     return None
 
 
-def hop_that_ends(test: Test, event: Point) -> Asked:
+def hop_that_ends(test: Test, event: BranchPoint) -> Asked:
     """The point where a hop vanishes, if that is what makes an impact lose its speed, or a mass not leave; else None."""
     watched, k = event.seen.watched, test.index
     if test.kind == "gr":
-        return (yield from where_hop_ends(event, k))
+        return (yield from end_of_vanishing_flight(event, k))
     if test.kind in ("onset", "touch"):
         flights = watched.rise_flight if test.kind == "onset" else watched.gap_flight
-        return (yield from where_hop_ends(event, int(flights[k])))
+        return (yield from end_of_vanishing_flight(event, int(flights[k])))
     return None
 
 
-def _without_hops(point: Point, flight: int | None) -> Iterator[tuple[int, Sequence, Place]]:
+def _without_hops(point: BranchPoint, flight: int | None) -> Iterator[tuple[int, Sequence, ExtendedCycle]]:
     """The stop of each short hop, the shortest first, and the cycle without it."""
     sequence, durations = point.sequence, _durations(point)
     num = len(durations)
@@ -60,14 +60,14 @@ def _without_hops(point: Point, flight: int | None) -> Iterator[tuple[int, Seque
             yield int(sequence.stop[k]), *shorter
 
 
-def _durations(point: Point) -> np.ndarray:
+def _durations(point: BranchPoint) -> np.ndarray:
     """How long after the event before it each event comes, the last one before the first."""
     durations = np.array(point.place.flights)
     durations[:1] += point.seen.watched.last
     return durations
 
 
-def _end_of_hop(point: Point, k: int) -> int | None:
+def _end_of_hop(point: BranchPoint, k: int) -> int | None:
     """The last impact of the hop that ends with an impact `k`, after which its mass is held; None if that ends none."""
     sequence, num = point.sequence, len(point.sequence.kind)
     stop, before = sequence.stop[k], (k - 1) % num
@@ -83,7 +83,7 @@ def _end_of_hop(point: Point, k: int) -> int | None:
     return None
 
 
-def _held(point: Point, k: int, last: int) -> tuple[Sequence, Place]:
+def _held(point: BranchPoint, k: int, last: int) -> tuple[Sequence, ExtendedCycle]:
     """The cycle whose mass is held from the event before `k` on, or all the time if that is a release."""
     sequence, flights = point.sequence, point.place.flights
     is_release = int(sequence.kind[k - 1] == RELEASE)
@@ -96,7 +96,7 @@ def _held(point: Point, k: int, last: int) -> tuple[Sequence, Place]:
     return shorter, point.place._replace(flights=left)
 
 
-def _held_from_the_start(point: Point, last: int) -> tuple[Sequence, Place]:
+def _held_from_the_start(point: BranchPoint, last: int) -> tuple[Sequence, ExtendedCycle]:
     """The same of a hop from the last event of the cycle over its start."""
     sequence, flights = point.sequence, point.place.flights
     num = len(flights)

@@ -13,11 +13,11 @@ import numpy as np
 import xarray as xr
 
 from .._attractors.attractor import orbits_near
-from .._attractors.attractors import check_single, machines_of_one, starts_of
+from .._attractors.attractors import check_single, machines_of_one, requested_starts
 from .._attractors.coexisting import coexisting, lasting
 from .._attractors.ensemble import Machines
-from .._dataset_attributes import label
-from .._execution.points import Point, with_values
+from .._dataset_attributes import variable_attributes
+from .._execution.points import LaneInput, with_values
 from .._execution.runner import Counts
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
@@ -169,7 +169,7 @@ class _Asked(NamedTuple):
         starts: of the attractors that are counted, (starts, 2 n), None if none are.
     """
 
-    base: Point
+    base: LaneInput
     counts: Counts
     one: Machines
     tolerance: float | None
@@ -193,7 +193,7 @@ def _starts(
     for path, axis in axes.items():
         middle = set_parameter(middle, path, as_float(axis[len(axis) // 2]))
     rate = as_known(middle.forcing.frequency).reshape(1)
-    return starts_of(replace(one, system=middle, rate=rate), starts, bounds, seed, None, None).states
+    return requested_starts(replace(one, system=middle, rate=rate), starts, bounds, seed, None, None).states
 
 
 def _is_start(path: str) -> bool:
@@ -216,7 +216,7 @@ def _found(asked: _Asked, swept: dict[str, np.ndarray]) -> tuple[xr.Dataset, np.
         columns["multipliers"] = ((START, "multiplier"), _multipliers(machines, ds, found))
     if asked.starts is not None:
         columns |= {name: (START, a) for name, a in _coexisting(machines, asked.starts).items()}
-    found = found.assign({name: (dims, a, label(name)) for name, (dims, a) in columns.items()})
+    found = found.assign({name: (dims, a, variable_attributes(name)) for name, (dims, a) in columns.items()})
     return found.transpose(START, ...), ds["result"].values
 
 

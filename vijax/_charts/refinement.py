@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from .._dataset_attributes import label
+from .._dataset_attributes import variable_attributes
 
 
 class Grid(NamedTuple):
@@ -99,10 +99,10 @@ def refined(
         str(name): ((*axes, *own), _everywhere(within, a), attributes)
         for name, (own, a, attributes) in columns.items()
     }
-    is_computed = tuple(axes), is_known, label("is_computed")
+    is_computed = tuple(axes), is_known, variable_attributes("is_computed")
     return xr.Dataset(
         variables | {"is_computed": is_computed},
-        coords={path: (path, axis, label(path)) for path, axis in axes.items()},
+        coords={path: (path, axis, variable_attributes(path)) for path, axis in axes.items()},
     )
 
 

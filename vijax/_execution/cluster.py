@@ -13,8 +13,8 @@ import jax
 import numpy as np
 
 from .._flow.interface import AbstractFlow
-from .points import Point
-from .runner import AbstractRunner, Counts, Found, together
+from .points import LaneInput
+from .runner import AbstractRunner, Counts, PointResults, together
 from .settings import ExecutionSettings
 from .tasks import as_executor, run_tasks
 from .threads import Threads, count_cores, shared_out
@@ -35,7 +35,7 @@ class Cluster(AbstractRunner):
     settings: ExecutionSettings
     executor: Executor
 
-    def run(self, points: Point, which: np.ndarray, tell: Callable[[int], object]) -> Found:
+    def run(self, points: LaneInput, which: np.ndarray, tell: Callable[[int], object]) -> PointResults:
         """Run some points, see `AbstractRunner.run`."""
         settings, (num_points, num_chains) = self.settings, (which.size, which.shape[-1])
         cores = settings.cores or count_cores()
@@ -47,8 +47,8 @@ class Cluster(AbstractRunner):
         return together(self.run_each(points, enumerate(shares), tell), shares)
 
     def run_each(
-        self, points: Point, parts: Iterable[tuple[int, np.ndarray]], tell: Callable[[int], object]
-    ) -> Iterator[tuple[int, Found]]:
+        self, points: LaneInput, parts: Iterable[tuple[int, np.ndarray]], tell: Callable[[int], object]
+    ) -> Iterator[tuple[int, PointResults]]:
         """Run parts side by side, see `AbstractRunner.run_each`."""
         in_all, settings = points.x0.shape[-1], replace(self.settings, cores=1)
         numbers = jax.tree.map(np.asarray, (points, self.flow))
@@ -78,6 +78,6 @@ def part_of(numbers: Any, which: np.ndarray) -> Any:
     return jax.tree.map(lambda a: a if a.shape[-1] == 1 else a[..., index], numbers)
 
 
-def _run_part(points: Point, shape: tuple[int, ...], runner: Threads) -> Found:
+def _run_part(points: LaneInput, shape: tuple[int, ...], runner: Threads) -> PointResults:
     """Run the points of a task, all its points or chains of these; called by a worker."""
     return runner.run(points, np.arange(np.prod(shape)).reshape(shape), lambda _: None)

@@ -29,10 +29,10 @@ from .._machine.machine import Machine
 from .._machine.state import State, start_period
 from .._trajectory.step import advance
 from .._trajectory.tangent_frame import Tangents, advance_with
-from .records import Impact, Mark, Rows, append
+from .records import Impact, Mark, RecordBatch, append
 
 
-class Ends(eqx.Module):
+class EndStates(eqx.Module):
     """End of every point's trajectory, points last.
 
     Attributes:
@@ -88,13 +88,13 @@ class Progress(eqx.Module):
         turns: turns so far, each a step of every lane, idle or not.
     """
 
-    lanes: Ends
-    impacts: Rows
-    marks: Rows
+    lanes: EndStates
+    impacts: RecordBatch
+    marks: RecordBatch
     turns: Int[Array, ""]
 
 
-class Task(eqx.Module):
+class LaneTask(eqx.Module):
     """The constants of the loop: what a turn reads.
 
     Attributes:
@@ -116,7 +116,7 @@ class Task(eqx.Module):
     last_turn: Int[Array, ""]
 
 
-def turn_until_fed(progress_and_task: tuple[Progress, Task]) -> tuple[Progress, Task]:
+def turn_until_fed(progress_and_task: tuple[Progress, LaneTask]) -> tuple[Progress, LaneTask]:
     """Take turns until too few lanes are at work, the log is full, or it was long enough."""
     progress, task = progress_and_task
 
@@ -127,7 +127,7 @@ def turn_until_fed(progress_and_task: tuple[Progress, Task]) -> tuple[Progress, 
     return jax.lax.while_loop(goes_on, lambda progress: _turn(task, progress), progress), task
 
 
-def is_live(work: Work, lanes: Ends, point: Int[Array, " lanes"]) -> Bool[Array, " lanes"]:
+def is_live(work: Work, lanes: EndStates, point: Int[Array, " lanes"]) -> Bool[Array, " lanes"]:
     """Lanes that have something left to do."""
     is_on = lanes.is_finite & (lanes.steps < work.max_steps) & (point < work.num_points)
     return is_on & (lanes.state.periods < work.num_periods)
@@ -140,7 +140,7 @@ def has_room(progress: Progress) -> Bool[Array, ""]:
     return has_room_for_impacts & progress.marks.has_room(lanes.steps.size)
 
 
-def _turn(task: Task, progress: Progress) -> Progress:
+def _turn(task: LaneTask, progress: Progress) -> Progress:
     lanes, machine, work = progress.lanes, task.machine, task.work
     state, live = lanes.state, compute_once(is_live, work, lanes, task.point)
     resolution = 4 * jnp.finfo(state.x.dtype).eps * machine.period
@@ -162,7 +162,7 @@ def _turn(task: Task, progress: Progress) -> Progress:
         time=passed, velocity=velocity, chatter=instant.chatter, stop=stop, point=task.point, number=number
     )
     kept = None if tangents is None else tangents.start_period(instant.arrived)
-    moved = Ends(
+    moved = EndStates(
         state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),
         num_impacts=lanes.num_impacts + hit,
         num_sticks=lanes.num_sticks + (instant.stuck & counted),

@@ -29,10 +29,10 @@ from .._machine.machine import OWN_BOUND, Machine, ample_steps, prepare
 from .._machine.numbers import num_harmonics, numbers_of
 from .._machine.state import State
 from .._system.system import ImpactSystem
-from .._trajectory.step import begin
+from .._trajectory.step import initial_state
 from .._trajectory.tangent_frame import Tangents, first_tangents
 from .carry_start import carried_start
-from .lane_loop import Ends, Progress, Task, Work, has_room, is_live, turn_until_fed
+from .lane_loop import EndStates, LaneTask, Progress, Work, has_room, is_live, turn_until_fed
 from .records import impact_rows, mark_rows
 from .settings import DEFAULT_SETTINGS, ExecutionSettings
 
@@ -49,7 +49,7 @@ class Queue(eqx.Module):
 
     progress: Progress
     point: Int[Array, " lanes"]
-    ends: Ends
+    ends: EndStates
     following: Int[Array, ""]
 
 
@@ -77,7 +77,7 @@ def new_queue(
         found = None if flow is None else flow.memory(fill(dtype, size))
         return jax.tree.map(lambda a: jax.device_put(np.array(a)), found)  # no two arrays share a buffer
 
-    def nothing(size: int) -> Ends:
+    def nothing(size: int) -> EndStates:
         state = State(
             periods=fill(int, size),
             time=fill(dtype, size),
@@ -92,7 +92,7 @@ def new_queue(
         )
         counts = fill(int, stops, size), fill(int, stops, size)
         held_time = fill(dtype, stops, size)
-        return Ends(state, *counts, held_time, fill(int, size), fill(bool, size, value=True))
+        return EndStates(state, *counts, held_time, fill(int, size), fill(bool, size, value=True))
 
     impacts = impact_rows(max(settings.impact_rows, stops * num_lanes), dtype)  # room for one turn at least
     marks = mark_rows(max(settings.mark_rows, num_lanes), n, stops, dtype, has_growth=has_tangents)
@@ -135,13 +135,13 @@ def run_lanes(
     num_points, num_lanes = x0.shape[1], queue.point.size
     zeros = jnp.zeros((machine.waves.num_harmonics, num_points), x0.dtype)
     phase0 = jnp.stack([zeros + 1, zeros])
-    first = begin(flow, machine, phase0, x0, v0)
+    first = initial_state(flow, machine, phase0, x0, v0)
     last_turn = queue.progress.turns + work.max_turns
     is_small = max(machine.contacts.num, *machine.waves.cosine.shape[:2]) <= UNROLLED
     is_one_kernel = is_small and flow.fits_one_kernel
     run = partial(in_one_kernel, turn_until_fed) if is_one_kernel else turn_until_fed
 
-    def start(point: Int[Array, " lanes"], before: Ends) -> State:
+    def start(point: Int[Array, " lanes"], before: EndStates) -> State:
         if not is_carried:
             return _gather(first, point, num_points)
         given, motion, numbers = (
@@ -150,7 +150,9 @@ def run_lanes(
         x, v = carried_start(given[0], (before.state.x, before.state.v), before.state.held, given[1:])
         has_before = point >= work.num_chains
         x, v = (jnp.where(has_before, a, own) for a, own in zip((x, v), given[1:], strict=True))
-        return begin(motion, numbers, jnp.broadcast_to(phase0[..., :1], (*phase0.shape[:2], num_lanes)), x, v)
+        return initial_state(
+            motion, numbers, jnp.broadcast_to(phase0[..., :1], (*phase0.shape[:2], num_lanes)), x, v
+        )
 
     def feed(queue: Queue) -> Queue:
         motion, numbers = (_gather(tree, queue.point, num_points) for tree in (flow, machine))
@@ -158,7 +160,7 @@ def run_lanes(
         num_busy = jnp.sum(queue.point < work.num_points)
         enough = jnp.where(is_waiting, jnp.maximum(num_busy - max(num_lanes // 16, 1), 0), 0)
         asked = _of_lanes(work, queue.point)
-        task = Task(motion, numbers, phase0[..., :1], asked, queue.point, enough, last_turn)
+        task = LaneTask(motion, numbers, phase0[..., :1], asked, queue.point, enough, last_turn)
         progress, _ = run((queue.progress, task))
         return _refill(asked, start, numbers, eqx.tree_at(lambda q: q.progress, queue, progress))
 
@@ -204,7 +206,7 @@ def _gather(tree, point: Int[Array, " lanes"], num_points: int):
     return jax.tree.map(take, tree)
 
 
-def _refill(work: Work, start: Callable[[Array, Ends], State], machine: Machine, queue: Queue) -> Queue:
+def _refill(work: Work, start: Callable[[Array, EndStates], State], machine: Machine, queue: Queue) -> Queue:
     """Put aside the results of finished lanes, and give these new points."""
     lanes, num_points = queue.progress.lanes, queue.ends.steps.size
     free = ~is_live(work, lanes, queue.point)
@@ -219,7 +221,7 @@ def _refill(work: Work, start: Callable[[Array, Ends], State], machine: Machine,
     begins = begins & (candidate < work.num_chains)
     is_new = goes_on | begins
     point = jnp.where(goes_on, on, jnp.where(begins, candidate, jnp.where(free, num_points, queue.point)))
-    fresh = Ends(
+    fresh = EndStates(
         state=start(point, told),
         num_impacts=jnp.zeros_like(lanes.num_impacts),
         num_sticks=jnp.zeros_like(lanes.num_sticks),
@@ -233,5 +235,5 @@ def _refill(work: Work, start: Callable[[Array, Ends], State], machine: Machine,
     return Queue(progress, point, ends, queue.following + jnp.sum(begins))
 
 
-def _with_tangents(ends: Ends, tangents: Tangents | None) -> Ends:
+def _with_tangents(ends: EndStates, tangents: Tangents | None) -> EndStates:
     return eqx.tree_at(lambda e: e.tangents, ends, tangents, is_leaf=lambda leaf: leaf is None)

@@ -11,7 +11,7 @@ from .._system.periodicity import refuse_off_period
 from .._system.system import ImpactSystem
 
 
-class Point(eqx.Module):
+class LaneInput(eqx.Module):
     """A machine and a start, the input of one lane."""
 
     system: ImpactSystem
@@ -19,7 +19,7 @@ class Point(eqx.Module):
     v0: Array | np.ndarray
 
 
-def points_of_lanes(base: Point, swept: dict[str, np.ndarray]) -> Point:
+def points_of_lanes(base: LaneInput, swept: dict[str, np.ndarray]) -> LaneInput:
     """Give every leaf of `base` lanes as its last axis, the swept values where they are named.
 
     Args:
@@ -37,7 +37,7 @@ def points_of_lanes(base: Point, swept: dict[str, np.ndarray]) -> Point:
     return points
 
 
-def with_values(base: Point, swept: dict[str, np.ndarray]) -> Point:
+def with_values(base: LaneInput, swept: dict[str, np.ndarray]) -> LaneInput:
     """`points_of_lanes` without its checks."""
     leaves, structure = jax.tree.flatten(base)
     leaves = [np.asarray(a)[..., None] for a in leaves]
@@ -63,7 +63,7 @@ def _with_lanes(leaf: np.ndarray, index: tuple[int, ...], values: np.ndarray, pa
     return new
 
 
-def _check(points: Point) -> None:
+def _check(points: LaneInput) -> None:
     """Refuse values that make no machine, all lanes at once."""
     for leaf in jax.tree.leaves(points):
         check_every("", leaf, FINITE)

@@ -63,7 +63,7 @@ class Mark(eqx.Module):
 Record = TypeVar("Record", Impact, Mark)
 
 
-class Rows(eqx.Module):
+class RecordBatch(eqx.Module):
     """Rows that the host takes away: memory does not depend on how many there are in all.
 
     Attributes:
@@ -79,13 +79,15 @@ class Rows(eqx.Module):
         return self.size + num_rows <= len(jax.tree.leaves(self.room)[0])
 
 
-def impact_rows(size: int, dtype: DTypeLike) -> Rows:
+def impact_rows(size: int, dtype: DTypeLike) -> RecordBatch:
     """Empty room for impacts."""
     real, whole = np.zeros(size, dtype), np.zeros(size, int)
     return _on_device(Impact(time=real, velocity=real, chatter=real, stop=whole, point=whole, number=whole))
 
 
-def mark_rows(size: int, num_masses: int, num_stops: int, dtype: DTypeLike, *, has_growth: bool) -> Rows:
+def mark_rows(
+    size: int, num_masses: int, num_stops: int, dtype: DTypeLike, *, has_growth: bool
+) -> RecordBatch:
     """Empty room for the ends of recorded periods."""
     whole, of_masses = np.zeros(size, int), np.zeros((size, num_masses), dtype)
     held_time = np.zeros((size, num_stops), dtype)
@@ -93,12 +95,12 @@ def mark_rows(size: int, num_masses: int, num_stops: int, dtype: DTypeLike, *, h
     return _on_device(Mark(whole, whole, of_masses, of_masses, held_time, growth))
 
 
-def _on_device(room: Impact | Mark) -> Rows:
+def _on_device(room: Impact | Mark) -> RecordBatch:
     put = lambda a: jax.device_put(np.array(a))  # noqa: E731  # no two arrays share a buffer
-    return Rows(jax.tree.map(put, room), put(np.asarray(0, int)))
+    return RecordBatch(jax.tree.map(put, room), put(np.asarray(0, int)))
 
 
-def append(rows: Rows, kept: Bool[Array, "*stops lanes"], record: Impact | Mark) -> Rows:
+def append(rows: RecordBatch, kept: Bool[Array, "*stops lanes"], record: Impact | Mark) -> RecordBatch:
     """Append a row for each that is kept, those of several stops of one lane in their order.
 
     One after another, for in a turn there are few.
@@ -122,10 +124,10 @@ def append(rows: Rows, kept: Bool[Array, "*stops lanes"], record: Impact | Mark)
         write = lambda a, new: jax.lax.dynamic_update_index_in_dim(a, new[..., place], size, 0)  # noqa: E731
         return jax.tree.map(write, room, columns), size + 1
 
-    return Rows(*for_each(kept.ravel(), put, (rows.room, rows.size)))
+    return RecordBatch(*for_each(kept.ravel(), put, (rows.room, rows.size)))
 
 
-def taken(rows: Rows) -> Impact | Mark:
+def taken(rows: RecordBatch) -> Impact | Mark:
     """A copy of what is written, for the room is used again; whole numbers, which count what is in memory, in 32 bits."""
     size = int(rows.size)
 
@@ -135,7 +137,7 @@ def taken(rows: Rows) -> Impact | Mark:
     return jax.tree.map(copy, rows.room)
 
 
-def chosen(record: Record, which: np.ndarray | slice) -> Record:
+def selected_rows(record: Record, which: np.ndarray | slice) -> Record:
     """Some of the rows."""
     return jax.tree.map(lambda a: a[which], record)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import equinox as eqx
 import numpy as np
 
-from .points import Point
+from .points import LaneInput
 from .records import Impact, joined
 
 
@@ -24,7 +24,7 @@ class Counts:
 
 
 @dataclass(frozen=True)
-class Found:
+class PointResults:
     """Results of some points.
 
     Attributes:
@@ -39,7 +39,7 @@ class Found:
     impacts: Impact
     lane_steps: int
 
-    def numbered(self, which: np.ndarray) -> "Found":
+    def numbered(self, which: np.ndarray) -> "PointResults":
         """The same, in increasing order, of points that were counted from 0 and have these numbers in the whole sweep."""
         numbers = which.ravel()
         numbers = numbers.astype(np.int32) if numbers.max(initial=0) < 2**31 else numbers
@@ -62,7 +62,7 @@ class AbstractRunner(eqx.Module):
     """
 
     @abc.abstractmethod
-    def run(self, points: Point, which: np.ndarray, tell: Callable[[int], object]) -> Found:
+    def run(self, points: LaneInput, which: np.ndarray, tell: Callable[[int], object]) -> PointResults:
         """Run some points.
 
         Args:
@@ -77,8 +77,8 @@ class AbstractRunner(eqx.Module):
         """
 
     def run_each(
-        self, points: Point, parts: Iterable[tuple[int, np.ndarray]], tell: Callable[[int], object]
-    ) -> Iterator[tuple[int, Found]]:
+        self, points: LaneInput, parts: Iterable[tuple[int, np.ndarray]], tell: Callable[[int], object]
+    ) -> Iterator[tuple[int, PointResults]]:
         """Run several parts; overridden where that is not one after another.
 
         Args:
@@ -93,7 +93,7 @@ class AbstractRunner(eqx.Module):
             yield number, self.run(points, which, tell)
 
 
-def together(parts: Iterable[tuple[int, Found]], shares: Sequence[np.ndarray]) -> Found:
+def together(parts: Iterable[tuple[int, PointResults]], shares: Sequence[np.ndarray]) -> PointResults:
     """Join the results of parts as they come, so that memory never holds all of them twice.
 
     Args:
@@ -116,4 +116,4 @@ def together(parts: Iterable[tuple[int, Found]], shares: Sequence[np.ndarray]) -
             ends[name][..., place_of[number]] = a
         impacts[number] = found.impacts
         lane_steps += found.lane_steps
-    return Found(ends, joined([impacts[number] for number in range(len(shares))]), lane_steps)
+    return PointResults(ends, joined([impacts[number] for number in range(len(shares))]), lane_steps)

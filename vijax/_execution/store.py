@@ -36,14 +36,14 @@ import numpy as np
 from .._flow.interface import AbstractFlow
 from .._system.force import BoundForce, program_of
 from .._system.system import ImpactSystem
-from .._writing import told_where
-from .points import Point
+from .._writing import naming_argument
+from .points import LaneInput
 from .records import Impact
-from .runner import AbstractRunner, Found, together
+from .runner import AbstractRunner, PointResults, together
 from .settings import ExecutionSettings
 from .threads import count_cores
 
-# Goes up with every change of the content of `Found`, or of its format: older stores are refused.
+# Goes up with every change of the content of `PointResults`, or of its format: older stores are refused.
 _LAYOUT = 4
 _MANIFEST = "sweep.json"
 # Prefix of the columns of the impacts, which share a file with the ends of the points.
@@ -67,11 +67,11 @@ class Store(AbstractRunner):
     points_per_chunk: int
     sweep: str
 
-    def run(self, points: Point, which: np.ndarray, tell: Callable[[int], object]) -> Found:
+    def run(self, points: LaneInput, which: np.ndarray, tell: Callable[[int], object]) -> PointResults:
         """Run some points, see `AbstractRunner.run`."""
         num_chunks = min(-(-which.size // self.points_per_chunk), which.shape[-1])  # chains stay whole
         chunks = np.array_split(which, num_chunks, axis=-1)
-        parts: dict[int, Found] = {}
+        parts: dict[int, PointResults] = {}
         files: dict[int, Path] = {}
 
         def missing() -> Iterator[tuple[int, np.ndarray]]:
@@ -161,7 +161,7 @@ def _begin(folder: Path, manifest: dict[str, Any], settings: ExecutionSettings) 
     periods = manifest["transient"] + manifest["record"]
     size = (settings.cores or count_cores()) * settings.chunk_of(periods)
     text = json.dumps({"points_per_chunk": size, "sweep": manifest}, indent=1)
-    with told_where("store", folder):
+    with naming_argument("store", folder):
         folder.mkdir(parents=True, exist_ok=True)
         _write(file, text.encode(), _first_come)
 
@@ -169,7 +169,7 @@ def _begin(folder: Path, manifest: dict[str, Any], settings: ExecutionSettings) 
 def describe_sweep(
     attributes: dict[str, Any],
     axes: dict[str, np.ndarray],
-    points: Point,
+    points: LaneInput,
     flow: AbstractFlow | None,
     settings: ExecutionSettings,
 ) -> dict[str, Any]:
@@ -197,7 +197,7 @@ def describe_sweep(
     }
 
 
-def _keep(store: Store, file: Path, found: Found) -> None:
+def _keep(store: Store, file: Path, found: PointResults) -> None:
     impacts = {f"{_OF_IMPACTS}{name}": column for name, column in vars(found.impacts).items()}
     arrays: dict[str, Any] = {"lane_steps": found.lane_steps, **impacts, **found.ends}
     buffer = io.BytesIO()
@@ -206,7 +206,7 @@ def _keep(store: Store, file: Path, found: Found) -> None:
     _write(file, data + _checksum(store, file, data), os.replace)
 
 
-def _read(store: Store, file: Path) -> Found | None:
+def _read(store: Store, file: Path) -> PointResults | None:
     """Content of a chunk's file; None if it is missing, incomplete, or of another sweep or place."""
     if not file.exists():
         return None
@@ -218,7 +218,7 @@ def _read(store: Store, file: Path) -> Found | None:
         ends = dict(arrays)
     names = [name for name in ends if name.startswith(_OF_IMPACTS)]
     impacts = Impact(**{name.removeprefix(_OF_IMPACTS): ends.pop(name) for name in names})
-    return Found(impacts=impacts, lane_steps=int(ends.pop("lane_steps")), ends=ends)
+    return PointResults(impacts=impacts, lane_steps=int(ends.pop("lane_steps")), ends=ends)
 
 
 def _checksum(store: Store, file: Path, data: bytes) -> bytes:

@@ -17,9 +17,9 @@ from .._machine.machine import OWN_BOUND
 from .._system.system import ImpactSystem
 from .lane_loop import Work
 from .lane_queue import Queue, new_queue, run_lanes
-from .points import Point
+from .points import LaneInput
 from .records import Mark, joined, taken
-from .runner import AbstractRunner, Counts, Found, together
+from .runner import AbstractRunner, Counts, PointResults, together
 from .settings import ExecutionSettings
 
 # Queues begin one after another: each would compile, and wait for Python's lock.
@@ -46,7 +46,7 @@ class Threads(AbstractRunner):
     settings: ExecutionSettings
     in_all: int | None = None
 
-    def run(self, points: Point, which: np.ndarray, tell: Callable[[int], object]) -> Found:
+    def run(self, points: LaneInput, which: np.ndarray, tell: Callable[[int], object]) -> PointResults:
         """Run some points, see `AbstractRunner.run`."""
         make_room()
         num_queues, shape = self._sizes(self.size_of(points), which)
@@ -63,7 +63,7 @@ class Threads(AbstractRunner):
             stop.set()
             workers.shutdown(wait=True, cancel_futures=True)
 
-    def size_of(self, points: Point) -> int:
+    def size_of(self, points: LaneInput) -> int:
         """The number of points of the whole sweep, which decides what is compiled."""
         return points.x0.shape[-1] if self.in_all is None else self.in_all
 
@@ -76,7 +76,7 @@ class Threads(AbstractRunner):
         return num_queues, (width, num_lanes)
 
 
-def shared_out(points: Point, which: np.ndarray, num_shares: int) -> list[np.ndarray]:
+def shared_out(points: LaneInput, which: np.ndarray, num_shares: int) -> list[np.ndarray]:
     """Share points out evenly.
 
     Points with the longest periods have most to do: they come first, shared among all. Chains stay whole.
@@ -86,7 +86,7 @@ def shared_out(points: Point, which: np.ndarray, num_shares: int) -> list[np.nda
     return [order[..., k::num_shares] for k in range(num_shares)]
 
 
-def _as_they_end(jobs: dict[Future, int]) -> Iterator[tuple[int, Found]]:
+def _as_they_end(jobs: dict[Future, int]) -> Iterator[tuple[int, PointResults]]:
     """Numbers and results of jobs, or the first error. It waits in short turns, so that an interrupt is heard."""
     while jobs:
         done, _ = wait(jobs, timeout=0.5, return_when=FIRST_COMPLETED)
@@ -97,13 +97,13 @@ def _as_they_end(jobs: dict[Future, int]) -> Iterator[tuple[int, Found]]:
 @padding_allowed  # here, as it is set for each thread
 def _run_queue(
     runner: Threads,
-    points: Point,
+    points: LaneInput,
     share: np.ndarray,
     shape: tuple[int, int],
     tell: Callable[[int], object],
     stop: Event,
     x64: bool,
-) -> Found:
+) -> PointResults:
     """Run some points."""
     # Settings of JAX are those of a thread; what all points share is broadcast to them.
     with jax.enable_x64(x64), jax.numpy_rank_promotion("allow"):
@@ -126,7 +126,7 @@ def _run_queue(
     }
     kept = {name: np.asarray(a)[..., : share.size] for name, a in columns.items()}
     kept |= _sections(joined(marks), runner.counts.record, share.size)
-    return Found(kept, joined(impacts), int(queue.progress.turns) * shape[1]).numbered(share)
+    return PointResults(kept, joined(impacts), int(queue.progress.turns) * shape[1]).numbered(share)
 
 
 def _whole(number: int) -> Array:
@@ -173,7 +173,9 @@ def _of_queue(
     return eqx.tree_at(frequency, others, of_each(frequency(numbers)))
 
 
-def _start(runner: Threads, points: Point, share: np.ndarray, shape: tuple[int, int]) -> tuple[tuple, Queue]:
+def _start(
+    runner: Threads, points: LaneInput, share: np.ndarray, shape: tuple[int, int]
+) -> tuple[tuple, Queue]:
     """Make a queue of some points, filled up to one width: one shape, one compilation, made here."""
     counts, settings, (width, num_lanes) = runner.counts, runner.settings, shape
     filled = np.append(share, np.zeros(width - share.size, int))

@@ -25,7 +25,16 @@ from .._jax.arrays import Flag, Scalar, over_lanes
 from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State, remembering
-from .event_margins import Inside, Watched, delays, is_due, nearness, phase_change, watch, watched
+from .event_margins import (
+    EventMargins,
+    Inside,
+    crossings_in_step,
+    delays,
+    is_due,
+    nearness,
+    phase_change,
+    watched,
+)
 from .exact_step import displaced, one_instant
 from .interface import AbstractFlow, Flight
 from .modal import TRUST_AND_TERMS
@@ -172,14 +181,19 @@ def longest_step(machine: Machine) -> Scalar:
 
 
 def _clearance(
-    machine: Machine, state: State, now: Watched, end: Watched, late: Float[Array, " stops"], trial: Trial
+    machine: Machine,
+    state: State,
+    now: EventMargins,
+    end: EventMargins,
+    late: Float[Array, " stops"],
+    trial: Trial,
 ) -> tuple[Flag, Scalar]:
     """Whether a step is free of events up to its end, and the length to try instead if it is not."""
     step, wanted = trial.step, trial.wanted
     if not machine.contacts.num:
         return jnp.array(True), jnp.full_like(step, jnp.inf)
     is_near = late < jnp.inf
-    proof = watch(machine, state, now, end, trial.attempt.inside, step, is_near)
+    proof = crossings_in_step(machine, state, now, end, trial.attempt.inside, step, is_near)
     free = step * proof.free
     window = jnp.where(is_near, wanted * nearness(state.held, step.dtype), 0)
     # Time before its arrival in which an approaching mass is nearer to its stop than the error.
@@ -210,7 +224,7 @@ def _moved(machine: Machine, state: State, trial: Trial, hold: Held) -> State:
     return displaced(machine, state, trial.attempt.displacement, state.v + gain, change, trial.step)
 
 
-def _landed(machine: Machine, state: State, end: Watched, delay: Scalar) -> State:
+def _landed(machine: Machine, state: State, end: EventMargins, delay: Scalar) -> State:
     """Go on by `delay`, which is short and may be negative."""
     a, jerk = end.motion.acceleration, end.motion.jerk
     displacement = delay * (state.v + delay * (a / 2 + delay * jerk / 6))

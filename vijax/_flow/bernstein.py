@@ -49,7 +49,7 @@ def bernstein(values: Float[Array, " nodes"]) -> list[Scalar]:
     ]
 
 
-def slopes(coefficients: list[Scalar]) -> list[Scalar]:
+def derivative_coefficients(coefficients: list[Scalar]) -> list[Scalar]:
     """Coefficients of the derivative, of the same degree."""
     n, rise = len(coefficients) - 1, [b - a for a, b in pairwise(coefficients)]
     inner = [k * rise[k - 1] + (n - k) * rise[k] for k in range(1, n)]

@@ -37,15 +37,15 @@ from .explicit_step import explicit_step
 # Gains of positions, velocities, and pushes.
 _Gains = tuple[Array, Array, Array | None]
 
-# The most steps of a leap that are tried: more are those of a guess gone astray, for which nothing else waits.
+# The most steps of a flow map that are tried: more are those of a guess gone astray, for which nothing else waits.
 _MOST_TRIALS = 10_000
 # Range of possible degrees of dense outputs; those of diffrax go from 3 to 6.
 _LEAST, _MOST = 3, 8
 _TOLERANCES = {"float64": (1e-10, 1e-12), "float32": (1e-5, 1e-6)}
 
 
-class _Leap(NamedTuple):
-    """A leap on its way: where it is, what is left of the time, the next step, what was gained, and steps so far."""
+class _FlowMapState(NamedTuple):
+    """A flow map in progress: where it is, what is left of the time, the next step, what was gained, and steps so far."""
 
     state: State
     left: Scalar
@@ -141,7 +141,7 @@ class DiffraxFlow(SteppingFlow):
         control = jax.tree.map(lambda a, old: jnp.asarray(a, old.dtype), control, state.memory.control)
         return Attempt(displacement, gain, Inside(*inside), is_finite & keep, following, control)
 
-    def leap(
+    def flow_map(
         self,
         machine: Machine,
         state: State,
@@ -156,36 +156,36 @@ class DiffraxFlow(SteppingFlow):
         """
         del change
         still, longest = jax.lax.stop_gradient, longest_step(machine)
-        # In programs that leap, compiling takes longer than running: stages are a loop.
+        # In programs with a flow map, compiling takes longer than running: stages are a loop.
         solver = eqx.tree_at(lambda s: s.scan_kind, self.solver, "lax", is_leaf=lambda leaf: leaf is None)
 
-        def one(leap: _Leap) -> _Leap:
-            here, is_last = leap.state, jnp.abs(leap.left) <= leap.step
-            step = jnp.where(is_last, leap.left, jnp.copysign(leap.step, leap.left))
+        def one(state: _FlowMapState) -> _FlowMapState:
+            here, is_last = state.state, jnp.abs(state.left) <= state.step
+            step = jnp.where(is_last, state.left, jnp.copysign(state.step, state.left))
             attempt = self._judged(here, hold, step, machine, _by_diffrax(solver, machine, here, hold, step))
             gain = machine.contacts.gained(attempt.gain, hold)
             phase = phase_change(machine, here.phase, step)
             moved = displaced(machine, here, attempt.displacement, here.v + gain, phase, step)
-            taken = _Leap(
+            taken = _FlowMapState(
                 moved,
-                jnp.where(is_last, 0, leap.left - step),
-                leap.step,
-                leap.displacement + attempt.displacement,
-                leap.gain + gain,
-                leap.num_trials,
+                jnp.where(is_last, 0, state.left - step),
+                state.step,
+                state.displacement + attempt.displacement,
+                state.gain + gain,
+                state.num_trials,
             )
-            found = jax.tree.map(lambda a, b: jnp.where(attempt.is_good, a, b), taken, leap)
+            found = jax.tree.map(lambda a, b: jnp.where(attempt.is_good, a, b), taken, state)
             memory = eqx.tree_at(lambda m: m.control, here.memory, still(attempt.control))
             return found._replace(
                 state=remembering(found.state, memory),
                 step=jnp.minimum(still(jnp.abs(attempt.following)), longest),
-                num_trials=leap.num_trials + 1,
+                num_trials=state.num_trials + 1,
             )
 
         begin, nothing = remembering(state, self.memory(jnp.zeros_like(span))), jnp.zeros_like(state.x)
         first = still(jnp.minimum(self.first_step(machine), longest))
-        is_on = lambda leap: (jnp.abs(leap.left) > 0) & (leap.num_trials < _MOST_TRIALS)  # noqa: E731
-        start = _Leap(begin, span, first, nothing, nothing, jnp.array(0))
+        is_on = lambda state: (jnp.abs(state.left) > 0) & (state.num_trials < _MOST_TRIALS)  # noqa: E731
+        start = _FlowMapState(begin, span, first, nothing, nothing, jnp.array(0))
         end = jax.lax.while_loop(is_on, one, start)
         is_there = end.left == 0
         return jnp.where(is_there, end.displacement, jnp.nan), jnp.where(is_there, end.gain, jnp.nan)

@@ -16,7 +16,7 @@ from .._machine.derivatives import Rates, approaches, rates
 from .._machine.machine import Machine
 from .._machine.state import SHUT, State
 from .._system.waves import speeds, turned
-from .bernstein import bernstein, divided, first_crossing, nodes, slopes
+from .bernstein import bernstein, derivative_coefficients, divided, first_crossing, nodes
 from .modal import TRUST_AND_TERMS, cosine_and_sine
 
 
@@ -34,7 +34,7 @@ class Inside(eqx.Module):
     pushes: Float[Array, "nodes stops"] | None = None
 
 
-class Watched(eqx.Module):
+class EventMargins(eqx.Module):
     """What is watched at one instant, and the motion there.
 
     Attributes:
@@ -52,7 +52,7 @@ class Watched(eqx.Module):
     pull: Float[Array, " stops"]
 
 
-def watched(machine: Machine, state: State, hold: Held) -> Watched:
+def watched(machine: Machine, state: State, hold: Held) -> EventMargins:
     """The present."""
     motion, phase = rates(machine, state, hold), state.phase
     pull = machine.contacts.pull(motion.force, hold, phase)
@@ -62,15 +62,15 @@ def watched(machine: Machine, state: State, hold: Held) -> Watched:
     slope = jnp.where(state.held, pull_rate, -approach[0])
     # Nothing happens to a contact that others keep closed.
     value, slope = jnp.where(state.is_shut, 1, value), jnp.where(state.is_shut, 0, slope)
-    return Watched(value, slope, motion, approach, pull)
+    return EventMargins(value, slope, motion, approach, pull)
 
 
-def is_due(now: Watched, state: State) -> Bool[Array, " stops"]:
+def is_due(now: EventMargins, state: State) -> Bool[Array, " stops"]:
     """Whether an event is due at the start: the gap is closed and closing, or the contact force is gone and falling."""
     return (state.contact == 0) & (now.value <= 0) & (now.slope < 0)
 
 
-def delays(end: Watched, held: Bool[Array, " stops"], scale: Scalar) -> Float[Array, " stops"]:
+def delays(end: EventMargins, held: Bool[Array, " stops"], scale: Scalar) -> Float[Array, " stops"]:
     """Time from the end of a step to the event of every stop, if near enough for the terms known; else infinite.
 
     Args:
@@ -142,11 +142,11 @@ class Proof(eqx.Module):
     error: Scalar
 
 
-def watch(
+def crossings_in_step(
     machine: Machine,
     state: State,
-    now: Watched,
-    end: Watched,
+    now: EventMargins,
+    end: EventMargins,
     inside: Inside,
     step: Scalar,
     is_expected: Bool[Array, " stops"],
@@ -193,7 +193,7 @@ def _prove(view: View, step: Scalar, is_expected: Flag) -> Proof:
 
 def _error(view: View, displacement: list[Scalar], gain: list[Scalar], step: Scalar) -> Scalar:
     speeds = [step * (view.v + g) for g in gain]
-    defects = [-jnp.abs(s - v) for s, v in zip(slopes(displacement), speeds, strict=True)]
+    defects = [-jnp.abs(s - v) for s, v in zip(derivative_coefficients(displacement), speeds, strict=True)]
     return jnp.where(view.held, 0, -smallest(defects))
 
 
@@ -203,7 +203,7 @@ def _likely(view: View, displacement: list[Scalar], gain: list[Scalar], step: Sc
     for order, start in ((1, -step * view.v), (2, -(step**2) * view.a / 2), (3, -(step**3) * view.jerk / 6)):
         shorter = divided(gap, start)
         gap = [jnp.where(view.contact >= order, s, g) for s, g in zip(shorter, gap, strict=True)]
-    force = [step * view.pull, *slopes(gain)[1:-1], step * view.last_pull]
+    force = [step * view.pull, *derivative_coefficients(gain)[1:-1], step * view.last_pull]
     return [jnp.where(view.held, f, g) for f, g in zip(force, gap, strict=True)]
 
 

@@ -69,13 +69,13 @@ class AbstractFlow(eqx.Module):
     has to remember from step to step, it keeps in `State.memory`, which `memory` begins. A motion that is
     affine in positions and velocities says so by `is_linear`; one whose steps are made of arithmetic,
     comparisons and choices alone, which compile into one kernel (see `in_one_kernel`), by `fits_one_kernel`;
-    one that has an exact `leap` once it is prepared, by `can_leap`, and if that loses no digits however far it goes, by
-    `leaps_far`. (An approximate one serves branches, but no search: it is not the map that `fly` computes, to the last bit.)
+    one that has an exact `flow_map` once it is prepared, by `has_flow_map`, and if that loses no digits however far it goes, by
+    `flow_map_reaches_far`. (An approximate one serves branches, but no search: it is not the map that `fly` computes, to the last bit.)
     """
 
     is_linear: ClassVar[bool] = False
-    can_leap: ClassVar[bool] = False
-    leaps_far: ClassVar[bool] = False
+    has_flow_map: ClassVar[bool] = False
+    flow_map_reaches_far: ClassVar[bool] = False
     fits_one_kernel: ClassVar[bool] = False
 
     @abc.abstractmethod
@@ -99,7 +99,7 @@ class AbstractFlow(eqx.Module):
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
         """Take one step towards `remaining`, passing through stops; the state there, and how long it was."""
 
-    def leap(
+    def flow_map(
         self,
         machine: Machine,
         state: State,
@@ -109,8 +109,8 @@ class AbstractFlow(eqx.Module):
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Go a whole flight ahead, whatever the stops say, or back for a negative span.
 
-        If the motion `can_leap`, at once, differentiable both ways by all its arguments, and exact relative to itself however
-        short the flight; a long one may lose as many digits as its phase has before the point, unless `leaps_far`.
+        If the motion `has_flow_map`, at once, differentiable both ways by all its arguments, and exact relative to itself however
+        short the flight; a long one may lose as many digits as its phase has before the point, unless `flow_map_reaches_far`.
         Otherwise to the accuracy of its steps, differentiable forwards.
 
         Args:

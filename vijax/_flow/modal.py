@@ -54,7 +54,7 @@ class Modes(eqx.Module):
     anchor: Float[Array, "..."]
 
 
-class Response(eqx.Module):
+class SteadyResponse(eqx.Module):
     """The steady response to the load.
 
     Attributes:
@@ -73,7 +73,7 @@ class ModalFlow(ExpandingFlow):
     held in each, none in the first.
     """
 
-    can_leap: ClassVar[bool] = True
+    has_flow_map: ClassVar[bool] = True
 
     modes: Modes
     sets: Bool[Array, "sets n ..."]
@@ -93,7 +93,7 @@ class ModalFlow(ExpandingFlow):
         return self.prepare(machine).expand(machine, state, hold)
 
 
-def _response(machine: Machine, modes: Modes) -> Response:
+def _response(machine: Machine, modes: Modes) -> SteadyResponse:
     w2, a, shape = modes.squared_frequency, modes.decay, modes.shape
     transposed = jnp.swapaxes(shape, 0, 1)
     cosine, sine = [], []
@@ -105,17 +105,17 @@ def _response(machine: Machine, modes: Modes) -> Response:
         cosine.append(matvec(shape, (stiff * c - drag * s) / scale))
         sine.append(matvec(shape, (stiff * s + drag * c) / scale))
     offset = matvec(shape, matvec(transposed, machine.mean) / w2)
-    return Response(offset, Waves(stack(cosine), stack(sine)))
+    return SteadyResponse(offset, Waves(stack(cosine), stack(sine)))
 
 
 class DrivenModes(ExpandingFlow):
     """The modes of a machine and its steady response."""
 
-    can_leap: ClassVar[bool] = True
-    leaps_far: ClassVar[bool] = True
+    has_flow_map: ClassVar[bool] = True
+    flow_map_reaches_far: ClassVar[bool] = True
 
     modes: Modes
-    response: Response
+    response: SteadyResponse
     limit: Scalar
     sets: Bool[Array, "sets n ..."]
 
@@ -125,7 +125,7 @@ class DrivenModes(ExpandingFlow):
         now = derivatives(machine, state, hold)
         return ModalExpansion(modes=modes, response=response, q=q, q_rate=q_rate, now=now, limit=self.limit)
 
-    def leap(
+    def flow_map(
         self,
         machine: Machine,
         state: State,
@@ -140,7 +140,7 @@ class DrivenModes(ExpandingFlow):
 
     def _coordinates(
         self, machine: Machine, state: State, hold: Held
-    ) -> tuple[Modes, Response, Float[Array, "modes ..."], Float[Array, "modes ..."]]:
+    ) -> tuple[Modes, SteadyResponse, Float[Array, "modes ..."], Float[Array, "modes ..."]]:
         """The modes of the masses held now, their response to the load, and q and q' of the free motion."""
         modes, response = self._of_set(hold)
         steady = response.offset + response.waves.at(state.phase)
@@ -150,7 +150,7 @@ class DrivenModes(ExpandingFlow):
         q, q_rate = matvec(modes.inverse, state.x - steady), matvec(modes.inverse, state.v - steady_v)
         return modes, response, q, q_rate
 
-    def _of_set(self, hold: Held) -> tuple[Modes, Response]:
+    def _of_set(self, hold: Held) -> tuple[Modes, SteadyResponse]:
         """The tables of the masses held now."""
         free = jax.tree.map(lambda a: a[0], (self.modes, self.response))
         if len(self.sets) == 1:
@@ -158,7 +158,7 @@ class DrivenModes(ExpandingFlow):
         full = lambda a: jnp.broadcast_to(a, jnp.broadcast_shapes(a.shape, hold.shape[1:]))  # noqa: E731
         return jax.lax.cond(is_any(hold), lambda: self._select(hold), lambda: jax.tree.map(full, free))
 
-    def _select(self, hold: Held) -> tuple[Modes, Response]:
+    def _select(self, hold: Held) -> tuple[Modes, SteadyResponse]:
         """The tables of every lane: a chain of selections, cheaper than a gather."""
         tables = (self.modes, self.response)
         chosen = jax.tree.map(lambda a: a[0], tables)
@@ -172,7 +172,7 @@ class ModalExpansion(Expansion):
     """Modal coordinates of the free motion, and the steady response."""
 
     modes: Modes
-    response: Response
+    response: SteadyResponse
     q: Float[Array, "modes ..."]
     q_rate: Float[Array, "modes ..."]
     now: Derivatives
@@ -215,7 +215,7 @@ class ModalExpansion(Expansion):
 def _gone(
     machine: Machine,
     modes: Modes,
-    response: Response,
+    response: SteadyResponse,
     free: tuple[Array, Array],
     increments: tuple[Array, Array, Array],
     change: Array,

@@ -38,7 +38,7 @@ def taylor_series(
     machine: Machine, state: State, hold: Held, order: int, *, unroll: bool = False
 ) -> tuple[Float[Array, "_ n ..."], Float[Array, "_ n ..."], Float[Array, "_ 2 harmonics ..."]]:
     """Taylor coefficients of positions, up to `order`, of forces, and of the phase of the forcing."""
-    extend, start = recurrence(machine, hold), rows_of_state(state)
+    extend, start = next_coefficients(machine, hold), rows_of_state(state)
     _, coefficients = jax.lax.scan(extend, start, orders(order, state), unroll=unroll)
     x, force = (vector(rows, len(state.x), axis=1) for rows in coefficients[:2])
     phase = jnp.stack(coefficients[2], axis=1).reshape(len(x), *state.phase.shape)
@@ -57,7 +57,7 @@ def rows_of_state(state: State) -> tuple[list[Array], list[Array], list[Array]]:
     return _rows(state.x), _rows(state.v), [state.phase[i, h] for i in range(2) for h in range(waves)]
 
 
-def recurrence(machine: Machine, hold: Held) -> Callable:
+def next_coefficients(machine: Machine, hold: Held) -> Callable:
     """From coefficients k and k + 1 of x and k of the phase to the next ones, and coefficient k of the force.
 
     Short vectors are lists of their rows: each is then computed in one sweep over the lanes, wherever

@@ -42,12 +42,12 @@ def coast(
         time: and what is left; not before the beginning.
         max_steps: the most steps within any period. A motion that needs more ends in NaN.
     """
-    if flow.leaps_far:
-        return _leap(flow, machine, state, phase0, periods, time)
+    if flow.flow_map_reaches_far:
+        return _flow_map(flow, machine, state, phase0, periods, time)
     return _by_steps(flow, machine, state, phase0, periods, time, max_steps)
 
 
-def _leap(
+def _flow_map(
     flow: AbstractFlow,
     machine: Machine,
     state: State,
@@ -58,7 +58,7 @@ def _leap(
     """All at once."""
     span = (periods - state.periods) * machine.period + (time - state.time)
     phase = turned(phase0, phase_at(machine.frequency * time, machine.waves.num_harmonics))
-    displacement, gain = flow.leap(machine, state, machine.hold(state.held), span, phase - state.phase)
+    displacement, gain = flow.flow_map(machine, state, machine.hold(state.held), span, phase - state.phase)
     names = lambda s: (s.periods, s.time, s.phase, s.x, s.v)  # noqa: E731
     there = periods, time, phase, state.x + displacement, state.v + gain
     # After no time the state is that of the start to the last bit.

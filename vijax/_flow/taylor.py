@@ -15,7 +15,7 @@ from .._machine.state import State
 from .exact_step import ExpandingFlow
 from .exponential import exponential_increments
 from .interface import Expansion
-from .series import horner, orders, recurrence, rows_of_state, sum_series, taylor_series, vector
+from .series import horner, next_coefficients, orders, rows_of_state, sum_series, taylor_series, vector
 
 _ORDER_AND_TRUST = {"float64": (22, 1.5), "float32": (11, 1.0)}
 
@@ -23,7 +23,7 @@ _ORDER_AND_TRUST = {"float64": (22, 1.5), "float32": (11, 1.0)}
 class TaylorFlow(ExpandingFlow):
     """Exact motion of a linear machine, by its Taylor series to rounding."""
 
-    can_leap: ClassVar[bool] = True
+    has_flow_map: ClassVar[bool] = True
 
     def expand(self, machine: Machine, state: State, hold: Held) -> "TaylorExpansion":
         """Expand the motion at `state` with the contacts of `hold` closed."""
@@ -37,7 +37,7 @@ class TaylorFlow(ExpandingFlow):
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Sum the series as it is made, without keeping it."""
         order, _ = _ORDER_AND_TRUST[str(state.x.dtype)]
-        extend, start = recurrence(machine, hold), rows_of_state(state)
+        extend, start = next_coefficients(machine, hold), rows_of_state(state)
 
         def add(carry, order):
             (k, *_), (last, power, totals) = order, carry
@@ -58,7 +58,7 @@ class TaylorFlow(ExpandingFlow):
         n = len(state.x)
         return vector(displacement, n), vector(v, n), jnp.stack(phase).reshape(state.phase.shape)
 
-    def leap(
+    def flow_map(
         self,
         machine: Machine,
         state: State,

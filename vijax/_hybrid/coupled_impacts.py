@@ -23,7 +23,7 @@ from .._jax.arrays import Scalar
 from .._jax.xla import compute_once, is_any
 from .._machine.derivatives import contact_forces, derivatives, rates
 from .._machine.machine import Machine, resting_state
-from .._machine.rows import Rows
+from .._machine.rows import RowContacts
 from .._machine.state import SHUT, State
 from .._system.checks import is_touching
 from .complementarity import complementary
@@ -250,6 +250,6 @@ def _handed_on(
     return held, jnp.where(is_free, jnp.where(bearing, jnp.int8(0), left), contact)
 
 
-def _rows(machine: Machine) -> Rows:
-    assert isinstance(machine.contacts, Rows)
+def _rows(machine: Machine) -> RowContacts:
+    assert isinstance(machine.contacts, RowContacts)
     return machine.contacts

@@ -31,8 +31,8 @@ from jaxtyping import PyTree
 from .ways import (
     KEPT,
     Arrays,
+    TangentMaps,
     Traced,
-    Ways,
     along,
     at_the_end,
     bind,
@@ -42,9 +42,9 @@ from .ways import (
     of_batch_of_tangents,
     of_lanes,
     shapes_of,
+    tangent_maps_of,
     tangents,
     values,
-    ways_of,
     with_tangents,
 )
 
@@ -92,7 +92,7 @@ def _made(
     structures: tuple,
     others: tuple,
     *kinds: tuple,
-) -> tuple[Ways, Callable[[Arrays, Arrays], PyTree]]:
+) -> tuple[TangentMaps, Callable[[Arrays, Arrays], PyTree]]:
     """The two ways as functions of lists of arrays, and a function that rebuilds their tree of results."""
     found = []
 
@@ -111,7 +111,7 @@ def _made(
     both = [Traced(partial(of_lists, function), compiled) for function in (forwards, backwards)]
     shapes = [[jax.ShapeDtypeStruct(*kind) for kind in part] for part in kinds]
     y, whole = shapes_of(both[0], *shapes)
-    ways = ways_of(*both, compiled, (len(y), len(whole)), ())
+    ways = tangent_maps_of(*both, compiled, (len(y), len(whole)), ())
     if of_many is not None:
 
         def of_lists_of_many(over: tuple, size: int, *parts: Arrays) -> tuple[Arrays, Arrays]:
@@ -135,7 +135,7 @@ def _parts(row: Any, sizes: tuple[int, ...]) -> list[list]:
     return [list(row[end - size : end]) for size, end in zip(sizes, ends, strict=True)]
 
 
-def _evaluate(primitive: Primitive, *row: Any, ways: Ways, sizes: tuple[int, ...]) -> Arrays:
+def _evaluate(primitive: Primitive, *row: Any, ways: TangentMaps, sizes: tuple[int, ...]) -> Arrays:
     parts = _parts(row, sizes)
     if primitive is values:
         return list(chain(*ways.values(*parts)))
@@ -144,7 +144,7 @@ def _evaluate(primitive: Primitive, *row: Any, ways: Ways, sizes: tuple[int, ...
     return [*y, *rest, *dy] if primitive is with_tangents else list(dy)
 
 
-def _shapes(primitive: Primitive, *row: Any, ways: Ways, sizes: tuple[int, ...]) -> list:
+def _shapes(primitive: Primitive, *row: Any, ways: TangentMaps, sizes: tuple[int, ...]) -> list:
     parts = _parts([jax.ShapeDtypeStruct(a.shape, a.dtype) for a in row], sizes)
     if primitive is values:
         found = shapes_of(ways.values, *parts)
@@ -154,7 +154,9 @@ def _shapes(primitive: Primitive, *row: Any, ways: Ways, sizes: tuple[int, ...])
     return [ShapedArray(a.shape, a.dtype) for a in chain(*found)]
 
 
-def _differentiate(primitive: Primitive, row: Any, changes: Any, *, ways: Ways, sizes: tuple[int, ...]):
+def _differentiate(
+    primitive: Primitive, row: Any, changes: Any, *, ways: TangentMaps, sizes: tuple[int, ...]
+):
     """The values of a primitive and their tangents, as a function of all inputs that can change."""
     fixed, *moving = _parts(row, sizes)
     at, dx = list(chain(*moving)), changes[len(fixed) :]
@@ -174,7 +176,7 @@ def _differentiate(primitive: Primitive, row: Any, changes: Any, *, ways: Ways, 
 
 
 @lru_cache(KEPT)
-def _of_derivative(primitive: Primitive, ways: Ways, sizes: tuple[int, ...]) -> Ways:
+def _of_derivative(primitive: Primitive, ways: TangentMaps, sizes: tuple[int, ...]) -> TangentMaps:
     """The ways of a primitive with tangents, as a function of `fixed` and of `x` and `dx` in one list."""
 
     def of_all(joint: Callable, fixed: Arrays, both: Arrays) -> tuple[Arrays, Arrays]:
@@ -184,10 +186,10 @@ def _of_derivative(primitive: Primitive, ways: Ways, sizes: tuple[int, ...]) -> 
     forwards, backwards = partial(of_all, ways.joint), partial(of_all, ways.transposable)
     num, rest = ways.sizes
     sizes_found = (2 * num, rest) if primitive is with_tangents else (num, 0)
-    return ways_of(forwards, backwards, ways.compiled, sizes_found, ())
+    return tangent_maps_of(forwards, backwards, ways.compiled, sizes_found, ())
 
 
-def _batch(primitive: Primitive, row: Any, axes: Any, *, ways: Ways, sizes: tuple[int, ...]):
+def _batch(primitive: Primitive, row: Any, axes: Any, *, ways: TangentMaps, sizes: tuple[int, ...]):
     size = next(a.shape[axis] for a, axis in zip(row, axes, strict=True) if axis is not None)
     (fixed, x, *dx), (of_fixed, of_x, *of_dx) = _parts(row, sizes), _parts(axes, sizes)
     over = tuple(of_fixed), tuple(of_x)
@@ -203,14 +205,14 @@ def _batch(primitive: Primitive, row: Any, axes: Any, *, ways: Ways, sizes: tupl
     return found, [of_values] * (len(found) - num_tangents) + [0] * num_tangents
 
 
-def _transpose(cotangents: Any, *row: Any, ways: Ways, sizes: tuple[int, ...]) -> list:
+def _transpose(cotangents: Any, *row: Any, ways: TangentMaps, sizes: tuple[int, ...]) -> list:
     fixed, x, _ = _parts(row, sizes)
     given = tuple(type(c) is not ad.Zero for c in cotangents)
     found = ways.pullback(given)(fixed, x, [c for c, yes in zip(cotangents, given, strict=True) if yes])
     return [None] * (sizes[0] + sizes[1]) + ways.watch(list(found), False)
 
 
-def _split_while_tracing(trace: Any, *row: Any, ways: Ways, sizes: tuple[int, ...]) -> list:
+def _split_while_tracing(trace: Any, *row: Any, ways: TangentMaps, sizes: tuple[int, ...]) -> list:
     """Values at once where all their inputs are known; tangents by a primitive that waits."""
     wait = partial(trace.default_process_primitive, tracers=row, params={"ways": ways, "sizes": sizes})
     is_known = [t.pval.is_known() for t in row]

@@ -6,7 +6,7 @@ from pathlib import Path
 import jax
 from platformdirs import user_cache_path
 
-from .._writing import told_where
+from .._writing import naming_argument
 
 try:
     from jax.experimental.compilation_cache.compilation_cache import reset_cache
@@ -39,7 +39,7 @@ def keep_compiled(folder: str | os.PathLike[str] | None = None) -> Path:
         ```
     """
     place = user_cache_path("vijax") if folder is None else Path(folder)
-    with told_where("folder", place):
+    with naming_argument("folder", place):
         place.mkdir(parents=True, exist_ok=True)
     jax.config.update("jax_compilation_cache_dir", str(place))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)

@@ -28,7 +28,7 @@ FEW = 32
 values, with_tangents, tangents = map(Primitive, ("values", "values_with_tangents", "tangents"))
 
 
-class Ways(NamedTuple):
+class TangentMaps(NamedTuple):
     """A function of `fixed` and `x` with its derivatives along `dx`.
 
     Attributes:
@@ -60,13 +60,13 @@ class Ways(NamedTuple):
 
 
 @lru_cache(KEPT)
-def ways_of(
+def tangent_maps_of(
     forwards: Function,
     backwards: Function,
     compiled: Callable,
     sizes: tuple[int, int],
     moves: tuple[bool, ...],
-) -> Ways:
+) -> TangentMaps:
     """The ways of a function whose `forwards` and `backwards` are given, along those of `x` that move."""
     joint, transposable = (
         Traced(partial(_derivative, function, moves), compiled) for function in (forwards, backwards)
@@ -77,7 +77,7 @@ def ways_of(
         return Traced(partial(_pullback, ways, moves, given), compiled)
 
     hollow = partial(_hollow, forwards)
-    ways = Ways(forwards, backwards, joint, transposable, pullback, hollow, compiled, sizes)
+    ways = TangentMaps(forwards, backwards, joint, transposable, pullback, hollow, compiled, sizes)
     return ways
 
 
@@ -97,7 +97,7 @@ def _derivative(
 
 
 def _pullback(
-    ways: Ways,
+    ways: TangentMaps,
     moves: tuple[bool, ...],
     given: tuple[bool, ...],
     fixed: Arrays,
@@ -121,7 +121,7 @@ def _pullback(
 
 
 def _product(
-    ways: Ways,
+    ways: TangentMaps,
     given: tuple[bool, ...],
     fixed: Arrays,
     x: Arrays,
@@ -144,7 +144,7 @@ def _product(
     return [part.reshape(a.shape).astype(a.dtype) for part, a in zip(parts, moving, strict=True)]
 
 
-def bind(primitive: Primitive, ways: Ways, *parts: Arrays) -> Arrays:
+def bind(primitive: Primitive, ways: TangentMaps, *parts: Arrays) -> Arrays:
     """What a primitive returns of lists of arrays."""
     return primitive.bind(*chain(*parts), ways=ways, sizes=tuple(map(len, parts)))
 
@@ -162,11 +162,11 @@ def _restricted(
 
 
 @lru_cache(KEPT)
-def of_batch(ways: Ways, over: tuple, size: int) -> Ways:
+def of_batch(ways: TangentMaps, over: tuple, size: int) -> TangentMaps:
     """The ways of a batch, by the axes of `fixed` and `x`; for its derivatives see `along`."""
     own = ways.of_many if size else None
     values = _batched(ways.values, ways, over) if own is None else own(over, size)
-    found = ways_of(values, _batched(ways.backwards, ways, over), ways.compiled, ways.sizes, ())
+    found = tangent_maps_of(values, _batched(ways.backwards, ways, over), ways.compiled, ways.sizes, ())
     of_many = None if own is None else partial(_in_turn, values, ways.compiled)
     return found._replace(lanes=(ways, over, size), of_many=of_many, watch=ways.watch)
 
@@ -189,7 +189,7 @@ def _in_turn(values: Function, compiled: Callable, over: tuple, size: int) -> Fu
 
 
 @lru_cache(KEPT)
-def of_batch_of_tangents(ways: Ways, over: tuple, size: int) -> tuple[Ways, int | None]:
+def of_batch_of_tangents(ways: TangentMaps, over: tuple, size: int) -> tuple[TangentMaps, int | None]:
     """The ways of a batch of tangents, and the axis that their values have: none if all lanes share them."""
     shared = all(axis is None for part in over for axis in part)
     axis, of_all = None if shared else 0, (*over, 0)
@@ -205,20 +205,20 @@ def of_batch_of_tangents(ways: Ways, over: tuple, size: int) -> tuple[Ways, int 
     return ways, axis
 
 
-def along(ways: Ways, moves: tuple[bool, ...]) -> Ways:
+def along(ways: TangentMaps, moves: tuple[bool, ...]) -> TangentMaps:
     """The ways along those of `x` that move. For a batch they take tangents as `of_lanes` returns them.
 
     A derivative of a batch is a batch of derivatives, of every lane by a copy of its own of what the lanes share: so
     what is asked of one lane touches no other, see `_pullback`.
     """
     if ways.lanes is None:
-        found = ways_of(ways.values, ways.backwards, ways.compiled, ways.sizes, moves)
+        found = tangent_maps_of(ways.values, ways.backwards, ways.compiled, ways.sizes, moves)
         return found._replace(watch=ways.watch)
     one, over, size = ways.lanes
     return of_batch_of_tangents(along(one, moves), over, size)[0]
 
 
-def of_lanes(ways: Ways, moves: tuple[bool, ...], dx: Arrays) -> Arrays:
+def of_lanes(ways: TangentMaps, moves: tuple[bool, ...], dx: Arrays) -> Arrays:
     """Tangents of those of `x` that move, with the lanes of a batch in front."""
     if ways.lanes is None:
         return dx
@@ -243,7 +243,7 @@ def at_the_end(arrays: Arrays, axes: tuple[int | None, ...]) -> Arrays:
     ]
 
 
-def _batched(function: Callable, ways: Ways, over: tuple, to: Any = 0) -> Callable:
+def _batched(function: Callable, ways: TangentMaps, over: tuple, to: Any = 0) -> Callable:
     return Traced(jax.vmap(function, *_axes(over, to)), ways.compiled)
 
 

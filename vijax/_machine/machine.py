@@ -13,8 +13,8 @@ from .._system.waves import Waves, phase_at, phase_rate
 from .contacts import AbstractContacts, Held, Stops
 from .extra_force import ExtraForce
 from .frame import Frame
-from .numbers import Numbers
-from .rows import Rows
+from .numbers import MachineNumbers
+from .rows import RowContacts
 from .state import State
 
 
@@ -184,7 +184,7 @@ def in_periods(machine: Machine, span: Float[Array, "..."]) -> tuple[Int[Array, 
 
 
 def prepare(
-    numbers: Numbers,
+    numbers: MachineNumbers,
     span: Scalar,
     start: tuple[Scalar, Float[Array, "n ..."], Float[Array, "n ..."]],
     *,
@@ -227,7 +227,7 @@ def prepare(
         period=period,
         contacts=Stops(rows, numbers.limit, numbers.restitution, inverse_mass)
         if numbers.signs is None
-        else Rows(
+        else RowContacts(
             numbers.rows, numbers.limit, numbers.restitution, inverse_mass, numbers.signs, walls, frequency
         ),
         rate=rate,
@@ -246,7 +246,7 @@ class _UnitMass(NamedTuple):
     stiffness: Float[Array, "n n ..."]
 
 
-def _of_unit_mass(numbers: Numbers) -> _UnitMass:
+def _of_unit_mass(numbers: MachineNumbers) -> _UnitMass:
     def of_one(mass: Array, *others: Array) -> _UnitMass:
         back = jax.scipy.linalg.solve_triangular(jnp.linalg.cholesky(mass), jnp.eye(len(mass)), lower=True)
         return _UnitMass(back.T @ back, *(back @ other @ back.T for other in others))
@@ -268,7 +268,7 @@ def ample_steps(machine: Machine, span: Scalar, least: Scalar | int = 100_000) -
     return jnp.minimum(total, 2e9).astype(int)  # fits 32 bits
 
 
-def _decay_and_frequency(numbers: Numbers, unit: _UnitMass | None) -> Scalar:
+def _decay_and_frequency(numbers: MachineNumbers, unit: _UnitMass | None) -> Scalar:
     """Bound the norm of the first-order matrix of the machine, in the norm of its energy.
 
     In that norm the matrix is [[0, S], [-S, -D]] with S^2 = M^-1/2 K M^-1/2 and D likewise from C;

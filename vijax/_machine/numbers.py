@@ -14,7 +14,7 @@ from .._system.system import ImpactSystem
 from .._system.waves import Waves
 
 
-class Numbers(eqx.Module):
+class MachineNumbers(eqx.Module):
     """An `ImpactSystem` as arrays, lanes last.
 
     Attributes:
@@ -49,7 +49,7 @@ class Numbers(eqx.Module):
     force: BoundForce | None
 
 
-def numbers_of(system: ImpactSystem) -> Numbers:
+def numbers_of(system: ImpactSystem) -> MachineNumbers:
     """The numbers of a machine, its force bound to its `args`; leaves may carry lanes as a last axis."""
     num_lane_axes, size = system.stiffness.ndim - 2, num_harmonics(system)
     forcing, stops, is_coupled = system.forcing, system.stops, system.is_coupled
@@ -58,7 +58,7 @@ def numbers_of(system: ImpactSystem) -> Numbers:
     def of_contacts(values: list) -> Reals:
         return stack([value + zero for value in values]) if values else np.zeros((0, *zero.shape), zero.dtype)
 
-    return Numbers(
+    return MachineNumbers(
         mass=system.mass,
         damping=system.damping,
         stiffness=system.stiffness,

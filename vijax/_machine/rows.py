@@ -43,7 +43,7 @@ class Hold(eqx.Module):
     drive: Waves | None
 
 
-class Rows(AbstractContacts):
+class RowContacts(AbstractContacts):
     """Contacts along any rows, lanes last.
 
     Attributes:

@@ -21,7 +21,7 @@ from .._hybrid.transition import Instant
 from .._jax.arrays import Scalar
 from .._machine.derivatives import rates
 from .._machine.machine import Machine, prepare, resting_state
-from .._machine.numbers import Numbers
+from .._machine.numbers import MachineNumbers
 from .._machine.state import State
 from .._system.waves import phase_at, turned
 from .._trajectory.event_log import IMPACT, RELEASE, EventLog, event_log
@@ -93,7 +93,9 @@ class Event(NamedTuple):
     held_after: Bool[Array, " stops"]
 
 
-def prepared(numbers: Numbers, flow: AbstractFlow, num_periods: Scalar) -> tuple[Machine, AbstractFlow]:
+def prepared(
+    numbers: MachineNumbers, flow: AbstractFlow, num_periods: Scalar
+) -> tuple[Machine, AbstractFlow]:
     """The machine and its motion, to be followed for n periods."""
     span, zeros = 2 * jnp.pi * num_periods / numbers.frequency, jnp.zeros_like(numbers.mean)
     machine = prepare(numbers, span, (0 * span, zeros, zeros), can_stick=True)
@@ -106,7 +108,7 @@ def residual(problem: Problem, unknowns: Unknowns) -> Residual:
     place = begin_cycle(problem, machine, unknowns.z)
 
     def one(place: Moment, flight: tuple[Event, Scalar]) -> tuple[Moment, tuple[Array, Array]]:
-        return fly(machine, flow, place, *flight)[:2]
+        return fly_to_event(machine, flow, place, *flight)[:2]
 
     flights = events_of(problem.sequence), unknowns.flights
     place, (values, speeds) = jax.lax.scan(one, place, flights)
@@ -141,7 +143,7 @@ def linearise(
 
         def moved(y: Array):
             here, p = place._replace(z=y[:size] * scale, time=y[size]), y[size + 1 : -1]
-            there, (value, speed), _ = fly(*at(p), here, event, y[-1])
+            there, (value, speed), _ = fly_to_event(*at(p), here, event, y[-1])
             return (jnp.concatenate([there.z / scale, there.time[None], p]), value), (there, value, speed)
 
         y = jnp.concatenate([place.z / scale, place.time[None], p, duration[None]])
@@ -175,7 +177,7 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns, room: int) -> EventLog:
 
     def one(place: Moment, flight: tuple[Event, Scalar]) -> tuple[Moment, tuple[Instant, Array]]:
         event, duration = flight
-        there, _, end = fly(machine, flow, place, event, duration)
+        there, _, end = fly_to_event(machine, flow, place, event, duration)
         hit = (jnp.arange(contacts.num) == event.stop) & (event.kind == IMPACT)
         stuck, left = event.held_after & ~event.held, event.held & ~event.held_after
         x, v = rebound(machine, end, hit, event.held & event.held_after)
@@ -210,7 +212,7 @@ def state_at(problem: Problem, unknowns: Unknowns, time: Scalar) -> Float[Array,
     def one(carry: tuple[Moment, Array], flight: tuple[Event, Scalar, Array, Array]):
         moment, held = carry
         event, duration, ends, is_event = flight
-        there = fly(machine, flow, moment, event, duration)[0]
+        there = fly_to_event(machine, flow, moment, event, duration)[0]
         is_passed = is_event & (ends <= time)
         moment = jax.tree.map(lambda a, b: jnp.where(is_passed, a, b), there, moment)
         return (moment, jnp.where(is_passed, event.held_after, held)), None
@@ -218,7 +220,7 @@ def state_at(problem: Problem, unknowns: Unknowns, time: Scalar) -> Float[Array,
     flights = events_of(problem.sequence), unknowns.flights, until, jnp.arange(len(until)) < count
     begin = begin_cycle(problem, machine, unknowns.z), problem.sequence.held[0]
     (moment, held), _ = jax.lax.scan(one, begin, flights)
-    x, v, *_ = leap(machine, flow, moment, held, problem.phase + time - moment.time)
+    x, v, *_ = flow_map(machine, flow, moment, held, problem.phase + time - moment.time)
     return jnp.concatenate([jnp.split(moment.z, 2)[0] + x, v])
 
 
@@ -241,12 +243,12 @@ def events_of(sequence: Sequence) -> Event:
     return Event(sequence.kind, sequence.stop, sequence.held[:-1], sequence.held[1:])
 
 
-def fly(
+def fly_to_event(
     machine: Machine, flow: AbstractFlow, place: Moment, event: Event, duration: Scalar
 ) -> tuple[Moment, tuple[Array, Array], State]:
     """The place after a flight and its event; the value that vanishes there and the speed of approach; the end of the flight."""
     contacts, before = machine.contacts, jnp.split(place.z, 2)[0]
-    x, v, phase, change = leap(machine, flow, place, event.held, duration)
+    x, v, phase, change = flow_map(machine, flow, place, event.held, duration)
     # Counted from the last contact, which keeps all digits of a light bounce; derivatives are the position's.
     start = contacts.gaps(before, phase - change)
     gap = place.gap + start - jax.lax.stop_gradient(start) - contacts.towards(x, change)
@@ -268,7 +270,7 @@ def fly(
     return Moment(jnp.concatenate([placed, v]), time, jax.lax.stop_gradient(gap)), (value, speed), end
 
 
-def leap(
+def flow_map(
     machine: Machine, flow: AbstractFlow, place: Moment, held: Array, duration: Scalar
 ) -> tuple[Array, Array, Array, Array]:
     """Displacement, velocity, the phase at the end of a flight, and by how much it changed."""
@@ -280,12 +282,12 @@ def leap(
     x, v = jnp.split(place.z, 2)
     state = resting_state(machine, phase, x, v, held, place.time * machine.period)
     hold = machine.hold(held)
-    displacement, gain = flow.leap(machine, state, hold, duration * machine.period, change)
+    displacement, gain = flow.flow_map(machine, state, hold, duration * machine.period, change)
     return displacement, v + gain, phase + change, change
 
 
 def _close(problem: Problem, machine: Machine, flow: AbstractFlow, place: Moment) -> Array:
     """The state after the last flight."""
     left = problem.phase + problem.num_periods - place.time
-    x, v, *_ = leap(machine, flow, place, problem.sequence.held[-1], left)
+    x, v, *_ = flow_map(machine, flow, place, problem.sequence.held[-1], left)
     return jnp.concatenate([jnp.split(place.z, 2)[0] + x, v])

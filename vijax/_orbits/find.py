@@ -15,13 +15,13 @@ from .._trajectory.event_log import IMPACT, EventLog
 from .condensation import Pencil
 from .cycle import Problem, log_of_cycle, prepared
 from .floquet import floquet_multipliers
-from .newton import implicit, pencil_of
+from .newton import implicit_orbit, pencil_of
 from .orbit import ORBIT_RESULTS, PeriodicOrbit
 from .rigid_modes import drifts, free_shifts, pinned
-from .search import Search, Strobe, away_from_stops, begin_search, learn
+from .search import Search, Strobe, away_from_stops, begin_search, search_step
 
 
-class Found(eqx.Module):
+class OrbitSolution(eqx.Module):
     """What was found, see `PeriodicOrbit`; `start` is its state (x, v)."""
 
     start: Float[Array, " state"]
@@ -36,21 +36,23 @@ class Found(eqx.Module):
 
 
 @compile_lightly
-def find(strobe: Strobe, guess: Float[Array, " state"]) -> Found:
+def find(strobe: Strobe, guess: Float[Array, " state"]) -> OrbitSolution:
     """Search from a guess until there is an orbit, or nothing is left to try."""
     # Everything is constant in the search: derivatives come from the implicit function theorem.
     still, guess = _constant((strobe, guess))
     search = begin_search(guess, strobe.numbers.rows.shape[0], strobe.room)
-    search = jax.lax.while_loop(lambda search: search.is_on, lambda search: learn(still, search), search)
-    return told_of_search(strobe, search)
+    search = jax.lax.while_loop(
+        lambda search: search.is_on, lambda search: search_step(still, search), search
+    )
+    return solution_of_search(strobe, search)
 
 
-def told_of_search(strobe: Strobe, search: Search) -> Found:
+def solution_of_search(strobe: Strobe, search: Search) -> OrbitSolution:
     """What a search found, as a function of the machine."""
-    start, multipliers, events = (_by_sequence if strobe.flow.can_leap else _by_map)(strobe, search)
+    start, multipliers, events = (_by_sequence if strobe.flow.has_flow_map else _by_map)(strobe, search)
     is_impact = (events.kind == IMPACT)[:, None]
     stops = jnp.arange(strobe.numbers.rows.shape[0])[None]
-    return Found(
+    return OrbitSolution(
         start=jnp.where(search.has_cycle, start, search.base),
         events=events,
         num_impacts=jnp.sum(is_impact & (events.stop[:, None] == stops), axis=0),
@@ -63,7 +65,7 @@ def told_of_search(strobe: Strobe, search: Search) -> Found:
     )
 
 
-tell_of_search = compile_lightly(told_of_search)
+tell_of_search = compile_lightly(solution_of_search)
 
 
 def _by_sequence(strobe: Strobe, search: Search) -> tuple[Array, Array, EventLog]:
@@ -71,7 +73,7 @@ def _by_sequence(strobe: Strobe, search: Search) -> tuple[Array, Array, EventLog
     sequence = search.cycle.sequence
     machine = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
     problem = Problem(*machine, sequence, strobe.num_periods, strobe.phase, free_shifts(strobe.numbers))
-    unknowns = implicit(problem, search.cycle.unknowns)
+    unknowns = implicit_orbit(problem, search.cycle.unknowns)
     multipliers = floquet_multipliers(pencil_of(problem, unknowns), sequence.most_held, problem.shifts)
     return (
         unknowns.z - away_from_stops(problem),
@@ -105,7 +107,7 @@ def _fixed_point_jvp(primals, tangents):
 
 
 def orbit_found(
-    found: Found,
+    found: OrbitSolution,
     system: ImpactSystem,
     num_periods: int,
     period: Array,

@@ -11,7 +11,7 @@ import numpy as np
 
 from .._trajectory.event_log import IMPACT
 from .search import Search, Strobe, begin_search
-from .search_workers import Learners
+from .search_workers import SearchWorkers
 
 # Searches side by side, the only number compiled for: a lane costs the same among 32 as among 128, and fewer wait for
 # the longest. Most cycles have fewer events than `_FEW`: the others are searched for again with room for all.
@@ -100,7 +100,7 @@ def _search(
         ]
         return jax.tree.unflatten(structure, of_lanes), jax.tree.map(lambda a: a[index], whole)
 
-    with Learners(tuple(axes), executor) as learners:
+    with SearchWorkers(tuple(axes), executor) as learners:
         waiting = np.arange(len(which))
         while waiting.size:
             chunks = [waiting[k : k + _LANES] for k in range(0, len(waiting), _LANES)]

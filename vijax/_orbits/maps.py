@@ -21,13 +21,13 @@ from .._jax.errors import checked, numbered
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import differentiable, padding_allowed
 from .._machine.machine import prepare, resting_state
-from .._machine.numbers import Numbers as MachineNumbers, numbers_of
+from .._machine.numbers import MachineNumbers, numbers_of
 from .._machine.state import State
 from .._system.checks import FINITE, check_one, not_finite, refuse
 from .._system.periodicity import check_period
 from .._system.system import ImpactSystem, with_args
-from .._trajectory.simulate import Settings, follow
-from .._trajectory.solution import RESULTS, told
+from .._trajectory.simulate import Settings, simulate_with
+from .._trajectory.solution import RESULTS, result_sentences
 
 
 @padding_allowed
@@ -85,9 +85,9 @@ def stroboscopic_map(
     end = begin + whole_number("num_periods", num_periods) * system.forcing.period
     allowed = (RESULTS.max_events_reached,)  # nothing is logged
     settings = Settings(0, max_steps, max_reverse_steps, allowed if throw else None)
-    sol = follow(system, begin, end, x0, v0, settings, flow=flow, args=args)
+    sol = simulate_with(system, begin, end, x0, v0, settings, flow=flow, args=args)
     state = sol.x1, sol.v1
-    return state if throw else known_or_nan(told(sol.result, allowed)[0] == 0, state)
+    return state if throw else known_or_nan(result_sentences(sol.result, allowed)[0] == 0, state)
 
 
 def angle_of(phase: ArrayLike) -> Scalar:

@@ -99,16 +99,16 @@ def pencil_of(problem: Problem, unknowns: Unknowns) -> Pencil:
 
 
 @eqx.filter_custom_jvp
-def implicit(problem: Problem, unknowns: Unknowns) -> Unknowns:
+def implicit_orbit(problem: Problem, unknowns: Unknowns) -> Unknowns:
     """The unknowns of an orbit as a function of its machine: derivatives by the implicit function theorem."""
     del problem
     return unknowns
 
 
-@implicit.def_jvp
+@implicit_orbit.def_jvp
 def _implicit_jvp(primals, tangents):
     problem, unknowns = primals
-    unknowns = implicit(problem, unknowns)
+    unknowns = implicit_orbit(problem, unknowns)
     scale = size_of(problem, unknowns.z)
     _, moved = eqx.filter_jvp(lambda problem: residual(problem, unknowns), (problem,), (tangents[0],))
     _, flights = linearise(problem, unknowns, scale)

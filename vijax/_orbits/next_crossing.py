@@ -18,13 +18,13 @@ from .._jax.arrays import Count, Numbers, Reals, Scalar, as_float, concrete, who
 from .._jax.errors import are_unfounded, checked, numbered
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import padding_allowed
-from .._machine.numbers import Numbers as MachineNumbers, numbers_of
+from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.checks import FINITE, check_one, validate_start
 from .._system.contact import Contact
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.impact_loop import Reverse, Wanted, follow_to_impact
 from .._trajectory.simulate import bound_of_steps
-from .._trajectory.solution import RESULTS, told
+from .._trajectory.solution import RESULTS, result_sentences
 from .next_impact import give_up
 
 _SIDES = {"up": 1.0, "down": -1.0}
@@ -127,7 +127,7 @@ def next_crossing(
         return known_or_nan(is_there, there)
     result = RESULTS.where(start.is_there, found.result, start.result)
     is_late = ~is_there & (result == RESULTS.successful)
-    return checked(there, *numbered([*doubts, (is_late, _NONE)], *told(result)))
+    return checked(there, *numbered([*doubts, (is_late, _NONE)], *result_sentences(result)))
 
 
 class _Passage(NamedTuple):

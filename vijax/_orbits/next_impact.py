@@ -16,7 +16,7 @@ from .._system.system import ImpactSystem, with_args
 from .._trajectory.concrete_machine import known_machine
 from .._trajectory.impact_loop import Reverse, Wanted, follow_to_impact
 from .._trajectory.simulate import bound_of_steps
-from .._trajectory.solution import RESULTS, told
+from .._trajectory.solution import RESULTS, result_sentences
 from .maps import wrong_stop
 
 # How long an impact is waited for, in forcing periods.
@@ -119,7 +119,7 @@ def next_impact(
     if not throw:
         return known_or_nan(found.is_there, impact)
     is_late = ~found.is_there & (found.result == RESULTS.successful)
-    return checked(impact, *numbered([*doubts, (is_late, _NONE)], *told(found.result)))
+    return checked(impact, *numbered([*doubts, (is_late, _NONE)], *result_sentences(found.result)))
 
 
 def give_up(system: ImpactSystem, t0: Array) -> Array:

@@ -7,10 +7,10 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Bool, Complex, Float, Int
 
-from .._dataset_attributes import flags, label, versions
+from .._dataset_attributes import flags, variable_attributes, versions
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Scalar, concrete
-from .._printing import as_html, as_text, told_of_orbit
+from .._printing import as_html, as_text, describe_orbit
 from .._system.system import ImpactSystem
 from .._trajectory.event_log import KINDS, EventLog
 from .._trajectory.simulate import simulate
@@ -111,10 +111,10 @@ class PeriodicOrbit(eqx.Module):
         return _dataset(self)
 
     def __repr__(self) -> str:
-        return as_text(told_of_orbit, self, tuple(ORBIT_RESULTS._name_to_item), KINDS)
+        return as_text(describe_orbit, self, tuple(ORBIT_RESULTS._name_to_item), KINDS)
 
     def _repr_html_(self) -> str:
-        return as_html(told_of_orbit, self, tuple(ORBIT_RESULTS._name_to_item), KINDS)
+        return as_html(describe_orbit, self, tuple(ORBIT_RESULTS._name_to_item), KINDS)
 
 
 def _dataset(orbit: PeriodicOrbit) -> xr.Dataset:
@@ -136,7 +136,7 @@ def _dataset(orbit: PeriodicOrbit) -> xr.Dataset:
     }
     ds = xr.Dataset({name: (dims, np.asarray(a)) for name, (dims, a) in columns.items()}, attrs=versions())
     for name, variable in ds.variables.items():
-        variable.attrs = label(str(name))
+        variable.attrs = variable_attributes(str(name))
     for name, meanings in (("event_kind", KINDS), ("result", tuple(ORBIT_RESULTS._name_to_item))):
         ds[name] = ds[name].astype(np.int8)
         ds[name].attrs |= flags(meanings)

@@ -13,7 +13,7 @@ from .._system.checks import validate_start
 from .._system.periodicity import check_period
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.concrete_machine import known_machine
-from .._trajectory.solution import told
+from .._trajectory.solution import result_sentences
 from .find import find, orbit_found
 from .maps import angle_of
 from .orbit import PeriodicOrbit
@@ -91,7 +91,7 @@ def periodic_orbit(
     strobe = Strobe(numbers, motion, jnp.asarray(float(n)), angle / (2 * jnp.pi), room)
     found = find(strobe, jnp.concatenate([x, v]))
     orbit = orbit_found(found, system, n, n * bound.forcing.period, angle, args, flow)
-    return checked(orbit, *numbered(doubts, *told(orbit.result))) if throw else orbit
+    return checked(orbit, *numbered(doubts, *result_sentences(orbit.result))) if throw else orbit
 
 
 def _vector(name: str, value: Numbers, size: int) -> Array:

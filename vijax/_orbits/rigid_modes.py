@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._jax.arrays import constant, library_of
-from .._machine.numbers import Numbers
+from .._machine.numbers import MachineNumbers
 from .._machine.small_matrices import inverse_among
 from .condensation import Pencil
 
@@ -23,7 +23,7 @@ from .condensation import Pencil
 _HELD = 1e-3
 
 
-def free_shifts(numbers: Numbers) -> Float[Array, "n n"]:
+def free_shifts(numbers: MachineNumbers) -> Float[Array, "n n"]:
     """The projection P onto all shifts that no spring and no contact feels; zero for a machine with a `force`, which may."""
     known = constant(numbers)
     stiffness, rows = known.stiffness, known.rows
@@ -55,7 +55,7 @@ def without_shifts(pencil: Pencil, shifts: Float[Array, "n n"]) -> Pencil:
     return Pencil(end - of_positions @ start, start)
 
 
-def drifts(numbers: Numbers, shifts: Float[Array, "n n"]) -> Array:
+def drifts(numbers: MachineNumbers, shifts: Float[Array, "n n"]) -> Array:
     """Whether the mean of the load has a part along a shift, so that no motion repeats."""
     mean = constant(numbers.mean)
     slack = 64 * len(shifts) * jnp.finfo(shifts.dtype).eps

@@ -21,10 +21,10 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import Reals, Scalar
 from .._jax.xla import is_any
 from .._machine.machine import OWN_BOUND
-from .._machine.numbers import Numbers
+from .._machine.numbers import MachineNumbers
 from .._system.waves import phase_at
-from .._trajectory.loop import NO_PAUSE, Request
-from .._trajectory.single_call import Asked, run_for_log, run_whole
+from .._trajectory.loop import NO_PAUSE, LoopArguments
+from .._trajectory.single_call import CallSettings, run_for_log, run_single_call
 from .._trajectory.solution import RESULTS, Solution
 from .candidate_cycle import Cycle, cycle_by_map, cycle_by_sequence
 from .cycle import Problem, Unknowns, prepared
@@ -107,7 +107,7 @@ class Strobe(eqx.Module):
         room: for how many events there is room.
     """
 
-    numbers: Numbers
+    numbers: MachineNumbers
     flow: AbstractFlow
     num_periods: Reals
     phase: Reals
@@ -123,11 +123,11 @@ class Strobe(eqx.Module):
         """When it begins."""
         return self.phase * self.period
 
-    def request(self, z: Float[Array, " state"]) -> Request:
+    def request(self, z: Float[Array, " state"]) -> LoopArguments:
         """To follow the motion from a state in space."""
         x, v = jnp.split(z, 2)
         t1 = self.t0 + self.num_periods * self.period
-        return Request(
+        return LoopArguments(
             t0=self.t0,
             t1=t1,
             x0=x,
@@ -143,8 +143,8 @@ class Strobe(eqx.Module):
 
     def follow(self, z: Float[Array, " state"]) -> Solution:
         """The motion from a state, differentiable."""
-        asked = Asked(self.room, can_stick=True, max_reverse_steps=65_536, raises=False)
-        return run_whole(self.numbers, self.flow, self.request(z), asked)
+        asked = CallSettings(self.room, can_stick=True, max_reverse_steps=65_536, raises=False)
+        return run_single_call(self.numbers, self.flow, self.request(z), asked)
 
     def end(self, z: Float[Array, " state"]) -> Float[Array, " state"]:
         """Where the motion from a state ends."""
@@ -170,7 +170,7 @@ class Run(NamedTuple):
     end: Array
 
 
-def learn(strobe: Strobe, search: Search) -> Search:
+def search_step(strobe: Strobe, search: Search) -> Search:
     """Follow the motion from the trial, and update the search."""
     log, result, end = run_for_log(
         strobe.numbers, strobe.flow, strobe.request(search.trial), room=strobe.room, can_stick=True
@@ -201,7 +201,7 @@ def _next(strobe: Strobe, run: Run, search: Search) -> Search:
     problem = eqx.tree_at(lambda p: p.sequence.kind, problem, kind)
     away = away_from_stops(problem)
     guess = Unknowns(search.trial + away, run.flights)
-    if strobe.flow.can_leap:
+    if strobe.flow.has_flow_map:
         cycle, entry, first, is_converged = cycle_by_sequence(problem, guess)
     else:
         jacobian = jax.jacfwd(strobe.end)(search.trial)

@@ -16,7 +16,7 @@ from .._execution.settings import DEFAULT_SETTINGS
 from .._execution.tasks import run_tasks
 from .._execution.threads import count_cores
 from .._jax.xla import jit_lightly, padding_allowed
-from .search import Search, Strobe, learn
+from .search import Search, Strobe, search_step
 
 Axes = tuple[int | None, ...]
 Chunk = tuple[Strobe, Search]
@@ -27,8 +27,8 @@ _COMPILED: set[tuple] = set()
 _IN_TASK = 16
 
 
-class Learners:
-    """Whoever learns from chunks of searches, see `learn`.
+class SearchWorkers:
+    """Threads or tasks of an executor that advance chunks of searches, see `search_step`.
 
     Args:
         axes: for each leaf of the strobes 0 if it has lanes as its first axis, None if all lanes share it.
@@ -41,7 +41,7 @@ class Learners:
         self._cores = ThreadPoolExecutor(count_cores()) if executor is None else None
         self._program: tuple | None = None
 
-    def __enter__(self) -> "Learners":
+    def __enter__(self) -> "SearchWorkers":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -98,6 +98,6 @@ def _learn_chunk(axes: Axes, chunk: Chunk) -> Search:
 @cache
 def _learn(structure: Any, axes: Axes) -> Callable:
     def one(leaves: list, search: Search) -> Search:
-        return learn(jax.tree.unflatten(structure, leaves), search)
+        return search_step(jax.tree.unflatten(structure, leaves), search)
 
     return jit_lightly(jax.vmap(one, in_axes=([*axes], 0)))

@@ -15,7 +15,7 @@ from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
 from .._progress import tqdm
 from .._sections.classify import MOTIONS, classify
-from .._sections.record import dims_of, flat, label
+from .._sections.record import dims_of, flat, labelled
 from .._sweep.provenance import machines_of
 from .._system.system import ImpactSystem
 from .many import Orbits, lanes_first, search_many
@@ -116,4 +116,4 @@ def _dataset(ds: xr.Dataset, found: Orbits | None, which: np.ndarray, num_period
         "num_impacts": (("stop",), impacts),
         "residual": ((), residual),
     }
-    return label(ds, columns).assign_attrs(ds.attrs)
+    return labelled(ds, columns).assign_attrs(ds.attrs)

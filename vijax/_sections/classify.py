@@ -10,7 +10,7 @@ from .._dataset_attributes import flags
 from .._sweep.outcomes import warn_of_endings
 from .._trajectory.solution import Solution
 from .non_impacting_proof import stays_quiet
-from .record import Impacts, flat, forcing_periods, has_full_mass, impacts_of, label, machines, stop_masses
+from .record import Impacts, flat, forcing_periods, has_full_mass, impacts_of, labelled, machines, stop_masses
 from .recurrence import Recurrence, recurrence
 from .section_side import before_impact, filled
 from .sections import stroboscopic_section
@@ -126,7 +126,7 @@ def classified(
         "recurrence_error": ((), np.where(is_failed, np.nan, found.error)),
         "contraction": ((), np.where(is_failed, np.nan, found.contraction)),
     }
-    ds = label(source, columns)
+    ds = labelled(source, columns)
     ds["motion"].attrs = flags(MOTIONS)
     return ds
 

@@ -18,8 +18,8 @@ from .._system.periodicity import check_period
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.concrete_machine import known_machine
 from .._trajectory.lyapunov_loop import (
+    ExponentRequest,
     Growth,
-    Request,
     exponents,
     follow_growth,
     follow_some_growth,
@@ -27,7 +27,7 @@ from .._trajectory.lyapunov_loop import (
     result_of,
 )
 from .._trajectory.simulate import bound_of_steps
-from .._trajectory.solution import RESULTS, told
+from .._trajectory.solution import RESULTS, result_sentences
 
 # Steps of one call, a second or less: between calls one may interrupt, and progress is shown.
 _TURNS = 1 << 17
@@ -105,7 +105,9 @@ def lyapunov_exponents(
     zero = np.zeros((), x.dtype)
     doubts = validate_start(bound.stops, bound.forcing.frequency, zero, zero, zero[None], x, v)
     counts = np.asarray(settling), np.asarray(averaged)
-    request = Request(x, v, *counts, max_steps=bound_of_steps(max_steps), is_sound=are_unfounded(doubts))
+    request = ExponentRequest(
+        x, v, *counts, max_steps=bound_of_steps(max_steps), is_sound=are_unfounded(doubts)
+    )
     if is_known:
         known = known_machine(system, args)
         growth, is_left = _follow_known(known.numbers, known.flow(flow, can_stick=True), request, progress)
@@ -115,13 +117,15 @@ def lyapunov_exponents(
     result = result_of(growth, request, is_left)
     found = exponents(growth.totals, averaged, system.forcing.period)
     if throw:
-        found = checked(found, *numbered(doubts, *told(result)))
+        found = checked(found, *numbered(doubts, *result_sentences(result)))
     else:
         found = known_or_nan(result == RESULTS.successful, found)
     return found if with_error else found[0]
 
 
-def _follow_known(numbers: Any, flow: AbstractFlow, request: Request, progress: bool) -> tuple[Growth, Array]:
+def _follow_known(
+    numbers: Any, flow: AbstractFlow, request: ExponentRequest, progress: bool
+) -> tuple[Growth, Array]:
     """Follow a motion of known numbers, call by call."""
     growth = no_growth(numbers, flow)
     total, most = int(request.transient + request.num_periods), np.asarray(_TURNS)

@@ -16,10 +16,10 @@ import numpy as np
 import xarray as xr
 
 from .._machine.machine import Machine
-from .._machine.rows import Rows
+from .._machine.rows import RowContacts
 from .._trajectory.solution import Solution
 from .record import forcing_periods, is_linear, machines
-from .response import lanes_first, modes_of, response_of, vibration_left
+from .response import double_lanes_first, modes_of, response_of, vibration_left
 from .section_side import filled
 
 # Points per block: the machines of all points at once would need much memory.
@@ -51,7 +51,7 @@ def stays_quiet(
             break
         is_proved[block], contraction = never_hits(machine, angle, x[block], v[block])
         # Not proved where a coordinate was dropped, which gives another machine.
-        is_proved[block] &= np.isclose(lanes_first(machine.period), period[block], rtol=1e-5, atol=0)
+        is_proved[block] &= np.isclose(double_lanes_first(machine.period), period[block], rtol=1e-5, atol=0)
         factor[block] = np.where(is_proved[block], contraction, np.nan)
     return is_proved, factor
 
@@ -73,7 +73,7 @@ def never_hits(machine: Machine, angle: float, x: np.ndarray, v: np.ndarray) -> 
     response = response_of(machine, modes)
     left = vibration_left(machine, modes, response, angle, (x, v)) + response.rounding
     is_clear = np.broadcast_to(modes.is_damped, left.shape).copy()
-    limits, rows = (lanes_first(a) for a in (machine.contacts.limit, machine.contacts.rows))
+    limits, rows = (double_lanes_first(a) for a in (machine.contacts.limit, machine.contacts.rows))
     own = _own_waves(machine)
     for j in range(machine.contacts.num):
         row = (rows[:, j, None] @ modes.shapes)[:, 0]
@@ -81,17 +81,17 @@ def never_hits(machine: Machine, angle: float, x: np.ndarray, v: np.ndarray) -> 
         room = limits[:, j] - modes.rounding * (abs(limits[:, j]) + abs(own[..., j]).sum(axis=1))
         room = room - np.real(waves[:, 0]) - np.linalg.norm(row, axis=1) * left
         is_clear &= highest(waves[:, 1:], room) < room
-    factor = np.exp(modes.decay * lanes_first(machine.period))
+    factor = np.exp(modes.decay * double_lanes_first(machine.period))
     return is_clear, np.broadcast_to(factor, left.shape)
 
 
 def _own_waves(machine: Machine) -> np.ndarray:
     """The motions of the contacts along their rows, h = 0, 1, ..., (lanes, 1 + harmonics, contacts)."""
-    walls = machine.contacts.walls if isinstance(machine.contacts, Rows) else None
+    walls = machine.contacts.walls if isinstance(machine.contacts, RowContacts) else None
     if walls is None:
         return np.zeros((1, 1 + machine.waves.num_harmonics, machine.contacts.num), complex)
     waves = np.asarray(walls.cosine) - 1j * np.asarray(walls.sine)
-    return lanes_first(np.concatenate([np.zeros_like(waves[:1]), waves]))
+    return double_lanes_first(np.concatenate([np.zeros_like(waves[:1]), waves]))
 
 
 def highest(waves: np.ndarray, room: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ import xarray as xr
 
 from .._machine.machine import Machine
 from .._sweep.provenance import machines_of
-from .._system.force_description import TOLD
+from .._system.force_description import NAMED_FORCE
 from .._trajectory.event_log import IMPACT, RELEASE, STICK
 from .._trajectory.solution import Solution
 from .section_side import machines_of_lanes
@@ -53,7 +53,7 @@ def flat(source: Solution | xr.Dataset, a: xr.DataArray, *own: str) -> np.ndarra
     return a.transpose(*grid, *own).values.reshape((math.prod(grid.values()), *(a.sizes[dim] for dim in own)))
 
 
-def label(
+def labelled(
     source: Solution | xr.Dataset, columns: dict[str, tuple[tuple[str, ...], np.ndarray]]
 ) -> xr.Dataset:
     """Label arrays over points, (points, ...), given with the names of their other dimensions."""
@@ -94,7 +94,7 @@ def machines(source: Solution | xr.Dataset, which: np.ndarray) -> tuple[Machine 
         angle = float(source.machine.frequency) * float(source.t0)
         return jax.tree.map(lambda a: np.asarray(a)[..., None], source.machine), angle
     try:
-        system = machines_of(source, tuple(dims_of(source)), which, force=TOLD)
+        system = machines_of(source, tuple(dims_of(source)), which, force=NAMED_FORCE)
     except ValueError:  # no machine in the attributes
         return None, 0.0
     return machines_of_lanes(system), 0.0
@@ -105,7 +105,7 @@ def has_full_mass(source: Solution | xr.Dataset) -> bool:
     if isinstance(source, Solution):
         return source.machine.inverse_mass.ndim > 1
     try:
-        return machines_of(source, force=TOLD).has_full_mass
+        return machines_of(source, force=NAMED_FORCE).has_full_mass
     except ValueError:  # as in `machines`
         return False
 
@@ -115,7 +115,7 @@ def is_linear(source: Solution | xr.Dataset) -> bool:
     if isinstance(source, Solution):
         return source.machine.extra is None
     try:
-        return machines_of(source, force=TOLD).force is None
+        return machines_of(source, force=NAMED_FORCE).force is None
     except ValueError:  # as in `machines`
         return False
 

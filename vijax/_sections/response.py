@@ -17,7 +17,7 @@ from .._machine.machine import Machine
 _SLACK = 64
 
 
-class Modes(NamedTuple):
+class FreeModes(NamedTuple):
     """The free vibration, lanes first.
 
     Attributes:
@@ -38,7 +38,7 @@ class Modes(NamedTuple):
     is_damped: np.ndarray
 
 
-class Response(NamedTuple):
+class PeriodicResponse(NamedTuple):
     """The periodic response, y = Re sum_h waves_h exp(i h W t), h = 0, 1, ..., lanes first.
 
     Attributes:
@@ -52,9 +52,11 @@ class Response(NamedTuple):
     rounding: np.ndarray
 
 
-def modes_of(machine: Machine) -> Modes:
+def modes_of(machine: Machine) -> FreeModes:
     """The modes of linear machines, lanes last: one for each motion, or one for all."""
-    inverse_mass, c, k = map(lanes_first, (machine.contacts.inverse_mass, machine.damping, machine.stiffness))
+    inverse_mass, c, k = map(
+        double_lanes_first, (machine.contacts.inverse_mass, machine.damping, machine.stiffness)
+    )
     root, spread = _root(inverse_mass)
     of_unit_mass = lambda a: np.swapaxes(root, 1, 2) @ a @ root  # noqa: E731
     unit = _SLACK * root.shape[1] * spread * float(np.finfo(machine.damping.dtype).eps)
@@ -70,7 +72,7 @@ def modes_of(machine: Machine) -> Modes:
     is_damped = is_stiff & (decay < -unit * np.linalg.norm(first_order, axis=(1, 2)))
     # Low modes are less well known than high ones.
     rounding = unit * squares[:, -1] / squares[:, 0]
-    return Modes(root @ vectors / w[:, None], w, damping, decay, rounding, is_damped)
+    return FreeModes(root @ vectors / w[:, None], w, damping, decay, rounding, is_damped)
 
 
 def _root(inverse_mass: np.ndarray) -> tuple[np.ndarray, np.ndarray | float]:
@@ -80,14 +82,14 @@ def _root(inverse_mass: np.ndarray) -> tuple[np.ndarray, np.ndarray | float]:
     return np.linalg.cholesky(inverse_mass), np.linalg.cond(inverse_mass)
 
 
-def response_of(machine: Machine, modes: Modes) -> Response:
+def response_of(machine: Machine, modes: FreeModes) -> PeriodicResponse:
     """The response to the load, that of moving stops included."""
     mean, cosine, sine = map(np.asarray, (machine.mean[None], machine.waves.cosine, machine.waves.sine))
     mean = np.broadcast_to(mean, (1, *np.broadcast_shapes(mean.shape, cosine.shape)[1:]))
     waves = np.broadcast_to(cosine - 1j * sine, (len(cosine), *mean.shape[1:]))
-    loads = lanes_first(np.concatenate([mean, waves])) @ modes.shapes
+    loads = double_lanes_first(np.concatenate([mean, waves])) @ modes.shapes
     w, eye = modes.frequencies[:, None], np.eye(len(machine.mean))[None, None]
-    speeds = lanes_first(machine.frequency)[:, None] * np.arange(loads.shape[1])
+    speeds = double_lanes_first(machine.frequency)[:, None] * np.arange(loads.shape[1])
     s = speeds[..., None, None]
     # K, M and C in the coordinates y.
     parts = (
@@ -102,11 +104,15 @@ def response_of(machine: Machine, modes: Modes) -> Response:
     magnified = _norm(inverse, 2) * sum(_norm(part, 2) for part in parts)
     moved = np.linalg.solve(modes.shapes[:, None], _frame_waves(machine)[..., None])[..., 0]
     size = (_norm(waves) + _norm(moved)) * (1 + speeds / w.min(axis=2))
-    return Response(waves, speeds, modes.rounding * (magnified * size).sum(axis=1))
+    return PeriodicResponse(waves, speeds, modes.rounding * (magnified * size).sum(axis=1))
 
 
 def vibration_left(
-    machine: Machine, modes: Modes, response: Response, angle: float, state: tuple[np.ndarray, np.ndarray]
+    machine: Machine,
+    modes: FreeModes,
+    response: PeriodicResponse,
+    angle: float,
+    state: tuple[np.ndarray, np.ndarray],
 ) -> np.ndarray:
     """Bound sqrt(2 E), E the energy of the difference between a motion and the response, rounding of both included.
 
@@ -126,7 +132,7 @@ def vibration_left(
     return left + response.rounding + modes.rounding * size
 
 
-def lanes_first(a: ArrayLike) -> np.ndarray:
+def double_lanes_first(a: ArrayLike) -> np.ndarray:
     """In double precision, lanes where NumPy's linear algebra wants them."""
     a = np.asarray(a)
     return np.moveaxis(a.astype(np.result_type(a, float)), -1, 0)
@@ -137,7 +143,7 @@ def _frame_waves(machine: Machine) -> np.ndarray:
     if machine.frame is None:
         return np.zeros((1, 1 + machine.waves.num_harmonics, len(machine.mean)), complex)
     waves = np.asarray(machine.frame.waves.cosine) - 1j * np.asarray(machine.frame.waves.sine)
-    return lanes_first(np.concatenate([np.zeros_like(waves[:1]), waves]))
+    return double_lanes_first(np.concatenate([np.zeros_like(waves[:1]), waves]))
 
 
 def _at(waves: np.ndarray, speeds: np.ndarray, angle: float) -> tuple[np.ndarray, np.ndarray]:

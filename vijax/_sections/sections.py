@@ -7,7 +7,7 @@ import xarray as xr
 
 from .._sweep.outcomes import warn_of_endings
 from .._trajectory.solution import Solution
-from .record import dims_of, forcing_periods, held_intervals, impacts_of, label, stop_masses
+from .record import dims_of, forcing_periods, held_intervals, impacts_of, labelled, stop_masses
 
 
 def impact_map(source: Solution | xr.Dataset, stop: int | None = None) -> xr.Dataset:
@@ -62,7 +62,7 @@ def impact_map(source: Solution | xr.Dataset, stop: int | None = None) -> xr.Dat
     columns = {"phase": phase, "velocity": velocity}
     columns |= {f"next_{name}": np.where(has_next, np.roll(a, -1), np.nan) for name, a in columns.items()}
     tables = {name: table(a, np.nan) for name, a in columns.items()}
-    return label(source, tables | {"stop": table(of_stop, -1)})
+    return labelled(source, tables | {"stop": table(of_stop, -1)})
 
 
 def stroboscopic_section(source: Solution | xr.Dataset) -> xr.Dataset:
@@ -104,7 +104,7 @@ def stroboscopic_section(source: Solution | xr.Dataset) -> xr.Dataset:
     ).T
     held_time = np.where(np.isnan(x[..., :1]), np.nan, held_time[None])
     own = ("period", "mass")
-    return label(source, {"x": (own, x), "v": (own, v), "held_time": (("period", "stop"), held_time)})
+    return labelled(source, {"x": (own, x), "v": (own, v), "held_time": (("period", "stop"), held_time)})
 
 
 def _time_held(sol: Solution, stop: int, edges: np.ndarray) -> np.ndarray:

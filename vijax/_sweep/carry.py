@@ -11,8 +11,8 @@ import jax
 import numpy as np
 
 from .._execution.carry_start import carried_start
-from .._execution.points import Point
-from .._execution.runner import AbstractRunner, Found, together
+from .._execution.points import LaneInput
+from .._execution.runner import AbstractRunner, PointResults, together
 from .._execution.settings import ExecutionSettings
 
 
@@ -22,12 +22,12 @@ def lanes_of_chains(settings: ExecutionSettings, num_chains: int) -> int:
 
 
 def run_chains(
-    points: Point,
+    points: LaneInput,
     chain: np.ndarray,
     runner: AbstractRunner,
     tell: Callable[[int], object],
     settings: ExecutionSettings,
-) -> Found:
+) -> PointResults:
     """Run points along chains, some visits of all of them at a time.
 
     Args:
@@ -48,16 +48,16 @@ def run_chains(
         if k > 0:
             which = np.searchsorted(np.sort(pieces[k - 1], axis=None), pieces[k - 1][-1])
             x0[:, piece[0]], v0[:, piece[0]] = _starts(points, piece[0], parts[-1], which)
-        parts.append(runner.run(Point(points.system, x0, v0), piece, tell))
+        parts.append(runner.run(LaneInput(points.system, x0, v0), piece, tell))
     return together(enumerate(parts), pieces)
 
 
 def _starts(
-    points: Point, following: np.ndarray, found: Found, which: np.ndarray
+    points: LaneInput, following: np.ndarray, found: PointResults, which: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Starts of points that follow on some of those found."""
     of_points = lambda a: a if a.shape[-1] == 1 else a[..., following]  # noqa: E731
-    own = Point(jax.tree.map(of_points, points.system), points.x0[:, following], points.v0[:, following])
+    own = LaneInput(jax.tree.map(of_points, points.system), points.x0[:, following], points.v0[:, following])
     x, v, held = (found.ends[name][..., which] for name in ("x", "v", "held"))
     x, v = carried_start(own.system, (x, v), held, (own.x0, own.v0))
     return np.asarray(x), np.asarray(v)

@@ -6,10 +6,10 @@ import jax
 import numpy as np
 import xarray as xr
 
-from .._dataset_attributes import flags, label
-from .._execution.points import Point
-from .._execution.records import Column, Impact, chosen
-from .._execution.runner import Counts, Found
+from .._dataset_attributes import flags, variable_attributes
+from .._execution.points import LaneInput
+from .._execution.records import Column, Impact, selected_rows
+from .._execution.runner import Counts, PointResults
 from .._system.contact import AbstractLimit
 from .._system.parameters import axis_names
 from .._system.system import ImpactSystem
@@ -34,11 +34,11 @@ _DIMS = dict.fromkeys(_OF_STOPS, ("stop",)) | {
 
 
 def dataset(
-    points: Point,
+    points: LaneInput,
     axes: dict[str, np.ndarray],
     shape: tuple[int, ...],
     counts: Counts,
-    found: Found,
+    found: PointResults,
     attributes: dict[str, str | int],
 ) -> xr.Dataset:
     """Label the results of a sweep.
@@ -74,7 +74,7 @@ def dataset(
 def labelled(ds: xr.Dataset) -> xr.Dataset:
     """The same with the meaning of every variable."""
     for name, variable in ds.variables.items():
-        variable.attrs = label(str(name))
+        variable.attrs = variable_attributes(str(name))
     return ds
 
 
@@ -89,21 +89,21 @@ def coordinates_of(system: ImpactSystem, axes: dict[str, np.ndarray]) -> dict[st
     return coordinates
 
 
-def _impact_table(points: Point, counts: Counts, found: Found) -> dict[str, np.ndarray]:
+def _impact_table(points: LaneInput, counts: Counts, found: PointResults) -> dict[str, np.ndarray]:
     """The impacts of every point in a row, padded to the longest, (points, impacts)."""
     impacts = found.impacts
     longest = min(int(found.ends["num_impacts"].sum(axis=0).max(initial=0)), counts.max_impacts)
     shape = points.x0.shape[-1], longest
-    none = _impact_columns(points, chosen(impacts, slice(0)))
+    none = _impact_columns(points, selected_rows(impacts, slice(0)))
     tables = {name: np.full(shape, FILL.get(name, np.nan), a.dtype) for name, a in none.items()}
     for first in range(0, len(impacts.point), _ROWS):
-        rows = chosen(impacts, slice(first, first + _ROWS))
+        rows = selected_rows(impacts, slice(first, first + _ROWS))
         for name, column in _impact_columns(points, rows).items():
             tables[name][rows.point, rows.number] = column
     return tables
 
 
-def _impact_columns(points: Point, rows: Impact) -> dict[str, np.ndarray]:
+def _impact_columns(points: LaneInput, rows: Impact) -> dict[str, np.ndarray]:
     """What is told of some impacts, (impacts,)."""
     stops, point = points.system.stops, rows.point
     frequency = np.broadcast_to(points.system.forcing.frequency, points.x0.shape[-1])[point]
@@ -134,7 +134,7 @@ def _of_points(point: Column, a: np.ndarray) -> np.ndarray:
     return a[..., point] if a.shape[-1] > 1 else a
 
 
-def _section_table(counts: Counts, found: Found) -> dict[str, np.ndarray]:
+def _section_table(counts: Counts, found: PointResults) -> dict[str, np.ndarray]:
     """Where every point was at the end of each recorded period; NaN for those it did not reach."""
     is_reached = np.arange(counts.record) < (found.ends["periods"] - counts.transient)[:, None]
     x, v, held_time = (
@@ -144,7 +144,7 @@ def _section_table(counts: Counts, found: Found) -> dict[str, np.ndarray]:
     return {"section_x": x, "section_v": v, "held_time": np.diff(held_time, axis=1, prepend=0)}
 
 
-def _exponents_table(counts: Counts, found: Found, period: np.ndarray) -> dict[str, np.ndarray]:
+def _exponents_table(counts: Counts, found: PointResults, period: np.ndarray) -> dict[str, np.ndarray]:
     """Lyapunov exponents of every point and their errors; NaN where it did not reach the end."""
     means = exponents(in_blocks(found.ends["section_growth"]), counts.record, period)
     is_done = (found.ends["periods"] >= counts.transient + counts.record)[:, None]
@@ -152,7 +152,7 @@ def _exponents_table(counts: Counts, found: Found, period: np.ndarray) -> dict[s
     return dict(zip(("lyapunov_exponents", "lyapunov_error"), kept, strict=True))
 
 
-def _end_table(points: Point, counts: Counts, found: Found) -> dict[str, np.ndarray]:
+def _end_table(points: LaneInput, counts: Counts, found: PointResults) -> dict[str, np.ndarray]:
     """End of every point's trajectory, points first."""
     ends = found.ends
     is_full = ends["num_impacts"].sum(axis=0) > counts.max_impacts

@@ -21,7 +21,7 @@ import numpy as np
 import xarray as xr
 
 from .._execution.store import read_manifest
-from .._writing import told_where
+from .._writing import naming_argument
 from .dataset import FILL
 
 # Impacts of a point that stand in one file.
@@ -136,7 +136,7 @@ class Folder:
         return xr.open_zarr(self.path, consolidated=False).isel(impact=slice(0, longest))
 
 
-def begin(folder: Folder, coordinates: xr.Dataset, manifest: dict[str, Any]) -> Folder:
+def open_folder(folder: Folder, coordinates: xr.Dataset, manifest: dict[str, Any]) -> Folder:
     """Begin a folder, or go on with one that holds the same sweep.
 
     It is made under another name, which it changes when it is whole: one process, the first, begins it.
@@ -160,7 +160,7 @@ def begin(folder: Folder, coordinates: xr.Dataset, manifest: dict[str, Any]) -> 
             )
         part = path.with_name(f"{path.name}.{uuid.uuid4().hex}.part")
         try:
-            with told_where("out", path):
+            with naming_argument("out", path):
                 coordinates.to_zarr(part, zarr_format=3, consolidated=False)
                 for name in (_LONGEST, _FILES):
                     _group(part).create_array(

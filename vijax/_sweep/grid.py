@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import jax
 import numpy as np
 
-from .._execution.points import Point, points_of_lanes
+from .._execution.points import LaneInput, points_of_lanes
 from .._jax.arrays import Numbers, as_float
 from .._system.system import ImpactSystem
 
@@ -30,12 +30,12 @@ def values_of(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:
     return axes
 
 
-def base_of(system: ImpactSystem, x0: Numbers | None, v0: Numbers | None) -> Point:
+def base_of(system: ImpactSystem, x0: Numbers | None, v0: Numbers | None) -> LaneInput:
     """The machine and start that hold where nothing is swept."""
     n = system.num_masses
     given = {"x0": x0, "v0": v0}
     starts = (np.zeros(n) if a is None else np.asarray(as_float(a, name)) for name, a in given.items())
-    base = Point(system, *starts)
+    base = LaneInput(system, *starts)
     for name in ("x0", "v0"):
         if getattr(base, name).shape != (n,):
             raise ValueError(
@@ -44,7 +44,7 @@ def base_of(system: ImpactSystem, x0: Numbers | None, v0: Numbers | None) -> Poi
     return base
 
 
-def grid_points(base: Point, axes: dict[str, np.ndarray], *, twice: bool = False) -> Point:
+def grid_points(base: LaneInput, axes: dict[str, np.ndarray], *, twice: bool = False) -> LaneInput:
     """The machines and starts of a product grid, of two after one another if `twice`."""
     dtype = base.system.mass.dtype
     grid = np.indices([len(axis) for axis in axes.values()]).reshape(len(axes), -1)
@@ -52,4 +52,4 @@ def grid_points(base: Point, axes: dict[str, np.ndarray], *, twice: bool = False
     swept = {path: axis[i].astype(dtype) for (path, axis), i in zip(axes.items(), grid, strict=True)}
     points = jax.tree.map(lambda a: np.asarray(a, dtype), points_of_lanes(base, swept))
     full = lambda a: np.array(np.broadcast_to(a, (base.system.num_masses, grid.shape[1])))  # noqa: E731
-    return Point(points.system, full(points.x0), full(points.v0))
+    return LaneInput(points.system, full(points.x0), full(points.v0))

@@ -13,19 +13,19 @@ import numpy as np
 import xarray as xr
 
 from .._dataset_attributes import versions
-from .._execution.points import Point, with_values
+from .._execution.points import LaneInput, with_values
 from .._execution.runner import Counts
 from .._flow.interface import AbstractFlow
 from .._system.description import build_from, describe
-from .._system.force import ToldForce
-from .._system.force_description import TOLD
+from .._system.force import NamedForce
+from .._system.force_description import NAMED_FORCE
 from .._system.forces_by_path import Allowed
 from .._system.parameters import axis_names, force_parameters, is_of_force, is_parameter
 from .._system.system import ImpactSystem, bound, unbound
 
 
 def origin(
-    base: Point, counts: Counts, *, flow: str, carry: str | None, goes_on: bool
+    base: LaneInput, counts: Counts, *, flow: str, carry: str | None, goes_on: bool
 ) -> dict[str, str | int]:
     """Attributes of a dataset: everything beside the swept values that determines the results.
 
@@ -110,7 +110,7 @@ def machines_of(
             the value of the machine that was swept.
         which: the points that are wanted, counted through `dims`; all of them if left out.
         allow_forces: as for `system_of`.
-        force: likewise; with `TOLD` the machines are known but for their force.
+        force: likewise; with `NAMED_FORCE` the machines are known but for their force.
 
     Returns:
         The machines as arrays of NumPy, lanes last, their forces bound; leaves that are the same everywhere have a
@@ -124,7 +124,7 @@ def machines_of(
         raise ValueError("Argument `ds` must carry the attributes of `vx.sweep`, but has no `system`.")
     system = _built(ds.attrs, allow_forces, force)
     start = np.zeros(system.num_masses, ds.attrs["dtype"])
-    base, sizes = Point(system, start, start), [ds.sizes[dim] for dim in dims]
+    base, sizes = LaneInput(system, start, start), [ds.sizes[dim] for dim in dims]
     which = np.arange(math.prod(sizes)) if which is None else which
     places = dict(zip(dims, np.unravel_index(which, sizes), strict=True)) if dims else {}
     swept: dict[str, np.ndarray] = {}
@@ -143,7 +143,7 @@ def machines_of(
 
 def _built(attributes: dict[Any, Any], allow_forces: Allowed, force: Callable | None) -> ImpactSystem:
     """The machine that was swept, its force bound; one without a force, which cannot change, is built once."""
-    if force is None or isinstance(force, ToldForce):
+    if force is None or isinstance(force, NamedForce):
         text, dtype = str(attributes["system"]), str(attributes.get("dtype"))
         system = _without_force(text, dtype, bool(jax.config.read("jax_enable_x64")))
         if system.force is None or force is not None:
@@ -155,11 +155,11 @@ def _built(attributes: dict[Any, Any], allow_forces: Allowed, force: Callable | 
 def _without_force(text: str, dtype: str, x64: bool) -> ImpactSystem:
     """The machine, of a force no more than its name."""
     del x64  # the precision that it is built in
-    return build_from({"system": text, "dtype": dtype}, force=TOLD)
+    return build_from({"system": text, "dtype": dtype}, force=NAMED_FORCE)
 
 
 def _swept_values(
-    ds: xr.Dataset, base: Point, dims: set[Hashable]
+    ds: xr.Dataset, base: LaneInput, dims: set[Hashable]
 ) -> dict[str, tuple[list[Hashable], xr.DataArray]]:
     """For every path that varies along `dims` alone, those dimensions and the values, with them first."""
     found = {}
@@ -171,7 +171,7 @@ def _swept_values(
         # Names given to a parameter's own dimension, `mass` for instance, are no values.
         if dims.issuperset(along) and not is_counter and name not in own:
             found[path] = along, values.transpose(*along, *own)
-    is_told = isinstance(base.system.force, ToldForce)  # whose numbers are none of the machine's
+    is_told = isinstance(base.system.force, NamedForce)  # whose numbers are none of the machine's
     return {
         path: values
         for path, values in found.items()

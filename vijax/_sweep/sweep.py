@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from .._execution.cluster import choose_runner
-from .._execution.points import Point
+from .._execution.points import LaneInput
 from .._execution.runner import Counts
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._execution.store import describe_sweep, open_store
@@ -196,8 +196,8 @@ def _chain(shape: tuple[int, ...], carry: str | None) -> np.ndarray | None:
 
 
 def _start_from(
-    points: Point, before: xr.Dataset, chain: np.ndarray | None, shape: tuple[int, ...], carry: str | None
-) -> Point:
+    points: LaneInput, before: xr.Dataset, chain: np.ndarray | None, shape: tuple[int, ...], carry: str | None
+) -> LaneInput:
     """Start where an earlier sweep ended: point by point, or a chain where the chain before it ended."""
     n = len(points.x0)
     x, v = (before[name].transpose("mass", ...).values for name in ("x", "v"))
@@ -214,4 +214,4 @@ def _start_from(
     x0, v0 = points.x0.copy(), points.v0.copy()
     which = np.arange(x0.shape[1]) if chain is None else chain[0]
     x0[:, which], v0[:, which] = x.reshape(n, -1), v.reshape(n, -1)
-    return Point(points.system, x0, v0)
+    return LaneInput(points.system, x0, v0)

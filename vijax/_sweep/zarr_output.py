@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 from .._execution.cluster import part_of
-from .._execution.points import Point, with_values
+from .._execution.points import LaneInput, with_values
 from .._execution.runner import Counts
 from .._execution.settings import ExecutionSettings
 from .._execution.store import describe_sweep
@@ -30,7 +30,7 @@ from .._flow.taylor import TaylorFlow
 from .._hybrid.sticking import can_any_stick
 from .._progress import tqdm
 from .dataset import coordinates_of, dataset, labelled
-from .folder import Folder, begin
+from .folder import Folder, open_folder
 from .grid import grid_points
 from .outcomes import warn_of_endings
 from .provenance import name_of_flow, origin
@@ -52,13 +52,13 @@ class _Sweep(eqx.Module):
         in_all: the number of points.
     """
 
-    base: Point
+    base: LaneInput
     counts: Counts
     flow: AbstractFlow | None
     settings: ExecutionSettings
     in_all: int
 
-    def points(self, axes: dict[str, np.ndarray]) -> Point:
+    def points(self, axes: dict[str, np.ndarray]) -> LaneInput:
         """The points of a block, two at least, or their numbers would seem shared by all."""
         points = grid_points(self.base, axes)
         return part_of(points, np.arange(points.x0.shape[-1])) if self.in_all > 1 else points
@@ -74,7 +74,7 @@ class _Sweep(eqx.Module):
 
 def write_sweep(
     out: str | os.PathLike[str],
-    base: Point,
+    base: LaneInput,
     axes: dict[str, np.ndarray],
     counts: Counts,
     flow: AbstractFlow | None,
@@ -178,4 +178,4 @@ def _begun(folder: Folder, sweep: _Sweep, axes: dict[str, np.ndarray], flow: Abs
     one = with_values(sweep.base, {})
     manifest = describe_sweep(attributes, axes, one, flow, sweep.settings) | {"layout": _LAYOUT}
     coordinates = labelled(xr.Dataset(coords=coordinates_of(one.system, axes), attrs=attributes))
-    return begin(folder, coordinates, manifest)
+    return open_folder(folder, coordinates, manifest)

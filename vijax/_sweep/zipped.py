@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from .._execution.cluster import choose_runner
-from .._execution.points import Point, points_of_lanes
+from .._execution.points import LaneInput, points_of_lanes
 from .._execution.runner import Counts
 from .._execution.settings import ExecutionSettings
 from .._flow.choose import choose_flow
@@ -55,7 +55,7 @@ def sweep_zipped(
     x0, v0 = np.split(states, 2, axis=1)
     starts = {"x0": x0, "v0": v0}
     zero = np.zeros(system.num_masses, np.asarray(system.mass).dtype)
-    base = Point(system, zero, zero)
+    base = LaneInput(system, zero, zero)
     given = dict(values) | starts
     points = points_of_lanes(base, given)
     can_stick = can_any_stick(points.system, points.x0, points.v0)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._jax.arrays import Reals, as_float, concrete, whole_number
-from .._printing import as_html, as_text, told_of_contact
+from .._printing import as_html, as_text, describe_contact
 from .checks import FINITE, RESTITUTION, check_one
 from .forcing import Harmonic
 from .waves import Waves
@@ -180,10 +180,10 @@ class Contact(AbstractLimit):
             raise ValueError("Argument `row` must have a coefficient that is not zero.")
 
     def __repr__(self) -> str:
-        return as_text(told_of_contact, self)
+        return as_text(describe_contact, self)
 
     def _repr_html_(self) -> str:
-        return as_html(told_of_contact, self)
+        return as_html(describe_contact, self)
 
     @property
     def sign(self) -> int:

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from .._writing import told_where
+from .._writing import naming_argument
 from .description import build, describe
-from .force_description import TOLD, check_force_is_told
+from .force_description import NAMED_FORCE, check_force_is_described
 from .forces_by_path import Allowed
 from .system import ImpactSystem, with_args
 from .tables import table_of
@@ -48,10 +48,10 @@ def save(system: ImpactSystem, file: str | os.PathLike[str], *, args: object = N
     if args is not None:
         system = with_args(system, args)
     description = describe(system)
-    check_force_is_told(description)
+    check_force_is_described(description)
     build(description, system.mass.dtype)  # refuses what would not come back, a batch for instance
     text = _text(path, _without_none(description))
-    with told_where("file", path):
+    with naming_argument("file", path):
         path.write_text(text, encoding="utf-8")
 
 
@@ -93,7 +93,7 @@ def load(file: str | os.PathLike[str], *, allow_forces: Allowed = False) -> Impa
 
 def look_at(table: dict[str, Any], file: str | os.PathLike[str]) -> ImpactSystem:
     """The machine of a file that is read, to be printed or drawn: its force has no more than a name, and nothing is imported."""
-    return machine_of_table(table, file, force=TOLD)
+    return machine_of_table(table, file, force=NAMED_FORCE)
 
 
 def machine_of_table(

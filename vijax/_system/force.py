@@ -48,7 +48,7 @@ class _Frozen(eqx.Module):
 
 def name_of_force(force: Callable) -> str:
     """Name of a force, and its structure without its numbers."""
-    if isinstance(force, ToldForce):
+    if isinstance(force, NamedForce):
         return force.name
     if isinstance(force, BoundForce):
         args = "" if force.args is None else f" with args {eqx.tree_pformat(force.args, width=10**6)}"
@@ -61,7 +61,7 @@ def whole_force(force: Callable) -> Callable:
     return eqx.combine(force.numbers, force.rest) if isinstance(force, _Frozen) else force
 
 
-class ToldForce(eqx.Module):
+class NamedForce(eqx.Module):
     """In place of a force of which nothing is wanted but its name."""
 
     name: str = eqx.field(static=True)
@@ -80,7 +80,7 @@ class BoundForce(eqx.Module):
         return jnp.asarray(self.force(t, x, v, self.args), x.dtype)
 
 
-def numbers_of(force: Callable | None) -> tuple[PyTree, PyTree]:
+def force_numbers(force: Callable | None) -> tuple[PyTree, PyTree]:
     """The numbers of a force, and of its `args` once they are bound, in trees that the user knows."""
     own, args = (force.force, force.args) if isinstance(force, BoundForce) else (force, None)
     return own.numbers if isinstance(own, _Frozen) else own, args
@@ -96,7 +96,7 @@ def program_of(force: BoundForce, num_masses: int) -> tuple[str, list[np.ndarray
     return re.sub(r"0x[0-9a-f]+", "", str(program.jaxpr)), [np.asarray(a) for a in program.consts]
 
 
-def bind(force: Callable | None, args: PyTree, num_masses: int) -> BoundForce | None:
+def bind_args(force: Callable | None, args: PyTree, num_masses: int) -> BoundForce | None:
     """Give a force its `args`, and refuse what cannot be a force.
 
     Args:

@@ -19,7 +19,7 @@ import jax
 import numpy as np
 
 from .._jax.arrays import as_float
-from .force import BoundForce, ToldForce, as_force, name_of_force, whole_force
+from .force import BoundForce, NamedForce, as_force, name_of_force, whole_force
 from .forces_by_path import Allowed, found_by, found_here, path_of, paths_in, remember
 from .spelling import did_you_mean
 
@@ -29,7 +29,7 @@ _ADVICE = (
     "or give it back, vx.system_of(ds, force=...)."
 )
 # In place of a force where a machine is looked at and never run: it keeps the name of the force alone, and imports nothing.
-TOLD = ToldForce("")
+NAMED_FORCE = NamedForce("")
 
 
 def describe_force(force: Callable | None) -> dict[str, Any]:
@@ -61,8 +61,8 @@ def build_force(
     if told is None:
         _refuse_without_force(args, force)
         return None
-    if isinstance(force, ToldForce):
-        return ToldForce(_name_in(told, args))
+    if isinstance(force, NamedForce):
+        return NamedForce(_name_in(told, args))
     told = {"path": told} if isinstance(told, str) else told
     if force is None:
         _check_path(told)
@@ -74,7 +74,7 @@ def build_force(
     return bound
 
 
-def check_force_is_told(description: dict[str, Any]) -> None:
+def check_force_is_described(description: dict[str, Any]) -> None:
     """Refuse a description that has no more of a force than its name."""
     if description["force"] is not None:
         _check_path(description["force"])
@@ -84,7 +84,7 @@ def _refuse_without_force(args: Any, force: Callable | None) -> None:
     """Refuse what makes no sense for a machine that has no force."""
     if args is not None:
         raise ValueError("`args` are passed to `force`, but there is no `force`.")
-    if force is not None and not isinstance(force, ToldForce):
+    if force is not None and not isinstance(force, NamedForce):
         raise ValueError(
             "Argument `force` stands in for the force of a machine, but this one has none: leave it out."
         )

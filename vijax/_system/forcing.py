@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._jax.arrays import Numbers, as_float, library_of
-from .._printing import as_html, as_text, told_of_harmonic
+from .._printing import as_html, as_text, describe_harmonic
 from .checks import FINITE, NOT_NEGATIVE, check_one
 from .waves import Waves
 
@@ -80,10 +80,10 @@ class Harmonic(eqx.Module):
             check_one(name, getattr(self, name), FINITE)
 
     def __repr__(self) -> str:
-        return as_text(told_of_harmonic, self)
+        return as_text(describe_harmonic, self)
 
     def _repr_html_(self) -> str:
-        return as_html(told_of_harmonic, self)
+        return as_html(describe_harmonic, self)
 
     def num_harmonics(self, lane_axes: int = 0) -> int:
         """How many there are; lanes may stand last."""

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Array, PyTree
 
 from .._jax.arrays import Numbers, as_float
-from .force import numbers_of
+from .force import force_numbers
 from .spelling import did_you_mean
 from .system import ImpactSystem, check_again
 
@@ -33,7 +33,7 @@ Whole = TypeVar("Whole", bound=eqx.Module)
 _LONG = 16
 
 
-class Place(NamedTuple):
+class Location(NamedTuple):
     """Where a parameter stands.
 
     Attributes:
@@ -55,7 +55,7 @@ def is_parameter(whole: eqx.Module, path: str) -> bool:
     return bool(_search(whole, path).leaves)
 
 
-def find_parameter(whole: eqx.Module, path: str) -> Place:
+def find_parameter(whole: eqx.Module, path: str) -> Location:
     """Where the parameter of a path stands.
 
     Raises:
@@ -131,7 +131,7 @@ def is_of_force(path: str) -> bool:
     return re.match(r"(force|args)\b", path) is not None
 
 
-def _search(whole: eqx.Module, path: str) -> Place:
+def _search(whole: eqx.Module, path: str) -> Location:
     """Where a parameter stands; without leaves if the path names nothing."""
     numbers, shapes = _numbers_of_leaves(whole), [np.shape(leaf) for leaf in jax.tree.leaves(whole)]
     name, index = _plain(path), ()
@@ -140,7 +140,7 @@ def _search(whole: eqx.Module, path: str) -> Place:
         found = tuple(i for known, i in numbers.items() if re.fullmatch(pattern, known))
         match = re.fullmatch(r"(.+)\[(\d+)\]", name)
         if found or match is None:
-            return Place(found if all(_is_inside(index, shapes[i]) for i in found) else (), index)
+            return Location(found if all(_is_inside(index, shapes[i]) for i in found) else (), index)
         name, index = match[1], (int(match[2]), *index)
 
 
@@ -161,7 +161,7 @@ def _named(whole: Any) -> PyTree:
     fields = OrderedDict((field.name, getattr(whole, field.name)) for field in dataclasses.fields(whole))
     if not isinstance(whole, ImpactSystem):
         return _named(fields.pop("system")) | fields
-    force, args = numbers_of(whole.force)
+    force, args = force_numbers(whole.force)
     return fields | {"force": force, "args": args}
 
 

@@ -6,7 +6,7 @@ import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
 from .._jax.arrays import Count, Reals, as_float, whole_number
-from .._printing import as_html, as_text, told_of_stop
+from .._printing import as_html, as_text, describe_stop
 from .contact import AbstractLimit
 from .forcing import Harmonic
 
@@ -75,10 +75,10 @@ class Stop(AbstractLimit):
             )
 
     def __repr__(self) -> str:
-        return as_text(told_of_stop, self)
+        return as_text(describe_stop, self)
 
     def _repr_html_(self) -> str:
-        return as_html(told_of_stop, self)
+        return as_html(describe_stop, self)
 
     @property
     def sign(self) -> int:

@@ -10,10 +10,10 @@ from jaxtyping import Array, Float
 
 from .._jax.arrays import Numbers, as_float, concrete, in_full_precision
 from .._jax.errors import checked
-from .._printing import as_html, as_text, told_of_system
+from .._printing import as_html, as_text, describe_system
 from .checks import POSITIVE, check_definite, check_one, check_semidefinite, check_slots, move_alike
 from .contact import Contact
-from .force import BoundForce, as_force, bind, name_of_force
+from .force import BoundForce, as_force, bind_args, name_of_force
 from .forcing import Harmonic
 from .stop import Stop
 
@@ -122,10 +122,10 @@ class ImpactSystem(eqx.Module):
                 check_semidefinite(name, matrix)
 
     def __repr__(self) -> str:
-        return as_text(told_of_system, self, name_of_force)
+        return as_text(describe_system, self, name_of_force)
 
     def _repr_html_(self) -> str:
-        return as_html(told_of_system, self, name_of_force)
+        return as_html(describe_system, self, name_of_force)
 
     @property
     def num_masses(self) -> int:
@@ -196,7 +196,7 @@ def check_again(system: ImpactSystem) -> None:
 def with_args(system: ImpactSystem, args: object) -> ImpactSystem:
     """The machine with its force bound to `args`, in full precision.
 
-    For the force see `bind`. Stops lose a frequency that they were given after the machine was built.
+    For the force see `bind_args`. Stops lose a frequency that they were given after the machine was built.
     """
     system = in_full_precision(system)
     if any(stop.motion is not None and stop.motion.frequency is not None for stop in system.stops):
@@ -207,7 +207,7 @@ def with_args(system: ImpactSystem, args: object) -> ImpactSystem:
 
 def bound(system: ImpactSystem, args: object = None) -> ImpactSystem:
     """The machine with its force bound to `args`, or to those that it has; all else as it is."""
-    force = bind(system.force, args, system.num_masses)
+    force = bind_args(system.force, args, system.num_masses)
     return system if force is None else eqx.tree_at(lambda s: s.force, system, force)
 
 

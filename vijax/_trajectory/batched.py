@@ -70,7 +70,7 @@ def one_by_one(function: Callable, lanes: int, last: PyTree, first: PyTree) -> A
     return jax.vmap(call, (axes, 0))(leaves, first)
 
 
-def chosen(rows: Array, which: Int[Array, "..."]) -> Array:
+def row_of_lane(rows: Array, which: Int[Array, "..."]) -> Array:
     """One of the rows, of each lane its own."""
     return rows[which] if which.ndim == 0 else jnp.take_along_axis(rows, which[None], axis=0)[0]
 

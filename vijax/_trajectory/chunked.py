@@ -19,11 +19,11 @@ from jaxtyping import Array
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Reals
 from .._jax.xla import compile_lightly
-from .._machine.numbers import Numbers
+from .._machine.numbers import MachineNumbers
 from .._machine.state import State, remembering
 from .event_log import EventLog, Restarts
 from .grazing import Grazing
-from .loop import Carry, Request, Task, begin_all, finish, is_over, one_way
+from .loop import Carry, LoopArguments, LoopTask, begin_all, finish, is_over, one_way
 from .solution import Solution
 
 # Events and saved states of one call, and its steps: less than a second.
@@ -67,7 +67,7 @@ class Left(eqx.Module):
 
 @compile_lightly
 def _call(
-    numbers: Numbers, flow: AbstractFlow, request: Request, left: Left, *, can_stick: bool
+    numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, left: Left, *, can_stick: bool
 ) -> tuple[Solution, _Saved, Left]:
     """One call; the solution holds only the first of the saved states, as most ask for no more."""
     solution, left = _run(numbers, flow, request, left, room=_EVENTS, can_stick=can_stick)
@@ -77,7 +77,13 @@ def _call(
 
 
 def _run(
-    numbers: Numbers, flow: AbstractFlow, request: Request, left: Left, *, room: int, can_stick: bool
+    numbers: MachineNumbers,
+    flow: AbstractFlow,
+    request: LoopArguments,
+    left: Left,
+    *,
+    room: int,
+    can_stick: bool,
 ) -> tuple[Solution, Left]:
     """Follow a trajectory from its start, or from where the call before it left it.
 
@@ -111,8 +117,14 @@ def _run(
 
 
 def _begin(
-    numbers: Numbers, flow: AbstractFlow, request: Request, left: Left, *, room: int, can_stick: bool
-) -> tuple[Task, Carry]:
+    numbers: MachineNumbers,
+    flow: AbstractFlow,
+    request: LoopArguments,
+    left: Left,
+    *,
+    room: int,
+    can_stick: bool,
+) -> tuple[LoopTask, Carry]:
     task, carry = begin_all(numbers, flow, request, room=room, can_stick=can_stick, is_whole=False)
     carry = _gone_on(carry, left)
     return eqx.tree_at(lambda t: t.last_step, task, carry.steps + request.max_turns), carry
@@ -135,7 +147,9 @@ def _gone_on(carry: Carry, left: Left) -> Carry:
     return jax.tree.map(lambda a, b: b if a is b else jnp.where(goes_on, a, b), before, carry)
 
 
-def follow_known(numbers: Numbers, flow: AbstractFlow, request: Request, *, can_stick: bool) -> Solution:
+def follow_known(
+    numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, *, can_stick: bool
+) -> Solution:
     """Follow a trajectory, all numbers NumPy's; `request.goals` may be any number of times."""
     ts, left = request.goals, nothing_done(numbers, flow)
     calls: list[_Taken] = []
@@ -153,7 +167,7 @@ def follow_known(numbers: Numbers, flow: AbstractFlow, request: Request, *, can_
             return _joined(solution, ts, calls, int(request.max_events))
 
 
-def _window(request: Request, num_reached: int) -> Request:
+def _window(request: LoopArguments, num_reached: int) -> LoopArguments:
     """The request of one call: the next goals, filled up with the end."""
     waiting = request.goals[num_reached:]
     goals = np.full(_GOALS, request.t1)
@@ -166,7 +180,7 @@ def _window(request: Request, num_reached: int) -> Request:
     )
 
 
-def nothing_done(numbers: Numbers, flow: AbstractFlow) -> Left:
+def nothing_done(numbers: MachineNumbers, flow: AbstractFlow) -> Left:
     """The input of the first call, in the shapes of what a call leaves."""
     left = _nothing(*numbers.rows.shape, numbers.waves.num_harmonics, numbers.mass.dtype)
     if type(flow).memory is AbstractFlow.memory:  # none; to ask the flow would take longer than all else here

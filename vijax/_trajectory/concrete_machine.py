@@ -11,7 +11,7 @@ from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._hybrid.sticking import can_any_stick
 from .._jax.arrays import Reals, as_known
-from .._machine.numbers import Numbers, numbers_of
+from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.system import ImpactSystem, with_args
 
 _MOST = 64
@@ -30,7 +30,7 @@ class KnownMachine:
 
     leaves: list
     system: ImpactSystem
-    numbers: Numbers
+    numbers: MachineNumbers
     flows: dict[bool, AbstractFlow] = field(default_factory=dict)
 
     @cached_property

@@ -22,7 +22,7 @@ from .solution import Solution
 _MOST = 1e20
 
 
-def watch(derivatives: PyTree) -> PyTree:
+def warn_if_large(derivatives: PyTree) -> PyTree:
     """The same derivatives, of a trajectory or by what it depends on; warns if some are too large, as far as that is known."""
     _told(_largest(derivatives))
     return derivatives

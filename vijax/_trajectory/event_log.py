@@ -13,7 +13,7 @@ from .._jax.arrays import UNROLLED, Flag, Reals, Scalar, add_up, lift
 from .._jax.xla import is_any
 from .._machine.machine import Machine
 from .._machine.state import State
-from .._printing import as_html, as_text, told_of_events
+from .._printing import as_html, as_text, describe_events
 from .._system.waves import turned
 from .batched import Writing, put
 
@@ -46,10 +46,10 @@ class EventLog(eqx.Module):
     impulse: Float[Array, " events"]
 
     def __repr__(self) -> str:
-        return as_text(told_of_events, self, KINDS)
+        return as_text(describe_events, self, KINDS)
 
     def _repr_html_(self) -> str:
-        return as_html(told_of_events, self, KINDS)
+        return as_html(describe_events, self, KINDS)
 
 
 class Restarts(eqx.Module):
@@ -154,7 +154,7 @@ def empty_log(first: State, t0: Scalar, room: int, *, is_whole: bool, has_impuls
     )
 
 
-def write(
+def log_row(
     log: Log, after: State, instant: Instant, time: Scalar, live: Flag, max_events: Int[Array, "..."]
 ) -> Log:
     """Write one row if the instant has an event, unless so many are logged already."""

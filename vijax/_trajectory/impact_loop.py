@@ -17,11 +17,11 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import Reals, Scalar
 from .._jax.xla import AbstractTask, bounded_while_any, differentiable, while_any
 from .._machine.machine import OWN_BOUND, Machine, ample_steps, in_periods, prepare
-from .._machine.numbers import Numbers
+from .._machine.numbers import MachineNumbers
 from .._machine.state import State, start_period
 from .single_call import factor_in_reverse
 from .solution import RESULTS
-from .step import begin, flight_to, outcome
+from .step import flight_to, initial_state, outcome
 
 
 class Wanted(eqx.Module):
@@ -127,22 +127,24 @@ class Reverse(NamedTuple):
     raises: bool
 
 
-def follow_to_impact(numbers: Numbers, flow: AbstractFlow, wanted: Wanted, reverse: Reverse) -> Arrival:
+def follow_to_impact(
+    numbers: MachineNumbers, flow: AbstractFlow, wanted: Wanted, reverse: Reverse
+) -> Arrival:
     """Follow a motion to the impact that is wanted, differentiably."""
     return differentiable(_forwards, _backwards, (numbers, flow, wanted, reverse))
 
 
-def _forwards(whole: tuple[Numbers, AbstractFlow, Wanted, Reverse]) -> Arrival:
+def _forwards(whole: tuple[MachineNumbers, AbstractFlow, Wanted, Reverse]) -> Arrival:
     return _follow(*whole[:3], while_any)
 
 
-def _backwards(whole: tuple[Numbers, AbstractFlow, Wanted, Reverse]) -> Arrival:
+def _backwards(whole: tuple[MachineNumbers, AbstractFlow, Wanted, Reverse]) -> Arrival:
     reverse = whole[3]
     refuse = partial(factor_in_reverse, raises=reverse.raises)
     return _follow(*whole[:3], partial(bounded_while_any, max_steps=reverse.max_steps, refuse=refuse))
 
 
-def _follow(numbers: Numbers, flow: AbstractFlow, wanted: Wanted, loop: Callable) -> Arrival:
+def _follow(numbers: MachineNumbers, flow: AbstractFlow, wanted: Wanted, loop: Callable) -> Arrival:
     task, carry = _begin(numbers, flow, wanted)
     last = loop(task, carry)
     is_there = task.is_there(last)
@@ -155,12 +157,12 @@ def _follow(numbers: Numbers, flow: AbstractFlow, wanted: Wanted, loop: Callable
     return Arrival(t, x, v, is_there, result)
 
 
-def _begin(numbers: Numbers, flow: AbstractFlow, wanted: Wanted) -> tuple[_Task, _Carry]:
+def _begin(numbers: MachineNumbers, flow: AbstractFlow, wanted: Wanted) -> tuple[_Task, _Carry]:
     w, span = wanted, jax.lax.stop_gradient(wanted.t1 - wanted.t0)
     machine = prepare(numbers, jnp.where(span > 0, span, 1), (w.t0, w.x0, w.v0), can_stick=True)
     flow = flow.prepare(machine)
     phase0 = machine.phase_at(w.t0)
-    first = begin(flow, machine, phase0, w.x0, w.v0, w.t0)
+    first = initial_state(flow, machine, phase0, w.x0, w.v0, w.t0)
     last_period, last_time = in_periods(machine, span)
     task = _Task(
         flow=flow,

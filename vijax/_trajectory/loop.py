@@ -19,19 +19,19 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED_ALONE, Reals, Scalar
 from .._jax.xla import AbstractTask, in_one_kernel, while_any
 from .._machine.machine import OWN_BOUND, Machine, ample_steps, in_periods, prepare
-from .._machine.numbers import Numbers
+from .._machine.numbers import MachineNumbers
 from .._machine.state import State, start_period
-from .batched import Writing, chosen, put, to_all
-from .event_log import Log, empty_log, event_log, write
+from .batched import Writing, put, row_of_lane, to_all
+from .event_log import Log, empty_log, event_log, log_row
 from .grazing import Grazing, nothing_met, update_grazing
 from .solution import RESULTS, Solution
-from .step import advance, begin
+from .step import advance, initial_state
 
 # `max_turns` of a call that does all at once: the largest number of 32 bits, as JAX may have no 64-bit ones.
 NO_PAUSE = np.iinfo(np.int32).max
 
 
-class Request(NamedTuple):
+class LoopArguments(NamedTuple):
     """Arguments of one call of the loop; a tuple, as one is made at every call, which takes a module 50 microseconds.
 
     Attributes:
@@ -85,7 +85,7 @@ class Carry(eqx.Module):
     grazing: Grazing
 
 
-class Task(AbstractTask):
+class LoopTask(AbstractTask):
     """The loop body and all that it depends on, so that derivatives see it."""
 
     flow: AbstractFlow
@@ -109,7 +109,7 @@ class Task(AbstractTask):
         """One step of the motion, its events logged and its state saved where asked for."""
         state, live = carry.state, self.is_live(carry)
         goal = jnp.minimum(carry.goal, len(self.goal_times) - 1)
-        goal_periods, goal_time = (chosen(a, goal) for a in (self.goal_periods, self.goal_times))
+        goal_periods, goal_time = (row_of_lane(a, goal) for a in (self.goal_periods, self.goal_times))
         is_last_period = state.periods >= goal_periods
         target = jnp.where(is_last_period, goal_time, self.machine.period)
         after, instant = advance(self.flow, self.machine, state, target, self.resolution)
@@ -122,7 +122,7 @@ class Task(AbstractTask):
         (xs, vs), *_ = put(is_saved, Writing((carry.xs, carry.vs), (x[None], v[None]), carry.goal))
         return Carry(
             state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),
-            log=write(carry.log, after, instant, time, live, self.max_events),
+            log=log_row(carry.log, after, instant, time, live, self.max_events),
             xs=xs,
             vs=vs,
             goal=carry.goal + is_saved,
@@ -153,8 +153,14 @@ def one_way(
 
 
 def begin_all(
-    numbers: Numbers, flow: AbstractFlow, r: Request, *, room: int, can_stick: bool, is_whole: bool = True
-) -> tuple[Task, Carry]:
+    numbers: MachineNumbers,
+    flow: AbstractFlow,
+    r: LoopArguments,
+    *,
+    room: int,
+    can_stick: bool,
+    is_whole: bool = True,
+) -> tuple[LoopTask, Carry]:
     """The loop of a request, of one trajectory or of several with lanes last, and what it begins with.
 
     Args:
@@ -172,7 +178,7 @@ def begin_all(
     phase0 = machine.phase_at(t0)
     goals = jnp.concatenate([r.goals, r.t1[None]])
     goal_periods, goal_times = in_periods(machine, goals - t0)
-    first = begin(flow, machine, phase0, r.x0, r.v0, t0)
+    first = initial_state(flow, machine, phase0, r.x0, r.v0, t0)
     empty = partial(empty_log, room=room, is_whole=is_whole, has_impulses=machine.contacts.is_coupled)
     if t0.ndim:
         first = to_all(first, *t0.shape)
@@ -189,7 +195,7 @@ def begin_all(
         is_finite=r.is_sound,
         grazing=nothing_met(t0),
     )
-    task = Task(
+    task = LoopTask(
         flow=flow,
         machine=machine,
         t0=t0,
@@ -205,12 +211,12 @@ def begin_all(
     return task, carry
 
 
-def is_over(task: Task, last: Carry, request: Request) -> Bool[Array, "..."]:
+def is_over(task: LoopTask, last: Carry, request: LoopArguments) -> Bool[Array, "..."]:
     """Whether the trajectory came to its end."""
     return request.is_last & (last.goal >= task.num_goals)
 
 
-def finish(task: Task, last: Carry, request: Request, room: int) -> Solution:
+def finish(task: LoopTask, last: Carry, request: LoopArguments, room: int) -> Solution:
     """The trajectory, with what this call saw of it."""
     machine, t0, t1 = task.machine, task.t0, request.t1
     state, log, ts = last.state, last.log, request.goals

@@ -10,19 +10,19 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import Reals, library_of
 from .._jax.xla import AbstractTask, compile_lightly, while_any
 from .._machine.machine import OWN_BOUND, Machine, ample_steps, prepare
-from .._machine.numbers import Numbers
+from .._machine.numbers import MachineNumbers
 from .._machine.state import State, start_period
 from .chunked import nothing_done
 from .loop import one_way
 from .solution import RESULTS
-from .step import begin
+from .step import initial_state
 from .tangent_frame import Tangents, advance_with, first_tangents
 
 # The periods are cut into so many blocks, by which the error of a mean is told.
 BLOCKS = 20
 
 
-class Request(eqx.Module):
+class ExponentRequest(eqx.Module):
     """What is asked for.
 
     Attributes:
@@ -97,7 +97,9 @@ class _Task(AbstractTask):
         )
 
 
-def follow_growth(numbers: Numbers, flow: AbstractFlow, request: Request) -> tuple[Growth, Bool[Array, ""]]:
+def follow_growth(
+    numbers: MachineNumbers, flow: AbstractFlow, request: ExponentRequest
+) -> tuple[Growth, Bool[Array, ""]]:
     """Follow a motion to its end.
 
     Args:
@@ -113,7 +115,7 @@ def follow_growth(numbers: Numbers, flow: AbstractFlow, request: Request) -> tup
 
 
 def _begin(
-    numbers: Numbers, flow: AbstractFlow, request: Request, so_far: Growth | None, turns: Reals
+    numbers: MachineNumbers, flow: AbstractFlow, request: ExponentRequest, so_far: Growth | None, turns: Reals
 ) -> tuple[_Task, Growth]:
     r = jax.tree.map(jnp.asarray, request)
     zero = jnp.zeros_like(r.x0[0])
@@ -122,7 +124,9 @@ def _begin(
     flow, phase0 = flow.prepare(machine), machine.phase_at(zero)
     count = jnp.zeros_like(r.transient)
     nothing = jnp.zeros((BLOCKS, 2 * r.x0.size), r.x0.dtype)
-    carry = Growth(begin(flow, machine, phase0, r.x0, r.v0), first_tangents(r.x0), nothing, count, r.is_sound)
+    carry = Growth(
+        initial_state(flow, machine, phase0, r.x0, r.v0), first_tangents(r.x0), nothing, count, r.is_sound
+    )
     if so_far is not None:
         carry = jax.tree.map(lambda new, old: jnp.where(so_far.steps > 0, old, new), carry, so_far)
     span = (r.transient + r.num_periods) * machine.period
@@ -138,13 +142,13 @@ def _told(task: _Task, last: Growth) -> tuple[Growth, Bool[Array, ""]]:
 
 @compile_lightly
 def follow_some_growth(
-    numbers: Numbers, flow: AbstractFlow, request: Request, so_far: Growth, turns: Reals
+    numbers: MachineNumbers, flow: AbstractFlow, request: ExponentRequest, so_far: Growth, turns: Reals
 ) -> tuple[Growth, Bool[Array, ""]]:
     """`follow_growth` for known numbers, by some steps from where it stands; the start, if no step was taken."""
     return _told(*one_way(_begin, (numbers, flow, request, so_far, turns)))
 
 
-def no_growth(numbers: Numbers, flow: AbstractFlow) -> Growth:
+def no_growth(numbers: MachineNumbers, flow: AbstractFlow) -> Growth:
     """The input of the first call, in the shapes of what a call leaves."""
     left, size = nothing_done(numbers, flow), 2 * numbers.mass.shape[-1]
     shapes = (size, size), (size,), (BLOCKS, size)
@@ -152,7 +156,7 @@ def no_growth(numbers: Numbers, flow: AbstractFlow) -> Growth:
     return Growth(left.state, Tangents(frame, growth), totals, left.steps, left.is_finite)
 
 
-def result_of(growth: Growth, request: Request, is_left: Bool[Array, ""]) -> RESULTS:
+def result_of(growth: Growth, request: ExponentRequest, is_left: Bool[Array, ""]) -> RESULTS:
     """What became of the motion."""
     result = RESULTS.where(is_left, RESULTS.max_steps_reached, RESULTS.successful)
     result = RESULTS.where(growth.is_finite, result, RESULTS.non_finite)

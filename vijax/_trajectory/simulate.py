@@ -27,9 +27,9 @@ from .._system.checks import validate_start
 from .._system.system import ImpactSystem, with_args
 from .chunked import follow_known
 from .concrete_machine import known_machine
-from .loop import NO_PAUSE, Request
-from .single_call import Asked, run_whole
-from .solution import RESULTS, Solution, told
+from .loop import NO_PAUSE, LoopArguments
+from .single_call import CallSettings, run_single_call
+from .solution import RESULTS, Solution, result_sentences
 
 
 @padding_allowed
@@ -99,7 +99,7 @@ def simulate(
         Wagg & Bishop (2004), Sec. 3.
     """
     settings = Settings(max_events, max_steps, max_reverse_steps, () if throw else None)
-    return follow(system, t0, t1, x0, v0, settings, ts=ts, flow=flow, args=args)
+    return simulate_with(system, t0, t1, x0, v0, settings, ts=ts, flow=flow, args=args)
 
 
 class Settings(NamedTuple):
@@ -115,7 +115,7 @@ class Settings(NamedTuple):
     allowed: tuple[RESULTS, ...] | None
 
 
-def follow(
+def simulate_with(
     system: ImpactSystem,
     t0: ArrayLike,
     t1: ArrayLike,
@@ -150,7 +150,7 @@ def follow(
     start = stops, system.forcing.frequency, begin, end, times, x, v
     doubts = validate_start(*(start if known else as_far_as_known(start)))
     can_stick = (known is not None and known.can_always_stick) or can_any_stick(system, x, v)
-    request = Request(
+    request = LoopArguments(
         t0=begin,
         t1=end,
         x0=x,
@@ -167,15 +167,15 @@ def follow(
         motion = known.flow(flow, can_stick=can_stick)
         solution = follow_known(known.numbers, motion, request, can_stick=can_stick)
     else:
-        solution = run_whole(
+        solution = run_single_call(
             system,
             choose_flow(system, can_stick=can_stick, wanted=flow),
             request,
-            Asked(max_events, can_stick, max_reverse_steps, raises=settings.allowed is not None),
+            CallSettings(max_events, can_stick, max_reverse_steps, raises=settings.allowed is not None),
         )
     if settings.allowed is None:
         return solution
-    return checked(solution, *numbered(doubts, *told(solution.result, settings.allowed)))
+    return checked(solution, *numbered(doubts, *result_sentences(solution.result, settings.allowed)))
 
 
 def bound_of_steps(max_steps: Any) -> Array | np.ndarray:

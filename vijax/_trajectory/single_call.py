@@ -13,16 +13,16 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED, Scalar
 from .._jax.errors import lock
 from .._jax.xla import bounded_while_any, differentiable, not_constant, while_any
-from .._machine.numbers import Numbers, numbers_of
+from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.system import ImpactSystem
 from .batched import in_groups, one_by_one, to_all
-from .derivative_growth import watch, watch_closely
+from .derivative_growth import warn_if_large, watch_closely
 from .event_log import Log
-from .loop import Carry, Request, Task, begin_all, finish, one_way
-from .solution import RESULTS, Solution, told
+from .loop import Carry, LoopArguments, LoopTask, begin_all, finish, one_way
+from .solution import RESULTS, Solution, result_sentences
 
 
-class Asked(NamedTuple):
+class CallSettings(NamedTuple):
     """What is decided before a trajectory is followed in one call.
 
     Attributes:
@@ -38,27 +38,31 @@ class Asked(NamedTuple):
     raises: bool
 
 
-def run_whole(
-    machine: ImpactSystem | Numbers, flow: AbstractFlow, request: Request, asked: Asked
+def run_single_call(
+    machine: ImpactSystem | MachineNumbers, flow: AbstractFlow, request: LoopArguments, asked: CallSettings
 ) -> Solution:
     """Follow a trajectory in one call, differentiably."""
     # A program with `throw` calls back into Python anyway.
-    watched = watch_closely if asked.raises else watch
+    watched = watch_closely if asked.raises else warn_if_large
     return differentiable(_forwards, _backwards, (machine, flow, request, asked), _side_by_side, watched)
 
 
-def _forwards(whole: tuple[ImpactSystem | Numbers, AbstractFlow, Request, Asked]) -> Solution:
+def _forwards(
+    whole: tuple[ImpactSystem | MachineNumbers, AbstractFlow, LoopArguments, CallSettings],
+) -> Solution:
     return _run_whole(*whole, while_any)
 
 
-def _backwards(whole: tuple[ImpactSystem | Numbers, AbstractFlow, Request, Asked]) -> Solution:
+def _backwards(
+    whole: tuple[ImpactSystem | MachineNumbers, AbstractFlow, LoopArguments, CallSettings],
+) -> Solution:
     asked = whole[3]
     refuse = partial(factor_in_reverse, raises=asked.raises)
     return _run_whole(*whole, partial(bounded_while_any, max_steps=asked.max_reverse_steps, refuse=refuse))
 
 
 def _side_by_side(
-    whole: tuple[ImpactSystem | Numbers, AbstractFlow, Request, Asked], num_lanes: int
+    whole: tuple[ImpactSystem | MachineNumbers, AbstractFlow, LoopArguments, CallSettings], num_lanes: int
 ) -> Solution:
     """Trajectories with lanes last; what is returned has them in front."""
     machine, flow, request, asked = whole
@@ -67,14 +71,16 @@ def _side_by_side(
         return in_groups(partial(_follow_group, asked), arguments, num_lanes)
 
 
-def _follow_group(asked: Asked, arguments: tuple[Numbers, AbstractFlow, Request], num_lanes: int) -> Solution:
+def _follow_group(
+    asked: CallSettings, arguments: tuple[MachineNumbers, AbstractFlow, LoopArguments], num_lanes: int
+) -> Solution:
     numbers, flow, request = arguments
     request = to_all(request, num_lanes)
     prepare = partial(begin_all, room=asked.room, can_stick=asked.can_stick)
     task, last = one_way(prepare, (numbers, flow, request), most=UNROLLED)
     written = lambda carry: (carry.log, carry.xs, carry.vs)  # noqa: E731
 
-    def finish_one(lane: tuple[Task, Carry, Request], rows: tuple[Log, Array, Array]) -> Solution:
+    def finish_one(lane: tuple[LoopTask, Carry, LoopArguments], rows: tuple[Log, Array, Array]) -> Solution:
         task, last, request = lane
         last = eqx.tree_at(written, last, rows, is_leaf=lambda leaf: leaf is None)
         return finish(task, last, request, asked.room)
@@ -84,18 +90,22 @@ def _follow_group(asked: Asked, arguments: tuple[Numbers, AbstractFlow, Request]
 
 
 def _run_whole(
-    machine: ImpactSystem | Numbers, flow: AbstractFlow, request: Request, asked: Asked, loop: Callable
+    machine: ImpactSystem | MachineNumbers,
+    flow: AbstractFlow,
+    request: LoopArguments,
+    asked: CallSettings,
+    loop: Callable,
 ) -> Solution:
     task, carry = begin_all(_in_numbers(machine), flow, request, room=asked.room, can_stick=asked.can_stick)
     return finish(task, loop(task, carry), request, asked.room)
 
 
-def _in_numbers(machine: ImpactSystem | Numbers) -> Numbers:
-    return machine if isinstance(machine, Numbers) else numbers_of(machine)
+def _in_numbers(machine: ImpactSystem | MachineNumbers) -> MachineNumbers:
+    return machine if isinstance(machine, MachineNumbers) else numbers_of(machine)
 
 
 def run_for_log(
-    numbers: Numbers, flow: AbstractFlow, request: Request, *, room: int, can_stick: bool
+    numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, *, room: int, can_stick: bool
 ) -> tuple[Log, RESULTS, Float[Array, " state"]]:
     """Follow a trajectory for its log alone, without derivatives: the log, what became of it, and its end (x, v)."""
     request = jax.tree.map(jnp.asarray, request)
@@ -109,6 +119,8 @@ def factor_in_reverse(is_cut: Bool[Array, ""], *, raises: bool) -> Scalar:
     """Factor of reverse-mode derivatives: 1, or NaN or an error if the loop back was too short."""
     factor = jnp.where(is_cut, jnp.nan, 1.0)
     if raises:
-        number, sentences = told(RESULTS.where(is_cut, RESULTS.max_reverse_steps_reached, RESULTS.successful))
+        number, sentences = result_sentences(
+            RESULTS.where(is_cut, RESULTS.max_reverse_steps_reached, RESULTS.successful)
+        )
         factor = factor * lock(number, sentences)
     return factor

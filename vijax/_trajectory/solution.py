@@ -11,7 +11,7 @@ import lazy_loader
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._dataset_attributes import flags, label, versions
+from .._dataset_attributes import flags, variable_attributes, versions
 from .._flow.interface import AbstractFlow
 from .._flow.smooth_flow import coast
 from .._jax.arrays import Flag, Numbers, Reals, Scalar, concrete, is_traced, library_of
@@ -19,7 +19,7 @@ from .._jax.errors import checked
 from .._jax.xla import compile_lightly, padding_allowed
 from .._machine.machine import Machine, in_periods, resting_state
 from .._machine.state import remembering
-from .._printing import as_html, as_text, told_of_solution
+from .._printing import as_html, as_text, describe_solution
 from .event_log import KINDS, EventLog, Restarts
 from .grazing import Grazing
 
@@ -60,7 +60,7 @@ class RESULTS(eqx.Enumeration):
     )
 
 
-def told(result: Any, allowed: Sequence[Any] = ()) -> tuple[Reals, list[str]]:
+def result_sentences(result: Any, allowed: Sequence[Any] = ()) -> tuple[Reals, list[str]]:
     """Arguments of `checked` for a member of `RESULTS` or its like: 0 or the number of the sentence to raise; all sentences."""
     known = concrete(result._value)
     number = result._value if known is None else known
@@ -216,10 +216,10 @@ class Solution(eqx.Module):
         return _dataset(self)
 
     def __repr__(self) -> str:
-        return as_text(told_of_solution, self, tuple(RESULTS._name_to_item), KINDS)
+        return as_text(describe_solution, self, tuple(RESULTS._name_to_item), KINDS)
 
     def _repr_html_(self) -> str:
-        return as_html(told_of_solution, self, tuple(RESULTS._name_to_item), KINDS)
+        return as_html(describe_solution, self, tuple(RESULTS._name_to_item), KINDS)
 
     @padding_allowed
     def _at(self, t: Numbers) -> tuple[Array, Array, Array]:
@@ -370,7 +370,7 @@ def _dataset(solution: Solution) -> "xr.Dataset":
         ts, of_time = ts[0], ("time",)
     ds = xr.Dataset(variables, {"time": (of_time, ts)}, versions() | {"dtype": str(solution.t1.dtype)})
     for name, variable in ds.variables.items():
-        variable.attrs = label(str(name))
+        variable.attrs = variable_attributes(str(name))
     for name, meanings in (("event_kind", KINDS), ("result", tuple(RESULTS._name_to_item))):
         ds[name] = ds[name].astype(np.int8)
         ds[name].attrs |= flags(meanings)

@@ -1,6 +1,6 @@
 """One step of one trajectory: the longest that is proved free of events, or up to the next one.
 
-`begin` makes the first state and `advance`, a flight and its outcome, is all that moves a trajectory. The loops of
+`initial_state` makes the first state and `advance`, a flight and its outcome, is all that moves a trajectory. The loops of
 `simulate` and `sweep`, which call them, know nothing of contacts; these know nothing of logs. A step goes through
 
     fly (`_flow`) -> impacts -> who sticks, who is let go (`_contact`)
@@ -20,7 +20,7 @@ from .._machine.machine import Machine
 from .._machine.state import State, remembering
 
 
-def begin(
+def initial_state(
     flow: AbstractFlow,
     machine: Machine,
     phase: Float[Array, "2 harmonics ..."],

@@ -21,8 +21,8 @@ from ._axes import (
 )
 from ._colors import faded, ink, lightness_of, of_curves, of_points, styled
 from ._contacts import name_of
-from ._labels import ANGLE, VELOCITY, Units, label, swept_quantity, with_unit
-from ._orbits import STABLE, UNKNOWN, UNSTABLE, Orbits, as_sweep, list_of, stability_of
+from ._labels import ANGLE, VELOCITY, Units, axis_label, swept_quantity, with_unit
+from ._orbits import STABLE, UNKNOWN, UNSTABLE, OrbitsLike, as_sweep, list_of, stability_of
 
 ORDINATES = {
     "velocity": ("impact_velocity", "Velocity $v^-$ before impact\nat {}", VELOCITY),
@@ -57,7 +57,7 @@ def bifurcation(
     stop: int = 0,
     *,
     ordinate: str = "velocity",
-    orbits: Orbits | None = None,
+    orbits: OrbitsLike | None = None,
     units: Units | None = None,
     ax: Axes | None = None,
     **style: Any,
@@ -68,7 +68,7 @@ def bifurcation(
     stop: None,
     *,
     ordinate: str = "velocity",
-    orbits: Orbits | None = None,
+    orbits: OrbitsLike | None = None,
     units: Units | None = None,
     ax: Sequence[Axes] | np.ndarray | None = None,
     **style: Any,
@@ -78,7 +78,7 @@ def bifurcation(
     stop: int | None = 0,
     *,
     ordinate: str = "velocity",
-    orbits: Orbits | None = None,
+    orbits: OrbitsLike | None = None,
     units: Units | None = None,
     ax: Axes | Sequence[Axes] | np.ndarray | None = None,
     **style: Any,
@@ -103,7 +103,7 @@ def bifurcation(
             machine at any values of the swept quantity, as from `vx.find_periodic_orbits`, to draw over them.
         units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
         ax: where to draw, also over what is there; for `stop=None` one axes for each stop; new axes if left out.
-        **style: of the points of the sweep, as matplotlib's `plot` takes them: `color`, `marker`, `markersize`, `label`, ...
+        **style: of the points of the sweep, as matplotlib's `plot` takes them: `color`, `marker`, `markersize`, `axis_label`, ...
 
     Returns:
         The axes; an array of them for `stop=None`.
@@ -143,7 +143,7 @@ def bifurcation(
         values = np.concatenate([layer.ds[path].values.ravel() for layer in layers])
         span_of_values(panel, values, so_far)
     _draw_legend(layers, column[0])
-    column[-1].set_xlabel(label(path, units))
+    column[-1].set_xlabel(axis_label(path, units))
     return column if stop is None else column[0]
 
 
@@ -185,7 +185,7 @@ class _Layer(NamedTuple):
     is_swept: bool = True
 
 
-def _layers(sweeps: dict[str, xr.Dataset], path: str, orbits: Orbits) -> list[_Layer]:
+def _layers(sweeps: dict[str, xr.Dataset], path: str, orbits: OrbitsLike) -> list[_Layer]:
     """All that is drawn, the lowest first."""
     if isinstance(orbits, xr.Dataset):
         if len(sweeps) > 1:

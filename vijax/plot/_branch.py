@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from .._branches.branch import Branch
 from .._system.description import build_from
-from .._system.force_description import TOLD
+from .._system.force_description import NAMED_FORCE
 from .._system.parameters import is_of_force, set_parameter
 from .._system.system import ImpactSystem
 from .._trajectory.event_log import IMPACT
@@ -18,8 +18,8 @@ from ._axes import check_index, column_of_axes, legend_beside, once, span_of_val
 from ._bifurcation import bifurcation, label_of_impacts
 from ._colors import faded, ink, of_curves, styled
 from ._contacts import name_of
-from ._impact_lines import Impacts, followed
-from ._labels import Units, label
+from ._impact_lines import OrbitImpacts, followed
+from ._labels import Units, axis_label
 
 _STABILITY = {True: ("-", "stable"), False: ((0, (3.0, 1.5)), "unstable")}
 MARKERS = {
@@ -83,7 +83,7 @@ def branch(
         stop: the stop whose impacts are drawn; None for all, one panel a stop.
         units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
         ax: where to draw, also over what is there; for `stop=None` one axes for each stop; new axes if left out.
-        **style: of the lines, as matplotlib's `plot` takes them: `color`, `linewidth`, `label`, ...
+        **style: of the lines, as matplotlib's `plot` takes them: `color`, `linewidth`, `axis_label`, ...
 
     Returns:
         The axes; an array of them for `stop=None`.
@@ -122,7 +122,7 @@ def branch(
         _draw_curves(curves[j], panel, style)
         _draw_marks(curves[j], panel)
         span_of_values(panel, np.concatenate(values), so_far)
-        panel.set_xlabel(label(path, units) if panel is column[-1] else "")
+        panel.set_xlabel(axis_label(path, units) if panel is column[-1] else "")
         panel.set_ylabel(label_of_impacts("velocity", j, masses, units))
     _draw_legend(column)
     return column if stop is None else column[0]
@@ -156,7 +156,7 @@ def _common(branches: list[Branch], ds: xr.Dataset | None) -> tuple[str, int]:
 
 def _system(points: xr.Dataset) -> ImpactSystem:
     """The machine of a branch, at one of its points, but for its force."""
-    return build_from(points.attrs, force=TOLD)  # of the stops alone
+    return build_from(points.attrs, force=NAMED_FORCE)  # of the stops alone
 
 
 def _stop_masses(branch: Branch) -> np.ndarray:
@@ -196,7 +196,7 @@ def _curves(branch: Branch, stop: int) -> _Curves:
     return _Curves(points[branch.path].values, kinds, is_stable[:-1] & is_stable[1:], lines)
 
 
-def _impacts(points: xr.Dataset, stop: int) -> Iterator[Impacts]:
+def _impacts(points: xr.Dataset, stop: int) -> Iterator[OrbitImpacts]:
     """The impacts of each orbit of a branch."""
     system, path = _system(points), points.attrs["path"]
     times = points.attrs["phase"] + np.cumsum(points["flight"].values, axis=1)
@@ -212,7 +212,7 @@ def _impacts(points: xr.Dataset, stop: int) -> Iterator[Impacts]:
     is_hit = (points["event_kind"].values == IMPACT) & (points["event_stop"].values == stop)
     columns = (times, points["impact_speed"].values, of_stop)
     for k, hits in enumerate(is_hit):
-        yield Impacts(*(column[k][hits] for column in columns))
+        yield OrbitImpacts(*(column[k][hits] for column in columns))
 
 
 def _joined(curves: _Curves, is_stable: bool) -> tuple[np.ndarray, np.ndarray]:

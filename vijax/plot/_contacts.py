@@ -32,7 +32,7 @@ def masses_moved_by(sol: Solution, number: int) -> list[int]:
     return np.flatnonzero(np.asarray(sol.machine.contacts.freed(jnp.asarray(row_of(sol, number))))).tolist()
 
 
-def place_of(sol: Solution, number: int, t: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+def place_on_axis(sol: Solution, number: int, t: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Where it stands on the axis of its mass, and how fast it moves; None if it bears on several."""
     row, masses = row_of(sol, number), masses_of(sol, number)
     if len(masses) > 1:

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from ._axes import legend_beside, new_axes, once
 from ._branch import MARKERS, OTHER, words_of
 from ._colors import ink, looks_of, styled
-from ._labels import Units, label
+from ._labels import Units, axis_label
 
 
 def curves(
@@ -56,8 +56,8 @@ def curves(
         look = styled(style, color=color, linestyle=stroke, linewidth=1.4, label=words)
         ax.plot(one[right].values, one[up].values, **look)
     _mark(several, right, up, ax)
-    ax.set_xlabel(label(right, units))
-    ax.set_ylabel(label(up, units))
+    ax.set_xlabel(axis_label(right, units))
+    ax.set_ylabel(axis_label(up, units))
     legend_beside(ax)
     return ax
 

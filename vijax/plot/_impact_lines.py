@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 
-class Impacts(NamedTuple):
+class OrbitImpacts(NamedTuple):
     """The impacts of an orbit at a stop, in the order of its cycle, (impacts,) each.
 
     Attributes:
@@ -20,11 +20,11 @@ class Impacts(NamedTuple):
 
 
 def followed(
-    impacts: list[Impacts], kinds: np.ndarray, num_periods: int
+    impacts: list[OrbitImpacts], kinds: np.ndarray, num_periods: int
 ) -> list[tuple[list[int], list[float]]]:
     """The numbers of points and the velocities of each impact, from where it comes to where it goes."""
     lines: list[tuple[list[int], list[float]]] = []
-    before, there = Impacts(*np.empty((3, 0))), {}
+    before, there = OrbitImpacts(*np.empty((3, 0))), {}
     for k, now in enumerate(impacts):
         earlier = _partners(before, now, num_periods)
         here = {}
@@ -46,7 +46,7 @@ def followed(
     return lines
 
 
-def _partners(before: Impacts, now: Impacts, num_periods: int) -> dict[int, int]:
+def _partners(before: OrbitImpacts, now: OrbitImpacts, num_periods: int) -> dict[int, int]:
     """Which impact of a cycle is which one of the cycle before it, in the order of both.
 
     Impacts come and go without speed, at a grazing or at the end of a chatter: where one cycle has more, it is its

@@ -17,14 +17,14 @@ from ._contacts import name_of
 from ._labels import ANGLE, VELOCITY, Units, with_unit
 from ._orbits import solution_of
 
-Motion = Solution | PeriodicOrbit | xr.Dataset
+MotionLike = Solution | PeriodicOrbit | xr.Dataset
 
 # Radians without impacts, at least, between two sets of them; and of the longest such part how much is enough around 0.
 _APART, _ENOUGH = 0.2, 0.5
 
 
 def impact_map(
-    sol_or_ds: Motion | Mapping[str, Motion],
+    sol_or_ds: MotionLike | Mapping[str, MotionLike],
     stop: int | None = 0,
     *,
     origin: float | None = None,
@@ -78,9 +78,9 @@ def impact_map(
     return ax
 
 
-def _clouds(motions: Motion | Mapping[str, Motion], stop: int | None) -> tuple[list[Cloud], str]:
+def _clouds(motions: MotionLike | Mapping[str, MotionLike], stop: int | None) -> tuple[list[Cloud], str]:
     """What is drawn, phases and velocities, and the words of the velocity."""
-    is_one = isinstance(motions, Motion)
+    is_one = isinstance(motions, MotionLike)
     named = {"": motions} if is_one else dict(motions)
     if not named:
         raise ValueError("There is no motion to draw: give one, or several by their names.")
@@ -123,7 +123,7 @@ def _origin(phase: np.ndarray) -> float:
     return float(quarter if is_between else middle) - 2 * np.pi
 
 
-def _impacts(motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _impacts(motion: MotionLike) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The masses of the stops, and phase, velocity and stop of every impact."""
     if isinstance(motion, xr.Dataset):
         check_one_machine(dict(motion.result.sizes), "An impact map", ("direction",))

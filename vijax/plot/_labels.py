@@ -46,7 +46,7 @@ def with_unit(words: str, unit: str, units: Units | None) -> str:
     return f"{words} ({written})" if written else words
 
 
-def label(path: str, units: Units | None = None) -> str:
+def axis_label(path: str, units: Units | None = None) -> str:
     """The words, symbol and unit of a swept quantity; its path where there are no words."""
     name, indices = re.sub(r"\[.*?\]", "", path), re.findall(r"\[(\d+)\]", path)
     words, symbol, unit = _QUANTITIES.get(name, (path, "", ""))

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from ._axes import Sweeps, by_name, new_axes, span_of_values, span_so_far
 from ._colors import looks_of, of_curves, styled
-from ._labels import RATE, Units, label, with_unit
+from ._labels import RATE, Units, axis_label, with_unit
 from ._plane import plane
 
 _WORDS = "Lyapunov exponent $\\lambda$"
@@ -27,7 +27,7 @@ def lyapunov(ds: Sweeps, *, units: Units | None = None, ax: Axes | None = None, 
         units: of `time` and swept quantities, as in `{"time": "s"}`; none are written if left out.
         ax: where to draw, also over what is there; new axes if left out.
         **style: of the curves, as matplotlib's `plot` takes them, or of the plane, as `pcolormesh` does: `linewidth`, `cmap`,
-            `label`, ...
+            `axis_label`, ...
 
     Returns:
         The axes.
@@ -53,7 +53,7 @@ def lyapunov(ds: Sweeps, *, units: Units | None = None, ax: Axes | None = None, 
         ax.set_ylabel(with_unit(_WORDS, RATE, units))
     else:
         _plane(next(iter(sweeps.values())), paths[0], ax, units, style)
-    ax.set_xlabel(label(paths[0][0], units))
+    ax.set_xlabel(axis_label(paths[0][0], units))
     return ax
 
 

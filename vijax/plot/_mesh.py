@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection, QuadMesh
 
 from ._colors import ink, styled
-from ._labels import Units, label
+from ._labels import Units, axis_label
 
 
 def check_plane(values: xr.DataArray, picture: str, quantities: str = "swept") -> None:
@@ -44,7 +44,7 @@ def draw_mesh(
     right, up = map(str, values.dims)
     look = styled(style, QuadMesh, shading="nearest", rasterized=True, **own)
     mesh = ax.pcolormesh(values[right].values, values[up].values, numbers.T, **look)
-    ax.set(xlabel=label(right, units), ylabel=label(up, units))
+    ax.set(xlabel=axis_label(right, units), ylabel=axis_label(up, units))
     return mesh
 
 

@@ -26,7 +26,7 @@ _LADDER, _OTHER, _GREY = (
 )
 
 
-class Motion(NamedTuple):
+class MotionKind(NamedTuple):
     """A kind of motion, with its periods and impacts per stop if it repeats."""
 
     kind: str
@@ -72,7 +72,7 @@ class Entry(NamedTuple):
     words: str
     family: str
     color: Any
-    motions: list[Motion]
+    motions: list[MotionKind]
     is_other: bool = False
 
 
@@ -107,7 +107,7 @@ def check_motions(classes: xr.Dataset, max_classes: int) -> None:
         raise ValueError(f"Argument `max_classes` must be 0 or more, but is {max_classes}.")
 
 
-def motions_of(classes: xr.Dataset) -> list[Motion]:
+def motions_of(classes: xr.Dataset) -> list[MotionKind]:
     """The motion at every point, row by row."""
     flags = classes.motion.attrs
     values = np.asarray(flags["flag_values"]).tolist()
@@ -118,12 +118,12 @@ def motions_of(classes: xr.Dataset) -> list[Motion]:
     counts = classes.num_impacts.transpose(*dims, "stop").values.reshape(len(motion), -1)
     impacts = np.nan_to_num(counts, nan=_UNCOUNTED, posinf=_ENDLESS).astype(int).tolist()
     return [
-        Motion(meaning[k], n, tuple(m)) if meaning[k] in _REPEATING else Motion(meaning[k])
+        MotionKind(meaning[k], n, tuple(m)) if meaning[k] in _REPEATING else MotionKind(meaning[k])
         for k, n, m in zip(motion, periods, impacts, strict=True)
     ]
 
 
-def entries(of_point: list[Motion], max_classes: int) -> list[Entry]:
+def entries(of_point: list[MotionKind], max_classes: int) -> list[Entry]:
     """What has a colour of its own, in the order of the legend."""
     counts = Counter(of_point)
     repeating = [motion for motion, _ in counts.most_common() if motion.kind in _REPEATING]
@@ -153,7 +153,7 @@ def not_known() -> str:
     return _GREY[is_dark()]
 
 
-def _hues(named: list[Motion]) -> dict[str, np.ndarray]:
+def _hues(named: list[MotionKind]) -> dict[str, np.ndarray]:
     """A colour of the style for each family, in the order of the legend."""
     families = list(dict.fromkeys(motion.family for motion in named))
     return dict(zip(families, of_curves(len(families))[:, :3], strict=True))

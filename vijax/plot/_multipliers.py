@@ -15,8 +15,8 @@ from .._orbits.orbit import PeriodicOrbit
 from ._axes import legend_above, legend_beside, new_axes
 from ._cloud import MARKERS
 from ._colors import ink, of_order, styled
-from ._labels import Units, label, swept_quantity
-from ._orbits import Orbits, list_of
+from ._labels import Units, axis_label, swept_quantity
+from ._orbits import OrbitsLike, list_of
 
 _DIRECTIONS = {"up": ("^", "swept up"), "down": ("v", "swept down")}
 # So many orbits at most have a marker and a name each.
@@ -28,7 +28,12 @@ _WIDER = 1.15
 
 
 def multipliers(
-    orbits: Orbits, *, limit: float = 3.0, units: Units | None = None, ax: Axes | None = None, **style: Any
+    orbits: OrbitsLike,
+    *,
+    limit: float = 3.0,
+    units: Units | None = None,
+    ax: Axes | None = None,
+    **style: Any,
 ) -> Axes:
     """Draw Floquet multipliers in the complex plane, with the unit circle.
 
@@ -84,7 +89,7 @@ def multipliers(
     if bar is not None:
         path, colors = bar
         # As high as the axes, which a bar that takes room from them is not where they are square.
-        ax.figure.colorbar(colors, cax=ax.inset_axes((1.04, 0, 0.05, 1)), label=label(path, units))
+        ax.figure.colorbar(colors, cax=ax.inset_axes((1.04, 0, 0.05, 1)), label=axis_label(path, units))
     if ax.get_legend_handles_labels()[0]:
         legend_beside(ax) if bar is None else legend_above(ax, markerscale=1.0)
     return ax

@@ -11,7 +11,7 @@ from .._system.system import with_args
 from .._trajectory.event_log import IMPACT
 from .._trajectory.solution import Solution
 
-Orbits = xr.Dataset | PeriodicOrbit | Sequence[PeriodicOrbit]
+OrbitsLike = xr.Dataset | PeriodicOrbit | Sequence[PeriodicOrbit]
 
 # The stability of the orbit on which an impact lies; unknown where no orbit is.
 UNKNOWN, STABLE, UNSTABLE = 0, 1, 2

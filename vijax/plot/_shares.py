@@ -10,7 +10,7 @@ from matplotlib.collections import PolyCollection
 from ._attractors import COLORS, HATCH, add_legend, check_count, draw_marks
 from ._axes import new_axes
 from ._colors import ink, styled
-from ._labels import Units, label
+from ._labels import Units, axis_label
 from ._motions import not_known, other, words_of_motion
 
 # Of all starts: below it a share is rounding.
@@ -78,7 +78,9 @@ def shares(
         motion = followed.isel({path: best, "attractor": int(number)})
         words.append(f"{words_of_motion(motion)}, up to {100 * share[number, best]:.3g} %")
     has_other, has_unknown = (bool((band > _NOTHING).any()) for band in bands[-2:])
-    ax.set(xlim=(edges[0], edges[-1]), ylim=(0, 1), xlabel=label(path, units), ylabel="Share of the starts")
+    ax.set(
+        xlim=(edges[0], edges[-1]), ylim=(0, 1), xlabel=axis_label(path, units), ylabel="Share of the starts"
+    )
     add_legend(ax, followed, words, [True] * len(named), has_other=has_other, has_unknown=has_unknown)
     return ax
 

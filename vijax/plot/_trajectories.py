@@ -12,7 +12,7 @@ from .._trajectory.event_log import IMPACT, RELEASE, STICK
 from .._trajectory.solution import Solution
 from ._axes import check_index, legend_beside, new_axes, once, span_of_values, span_so_far
 from ._colors import ink, looks_of, of_curves, styled
-from ._contacts import masses_moved_by, masses_of, name_in, place_of
+from ._contacts import masses_moved_by, masses_of, name_in, place_on_axis
 from ._labels import LENGTH, TIME, VELOCITY, Units, with_unit
 from ._orbits import solution_of
 
@@ -87,7 +87,7 @@ def _draw_positions(ax: Axes, t: np.ndarray, x: np.ndarray, style: dict[str, Any
 
 def _draw_limit(ax: Axes, sol: Solution, number: int, t: np.ndarray, x: np.ndarray, colors: list) -> None:
     """A stop in the colour of its mass, and where it, or a contact, holds."""
-    masses, place = masses_of(sol, number), place_of(sol, number, t)
+    masses, place = masses_of(sol, number), place_on_axis(sol, number, t)
     if place is not None:
         words = once(ax, f"{name_in(sol, number)}, of $x_{{{masses[0]}}}$")
         ax.plot(t, place[0], color=colors[masses[0]], linestyle=":", linewidth=1.0, label=words)
@@ -236,7 +236,7 @@ def _draw_contact(
 ) -> None:
     """A stop that stands still as a line across the plane, one that moves as its curve; where any contact holds."""
     t, grey, name = sample_times(sol, begin, end, num_samples), ink("0.8", "0.4"), name_in(sol, number)
-    is_held, place = is_held_at(sol, number, begin, end, t), place_of(sol, number, t)
+    is_held, place = is_held_at(sol, number, begin, end, t), place_on_axis(sol, number, t)
     x, v = place if place is not None else (np.asarray(a)[:, mass] for a in sol.evaluate(t))
     if place is not None and not v.any():
         ax.axvline(x[0], color=grey, linewidth=4, zorder=0, label=once(ax, name))

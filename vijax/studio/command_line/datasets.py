@@ -38,7 +38,7 @@ def check_folder(file: Path) -> None:
         raise ValueError(f"{file} cannot be written: make the folder {file.resolve().parent} first.")
 
 
-def write(ds: xr.Dataset, file: Path) -> None:
+def write_dataset(ds: xr.Dataset, file: Path) -> None:
     """Write a dataset, and give it its name once it is whole: what had the name before is replaced."""
     part = file.with_name(f"{file.name}.part{file.suffix}")
     if _engine(file) == "zarr":

@@ -8,10 +8,10 @@ import numpy as np
 import xarray as xr
 
 from ..._branches.branch import Branch
-from ..._printing import Told, as_text
+from ..._printing import Description, as_text
 from ..._sweep.provenance import system_of
 from ..._system.files import look_at, read_table
-from ..._system.force_description import TOLD
+from ..._system.force_description import NAMED_FORCE
 from .datasets import is_machine, open_dataset
 
 _HOW = ("transient", "record", "carry", "carry_from", "flow", "dtype", "vijax_version")
@@ -47,7 +47,7 @@ def words_of_dataset(ds: xr.Dataset) -> str:
     return as_text(_told, ds) if "result" in ds else repr(ds)
 
 
-def _told(ds: xr.Dataset) -> Told:
+def _told(ds: xr.Dataset) -> Description:
     points = ds["result"]
     rows = [(str(dim), _span(ds[dim])) for dim in points.dims]
     codes = points.values
@@ -55,7 +55,7 @@ def _told(ds: xr.Dataset) -> Told:
     rows += [(names[code], f"{np.count_nonzero(codes == code)} points") for code in np.unique(codes)]
     rows += [("impacts", f"{int(ds['num_impacts'].sum())}, {ds.sizes['impact']} at most recorded of a point")]
     rows += [(name.replace("_", " "), str(ds.attrs[name])) for name in _HOW if name in ds.attrs]
-    return Told(f"Sweep of {points.size} points\n  {_machine(ds)}", rows)
+    return Description(f"Sweep of {points.size} points\n  {_machine(ds)}", rows)
 
 
 def _span(values: xr.DataArray) -> str:
@@ -69,6 +69,6 @@ def _span(values: xr.DataArray) -> str:
 def _machine(ds: xr.Dataset) -> str:
     """The machine, or why it is not known."""
     try:
-        return repr(system_of(ds, force=TOLD)).replace("\n", "\n  ")
+        return repr(system_of(ds, force=NAMED_FORCE)).replace("\n", "\n  ")
     except ValueError as error:
         return str(error)

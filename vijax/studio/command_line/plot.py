@@ -51,14 +51,14 @@ def run(asked: argparse.Namespace) -> None:
 
     try:
         with plt.style.context(asked.style):
-            draw(asked)
+            figure_of_file(asked)
             plt.savefig(asked.out, dpi=asked.dpi, bbox_inches="tight")
     finally:
         plt.close("all")
     print(asked.out)  # noqa: T201
 
 
-def draw(asked: argparse.Namespace) -> None:
+def figure_of_file(asked: argparse.Namespace) -> None:
     """The picture that is asked for, in a new figure."""
     from ... import plot  # imports matplotlib
 

@@ -12,7 +12,7 @@ from ..._system.files import machine_of_table, read_table
 from ..._system.parameters import set_parameter
 from ..._system.spelling import did_you_mean
 from ..._system.system import bound
-from .datasets import check_target, is_machine, open_dataset, write
+from .datasets import check_target, is_machine, open_dataset, write_dataset
 from .forces import add_allow_forces, allowed
 from .values import RANGES, assignment, numbers, one_or_several, swept_values
 
@@ -105,7 +105,7 @@ def run(asked: argparse.Namespace) -> None:
         ds = sweep(system, options.pop("over"), **options, settings=settings, progress=asked.progress)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(_kept(options.get("store"))) from None
-    write(ds, out)
+    write_dataset(ds, out)
     print(f"{out}: {' x '.join(str(n) for n in ds['result'].shape)} points")  # noqa: T201
 
 

@@ -14,7 +14,7 @@ from ..._jax.arrays import Numbers
 from ..._orbits.orbit import PeriodicOrbit
 from ..._trajectory.event_log import IMPACT
 from ..._trajectory.solution import Solution
-from ..._writing import told_where
+from ..._writing import naming_argument
 from ...plot._colors import ink
 from ...plot._labels import Units
 from ...plot._orbits import solution_of
@@ -133,7 +133,7 @@ def _checked_path(file: str | os.PathLike | None) -> Path | None:
 
 
 def _write(film: FuncAnimation, path: Path, fps: int) -> None:
-    with told_where("file", path):
+    with naming_argument("file", path):
         if path.suffix.lower() == ".html":
             path.write_text(film.to_jshtml(), encoding="utf-8")
         else:

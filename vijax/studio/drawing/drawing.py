@@ -17,7 +17,7 @@ from ...plot._colors import ink, of_curves, styled
 from ...plot._contacts import name_of
 from .scheme import Limit, Link, Scheme
 from .symbols import circles, damper, spring
-from .words import Words, write
+from .words import Words, write_words
 
 PITCH, ROOM = 2.3, 0.5
 # Heights: of springs and dampers in a row, of walls and the plates of contacts, of the floor.
@@ -104,7 +104,7 @@ def draw(
         notes=scheme.notes,
     )
     below = _TRAVEL - 0.12 if scheme.is_moving.any() else _FLOOR - 0.08
-    size = write(ax, words, ends, (below, _LOAD + 0.15, _top(scheme, home)), scale, fits_axes=fits_axes)
+    size = write_words(ax, words, ends, (below, _LOAD + 0.15, _top(scheme, home)), scale, fits_axes=fits_axes)
     return Drawing(move, size, boxes)
 
 

@@ -31,7 +31,7 @@ class Words(NamedTuple):
     notes: list[str]
 
 
-def write(
+def write_words(
     ax: Axes,
     words: Words,
     ends: np.ndarray,

@@ -18,10 +18,10 @@ from holoviews.operation.datashader import datashade, spread
 from matplotlib.colors import to_hex
 
 from ..._sections.classify import classify
-from ...plot._labels import label
+from ...plot._labels import axis_label
 from ...plot._motions import entries, motions_of
-from .look import Look
-from .motion import nearest
+from .look import PageStyle
+from .motion import nearest_value
 
 hv.extension("bokeh", inline=pn.config.inline)
 
@@ -33,13 +33,13 @@ _SYMBOLS = {r"\Omega": "Ω", r"\varphi": "φ", r"\dot x": "ẋ"}
 
 def plain(path: str) -> str:
     """The words of a swept quantity without the signs of TeX."""
-    words = label(path)
+    words = axis_label(path)
     for tex, sign in _SYMBOLS.items():
         words = words.replace(tex, sign)
     return re.sub(r"\$|_\{[\d,]*\}", "", words).replace(r"\times", "*")
 
 
-def impacts(ds: xr.Dataset, path: str, stop: int, look: Look) -> Any:
+def impacts(ds: xr.Dataset, path: str, stop: int, look: PageStyle) -> Any:
     """The velocities of the impacts at a stop against the swept quantity.
 
     Args:
@@ -67,7 +67,7 @@ def impacts(ds: xr.Dataset, path: str, stop: int, look: Look) -> Any:
     return reduce(mul, layers)
 
 
-def chart(ds: xr.Dataset, right: str, up: str, look: Look) -> tuple[Any, dict[str, str]]:
+def chart_image(ds: xr.Dataset, right: str, up: str, look: PageStyle) -> tuple[Any, dict[str, str]]:
     """The kinds of motion over two swept quantities, and the legend: words and their colours."""
     kinds = classify(ds).transpose(right, up, ...).sortby([right, up])
     of_point = motions_of(kinds)
@@ -91,7 +91,7 @@ def chart(ds: xr.Dataset, right: str, up: str, look: Look) -> tuple[Any, dict[st
     }
 
 
-def marker(x: float, y: float | None, look: Look) -> Any:
+def marker(x: float, y: float | None, look: PageStyle) -> Any:
     """The point that is shown: a line in a bifurcation diagram, a ring in a chart."""
     if y is None:
         return hv.VLine(x).opts(color=look.chosen, line_width=1)
@@ -101,7 +101,7 @@ def marker(x: float, y: float | None, look: Look) -> Any:
 
 def direction_near(ds: xr.Dataset, path: str, stop: int, at: Mapping[str, float]) -> str:
     """Of a sweep up and down, the direction whose impacts at a stop are nearer to a place in the diagram."""
-    point = nearest(ds, path, at["x"])
+    point = nearest_value(ds, path, at["x"])
     away = (
         abs(point["impact_velocity"].where(point["impact_stop"] == stop) - at["y"])
         .min("impact")

@@ -17,14 +17,14 @@ from panel.custom import JSComponent
 from ...plot._colors import of_curves
 from ..drawing.animate import course_of, held_masses
 from ..drawing.drawing import draw
-from .look import Look
-from .motion import Motion
+from .look import PageStyle
+from .motion import PointMotion
 
 FRAMES = 80
 _DIGITS = 3
 
 
-class Film(JSComponent):
+class MachineFilm(JSComponent):
     """The drawing and what plays it."""
 
     frames = param.Dict({})
@@ -33,15 +33,15 @@ class Film(JSComponent):
     _esm = Path(__file__).with_name("film.js")
 
 
-def film_of(num_masses: int, look: Look) -> Film:
+def film_of(num_masses: int, look: PageStyle) -> MachineFilm:
     """A film that shows nothing yet, its boxes in the colours of their curves in other pictures."""
     with look.style():
         masses = [to_hex(color) for color in of_curves(num_masses)]
     colors = {"ink": look.ink, "faint": look.faint, "page": look.page, "held": look.down, "masses": masses}
-    return Film(colors=colors, sizing_mode="stretch_width", min_height=240)
+    return MachineFilm(colors=colors, sizing_mode="stretch_width", min_height=240)
 
 
-def frames_of(motion: Motion) -> dict[str, Any]:
+def frames_of(motion: PointMotion) -> dict[str, Any]:
     """The numbers of a film of the part of a motion that is shown.
 
     Returns:

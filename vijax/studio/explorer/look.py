@@ -6,7 +6,7 @@ from typing import NamedTuple
 import matplotlib.pyplot as plt
 
 
-class Look(NamedTuple):
+class PageStyle(NamedTuple):
     """Colours of the page, and of what is drawn on it.
 
     Attributes:
@@ -34,5 +34,5 @@ class Look(NamedTuple):
         return plt.style.context(["dark_background", own] if self.is_dark else ["default", own])
 
 
-LIGHT = Look(False, "#ffffff", "#1a1a1a", "#8a8a8a", "#10264f", "#f59b42", "#d62728")
-DARK = Look(True, "#181818", "#e6e6e6", "#8a8a8a", "#bcd4ff", "#d9731a", "#ff6b6b")
+LIGHT = PageStyle(False, "#ffffff", "#1a1a1a", "#8a8a8a", "#10264f", "#f59b42", "#d62728")
+DARK = PageStyle(True, "#181818", "#e6e6e6", "#8a8a8a", "#bcd4ff", "#d9731a", "#ff6b6b")

@@ -25,7 +25,7 @@ _EVENTS, _EVENTS_OF_CYCLE = 4096, 256
 _FEWEST, _SHOWN = 8, 8
 
 
-class Motion(NamedTuple):
+class PointMotion(NamedTuple):
     """What is found at a point.
 
     Attributes:
@@ -87,17 +87,19 @@ def point_at(ds: xr.Dataset, place: Mapping[str, Any]) -> xr.Dataset:
         ds = (
             ds.sel(direction=place["direction"])
             if dim == "direction"
-            else nearest(ds, str(dim), place[str(dim)])
+            else nearest_value(ds, str(dim), place[str(dim)])
         )
     return ds.load()
 
 
-def nearest(ds: xr.Dataset, dim: str, value: Any) -> xr.Dataset:
+def nearest_value(ds: xr.Dataset, dim: str, value: Any) -> xr.Dataset:
     """The part of a sweep at the nearest value of a swept quantity; the values may stand in any order."""
     return ds.isel({dim: int(np.abs(ds[dim].values - value).argmin())})
 
 
-def motion_at(ds: xr.Dataset, place: Mapping[str, Any], changes: Mapping[str, float] | None = None) -> Motion:
+def motion_at(
+    ds: xr.Dataset, place: Mapping[str, Any], changes: Mapping[str, float] | None = None
+) -> PointMotion:
     """Follow the motion of a point of a sweep again, perhaps with other parameters.
 
     It goes on from where the sweep ended, so it is the motion that the sweep found, also where several coexist; with
@@ -123,10 +125,10 @@ def motion_at(ds: xr.Dataset, place: Mapping[str, Any], changes: Mapping[str, fl
     x, v = point["x"].values, point["v"].values
     if changes:
         x, v = _settled(system, int(ds.attrs["transient"]), x, v)
-    return follow(system, max(int(ds.attrs["record"]), _FEWEST), x, v)
+    return motion_from(system, max(int(ds.attrs["record"]), _FEWEST), x, v)
 
 
-def follow(system: ImpactSystem, record: int, x: np.ndarray, v: np.ndarray) -> Motion:
+def motion_from(system: ImpactSystem, record: int, x: np.ndarray, v: np.ndarray) -> PointMotion:
     """The motion from a state at phase 0, over some forcing periods."""
     period = float(system.forcing.period)
     flow = _flow_of(system)
@@ -139,7 +141,7 @@ def follow(system: ImpactSystem, record: int, x: np.ndarray, v: np.ndarray) -> M
         orbit = found if found.result == ORBIT_RESULTS.successful else None
     known = min(record * period, float(sol.known_until))
     shown = (0.0, min(known, (n or min(_SHOWN, record)) * period))
-    return Motion(system, sol, shown, kind, orbit)
+    return PointMotion(system, sol, shown, kind, orbit)
 
 
 def numbers_to_change(system: ImpactSystem) -> dict[str, float]:

@@ -9,10 +9,10 @@ import xarray as xr
 from holoviews.streams import Pipe, Tap
 
 from ..._sweep.provenance import system_of
-from .diagram import chart, direction_near, impacts, marker, plain
+from .diagram import chart_image, direction_near, impacts, marker, plain
 from .film import film_of, frames_of
-from .look import DARK, LIGHT, Look
-from .motion import Motion, check, motion_at, nearest, numbers_to_change, point_at, swept_of
+from .look import DARK, LIGHT, PageStyle
+from .motion import PointMotion, check, motion_at, nearest_value, numbers_to_change, point_at, swept_of
 from .pictures import DPI, SIZE, pictures_of, words_of_multipliers
 
 _TITLE = "vijax"
@@ -42,7 +42,7 @@ class Explorer:
         changes: parameters of the machine that are changed there.
     """
 
-    def __init__(self, ds: xr.Dataset, look: Look):
+    def __init__(self, ds: xr.Dataset, look: PageStyle):
         check(ds)
         self.ds, self.look, self.swept = ds, look, swept_of(ds)
         self.drawn, self.is_fitting = self.swept[:2], False
@@ -152,13 +152,13 @@ class Explorer:
         """The diagram with what marks the chosen point, and listens to clicks."""
         ds = self.ds
         for dim in self.swept[2:]:
-            ds = nearest(ds, dim, self.place[dim])
+            ds = nearest_value(ds, dim, self.place[dim])
         if len(self.drawn) == 1:
             drawn = impacts(ds, self.drawn[0], self.stop.value, self.look)
         else:
             ds = ds.sel(direction=self.place["direction"]) if "direction" in self.place else ds
             right, up = self.drawn
-            drawn, colors = chart(ds, right, up, self.look)
+            drawn, colors = chart_image(ds, right, up, self.look)
             self.legend.object = _legend(colors, self.look)
         self.marker = Pipe(data=self._chosen())
         marked = hv.DynamicMap(lambda data: marker(data[0], data[1], self.look), streams=[self.marker])
@@ -188,7 +188,7 @@ class Explorer:
             return
         place = {}
         for dim, value in zip(self.drawn, (x, y), strict=False):
-            place[dim] = nearest(self.ds, dim, value)[dim].values
+            place[dim] = nearest_value(self.ds, dim, value)[dim].values
         if "direction" in self.place and len(self.drawn) == 1:
             place["direction"] = direction_near(self.ds, self.drawn[0], self.stop.value, {"x": x, "y": y})
         self._choose(place)
@@ -210,7 +210,7 @@ class Explorer:
             for name, picture in pictures_of(None, 0, self.look).items()
         }
 
-    def _words(self, motion: Motion | None, trouble: str) -> str:
+    def _words(self, motion: PointMotion | None, trouble: str) -> str:
         """Where, what, and its multipliers."""
         told = {plain(dim): f"{self.place[dim]:.6g}" for dim in self.swept}
         told |= {"direction": str(self.place["direction"])} if "direction" in self.place else {}
@@ -227,7 +227,7 @@ class Explorer:
         return f"<div class='found' style='color: {self.look.ink}; font-size: 14px'><table>{''.join(rows)}</table>{alarm}</div>"
 
 
-def _legend(colors: dict[str, str], look: Look) -> str:
+def _legend(colors: dict[str, str], look: PageStyle) -> str:
     """Squares of colour with words."""
     square = "display: inline-block; width: 0.9em; height: 0.9em; border: 1px solid"
     entries = [f"<span style='margin-right: 1em; white-space: nowrap'><span style='{square} {look.faint}; "

@@ -8,16 +8,16 @@ from matplotlib.figure import Figure
 
 from ... import plot
 from ..._jax.arrays import is_single_precision
-from .look import Look
-from .motion import Motion
+from .look import PageStyle
+from .motion import PointMotion
 
 SIZE = (4.4, 2.9)  # inches
 DPI = 100  # of the figure itself: at another one all words would be set twice
 
 
-def pictures_of(motion: Motion | None, mass: int, look: Look) -> dict[str, Figure]:
+def pictures_of(motion: PointMotion | None, mass: int, look: PageStyle) -> dict[str, Figure]:
     """Time series, phase portrait of a mass, impact map and multipliers; without a motion nothing in them."""
-    draws: dict[str, Callable[[Motion, Axes], object]] = {
+    draws: dict[str, Callable[[PointMotion, Axes], object]] = {
         "time series": lambda m, ax: plot.time_series(m.solution, span=m.shown, ax=ax),
         "phase portrait": lambda m, ax: plot.phase_portrait(m.solution, mass, span=m.shown, ax=ax),
         "impact map": lambda m, ax: plot.impact_map(m.solution, None, ax=ax),
@@ -27,7 +27,7 @@ def pictures_of(motion: Motion | None, mass: int, look: Look) -> dict[str, Figur
         return {name: _figure(motion, draw, look) for name, draw in draws.items()}
 
 
-def words_of_multipliers(motion: Motion) -> str:
+def words_of_multipliers(motion: PointMotion) -> str:
     """The Floquet multipliers, the largest first."""
     if motion.orbit is None:
         return f"none: {'they need 64-bit numbers' if is_single_precision(motion.system) else 'no periodic orbit'}"
@@ -38,13 +38,15 @@ def words_of_multipliers(motion: Motion) -> str:
     return f"{', '.join(told)} ({'stable' if motion.orbit.is_stable else 'unstable'})"
 
 
-def _multipliers(motion: Motion, ax: Axes) -> object:
+def _multipliers(motion: PointMotion, ax: Axes) -> object:
     if motion.orbit is None:
         raise ValueError("No periodic orbit, so no multipliers.")
     return plot.multipliers(motion.orbit, ax=ax)
 
 
-def _figure(motion: Motion | None, draw: Callable[[Motion, Axes], object], look: Look) -> Figure:
+def _figure(
+    motion: PointMotion | None, draw: Callable[[PointMotion, Axes], object], look: PageStyle
+) -> Figure:
     """A picture; where there is nothing to draw, a sentence."""
     figure = Figure(figsize=SIZE, dpi=DPI, layout="constrained")
     ax = figure.subplots()
