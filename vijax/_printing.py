@@ -77,20 +77,20 @@ def describe_harmonic(harmonic: Any) -> Description:
 
 def describe_stop(stop: Any) -> Description:
     """A stop on one line."""
-    batch = _batch((stop.position, 0), (stop.restitution, 0))
+    batch = _batch((stop.position, 0), (stop.law.light, 0))
     return Description(f"Stop of mass {stop.mass}: {_wall(stop)}{_beside(stop.position, batch)}", [])
 
 
 def describe_contact(contact: Any) -> Description:
     """A contact on one line."""
-    batch = _batch((contact.position, 0), (contact.restitution, 0))
+    batch = _batch((contact.position, 0), (contact.law.light, 0))
     return Description(f"Contact: {_wall(contact)}{_beside(contact.position, batch)}", [])
 
 
 def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Description:
     """A machine: its matrices, its load, its stops, its force."""
     forcing, stops = system.forcing, system.stops
-    walls = [(value, 0) for stop in stops for value in (stop.position, stop.restitution)]
+    walls = [(value, 0) for stop in stops for value in (stop.position, stop.law.light)]
     batch = _batch((system.damping, 2), (forcing.frequency, 0), *walls)
     masses = _count(system.stiffness.shape[-1], "mass", "masses")
     load = describe_harmonic(forcing).rows
@@ -191,7 +191,12 @@ def _wall(stop: Any) -> str:
     motion, side = stop.motion, "<=" if stop.sign > 0 else ">="
     row = "x" if stop.slot else _sum(stop)
     moving = "" if motion is None else f" + motion of amplitude {_numbers(motion.amplitude, 1)}"
-    return f"{row} {side} {_numbers(stop.position, 0)}{moving}, restitution {_numbers(stop.restitution, 0)}"
+    return f"{row} {side} {_numbers(stop.position, 0)}{moving}, restitution {_restitution(stop.restitution)}"
+
+
+def _restitution(value: Any) -> str:
+    """A number, or a law, which describes itself."""
+    return _numbers(value, 0) if hasattr(value, "ndim") else repr(value)
 
 
 def _sum(contact: Any) -> str:

@@ -12,7 +12,7 @@ from .._jax.arrays import Scalar
 from .._jax.xla import is_any
 from .._machine.derivatives import approaches, contact_forces, derivatives
 from .._machine.machine import Machine, resting_state
-from .._orbits.cycle import Moment, Problem, Unknowns, begin_cycle, events_of, fly_to_event, flow_map
+from .._orbits.cycle import Moment, Problem, Unknowns, begin_cycle, events_of, flow_map, fly_to_event
 from .._orbits.sequence import NOTHING, Sequence as CycleEvents
 from .._trajectory.event_log import IMPACT
 from .minima import dip
@@ -181,7 +181,7 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns) -> LeastMargins:
         force_flight=scan.forces.flight,
         rise=scan.rises.value,
         rise_flight=scan.rises.flight,
-        is_plastic=machine.contacts.restitution == 0,
+        is_plastic=machine.contacts.restitution.is_plastic,
         last=last,
     )
 
@@ -243,7 +243,7 @@ def _is_after_plastic(machine: Machine, sequence: CycleEvents, flight: Array) ->
     before = jnp.maximum(flight - 1, 0)
     is_impact = (flight > 0) & (sequence.kind[before] == IMPACT)
     is_own = jnp.arange(machine.contacts.num) == sequence.stop[before]
-    return is_impact & is_own & (machine.contacts.restitution == 0)
+    return is_impact & is_own & machine.contacts.restitution.is_plastic
 
 
 def _lowest(value: Array, since: Array, held: Array, begin: Moment, flight: Array) -> _Lowest:

@@ -277,7 +277,7 @@ def _degree(interpolation: Callable, num_stages: int) -> int:
 def _field(
     time: Any, gains: tuple[Array, Array, Array | None], args: tuple[Machine, State, Held]
 ) -> tuple[Array, Array, Array | None]:
-    """Velocities, and the accelerations and pulls of `AbstractContacts.free_accelerations`."""
+    """Velocities, and the accelerations and pulls of `Contacts.free_accelerations`."""
     machine, state, hold = args
     v = machine.contacts.gained(state.v + gains[1], hold)
     names = lambda s: (s.time, s.phase, s.x, s.v)  # noqa: E731

@@ -25,7 +25,7 @@ class Inside(eqx.Module):
 
     Attributes:
         displacement: x - x(0), (nodes, n).
-        gain: v - v(0), (nodes, n), see `AbstractContacts.free_accelerations`.
+        gain: v - v(0), (nodes, n), see `Contacts.free_accelerations`.
         pushes: likewise, (nodes, stops).
     """
 

@@ -22,7 +22,6 @@ from .._jax.xla import compute_once, is_any
 from .._machine.contacts import Held
 from .._machine.derivatives import approaches, contact_forces, rates
 from .._machine.machine import Machine
-from .._machine.rows import RowContacts
 from .._machine.state import State
 from .interface import AbstractFlow, Expansion, Flight
 from .safe_step import Bound, deflated, either, safe_step
@@ -218,7 +217,7 @@ def _moved(
     """The displacement, the velocities and the change of the phase after `step`."""
     displacement, v, change = motion.move(machine, state, step)
     contacts = machine.contacts
-    if not (isinstance(contacts, RowContacts) and machine.can_stick):
+    if not (contacts.is_coupled and machine.can_stick):
         return displacement, v, change
     displacement, v = jax.lax.cond(
         is_any(state.held),

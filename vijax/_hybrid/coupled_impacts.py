@@ -23,7 +23,6 @@ from .._jax.arrays import Scalar
 from .._jax.xla import compute_once, is_any
 from .._machine.derivatives import contact_forces, derivatives, rates
 from .._machine.machine import Machine, resting_state
-from .._machine.rows import RowContacts
 from .._machine.state import SHUT, State
 from .._system.checks import is_touching
 from .complementarity import complementary
@@ -39,7 +38,7 @@ def first_state(
     t0: Scalar | float = 0.0,
 ) -> State:
     """The state at t0. Contacts that are hit then are hit by the first step."""
-    contacts = _rows(machine)
+    contacts = machine.contacts
     x, v = machine.seen_from_stops(phase, x, v)
     phase_rate = machine.phase_rate(phase)
     position, speed = contacts.rounded(t0)
@@ -92,9 +91,9 @@ def _impact(
     machine: Machine, state: State, instant: Instant
 ) -> tuple[State, Instant, Bool[Array, "stops ..."]]:
     """The state after the impacts, the velocities and impulses of them, and the held contacts that they tear open."""
-    contacts, hit = _rows(machine), instant.hit
+    contacts, hit = machine.contacts, instant.hit
     speed = jnp.where(hit, instant.velocity_minus, 0)
-    restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution, 0)
+    restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution(speed), 0)
     q = -(1 + restitution) * speed
     closed = state.held | state.is_shut
     _, impulse, rest = complementary(contacts.compliance, q, hit | closed)
@@ -125,7 +124,7 @@ def _stick_and_release(
     torn: Bool[Array, "stops ..."],
 ) -> tuple[State, Instant]:
     """Decide, after all impacts of this instant, which contacts come to hold and which are let go."""
-    contacts, hit = _rows(machine), instant.hit
+    contacts, hit = machine.contacts, instant.hit
     is_jump = jnp.any(hit, axis=0)
     was_held = state.held & ~torn
     let_go = is_event & was_held
@@ -175,7 +174,7 @@ def _completed(
 
     Either all that bounce lightly together, or else each that was hit, by itself.
     """
-    contacts, hit = _rows(machine), instant.hit
+    contacts, hit = machine.contacts, instant.hit
     approach = machine.approach(state)
     is_hit = hit & is_light(instant.velocity_plus)
     is_near = ~hit & ~state.held & ~state.is_shut & is_light(approach) & is_light(state.gap)
@@ -192,7 +191,7 @@ def _end_of_bounces(
     machine: Machine, state: State, instant: Instant, bouncing: Bool[Array, "stops ..."]
 ) -> tuple[Bool[Array, "stops ..."], Float[Array, "stops ..."]]:
     """Whether the bounces of contacts are light and sure to end, all the others of them held, and how long they last."""
-    contacts = _rows(machine)
+    contacts = machine.contacts
     hold = contacts.hold(state.held | bouncing)
     now = rates(machine, state, hold)
     pull = contacts.pull(now.force, hold, state.phase)
@@ -200,7 +199,7 @@ def _end_of_bounces(
     # The speed at which the contact is met next.
     fall = jnp.sqrt(machine.approach(state) ** 2 + 2 * jnp.maximum(pull * state.gap, 0))
     speed = jnp.where(instant.hit, jnp.abs(instant.velocity_plus), fall)
-    duration = chatter_time(speed, pull, contacts.restitution)
+    duration = chatter_time(speed, pull, contacts.restitution.light)
     is_complete = bouncing & chatter_is_complete(speed, pull, pull_rate, duration, machine.rate)
     # A row that depends on others bears no force of its own, and rests when they do.
     is_spare = bouncing & contacts.is_spare(hold) & is_light(speed)
@@ -215,7 +214,7 @@ def _decided(
     is_jump: Bool[Array, "..."],
 ) -> tuple[Bool[Array, "stops ..."], Int[Array, "stops ..."]]:
     """Which of the contacts at rest hold after a jump, and how the others are left."""
-    contacts = _rows(machine)
+    contacts = machine.contacts
     opening = -contacts.free_pull(machine.total_force(state), state.phase)
     held, _, opening = complementary(contacts.compliance, opening, at_rest)
     left = jnp.where(opening > 0, jnp.int8(2), jnp.int8(3))
@@ -237,7 +236,7 @@ def _handed_on(
 
     No force jumps: those that come to hold bear nothing yet, and their rates obey what forces do after a jump.
     """
-    contacts, is_asked = _rows(machine), jnp.any(let_go, axis=0)
+    contacts, is_asked = machine.contacts, jnp.any(let_go, axis=0)
     hold = contacts.hold(state.held)
     phase_rate = machine.phase_rate(state.phase)
     opening = -contacts.pull(rates(machine, state, hold).force_rate, hold, phase_rate)
@@ -248,8 +247,3 @@ def _handed_on(
     held = held | bearing
     left = jnp.where(contacts.depend_on(held), jnp.int8(SHUT), jnp.int8(3))
     return held, jnp.where(is_free, jnp.where(bearing, jnp.int8(0), left), contact)
-
-
-def _rows(machine: Machine) -> RowContacts:
-    assert isinstance(machine.contacts, RowContacts)
-    return machine.contacts

@@ -10,12 +10,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._jax.arrays import Scalar, matvec, not_negative, over_lanes
 from .._system.waves import Waves, phase_at, phase_rate
-from .contacts import AbstractContacts, Held, Stops
+from .contacts import Contacts, Held
 from .extra_force import ExtraForce
 from .frame import Frame
 from .numbers import MachineNumbers
-from .rows import RowContacts
 from .state import State
+from .stops import Stops
 
 
 class Machine(eqx.Module):
@@ -33,7 +33,7 @@ class Machine(eqx.Module):
     waves: Waves
     frequency: Scalar
     period: Scalar
-    contacts: AbstractContacts
+    contacts: Contacts
     rate: Scalar
     timescale: Scalar
     can_stick: bool = eqx.field(static=True)
@@ -227,7 +227,7 @@ def prepare(
         period=period,
         contacts=Stops(rows, numbers.limit, numbers.restitution, inverse_mass)
         if numbers.signs is None
-        else RowContacts(
+        else Contacts(
             numbers.rows, numbers.limit, numbers.restitution, inverse_mass, numbers.signs, walls, frequency
         ),
         rate=rate,

@@ -10,6 +10,7 @@ import numpy as np
 
 from .._jax.arrays import Reals, add_up, library_of, stack
 from .._system.force import BoundForce
+from .._system.restitution import AbstractRestitution, law_of_contacts
 from .._system.system import ImpactSystem
 from .._system.waves import Waves
 
@@ -27,7 +28,7 @@ class MachineNumbers(eqx.Module):
         highest: the highest harmonic of the load and of the motions of the stops, ().
         rows: A, what each contact bears on, (contacts, n): 1 for the mass of an upper stop, -1 for that of a lower one.
         limit: s, in the mean where it moves, (contacts,).
-        restitution: r, (contacts,).
+        restitution: the law r(u), (contacts,).
         signs: of a stop the entry of its row, of any other contact 0, (contacts,); None if none is coupled.
         travel: the motions of the stops, but for their means, as their masses follow them, (harmonics, n), or for
             coupled contacts that of each along its row, (harmonics, contacts); None where all stand still.
@@ -43,7 +44,7 @@ class MachineNumbers(eqx.Module):
     highest: Reals
     rows: Reals
     limit: Reals
-    restitution: Reals
+    restitution: AbstractRestitution
     signs: Reals | None
     travel: Waves | None
     force: BoundForce | None
@@ -68,7 +69,7 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
         highest=np.full([1] * num_lane_axes, _highest(system), zero.dtype),
         rows=_rows(system),
         limit=of_contacts([stop.sign * stop.centre for stop in stops]),
-        restitution=of_contacts([stop.restitution for stop in stops]),
+        restitution=law_of_contacts([stop.law for stop in stops], zero),
         signs=of_contacts([stop.sign if stop.slot else 0 for stop in stops]) if is_coupled else None,
         travel=(_travel_of_contacts if is_coupled else _travel_of_masses)(system, size),
         force=system.force if isinstance(system.force, BoundForce) else None,

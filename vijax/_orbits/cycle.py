@@ -184,7 +184,7 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns, room: int) -> EventLog:
         state, hold = resting_state(machine, end.phase, x, v, event.held, end.time), machine.hold(event.held)
         now = rates(machine, state, hold)
         pull, speed = contacts.pull(now.force, hold, end.phase), machine.approach(state)
-        chatter = jnp.where(stuck, chatter_time(jnp.abs(speed), pull, contacts.restitution), 0)
+        chatter = jnp.where(stuck, chatter_time(jnp.abs(speed), pull, contacts.restitution.light), 0)
         instant = Instant(
             hit=hit,
             stuck=stuck,

@@ -21,6 +21,7 @@ from .._jax.xla import padding_allowed
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.checks import FINITE, check_one, validate_start
 from .._system.contact import Contact
+from .._system.restitution import Newton, law_of_contacts
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.impact_loop import Reverse, Wanted, follow_to_impact
 from .._trajectory.simulate import bound_of_steps
@@ -191,7 +192,12 @@ def _with_contact(system: ImpactSystem, mass: int, side: float, place: Scalar) -
         return numbers_of(eqx.tree_at(lambda s: s.stops, system, (*system.stops, contact)))
     numbers = numbers_of(system)
     row = jnp.zeros(system.num_masses).at[mass].set(side)
-    added = row, side * place, jnp.ones_like(place)
-    names = lambda numbers: (numbers.rows, numbers.limit, numbers.restitution)  # noqa: E731
-    longer = [jnp.concatenate([jnp.asarray(a), b[None]]) for a, b in zip(names(numbers), added, strict=True)]
-    return eqx.tree_at(names, numbers, tuple(longer))
+    names = lambda numbers: (numbers.rows, numbers.limit)  # noqa: E731
+    longer = [
+        jnp.concatenate([jnp.asarray(a), b[None]])
+        for a, b in zip(names(numbers), (row, side * place), strict=True)
+    ]
+    restitution = law_of_contacts(
+        [*(stop.law for stop in system.stops), Newton(jnp.ones_like(place))], 0 * place
+    )
+    return eqx.tree_at(lambda n: (*names(n), n.restitution), numbers, (*longer, restitution))

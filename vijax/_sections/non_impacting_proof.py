@@ -16,7 +16,6 @@ import numpy as np
 import xarray as xr
 
 from .._machine.machine import Machine
-from .._machine.rows import RowContacts
 from .._trajectory.solution import Solution
 from .record import forcing_periods, is_linear, machines
 from .response import double_lanes_first, modes_of, response_of, vibration_left
@@ -87,7 +86,7 @@ def never_hits(machine: Machine, angle: float, x: np.ndarray, v: np.ndarray) -> 
 
 def _own_waves(machine: Machine) -> np.ndarray:
     """The motions of the contacts along their rows, h = 0, 1, ..., (lanes, 1 + harmonics, contacts)."""
-    walls = machine.contacts.walls if isinstance(machine.contacts, RowContacts) else None
+    walls = machine.contacts.walls
     if walls is None:
         return np.zeros((1, 1 + machine.waves.num_harmonics, machine.contacts.num), complex)
     waves = np.asarray(walls.cosine) - 1j * np.asarray(walls.sine)

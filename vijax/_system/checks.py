@@ -13,6 +13,7 @@ a second time.
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -121,7 +122,10 @@ def check_machines(system: Any, x0: Array | np.ndarray) -> None:
     for name in ("damping", "stiffness"):
         check_semidefinite(name, np.moveaxis(np.asarray(getattr(system, name)), -1, 0))
     for j, stop in enumerate(system.stops):
-        check_every(f"stops[{j}].restitution", stop.restitution, RESTITUTION)
+        if isinstance(stop.restitution, np.ndarray | jax.Array):
+            check_every(f"stops[{j}].restitution", stop.restitution, RESTITUTION)
+        else:
+            stop.restitution.check_lanes(f"stops[{j}].restitution")
     refuse(_beyond(system.stops, x0, 0.0, "Some points start"))
     check_slots(system.stops)
 

@@ -11,6 +11,7 @@ from .._jax.arrays import Reals, as_float, concrete, whole_number
 from .._printing import as_html, as_text, describe_contact
 from .checks import FINITE, RESTITUTION, check_one
 from .forcing import Harmonic
+from .restitution import AbstractRestitution, Restitution, as_restitution, law_of
 from .waves import Waves
 
 
@@ -21,7 +22,7 @@ class AbstractLimit(eqx.Module):
     """
 
     position: eqx.AbstractVar[Float[Array, "..."]]
-    restitution: eqx.AbstractVar[Float[Array, "..."]]
+    restitution: eqx.AbstractVar[Restitution]
     motion: eqx.AbstractVar[Harmonic | None]
 
     @property
@@ -35,6 +36,11 @@ class AbstractLimit(eqx.Module):
         """The sign with which its position counts along the row."""
 
     @property
+    def law(self) -> AbstractRestitution:
+        """Its restitution as a law."""
+        return law_of(self.restitution)
+
+    @property
     def slot(self) -> tuple[int, str] | None:
         """The mass and the side of it that this limits, if it bears on one mass alone."""
         return None
@@ -45,11 +51,15 @@ class AbstractLimit(eqx.Module):
         """What to do about a start beyond it, with a place for its number `{j}`."""
 
     def __check_init__(self):
-        for name, value in (("position", self.position), ("restitution", self.restitution)):
+        numbers = {"position": (self.position, FINITE)}
+        if isinstance(self.restitution, AbstractRestitution):
+            self.restitution.check("restitution")
+        else:
+            numbers["restitution"] = self.restitution, RESTITUTION
+        for name, (value, rule) in numbers.items():
             if value.ndim != 0:
                 raise ValueError(f"Argument `{name}` must be a number, but has shape {value.shape}.")
-        check_one("position", self.position, FINITE)
-        check_one("restitution", self.restitution, RESTITUTION)
+            check_one(name, value, rule)
         if not isinstance(self.motion, Harmonic | None):
             raise ValueError(f"Argument `motion` must be a `vx.Harmonic` or None, but is {self.motion!r}.")
         if self.motion is not None and self.motion.amplitude.shape[-1] != 1:
@@ -124,7 +134,7 @@ class Contact(AbstractLimit):
     Args:
         row: the coefficient of each mass that it concerns, `{mass: coefficient}`, counted from 0.
         position: where it stands along the row; the middle of its motion, if it moves.
-        restitution: coefficient of restitution, from 0 (plastic) to 1 (elastic).
+        restitution: coefficient of restitution, from 0 (plastic) to 1 (elastic), or a `vx.AbstractRestitution`.
         motion: how the contact moves along its row, a length: one column, of the frequency of the load, as for
             `vx.Stop`. It stands still, if left out.
 
@@ -148,14 +158,14 @@ class Contact(AbstractLimit):
     masses: tuple[int, ...] = eqx.field(static=True)
     row: Float[Array, "..."]
     position: Float[Array, "..."]
-    restitution: Float[Array, "..."]
+    restitution: Restitution
     motion: Harmonic | None
 
     def __init__(
         self,
         row: Mapping[int, ArrayLike],
         position: ArrayLike = 0.0,
-        restitution: ArrayLike = 1.0,
+        restitution: ArrayLike | AbstractRestitution = 1.0,
         motion: Harmonic | None = None,
     ):
         if not isinstance(row, Mapping) or not row:
@@ -166,7 +176,7 @@ class Contact(AbstractLimit):
         self.masses = tuple(whole_number("row", mass) for mass in row)
         self.row = as_float(list(row.values()), "row")
         self.position = as_float(position, "position")
-        self.restitution = as_float(restitution, "restitution")
+        self.restitution = as_restitution(restitution)
         self.motion = motion
 
     def __check_init__(self):

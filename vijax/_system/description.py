@@ -11,6 +11,7 @@ from .contact import Contact
 from .force_description import build_force, describe_force
 from .forces_by_path import Allowed
 from .forcing import Harmonic
+from .restitution import AbstractRestitution, describe_restitution, laws_by_name
 from .spelling import did_you_mean
 from .stop import Stop
 from .system import ImpactSystem
@@ -35,7 +36,7 @@ def describe(system: ImpactSystem) -> dict[str, Any]:
             _place(stop)
             | {
                 "position": float(stop.position),
-                "restitution": float(stop.restitution),
+                "restitution": describe_restitution(stop.restitution),
                 "motion": None if stop.motion is None else _lists(stop.motion),
             }
             for stop in system.stops
@@ -98,14 +99,29 @@ def _place(stop: Stop | Contact) -> dict[str, Any]:
 def _stop(name: str, lists: Any, forcing: Harmonic, dtype: DTypeLike) -> Stop | Contact:
     own = ("row",) if isinstance(lists, dict) and "row" in lists else ("mass", "side")
     _check_names(f"`{name}`", lists, (*own, *_OF_LIMIT), ("motion",))
-    values = {a: _array(f"{name}.{a}", lists[a], dtype) for a in _OF_LIMIT}
+    position = _array(f"{name}.position", lists["position"], dtype)
+    restitution = _restitution(f"{name}.restitution", lists["restitution"], dtype)
     motion = _motion(f"{name}.motion", lists.get("motion"), forcing, dtype)
     try:
         if "row" not in lists:
-            return Stop(lists["mass"], side=lists["side"], motion=motion, **values)
-        return Contact(_row(f"{name}.row", lists["row"], dtype), motion=motion, **values)
+            return Stop(lists["mass"], position, lists["side"], restitution, motion)
+        return Contact(_row(f"{name}.row", lists["row"], dtype), position, restitution, motion)
     except ValueError as error:
         raise ValueError(f"In `{name}`: {error}") from error
+
+
+def _restitution(name: str, told: Any, dtype: DTypeLike) -> np.ndarray | AbstractRestitution:
+    """A number, or the law of a table."""
+    if not isinstance(told, dict):
+        return _array(name, told, dtype)
+    laws = laws_by_name()
+    if told.get("law") not in laws:
+        raise ValueError(
+            f"`{name}` must be a number, or a table with `law`, one of {', '.join(sorted(laws))}, and its numbers, but is {told!r}."
+        )
+    law: Any = laws[told["law"]]
+    _check_names(f"`{name}`", told, ("law", *law.rules))
+    return law(**{a: _array(f"{name}.{a}", told[a], dtype) for a in law.rules})
 
 
 def _row(name: str, told: Any, dtype: DTypeLike) -> dict[int, np.ndarray]:

@@ -9,6 +9,7 @@ from .._jax.arrays import Count, Reals, as_float, whole_number
 from .._printing import as_html, as_text, describe_stop
 from .contact import AbstractLimit
 from .forcing import Harmonic
+from .restitution import AbstractRestitution, Restitution, as_restitution
 
 
 class Stop(AbstractLimit):
@@ -24,7 +25,8 @@ class Stop(AbstractLimit):
         mass: index of the mass, counted from 0.
         position: where the stop stands, in units of length; the middle of its motion, if it moves.
         side: `"upper"` or `"lower"`.
-        restitution: coefficient of restitution, from 0 (plastic) to 1 (elastic). At 1 a mass never
+        restitution: coefficient of restitution, from 0 (plastic) to 1 (elastic), or a law of it, a
+            `vx.AbstractRestitution`, for one that depends on the speed of impact. At 1 a mass never
             comes to rest on its stop: pressed on it while dampers take the energy, it bounces ever
             faster, and `simulate` ends with `max_steps_reached`.
         motion: how the stop moves, a length: one column, amplitude (1,) or (harmonics, 1), of the frequency
@@ -50,7 +52,7 @@ class Stop(AbstractLimit):
     mass: int = eqx.field(static=True)
     position: Float[Array, "..."] = eqx.field(converter=as_float)
     side: Literal["upper", "lower"] = eqx.field(static=True)
-    restitution: Float[Array, "..."] = eqx.field(converter=as_float)
+    restitution: Restitution
     motion: Harmonic | None
 
     def __init__(
@@ -58,13 +60,13 @@ class Stop(AbstractLimit):
         mass: Count = 0,
         position: ArrayLike = 0.0,
         side: Literal["upper", "lower"] = "upper",
-        restitution: ArrayLike = 1.0,
+        restitution: ArrayLike | AbstractRestitution = 1.0,
         motion: Harmonic | None = None,
     ):
         self.mass = whole_number("mass", mass)
         self.position = as_float(position, "position")
         self.side = side
-        self.restitution = as_float(restitution, "restitution")
+        self.restitution = as_restitution(restitution)
         self.motion = motion
 
     def __check_init__(self):

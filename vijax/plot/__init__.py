@@ -5,26 +5,37 @@ from 0, as in the machine. Units are written as `units=` gives them, and none wh
 of matplotlib in use; lightness, strokes, marks or words repeat what they say, for a printer without colour.
 """
 
-import lazy_loader as _lazy_loader
+from importlib import import_module as _import_module
 
-# Each is imported when it is first asked for. `__init__.pyi` lists them for type checkers. Drawings and films of machines
-# stand in `studio/`, which imports from this folder.
+# Each is imported when it is first used; `__init__.pyi` lists them for type checkers. Drawings and films of machines stand in
+# `studio/`, which imports from this folder: lazy_loader attaches the names of a package's own modules alone.
 _PLACES = {
-    "plot._basins": ["basins"],
-    "plot._bifurcation": ["bifurcation"],
-    "plot._branch": ["branch"],
-    "plot._curves": ["curves"],
-    "plot._impact_map": ["impact_map"],
-    "plot._lyapunov": ["lyapunov"],
-    "plot._multipliers": ["multipliers"],
-    "plot._plane": ["plane"],
-    "plot._regions": ["regions"],
-    "plot._relative_motion": ["relative_motion"],
-    "plot._section": ["section"],
-    "plot._shares": ["shares"],
-    "plot._sticking": ["sticking_region"],
-    "plot._trajectories": ["phase_portrait", "time_series"],
-    "studio.drawing.animate": ["animate"],
-    "studio.drawing.machine": ["machine"],
+    "animate": "studio.drawing.animate",
+    "basins": "plot._basins",
+    "bifurcation": "plot._bifurcation",
+    "branch": "plot._branch",
+    "curves": "plot._curves",
+    "impact_map": "plot._impact_map",
+    "lyapunov": "plot._lyapunov",
+    "machine": "studio.drawing.machine",
+    "multipliers": "plot._multipliers",
+    "phase_portrait": "plot._trajectories",
+    "plane": "plot._plane",
+    "regions": "plot._regions",
+    "relative_motion": "plot._relative_motion",
+    "section": "plot._section",
+    "shares": "plot._shares",
+    "sticking_region": "plot._sticking",
+    "time_series": "plot._trajectories",
 }
-__getattr__, __dir__, __all__ = _lazy_loader.attach("vijax", submod_attrs=_PLACES)
+__all__ = [*_PLACES]  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+def __getattr__(name: str):
+    if name not in _PLACES:
+        raise AttributeError(f"No vijax.plot attribute {name}")
+    return getattr(_import_module(f"vijax.{_PLACES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

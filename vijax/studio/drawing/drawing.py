@@ -142,7 +142,7 @@ def _name_of_limit(
     """What is written below a stop or contact."""
     j = limit.number
     gap = [] if gaps is None else [f"gap {gaps[j]:.3g}"]
-    words = [name_of(j, scheme.masses), *gap, f"$r$ = {scheme.restitution[j]:.3g}"]
+    words = [name_of(j, scheme.masses), *gap, scheme.restitution[j]]
     return place_of_limit(home, pose, limit), "\n".join(words)
 
 

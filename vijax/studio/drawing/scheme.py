@@ -7,6 +7,7 @@ import numpy as np
 
 from ..._machine.machine import Machine
 from ..._system.force import name_of_force
+from ..._system.restitution import AbstractRestitution, Newton, law_of_contacts
 from ..._system.system import ImpactSystem
 from ..._system.waves import Waves
 from ..._trajectory.solution import Solution
@@ -54,7 +55,7 @@ class Scheme(NamedTuple):
         rows: of stops and contacts, counted towards them, (stops, n).
         masses: the mass of each stop, -1 for a contact.
         limit: where they stand along their rows in the mean, (stops,).
-        restitution: (stops,).
+        restitution: the coefficient of each stop in words, that of light impacts for a law, (stops,).
         is_moving: which of them move, (stops,).
         is_lumped: whether the mass matrix is diagonal; else the boxes are coordinates.
         force: the name of the force that is not linear, if there is one.
@@ -68,7 +69,7 @@ class Scheme(NamedTuple):
     rows: np.ndarray
     masses: tuple[int, ...]
     limit: np.ndarray
-    restitution: np.ndarray
+    restitution: tuple[str, ...]
     is_moving: np.ndarray
     is_lumped: bool
     force: str | None
@@ -120,7 +121,7 @@ class Scheme(NamedTuple):
         """In words what the drawing does not show."""
         drawn = {limit.number for limit in self.limits}
         rows = [
-            f"{name_of(j, self.masses)}: ${in_symbols(row)} \\leq {self.limit[j]:.3g}$, $r$ = {self.restitution[j]:.3g}"
+            f"{name_of(j, self.masses)}: ${in_symbols(row)} \\leq {self.limit[j]:.3g}$, {self.restitution[j]}"
             for j, row in enumerate(self.rows)
             if j not in drawn
         ]
@@ -175,11 +176,16 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         rows=rows,
         masses=tuple(stop.slot[0] if stop.slot else -1 for stop in system.stops),
         limit=np.array([float(stop.sign * stop.centre) for stop in system.stops]),
-        restitution=np.array([float(stop.restitution) for stop in system.stops]),
+        restitution=_coefficients(law_of_contacts([stop.law for stop in system.stops], np.zeros(()))),
         is_moving=np.array(moving, bool),
         is_lumped=not system.has_full_mass,
         force=None if system.force is None else _name(system.force),
     )
+
+
+def _coefficients(law: AbstractRestitution) -> tuple[str, ...]:
+    symbol = "r" if isinstance(law, Newton) else "r(0)"
+    return tuple(f"${symbol}$ = {r:.3g}" for r in np.asarray(law.light))
 
 
 def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
@@ -193,7 +199,7 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
         rows=rows.reshape(num_stops, machine.num_masses),
         masses=machine.contacts.masses,
         limit=np.asarray(machine.contacts.limit),
-        restitution=np.asarray(machine.contacts.restitution),
+        restitution=_coefficients(machine.contacts.restitution),
         is_moving=np.ptp(places, axis=0) > 0,
         is_lumped=machine.inverse_mass.ndim == 1,
         force=None if machine.extra is None else _name(machine.extra.force),

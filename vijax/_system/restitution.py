@@ -1,0 +1,138 @@
+"""Restitution laws: the speed after an impact by the speed of approach, u+ = -r(u) u.
+
+Newton's law, a constant r, is the one that a number stands for. A law is data: its fields are the numbers that are swept,
+differentiated and written to files, by paths such as "stops[0].restitution.speed". To add one, write a class here, and list it
+in `vijax/__init__.pyi` and in the reference.
+"""
+
+import abc
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import ArrayLike
+
+from .._jax.arrays import Reals, as_float, concrete, stack
+from .checks import RESTITUTION, Rule, check_every, check_one
+
+
+class AbstractRestitution(eqx.Module):
+    """A restitution law r(u), for `restitution=` of `vx.Stop` and `vx.Contact`.
+
+    Attributes:
+        rules: the rule that each field obeys; all are numbers.
+    """
+
+    rules: eqx.AbstractClassVar[Mapping[str, Rule]]
+
+    @abc.abstractmethod
+    def __call__(self, speed: Reals) -> Reals:
+        """The coefficient at a speed of approach, elementwise; at negative speeds, of orbits that no machine follows, by symmetry."""
+
+    @property
+    def light(self) -> Reals:
+        """The coefficient of light impacts, r(0): the ratio of chatter."""
+        return self(0 * jax.tree.leaves(self)[0])
+
+    @property
+    def is_plastic(self) -> Reals:
+        """True where impacts leave no speed."""
+        return self.light == 0
+
+    def check(self, name: str) -> None:
+        """Refuse numbers that break their rules; `name` is the path of the law."""
+        for field, rule in self.rules.items():
+            value = getattr(self, field)
+            if value.ndim != 0:
+                raise ValueError(f"Argument `{name}.{field}` must be a number, but has shape {value.shape}.")
+            check_one(f"{name}.{field}", value, rule)
+
+    def check_lanes(self, name: str) -> None:
+        """Refuse numbers of many machines, lanes last."""
+        for field, rule in self.rules.items():
+            check_every(f"{name}.{field}", getattr(self, field), rule)
+
+    def __repr__(self) -> str:
+        numbers = ((field, concrete(getattr(self, field))) for field in self.rules)
+        words = (
+            f"{field}={f'{a:.6g}' if a is not None and a.ndim == 0 else 'traced or many'}"
+            for field, a in numbers
+        )
+        return f"{type(self).__name__}({', '.join(words)})"
+
+
+class Newton(AbstractRestitution):
+    """Newton's law: the coefficient is the same at every speed.
+
+    Attributes:
+        value: r, from 0 (plastic) to 1 (elastic).
+
+    References:
+        Wagg & Bishop (2004), Eq. 11.
+    """
+
+    rules: ClassVar[Mapping[str, Rule]] = {"value": RESTITUTION}
+
+    value: Reals
+
+    def __call__(self, speed: Reals) -> Reals:
+        """The coefficient, at any speed."""
+        del speed
+        return self.value
+
+
+class ByContact(AbstractRestitution):
+    """Contacts of different laws, (contacts,)."""
+
+    rules: ClassVar[Mapping[str, Rule]] = {}
+
+    laws: tuple[AbstractRestitution, ...]
+
+    def __call__(self, speed: Reals) -> Reals:
+        """Each at its speed."""
+        return stack([law(u) for law, u in zip(self.laws, speed, strict=True)])
+
+    @property
+    def light(self) -> Reals:
+        """Each of its own."""
+        return stack([law.light for law in self.laws])
+
+
+# A law, or an array that stands for Newton's. To type checkers it is anything: they would refuse `float(stop.restitution)`.
+Restitution = Any
+
+
+def as_restitution(value: ArrayLike | AbstractRestitution) -> Restitution:
+    """A law as it is, a number as an array."""
+    return value if isinstance(value, AbstractRestitution) else as_float(value, "restitution")
+
+
+def law_of(restitution: Restitution) -> AbstractRestitution:
+    """The law that a number stands for; a law itself."""
+    return restitution if isinstance(restitution, AbstractRestitution) else Newton(restitution)
+
+
+def law_of_contacts(laws: Sequence[AbstractRestitution], zero: Reals) -> AbstractRestitution:
+    """One law for all contacts, (contacts,); `zero` has the lanes of the machine."""
+    if not laws:
+        return Newton(np.zeros((0, *zero.shape), zero.dtype))
+    if len({type(law) for law in laws}) > 1:
+        return ByContact(tuple(jax.tree.map(lambda a: a + zero, law) for law in laws))
+    return jax.tree.map(lambda *values: stack([a + zero for a in values]), *laws)
+
+
+def describe_restitution(restitution: Restitution) -> float | dict[str, Any]:
+    """A number, or a table of the name of a law and its numbers."""
+    if not isinstance(restitution, AbstractRestitution):
+        return float(restitution)
+    return {"law": type(restitution).__name__} | {
+        a: float(getattr(restitution, a)) for a in restitution.rules
+    }
+
+
+def laws_by_name() -> dict[str, type[AbstractRestitution]]:
+    """The laws that this process knows."""
+    laws = AbstractRestitution.__subclasses__()
+    return {law.__name__: law for law in laws if law not in (Newton, ByContact)}
