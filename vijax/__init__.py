@@ -1,7 +1,7 @@
 """Vibro-impact machines in JAX: exact between impacts, no impact missed, differentiable, in batches.
 
-The public names stand in `__init__.pyi`, for type checkers and for this file alike: each is imported when it is first
-asked for, so that who simulates one machine does not wait for xarray, matplotlib or diffrax.
+The public names stand in `__init__.pyi`, for type checkers and for this file. Each is imported on first use, so that
+a simulation of one machine does not wait for xarray, matplotlib or diffrax.
 """
 
 import lazy_loader as _lazy_loader

@@ -1,4 +1,4 @@
-"""`python -m vijax`: sweeps, pictures and the explorer without a program of one's own."""
+"""`python -m vijax`: sweeps, pictures and the explorer from the command line."""
 
 import sys
 

@@ -1,7 +1,7 @@
 """Attributes of a dataset: meanings, units, flags, versions.
 
-Units of mass, length and time are the user's, so `units` are given only where they are fixed. All attributes
-are text, numbers or arrays of several numbers: NetCDF and Zarr keep nothing else.
+The user chooses the units of mass, length and time, so `units` are given only where they are fixed. All attributes
+are text, numbers or arrays of several numbers: NetCDF and Zarr store nothing else.
 """
 
 import importlib.metadata
@@ -110,7 +110,7 @@ _UNITS = {
 
 
 def variable_attributes(name: str) -> dict[str, str]:
-    """The attributes of a variable or of a swept path: meaning, and unit where there is one."""
+    """Attributes of a variable or of a swept path: meaning, and unit where it is fixed."""
     name = re.sub(r"\[[^]]*\]|\.values$", "", name)
     name = re.sub(r"^(force|args)\..*", r"\1", name)
     units = {"units": _UNITS[name]} if name in _UNITS else {}
@@ -118,19 +118,19 @@ def variable_attributes(name: str) -> dict[str, str]:
 
 
 def flags(names: Sequence[str]) -> dict[str, str | np.ndarray]:
-    """The attributes that name the codes 0, 1, 2, ... of a variable."""
+    """Attributes that name the codes 0, 1, 2, ... of a variable."""
     return {"flag_values": np.arange(len(names), dtype=np.int8), "flag_meanings": " ".join(names)}
 
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of the packages that compute."""
+    """Versions of vijax, of the packages that compute, and of Python."""
     found = {f"{name}_version": version(name) for name in ("vijax", "jax", "numpy")}
     return found | {"python_version": platform.python_version()}
 
 
 def version(name: str) -> str:
-    """The version of a package that is installed."""
+    """Version of an installed package."""
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:

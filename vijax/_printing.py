@@ -1,8 +1,7 @@
-"""Output of `print` and of notebooks for machines, trajectories and logs: numbers, in ten lines or so.
+"""Output of `print` and of notebooks for machines, trajectories and logs: numbers, in about ten lines.
 
-Everything is written twice from one table: as text, and as HTML without colours, which takes on those of the
-notebook. A batch shows only ranges, traced values only shapes. Nothing here may raise: half of what
-is printed is printed because something else went wrong.
+One table is written in two forms: text, and HTML without colours, which takes on those of the notebook. A batch shows
+only ranges, traced values only shapes. Nothing here may raise: prints are often made because something went wrong.
 """
 
 import html
@@ -15,21 +14,24 @@ import numpy as np
 
 from ._jax.arrays import concrete
 
-# The most numbers of a vector, rows of a matrix, stops of a machine, and events of a log that are shown.
+# _NUMBERS: most numbers of a vector that are shown.
+# _ROWS: most rows of a matrix.
+# _STOPS: most stops of a machine.
+# _EVENTS: most events of a log.
 _NUMBERS, _ROWS, _STOPS, _EVENTS = 6, 3, 3, 7
 _WIDTH = 90
 _COLUMNS = ("t", "kind", "stop", "velocity_minus", "velocity_plus", "impulse")
 
 
 class Description(NamedTuple):
-    """A title, and rows of which the first cell says what the others are."""
+    """A title, and rows whose first cell labels the others."""
 
     title: str
     rows: list[tuple[str, ...]]
 
 
 def as_text(tell: Callable[..., Description], thing: Any, *words: Any) -> str:
-    """A description in aligned columns."""
+    """Format a description in aligned columns."""
     told = _told(tell, thing, *words)
     if told is None:
         return eqx.tree_pformat(thing)
@@ -40,7 +42,7 @@ def as_text(tell: Callable[..., Description], thing: Any, *words: Any) -> str:
 
 
 def as_html(tell: Callable[..., Description], thing: Any, *words: Any) -> str:
-    """The same as a table."""
+    """Format a description as an HTML table."""
     told = _told(tell, thing, *words)
     if told is None:
         return f"<pre>{html.escape(eqx.tree_pformat(thing))}</pre>"
@@ -63,7 +65,7 @@ def _told(tell: Callable[..., Description], thing: Any, *words: Any) -> Descript
 
 
 def describe_harmonic(harmonic: Any) -> Description:
-    """A load, or the motion of a stop, which has no frequency."""
+    """Describe a load, or the motion of a stop, which has no frequency."""
     batch = _batch((harmonic.frequency, 0), (harmonic.mean, 1))
     own = harmonic.amplitude.ndim - len(batch)
     rows = [("amplitude", _numbers(harmonic.amplitude, own))]
@@ -76,19 +78,19 @@ def describe_harmonic(harmonic: Any) -> Description:
 
 
 def describe_stop(stop: Any) -> Description:
-    """A stop on one line."""
+    """Describe a stop on one line."""
     batch = _batch((stop.position, 0), (stop.law.light, 0))
     return Description(f"Stop of mass {stop.mass}: {_wall(stop)}{_beside(stop.position, batch)}", [])
 
 
 def describe_contact(contact: Any) -> Description:
-    """A contact on one line."""
+    """Describe a contact on one line."""
     batch = _batch((contact.position, 0), (contact.law.light, 0))
     return Description(f"Contact: {_wall(contact)}{_beside(contact.position, batch)}", [])
 
 
 def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Description:
-    """A machine: its matrices, its load, its stops, its force."""
+    """Describe a machine: its matrices, load, stops and force."""
     forcing, stops = system.forcing, system.stops
     walls = [(value, 0) for stop in stops for value in (stop.position, stop.law.light)]
     batch = _batch((system.damping, 2), (forcing.frequency, 0), *walls)
@@ -113,7 +115,7 @@ def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Descrip
 
 
 def describe_events(log: Any, kinds: Sequence[str]) -> Description:
-    """The first and the last events."""
+    """Describe the first and the last events of a log."""
     kind = concrete(log.kind)
     room, batch = log.t.shape[-1], log.t.shape[:-1]
     title = f"EventLog with room for {_count(room, 'event')}{_beside(log.t, batch)}"
@@ -128,7 +130,7 @@ def describe_events(log: Any, kinds: Sequence[str]) -> Description:
 
 
 def _first_and_last(count: int) -> list[int | None]:
-    """The events to show, None for those left out."""
+    """Indices of the events to show, None for those left out."""
     if count <= _EVENTS:
         return [*range(count)]
     ends = _EVENTS // 2
@@ -142,7 +144,7 @@ def _event(log: Any, i: int, kinds: Sequence[str]) -> tuple[str, ...]:
 
 
 def describe_solution(solution: Any, results: Sequence[str], kinds: Sequence[str]) -> Description:
-    """A trajectory, or a batch of them: what became of it, its events, and its end."""
+    """Describe a trajectory, or a batch of them: its result, events and end."""
     batch, log = solution.t1.shape, solution.events
     kind, held = concrete(log.kind), concrete(solution.stuck1)
     code = concrete(solution.result._value)
@@ -161,7 +163,7 @@ def describe_solution(solution: Any, results: Sequence[str], kinds: Sequence[str
 
 
 def describe_orbit(orbit: Any, results: Sequence[str], kinds: Sequence[str]) -> Description:
-    """A periodic orbit, or a batch of them, in five lines."""
+    """Describe a periodic orbit, or a batch of them, in five lines."""
     kind, code = concrete(orbit.events.kind), concrete(orbit.result._value)
     multipliers = concrete(orbit.multipliers)
     rows = [
@@ -200,7 +202,7 @@ def _restitution(value: Any) -> str:
 
 
 def _sum(contact: Any) -> str:
-    """The row of a contact times the positions: x0 - x1."""
+    """Row of a contact times the positions, as text: x0 - x1."""
     row = concrete(contact.row)
     if row is None or row.ndim > 1:
         return f"row {_shape(contact.row)} on masses {list(contact.masses)}"
@@ -238,7 +240,7 @@ def _grazing(grazing: Any) -> str:
 
 
 def _numbers(value: Any, own: int) -> str:
-    """The numbers of an array with `own` axes of its own; their range if it is a batch."""
+    """Numbers of an array with `own` axes of its own, as text; their range if it is a batch."""
     known = concrete(value) if isinstance(value, jax.Array | np.ndarray) else None
     if known is None:
         return _shape(value)
@@ -262,20 +264,20 @@ def _row(values: np.ndarray, is_cut: bool = False) -> str:
 
 
 def _shape(value: Any) -> str:
-    """Type and shape of an array that is traced."""
+    """Dtype and shape of a traced array."""
     if isinstance(value, jax.Array | np.ndarray | jax.ShapeDtypeStruct):
         return f"{value.dtype}{list(value.shape)}"
     return _short(eqx.tree_pformat(value, width=10**6))
 
 
 def _beside(value: Any, batch: tuple[int, ...]) -> str:
-    """Remarks of a title: the shape of a batch, reduced precision."""
+    """Remarks for a title: shape of a batch, reduced precision."""
     lanes = f", a batch of shape {batch}" if batch else ""
     return lanes if value.dtype == np.float64 else f"{lanes}, {value.dtype}"
 
 
 def _batch(*fields: tuple[Any, int]) -> tuple[int, ...]:
-    """Batch axes: those that fields have beside their own."""
+    """Batch axes: the leading axes of fields in front of their own."""
     return max((a.shape[: a.ndim - own] for a, own in fields if a is not None), key=len)
 
 

@@ -1,8 +1,8 @@
-"""What long calls have in common: a progress bar, and what Ctrl-C does.
+"""Progress bar and Ctrl-C, for all long calls.
 
-The bar is a widget in notebooks that can show one, else a line of text. Ctrl-C raises `KeyboardInterrupt` out of every
-call, so that a script does not go on with half of a result unseen. What a `store` or `out` holds stays there; branches and
-curves, of which a part is as good as a shorter one, come along with the error.
+The bar is a widget in notebooks that can show one, else a line of text. Ctrl-C raises `KeyboardInterrupt` out of
+every call, so that a script does not go on with half a result unnoticed. The content of a `store` or `out` stays
+there. Branches and curves come with the error, because a part of one is as good as a shorter one.
 """
 
 import warnings
@@ -13,16 +13,16 @@ from typing import Any
 from tqdm import TqdmWarning
 
 with warnings.catch_warnings():
-    # A notebook without ipywidgets gets the line of text; nobody has to be warned at every import.
+    # A notebook without ipywidgets gets the line of text, without a warning at every import.
     warnings.simplefilter("ignore", TqdmWarning)
     from tqdm.auto import tqdm as tqdm
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C in a call that follows branches or a curve; what was followed until then comes along.
+    """Ctrl-C in a call that follows branches or a curve; the part computed until then comes with the error.
 
     Attributes:
-        result: what the call would have returned, as far as it came; those that are not complete have an end "interrupted".
+        result: the result of the call as far as it came; incomplete branches and curves have an end "interrupted".
 
     Example:
         ```python
@@ -48,7 +48,7 @@ Interrupted.__module__ = "vijax"  # the name that users see
 
 @contextmanager
 def bringing(result: Callable[[], Any]) -> Iterator[None]:
-    """Let Ctrl-C bring along what there is when it comes."""
+    """Turn Ctrl-C into `Interrupted`, with the result at that moment."""
     try:
         yield
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""Files and folders that cannot be made, told in a sentence."""
+"""Clear errors for files and folders that cannot be written."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -7,15 +7,7 @@ from pathlib import Path
 
 @contextmanager
 def naming_argument(name: str, path: Path) -> Iterator[None]:
-    """Say of what is being written which argument names a place where nothing can be.
-
-    Args:
-        name: of the argument.
-        path: what it names.
-
-    Raises:
-        ValueError: in place of what the operating system raises.
-    """
+    """Raise a ValueError that names the argument if its path cannot be written to, in place of the system's error."""
     try:
         yield
     except OSError as error:

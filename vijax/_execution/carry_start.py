@@ -1,4 +1,4 @@
-"""Where a point of a carried sweep starts: at the end of the point before it."""
+"""Start of a point of a carried sweep: the end of the point before it."""
 
 from jaxtyping import Bool, Float
 
@@ -16,13 +16,13 @@ def carried_start(
 ) -> tuple[Float[Column, "n points"], Float[Column, "n points"]]:
     """Positions and velocities at which points start, pushed back by stops that moved in.
 
-    A mass that a moving stop holds goes on with it, however it moves from now on.
+    A mass held by a moving stop starts with that stop's position and velocity, however the stop now moves.
 
     Args:
-        system: the machines of the points, lanes last.
-        end: positions and velocities, in space, at which the points before them ended.
-        held: whether each stop held its mass there.
-        otherwise: the starts of points before which a motion did not stay finite.
+        system: machines of the points, lanes last.
+        end: final positions and velocities, in space, of the points before them.
+        held: flags of the stops that held their mass there.
+        otherwise: starts of points before which a motion did not stay finite.
     """
     x, v = end
     library = library_of(x)
@@ -37,7 +37,7 @@ def carried_start(
 
 
 def _put(stop: AbstractLimit, of_masses: Reals, along: Reals, which: Reals) -> Reals:
-    """Positions, or velocities, so changed where asked for that along a stop they are what is given."""
+    """Positions or velocities, corrected where `which` is true so that their value along the stop is `along`."""
     library, rows, coefficients = library_of(of_masses), list(of_masses), stop.coefficients
     lack, square = along - stop.along(of_masses), sum(a * a for a in coefficients.values())
     for i, a in coefficients.items():

@@ -1,7 +1,7 @@
-"""The runner of other processes and machines: chunks of points are tasks of an executor.
+"""Runner on other processes and machines: chunks of points are tasks of an executor.
 
-A task holds the numbers of its own points, and how many the whole sweep has, which decides what is compiled. It is the work of
-seconds on one core, of which a worker is thought to have one. What a worker compiles for its first chunk it has for all.
+A task holds the numbers of its own points, and the size of the whole sweep, which determines what is compiled. It
+takes seconds on one core, the one that each worker is assumed to have. A worker compiles for its first chunk only.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -21,11 +21,11 @@ from .threads import Threads, count_cores, shared_out
 
 
 class Cluster(AbstractRunner):
-    """Gives chunks of points to an executor.
+    """Runner that gives chunks of points to an executor.
 
     Attributes:
-        flow: the motion between events.
-        counts: what is asked of every point.
+        flow: the flow between events.
+        counts: arguments of `sweep` for every point.
         settings: sizes of chunks, lanes and queues.
         executor: runs tasks.
     """
@@ -36,7 +36,7 @@ class Cluster(AbstractRunner):
     executor: Executor
 
     def run(self, points: LaneInput, which: np.ndarray, tell: Callable[[int], object]) -> PointResults:
-        """Run some points, see `AbstractRunner.run`."""
+        """Run points in chunks, which keep chains whole."""
         settings, (num_points, num_chains) = self.settings, (which.size, which.shape[-1])
         cores = settings.cores or count_cores()
         size = settings.chunk_of(self.counts.transient + self.counts.record)
@@ -49,7 +49,7 @@ class Cluster(AbstractRunner):
     def run_each(
         self, points: LaneInput, parts: Iterable[tuple[int, np.ndarray]], tell: Callable[[int], object]
     ) -> Iterator[tuple[int, PointResults]]:
-        """Run parts side by side, see `AbstractRunner.run_each`."""
+        """Run each part as a task of the executor."""
         in_all, settings = points.x0.shape[-1], replace(self.settings, cores=1)
         numbers = jax.tree.map(np.asarray, (points, self.flow))
 
@@ -66,18 +66,18 @@ class Cluster(AbstractRunner):
 def choose_runner(
     flow: AbstractFlow, counts: Counts, settings: ExecutionSettings, executor: object
 ) -> AbstractRunner:
-    """What runs points: an executor, or without one the cores of this process."""
+    """Runner on an executor, or without one on the cores of this process."""
     if executor is None:
         return Threads(flow, counts, settings)
     return Cluster(flow, counts, settings, as_executor(executor))
 
 
 def part_of(numbers: Any, which: np.ndarray) -> Any:
-    """The numbers of some points, lanes last; a single point stands twice, or its numbers would seem shared by all."""
+    """Numbers of some points, lanes last. A single point is doubled: an axis of length one means shared by all."""
     index = which.ravel() if which.size > 1 else np.repeat(which, 2)
     return jax.tree.map(lambda a: a if a.shape[-1] == 1 else a[..., index], numbers)
 
 
 def _run_part(points: LaneInput, shape: tuple[int, ...], runner: Threads) -> PointResults:
-    """Run the points of a task, all its points or chains of these; called by a worker."""
+    """Run all points, or chains of points, of a task; called by a worker."""
     return runner.run(points, np.arange(np.prod(shape)).reshape(shape), lambda _: None)

@@ -1,20 +1,18 @@
-"""Turns of the loop over lanes: a step of every lane, and its impacts written down.
+"""Turns of the loop over lanes: a step of every lane, and the record of its impacts.
 
-The loop is one kernel (see `in_one_kernel`), left when enough lanes are done to be given new points. So a
-turn of 96 lanes takes 5 to 7 microseconds, where 115 separate kernels took 17. Arithmetic is then the only
-cost, and these reduce it:
+The loop is one kernel (see `in_one_kernel`). It ends when enough lanes are done and can take new points. A turn of 96
+lanes takes 5 to 7 microseconds, where 115 separate kernels took 17. Arithmetic is then the only cost. These measures
+reduce it:
 
-- Fences (`compute_once`) at every result that several others share: 1700 operations a step where XLA
-  made 2300.
-- Conditionals over all lanes skip what no lane needs: sticking is a quarter of the work. (A second
-  kernel without it, which hands over lanes that come near sticking, gains no more and takes
-  seconds to compile.)
-- A division takes as long as ten multiplications: 20 are left of 62 divisions and roots.
-- The impacts of a turn are written in a loop, for they are few, and a scatter cannot be in a kernel.
+- Fences (`compute_once`) at every result that several others share: 1700 operations a step where XLA made 2300.
+- Conditionals over all lanes skip what no lane needs: sticking is a quarter of the work. (A second kernel without it,
+  which hands over lanes that come near sticking, gains no more and takes seconds to compile.)
+- A division takes as long as ten multiplications: 20 of 62 divisions and roots are left.
+- The impacts of a turn are written in a loop, because they are few and a kernel cannot contain a scatter.
 
-Fewer lanes leave the vector units idle (the chains of operations are long), more leave the cache: from 64 to
-192 the time per lane hardly changes. Steps longer than 3 / rate save none: with limits of 3, 4, 6 and 9 a
-period of case (a) takes 8.3, 8.3, 8.9 and 9.8 steps, as the proof ends most of them.
+Fewer lanes leave the vector units idle (the chains of operations are long), more do not fit into the cache: from 64
+to 192 the time per lane hardly changes. Steps longer than 3 / rate save none: with limits of 3, 4, 6 and 9 a period
+of case (a) takes 8.3, 8.3, 8.9 and 9.8 steps, as the proof that no event occurs ends most of them.
 """
 
 import equinox as eqx
@@ -36,14 +34,14 @@ class EndStates(eqx.Module):
     """End of every point's trajectory, points last.
 
     Attributes:
-        state: at the end, (..., points).
-        num_impacts: recorded impacts of each stop, (stops, points), also those that found no room.
-        num_sticks: likewise.
-        held_time: for how long each stop held its mass in the recorded periods, (stops, points).
+        state: final state, (..., points).
+        num_impacts: recorded impacts of each stop, (stops, points), including those that found no room.
+        num_sticks: the same for sticks.
+        held_time: time for which each stop held its mass in the recorded periods, (stops, points).
         steps: steps taken, (points,).
-        is_finite: whether it stayed finite, (points,).
-        tangents: small changes that go with the motion, their growth since the last end of a period; None where
-            nobody asked, and once a point is done.
+        is_finite: flags of trajectories that stayed finite, (points,).
+        tangents: small changes that evolve with the motion, and their growth since the last end of a period. None
+            where not requested, and once a point is done.
     """
 
     state: State
@@ -56,16 +54,16 @@ class EndStates(eqx.Module):
 
 
 class Work(eqx.Module):
-    """The request common to all points: periods, bounds, room.
+    """Request common to all points: periods, bounds, room.
 
     Attributes:
         num_points: points in the queue.
-        num_chains: those of them that begin by themselves, which come first: the point of number k starts where that of
-            k - num_chains ended. All of them, where nothing is carried.
+        num_chains: points that start a chain and come first; point k starts where point k - num_chains ended. All
+            points, where nothing is carried.
         transient: forcing periods before recording.
         num_periods: forcing periods in all.
-        max_steps: the most steps of one point, (); of every point or lane, once the loop has its machines.
-        max_impacts: recorded impacts of one point that are logged.
+        max_steps: most steps of one point, (); of every point or lane, once the loop has its machines.
+        max_impacts: most recorded impacts of one point that are logged.
         max_turns: turns of the loop after which it returns to the host.
     """
 
@@ -79,12 +77,12 @@ class Work(eqx.Module):
 
 
 class Progress(eqx.Module):
-    """The carry of the loop: what a turn changes.
+    """Carry of the loop: what a turn changes.
 
     Attributes:
-        lanes: what the lanes do.
-        impacts: those that were recorded, see `Impact`.
-        marks: the ends of recorded periods, see `Mark`.
+        lanes: states and counts of the lanes.
+        impacts: recorded impacts, see `Impact`.
+        marks: ends of recorded periods, see `Mark`.
         turns: turns so far, each a step of every lane, idle or not.
     """
 
@@ -95,16 +93,16 @@ class Progress(eqx.Module):
 
 
 class LaneTask(eqx.Module):
-    """The constants of the loop: what a turn reads.
+    """Constants of the loop: what a turn reads.
 
     Attributes:
-        flow: the motion, of each lane.
-        machine: the numbers, of each lane.
+        flow: flow of each lane.
+        machine: machine of each lane.
         phase0: phase of the forcing at the start of a period.
-        work: what is asked of every point.
-        point: the point of each lane; the number of points or more, if it has none.
-        enough: so many lanes at work are left alone; with fewer the loop ends.
-        last_turn: the number of turns at which it ends in any case.
+        work: request common to all points.
+        point: point of each lane; the number of points or more, if it has none.
+        enough: number of working lanes at which, or below which, the loop ends.
+        last_turn: turn at which the loop ends in any case.
     """
 
     flow: AbstractFlow
@@ -117,7 +115,7 @@ class LaneTask(eqx.Module):
 
 
 def turn_until_fed(progress_and_task: tuple[Progress, LaneTask]) -> tuple[Progress, LaneTask]:
-    """Take turns until too few lanes are at work, the log is full, or it was long enough."""
+    """Take turns until too few lanes work, the log is full, or the last turn is reached."""
     progress, task = progress_and_task
 
     def goes_on(progress: Progress) -> Bool[Array, ""]:
@@ -128,13 +126,13 @@ def turn_until_fed(progress_and_task: tuple[Progress, LaneTask]) -> tuple[Progre
 
 
 def is_live(work: Work, lanes: EndStates, point: Int[Array, " lanes"]) -> Bool[Array, " lanes"]:
-    """Lanes that have something left to do."""
+    """Lanes with work left."""
     is_on = lanes.is_finite & (lanes.steps < work.max_steps) & (point < work.num_points)
     return is_on & (lanes.state.periods < work.num_periods)
 
 
 def has_room(progress: Progress) -> Bool[Array, ""]:
-    """Whether there is room for what one more turn may write."""
+    """True where the log has room for one more turn."""
     lanes = progress.lanes
     has_room_for_impacts = progress.impacts.has_room(lanes.num_impacts.size)
     return has_room_for_impacts & progress.marks.has_room(lanes.steps.size)
@@ -186,5 +184,5 @@ def _turn(task: LaneTask, progress: Progress) -> Progress:
 
 
 def _held(state: State, instant: Instant) -> Float[Array, "stops lanes"]:
-    """For how long each stop held its mass in a step; a stick counts from the end of its chatter."""
+    """Time for which each stop held its mass in a step; a stick counts from the end of its chatter."""
     return jnp.where(state.held, instant.time - state.time, 0) - instant.chatter

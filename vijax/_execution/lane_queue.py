@@ -1,15 +1,14 @@
-"""Many trajectories side by side in one loop, fed from a queue.
+"""Many trajectories as lanes of one loop, fed from a queue.
 
-A loop over lanes lasts as long as its slowest lane. So a lane that is done takes the next point from a
-queue: when enough lanes are done, the loop is left, their results are put aside and new points
-gathered, and it goes on. Points in order of falling work leave little of the last round idle.
+A loop over lanes lasts as long as its slowest lane. A lane that is done therefore takes the next point from a queue.
+When enough lanes are done, the loop ends, their results are stored, new points are gathered, and the loop starts
+again. Points in order of decreasing work leave little of the last round idle.
 
-Where points are carried, a queue holds chains: a lane that is done goes on with the next point of its chain, from
-where it is, and takes the next chain at the end of it.
+Where points are carried, a queue holds chains. A lane that is done continues with the next point of its chain, from
+its present state, and takes the next chain at the end of its own.
 
-Impacts, and the states at the end of every recorded period, are written one after another to
-rows that the host takes away; so memory does not depend on how many there are, and nothing is written in
-the transient.
+Impacts and states at the ends of recorded periods are appended to rows that the host takes away. Memory therefore
+does not depend on their number, and the transient writes nothing.
 """
 
 from collections.abc import Callable
@@ -41,10 +40,10 @@ class Queue(eqx.Module):
     """State of a run over many points.
 
     Attributes:
-        progress: what the lanes do, and what they logged.
-        point: the point of each lane; the number of points, if it has none.
-        ends: what became of the points that are done.
-        following: the next point that waits, of those that begin by themselves.
+        progress: lanes and their log.
+        point: point of each lane; the number of points, if it has none.
+        ends: results of the points that are done.
+        following: next waiting point, among those that start a chain.
     """
 
     progress: Progress
@@ -64,8 +63,8 @@ def new_queue(
 ) -> Queue:
     """A queue with all lanes idle, for points that start at `x0`.
 
-    Lanes remember from step to step what `flow` asks for; nothing, if it is left out. Of the `settings`, the
-    room for what is recorded counts. `has_tangents` says whether small changes go with the motions.
+    Lanes carry the memory of `flow` from step to step; none, if `flow` is left out. Only the room for records matters
+    of the `settings`. With `has_tangents` small changes evolve with the motions.
     """
     (n, points), stops, dtype = x0.shape, len(system.stops), x0.dtype
     harmonics = num_harmonics(system)
@@ -119,14 +118,14 @@ def run_lanes(
     """Work on the queue until it is empty, the log full, or a number of turns done.
 
     Args:
-        points: the motion, the machine (leaves carry points, or a single one for all, as their last
-            axis), where each point starts and how fast, and what is asked for.
-        queue: where the work is. The log is written from its beginning.
-        can_stick: whether any stop of any point might hold its mass.
-        is_carried: whether some points start where others end, see `Work`.
+        points: the flow, the machine (leaves carry points, or a single one for all, as their last axis), initial
+            positions and velocities, and the request.
+        queue: present state of the work. The log is written from its beginning.
+        can_stick: True where any stop of any point may hold its mass.
+        is_carried: True where some points start where others end, see `Work`.
 
     Returns:
-        Where it is then, and whether there is anything left to do.
+        The queue after that, and a flag that work is left.
     """
     flow, system, x0, v0, work = points
     period = 2 * jnp.pi / system.forcing.frequency
@@ -176,13 +175,13 @@ def run_lanes(
 
 
 def _is_waiting(work: Work, queue: Queue) -> Bool[Array, ""]:
-    """Whether a lane that is done has something else to do."""
+    """True where a lane that is done has other work."""
     goes_on = queue.point + work.num_chains < work.num_points
     return (queue.following < work.num_chains) | jnp.any(goes_on)
 
 
 def _bounded(work: Work, machine: Machine, num_points: int) -> Work:
-    """The work with a bound on the steps of every point: as given, or far more than a sound motion takes.
+    """The request with a bound on the steps of every point: as given, or far more than a sound motion takes.
 
     Impacts add steps in every period to those of the motion itself.
     """
@@ -193,12 +192,12 @@ def _bounded(work: Work, machine: Machine, num_points: int) -> Work:
 
 
 def _of_lanes(work: Work, point: Int[Array, " lanes"]) -> Work:
-    """The work of each lane's point."""
+    """The request, with the bound on steps of each lane's point."""
     return eqx.tree_at(lambda w: w.max_steps, work, work.max_steps[point])
 
 
 def _gather(tree, point: Int[Array, " lanes"], num_points: int):
-    """The numbers of each lane's point; those shared by all points stay single."""
+    """Numbers of each lane's point; those shared by all points stay single."""
 
     def take(a: Reals) -> Reals:
         return a[..., point] if a.ndim and a.shape[-1] == num_points > 1 else a
@@ -207,7 +206,7 @@ def _gather(tree, point: Int[Array, " lanes"], num_points: int):
 
 
 def _refill(work: Work, start: Callable[[Array, EndStates], State], machine: Machine, queue: Queue) -> Queue:
-    """Put aside the results of finished lanes, and give these new points."""
+    """Store the results of finished lanes and give these lanes new points."""
     lanes, num_points = queue.progress.lanes, queue.ends.steps.size
     free = ~is_live(work, lanes, queue.point)
     done = jnp.where(free, queue.point, num_points)

@@ -1,4 +1,4 @@
-"""Machines and starts side by side, as lanes; computations are written once, for one lane."""
+"""Machines and starts as lanes; computations are written once, for one lane."""
 
 import equinox as eqx
 import jax
@@ -20,17 +20,17 @@ class LaneInput(eqx.Module):
 
 
 def points_of_lanes(base: LaneInput, swept: dict[str, np.ndarray]) -> LaneInput:
-    """Give every leaf of `base` lanes as its last axis, the swept values where they are named.
+    """Give every leaf of `base` lanes as its last axis, with the swept values at their paths.
 
     Args:
-        base: the machine and start that hold where nothing is swept.
+        base: machine and start where nothing is swept.
         swept: for each path one value a lane, (lanes, ...).
 
     Returns:
         The lanes; leaves that are not swept have a single one.
 
     Raises:
-        ValueError: for a path that names nothing or values that do not fit or make no machine.
+        ValueError: for a path that names nothing, or values that do not fit or make no valid machine.
     """
     points = with_values(base, swept)
     _check(points)
@@ -49,7 +49,7 @@ def with_values(base: LaneInput, swept: dict[str, np.ndarray]) -> LaneInput:
 
 
 def _with_lanes(leaf: np.ndarray, index: tuple[int, ...], values: np.ndarray, path: str) -> np.ndarray:
-    """The array with its entry set in every lane."""
+    """The array with its entry at `index` set in every lane."""
     shape = leaf[index].shape[:-1]
     if values.shape[1:] != shape:
         wanted = ", ".join(("points", *map(str, shape)))
@@ -64,7 +64,7 @@ def _with_lanes(leaf: np.ndarray, index: tuple[int, ...], values: np.ndarray, pa
 
 
 def _check(points: LaneInput) -> None:
-    """Refuse values that make no machine, all lanes at once."""
+    """Refuse values that make no valid machine, all lanes at once."""
     for leaf in jax.tree.leaves(points):
         check_every("", leaf, FINITE)
     check_machines(points.system, points.x0)

@@ -1,7 +1,7 @@
-"""Records of a run: columns by their names, written by the loop over lanes, read by the host.
+"""Records of a run as named columns, written by the loop over lanes, read by the host.
 
-Whole numbers stand in columns of their own type: among floats of 32 bits a point number above 2^24 is lost.
-A column is an array of its own, not a part of one wide row: then one loop writes all, whatever their types.
+Integers have columns of their own type: a 32-bit float loses point numbers above 2^24. A column is an array of its
+own, not a part of one wide row: one loop then writes all columns, whatever their types.
 """
 
 from collections.abc import Sequence
@@ -16,20 +16,20 @@ from jaxtyping import Array, Bool, Int
 
 from .._jax.xla import for_each
 
-# On the device, or on the host.
+# Array on the device or on the host.
 Column = Array | np.ndarray
 
 
 class Impact(eqx.Module):
-    """Impacts, rows first. One row of them on the device counts points within a queue, on the host in all.
+    """Impacts, rows first. Their points are numbered within a queue on the device, within the sweep on the host.
 
     Attributes:
-        time: since the transient.
+        time: time since the end of the transient.
         velocity: of the mass, in space, before the impact.
         chatter: time to the end of the chatter that the impact completes, or 0.
-        stop: which stop was hit.
-        point: of which point.
-        number: how many recorded impacts of the point came before.
+        stop: index of the stop.
+        point: index of the point.
+        number: number of earlier recorded impacts of the point.
     """
 
     time: Column
@@ -41,15 +41,15 @@ class Impact(eqx.Module):
 
 
 class Mark(eqx.Module):
-    """Where points are at the end of recorded periods, rows first.
+    """States of points at the ends of recorded periods, rows first.
 
     Attributes:
-        point: of which point.
+        point: index of the point.
         period: the recorded period that ends.
         x: positions in space, (rows, n).
         v: velocities in space, (rows, n).
-        held_time: for how long each stop held its mass so far, (rows, stops).
-        growth: of small changes in the period, (rows, 2 n), see `Tangents`; None where nobody asked.
+        held_time: time for which each stop held its mass so far, (rows, stops).
+        growth: growth of small changes in the period, (rows, 2 n), see `Tangents`; None where not requested.
     """
 
     point: Column
@@ -64,18 +64,18 @@ Record = TypeVar("Record", Impact, Mark)
 
 
 class RecordBatch(eqx.Module):
-    """Rows that the host takes away: memory does not depend on how many there are in all.
+    """Rows that the host takes away: memory does not depend on their total number.
 
     Attributes:
         room: the columns, each (rows, ...).
-        size: rows written.
+        size: number of rows written.
     """
 
     room: Impact | Mark
     size: Int[Array, ""]
 
     def has_room(self, num_rows: int) -> Bool[Array, ""]:
-        """Whether so many more can be written."""
+        """True where `num_rows` more rows fit."""
         return self.size + num_rows <= len(jax.tree.leaves(self.room)[0])
 
 
@@ -101,14 +101,14 @@ def _on_device(room: Impact | Mark) -> RecordBatch:
 
 
 def append(rows: RecordBatch, kept: Bool[Array, "*stops lanes"], record: Impact | Mark) -> RecordBatch:
-    """Append a row for each that is kept, those of several stops of one lane in their order.
+    """Append a row for each entry that is kept, those of several stops of one lane in their order.
 
-    One after another, for in a turn there are few.
+    Rows are written one after another, because a turn has few.
 
     Args:
         rows: where to write.
-        kept: which are.
-        record: the columns, each (..., *stops, lanes) or what can be broadcast to it.
+        kept: flags of the entries to append.
+        record: the columns, each (..., *stops, lanes) or broadcastable to it.
     """
     if kept.size == 0:
         return rows
@@ -128,7 +128,7 @@ def append(rows: RecordBatch, kept: Bool[Array, "*stops lanes"], record: Impact 
 
 
 def taken(rows: RecordBatch) -> Impact | Mark:
-    """A copy of what is written, for the room is used again; whole numbers, which count what is in memory, in 32 bits."""
+    """Copy the written rows, because the room is reused; integers, which count what is in memory, in 32 bits."""
     size = int(rows.size)
 
     def copy(a: Array) -> np.ndarray:
@@ -138,7 +138,7 @@ def taken(rows: RecordBatch) -> Impact | Mark:
 
 
 def selected_rows(record: Record, which: np.ndarray | slice) -> Record:
-    """Some of the rows."""
+    """Some rows of a record."""
     return jax.tree.map(lambda a: a[which], record)
 
 

@@ -1,4 +1,4 @@
-"""The interface of what runs many points, on any machine, and their results."""
+"""Interface of runners, which run many points on any machine, and their results."""
 
 import abc
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -28,10 +28,10 @@ class PointResults:
     """Results of some points.
 
     Attributes:
-        ends: `x`, `v`, `held`, `periods`, `num_impacts`, `num_sticks`, `steps`, `is_finite`, and of the end
-            of each recorded period `section_x`, `section_v`, `section_held_time`, `section_growth` (see `Mark`), (...,
-            periods, points); the points are the last axis of all.
-        impacts: the recorded impacts, in any order.
+        ends: `x`, `v`, `held`, `periods`, `num_impacts`, `num_sticks`, `steps`, `is_finite`, and for the end of each
+            recorded period `section_x`, `section_v`, `section_held_time`, `section_growth` (see `Mark`), (...,
+            periods, points). Points are the last axis of all.
+        impacts: recorded impacts, in any order.
         lane_steps: steps of all lanes, idle ones included.
     """
 
@@ -40,7 +40,7 @@ class PointResults:
     lane_steps: int
 
     def numbered(self, which: np.ndarray) -> "PointResults":
-        """The same, in increasing order, of points that were counted from 0 and have these numbers in the whole sweep."""
+        """Results of points counted from 0, renumbered by `which` in the whole sweep and put in increasing order."""
         numbers = which.ravel()
         numbers = numbers.astype(np.int32) if numbers.max(initial=0) < 2**31 else numbers
         ends = {name: a[..., np.argsort(numbers)] for name, a in self.ends.items()}
@@ -50,15 +50,15 @@ class PointResults:
 class AbstractRunner(eqx.Module):
     """A way to run points: on the cores of this machine, from a store, on other machines.
 
-    Sweeps, carried chains and stores know nothing else of it. To add one: write `run`, and
+    Sweeps, carried chains and stores use this interface only. To add a runner, write `run`, and
 
-    - hold what is asked of every point and the motion between events as fields, given once;
-    - let nothing that comes of a point depend on those run beside it, not by a bit: what is compiled follows
-      from the size of all `points`, never from how many of them `which` names;
-    - leave the process that calls open to an interrupt, and raise here what goes wrong elsewhere.
+    - hold the request common to all points and the flow between events as fields, given once;
+    - let no result of a point depend on the points run beside it, not by a bit: what is compiled follows from the
+      size of all `points`, never from how many of them `which` names;
+    - leave the calling process open to an interrupt, and raise here what goes wrong elsewhere.
 
-    One that changes how points are run by another, as a store does, holds that other as a field; what
-    shares points out, as a cluster does, may put the pieces together by `together`.
+    A runner that wraps another, as a store does, holds that other as a field. A runner that distributes points, as a
+    cluster does, may join the parts by `together`.
     """
 
     @abc.abstractmethod
@@ -66,28 +66,23 @@ class AbstractRunner(eqx.Module):
         """Run some points.
 
         Args:
-            points: the machines and starts of a whole sweep, whose size decides what is compiled; `x0` and
-                `v0` have all points as their last axis.
-            which: the points to run: in increasing order, (points,), each from its own start; or chains of them, one a
-                column, in which all but the first start where the one before them ended, (visits, chains).
+            points: machines and starts of a whole sweep, whose size determines what is compiled; `x0` and `v0` have
+                all points as their last axis.
+            which: points to run. In increasing order, (points,), each runs from its own start. In chains, one a
+                column, (visits, chains), all but the first start where the one before them ended.
             tell: called with the number of points done since the last call.
 
         Returns:
-            What came of them, in increasing order; the impacts with their numbers in the whole sweep.
+            Results in increasing order of the points; the impacts with their numbers in the whole sweep.
         """
 
     def run_each(
         self, points: LaneInput, parts: Iterable[tuple[int, np.ndarray]], tell: Callable[[int], object]
     ) -> Iterator[tuple[int, PointResults]]:
-        """Run several parts; overridden where that is not one after another.
+        """Run several parts one after another, otherwise as `run`; overridden where they run at the same time.
 
-        Args:
-            points: as for `run`.
-            parts: numbers of parts, and the points of each; the next is asked for when it may be run.
-            tell: as for `run`.
-
-        Yields:
-            The number of a part and what came of it, when it is done.
+        Parts are pairs of a number and the points; the next is taken when it can be run. Yields the number of a part
+        and its results, when it is done.
         """
         for number, which in parts:
             yield number, self.run(points, which, tell)
@@ -97,11 +92,11 @@ def together(parts: Iterable[tuple[int, PointResults]], shares: Sequence[np.ndar
     """Join the results of parts as they come, so that memory never holds all of them twice.
 
     Args:
-        parts: numbers of parts, in any order, and what came of them, the points of each in increasing order.
+        parts: numbers of parts, in any order, and their results, the points of each in increasing order.
         shares: the points of each part.
 
     Returns:
-        What came of all, the points in increasing order.
+        Results of all points in increasing order.
     """
     points = np.concatenate([np.sort(share, axis=None) for share in shares])
     places = np.empty_like(points)

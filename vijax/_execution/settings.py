@@ -5,24 +5,22 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ExecutionSettings:
-    """Sizes by which many trajectories are run: they decide how fast, not what is found, but for rounding.
+    """Sizes of the loops that run many trajectories. They affect speed; results change by rounding only.
 
     Args:
-        lanes: trajectories side by side in one loop: enough to hide the overhead of the compiled loop, few
-            enough to stay in the cache.
-        points: the most points of one queue: so many that its end, where lanes have nothing left to do, is
-            a small part of it.
-        turns: turns of the loop after which it comes back, so that it can be watched and interrupted.
+        lanes: trajectories in one loop: enough to hide the overhead of the compiled loop, few enough for the cache.
+        points: most points of one queue: so many that its end, where lanes have no work left, is a small part of it.
+        turns: turns of the loop after which it returns, to show progress and accept interrupts.
         impact_rows: room for impacts, in rows, which the host takes away when it is full.
-        mark_rows: room for the ends of recorded periods, likewise.
-        cores: queues that are run at the same time, or with an executor workers among which a small sweep is shared; if left
-            out, one for every core of this process.
+        mark_rows: the same for the ends of recorded periods.
+        cores: number of queues that run at the same time, or with an executor number of workers that share a small
+            sweep; if left out, one for every core of this process.
         in_flight: chunks that an executor has at a time: more than it has workers, few enough to stay in memory.
-        chunk_periods: forcing periods in a chunk of a store or of an executor, for each core: the work of a few seconds.
-        min_chunk: the fewest points of a chunk for each core, so that lanes do not idle.
-        max_chunk: the most points of a chunk for each core, no more than a queue holds.
-        long: forcing periods of all points together, above which a sweep has a program of its own, compiled for what
-            it sweeps: a minute or more.
+        chunk_periods: forcing periods in a chunk of a store or an executor, for each core: the work of a few seconds.
+        min_chunk: fewest points of a chunk for each core, so that lanes do not idle.
+        max_chunk: most points of a chunk for each core, no more than a queue holds.
+        long: forcing periods of all points together above which a sweep has its own program, compiled for the
+            quantities that it sweeps: a minute or more.
         visits: points of a carried chain that are run in one go; a store keeps them together.
     """
 
@@ -40,7 +38,7 @@ class ExecutionSettings:
     visits: int = 256
 
     def chunk_of(self, periods: int) -> int:
-        """Points of a chunk for one core, of so many forcing periods each."""
+        """Number of points of a chunk for one core, each of `periods` forcing periods."""
         return min(max(self.chunk_periods // max(periods, 1), self.min_chunk), self.max_chunk)
 
 

@@ -1,21 +1,21 @@
 """A sweep kept on disk chunk by chunk, so that it can be stopped, or killed, and resumed.
 
-A store is a folder with a manifest, `sweep.json`, which tells what is swept, and a file for every chunk
-of points that is done, named by a digest of its points, their machines and starts. Every run asks the
-store first, so a sweep that carries end states along needs nothing of its own: called again it goes along
-the same pieces of its chains, and finds the finished ones on disk.
+A store is a folder with a manifest, `sweep.json`, which describes the sweep, and a file for every chunk of points
+that is done, named by a digest of its points, their machines and starts. Every run looks into the store first. A
+carried sweep therefore needs no code of its own: called again, it visits the same pieces of its chains and finds the
+finished ones on disk.
 
-The result of a point does not depend on the points run beside it, not by a bit, as long as the motion is
-chosen for all points together and the compiled shapes are those of the whole sweep. Therefore a chunk is
-run as a part of the whole sweep. So neither chunks nor interruptions change anything.
+The result of a point does not depend on the points run beside it, not by a bit, as long as the flow is chosen for all
+points together and the compiled shapes are those of the whole sweep. A chunk is therefore run as a part of the whole
+sweep, and neither chunks nor interruptions change anything.
 
-A file is first written under a temporary name, and ends in a checksum of its content, of the sweep and of its
-place there: one that was cut off, damaged, or came from elsewhere is not used but made again.
+A file is first written under a temporary name. It ends in a checksum of its content, of the sweep and of its place
+there. A file that was cut off, damaged, or copied from elsewhere is not used but made again.
 
-Several processes may work on one store. The file system, which makes a name once, decides which begins it.
-Nobody waits for a lock, which a killed process would keep: every process visits the chunks in an order of
-its own, and checks just before making one whether another has made it. Two may make one at the same
-time, the same bits; whole files replace each other.
+Several processes may work on one store. The file system, which makes a name once, decides which process begins it.
+There are no locks, which a killed process would keep: every process visits the chunks in an order of its own, and
+checks just before running one whether another has finished it. Two may run the same chunk at the same time, with the
+same bits; whole files replace each other.
 """
 
 import contextlib
@@ -43,23 +43,23 @@ from .runner import AbstractRunner, PointResults, together
 from .settings import ExecutionSettings
 from .threads import count_cores
 
-# Goes up with every change of the content of `PointResults`, or of its format: older stores are refused.
+# Version of the format, raised with every change of `PointResults` or of its format: older stores are refused.
 _LAYOUT = 4
 _MANIFEST = "sweep.json"
 # Prefix of the columns of the impacts, which share a file with the ends of the points.
 _OF_IMPACTS = "impacts."
-# Settings that decide how points are cut into chunks, or who runs them, but no bit of the results.
+# Settings that determine how points are cut into chunks, or who runs them, but no bit of the results.
 _FREE_SETTINGS = ("cores", "in_flight", "chunk_periods", "min_chunk", "max_chunk")
 
 
 class Store(AbstractRunner):
-    """A runner that keeps results in a folder and gives points without results to another runner.
+    """Runner that keeps results in a folder and gives points without results to another runner.
 
     Attributes:
-        runner: the other one.
-        folder: where it keeps it.
+        runner: the other runner.
+        folder: folder of the store.
         points_per_chunk: points of one file.
-        sweep: a digest of what is swept.
+        sweep: digest of the manifest.
     """
 
     runner: AbstractRunner
@@ -68,14 +68,14 @@ class Store(AbstractRunner):
     sweep: str
 
     def run(self, points: LaneInput, which: np.ndarray, tell: Callable[[int], object]) -> PointResults:
-        """Run some points, see `AbstractRunner.run`."""
+        """Read the chunks that are done; run and keep the others."""
         num_chunks = min(-(-which.size // self.points_per_chunk), which.shape[-1])  # chains stay whole
         chunks = np.array_split(which, num_chunks, axis=-1)
         parts: dict[int, PointResults] = {}
         files: dict[int, Path] = {}
 
         def missing() -> Iterator[tuple[int, np.ndarray]]:
-            # Every process has another order; results are joined in that of the points.
+            # Random order, so that processes share the work; results are joined in the order of the points.
             for number in np.random.default_rng().permutation(len(chunks)).tolist():
                 chunk = chunks[number]
                 of_chunk = jax.tree.map(
@@ -101,21 +101,21 @@ def open_store(
     runner: AbstractRunner,
     settings: ExecutionSettings,
 ) -> Store:
-    """Begin a store, or go on with one that holds the same sweep.
+    """Begin a store, or continue one that holds the same sweep.
 
     Args:
-        path: its folder, which is made if it is not there.
-        manifest: what is swept, see `describe_sweep`.
-        runner: runs what is not there yet.
-        settings: sizes of its chunks, if it is begun.
+        path: its folder, made if missing.
+        manifest: description of the sweep, see `describe_sweep`.
+        runner: runs the points without results.
+        settings: chunk sizes of a new store.
 
     Raises:
-        ValueError: if the folder holds something else; says what differs.
+        ValueError: if the folder holds something else; the message says what differs.
     """
     folder, file = Path(path), Path(path) / _MANIFEST
     if not file.exists():
         _begin(folder, manifest, settings)
-    # Read even what was just begun: another process may have written it.
+    # Read the manifest even after `_begin`: another process may have written it.
     size = read_manifest(folder, _MANIFEST, manifest, lambda told: int(told["points_per_chunk"]))
     digest = hashlib.sha256(json.dumps(manifest, sort_keys=True).encode())
     return Store(runner, folder, size, digest.hexdigest())
@@ -124,14 +124,14 @@ def open_store(
 def read_manifest(
     folder: Path, name: str, manifest: dict[str, Any], size: Callable[[Any], Any], *within: str
 ) -> Any:
-    """What stands beside a manifest, if the sweep that it tells of is the one that is given.
+    """Read the size of chunks that stands beside a manifest, if that manifest is the given one.
 
     Args:
-        folder: of the store.
-        name: of the file in it, of JSON.
-        manifest: what is swept.
-        size: takes the size of chunks from what stands there.
-        within: where in the file it stands.
+        folder: folder of the store.
+        name: name of the JSON file in it.
+        manifest: description of the sweep.
+        size: takes the size of chunks from what stands beside the manifest.
+        within: keys in the file under which both stand.
     """
     file = folder / name
     try:
@@ -173,14 +173,10 @@ def describe_sweep(
     flow: AbstractFlow | None,
     settings: ExecutionSettings,
 ) -> dict[str, Any]:
-    """Everything that determines the results of a sweep to the last bit.
+    """Manifest: everything that determines the results of a sweep to the last bit.
 
-    Args:
-        attributes: how the sweep is made, see `origin`.
-        axes: the swept values.
-        points: the machines and starts.
-        flow: the motion between events that was asked for.
-        settings: sizes of what runs it, which decide what is compiled.
+    Attributes are those of `origin`. The flow is the requested one, None if left out. The settings determine what is
+    compiled.
     """
     told = {name: a for name, a in attributes.items() if name not in ("numpy_version", "python_version")}
     return {
@@ -222,12 +218,12 @@ def _read(store: Store, file: Path) -> PointResults | None:
 
 
 def _checksum(store: Store, file: Path, data: bytes) -> bytes:
-    """The 32 bytes that end a chunk."""
+    """The 32 bytes that end a chunk's file."""
     return hashlib.sha256(f"{store.sweep} {file.name} ".encode() + data).digest()
 
 
 def _write(file: Path, data: bytes, name: Callable[[Path, Path], object]) -> None:
-    """Write a file under a name that nobody else uses, and give it its own once it is whole."""
+    """Write a file under a unique temporary name, and give it its own name once it is whole."""
     part = file.with_suffix(f".{uuid.uuid4().hex}.part")
     try:
         part.write_bytes(data)
@@ -257,7 +253,7 @@ def _digest(tree: object) -> str:
 
 
 def _program(system: ImpactSystem) -> str:
-    """Digest of what a force computes; its name may stay the same while its body changes."""
+    """Digest of the program of a force, whose name may stay the same while its body changes."""
     if not isinstance(system.force, BoundForce):
         return "none"
     return _digest(program_of(jax.tree.map(lambda a: a[..., 0], system.force), system.num_masses))
@@ -269,7 +265,7 @@ def _summary(values: np.ndarray) -> str:
 
 
 def difference(there: object, here: object, name: str = "") -> str | None:
-    """The first thing in which two manifests differ, as a clause."""
+    """The first difference of two manifests, as a clause; None if there is none."""
     if isinstance(there, dict) and isinstance(here, dict):
         pairs = [(f"{name}.{key}".lstrip("."), there.get(key), here.get(key)) for key in {**there, **here}]
     elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):

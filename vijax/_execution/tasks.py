@@ -1,13 +1,13 @@
 """Tasks given to an executor, on any machine, and their answers as they come.
 
-An executor is whatever follows `concurrent.futures.Executor`: processes of this machine, Dask, MPI. Of it `submit`
-alone is used, and of its futures `add_done_callback`, `result` and `cancel`: each promises no more than that.
+An executor is any `concurrent.futures.Executor`: processes of this machine, Dask, MPI. Only its `submit` is used, and
+of its futures `add_done_callback`, `result` and `cancel`: executors promise no more.
 
-What goes wrong in a task comes back as its answer, so whatever a future raises is the executor's: a worker was
-killed, or cannot read what it was sent. Such a task is given out again some times. An executor that takes no more tasks is
-given up, for only who made it can make another.
+An error in a task comes back as its answer, so whatever a future raises is an error of the executor: a worker was
+killed, or cannot read what it was sent. Such a task is submitted again, a few times. An executor that takes no more
+tasks is given up, because only its owner can make another.
 
-Tasks are taken from an iterator, and a bounded number of them is given out at a time: there may be more than fit into memory.
+Tasks are taken from an iterator, a bounded number at a time: there may be more than fit into memory.
 """
 
 import contextlib
@@ -24,17 +24,17 @@ import numpy as np
 from .._dataset_attributes import versions
 from .._jax.xla import PLAIN
 
-# A task that was lost so often, by as many workers perhaps, is what kills them.
+# Most attempts at a task. A task that was lost so often, by as many workers perhaps, is what kills them.
 _ATTEMPTS = 4
-# Seconds after which it is seen whether the user interrupts.
+# Seconds between two checks for an interrupt by the user.
 _TURN = 0.5
 
 
 def as_executor(executor: object) -> Executor:
-    """The executor that is meant: itself, or that of a client of Dask.
+    """The given executor, or that of a client of Dask.
 
     Raises:
-        ValueError: if it is neither, or one of processes that would hang.
+        ValueError: if it is neither, or one of forked processes, which would hang.
     """
     if callable(get_executor := getattr(executor, "get_executor", None)):
         executor = get_executor()
@@ -53,7 +53,7 @@ def as_executor(executor: object) -> Executor:
 
 
 class _Task(NamedTuple):
-    """What is asked of a worker, and how often it was."""
+    """Key of a task, arguments for a worker, and number of attempts so far."""
 
     key: Any
     args: tuple
@@ -61,7 +61,7 @@ class _Task(NamedTuple):
 
 
 class _Answer(NamedTuple):
-    """What a function returned, or raised."""
+    """Value that a function returned, or error that it raised."""
 
     value: Any
     error: Exception | None = None
@@ -78,16 +78,16 @@ def run_tasks(
     Args:
         executor: gives tasks to workers; None calls the function here, one task after another.
         function: a function of a module, which workers import.
-        tasks: for each a key, which stays here, and the arguments; the next is asked for when there is room for it.
-        in_flight: how many tasks the executor has at a time.
+        tasks: for each a key, which stays here, and the arguments; the next is taken when there is room for it.
+        in_flight: most tasks that the executor has at a time.
 
     Yields:
-        The key and what the function returned, in the order in which they come. Where the iteration is left, tasks that
-        no worker has begun are cancelled.
+        The key and the returned value, in the order in which they come. When the iteration is left, tasks that no
+        worker has begun are cancelled.
 
     Raises:
         RuntimeError: if the executor takes no more tasks, or loses one again and again.
-        ValueError: if a task cannot be sent, or a worker has other versions of what computes.
+        ValueError: if a task cannot be sent, or the versions or settings of a worker differ.
         Exception: whatever the function raises.
     """
     if executor is None:
@@ -112,12 +112,12 @@ def run_tasks(
 
 
 class _Desk:
-    """Where tasks go out and answers come in.
+    """Counter where tasks go out and answers come in.
 
     Attributes:
         again: tasks that were lost.
-        given: those that the executor has.
-        closed: why it takes no more. What it has is waited for even then.
+        given: tasks that the executor has.
+        closed: error with which the executor refused a task. The tasks that it has are still awaited.
     """
 
     def __init__(self, executor: Executor, function: Callable, more: Iterator[_Task], room: int):
@@ -128,7 +128,7 @@ class _Desk:
         self._done: SimpleQueue[Future] = SimpleQueue()
 
     def give_out(self) -> bool:
-        """Give out tasks while there are any and there is room; whether any is to be waited for."""
+        """Give out tasks while there are any and there is room; True if the executor has any."""
         while self.closed is None and len(self.given) < self._room:
             task = self.again.pop() if self.again else next(self._more, None)
             if task is None:
@@ -143,7 +143,7 @@ class _Desk:
         return bool(self.given)
 
     def next_answer(self) -> tuple[_Task, _Answer | None]:
-        """Wait for a task to end, in short turns, so that an interrupt is heard."""
+        """Wait for a task to end, in short intervals, so that an interrupt is noticed."""
         while True:
             with contextlib.suppress(Empty):
                 future = self._done.get(timeout=_TURN)
@@ -152,7 +152,7 @@ class _Desk:
 
 
 def _submit(executor: Executor, function: Callable, task: _Task) -> Future:
-    # An array of JAX is read as 32 bits by a process that has no others yet.
+    # A process where 64-bit numbers are still off reads a JAX array as 32 bits.
     args = jax.tree.map(lambda a: np.asarray(a) if isinstance(a, jax.Array) else a, task.args)
     asked = jax.config.read("jax_enable_x64"), _circumstances()
     try:
@@ -166,7 +166,7 @@ def _submit(executor: Executor, function: Callable, task: _Task) -> Future:
 
 
 def _answer(future: Future, task: _Task) -> _Answer | None:
-    """The answer to a task; None if the executor lost it."""
+    """Answer to a task; None if the executor lost it."""
     try:
         return cast(_Answer, future.result())
     except Exception as error:
@@ -180,7 +180,7 @@ def _answer(future: Future, task: _Task) -> _Answer | None:
 
 
 def _refuse_unsendable(args: tuple) -> None:
-    """Say what is wrong, if it is that the arguments cannot be sent."""
+    """Raise an error that says what is wrong, if the arguments cannot be sent."""
     try:
         pickle.dumps(args)
     except Exception as error:
@@ -192,7 +192,7 @@ def _refuse_unsendable(args: tuple) -> None:
 
 
 def _circumstances() -> dict[str, object]:
-    """What decides the last bits, but for the processor."""
+    """Versions and settings that, beside the processor, determine the last bits."""
     told: dict[str, object] = {name: a for name, a in versions().items() if name != "python_version"}
     return told | {"device": jax.default_backend(), "VIJAX_PLAIN": PLAIN}
 

@@ -1,4 +1,4 @@
-"""The runner of this machine: a queue of points on every core."""
+"""Runner on this machine: a queue of points on every core."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -22,23 +22,23 @@ from .records import Mark, joined, taken
 from .runner import AbstractRunner, Counts, PointResults, together
 from .settings import ExecutionSettings
 
-# Queues begin one after another: each would compile, and wait for Python's lock.
+# Queues begin one after another. Otherwise each would compile, and wait for Python's lock.
 _STARTING = Lock()
 
 
 def count_cores() -> int:
-    """The cores that this process may use."""
+    """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Threads(AbstractRunner):
-    """Runs points on every core of this process: XLA lets go of Python while it works.
+    """Runner on every core of this process: XLA releases Python's lock while it works.
 
     Attributes:
-        flow: the motion between events.
-        counts: what is asked of every point.
+        flow: the flow between events.
+        counts: arguments of `sweep` for every point.
         settings: sizes of lanes and queues.
-        in_all: points of the whole sweep, where those given are a part of it.
+        in_all: number of points of the whole sweep, where the given points are a part of it.
     """
 
     flow: AbstractFlow
@@ -47,7 +47,7 @@ class Threads(AbstractRunner):
     in_all: int | None = None
 
     def run(self, points: LaneInput, which: np.ndarray, tell: Callable[[int], object]) -> PointResults:
-        """Run some points, see `AbstractRunner.run`."""
+        """Run points in threads, a queue in each."""
         make_room()
         num_queues, shape = self._sizes(self.size_of(points), which)
         shares = shared_out(points, which, num_queues)
@@ -64,11 +64,11 @@ class Threads(AbstractRunner):
             workers.shutdown(wait=True, cancel_futures=True)
 
     def size_of(self, points: LaneInput) -> int:
-        """The number of points of the whole sweep, which decides what is compiled."""
+        """Number of points of the whole sweep, which determines what is compiled."""
         return points.x0.shape[-1] if self.in_all is None else self.in_all
 
     def _sizes(self, in_all: int, which: np.ndarray) -> tuple[int, tuple[int, int]]:
-        """The number of queues, and the points and lanes of each, which follow from the whole sweep."""
+        """Number of queues, and the points and lanes of each, which follow from the size of the whole sweep."""
         num_lanes = self.settings.lanes
         width = self.settings.points if in_all > num_lanes else num_lanes
         cores = self.settings.cores or count_cores()
@@ -77,9 +77,9 @@ class Threads(AbstractRunner):
 
 
 def shared_out(points: LaneInput, which: np.ndarray, num_shares: int) -> list[np.ndarray]:
-    """Share points out evenly.
+    """Divide points evenly.
 
-    Points with the longest periods have most to do: they come first, shared among all. Chains stay whole.
+    Points with the longest periods take most work: they come first, spread over all shares. Chains stay whole.
     """
     frequency = np.broadcast_to(points.system.forcing.frequency, points.x0.shape[-1])[which]
     order = which[..., np.argsort(frequency.reshape(-1, which.shape[-1])[0], kind="stable")]
@@ -87,14 +87,14 @@ def shared_out(points: LaneInput, which: np.ndarray, num_shares: int) -> list[np
 
 
 def _as_they_end(jobs: dict[Future, int]) -> Iterator[tuple[int, PointResults]]:
-    """Numbers and results of jobs, or the first error. It waits in short turns, so that an interrupt is heard."""
+    """Numbers and results of jobs, or the first error. Waits in short intervals, so that an interrupt is noticed."""
     while jobs:
         done, _ = wait(jobs, timeout=0.5, return_when=FIRST_COMPLETED)
         for job in done:
             yield jobs.pop(job), job.result()
 
 
-@padding_allowed  # here, as it is set for each thread
+@padding_allowed  # here, because the setting is per thread
 def _run_queue(
     runner: Threads,
     points: LaneInput,
@@ -104,8 +104,8 @@ def _run_queue(
     stop: Event,
     x64: bool,
 ) -> PointResults:
-    """Run some points."""
-    # Settings of JAX are those of a thread; what all points share is broadcast to them.
+    """Run a share of the points as one queue."""
+    # JAX has its settings per thread. Numbers that all points share are broadcast.
     with jax.enable_x64(x64), jax.numpy_rank_promotion("allow"):
         with _STARTING:
             task, queue = _start(runner, points, share, shape)
@@ -149,11 +149,11 @@ def _sections(marks: Mark, record: int, num_points: int) -> dict[str, np.ndarray
 def _of_queue(
     numbers: tuple[ImpactSystem, AbstractFlow], filled: np.ndarray, *, is_long: bool
 ) -> tuple[ImpactSystem, AbstractFlow]:
-    """The numbers of some points.
+    """Numbers of some points.
 
-    Either all numbers but the frequency are shared by all points, or none is: so two programs serve, whatever
-    is swept. A program that shares all numbers that are not swept takes 6 to 9 % less time, if only the start
-    or a stop is swept, and seconds to compile: it is for long sweeps.
+    Either all numbers but the frequency are shared by all points, or none is: two programs then serve, whatever is
+    swept. A program that shares all numbers that are not swept takes 6 to 9 % less time, if only the start or a stop
+    is swept, and seconds to compile: it is for long sweeps.
     """
 
     def of_each(a: Array | np.ndarray) -> Array:

@@ -1,13 +1,12 @@
-"""Words for axes, and the small array helpers that every file shares.
+"""Names of axes, and small array helpers that every file shares.
 
-Axes: n (masses), stops, harmonics, times, events; lanes (trajectories side by side).
+Axes: n (masses), stops, harmonics, times, events, lanes (trajectories of a batch).
 
-Inside the engine every array carries its own axes first and lanes, if there are any, last: `x` is
-(n,) for one trajectory and (n, lanes) for many. The engine uses elementwise operations and
-indices and sums over leading axes alone, so it is written for one trajectory and runs on many, with
-the lanes in the contiguous axis, where a CPU vectorises. (`jax.vmap` with `in_axes=-1` was tried
-first: its rules for `stack` and `dot_general` move the lanes to the front, and the loop then runs
-several times slower.)
+Inside the engine every array has its own axes first and the lanes, if any, last: `x` is (n,) for one trajectory and
+(n, lanes) for a batch. The engine uses only elementwise operations, and indexing and sums over leading axes. Code for
+one trajectory therefore runs on a batch too, with the lanes in the contiguous axis, where a CPU vectorises.
+(`jax.vmap` with `in_axes=-1` was tried first: its rules for `stack` and `dot_general` move the lanes to the front,
+and the loop then runs several times slower.)
 """
 
 import operator
@@ -26,21 +25,21 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 try:
     from jax.extend.core import get_opaque_trace_state
-except ImportError:  # no release is sure to have it
+except ImportError:  # no release guarantees it
     get_opaque_trace_state = None
 
 P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
 Numbers = ArrayLike | Sequence[Any]
-# A whole number. Anything else, given at run time, `whole_number` refuses in a sentence.
+# Integer, for type checkers. At run time `whole_number` refuses anything else, with a clear message.
 if TYPE_CHECKING:
     Count = SupportsIndex | Array
 else:
     Count = Any
 Scalar = Float[Array, "..."]
 Flag = Bool[Array, "..."]
-# Numbers of JAX, or of NumPy: known ones are computed on the host, where no shape has to be compiled.
+# JAX or NumPy array. Concrete values are computed by NumPy on the host, where no shape needs compilation.
 Reals = Any
 
 
@@ -64,9 +63,9 @@ def _warn_about_lost_digits() -> None:
 
 
 def at_once(function: Callable[P, R]) -> Callable[P, R]:
-    """Let a function of arrays be computed at once where they are concrete, also while `jit` is tracing.
+    """Evaluate a function of arrays eagerly where its arguments are concrete, even while `jit` traces.
 
-    Numbers known on entry, a stiffness for instance, then stay known inside, for checks and choices.
+    Concrete arguments, a stiffness for instance, then give concrete results for checks and static choices.
     """
 
     @wraps(function)
@@ -80,19 +79,14 @@ def at_once(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def known_stays_known() -> AbstractContextManager:
-    """A context in which what is computed of known numbers is known, also while `jit` is tracing."""
-    # Elsewhere it is so anyway, and JAX would trace and compile all programs once more.
+    """Context in which results of concrete values are concrete, even while `jit` traces."""
+    # Unnecessary outside of `jit`, where JAX would trace and compile all programs once more.
     return jax.ensure_compile_time_eval() if is_staged() else nullcontext()
 
 
 @at_once
 def as_float(value: Numbers, name: str = "") -> Array:
-    """Convert to a floating-point array in the precision that JAX is set to, from any other.
-
-    Args:
-        value: numbers.
-        name: of the argument, for the sentence that refuses anything else.
-    """
+    """Convert to a floating-point array of the precision that JAX is set to; an error names the argument `name`."""
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value)):
         array = jnp.asarray(value)
         wanted = _wanted(array)
@@ -103,12 +97,12 @@ def as_float(value: Numbers, name: str = "") -> Array:
 
 
 def as_known(value: Numbers, name: str = "") -> np.ndarray:
-    """The same by NumPy, which compiles nothing."""
+    """Convert as `as_float` does, but by NumPy, which compiles nothing."""
     try:
         array = np.asarray(value)
         if array.dtype == object and all(isinstance(a, SupportsFloat) for a in array.flat):
             array = array.astype(float)  # fractions, decimals
-    except (ValueError, TypeError, OverflowError):  # lists of different lengths, numbers that are too large
+    except (ValueError, TypeError, OverflowError):  # ragged lists, numbers too large
         array = np.asarray(None)
     if array.dtype.kind not in "biufc" and not jnp.issubdtype(array.dtype, np.floating):
         who = (
@@ -121,7 +115,7 @@ def as_known(value: Numbers, name: str = "") -> np.ndarray:
 
 
 def _wanted(array: Array | np.ndarray) -> jnp.dtype:
-    """The type that numbers are converted to."""
+    """Dtype to which numbers are converted."""
     if array.dtype.kind == "c":
         raise ValueError("Expected real numbers, but got complex ones.")
     if array.dtype == np.float64 and jax.config.read("jax_enable_x64"):
@@ -133,7 +127,7 @@ def _wanted(array: Array | np.ndarray) -> jnp.dtype:
 
 
 def in_full_precision(tree: T) -> T:
-    """A machine, or parts of one, in JAX's current precision; warns of numbers that lost digits earlier."""
+    """Convert a machine, or parts of one, to JAX's current precision; warn of numbers that lost digits earlier."""
     wanted = jnp.result_type(float)
 
     def is_other(a: Any) -> bool:
@@ -148,7 +142,7 @@ def in_full_precision(tree: T) -> T:
 
 
 def is_single_precision(*given: Any) -> bool:
-    """Whether JAX has no 64-bit numbers, or some of what is given are none, of whatever made them before."""
+    """True where 64-bit numbers are off in JAX, or a floating-point leaf of `given` has fewer than 64 bits."""
     if jnp.result_type(float) != jnp.float64:
         return True
     dtypes = (getattr(leaf, "dtype", None) for leaf in jax.tree.leaves(given))
@@ -156,12 +150,7 @@ def is_single_precision(*given: Any) -> bool:
 
 
 def refuse_single_precision(who: str, *given: Any) -> None:
-    """Refuse what rounding to 7 digits would make wrong without a sign of it: whether neighbours meet, what a limit is.
-
-    Args:
-        who: the function that is called.
-        given: the machine, and what is known of its motions.
-    """
+    """Raise ValueError where 7 digits give silently wrong results: for the matching of neighbours, for limits."""
     if is_single_precision(*given):
         raise ValueError(
             f'`{who}` needs 64-bit numbers, and the machine made of them: put `jax.config.update("jax_enable_x64", True)` at '
@@ -170,17 +159,17 @@ def refuse_single_precision(who: str, *given: Any) -> None:
 
 
 def concrete(value: Any) -> np.ndarray | None:
-    """Return the value as NumPy's, or None while it is being traced."""
+    """Return the value as a NumPy array, or None while it is traced."""
     return None if isinstance(value, jax.core.Tracer) else np.asarray(value)
 
 
 def is_traced(tree: Any) -> bool:
-    """Whether any number of a tree is being traced, or all that is computed now is: under `jit`, `vmap`, `grad`."""
+    """True where a leaf of the tree is traced, or the current computation is staged: under `jit`, `vmap`, `grad`."""
     return is_staged() or any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def is_staged() -> bool:
-    """Whether what is computed now becomes part of a larger program: under `jit`, not under `vmap` or `grad` alone."""
+    """True where the current computation joins a larger program: under `jit`, not under `vmap` or `grad` alone."""
     state = None if get_opaque_trace_state is None else get_opaque_trace_state()
     if state is None or state != _unstaged.get("state"):
         if isinstance(_same(np.float32(0)), jax.core.Tracer):
@@ -189,7 +178,7 @@ def is_staged() -> bool:
     return False
 
 
-# In what JAX was when something was last computed at once: to ask `_same` again takes as long as all other checks.
+# Trace state of the last eager call, cached because a call of `_same` takes as long as all other checks.
 _unstaged: dict[str, Any] = {}
 
 
@@ -199,9 +188,9 @@ def _same(number: Array) -> Array:
 
 
 def whole_number(name: str, value: Any, least: int = 0) -> int:
-    """A whole number from Python or NumPy as `int`; anything else is refused.
+    """Convert an integer of Python or NumPy to `int`; refuse anything else.
 
-    A float is refused even where it is whole: `10.0` says that a quantity was meant, not a count.
+    A float is refused even where it is integral: `10.0` indicates a quantity, not a count.
     """
     try:
         number = operator.index(value)
@@ -213,29 +202,29 @@ def whole_number(name: str, value: Any, least: int = 0) -> int:
 
 
 def constant(tree: T) -> T:
-    """The same numbers, without derivatives; what is known stays NumPy's."""
+    """Stop the derivatives of JAX arrays; NumPy arrays stay as they are."""
     return jax.tree.map(lambda a: jax.lax.stop_gradient(a) if isinstance(a, jax.Array) else a, tree)
 
 
 def as_far_as_known(tree: T) -> T:
-    """The same numbers for checks, without derivatives, which compile nothing where `grad` alone traces them: NumPy's if known."""
-    # A `constant` that is known would be staged under `jit`.
+    """Values for checks: no derivatives, NumPy where concrete. Compiles nothing where `grad` alone traces them."""
+    # `constant` of a concrete array would be staged under `jit`.
     still = jax.tree.map(lambda a: constant(a) if isinstance(a, jax.core.Tracer) else a, tree)
     return jax.tree.map(lambda a: a if (known := concrete(a)) is None else known, still)
 
 
 def not_negative(time: Array) -> Array:
-    """The time, or 0 if rounding made it negative; its derivative is that of the time in any case."""
+    """Clip a time made negative by rounding to 0; the derivative is that of the time in any case."""
     return time - jax.lax.stop_gradient(jnp.minimum(time, 0))
 
 
 def short(dtype: jnp.dtype) -> float:
-    """Longest step, times the rate of the motion, whose cube is below rounding."""
+    """Largest step, times the rate of the motion, whose cube is below rounding."""
     return float(jnp.finfo(dtype).eps) ** (1 / 3)
 
 
 def library_of(*values: Reals) -> Any:
-    """`jax.numpy` if any of the values is an array of JAX, else `numpy`."""
+    """`jax.numpy` if any value is a JAX array, else `numpy`."""
     return jnp if any(isinstance(a, jax.Array) for a in values) else np
 
 
@@ -245,10 +234,10 @@ def stack(rows: Sequence[Reals]) -> Reals:
     return library.stack(library.broadcast_arrays(*rows))
 
 
-# Up to so many rows are added one by one: XLA fuses such sums with their surroundings, and hands no part to
-# a library, which `in_one_kernel` could not call.
+# Largest number of rows that are added one by one. XLA fuses such sums with their surroundings and passes no part
+# to a library, which a kernel of `in_one_kernel` cannot call.
 UNROLLED = 16
-# Fewer for one trajectory alone, which is compiled for milliseconds of work.
+# The same for a single trajectory: smaller, because its program is compiled for milliseconds of work.
 UNROLLED_ALONE = 4
 
 
@@ -261,14 +250,14 @@ def add_up(rows: Sequence[Reals] | Reals) -> Reals:
 
 
 def smallest(rows: Sequence[Array] | Array) -> Array:
-    """Minimum over the leading axis, infinite if it is empty."""
+    """Minimum over the leading axis; infinite if it is empty."""
     if 0 < len(rows) <= UNROLLED:
         return reduce(jnp.minimum, rows)
     return jnp.min(jnp.asarray(rows), axis=0, initial=jnp.inf)
 
 
 def matvec(matrix: Float[Array, "m n ..."], vector: Float[Array, "n ..."]) -> Float[Array, "m ..."]:
-    """Multiply over the leading axes, row by row while that is little to compile."""
+    """Multiply over the leading axes, row by row where that is little to compile."""
     m, n = matrix.shape[:2]
     if vector.ndim == 1 and n > UNROLLED_ALONE:
         return jnp.sum(matrix * vector[None], axis=1)
@@ -288,9 +277,9 @@ def over_lanes(function: Callable, like: Array, *trees: Any) -> Any:
     """Call a function written for one trajectory, for every lane if there are lanes.
 
     Args:
-        function: of unbatched arrays.
-        like: an array with one axis, and lanes last if there are any.
-        trees: arguments, whose leaves carry the lanes, or a single one for all, as their last axis.
+        function: function of unbatched arrays.
+        like: array with one axis, and lanes last if there are any.
+        trees: arguments; the last axis of each leaf holds the lanes, or has length one if all lanes share the leaf.
     """
     if like.ndim == 1:
         return function(*trees)
@@ -300,7 +289,7 @@ def over_lanes(function: Callable, like: Array, *trees: Any) -> Any:
 
 
 def lanes_apart(tree: Any, lanes: int) -> tuple[list, list[int | None], Any]:
-    """Arrays that carry so many lanes, or a single one for all, as their last axis: as `jax.vmap` takes them, their axes, the structure."""
+    """Leaves as `jax.vmap` takes them, their axes, their structure. Last axes are lanes, or one for all lanes."""
     leaves, structure = jax.tree.flatten(tree)
     axes = [-1 if jnp.shape(a)[-1:] == (lanes,) else None for a in leaves]
     leaves = [a[..., 0] if jnp.ndim(a) and k is None else a for a, k in zip(leaves, axes, strict=True)]

@@ -1,19 +1,18 @@
-"""A function that is computed in one way, and differentiated in two.
+"""A function computed one way and differentiated two ways.
 
-A loop without a bound on its steps can be differentiated forwards but not backwards. One with a bound can be
-differentiated both ways, but is cut at the bound. Neither JAX nor equinox has a loop that is unbounded
-forwards and can go backwards too, and a rule of differentiation (`jax.custom_jvp`) is not told the
-direction. The direction shows in the tangents: backwards they are unknown at first, and then transposed.
-So one function has three primitives:
+A loop without a bound on its steps can be differentiated forwards but not backwards. A bounded loop can be
+differentiated both ways, but is cut at the bound. Neither JAX nor equinox has a loop that is unbounded forwards and
+also goes backwards, and a differentiation rule (`jax.custom_jvp`) does not receive the direction. The tangents show
+the direction: backwards they are unknown at first and transposed later ("known" and "unknown" as in JAX's partial
+evaluation). One function therefore has three primitives:
 
 - `values`, its results;
-- `with_tangents`, the derivative of `values` by the unbounded loop, values and tangents at once;
-- `tangents`, the rest of `with_tangents` where values are known and tangents are not (`jax.grad`). It
-  is linear, and transposed by the bounded loop; by few numbers it is a product with the forward
-  derivative by each.
+- `with_tangents`, the derivative of `values`: values and tangents together, by the unbounded loop;
+- `tangents`, the remainder of `with_tangents` where values are known and tangents are not (`jax.grad`). It is linear.
+  Its transpose uses the bounded loop; for few numbers it is a product with the forward derivative along each.
 
-Derivatives of derivatives follow: `with_tangents` and `tangents` are functions too, and the derivative
-of each is `with_tangents` of it. `jax.custom_derivatives.linear_call` was tried, but knows no `vmap`.
+Derivatives of derivatives follow: `with_tangents` and `tangents` are functions too, and the derivative of each is
+`with_tangents` of it. `jax.custom_derivatives.linear_call` was tried, but does not support `vmap`.
 """
 
 from collections.abc import Callable
@@ -57,19 +56,19 @@ def both_ways(
     of_many: Callable | None = None,
     watch: Callable | None = None,
 ) -> PyTree:
-    """Return `forwards(tree)`, which is differentiated backwards as `backwards`.
+    """Return `forwards(tree)`, whose reverse-mode derivative is that of `backwards`.
 
-    Traces and compilations are kept by the functions and the parts of the tree that are no arrays.
+    Traces and compilations are cached by the functions, the non-array leaves, and the shapes of the arrays.
 
     Args:
-        forwards: what is computed, a tree of arrays.
-        backwards: the same function, made so that JAX can transpose its derivative.
-        tree: floating-point arrays, by which it is differentiated, and anything else.
-        compiled: how a function is compiled that is no part of a larger program.
-        of_many: if given, `forwards` of a batch: told a tree whose arrays have the axis of the batch last, or one of
-            length one if all share them, and the size of the batch; the batch is in front of what it returns.
-        watch: if given, is told first derivatives, those of the results in their tree, or a list of those by arguments,
-            and returns them.
+        forwards: function of `tree` that returns a tree of arrays.
+        backwards: the same function, written so that JAX can transpose its derivative.
+        tree: floating-point arrays, which are the variables of the derivative, and any other leaves.
+        compiled: compiles a function that is not part of a larger program.
+        of_many: if given, `forwards` of a batch. It takes a tree whose arrays have the batch axis last, of length one
+            where all members share the array, and the size of the batch. Its results have the batch axis first.
+        watch: if given, takes first derivatives and returns them. They are those of the results in their tree, or a
+            list of those with respect to the arguments.
     """
     arrays, others = eqx.partition(tree, lambda a: isinstance(a, jax.Array))
     moving, fixed = eqx.partition(arrays, eqx.is_inexact_array)
@@ -93,7 +92,7 @@ def _made(
     others: tuple,
     *kinds: tuple,
 ) -> tuple[TangentMaps, Callable[[Arrays, Arrays], PyTree]]:
-    """The two ways as functions of lists of arrays, and a function that rebuilds their tree of results."""
+    """`TangentMaps` of lists of arrays, and a function that rebuilds the tree of results from lists."""
     found = []
 
     def of_lists(function: Callable, fixed: Arrays, x: Arrays) -> tuple[Arrays, Arrays]:
@@ -157,7 +156,7 @@ def _shapes(primitive: Primitive, *row: Any, ways: TangentMaps, sizes: tuple[int
 def _differentiate(
     primitive: Primitive, row: Any, changes: Any, *, ways: TangentMaps, sizes: tuple[int, ...]
 ):
-    """The values of a primitive and their tangents, as a function of all inputs that can change."""
+    """Values of a primitive and their tangents, as functions of all inputs that can change."""
     fixed, *moving = _parts(row, sizes)
     at, dx = list(chain(*moving)), changes[len(fixed) :]
     if primitive is not values:
@@ -170,14 +169,14 @@ def _differentiate(
     nothing = [ad.Zero(jax.typeof(a).to_tangent_aval()) for a in rest]
     if primitive is not with_tangents:
         return [*y, *rest], [*dy, *nothing]
-    # Tangents of the first derivative are values of the second: they go back to their places.
+    # Tangents of the first derivative are values of the second. Restore their order.
     half = len(y) // 2
     return [*y[:half], *rest, *y[half:]], [*dy[:half], *nothing, *dy[half:]]
 
 
 @lru_cache(KEPT)
 def _of_derivative(primitive: Primitive, ways: TangentMaps, sizes: tuple[int, ...]) -> TangentMaps:
-    """The ways of a primitive with tangents, as a function of `fixed` and of `x` and `dx` in one list."""
+    """`TangentMaps` of a primitive with tangents, as functions of `fixed` and of `x` and `dx` in one list."""
 
     def of_all(joint: Callable, fixed: Arrays, both: Arrays) -> tuple[Arrays, Arrays]:
         y, rest, dy = joint(fixed, *_parts(both, sizes[1:]))
@@ -197,7 +196,7 @@ def _batch(primitive: Primitive, row: Any, axes: Any, *, ways: TangentMaps, size
         ways = of_batch(ways, over, size)
         found = bind(values, ways, fixed, x)
         return found, [0] * len(found)
-    # Tangents get the batch axis, as their cotangents will have it.
+    # Tangents get the batch axis because their cotangents have it.
     dx = in_front(dx[0], of_dx[0], size)
     ways, of_values = of_batch_of_tangents(ways, over, size)
     found = bind(primitive, ways, fixed, x, dx)
@@ -213,7 +212,7 @@ def _transpose(cotangents: Any, *row: Any, ways: TangentMaps, sizes: tuple[int, 
 
 
 def _split_while_tracing(trace: Any, *row: Any, ways: TangentMaps, sizes: tuple[int, ...]) -> list:
-    """Values at once where all their inputs are known; tangents by a primitive that waits."""
+    """Compute values now where all their inputs are known; leave the tangents to a later equation."""
     wait = partial(trace.default_process_primitive, tracers=row, params={"ways": ways, "sizes": sizes})
     is_known = [t.pval.is_known() for t in row]
     if not all(is_known[: sizes[0] + sizes[1]]) or all(is_known):
@@ -223,7 +222,7 @@ def _split_while_tracing(trace: Any, *row: Any, ways: TangentMaps, sizes: tuple[
 
 
 def _split_in_checkpoint(saveable: Any, is_unknown: Any, is_there: Any, equation: Any) -> tuple:
-    """The same for an equation of a function under `jax.checkpoint`."""
+    """Apply the same rule to an equation of a function under `jax.checkpoint`."""
     del saveable
     sizes, ways = equation.params["sizes"], equation.params["ways"]
     num_known, num_values = sizes[0] + sizes[1], sum(ways.sizes)

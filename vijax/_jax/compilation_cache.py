@@ -10,20 +10,20 @@ from .._writing import naming_argument
 
 try:
     from jax.experimental.compilation_cache.compilation_cache import reset_cache
-except ImportError:  # without it, nothing may have been compiled before
+except ImportError:  # without it, the cache works only if nothing was compiled before
     reset_cache = None
 
 
 def keep_compiled(folder: str | os.PathLike[str] | None = None) -> Path:
-    """Keep what is compiled in a folder, where later processes that say the same find it.
+    """Keep compiled programs in a folder, where later processes that make the same call find them.
 
-    A first `simulate` or `sweep` of a kind of machine then takes a fraction of the time. It is JAX's own persistent cache,
-    for all programs of the process, also those that take little time to compile. Functions that call back into Python,
-    as those under a `jax.jit` of one's own in which `simulate` may raise, are not kept.
+    The first `simulate` or `sweep` of a kind of machine then takes a fraction of the time. This is JAX's own
+    persistent cache, for all programs of the process, including those that compile quickly. Functions that call back
+    into Python are not kept, for example those under your own `jax.jit` in which `simulate` may raise.
 
     Args:
-        folder: where; if left out, the folder of the user for such files, `~/.cache/vijax` on Linux. It may be
-            deleted at any time, and holds programs for one kind of processor and one release of JAX each.
+        folder: the folder; if left out, the user's folder for caches, `~/.cache/vijax` on Linux. It may be deleted at
+            any time. Each program in it serves one kind of processor and one release of JAX.
 
     Returns:
         The folder.
@@ -44,6 +44,6 @@ def keep_compiled(folder: str | os.PathLike[str] | None = None) -> Path:
     jax.config.update("jax_compilation_cache_dir", str(place))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    if reset_cache is not None:  # earlier compilations have fixed the cache to no folder
+    if reset_cache is not None:  # earlier compilations initialised the cache without a folder
         reset_cache()
     return place

@@ -1,12 +1,12 @@
-"""Errors that depend on numbers, raised whichever part of a result is asked for.
+"""Errors that depend on numbers, raised whichever part of a result is used.
 
-Known numbers are checked at once. Under `jax.jit` numbers are not known, and XLA leaves out whatever the
-output does not depend on: a check whose result nobody reads, and in a derivative even one that changes
-only values. So every array that is returned is multiplied by the number 1 that the check makes; all
-derivatives, forward and reverse, then have it as a factor as well.
+Concrete numbers are checked at once. Under `jax.jit` numbers are traced, and XLA drops whatever the output does not
+depend on: a check whose result nothing reads and, in a derivative, even a check that changes only values. Every
+returned array is therefore multiplied by the number 1 that the check computes. All derivatives, forward and reverse,
+then have it as a factor as well.
 
-`equinox.error_if` puts the check into values alone, and its message under `jax.jit` ends in a paragraph
-about equinox; here the last line is the sentence.
+`equinox.error_if` puts the check into values alone, and its message under `jax.jit` ends in a paragraph about
+equinox. Here the last line is the message.
 """
 
 from collections.abc import Sequence
@@ -23,22 +23,22 @@ from .arrays import Scalar, concrete
 
 
 class SimulationError(RuntimeError):
-    """A simulation that cannot give what was asked for; the message says what to do."""
+    """Error of a simulation that cannot give the requested result; the message says what to do."""
 
 
 SimulationError.__module__ = "vijax"  # the name that users see
 
 
 def checked(tree: PyTree, number: Int[ArrayLike, ""], sentences: Sequence[str]) -> PyTree:
-    """Return a tree whose every array depends on a check, which raises if something is wrong.
+    """Return a tree whose every array depends on a check that raises if something is wrong.
 
     Args:
-        tree: what is returned to the user.
-        number: 0 if all is well, else that of the sentence that is raised.
-        sentences: the first, of number 0, is not used. In a batch the last that is wrong counts.
+        tree: the result for the user.
+        number: 0 if all is well, else the index of the message to raise.
+        sentences: messages; the first, of index 0, is unused. In a batch the largest index counts.
 
     Raises:
-        SimulationError: at once, or when what is compiled runs.
+        SimulationError: at once, or when the compiled program runs.
     """
     if concrete(number) is not None:
         _refuse(number, sentences)
@@ -58,12 +58,9 @@ def checked(tree: PyTree, number: Int[ArrayLike, ""], sentences: Sequence[str]) 
 def numbered(
     doubts: Sequence[tuple[Any, str]], number: Any = 0, sentences: Sequence[str] = ("",)
 ) -> tuple[Any, list[str]]:
-    """Arguments of `checked` that raise the first of the doubts that is true, and else what they raise already.
+    """Arguments of `checked` that raise the first true doubt, or else what `number` and `sentences` raise already.
 
-    Args:
-        doubts: verdicts, true where something is wrong, and their sentences.
-        number: see `checked`.
-        sentences: likewise.
+    Doubts are pairs of a flag, true where something is wrong, and its message.
     """
     sentences = list(sentences)
     for is_wrong, sentence in doubts[::-1]:
@@ -73,7 +70,7 @@ def numbered(
 
 
 def are_unfounded(doubts: Sequence[tuple[Any, str]]) -> Any:
-    """Whether none of some doubts, see `numbered`, is true."""
+    """True where no doubt is true, see `numbered`."""
     if not doubts:
         return np.asarray(True)
     return ~jnp.any(jnp.stack([is_wrong for is_wrong, _ in doubts]))
@@ -82,7 +79,7 @@ def are_unfounded(doubts: Sequence[tuple[Any, str]]) -> Any:
 def lock(number: Int[ArrayLike, ""], sentences: Sequence[str]) -> Scalar:
     """The number 1, computed by a check that raises if something is wrong, see `checked`."""
     if concrete(number) is None:
-        number = unvmap_max(jax.lax.stop_gradient(jnp.asarray(number)))  # known, if only a batch hid it
+        number = unvmap_max(jax.lax.stop_gradient(jnp.asarray(number)))  # concrete if only `vmap` traced it
     one = jnp.ones(())
     if concrete(number) is not None:
         _refuse(number, sentences)
@@ -99,7 +96,7 @@ def lock(number: Int[ArrayLike, ""], sentences: Sequence[str]) -> Scalar:
 
 
 def _refuse(number: Any, sentences: Sequence[str]) -> None:
-    """Raise the last of the sentences that a batch of numbers names, unless all are 0."""
+    """Raise the message of the largest index in a batch, unless all are 0."""
     worst = int(np.max(number, initial=0))
     if worst:
         raise SimulationError(sentences[worst])

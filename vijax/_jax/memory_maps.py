@@ -1,8 +1,8 @@
 """Room for compiled programs in a process that compiles many.
 
-Each program takes some hundred memory maps, of which Linux gives a process 65,530 (`vm.max_map_count`). When none is
-left, XLA fails, or waits for ever. So all programs are dropped before that; those that are asked for again are compiled
-again. 300 sweeps of machines of different make would be too many otherwise.
+Each program takes about a hundred memory maps, of which Linux gives a process 65,530 (`vm.max_map_count`). When none
+is left, XLA fails or hangs. All programs are therefore dropped before that, and compiled again when needed. Otherwise
+300 sweeps of different kinds of machines would be too many.
 """
 
 import logging
@@ -14,18 +14,20 @@ import jax
 from .arrays import is_staged
 
 _MAPS, _MOST = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
-# Programs between two looks, and how much of the room may be taken at one: the next few must fit in what is left.
+# _BETWEEN: programs compiled between two counts of the maps.
+# _FULL: fraction of the maps above which programs are dropped; those of the next `_BETWEEN` must fit into the rest.
+# _GROWTH: fraction of the maps that must be added after one drop before the next.
 _BETWEEN, _FULL, _GROWTH = 4, 0.75, 0.1
 
 _log = logging.getLogger(__name__)
 
 
 class _Taken:
-    """What is known of the maps.
+    """Counters of programs and memory maps.
 
     Attributes:
-        new: programs since the last look.
-        others: maps that were left when all programs were dropped: what else the process has.
+        new: programs compiled since the last count of the maps.
+        others: maps left after the last drop of all programs: those of the rest of the process.
     """
 
     def __init__(self):
@@ -41,11 +43,11 @@ _taken = _Taken()
 
 
 def make_room() -> None:
-    """Drop compiled programs if hardly any memory maps are left. Costs next to nothing where nothing was compiled."""
+    """Drop compiled programs if hardly any memory maps are left. Costs next to nothing if nothing was compiled."""
     if _taken.new < _BETWEEN or is_staged() or (most := most_maps()) is None:
         return
     _taken.new, now = 0, num_maps()
-    # Where others have taken the room, programs are not dropped again and again.
+    # Where the rest of the process takes the room, programs are not dropped again and again.
     if now > max(_FULL * most, _taken.others + _GROWTH * most):
         _log.info("%d of %d memory maps are taken: all compiled programs are dropped.", now, most)
         jax.clear_caches()
@@ -53,11 +55,11 @@ def make_room() -> None:
 
 
 def num_maps() -> int:
-    """The memory maps of this process."""
+    """Number of memory maps of this process."""
     return _MAPS.read_bytes().count(b"\n")
 
 
 @cache
 def most_maps() -> int | None:
-    """How many it may have; None where the system does not tell."""
+    """Limit on memory maps; None where the system does not report it."""
     return int(_MOST.read_text()) if _MOST.exists() and _MAPS.exists() else None

@@ -1,7 +1,6 @@
-"""A function with its derivatives, each traced once: the parts of `both_ways.py`.
+"""Functions with their derivatives, each traced once: the parts of `both_ways.py`.
 
-`jax.jit` traces a function anew under every other transformation, and a step of a trajectory takes half a second
-to trace.
+`jax.jit` traces anew under every other transformation, and the trace of a step of a trajectory takes half a second.
 """
 
 from collections.abc import Callable
@@ -17,12 +16,12 @@ from jaxtyping import Array, PyTree
 
 from .arrays import add_up, is_staged
 
-Arrays = list[Any]  # of JAX, or what stands for them while a function is traced
+Arrays = list[Any]  # JAX arrays, or their stand-ins while a function is traced
 Function = Callable[[Arrays, Arrays], tuple[Arrays, Arrays]]
-# The most functions whose traces, or compilations, are kept.
+# Size of the caches of traces and compilations, in functions.
 KEPT = 256
-# The most numbers by which derivatives backwards are made of those forwards. Even those by so many take no longer
-# (0.5 times as long by 21, 1.2 by 36), and they need no bounded loop, which takes up to twice as long to compile.
+# Most inputs for which reverse-mode derivatives are built from forward ones. Even for so many this is no slower (0.5
+# times as long for 21, 1.2 for 36), and it needs no bounded loop, which takes up to twice as long to compile.
 FEW = 32
 
 values, with_tangents, tangents = map(Primitive, ("values", "values_with_tangents", "tangents"))
@@ -32,18 +31,19 @@ class TangentMaps(NamedTuple):
     """A function of `fixed` and `x` with its derivatives along `dx`.
 
     Attributes:
-        values: (fixed, x), by the unbounded loop.
+        values: function of (fixed, x), by the unbounded loop.
         backwards: the same by the bounded loop.
-        joint: (fixed, x, dx), values and tangents, by the unbounded loop.
+        joint: function of (fixed, x, dx) that returns values and tangents, by the unbounded loop.
         transposable: the same by the bounded loop.
-        pullback: told which cotangents of `y` are given, a function of (fixed, x, those): the cotangents of `dx`. All
-            zero if those are.
-        hollow: zeros in the shapes of what `joint` returns, for which the derivative need not be traced.
-        compiled: how they are compiled.
-        sizes: how many arrays it returns that have derivatives, and others.
-        of_many: if given, told the axes of a batch of such and its size: the values of the batch.
-        lanes: of a batch, the ways of one lane, the axes of `fixed` and `x`, and how many lanes there are.
-        watch: if given, returns derivatives as they are, those of results, or else by arguments, and says what is wrong.
+        pullback: takes flags of the cotangents of `y` that are given; returns a function of (fixed, x, these
+            cotangents) that gives the cotangents of `dx`. They are zero if all given ones are.
+        hollow: zeros in the shapes of the results of `joint`, without a trace of the derivative.
+        compiled: compiles the functions.
+        sizes: number of results that have derivatives, and of other results.
+        lanes: for a batch, the `TangentMaps` of one lane, the batch axes of `fixed` and `x`, and the number of lanes.
+        of_many: if given, takes the batch axes of `fixed` and `x` and the batch size; returns `values` of the batch.
+        watch: returns derivatives unchanged and reports what is wrong with them. Its flag `of_results` is true for
+            derivatives of results, false for derivatives with respect to arguments.
     """
 
     values: Function
@@ -67,7 +67,7 @@ def tangent_maps_of(
     sizes: tuple[int, int],
     moves: tuple[bool, ...],
 ) -> TangentMaps:
-    """The ways of a function whose `forwards` and `backwards` are given, along those of `x` that move."""
+    """`TangentMaps` of a function given as `forwards` and `backwards`, along the entries of `x` flagged by `moves`."""
     joint, transposable = (
         Traced(partial(_derivative, function, moves), compiled) for function in (forwards, backwards)
     )
@@ -82,7 +82,7 @@ def tangent_maps_of(
 
 
 def _hollow(function: Function, fixed: Arrays, x: Arrays, dx: Arrays) -> tuple[Arrays, Arrays, Arrays]:
-    del dx  # its axes of a batch are those of tangents, which are found by `jax.vmap`
+    del dx  # its batch axis is that of the tangents, which `jax.vmap` adds
     found = shapes_of(function, fixed, x)
     y, rest = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), found)
     return y, rest, y
@@ -113,8 +113,8 @@ def _pullback(
         return [a for a, yes in zip(of_moving(moving)[0], given, strict=True) if yes]
 
     pulled = jax.vjp(wanted, moving)[1](cotangents)[0]
-    # What nobody asks for has no derivative, also where JAX's would be 0 times infinity: a lane that a sum leaves out
-    # spoils no derivative by what the lanes share. Where NaN is asked for, nothing is known.
+    # Zero cotangents give zero derivatives, even where JAX computes 0 times infinity: a lane left out of a sum spoils
+    # no derivative with respect to numbers that the lanes share. NaN cotangents give NaN.
     asked = jnp.concatenate([jnp.ravel(c) for c in cotangents])
     factor = jnp.where(jnp.any(jnp.isnan(asked)), jnp.nan, 1)
     return [jnp.where(jnp.any(asked != 0), a * factor.astype(a.dtype), 0) for a in pulled]
@@ -128,12 +128,12 @@ def _product(
     moving: Arrays,
     cotangents: Arrays,
 ) -> Arrays:
-    """The pullback as a product with the tangents along every single number."""
+    """Compute the pullback as a product with the tangents along every single number."""
 
     def pulled(dx: Arrays) -> Array:
         dy = bind(with_tangents, ways, fixed, x, dx)[sum(ways.sizes) :]
         pairs = zip(cotangents, [d for d, yes in zip(dy, given, strict=True) if yes], strict=True)
-        # What nobody asks for has no derivative, also where it is infinite.
+        # A zero cotangent gives zero, even where the tangent is infinite.
         return add_up([jnp.sum(jnp.where(c != 0, c * d, 0)) for c, d in pairs])
 
     ends = np.cumsum([a.size for a in moving])
@@ -145,14 +145,14 @@ def _product(
 
 
 def bind(primitive: Primitive, ways: TangentMaps, *parts: Arrays) -> Arrays:
-    """What a primitive returns of lists of arrays."""
+    """Bind a primitive to lists of arrays and return its results."""
     return primitive.bind(*chain(*parts), ways=ways, sizes=tuple(map(len, parts)))
 
 
 def _restricted(
     function: Function, moves: tuple[bool, ...], fixed: Arrays, x: Arrays
 ) -> tuple[Callable, Arrays]:
-    """The same as a function of the moving arguments alone, so that the others cost nothing."""
+    """The function of its moving arguments alone, so that the others cost nothing, and these arguments."""
 
     def of_moving(moving: Arrays) -> tuple[Arrays, Arrays]:
         moving = list(moving)
@@ -163,7 +163,7 @@ def _restricted(
 
 @lru_cache(KEPT)
 def of_batch(ways: TangentMaps, over: tuple, size: int) -> TangentMaps:
-    """The ways of a batch, by the axes of `fixed` and `x`; for its derivatives see `along`."""
+    """`TangentMaps` of a batch with the given axes of `fixed` and `x`; for its derivatives see `along`."""
     own = ways.of_many if size else None
     values = _batched(ways.values, ways, over) if own is None else own(over, size)
     found = tangent_maps_of(values, _batched(ways.backwards, ways, over), ways.compiled, ways.sizes, ())
@@ -172,7 +172,7 @@ def of_batch(ways: TangentMaps, over: tuple, size: int) -> TangentMaps:
 
 
 def _in_turn(values: Function, compiled: Callable, over: tuple, size: int) -> Function:
-    """The values of a batch of batches: one after another."""
+    """Values of a batch of batches, one batch after another."""
     axes = list(chain(*over))
 
     def of_all(fixed: Arrays, x: Arrays) -> tuple[Arrays, Arrays]:
@@ -190,7 +190,7 @@ def _in_turn(values: Function, compiled: Callable, over: tuple, size: int) -> Fu
 
 @lru_cache(KEPT)
 def of_batch_of_tangents(ways: TangentMaps, over: tuple, size: int) -> tuple[TangentMaps, int | None]:
-    """The ways of a batch of tangents, and the axis that their values have: none if all lanes share them."""
+    """`TangentMaps` of a batch of tangents, and the batch axis of their values: None if all lanes share them."""
     shared = all(axis is None for part in over for axis in part)
     axis, of_all = None if shared else 0, (*over, 0)
     ways = ways._replace(
@@ -206,10 +206,10 @@ def of_batch_of_tangents(ways: TangentMaps, over: tuple, size: int) -> tuple[Tan
 
 
 def along(ways: TangentMaps, moves: tuple[bool, ...]) -> TangentMaps:
-    """The ways along those of `x` that move. For a batch they take tangents as `of_lanes` returns them.
+    """`TangentMaps` along the entries of `x` that move. For a batch they take tangents as `of_lanes` returns them.
 
-    A derivative of a batch is a batch of derivatives, of every lane by a copy of its own of what the lanes share: so
-    what is asked of one lane touches no other, see `_pullback`.
+    The derivative of a batch is a batch of derivatives: every lane has its own copy of the numbers that lanes share.
+    The cotangents of one lane therefore affect no other lane, see `_pullback`.
     """
     if ways.lanes is None:
         found = tangent_maps_of(ways.values, ways.backwards, ways.compiled, ways.sizes, moves)
@@ -219,7 +219,7 @@ def along(ways: TangentMaps, moves: tuple[bool, ...]) -> TangentMaps:
 
 
 def of_lanes(ways: TangentMaps, moves: tuple[bool, ...], dx: Arrays) -> Arrays:
-    """Tangents of those of `x` that move, with the lanes of a batch in front."""
+    """Tangents of the entries of `x` that move, with the lanes of a batch first."""
     if ways.lanes is None:
         return dx
     one, (_, of_x), size = ways.lanes
@@ -228,7 +228,7 @@ def of_lanes(ways: TangentMaps, moves: tuple[bool, ...], dx: Arrays) -> Arrays:
 
 
 def in_front(arrays: Arrays, axes: list[int | None], size: int) -> Arrays:
-    """Arrays with the axis of a batch in front, those that all lanes share repeated."""
+    """Arrays with the batch axis first; those that all lanes share are repeated."""
     return [
         jnp.broadcast_to(a, (size, *jnp.shape(a))) if axis is None else jnp.moveaxis(a, axis, 0)
         for a, axis in zip(arrays, axes, strict=True)
@@ -236,7 +236,7 @@ def in_front(arrays: Arrays, axes: list[int | None], size: int) -> Arrays:
 
 
 def at_the_end(arrays: Arrays, axes: tuple[int | None, ...]) -> Arrays:
-    """Arrays with the axis of a batch last, of length one if all lanes share them."""
+    """Arrays with the batch axis last, of length one where all lanes share the array."""
     return [
         a[..., None] if axis is None else jnp.moveaxis(a, axis, -1)
         for a, axis in zip(arrays, axes, strict=True)
@@ -248,18 +248,18 @@ def _batched(function: Callable, ways: TangentMaps, over: tuple, to: Any = 0) ->
 
 
 def _axes(over: tuple, to: Any) -> tuple[tuple, Any]:
-    """Axes as `jax.vmap` takes them, of lists of arrays."""
+    """Axes of lists of arrays, in the form that `jax.vmap` takes."""
     return tuple(list(part) if isinstance(part, tuple) else part for part in over), to
 
 
 def kind(a: Any) -> tuple[tuple[int, ...], Any]:
-    """Shape and type of an array, or of what stands for one."""
+    """Shape and dtype of an array or its stand-in."""
     a = a if isinstance(a, jax.ShapeDtypeStruct) else jax.typeof(a)
     return a.shape, a.dtype
 
 
 class Traced:
-    """A function traced once however often it is asked for: `jax.jit` does so anew under other transformations."""
+    """A function traced once for each kind of arguments; `jax.jit` traces anew under other transformations."""
 
     def __init__(self, function: Callable, compiled: Callable):
         self._traced = cache(partial(_traced, function, compiled))
@@ -269,7 +269,7 @@ class Traced:
         return jax.tree.unflatten(jax.tree.structure(found), (run if is_staged() else run_alone)(*arrays))
 
     def shapes(self, *args: PyTree) -> PyTree:
-        """What `jax.eval_shape` finds, without evaluating the trace again."""
+        """Shapes of the results as from `jax.eval_shape`, without evaluating the trace again."""
         return self._look_up(args)[1][2]
 
     def _look_up(self, args: PyTree) -> tuple[list, tuple[Callable, Callable, PyTree]]:
@@ -280,7 +280,7 @@ class Traced:
 def _traced(
     function: Callable, compiled: Callable, structure: Any, kinds: tuple
 ) -> tuple[Callable, Callable, PyTree]:
-    """The trace as a function of arrays, the same compiled, and the shapes of what it returns."""
+    """The trace as a function of arrays, the same compiled, and the shapes of its results."""
     shapes = [jax.ShapeDtypeStruct(*kind) for kind in kinds]
     jaxpr, found = jax.make_jaxpr(function, return_shape=True)(*jax.tree.unflatten(structure, shapes))
     run = jaxpr_as_fun(jaxpr)
@@ -288,5 +288,5 @@ def _traced(
 
 
 def shapes_of(function: Callable, *args: PyTree) -> PyTree:
-    """What `jax.eval_shape` finds, looked up where it is known."""
+    """Shapes of the results as from `jax.eval_shape`, looked up for a `Traced` function."""
     return function.shapes(*args) if isinstance(function, Traced) else jax.eval_shape(function, *args)

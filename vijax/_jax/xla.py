@@ -1,7 +1,7 @@
-"""Instructions to the compiler.
+"""Directives to the compiler.
 
-None is needed for right results: `VIJAX_PLAIN=1` in the environment, read once, leaves all of them out, as a
-release of JAX that lacks them does.
+None is needed for correct results. `VIJAX_PLAIN=1` in the environment, read once, turns all of them off; a release of
+JAX that lacks them has the same effect.
 """
 
 import abc
@@ -27,7 +27,7 @@ except ImportError:
     set_xla_metadata = None
 try:
     from .both_ways import both_ways
-except (ImportError, AttributeError):  # it is made of parts of JAX that may change
+except (ImportError, AttributeError):  # it uses internals of JAX that may change
     both_ways = None
 
 PLAIN = os.environ.get("VIJAX_PLAIN", "0") not in ("", "0")
@@ -40,32 +40,32 @@ _ARE_NANS_ERRORS = attrgetter("jax_debug_nans", "jax_debug_infs")
 
 
 def padding_allowed(function: Callable[P, R]) -> Callable[P, R]:
-    """Let a function return NaN and infinity where JAX is set to stop at them, `jax_debug_nans` for instance.
+    """Let a function return NaN and infinity where JAX is set to stop at them, by `jax_debug_nans` for instance.
 
-    Logs are padded with them, and steps that are not needed overflow unseen. Inside a `jit` of the
-    user's, JAX checks the results of that one at its end, and nothing can be done here.
+    Logs are padded with them, and steps that are not needed overflow unseen. Inside the user's own `jit` JAX checks
+    the results of that function at its end, and nothing can be done here.
     """
 
     @wraps(function)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
         if not any(_ARE_NANS_ERRORS(jax.config)):
             return function(*args, **kwargs)
-        with jax.debug_nans(False), jax.debug_infs(False):  # not in the key of kept compilations
+        with jax.debug_nans(False), jax.debug_infs(False):  # not in the key of cached compilations
             return function(*args, **kwargs)
 
     return wrapped
 
 
-# A program that runs once, or for milliseconds, costs mostly the time to compile it. Without XLA's own code
-# generator that takes half as long, and a fifth of the memory maps, of which a process has 65,530.
+# Options for programs that run once, or for milliseconds, and cost mostly their compilation. Without XLA's own code
+# generator it takes half as long, and a fifth of the memory maps, of which a process has 65,530.
 _LIGHTLY = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 4}
 
 
 def compile_lightly(function: Callable[P, R]) -> Callable[P, R]:
-    """`eqx.filter_jit` for what runs no longer than it takes to compile, and is called with little effort.
+    """`eqx.filter_jit` for programs that run no longer than they take to compile, with little overhead per call.
 
-    What is no array is static, and so are Python's numbers. The structure of what is returned follows from what is
-    static. As a part of a larger program, under `jax.jit` or derivatives, it has no say in how that is compiled.
+    Non-array leaves are static, including Python numbers. The static leaves determine the structure of the result. As
+    part of a larger program, under `jax.jit` or derivatives, the function does not affect how that is compiled.
     """
     part = eqx.filter_jit(function)
     structures: dict[Hashable, tuple[Any, list]] = {}
@@ -99,12 +99,12 @@ def compile_lightly(function: Callable[P, R]) -> Callable[P, R]:
     return wrapped
 
 
-# Stands for an array among static leaves.
+# Placeholder of an array among static leaves.
 _ARRAY = object()
 
 
 def _split(leaves: list) -> tuple[list, list]:
-    """The arrays among leaves, and all leaves with `_ARRAY` in place of arrays."""
+    """Arrays among leaves, and all leaves with `_ARRAY` in place of arrays."""
     is_array = [isinstance(leaf, jax.Array | np.ndarray | np.generic) for leaf in leaves]
     arrays = [leaf for leaf, yes in zip(leaves, is_array, strict=True) if yes]
     return arrays, [_ARRAY if yes else leaf for leaf, yes in zip(leaves, is_array, strict=True)]
@@ -116,7 +116,7 @@ def _options() -> dict | None:
 
 @cache
 def _knows_how() -> bool:
-    """Whether this version of XLA has the options."""
+    """True where the backend is a CPU and this version of XLA has the options."""
     try:
         jax.jit(lambda: 0, compiler_options=_LIGHTLY).lower().compile()
     except Exception:  # which error is raised depends on the version
@@ -125,28 +125,27 @@ def _knows_how() -> bool:
 
 
 def compute_once(function: Callable, *args):
-    """Call `function` so that XLA computes what it shares once, not once per result.
+    """Call `function` so that XLA computes what its results share once, not once per result.
 
-    On a CPU XLA fuses every result of a loop body separately and repeats in each whatever they share. No
-    fusion crosses a call, but a call is inlined, unless it says that it must not be.
+    On a CPU XLA fuses every result of a loop body separately and repeats in each whatever they share. No fusion
+    crosses a call, but calls are inlined unless marked otherwise.
     """
     return _call(function, args, inlineable="false")
 
 
 def in_one_kernel(function: Callable, *args):
-    """Call `function`, all of it compiled into one kernel: on a CPU XLA runs every fusion as a kernel.
+    """Call `function` as a single compiled kernel; otherwise XLA on a CPU runs every fusion as a kernel.
 
-    A kernel takes 50 ns to start, as long as it takes to compute when it has a hundred lanes. Calls that
-    are marked as small, as XLA itself marks its small loops, are compiled whole. Scatter, sort and
-    custom calls are impossible in them, and so are arguments that nothing reads: the function has to read
-    all of each, or to return it.
+    A kernel takes 50 ns to start, as long as its computation for a hundred lanes. Calls marked as small, as XLA
+    itself marks its small loops, are compiled whole. Scatter, sort and custom calls are impossible in them. Arguments
+    that nothing reads are impossible too: the function must read all of each, or return it.
     """
     return _call(function, args, inlineable="false", xla_cpu_small_call="true")
 
 
 def not_constant(tree: PyTree) -> PyTree:
-    """The same numbers, of which the compiler does not see whether they are known: those cannot be handed to a kernel."""
-    is_so = jax.lax.linalg.cholesky(jnp.ones((1, 1)))[0, 0] > 0  # it does not look into LAPACK
+    """The same numbers, hidden from the compiler if they are constants: constants cannot be passed to a kernel."""
+    is_so = jax.lax.linalg.cholesky(jnp.ones((1, 1)))[0, 0] > 0  # the compiler does not look into LAPACK
     is_array = lambda a: isinstance(a, jax.Array | np.ndarray)  # noqa: E731
     return jax.tree.map(lambda a: jnp.where(is_so, a, jnp.zeros_like(a)) if is_array(a) else a, tree)
 
@@ -169,12 +168,12 @@ def _call(function: Callable, args: tuple, **attributes: str):
 
 
 def is_any(flags: Bool[Array, "..."]) -> Bool[Array, ""]:
-    """Whether any flag is up in any lane, those of a `vmap` included. Work may be skipped only if no lane needs it."""
+    """True where a flag is set in any lane, those of a `vmap` included. Work is skipped only if no lane needs it."""
     return unvmap_any(flags)
 
 
 def for_each(flags: Bool[Array, " places"], step: Callable[[Array, R], R], carry: R) -> R:
-    """`step(place, carry)` for each flag that is up, one after another: few are."""
+    """Apply `step(place, carry)` for each flag that is set, one after another: few are."""
     places = jnp.arange(flags.size, dtype=jnp.int32)
 
     def next_after(place: Array | int) -> Array:
@@ -188,11 +187,11 @@ def for_each(flags: Bool[Array, " places"], step: Callable[[Array, R], R], carry
 
 
 class AbstractTask(eqx.Module):
-    """The body of `while_any` and all that it depends on."""
+    """Body of `while_any` and all that it depends on."""
 
     @abc.abstractmethod
     def is_live(self, carry) -> Bool[Array, "..."]:
-        """Lanes that have something left to do."""
+        """Lanes with work left."""
 
     @abc.abstractmethod
     def step(self, carry):
@@ -200,22 +199,22 @@ class AbstractTask(eqx.Module):
 
 
 def while_any(task: AbstractTask, carry: Any) -> Any:
-    """Step while any lane is live, those of a `vmap` included.
+    """Step while any lane is live, lanes of a `vmap` included.
 
-    A plain `while_loop` under `vmap` copies the whole carry in every step to leave the finished
-    lanes alone, logs and all; here `step` does that itself, and knows how.
+    A plain `while_loop` under `vmap` copies the whole carry, logs and all, in every step to leave the finished lanes
+    unchanged. Here `step` itself leaves them unchanged, at less cost.
     """
     return jax.lax.while_loop(lambda c: is_any(task.is_live(c)), lambda c: task.step(c), carry)
 
 
 def bounded_while_any(task: AbstractTask, carry, max_steps: int, refuse: Callable):
-    """The same by a loop that JAX can transpose, with checkpoints and a bound.
+    """Step as `while_any` does, by a loop with checkpoints and a bound, which JAX can transpose.
 
     Args:
-        task: what the loop does.
-        carry: where it begins.
+        task: body of the loop.
+        carry: first carry.
         max_steps: the bound.
-        refuse: given whether there were more, returns the factor by which all numbers are multiplied.
+        refuse: takes flags of the lanes that had work left; returns the factor by which all numbers are multiplied.
     """
     last = while_loop(
         lambda c: is_any(task.is_live(c)),
@@ -236,9 +235,9 @@ def differentiable(
     of_many: Callable | None = None,
     watch: Callable | None = None,
 ):
-    """Return `forwards(tree)`, which is differentiated backwards as `backwards`, and of a batch `of_many`: see `both_ways`.
+    """Return `forwards(tree)`, differentiated backwards as `backwards`, and for a batch `of_many`: see `both_ways`.
 
-    Where it is no part of a larger program, it is compiled lightly.
+    Outside of a larger program it is compiled lightly, see `compile_lightly`.
     """
     # NumPy arrays would be compiled into the program.
     tree = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray | np.generic) else a, tree)
@@ -249,10 +248,10 @@ def differentiable(
 
 
 def jit_lightly(function: Callable) -> Callable:
-    """`jax.jit`, compiled lightly."""
+    """`jax.jit` with the options of `compile_lightly`."""
 
     @cache
-    def compiled() -> Callable:  # which options there are only a backend knows, and no import may start one
+    def compiled() -> Callable:  # the options depend on the backend, which no import may start
         return jax.jit(function, compiler_options=_options())
 
     @wraps(function)
@@ -265,7 +264,7 @@ def jit_lightly(function: Callable) -> Callable:
 
 @eqx.filter_jit
 def _plainly_both_ways(forwards: Callable, backwards: Callable, tree):
-    """`both_ways` of public JAX alone: every derivative, forward ones too, goes through `backwards`."""
+    """`both_ways` from public JAX alone: every derivative, forward ones too, goes through `backwards`."""
     arrays, static = eqx.partition(tree, lambda a: isinstance(a, jax.Array))
 
     @jax.custom_jvp

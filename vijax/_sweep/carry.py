@@ -1,8 +1,9 @@
-"""Sweeps that go on from point to point: every point starts where the one before it ended.
+"""Carried sweeps: every point starts where the one before it ended.
 
-Such a chain is sequential by nature, and is run so, in a loop of few lanes, a chain in each, that is not left between two points.
-Guessed starts, corrected until none changes any more, were rejected: all points settle side by side then, but a chaotic motion
-remembers its start, and each of its points takes a round of all lanes. A sweep that is chaotic in places took ten times as long.
+Such a chain is sequential by nature. It runs in a loop of few lanes, a chain in each, that does not end between two
+points. Guessed starts, corrected until none changes, were rejected: all points then settle together, but a chaotic
+motion remembers its start, and each of its points takes a round of all lanes. Partly chaotic sweeps took ten times
+longer.
 """
 
 from collections.abc import Callable
@@ -17,7 +18,7 @@ from .._execution.settings import ExecutionSettings
 
 
 def lanes_of_chains(settings: ExecutionSettings, num_chains: int) -> int:
-    """Lanes for so many chains: a power of two, so that few programs are compiled, and no more than others have."""
+    """Number of lanes for chains: a power of two, so that few programs are compiled, at most `settings.lanes`."""
     return min(1 << (num_chains - 1).bit_length(), settings.lanes)
 
 
@@ -31,15 +32,15 @@ def run_chains(
     """Run points along chains, some visits of all of them at a time.
 
     Args:
-        points: the machines and starts; `x0` and `v0` have all points as their last axis. The start of
-            the first point of a chain holds, those of the others where a motion did not stay finite.
-        chain: the points in the order in which they are visited, one chain a column, (visits, chains).
+        points: machines and starts; `x0` and `v0` have all points as their last axis. The start of the first point of
+            a chain is used, those of the others only where a motion did not stay finite.
+        chain: the points in the order of their visits, one chain a column, (visits, chains).
         runner: runs pieces of the chains.
         tell: called with the number of points done.
         settings: sizes of pieces.
 
     Returns:
-        What came of the points, in their order.
+        Results of the points, in their order.
     """
     num_visits = max(min(settings.visits, settings.points // chain.shape[1]), 1)
     pieces = [chain[k : k + num_visits] for k in range(0, len(chain), num_visits)]
@@ -55,7 +56,7 @@ def run_chains(
 def _starts(
     points: LaneInput, following: np.ndarray, found: PointResults, which: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Starts of points that follow on some of those found."""
+    """Starts of the points `following`, at the ends of the points `which` of `found`."""
     of_points = lambda a: a if a.shape[-1] == 1 else a[..., following]  # noqa: E731
     own = LaneInput(jax.tree.map(of_points, points.system), points.x0[:, following], points.v0[:, following])
     x, v, held = (found.ends[name][..., which] for name in ("x", "v", "held"))

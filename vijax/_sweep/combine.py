@@ -9,24 +9,24 @@ import xarray as xr
 from .._execution.store import difference
 from .dataset import FILL
 
-# Attributes that decide no bit.
+# Attributes that affect no bit of the results.
 _OF_NO_WEIGHT = ("numpy_version", "python_version")
 
 
 def combine(datasets: Sequence[xr.Dataset]) -> xr.Dataset:
     """Join sweeps over parts of a grid into the sweep over all of it.
 
-    The parts tile the grid: their values follow one another along one swept quantity, or several. Records of impacts are padded to the
-    longest of all. Datasets that are read lazily are joined lazily.
+    The parts tile the grid: their values follow one another along one swept quantity, or several. Records of impacts
+    are padded to the longest of all. Datasets that are read lazily are joined lazily.
 
     Args:
-        datasets: what `vx.sweep` returned for each part, in any order.
+        datasets: datasets that `vx.sweep` returned for the parts, in any order.
 
     Returns:
         One dataset, with the values of each swept quantity in the direction in which the parts have them.
 
     Raises:
-        ValueError: if the parts are of different machines, or were run otherwise, or do not tile a grid.
+        ValueError: if the parts are of different machines, were run with other arguments, or do not tile a grid.
 
     Example:
         ```python
@@ -52,7 +52,7 @@ def combine(datasets: Sequence[xr.Dataset]) -> xr.Dataset:
         "Argument `datasets` must tile a grid without a gap: along a swept quantity their values must follow one another, all up or "
         "all down, and none may stand in two of them. "
     )
-    # What one holds and another lacks would be filled by NaN: `exact` refuses it.
+    # `exact` refuses entries that one part lacks, which would be filled with NaN otherwise.
     asked: dict[str, Any] = {"data_vars": "all", "coords": "minimal", "compat": "equals", "join": "exact"}
     try:
         found = cast(xr.Dataset, xr.combine_by_coords(_padded(datasets), **asked, combine_attrs="override"))
@@ -67,7 +67,7 @@ def combine(datasets: Sequence[xr.Dataset]) -> xr.Dataset:
 
 
 def _told(ds: xr.Dataset, number: int) -> dict[str, Any]:
-    """What decides the results of a dataset beside the swept values."""
+    """Attributes that determine the results of a dataset, besides the swept values."""
     if "system" not in ds.attrs:
         raise ValueError(
             "Argument `datasets` must hold datasets with the attributes of `vx.sweep`, but number "
@@ -80,13 +80,13 @@ def _told(ds: xr.Dataset, number: int) -> dict[str, Any]:
 
 
 def _other_variables(first: xr.Dataset, ds: xr.Dataset) -> str | None:
-    """In which variables, or their dimensions, two datasets differ, as a clause."""
+    """The first difference of two datasets in their variables or dimensions, as a clause."""
     there, here = ({str(name): str(a.dims) for name, a in one.variables.items()} for one in (first, ds))
     return difference(there, here)
 
 
 def _padded(datasets: list[xr.Dataset]) -> list[xr.Dataset]:
-    """All with as much room for impacts as the longest."""
+    """All datasets with room for as many impacts as the longest."""
     longest = max(ds.sizes.get("impact", 0) for ds in datasets)
     return [
         ds.pad(

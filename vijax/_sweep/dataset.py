@@ -1,4 +1,4 @@
-"""The results of a sweep, as a labelled dataset."""
+"""Results of a sweep as a labelled dataset."""
 
 from functools import partial
 
@@ -17,9 +17,9 @@ from .._trajectory.lyapunov_loop import exponents, in_blocks
 from .._trajectory.solution import RESULTS
 from .outcomes import code_of
 
-# What pads variables along `impact`; the others are NaN there.
+# Padding of variables along `impact`; the others are padded with NaN.
 FILL = {"impact_stop": -1, "impact_sticks": False}
-# Impacts whose columns are computed at a time: of millions of points they would take more memory than the tables.
+# Impacts processed at a time: the columns of millions of points would take more memory than the tables.
 _ROWS = 1 << 20
 _OF_STOPS = ("num_impacts", "num_sticks", "stuck")
 _DIMS = dict.fromkeys(_OF_STOPS, ("stop",)) | {
@@ -44,14 +44,14 @@ def dataset(
     """Label the results of a sweep.
 
     Args:
-        points: the machines and starts.
-        axes: the values of every swept quantity.
+        points: machines and starts.
+        axes: values of every swept quantity.
         shape: the points as a grid; with one more dimension than `axes` if they were visited up and down.
-        counts: what was asked of every point.
-        found: what came of them; its sections are taken out, so that memory does not hold them twice.
-        attributes: how the sweep was made.
+        counts: arguments of `sweep` for every point.
+        found: results of the points; its sections are removed, so that memory does not hold them twice.
+        attributes: attributes of the dataset, see `origin`.
     """
-    # Text of any length: Zarr has no standard form of NumPy's text of fixed length.
+    # Text of variable length: Zarr has no standard form of NumPy's text of fixed length.
     names = np.array(["up", "down"], np.dtypes.StringDType())
     directions = {"direction": names} if len(shape) > len(axes) else {}
     dims = (*directions, *axes)
@@ -72,7 +72,7 @@ def dataset(
 
 
 def labelled(ds: xr.Dataset) -> xr.Dataset:
-    """The same with the meaning of every variable."""
+    """Set the meaning of every variable in its attributes and return the dataset."""
     for name, variable in ds.variables.items():
         variable.attrs = variable_attributes(str(name))
     return ds
@@ -90,7 +90,7 @@ def coordinates_of(system: ImpactSystem, axes: dict[str, np.ndarray]) -> dict[st
 
 
 def _impact_table(points: LaneInput, counts: Counts, found: PointResults) -> dict[str, np.ndarray]:
-    """The impacts of every point in a row, padded to the longest, (points, impacts)."""
+    """Impacts of every point in a row, padded to the longest, (points, impacts)."""
     impacts = found.impacts
     longest = min(int(found.ends["num_impacts"].sum(axis=0).max(initial=0)), counts.max_impacts)
     shape = points.x0.shape[-1], longest
@@ -104,7 +104,7 @@ def _impact_table(points: LaneInput, counts: Counts, found: PointResults) -> dic
 
 
 def _impact_columns(points: LaneInput, rows: Impact) -> dict[str, np.ndarray]:
-    """What is told of some impacts, (impacts,)."""
+    """Variables of some impacts, each (impacts,)."""
     stops, point = points.system.stops, rows.point
     frequency = np.broadcast_to(points.system.forcing.frequency, points.x0.shape[-1])[point]
     phase = np.mod(frequency * rows.time, 2 * np.pi)
@@ -120,7 +120,7 @@ def _impact_columns(points: LaneInput, rows: Impact) -> dict[str, np.ndarray]:
 
 
 def _slopes(stops: tuple[AbstractLimit, ...], stop: Column, point: Column, phase: np.ndarray) -> np.ndarray:
-    """Derivative of the stop's place by the phase at every impact, (impacts,); contacts tell relative velocities."""
+    """Derivative of the stop's position by the phase at every impact, (impacts,); contacts have relative velocities."""
     slopes = np.zeros_like(phase)
     for j, one in enumerate(stops):
         if one.motion is not None and one.slot:
@@ -135,7 +135,7 @@ def _of_points(point: Column, a: np.ndarray) -> np.ndarray:
 
 
 def _section_table(counts: Counts, found: PointResults) -> dict[str, np.ndarray]:
-    """Where every point was at the end of each recorded period; NaN for those it did not reach."""
+    """State of every point at the end of each recorded period; NaN for periods that it did not reach."""
     is_reached = np.arange(counts.record) < (found.ends["periods"] - counts.transient)[:, None]
     x, v, held_time = (
         np.where(is_reached[..., None], found.ends.pop(f"section_{name}").T, np.nan)

@@ -1,10 +1,11 @@
 """A folder in Zarr's format to which a sweep is written block by block.
 
-A block is a part of the grid, and a chunk of every array: what is written for it touches no file of another's. How many impacts its
-longest record has is written last, into an array of its own, by which a block is known to be done, and before it how many files
-it takes: Zarr makes none of what equals the filling, and one that was lost, by a copy cut short or where old files are
-deleted, would read as points that were not run. Zarr gives a file its name when it is whole. Impacts have room for as many as
-any point may have, of which the parts that are not written take nothing on disk; at the end the room is cut to what is used.
+A block is a part of the grid and a chunk of every array: to write it touches no file of another block. The length of
+its longest impact record is written last, into an array of its own, and marks the block as done. The number of its
+files is written just before: Zarr makes no file for a chunk that equals the fill value, so a file that was lost, by a
+copy cut short or where old files are deleted, would read as points not run. Zarr gives a file its name when it is
+whole. The arrays have room for as many impacts as any point may have; unwritten parts take no disk space. At the end
+the room is cut to what is used.
 """
 
 import contextlib
@@ -24,22 +25,25 @@ from .._execution.store import read_manifest
 from .._writing import naming_argument
 from .dataset import FILL
 
-# Impacts of a point that stand in one file.
+# Impacts of a point in one file.
 _COLUMNS = 64
-# Where the manifest is among the attributes; of every block the longest record and the number of its files, -1 where it is not done.
+# _BLOCKS: group whose attributes hold the manifest.
+# _LONGEST: longest impact record of every block, -1 where it is not done.
+# _FILES: number of files of every block, -1 where it is not done.
+# _MANIFEST: file of these attributes.
 _BLOCKS, _LONGEST, _FILES, _MANIFEST = "blocks", "blocks/longest", "blocks/files", "blocks/zarr.json"
-# Of points that are not run yet; floats are NaN, other numbers 0.
+# Fill values of points that are not run yet; other floats are NaN, other numbers 0.
 _NOT_RUN = {"result": -1} | FILL
 
 
 @dataclass(frozen=True)
 class Folder:
-    """Where a sweep is written.
+    """Folder to which a sweep is written.
 
     Attributes:
         path: the folder.
-        shape: points of the whole sweep along each path.
-        block: likewise, of one block; the last along a path may have fewer.
+        shape: number of points of the whole sweep along each path.
+        block: number of points of one block along each path; the last block may have fewer.
         max_impacts: room for the impacts of one point.
     """
 
@@ -50,20 +54,20 @@ class Folder:
 
     @property
     def blocks(self) -> tuple[int, ...]:
-        """How many blocks there are along each path."""
+        """Number of blocks along each path."""
         return tuple(-(-size // part) for size, part in zip(self.shape, self.block, strict=True))
 
     def slices(self, number: int) -> tuple[slice, ...]:
-        """Where a block stands in the grid."""
+        """Place of a block in the grid."""
         place = np.unravel_index(number, self.blocks)
         return tuple(
             slice(k * part, (k + 1) * part) for k, part in zip(map(int, place), self.block, strict=True)
         )
 
     def done(self) -> Callable[[int], bool]:
-        """Tells of each block whether it is written, and all its files are there, at the moment when it is asked."""
+        """Predicate of block numbers: true if the block is written and all its files exist at the time of the call."""
         group = _group(self.path)
-        # A block is done once every array has been made: they are looked up but once.
+        # Once a block is done all arrays have been made, so they are looked up once.
         arrays = cache(lambda: dict(group.arrays()))
 
         def is_done(number: int) -> bool:
@@ -90,7 +94,7 @@ class Folder:
         group[_LONGEST][number] = ds.sizes["impact"]
 
     def _num_files(self, arrays: dict[str, Any], number: int, longest: int) -> int:
-        """How many files there are of what is written for a block."""
+        """Number of files that exist of a block."""
         place, count = tuple(map(int, np.unravel_index(number, self.blocks))), 0
         for name, a in arrays.items():
             own = a.metadata.dimension_names[len(self.shape) :]
@@ -126,7 +130,7 @@ class Folder:
             )
 
     def open(self) -> xr.Dataset:
-        """The dataset, of which is read what is looked at; the room for impacts is cut to the longest record."""
+        """Open the dataset lazily, its room for impacts cut to the longest record."""
         group = _group(self.path)
         longest = int(np.max(group[_LONGEST][...]))
         room = -(-longest // _COLUMNS) * _COLUMNS
@@ -137,20 +141,20 @@ class Folder:
 
 
 def open_folder(folder: Folder, coordinates: xr.Dataset, manifest: dict[str, Any]) -> Folder:
-    """Begin a folder, or go on with one that holds the same sweep.
+    """Begin a folder, or continue one that holds the same sweep.
 
-    It is made under another name, which it changes when it is whole: one process, the first, begins it.
+    The folder is made under a temporary name and renamed when it is whole: one process, the first, begins it.
 
     Args:
-        folder: as it is to be; if it is there already, its blocks may be others.
-        coordinates: the swept values, and the attributes of the dataset.
-        manifest: what is swept, see `describe_sweep`.
+        folder: the folder to begin; if it exists already, its blocks may be others.
+        coordinates: swept values, and attributes of the dataset.
+        manifest: description of the sweep, see `describe_sweep`.
 
     Returns:
-        The folder as it is.
+        The folder with the blocks that it has.
 
     Raises:
-        ValueError: if there is something else.
+        ValueError: if the path holds something else.
     """
     path = folder.path
     if not (path / _MANIFEST).exists():
@@ -178,7 +182,7 @@ def open_folder(folder: Folder, coordinates: xr.Dataset, manifest: dict[str, Any
 
 
 def _group(path: Path) -> Any:
-    from zarr import open_group  # slow to import, and asked for by few
+    from zarr import open_group  # slow to import, and rarely needed
 
     return open_group(path, mode="r+")
 
@@ -190,5 +194,5 @@ def _exists() -> type[Exception]:
 
 
 def _not_run(name: str, dtype: np.dtype) -> Any:
-    """What stands for a point that is not run yet."""
+    """Fill value of a point that is not run yet."""
     return _NOT_RUN.get(name, np.nan if dtype.kind == "f" else dtype.type(0).item())

@@ -1,4 +1,4 @@
-"""The points of a sweep: values as they are given, and all their combinations."""
+"""Points of a sweep: given values, and all their combinations."""
 
 from collections.abc import Mapping
 
@@ -11,7 +11,7 @@ from .._system.system import ImpactSystem
 
 
 def values_of(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:
-    """The values of every swept quantity, at least one, (points, ...)."""
+    """Values of every swept quantity, at least one, (points, ...)."""
     if not isinstance(values, Mapping):
         raise ValueError(
             "Argument `values` must give the values of each quantity by its path, as {'forcing.frequency': [0.8, 0.9]}, but is "
@@ -31,7 +31,7 @@ def values_of(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:
 
 
 def base_of(system: ImpactSystem, x0: Numbers | None, v0: Numbers | None) -> LaneInput:
-    """The machine and start that hold where nothing is swept."""
+    """Machine and start where nothing is swept."""
     n = system.num_masses
     given = {"x0": x0, "v0": v0}
     starts = (np.zeros(n) if a is None else np.asarray(as_float(a, name)) for name, a in given.items())
@@ -45,7 +45,7 @@ def base_of(system: ImpactSystem, x0: Numbers | None, v0: Numbers | None) -> Lan
 
 
 def grid_points(base: LaneInput, axes: dict[str, np.ndarray], *, twice: bool = False) -> LaneInput:
-    """The machines and starts of a product grid, of two after one another if `twice`."""
+    """Machines and starts of a product grid; of two grids, one after the other, if `twice`."""
     dtype = base.system.mass.dtype
     grid = np.indices([len(axis) for axis in axes.values()]).reshape(len(axes), -1)
     grid = np.tile(grid, 2 if twice else 1)

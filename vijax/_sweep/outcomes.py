@@ -1,4 +1,4 @@
-"""Warnings of points that did not end as they should."""
+"""Warnings about points that did not end successfully."""
 
 import warnings
 
@@ -10,13 +10,11 @@ _NAMES = list(RESULTS._name_to_item)
 
 
 def warn_of_endings(ds: xr.Dataset, *names: str) -> None:
-    """Warn, once for each of some results, how many points have it. The warning points to the caller's caller.
+    """Warn, once for each of these members of `RESULTS`, how many points have it.
 
-    Args:
-        ds: what `sweep` returned, or a part of it.
-        names: of members of `RESULTS`, whose messages say what to do.
+    The message of the member says what to do. The warning points to the caller's caller.
     """
-    if ds.attrs.get("max_impacts") == 0:  # no log was wanted
+    if ds.attrs.get("max_impacts") == 0:  # no log was requested
         names = tuple(name for name in names if name != "max_impacts_reached")
     for name in names:
         count = int((ds["result"] == code_of(name)).sum())
@@ -26,13 +24,7 @@ def warn_of_endings(ds: xr.Dataset, *names: str) -> None:
 
 
 def warn_of_unsettled(count: int, of: int, transient: int) -> None:
-    """Warn of starts of which it is not known where they lead. The warning points to the caller's caller.
-
-    Args:
-        count: of them.
-        of: so many starts.
-        transient: forcing periods, as they were asked for.
-    """
+    """Warn that the attractor of `count` of `of` starts is not known. The warning points to the caller's caller."""
     if count:
         warnings.warn(
             f"{count} of {of} starts have not settled, even run on for many times the transient: they may be in "
@@ -42,5 +34,5 @@ def warn_of_unsettled(count: int, of: int, transient: int) -> None:
 
 
 def code_of(name: str) -> int:
-    """The number by which a dataset tells a result."""
+    """Code of a result in a dataset."""
     return _NAMES.index(name)

@@ -1,4 +1,4 @@
-"""How a sweep was made, as attributes of its dataset, and the machine built again from them."""
+"""Attributes of a dataset that describe how its sweep was made, and the machine rebuilt from them."""
 
 import json
 import math
@@ -27,14 +27,10 @@ from .._system.system import ImpactSystem, bound, unbound
 def origin(
     base: LaneInput, counts: Counts, *, flow: str, carry: str | None, goes_on: bool
 ) -> dict[str, str | int]:
-    """Attributes of a dataset: everything beside the swept values that determines the results.
+    """Attributes of a dataset: everything besides the swept values that determines the results.
 
-    Args:
-        base: the machine and start that hold where nothing is swept.
-        counts: what is asked of every point.
-        flow: the name of the motion between events.
-        carry: as in `sweep`.
-        goes_on: whether it starts from the end states of an earlier sweep.
+    `base` is the machine and start where nothing is swept, `flow` the name of the flow between events. `goes_on` is
+    True where the sweep starts from the end states of an earlier one.
     """
     of_force = {} if base.system.force is None else {"force_parameters": json.dumps(force_parameters(base))}
     return of_force | {
@@ -56,7 +52,7 @@ def origin(
 
 
 def name_of_flow(motion: AbstractFlow, wanted: AbstractFlow | None) -> str:
-    """What attributes tell of the motion between events: the kind that was chosen, or all of the one that was asked for."""
+    """Name of the flow in the attributes: the class if it was chosen, all fields if it was requested."""
     return type(motion).__name__ if wanted is None else eqx.tree_pformat(wanted, width=10**6)
 
 
@@ -65,19 +61,19 @@ def system_of(
 ) -> ImpactSystem:
     """Build the machine of a sweep again, from its dataset alone, in memory or from a file.
 
-    A dataset may come from anywhere, and to import a `force` runs its module. So none is imported but those of
-    `vijax.models`, those that this process has itself swept or saved, and those that are allowed here, which from then on
-    `vx.periodic_orbits`, `vx.branches`, `vx.explore` and others take as well.
+    A dataset may come from anywhere, and the import of a `force` runs its module. Only three kinds are imported: the
+    forces of `vijax.models`, those that this process has itself swept or saved, and those that are allowed here.
+    `vx.periodic_orbits`, `vx.branches`, `vx.explore` and others accept the latter from then on, too.
 
     Args:
-        ds: what `vx.sweep` returned, or a part of it. Quantities of which one value is selected have
-            it; those that still have several keep the value of the machine that was swept.
+        ds: dataset of `vx.sweep`, or a part of it. A quantity of which one value is selected has that value; one that
+            still has several keeps the value of the machine that was swept.
         allow_forces: names of modules from which a force may be imported, as for `vx.load`, or True for any.
-        force: the force of the machine, where it cannot be imported, or shall not be: a `lambda`, a function of a
+        force: the force of the machine, where it cannot be imported, or must not be: a `lambda`, a function of a
             notebook or of the main program. It is taken as it is, and has the swept values and `args` of the dataset.
 
     Returns:
-        The machine, bit for bit. A `force` is imported from where it was, and has the `args` of the sweep.
+        The machine, bit for bit. A `force` is imported from its original module, and has the `args` of the sweep.
 
     Raises:
         ValueError: if the attributes hold no machine, or one with a `force` that may not be imported, or cannot.
@@ -105,20 +101,20 @@ def machines_of(
     """Build the machines of many points of a sweep, from its dataset alone.
 
     Args:
-        ds: what `vx.sweep` returned, or a part of it, its dimensions in any order.
-        dims: the dimensions of the points; none for a single point. Quantities that vary along others keep
-            the value of the machine that was swept.
-        which: the points that are wanted, counted through `dims`; all of them if left out.
+        ds: dataset of `vx.sweep`, or a part of it, its dimensions in any order.
+        dims: dimensions of the points; none for a single point. Quantities that vary along other dimensions keep the
+            value of the machine that was swept.
+        which: indices of the points, counted through `dims`; all of them if left out.
         allow_forces: as for `system_of`.
-        force: likewise; with `NAMED_FORCE` the machines are known but for their force.
+        force: as for `system_of`; with `NAMED_FORCE` the machines have all but their force.
 
     Returns:
-        The machines as arrays of NumPy, lanes last, their forces bound; leaves that are the same everywhere have a
-        single one.
+        The machines as NumPy arrays, lanes last, their forces bound; leaves that are the same everywhere have a
+        single lane.
 
     Raises:
-        ValueError: if the attributes hold no machine, or one with a `force` that may not be imported, or cannot, or if
-            nothing tells what varies along one of `dims`.
+        ValueError: if the attributes hold no machine, or one with a `force` that may not be imported, or cannot, or
+            if no swept quantity varies along one of `dims`.
     """
     if "system" not in ds.attrs:
         raise ValueError("Argument `ds` must carry the attributes of `vx.sweep`, but has no `system`.")
@@ -137,12 +133,12 @@ def machines_of(
     if not known.issuperset(dims):
         unknown = ", ".join(f"`{dim}`" for dim in dims if dim not in known)
         raise ValueError(f"Argument `ds` must have swept quantities as coordinates along {unknown}.")
-    # The sweep has checked the values, with a start that is not known here.
+    # The sweep has checked the values, with a start that is not available here.
     return with_values(base, swept).system
 
 
 def _built(attributes: dict[Any, Any], allow_forces: Allowed, force: Callable | None) -> ImpactSystem:
-    """The machine that was swept, its force bound; one without a force, which cannot change, is built once."""
+    """The machine that was swept, its force bound; a machine without a force, which cannot change, is built once."""
     if force is None or isinstance(force, NamedForce):
         text, dtype = str(attributes["system"]), str(attributes.get("dtype"))
         system = _without_force(text, dtype, bool(jax.config.read("jax_enable_x64")))
@@ -153,25 +149,25 @@ def _built(attributes: dict[Any, Any], allow_forces: Allowed, force: Callable | 
 
 @lru_cache(maxsize=16)
 def _without_force(text: str, dtype: str, x64: bool) -> ImpactSystem:
-    """The machine, of a force no more than its name."""
-    del x64  # the precision that it is built in
+    """The machine with the name of its force only."""
+    del x64  # the precision in which it is built
     return build_from({"system": text, "dtype": dtype}, force=NAMED_FORCE)
 
 
 def _swept_values(
     ds: xr.Dataset, base: LaneInput, dims: set[Hashable]
 ) -> dict[str, tuple[list[Hashable], xr.DataArray]]:
-    """For every path that varies along `dims` alone, those dimensions and the values, with them first."""
+    """Dimensions and values of every path that varies along `dims` alone; the values have these dimensions first."""
     found = {}
     for name, values in ds.coords.items():
         path = str(name).removesuffix(".values")
         own = [dim for dim in axis_names(path, values.ndim) if dim in values.dims]
         along = [dim for dim in values.dims if dim not in own]
-        is_counter = name == path and f"{path}.values" in ds.coords  # numbers the arrays that stand beside it
-        # Names given to a parameter's own dimension, `mass` for instance, are no values.
+        is_counter = name == path and f"{path}.values" in ds.coords  # indices of the arrays in `PATH.values`
+        # Labels of a parameter's own dimension, `mass` for instance, are not values.
         if dims.issuperset(along) and not is_counter and name not in own:
             found[path] = along, values.transpose(*along, *own)
-    is_told = isinstance(base.system.force, NamedForce)  # whose numbers are none of the machine's
+    is_told = isinstance(base.system.force, NamedForce)  # its numbers are not leaves of the machine
     return {
         path: values
         for path, values in found.items()

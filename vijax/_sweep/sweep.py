@@ -49,69 +49,69 @@ def sweep(
 ) -> xr.Dataset:
     """Run a machine from one start at every point of a grid of parameter values.
 
-    The first `transient` forcing periods are discarded and the next `record` periods recorded:
-    drawn over the first dimension that is a bifurcation diagram. Runs on all cores.
+    The first `transient` forcing periods are discarded and the next `record` periods recorded: drawn over the first
+    dimension that is a bifurcation diagram. Runs on all cores.
 
     Args:
         system: the machine.
         values: for each swept quantity, by its path, the values to visit: "forcing.frequency",
-            "forcing.amplitude[0]", "stops[1].position", "stops[*].restitution" (all stops at once),
-            "mass[0]", "x0[1]", ..., shape (points,); a whole array such as "damping" takes
-            (points, n, n). Numbers of the force are named by its fields, "force.cubic", those of `args` by
-            "args.cubic" or "args[0]". Several quantities make a product grid, a dimension each.
+            "forcing.amplitude[0]", "stops[1].position", "stops[*].restitution" (all stops at once), "mass[0]",
+            "x0[1]", ..., shape (points,); a whole array such as "damping" takes (points, n, n). Numbers of the force
+            are named by its fields, "force.cubic", those of `args` by "args.cubic" or "args[0]". Several quantities
+            make a product grid, a dimension each.
         transient: forcing periods before recording.
         record: forcing periods that are recorded.
-        carry: None runs every point from the same start. "up" lets every point start where the one
-            before it along the first dimension ended, in the order given, "down" in the reverse order,
-            and "both" up and then down again, with a dimension `direction` in front. The others of
-            several dimensions are independent. What is carried are positions and velocities in space, but a
-            mass that a moving stop holds goes on with its stop.
-        carry_from: an earlier sweep to go on from, of the same grid: point by point from its end
-            states, or with `carry` from the last point that it visited.
+        carry: None runs every point from the same start. "up" lets every point start where the one before it along
+            the first dimension ended, in the order given, "down" in the reverse order, and "both" up and then down
+            again, with a dimension `direction` in front. The other dimensions are independent. Positions and
+            velocities in space are carried, but a mass that a moving stop holds stays with its stop.
+        carry_from: an earlier sweep of the same grid from which this one starts: point by point from its end states,
+            or with `carry` from the last point that it visited.
         x0: positions at the start of every point, (n,); zero if left out.
-        v0: velocities, likewise.
-        flow: the motion between events. If left out, exact for a linear machine, and `vx.DiffraxFlow()` for
-            one with a `force`, which must depend on t with the period of the load, or not at all.
+        v0: velocities at the start of every point, (n,); zero if left out.
+        flow: the motion between events. If left out, exact for a linear machine, and `vx.DiffraxFlow()` for one with
+            a `force`, which must depend on t with the period of the load, or not at all.
         args: passed to the `force` of the machine.
-        lyapunov: compute all Lyapunov exponents of each motion too, see `vx.lyapunov_exponents`, which takes two to
+        lyapunov: compute all Lyapunov exponents of each motion too, see `vx.lyapunov_exponents`; this takes two to
             three times as long. They are averaged over the recorded periods, of which there should then be many.
         max_impacts: room for the recorded impacts of one point.
-        max_steps: bound on the steps of one point. If left out, every point has its own, far more than any
-            sound motion takes: 100 000, 10 000 a forcing period, and 100 per unit of the time that is
-            simulated * (highest frequency or decay rate). The attribute of that name is then "default".
-        store: a folder in which to keep finished chunks of points. The same call with the same folder goes
-            on where the one before it was stopped or killed, and finds the same, bit for bit. Several
-            processes may do it at once, on one machine or on several of one kind that share the folder: they
-            share the work, and each returns the whole. It may be deleted afterwards.
-        out: a folder to which the results are written in Zarr's format as they come, and from which the dataset that is returned
-            reads what is looked at: they need not fit into memory. The same call goes on where it was stopped, several at once
-            share the work, as with `store`; what was lost of it is run again. Points that carry nothing alone. Workers of an `executor` write there themselves. To read it later:
+        max_steps: bound on the steps of one point. If left out, every point has its own, far more than any sound
+            motion takes: 100 000, 10 000 a forcing period, and 100 per unit of the time that is simulated * (highest
+            frequency or decay rate). The attribute of that name is then "default".
+        store: a folder in which to keep finished chunks of points. The same call with the same folder resumes where
+            the previous one was stopped or killed, and gives the same results, bit for bit. Several processes may
+            share the folder at once, on one machine or on several of one kind: they share the work, and each returns
+            the whole. The folder may be deleted afterwards.
+        out: a folder to which the results are written in Zarr's format as they come, and from which the returned
+            dataset reads lazily: they need not fit into memory. The same call resumes where it was stopped, and
+            several at once share the work, as with `store`; parts that were lost are run again. Only for points that
+            carry nothing. Workers of an `executor` write there themselves. To read it later:
             `xr.open_zarr(out, consolidated=False)`.
-        executor: runs chunks of points on other processes or machines: any `concurrent.futures.Executor` (`ProcessPoolExecutor`
-            with `mp_context=multiprocessing.get_context("spawn")`, `mpi4py.futures.MPIPoolExecutor`), or a client of Dask. Each of
-            its workers uses one core. What is found is the same, bit for bit, on processors of one kind; chunks of a worker that is lost are
-            run again, for as long as the executor takes them. If left out, the cores of this process.
+        executor: runs chunks of points on other processes or machines: any `concurrent.futures.Executor`
+            (`ProcessPoolExecutor` with `mp_context=multiprocessing.get_context("spawn")`,
+            `mpi4py.futures.MPIPoolExecutor`), or a client of Dask. Each of its workers uses one core. The results are
+            the same, bit for bit, on processors of one kind. Chunks of a lost worker are run again, for as long as
+            the executor takes them. If left out, the cores of this process.
         progress: show a progress bar.
-        settings: sizes of queues, lanes and chunks, which change how fast it is, and no more than rounding
-            in what it finds.
+        settings: sizes of queues, lanes and chunks, which affect speed; results change by rounding only.
 
     Returns:
-        A dataset with a dimension for every path, named by it, and `stop`, `mass`, `impact`:
-        `impact_velocity` (signed, before the impact; where stops move `impact_relative_velocity` too), `impact_time` (since the transient),
-        `impact_phase` (W t mod 2 pi), `impact_stop`, all padded with NaN or -1 to the longest, and
-        `impact_sticks`, whether a complete chatter ends there; `num_impacts` and `num_sticks` per stop,
-        complete even if the room was not; `section_x` and `section_v`, the state at the end of each recorded
-        `period`, and `held_time`, for how long each stop held its mass in it; the end state `x`, `v`,
-        `stuck`; `forcing_period`; with `lyapunov` the `lyapunov_exponents` per unit of time, the largest first, and
-        their standard errors `lyapunov_error`, along `exponent`; and `result`, what became of each point; a warning counts those that are
-        not `successful`. Its attributes
-        tell how it was made, see also `vx.system_of`; it may be written to NetCDF and Zarr.
+        A dataset with a dimension for every path, named by it, and `stop`, `mass`, `impact`: `impact_velocity`
+        (signed, before the impact; where stops move `impact_relative_velocity` too), `impact_time` (since the
+        transient), `impact_phase` (W t mod 2 pi), `impact_stop`, all padded with NaN or -1 to the longest, and
+        `impact_sticks`, whether a complete chatter ends there; `num_impacts` and `num_sticks` per stop, complete even
+        if the room was not; `section_x` and `section_v`, the state at the end of each recorded `period`, and
+        `held_time`, the time for which each stop held its mass in it; the end state `x`, `v`, `stuck`;
+        `forcing_period`; with `lyapunov` the `lyapunov_exponents` per unit of time, the largest first, and their
+        standard errors `lyapunov_error`, along `exponent`; and `result`, the result code of each point; a warning
+        counts those that are not `successful`. Its attributes describe how it was made, see also `vx.system_of`; it
+        may be written to NetCDF and Zarr.
 
     Raises:
-        ValueError: for a path that names nothing, values that make no machine, a start beyond
-            a stop, a store of another sweep, or an executor that cannot run it.
+        ValueError: for a path that names nothing, values that make no valid machine, a start beyond a stop, a store
+            of another sweep, or an executor that cannot run it.
         RuntimeError: if an executor takes no more tasks, or loses one again and again.
-        KeyboardInterrupt: after Ctrl-C; what `store` or `out` holds is kept, and the same call goes on from there.
+        KeyboardInterrupt: after Ctrl-C; the content of `store` or `out` is kept, and the same call resumes there.
 
     Example:
         ```python
@@ -172,7 +172,7 @@ def _counts(
     *,
     lyapunov: bool,
 ) -> Counts:
-    """What is asked of every point; whether a stop might hold its mass is found later."""
+    """`Counts` from the checked arguments of `sweep`; `can_stick` is determined later."""
     transient, record = whole_number("transient", transient), whole_number("record", record)
     max_impacts = whole_number("max_impacts", max_impacts)
     if carry not in (None, "up", "down", "both"):
@@ -184,7 +184,7 @@ def _counts(
 
 
 def _chain(shape: tuple[int, ...], carry: str | None) -> np.ndarray | None:
-    """The points in the order in which they are visited, (visits, chains)."""
+    """The points in the order of their visits, (visits, chains)."""
     if carry is None:
         return None
     numbers = np.arange(np.prod(shape))

@@ -1,8 +1,8 @@
-"""A sweep that is written as it is run, so that no more of it is in memory than is being run.
+"""A sweep that is written while it runs, so that memory holds only the part that is running.
 
-Workers make the points of a block, run them and write what comes of them themselves, wherever they are. The bits are those of a sweep
-in memory: the motion between events, and whether any stop might hold its mass, are asked of all points before any is run,
-and a block is run as a part of the whole.
+Workers make the points of a block, run them and write the results themselves, wherever they are. The bits are those
+of a sweep in memory: the flow between events, and whether any stop may hold its mass, are determined from all points
+before any is run, and a block is run as a part of the whole.
 """
 
 import math
@@ -35,21 +35,21 @@ from .grid import grid_points
 from .outcomes import warn_of_endings
 from .provenance import name_of_flow, origin
 
-# Goes up with every change of what is written.
+# Version of the format, raised with every change of what is written.
 _LAYOUT = "Zarr 2"
-# Points that are looked at in one task, before any is run.
+# Points that are checked in one task, before any is run.
 _LOOKED_AT = 1 << 16
 
 
 class _Sweep(eqx.Module):
-    """What is the same for all blocks.
+    """Data common to all blocks.
 
     Attributes:
-        base: the machine and start that hold where nothing is swept.
-        counts: what is asked of every point.
-        flow: the motion between events that is asked for.
+        base: machine and start where nothing is swept.
+        counts: arguments of `sweep` for every point.
+        flow: the requested flow between events.
         settings: sizes of lanes and queues.
-        in_all: the number of points.
+        in_all: number of points.
     """
 
     base: LaneInput
@@ -59,7 +59,7 @@ class _Sweep(eqx.Module):
     in_all: int
 
     def points(self, axes: dict[str, np.ndarray]) -> LaneInput:
-        """The points of a block, two at least, or their numbers would seem shared by all."""
+        """Points of a block, two at least: an axis of length one means shared by all."""
         points = grid_points(self.base, axes)
         return part_of(points, np.arange(points.x0.shape[-1])) if self.in_all > 1 else points
 
@@ -83,17 +83,10 @@ def write_sweep(
     *,
     progress: bool,
 ) -> xr.Dataset:
-    """Run a sweep into a folder, or go on with one there, and open it.
+    """Run a sweep into a folder, or continue one there, and open it.
 
-    Args:
-        out: the folder, which is made if it is not there.
-        base: the machine and start that hold where nothing is swept.
-        axes: the values of every swept quantity.
-        counts: what is asked of every point.
-        flow: as for `sweep`.
-        executor: likewise.
-        settings: likewise.
-        progress: likewise.
+    The folder is made if missing. `base` is the machine and start where nothing is swept, `axes` the values of every
+    swept quantity.
 
     Raises:
         ValueError: if the folder holds something else, or Zarr is not installed.
@@ -111,7 +104,7 @@ def write_sweep(
 
         def missing() -> Iterator[tuple[int, tuple]]:
             is_done = folder.done()
-            # Every process has another order, so that several share the work.
+            # Random order, so that several processes share the work.
             for number in np.random.default_rng().permutation(math.prod(folder.blocks)).tolist():
                 part = _part(axes, folder, number)
                 size = math.prod(len(axis) for axis in part.values())
@@ -128,18 +121,18 @@ def write_sweep(
 
 
 def _write_block(sweep: _Sweep, axes: dict[str, np.ndarray], folder: Folder, number: int) -> None:
-    """Run a block and write what comes of it; called by a worker."""
+    """Run a block and write its results; called by a worker."""
     folder.write(number, sweep.run(axes))
 
 
 def _part(axes: dict[str, np.ndarray], folder: Folder, number: int) -> dict[str, np.ndarray]:
-    """The swept values of a block."""
+    """Swept values of a block."""
     places = zip(axes.items(), folder.slices(number), strict=True)
     return {path: axis[place] for (path, axis), place in places}
 
 
 def _block_of(shape: tuple[int, ...], size: int) -> tuple[int, ...]:
-    """The shape of blocks of so many points or less, neighbours along the last paths."""
+    """Shape of blocks of at most `size` points, neighbours along the last paths."""
     block = []
     for points in reversed(shape):
         block.append(min(points, max(size, 1)))
@@ -148,7 +141,7 @@ def _block_of(shape: tuple[int, ...], size: int) -> tuple[int, ...]:
 
 
 def _looked_at(sweep: _Sweep, axes: dict[str, np.ndarray], workers: Executor | None) -> _Sweep:
-    """The sweep with the motion that serves all its points, all of which are checked."""
+    """The sweep with a flow that serves all its points, all of which are checked."""
     shape = tuple(len(axis) for axis in axes.values())
     whole = Folder(Path(), shape, _block_of(shape, _LOOKED_AT), 0)
     tasks = ((None, (sweep, _part(axes, whole, k))) for k in range(math.prod(whole.blocks)))
@@ -160,7 +153,7 @@ def _looked_at(sweep: _Sweep, axes: dict[str, np.ndarray], workers: Executor | N
 
 
 def _look_at(sweep: _Sweep, axes: dict[str, np.ndarray]) -> tuple[bool, tuple[bool, ...]]:
-    """Whether a stop might hold its mass, and whether other than modes are needed, unless it might, or if it might."""
+    """Flag that a stop may hold its mass, and flags that `TaylorFlow` is unnecessary without and with holding."""
     points = sweep.points(axes)
     can_stick = can_any_stick(points.system, points.x0, points.v0)
     fits = tuple(

@@ -37,20 +37,20 @@ def sweep_zipped(
     Args:
         system: the machine, its force bound to its arguments.
         values: swept quantities by their paths, one value a point.
-        states: positions and velocities of the starts side by side, (points, 2 n).
-        counts: what is asked of every point; whether a stop might hold its mass is found here.
+        states: positions and velocities of the starts in one row each, (points, 2 n).
+        counts: arguments of `sweep` for every point; `can_stick` is determined here.
         flow: as for `vx.sweep`.
-        settings: likewise.
-        executor: likewise.
+        settings: as for `vx.sweep`.
+        executor: as for `vx.sweep`.
         tell: called with the number of points done since the last call.
-        beside: points of another such sweep. Sweeps of many and of few points are two programs: to compile one less this is run as
-            a part of as many, if they are more.
+        beside: number of points of another such sweep. Sweeps of many and of few points are two programs: to save a
+            compilation this one is run as a part of as many, if they are more.
 
     Returns:
         The dataset of `vx.sweep`, with the points along `start`.
 
     Raises:
-        ValueError: for a path that names nothing, values that make no machine, or a start beyond a stop.
+        ValueError: for a path that names nothing, values that make no valid machine, or a start beyond a stop.
     """
     x0, v0 = np.split(states, 2, axis=1)
     starts = {"x0": x0, "v0": v0}
