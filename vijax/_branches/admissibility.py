@@ -1,4 +1,4 @@
-"""What happens between the events of a cycle: how near masses come to their stops, how lightly they rest on them."""
+"""Admissibility of a cycle between its events: least gaps of free masses, least contact forces of held ones."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -17,27 +17,28 @@ from .._orbits.sequence import NOTHING, Sequence as CycleEvents
 from .._trajectory.event_log import IMPACT
 from .minima import dip
 
-# Samples per radian of the fastest part of the motion, the most on a flight, and what it takes from there to the
-# minimum by Newton's method.
+# `_DENSITY`: samples per radian of the fastest part of the motion.
+# `_MOST`: largest number of samples on a flight.
+# `_STEPS`: Newton steps from a sampled minimum to the minimum.
 _DENSITY, _MOST, _STEPS = 0.7, 10_000, 6
 
 
 class LeastMargins(NamedTuple):
-    """The least gap while free and the least force while held, of each stop.
+    """Least gap of each stop while its mass is free, least contact force while the stop holds.
 
     Attributes:
-        gap: where a mass turns back from its stop without touching it, negative where it is beyond, (stops,);
-            infinite if it never does.
-        gap_time: when, in forcing periods since the start, (stops,).
-        gap_flight: on which flight, (stops,).
-        force: on each stop that holds, (stops,); infinite if it never does.
-        force_time: when, (stops,).
-        force_flight: on which flight, (stops,).
-        rise: the acceleration away from each stop after an impact without rebound, restitution 0, that leaves its mass
-            free, (stops,); infinite if there is none.
-        rise_flight: the flight that begins with it, (stops,).
+        gap: lowest minimum of the gap, where a mass turns back without impact, negative beyond the stop, (stops,);
+            infinite if there is none.
+        gap_time: its time, in forcing periods since the start, (stops,).
+        gap_flight: the number of its flight, (stops,).
+        force: least contact force, (stops,); infinite if the stop never holds.
+        force_time: its time, in forcing periods since the start, (stops,).
+        force_flight: the number of its flight, (stops,).
+        rise: least acceleration away from each stop after an impact without rebound (restitution 0) that leaves its
+            mass free, (stops,); infinite if there is none.
+        rise_flight: the number of the flight that this impact begins, (stops,).
         is_plastic: whether impacts have no rebound, (stops,).
-        last: the duration of the flight after the last event, in forcing periods.
+        last: duration of the flight after the last event, in forcing periods.
     """
 
     gap: Float[Array, " stops"]
@@ -53,14 +54,7 @@ class LeastMargins(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """What is to stay positive on a cycle: speeds at its impacts, and as of `LeastMargins` gap, force and rise.
-
-    Attributes:
-        speeds: of approach, (events,).
-        gap: (stops,).
-        force: (stops,).
-        rise: (stops,).
-    """
+    """Quantities that stay positive on an admissible cycle: approach speeds, and gap, force, rise of `LeastMargins`."""
 
     speeds: Float[Array, " events"]
     gap: Float[Array, " stops"]
@@ -69,22 +63,22 @@ class Levels(NamedTuple):
 
 
 class _Reading(NamedTuple):
-    """Gaps with three derivatives and forces with two, by time in forcing periods, (stops,) each."""
+    """Gaps with three time derivatives, contact forces with two, (stops,) each; time in forcing periods."""
 
     gap: list[Array]
     force: list[Array]
 
 
 class _Lowest(NamedTuple):
-    """The lowest minimum so far, of each stop: its value, and where it is.
+    """Lowest minimum of each stop found so far.
 
     Attributes:
-        value: of the minimum.
-        since: the time since the last event, and two between which it is, (stops, 3).
-        held: the stops that hold, (stops, stops).
-        z: the state after the last event, (stops, 2 n).
-        start: the time of that event.
-        flight: number of the flight.
+        value: value at the minimum.
+        since: time of the minimum since the beginning of its flight, and the two ends of its bracket, (stops, 3).
+        held: stops that hold on this flight, (stops, stops).
+        z: state at the beginning of this flight, (stops, 2 n).
+        start: time of this beginning.
+        flight: number of this flight.
     """
 
     value: Array
@@ -95,7 +89,7 @@ class _Lowest(NamedTuple):
     flight: Array
 
     def lowered(self, is_minimum: Array, other: "_Lowest") -> "_Lowest":
-        """The lower of two, where the other is a minimum."""
+        """Lower minimum of both for each stop; the other counts where `is_minimum`."""
         is_lower = is_minimum & (other.value < self.value)
         return _Lowest(
             *(
@@ -106,7 +100,7 @@ class _Lowest(NamedTuple):
 
 
 class _Scan(NamedTuple):
-    """Where the search is: the flight, the sample on it, where that flight began, the last reading."""
+    """State of the scan: flight, sample on it, beginning of the flight, last reading, lowest minima so far."""
 
     flight: Array
     sample: Array
@@ -118,12 +112,12 @@ class _Scan(NamedTuple):
 
 
 def margins_of_cycle(problem: Problem, unknowns: Unknowns) -> LeastMargins:
-    """Look closely at a cycle between its events."""
+    """Scan a cycle between its events for the least gap and contact force of each stop."""
     machine, flow, sequence = problem.machine, problem.flow, problem.sequence
     count, room = jnp.sum(sequence.is_event), len(sequence.kind)
     radians = machine.rate * machine.period
     last = problem.num_periods - jnp.sum(unknowns.flights)
-    # Where an event has passed the start of the cycle, what lies beyond it there is no motion.
+    # The event of a negative first flight lies before the start, hence ends the last flight before the cycle ends.
     early = jnp.minimum(unknowns.flights[0], 0) if room else 0.0
     flights = jnp.append(unknowns.flights, 0).at[count].set(last + early)
     events = jax.tree.map(lambda a: jnp.concatenate([a, a[-1:]]) if room else None, events_of(sequence))
@@ -133,13 +127,13 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns) -> LeastMargins:
         held, duration = sequence.held[k], flights[k]
         skipped = jnp.where(k == 0, jnp.clip(-last, 0), 0)
         longest = jnp.clip(duration - skipped, 0, problem.num_periods)
-        # A parameter tried in vain may make any machine, as one without a load, whose period is without end.
+        # A rejected Newton iterate may have zero forcing frequency, hence an infinite period.
         num = jnp.clip(jnp.ceil(longest * radians * _DENSITY), 1, _MOST)
         step = longest / num
         since = skipped + step * i
         now = _read(machine, flow, begin, held, since)
-        is_first, is_last = i == 0, ~(i < num)  # no end of a flight that is no number
-        # A gap is least where a mass turns back; a force likewise, or where a stick begins.
+        is_first, is_last = i == 0, ~(i < num)  # True for NaN, which ends the scan of the flight
+        # The gap is least at an interior minimum, the contact force there or where a stick begins.
         has_left = (i == 1) & _have_left(sequence, k, jnp.where(last < 0, count, 0))
         gap = dip(before.gap, now.gap, step, has_left)
         force = dip(before.force, now.force, step, jnp.zeros_like(held))
@@ -148,11 +142,11 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns) -> LeastMargins:
         gaps = scan.gaps.lowered(turns, _lowest(gap.value, gap.times(since, step), held, begin, k))
         least = jnp.where(is_first, now.force[0], force.value)
         at = jnp.where(is_first, since, force.times(since, step))
-        # A release that has passed the start of the cycle leaves no hold there.
+        # A release before the start of the cycle leaves a first flight of no length, on which the stop does not hold.
         begins = is_first & ((k > 0) | (longest > 0))
         is_least = held & (begins | (has_length & force.is_there))
         forces = scan.forces.lowered(is_least, _lowest(least, at, held, begin, k))
-        # Without rebound a mass has neither gap nor speed: it leaves by its acceleration, or not at all.
+        # After an impact without rebound gap and speed are zero: only the acceleration can separate the mass.
         rests = is_first & ~held & _is_after_plastic(machine, sequence, k)
         rises = scan.rises.lowered(rests, _lowest(now.gap[2], since, held, begin, k))
         if room:
@@ -187,7 +181,7 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns) -> LeastMargins:
 
 
 def levels(problem: Problem, unknowns: Unknowns, watched: LeastMargins) -> Levels:
-    """Read a cycle where another was watched, to see how that changes: minima do not move to first order."""
+    """Margins at the times of `watched`, to be differentiated: to first order the time of a minimum has no effect."""
     machine, flow, sequence = problem.machine, problem.flow, problem.sequence
     first = begin_cycle(problem, machine, unknowns.z)
 
@@ -213,19 +207,16 @@ def levels(problem: Problem, unknowns: Unknowns, watched: LeastMargins) -> Level
         speeds=speeds,
         gap=of_stops(watched.gap_flight, watched.gap_time).gap[0],
         force=of_stops(watched.force_flight, watched.force_time).force[0],
-        # Right where these flights begin.
+        # At the beginning of these flights: earlier times are clipped to it.
         rise=of_stops(watched.rise_flight, jnp.full_like(watched.gap_time, -jnp.inf)).gap[2],
     )
 
 
 def _have_left(sequence: CycleEvents, flight: Array, passed: Array) -> Array:
-    """The stops from which masses set out on a flight, (stops,).
+    """Flags of the stops that masses leave at the beginning of a flight, (stops,).
 
-    Args:
-        sequence: what happens.
-        flight: its number.
-        passed: the number of the last event plus one if it has passed the end of the cycle, so that the first flight begins
-            with it; else 0.
+    `passed` is the number of the last event plus one if that lies beyond the end of the cycle, hence begins the first
+    flight; else 0.
     """
     held = sequence.held
     if not len(sequence.kind):
@@ -237,7 +228,7 @@ def _have_left(sequence: CycleEvents, flight: Array, passed: Array) -> Array:
 
 
 def _is_after_plastic(machine: Machine, sequence: CycleEvents, flight: Array) -> Array:
-    """The stop whose impact without rebound begins a flight, (stops,)."""
+    """Flag of the stop whose impact without rebound begins a flight, (stops,)."""
     if not len(sequence.kind):
         return jnp.zeros(machine.contacts.num, bool)
     before = jnp.maximum(flight - 1, 0)
@@ -247,7 +238,7 @@ def _is_after_plastic(machine: Machine, sequence: CycleEvents, flight: Array) ->
 
 
 def _lowest(value: Array, since: Array, held: Array, begin: Moment, flight: Array) -> _Lowest:
-    """A minimum of each stop on one flight."""
+    """Minimum of each stop on one flight."""
     rows = lambda a: jnp.broadcast_to(a, (len(value), *a.shape))  # noqa: E731
     since = jnp.broadcast_to(since, (3, len(value))).T
     return _Lowest(value, since, rows(held), rows(begin.z), rows(begin.time), rows(flight))
@@ -256,10 +247,7 @@ def _lowest(value: Array, since: Array, held: Array, begin: Moment, flight: Arra
 def _refined(
     machine: Machine, flow: AbstractFlow, lowest: _Lowest, of: Callable[[_Reading], Sequence[Array]]
 ) -> tuple[Array, Array]:
-    """Values and times of the minima by Newton's method on the slope, which stays between the two times known of each.
-
-    What is no minimum stays as it was read.
-    """
+    """Values and times of the minima, by Newton's method on the slope within each bracket; others stay unrefined."""
 
     def one(low: _Lowest, stop: Array) -> tuple[Array, Array]:
         begin = Moment(low.z, low.start, jnp.zeros_like(lowest.value))
@@ -285,7 +273,7 @@ def _refined(
 
 
 def _read(machine: Machine, flow: AbstractFlow, begin: Moment, held: Array, since: Array) -> _Reading:
-    """The motion some forcing periods after the last event."""
+    """Gaps and contact forces `since` forcing periods after the beginning of a flight."""
     x, v, phase, _ = flow_map(machine, flow, begin, held, since)
     x, time = jnp.split(begin.z, 2)[0] + x, (begin.time + since) * machine.period
     state = resting_state(machine, phase, x, v, held, time)

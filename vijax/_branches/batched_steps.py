@@ -1,8 +1,8 @@
-"""Steps along branches on which nothing happens, of many branches side by side.
+"""Plain steps along branches, on which nothing happens, for a batch of branches.
 
-Most steps of a branch are like that, and all that is to be decided about them is decided by arrays. A branch on whose next
-step anything may happen, where a test function changes its sign, the bounds are passed or the machine does something else,
-is given back as it was before that step, for `follow.py` to look into.
+Most steps are plain, and array operations decide all about them. A branch whose next step may not be plain (a test
+function changes sign, a bound is passed, the machine leaves the sequence) is returned as it was before that step, for
+`follow.py`.
 """
 
 from typing import Any, NamedTuple
@@ -17,26 +17,32 @@ from .parameter_family import ExtendedCycle
 from .point import TRUSTED, BranchPoint, Walk
 from .test_functions import TESTS_OF_NEIGHBOURS, is_crossed, margins, num_unstable, test_slopes
 
-# Lengths of steps: the longest, along the parameter or of a cycle of size 1; the shortest.
+# `_LONGEST`: longest step, along the scaled parameter or for a cycle of size 1.
+# `SHORTEST`: shortest step.
 _LONGEST, SHORTEST = 5e-2, 1e-9
-# The most by which a step may turn, as a cosine; iterations of Newton's method after which steps grow, or shrink.
+# `STRAIGHT`: cosine of the largest angle between the tangents at the ends of a step.
+# `_FEW`: largest number of Newton iterations after which steps grow by half.
+# `_MANY`: number of Newton iterations from which steps shrink, and the most of an accepted step.
 STRAIGHT, _FEW, _MANY = 0.98, 4, 7
-# Length of the first step, and of the probe before it from which is known how fast multipliers turn.
+# `FIRST`: length of the first step.
+# `PROBE`: length of the probe before it, which measures how fast multipliers move.
 FIRST, PROBE = 2e-3, 1e-5
-# How far a multiplier may move on a step, in distances from +1: at most, and as the next step is planned for. A resonance
-# is a pair of them that passes there. Steps as short as the last are not made shorter by it.
+# Move of a multiplier on a step, relative to its distance from +1, which a pair passes at a resonance:
+# `_TURNED`: the largest accepted.
+# `_PLANNED`: the one for which the next step is planned.
+# `_NARROWEST`: length of a step from which on these limits do not shorten it.
 _TURNED, _PLANNED, _NARROWEST = 0.6, 0.4, 1e-6
-# Multipliers this near the real axis are real: folds and branch points have tests of their own.
+# Multipliers this close to the real axis are real: folds and branch points have test functions of their own.
 _REAL = 1e-9
 
 
 class PlainSteps(NamedTuple):
-    """What a branch asks for: steps as long as nothing happens on them. The answer is the last point and the next length.
+    """Request for plain steps; the answer is the last point and the length of the next step.
 
     Attributes:
-        walk: to which the points are added.
-        start: where the branch was begun.
-        point: from where.
+        walk: receives the points.
+        start: first point of the branch.
+        point: point from which to step.
         ds: length of the first step.
     """
 
@@ -47,21 +53,21 @@ class PlainSteps(NamedTuple):
 
     @property
     def sequence(self) -> Sequence:
-        """What happens on the cycles."""
+        """Sequence of the cycles."""
         return self.point.sequence
 
 
 class Known(NamedTuple):
-    """What steps are judged by, of branches side by side.
+    """Quantities by which steps are judged, of a batch of branches.
 
     Attributes:
-        sequence: with padding.
+        sequence: padded.
         place: the last points.
-        tangent: of the branches there.
-        margins: test functions of the sequence, (branches, tests).
-        slopes: how these change along the branch.
-        neighbours: those of the neighbours, (branches, 4).
-        num_unstable: how many neighbours leave.
+        tangent: of the branches at these.
+        margins: values of the test functions of the sequence, (branches, tests).
+        slopes: derivatives of these along the branches.
+        neighbours: values of the test functions of the multipliers, (branches, 4).
+        num_unstable: numbers of unstable multipliers.
         multipliers: (branches, 2 n).
     """
 
@@ -76,15 +82,15 @@ class Known(NamedTuple):
 
 
 class BranchSteps(NamedTuple):
-    """How far branches have come, and how far they may go.
+    """Progress and limits of a batch of branches.
 
     Attributes:
         ds: lengths of the next steps.
-        arc: of the branches so far.
+        arc: arclengths so far.
         num_periods: n.
         bounds: of the scaled parameter, (branches, 2).
-        start: where they were begun.
-        tangent: there; zero for a branch whose events are other ones by now.
+        start: first points.
+        tangent: at these; zero for a branch whose sequence has changed since.
     """
 
     ds: np.ndarray
@@ -96,16 +102,16 @@ class BranchSteps(NamedTuple):
 
 
 def is_sound(found: Corrected, turn: Any, ds: Any) -> Any:
-    """Whether a branch is not too curved for steps of such lengths, whose ends have tangents with this product."""
+    """True where the corrector converged fast and the tangents at both ends, of product `turn`, are close."""
     is_near = found.is_converged & (found.first < 10 * ds) & (found.num_steps <= _MANY)
     return is_near & (turn > STRAIGHT)
 
 
 def is_resolved(known: Known, new: Known, ds: Any) -> np.ndarray:
-    """Whether steps are short enough to see all that happens on them: no resonance is passed, and no test vanishes twice."""
+    """True where a step is short enough: no pair of multipliers passes +1, and no test function vanishes twice."""
     is_slow = (_turned(known, new) <= _TURNED) | (ds <= _NARROWEST)
     falls, rises = known.slopes * _row(ds) / 3, new.slopes * _row(ds) / 3
-    # The cubic through both ends is positive if these of its coefficients are.
+    # The Hermite cubic through both ends is positive if these two of its Bernstein coefficients are.
     with np.errstate(invalid="ignore"):
         dips = (falls < 0) & (rises > 0) & ((known.margins + falls <= 0) | (new.margins - rises <= 0))
     is_known = (known.margins > 0) & (new.margins > 0)
@@ -113,10 +119,10 @@ def is_resolved(known: Known, new: Known, ds: Any) -> np.ndarray:
 
 
 def next_length(found: Corrected, known: Known, new: Known, ds: Any) -> Any:
-    """The length of a step after one of length `ds`."""
+    """Length of the step after one of length `ds`."""
     steps = found.num_steps
     grown = ds * np.where(steps <= _FEW, 1.5, np.where(steps < _MANY, 1.2, 0.7))
-    # Cycles may become much larger than the first one, but no step is longer along the parameter.
+    # Cycles may grow far beyond the first one; along the parameter no step exceeds `_LONGEST`.
     size = np.maximum(np.max(np.abs(new.place.z), axis=1), 1)
     longest = np.minimum(
         _LONGEST * size, np.maximum(_LONGEST / np.maximum(np.abs(new.tangent.p), _REAL), _LONGEST)
@@ -127,7 +133,7 @@ def next_length(found: Corrected, known: Known, new: Known, ds: Any) -> Any:
 
 
 def _turned(known: Known, new: Known) -> np.ndarray:
-    """How far multipliers have moved, in distances from +1, at most; real ones are not counted."""
+    """Largest move of a complex multiplier, relative to its distance from +1."""
     mu, before = new.multipliers, known.multipliers
     is_pair = np.isfinite(mu) & (np.abs(np.imag(mu)) > _REAL)
     mu = np.where(is_pair, mu, 0)
@@ -142,12 +148,12 @@ def _row(ds: Any) -> np.ndarray:
 
 
 def inner_products(one: ExtendedCycle, other: ExtendedCycle) -> np.ndarray:
-    """The products of places of branches side by side."""
+    """Inner products of extended cycles, one for each branch."""
     return (one.z * other.z).sum(1) + (one.flights * other.flights).sum(1) + one.p * other.p
 
 
 def predictions(known: Known, ds: np.ndarray) -> tuple[ExtendedCycle, ExtendedCycle, np.ndarray]:
-    """What the next points are corrected from: guesses, weights and targets."""
+    """Guesses, weights and targets of the corrector for the next points."""
     place, tangent = known.place, known.tangent
     by = ds[:, None]
     guess = ExtendedCycle(
@@ -157,7 +163,7 @@ def predictions(known: Known, ds: np.ndarray) -> tuple[ExtendedCycle, ExtendedCy
 
 
 def known_of(sequence: Sequence, place: ExtendedCycle, seen: CorrectedCycle) -> Known:
-    """What steps from cycles that were seen are judged by."""
+    """`Known` of corrected cycles."""
     values = np.stack([test.of(seen) for test in TESTS_OF_NEIGHBOURS], axis=-1)
     return Known(
         sequence,
@@ -172,13 +178,13 @@ def known_of(sequence: Sequence, place: ExtendedCycle, seen: CorrectedCycle) -> 
 
 
 def known_alone(point: BranchPoint) -> Known:
-    """What steps from one point are judged by."""
+    """`Known` of one point, as a batch of one."""
     sequence, place = padded(point.sequence, (point.place,), len(point.seen.found.speeds))
     return known_of(*jax.tree.map(lambda a: np.asarray(a)[None], (sequence, place, point.seen)))
 
 
 def begun(asked: PlainSteps) -> tuple[Known, BranchSteps]:
-    """One branch, to be put beside others."""
+    """State of one branch, to be stacked with others."""
     walk, start, point, ds = asked
     room = room_for(len(point.sequence.kind))
     sequence, place = padded(point.sequence, (point.place,), room)
@@ -193,7 +199,7 @@ def begun(asked: PlainSteps) -> tuple[Known, BranchSteps]:
 
 
 def is_plain(known: Known, new: Known, ways: BranchSteps) -> np.ndarray:
-    """Whether nothing is met on steps to new points."""
+    """True where a step passes no zero of a test function, no bound, no start of a cycle or of the branch."""
     is_met = np.any((known.margins > 0) & (new.margins <= 0), axis=1)
     is_special = np.any(is_crossed(known.neighbours, new.neighbours), axis=1)
     is_odd = (new.num_unstable - known.num_unstable) % 2 != 0
@@ -207,7 +213,7 @@ def is_plain(known: Known, new: Known, ways: BranchSteps) -> np.ndarray:
 
 
 def follows_cycle(known: Known, seen: CorrectedCycle, followed: Followed) -> np.ndarray:
-    """Whether machines follow cycles, with as many events as these have; not asked of those that no run can follow."""
+    """True where a run follows the cycle with as many events, or cannot, as a multiplier exceeds `TRUSTED`."""
     same_number = np.count_nonzero((followed.sequence.kind != NOTHING), axis=1) == np.count_nonzero(
         (known.sequence.kind != NOTHING), axis=1
     )

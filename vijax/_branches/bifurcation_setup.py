@@ -1,4 +1,4 @@
-"""From a bifurcation on a branch to its defining system."""
+"""Defining system of a bifurcation that was found on a branch."""
 
 import numpy as np
 
@@ -18,22 +18,17 @@ _NO_SYSTEM = {
     "chatter_completion": 'Where a chatter is completed infinitely many changes meet: take one of them, of a kind "gr" '
     'or "fold".',
 }
-# What vanishes with the function of a bifurcation is zero but for rounding.
+# Speed of a grazing impact, relative to the fastest mass.
 _LIGHT = 1e-9
-# A flight as short as this, in forcing periods, has no duration.
+# Duration of a flight that counts as zero, in forcing periods.
 _MOMENT = {"float64": 1e-9, "float32": 1e-4}
 
 
 def defining_of(point: Bifurcation, low: float, high: float) -> tuple[Defining, ExtendedCycle]:
-    """The defining system of a point, with padding, and its cycle.
-
-    Args:
-        point: of the kind "fold", "pd", "ns", "bp", "gr", "double_impact" or "force_zero".
-        low: bound of the parameter, from which it has its scale.
-        high: likewise.
+    """Padded defining system of a bifurcation, and its cycle; the scale of the parameter is `high - low`.
 
     Raises:
-        ValueError: for a point of another kind.
+        ValueError: unless the kind is "fold", "pd", "ns", "bp", "gr", "double_impact" or "force_zero".
     """
     if point.kind in _NO_SYSTEM:
         raise ValueError(_NO_SYSTEM[point.kind])
@@ -50,7 +45,7 @@ def defining_of(point: Bifurcation, low: float, high: float) -> tuple[Defining, 
 
 
 def family_at(point: Bifurcation, low: float, high: float) -> tuple[Start, Family, Sequence, ExtendedCycle]:
-    """The orbit of a point, its machines between two values of the parameter, and its cycle in their scale."""
+    """Orbit of a point, the family of its machines between two parameter values, and its cycle in their scale."""
     (start,) = starting_orbits(point.orbit)
     start = start._replace(is_admissible=True)
     family = family_of(start, point.branch.path, low, high)
@@ -64,7 +59,7 @@ def _at_multiplier(point: Bifurcation) -> AbstractCondition:
         raise ValueError(
             "The orbit of this point is another one twice: take the period doubling on the branch of that one."
         )
-    # Of a pair the one above the real axis.
+    # The angle of a pair is that of its multiplier above the real axis.
     angle = np.angle(multipliers[np.argmin(np.where(multipliers.imag > 0, away, np.inf))])
     theta = {"fold": 0.0, "pd": np.pi}.get(point.kind, angle)
     return AtMultiplier(np.array([theta]), np.zeros((2, len(multipliers)), complex))
@@ -80,7 +75,7 @@ def _at_event(
 def with_its_event(
     family: Family, kind: str, sequence: Sequence, place: ExtendedCycle
 ) -> tuple[Sequence, ExtendedCycle, int, bool]:
-    """The cycle of a change of its events with that event among them; its number, and whether it has no speed there."""
+    """Cycle with the event of the bifurcation inserted; its number, and whether its value has zero rate."""
     (seen,) = drive([family], [as_it_is(sequence, place)], lambda: None)
     test, watched = _test_of(kind, sequence, seen), seen.watched
     k, is_tangent = test.index, test.kind != "double_impact"
@@ -96,10 +91,10 @@ def with_its_event(
 
 
 def _test_of(kind: str, sequence: Sequence, seen: CorrectedCycle) -> Test:
-    """The function that vanishes where an event changes."""
+    """Test function that vanishes at the point."""
     wanted = {"gr": ("gr", "touch")}.get(kind, (kind,))
     tests = [test for test in tests_of(sequence) if test.kind in wanted]
-    # An impact without speed is a touch as well, with a gap of exactly zero.
+    # A grazing impact is also a touch, with a gap of exactly zero: the impact takes precedence.
     light = _LIGHT * np.abs(seen.start[len(seen.start) // 2 :]).max()
     impacts = [test for test in tests if test.kind == "gr" and abs(test.of(seen)) < light]
     return min(impacts or tests, key=lambda test: abs(test.of(seen)))

@@ -1,4 +1,4 @@
-"""Where a bifurcation is, as a function of the machine."""
+"""Parameter value of a bifurcation as a differentiable function of the machine."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ from .branch import Bifurcation
 from .defining_systems import AbstractCondition, Defining, implicit_solution, solve
 from .parameter_family import ExtendedCycle
 
-# What must not be negative on a motion is zero but for rounding.
+# Rounding of what must not be negative on a motion, relative to its size, and of the unfolding.
 _ROUNDING = {"float64": 1e-9, "float32": 1e-4}
 _SENTENCES = (
     "",
@@ -33,24 +33,26 @@ _SENTENCES = (
 def bifurcation_value(point: Bifurcation, system: ImpactSystem, *, throw: bool = True) -> Scalar:
     """Return the value of the parameter at which a machine has a bifurcation, as a differentiable function.
 
-    For a machine close to that of the point, by Newton's method on its defining system: the equations of the orbit, with
-    the parameter as an unknown, and those of what happens there, as a multiplier of -1, or an impact without speed.
-    Nothing is divided by the speed of an impact.
+    Newton's method solves the defining system for a machine close to that of the point: the equations of the orbit,
+    with the parameter as an unknown, and the condition of the bifurcation, such as a multiplier of -1 or an impact
+    without speed. Nothing is divided by the speed of an impact.
 
-    Works under `jax.jit` and `jax.vmap`. Derivatives by all numbers of the machine, forward and reverse, are those of the
-    implicit function theorem. With a `force` all is as exact as the `flow` of the point's orbit, and compiles for a minute.
+    Works under `jax.jit` and `jax.vmap`. Forward and reverse derivatives by all numbers of the machine follow from the
+    implicit function theorem. With a `force` the value is as accurate as the `flow` of the point's orbit, and
+    compilation takes a minute.
 
     Args:
-        point: one of `branch.bifurcations`, of the kind "fold", "pd", "ns", "bp", "gr", "double_impact" or "force_zero".
-        system: the machine, with as many masses, the same stops and a `force` if that of the point has one; whatever it
-            has for the parameter of the branch is not used. At a "bp" it has the symmetry of the orbits that cross.
-        throw: raise if the bifurcation is not found; otherwise its value is NaN, and so are derivatives by what it depends on.
+        point: one of `branch.bifurcations`, of kind "fold", "pd", "ns", "bp", "gr", "double_impact" or "force_zero".
+        system: the machine, with as many masses, the same stops, and a `force` if that of the point has one; its own
+            value of the branch's parameter is not used. At a "bp" it has the symmetry of the orbits that cross.
+        throw: raise if the bifurcation is not found; otherwise its value is NaN, and so are its derivatives by all
+            that it depends on.
 
     Returns:
         The value, in the units of the parameter.
 
     Raises:
-        ValueError: for a point of another kind, a machine of another make, or if 64-bit numbers are off.
+        ValueError: for a point of another kind, a machine of another structure, or if 64-bit numbers are off.
         RuntimeError: with `throw`, if Newton's method finds none near, or one that no motion of the machine has.
 
     Example:
@@ -75,13 +77,13 @@ def bifurcation_value(point: Bifurcation, system: ImpactSystem, *, throw: bool =
     defining = _of_machine(defining, with_args(system, None))
     condition, y, number = _solved(constant(defining), guess)
     solved = replace(defining, condition=condition), y
-    # What JAX makes of derivatives through a solver cannot be transposed; exact motions compile faster as they are.
+    # JAX cannot transpose its derivative of an ODE solver; exact flows compile faster without `differentiable`.
     found = _value(solved) if system.force is None else differentiable(_value, _value, solved)
     return checked(found, number, _SENTENCES) if throw else known_or_nan(number == 0, found)
 
 
 def _of_machine(defining: Defining, system: ImpactSystem) -> Defining:
-    """The defining system of another machine."""
+    """Defining system with the machine replaced."""
     make = lambda system: (system.num_masses, [stop.slot or (*stop.coefficients,) for stop in system.stops])  # noqa: E731
     (masses, stops), ours = make(defining.family.system), make(system)
     has_force, ours_has = (one.force is not None for one in (defining.family.system, system))
@@ -90,31 +92,31 @@ def _of_machine(defining: Defining, system: ImpactSystem) -> Defining:
             f"Argument `system` must be a machine like that of the point, with {masses} masses, "
             f"{'a' if has_force else 'no'} `force` and stops at (mass, side) = {stops}."
         )
-    # One exact motion whether matrices are known or traced: one program.
+    # The same exact flow for concrete and for traced matrices: one program.
     flow = defining.family.flow if has_force else TaylorFlow()
     return replace(defining, family=replace(defining.family, system=system, flow=flow))
 
 
 def _value(solved: tuple[Defining, Array]) -> Scalar:
-    """The parameter where a defining system is solved."""
+    """Parameter value of a solved defining system."""
     defining, y = solved
     return defining.place(implicit_solution(defining, y))[0].p * defining.family.span
 
 
 @compile_lightly
 def _solved(defining: Defining, guess: ExtendedCycle) -> tuple[AbstractCondition, Array, Int[Array, ""]]:
-    """The condition, the unknowns that satisfy it, and the number of a sentence, 0 if all is well."""
+    """Condition, unknowns that satisfy it, and index of the error sentence, 0 on success."""
     solved = solve(defining, defining.unknowns(guess))
     place, own = defining.place(solved.y)
     is_motion = _is_motion(defining, place)
-    # Where no symmetry makes branches cross they part.
+    # Without the symmetry the branches part, and the unfolding is not zero.
     parts = jnp.max(jnp.abs(solved.defining.condition.unfolding(own)))
     is_found = solved.is_found & (parts < _ROUNDING[str(solved.y.dtype)])
     return solved.defining.condition, solved.y, jnp.where(is_found, jnp.where(is_motion, 0, 2), 1)
 
 
 def _is_motion(defining: Defining, place: ExtendedCycle) -> Array:
-    """Whether no stop is passed, no mass held where it is pulled, and the events are in their order."""
+    """True if no stop is penetrated, no held mass is pulled, and the events are in order."""
     family, sequence = defining.family, defining.sequence
     problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
     watched, speeds = margins_of_cycle(problem, unknowns), residual(problem, unknowns).speed

@@ -1,22 +1,23 @@
-"""Zeros of functions that are evaluated elsewhere, one trial at a time."""
+"""Root bracketing for a function that the caller evaluates, one trial at a time."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-# Relative to the step, and in trials.
+# `_TOLERANCE`: of the zero, relative to the first bracket.
+# `_MOST`: largest number of trials.
 _TOLERANCE, _MOST = 4e-15, 60
 
 
 class Bracket(NamedTuple):
-    """Where a function changes its sign, by Chandrupatla's method.
+    """Bracket of a sign change, by Chandrupatla's method.
 
     Attributes:
-        ends: the last trial, and the other end, one on each side of the zero.
-        values: of the function there.
-        share: where between the ends to try next.
+        ends: the last trial and the opposite end, one on each side of the zero.
+        values: of the function at the ends.
+        share: fraction of the way from the last trial to the opposite end for the next trial.
         span: length of the first bracket.
-        trials: so far.
+        trials: number of trials so far.
     """
 
     ends: tuple[float, float]
@@ -27,12 +28,12 @@ class Bracket(NamedTuple):
 
     @classmethod
     def between(cls, before: float, after: float, span: float) -> "Bracket":
-        """From the values at 0 and at `span`."""
+        """Bracket from the values at 0 and at `span`."""
         share = after / (after - before) if np.isfinite(after - before) else 0.5
         return cls((span, 0.0), (after, before), share, span, 0)
 
     def narrowed(self, s: float, value: float) -> "Bracket":
-        """With one more value.
+        """Bracket with one more value.
 
         References:
             T. R. Chandrupatla, Adv. Eng. Softw. 28 (1997); T. Scherer, Computational Physics (2010), Sec. 6.1.7.3.
@@ -52,7 +53,7 @@ class Bracket(NamedTuple):
 
 
 def next_trial(bracket: Bracket) -> float | None:
-    """Where to evaluate the function next; None if the zero is known."""
+    """Argument of the next trial; None once the zero is found or the trials are used up."""
     a, b = bracket.ends
     room = _TOLERANCE * bracket.span / max(abs(b - a), 1e-300)
     if room > 0.5 or bracket.trials >= _MOST or (bracket.trials and bracket.values[0] == 0):

@@ -1,4 +1,4 @@
-"""What `continuation` returns: a branch of periodic orbits and its bifurcations."""
+"""Result of `continuation`: a branch of periodic orbits and its bifurcations."""
 
 import json
 from collections.abc import Callable
@@ -27,8 +27,9 @@ from .parameter_family import ExtendedCycle, Family
 from .point import BranchPoint, PlainPoint, Walk, side_by_side
 from .test_functions import KINDS
 
-# Logs have room for a multiple of so many events, one program for most orbits of a branch; and so much to spare, and where
-# a chatter may end later.
+# `_STEP_OF_ROOM`: logs have room for a multiple of this number, one program for most orbits of a branch.
+# `_SPARE`: spare room of a log.
+# `_OF_CHATTER`: the same where stops hold, as a chatter may complete later.
 _STEP_OF_ROOM, _SPARE, _OF_CHATTER = 8, 4, 32
 
 
@@ -37,10 +38,10 @@ class Branch:
     """Periodic orbits along a parameter.
 
     Attributes:
-        points: a Dataset along `point`, in the order of arclength; `branch.points.to_netcdf(file)` keeps a branch, and
-            `vx.Branch(xr.open_dataset(file))` is the same again.
-        system: the machine of its orbits but for the parameter; built from the attributes of `points` if left out, once an
-            orbit is asked for.
+        points: a Dataset along `point`, in the order of arclength; `branch.points.to_netcdf(file)` saves a branch, and
+            `vx.Branch(xr.open_dataset(file))` restores it.
+        system: the machine of its orbits, whose own value of the parameter is not used; if left out, it is built from
+            the attributes of `points` when an orbit is requested.
         allow_forces: modules from which the `force` of that machine may be imported, as for `vx.system_of`.
         force: the force of that machine, as for `vx.system_of`.
     """
@@ -56,27 +57,27 @@ class Branch:
 
     @property
     def path(self) -> str:
-        """The parameter."""
+        """Path of the parameter."""
         return self.points.attrs["path"]
 
     @property
     def values(self) -> np.ndarray:
-        """The parameter along the branch, (points,)."""
+        """Values of the parameter along the branch, (points,)."""
         return self.points[self.path].values
 
     @property
     def ends(self) -> tuple[str, str]:
-        """Why the branch ends there, at its first point and at its last."""
+        """Reasons why the branch ends at its first point and at its last."""
         first, last = json.loads(self.points.attrs["ends"])
         return first, last
 
     @property
     def bifurcations(self) -> list["Bifurcation"]:
-        """The points where the branch changes, in their order."""
+        """Bifurcations of the branch, in their order."""
         return [Bifurcation(self, int(k)) for k in np.flatnonzero(self.points["bifurcation"].values != "")]
 
     def orbit(self, k: int) -> PeriodicOrbit:
-        """The orbit at a point."""
+        """Return the orbit at point `k`."""
         if not -len(self) <= k < len(self):
             raise IndexError(f"The branch has {len(self)} points, so there is no point {k}.")
         system = self.system or build_from(
@@ -105,11 +106,11 @@ class Branch:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Bifurcation:
-    """A point where a branch changes.
+    """Bifurcation on a branch.
 
     Attributes:
-        branch: on which it is.
-        index: number of the point.
+        branch: the branch.
+        index: number of the point on it.
     """
 
     branch: "Branch"
@@ -117,23 +118,22 @@ class Bifurcation:
 
     @property
     def kind(self) -> str:
-        """What happens.
+        """Kind of the bifurcation.
 
-        One of "fold", "pd" (period doubling), "ns" (Neimark-Sacker), "bp" (branch point, also where a doubled branch meets
-        the orbit of half its period), "gr" (grazing),
-        "double_impact" (of two stops at once), "force_zero" (a stop that holds its mass is not pressed for a moment),
-        "chatter_completion" (a stick begins or ends to be).
+        One of "fold", "pd" (period doubling), "ns" (Neimark-Sacker), "bp" (branch point, also where a doubled branch
+        meets the orbit of half its period), "gr" (grazing), "double_impact" (at two stops at once), "force_zero" (the
+        contact force of a held mass touches zero), "chatter_completion" (a stick appears or disappears).
         """
         return str(self.branch.points["bifurcation"].values[self.index])
 
     @property
     def value(self) -> float:
-        """The parameter."""
+        """Value of the parameter."""
         return float(self.branch.values[self.index])
 
     @property
     def orbit(self) -> PeriodicOrbit:
-        """The orbit there."""
+        """Orbit at the bifurcation."""
         return self.branch.orbit(self.index)
 
     def __repr__(self) -> str:
@@ -141,7 +141,7 @@ class Bifurcation:
 
 
 def branch_of(family: Family, start: BranchPoint, back: Walk, forth: Walk) -> Branch:
-    """The branch from what was followed backwards and forwards."""
+    """Join the walks backwards and forwards from a point to a branch."""
     if forth.end == "closed" and back.end in ("closed", "max_points", "interrupted"):
         back = replace(back, points=[], end="closed")
     points = [*back.points[::-1], start, *forth.points]
@@ -170,7 +170,7 @@ def branch_of(family: Family, start: BranchPoint, back: Walk, forth: Walk) -> Br
 
 
 def _columns_of_orbits(points: list[BranchPoint | PlainPoint], seen: CorrectedCycle) -> dict[str, tuple]:
-    """What each point has once."""
+    """Columns with one entry for each point."""
     x0, v0 = np.split(seen.start, 2, axis=1)
     multipliers = seen.found.multipliers
     return {
@@ -186,13 +186,13 @@ def _columns_of_orbits(points: list[BranchPoint | PlainPoint], seen: CorrectedCy
 
 
 def _columns_of_events(points: list[BranchPoint | PlainPoint], seen: CorrectedCycle) -> dict[str, tuple]:
-    """What each point has for every event, with padding."""
-    # Most points have the sequence of the one before, the same object.
+    """Columns with one entry for each event of each point, padded."""
+    # Most points share the sequence of the one before, as the same object.
     sequences = {id(point.sequence): point.sequence for point in points}
     numbers = {one: number for number, one in enumerate(sequences)}
     which = np.array([numbers[id(point.sequence)] for point in points])
     own = list(sequences.values())
-    # A log has at least one entry, if only of padding.
+    # A log has at least one entry, be it padding.
     room, num_stops = max(1, *(len(one.kind) for one in own)), own[0].held.shape[1]
     kind = _rows([one.kind for one in own], room, NOTHING)[which]
     stop = _rows([one.stop for one in own], room, -1)[which]
@@ -211,7 +211,7 @@ def _columns_of_events(points: list[BranchPoint | PlainPoint], seen: CorrectedCy
 
 
 def _rows(values: list, room: int, fill: float | int) -> np.ndarray:
-    """Arrays of different length, one a row, filled up."""
+    """Stack arrays of different lengths as rows, padded with `fill`."""
     values = [np.asarray(a) for a in values]
     whole = np.full((len(values), room, *values[0].shape[1:]), fill, np.result_type(values[0], type(fill)))
     for row, a in zip(whole, values, strict=True):
@@ -220,7 +220,7 @@ def _rows(values: list, room: int, fill: float | int) -> np.ndarray:
 
 
 def _orbit(system: ImpactSystem, point: xr.Dataset) -> PeriodicOrbit:
-    """The orbit of one point of a branch."""
+    """Orbit of one point of a branch."""
     system = set_parameter(system, point.attrs["path"], point[point.attrs["path"]].values)
     sequence = Sequence(
         point["event_kind"].values, np.maximum(point["event_stop"].values, 0), point["held"].values
@@ -252,9 +252,9 @@ def _orbit(system: ImpactSystem, point: xr.Dataset) -> PeriodicOrbit:
 
 
 def _room_of_log(sequence: Sequence) -> int:
-    """Room for all that a log tells: impacts, and the sticks and releases of their instants.
+    """Room for the entries of a log: impacts, and the sticks and releases of their instants.
 
-    With some to spare, for a run may have other bounces of a chatter, or an impact where the orbit grazes.
+    Some is spare: a run may have other bounces of a chatter, or an impact where the orbit grazes.
     """
     num_changes = np.abs(np.diff(sequence.held.astype(int), axis=0)).sum()
     spare = _OF_CHATTER if num_changes else _SPARE
@@ -270,7 +270,7 @@ def _log(numbers, flow, sequence, unknowns, num_periods, phase, *, room):
 
 
 def cycle_of(point: Bifurcation, scale: np.ndarray, p: float) -> tuple[Sequence, ExtendedCycle]:
-    """The sequence and the place of a bifurcation, in some scale."""
+    """Sequence and extended cycle of a bifurcation, its state divided by `scale`, its parameter set to `p`."""
     at = point.branch.points.isel(point=point.index)
     num_events = int(np.count_nonzero(at["event_kind"].values >= 0))
     events = slice(num_events)

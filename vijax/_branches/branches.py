@@ -26,22 +26,22 @@ def branches(
     max_points: Count = 1000,
     progress: bool = True,
 ) -> list[Branch]:
-    """Follow all branches through the orbits of a sweep along what was swept, each once.
+    """Follow all branches through the orbits of a sweep along the swept quantity, each branch once.
 
     Args:
-        ds: a sweep of one quantity, or what `vx.periodic_orbits` made of it.
+        ds: a sweep of one quantity, or the result of `vx.periodic_orbits` for it.
         bounds: lowest and highest value of the quantity; those of the sweep if left out.
-        depth: how many period doublings are followed from these branches.
+        depth: number of successive period doublings that are followed from these branches.
         max_points: as for `vx.continuation`.
-        progress: show a bar, of the orbits that are accounted for.
+        progress: show a bar, which counts the orbits that lie on a branch found.
 
     Returns:
-        The branches through the sweep, then those of the doubled orbits. Orbits that are none of their machines, or not
-        isolated, are left out with a warning.
+        The branches through the sweep, then those of the doubled orbits. Points that are no periodic orbits of their
+        machines, or not isolated, are left out with a warning.
 
     Raises:
-        ValueError: if not exactly one quantity was swept, or 64-bit numbers are off, or were when it was swept.
-        Interrupted: after Ctrl-C, a `KeyboardInterrupt` whose `result` are the branches that were found until then.
+        ValueError: if not exactly one quantity was swept, or if 64-bit numbers are off, or were during the sweep.
+        Interrupted: after Ctrl-C, a `KeyboardInterrupt` whose `result` are the branches found so far.
 
     Example:
         ```python
@@ -77,10 +77,10 @@ def branches(
 def _each_once(
     starts: list[Start], found: list[Branch], follow: Callable[[list[Start]], list[Branch | None]], bar: tqdm
 ) -> list[Branch]:
-    """Add the branches of orbits that are on none of those found, each once; those that were added."""
+    """Add the branches of all orbits that lie on none found, each branch once; return the added ones."""
     num_known, left, num_none = len(found), not_on(starts, found), 0
     while left:
-        # Orbits with other numbers of events may lie on one branch, but most do not.
+        # One orbit for each number of periods and events: orbits that differ in these seldom share a branch.
         kinds: dict[tuple, Start] = {}
         for start in left:
             kinds.setdefault((start.num_periods, start.num_events), start)

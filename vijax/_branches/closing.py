@@ -1,4 +1,4 @@
-"""Whether a branch has come back to where it was, and how often a cycle is another one."""
+"""Tests for closed branches, and for cycles that repeat a shorter cycle."""
 
 import numpy as np
 
@@ -8,12 +8,13 @@ from .kernels import KernelCall, locate_start, trimmed
 from .parameter_family import ExtendedCycle
 from .point import Asked, BranchPoint, Walk, on_plane
 
-# A cycle this near to another is that one; the same state of a cycle that is another one several times.
+# `_AGAIN`: distance within which two cycles are the same.
+# `_SAME`: distance within which a state has returned in a cycle that repeats a shorter one.
 _AGAIN, _SAME = 1e-8, 1e-6
 
 
 def rounds_of(sequence: Sequence, place: ExtendedCycle, num_periods: int) -> Asked:
-    """How often a cycle of `num_periods` forcing periods is a shorter one."""
+    """Number of times that a cycle of `num_periods` forcing periods repeats a shorter one."""
     for n in (n for n in range(1, num_periods) if num_periods % n == 0):
         if len(sequence.kind) % (num_periods // n):
             continue
@@ -24,7 +25,7 @@ def rounds_of(sequence: Sequence, place: ExtendedCycle, num_periods: int) -> Ask
 
 
 def is_at_start(walk: Walk, start: BranchPoint, point: BranchPoint, new: BranchPoint) -> Asked:
-    """Whether the step from a point to a new one comes back to the start."""
+    """Test whether the step from a point to a new one passes the start of the branch."""
     same = np.array_equal(start.sequence.kind, point.sequence.kind) and np.array_equal(
         start.sequence.stop, point.sequence.stop
     )
@@ -41,9 +42,9 @@ def is_at_start(walk: Walk, start: BranchPoint, point: BranchPoint, new: BranchP
 
 
 def first_repeated(walk: Walk, last: BranchPoint) -> Asked:
-    """The number of the first point of a walk that was passed again, if its last one was passed before; else None.
+    """Index of the first point of a walk that is passed twice; None if its last point is a new one.
 
-    A cycle may come back some forcing periods later.
+    A cycle may return shifted by some forcing periods.
     """
     before = walk.points[:-1]
     numbers = [k for k, point in enumerate(before) if point.kind]
@@ -54,22 +55,22 @@ def first_repeated(walk: Walk, last: BranchPoint) -> Asked:
         for n in range(int(walk.num_periods)):
             z = yield KernelCall(locate_start, last.sequence, (last.place, np.asarray(float(n))))
             if np.abs(z - old.place.z).max() < _AGAIN and (n > 0 or _is_same_way(old, last)):
-                # The last as many bifurcations were the first ones again.
+                # The last `place` + 1 bifurcations are the first ones again.
                 return [*numbers, len(before)][-place - 1]
     return None
 
 
 def _may_be_same(old: BranchPoint, new: BranchPoint) -> bool:
-    """Whether two points may be the same: a grazing of one sequence is none of another, as near as it may be."""
+    """True if kind, parameter and events agree: close grazings of different sequences are different points."""
     is_near = old.kind == new.kind and abs(old.place.p - new.place.p) < _AGAIN
     return bool(is_near and _events(old.sequence) == _events(new.sequence))
 
 
 def _events(sequence: Sequence) -> list[tuple[int, int]]:
-    """What happens on a cycle, in whatever order."""
+    """Kinds and stops of the events of a cycle, sorted."""
     return sorted(zip(sequence.kind.tolist(), sequence.stop.tolist(), strict=True))
 
 
 def _is_same_way(old: BranchPoint, new: BranchPoint) -> bool:
-    """Whether a branch passes a point in the direction in which it did; where it crosses itself it does not."""
+    """True if a branch passes a point twice in the same direction, unlike where it crosses itself."""
     return bool(old.tangent.along(new.tangent) > STRAIGHT)

@@ -1,4 +1,4 @@
-"""A point of a curve of bifurcations, corrected, and what is known of it; compiled."""
+"""Corrected point of a curve of bifurcations and its properties, compiled."""
 
 from typing import NamedTuple
 
@@ -19,12 +19,12 @@ from .parameter_family import ExtendedCycle, Family
 
 
 class Neighbours(NamedTuple):
-    """How the neighbours of a cycle come back.
+    """Linearised return of the neighbours of a cycle.
 
     Attributes:
         multipliers: (2 n,).
-        fold: a determinant that vanishes where a multiplier is 1, whatever the others are.
-        independence: the least singular value of all that is known of them: zero where a multiplier can be anything.
+        fold: determinant that vanishes where a multiplier is 1, whatever the others are.
+        independence: least singular value of [Z N], see `condensation.py`, zero where every number is a multiplier.
     """
 
     multipliers: Reals
@@ -33,20 +33,20 @@ class Neighbours(NamedTuple):
 
 
 class OnCurve(NamedTuple):
-    """A point of a curve.
+    """Point of a curve of bifurcations.
 
     Attributes:
-        y: the unknowns of its defining system.
-        tangent: of the curve, of length 1, in the direction of the weights that led here.
+        y: unknowns of its defining system.
+        tangent: of the curve, of length 1, in the direction of the weights of the plane.
         place: the cycle and both parameters.
-        direction: how both change along the curve, (2,).
+        direction: derivatives of both parameters along the curve, (2,).
         own: unknowns of the condition.
-        start: the state where the cycle begins, (2 n,).
-        speeds: at the impacts, (events,).
-        residual: of the closing.
-        watched: what happens between events.
-        num_steps: of Newton's method.
-        is_found: whether it came to a point.
+        start: state at the start of the cycle, (2 n,).
+        speeds: of approach at the impacts, (events,).
+        residual: largest error of the closing, scaled.
+        watched: least gaps and contact forces between events.
+        num_steps: number of Newton steps.
+        is_found: whether Newton's method converged.
     """
 
     y: Reals
@@ -63,13 +63,13 @@ class OnCurve(NamedTuple):
 
     @property
     def found(self) -> "OnCurve":
-        """Itself: the tests of a sequence read a cycle as branches have it."""
+        """The point itself: test functions of a sequence read it as they read a cycle of a branch."""
         return self
 
 
 @jit_lightly
 def located(defining: Defining, guess: Float[Array, " unknowns"], plane: Plane) -> OnCurve:
-    """The point of a curve in a plane."""
+    """Point of a curve in a plane, by Newton's method from a guess."""
     solved = solve(defining, guess, plane)
     defining, y = solved.defining, jnp.where(solved.is_found, solved.y, guess)
     place, own = defining.place(y)
@@ -98,7 +98,7 @@ def _tangent(matrix: Float[Array, "unknowns unknowns"]) -> Float[Array, " unknow
 
 @jit_lightly
 def neighbours(family: Family, sequence: Sequence, place: ExtendedCycle) -> Neighbours:
-    """How the neighbours of a cycle come back that has these events."""
+    """Linearised return of the neighbours of a cycle with these events."""
     problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
     pencil = condense(linearise(problem, unknowns, family.scale)[1]).pencil
     return Neighbours(

@@ -1,4 +1,4 @@
-"""A curve of bifurcations in the plane of two parameters, followed in one direction."""
+"""Continuation of a curve of bifurcations in the plane of two parameters, in one direction."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -19,21 +19,25 @@ from .point import TRUSTED
 from .scheduler import answer
 from .sequence_edits import passed_section, shifted
 
-# Steps: the first, the longest, the shortest; the most by which one may turn, as a cosine; iterations of Newton's method
-# up to which steps grow, and after which they are taken again.
+# `_FIRST`: length of the first step.
+# `_LONGEST`: length of the longest.
+# `_SHORTEST`: length of the shortest.
 _FIRST, _LONGEST, _SHORTEST = 2e-3, 2e-2, 1e-9
+# `_TURN`: cosine of the largest angle between the tangents at the ends of a step.
+# `_FEW`: largest number of Newton iterations after which steps grow.
+# `_MANY`: largest number of Newton iterations of an accepted step.
 _TURN, _FEW, _MANY = 0.98, 4, 7
-# On a bound, in the scale of the parameters.
+# Distance within which a point lies on a bound, in the scale of the parameters.
 _ON_BOUND = 1e-12
 
 
 class OfCurve(NamedTuple):
-    """A point of a curve.
+    """Point of a curve with its defining system.
 
     Attributes:
-        seen: what is known of it.
-        defining: its defining system, with padding.
-        special: the name of what happens there besides, or "".
+        seen: the point and its neighbours.
+        defining: its defining system, padded.
+        special: name of the special point, or "".
     """
 
     seen: CurveNeighbourhood
@@ -42,37 +46,37 @@ class OfCurve(NamedTuple):
 
     @property
     def at(self) -> OnCurve:
-        """The point."""
+        """The point without its neighbours."""
         return self.seen.at
 
     @property
     def sequence(self) -> Sequence:
-        """What happens on the orbit."""
+        """Sequence of the orbit, without padding."""
         return unpadded_sequence(self.defining)
 
     def turned(self) -> "OfCurve":
-        """The point, to be left in the other direction."""
+        """The same point with the opposite direction."""
         at = self.at._replace(tangent=-self.at.tangent, direction=-self.at.direction)
         return self._replace(seen=self.seen._replace(at=at))
 
     def in_plane(self, guess: np.ndarray, weights: np.ndarray, target: float) -> CurveNeighbourhood:
-        """The point of the curve near a guess in a plane."""
+        """Point of the curve in a plane, near a guess."""
         return point_with_neighbours(self.defining, guess, Plane(weights, np.asarray(target, guess.dtype)))
 
     def ahead(self, s: float, towards: OnCurve | None = None) -> CurveNeighbourhood:
-        """The point of the curve some way ahead, where its tangent leads or between it and another."""
+        """Point of the curve at distance `s` along the tangent, guessed from it or from the chord to another point."""
         y, tangent = self.at.y, self.at.tangent
         way = tangent if towards is None else (towards.y - y) / ((towards.y - y) @ tangent)
         return self.in_plane(y + s * way, tangent, y @ tangent + s)
 
 
 def unpadded_sequence(defining: Defining) -> Sequence:
-    """What happens on an orbit, without padding."""
+    """Sequence of a defining system, without padding."""
     return trimmed(defining.sequence, int(np.count_nonzero(defining.sequence.kind >= 0)))
 
 
 def point_with_neighbours(defining: Defining, guess: np.ndarray, plane: Plane) -> CurveNeighbourhood:
-    """The point of a curve in a plane, with its neighbours."""
+    """Point of a curve in a plane, with its neighbours on each face."""
     at = jax.device_get(located(defining, guess, plane))
     sequence = unpadded_sequence(defining)
     place, room = trimmed(at.place, len(sequence.kind)), len(defining.sequence.kind)
@@ -84,9 +88,9 @@ def point_with_neighbours(defining: Defining, guess: np.ndarray, plane: Plane) -
 
 
 def begin_curve(defining: Defining, place: ExtendedCycle) -> OfCurve:
-    """The point of a curve at a cycle that is known."""
+    """Point of a curve at a known cycle."""
     y = np.asarray(defining.unknowns(place))
-    # No direction is special to these weights, and so none is the curve's plane.
+    # Random weights, so that the plane does not contain the tangent of the curve.
     weights = np.random.default_rng(0).normal(size=len(y)).astype(y.dtype)
     weights /= np.linalg.norm(weights)
     seen = point_with_neighbours(defining, y, Plane(weights, weights @ y))
@@ -99,12 +103,12 @@ def begin_curve(defining: Defining, place: ExtendedCycle) -> OfCurve:
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve that is followed.
+    """Curve of bifurcations to follow.
 
     Attributes:
         kind: of the bifurcation.
         box: bounds of both parameters in their scale, (2, 2).
-        most: the most points.
+        most: largest number of points.
     """
 
     kind: str
@@ -112,7 +116,7 @@ class Curve:
     most: int
 
     def follow(self, begun: OfCurve, bar: tqdm, found: list[OfCurve]) -> str:
-        """Add all points in the direction of one to those found, as they come; why there are no more."""
+        """Append the points in the direction of `begun` to `found`; return why they end."""
         here, ds, why = begun, _FIRST, ""
         while len(found) < self.most:
             if ds < _SHORTEST:
@@ -126,7 +130,7 @@ class Curve:
             if end:
                 found += points
                 return end
-            # An event that passes the start of the cycle is no change of it.
+            # An event that passes the start of the cycle only renumbers the events.
             points[-1] = _in_section(points[-1])
             if not _is_followed(points[-1]):
                 ds, why = ds / 2, "left_the_stops"
@@ -142,7 +146,7 @@ class Curve:
         return "max_points"
 
     def _at_bound(self, here: OfCurve, new: OnCurve) -> CurveNeighbourhood | None:
-        """The point of the curve at the first bound between two, or None."""
+        """Point of the curve at the first bound between two points, or None."""
         p, ahead = here.at.place.p, new.place.p
         crossed = [
             ((bound - p[k]) / (ahead[k] - p[k]), k, bound)
@@ -158,7 +162,7 @@ class Curve:
         return here.in_plane(y + share * (new.y - y), weights, bound * weights.sum())
 
     def _met(self, here: OfCurve, new: CurveNeighbourhood) -> tuple[list[OfCurve], str]:
-        """The special points of a step and, unless the curve ends before it, the last one; and why it ends."""
+        """Special points of a step and, unless the curve ends before, its last point; and why the curve ends."""
         found: list[OfCurve] = []
         for _, test, seen in sorted(self._special(here, new), key=lambda one: one[0]):
             if name := name_there(test, seen):
@@ -170,7 +174,7 @@ class Curve:
     def _special(
         self, here: OfCurve, new: CurveNeighbourhood
     ) -> Iterator[tuple[float, CurveTest, CurveNeighbourhood]]:
-        """Where test functions vanish on a step, and how far ahead."""
+        """Zeros of test functions on a step: distance ahead, test, and point."""
         length = float((new.at.y - here.at.y) @ here.at.tangent)
         for test in curve_tests(self.kind, here.defining, here.sequence):
             if not test.is_met(here.seen, new):
@@ -185,7 +189,7 @@ class Curve:
 
 
 def _step(here: OfCurve, ds: float) -> CurveNeighbourhood | None:
-    """The next point, or None if the curve is too curved to know it so far away."""
+    """Next point, or None if the curve is too curved for such a step."""
     new = here.ahead(ds)
     at = new.at
     is_sound = at.is_found and at.tangent @ here.at.tangent > _TURN and at.num_steps <= _MANY
@@ -193,7 +197,7 @@ def _step(here: OfCurve, ds: float) -> CurveNeighbourhood | None:
 
 
 def _is_followed(here: OfCurve) -> bool:
-    """Whether the machine follows the cycle; where its events change it may do either."""
+    """True if the machine follows the cycle, or a run cannot decide: at an event it may follow either face."""
     if isinstance(here.defining.condition, AtEvent) or np.abs(here.seen.faces[0].multipliers[0]) > TRUSTED:
         return True
     place = trimmed(here.at.place, len(here.sequence.kind))
@@ -201,7 +205,7 @@ def _is_followed(here: OfCurve) -> bool:
 
 
 def _is_back(begun: OnCurve, here: OnCurve, new: OnCurve) -> bool:
-    """Whether a step passes where the curve was begun."""
+    """True if a step passes the first point of the curve."""
     if len(begun.y) != len(new.y) or begun.tangent @ new.tangent < _TURN:
         return False
     way, passed = new.y - here.y, begun.y - here.y
@@ -229,5 +233,5 @@ def _in_section(here: OfCurve) -> OfCurve:
 
 
 def _answer(here: OfCurve, request: KernelCall):
-    """The answer to a request about a point."""
+    """Result of a kernel for the family of a point."""
     return answer(here.defining.family, request)

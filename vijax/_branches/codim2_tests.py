@@ -1,7 +1,7 @@
-"""What can happen on a curve of bifurcations: where another one meets it, or its own is degenerate.
+"""Test functions on a curve of bifurcations: another bifurcation meets it, or its own is degenerate.
 
-Where an impact comes or goes, or two change their order, the orbit has two faces: neighbours on one side have other
-events than those on the other, and so other multipliers.
+Where an impact appears or disappears, or two exchange their order, the orbit has two faces: the neighbours on either
+side have different events, hence different multipliers.
 """
 
 from collections.abc import Callable
@@ -19,29 +19,31 @@ from .test_functions import CLOSE, KINDS, num_on_circle, of_doubling, of_meeting
 
 Change = Callable[[Sequence, ExtendedCycle], tuple[Sequence, ExtendedCycle]]
 
-# A multiplier as large as this is infinite; what is as small is not independent; gaps and forces are zero but for this.
+# `_INFINITE`: modulus of an infinite multiplier.
+# `_DEPENDENT`: independence, see `Neighbours`, that counts as zero.
+# `_ROUNDING`: gap or force that counts as zero.
 _INFINITE, _DEPENDENT, _ROUNDING = 1e8, 1e-7, 1e-9
-# Angles of a pair of multipliers at which orbits of other periods meet, and whether the curve ends there.
+# Strong resonances, where orbits of other periods meet: angle of the pair of multipliers, whether the curve ends.
 _ANGLES = {"1:1": (0.0, True), "1:2": (np.pi, True), "1:3": (2 * np.pi / 3, False), "1:4": (np.pi / 2, False)}
-# The multipliers that are there.
+# Multipliers at each kind of point.
 _NEAR = {"fold": [1], "bp": [1], "pd": [-1], "1:1": [1, 1], "1:2": [-1, -1]}
 
 
 class CurveNeighbourhood(NamedTuple):
-    """A point of a curve with its neighbours on each face."""
+    """Point of a curve with its neighbours on each face."""
 
     at: OnCurve
     faces: tuple[Neighbours, ...]
 
 
 class CurveTest(NamedTuple):
-    """A function that changes its sign where something happens.
+    """Test function: changes sign at a special point.
 
     Attributes:
-        name: of the point, the kinds that meet with a plus sign.
-        of: the function of a point, and of the one where the step began.
-        face: on which it happens.
-        is_end: whether the machine follows no orbit beyond, or the kind has none there.
+        name: of the point; kinds that meet are joined by a plus sign.
+        of: the function, of a point and of the first point of the step.
+        face: index of the face whose multipliers it reads.
+        is_end: whether the curve ends there, as the machine follows no orbit beyond or the kind does not exist there.
     """
 
     name: str
@@ -50,13 +52,13 @@ class CurveTest(NamedTuple):
     is_end: bool = False
 
     def is_met(self, before: CurveNeighbourhood, after: CurveNeighbourhood) -> bool:
-        """Whether it happens on a step."""
+        """True if the function vanishes on a step."""
         first, last = self.of(before, before), self.of(after, before)
         return bool(first >= -_ROUNDING > last if self.is_end else first * last < 0)
 
 
 def curve_tests(kind: str, defining: Defining, sequence: Sequence) -> list[CurveTest]:
-    """All tests on a curve of a kind."""
+    """All test functions on a curve of a kind."""
     found = [test for k in range(len(faces_of(defining, sequence))) for test in _of_neighbours(kind, k)]
     if kind == "fold":
         found.append(CurveTest("cusp", lambda seen, before: float(seen.at.direction @ before.at.direction)))
@@ -73,7 +75,7 @@ def curve_tests(kind: str, defining: Defining, sequence: Sequence) -> list[Curve
 
 
 def faces_of(defining: Defining, sequence: Sequence) -> list[Change]:
-    """What makes each face of the orbit of its sequence and its place."""
+    """Edits that turn the sequence and the cycle of an orbit into those of each face."""
     as_it_is = lambda sequence, place: (sequence, place)  # noqa: E731
     condition = defining.condition
     if not isinstance(condition, AtEvent):
@@ -86,7 +88,7 @@ def faces_of(defining: Defining, sequence: Sequence) -> list[Change]:
 
 
 def _of_neighbours(kind: str, face: int) -> list[CurveTest]:
-    """Tests of the multipliers on a face."""
+    """Test functions of the multipliers on a face."""
     others = lambda seen: _others(kind, seen, face)  # noqa: E731
     doubling = "1:2" if kind == "pd" else _meeting(kind, "pd")
     found = [
@@ -103,7 +105,7 @@ def _meeting(kind: str, other: str) -> str:
 
 
 def _is_own(kind: str, condition: AbstractCondition, other: str, index: int) -> bool:
-    """Whether an event is that of the curve: it has no test."""
+    """True for the event that defines the curve, which has no test function."""
     return (
         isinstance(condition, AtEvent)
         and kind == other
@@ -112,10 +114,10 @@ def _is_own(kind: str, condition: AbstractCondition, other: str, index: int) -> 
 
 
 def name_there(test: CurveTest, seen: CurveNeighbourhood) -> str:
-    """The name of a point, or nothing if multipliers do not say so too: functions also change their sign at infinity."""
+    """Name of a special point, or "" if its multipliers disagree: functions also change sign at infinity."""
     kinds = test.name.split("+")
     mu, _, independence = seen.faces[test.face]
-    # Neighbours of an impact without speed have every multiplier where it does not act on the next.
+    # Where a grazing impact does not act on its next return the pencil is singular: every number is a multiplier.
     if "gr" in kinds and {"fold", "pd", "ns"} & {*kinds} and independence < _DEPENDENT:
         return "resonant_grazing"
     if "ns" in kinds:
@@ -126,10 +128,10 @@ def name_there(test: CurveTest, seen: CurveNeighbourhood) -> str:
 
 
 def _others(kind: str, seen: CurveNeighbourhood, face: int) -> np.ndarray:
-    """The finite multipliers on a face without those that make the point what it is."""
+    """Finite multipliers on a face without those that define the curve."""
     mu = np.asarray(seen.faces[face].multipliers)
     mu = mu[np.abs(mu) < _INFINITE]
-    theta = np.zeros(1) if kind == "bp" else np.asarray(seen.at.own)  # of events there is none
+    theta = np.zeros(1) if kind == "bp" else np.asarray(seen.at.own)  # empty for events
     own = np.exp(1j * (np.concatenate([theta, -theta]) if kind == "ns" else theta))
     for value in own[: len(mu)]:
         mu = np.delete(mu, np.argmin(np.abs(mu - value)))
@@ -137,6 +139,6 @@ def _others(kind: str, seen: CurveNeighbourhood, face: int) -> np.ndarray:
 
 
 def _towards(angle: float, seen: CurveNeighbourhood, before: CurveNeighbourhood) -> float:
-    """How far the angle of the pair is from another, positive where the step began."""
+    """Difference of the angle of the pair and another, positive where the step began."""
     side = np.sign(before.at.own[0] - angle) or 1.0
     return float(side * (seen.at.own[0] - angle))

@@ -1,4 +1,4 @@
-"""From an orbit to its branch."""
+"""Continuation of periodic orbits along a parameter."""
 
 from collections.abc import Sequence as Many
 from typing import overload
@@ -47,31 +47,32 @@ def continuation(
     max_points: Count = 1000,
     progress: bool = True,
 ) -> Branch | list[Branch]:
-    """Follow a periodic orbit along a parameter, both ways, through all that changes it.
+    """Follow a periodic orbit along a parameter in both directions, through bifurcations and changes of its events.
 
-    By pseudo-arclength, so that folds are passed; where an impact comes or goes, or two impacts change their order, the
-    sequence of events changes and the branch goes on. Bifurcations on the way are located: to rounding, or where the
+    Pseudo-arclength continuation passes folds. Where an impact appears or disappears, or two impacts exchange their
+    order, the branch continues with another sequence of events. Bifurcations are located to rounding, or where the
     machine has a `force` to the accuracy of the `flow` of the orbit, whose motion is solved flight by flight.
 
-    Steps are at most 5 % of the bounds long, and so short that no multiplier turns past +1 unseen, as a pair of them does at a
-    resonance, and that a gap, a force or an impact speed cannot vanish twice on one: a window of impacts is
-    found if it is wider than a millionth of the bounds. What changes twice on a step without either, as two period doublings
-    close to each other, may be passed over: follow the branch again within narrower bounds to see more.
+    A step is at most 5 % of the bounds long. It is short enough that no pair of multipliers passes +1 unseen, as at a
+    resonance, and that no gap, force or impact speed vanishes twice on it: a window of impacts is found if it is
+    wider than a millionth of the bounds. Other pairs of changes on one step, such as two close period doublings, may be
+    missed: follow the branch again within narrower bounds to find them.
 
     Args:
-        orbit: from which to begin. Several are followed side by side: a list, or what `vx.periodic_orbits` returned.
-        path: the parameter, as in `vx.sweep`; one with a star is one value for all.
+        orbit: the orbit to start from. Several, a list or the result of `vx.periodic_orbits`, are followed as a batch.
+        path: the parameter, as in `vx.sweep`; a path with a star sets all that it names to one value.
         bounds: its lowest and highest value.
-        max_points: the most points each way.
+        max_points: largest number of points in each direction.
         progress: show a bar.
 
     Returns:
         The branch, or a list of them.
 
     Raises:
-        ValueError: if the orbit is none, or not isolated, as at a resonance without damping, its value of the parameter does not lie within the bounds, a bound makes no
-            machine, or 64-bit numbers are off, or were when the orbit was found.
-        Interrupted: after Ctrl-C, a `KeyboardInterrupt` whose `result` is what was followed until then.
+        ValueError: if the orbit is no periodic orbit of its machine, or not isolated, as at a resonance without
+            damping; if its value of the parameter lies outside the bounds; if a bound gives no valid machine; or if
+            64-bit numbers are off, or were when the orbit was found.
+        Interrupted: after Ctrl-C, a `KeyboardInterrupt` whose `result` is the part followed so far.
 
     Example:
         ```python
@@ -109,11 +110,11 @@ def continued(
     progress: bool,
     leaves_out: bool = False,
 ) -> list[Branch | None]:
-    """The branches of several orbits, followed side by side; where it `leaves_out` what is no orbit, None for that."""
+    """Branches of several orbits, followed as a batch; with `leaves_out`, None for a start that gives no branch."""
     low, high = _two_numbers(bounds)
     most = whole_number("max_points", max_points, 1)
     families = [family_of(start, path, low, high) for start in starts]
-    for family in families[:1]:  # the others are refused the same values
+    for family in families[:1]:  # the same values are valid for the others
         for value in (low, high):
             set_parameter(jax.tree.map(jnp.asarray, family.system), path, value)
     all_points = points_of(starts, families)
@@ -161,7 +162,7 @@ def _two_numbers(bounds: tuple[float, float]) -> tuple[float, float]:
 
 
 def _both_ways(starts: list[BranchPoint]) -> list[BranchPoint]:
-    """Every start twice, towards smaller and towards larger values of the parameter."""
+    """Each start twice, towards smaller and towards larger values of the parameter."""
     found = []
     for start in starts:
         is_forth = start.tangent.p > 0

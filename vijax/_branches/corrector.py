@@ -1,4 +1,4 @@
-"""Newton's method on a cycle and its parameter, with one more equation: pseudo-arclength."""
+"""Corrector of pseudo-arclength continuation: Newton's method on a cycle with parameter, with one equation more."""
 
 from typing import NamedTuple
 
@@ -13,23 +13,23 @@ from .._orbits.floquet import floquet_multipliers
 from .._orbits.sequence import Sequence
 from .parameter_family import ExtendedCycle, Family
 
-# As in `newton.py`.
+# Rounding of a step, as in `newton.py`.
 _SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
 _MAX_STEPS = 12
 
 
 class Corrected(NamedTuple):
-    """What came of a correction.
+    """Result of a correction.
 
     Attributes:
         place: the cycle and its parameter.
         tangent: of the branch there, of length 1, in the direction of the weights.
         multipliers: (2 n,).
-        speeds: at the impacts, (events,).
-        residual: of the closing.
-        first: length of the first step.
-        num_steps: how many were taken.
-        is_converged: whether nothing but rounding is left.
+        speeds: of approach at the impacts, (events,).
+        residual: largest error of the closing, scaled.
+        first: length of the first Newton step.
+        num_steps: number of Newton steps.
+        is_converged: whether the last step is rounding.
     """
 
     place: ExtendedCycle
@@ -57,15 +57,7 @@ class _Now(NamedTuple):
 def correct(
     family: Family, sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: Scalar
 ) -> Corrected:
-    """Solve the equations of a sequence and `weights . place = target`, from a guess.
-
-    Args:
-        family: of the machines.
-        sequence: what happens.
-        guess: where to begin.
-        weights: of the last equation, the tangent at the last point for instance.
-        target: its right-hand side.
-    """
+    """Solve the equations of a sequence and `weights . place = target`, for instance with a tangent as weights."""
     eps, small = jnp.finfo(guess.z.dtype).eps, _SMALL[str(guess.z.dtype)]
     count = jnp.sum(sequence.is_event)
     of_start = Weights(jnp.append(weights.z, weights.p), weights.flights)
@@ -124,14 +116,7 @@ def correct(
 def as_corrected(
     family: Family, sequence: Sequence, place: ExtendedCycle, tangent: ExtendedCycle
 ) -> Corrected:
-    """A cycle that is known, as if Newton's method had come to it.
-
-    Args:
-        family: of the machines.
-        sequence: what happens.
-        place: the cycle and its parameter.
-        tangent: of the branch there.
-    """
+    """`Corrected` of a known cycle and of the tangent of its branch, without Newton's method."""
     count, zero = jnp.sum(sequence.is_event), jnp.zeros_like(place.p)
     found, flights = linearise(family.problem(sequence, place.p), family.unknowns(place), family.scale, count)
     pencil = condense(flights, count).pencil
@@ -148,7 +133,7 @@ def as_corrected(
 
 
 def _at_fixed_parameter(equations: Condensed, size: int) -> Pencil:
-    """How neighbours at the same parameter begin and end."""
+    """Pencil of the neighbours at the same parameter."""
     end, start = equations.pencil
     basis = basis_of_kernel(start[size])
     return Pencil(end @ basis, start[:size] @ basis)

@@ -1,4 +1,4 @@
-"""From a point of a branch to the curve of such points in the plane of two parameters."""
+"""Curve of a bifurcation in the plane of two parameters."""
 
 import json
 from dataclasses import replace
@@ -19,7 +19,7 @@ from .defining_systems import AtBranchPoint, Defining
 from .parameter_family import ExtendedCycle
 from .starts import family_of, starting_orbits
 
-# The most by which branches that go on crossing part along a curve of length 1.
+# Largest rate of the unfolding along a curve on which branches keep crossing.
 _KEPT = 1e-6
 
 
@@ -32,17 +32,17 @@ def bifurcation_curve(
     max_points: Count = 1000,
     progress: bool = True,
 ) -> xr.Dataset:
-    """Follow a bifurcation while a second parameter varies too, both ways.
+    """Follow a bifurcation in the plane of two parameters, in both directions.
 
-    By pseudo-arclength on its defining system, so that cusps are passed. Where another bifurcation meets the curve, or
-    its own is degenerate, a point is located and named.
+    Pseudo-arclength continuation of its defining system passes cusps. Special points, where another bifurcation meets
+    the curve or its own is degenerate, are located and named.
 
     Args:
         point: one of `branch.bifurcations`, of the kind "fold", "pd", "ns", "gr", "double_impact" or "force_zero";
             or "bp", if the second parameter keeps the symmetry of the orbits that cross.
         path: the second parameter.
         bounds: lowest and highest values of both parameters, by their paths.
-        max_points: the most points each way.
+        max_points: largest number of points in each direction.
         progress: show a bar.
 
     Returns:
@@ -50,12 +50,12 @@ def bifurcation_curve(
         `multipliers`, `impact_speed` (event,), and `special`: "" or the name of a special point, "cusp", "1:1", "1:2",
         "1:3", "1:4" (a pair of multipliers at such a root of unity), "resonant_grazing" (a fold or period doubling at
         an impact without speed: curves of orbits of other periods begin there), or the kinds that meet, as "fold+pd".
-        Attributes: the `kind`, and why the curve ends on either side: at the bounds, or where the machine follows the
-        orbit no further, by the name of what happens there.
+        Attributes: the `kind`, and `ends`, why the curve ends on either side, for instance "bounds", or the name of
+        the point beyond which the machine does not follow the orbit.
 
     Raises:
         ValueError: for paths or bounds that do not fit, a kind that has no curve, or if 64-bit numbers are off.
-        Interrupted: after Ctrl-C, a `KeyboardInterrupt` whose `result` is the curve as far as it was followed.
+        Interrupted: after Ctrl-C, a `KeyboardInterrupt` whose `result` is the part followed so far.
 
     Example:
         ```python
@@ -101,11 +101,11 @@ def bifurcation_curve(
 def _of_two(
     defining: Defining, place: ExtendedCycle, point: Bifurcation, path: str, box: np.ndarray
 ) -> tuple[Defining, ExtendedCycle]:
-    """The defining system with a second parameter."""
+    """Defining system and cycle with a second parameter."""
     family, (start,) = defining.family, starting_orbits(point.orbit)
     other = family_of(start._replace(is_admissible=True), path, *box[1])
     span = np.array([family.span, other.span])
-    # The motion by modes is that of matrices which no parameter changes.
+    # A modal flow holds for matrices that neither parameter changes.
     flow = other.flow if isinstance(other.flow, TaylorFlow) else family.flow
     family = replace(family, second=path, span=span, flow=flow)
     second = np.asarray(get_parameter(start.system, path)) / other.span
@@ -122,7 +122,7 @@ def _check_crossing(begun: OfCurve, path: str) -> None:
 
 
 def _dataset(point: Bifurcation, path: str, found: list[OfCurve], ends: list[str]) -> xr.Dataset:
-    """The curve, labelled."""
+    """Dataset of the curve."""
     family = found[0].defining.family
     at = [one.at for one in found]
     plane = np.stack([one.place.p for one in at]) * family.span

@@ -1,21 +1,22 @@
 """Defining systems: equations whose solution is a bifurcation, and that solution as a function of the machine.
 
-To the equations of a cycle, see `cycle.py`, with the parameter as one more unknown, come those of what happens there:
+The equations of a cycle, see `cycle.py`, with the parameter as one more unknown, are extended by a condition:
 
     fold, period doubling, Neimark-Sacker    Z - e^{i theta} N is singular; theta is one more unknown
-    grazing, a force that touches zero       the value by which the event is known, a gap or a force, has no rate
-    double impact                            the flight between the two has no duration
-    branch point                             Z - N is singular, the rate of the parameter being one more column
+    grazing, a force that touches zero       the value that defines the event, a gap or a force, has zero rate
+    double impact                            the flight between both impacts has zero duration
+    branch point                             Z - N, with the derivative by the parameter as a column, is singular
 
-(Z, N) is the pencil of the neighbours, see `condensation.py`: nothing is divided by the speed of an impact. A matrix A is
-singular where the last unknown psi of the bordered equations
+(Z, N) is the pencil of the neighbours, see `condensation.py`: nothing is divided by the speed of an impact. A matrix A
+is singular where the last unknown psi of the bordered equations
 
     A y + b psi = 0,    c* y = 1
 
-vanishes. (Its determinant was rejected: how large it is tells nothing.) The two parts of psi are two equations. At a fold
-and a period doubling psi is real where theta is 0 or pi, and its imaginary part keeps theta there: one system serves
-the three. At a branch point, where a symmetry makes two branches cross, the equations of a cycle are singular whatever is
-asked besides; so beta b is added to the closing, with one more unknown beta, which is zero at the solution.
+vanishes. (The determinant of A was rejected: its size means nothing.) The real and the imaginary part of psi are two
+equations. At a fold and a period doubling psi is real where theta is 0 or pi, and its imaginary part keeps theta
+there: one system serves all three. At a branch point, where a symmetry makes two branches cross, the equations of a
+cycle are singular whatever condition is added; so beta b is added to the closing, with one more unknown beta, which is
+zero at the solution.
 """
 
 import abc
@@ -34,19 +35,19 @@ from .._orbits.cycle import Problem, Unknowns, linearise, residual
 from .._orbits.sequence import Sequence
 from .parameter_family import ExtendedCycle, Family
 
-# As in `newton.py`.
+# Rounding of a step, as in `newton.py`.
 _SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
 _MAX_STEPS = 16
 
 
 class TrialCycle(NamedTuple):
-    """A cycle that is no solution yet.
+    """Iterate of Newton's method.
 
     Attributes:
-        family: the machines.
-        place: its unknowns, the parameter among them.
-        problem: its equations.
-        unknowns: the same without the parameter, in their units.
+        family: of the machines.
+        place: the unknowns of the cycle, with the parameter, scaled.
+        problem: the equations of the cycle.
+        unknowns: its unknowns without the parameter, not scaled.
     """
 
     family: Family
@@ -56,30 +57,30 @@ class TrialCycle(NamedTuple):
 
 
 class AbstractCondition(eqx.Module):
-    """What happens at a bifurcation.
+    """Condition by which a cycle is a bifurcation.
 
     Attributes:
-        own: first guesses of the unknowns that it has beside those of the cycle, (own,).
+        own: guesses of its unknowns beside those of the cycle, (own,).
     """
 
     own: eqx.AbstractVar[Reals]
 
     @abc.abstractmethod
     def begun(self, cycle: TrialCycle) -> "AbstractCondition":
-        """The same with what it takes from the cycle at which Newton's method begins."""
+        """Condition with the data, such as borders, that it takes from the first iterate of Newton's method."""
 
     @abc.abstractmethod
     def values(self, cycle: TrialCycle, own: Float[Array, " own"]) -> Float[Array, " conditions"]:
-        """What vanishes there: one more than it has unknowns."""
+        """Values that vanish at the bifurcation, one more than the condition has unknowns."""
 
     def unfolding(self, own: Float[Array, " own"]) -> Float[Array, "..."]:
-        """What is added to the closing of the cycle, and zero at a solution: nothing, unless the cycle is no simple one."""
+        """Term added to the closing, zero at a solution; only singular equations of a cycle need one."""
         del own
         return jnp.zeros(())
 
 
 class AtMultiplier(AbstractCondition):
-    """A multiplier is e^{i theta}.
+    """Condition that a multiplier is e^{i theta}.
 
     Attributes:
         own: theta, (1,).
@@ -101,12 +102,12 @@ class AtMultiplier(AbstractCondition):
 
 
 class AtBranchPoint(AbstractCondition):
-    """Another branch crosses.
+    """Condition that another branch crosses.
 
     Attributes:
         own: beta, (1,).
         left: b, a unit vector, (2 n,).
-        right: two unit vectors, (2, 2 n + 1).
+        right: c, two unit vectors, (2, 2 n + 1).
     """
 
     own: Reals
@@ -127,12 +128,12 @@ class AtBranchPoint(AbstractCondition):
 
 
 class AtEvent(AbstractCondition):
-    """The value by which an event is known vanishes with its rate, or its flight has no duration.
+    """Condition that the value that defines an event has zero rate, or that its flight has zero duration.
 
     Attributes:
-        own: nothing, (0,).
+        own: empty, (0,).
         index: number of the event.
-        is_tangent: which of the two.
+        is_tangent: True for the rate, False for the duration.
     """
 
     own: Reals
@@ -158,7 +159,7 @@ def _singular(cycle: TrialCycle, theta: Scalar) -> Complex[Array, "state state"]
 
 
 def _with_parameter(cycle: TrialCycle) -> Float[Array, "state free"]:
-    """Z - N with the parameter among what is free, the first of two."""
+    """Z - N with a column for the parameter, the first of two."""
     family = cycle.family
     problem, change = family.linear_problem(cycle.problem.sequence, cycle.place.p)
     pencil = condense(linearise(problem, cycle.unknowns, family.scale, change=change)[1]).pencil
@@ -166,12 +167,12 @@ def _with_parameter(cycle: TrialCycle) -> Float[Array, "state free"]:
 
 
 class Defining(eqx.Module):
-    """A defining system.
+    """Defining system.
 
     Attributes:
-        family: the machines.
-        sequence: what happens on the orbit.
-        condition: what makes it a bifurcation.
+        family: of the machines.
+        sequence: of the events of the orbit.
+        condition: by which the orbit is a bifurcation.
     """
 
     family: Family
@@ -179,11 +180,11 @@ class Defining(eqx.Module):
     condition: AbstractCondition
 
     def unknowns(self, place: ExtendedCycle) -> Float[Array, " unknowns"]:
-        """The cycle and the unknowns of the condition as one vector."""
+        """Cycle and unknowns of the condition as one vector."""
         return jnp.concatenate([jnp.ravel(a) for a in (*place, self.condition.own)])
 
     def place(self, y: Float[Array, " unknowns"]) -> tuple[ExtendedCycle, Float[Array, " own"]]:
-        """The cycle, and the unknowns of the condition."""
+        """Cycle and unknowns of the condition from one vector."""
         size, span = len(self.family.scale), self.family.span
         end = len(y) - len(self.condition.own)
         first = end - span.size
@@ -195,13 +196,13 @@ class Defining(eqx.Module):
         )
 
     def begun(self, y: Float[Array, " unknowns"]) -> "Defining":
-        """With what its condition takes from a cycle."""
+        """System whose condition has its data from a cycle."""
         place, own = self.place(y)
         condition = replace(self.condition, own=own)
         return replace(self, condition=condition.begun(self._cycle(place)))
 
     def values(self, y: Float[Array, " unknowns"]) -> Float[Array, " equations"]:
-        """What vanishes."""
+        """Residuals of the equations."""
         place, own = self.place(y)
         cycle = self._cycle(place)
         found = residual(cycle.problem, cycle.unknowns)
@@ -211,7 +212,7 @@ class Defining(eqx.Module):
     def linearised(
         self, y: Float[Array, " unknowns"]
     ) -> tuple[Float[Array, "equations unknowns"], Float[Array, " equations"]]:
-        """Its derivatives by the unknowns, and what vanishes."""
+        """Jacobian by the unknowns, and residuals."""
 
         def twice(y: Array) -> tuple[Array, Array]:
             values = self.values(y)
@@ -229,21 +230,21 @@ class _Now(NamedTuple):
 
 
 class Plane(NamedTuple):
-    """One more equation, where there are two parameters: `weights . y = target`."""
+    """Equation `weights . y = target`, added where there are two parameters."""
 
     weights: Reals
     target: Reals
 
 
 class Solved(NamedTuple):
-    """What came of Newton's method.
+    """Result of Newton's method.
 
     Attributes:
-        defining: the system, with what its condition takes from the guess.
+        defining: the system, with the data that its condition takes from the guess.
         y: the unknowns.
-        matrix: derivatives of the equations by them, the last row that of the plane.
-        num_steps: how many were taken.
-        is_found: whether nothing but rounding is left.
+        matrix: Jacobian, its last row that of the plane.
+        num_steps: number of Newton steps.
+        is_found: whether the last step is rounding.
     """
 
     defining: Defining
@@ -254,7 +255,7 @@ class Solved(NamedTuple):
 
 
 def solve(defining: Defining, guess: Float[Array, " unknowns"], plane: Plane | None = None) -> Solved:
-    """The unknowns near a guess by Newton's method."""
+    """Solve a defining system by Newton's method from a guess."""
     defining = defining.begun(guess)
     eps, small = jnp.finfo(guess.dtype).eps, _SMALL[str(guess.dtype)]
 
@@ -278,7 +279,7 @@ def solve(defining: Defining, guess: Float[Array, " unknowns"], plane: Plane | N
 
 @eqx.filter_custom_jvp
 def implicit_solution(defining: Defining, y: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
-    """The solution as a function of the machine: derivatives by the implicit function theorem."""
+    """Solution as a function of the machine, with derivatives by the implicit function theorem."""
     del defining
     return y
 
@@ -290,7 +291,7 @@ def _implicit_jvp(primals, tangents):
     return y, -jnp.linalg.solve(_matrix(defining, y), _moved(defining, tangents[0], y))
 
 
-# Programs of their own: derivatives of all kinds share the first, outside of `jax.jit`.
+# Two separate programs: derivatives of all kinds share the first, outside of `jax.jit`.
 @compile_lightly
 def _matrix(defining: Defining, y: Float[Array, " unknowns"]) -> Float[Array, "unknowns unknowns"]:
     return defining.linearised(y)[0]

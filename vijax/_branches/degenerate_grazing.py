@@ -1,7 +1,7 @@
-"""Where several impacts of a cycle vanish at once: there it is another cycle several times, which grazes.
+"""Degenerate grazing: several impacts of a cycle vanish at once, where it repeats a shorter cycle that grazes.
 
-Branches of cycles of several periods end like that at the grazing of one of fewer. No step leads there, for with m impacts of
-speed v the multipliers grow like v^-m; but the other cycle is as well-conditioned there as anywhere.
+Branches of cycles of several periods end at the grazing of a cycle of fewer. No step leads there, for with m impacts of
+speed v the multipliers grow like v^-m; but the cycle without these impacts is as well-conditioned there as anywhere.
 """
 
 import numpy as np
@@ -12,16 +12,17 @@ from .point import Asked, BranchPoint, Ended, at_parameter, predicted_point
 from .sequence_edits import without_event
 from .test_functions import tests_of
 
-# Impacts that may vanish have this part of the speed of the fastest at most.
+# Largest speed of impacts that may vanish, relative to the fastest impact.
 _LIGHT = 1e-2
-# Length of the step by which the slope of a gap is found, and of the longest way to its zero.
+# `_STEP`: length of the step that estimates the slope of a gap.
+# `_REACH`: largest distance to its zero.
 _STEP, _REACH = 1e-6, 1e-2
-# How far the two cycles are apart at most, in speeds of the impacts that vanish.
+# Largest distance between the two cycles, in speeds of the impacts that vanish.
 _NEAR = 10.0
 
 
 def grazing_of_shorter_cycle(point: BranchPoint) -> Asked:
-    """The grazing at which a branch ends close to a point, with the sequence of the cycle that grazes; None if there is none."""
+    """Grazing at which a branch ends close to a point, on the sequence without the impacts that vanish; else None."""
     kind = point.sequence.kind
     speeds = np.where(kind == IMPACT, point.seen.found.speeds[: len(kind)], np.inf)
     light = np.flatnonzero(speeds < _LIGHT * np.max(speeds, where=np.isfinite(speeds), initial=0))
@@ -42,7 +43,7 @@ def grazing_of_shorter_cycle(point: BranchPoint) -> Asked:
 
 
 def vanishing(start: BranchPoint, kind: str, stop: int) -> Asked:
-    """Where the least gap or force of a stop vanishes near by; None if it does not."""
+    """Point near a start at which the least gap or force of a stop vanishes; None if there is none."""
     test = next(test for test in tests_of(start.sequence) if test.kind == kind and test.index == stop)
     beside = yield from predicted_point(start, _STEP)
     gap = test.of(start.seen)
