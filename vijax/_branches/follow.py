@@ -1,9 +1,7 @@
-"""One branch, followed in one direction: what is met on a step, and how the branch goes on from there.
+"""Follow one branch in one direction: locate the events of a step, and continue the branch behind them.
 
-Steps on which nothing is met are left to `batched_steps.py`.
-
-`follow_branch` is a generator: it asks for corrected cycles, see `kernels.py`, and is sent the answers, so that many
-branches are followed side by side although each is told as if it were alone.
+Steps without events belong to `batched_steps.py`. `follow_branch` is a generator: it yields requests for corrected
+cycles, see `kernels.py`, and receives the answers. So many branches run side by side, while this code treats one alone.
 """
 
 from typing import NamedTuple
@@ -43,30 +41,28 @@ from .sequence_switching import as_machine_has_it, by_machine, by_sequence, in_s
 from .test_functions import Test, crossings, tests_of
 from .vanishing_flights import end_of_vanishing_flight, hop_that_ends
 
-# Several events on a step longer than this are separated by shorter steps.
+# Longest step on which several events are accepted; a longer one is halved to separate them.
 _SEPARATE = 1e-4
-# A stick as short as this, in forcing periods, vanishes right there.
+# Duration of a stick, in forcing periods, below which it vanishes at that point.
 _MOMENT = 1e-5
-# An event this near to a bound is met there.
+# Distance from a bound, in the scaled parameter, within which an event lies on it.
 _ON_BOUND = 1e-8
-# How far an orbit that is given is from the cycle that it is, and from its parameter.
+# _NEAR: largest distance between a given orbit and its corrected cycle.
+# _AT: largest distance between their scaled parameters.
 _NEAR, _AT = 1e-3, 1e-9
-# Steps back to where a stick vanishes.
+# Most points of a walk back to where a stick vanishes.
 _MOST_BACK = 100
 
 
 def point_at_orbit(sequence: Sequence, start: np.ndarray, p: float) -> Asked:
-    """The point of a branch at an orbit, given by its start in space; None if there is none.
+    """The branch point at an orbit with a start in space, (2 n,), and a scaled parameter; None if there is none.
 
-    Args:
-        sequence: with room for its events.
-        start: positions and velocities, (2 n,).
-        p: the scaled parameter.
+    `sequence` is padding with room for the events of the orbit.
     """
     place, followed = yield KernelCall(cycle_of_motion, sequence, (start, np.asarray(p)))
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
     sequence, place = trimmed(followed.sequence, num_events), trimmed(place, num_events)
-    # At a fold the parameter does not tell one cycle from the next.
+    # At a fold a fixed parameter does not determine the cycle, so `as_it_is` leaves it free.
     for ask in (at_parameter(sequence, place, p), as_it_is(sequence, place)):
         seen = yield from ask
         away = np.abs(seen.found.place.z - place.z).max()
@@ -76,7 +72,7 @@ def point_at_orbit(sequence: Sequence, start: np.ndarray, p: float) -> Asked:
 
 
 def follow_branch(walk: Walk, start: BranchPoint) -> Asked:
-    """Follow a branch from a point in the direction of its tangent; points are added to the walk."""
+    """Follow a branch from a point in the direction of its tangent, and add its points to the walk."""
     try:
         yield from _follow(walk, start)
     except Ended as why:
@@ -108,19 +104,19 @@ def _follow(walk: Walk, start: BranchPoint) -> Asked:
 
 
 def _has_lost_stick(told: BranchPoint, point: BranchPoint) -> bool:
-    """Whether the last bounces of a chatter are there, but not the stick behind them any more."""
+    """True if the last bounces of a chatter are added, but the stick behind them has vanished."""
     before, after = (np.count_nonzero(one.sequence.kind == RELEASE) for one in (told, point))
     return bool(after < before and 0 < shortest_stick(told) < _MOMENT)
 
 
 def _whole_step(walk: Walk, point: BranchPoint, ds: float) -> Asked:
-    """A step on which all is known that happens, and its length, halved until it is; None if none is short enough."""
+    """A fully resolved step and its length, halved until it is resolved; None if none above `SHORTEST` is."""
     while ds >= SHORTEST:
         try:
             step = yield from _step(walk, point, ds)
         except Full:
             raise
-        except Ended:  # what happens on it could not be located
+        except Ended:  # an event of the step could not be located
             step = None
         if step is not None:
             return step, ds
@@ -129,7 +125,7 @@ def _whole_step(walk: Walk, point: BranchPoint, ds: float) -> Asked:
 
 
 def _behind_hop(walk: Walk, point: BranchPoint) -> Asked:
-    """The point from which the branch goes on where no step is short enough, for a hop vanishes; else it ends."""
+    """Continue behind a vanishing hop where no step is short enough; end the branch if there is no such hop."""
     event = yield from end_of_vanishing_flight(point)
     if event is None:
         return (yield from _end(walk, point))
@@ -137,7 +133,7 @@ def _behind_hop(walk: Walk, point: BranchPoint) -> Asked:
 
 
 def _add_and_go_on(walk: Walk, point: BranchPoint, event: BranchPoint) -> Asked:
-    """The point behind one where a force touches zero: the mass is held."""
+    """Add a point where a contact force touches zero, and continue behind it, where the mass stays held."""
     if not walk.bounds[0] <= event.place.p <= walk.bounds[1]:
         yield from _end_at_bound(walk, point, point.place, event, is_event=True)
     yield from _to_passed(walk, (yield from _add(walk, event)))
@@ -145,11 +141,11 @@ def _add_and_go_on(walk: Walk, point: BranchPoint, event: BranchPoint) -> Asked:
 
 
 def _add_special(walk: Walk, point: BranchPoint, step: "Step") -> Asked:
-    """Add the bifurcations of a step, and end where the branch does."""
+    """Add the bifurcations of a step; end at a bound, or at the period doubling where a doubled branch ends."""
     last = step.last if step.event is None else step.event[1]
     for found in [*step.special, last]:
         is_near = bool(abs(found.place.p - walk.nearest_bound(float(found.place.p))) < _ON_BOUND)
-        # A restitution of 0 is such a bound: impacts whose speed it makes vanish there, all at once.
+        # At the bound restitution = 0, for instance, all impacts whose speed it makes vanish do so at once.
         is_at_it = is_near and found is last and step.event is not None
         if is_at_it or not walk.bounds[0] <= found.place.p <= walk.bounds[1]:
             yield from _to_bound(walk, point, found, is_event=is_at_it)
@@ -161,15 +157,15 @@ def _add_special(walk: Walk, point: BranchPoint, step: "Step") -> Asked:
 
 
 def _end(walk: Walk, point: BranchPoint) -> Asked:
-    """End where no step is short enough."""
+    """End the branch where no step is short enough."""
     if 0 < shortest_stick(point) < _MOMENT:
-        # Sticks vanish faster than they shorten: what is left of the way is rounding.
+        # Sticks vanish faster than they shorten: the rest of the way is rounding.
         if walk.points and walk.points[-1].arc == point.arc:
             walk.points.pop()
         yield from _add(walk, point._replace(kind="chatter_completion"))
         raise Ended("chatter_completion")
     yield from _to_limit(walk, FEW)
-    # The light impacts of a cascade are those of a chatter.
+    # The light impacts of a cascade belong to a chatter, not to a shorter cycle that grazes.
     grazing = None if walk.cascade else (yield from grazing_of_shorter_cycle(point))
     if grazing is not None:
         yield from _add(walk, grazing)
@@ -181,12 +177,12 @@ class Step(NamedTuple):
     """A step along a branch.
 
     Attributes:
-        last: the point at its end, or just before the first event.
-        told: the point at its end with its events in the cycle.
-        followed: what the machine does that is started there.
-        event: the first change of the sequence, and the point where it is; or None.
-        special: bifurcations on the way, in their order.
-        next_length: of the next step.
+        last: point at its end, or just before the first event.
+        told: point at its end, with all its events between the start and the end of the cycle.
+        followed: motion of the machine started there.
+        event: first change of the sequence, and the point where it happens; or None.
+        special: bifurcations on the step, in order.
+        next_length: length of the next step.
     """
 
     last: BranchPoint
@@ -198,7 +194,7 @@ class Step(NamedTuple):
 
 
 def _step(walk: Walk, point: BranchPoint, ds: float) -> Asked:
-    """A step from a point, or None if it is too long to know all that happens on it."""
+    """A step from a point; None if it is too long to resolve all that happens on it."""
     new = yield from _ahead(point, ds)
     if new is None:
         return None
@@ -207,7 +203,7 @@ def _step(walk: Walk, point: BranchPoint, ds: float) -> Asked:
         return None
     met = crossings(tests_of(point.sequence), point.seen, new.seen)
     if any(test.kind == "chatter_completion" and not _is_plastic(point, test) for test in met):
-        return None  # there are ever more bounces on the way
+        return None  # ever more bounces accumulate on the step
     told, followed = yield from _told_by_machine(walk, new)
     if not (met or told.is_admissible) or (len(met) > 1 and ds > _SEPARATE):
         return None
@@ -220,18 +216,18 @@ def _step(walk: Walk, point: BranchPoint, ds: float) -> Asked:
 
 
 def _is_plastic(point: BranchPoint, test: Test) -> bool:
-    """Whether the stop of an event has no rebound."""
+    """True if the stop of an event has zero restitution."""
     return bool(point.seen.watched.is_plastic[point.sequence.stop[test.index]])
 
 
 def _ahead(point: BranchPoint, ds: float) -> Asked:
-    """The next point, or None if the branch is too curved for such a step."""
+    """The next point; None if the branch is too curved for such a step."""
     new: BranchPoint = yield from predicted_point(point, ds)
     return new if is_sound(new.seen.found, new.tangent.along(point.tangent), ds) else None
 
 
 def _told_by_machine(walk: Walk, point: BranchPoint) -> Asked:
-    """The point with its events in the cycle, whether the machine follows it, and what it does."""
+    """The point with its events inside the cycle and its admissibility set, and the motion of the machine from it."""
     point = yield from in_section(point, walk.num_periods)
     followed: Followed = yield KernelCall(confirm, point.sequence, (point.place,))
     is_trusted = np.abs(point.seen.found.multipliers[0]) < TRUSTED
@@ -239,14 +235,14 @@ def _told_by_machine(walk: Walk, point: BranchPoint) -> Asked:
 
 
 def _add(walk: Walk, point: BranchPoint) -> Asked:
-    """Add a point to the walk, as it is with all its events in the cycle."""
+    """Add a point to the walk, with all its events inside the cycle."""
     point = yield from in_section(point, walk.num_periods)
     walk.points.append(point)
     return point
 
 
 def _beyond(walk: Walk, test: Test, event: BranchPoint) -> Asked:
-    """The point from which the branch goes on behind an event."""
+    """The point from which the branch continues behind an event."""
     hop = yield from hop_that_ends(test, event)
     if hop is not None:
         return (yield from _add_and_go_on(walk, event, hop))
@@ -261,7 +257,7 @@ def _beyond(walk: Walk, test: Test, event: BranchPoint) -> Asked:
 
 
 def _to_passed(walk: Walk, last: BranchPoint) -> Asked:
-    """End where the last bifurcation was passed before; keep each once."""
+    """End the branch if its last bifurcation was passed before; keep each bifurcation once."""
     again = yield from first_repeated(walk, last)
     if again is not None:
         del walk.points[again:]
@@ -269,7 +265,7 @@ def _to_passed(walk: Walk, last: BranchPoint) -> Asked:
 
 
 def _to_limit(walk: Walk, least: int) -> Asked:
-    """End at the limit of the last grazings, if they are so many and lead to one."""
+    """End at the limit of the last grazings, if there are at least so many and they converge."""
     grazings = [point for _, point in walk.cascade]
     limit = limit_of(grazings, least)
     start = (yield from behind(limit, grazings[-1])) if limit else None
@@ -287,7 +283,7 @@ def _to_limit(walk: Walk, least: int) -> Asked:
 
 
 def _to_bound(walk: Walk, point: BranchPoint, new: BranchPoint, *, is_event: bool) -> Asked:
-    """Add the point at the bound of the parameter that lies between two, or at which an event is, and end."""
+    """Add the point at the parameter bound between two points, or at the event on the bound, and end."""
     p = walk.nearest_bound(float(new.place.p))
     share = (p - point.place.p) / (new.place.p - point.place.p)
     if share <= 0:
@@ -299,7 +295,7 @@ def _to_bound(walk: Walk, point: BranchPoint, new: BranchPoint, *, is_event: boo
 def _end_at_bound(
     walk: Walk, point: BranchPoint, guess: ExtendedCycle, new: BranchPoint, *, is_event: bool
 ) -> Asked:
-    """Add the point at the bound next to a new one, which has its length of the branch, and end."""
+    """Add the point at the bound nearest to a new point, with the arclength of the new point, and end."""
     p = np.asarray(walk.nearest_bound(float(new.place.p)))
     at = yield from _at_bound(point, guess._replace(p=p), is_event=is_event)
     exact = at.seen.found.place._replace(p=p)
@@ -309,7 +305,7 @@ def _end_at_bound(
 
 
 def _at_bound(point: BranchPoint, guess: ExtendedCycle, *, is_event: bool) -> Asked:
-    """The cycle at a bound; where events vanish there, what the machine does."""
+    """The cycle at a bound; from the motion of the machine where events vanish there."""
     p = float(guess.p)
     if not is_event:
         seen = yield from at_parameter(point.sequence, guess, p)

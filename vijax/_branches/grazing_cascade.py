@@ -1,8 +1,8 @@
-"""Where a branch of ever more bounces leads.
+"""Limit of a cascade of grazings along a branch, at which a chatter is completed.
 
-Behind a grazing that adds a bounce to an incomplete chatter there is the next one, nearer by about the coefficient of
-restitution, and so on. The limit of these grazings, where the chatter is completed, is not reached along the branch, but from
-behind: there the mass sticks for a while, and cycles are followed back to where their stick vanishes.
+Behind a grazing that adds a bounce to an incomplete chatter lies the next one, nearer by about the coefficient of
+restitution, and so on. Their limit, where the chatter is completed, is not reached along the branch, but from behind:
+there the mass sticks for a while, and cycles are followed back to where their stick vanishes.
 """
 
 import numpy as np
@@ -13,21 +13,23 @@ from .kernels import SPARE, Followed, KernelCall, confirm, padded, room_for, tri
 from .parameter_family import ExtendedCycle
 from .point import Asked, BranchPoint, at_parameter
 
-# So many grazings of one stop are a cascade, if each is nearer to the next than it was to the last; where it is not known
-# how a branch goes on, fewer.
+# MANY: number of grazings of one stop that make a cascade, if each is nearer to the next than to the one before.
+# FEW: the same where no other continuation of the branch is found.
 MANY, FEW = 8, 4
+# Largest ratio of successive parameter steps of a cascade.
 _NEARER = 0.95
-# Where they come nearer so fast that the last is this near to the limit, in the way from the fourth last, few are enough:
+# Distance of the last grazing from the limit, relative to that from the fourth last, below which `FEW` are enough:
 # further ones are lost in rounding.
 _CERTAIN = 1e-3
-# How far behind the limit a stick is looked for, in distances of the last grazing from there, and how often.
+# _BEHIND: distances behind the limit at which a stick is searched, in distances of the last grazing from the limit.
+# _TRIALS: corrections at each of them.
 _BEHIND, _TRIALS = (0.1, 0.3, 1.0, 3.0, 0.03), 4
-# How far the limit may be from where the grazings lead, likewise.
+# Largest distance of the limit from its extrapolation, in the same unit.
 _AWAY = 0.5
 
 
 def limit_of(grazings: list[BranchPoint], least: int) -> ExtendedCycle | None:
-    """Where grazings lead, without the durations of flights, by A. C. Aitken's extrapolation; None if nowhere, or they are few."""
+    """Limit of grazings by A. C. Aitken's extrapolation, without flights; None if not convergent or too few."""
     if len(grazings) < FEW:
         return None
     p = np.array([point.place.p for point in grazings[-4:]], float)
@@ -43,13 +45,13 @@ def limit_of(grazings: list[BranchPoint], least: int) -> ExtendedCycle | None:
 
 
 def is_limit(found: ExtendedCycle, limit: ExtendedCycle, last: ExtendedCycle) -> bool:
-    """Whether a cycle is the one that grazings lead to."""
+    """True if a cycle is the limit of grazings."""
     away, left = found.p - limit.p, last.p - limit.p
     return bool(abs(away) < _AWAY * abs(left) and np.all(np.abs(found.z - limit.z) < 1e-2 + abs(left)))
 
 
 def behind(limit: ExtendedCycle, last: BranchPoint) -> Asked:
-    """A cycle with a stick behind a limit, on the way back to it; None if there is none."""
+    """A cycle with a stick behind a limit, its tangent towards the limit; None if there is none."""
     way = limit.p - last.place.p
     for share in _BEHIND:
         found = yield from _with_stick(limit, last, limit.p + share * way)
@@ -59,7 +61,7 @@ def behind(limit: ExtendedCycle, last: BranchPoint) -> Asked:
 
 
 def _with_stick(limit: ExtendedCycle, last: BranchPoint, p: float) -> Asked:
-    """The cycle with a stick at a value of the parameter: that of the machine, corrected until it is followed."""
+    """The simulated cycle with a stick at `p`, corrected until the machine follows it; None if there is none."""
     place = limit._replace(p=np.asarray(p))
     room = room_for(4 * len(last.sequence.kind)) - SPARE
     longer = padded(last.sequence, (), room)[0]
@@ -82,7 +84,7 @@ def _with_stick(limit: ExtendedCycle, last: BranchPoint, p: float) -> Asked:
 
 
 def shortest_stick(point: BranchPoint) -> float:
-    """How long the shortest hold of a stop lasts, in forcing periods; 0 if there is none."""
+    """Duration of the shortest stick, in forcing periods; 0 if there is none."""
     sequence, times = point.sequence, np.append(0.0, np.cumsum(point.place.flights))
     found = [
         times[k + 1] - times[np.flatnonzero(~sequence.held[: k + 1, stop])[-1] + 1]

@@ -1,8 +1,8 @@
-"""The families of cycles that leave a grazing.
+"""Families of cycles that leave a grazing.
 
-An orbit that touches a stop is also one of twice the period, or more, with an impact without speed in some of its rounds. On
-each of these sequences a family begins along which such impacts gain speed; the machine follows it if in the other rounds the
-stop is not reached (A. B. Nordmark, Nonlinearity 14 (2001) 1517).
+An orbit that touches a stop is also one of twice the period or more, with an impact of zero speed in some of its
+rounds. On each such sequence a family begins along which these impacts gain speed. The machine follows it if the other
+rounds do not reach the stop (A. B. Nordmark, Nonlinearity 14 (2001) 1517).
 """
 
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ from .parameter_family import ExtendedCycle
 from .point import Asked, BranchPoint, as_it_is, first_followed
 from .sequence_edits import in_a_row, with_event, without_event
 
-# The most rounds.
+# Largest number of rounds.
 _MOST = 3
 
 
@@ -26,12 +26,12 @@ class Touch(NamedTuple):
     """A cycle that touches a stop.
 
     Attributes:
-        sequence: what happens, without the touch.
+        sequence: events of the cycle, without the touch.
         place: the cycle.
         num_periods: n.
-        stop: that it touches.
-        flight: on which flight.
-        time: when, in forcing periods.
+        stop: the touched stop.
+        flight: number of the flight with the touch.
+        time: time of the touch, in forcing periods.
     """
 
     sequence: Sequence
@@ -42,12 +42,12 @@ class Touch(NamedTuple):
     time: float
 
     def as_impact(self) -> tuple[Sequence, ExtendedCycle]:
-        """The same with the touch as an impact."""
+        """The cycle with the touch as an impact of zero speed."""
         return with_event(self.sequence, self.place, IMPACT, self.stop, self.flight, self.time)
 
 
 def touch_of(sequence: Sequence, place: ExtendedCycle, k: int, num_periods: int) -> Asked:
-    """The touch of an impact `k` without speed, of a cycle that is not several times another."""
+    """The touch at impact `k` of zero speed, on the shortest cycle that the given one traverses."""
     stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
     sequence, place = without_event(sequence, place, k)
     rounds = yield from rounds_of(sequence, place, num_periods)
@@ -60,7 +60,7 @@ def touch_of(sequence: Sequence, place: ExtendedCycle, k: int, num_periods: int)
 
 
 def hits_of(touch: Touch, num_periods: int) -> Iterator[list[bool]]:
-    """In which rounds the touch becomes an impact, for all families but that of a branch with so many periods."""
+    """Flags of the rounds with an impact, a list for each family, except that of a branch of `num_periods`."""
     for rounds in range(1, _MOST + 1):
         for hits in range(1, max(rounds, 2)):
             if (rounds * touch.num_periods, hits) != (num_periods, 1):
@@ -68,7 +68,7 @@ def hits_of(touch: Touch, num_periods: int) -> Iterator[list[bool]]:
 
 
 def repeated(touch: Touch, is_hit: list[bool]) -> tuple[Sequence, ExtendedCycle, list[int]]:
-    """Rounds of the cycle, with the touch as an impact in some of them, and the numbers of these impacts."""
+    """Several rounds of the cycle, with the touch as an impact in some of them, and the numbers of these impacts."""
     rounds = [touch.as_impact() if hit else (touch.sequence, touch.place) for hit in is_hit]
     ends = np.cumsum([len(sequence.kind) for sequence, _ in rounds])
     hits = [
@@ -78,7 +78,7 @@ def repeated(touch: Touch, is_hit: list[bool]) -> tuple[Sequence, ExtendedCycle,
 
 
 def leave(sequence: Sequence, place: ExtendedCycle, hits: list[int], lengths: tuple[float, ...]) -> Asked:
-    """A point on the family of a sequence, at the first of some distances that the machine follows; None if at none."""
+    """The point of a family at the first of some distances at which the machine follows it; None if at none."""
     seen = yield from as_it_is(sequence, place)
     if not seen.found.is_converged:
         return None

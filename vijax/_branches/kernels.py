@@ -1,4 +1,4 @@
-"""What is computed along branches, compiled, for many branches side by side."""
+"""Kernels: the compiled functions of a cycle that branches request, batched over many branches."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -20,15 +20,16 @@ from .admissibility import LeastMargins, Levels, levels, margins_of_cycle
 from .corrector import Corrected, as_corrected, correct
 from .parameter_family import ExtendedCycle, Family
 
-# Numbers of events of a cycle that programs are compiled for.
+# Padded numbers of events for which kernels are compiled.
 _ROOMS = 16, 64, 256, 1024
-# Room for bounces that a run has and its cycle has not; and for sticks in the log of a run, beside its events.
+# SPARE: room for bounces that a simulation has and its cycle has not.
+# _STICKS: room for sticks in the log of a simulation, as a share of that for events.
 SPARE, _STICKS = 4, 0.5
 MOST_EVENTS = _ROOMS[-1] - SPARE
 
 
 class CorrectedCycle(NamedTuple):
-    """A corrected cycle, what happens between its events, how that changes along the branch, its start in space, (2 n,)."""
+    """A corrected cycle, its margins between events, their rates along the branch, its start in space, (2 n,)."""
 
     found: Corrected
     watched: LeastMargins
@@ -37,12 +38,12 @@ class CorrectedCycle(NamedTuple):
 
 
 class Followed(NamedTuple):
-    """What the machine does that is started on a cycle.
+    """Motion of the machine started on a cycle.
 
     Attributes:
-        is_alike: whether it is what the sequence says.
-        sequence: what happens.
-        flights: how long they last.
+        is_alike: True if it has the events of the cycle at the same times, except for the last bounces of a chatter.
+        sequence: its events.
+        flights: durations, in forcing periods.
     """
 
     is_alike: Bool[Array, ""]
@@ -51,7 +52,7 @@ class Followed(NamedTuple):
 
 
 class BranchRates(NamedTuple):
-    """How speeds at impacts, (events,), and the gaps at some time, (stops,), change along a branch."""
+    """Rates along a branch of the impact speeds, (events,), and of the gaps at a given time, (stops,)."""
 
     speeds: Float[Array, " events"]
     gaps: Float[Array, " stops"]
@@ -67,7 +68,7 @@ def corrected_cycle(
 
 
 def see(family: Family, sequence: Sequence, place: ExtendedCycle, tangent: ExtendedCycle) -> CorrectedCycle:
-    """A cycle that is known, where Newton's method along the branch has no step to take."""
+    """A given cycle as a corrected one, at a point where Newton's method along the branch is singular."""
     return _seen(family, sequence, as_corrected(family, sequence, place, tangent), place)
 
 
@@ -83,7 +84,7 @@ def _seen(family: Family, sequence: Sequence, found: Corrected, place: ExtendedC
 
 
 def confirm(family: Family, sequence: Sequence, place: ExtendedCycle) -> Followed:
-    """Follow the motion from the start of a cycle."""
+    """Simulate the machine from the start of a cycle."""
     away = away_from_stops(family.problem(sequence, place.p))
     return _run(family, sequence, place, family.unknowns(place).z - away)
 
@@ -91,7 +92,7 @@ def confirm(family: Family, sequence: Sequence, place: ExtendedCycle) -> Followe
 def cycle_of_motion(
     family: Family, sequence: Sequence, start: Float[Array, " state"], p: Scalar
 ) -> tuple[ExtendedCycle, Followed]:
-    """Follow the motion from a start in space: its cycle, and what happens, with room for the events of a sequence."""
+    """Simulate the machine from a start in space: its cycle and its events, with the room of a sequence."""
     z = (start + away_from_stops(family.problem(sequence, p))) / family.scale
     place = ExtendedCycle(z, jnp.zeros(len(sequence.kind)), p)
     followed = _run(family, sequence, place, start)
@@ -119,14 +120,14 @@ def _run(family: Family, sequence: Sequence, place: ExtendedCycle, start: Float[
 def locate_start(
     family: Family, sequence: Sequence, place: ExtendedCycle, time: Scalar
 ) -> Float[Array, " state"]:
-    """The scaled state of a cycle some forcing periods after its start."""
+    """Scaled state of a cycle, `time` forcing periods after its start."""
     return state_at(family.problem(sequence, place.p), family.unknowns(place), time) / family.scale
 
 
 def rates_along(
     family: Family, sequence: Sequence, place: ExtendedCycle, direction: ExtendedCycle, time: Scalar
 ) -> BranchRates:
-    """How a cycle changes in a direction."""
+    """Derivatives of the impact speeds, and of the gaps at `time`, in a direction."""
 
     def of(place: ExtendedCycle) -> BranchRates:
         problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
@@ -139,7 +140,7 @@ def rates_along(
 
 
 def jacobian(family: Family, sequence: Sequence, place: ExtendedCycle) -> Float[Array, "equations unknowns"]:
-    """Derivatives of all equations by the start and the durations, in their scale, with rows and columns of padding."""
+    """Scaled Jacobian of all equations by the start and the durations, rows and columns of padding included."""
     size = len(place.z)
     problem = family.problem(sequence, place.p)
 
@@ -151,7 +152,7 @@ def jacobian(family: Family, sequence: Sequence, place: ExtendedCycle) -> Float[
 
 
 class KernelCall(NamedTuple):
-    """What a branch asks for: a program and its arguments, without padding."""
+    """Request of a branch: a kernel and its arguments, without padding."""
 
     program: Callable
     sequence: Sequence
@@ -159,7 +160,7 @@ class KernelCall(NamedTuple):
 
 
 def room_for(num_events: int) -> int:
-    """The padded number of events."""
+    """Padded number of events."""
     room = next((room for room in _ROOMS if room >= num_events + SPARE), None)
     if room is None:
         raise ValueError(f"A branch came to a cycle of {num_events} events, and {MOST_EVENTS} are the most.")
@@ -167,7 +168,7 @@ def room_for(num_events: int) -> int:
 
 
 def padded(sequence: Sequence, arguments: tuple, room: int) -> tuple:
-    """A sequence, and arguments with the places among them, with padding."""
+    """Pad a sequence, and the cycles among the arguments."""
     more = room - len(sequence.kind)
     if not more:
         return sequence, *arguments
@@ -181,7 +182,7 @@ def padded(sequence: Sequence, arguments: tuple, room: int) -> tuple:
 
 
 def trimmed(tree: Any, num_events: int) -> Any:
-    """A sequence or a place without its padding."""
+    """Remove the padding of a sequence or a cycle."""
     if isinstance(tree, ExtendedCycle):
         return tree._replace(flights=tree.flights[:num_events])
     return Sequence(tree.kind[:num_events], tree.stop[:num_events], tree.held[: num_events + 1])

@@ -1,4 +1,4 @@
-"""Where test functions vanish on a step along a branch."""
+"""Location of the zeros of test functions on a step along a branch."""
 
 import numpy as np
 
@@ -8,9 +8,9 @@ from .point import Asked, BranchPoint, Ended, Walk, between, on_plane
 from .singular import branch_point, end_of_doubled
 from .test_functions import CLOSE, TESTS_OF_NEIGHBOURS, Test, is_crossed, num_on_circle, num_unstable
 
-# Just before a point where the sequence changes.
+# Distance of the point just before a change of the sequence.
 _OFF = 1e-7
-# Multipliers as large as this that change their sign on a step pass infinity, and not zero.
+# Size from which a multiplier that changes sign on a step passes infinity, not zero.
 _LARGE = 1e2
 
 
@@ -18,14 +18,14 @@ def first_event(point: BranchPoint, new: BranchPoint, met: list[Test]) -> Asked:
     """The first of the events of a step, or None; and the point just before it, or the end of the step."""
     first, before = None, new
     for test in met:
-        if test.of(before.seen) <= 0:  # else it comes after one that is known, or with it
+        if test.of(before.seen) <= 0:  # else it comes after the first so far, or with it
             event = yield from locate(point, before, test)
             first, before = (test, event), (yield from _just_before(point, event))
     return first, before
 
 
 def locate(point: BranchPoint, new: BranchPoint, test: Test) -> Asked:
-    """Where a test function vanishes between two points."""
+    """The point between two others at which a test function vanishes."""
     bracket = Bracket.between(test.of(point.seen), test.of(new.seen), new.arc - point.arc)
     best = new
     while (s := next_trial(bracket)) is not None:
@@ -38,7 +38,7 @@ def locate(point: BranchPoint, new: BranchPoint, test: Test) -> Asked:
 
 
 def _just_before(point: BranchPoint, event: BranchPoint) -> Asked:
-    """A point right before one where the sequence changes: there multipliers may be infinite."""
+    """The point just before a change of the sequence, at which multipliers may be infinite."""
     s = event.arc - point.arc - _OFF
     if s <= _OFF:
         return point
@@ -47,7 +47,7 @@ def _just_before(point: BranchPoint, event: BranchPoint) -> Asked:
 
 
 def special_points(walk: Walk, point: BranchPoint, new: BranchPoint) -> Asked:
-    """Bifurcations on a step, in their order; None if multipliers tell of more than are found."""
+    """Bifurcations on a step, in order; None if the number of unstable multipliers implies more than are found."""
     found, change = [], 0
     is_infinite = _passes_infinity(*(complex(at.seen.found.multipliers[0]) for at in (point, new)))
     for test in TESTS_OF_NEIGHBOURS:
@@ -70,13 +70,13 @@ def special_points(walk: Walk, point: BranchPoint, new: BranchPoint) -> Asked:
 
 
 def _passes_infinity(before: complex, after: complex) -> bool:
-    """Whether the largest multiplier passes infinity, where functions of multipliers change their sign as well."""
+    """True if the largest multiplier passes infinity, where functions of multipliers change sign as well."""
     is_large = min(abs(before), abs(after)) > _LARGE
     return bool(is_large and np.sign(before.real) != np.sign(after.real))
 
 
 def _is_there(test: Test, seen: CorrectedCycle) -> bool:
-    """Whether the multipliers say so too: a test function changes its sign as well where one is infinite."""
+    """True if multipliers confirm a zero: a test function changes sign also where a multiplier is infinite."""
     mu = seen.found.multipliers
     if test.kind == "ns":
         return num_on_circle(mu) > 0

@@ -1,4 +1,4 @@
-"""Which orbits lie on branches that are known: by the cycle of the branch at the same value of the parameter."""
+"""Membership of orbits in given branches, decided by the cycle of the branch at the same parameter."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -16,16 +16,17 @@ from .scheduler import drive
 from .sequence_switching import in_section
 from .starts import Start, family_of, value_of
 
-# A point of a branch is asked for its cycle if the chord to its neighbour is not shorter than the way from there to the orbit.
-# (To take what is near a chord for a point of the branch was tried: where an impact passes the start of the cycle the
-# chord leads nowhere, and between two branches it leads to both.)
+# _NEAR: largest distance from an orbit to a point, in chords to its neighbour, at which the branch is corrected there.
+# (Rejected: to accept an orbit near a chord. Where an impact passes the start of the cycle the chord leads nowhere, and
+# between two branches it leads to both.)
+# _SAME: relative distance below which two states are equal.
 _NEAR, _SAME = 1.0, 1e-6
-# Trials to find the cycle between two at a value of the parameter.
+# Most trials to find the cycle at a parameter between two points.
 _TRIALS = 40
 
 
 class _Chance(NamedTuple):
-    """An orbit, its states in all of its periods, and two neighbours on a branch between which it may lie."""
+    """An orbit, its states in all its periods, and the points `k` and `k + 1` of a branch between which it may lie."""
 
     start: Start
     states: np.ndarray
@@ -34,7 +35,7 @@ class _Chance(NamedTuple):
 
 
 def not_on(starts: list[Start], branches: list[Branch]) -> list[Start]:
-    """The orbits that are on none of the branches, begun in any of their periods."""
+    """The orbits that lie on none of the branches, each compared from all of its periods."""
     chances = [chance for start in starts for chance in _chances(start, branches)]
     families = [_family(chance) for chance in chances]
     tasks = [_is_met(chance, family) for chance, family in zip(chances, families, strict=True)]
@@ -63,7 +64,7 @@ def _family(chance: _Chance) -> Family:
 
 
 def _is_met(chance: _Chance, family: Family) -> Asked:
-    """Whether a branch has the orbit between two of its points."""
+    """True if the branch has the orbit between its two points."""
     p, span = value_of(chance.start.system, chance.branch.path) / float(family.span), float(family.span)
     at = [Bifurcation(chance.branch, end) for end in (chance.k, chance.k + 1)]
     ends = [cycle_of(point, family.scale, point.value / span) for point in at]
@@ -78,9 +79,9 @@ def _is_met(chance: _Chance, family: Family) -> Asked:
 
 
 def _between(ends: list[tuple[Sequence, ExtendedCycle]], p: float) -> Asked:
-    """The cycle between two of a branch at a value of the parameter, or None.
+    """The cycle at a parameter between two cycles of a branch, or None.
 
-    In planes across the chord, for where two branches cross Newton's method at the parameter comes to either.
+    Corrected in planes across the chord: where two branches cross, Newton's method at fixed parameter finds either.
     """
     (sequence, first), (other, last) = ends
     if len(sequence.kind) != len(other.kind):
@@ -101,14 +102,14 @@ def _between(ends: list[tuple[Sequence, ExtendedCycle]], p: float) -> Asked:
 
 
 def _is_same(chance: _Chance, family: Family, sequence: Sequence, seen: CorrectedCycle) -> Asked:
-    """Whether a cycle is the orbit."""
+    """True if a cycle is the orbit."""
     point = yield from in_section(BranchPoint.of(sequence, seen, 0.0), float(family.num_periods))
     away = np.abs(chance.states - point.seen.start).max(axis=1).min()
     return bool(away < _SAME * np.abs(chance.states).max())
 
 
 def _states(start: Start) -> np.ndarray:
-    """The states of an orbit at the start of each of its periods, (n, 2 n)."""
+    """States of an orbit at the start of each of its forcing periods, (num_periods, 2 n)."""
     if start.num_periods == 1:
         return start.state[None]
     x, v = np.split(start.state, 2)

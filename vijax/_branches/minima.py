@@ -1,4 +1,4 @@
-"""Where a gap or a force is least between two samples of a motion: of the polynomial that has their derivatives."""
+"""Minima of gaps and forces between two samples of a motion, on the polynomial through their derivatives."""
 
 from functools import cache
 from typing import NamedTuple
@@ -8,23 +8,23 @@ import numpy as np
 from jaxtyping import Array
 from scipy.interpolate import BPoly
 
-# A slope this small beside what a polynomial is made of, in units of rounding, is none.
+# Largest slope at the first sample that counts as zero, in rounding errors of the largest value or derivative.
 _NO_SLOPE = 8.0
-# Where the motion between two samples is looked at. Much closer at both ends: a mass that hardly leaves its stop turns
-# back soon after the impact, the sooner the more bounces there were.
+# _AFTER, _BEFORE: nodes near the first and the second sample, much closer there than between: a mass that hardly leaves
+# its stop turns back soon after the impact, the sooner the more bounces there were.
 _AFTER, _BEFORE = 1e-6 * 2.5 ** np.arange(15), 1 - 1e-3 * 2.5 ** np.arange(7)
 _NODES = np.concatenate([[0.0], _AFTER, [0.5, 0.62], _BEFORE[::-1], [1.0]])
 
 
 class Dip(NamedTuple):
-    """The lowest minimum between two samples, of each stop.
+    """Lowest minimum between two samples, of each stop.
 
     Attributes:
-        is_there: whether there is one.
-        value: of it.
-        part: where it is, from 0 to 1.
-        lower: after which it is.
-        upper: before which.
+        is_there: True where there is one.
+        value: value of the minimum.
+        part: its position, from 0 to 1.
+        lower: lower bound of the position.
+        upper: upper bound of the position.
     """
 
     is_there: Array
@@ -34,15 +34,15 @@ class Dip(NamedTuple):
     upper: Array
 
     def times(self, since: Array, step: Array) -> Array:
-        """Where it is and between which times, where the samples end at a time, (3, stops)."""
+        """Time of the minimum and its two bounds, the second sample being at `since`, (3, stops)."""
         return since - step * (1 - jnp.stack([self.part, self.lower, self.upper]))
 
 
 def dip(before: list[Array], now: list[Array], step: Array, has_left: Array) -> Dip:
-    """The lowest minimum of the polynomial that has the values and derivatives of two samples.
+    """Lowest minimum of the polynomial with the values and derivatives of two samples.
 
-    A slope of zero at the first sample is a turn as well, for the minimum may lie where the cycle begins or another stop is
-    hit; but not of a mass that `has_left` its stop there.
+    A zero slope at the first sample counts as a turn, because the minimum may lie where the cycle begins or another
+    stop is hit. It does not count for a mass that `has_left` its stop there.
     """
     ends = jnp.stack([a * step**order for side in (before, now) for order, a in enumerate(side)])
     values, slopes = (jnp.asarray(m, ends.dtype) @ ends for m in _at_nodes(len(before)))
@@ -63,7 +63,7 @@ def dip(before: list[Array], now: list[Array], step: Array, has_left: Array) -> 
 
 
 def _minimum(first: Array, last: Array, rise: Array) -> tuple[Array, Array]:
-    """Where between 0 and 1 a cubic is least that begins with a negative slope and ends with none such, and how deep."""
+    """Position and value of the minimum on [0, 1] of a cubic, 0 at 0, with slopes negative at 0, nonnegative at 1."""
     bend, twist = 3 * rise - 2 * first - last, 3 * (first + last - 2 * rise)
     root = bend + jnp.sqrt(jnp.maximum(bend * bend - twist * first, 0))
     at = jnp.where(root > 0, -first / jnp.where(root > 0, root, 1), 0)
@@ -72,6 +72,6 @@ def _minimum(first: Array, last: Array, rise: Array) -> tuple[Array, Array]:
 
 @cache
 def _at_nodes(num: int) -> tuple[np.ndarray, np.ndarray]:
-    """The polynomial of `num` values and derivatives at 0 and as many at 1, and its slope, at `_NODES`, by these."""
+    """Matrices from `num` values and derivatives at 0 and at 1 to the polynomial and its slope at `_NODES`."""
     by_each = BPoly.from_derivatives([0.0, 1.0], np.eye(2 * num).reshape(2, num, 2 * num))
     return by_each(_NODES), by_each(_NODES, nu=1)

@@ -1,4 +1,4 @@
-"""Trees of many arrays as few, one for each kind of number: what a call costs grows with the number of its arrays."""
+"""Trees packed into one array for each dtype, because the cost of a call grows with its number of arrays."""
 
 import math
 from typing import Any, NamedTuple
@@ -11,11 +11,11 @@ from .._jax.arrays import library_of
 
 
 class Layout(NamedTuple):
-    """Where everything is.
+    """Positions of the leaves of a tree in its packed arrays.
 
     Attributes:
-        structure: of the tree.
-        parts: of each of its arrays, in which packed one it is, from where to where, and its shape.
+        structure: structure of the tree.
+        parts: for each leaf the number of its packed array, its begin and end there, and its shape.
     """
 
     structure: Any
@@ -23,33 +23,32 @@ class Layout(NamedTuple):
 
 
 class Packed(NamedTuple):
-    """A tree whose arrays may have an axis of rows, the first of all.
+    """A packed tree, or a batch of such trees, a row each.
 
     Attributes:
-        arrays: one for each kind, (numbers,) or (rows, numbers).
-        layout: of the tree.
+        arrays: one for each dtype, (numbers,) or (rows, numbers).
+        layout: layout of the tree.
     """
 
     arrays: tuple[Any, ...]
     layout: Layout
 
     def at(self, rows: Any) -> "Packed":
-        """One of the rows, or some."""
+        """One row, or several."""
         return Packed(tuple(a[rows] for a in self.arrays), self.layout)
 
     def tree(self) -> Any:
-        """The tree."""
+        """The unpacked tree."""
+        # `[()]` turns a NumPy array without axes into a number.
         leaves = [
-            self.arrays[k][..., begin:end].reshape((*self.arrays[k].shape[:-1], *shape))[
-                ()
-            ]  # a number is no array
+            self.arrays[k][..., begin:end].reshape((*self.arrays[k].shape[:-1], *shape))[()]
             for k, begin, end, shape in self.layout.parts
         ]
         return jax.tree.unflatten(self.layout.structure, leaves)
 
 
 def pack(tree: Any, *, has_rows: bool) -> Packed:
-    """The numbers of a tree, in the precision in which JAX computes."""
+    """Pack a tree, in the precision in which JAX computes."""
     leaves, structure = jax.tree.flatten(tree)
     lead, names = int(has_rows), [str(canonicalize_dtype(a.dtype)) for a in leaves]
     kinds = sorted(set(names))

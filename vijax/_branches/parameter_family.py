@@ -1,4 +1,4 @@
-"""The cycles of a machine whose parameter varies: where they are, and in which coordinates they are followed."""
+"""Cycles of a machine whose parameter varies: their scaled coordinates and their equations."""
 
 from typing import Any, NamedTuple
 
@@ -16,10 +16,10 @@ from .._system.system import ImpactSystem
 
 
 class ExtendedCycle(NamedTuple):
-    """A cycle and the parameter at which it is one, or a direction from there; each in its scale.
+    """A cycle and its parameter, or a direction in their space, scaled.
 
     Attributes:
-        z: positions and velocities at the start, as seen from the stops, (2 n,).
+        z: positions and velocities at the start, relative to the stops, (2 n,).
         flights: durations in forcing periods, (events,).
         p: the parameter, (); of a family of two, (2,).
     """
@@ -29,7 +29,7 @@ class ExtendedCycle(NamedTuple):
     p: Reals
 
     def moved(self, direction: "ExtendedCycle", by: Reals) -> "ExtendedCycle":
-        """The place some way in a direction."""
+        """The cycle moved by a length in a direction."""
         return ExtendedCycle(*(a + by * d for a, d in zip(self, direction, strict=True)))
 
     def turned(self) -> "ExtendedCycle":
@@ -37,23 +37,23 @@ class ExtendedCycle(NamedTuple):
         return ExtendedCycle(*(-a for a in self))
 
     def along(self, direction: "ExtendedCycle") -> Reals:
-        """The product with a direction."""
+        """Inner product with a direction."""
         return sum((a * d).sum() for a, d in zip(self, direction, strict=True))
 
 
 class Family(eqx.Module):
-    """The machines of all values of a parameter, or of two, and what is asked of their cycles.
+    """Machines at all values of one parameter or two, and the equations of their cycles.
 
     Attributes:
-        system: one of them, its force bound to its `args`.
-        flow: the motion between events.
+        system: one of the machines, its force bound to its `args`.
+        flow: motion between events.
         num_periods: n.
-        phase: where a cycle begins, in forcing periods.
+        phase: start of a cycle, in forcing periods.
         scale: sizes of positions and velocities, (2 n,).
         span: size of the parameter, (); of two, (2,).
-        shifts: the projection onto those of which nothing tells the cycle, see `rigid_modes.py`, (n, n).
-        path: its name.
-        second: that of the second, if there are two.
+        shifts: projection onto the shifts that no spring and no contact feels, see `rigid_modes.py`, (n, n).
+        path: path of the parameter.
+        second: path of the second parameter, or None.
     """
 
     system: ImpactSystem
@@ -67,30 +67,30 @@ class Family(eqx.Module):
     second: str | None = eqx.field(static=True, default=None)
 
     def system_at(self, p: Reals) -> ImpactSystem:
-        """The machine at a value of the scaled parameter, or of both."""
+        """The machine at a value of the scaled parameter, or of both parameters."""
         if self.second is None:
             return set_parameter(self.system, self.path, p * self.span)
         first, second = p * self.span
         return set_parameter(set_parameter(self.system, self.path, first), self.second, second)
 
     def problem(self, sequence: Sequence, p: Reals) -> Problem:
-        """The equations of a sequence there."""
+        """Equations of a sequence at a parameter."""
         machine, flow = prepared(numbers_of(self.system_at(p)), self.flow, jnp.asarray(self.num_periods))
         return self._asked(machine, flow, sequence)
 
     def linear_problem(self, sequence: Sequence, p: Reals) -> tuple[Problem, Any]:
-        """The same, and the change of the machine and its flow by the parameter, or by the first of both."""
+        """`problem`, and the derivative of the machine and its flow by the parameter, or by the first of two."""
         machine_at = lambda p: prepared(numbers_of(self.system_at(p)), self.flow, self.num_periods)  # noqa: E731
         along = (jnp.arange(jnp.size(p)) == 0).astype(jnp.result_type(p)).reshape(jnp.shape(p))
         (machine, flow), change = eqx.filter_jvp(machine_at, (p,), (along,))
         return self._asked(machine, flow, sequence), change
 
     def _asked(self, machine: Machine, flow: AbstractFlow, sequence: Sequence) -> Problem:
-        """What is asked of a cycle of one of the machines."""
+        """Equations of a cycle of one of the machines."""
         return Problem(
             machine, flow, sequence, *map(jnp.asarray, (self.num_periods, self.phase, self.shifts))
         )
 
     def unknowns(self, place: ExtendedCycle) -> Unknowns:
-        """A place as the unknowns of a cycle."""
+        """Unknowns of a cycle, `z` without its scale."""
         return Unknowns(place.z * self.scale, place.flights)

@@ -1,4 +1,4 @@
-"""A cycle on a branch, and how it is asked for."""
+"""Points of a branch, and the requests that compute them."""
 
 from collections.abc import Generator
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from .kernels import CorrectedCycle, Followed, KernelCall, confirm, corrected_cy
 from .packing import Packed
 from .parameter_family import ExtendedCycle
 
-# Runs of orbits whose neighbours leave faster than this say nothing.
+# Largest multiplier of a cycle up to which a simulation decides whether the machine follows it.
 TRUSTED = 1e4
 
 Asked = Generator[Any, Any, Any]
@@ -22,12 +22,12 @@ class BranchPoint(NamedTuple):
     """A cycle on a branch.
 
     Attributes:
-        sequence: what happens.
-        place: the cycle.
-        seen: what is known of it.
-        kind: of the bifurcation, or "".
-        arc: length of the branch from where it was begun.
-        is_admissible: whether the machine follows it.
+        sequence: events of the cycle.
+        place: the cycle and its parameter.
+        seen: the corrected cycle with its margins, padded.
+        kind: kind of the bifurcation, or "".
+        arc: arclength from the start of the branch.
+        is_admissible: True if the machine follows the cycle.
     """
 
     sequence: Sequence
@@ -39,30 +39,30 @@ class BranchPoint(NamedTuple):
 
     @classmethod
     def of(cls, sequence: Sequence, seen: CorrectedCycle, arc: float, *, kind: str = "") -> "BranchPoint":
-        """A point as it is seen."""
+        """The point of a corrected cycle."""
         return cls(
             sequence, trimmed(seen.found.place, len(sequence.kind)), seen, kind, arc, is_admissible=True
         )
 
     @property
     def tangent(self) -> ExtendedCycle:
-        """Of the branch."""
+        """Tangent of the branch."""
         return trimmed(self.seen.found.tangent, len(self.sequence.kind))
 
     def turned(self) -> "BranchPoint":
-        """The point, to be left in the other direction."""
+        """The point with the opposite tangent."""
         found = self.seen.found
         return self._replace(seen=self.seen._replace(found=found._replace(tangent=found.tangent.turned())))
 
 
 class PlainPoint(NamedTuple):
-    """A cycle of a plain step, as one row of what was computed for many: most are never looked at by themselves.
+    """A point of a plain step, as one row of a batched result: most are never unpacked alone.
 
     Attributes:
-        sequence: what happens.
-        rows: what is known of cycles, of this among others.
-        row: which of them it is.
-        arc: as of `BranchPoint`.
+        sequence: events of the cycle.
+        rows: packed corrected cycles of a batch.
+        row: row of this point.
+        arc: arclength, as in `BranchPoint`.
     """
 
     sequence: Sequence
@@ -72,21 +72,21 @@ class PlainPoint(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """None."""
+        """Always empty: a plain step has no bifurcation."""
         return ""
 
     @property
     def is_admissible(self) -> bool:
-        """Else the step would not have been plain."""
+        """Always True: else the step would not be plain."""
         return True
 
     def alone(self) -> BranchPoint:
-        """The same by itself."""
+        """The same point, unpacked."""
         return BranchPoint.of(self.sequence, self.rows.at(self.row).tree(), self.arc)
 
 
 def side_by_side(points: list[BranchPoint | PlainPoint]) -> CorrectedCycle:
-    """What is known of points, (points, ...); for events there is room for the most that any of them has."""
+    """Corrected cycles of points, stacked, (points, ...); events are padded to the largest room of any point."""
     groups: dict[int, list[int]] = {}
     for k, point in enumerate(points):
         make = id(point.rows.layout) if isinstance(point, PlainPoint) else len(point.seen.found.speeds)
@@ -103,7 +103,7 @@ def side_by_side(points: list[BranchPoint | PlainPoint]) -> CorrectedCycle:
 
 
 def _stacked(points: list) -> CorrectedCycle:
-    """The same of points of one kind and room."""
+    """`side_by_side` for points of one class and room."""
     if not isinstance(points[0], PlainPoint):
         return jax.tree.map(lambda *a: np.stack(a), *(point.seen for point in points))
     rows = zip(*([a[point.row] for a in point.rows.arrays] for point in points), strict=True)
@@ -116,12 +116,12 @@ class Walk:
 
     Attributes:
         num_periods: n.
-        bounds: of the scaled parameter.
-        max_points: the most points.
-        points: so far.
-        cascade: the last grazings, if all added an impact of one stop, and nothing else happened between them.
-        rounds: how often its cycles are a shorter one.
-        end: why it ended.
+        bounds: bounds of the scaled parameter.
+        max_points: largest number of points.
+        points: points so far.
+        cascade: stop and point of the last grazings, if all added an impact of one stop without other events between.
+        rounds: number of times that its cycles traverse a shorter one.
+        end: reason for its end.
     """
 
     num_periods: float
@@ -134,53 +134,53 @@ class Walk:
 
     @property
     def is_full(self) -> bool:
-        """Whether there are as many points as were asked for."""
+        """True if there are `max_points` points."""
         return len(self.points) >= self.max_points
 
     def nearest_bound(self, p: float) -> float:
-        """The bound next to a value of the parameter."""
+        """The bound nearest to a parameter."""
         return min(self.bounds, key=lambda bound: abs(bound - p))
 
 
 class Ended(Exception):
-    """A branch is not followed any further; says why."""
+    """End of a branch; the message is its reason."""
 
 
 class Full(Ended):
-    """A cycle has more events than there is room for."""
+    """End of a branch at a cycle with more events than there is room for."""
 
 
 def at_parameter(sequence: Sequence, guess: ExtendedCycle, p: float) -> Asked:
-    """The cycle at a value of the parameter."""
+    """Correct a cycle at a fixed parameter."""
     only_p = ExtendedCycle(0 * guess.z, 0 * guess.flights, np.asarray(1.0))
     return (yield from corrected(sequence, guess, only_p, p))
 
 
 def between(point: BranchPoint, new: BranchPoint, share: float) -> ExtendedCycle:
-    """A place on the chord from one point to another."""
+    """Linear interpolation between the cycles of two points."""
     return ExtendedCycle(*(a + share * (b - a) for a, b in zip(point.place, new.place, strict=True)))
 
 
 def predicted_point(point: BranchPoint, ds: float) -> Asked:
-    """The point some way along the branch, as it is found: it may be none."""
+    """Predict and correct the point a length `ds` along the branch; it may not have converged."""
     seen = yield from on_plane(point, point.place.moved(point.tangent, ds), ds)
     return BranchPoint.of(point.sequence, seen, point.arc + ds)
 
 
 def on_plane(point: BranchPoint, guess: ExtendedCycle, s: float) -> Asked:
-    """The cycle where the branch meets the plane across its tangent, some way from a point."""
+    """Correct a cycle in the plane across the tangent of a point, at a distance `s` from it."""
     tangent = point.tangent
     return (yield from corrected(point.sequence, guess, tangent, point.place.along(tangent) + s))
 
 
 def corrected(sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: float) -> Asked:
-    """The cycle with `weights . place = target`."""
+    """Correct a cycle with `weights . place = target`."""
     seen: CorrectedCycle = yield KernelCall(corrected_cycle, sequence, (guess, weights, np.asarray(target)))
     return seen
 
 
 def as_it_is(sequence: Sequence, place: ExtendedCycle) -> Asked:
-    """A cycle that is known. No direction is special to the weights, and so none is the branch's plane."""
+    """Correct a cycle where it is: the plane of random weights is generic, so it does not contain the branch."""
     rng = np.random.default_rng(0)
     weights = ExtendedCycle(*(np.asarray(rng.normal(size=np.shape(a))) for a in place))
     weights = ExtendedCycle(*(a / np.sqrt(weights.along(weights)) for a in weights))
@@ -190,7 +190,7 @@ def as_it_is(sequence: Sequence, place: ExtendedCycle) -> Asked:
 def first_followed(
     sequence: Sequence, place: ExtendedCycle, along: ExtendedCycle, lengths: tuple[float, ...]
 ) -> Asked:
-    """The cycle some way from a place, at the first of several distances at which the machine follows it; None if at none."""
+    """The cycle at the first of several distances in a direction at which the machine follows it; None if at none."""
     for ds in lengths:
         seen = yield from corrected(sequence, place.moved(along, ds), along, place.along(along) + ds)
         other = BranchPoint.of(sequence, seen, 0.0)
@@ -200,6 +200,6 @@ def first_followed(
 
 
 def is_followed(point: BranchPoint) -> Asked:
-    """Whether the machine follows the cycle."""
+    """True if the machine follows the cycle."""
     followed: Followed = yield KernelCall(confirm, point.sequence, (point.place,))
     return bool(followed.is_alike)

@@ -1,4 +1,4 @@
-"""Many branches side by side: what most of them wait for is done next, for all of these in one call."""
+"""Scheduler of many branches: the kernel for which most of them wait runs next, batched over these in one call."""
 
 from collections.abc import Callable, Generator, Hashable, Sequence as Many
 from functools import cache
@@ -26,18 +26,15 @@ from .packing import Layout, Packed, pack
 from .parameter_family import Family
 from .point import BranchPoint, Full, PlainPoint
 
-# Numbers of branches that programs are compiled for, and from how many on each is worth while. The largest is for
-# cycles of few events alone, as their derivatives take memory.
+# _SIZES: batch sizes for which kernels are compiled, each with the least number of branches that is worth it.
+# _MOST_EVENTS: most padded events in a batch of more than 64, as derivatives take memory.
 _SIZES, _MOST_EVENTS = ((2, 1), (64, 17), (1024, 513)), 16_384
 
 
 def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callable[[], Any]) -> list[Any]:
-    """Run tasks side by side until each has returned; they ask, and are sent the answers.
+    """Run tasks, each with its family, side by side: they yield requests and are sent the answers.
 
-    Args:
-        families: of each task.
-        tasks: generators of requests.
-        tell_progress: is called once a round.
+    Returns what the tasks return; `tell_progress` is called once a round.
     """
     results: list[Any] = [None] * len(tasks)
     makes, stocks = _stocked(families)
@@ -64,7 +61,7 @@ def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callabl
 
 
 def _asked(task: Generator, reply: Any) -> Any:
-    """What a task asks for after a reply; if that has too many events, it is told so, and the others go on."""
+    """Next request of a task after a reply; one with too many events throws `Full` into this task alone."""
     asked = task.send(reply)
     while len(asked.sequence.kind) > MOST_EVENTS:
         asked = task.throw(Full("max_events"))
@@ -72,27 +69,27 @@ def _asked(task: Generator, reply: Any) -> Any:
 
 
 def answer(family: Family, request: KernelCall) -> Any:
-    """The answer to one request."""
+    """Answer a single request."""
     calls = _Calls(_Stock({0: family}), room_for(len(request.sequence.kind)), request.program)
     calls.add(0, request)
     return calls.answer()[0]
 
 
 class _Stock:
-    """Families of one make, stacked."""
+    """Stacked families of one tree structure and shapes."""
 
     def __init__(self, families: dict[int, Family]):
         self.rows = pack(_stack(list(families.values())), has_rows=True)
         self.place = {k: row for row, k in enumerate(families)}
 
     def of(self, tasks: Many[int], size: int) -> Packed:
-        """The families of some tasks, the first again as often as there is room left."""
+        """Families of some tasks, padded to a batch size with the first."""
         rows = [self.place[k] for k in tasks]
         return self.rows.at(np.array(rows + rows[:1] * (size - len(rows))))
 
 
 class _Calls:
-    """Requests for one program."""
+    """Waiting requests for one kernel."""
 
     def __init__(self, stock: _Stock, room: int, program: Callable):
         self.stock, self.room, self.program = stock, room, program
@@ -102,11 +99,11 @@ class _Calls:
         return len(self.waiting)
 
     def add(self, task: int, request: KernelCall) -> None:
-        """One more."""
+        """Add a request."""
         self.waiting.append((task, request))
 
     def answer(self) -> dict[int, Any]:
-        """Answer as many as fit into one call."""
+        """Answer as many requests as fit into one call."""
         size = _size_for(len(self), self.room)
         now, self.waiting = self.waiting[:size], self.waiting[size:]
         tasks = [task for task, _ in now]
@@ -130,11 +127,11 @@ class _Front:
         return len(self.members) + len(self.new)
 
     def add(self, task: int, asked: PlainSteps) -> None:
-        """One more branch."""
+        """Add a branch."""
         self.new.append((task, asked))
 
     def answer(self) -> dict[int, Any]:
-        """Take a step with as many as fit into one call, and give back those whose next step is not plain."""
+        """Step as many branches as fit into one call; return those whose next step is not plain, or that are full."""
         self._join()
         size = _size_for(len(self), self.room)
         num = min(size, len(self))
@@ -163,7 +160,7 @@ class _Front:
         )
 
     def _join(self) -> None:
-        """Put the new branches behind the others."""
+        """Append the new branches to the batch."""
         if not self.new:
             return
         rows = _stack([begun(asked) for _, asked in self.new])
@@ -173,7 +170,7 @@ class _Front:
         self.new, self.fixed = [], None
 
     def _fixed(self, num: int, size: int) -> tuple:
-        """What stays the same from one step to the next."""
+        """Padded families and sequences of the batch, cached because they rarely change from step to step."""
         if self.fixed is None or self.fixed[0] != (num, size):
             families = self.stock.of([task for task, _ in self.members[:num]], size)
             sequences = _filled(_taken(self.state[0].sequence, slice(num)), size)
@@ -181,13 +178,13 @@ class _Front:
         return self.fixed[1]
 
     def _add_points(self, taken: np.ndarray, rows: Packed, arc: np.ndarray) -> None:
-        """Add the points of those that have taken a step."""
+        """Add the points of the branches that have taken a step."""
         for k in np.flatnonzero(taken):
             self.points[k] = PlainPoint(self.points[k].sequence, rows, int(k), float(arc[k]))
             self.members[k][1].walk.points.append(self.points[k])
 
     def _moved_on(self, known: Any, ways: Any, is_left: np.ndarray) -> dict[int, Any]:
-        """Keep the others; answers to those that leave."""
+        """Store the new state of the batch, remove the branches that leave it, and return their answers."""
         num, gone = len(is_left), np.flatnonzero(is_left)
         alone = lambda point: point.alone() if isinstance(point, PlainPoint) else point  # noqa: E731
         left = {self.members[k][0]: (alone(self.points[k]), float(ways.ds[k])) for k in gone}
@@ -202,7 +199,7 @@ class _Front:
 
 
 def _stocked(families: Many[Family]) -> tuple[list[Hashable], dict[Hashable, _Stock]]:
-    """The make of each family, and those of each make."""
+    """Make (tree structure and shapes) of each family, and the stacked families of each make."""
     members: dict[Hashable, dict[int, Family]] = {}
     makes = []
     for k, family in enumerate(families):
@@ -213,13 +210,13 @@ def _stocked(families: Many[Family]) -> tuple[list[Hashable], dict[Hashable, _St
 
 
 def _size_for(num: int, room: int) -> int:
-    """For how many branches side by side to call a program."""
+    """Batch size for a number of requests."""
     sizes = [size for size, least in _SIZES if num >= least and (size <= 64 or size * room <= _MOST_EVENTS)]
     return sizes[-1]
 
 
 def _call(program: Callable, families: Packed, *rows: Any) -> Packed:
-    """The results of a program for rows of families and of its other arguments."""
+    """Packed results of a kernel for rows of families and of its other arguments."""
     arguments = pack(rows, has_rows=True)
     compiled, layouts = _compiled(program, families.layout, arguments.layout)
     found = compiled(families.arrays, arguments.arrays)
@@ -228,7 +225,7 @@ def _call(program: Callable, families: Packed, *rows: Any) -> Packed:
 
 @cache
 def _compiled(program: Callable, of_family: Layout, of_arguments: Layout) -> tuple[Callable, list[Layout]]:
-    """A program of packed rows, and the layout of its results once it is traced."""
+    """A compiled kernel of packed rows, and a list that holds the layout of its results once it is traced."""
     layouts = []
 
     def of_row(family: tuple, arguments: tuple) -> tuple:
@@ -237,7 +234,7 @@ def _compiled(program: Callable, of_family: Layout, of_arguments: Layout) -> tup
         layouts.append(layout)
         return arrays
 
-    of_row.__name__ = program.__name__  # by which profiles know it
+    of_row.__name__ = program.__name__  # its name in profiles
     return jit_lightly(jax.vmap(of_row)), layouts
 
 
@@ -250,7 +247,7 @@ def _taken(tree: Any, rows: Any) -> Any:
 
 
 def _filled(tree: Any, size: int) -> Any:
-    """The rows, with the first again as often as there is room left."""
+    """Pad rows to a batch size with the first row."""
     num = len(jax.tree.leaves(tree)[0])
     rows = np.append(np.arange(num), np.zeros(size - num, int))
     return tree if num == size else _taken(tree, rows)

@@ -1,4 +1,4 @@
-"""How the sequence of a cycle changes where an event comes, goes, or passes another: the same motion, told anew."""
+"""Edits of the sequence of a cycle where an event appears, vanishes or passes another; the motion stays the same."""
 
 import numpy as np
 
@@ -10,9 +10,9 @@ from .parameter_family import ExtendedCycle
 def with_event(
     sequence: Sequence, place: ExtendedCycle, kind: int, stop: int, flight: int, time: float
 ) -> tuple[Sequence, ExtendedCycle]:
-    """An event of a stop that changes nothing, on a flight, some forcing periods after the start.
+    """Insert an event without effect on a flight, `time` forcing periods after the start.
 
-    An impact without speed, where a gap vanishes, or a release that does not set free, where a force does.
+    It is an impact of zero speed, where a gap vanishes, or a release that frees no mass, where a force vanishes.
     """
     since = time - place.flights[:flight].sum()
     held = np.insert(sequence.held, flight, sequence.held[flight], axis=0)
@@ -24,7 +24,7 @@ def with_event(
 
 
 def in_rounds(k: int, num_events: int, how: tuple[int, float]) -> list[int]:
-    """The numbers of an event in all rounds of a cycle that is a shorter one several times, see `with_events`."""
+    """Numbers of an event in all rounds of a cycle that traverses a shorter one several times, see `with_events`."""
     rounds, _ = how
     return sorted({(k + j * num_events // rounds) % num_events for j in range(rounds)})
 
@@ -37,15 +37,9 @@ def with_events(
     at: tuple[int, float],
     how: tuple[int, float],
 ) -> tuple[Sequence, ExtendedCycle, int]:
-    """`with_event` in every round of a cycle, and the number of the first of these events.
+    """Insert an event by `with_event` in every round of a cycle; also return the number of the first of them.
 
-    Args:
-        sequence: what happens.
-        place: the cycle.
-        kind: of the event.
-        stop: of the event.
-        at: on which flight, and when, of one of them.
-        how: the number of rounds, and of forcing periods of all.
+    `at` is the flight and the time of one of them, `how` the number of rounds, and of forcing periods of all rounds.
     """
     (flight, time), (rounds, num_periods) = at, how
     if rounds == 1:
@@ -58,7 +52,7 @@ def with_events(
 
 
 def with_stick(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
-    """With a stick that lasts no time after an impact `k`, and its release."""
+    """Insert a stick of zero duration, and its release, after impact `k`."""
     stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
     sequence, place = with_event(sequence, place, RELEASE, stop, k + 1, time)
     held = sequence.held.copy()
@@ -67,14 +61,14 @@ def with_stick(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequen
 
 
 def without_stick(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
-    """Without a release `k` that ends a stick which lasts no time."""
+    """Remove release `k` and the stick of zero duration that it ends."""
     held = sequence.held.copy()
     held[k] = held[k + 1]
     return without_event(Sequence(sequence.kind, sequence.stop, held), place, k)
 
 
 def without_event(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
-    """Without an event that changes nothing, as an impact without speed."""
+    """Remove an event without effect, such as an impact of zero speed."""
     flights = np.delete(place.flights, k)
     if k < len(flights):
         flights[k] += place.flights[k]
@@ -85,7 +79,7 @@ def without_event(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Seq
 
 
 def with_order_exchanged(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
-    """With an impact before another at the same time, `k` and the one before it."""
+    """Exchange impact `k` and the one before it, at the same time."""
     order = np.arange(len(sequence.kind))
     order[[k - 1, k]] = k, k - 1
     return Sequence(sequence.kind[order], sequence.stop[order], sequence.held), place
@@ -94,7 +88,7 @@ def with_order_exchanged(sequence: Sequence, place: ExtendedCycle, k: int) -> tu
 def in_a_row(
     rounds: list[tuple[Sequence, ExtendedCycle]], num_periods: int | float
 ) -> tuple[Sequence, ExtendedCycle]:
-    """One cycle of several, of `num_periods` each and all from the same state."""
+    """Concatenate cycles of `num_periods` each that all start from the same state."""
     flights, left = [], 0.0
     for _, place in rounds:
         own = place.flights.copy()
@@ -111,7 +105,7 @@ def in_a_row(
 
 
 def passed_section(place: ExtendedCycle, num_periods: float) -> int:
-    """How many events at the front come before the start of the cycle, negative for those behind its end."""
+    """Number of first events before the start of the cycle; else minus that of last events after its end."""
     times = np.cumsum(place.flights)
     return int(np.count_nonzero(times < 0)) or -int(np.count_nonzero(times > num_periods))
 
@@ -119,15 +113,7 @@ def passed_section(place: ExtendedCycle, num_periods: float) -> int:
 def shifted(
     sequence: Sequence, place: ExtendedCycle, by: int, num_periods: float, z: np.ndarray
 ) -> tuple[Sequence, ExtendedCycle]:
-    """The cycle with its first events as its last, or its last as its first for a negative number.
-
-    Args:
-        sequence: what happens.
-        place: the cycle.
-        by: how many events.
-        num_periods: n.
-        z: the state where the cycle now begins.
-    """
+    """Move the first `by` events of a cycle to its end, or the last `-by` to its front; `z` is its new start."""
     times = np.cumsum(place.flights)
     order = np.roll(np.arange(len(times)), -by)
     times[: max(by, 0)] += num_periods

@@ -1,4 +1,4 @@
-"""The same branch on another sequence: where an event comes, goes, passes another or the start of the cycle."""
+"""Continue a branch on another sequence where an event appears, vanishes, or passes another or the cycle's start."""
 
 from collections.abc import Callable
 
@@ -22,23 +22,23 @@ from .sequence_edits import (
 )
 from .test_functions import KINDS, Test, tests_of
 
-# Rounds of a cycle in which something changes at once, and forcing periods of all of it.
+# Number of rounds of a cycle that change at once, and of forcing periods of all rounds.
 How = tuple[int, float]
 
-# What leads off a point where the sequence changes: the first of these that does not leave the branch.
+# Lengths of the step off a point where the sequence changes; the first that stays on the branch counts.
 _OFF = 1e-7, 1e-8, 1e-9, 1e-10
-# Bounces are not added to a chatter that has one as short as this, in forcing periods: the rest of them is rounding.
+# Shortest flight, in forcing periods, of a cycle to whose chatters bounces are added: the rest of them is rounding.
 _LIGHTEST = 1e-7
-# Room for new events: a stick that is interrupted ends in another chatter.
+# Room for new events: an interrupted stick ends in another chatter.
 _MORE = 64
-# Where no step leads off, the machine itself is tried at these distances.
+# Distances at which the machine is simulated where no step leads off.
 _TRIALS = 1e-6, 1e-5, 1e-4, 1e-3
 
 
 def by_sequence(walk: Walk, test: Test, event: BranchPoint) -> Asked:
-    """The same on the sequence that it must be, in the direction that its derivative tells.
+    """Continue behind an event on the new sequence, in the direction given by a derivative.
 
-    On a cycle that is a shorter one several times the change may happen in one of its rounds, or in all of them.
+    On a cycle that traverses a shorter one several times, the change may happen in one round or in all rounds.
     """
     if test.kind not in _CHANGES:
         raise Ended(test.kind)
@@ -54,7 +54,7 @@ def by_sequence(walk: Walk, test: Test, event: BranchPoint) -> Asked:
 
 
 def _with_impact(event: BranchPoint, stop: int, how: How) -> Asked:
-    """Behind a gap that vanishes: with an impact there."""
+    """Continue behind a vanishing gap with an impact there."""
     watched = event.seen.watched
     at = int(watched.gap_flight[stop]), float(watched.gap_time[stop])
     sequence, place, first = with_events(event.sequence, event.place, IMPACT, stop, at, how)
@@ -62,7 +62,7 @@ def _with_impact(event: BranchPoint, stop: int, how: How) -> Asked:
 
 
 def _without_impact(event: BranchPoint, k: int, how: How) -> Asked:
-    """Behind an impact that loses its speed: without it."""
+    """Continue behind an impact that loses its speed, without it."""
     sequence, place = event.sequence, event.place
     stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
     for number in in_rounds(k, len(sequence.kind), how)[::-1]:
@@ -71,7 +71,7 @@ def _without_impact(event: BranchPoint, k: int, how: How) -> Asked:
 
 
 def _in_other_order(event: BranchPoint, k: int, how: How) -> Asked:
-    """Behind two impacts at one time: in the other order."""
+    """Continue behind two simultaneous impacts in the other order."""
     sequence, place = event.sequence, event.place
     if not _are_impacts(sequence, k):
         raise Ended("double_impact")
@@ -81,7 +81,7 @@ def _in_other_order(event: BranchPoint, k: int, how: How) -> Asked:
 
 
 def _with_stick(event: BranchPoint, stop: int, how: How) -> Asked:
-    """Behind an impact without rebound that does not let its mass go any more: with a stick."""
+    """Continue behind an impact of zero restitution that no longer frees its mass, with a stick."""
     sequence, place = event.sequence, event.place
     flight = int(event.seen.watched.rise_flight[stop])
     for number in in_rounds(flight - 1, len(sequence.kind), how)[::-1]:
@@ -90,11 +90,9 @@ def _with_stick(event: BranchPoint, stop: int, how: How) -> Asked:
 
 
 def _without_stick(event: BranchPoint, k: int, how: How) -> Asked:
-    """Behind a stick that lasts no time: without it, if its impact has no rebound."""
+    """Continue behind a stick of zero duration without it, if its impact has zero restitution."""
     sequence, place = event.sequence, event.place
-    if not event.seen.watched.is_plastic[
-        sequence.stop[k]
-    ]:  # ever more bounces come next, see `grazing_cascade.py`
+    if not event.seen.watched.is_plastic[sequence.stop[k]]:  # ever more bounces follow: `grazing_cascade.py`
         raise Ended("chatter_completion")
     for number in in_rounds(k, len(sequence.kind), how)[::-1]:
         sequence, place = without_stick(sequence, place, number)
@@ -105,7 +103,7 @@ def _without_stick(event: BranchPoint, k: int, how: How) -> Asked:
         return (yield from off(at, False))
 
 
-# What changes at each kind of event.
+# Continuation behind each kind of event.
 _CHANGES = {
     "touch": _with_impact,
     "gr": _without_impact,
@@ -116,7 +114,7 @@ _CHANGES = {
 
 
 def by_machine(event: BranchPoint, kind: str) -> Asked:
-    """The point some way ahead with the events that the machine has there."""
+    """The point a short way ahead, with the events of the simulated machine."""
     for ds in _TRIALS:
         guess = event.place.moved(event.tangent, ds)
         followed = yield from _followed(event.sequence, guess)
@@ -142,14 +140,14 @@ def as_machine_has_it(point: BranchPoint, guess: ExtendedCycle) -> Asked:
 
 
 def _followed(sequence: Sequence, place: ExtendedCycle) -> Asked:
-    """What the machine does from a place, with room for what may be new there."""
+    """Simulate the machine from a cycle, with room for new events."""
     longer, wide = padded(sequence, (place,), len(sequence.kind) + _MORE)
     followed: Followed = yield KernelCall(confirm, longer, (wide,))
     return followed
 
 
 def in_section(point: BranchPoint, num_periods: float) -> Asked:
-    """The point with all its events between the start of the cycle and its end."""
+    """The point with all its events between the start and the end of the cycle."""
     by = passed_section(point.place, num_periods)
     if by == 0:
         return point
@@ -157,14 +155,14 @@ def in_section(point: BranchPoint, num_periods: float) -> Asked:
     z = yield KernelCall(locate_start, point.sequence, (point.place, np.asarray(time)))
     sequence, place = shifted(point.sequence, point.place, by, num_periods, z)
     at = yield from _retold(sequence, place, point)
-    # The times of the events go on as they did.
+    # The tangent keeps its direction: event times and parameter change as before.
     before, after = np.cumsum(point.tangent.flights), np.cumsum(at.tangent.flights)
     is_ahead = np.roll(before, -by) @ after + point.tangent.p * at.tangent.p > 0
     return at if is_ahead else at.turned()
 
 
 def with_its_bounces(point: BranchPoint, followed: Followed) -> Asked:
-    """The point with as many bounces in its chatters as they have there."""
+    """The point with as many bounces in its chatters as the machine has there."""
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
     is_light = np.min(point.place.flights, initial=np.inf) < _LIGHTEST
     more = num_events - len(point.sequence.kind)
@@ -172,7 +170,7 @@ def with_its_bounces(point: BranchPoint, followed: Followed) -> Asked:
         return point
     sequence = trimmed(followed.sequence, num_events)
     place = point.place._replace(flights=followed.flights[:num_events])
-    # The direction is that of the start and the parameter, whatever the number of bounces.
+    # The weights leave out the flights, whose number changes with the bounces.
     weights = ExtendedCycle(point.tangent.z, 0 * place.flights, point.tangent.p)
     seen = yield from corrected(sequence, place, weights, place.along(weights))
     return BranchPoint.of(sequence, seen, point.arc) if seen.found.is_converged else point
@@ -199,13 +197,13 @@ def _going_on(
 def _oriented(
     sequence: Sequence, place: ExtendedCycle, event: BranchPoint, ahead: Callable[[BranchPoint], float]
 ) -> Asked:
-    """The same in a direction that is read off the tangent."""
+    """The point on the new sequence, in the direction in which a value of its tangent is positive."""
     at = yield from _retold(sequence, place, event)
     return (yield from off(at, ahead(at) > 0))
 
 
 def _retold(sequence: Sequence, place: ExtendedCycle, event: BranchPoint) -> Asked:
-    """The point of an event on another sequence."""
+    """The point of an event, corrected on another sequence."""
     seen = yield from as_it_is(sequence, place)
     if not seen.found.is_converged:
         raise Ended("not_converged")
@@ -213,14 +211,14 @@ def _retold(sequence: Sequence, place: ExtendedCycle, event: BranchPoint) -> Ask
 
 
 def off(at: BranchPoint, is_ahead: bool = True) -> Asked:
-    """A point close behind, in the given direction or in the other."""
+    """A point close behind, in the direction of the tangent or the opposite one."""
     tangent = at.tangent if is_ahead else at.tangent.turned()
     for ds in _OFF:
         guess = at.place.moved(tangent, ds)
         seen = yield from corrected(at.sequence, guess, tangent, at.place.along(tangent) + ds)
         new = BranchPoint.of(at.sequence, seen, at.arc + ds)
         away = new.place.moved(guess, -1.0)
-        # Behind a grazing branches may be so curved that Newton's method comes to another of their points.
+        # Behind a grazing a branch may be so curved that Newton's method converges to another of its points.
         is_near = seen.found.is_converged and np.sqrt(away.along(away)) < ds
         if is_near and min((test.of(seen) for test in tests_of(at.sequence)), default=1) > 0:
             return new

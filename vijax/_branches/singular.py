@@ -1,7 +1,7 @@
-"""Points at which the equations of a branch are singular, by the equations of what happens there.
+"""Points at which the equations of a branch are singular, found by their defining systems.
 
-Two branches cross at a branch point. Where a doubled branch ends it meets that of half the period, gone round twice, at the
-period doubling of the latter. Newton's method along the branch converges at neither; their defining systems are regular.
+Two branches cross at a branch point. A doubled branch ends where it meets that of half the period, traversed twice, at
+the period doubling of the latter. Newton's method along the branch converges at neither; defining systems are regular.
 """
 
 from dataclasses import replace
@@ -19,16 +19,17 @@ from .point import Asked, BranchPoint, Ended, between, on_plane
 from .sequence_edits import in_a_row
 from .test_functions import CLOSE, Test
 
-# Cycles by which the test function of a branch point is interpolated.
+# Number of cycles by which the test function of a branch point is interpolated.
 _NODES = 9
-# The most by which branches part at a point where they are to cross, and how far it is from its first guess.
+# _CROSSED: largest unknown beta of `AtBranchPoint`, by which branches part, at a point where they cross.
+# _NEAR: largest distance of that point from its first guess.
 _CROSSED, _NEAR = 1e-9, 1e-2
 
 
 def crossing(
     family: Family, sequence: Sequence, guess: ExtendedCycle
 ) -> tuple[ExtendedCycle, Bool[Array, ""]]:
-    """The branch point near a guess, and whether there is one."""
+    """The branch point near a guess, and True if there is one."""
     size = len(guess.z)
     condition = AtBranchPoint(jnp.zeros(1), jnp.zeros(size), jnp.zeros((2, size + 1)))
     defining = Defining(family, sequence, condition)
@@ -40,7 +41,7 @@ def crossing(
 def doubling(
     family: Family, sequence: Sequence, guess: ExtendedCycle
 ) -> tuple[ExtendedCycle, Bool[Array, ""]]:
-    """The period doubling of a cycle of half as many periods near a guess, and whether there is one."""
+    """The period doubling of a cycle of half as many periods near a guess, and True if there is one."""
     half = replace(family, num_periods=family.num_periods / 2)
     borders = jnp.zeros((2, len(guess.z)), jnp.result_type(guess.z, jnp.complex64))
     defining = Defining(half, sequence, AtMultiplier(jnp.full(1, jnp.pi, guess.z.dtype), borders))
@@ -67,7 +68,7 @@ def branch_point(point: BranchPoint, new: BranchPoint, test: Test) -> Asked:
 
 
 def end_of_doubled(num_periods: float, point: BranchPoint) -> Asked:
-    """The end of a doubled branch at the period doubling from which it comes, near a point; None if it does not end there."""
+    """The end of a doubled branch at its period doubling, near a point; None if it does not end there."""
     sequence, place, half = point.sequence, point.place, num_periods / 2
     if num_periods % 2 or len(sequence.kind) % 2:
         return None
@@ -91,7 +92,7 @@ def _as_known(
 
 
 def _seen_at(point: BranchPoint, new: BranchPoint, ways: np.ndarray) -> Asked:
-    """The cycles that are found some ways from a point, with these."""
+    """Pairs of distance from a point and corrected cycle there, of those that converge."""
     found = []
     ahead = partial(between, point, new)
     for s in ways:
@@ -101,7 +102,7 @@ def _seen_at(point: BranchPoint, new: BranchPoint, ways: np.ndarray) -> Asked:
 
 
 def _root_of(test: Test, known: list[tuple[float, CorrectedCycle]], length: float) -> float:
-    """The zero on a step of the polynomial through a test function; not a number unless there is one."""
+    """Zero on a step of the polynomial through a test function; NaN unless there is exactly one."""
     if len(known) < 4:
         return np.nan
     ways, values = np.array([s for s, _ in known]), [test.of(seen) for _, seen in known]

@@ -1,4 +1,4 @@
-"""Where branches begin: orbits, or the points of a sweep that became orbits, in one form."""
+"""Starts of branches: given orbits, or the orbits found from the points of a sweep, in one form."""
 
 from collections.abc import Iterator, Sequence as Many
 from typing import NamedTuple
@@ -24,9 +24,9 @@ from .parameter_family import Family
 from .point import BranchPoint
 from .scheduler import drive
 
-# Multipliers this near to 1 are: those of a fold without losses keep half the digits.
+# Distance from 1 below which a multiplier is 1. At a fold without losses a double one keeps half the digits: it is not.
 _ONE = 1e-10
-# Events of a cycle beside its impacts for which there is room at first.
+# Initial room for events of a cycle other than impacts.
 _OTHERS = 32
 
 
@@ -35,14 +35,14 @@ class Start(NamedTuple):
 
     Attributes:
         system: the machine.
-        args: of its force.
-        flow: by which its motion was followed, if one was asked for.
+        args: arguments of its force.
+        flow: requested flow by which it was found, or None.
         num_periods: n.
-        phase: of the load where it begins, in radians.
-        state: positions and velocities there, (2 n,).
-        num_events: room for so many events.
-        is_admissible: whether the machine follows it.
-        multipliers: (2 n,).
+        phase: phase of the load at its start, in radians.
+        state: positions and velocities at its start, (2 n,).
+        num_events: room for its events.
+        is_admissible: True if the machine follows it.
+        multipliers: Floquet multipliers, (2 n,).
     """
 
     system: ImpactSystem
@@ -57,7 +57,7 @@ class Start(NamedTuple):
 
 
 def starting_orbits(source: PeriodicOrbit | Many[PeriodicOrbit] | xr.Dataset) -> list[Start]:
-    """All orbits of a list, or of what `vx.periodic_orbits` returned."""
+    """Starts of all orbits of a list, or of a dataset from `vx.periodic_orbits`."""
     if isinstance(source, xr.Dataset):
         return list(_of_dataset(source))
     orbits = [source] if isinstance(source, PeriodicOrbit) else list(source)
@@ -80,7 +80,7 @@ def starting_orbits(source: PeriodicOrbit | Many[PeriodicOrbit] | xr.Dataset) ->
 
 
 def _of_dataset(ds: xr.Dataset) -> Iterator[Start]:
-    """The points of a dataset that are orbits."""
+    """Starts of the converged points of a dataset."""
     missing = {"converged", "x0", "v0", "num_periods", "num_impacts", "multipliers"} - set(ds.variables)
     if missing:
         raise ValueError(
@@ -107,10 +107,10 @@ def _of_dataset(ds: xr.Dataset) -> Iterator[Start]:
 
 
 def value_of(system: ImpactSystem, path: str) -> float:
-    """The value of a parameter that is one number, or for a path with a star the same number everywhere.
+    """Value of a parameter that is one number, or for a path with a star the same number everywhere.
 
     Raises:
-        ValueError: for any other.
+        ValueError: for any other parameter.
     """
     values = np.asarray(get_parameter(system, path))
     if "*" in path and values.ndim == 1:
@@ -128,11 +128,10 @@ def value_of(system: ImpactSystem, path: str) -> float:
 
 
 def family_of(start: Start, path: str, low: float, high: float) -> Family:
-    """The machines of an orbit along a parameter.
+    """Family of the machine of an orbit along a parameter.
 
     Raises:
-        ValueError: for a path that names no single number, bounds that leave the orbit out, an orbit that no machine
-            follows.
+        ValueError: for a path that names no single number, bounds that exclude the orbit, an inadmissible orbit.
     """
     system = jax.tree.map(np.asarray, with_args(start.system, start.args))
     value = value_of(system, path)
@@ -164,7 +163,7 @@ def family_of(start: Start, path: str, low: float, high: float) -> Family:
 def _flow_of(
     system: ImpactSystem, path: str, bounds: tuple[float, float], wanted: AbstractFlow | None
 ) -> AbstractFlow:
-    """The motion of all machines of a family: exact unless they have a `force`."""
+    """Flow of all machines of a family: exact unless they have a `force`."""
     if system.force is not None:
         flow = choose_flow(system, can_stick=True, wanted=wanted)
         if type(flow).flow_map is AbstractFlow.flow_map:
@@ -172,17 +171,17 @@ def _flow_of(
                 f"The orbit was found with {type(flow).__name__} as `flow`, which has no `flow_map`."
             )
         return flow
-    # Modes are made of known numbers alone, and lose digits near a resonance.
+    # Modes need concrete matrices, and lose digits near a resonance.
     changes_modes = path.startswith(("mass", "damping", "stiffness"))
     band = bounds if path == "forcing.frequency" else None
     return TaylorFlow() if changes_modes else choose_flow(system, can_stick=True, band=band)
 
 
 def points_of(starts: list[Start], families: list[Family]) -> list[BranchPoint | None]:
-    """The points at which the branches begin; None for what is no orbit of its machine, or not isolated."""
+    """Points at which the branches begin; None for a start that is no orbit of its machine, or not isolated."""
     tasks, which = [], [k for k, start in enumerate(starts) if is_isolated(start, families[k])]
     for start, family in ((starts[k], families[k]) for k in which):
-        room_for(start.num_events)  # refuses what has too many
+        room_for(start.num_events)  # raises if there are too many
         room = nothing_happens(start.num_events, start.system.num_stops)
         p = float(value_of(family.system, family.path) / family.span)
         tasks.append(point_at_orbit(jax.tree.map(np.asarray, room), start.state, p))
@@ -191,17 +190,17 @@ def points_of(starts: list[Start], families: list[Family]) -> list[BranchPoint |
 
 
 def is_isolated(start: Start, family: Family) -> bool:
-    """Whether an orbit has no neighbours that repeat as well, at the same value of the parameter, but for shifts that nothing feels.
+    """True if no neighbour of an orbit, except for rigid shifts, is an orbit at the same parameter.
 
-    At a fold one multiplier is 1, and the branch leads on; where two are, as at a resonance of a vibration without losses,
-    Newton's method goes to any of the neighbours.
+    At a fold one multiplier is 1, and the branch continues. Where two are, as at a resonance of a vibration without
+    losses, Newton's method converges to any of the neighbours.
     """
     num_ones = np.count_nonzero(np.abs(start.multipliers - 1) < _ONE)
     return bool(num_ones < 2 + 2 * np.trace(family.shifts))
 
 
 def refuse_start(number: int, start: Start, family: Family) -> None:
-    """Say why an orbit has no point at which a branch begins."""
+    """Raise the reason why no branch begins at an orbit."""
     if is_isolated(start, family):
         raise ValueError(
             f"Orbit {number} is no periodic orbit of its machine: find one by `vx.periodic_orbit`."

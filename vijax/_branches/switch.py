@@ -1,4 +1,4 @@
-"""From a point of a branch to the other branches through it."""
+"""Branch switching: from a point of a branch to the other branches through it."""
 
 import numpy as np
 
@@ -16,27 +16,27 @@ from .scheduler import drive
 from .sequence_edits import in_a_row
 from .starts import family_of
 
-# How far along the other branch, relative to the size of the motion: the first that the machine follows counts.
+# Distances along the other branch, relative to the size of the motion; the first that the machine follows counts.
 _TRIALS = 1e-3, 1e-4, 1e-2
 
 
 @padding_allowed
 def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
-    """Orbits on the other branches through a point of a branch, close to it.
+    """Find orbits on the other branches through a point of a branch, close to it.
 
-    At a period doubling the orbit of twice the period, and where a doubled branch ends that of half the period; at any other
-    branch point one on each side; where an impact comes or goes,
-    those of one to three periods of the orbit that touches the stop, in some of which it hits it, as far as the machine
-    follows them. A fold has none, and where two impacts change their order, the branch itself goes on.
+    At a period doubling this is the orbit of twice the period, at the end of a doubled branch that of half the period.
+    At any other branch point there is one on each side. Where an impact appears or vanishes, there are those of one to
+    three periods of the orbit that touches the stop, which hit it in some of these periods, as far as the machine
+    follows them. A fold has none. Where two impacts exchange their order, the branch itself continues.
 
     Args:
         point: one of `branch.bifurcations`.
 
     Returns:
-        The orbits, from which `vx.continuation` goes on; none where there are no other branches.
+        The orbits, from which `vx.continuation` continues; none where there are no other branches.
 
     Raises:
-        ValueError: for a Neimark-Sacker point, where what comes is no periodic orbit, or if 64-bit numbers are off.
+        ValueError: for a Neimark-Sacker point, where no periodic orbit branches off, or if 64-bit numbers are off.
 
     Example:
         ```python
@@ -75,14 +75,14 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
 
 
 def _ends_doubled(point: Bifurcation) -> bool:
-    """Whether a doubled branch ends at a point."""
+    """True if a doubled branch ends at a point."""
     first, last = point.branch.ends
     end = {0: first, len(point.branch) - 1: last}.get(point.index)
     return point.kind == "bp" and end == "period_doubling"
 
 
 def _gone_round_once(sequence: Sequence, place: ExtendedCycle) -> Asked:
-    """An orbit on the branch of half as many periods."""
+    """An orbit on the branch of half as many periods, from a cycle that traverses it twice."""
     num = len(sequence.kind) // 2
     once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.held[: num + 1])
     seen = yield from as_it_is(once, place._replace(flights=place.flights[:num]))
@@ -106,13 +106,13 @@ def _at_grazing(point: Bifurcation) -> list[PeriodicOrbit]:
 
 
 def _orbit(family: Family, point: BranchPoint) -> PeriodicOrbit:
-    """The orbit of a point that is alone."""
+    """The orbit of a single point."""
     empty = Walk(float(family.num_periods), (0.0, 0.0), 0)
     return branch_of(family, point, empty, empty).orbit(0)
 
 
 def _beside(sequence: Sequence, place: ExtendedCycle, side: float) -> Asked:
-    """An orbit some way along the direction in which a point has neighbours at its own parameter."""
+    """An orbit a short way along the null vector of the equations at fixed parameter."""
     matrix = yield KernelCall(jacobian, sequence, (place,))
     size, num_events = len(place.z), len(place.flights)
     kept = np.r_[: size + num_events]

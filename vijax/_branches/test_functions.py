@@ -1,4 +1,4 @@
-"""Functions of a cycle that change their sign where something happens on a branch."""
+"""Test functions of a cycle, which change sign at an event or a bifurcation of a branch."""
 
 from collections.abc import Callable
 from functools import cache
@@ -12,19 +12,19 @@ from .kernels import CorrectedCycle
 
 Multipliers = Any
 
-# A multiplier this close to where it should be is there; halves of a cycle this close are one.
+# Distance below which a multiplier has its value at a bifurcation, and the two halves of a cycle are one.
 CLOSE = 1e-4
-# What is seen from two sides has one name. Where a doubled branch ends, another one crosses it: that of half the period,
-# gone round twice.
+# Names of kinds in results: an event met from two sides has one name. The end of a doubled branch is a branch point:
+# the branch of half the period, traversed twice, crosses it.
 KINDS = {"touch": "gr", "onset": "chatter_completion", "period_doubling": "bp"}
-# A function of multipliers this small at both ends of a step is zero there but for rounding, as without damping.
+# Size below which a function of multipliers, at both ends of a step, is zero up to rounding, as without damping.
 _NOTHING = 1e-10
-# A multiplier this close to the unit circle is on it but for rounding; a double one has half the digits.
+# Distance from the unit circle below which a multiplier is on it up to rounding; a double one has half the digits.
 _ON_CIRCLE = 1e-7
 
 
 class Test(NamedTuple):
-    """A function that changes its sign where something happens, and what that is."""
+    """A test function, the kind of event or bifurcation at its zero, and the number of the event or stop."""
 
     kind: str
     of: Callable[[CorrectedCycle], Any]
@@ -32,31 +32,31 @@ class Test(NamedTuple):
 
 
 def _ratio(values: Any, of: Any) -> Any:
-    """The product of values over 1 + |of|: finite where a multiplier is not."""
+    """Product of values / (1 + |of|), which is finite where a multiplier is not."""
     with np.errstate(invalid="ignore"):
         parts = values / (1 + np.abs(of))
     return np.prod(np.where(np.isfinite(parts), parts, np.sign(of.real)), axis=-1).real
 
 
 def of_doubling(mu: Multipliers) -> Any:
-    """Zero where a multiplier is -1."""
+    """Function of multipliers that is zero where one is -1."""
     return _ratio(1 + mu, mu)
 
 
 def of_meeting(mu: Multipliers) -> Any:
-    """Zero where a multiplier is 1."""
+    """Function of multipliers that is zero where one is 1."""
     return _ratio(mu - 1, mu)
 
 
 @cache
 def _pairs(size: int) -> tuple[np.ndarray, np.ndarray]:
-    """The first and the second of all pairs."""
+    """Indices of the first and of the second member of all pairs."""
     first, second = np.triu_indices(size, 1)
     return first, second
 
 
 def of_pairs(mu: Multipliers) -> Any:
-    """Zero where the product of two multipliers is 1."""
+    """Function of multipliers that is zero where the product of two is 1."""
     first, second = _pairs(mu.shape[-1])
     with np.errstate(invalid="ignore"):
         products = mu[..., first] * mu[..., second]
@@ -64,7 +64,7 @@ def of_pairs(mu: Multipliers) -> Any:
 
 
 def num_on_circle(mu: Multipliers) -> int:
-    """How many multipliers are on the unit circle, but not real."""
+    """Number of multipliers on the unit circle that are not real."""
     return int(np.count_nonzero((np.abs(np.abs(mu) - 1) < CLOSE) & (np.abs(mu.imag) > CLOSE)))
 
 
@@ -77,12 +77,12 @@ TESTS_OF_NEIGHBOURS = (
 
 
 def is_crossed(before: Any, after: Any) -> Any:
-    """Whether a function of the neighbours vanishes between two values, neither of which may be rounding for both."""
+    """True where a function of multipliers changes sign between two values that are not both rounding."""
     return (before * after < 0) & (np.maximum(np.abs(before), np.abs(after)) > _NOTHING)
 
 
 def tests_of(sequence: Sequence) -> list[Test]:
-    """Test functions of the sequence: positive as long as a machine can follow it."""
+    """Test functions of a sequence, positive as long as a machine can follow it."""
     found, follows_another = [], _follows_another(sequence)
     for k, (kind, stop) in enumerate(zip(sequence.kind, sequence.stop, strict=True)):
         if kind == IMPACT:
@@ -99,14 +99,14 @@ def tests_of(sequence: Sequence) -> list[Test]:
 
 
 def margins(sequence: Sequence, seen: CorrectedCycle) -> np.ndarray:
-    """The values of all `tests_of` sequences with padding, of cycles side by side: (..., tests), infinite for no test."""
+    """Values of all `tests_of` a padded sequence, of batched cycles, (..., tests); infinite for no test."""
     return _of_tests(
         sequence, (seen.found.speeds, seen.found.place.flights, *_between_events(seen.watched)), np.inf
     )
 
 
 def test_slopes(sequence: Sequence, seen: CorrectedCycle) -> np.ndarray:
-    """How these change along the branch, likewise; 0 for no test."""
+    """Rates of `margins` along the branch, (..., tests); 0 for no test."""
     rates = (seen.rates.speeds, seen.found.tangent.flights, *_between_events(seen.rates))
     return np.where(np.isfinite(margins(sequence, seen)), _of_tests(sequence, rates, 0.0), 0.0)
 
@@ -116,7 +116,7 @@ def _between_events(watched: Any) -> tuple:
 
 
 def _of_tests(sequence: Sequence, values: tuple, none: float) -> np.ndarray:
-    """Values of all impacts, of all flights, and of stops, in one row of tests."""
+    """Values of impacts, of flights and of stops, concatenated to one row of tests."""
     speeds, flights, *of_stops = values
     speeds = np.where(sequence.kind == IMPACT, speeds, none)
     flights = np.where(_follows_another(sequence), flights, none)
@@ -124,7 +124,7 @@ def _of_tests(sequence: Sequence, values: tuple, none: float) -> np.ndarray:
 
 
 def _follows_another(sequence: Sequence) -> np.ndarray:
-    """Which events can meet the one before: two impacts of one stop meet where one of them has no speed."""
+    """True where an event can meet the one before. Two impacts of one stop are left out: one loses its speed there."""
     kind, stop = sequence.kind, sequence.stop
     is_same = (kind[..., 1:] == kind[..., :-1]) & (stop[..., 1:] == stop[..., :-1])
     is_other = np.zeros(kind.shape, bool)
@@ -133,10 +133,10 @@ def _follows_another(sequence: Sequence) -> np.ndarray:
 
 
 def crossings(tests: list[Test], before: CorrectedCycle, after: CorrectedCycle) -> list[Test]:
-    """Those that change from positive to not positive."""
+    """Test functions that change from positive to not positive."""
     return [test for test in tests if test.of(before) > 0 >= test.of(after)]
 
 
 def num_unstable(seen: CorrectedCycle) -> Any:
-    """How many neighbours leave."""
+    """Number of multipliers outside the unit circle."""
     return np.count_nonzero(np.abs(seen.found.multipliers) > 1 + _ON_CIRCLE, axis=-1)

@@ -1,8 +1,8 @@
-"""Where a hop between two holds vanishes.
+"""Points at which a hop between two sticks vanishes.
 
-A stop lets its mass go for so short a while that it has hardly left when it is held again: the force by which it was
-held touches zero. Seen from there the time of landing is a double root, and no step leads nearer; but the cycle
-without the hop, whose mass is held all the time, is as well-conditioned there as anywhere.
+A stop releases its mass for so short a while that it has hardly left when it sticks again: the contact force touches
+zero. On the branch with the hop the time of landing is a double root there, and no step leads nearer. The cycle without
+the hop, whose mass is held throughout, is as well-conditioned there as anywhere.
 """
 
 from collections.abc import Iterator
@@ -16,16 +16,15 @@ from .parameter_family import ExtendedCycle
 from .point import Asked, BranchPoint, at_parameter
 from .test_functions import Test
 
-# Hops as short as this, in forcing periods, may vanish close by; the cycle without it is this near.
+# _SHORT: duration of a hop, in forcing periods, below which it may vanish close by.
+# _NEAR: largest distance of the cycle without the hop.
 _SHORT, _NEAR = 5e-2, 1e-2
 
 
 def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> Asked:
-    """The point close to another where the force touches zero, with the sequence without the hop; None if there is none.
+    """The point without a hop near a point with it, where the contact force touches zero; None if there is none.
 
-    Args:
-        point: of the branch with the hop.
-        flight: the hop; any that is short if left out.
+    `flight` is the number of the hop; any short hop if left out.
     """
     for stop, sequence, place in _without_hops(point, flight):
         seen = yield from at_parameter(sequence, place, float(place.p))
@@ -39,7 +38,7 @@ def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> As
 
 
 def hop_that_ends(test: Test, event: BranchPoint) -> Asked:
-    """The point where a hop vanishes, if that is what makes an impact lose its speed, or a mass not leave; else None."""
+    """The point where a hop vanishes, if that makes an impact lose its speed or holds a mass back; else None."""
     watched, k = event.seen.watched, test.index
     if test.kind == "gr":
         return (yield from end_of_vanishing_flight(event, k))
@@ -50,7 +49,7 @@ def hop_that_ends(test: Test, event: BranchPoint) -> Asked:
 
 
 def _without_hops(point: BranchPoint, flight: int | None) -> Iterator[tuple[int, Sequence, ExtendedCycle]]:
-    """The stop of each short hop, the shortest first, and the cycle without it."""
+    """Pairs of the stop of each short hop, the shortest first, and the cycle without the hop."""
     sequence, durations = point.sequence, _durations(point)
     num = len(durations)
     for k in np.argsort(durations) if flight is None else [flight % max(num, 1)]:
@@ -61,14 +60,14 @@ def _without_hops(point: BranchPoint, flight: int | None) -> Iterator[tuple[int,
 
 
 def _durations(point: BranchPoint) -> np.ndarray:
-    """How long after the event before it each event comes, the last one before the first."""
+    """Times from each event back to the one before it, cyclically, in forcing periods, (events,)."""
     durations = np.array(point.place.flights)
     durations[:1] += point.seen.watched.last
     return durations
 
 
 def _end_of_hop(point: BranchPoint, k: int) -> int | None:
-    """The last impact of the hop that ends with an impact `k`, after which its mass is held; None if that ends none."""
+    """Number of the last impact, after which the mass is held, of the hop with flight `k`; None if that is no hop."""
     sequence, num = point.sequence, len(point.sequence.kind)
     stop, before = sequence.stop[k], (k - 1) % num
     if before == k or sequence.held[k, stop] or sequence.stop[before] != stop:
@@ -84,7 +83,7 @@ def _end_of_hop(point: BranchPoint, k: int) -> int | None:
 
 
 def _held(point: BranchPoint, k: int, last: int) -> tuple[Sequence, ExtendedCycle]:
-    """The cycle whose mass is held from the event before `k` on, or all the time if that is a release."""
+    """The cycle whose mass is held from the event before `k` on, or throughout if that is a release."""
     sequence, flights = point.sequence, point.place.flights
     is_release = int(sequence.kind[k - 1] == RELEASE)
     gone = np.arange(k - is_release, last + 1)
@@ -97,7 +96,7 @@ def _held(point: BranchPoint, k: int, last: int) -> tuple[Sequence, ExtendedCycl
 
 
 def _held_from_the_start(point: BranchPoint, last: int) -> tuple[Sequence, ExtendedCycle]:
-    """The same of a hop from the last event of the cycle over its start."""
+    """`_held` for a hop from the last event of the cycle over its start."""
     sequence, flights = point.sequence, point.place.flights
     num = len(flights)
     end = num - int(sequence.kind[-1] == RELEASE)
