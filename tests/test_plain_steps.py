@@ -14,8 +14,8 @@ from vijax._branches.parameter_family import ExtendedCycle
 from vijax._branches.point import BranchPoint, Full, PlainPoint, side_by_side
 from vijax._branches.scheduler import _asked
 from vijax._branches.test_functions import TESTS_OF_NEIGHBOURS, crossings, margins, num_unstable
+from vijax._hybrid.limits import IMPACT, RELEASE
 from vijax._orbits.sequence import Sequence
-from vijax._trajectory.event_log import IMPACT, RELEASE
 
 ROOM, STOPS = 16, 2
 

@@ -3,6 +3,7 @@
 import re
 
 from documents import ROOT
+from test_public_names import imported
 
 import vijax as vx
 
@@ -24,8 +25,7 @@ def listed() -> list[str]:
 
 
 def public() -> list[str]:
-    parts = {"": vx, ".models": vx.models, ".plot": vx.plot}
-    return [f"vijax{part}.{name}" for part, it in parts.items() for name in it.__all__]
+    return [f"{part.__name__}.{name}" for part in (vx, vx.models, vx.plot) for name in imported(part)]
 
 
 def test_the_reference_has_every_public_name_once():

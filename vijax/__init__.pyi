@@ -20,6 +20,7 @@ from ._hybrid.law import (
     modal_restitution_matrix as modal_restitution_matrix,
     restitution_matrix as restitution_matrix,
 )
+from ._hybrid.limits import IMPACT as IMPACT, RELEASE as RELEASE, STICK as STICK
 from ._hybrid.sticking_region import (
     StickingRegion as StickingRegion,
     sticking_region as sticking_region,
@@ -51,7 +52,7 @@ from ._system.files import load as load, save as save
 from ._system.forcing import Harmonic as Harmonic
 from ._system.stop import Stop as Stop
 from ._system.system import ImpactSystem as ImpactSystem, chain as chain
-from ._trajectory.event_log import IMPACT as IMPACT, RELEASE as RELEASE, STICK as STICK, EventLog as EventLog
+from ._trajectory.event_log import EventLog as EventLog
 from ._trajectory.simulate import simulate as simulate
 from ._trajectory.solution import RESULTS as RESULTS, Solution as Solution
 from .studio.explorer.explore import explore as explore

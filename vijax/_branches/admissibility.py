@@ -8,13 +8,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
+from .._hybrid.limits import IMPACT
 from .._jax.arrays import Scalar
 from .._jax.xla import is_any
 from .._machine.derivatives import approaches, contact_forces, derivatives
 from .._machine.machine import Machine, resting_state
 from .._orbits.cycle import Moment, Problem, Unknowns, begin_cycle, events_of, flow_map, fly_to_event
 from .._orbits.sequence import NOTHING, Sequence as CycleEvents
-from .._trajectory.event_log import IMPACT
 from .minima import dip
 
 # `_DENSITY`: samples per radian of the fastest part of the motion.

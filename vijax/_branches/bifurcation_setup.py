@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from .._hybrid.limits import IMPACT, RELEASE
 from .._orbits.sequence import Sequence
-from .._trajectory.event_log import IMPACT, RELEASE
 from .branch import Bifurcation, cycle_of
 from .defining_systems import AbstractCondition, AtBranchPoint, AtEvent, AtMultiplier, Defining
 from .kernels import CorrectedCycle, padded, room_for

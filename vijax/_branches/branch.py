@@ -12,6 +12,7 @@ import xarray as xr
 
 from .._dataset_attributes import variable_attributes, versions
 from .._flow.choose import choose_flow
+from .._hybrid.limits import IMPACT
 from .._machine.numbers import numbers_of
 from .._orbits.cycle import Problem, Unknowns, log_of_cycle, prepared
 from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
@@ -21,7 +22,6 @@ from .._system.description import build_from, describe
 from .._system.forces_by_path import Allowed
 from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem, bound
-from .._trajectory.event_log import IMPACT
 from .kernels import CorrectedCycle
 from .parameter_family import ExtendedCycle, Family
 from .point import BranchPoint, PlainPoint, Walk, side_by_side

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._hybrid.limits import IMPACT
 from .._orbits.sequence import Sequence
-from .._trajectory.event_log import IMPACT
 from .codim1_point import Neighbours, OnCurve
 from .defining_systems import AbstractCondition, AtEvent, Defining
 from .parameter_family import ExtendedCycle

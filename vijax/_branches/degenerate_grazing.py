@@ -6,7 +6,7 @@ speed v the multipliers grow like v^-m; but the cycle without these impacts is a
 
 import numpy as np
 
-from .._trajectory.event_log import IMPACT
+from .._hybrid.limits import IMPACT
 from .locate import locate
 from .point import Asked, BranchPoint, Ended, at_parameter, predicted_point
 from .sequence_edits import without_event

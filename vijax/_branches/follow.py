@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._hybrid.limits import RELEASE
 from .._orbits.sequence import Sequence
-from .._trajectory.event_log import RELEASE
 from .batched_steps import (
     PROBE,
     SHORTEST,

@@ -7,8 +7,8 @@ there the mass sticks for a while, and cycles are followed back to where their s
 
 import numpy as np
 
+from .._hybrid.limits import RELEASE
 from .._orbits.sequence import Sequence
-from .._trajectory.event_log import RELEASE
 from .kernels import SPARE, Followed, KernelCall, confirm, padded, room_for, trimmed
 from .parameter_family import ExtendedCycle
 from .point import Asked, BranchPoint, at_parameter

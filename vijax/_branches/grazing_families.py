@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._hybrid.limits import IMPACT
 from .._orbits.sequence import Sequence
-from .._trajectory.event_log import IMPACT
 from .closing import rounds_of
 from .kernels import BranchRates, KernelCall, rates_along
 from .parameter_family import ExtendedCycle

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from .._hybrid.limits import RELEASE
 from .._orbits.sequence import Sequence
-from .._trajectory.event_log import RELEASE
 from .parameter_family import ExtendedCycle
 
 

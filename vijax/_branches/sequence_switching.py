@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from .._hybrid.limits import IMPACT
 from .._jax.arrays import Reals
 from .._orbits.sequence import Sequence
-from .._trajectory.event_log import IMPACT
 from .kernels import BranchRates, Followed, KernelCall, confirm, locate_start, padded, rates_along, trimmed
 from .parameter_family import ExtendedCycle
 from .point import Asked, BranchPoint, Ended, Walk, as_it_is, at_parameter, corrected

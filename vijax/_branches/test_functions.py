@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .._hybrid.limits import IMPACT, RELEASE
 from .._orbits.sequence import NOTHING, Sequence
-from .._trajectory.event_log import IMPACT, RELEASE
 from .kernels import CorrectedCycle
 
 Multipliers = Any

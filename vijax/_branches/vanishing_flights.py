@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from .._hybrid.limits import IMPACT, RELEASE
 from .._orbits.sequence import Sequence
-from .._trajectory.event_log import IMPACT, RELEASE
 from .degenerate_grazing import vanishing
 from .parameter_family import ExtendedCycle
 from .point import Asked, BranchPoint, at_parameter

@@ -17,21 +17,19 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._hybrid.limits import GAP, Limit, limits_of, of_active
 from .._jax.arrays import Scalar, short, smallest
 from .._jax.xla import compute_once, is_any
 from .._machine.contacts import Held
-from .._machine.derivatives import approaches, contact_forces, rates
+from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.state import State
 from .interface import AbstractFlow, Expansion, Flight
-from .safe_step import Bound, deflated, either, safe_step
+from .safe_step import Bound, deflated, safe_step
 from .series import derivative, horner, sum_series, taylor_series
 
-# An event this near, times the rate of the motion, is reached by the first terms of the Taylor
-# series: what five terms leave of the velocity, 1e-3^5 / 5!, is below rounding. Two terms fewer are known of
-# a contact force, so its zero has to be nearer.
+# Taylor terms by which an event is reached that is `Limit.near`.
 _TERMS = 5
-_NEAR_GAP, _NEAR_FORCE = {"float64": 1e-3, "float32": 1e-2}, {"float64": 1e-4, "float32": 1e-3}
 
 
 def fly(flow: AbstractFlow, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
@@ -57,24 +55,21 @@ def _fly(
 def _fly_jvp(primals, tangents):
     _, numbers, state, remaining, _, machine_of = primals
     flight, machine = _fly(*primals), machine_of(numbers)
-    end = flight.end
+    end, limits = flight.end, limits_of(machine)
 
     def after_the_same_time(flow: AbstractFlow, numbers: Machine, state: State):
         machine = machine_of(numbers)
         hold = machine.hold(state.held)
         moved = flow.propagate(machine, state, hold, flight.duration)
         end = displaced(machine, state, *moved, flight.duration)
-        force = machine.contacts.pressing(machine.total_force(end), hold, end.phase)
-        return end.x, end.v, end.phase, end.gap, jnp.where(state.held, force, end.gap)
+        value = of_active(limits, state, lambda limit: limit.value(machine, end, hold))
+        return end.x, end.v, end.phase, end.gap, value
 
     _, (x, v, phase, gap, value) = eqx.filter_jvp(after_the_same_time, primals[:3], tangents[:3])
     hold, phase_rate = machine.hold(state.held), machine.phase_rate(end.phase)
     now = rates(machine, end, hold)
-    gap_rate = -machine.contacts.towards(end.v, phase_rate)
-    slope = gap_rate
-    if machine.can_stick:
-        force_rate = machine.contacts.pressing(now.force_rate, hold, phase_rate)
-        slope = jnp.where(state.held, force_rate, slope)
+    gap_rate = GAP.slope(machine, end, hold, now)
+    slope = of_active(limits, state, lambda limit: limit.slope(machine, end, hold, now))
     is_crossing = flight.is_event & (slope < 0)
     delays = -_plus(value, jnp.zeros_like(slope)) / jnp.where(is_crossing, slope, -1)
     later = jnp.where(flight.is_last, _plus(tangents[3], jnp.zeros_like(remaining)), 0)
@@ -176,34 +171,37 @@ def one_instant(machine: Machine) -> Scalar:
 
 
 def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar, hold: Held) -> Bound:
-    """Bound the gap of every free stop and the contact force of every held one from below."""
-    now, (x_rest, force_rest) = motion.now, compute_once(motion.rest, machine, limit)
-    values = contact_forces(machine, state, hold, now)
-    contact_force = Bound(
-        jnp.maximum(values[0], 0),
-        values[1],
-        values[2] / 2,
-        machine.contacts.pressing_rest(force_rest, hold),
-    )
-    return either(state.held, contact_force, _bound_by(x_rest, machine, state, motion, limit))
+    """Bound the guard of every contact from below."""
+    rests = compute_once(motion.rest, machine, limit)
+    of = lambda guard: _bound_of(guard, rests, machine, state, motion, limit, hold)  # noqa: E731
+    return of_active(limits_of(machine), state, of)
 
 
 def _bound_of_gap(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
     """Bound the gaps alone, where no mass is held."""
     x_rest = compute_once(_rest_of_gap, motion, machine, limit)
-    return _bound_by(x_rest, machine, state, motion, limit)
+    return _bound_of(GAP, (x_rest, x_rest), machine, state, motion, limit, None)
 
 
 def _rest_of_gap(motion: Expansion, machine: Machine, limit: Scalar) -> Float[Array, "n ..."]:
     return motion.rest(machine, limit)[0]
 
 
-def _bound_by(
-    x_rest: Float[Array, "n ..."], machine: Machine, state: State, motion: Expansion, limit: Scalar
+def _bound_of(
+    guard: Limit,
+    rests: tuple[Array, Array],
+    machine: Machine,
+    state: State,
+    motion: Expansion,
+    limit: Scalar,
+    hold: Held,
 ) -> Bound:
-    v, a, jerk = approaches(machine, state, motion.now)
-    gap = (state.gap, -v, -a / 2, -jerk * (1 / 6))
-    return deflated(gap, machine.contacts.rest(x_rest), state.contact, limit)
+    coefficients = guard.coefficients(machine, state, hold, motion.now)
+    rest = guard.rest(machine, rests, hold)
+    if guard.begins_at_zero:
+        return deflated(coefficients, rest, state.contact, limit)
+    value, slope, curve = coefficients
+    return Bound(jnp.maximum(value, 0), slope, curve, rest)
 
 
 def _move(machine: Machine, state: State, motion: Expansion, hold: Held, step: Scalar) -> State:
@@ -253,12 +251,11 @@ def _delays(
         is_root: stops on whose event the step ended, to rounding.
         ahead: how far ahead an event may be.
     """
-    x, force, phase = series
-    h = [state.gap, *(-machine.contacts.towards(x[k], phase[k]) for k in range(1, len(x)))]
-    if machine.can_stick:
-        contact_force = [machine.contacts.pressing(force[k], hold, phase[k]) for k in range(len(force))]
-        pairs = zip_longest(contact_force, h, fillvalue=0.0)
-        h = [jnp.where(state.held, f, g) for f, g in pairs]
+    limits = limits_of(machine)
+    guards = [limit.series(machine, state, hold, series) for limit in limits]
+    columns = zip_longest(*guards, fillvalue=0.0)
+    padded = dict(zip((limit.event for limit in limits), map(list, zip(*columns, strict=True)), strict=True))
+    h = of_active(limits, state, lambda limit: padded[limit.event])
     value, slope, curve, bend = h[:4]
     square = slope * slope - 4 * curve * value
     is_simple = (slope < 0) & (4 * square > slope * slope)
@@ -269,7 +266,7 @@ def _delays(
         rate = jnp.where(is_simple, horner(derivative(h), delay), -1)
         delay = delay - horner(h, delay) / rate
     dtype = str(state.x.dtype)
-    near = jnp.where(state.held, _NEAR_FORCE[dtype], _NEAR_GAP[dtype]) * machine.timescale
+    near = of_active(limits, state, lambda limit: limit.near[dtype]) * machine.timescale
     is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
     is_near = is_near & ~state.is_shut if machine.contacts.is_coupled else is_near
     return jnp.where(is_near, delay, jnp.where(is_root, 0, jnp.inf))

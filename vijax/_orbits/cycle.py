@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
 from .._hybrid.law import rebound
+from .._hybrid.limits import IMPACT, limits_of
 from .._hybrid.sticking import chatter_time
 from .._hybrid.transition import Instant
 from .._jax.arrays import Scalar
@@ -24,7 +25,7 @@ from .._machine.machine import Machine, prepare, resting_state
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State
 from .._system.waves import phase_at, turned
-from .._trajectory.event_log import IMPACT, RELEASE, EventLog, event_log
+from .._trajectory.event_log import EventLog, event_log
 from .condensation import Flights, over_flights
 from .rigid_modes import pinned
 from .sequence import NOTHING, Sequence
@@ -256,10 +257,12 @@ def fly_to_event(
     time = place.time + duration
     at_event = jnp.arange(contacts.num) == event.stop
     end = resting_state(machine, phase, x, v, event.held, time * machine.period)
-    pressing = contacts.pressing(machine.total_force(end), machine.hold(event.held), phase)
+    counted, hold = eqx.tree_at(lambda s: s.gap, end, gap), machine.hold(event.held)
     read = lambda of_stops: jnp.sum(jnp.where(at_event, of_stops, 0))  # noqa: E731
     is_impact = event.kind == IMPACT
-    value = jnp.where(is_impact, read(gap), jnp.where(event.kind == RELEASE, read(pressing), duration))
+    value = duration  # of what fills a sequence up
+    for limit in limits_of(machine):
+        value = jnp.where(event.kind == limit.event, read(limit.value(machine, counted, hold)), value)
     speed = jnp.where(is_impact, read(machine.approach(end)), 0)
     hit = at_event & is_impact
     placed, v = rebound(machine, end, hit, event.held & event.held_after)

@@ -8,10 +8,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .._flow.interface import AbstractFlow
+from .._hybrid.limits import IMPACT
 from .._jax.arrays import Scalar
 from .._jax.xla import compile_lightly
 from .._system.system import ImpactSystem
-from .._trajectory.event_log import IMPACT, EventLog
+from .._trajectory.event_log import EventLog
 from .condensation import Pencil
 from .cycle import Problem, log_of_cycle, prepared
 from .floquet import floquet_multipliers

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from .._trajectory.event_log import IMPACT
+from .._hybrid.limits import IMPACT
 from .search import Search, Strobe, begin_search
 from .search_workers import SearchWorkers
 

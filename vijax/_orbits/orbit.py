@@ -9,10 +9,11 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .._dataset_attributes import flags, variable_attributes, versions
 from .._flow.interface import AbstractFlow
+from .._hybrid.limits import EVENT_NAMES
 from .._jax.arrays import Scalar, concrete
 from .._printing import as_html, as_text, describe_orbit
 from .._system.system import ImpactSystem
-from .._trajectory.event_log import KINDS, EventLog
+from .._trajectory.event_log import EventLog
 from .._trajectory.simulate import simulate
 from .._trajectory.solution import Solution
 
@@ -111,10 +112,10 @@ class PeriodicOrbit(eqx.Module):
         return _dataset(self)
 
     def __repr__(self) -> str:
-        return as_text(describe_orbit, self, tuple(ORBIT_RESULTS._name_to_item), KINDS)
+        return as_text(describe_orbit, self, tuple(ORBIT_RESULTS._name_to_item), EVENT_NAMES)
 
     def _repr_html_(self) -> str:
-        return as_html(describe_orbit, self, tuple(ORBIT_RESULTS._name_to_item), KINDS)
+        return as_html(describe_orbit, self, tuple(ORBIT_RESULTS._name_to_item), EVENT_NAMES)
 
 
 def _dataset(orbit: PeriodicOrbit) -> xr.Dataset:
@@ -137,7 +138,7 @@ def _dataset(orbit: PeriodicOrbit) -> xr.Dataset:
     ds = xr.Dataset({name: (dims, np.asarray(a)) for name, (dims, a) in columns.items()}, attrs=versions())
     for name, variable in ds.variables.items():
         variable.attrs = variable_attributes(str(name))
-    for name, meanings in (("event_kind", KINDS), ("result", tuple(ORBIT_RESULTS._name_to_item))):
+    for name, meanings in (("event_kind", EVENT_NAMES), ("result", tuple(ORBIT_RESULTS._name_to_item))):
         ds[name] = ds[name].astype(np.int8)
         ds[name].attrs |= flags(meanings)
     return ds

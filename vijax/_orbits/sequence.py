@@ -5,8 +5,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from .._hybrid.limits import IMPACT, RELEASE
 from .._jax.arrays import Reals, Scalar
-from .._trajectory.event_log import IMPACT, RELEASE, Log
+from .._trajectory.event_log import Log
 
 NOTHING = -1
 

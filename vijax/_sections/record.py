@@ -7,10 +7,10 @@ import jax
 import numpy as np
 import xarray as xr
 
+from .._hybrid.limits import IMPACT, RELEASE, STICK
 from .._machine.machine import Machine
 from .._sweep.provenance import machines_of
 from .._system.force_description import NAMED_FORCE
-from .._trajectory.event_log import IMPACT, RELEASE, STICK
 from .._trajectory.solution import Solution
 from .section_side import machines_of_lanes
 

@@ -1,13 +1,13 @@
 """The event log: written an instant at a time, read event by event."""
 
 from itertools import accumulate
-from typing import Final
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from .._hybrid.limits import EVENT_NAMES, EVENTS, STICK
 from .._hybrid.transition import Instant
 from .._jax.arrays import UNROLLED, Flag, Reals, Scalar, add_up, lift
 from .._jax.xla import is_any
@@ -16,11 +16,6 @@ from .._machine.state import State
 from .._printing import as_html, as_text, describe_events
 from .._system.waves import turned
 from .batched import Writing, put
-
-IMPACT: Final = 0
-STICK: Final = 1
-RELEASE: Final = 2
-KINDS: Final = ("impact", "stick", "release")
 
 
 class EventLog(eqx.Module):
@@ -46,10 +41,10 @@ class EventLog(eqx.Module):
     impulse: Float[Array, " events"]
 
     def __repr__(self) -> str:
-        return as_text(describe_events, self, KINDS)
+        return as_text(describe_events, self, EVENT_NAMES)
 
     def _repr_html_(self) -> str:
-        return as_html(describe_events, self, KINDS)
+        return as_html(describe_events, self, EVENT_NAMES)
 
 
 class Restarts(eqx.Module):
@@ -110,7 +105,7 @@ class Log(eqx.Module):
 
 def _most_events(num_stops: int) -> int:
     """The most events of one instant."""
-    return 3 * num_stops
+    return len(EVENTS) * num_stops
 
 
 def _joined(row: Reals, number: Reals, num_stops: int) -> Reals:
@@ -158,7 +153,7 @@ def log_row(
     log: Log, after: State, instant: Instant, time: Scalar, live: Flag, max_events: Int[Array, "..."]
 ) -> Log:
     """Write one row if the instant has an event, unless so many are logged already."""
-    count = add_up([jnp.sum(a, axis=0) for a in (instant.hit, instant.stuck, instant.released)])
+    count = add_up([jnp.sum(a, axis=0) for a in _flags_by_kind(instant)])
     is_row = live & (count > 0) & (log.num_events < max_events)
     restart = Restarts(time, after.periods, after.time, after.phase, after.x, after.v, after.held)
     instant = eqx.tree_at(lambda i: i.time, instant, time)
@@ -203,7 +198,7 @@ def event_log(
         places: of every event its row and its number there, see `Log`; if left out, they are counted.
     """
     happened = _flags_of(instants)
-    num_stops = happened.shape[1] // 3
+    num_stops = happened.shape[1] // len(EVENTS)
     if num_stops == 0:
         none, nan = jnp.full(max_events, -1), jnp.full(max_events, jnp.nan, instants.time.dtype)
         return EventLog(nan, none, none, nan, nan, nan)
@@ -214,7 +209,7 @@ def event_log(
 
     def read_off(event: Int[Array, " room"]) -> tuple[Array, ...]:
         row, flag = _split(event, num_stops)
-        kind = (flag >= num_stops).astype(int) + (flag >= 2 * num_stops)
+        kind = add_up([(flag >= k * num_stops).astype(int) for k in range(1, len(EVENTS))])
         stop = flag - kind * num_stops
         t = instants.time[row]
         if machine.can_stick:
@@ -228,12 +223,13 @@ def event_log(
     is_event = is_event[:max_events]
     of_stops = _velocities_of_stops(machine, instants, phases)
     of_stop = 0.0 if of_stops is None else of_stops[row, kind, stop]
-    told, is_impact = jax.vmap(machine.contacts.told), kind == IMPACT
-    read = lambda a: jnp.where(is_impact, told(a)[row, stop], 0) + of_stop  # noqa: E731
+    told = jax.vmap(machine.contacts.told)
+    has_speed = jnp.asarray([event.has_speed for event in EVENTS])[kind]
+    read = lambda a: jnp.where(has_speed, told(a)[row, stop], 0) + of_stop  # noqa: E731
     minus, plus = read(instants.velocity_minus), read(instants.velocity_plus)
     if instants.impulse is not None:
         along = jax.vmap(machine.contacts.told_impulse)(instants.impulse)
-        impulse = jnp.where(is_impact, along[row, stop], 0)
+        impulse = jnp.where(has_speed, along[row, stop], 0)
     else:
         impulse = machine.contacts.effective_mass[stop] * (plus - minus)
     t, minus, plus, impulse = (jnp.where(is_event, a, jnp.nan) for a in (t, minus, plus, impulse))
@@ -243,7 +239,11 @@ def event_log(
 
 def _flags_of(instants: Instant) -> Bool[Array, "rows flags"]:
     """Which events happened: impacts of an instant come before its sticks, and these before its releases."""
-    return jnp.concatenate([instants.hit, instants.stuck, instants.released], axis=1)
+    return jnp.concatenate(_flags_by_kind(instants), axis=1)
+
+
+def _flags_by_kind(instants: Instant) -> list[Bool[Array, "..."]]:
+    return [getattr(instants, event.flag) for event in EVENTS]
 
 
 def _count_places(flags: Bool[Array, "rows flags"], room: int) -> Int[Array, " room"]:
@@ -252,7 +252,7 @@ def _count_places(flags: Bool[Array, "rows flags"], room: int) -> Int[Array, " r
     until = jnp.cumsum(num)  # flags up to the end of each row
     event = jnp.arange(room)
     row = jnp.minimum(jnp.sum(until[None] <= event[:, None], axis=1), len(flags) - 1)
-    return _joined(row, event - (until - num)[row], flags.shape[1] // 3)
+    return _joined(row, event - (until - num)[row], flags.shape[1] // len(EVENTS))
 
 
 def _flag_of_number(flags: Bool[Array, "room flags"], number: Int[Array, " room"]) -> Int[Array, " room"]:

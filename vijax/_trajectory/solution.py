@@ -14,13 +14,14 @@ from jaxtyping import Array, Bool, Float, Int
 from .._dataset_attributes import flags, variable_attributes, versions
 from .._flow.interface import AbstractFlow
 from .._flow.smooth_flow import coast
+from .._hybrid.limits import EVENT_NAMES
 from .._jax.arrays import Flag, Numbers, Reals, Scalar, concrete, is_traced, library_of
 from .._jax.errors import checked
 from .._jax.xla import compile_lightly, padding_allowed
 from .._machine.machine import Machine, in_periods, resting_state
 from .._machine.state import remembering
 from .._printing import as_html, as_text, describe_solution
-from .event_log import KINDS, EventLog, Restarts
+from .event_log import EventLog, Restarts
 from .grazing import Grazing
 
 if TYPE_CHECKING:
@@ -216,10 +217,10 @@ class Solution(eqx.Module):
         return _dataset(self)
 
     def __repr__(self) -> str:
-        return as_text(describe_solution, self, tuple(RESULTS._name_to_item), KINDS)
+        return as_text(describe_solution, self, tuple(RESULTS._name_to_item), EVENT_NAMES)
 
     def _repr_html_(self) -> str:
-        return as_html(describe_solution, self, tuple(RESULTS._name_to_item), KINDS)
+        return as_html(describe_solution, self, tuple(RESULTS._name_to_item), EVENT_NAMES)
 
     @padding_allowed
     def _at(self, t: Numbers) -> tuple[Array, Array, Array]:
@@ -371,7 +372,7 @@ def _dataset(solution: Solution) -> "xr.Dataset":
     ds = xr.Dataset(variables, {"time": (of_time, ts)}, versions() | {"dtype": str(solution.t1.dtype)})
     for name, variable in ds.variables.items():
         variable.attrs = variable_attributes(str(name))
-    for name, meanings in (("event_kind", KINDS), ("result", tuple(RESULTS._name_to_item))):
+    for name, meanings in (("event_kind", EVENT_NAMES), ("result", tuple(RESULTS._name_to_item))):
         ds[name] = ds[name].astype(np.int8)
         ds[name].attrs |= flags(meanings)
     return ds

@@ -1,5 +1,28 @@
-"""Ready-made machines, each with its reference; `__init__.pyi` lists them."""
+"""Ready-made machines, each with its reference."""
 
-import lazy_loader as _lazy_loader
-
-__getattr__, __dir__, __all__ = _lazy_loader.attach_stub(__name__, __file__)
+from ._balls import (
+    ball_between_walls as ball_between_walls,
+    ball_on_table as ball_on_table,
+    bead_column as bead_column,
+    bouncing_ball as bouncing_ball,
+)
+from ._beams import cantilever as cantilever
+from ._chains import (
+    uniform_chain as uniform_chain,
+    wagg_bishop_a as wagg_bishop_a,
+    wagg_bishop_b as wagg_bishop_b,
+)
+from ._dampers import impact_damper as impact_damper
+from ._gears import gear_pair as gear_pair
+from ._nonlinear import (
+    CubicSpring as CubicSpring,
+    PendulumWeight as PendulumWeight,
+    duffing_oscillator as duffing_oscillator,
+    impacting_pendulum as impacting_pendulum,
+)
+from ._oscillators import (
+    impact_oscillator as impact_oscillator,
+    impact_pair as impact_pair,
+    two_sided_oscillator as two_sided_oscillator,
+)
+from ._pistons import multi_piston as multi_piston

@@ -9,11 +9,11 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from .._branches.branch import Branch
+from .._hybrid.limits import IMPACT
 from .._system.description import build_from
 from .._system.force_description import NAMED_FORCE
 from .._system.parameters import is_of_force, set_parameter
 from .._system.system import ImpactSystem
-from .._trajectory.event_log import IMPACT
 from ._axes import check_index, column_of_axes, legend_beside, once, span_of_values, span_so_far
 from ._bifurcation import bifurcation, label_of_impacts
 from ._colors import faded, ink, of_curves, styled

@@ -7,9 +7,9 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
+from .._hybrid.limits import IMPACT
 from .._orbits.orbit import PeriodicOrbit
 from .._sweep.outcomes import warn_of_endings
-from .._trajectory.event_log import IMPACT
 from .._trajectory.solution import Solution
 from ._axes import check_index, check_one_machine, new_axes, span_of_phase
 from ._cloud import Cloud, draw_clouds

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
+from .._hybrid.limits import IMPACT
 from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
 from .._system.parameters import get_parameter, is_parameter
 from .._system.system import with_args
-from .._trajectory.event_log import IMPACT
 from .._trajectory.solution import Solution
 
 OrbitsLike = xr.Dataset | PeriodicOrbit | Sequence[PeriodicOrbit]

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
+from .._hybrid.limits import IMPACT
 from .._orbits.orbit import PeriodicOrbit
-from .._trajectory.event_log import IMPACT
 from .._trajectory.solution import Solution
 from ._axes import check_index, legend_beside, new_axes, once, span_of_values, span_so_far
 from ._colors import ink, of_curves, styled

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from .._hybrid.limits import RELEASE, STICK
 from .._hybrid.sticking_region import StickingRegion
 from .._orbits.orbit import PeriodicOrbit
-from .._trajectory.event_log import RELEASE, STICK
 from .._trajectory.solution import Solution
 from ._axes import check_index, legend_beside, new_axes, once
 from ._colors import ink, of_order, styled

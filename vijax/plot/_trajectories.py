@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
+from .._hybrid.limits import IMPACT, RELEASE, STICK
 from .._orbits.orbit import PeriodicOrbit
 from .._sections.record import held_intervals
-from .._trajectory.event_log import IMPACT, RELEASE, STICK
 from .._trajectory.solution import Solution
 from ._axes import check_index, legend_beside, new_axes, once, span_of_values, span_so_far
 from ._colors import ink, looks_of, of_curves, styled

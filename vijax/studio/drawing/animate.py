@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 
+from ..._hybrid.limits import IMPACT
 from ..._jax.arrays import Numbers
 from ..._orbits.orbit import PeriodicOrbit
-from ..._trajectory.event_log import IMPACT
 from ..._trajectory.solution import Solution
 from ..._writing import naming_argument
 from ...plot._colors import ink
