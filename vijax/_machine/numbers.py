@@ -1,7 +1,7 @@
-"""All numbers of a machine, in arrays whose shapes tell its numbers of masses, contacts and harmonics alone.
+"""Numbers of a machine, in arrays whose shapes depend on the counts of masses, contacts and harmonics alone.
 
-So a program compiled for one machine serves every other of that size: the mass and the side of a contact are
-numbers like any other. Arrays of known values are made by NumPy, which compiles nothing.
+So a program compiled for one machine serves every other of that size: the mass and the side of a contact are numbers
+too. Arrays of concrete values are made by NumPy, which compiles nothing.
 """
 
 import equinox as eqx
@@ -15,23 +15,23 @@ from .._system.waves import Waves
 
 
 class MachineNumbers(eqx.Module):
-    """An `ImpactSystem` as arrays, lanes last.
+    """`ImpactSystem` as arrays, lanes last.
 
     Attributes:
-        mass: the diagonal of M, (n,), or M, (n, n).
+        mass: diagonal of M, (n,), or M, (n, n).
         damping: C, (n, n).
         stiffness: K, (n, n).
         mean: mean of the load, (n,).
-        waves: the rest of it, (harmonics, n); harmonics without amplitude fill it up, see `num_harmonics`.
+        waves: harmonics of the load, (harmonics, n), padded with zero amplitudes, see `num_harmonics`.
         frequency: W, ().
-        highest: the highest harmonic of the load and of the motions of the stops, ().
-        rows: A, what each contact bears on, (contacts, n): 1 for the mass of an upper stop, -1 for that of a lower one.
-        limit: s, in the mean where it moves, (contacts,).
+        highest: highest harmonic of the load and of the motions of the stops, ().
+        rows: A, row of every contact over the masses, (contacts, n): 1 for an upper stop, -1 for a lower one.
+        limit: s, or its mean where the contact moves, (contacts,).
         restitution: r, (contacts,).
-        signs: of a stop the entry of its row, of any other contact 0, (contacts,); None if none is coupled.
-        travel: the motions of the stops, but for their means, as their masses follow them, (harmonics, n), or for
-            coupled contacts that of each along its row, (harmonics, contacts); None where all stand still.
-        force: what else acts on the masses, bound to its `args`; None for a linear machine.
+        signs: entry of the row of a stop, 0 for any other contact, (contacts,); None if no contact is coupled.
+        travel: motion of the stops about their means, by mass, (harmonics, n), or for coupled contacts by contact along
+            its row, (harmonics, contacts); None if all stand still.
+        force: additional force on the masses, bound to its `args`; None for a linear machine.
     """
 
     mass: Reals
@@ -50,7 +50,7 @@ class MachineNumbers(eqx.Module):
 
 
 def numbers_of(system: ImpactSystem) -> MachineNumbers:
-    """The numbers of a machine, its force bound to its `args`; leaves may carry lanes as a last axis."""
+    """Numbers of a machine, its force bound to its `args`; leaves may have lanes as last axis."""
     num_lane_axes, size = system.stiffness.ndim - 2, num_harmonics(system)
     forcing, stops, is_coupled = system.forcing, system.stops, system.is_coupled
     zero = 0 * system.stiffness[0, 0]
@@ -76,7 +76,7 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
 
 
 def num_harmonics(system: ImpactSystem) -> int:
-    """Harmonics for which there is room: the next power of two; lanes may stand last."""
+    """Number of harmonics after padding: the next power of two; lanes may stand last."""
     return 1 << (_highest(system) - 1).bit_length()
 
 
@@ -86,14 +86,14 @@ def _highest(system: ImpactSystem) -> int:
 
 
 def _rows(system: ImpactSystem) -> Reals:
-    """A; of stops alone it is known."""
+    """Matrix A; concrete for stops alone."""
     n, zero = len(system.mass), np.zeros([1] * (system.stiffness.ndim - 2), system.stiffness.dtype)
     rows = [stack([stop.coefficients.get(i, 0) + zero for i in range(n)]) for stop in system.stops]
     return stack(rows) if rows else np.zeros((0, n, *zero.shape), zero.dtype)
 
 
 def _travel_of_contacts(system: ImpactSystem, size: int) -> Waves | None:
-    """The motion of every contact along its row, if any of them moves."""
+    """Motion of every contact along its row; None if all stand still."""
     if all(stop.motion is None for stop in system.stops):
         return None
     num_lane_axes = system.stiffness.ndim - 2
@@ -113,7 +113,7 @@ def _side_by_side(*waves: Reals) -> Reals:
 
 
 def _travel_of_masses(system: ImpactSystem, size: int) -> Waves | None:
-    """The motion of the stops of every mass, if any of them moves."""
+    """Motion of the stops of every mass; None if all stand still."""
     moving = [(stop.slot[0], stop.motion) for stop in system.stops if stop.slot and stop.motion is not None]
     if not moving:
         return None
@@ -124,7 +124,7 @@ def _travel_of_masses(system: ImpactSystem, size: int) -> Waves | None:
         waves = [motion.waves(num_lane_axes).padded(size) for i, motion in moving if i == mass]
         if not waves:
             return Waves(still, still)
-        # Two stops of one mass move alike: the mean of both gives each its half of a derivative.
+        # Two stops of one mass move alike: their mean gives each half of a derivative.
         return jax.tree.map(lambda *own: add_up(own) / len(waves), *waves)
 
     return jax.tree.map(_side_by_side, *map(waves_of, range(len(system.mass))))
