@@ -1,17 +1,17 @@
-"""Events in a motion that takes approximate steps: found on the polynomial inside a step, then stepped to.
+"""Events of a motion by approximate steps: located on the polynomial inside a step, then stepped to.
 
     trial step -> is it accurate? -> does its polynomial stay clear of every stop?
         yes: take it        no: try again, up to the first crossing
 
-The polynomial inside a step is less accurate than its end, by up to two orders. So it never decides on an
-event: it only sets the length of the next trial. That trial ends, with all the accuracy of the solver, so
-close to the event that the first terms of a Taylor series from its end land on it to rounding. And where
-the polynomial misses a stop by less than its error, the trial is repeated at a quarter of its length: no
-light impact is overlooked, and no narrow miss taken for one.
+The polynomial inside a step is less accurate than its end, by up to two orders. So it never decides on an event: it
+only sets the length of the next trial. That trial ends, with the full accuracy of the solver, so close to the event
+that the first terms of a Taylor series from its end land on the event to rounding. Where the polynomial misses a stop
+by less than its error, the trial is repeated at a quarter of its length: no light impact is missed, and no near miss
+is taken for an impact.
 
-One turn of the loop is one trial. So in a batch no lane waits for the steps that another one
-rejects, or for its events, and a turn costs about what a step without events costs. Every step starts the
-solver afresh: the motion after an impact knows nothing of the one before.
+One iteration of the loop is one trial. So no lane of a batch waits for the rejected steps or the events of another, and
+an iteration costs about as much as a step without events. Every step restarts the solver: nothing of the motion before
+an impact enters the motion after it.
 """
 
 import abc
@@ -39,19 +39,18 @@ from .exact_step import displaced, one_instant
 from .interface import AbstractFlow, Flight
 from .modal import TRUST_AND_TERMS
 
-# Steps shorter than this fraction of the length for accuracy are taken whatever their polynomial says.
+# Fraction of the accurate step length below which a step is taken whatever its polynomial shows.
 _SHORTEST = 1e-9
 
 
 class Memory(eqx.Module):
-    """Memory of the step size control, kept from trial to trial.
+    """Memory from trial to trial.
 
     Attributes:
-        step: the length that accuracy asks for; 0 before the first trial.
-        cut: the length of the next trial, where an event, or the doubt about one, asks for a shorter one;
-            else infinite.
+        step: step length for accuracy; 0 before the first trial.
+        cut: length of the next trial where an event, or a doubtful one, requires a shorter step; else infinite.
         control: memory of the step size controller.
-        rejected: trials so far that were not accurate enough.
+        rejected: number of trials so far that were not accurate enough.
     """
 
     step: Scalar
@@ -61,14 +60,14 @@ class Memory(eqx.Module):
 
 
 class Attempt(eqx.Module):
-    """A trial step of one trajectory.
+    """Trial step of one trajectory.
 
     Attributes:
         displacement: x(step) - x(0), (n,); 0 for held masses.
-        gain: v(step) - v(0), (n,), to be left out where held.
+        gain: v(step) - v(0), (n,), before `AbstractContacts.gained` removes that of held masses.
         inside: both inside the step.
         is_good: whether it is accurate enough.
-        following: the length to try next, after this step or instead of it.
+        following: length to try next, after this step or instead of it.
         control: memory of the step size controller.
     """
 
@@ -81,7 +80,7 @@ class Attempt(eqx.Module):
 
 
 class Trial(eqx.Module):
-    """An attempt, its length, and the length that accuracy alone asked for."""
+    """Attempt, its length, and the length for accuracy alone."""
 
     attempt: Attempt
     step: Scalar
@@ -89,23 +88,23 @@ class Trial(eqx.Module):
 
 
 class SteppingFlow(AbstractFlow):
-    """A motion by approximate steps, each with a polynomial inside.
+    """Motion by approximate steps, each with a polynomial inside.
 
-    To add one: write `attempt`, `step_by` and, if the choice of lengths keeps anything, `control`.
+    To add one, write `attempt`, `step_by` and, if the step size controller has a memory, `control`.
     """
 
     @abc.abstractmethod
     def attempt(self, machine: Machine, state: State, hold: Held, step: Scalar) -> Attempt:
-        """Try a step of one trajectory with the contacts of `hold` closed; `machine.total_force` moves the others."""
+        """Try a step of one trajectory under `machine.total_force`, with the contacts of `hold` closed."""
 
     @abc.abstractmethod
     def step_by(
         self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-        """Displacement and gain of velocity of the same step; differentiable both ways."""
+        """Displacement and gain of velocity of the same step; differentiable forward and reverse."""
 
     def control(self, like: Scalar) -> PyTree:
-        """First memory of the step size control, arrays in the shape of `like`."""
+        """Initial memory of the step size controller, arrays in the shape of `like`."""
         del like
 
     def first_step(self, machine: Machine) -> Scalar:
@@ -113,28 +112,28 @@ class SteppingFlow(AbstractFlow):
         return 0.1 / machine.rate
 
     def memory(self, like: Scalar) -> Memory:
-        """Nothing yet."""
+        """Memory before the first trial."""
         zero = jnp.zeros_like(like)
         return Memory(zero, zero + jnp.inf, self.control(like), jnp.zeros(zero.shape, int))
 
     def num_rejected(self, memory: Memory) -> Int[Array, "..."]:
-        """Trials that were not accurate enough."""
+        """Number of trials that were not accurate enough."""
         return memory.rejected
 
     def fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
-        """Try one step."""
+        """Try one step in every lane."""
         return over_lanes(self._fly, state.x, machine, state, remaining, resolution)
 
     def propagate(
         self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
-        """Go `step` ahead in one step of the solver."""
+        """Take one step of the solver."""
         displacement, gain = over_lanes(self.step_by, state.x, machine, state, hold, step)
         gain = machine.contacts.gained(gain, hold)
         return displacement, state.v + gain, phase_change(machine, state.phase, step)
 
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
-        """Try one step, whatever the stops say."""
+        """Try one step in every lane, ignoring the stops."""
         return over_lanes(self._coast, state.x, machine, state, remaining)
 
     def _fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
@@ -175,7 +174,7 @@ class SteppingFlow(AbstractFlow):
 
 
 def longest_step(machine: Machine) -> Scalar:
-    """The longest step for which `phase_change` is good."""
+    """Longest step for which `phase_change` is accurate."""
     fastest = machine.waves.num_harmonics * machine.frequency
     return TRUST_AND_TERMS[str(machine.rate.dtype)][0] / jnp.where(fastest > 0, fastest, 1e-9)
 
@@ -188,7 +187,7 @@ def _clearance(
     late: Float[Array, " stops"],
     trial: Trial,
 ) -> tuple[Flag, Scalar]:
-    """Whether a step is free of events up to its end, and the length to try instead if it is not."""
+    """Test whether a step is free of events up to its end; the length to try instead if it is not."""
     step, wanted = trial.step, trial.wanted
     if not machine.contacts.num:
         return jnp.array(True), jnp.full_like(step, jnp.inf)
@@ -196,7 +195,7 @@ def _clearance(
     proof = crossings_in_step(machine, state, now, end, trial.attempt.inside, step, is_near)
     free = step * proof.free
     window = jnp.where(is_near, wanted * nearness(state.held, step.dtype), 0)
-    # Time before its arrival in which an approaching mass is nearer to its stop than the error.
+    # Time before arrival in which an approaching mass is nearer to its stop than the error.
     before = jnp.where(end.slope < 0, 2 * proof.error / jnp.where(end.slope < 0, -end.slope, 1), 0)
     is_open = ~proof.is_crossed & (free >= step - window - before)
     crossing = jnp.min(jnp.where(proof.is_crossed, free, jnp.inf))
@@ -208,11 +207,11 @@ def _clearance(
 def _learnt(memory: Memory, trial: Trial, is_taken: Flag, is_event: Flag, cut: Scalar) -> Memory:
     """Memory after a trial."""
     attempt, is_whole = trial.attempt, trial.step >= trial.wanted
-    # A step cut short shows that accuracy allows its length, not that it allows no more.
+    # A step cut short shows that its length is accurate, not that a longer one is inaccurate.
     grown = jnp.where(is_whole, attempt.following, jnp.maximum(attempt.following, trial.wanted))
     step = jnp.where(is_taken, grown, jnp.where(attempt.is_good, trial.wanted, attempt.following))
     control = _choose(is_taken | ~attempt.is_good, attempt.control, memory.control)
-    # A step that was cut and then taken has no event, but the doubt that cut it may not be over yet.
+    # A step that was cut and then taken has no event, but the doubt that cut it may persist.
     cut = jnp.where(is_taken, 8 * memory.cut, jnp.where(attempt.is_good, cut, memory.cut))
     cut = jnp.where(is_event, jnp.inf, cut)
     return Memory(step, cut, control, memory.rejected + ~attempt.is_good)
@@ -225,7 +224,7 @@ def _moved(machine: Machine, state: State, trial: Trial, hold: Held) -> State:
 
 
 def _landed(machine: Machine, state: State, end: EventMargins, delay: Scalar) -> State:
-    """Go on by `delay`, which is short and may be negative."""
+    """State after `delay`, which is short and may be negative."""
     a, jerk = end.motion.acceleration, end.motion.jerk
     displacement = delay * (state.v + delay * (a / 2 + delay * jerk / 6))
     v = state.v + delay * (a + delay * jerk / 2)
@@ -237,7 +236,7 @@ def _choose(condition: Flag, a: PyTree, b: PyTree) -> PyTree:
 
 
 def _is_lost(machine: Machine, trial: Trial) -> Flag:
-    """Whether no step is short enough: a force that is not finite, or a motion that runs to infinity."""
+    """True where no step is short enough: the force is not finite, or the motion diverges."""
     least = 1e-3 * jnp.finfo(trial.step.dtype).eps / machine.rate
     return ~trial.attempt.is_good & ~(trial.attempt.following > least)
 

@@ -1,10 +1,10 @@
-"""First place on [0, 1] where a polynomial may fall below zero, by its Bernstein coefficients.
+"""First point of [0, 1] where a polynomial may fall below zero, by its Bernstein coefficients.
 
-A polynomial lies between the smallest and the largest of its Bernstein coefficients: if all are positive, it
-has no zero. If not, it still lies above every line below all of its control points: such a line through the
-first point proves it positive up to the zero of the line. From there the test is repeated on a shorter
-interval, where the coefficients lie closer to the polynomial: the search walks from the left, never
-over a zero, and closes in on the first zero, if simple, as fast as Newton's method.
+A polynomial lies between the smallest and the largest of its Bernstein coefficients: if all are positive, it has no
+zero. Otherwise it still lies above every line below all of its control points. Such a line through the first control
+point proves it positive up to the zero of the line. The test is repeated from there on a shorter interval, where the
+coefficients lie closer to the polynomial. The search moves from the left, never passes a zero, and converges to the
+first zero, if simple, as fast as Newton's method.
 """
 
 from functools import cache
@@ -19,20 +19,21 @@ from jaxtyping import Array, Float
 from .._jax.arrays import Scalar, add_up, smallest
 from .._jax.xla import compute_once
 
-# Accuracy of the first zero, and least length of intervals in doubt.
+# Accuracy of the first zero: an interval in doubt that is no wider counts as the zero.
 _CLOSE = 1e-7
+# Bound on the tests; the interval proved until then is returned.
 _MOST_TURNS = 40
 
 
 @cache
 def nodes(degree: int) -> np.ndarray:
-    """Chebyshev's points of the second kind on [0, 1], both ends among them, (degree + 1,)."""
+    """Chebyshev points of the second kind on [0, 1], both ends included, (degree + 1,)."""
     return (1 - np.cos(np.pi * np.arange(degree + 1) / degree)) / 2
 
 
 @cache
 def from_nodes(degree: int) -> np.ndarray:
-    """The matrix from values at the nodes to Bernstein coefficients."""
+    """Matrix from values at the nodes to Bernstein coefficients."""
     k, x = np.arange(degree + 1), nodes(degree)[:, None]
     return np.linalg.inv(np.array([comb(degree, i) for i in k]) * x**k * (1 - x) ** (degree - k))
 
@@ -40,7 +41,7 @@ def from_nodes(degree: int) -> np.ndarray:
 def bernstein(values: Float[Array, " nodes"]) -> list[Scalar]:
     """Bernstein coefficients of the polynomial through values at the nodes.
 
-    By sums, for a library's product would split the kernel that this is part of.
+    Written as sums: a library's matrix product would split the surrounding kernel.
     """
     rows = [values[j] for j in range(len(values))]
     return [
@@ -50,23 +51,23 @@ def bernstein(values: Float[Array, " nodes"]) -> list[Scalar]:
 
 
 def derivative_coefficients(coefficients: list[Scalar]) -> list[Scalar]:
-    """Coefficients of the derivative, of the same degree."""
+    """Bernstein coefficients of the derivative, at the same degree."""
     n, rise = len(coefficients) - 1, [b - a for a, b in pairwise(coefficients)]
     inner = [k * rise[k - 1] + (n - k) * rise[k] for k in range(1, n)]
     return [n * rise[0], *inner, n * rise[-1]]
 
 
 def divided(coefficients: list[Scalar], start: Scalar) -> list[Scalar]:
-    """Coefficients, of the same degree, of a polynomial that is 0 at 0, divided by time: `start` at 0."""
+    """Bernstein coefficients, at the same degree, of p(t) / t for a polynomial with p(0) = 0 and p'(0) = `start`."""
     n = len(coefficients) - 1
     later = [a + (n - k) / (k + 1) * b for k, (a, b) in enumerate(pairwise(coefficients))][1:]
     return [start, *later, coefficients[-1]]
 
 
 def first_crossing(coefficients: list[Scalar]) -> Scalar:
-    """Part of [0, 1] on which a polynomial is proved not to be negative: up to its first zero, or all.
+    """Part of [0, 1] on which a polynomial is proved not negative: up to its first zero, or all of it.
 
-    The first coefficient counts as zero where it is negative.
+    A negative first coefficient counts as zero.
     """
     first = [jnp.maximum(coefficients[0], 0), *coefficients[1:]]
     degree = len(first) - 1

@@ -1,4 +1,4 @@
-"""The motion that serves a machine best."""
+"""Choice of the flow of a machine."""
 
 import importlib
 
@@ -16,7 +16,7 @@ def choose_flow(
     wanted: AbstractFlow | None = None,
     band: tuple[float, float] | None = None,
 ) -> AbstractFlow:
-    """The given flow; else modes, Taylor series, or for a machine with a force diffrax; for `band` see `modal_flow`."""
+    """Return `wanted`, else modes, Taylor series, or diffrax for a machine with a force; `band` as in `modal_flow`."""
     if not isinstance(wanted, AbstractFlow | None):
         raise ValueError(
             f"Argument `flow` must be a motion, as `vx.DiffraxFlow(diffrax.Tsit5())` makes of a solver, but is {wanted!r}."
@@ -32,5 +32,5 @@ def choose_flow(
 
 
 def load_diffrax_flow() -> type[AbstractFlow]:
-    """Import it when it is first asked for: diffrax takes longer to import than all else."""
+    """Import `DiffraxFlow` on first use: diffrax takes longer to import than everything else."""
     return importlib.import_module(".diffrax_flow", __package__).DiffraxFlow

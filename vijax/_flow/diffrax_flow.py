@@ -1,15 +1,14 @@
-"""The motion of any smooth machine between events, by the solvers of diffrax.
+"""Motion of any smooth machine between events, by the solvers of diffrax.
 
-It uses diffrax's stepping interface alone: one `solver.step` is one trial, `stepsize_controller` says whether
-it was accurate enough and how long the next shall be, and the solver's dense output is the polynomial in
-which events are looked for (`approximate_step.py`). `diffrax.diffeqsolve` with `diffrax.Event` was rejected:
-it looks at signs at the ends of steps, so two crossings in one step pass unseen, of several events it takes
-the first of the list instead of the first in time, and it finds the time of an event in the dense output,
-which is less accurate than the steps.
+Only the stepping interface of diffrax is used: one `solver.step` is one trial, `stepsize_controller` accepts or
+rejects it and sets the next length, and the dense output of the solver is the polynomial on which events are located
+(`approximate_step.py`). `diffrax.diffeqsolve` with `diffrax.Event` was rejected: it tests signs at the ends of steps,
+so two crossings in one step are missed; of several events it takes the first of the list instead of the first in
+time; and it finds the time of an event on the dense output, which is less accurate than the steps.
 
-Positions and velocities are integrated as gains since the beginning of the step, so a light bounce keeps all
-its digits. The gain of a held mass is that which the force on it would cause: it costs nothing and gives the
-contact force inside the step.
+Positions and velocities are integrated as gains since the start of the step, so a light bounce keeps all its digits.
+The gain of a held mass is the one that the force on it would cause: it costs nothing and gives the contact force
+inside the step.
 """
 
 from collections.abc import Callable
@@ -34,18 +33,19 @@ from .event_margins import Inside, phase_change
 from .exact_step import displaced
 from .explicit_step import explicit_step
 
-# Gains of positions, velocities, and pushes.
+# Gains of positions and velocities, and integrals of the pulls.
 _Gains = tuple[Array, Array, Array | None]
 
-# The most steps of a flow map that are tried: more are those of a guess gone astray, for which nothing else waits.
+# Bound on the trials of a flow map: only a diverged guess needs more, and nothing else should wait for it.
 _MOST_TRIALS = 10_000
-# Range of possible degrees of dense outputs; those of diffrax go from 3 to 6.
+# Range of degrees of dense outputs; those of diffrax go from 3 to 6.
 _LEAST, _MOST = 3, 8
+# Default rtol and atol.
 _TOLERANCES = {"float64": (1e-10, 1e-12), "float32": (1e-5, 1e-6)}
 
 
 class _FlowMapState(NamedTuple):
-    """A flow map in progress: where it is, what is left of the time, the next step, what was gained, and steps so far."""
+    """Carry of a flow map: state, time left, next step, displacement, gain of velocity, and number of trials."""
 
     state: State
     left: Scalar
@@ -66,7 +66,8 @@ class DiffraxFlow(SteppingFlow):
         dt0: length of the first step, or of all steps if it is constant; chosen if left out.
 
     Raises:
-        ValueError: for a solver that is no Runge-Kutta method, or a controller for fixed times.
+        ValueError: for a solver that is not a Runge-Kutta method, or implicit without tolerances of its own, and for a
+            controller of fixed times, or of constant steps without `dt0`.
 
     Example:
         ```python
@@ -125,10 +126,10 @@ class DiffraxFlow(SteppingFlow):
     def _judged(
         self, state: State, hold: Held, step: Scalar, machine: Machine, found: tuple[_Gains, _Gains, _Gains]
     ) -> Attempt:
-        """A step of which the controller says whether it is accurate enough."""
+        """Attempt from a computed step, accepted or rejected by the controller."""
         (displacement, gain, _), error, inside = found
         zero = jnp.zeros_like(step)
-        # The gain of a held mass is no part of the motion.
+        # The gain of a held mass is not part of the motion.
         error = (error[0], machine.contacts.gained(error[1], hold))
         start = (state.x, state.v)
         after = (state.x + displacement, state.v + machine.contacts.gained(gain, hold))
@@ -149,14 +150,13 @@ class DiffraxFlow(SteppingFlow):
         span: Scalar,
         change: Float[Array, "2 harmonics"],
     ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-        """Go a whole flight ahead, or back, by as many steps as their accuracy asks for; NaN if there are too many.
+        """Follow a whole flight by steps of controlled length; NaN after too many.
 
-        Differentiable forwards. Lengths of steps are constants, but for the last: the derivatives are those of the motion
-        as it is computed.
+        Differentiable forward. Step lengths but the last are constants: derivatives are those of the computed motion.
         """
         del change
         still, longest = jax.lax.stop_gradient, longest_step(machine)
-        # In programs with a flow map, compiling takes longer than running: stages are a loop.
+        # Programs with a flow map take longer to compile than to run: the stages are a loop.
         solver = eqx.tree_at(lambda s: s.scan_kind, self.solver, "lax", is_leaf=lambda leaf: leaf is None)
 
         def one(state: _FlowMapState) -> _FlowMapState:
@@ -193,11 +193,11 @@ class DiffraxFlow(SteppingFlow):
     def step_by(
         self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-        """The same step, differentiable both ways."""
+        """Take the step of `attempt` by a loop that JAX can transpose."""
         return self._step(machine, state, hold, step, "bounded")[0][:2]
 
     def control(self, like: Scalar) -> PyTree:
-        """What the controller keeps at first."""
+        """Initial memory of the controller."""
         zero = jnp.zeros((), like.dtype)
         dt0 = zero + (1 if self.dt0 is None else self.dt0[0])
         _, first = self._controller(like.dtype).init(
@@ -213,7 +213,7 @@ class DiffraxFlow(SteppingFlow):
         return jax.tree.map(lambda a: jnp.broadcast_to(jnp.asarray(a), like.shape), first)
 
     def first_step(self, machine: Machine) -> Scalar:
-        """`dt0`, or a tenth of the shortest time in the motion."""
+        """`dt0`, or a tenth of the shortest time scale of the motion."""
         return 0.1 / machine.rate if self.dt0 is None else self.dt0[0].astype(machine.rate.dtype)
 
     def _controller(self, dtype: jnp.dtype) -> diffrax.AbstractStepSizeController:
@@ -246,26 +246,26 @@ def _nothing_gained(machine: Machine, state: State) -> _Gains:
 def _by_diffrax(
     solver: Any, machine: Machine, state: State, hold: Held, step: Scalar
 ) -> tuple[_Gains, _Gains, _Gains]:
-    """What `DiffraxFlow._step` returns, by the method as diffrax has it."""
+    """Results of `DiffraxFlow._step` by the `step` of diffrax."""
     nothing, args, zero = _nothing_gained(machine, state), (machine, state, hold), jnp.zeros_like(step)
     term = diffrax.ODETerm(_field)
     memory = solver.init(term, zero, step, nothing, args)
-    if memory is not None:  # A method whose last stage is the first of the next step needs that stage.
+    if memory is not None:  # a method that needs the last stage of the step before as its first
         memory = (False, _field(zero, nothing, args))
     end, error, dense, _, _ = solver.step(term, zero, step, nothing, args, memory, made_jump=False)
-    # A Runge-Kutta method keeps slopes times the step: on [0, 1] its dense output is a constant matrix.
+    # Runge-Kutta methods store slopes times the step: on [0, 1] the dense output is a constant matrix.
     path = solver.interpolation_cls(t0=0.0, t1=1.0, **dense)
     return end, error, jax.vmap(path.evaluate)(jnp.asarray(nodes(degree_inside(solver)), step.dtype))
 
 
 def degree_inside(solver: Any) -> int:
-    """The degree of a solver's dense output, the polynomial in which events are looked for."""
+    """Degree of a solver's dense output, the polynomial on which events are located."""
     return _degree(type(solver).interpolation_cls, solver.tableau.num_stages)
 
 
 @cache
 def _degree(interpolation: Callable, num_stages: int) -> int:
-    """Number of the last Chebyshev coefficient that is not zero, for random slopes."""
+    """Index of the last Chebyshev coefficient that is not zero, for random slopes."""
     with jax.ensure_compile_time_eval():
         y, k = jnp.asarray([0.3, 0.8]), jnp.asarray(np.random.default_rng(0).normal(size=num_stages))
         path = interpolation(t0=0.0, t1=1.0, y0=y[0], y1=y[1], k=k)

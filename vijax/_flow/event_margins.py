@@ -1,7 +1,7 @@
-"""Quantity watched at every stop during an approximate step, and its bounds by the polynomial.
+"""Event margin of every stop during an approximate step, and its bounds by the polynomial inside the step.
 
-As in `safe_step.py`, one function of time is positive while nothing happens: the gap of a free
-mass, divided by the power of time that it begins with, or the contact force of a held one.
+As in `safe_step.py`, the margin is a function of time that is positive while nothing happens: the gap of a free mass,
+divided by the power of time with which it begins, or the contact force of a held one.
 """
 
 import equinox as eqx
@@ -21,7 +21,7 @@ from .modal import TRUST_AND_TERMS, cosine_and_sine
 
 
 class Inside(eqx.Module):
-    """A step between its ends, at the nodes of `bernstein.py`.
+    """Motion inside a step, at the nodes of `bernstein.py`.
 
     Attributes:
         displacement: x - x(0), (nodes, n).
@@ -35,13 +35,13 @@ class Inside(eqx.Module):
 
 
 class EventMargins(eqx.Module):
-    """What is watched at one instant, and the motion there.
+    """Event margins at one instant, and the motion there.
 
     Attributes:
-        value: the gap, or where a contact holds its pull, (stops,).
-        slope: its first derivative.
+        value: gap of a free contact, pull of one that holds, (stops,).
+        slope: its time derivative.
         motion: forces, accelerations and their rates.
-        approach: derivatives of the position relative to each contact, the first to the third.
+        approach: first to third derivatives of the position relative to each contact.
         pull: acceleration towards each contact, as if it alone did not hold.
     """
 
@@ -53,30 +53,30 @@ class EventMargins(eqx.Module):
 
 
 def watched(machine: Machine, state: State, hold: Held) -> EventMargins:
-    """The present."""
+    """Event margins at a state."""
     motion, phase = rates(machine, state, hold), state.phase
     pull = machine.contacts.pull(motion.force, hold, phase)
     pull_rate = machine.contacts.pull(motion.force_rate, hold, machine.phase_rate(phase))
     approach = approaches(machine, state, motion)
     value = jnp.where(state.held, pull, state.gap)
     slope = jnp.where(state.held, pull_rate, -approach[0])
-    # Nothing happens to a contact that others keep closed.
+    # A contact that others keep closed has no event.
     value, slope = jnp.where(state.is_shut, 1, value), jnp.where(state.is_shut, 0, slope)
     return EventMargins(value, slope, motion, approach, pull)
 
 
 def is_due(now: EventMargins, state: State) -> Bool[Array, " stops"]:
-    """Whether an event is due at the start: the gap is closed and closing, or the contact force is gone and falling."""
+    """True where an event is due at the start of a step: the gap, or the contact force, is zero and falls."""
     return (state.contact == 0) & (now.value <= 0) & (now.slope < 0)
 
 
 def delays(end: EventMargins, held: Bool[Array, " stops"], scale: Scalar) -> Float[Array, " stops"]:
-    """Time from the end of a step to the event of every stop, if near enough for the terms known; else infinite.
+    """Time from the end of a step to the event of every stop, if near enough for the known terms; else infinite.
 
     Args:
-        end: what is watched at the end of the step.
+        end: event margins at the end of the step.
         held: stops that hold their mass.
-        scale: the time in which the motion changes.
+        scale: time scale of the motion.
     """
     curve = jnp.where(held, 0, -end.approach[1] / 2)
     bend = jnp.where(held, 0, -end.approach[2] / 6)
@@ -92,26 +92,26 @@ def delays(end: EventMargins, held: Bool[Array, " stops"], scale: Scalar) -> Flo
 
 
 def nearness(held: Bool[Array, " stops"], dtype: jnp.dtype) -> Float[Array, " stops"]:
-    """Times, as parts of the scale of time, at which the first omitted power is below rounding."""
+    """Times, as fractions of the time scale, at which the first omitted power is below rounding."""
     eps = float(jnp.finfo(dtype).eps)
     return jnp.where(held, eps**0.5, eps ** (1 / 3))
 
 
 class View(eqx.Module):
-    """A step as one stop sees it: at its start, and counted towards the stop.
+    """Step relative to one stop: quantities at its start, positive towards the stop.
 
     Attributes:
         held: whether the stop holds its mass.
-        contact: how it was last left, see `State`.
-        gap: distance to it.
+        contact: how the stop was last left, see `State`.
+        gap: gap of the stop.
         v: velocity.
         a: acceleration.
-        jerk: its rate.
-        pull: what the acceleration were, if the mass were not held.
-        last_pull: the same at the end of the step.
-        last: what is watched, at the end of the step.
-        displacement: of its mass since the start, at the nodes of `bernstein.py`, (nodes,).
-        gain: of velocity, likewise.
+        jerk: rate of the acceleration.
+        pull: acceleration as if the mass were not held.
+        last_pull: pull at the end of the step.
+        last: event margin at the end of the step.
+        displacement: displacement since the start, at the nodes of `bernstein.py`, (nodes,).
+        gain: gain of velocity, likewise.
     """
 
     held: Flag
@@ -128,13 +128,12 @@ class View(eqx.Module):
 
 
 class Proof(eqx.Module):
-    """Result for one stop: how much of a step its polynomial proves free of events.
+    """Part of a step that its polynomial proves free of events of one stop.
 
     Attributes:
-        free: the part of the step in which nothing happens: up to the event, if there is one, else as far as
-            the polynomial tells for sure.
-        is_crossed: whether an event happens even if the polynomial is as wrong as it may be.
-        error: how wrong it may be.
+        free: part of the step without an event: up to the event, if there is one, else as far as is proved.
+        is_crossed: whether an event happens even with the largest error of the polynomial.
+        error: bound of the error of the position on the polynomial.
     """
 
     free: Scalar
@@ -151,7 +150,7 @@ def crossings_in_step(
     step: Scalar,
     is_expected: Bool[Array, " stops"],
 ) -> Proof:
-    """Watch every stop during a step; an event `is_expected` at its end does not count as crossed."""
+    """Test every stop during a step; an event that `is_expected` at its end does not count as crossed."""
     contacts, times = machine.contacts, step * nodes(len(inside.gain) - 1)
     changes = jax.vmap(lambda time: phase_change(machine, state.phase, time))(times)
     view = View(
@@ -173,8 +172,8 @@ def crossings_in_step(
 def _prove(view: View, step: Scalar, is_expected: Flag) -> Proof:
     """Prove as much of a step as possible free of events of one stop.
 
-    Its ends are as exact as the step. The error of the position between them is at most the difference
-    between its derivative and the velocity, times the time since the start.
+    The ends of the polynomial are as accurate as the step. Between them the error of the position is at most the
+    difference between its derivative and the velocity, times the time since the start.
     """
     displacement = compute_once(bernstein, view.displacement)
     gain = compute_once(bernstein, view.gain)
@@ -198,7 +197,7 @@ def _error(view: View, displacement: list[Scalar], gain: list[Scalar], step: Sca
 
 
 def _likely(view: View, displacement: list[Scalar], gain: list[Scalar], step: Scalar) -> list[Scalar]:
-    """Bernstein coefficients of the contact force, or of the gap divided by the powers of time it begins with."""
+    """Bernstein coefficients of the contact force, or of the gap divided by the power of time with which it begins."""
     gap = [view.gap, *(view.gap - d for d in displacement[1:])]
     for order, start in ((1, -step * view.v), (2, -(step**2) * view.a / 2), (3, -(step**3) * view.jerk / 6)):
         shorter = divided(gap, start)
@@ -208,9 +207,9 @@ def _likely(view: View, displacement: list[Scalar], gain: list[Scalar], step: Sc
 
 
 def phase_change(machine: Machine, phase: Float[Array, "2 harmonics ..."], time: Scalar) -> Array:
-    """By how much the phase of the forcing changes in some time, not longer than any step.
+    """Change of the forcing phase over a time no longer than a step.
 
-    By power series: a library's sine and cosine in every stage of a solver cost a third of the step.
+    By power series: library sines and cosines in every stage of a solver cost a third of the step.
     """
     angle = speeds(phase, machine.frequency) * time
     wave, arc = cosine_and_sine(angle * angle, TRUST_AND_TERMS[str(angle.dtype)][1])

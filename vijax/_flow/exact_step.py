@@ -1,11 +1,10 @@
-"""The smooth part of a step: as far as is proved free of events, or exactly to the next one.
+"""Smooth part of a step: as far as proved free of events, or exactly to the next event.
 
     expand the motion -> safe step for every stop -> move -> land on the event, if one is near
 
-Derivatives: the length of a flight is a constant, except where it ends on something that moves with
-the parameters, the target time or an event. The time of an event moves by -(change of value) / slope
-of the gap or contact force that is zero there. That is the rule of differentiation of `fly`;
-it is made of differentiable functions, so second derivatives follow from it.
+Derivatives: the duration of a flight is a constant, except where it ends at the target time or at an event, which move
+with the parameters. The time of an event moves by -(change of value) / slope of the gap or contact force that is zero
+there. This is the differentiation rule of `fly`. It consists of differentiable functions, so second derivatives follow.
 """
 
 import abc
@@ -33,8 +32,8 @@ _TERMS = 5
 
 
 def fly(flow: AbstractFlow, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
-    """Fly towards a time that lies `remaining` ahead, see `AbstractFlow.fly`; differentiable."""
-    # The rule of differentiation would trace the known numbers of the machine.
+    """Call `AbstractFlow.fly`, differentiable by the rule of this file."""
+    # The differentiation rule would trace the concrete numbers of the machine.
     numbers, known = eqx.partition(machine, lambda a: isinstance(a, jax.Array))
     return _fly(flow, numbers, state, remaining, resolution, lambda numbers: eqx.combine(numbers, known))
 
@@ -93,12 +92,12 @@ def _fly_jvp(primals, tangents):
 
 
 def _plus(tangent: Array | None, other: Array) -> Array:
-    """A sum in which None stands for a tangent that is zero."""
+    """Sum in which None stands for a zero tangent."""
     return other if tangent is None else tangent + other
 
 
 class ExpandingFlow(AbstractFlow):
-    """A motion whose derivatives are known exactly, and bounded ahead: see `Expansion`."""
+    """Motion with exact derivatives and bounds ahead, see `Expansion`."""
 
     is_linear = True
     fits_one_kernel = True
@@ -108,7 +107,7 @@ class ExpandingFlow(AbstractFlow):
         """Expand the motion at `state` with the contacts of `hold` closed."""
 
     def fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
-        """Take the longest step that is proved free of events, and land on the one it ends close to."""
+        """Take the longest step proved free of events, and land on an event close to its end."""
         hold = machine.hold(state.held)
         ahead = remaining + resolution
         motion = compute_once(self.expand, machine, state, hold)
@@ -120,7 +119,7 @@ class ExpandingFlow(AbstractFlow):
         delays = compute_once(_delays, machine, moved, series, hold, is_root, ahead - step)
         delay = smallest(delays)
         is_event = (delays <= delay + one_instant(machine)) & (delays < jnp.inf)
-        # Not to before the step began: events of one instant come in the order in which they cause each other.
+        # Not before the start of the step: events of one instant come in causal order.
         delay = jnp.where(delay < jnp.inf, jnp.maximum(delay, -step), 0)
         landed = compute_once(_land, machine, moved, series, delay)
         return Flight(landed, step + delay, is_event, is_last)
@@ -128,12 +127,12 @@ class ExpandingFlow(AbstractFlow):
     def propagate(
         self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
-        """Expand and move at once."""
+        """Expand the motion, then move."""
         motion = compute_once(self.expand, machine, state, hold)
         return compute_once(_moved, machine, state, motion, hold, step)
 
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
-        """Go on by one step, whatever the stops say."""
+        """Step as far as the expansion is valid."""
         hold = machine.hold(state.held)
         motion = self.expand(machine, state, hold)
         step = jnp.minimum(remaining, motion.limit)
@@ -143,7 +142,7 @@ class ExpandingFlow(AbstractFlow):
 def _safe_step(
     machine: Machine, state: State, motion: Expansion, hold: Held, limit: Scalar
 ) -> tuple[Scalar, Bool[Array, "stops ..."]]:
-    """The longest step proved free of events, and for every stop whether the step ends on its event."""
+    """Longest step proved free of events, and flags of the stops on whose event it ends."""
     limit = jnp.minimum(limit, motion.limit)
     if not machine.contacts.num:
         return limit, state.held
@@ -155,18 +154,18 @@ def _safe_step(
         bound = compute_once(_bound_of_gap, machine, state, motion, limit)
     nearly = short(state.x.dtype) * machine.timescale
     steps, is_root = safe_step(bound, limit, nearly)
-    # What has just left comes back later, or else its leading coefficient is rounding; never at once, or before.
+    # A mass that has just left returns later, never at once: a root at zero is a leading coefficient lost in rounding.
     is_root = is_root & (steps <= nearly) & ((state.contact == 0) | (steps > 0))
     if machine.contacts.is_coupled:
         steps, is_root = jnp.where(state.is_shut, limit, steps), is_root & ~state.is_shut
-    # Where a leading coefficient is lost in rounding the bound allows no step; the motion does.
+    # With a leading coefficient lost in rounding the bound allows no step, although the motion does.
     steps = jnp.where(is_root, steps, jnp.maximum(steps, jnp.minimum(nearly, limit)))
     step = jnp.minimum(limit, smallest(steps))
     return step, is_root & (steps <= step + one_instant(machine))
 
 
 def one_instant(machine: Machine) -> Scalar:
-    """Events closer than this are simultaneous."""
+    """Time within which events are simultaneous."""
     return 8 * jnp.finfo(machine.rate.dtype).eps * machine.timescale
 
 
@@ -178,7 +177,7 @@ def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar, hol
 
 
 def _bound_of_gap(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
-    """Bound the gaps alone, where no mass is held."""
+    """Lower bound of every gap, where no mass is held."""
     x_rest = compute_once(_rest_of_gap, motion, machine, limit)
     return _bound_of(GAP, (x_rest, x_rest), machine, state, motion, limit, None)
 
@@ -205,14 +204,14 @@ def _bound_of(
 
 
 def _move(machine: Machine, state: State, motion: Expansion, hold: Held, step: Scalar) -> State:
-    """Follow the smooth motion for `step`."""
+    """State after the smooth motion over `step`."""
     return displaced(machine, state, *_moved(machine, state, motion, hold, step), step)
 
 
 def _moved(
     machine: Machine, state: State, motion: Expansion, hold: Held, step: Scalar
 ) -> tuple[Array, Array, Array]:
-    """The displacement, the velocities and the change of the phase after `step`."""
+    """Displacement, velocities and change of the phase after `step`, with the rows that hold kept closed."""
     displacement, v, change = motion.move(machine, state, step)
     contacts = machine.contacts
     if not (contacts.is_coupled and machine.can_stick):
@@ -239,17 +238,16 @@ def _delays(
 ) -> Float[Array, "stops ..."]:
     """Time to the next event of every stop, if it is near; else infinite.
 
-    A step that ends on a root of its bound falls short of the event by little, and from there the Taylor
-    polynomial of the gap or contact force has its root to rounding. The same holds for every other stop
-    whose event may be as near.
+    A step that ends on a root of its bound falls slightly short of the event. From there the Taylor polynomial of the
+    gap or contact force has its root to rounding. The same holds for every other stop with an event as near.
 
     Args:
-        machine: the numbers of the machine.
-        state: at the end of the step.
-        series: Taylor coefficients of position, force and phase there.
-        hold: what is held.
+        machine: the machine as arrays.
+        state: state at the end of the step.
+        series: Taylor coefficients of positions, forces and phase there.
+        hold: contacts that hold.
         is_root: stops on whose event the step ended, to rounding.
-        ahead: how far ahead an event may be.
+        ahead: longest time to an event.
     """
     limits = limits_of(machine)
     guards = [limit.series(machine, state, hold, series) for limit in limits]
@@ -273,7 +271,7 @@ def _delays(
 
 
 def _land(machine: Machine, state: State, series: tuple[Array, ...], delay: Scalar) -> State:
-    """Go on by `delay`, which is short."""
+    """State after a short `delay`."""
     return displaced(machine, state, *sum_series(series[0], series[2], delay), delay)
 
 
@@ -285,7 +283,7 @@ def displaced(
     change: Float[Array, "2 harmonics ..."],
     step: Scalar,
 ) -> State:
-    """The state after a step, by the displacement, the velocities there, and the change of the phase."""
+    """State after a step, from its displacement, final velocities and change of the phase."""
     time, low = _two_sum(state.time, step)
     kept, closed = jnp.int8(0), state.held
     if machine.contacts.is_coupled:
@@ -306,7 +304,7 @@ def displaced(
 
 
 def _two_sum(a: Scalar, b: Scalar) -> tuple[Scalar, Scalar]:
-    """The rounded sum and its rounding error (Knuth)."""
+    """Rounded sum and its rounding error (Knuth)."""
     total = a + b
     part = total - a
     return total, (a - (total - part)) + (b - part)

@@ -1,8 +1,8 @@
-"""One step of an explicit Runge-Kutta method of diffrax, its stages written out one by one.
+"""One step of an explicit Runge-Kutta method of diffrax, with its stages unrolled.
 
-`solver.step` of diffrax stores its slopes in one array and loops over the stages, each of which combines all of it. Over lanes
-that took two to three times as long as these sums, of which the coefficients that are zero are left out, and each of whose
-slopes is computed by itself. The coefficients are those of diffrax, its dense output as a matrix.
+`solver.step` of diffrax stores the slopes in one array and loops over the stages, each of which combines the whole
+array. Over lanes that took two to three times as long as these sums, which omit zero coefficients and compute every
+slope separately. The coefficients are those of diffrax, its dense output is a matrix.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,7 +18,7 @@ from .._jax.arrays import Scalar, add_up
 from .._jax.xla import compute_once
 from .bernstein import nodes
 
-# Coefficients of a dense output that are rounding, not there.
+# Size of coefficients of a dense output that are rounding errors of zero.
 _NONE = 1e-14
 
 
@@ -29,13 +29,13 @@ def explicit_step(
 
     Args:
         solver: the method.
-        field: the slopes at a time and place, computed apart from what surrounds it.
-        zero: where it begins.
+        field: slopes at a time and point, computed separately from the surrounding code.
+        zero: start of the step.
         step: its length.
-        degree: of the polynomial inside.
+        degree: degree of the polynomial inside.
 
     Returns:
-        Where it ends, by how much it may be wrong, and where it is at every node of `bernstein.py`.
+        End of the step, its estimated error, and the points at the nodes of `bernstein.py`.
     """
     tableau = solver.tableau
     slopes = [field(jnp.zeros_like(step), zero)]
@@ -52,7 +52,7 @@ def _all_combined(rows, slopes: list[PyTree], step: Scalar) -> list[PyTree]:
 
 
 def _combined(row: Sequence[float] | np.ndarray, slopes: list[PyTree], step: Scalar) -> PyTree:
-    """A sum of slopes, times the step."""
+    """Weighted sum of slopes, times the step."""
     used = [(float(weight), slope) for weight, slope in zip(row, slopes, strict=True) if weight != 0]
     if not used:
         return jax.tree.map(jnp.zeros_like, slopes[0])
@@ -62,7 +62,7 @@ def _combined(row: Sequence[float] | np.ndarray, slopes: list[PyTree], step: Sca
 
 @cache
 def _dense(interpolation: Callable, ends: tuple[float, ...], degree: int) -> np.ndarray:
-    """The matrix from slopes to what the dense output is at the nodes, (nodes, stages)."""
+    """Matrix from slopes to the dense output at the nodes, (nodes, stages)."""
 
     def of_one(slope: jax.Array) -> jax.Array:
         path = interpolation(t0=0.0, t1=1.0, y0=jnp.zeros(()), y1=jnp.dot(jnp.asarray(ends), slope), k=slope)

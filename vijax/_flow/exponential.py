@@ -1,9 +1,9 @@
-"""The motion of a linear machine over a whole flight at once, by the exponential of its matrix.
+"""Motion of a linear machine over a whole flight by the matrix exponential.
 
-With y = (x, v, cos h W t, sin h W t, 1) the motion is y' = A y, whichever masses are held. The aim is E - I
-with E = exp(A t), to full accuracy relative to itself however short the flight: a Taylor series of E - I for
-a time so short that `_TERMS` suffice, doubled as F -> 2 F + F F, which subtracts nothing. (Padé approximants
-were not used: they give E, from which I would have to be subtracted.)
+With y = (x, v, cos h W t, sin h W t, 1) the motion is y' = A y, for any set of held masses. E - I with E = exp(A t)
+is computed to full accuracy relative to itself, however short the flight: a Taylor series of E - I for a time so
+short that `_TERMS` suffice, doubled by F -> 2 F + F F, which subtracts nothing. Padé approximants were rejected: they
+give E, from which I would have to be subtracted.
 """
 
 from functools import partial
@@ -19,16 +19,16 @@ from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
 
-# For norms up to 1 the 20th term is below rounding.
+# Terms of the series: for norms up to 1 the 20th is below rounding.
 _TERMS = 19
-# The longest flight, times the rate of the motion: 2 to this power. Longer ones are NaN, not inaccurate.
+# Most doublings: a flight may last 2 to this power, times 1 / rate. Longer ones are NaN, not inaccurate.
 _DOUBLINGS = 24
 
 
 def exponential_increments(
     machine: Machine, state: State, hold: Held, span: Scalar
 ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
-    """Displacement and gain of velocity after a time of any length, with some masses held.
+    """Displacement and gain of velocity over a span of any length, with some masses held.
 
     References:
         C. Moler & C. Van Loan, SIAM Rev. 45 (2003), Methods 1 and 3; L. Shampine, ACM Trans. Math. Softw. 5 (1979)
@@ -44,7 +44,7 @@ def exponential_increments(
 
 @jax.custom_jvp
 def _increments(a: Float[Array, "y y ..."], span: Scalar, rate: Scalar) -> Float[Array, "y y ..."]:
-    """E - I, doubled no more often than any lane needs."""
+    """E - I, with as many doublings as the most demanding lane needs."""
     doublings, total = _begun(a, span, rate)
     most = jnp.clip(unvmap_max(doublings), 0, _DOUBLINGS)
     return jax.lax.fori_loop(0, most, lambda k, f: _doubled(f, k < doublings), total)
@@ -55,7 +55,7 @@ def _increments_jvp(primals, tangents):
     (a, span, rate), (change, longer, _) = primals, tangents
     total = _increments(a, span, rate)
     moved = jnp.zeros_like(total)
-    if not isinstance(longer, SymbolicZero):  # A E, without the derivatives of all products
+    if not isinstance(longer, SymbolicZero):  # A E; no product is differentiated
         moved = (a + _product(a, total)) * longer
     if not isinstance(change, SymbolicZero):
         moved = moved + jax.jvp(lambda a: _plainly(a, span, rate), (a,), (change,))[1]
@@ -63,7 +63,7 @@ def _increments_jvp(primals, tangents):
 
 
 def _plainly(a: Float[Array, "y y ..."], span: Scalar, rate: Scalar) -> Float[Array, "y y ..."]:
-    """The same by a loop that can be differentiated."""
+    """E - I by a loop of fixed length, which JAX can differentiate."""
     doublings, total = _begun(a, span, rate)
     return jax.lax.scan(lambda f, k: (_doubled(f, k < doublings), None), total, jnp.arange(_DOUBLINGS))[0]
 
@@ -71,7 +71,7 @@ def _plainly(a: Float[Array, "y y ..."], span: Scalar, rate: Scalar) -> Float[Ar
 def _begun(
     a: Float[Array, "y y ..."], span: Scalar, rate: Scalar
 ) -> tuple[Int[Array, "..."], Float[Array, "y y ..."]]:
-    """How often to double, and the series for a time that is so much shorter."""
+    """Number of doublings, and the series for the span halved as often."""
     size = jax.lax.stop_gradient(jnp.abs(span) * rate)
     doublings = jnp.ceil(jnp.log2(jnp.maximum(size, 1))).astype(int)
     a = a * jnp.where(doublings <= _DOUBLINGS, span / 2.0**doublings, jnp.nan)
@@ -86,12 +86,12 @@ def _begun(
 
 
 def _doubled(f: Float[Array, "y y ..."], is_on: Bool[Array, "..."]) -> Float[Array, "y y ..."]:
-    """E - I for twice the time, in lanes that need it."""
+    """E - I for twice the time, in lanes that need the doubling."""
     return jnp.where(is_on, 2 * f + _product(f, f), f)
 
 
 def _matrix(machine: Machine, hold: Held) -> Float[Array, "y y ..."]:
-    """A: its columns are the rates of change of unit vectors."""
+    """Matrix A: its columns are the rates of change of unit vectors."""
     n, num_harmonics = machine.num_masses, machine.waves.num_harmonics
     size = 2 * n + 2 * num_harmonics + 1
 

@@ -1,4 +1,4 @@
-"""The interface between the engine and a motion between events."""
+"""Interface between the engine and the smooth motion between events."""
 
 import abc
 from typing import ClassVar
@@ -15,11 +15,11 @@ from .._machine.state import State
 
 
 class Expansion(eqx.Module):
-    """The motion from one instant on, with some masses held: the present, bounds, the future.
+    """Expansion of the motion about one instant, with some masses held.
 
     Attributes:
         now: derivatives at the instant.
-        limit: the longest step this expansion is good for.
+        limit: longest step for which the expansion is valid.
     """
 
     now: eqx.AbstractVar[Derivatives]
@@ -33,17 +33,17 @@ class Expansion(eqx.Module):
     def move(
         self, machine: Machine, state: State, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
-        """Go `step` ahead: the displacement x(step) - x(0), v(step), and the change of the forcing phase."""
+        """Displacement x(step) - x(0), velocity v(step), and change of the forcing phase over `step`."""
 
 
 class Flight(eqx.Module):
-    """Result of a flight: one step up to a time or an event.
+    """One step up to a target time or an event.
 
     Attributes:
-        end: the state at its end, before anything happens there.
-        duration: how long it lasted.
-        is_event: stops that have an event there, (stops,).
-        is_last: whether it ended at the target, or would have but for an event.
+        end: state at its end, before the transition there.
+        duration: its duration.
+        is_event: flags of the stops with an event at the end, (stops,).
+        is_last: True where it ended at the target time, or would have without an event.
     """
 
     end: State
@@ -53,24 +53,25 @@ class Flight(eqx.Module):
 
 
 class AbstractFlow(eqx.Module):
-    """A motion between events. The loops that it drives know nothing else of it.
+    """Smooth motion between events: all that the loops use of it.
 
-    To add one: write
+    To add one, write
 
-    - `fly`: one step towards a time, proved free of events, or up to the first of them;
-    - `propagate`: the smooth motion over a time that `fly` took, differentiable both ways, as an
-      increment that is exact relative to itself however short the time: a light bounce lives in it;
-    - `coast`: one step of the smooth motion, whatever the stops say.
+    - `fly`: one step towards a target time, proved free of events, or up to the first event;
+    - `propagate`: the smooth motion over a duration of `fly`, differentiable forward and reverse, as increments
+      accurate relative to themselves however short the duration: a light bounce depends on these digits;
+    - `coast`: one step of the smooth motion that ignores the stops.
 
-    Two ways to find events are ready. A motion whose derivatives are known exactly and bounded
-    ahead extends `ExpandingFlow` and writes `expand` alone, with an `Expansion` that keeps its
-    promises: no impact is ever looked for where `rest` says that there is none. One that takes
-    approximate steps with a polynomial inside extends `SteppingFlow` and writes `attempt` and `step_by`. What a flow
-    has to remember from step to step, it keeps in `State.memory`, which `memory` begins. A motion that is
-    affine in positions and velocities says so by `is_linear`; one whose steps are made of arithmetic,
-    comparisons and choices alone, which compile into one kernel (see `in_one_kernel`), by `fits_one_kernel`;
-    one that has an exact `flow_map` once it is prepared, by `has_flow_map`, and if that loses no digits however far it goes, by
-    `flow_map_reaches_far`. (An approximate one serves branches, but no search: it is not the map that `fly` computes, to the last bit.)
+    A motion with exact derivatives and bounds ahead extends `ExpandingFlow`, which finds its events, and writes
+    `expand` alone. The bounds of its `Expansion` must hold: no impact is searched for where `rest` excludes one. A
+    motion by approximate steps with a polynomial inside extends `SteppingFlow` and writes `attempt` and `step_by`. A
+    flow keeps its memory between steps in `State.memory`, which `memory` initialises. The class variables mean:
+
+    - `is_linear`: the motion is affine in positions and velocities;
+    - `fits_one_kernel`: steps are arithmetic, comparisons and selections alone, which fit `in_one_kernel`;
+    - `has_flow_map`: the prepared flow has an exact `flow_map`; an approximate one serves branches, but no search,
+      because it differs from `fly` in the last bits;
+    - `flow_map_reaches_far`: `flow_map` loses no digits over any span.
     """
 
     is_linear: ClassVar[bool] = False
@@ -80,12 +81,12 @@ class AbstractFlow(eqx.Module):
 
     @abc.abstractmethod
     def fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
-        """Fly towards a time that lies `remaining` ahead, up to the first event if one comes before.
+        """Fly towards the target time, up to the first event if one comes before it.
 
         Args:
-            machine: the numbers of the machine.
-            state: where the trajectory is.
-            remaining: time to the target.
+            machine: the machine as arrays.
+            state: state of the trajectory.
+            remaining: time left to the target.
             resolution: times closer than this are one instant.
         """
 
@@ -93,11 +94,11 @@ class AbstractFlow(eqx.Module):
     def propagate(
         self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
-        """Go `step` ahead: the displacement x(step) - x(0), v(step), and the change of the forcing phase."""
+        """Displacement x(step) - x(0), velocity v(step), and change of the forcing phase over `step`."""
 
     @abc.abstractmethod
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
-        """Take one step towards `remaining`, passing through stops; the state there, and how long it was."""
+        """State after one step of at most `remaining` that ignores the stops, and the length of the step."""
 
     def flow_map(
         self,
@@ -107,18 +108,18 @@ class AbstractFlow(eqx.Module):
         span: Scalar,
         change: Float[Array, "2 harmonics ..."],
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
-        """Go a whole flight ahead, whatever the stops say, or back for a negative span.
+        """Follow the smooth motion over a whole flight, ignoring the stops; backwards for a negative span.
 
-        If the motion `has_flow_map`, at once, differentiable both ways by all its arguments, and exact relative to itself however
-        short the flight; a long one may lose as many digits as its phase has before the point, unless `flow_map_reaches_far`.
-        Otherwise to the accuracy of its steps, differentiable forwards.
+        With `has_flow_map`: one evaluation, differentiable forward and reverse by all arguments, accurate relative to
+        itself however short the flight; a long one may lose as many digits as its phase has before the decimal point,
+        unless `flow_map_reaches_far`. Without: to the accuracy of its steps, differentiable forward only.
 
         Args:
-            machine: the numbers of the machine.
-            state: where it begins.
-            hold: what is held, see `Machine.hold`.
-            span: how far to go.
-            change: by how much the phase of the forcing changes on the way.
+            machine: the machine as arrays.
+            state: start of the flight.
+            hold: contacts that hold, see `Machine.hold`.
+            span: duration of the flight.
+            change: change of the forcing phase over the flight.
 
         Returns:
             Displacement and gain of velocity.
@@ -126,15 +127,15 @@ class AbstractFlow(eqx.Module):
         raise NotImplementedError(f"{type(self).__name__} goes step by step.")
 
     def prepare(self, machine: Machine) -> "AbstractFlow":
-        """Compute, before the first step, what all steps need."""
+        """Precompute what all steps share."""
         del machine
         return self
 
     def memory(self, like: Scalar) -> PyTree:
-        """First `State.memory`, every array in the shape and type of `like`."""
+        """Initial `State.memory`; every array has the shape and type of `like`."""
         del like
 
     def num_rejected(self, memory: PyTree) -> Int[Array, "..."]:
-        """Steps so far that were tried and found not accurate enough."""
+        """Number of steps rejected so far as not accurate enough."""
         del memory
         return jnp.array(0)

@@ -1,16 +1,16 @@
-"""The motion between events of a machine with proportional damping, exact, mode by mode.
+"""Motion between events of a machine with proportional damping, exact, mode by mode.
 
-A faster way than `TaylorFlow` where the damping is diagonal in the modes: every mode is then
-q'' + 2 a q' + w^2 q = load, and with b = w^2 - a^2 of either sign its free motion is made of
+It is faster than `TaylorFlow` where the modes diagonalise the damping. Every mode is then q'' + 2 a q' + w^2 q = load,
+and with b = w^2 - a^2 of either sign its free motion consists of
 
     c(t) = cos(sqrt(b) t),  s(t) = sin(sqrt(b) t) / sqrt(b),
 
-entire functions of b, so that under-, over- and critically damped modes are one formula. They are
-summed as short power series of b t^2 (a step is never long against the motion), which vectorise, where
-library sines do not, and give the increments c - 1 and exp(-a t) - 1 to full relative accuracy.
+entire functions of b: one formula for under-, over- and critically damped modes. They are summed as short power series
+of b t^2 (a step is never long against the motion). The series vectorise, which library sines do not, and give the
+increments c - 1 and exp(-a t) - 1 to full relative accuracy.
 
-Every set of held masses has modes of its own, made once, before the loop, from concrete values: see
-`modes.py`, which says as well where this way does not serve.
+Every set of held masses has its own modes, computed once before the loop from concrete values: see `modes.py`, which
+also says where they do not apply.
 """
 
 import operator
@@ -33,18 +33,19 @@ from .._system.waves import Waves, speeds, turned
 from .exact_step import ExpandingFlow
 from .interface import Expansion
 
+# Longest step, times the rate of the motion, and number of terms of the power series.
 TRUST_AND_TERMS = {"float64": (3.0, 11), "float32": (1.0, 6)}
 
 
 class Modes(eqx.Module):
-    """Normal modes with one set of masses held, or with a leading axis for every set.
+    """Normal modes for one set of held masses, or with a leading axis over all sets.
 
     Attributes:
         squared_frequency: w^2, (modes,).
         decay: a, (modes,).
-        shape: positions of the masses by the modal coordinates, (n, modes).
-        inverse: and back, (modes, n).
-        anchor: displacement of the rest position by the positions of held masses, (n, n).
+        shape: matrix from modal coordinates to positions, (n, modes).
+        inverse: matrix from positions to modal coordinates, (modes, n).
+        anchor: matrix from positions of held masses to the displacement of the rest position, (n, n).
     """
 
     squared_frequency: Float[Array, "..."]
@@ -55,11 +56,11 @@ class Modes(eqx.Module):
 
 
 class SteadyResponse(eqx.Module):
-    """The steady response to the load.
+    """Steady response to the load, for one set of held masses, or with a leading axis over all sets.
 
     Attributes:
-        offset: its mean, (n,), or with a leading axis for every set of held masses, as the waves.
-        waves: the rest of it.
+        offset: its mean, (n,).
+        waves: its harmonics.
     """
 
     offset: Float[Array, "..."]
@@ -69,8 +70,8 @@ class SteadyResponse(eqx.Module):
 class ModalFlow(ExpandingFlow):
     """Exact motion of a linear machine with proportional damping. Made by `modal_flow`.
 
-    Arrays have the sets of held masses as their first axis and lanes as their last; `sets` tells which masses are
-    held in each, none in the first.
+    The first axis of arrays is the set of held masses, the last the lanes. `sets` flags the masses held in each set,
+    none in the first.
     """
 
     has_flow_map: ClassVar[bool] = True
@@ -79,17 +80,17 @@ class ModalFlow(ExpandingFlow):
     sets: Bool[Array, "sets n ..."]
 
     def prepare(self, machine: Machine) -> "DrivenModes":
-        """Add the steady response to the load."""
+        """Add the steady response to the load, and the longest step."""
         sets = range(len(self.sets))
         each = [_response(machine, jax.tree.map(lambda a, k=k: a[k], self.modes)) for k in sets]
         trust, _ = TRUST_AND_TERMS[str(machine.mean.dtype)]
-        # Overdamped modes are differences of growing parts: half the step there.
+        # Overdamped modes are differences of growing terms and take half the step.
         excess = jnp.max(self.modes.decay**2 - self.modes.squared_frequency, axis=(0, 1))
         limit = trust / jnp.maximum(machine.rate, 2 * jnp.sqrt(jnp.maximum(excess, 0)))
         return DrivenModes(self.modes, jax.tree.map(lambda *a: stack(a), *each), limit, self.sets)
 
     def expand(self, machine: Machine, state: State, hold: Held) -> "ModalExpansion":
-        """Expand the motion at `state` with the contacts of `hold` closed."""
+        """Prepare the modes and expand."""
         return self.prepare(machine).expand(machine, state, hold)
 
 
@@ -109,7 +110,7 @@ def _response(machine: Machine, modes: Modes) -> SteadyResponse:
 
 
 class DrivenModes(ExpandingFlow):
-    """The modes of a machine and its steady response."""
+    """Modes of a machine with its steady response to the load."""
 
     has_flow_map: ClassVar[bool] = True
     flow_map_reaches_far: ClassVar[bool] = True
@@ -120,7 +121,7 @@ class DrivenModes(ExpandingFlow):
     sets: Bool[Array, "sets n ..."]
 
     def expand(self, machine: Machine, state: State, hold: Held) -> "ModalExpansion":
-        """Expand the motion at `state` with the contacts of `hold` closed."""
+        """Compute the modal coordinates of the free motion."""
         modes, response, q, q_rate = self._coordinates(machine, state, hold)
         now = derivatives(machine, state, hold)
         return ModalExpansion(modes=modes, response=response, q=q, q_rate=q_rate, now=now, limit=self.limit)
@@ -133,7 +134,7 @@ class DrivenModes(ExpandingFlow):
         span: Scalar,
         change: Float[Array, "2 harmonics ..."],
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
-        """Go any time ahead at once."""
+        """Evaluate the modes at any time."""
         modes, response, q, q_rate = self._coordinates(machine, state, hold)
         increments = _increments(modes.squared_frequency, modes.decay, span)
         return _gone(machine, modes, response, (q, q_rate), increments, change)
@@ -141,7 +142,7 @@ class DrivenModes(ExpandingFlow):
     def _coordinates(
         self, machine: Machine, state: State, hold: Held
     ) -> tuple[Modes, SteadyResponse, Float[Array, "modes ..."], Float[Array, "modes ..."]]:
-        """The modes of the masses held now, their response to the load, and q and q' of the free motion."""
+        """Modes and steady response of the set held now, and q and q' of the free motion."""
         modes, response = self._of_set(hold)
         steady = response.offset + response.waves.at(state.phase)
         if len(self.sets) > 1:
@@ -151,7 +152,7 @@ class DrivenModes(ExpandingFlow):
         return modes, response, q, q_rate
 
     def _of_set(self, hold: Held) -> tuple[Modes, SteadyResponse]:
-        """The tables of the masses held now."""
+        """Tables of the set of masses held now."""
         free = jax.tree.map(lambda a: a[0], (self.modes, self.response))
         if len(self.sets) == 1:
             return free
@@ -159,7 +160,7 @@ class DrivenModes(ExpandingFlow):
         return jax.lax.cond(is_any(hold), lambda: self._select(hold), lambda: jax.tree.map(full, free))
 
     def _select(self, hold: Held) -> tuple[Modes, SteadyResponse]:
-        """The tables of every lane: a chain of selections, cheaper than a gather."""
+        """Tables of the set of each lane, by a chain of selections, cheaper than a gather."""
         tables = (self.modes, self.response)
         chosen = jax.tree.map(lambda a: a[0], tables)
         for k in range(1, len(self.sets)):
@@ -169,7 +170,7 @@ class DrivenModes(ExpandingFlow):
 
 
 class ModalExpansion(Expansion):
-    """Modal coordinates of the free motion, and the steady response."""
+    """Modal coordinates of the free motion, and steady response."""
 
     modes: Modes
     response: SteadyResponse
@@ -199,7 +200,7 @@ class ModalExpansion(Expansion):
     def move(
         self, machine: Machine, state: State, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
-        """Go `step` ahead in every mode and in the phase of the forcing."""
+        """Advance every mode and the forcing phase."""
         speed = speeds(state.phase, machine.frequency)
         fade, wave, arc, turn, slide = compute_once(
             _factors, self.modes.squared_frequency, self.modes.decay, speed, step
@@ -220,7 +221,7 @@ def _gone(
     increments: tuple[Array, Array, Array],
     change: Array,
 ) -> tuple[Array, Array]:
-    """Displacement and gain of velocity by the increments of the free motion (q, q') and the change of the phase."""
+    """Displacement and gain of velocity from the increments of the free motion (q, q') and the change of the phase."""
     (q, q_rate), (grow, reach, slow) = free, increments
     dq = grow * q + reach * q_rate
     dq_rate = slow * q_rate - reach * modes.squared_frequency * q
@@ -234,7 +235,7 @@ def _faded(a: Array, fade: Array, wave: Array, arc: Array) -> tuple[Array, Array
 
 
 def _factors(w2: Array, a: Array, speed: Array, step: Scalar) -> tuple[Array, ...]:
-    """exp(-a t) - 1, c - 1 and s of every mode; cos - 1 and sin of every harmonic."""
+    """Factors exp(-a t) - 1, c - 1 and s of every mode; cos - 1 and sin of every harmonic."""
     terms = TRUST_AND_TERMS[str(step.dtype)][1]
     wave, arc = cosine_and_sine((w2 - a * a) * step * step, terms)
     turn, slide = cosine_and_sine(speed * speed * step * step, terms)
@@ -258,7 +259,7 @@ def _increments(w2: Array, a: Array, time: Scalar) -> tuple[Array, Array, Array]
     wave = jnp.where(is_slow, near, -2 * jnp.sin(angle / 2) ** 2)
     arc = jnp.where(is_slow, near_arc * time, jnp.sin(angle) / root)
     grow, reach, slow = _faded(a, jnp.expm1(-a * time), wave, arc)
-    # Decay rates a - root and a + root; the first as w^2 / (a + root), which cancels nothing.
+    # Decay rates a - root and a + root; the first as w^2 / (a + root), without cancellation.
     slower, faster = jnp.exp(-w2 / (a + root) * time), jnp.exp(-(a + root) * time)
     is_over, skew = ~is_wave & ~is_slow, a / root
     grow = jnp.where(is_over, ((1 + skew) * slower + (1 - skew) * faster) / 2 - 1, grow)
@@ -268,7 +269,7 @@ def _increments(w2: Array, a: Array, time: Scalar) -> tuple[Array, Array, Array]
 
 
 def cosine_and_sine(z: Array, terms: int) -> tuple[Array, Array]:
-    """cos(y) - 1 and sin(y) / y as series of z = y^2, which may be negative, at y / 2, doubled once."""
+    """Series of cos(y) - 1 and sin(y) / y in z = y^2, which may be negative: summed at y / 2 and doubled once."""
     wave, arc = compute_once(_series_of_cosine_and_sine, z / 4, terms)
     return 2 * wave * (2 + wave), arc * (1 + wave)
 
@@ -280,7 +281,7 @@ def _series_of_cosine_and_sine(z: Array, terms: int) -> tuple[Array, Array]:
 
 
 def _expm1(y: Array, terms: int) -> Array:
-    """exp(y) - 1 for |y| up to the trust: the series at y / 8, doubled three times."""
+    """exp(y) - 1 for |y| up to the bound of `TRUST_AND_TERMS`: series at y / 8, doubled three times."""
     part = y / 8
     value = part * _polynomial([1 / factorial(k) for k in range(1, terms + 3)], part)
     for _ in range(3):

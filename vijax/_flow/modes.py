@@ -1,8 +1,8 @@
-"""The normal modes of a machine, for every set of masses that its stops may hold.
+"""Normal modes of a machine, for every set of masses that its stops may hold.
 
-`modal_flow` returns None where a motion mode by mode would lose digits or does not apply: traced
-matrices, contacts that share inertia, damping that the modes do not diagonalise, a mode without stiffness, at resonance without
-damping, or that only creeps, more than 8 sets of held masses. `TaylorFlow` takes those.
+`modal_flow` returns None where modes lose digits or do not apply: traced matrices; contacts that share inertia; damping
+that the modes do not diagonalise; a mode without stiffness, at resonance without damping, or heavily overdamped; more
+than 8 sets of held masses. `TaylorFlow` serves these machines.
 """
 
 from itertools import combinations
@@ -21,12 +21,12 @@ _MAX_SETS = 8
 def modal_flow(
     system: ImpactSystem, *, can_stick: bool, band: tuple[float, float] | None = None
 ) -> ModalFlow | None:
-    """Tabulate the modes of every set of held masses, or return None where they do not serve.
+    """Tabulate the modes of every set of held masses, or return None where they lose digits or do not apply.
 
     Args:
-        system: the machine; its leaves may carry lanes as their last axis.
-        can_stick: whether any stop might hold its mass.
-        band: the lowest and the highest frequency of the load; that of the machine if left out.
+        system: the machine; its leaves may have lanes as last axis.
+        can_stick: whether any stop may hold its mass.
+        band: lowest and highest frequency of the load; that of the machine if left out.
 
     Returns:
         The flow, or None.
@@ -50,7 +50,7 @@ def modal_flow(
         if table is None or not _keeps_digits(table[0], table[1], speeds):
             return None
         tables.append(table)
-    # Copies of the first fill the tables up to the size for stops on other masses: one program serves all.
+    # Copies of the first set pad the tables to the size of machines with stops on other masses: one program serves all.
     most = min(len(system.stops), mass.shape[-1]) if can_stick else 0
     missing = min(2**most, _MAX_SETS) - len(sets)
     sets, tables = sets + sets[:1] * missing, tables + tables[:1] * missing
@@ -62,7 +62,7 @@ def modal_flow(
 
 
 def _speeds(system: ImpactSystem, band: tuple[float, float] | None) -> tuple[np.ndarray, np.ndarray] | None:
-    """Lowest and highest frequency of every harmonic of the load and of moving stops, (lanes, harmonics); None while traced."""
+    """Lowest and highest frequency of every harmonic of load and moving stops, (lanes, harmonics); None if traced."""
     frequency = concrete(system.forcing.frequency)
     if frequency is None:
         return None
@@ -74,7 +74,7 @@ def _speeds(system: ImpactSystem, band: tuple[float, float] | None) -> tuple[np.
 def _modes_of_set(
     mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, held: tuple[int, ...]
 ) -> tuple[np.ndarray, ...] | None:
-    """Modes with the masses `held` at rest, lanes first; None where they would lose digits."""
+    """Modes with the masses `held` at rest, lanes first; None where they lose digits or do not apply."""
     n = mass.shape[1]
     free = [i for i in range(n) if i not in held]
     root = np.sqrt(mass[:, free])
@@ -95,7 +95,7 @@ def _modes_of_set(
     modes = range(len(free))
     shape[np.ix_(range(lanes), free, modes)] = vectors / root[:, :, None]
     inverse[np.ix_(range(lanes), modes, free)] = np.swapaxes(vectors * root[:, :, None], 1, 2)
-    # Tables are filled up with modes that nothing drives.
+    # Pad the tables with modes that nothing excites.
     pad = ((0, 0), (0, n - len(free)))
     w2, decay = (np.pad(a, pad, constant_values=1.0) for a in (w2, decay))
     flexibility = shape / w2[:, None] @ np.swapaxes(shape, 1, 2)
@@ -108,15 +108,15 @@ def _modes_of_set(
 
 
 def _keeps_digits(w2: np.ndarray, decay: np.ndarray, speeds: tuple[np.ndarray, np.ndarray] | None) -> bool:
-    """Whether the modes are accurate: none only creeps, none is driven near resonance without damping.
+    """Test whether the modes are accurate: none heavily overdamped, none driven near resonance without damping.
 
-    While the frequency is traced, this has to hold at every frequency.
+    A traced frequency requires this at every frequency.
     """
     if (decay > 4 * np.sqrt(w2)).any():
         return False
     if speeds is None:
         return bool((decay >= 1e-2 * np.sqrt(w2)).all())
     low, high = (a[..., None] for a in speeds)
-    speed = np.clip(np.sqrt(w2)[:, None], low, high)  # the nearest to resonance
+    speed = np.clip(np.sqrt(w2)[:, None], low, high)  # nearest to resonance
     impedance = w2[:, None] - speed**2 + 2j * decay[:, None] * speed
     return bool((np.abs(impedance) > 1e-2 * (w2[:, None] + speed**2)).all())

@@ -1,22 +1,21 @@
-"""Steps that are proved free of events.
+"""Steps proved free of events.
 
-A stop is watched through one function of time that is positive while nothing happens: the gap of a
-free mass, or the contact force of a held one. Its first Taylor coefficients at the present instant
-are known exactly and the rest is bounded, so on [0, U]
+Every stop has one event function of time, positive while nothing happens: the gap of a free mass, or the contact force
+of a held one. Its first Taylor coefficients at the present instant are exact and the remainder is bounded, so on [0, U]
 
     h(u) >= a0 + a1 u + a2 u^2 - rest u^3 >= a0 + a1 u - (rest U - a2) u^2,
 
-and up to the smallest positive root of the right-hand side nothing can happen. Far from a stop
-the step is of the order of 1/rate; near one it becomes a Newton step from the safe side that
-also knows the curvature, so stepping and root finding are the same code and no lane of a batch waits
-for another's root search. Any U gives a valid step: two are tried and the longer one kept.
+and no event happens before the smallest positive root of the right-hand side. Far from a stop the step is of the
+order of 1/rate. Near one it becomes a Newton step from the safe side that also uses the curvature. So stepping and
+root finding are the same code, and no lane of a batch waits for the root search of another. Any U gives a valid step:
+two are tried and the longer one is kept.
 
-After a contact some leading coefficients vanish exactly (`State.contact`). They are divided out
-before the bound is made, so no tolerance decides whether a mass that is leaving is hit again.
+After a contact some leading coefficients vanish exactly (`State.contact`). They are divided out before the bound is
+formed, so no tolerance decides whether a mass that leaves its stop is hit again.
 
-A positive a2 is used (the parabola may have no root at all): that is what carries a step past a near
-miss. The root of the parabola misses the event by the third-order term alone, so a step that is short
-against the motion, rate * u <= eps^(1/3), ends on the event to rounding.
+A positive a2 is used (the parabola may have no root at all): it carries a step past a near miss. The root of the
+parabola misses the event by the third-order term alone, so a step that is short against the motion,
+rate * u <= eps^(1/3), ends on the event to rounding.
 """
 
 import equinox as eqx
@@ -28,7 +27,7 @@ from .._jax.arrays import Flag, Scalar
 
 
 class Bound(eqx.Module):
-    """h(u) >= a0 + a1 u + a2 u^2 - rest u^3 on [0, limit]: what `safe_step` needs of a function."""
+    """Lower bound of an event function on [0, limit]: h(u) >= a0 + a1 u + a2 u^2 - rest u^3."""
 
     a0: Scalar
     a1: Scalar
@@ -53,17 +52,17 @@ def deflated(gap: tuple[Scalar, ...], rest: Scalar, order: Int[Array, "..."], li
 
 
 def either(condition: Flag, a: Bound, b: Bound) -> Bound:
-    """Choose elementwise between two bounds."""
+    """Select elementwise between two bounds."""
     return jax.tree.map(lambda new, old: jnp.where(condition, new, old), a, b)
 
 
 def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]:
-    """Longest step that is proved free of an event, and whether it ends on a root of the bound.
+    """Longest step proved free of an event, and whether it ends on a root of the bound.
 
     Args:
-        bound: of a function that is not negative now.
+        bound: bound of an event function that is not negative now.
         limit: longest step allowed.
-        short: a step so short that a bound which falls by its second coefficient is as good as the function: the second
+        short: step so short that a bound which falls by its second coefficient is as good as the function; the second
             trial is then no shorter.
 
     Returns:
@@ -72,13 +71,13 @@ def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]
     a0, a1 = bound.a0, bound.a1
     tiny = jnp.finfo(jnp.result_type(a0)).tiny
     trial, step, is_root = limit, limit, jnp.zeros(jnp.shape(limit), bool)
-    # A bound that falls by its rest alone tells of no event: what leaves with a jerk would seem to come back at once.
+    # A bound that falls by its remainder alone shows no event: a mass leaving with a jerk would seem to return.
     least = jnp.where(8 * bound.rest * short < -bound.a2, short, 0)
-    for _ in range(2):  # the second trial is never shorter than the first, its bound being tighter
+    for _ in range(2):  # the second step is never shorter than the first: its bound is tighter
         fall = bound.rest * trial - bound.a2
         under_root = a1 * a1 + 4 * fall * a0
         root = jnp.sqrt(jnp.maximum(under_root, 0))
-        # The form of the root that cancels nothing, with one division, as divisions are dear.
+        # Form of the root without cancellation; one division, as divisions are slow.
         falls = a1 < 0
         over, under = jnp.where(falls, 2 * a0, a1 + root), jnp.where(falls, root - a1, 2 * fall)
         never = (under_root < 0) | (~falls & (fall <= 0))

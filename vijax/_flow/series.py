@@ -1,22 +1,20 @@
-"""The motion of a linear machine between events, exact to rounding: its Taylor series.
+"""Taylor series of the motion of a linear machine between events, exact to rounding.
 
-For M x'' + C x' + K x = f(t) with a periodic f every Taylor coefficient follows from the two before
-it, by one product with C and one with K. With rate * step <= 1.5, where `rate` bounds the first-order
-matrix in the norm of the energy, 22 terms leave 1.5^22 / 22! = 7e-18 of the motion and cancellation
-costs at most e^1.5 roundings.
+For M x'' + C x' + K x = f(t) with a periodic f every Taylor coefficient follows from the two before it, by one product
+with C and one with K. With rate * step <= 1.5, where `rate` bounds the first-order matrix in the energy norm, 22 terms
+leave 1.5^22 / 22! = 7e-18 of the motion and cancellation costs at most e^1.5 roundings.
 
-One recurrence serves every machine alike: any damping, proportional to the stiffness or not, from
-none through critical to heavy, rigid-body modes, exact resonance, repeated frequencies, and any set of
-held masses (their coefficients are zeros). It has no division that could fail, so its derivatives
-by every parameter are as good as its values. The same numbers give the derivatives of every gap
-and contact force, their bounds, and increments instead of differences.
+One recurrence serves every machine: any damping, proportional to the stiffness or not, from none through critical to
+heavy; rigid-body modes, exact resonance, repeated frequencies; and any set of held masses (with zero coefficients). It
+has no division that could fail, so its derivatives by every parameter are as accurate as its values. The same numbers
+give the derivatives of every gap and contact force, their bounds, and increments instead of differences.
 
-The recurrence is a loop over the order (`scan`). Unrolled, XLA computes every coefficient from the first
-one anew, which was 3 times slower and took twice as long to compile.
+The recurrence is a loop over the order (`scan`). If it is unrolled, XLA recomputes every coefficient from the first,
+which was 3 times slower and took twice as long to compile.
 
-A normal-mode solution per set of held masses needs case distinctions for resonance, another method for
-damping that the modes do not diagonalise, tables of 2^stops sets, and has no derivative at repeated
-frequencies. Where none of that matters it is faster, and `ModalFlow` is taken instead.
+A normal-mode solution for every set of held masses needs case distinctions for resonance, another method for damping
+that the modes do not diagonalise, tables of 2^stops sets, and has no derivative at repeated frequencies. Where none of
+that matters it is faster, and `ModalFlow` is used instead.
 """
 
 from collections.abc import Callable
@@ -37,7 +35,7 @@ _SHORT = 4
 def taylor_series(
     machine: Machine, state: State, hold: Held, order: int, *, unroll: bool = False
 ) -> tuple[Float[Array, "_ n ..."], Float[Array, "_ n ..."], Float[Array, "_ 2 harmonics ..."]]:
-    """Taylor coefficients of positions, up to `order`, of forces, and of the phase of the forcing."""
+    """Taylor coefficients of positions, up to `order`, of forces, and of the forcing phase."""
     extend, start = next_coefficients(machine, hold), rows_of_state(state)
     _, coefficients = jax.lax.scan(extend, start, orders(order, state), unroll=unroll)
     x, force = (vector(rows, len(state.x), axis=1) for rows in coefficients[:2])
@@ -47,7 +45,7 @@ def taylor_series(
 
 
 def orders(order: int, state: State) -> tuple[Float[Array, " orders"], ...]:
-    """k, 1 / (k + 1) and 1 / ((k + 1) (k + 2)) for every order: divisions are dear."""
+    """Factors k, 1 / (k + 1) and 1 / ((k + 1) (k + 2)) of every order, tabulated because divisions are slow."""
     k = np.arange(order - 1)
     return tuple(jnp.asarray(a, state.x.dtype) for a in (k, 1 / (k + 1), 1 / ((k + 1) * (k + 2))))
 
@@ -58,10 +56,9 @@ def rows_of_state(state: State) -> tuple[list[Array], list[Array], list[Array]]:
 
 
 def next_coefficients(machine: Machine, hold: Held) -> Callable:
-    """From coefficients k and k + 1 of x and k of the phase to the next ones, and coefficient k of the force.
+    """Recurrence: from coefficients k, k + 1 of x and k of the phase to the next ones, and coefficient k of the force.
 
-    Short vectors are lists of their rows: each is then computed in one sweep over the lanes, wherever
-    `vmap` has put those.
+    Short vectors are lists of their rows: each row is then one pass over the lanes, whichever axis `vmap` gives them.
     """
     n, mean = machine.num_masses, _rows(machine.mean)
     num_harmonics = machine.waves.num_harmonics
@@ -112,7 +109,7 @@ def derivative(coefficients: Float[Array, "_ ..."] | list[Array]) -> list[Array]
 
 
 def horner(coefficients: Float[Array, "_ ..."] | list[Array], u: Scalar) -> Array:
-    """The polynomial at u."""
+    """Value of a polynomial at u, by Horner's scheme."""
     total = coefficients[-1]
     for k in range(len(coefficients) - 2, -1, -1):
         total = total * u + coefficients[k]

@@ -1,9 +1,8 @@
-"""The smooth motion over any time, whatever the stops say.
+"""Smooth motion over any duration, ignoring the stops.
 
-A motion by modes is known at all times at once. Any other goes step by step within a forcing period. Whole
-periods of a linear machine are one affine map z -> P z + b, the same for each, whose powers are made by squaring:
-the way to the next year is no longer than the way to tomorrow, and time and phase begin anew with every period,
-as they do where a trajectory is followed.
+A modal flow takes one evaluation for any duration. Other flows step through a forcing period. A whole period of a
+linear machine is one affine map z -> P z + b, the same for every period. Its powers come from repeated squaring: the
+cost grows with the logarithm of their number. Time and phase restart with every period, as in the loop of a trajectory.
 """
 
 import equinox as eqx
@@ -18,7 +17,7 @@ from .._machine.state import State
 from .._system.waves import phase_at, turned
 from .interface import AbstractFlow
 
-# Without a load any time serves as period; this one, times the rate of the motion, is a few steps.
+# Period of a machine without load, times its rate: any would serve, this one is a few steps.
 _UNIT = 8.0
 
 
@@ -31,16 +30,16 @@ def coast(
     time: Scalar,
     max_steps: Int[Array, ""],
 ) -> State:
-    """The smooth motion from a state on, with the masses held that are held there.
+    """Follow the smooth motion from a state to a later time, with the contacts that it holds.
 
     Args:
-        flow: the motion.
-        machine: the numbers of the machine.
-        state: where it begins.
-        phase0: the phase of the forcing at the start of a period.
-        periods: whole forcing periods since the start at the end.
-        time: and what is left; not before the beginning.
-        max_steps: the most steps within any period. A motion that needs more ends in NaN.
+        flow: the flow.
+        machine: the machine as arrays.
+        state: start of the motion.
+        phase0: forcing phase at the start of a period.
+        periods: whole forcing periods from the start of the trajectory to the final time.
+        time: remainder of the final time, which is not before the start of the motion.
+        max_steps: bound on the steps within a period. A motion that needs more ends in NaN.
     """
     if flow.flow_map_reaches_far:
         return _flow_map(flow, machine, state, phase0, periods, time)
@@ -55,13 +54,13 @@ def _flow_map(
     periods: Int[Array, ""],
     time: Scalar,
 ) -> State:
-    """All at once."""
+    """Coast by one evaluation of the flow map."""
     span = (periods - state.periods) * machine.period + (time - state.time)
     phase = turned(phase0, phase_at(machine.frequency * time, machine.waves.num_harmonics))
     displacement, gain = flow.flow_map(machine, state, machine.hold(state.held), span, phase - state.phase)
     names = lambda s: (s.periods, s.time, s.phase, s.x, s.v)  # noqa: E731
     there = periods, time, phase, state.x + displacement, state.v + gain
-    # After no time the state is that of the start to the last bit.
+    # Over a zero span the state stays the same to the last bit.
     here = [jnp.where(span == 0, a, b) for a, b in zip(names(state), there, strict=True)]
     return eqx.tree_at(names, state, here)
 
@@ -75,7 +74,7 @@ def _by_steps(
     time: Scalar,
     max_steps: Int[Array, ""],
 ) -> State:
-    """Step by step within a period, and by whole periods."""
+    """Coast step by step within a period, and by whole periods."""
     is_driven = machine.frequency > 0
     unit = jnp.where(is_driven, machine.period, _UNIT * machine.timescale)
     is_later = periods > state.periods
@@ -85,7 +84,7 @@ def _by_steps(
     state = _for(flow, machine, state, ahead, max_steps)
     state = _at_start(state, phase0, is_driven & is_later)
 
-    # Only lanes with whole periods to go take them: a period may be far longer than the rest of the motion.
+    # Zero for lanes without whole periods left: a period may be far longer than the rest of the motion.
     length = jnp.where(whole > 0, unit, 0)
 
     def period(state: State) -> State:
@@ -110,7 +109,7 @@ def _at_start(state: State, phase0: Float[Array, "2 harmonics"], is_over: Array)
 def _for(
     flow: AbstractFlow, machine: Machine, state: State, time: Scalar, max_steps: Int[Array, ""]
 ) -> State:
-    """Go on for a time, step by step."""
+    """Coast for a time, step by step; NaN if `max_steps` do not suffice."""
 
     def step(carry):
         state, remaining, steps = carry
@@ -123,7 +122,7 @@ def _for(
 
 
 def _power(period, state: State, count: Int[Array, ""]) -> State:
-    """Apply the affine map of a period `count` times."""
+    """Apply the affine map of a period `count` times, by repeated squaring."""
     n = len(state.x)
     names = lambda s: (s.x, s.v)  # noqa: E731
 

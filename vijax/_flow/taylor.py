@@ -1,4 +1,4 @@
-"""The motion of a linear machine between events by the Taylor series of `series.py`."""
+"""Motion of a linear machine between events by the Taylor series of `series.py`."""
 
 from typing import ClassVar
 
@@ -21,12 +21,12 @@ _ORDER_AND_TRUST = {"float64": (22, 1.5), "float32": (11, 1.0)}
 
 
 class TaylorFlow(ExpandingFlow):
-    """Exact motion of a linear machine, by its Taylor series to rounding."""
+    """Exact motion of a linear machine: its Taylor series, to rounding."""
 
     has_flow_map: ClassVar[bool] = True
 
     def expand(self, machine: Machine, state: State, hold: Held) -> "TaylorExpansion":
-        """Expand the motion at `state` with the contacts of `hold` closed."""
+        """Compute the Taylor series of the motion at `state`."""
         order, trust = _ORDER_AND_TRUST[str(state.x.dtype)]
         x, force, phase = taylor_series(machine, state, hold, order)
         now = Derivatives(2 * x[2], 6 * x[3], force[0], force[1], 2 * force[2])
@@ -35,7 +35,7 @@ class TaylorFlow(ExpandingFlow):
     def propagate(
         self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
-        """Sum the series as it is made, without keeping it."""
+        """Sum the series term by term, without storing it."""
         order, _ = _ORDER_AND_TRUST[str(state.x.dtype)]
         extend, start = next_coefficients(machine, hold), rows_of_state(state)
 
@@ -66,13 +66,13 @@ class TaylorFlow(ExpandingFlow):
         span: Scalar,
         change: Float[Array, "2 harmonics ..."],
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
-        """Go a whole flight ahead at once, by the exponential of the matrix."""
+        """Follow a whole flight by the matrix exponential."""
         del change
         return exponential_increments(machine, state, hold, span)
 
 
 class TaylorExpansion(Expansion):
-    """Taylor coefficients of position, force and phase."""
+    """Taylor coefficients of positions, forces and phase."""
 
     now: Derivatives
     limit: Scalar
@@ -81,7 +81,7 @@ class TaylorExpansion(Expansion):
     phase: Float[Array, "_ 2 harmonics ..."]
 
     def rest(self, machine: Machine, limit: Scalar) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
-        """Bound |x''''| / 24 and |force'''| / 6 on [0, limit]: sums of absolute coefficients."""
+        """Bound |x''''| / 24 and |force'''| / 6 on [0, limit] by sums of absolute coefficients."""
         del machine
         return horner(jnp.abs(self.x[4:]), limit), horner(jnp.abs(self.forces[3:]), limit)
 

@@ -1,4 +1,4 @@
-"""The motion at one instant, exactly: force -> acceleration -> rate of force -> jerk -> curvature of force."""
+"""Exact derivatives at one instant: force -> acceleration -> rate of force -> jerk -> curvature of force."""
 
 from itertools import accumulate, repeat
 
@@ -14,9 +14,9 @@ class Rates(eqx.Module):
     """Forces, accelerations and their rates at one instant. Every field is (n,), lanes last.
 
     Attributes:
-        acceleration: second derivative of the position of every mass, with the forces of contacts that hold.
+        acceleration: second derivative of the position of every mass, contact forces included.
         jerk: third derivative, likewise.
-        force: force on every mass without that of the contacts.
+        force: force on every mass without contact forces.
         force_rate: its first derivative.
     """
 
@@ -27,7 +27,7 @@ class Rates(eqx.Module):
 
 
 class Derivatives(Rates):
-    """Rates and one order more.
+    """Rates, and one more order of the force.
 
     Attributes:
         force_curvature: second derivative of the force.
@@ -37,7 +37,7 @@ class Derivatives(Rates):
 
 
 def rates(machine: Machine, state: State, hold: Held) -> Rates:
-    """Forces and accelerations with what is held, see `Machine.hold`, and their rates."""
+    """Forces and accelerations with the contacts of `hold` closed, see `Machine.hold`, and their rates."""
     force = machine.total_force(state)
     acceleration = machine.contacts.accelerations(force, hold, state.phase)
     force_rate = machine.total_force_rate(state, acceleration)
@@ -46,14 +46,14 @@ def rates(machine: Machine, state: State, hold: Held) -> Rates:
 
 
 def derivatives(machine: Machine, state: State, hold: Held) -> Derivatives:
-    """The same with the curvature of the force."""
+    """`rates` with the curvature of the force."""
     now = rates(machine, state, hold)
     curvature = machine.total_force_curvature(state, now.acceleration, now.jerk)
     return Derivatives(now.acceleration, now.jerk, now.force, now.force_rate, curvature)
 
 
 def contact_forces(machine: Machine, state: State, hold: Held, now: Derivatives) -> list[Array]:
-    """The contact forces of what is held, and their first two derivatives, (contacts, ...) each."""
+    """Contact forces of the contacts that hold, and their first two derivatives, (contacts, ...) each."""
     forces = now.force, now.force_rate, now.force_curvature
     phases = _phases(machine, state, len(forces))
     return [machine.contacts.pressing(f, hold, p) for f, p in zip(forces, phases, strict=True)]
@@ -67,6 +67,6 @@ def approaches(machine: Machine, state: State, now: Rates) -> list[Array]:
 
 
 def _phases(machine: Machine, state: State, count: int) -> list[Array]:
-    """The phase of the load and its derivatives."""
+    """Phase of the load and its derivatives, `count` in all."""
     steps = repeat(None, count - 1)
     return list(accumulate(steps, lambda phase, _: machine.phase_rate(phase), initial=state.phase))

@@ -1,4 +1,4 @@
-"""Forces on the masses beside the linear ones, for many trajectories, in the frame of the machine."""
+"""Forces on the masses besides the linear ones, over lanes, in the frame of the machine."""
 
 import equinox as eqx
 import jax
@@ -11,12 +11,12 @@ from .frame import Frame
 
 
 class ExtraForce(eqx.Module):
-    """What acts on the masses beside the linear forces.
+    """Force on the masses besides the linear ones.
 
     Attributes:
-        force: of time, positions and velocities, for one trajectory.
-        origin: the time from which the forcing periods are counted.
-        frame: from where the machine is seen; the force is one of positions and velocities in space.
+        force: function of time, positions and velocities of one trajectory.
+        origin: time from which the forcing periods are counted.
+        frame: frame of the arguments x and v; the force itself takes positions and velocities in space.
     """
 
     force: BoundForce
@@ -32,9 +32,9 @@ class ExtraForce(eqx.Module):
         return over_lanes(lambda force, t, x, v: force(t, x, v), x, self.force, t, x, v)
 
     def rate(self, t: Scalar, x: Float[Array, "n ..."], v: Float[Array, "n ..."], mass: Array) -> Scalar:
-        """An estimate, from one state, of the frequency or decay rate it adds to the motion; a constant.
+        """Estimate, from one state, of the frequency or decay rate that the force adds to the motion; a constant.
 
-        Its derivatives, infinite where a force has no slope, would be those of lengths of steps.
+        Its derivatives are infinite where a force has no slope, and would only be those of step lengths.
         """
 
         def of_one(force, t, x, v, mass):

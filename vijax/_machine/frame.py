@@ -1,9 +1,9 @@
-"""Coordinates that move with the stops: in them every stop stands still.
+"""Coordinates that move with the stops, in which every stop stands still.
 
-A mass whose stops move by w(t) is followed by z = x - w, in which M z'' + C z' + K z = f - M w'' - C w' - K w. That
-is a machine with another periodic load, whose stops are fixed: impacts, chatter, sticking and their
-derivatives stay what they are, and the motion of a linear machine stays exact. All computations are in z;
-x comes in with the start and goes out with saved, logged and recorded results.
+A mass whose stops move by w(t) has the coordinate z = x - w, with M z'' + C z' + K z = f - M w'' - C w' - K w. This
+is a machine with another periodic load and fixed stops: impacts, chatter, sticking and their derivatives are
+unchanged, and the motion of a linear machine stays exact. All computations use z; x enters with the start and leaves
+with saved, logged and recorded results.
 """
 
 import equinox as eqx
@@ -14,17 +14,17 @@ from .._system.waves import Waves, phase_at, phase_rate
 
 
 class Frame(eqx.Module):
-    """The motions w of the stops, as their masses follow them; zero for masses whose stops stand still."""
+    """Motion w of the stops of every mass; zero where they stand still."""
 
     waves: Waves
     frequency: Scalar
 
     def at(self, phase: Float[Array, "2 harmonics ..."]) -> tuple[Array, Array]:
-        """The positions w and velocities w', (n, ...), at a phase of the load."""
+        """Positions w and velocities w', (n, ...), at a phase of the load."""
         return self.waves.at(phase), self.waves.at(phase_rate(phase, self.frequency))
 
     def at_time(self, t: Scalar) -> tuple[Array, Array]:
-        """The same at a time."""
+        """Positions w and velocities w' at a time."""
         return self.at(phase_at(self.frequency * t, self.waves.num_harmonics))
 
     def extent(self, t: Scalar | float) -> tuple[Array, Array]:
@@ -33,7 +33,7 @@ class Frame(eqx.Module):
         return self.waves.rounded(angle), self.frequency * self.waves.rounded(angle, order=1)
 
     def load(self, m: Reals, c: Reals, k: Reals) -> Waves:
-        """The load - M w'' - C w' - K w, of the masses m, (n,), the damping c and the stiffness k, (n, n)."""
+        """Load - M w'' - C w' - K w, with masses m, (n,), damping c and stiffness k, (n, n)."""
         cosine, sine = [], []
         for h, (a, b) in enumerate(zip(self.waves.cosine, self.waves.sine, strict=True), 1):
             w = h * self.frequency

@@ -1,4 +1,4 @@
-"""The numbers of one machine, as the engine computes with them."""
+"""Machine as arrays, as the engine computes with it."""
 
 from typing import NamedTuple
 
@@ -19,12 +19,12 @@ from .stops import Stops
 
 
 class Machine(eqx.Module):
-    """An `ImpactSystem` as arrays over masses, stops and harmonics, lanes last.
+    """`ImpactSystem` as arrays over masses, stops and harmonics, lanes last.
 
-    The load is `mean` and `waves` of the angular frequency `frequency`. `rate` bounds every
-    frequency and decay rate of the linear motion, whatever masses are held; `timescale` is its inverse.
-    `extra` is None for a linear machine, `frame` where all stops stand still. Otherwise all is as seen from it,
-    the load included: positions and velocities are relative to the stops of their mass.
+    The load is `mean` plus `waves` of the angular frequency `frequency`. `rate` bounds every frequency and decay rate
+    of the linear motion, for any set of held masses; `timescale` is its inverse. `extra` is None for a linear
+    machine. `frame` is None where all stops stand still or contacts are coupled. Otherwise everything, the load
+    included, is relative to it: positions and velocities are relative to the stops of their mass.
     """
 
     damping: Float[Array, "n n ..."]
@@ -47,15 +47,15 @@ class Machine(eqx.Module):
 
     @property
     def inverse_mass(self) -> Float[Array, "..."]:
-        """The diagonal of M^-1, (n,), or M^-1, (n, n)."""
+        """Diagonal of M^-1, (n,), or M^-1, (n, n)."""
         return self.contacts.inverse_mass
 
     def load(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "n ..."]:
-        """The load at a phase of the forcing, given as cosines and sines of h W t."""
+        """Load at a phase of the forcing, given as cosines and sines of h W t."""
         return self.mean + self.waves.at(phase)
 
     def phase_at(self, t: Scalar) -> Float[Array, "2 harmonics ..."]:
-        """The phase at a time."""
+        """Phase at a time."""
         return phase_at(self.frequency * t, self.waves.num_harmonics)
 
     def phase_rate(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "2 harmonics ..."]:
@@ -65,7 +65,7 @@ class Machine(eqx.Module):
     def force(
         self, phase: Float[Array, "2 harmonics ..."], x: Float[Array, "n ..."], v: Float[Array, "n ..."]
     ) -> Float[Array, "n ..."]:
-        """The linear force on every mass: f - C v - K x."""
+        """Linear force on every mass: f - C v - K x."""
         return self.load(phase) - matvec(self.damping, v) - matvec(self.stiffness, x)
 
     def force_rate(
@@ -76,7 +76,7 @@ class Machine(eqx.Module):
         return rate - matvec(self.damping, a) - matvec(self.stiffness, v)
 
     def total_force(self, state: State) -> Float[Array, "n ..."]:
-        """The force on every mass, that of the stops left out."""
+        """Force on every mass without contact forces."""
         linear = self.force(state.phase, state.x, state.v)
         if self.extra is None:
             return linear
@@ -106,7 +106,7 @@ class Machine(eqx.Module):
         return linear + jax.jvp(rate, (jnp.zeros_like(t),), (jnp.ones_like(t),))[1]
 
     def in_space(self, state: State) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
-        """Positions and velocities as users know them."""
+        """Positions and velocities in space, the coordinates of the user."""
         if self.frame is None:
             return state.x, state.v
         w, rate = self.frame.at(state.phase)
@@ -115,14 +115,14 @@ class Machine(eqx.Module):
     def seen_from_stops(
         self, phase: Float[Array, "2 harmonics ..."], x: Float[Array, "n ..."], v: Float[Array, "n ..."]
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
-        """The inverse of `in_space`."""
+        """Positions and velocities relative to the stops, the inverse of `in_space`."""
         if self.frame is None:
             return x, v
         w, rate = self.frame.at(phase)
         return x - w, v - rate
 
     def velocity_of_stops(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "stops ..."] | None:
-        """Velocities of the stops, which relative ones lack; 0 for contacts between masses, None if all stand still."""
+        """Velocities of the stops, missing in relative ones; 0 for contacts between masses, None if all stand still."""
         if self.frame is not None:
             return self.contacts.size(self.frame.at(phase)[1])
         return self.contacts.own_velocity(self.phase_rate(phase))
@@ -130,7 +130,7 @@ class Machine(eqx.Module):
     def stops_at(
         self, phase: Float[Array, "2 harmonics ..."]
     ) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."]]:
-        """Where the stops stand, and how fast they move, as users know them."""
+        """Positions and velocities of the stops in space."""
         position, contacts = self.contacts.position, self.contacts
         if self.frame is not None:
             w, rate = self.frame.at(phase)
@@ -140,12 +140,12 @@ class Machine(eqx.Module):
         return position + moved, rate
 
     def clock(self, state: State) -> Scalar:
-        """The time, as an extra force sees it."""
+        """Time as the extra force takes it; since the start of the trajectory if there is no extra force."""
         origin = 0.0 if self.extra is None else self.extra.origin
         return origin + state.periods * self.period + state.time
 
     def hold(self, held: Bool[Array, "stops ..."]) -> Held:
-        """What it means for the motion that the flagged stops hold; none does if no stop of the machine can."""
+        """Effect on the motion of the flagged stops that hold; none holds if the machine cannot stick."""
         return self.contacts.hold(held if self.can_stick else jnp.zeros_like(held))
 
     def approach(self, state: State) -> Float[Array, "stops ..."]:
@@ -161,7 +161,7 @@ def resting_state(
     held: Bool[Array, "stops ..."],
     time: Scalar | None = None,
 ) -> State:
-    """A state at a local time, 0 if left out, no contact just left."""
+    """State at a local time, 0 if left out, with no contact just left."""
     gap = machine.contacts.gaps(x, phase)
     zero = jnp.zeros(x.shape[1:], x.dtype)
     return State(
@@ -178,7 +178,7 @@ def resting_state(
 
 
 def in_periods(machine: Machine, span: Float[Array, "..."]) -> tuple[Int[Array, "..."], Float[Array, "..."]]:
-    """A time since the start as whole forcing periods and what is left."""
+    """Time since the start as whole forcing periods and remainder."""
     whole = jnp.floor(span / machine.period)
     return whole.astype(int), not_negative(span - whole * machine.period)
 
@@ -190,15 +190,15 @@ def prepare(
     *,
     can_stick: bool,
 ) -> Machine:
-    """Turn the numbers of a machine into what the engine computes with.
+    """Prepare a machine for the engine.
 
     Args:
-        numbers: of the machine; leaves may carry lanes as a last axis.
-        span: the time that will be simulated.
-        start: time, positions and velocities.
-        can_stick: whether any stop might hold its mass.
+        numbers: numbers of the machine; leaves may have lanes as last axis.
+        span: duration of the simulation.
+        start: initial time, positions and velocities.
+        can_stick: whether any stop may hold its mass.
     """
-    rows = numbers.rows  # known rows stay NumPy arrays, see `Stops`
+    rows = numbers.rows  # concrete rows stay NumPy arrays, see `Stops`
     numbers = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray) else a, numbers)
     waves, frequency, frame, walls = numbers.waves, numbers.frequency, None, None
     has_full_mass = numbers.mass.ndim == numbers.stiffness.ndim
@@ -239,7 +239,7 @@ def prepare(
 
 
 class _UnitMass(NamedTuple):
-    """M^-1, and damping and stiffness in the coordinates y = L^T x, M = L L^T, in which it has unit masses."""
+    """M^-1, and damping and stiffness in the coordinates y = L^T x, M = L L^T, of unit masses."""
 
     inverse_mass: Float[Array, "n n ..."]
     damping: Float[Array, "n n ..."]
@@ -256,12 +256,12 @@ def _of_unit_mass(numbers: MachineNumbers) -> _UnitMass:
     return over_lanes(of_one, like, *matrices)
 
 
-# Stands for a bound on steps by the rate of the machine, see `ample_steps`.
+# Value of `max_steps` that stands for `ample_steps`, a bound by the rate of the machine.
 OWN_BOUND = -1
 
 
 def ample_steps(machine: Machine, span: Scalar, least: Scalar | int = 100_000) -> Int[Array, "..."]:
-    """Far more steps than a sound motion takes in a span of time: 100 per unit of span * rate, and `least`."""
+    """Bound far above the steps of a sound motion over a span of time: 100 per unit of span * rate, plus `least`."""
     steps = 100 * span * machine.rate
     # A machine whose rate is not finite ends at its first step, and the bound must allow that step.
     total = least + jnp.where(jnp.isfinite(steps), steps, 0)
@@ -269,10 +269,10 @@ def ample_steps(machine: Machine, span: Scalar, least: Scalar | int = 100_000) -
 
 
 def _decay_and_frequency(numbers: MachineNumbers, unit: _UnitMass | None) -> Scalar:
-    """Bound the norm of the first-order matrix of the machine, in the norm of its energy.
+    """Bound the norm of the first-order matrix of the machine, in its energy norm.
 
-    In that norm the matrix is [[0, S], [-S, -D]] with S^2 = M^-1/2 K M^-1/2 and D likewise from C;
-    holding masses can only make it smaller. Its norm is at most (d + sqrt(d^2 + 4 w^2)) / 2.
+    In this norm the matrix is [[0, S], [-S, -D]] with S^2 = M^-1/2 K M^-1/2 and D likewise from C; holding masses can
+    only reduce it. Its norm is at most (d + sqrt(d^2 + 4 w^2)) / 2.
     """
     if unit is None:
         root = jnp.sqrt(numbers.mass)

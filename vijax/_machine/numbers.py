@@ -1,7 +1,7 @@
-"""All numbers of a machine, in arrays whose shapes tell its numbers of masses, contacts and harmonics alone.
+"""Numbers of a machine, in arrays whose shapes depend on the counts of masses, contacts and harmonics alone.
 
-So a program compiled for one machine serves every other of that size: the mass and the side of a contact are
-numbers like any other. Arrays of known values are made by NumPy, which compiles nothing.
+So a program compiled for one machine serves every other of that size: the mass and the side of a contact are numbers
+too. Arrays of concrete values are made by NumPy, which compiles nothing.
 """
 
 import equinox as eqx
@@ -16,14 +16,14 @@ from .._system.waves import Waves
 
 
 class MachineNumbers(eqx.Module):
-    """An `ImpactSystem` as arrays, lanes last.
+    """`ImpactSystem` as arrays, lanes last.
 
     Attributes:
-        mass: the diagonal of M, (n,), or M, (n, n).
+        mass: diagonal of M, (n,), or M, (n, n).
         damping: C, (n, n).
         stiffness: K, (n, n).
         mean: mean of the load, (n,).
-        waves: the rest of it, (harmonics, n); harmonics without amplitude fill it up, see `num_harmonics`.
+        waves: harmonics of the load, (harmonics, n), padded with zero amplitudes, see `num_harmonics`.
         frequency: W, ().
         highest: the highest harmonic of the load and of the motions of the stops, ().
         rows: A, what each contact bears on, (contacts, n): 1 for the mass of an upper stop, -1 for that of a lower one.
@@ -51,7 +51,7 @@ class MachineNumbers(eqx.Module):
 
 
 def numbers_of(system: ImpactSystem) -> MachineNumbers:
-    """The numbers of a machine, its force bound to its `args`; leaves may carry lanes as a last axis."""
+    """Numbers of a machine, its force bound to its `args`; leaves may have lanes as last axis."""
     num_lane_axes, size = system.stiffness.ndim - 2, num_harmonics(system)
     forcing, stops, is_coupled = system.forcing, system.stops, system.is_coupled
     zero = 0 * system.stiffness[0, 0]
@@ -77,7 +77,7 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
 
 
 def num_harmonics(system: ImpactSystem) -> int:
-    """Harmonics for which there is room: the next power of two; lanes may stand last."""
+    """Number of harmonics after padding: the next power of two; lanes may stand last."""
     return 1 << (_highest(system) - 1).bit_length()
 
 
@@ -87,14 +87,14 @@ def _highest(system: ImpactSystem) -> int:
 
 
 def _rows(system: ImpactSystem) -> Reals:
-    """A; of stops alone it is known."""
+    """Matrix A; concrete for stops alone."""
     n, zero = len(system.mass), np.zeros([1] * (system.stiffness.ndim - 2), system.stiffness.dtype)
     rows = [stack([stop.coefficients.get(i, 0) + zero for i in range(n)]) for stop in system.stops]
     return stack(rows) if rows else np.zeros((0, n, *zero.shape), zero.dtype)
 
 
 def _travel_of_contacts(system: ImpactSystem, size: int) -> Waves | None:
-    """The motion of every contact along its row, if any of them moves."""
+    """Motion of every contact along its row; None if all stand still."""
     if all(stop.motion is None for stop in system.stops):
         return None
     num_lane_axes = system.stiffness.ndim - 2
@@ -114,7 +114,7 @@ def _side_by_side(*waves: Reals) -> Reals:
 
 
 def _travel_of_masses(system: ImpactSystem, size: int) -> Waves | None:
-    """The motion of the stops of every mass, if any of them moves."""
+    """Motion of the stops of every mass; None if all stand still."""
     moving = [(stop.slot[0], stop.motion) for stop in system.stops if stop.slot and stop.motion is not None]
     if not moving:
         return None
@@ -125,7 +125,7 @@ def _travel_of_masses(system: ImpactSystem, size: int) -> Waves | None:
         waves = [motion.waves(num_lane_axes).padded(size) for i, motion in moving if i == mass]
         if not waves:
             return Waves(still, still)
-        # Two stops of one mass move alike: the mean of both gives each its half of a derivative.
+        # Two stops of one mass move alike: their mean gives each half of a derivative.
         return jax.tree.map(lambda *own: add_up(own) / len(waves), *waves)
 
     return jax.tree.map(_side_by_side, *map(waves_of, range(len(system.mass))))

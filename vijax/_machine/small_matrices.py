@@ -1,19 +1,19 @@
-"""Symmetric matrices by contacts, or by masses: few and small, lanes last."""
+"""Small symmetric matrices over contacts or masses, lanes last."""
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-# Up to so many contacts sweeps are written out; more are a loop, which compiles faster.
+# Number of contacts up to which sweeps are unrolled; more are a loop, which compiles faster.
 _UNROLLED = 2
 
 
 def inverse_among(
     matrix: Float[Array, "contacts contacts ..."], members: Bool[Array, "contacts ..."]
 ) -> Float[Array, "contacts contacts ..."]:
-    """The inverse of the part of a symmetric matrix that belongs to the members; zero elsewhere.
+    """Inverse of the block of a symmetric matrix that belongs to the members; zero elsewhere.
 
-    By sweeps, one for each member. A member whose row depends on those before it, to rounding, is left out.
+    By one sweep per member. A member whose row depends on those before it, to rounding, is left out.
 
     References:
         J. H. Goodnight, A tutorial on the sweep operator, Am. Stat. 33 (1979).
@@ -44,7 +44,7 @@ def inverse_among(
 
 
 def slack_of(matrix: Float[Array, "contacts contacts ..."]) -> float:
-    """The rounding error of G, and of what is left of it in sweeps, relative to the terms that are added."""
+    """Rounding error of G, and of its remainder in sweeps, relative to the terms of the sums."""
     return 64 * len(matrix) * float(jnp.finfo(matrix.dtype).eps)
 
 
@@ -54,5 +54,5 @@ def product(a: Float[Array, "i j ..."], b: Float[Array, "j k ..."]) -> Float[Arr
 
 
 def diagonal(matrix: Float[Array, "contacts contacts ..."]) -> Float[Array, "contacts ..."]:
-    """The entries of a matrix that belong to one contact each."""
+    """Diagonal of a matrix, lanes last."""
     return jnp.stack([matrix[j, j] for j in range(len(matrix))]) if len(matrix) else matrix[:, 0]

@@ -1,4 +1,4 @@
-"""The hybrid state of a motion: all that decides how it goes on."""
+"""Hybrid state of a motion."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -6,23 +6,23 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._jax.arrays import Scalar
 
-# A contact that is kept closed by others, see `State.contact`.
+# Value of `State.contact` for a contact that others keep closed.
 SHUT = 4
 
 
 class State(eqx.Module):
-    """Where one trajectory is: all that decides how it goes on.
+    """Hybrid state of one trajectory: everything that determines its continuation.
 
-    Time is local to the forcing period, in two parts whose sum carries twice the digits, so that no
-    step is ever lost in a rounding. `gap` is carried beside x, counted from the last contact
-    instead of as the difference position - x: light bounces keep all their digits.
+    Time is local to the forcing period, in two parts whose sum has twice the digits, so that no step is lost in
+    rounding. `gap` is carried beside x and summed up from the last contact, not computed as position - x: light
+    bounces keep all their digits.
 
-    `contact` tells how a stop was last left: the number of leading derivatives of the gap that
-    vanish exactly (0 none, 1 just hit, 2 let go by a jump of the force, 3 let go as the force
-    crossed zero). It holds for the next step only. All of them vanish, `SHUT`, where the row of a contact depends
-    on those of others that hold: it stays closed without a force, until one of them lets go.
+    `contact` gives how a stop was last left: the number of leading derivatives of the gap that vanish exactly (0
+    none, 1 just hit, 2 released by a jump of the force, 3 released as the force crossed zero). It holds for the next
+    step only. All of them vanish, `SHUT`, where the row of a contact depends on those of others that hold: it stays
+    closed without a force, until one of them releases.
 
-    `memory` is what the flow that drives the motion keeps from step to step; exact ones keep nothing.
+    `memory` is the memory of the flow from step to step; exact flows have none.
     """
 
     periods: Int[Array, "..."]
@@ -38,17 +38,17 @@ class State(eqx.Module):
 
     @property
     def is_shut(self) -> Bool[Array, "stops ..."]:
-        """Contacts that others keep closed."""
+        """Flags of the contacts that others keep closed."""
         return self.contact == SHUT
 
 
 def remembering(state: State, memory: PyTree) -> State:
-    """The state with another memory."""
+    """State with another memory of the flow."""
     return eqx.tree_at(lambda s: s.memory, state, memory, is_leaf=lambda leaf: leaf is None)
 
 
 def start_period(state: State, phase0: Float[Array, "2 harmonics ..."], is_over: Bool[Array, "..."]) -> State:
-    """Where a forcing period is over, count it and set time and phase back, so that neither drifts."""
+    """Count a forcing period that is over and reset time and phase, so that neither drifts."""
     return eqx.tree_at(
         lambda s: (s.periods, s.time, s.time_low, s.phase),
         state,

@@ -1,8 +1,8 @@
-"""Many trajectories side by side: what `jax.vmap` makes of one, in the kernel that sweeps have.
+"""Batches of trajectories under `jax.vmap`, in one kernel as in sweeps.
 
-`jax.vmap` alone puts lanes first, and a step of all of them is some hundred kernels. Here lanes stand last, as the engine
-takes them, so many at a time as fit the cache. There is no queue as for sweeps: a lane that is done waits for the others
-of its group, which are mostly alike.
+`jax.vmap` alone puts lanes first, and a step of all lanes is some hundred kernels. Here lanes stand last, as the engine
+takes them, in groups that fit the cache. Unlike sweeps there is no queue: a finished lane waits for the others of its
+group, which are mostly alike.
 """
 
 from collections.abc import Callable
@@ -17,8 +17,8 @@ from jaxtyping import Array, Bool, Int, PyTree
 from .._jax.arrays import lanes_apart
 from .._jax.xla import for_each
 
-# Lanes of a group, from the best number down to the least. As for sweeps, see `lane_loop.py`, fewer leave the vector
-# units idle, and more leave the cache.
+# Range of lanes per group, the best number first. As in sweeps, see `lane_loop.py`, fewer lanes leave the vector units
+# idle, and more leave the cache.
 _LANES = 128, 63, -1
 
 
@@ -26,9 +26,9 @@ def in_groups(follow: Callable[[PyTree, int], PyTree], arguments: PyTree, size: 
     """Call `follow` for one group of lanes after another.
 
     Args:
-        follow: of arguments as these, for so many lanes; what it returns has lanes in front.
-        arguments: arrays with lanes last, or an axis of length one in their place where all share them.
-        size: how many lanes there are.
+        follow: function of such arguments and a number of lanes; its results have lanes first.
+        arguments: arrays with lanes last, or with a last axis of length one if all lanes share them.
+        size: number of lanes.
     """
     lanes = _lanes(size)
     num_groups = -(-size // lanes)
@@ -46,24 +46,24 @@ def in_groups(follow: Callable[[PyTree, int], PyTree], arguments: PyTree, size: 
 
 
 def _lanes(size: int) -> int:
-    """How many lanes make a group: a divisor if there is one that serves, for what is filled up is copied at the end."""
+    """Lanes per group: a divisor of `size` if one lies in the range, because padding costs a copy at the end."""
     divisors = (lanes for lanes in range(*_LANES) if size % lanes == 0)
     return min(next(divisors, _LANES[0]), size)
 
 
 def to_all(tree: PyTree, lanes: int) -> PyTree:
-    """The arrays with every lane's own numbers, last."""
+    """Broadcast the last axis of arrays to all lanes."""
     return jax.tree.map(lambda a: jnp.broadcast_to(a, (*a.shape[:-1], lanes)), tree)
 
 
 def one_by_one(function: Callable, lanes: int, last: PyTree, first: PyTree) -> Any:
-    """Call a function written for one trajectory for each lane; what it returns has lanes in front.
+    """Call a function written for one trajectory for each lane; its results have lanes first.
 
     Args:
-        function: of two trees without lanes.
-        lanes: how many there are.
-        last: a tree with lanes last, or a single one for all.
-        first: a tree with lanes in front.
+        function: function of two trees without lanes.
+        lanes: number of lanes.
+        last: tree with lanes last, or a single lane for all.
+        first: tree with lanes first.
     """
     leaves, axes, structure = lanes_apart(last, lanes)
     call = lambda leaves, first: function(jax.tree.unflatten(structure, leaves), first)  # noqa: E731
@@ -71,7 +71,7 @@ def one_by_one(function: Callable, lanes: int, last: PyTree, first: PyTree) -> A
 
 
 def row_of_lane(rows: Array, which: Int[Array, "..."]) -> Array:
-    """One of the rows, of each lane its own."""
+    """Select one row for each lane."""
     return rows[which] if which.ndim == 0 else jnp.take_along_axis(rows, which[None], axis=0)[0]
 
 
@@ -79,9 +79,9 @@ class Writing(NamedTuple):
     """Rows to be written.
 
     Attributes:
-        room: a tree of arrays, (rows, ...), with lanes in front if there are any.
-        rows: the same tree, (so many, ...), with lanes last.
-        place: where the first is written, ().
+        room: tree of arrays to write into, (rows, ...), with lanes first if there are any.
+        rows: the same tree of new rows, (new rows, ...), with lanes last.
+        place: index of the first new row, ().
     """
 
     room: PyTree
@@ -90,9 +90,9 @@ class Writing(NamedTuple):
 
 
 def put(is_kept: Bool[Array, "..."], *writings: Writing) -> list[PyTree]:
-    """Write rows if they are kept, those of several lanes one lane after another: few write at once.
+    """Write rows where they are kept, one lane after another: few lanes write at once.
 
-    Of one trajectory alone, what is not kept is written to the end of the room: to choose takes longer.
+    For a single trajectory, rows that are not kept are written to the end of the room: a selection takes longer.
     """
     rooms = [writing.room for writing in writings]
     if is_kept.ndim == 0:

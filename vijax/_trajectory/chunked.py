@@ -1,8 +1,7 @@
-"""Trajectories of known numbers: one program for all machines of a size, called until all is done.
+"""Trajectories of concrete numbers: one program for all machines of a size, called until the end.
 
-It has room for a fixed number of events and saved states; longer requests are handed in, and their results
-taken away, piece by piece. So only another size of machine is compiled anew, and one may interrupt between
-calls.
+It has room for a fixed number of events and saved states; longer requests go in, and their results come out, piece by
+piece. So only another size of machine compiles anew, and the user can interrupt between calls.
 """
 
 from dataclasses import dataclass
@@ -26,32 +25,32 @@ from .grazing import Grazing
 from .loop import Carry, LoopArguments, LoopTask, begin_all, finish, is_over, one_way
 from .solution import Solution
 
-# Events and saved states of one call, and its steps: less than a second.
+# Bounds of one call: logged events, saved states, and steps, which take less than a second.
 _EVENTS, _GOALS, _STEPS = 1024, 256, 1 << 18
 
 Rows = TypeVar("Rows", EventLog, Restarts)
 
 
 class _Saved(eqx.Module):
-    """The states saved by one call, (goals, n)."""
+    """States saved by one call, (goals, n)."""
 
     xs: Array
     vs: Array
 
 
 class Left(eqx.Module):
-    """Where a trajectory stands, from where another call goes on.
+    """Progress of a trajectory, from which the next call continues.
 
     Attributes:
         state: the motion.
-        goals: goals reached by this call, the end among them.
-        steps: steps so far.
-        rows: instants that this call logged, the start among them in the first.
-        num_events: events so far.
+        goals: number of goals reached by this call, including the end.
+        steps: number of steps so far.
+        rows: number of instants logged by this call, in the first call including the start.
+        num_events: number of events so far.
         known_until: time of the last logged instant.
         is_finite: whether the motion stayed finite.
-        is_paused: whether there is more to do.
-        grazing: the closest to grazing it came.
+        is_paused: whether another call is needed.
+        grazing: closest approach to grazing.
     """
 
     state: State
@@ -69,7 +68,7 @@ class Left(eqx.Module):
 def _call(
     numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, left: Left, *, can_stick: bool
 ) -> tuple[Solution, _Saved, Left]:
-    """One call; the solution holds only the first of the saved states, as most ask for no more."""
+    """One call; the solution holds only the first saved state, as most requests have no more."""
     solution, left = _run(numbers, flow, request, left, room=_EVENTS, can_stick=can_stick)
     names = lambda s: (s.ts, s.xs, s.vs)  # noqa: E731
     first = eqx.tree_at(names, solution, [a[:1] for a in names(solution)])
@@ -85,18 +84,18 @@ def _run(
     room: int,
     can_stick: bool,
 ) -> tuple[Solution, Left]:
-    """Follow a trajectory from its start, or from where the call before it left it.
+    """Follow a trajectory from its start, or from the progress of the call before.
 
     Args:
-        numbers: of the machine.
+        numbers: numbers of the machine.
         flow: the motion between events.
-        request: what is asked for.
-        left: where to go on; the start, if `left.steps` is 0.
-        room: the most events logged by this call.
-        can_stick: whether any stop might hold its mass.
+        request: arguments of the loop.
+        left: progress of the call before; ignored if `left.steps` is 0.
+        room: bound on the events logged by this call.
+        can_stick: whether any stop may hold its mass.
 
     Returns:
-        The trajectory, with what this call saw of it, and where it stands.
+        Trajectory with the events and saved states of this call, and its progress.
     """
     request = jax.tree.map(jnp.asarray, request)
     prepare = partial(_begin, room=room, can_stick=can_stick)
@@ -131,7 +130,7 @@ def _begin(
 
 
 def _gone_on(carry: Carry, left: Left) -> Carry:
-    """The carry of a call that goes on, if there was one before it."""
+    """Initial carry of a call: that of the start, or continued from the call before."""
     goes_on = left.steps > 0
     log = eqx.tree_at(
         lambda log: (log.rows, log.num_events, log.events_before, log.known_until),
@@ -143,14 +142,14 @@ def _gone_on(carry: Carry, left: Left) -> Carry:
         carry,
         (left.state, log, left.steps, left.is_finite, left.grazing),
     )
-    # Empty room is the same in both.
+    # Empty arrays for events and saved states are the same in both.
     return jax.tree.map(lambda a, b: b if a is b else jnp.where(goes_on, a, b), before, carry)
 
 
 def follow_known(
     numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, *, can_stick: bool
 ) -> Solution:
-    """Follow a trajectory, all numbers NumPy's; `request.goals` may be any number of times."""
+    """Follow a trajectory of NumPy numbers, with any number of `request.goals`."""
     ts, left = request.goals, nothing_done(numbers, flow)
     calls: list[_Taken] = []
     num_reached = 0
@@ -168,7 +167,7 @@ def follow_known(
 
 
 def _window(request: LoopArguments, num_reached: int) -> LoopArguments:
-    """The request of one call: the next goals, filled up with the end."""
+    """Request of one call: the next goals, padded with the end."""
     waiting = request.goals[num_reached:]
     goals = np.full(_GOALS, request.t1)
     goals[: len(waiting)] = waiting[:_GOALS]
@@ -181,9 +180,9 @@ def _window(request: LoopArguments, num_reached: int) -> LoopArguments:
 
 
 def nothing_done(numbers: MachineNumbers, flow: AbstractFlow) -> Left:
-    """The input of the first call, in the shapes of what a call leaves."""
+    """Input of the first call, in the shapes of the progress of a call."""
     left = _nothing(*numbers.rows.shape, numbers.waves.num_harmonics, numbers.mass.dtype)
-    if type(flow).memory is AbstractFlow.memory:  # none; to ask the flow would take longer than all else here
+    if type(flow).memory is AbstractFlow.memory:  # no memory, not asked of the flow to save time
         return left
     memory = flow.memory(left.known_until)
     return eqx.tree_at(lambda left: left.state, left, remembering(left.state, memory))
@@ -230,7 +229,7 @@ class _Taken:
 
 
 def _taken(solution: Solution, saved: _Saved, left: Left, most_goals: int) -> _Taken:
-    num_goals = min(int(left.goals), most_goals)  # the end is no saved state
+    num_goals = min(int(left.goals), most_goals)  # the end is not a saved state
     is_event = np.asarray(solution.events.stop) >= 0
     return _Taken(
         xs=np.asarray(saved.xs)[:num_goals],
@@ -241,11 +240,11 @@ def _taken(solution: Solution, saved: _Saved, left: Left, most_goals: int) -> _T
 
 
 def _joined(solution: Solution, ts: np.ndarray, calls: list[_Taken], max_events: int) -> Solution:
-    """The solution of the last call, with the results of all calls."""
+    """Solution of the last call with the results of all calls."""
     events, restarts = (
         _concatenated([getattr(call, name) for call in calls]) for name in ("events", "restarts")
     )
-    # A stick is logged with the end of its chatter, before which there may be events of a later call.
+    # A stick has the time at which its chatter ends; events of a later call may come before it.
     order = np.argsort(events.t, kind="stable")[:max_events]
     events = jax.tree.map(
         lambda a: _filled(a[order], max_events, -1 if a.dtype.kind == "i" else np.nan), events
@@ -267,5 +266,5 @@ def _concatenated(parts: list[Rows]) -> Rows:
 
 
 def _filled(a: np.ndarray, size: int, value: int | float) -> np.ndarray:
-    """The first `size` rows of a column, filled up with `value`."""
+    """First `size` rows of a column, padded with `value`."""
     return np.concatenate([a[:size], np.full((max(size - len(a), 0), *a.shape[1:]), value, a.dtype)])

@@ -1,4 +1,4 @@
-"""Preparations to follow a machine of known numbers, kept for when it is followed again."""
+"""Preparations to follow a machine of concrete numbers, cached for the next time."""
 
 from collections import OrderedDict
 from dataclasses import dataclass, field
@@ -19,13 +19,13 @@ _MOST = 64
 
 @dataclass(frozen=True)
 class KnownMachine:
-    """A machine of known numbers.
+    """Machine of concrete numbers.
 
     Attributes:
-        leaves: of the machine as it was given, which are kept so that no other has their identity.
-        system: the machine in NumPy's numbers, its force bound to its `args`.
-        numbers: the same in arrays, on the device.
-        flows: the motions chosen so far, by whether a stop may hold its mass.
+        leaves: leaves of the machine as given, kept alive so that no other object gets their `id`.
+        system: the machine in NumPy numbers, its force bound to its `args`.
+        numbers: the same as `MachineNumbers`, on the device.
+        flows: flows chosen so far, by whether a stop may hold its mass.
     """
 
     leaves: list
@@ -35,26 +35,26 @@ class KnownMachine:
 
     @cached_property
     def can_always_stick(self) -> bool:
-        """Whether a stop might hold its mass wherever the motion starts."""
+        """True if a stop may hold its mass whatever the start."""
         n = self.system.num_masses
         return can_any_stick(self.system, np.full(n, np.nan), np.zeros(n))
 
     @cached_property
     def fixed_stops(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Rows and limits of the stops; None if any of them moves."""
+        """Rows and limits of the stops; None if any stop moves."""
         if self.numbers.travel is not None:
             return None
         return np.asarray(self.numbers.rows), np.asarray(self.numbers.limit)
 
     def is_inside(self, x: Reals) -> bool:
-        """Whether all masses are clearly between stops that stand still; if not, `validate_start` looks closer."""
+        """True if all masses lie between stops that stand still; otherwise `validate_start` decides."""
         if self.fixed_stops is None:
             return False
         rows, limit = self.fixed_stops
         return bool((rows @ x <= limit).all())
 
     def flow(self, wanted: AbstractFlow | None, *, can_stick: bool) -> AbstractFlow:
-        """The given motion, or the one that serves best."""
+        """Return the given flow, or choose one and cache it."""
         if wanted is not None:
             return choose_flow(self.system, can_stick=can_stick, wanted=wanted)
         if can_stick not in self.flows:
@@ -66,7 +66,7 @@ _kept: OrderedDict = OrderedDict()
 
 
 def known_machine(system: ImpactSystem, args: object) -> KnownMachine:
-    """The numbers of a machine, computed once for arrays that cannot change."""
+    """Concrete numbers of a machine, cached if its arrays are immutable."""
     leaves, structure = jax.tree.flatten((system, args))
     key = jax.config.read("jax_enable_x64"), structure, *map(id, leaves)
     found = _kept.get(key)

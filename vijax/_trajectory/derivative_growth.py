@@ -1,10 +1,10 @@
-"""A warning where derivatives have grown beyond all use: a gradient of 1e28 is a number like any other.
+"""Warning about derivatives that have grown beyond use: a gradient of 1e28 looks like any other number.
 
-Neighbours of a chaotic motion part by a factor in each period, so that derivatives over hundreds of periods are those of
-nothing that can be seen. It shows at the end of the motion, in forward mode, or in what is asked for, in reverse.
+Neighbours of a chaotic motion separate by a factor in each period, so derivatives over hundreds of periods describe
+nothing observable. In forward mode the growth shows at the end of the motion, in reverse mode in the result.
 
-What is known is looked at here. Under `jax.jit` nothing is known before the program runs: it calls back, but only
-where it may do so anyway, with `throw`, as a program that calls back into Python cannot be kept in a folder.
+Concrete values are tested here. Under `jax.jit` none is concrete before the program runs, so the program calls back,
+but only with `throw`, where it does so anyway: a program with callbacks into Python cannot be cached on disk.
 """
 
 import warnings
@@ -23,13 +23,13 @@ _MOST = 1e20
 
 
 def warn_if_large(derivatives: PyTree) -> PyTree:
-    """The same derivatives, of a trajectory or by what it depends on; warns if some are too large, as far as that is known."""
+    """Return derivatives, of a trajectory or by its arguments, unchanged; warn if concrete ones are too large."""
     _told(_largest(derivatives))
     return derivatives
 
 
 def watch_closely(derivatives: PyTree) -> PyTree:
-    """The same, also where it is known when the program runs."""
+    """`warn_if_large` that also warns when a compiled program runs."""
     largest = _largest(derivatives)
     if _told(largest):
         return derivatives
@@ -39,7 +39,7 @@ def watch_closely(derivatives: PyTree) -> PyTree:
         _told(largest)
         return np.ones(shape.shape, shape.dtype)
 
-    # The callback is left out where nothing depends on what it returns.
+    # JAX drops a callback whose result is not used.
     one = jax.lax.cond(
         largest >= _MOST, lambda: jax.pure_callback(tell, shape, largest), lambda: jnp.ones_like(largest)
     )
@@ -47,10 +47,10 @@ def watch_closely(derivatives: PyTree) -> PyTree:
 
 
 def _largest(derivatives: PyTree) -> Reals:
-    """The largest finite magnitude. Of a trajectory its end is looked at, which is computed whatever is asked for."""
+    """Largest finite magnitude; of a trajectory that of its end, which is always computed."""
     is_forward = isinstance(derivatives, Solution)
     looked_at = jax.tree.leaves((derivatives.x1, derivatives.v1) if is_forward else derivatives)
-    # Of JAX every operation would be a program.
+    # By NumPy: in JAX every operation would compile a program.
     known = [a for a in map(concrete, looked_at) if a is not None]
     if len(known) == len(looked_at):
         return max((np.max(np.abs(a), where=np.isfinite(a), initial=0) for a in known), default=np.zeros(()))
@@ -60,7 +60,7 @@ def _largest(derivatives: PyTree) -> Reals:
 
 
 def _told(largest: ArrayLike) -> bool:
-    """Whether the largest derivative is known; warns if it is too large."""
+    """Test whether the largest derivative is concrete; warn if it is too large."""
     known = concrete(largest)
     if known is not None and known >= _MOST:
         _warn()

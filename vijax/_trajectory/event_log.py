@@ -1,4 +1,4 @@
-"""The event log: written an instant at a time, read event by event."""
+"""Event log: written instant by instant, read event by event."""
 
 from itertools import accumulate
 
@@ -19,18 +19,18 @@ from .batched import Writing, put
 
 
 class EventLog(eqx.Module):
-    """All events in the order of time, padded with NaN and -1.
+    """All events in time order, padded with NaN and -1.
 
     Attributes:
-        t: time, (events,). A stick carries the end of the chatter it completes.
+        t: time, (events,). A stick has the time at which the chatter it completes ends.
         stop: index of the stop, (events,).
         kind: `vx.IMPACT`, `vx.STICK` or `vx.RELEASE`, (events,).
-        velocity_minus: signed velocity of the mass just before, (events,); that of the stop unless an impact,
-            0 where it stands still. Of a `vx.Contact` the speed of approach, `row . v` less its own velocity; 0
-            unless an impact.
-        velocity_plus: just after, likewise.
-        impulse: m (velocity_plus - velocity_minus) of a stop; of a contact the impulse along its row by which it
-            pushes its gap open, not negative, (events,).
+        velocity_minus: signed velocity of the mass just before an impact, (events,); for other events that of the stop,
+            0 where it stands still. For a `vx.Contact` the speed of approach, `row . v` less its own velocity; 0 for
+            other events.
+        velocity_plus: velocity just after, likewise.
+        impulse: m (velocity_plus - velocity_minus) for a stop; for a contact the impulse along its row that opens its
+            gap, not negative, (events,).
     """
 
     t: Float[Array, " events"]
@@ -48,10 +48,10 @@ class EventLog(eqx.Module):
 
 
 class Restarts(eqx.Module):
-    """The state after every instant that had an event, the start first, (rows, ...); the rest is padding.
+    """State after every instant with an event, the start first, (rows, ...); the rest is padding.
 
-    `t` is the time, `periods` and `time` the same as whole forcing periods since the start and what is left. One that is
-    yet to be written has lanes last, if there are any.
+    `t` is the time; `periods` and `time` give it as whole forcing periods since the start and remainder. A row to be
+    written has lanes last, if there are any.
     """
 
     t: Float[Array, "..."]
@@ -64,17 +64,17 @@ class Restarts(eqx.Module):
 
 
 class Log(eqx.Module):
-    """One row per instant that had an event, the start first.
+    """Log with one row per instant with an event, the start first.
 
     Attributes:
-        restarts: the state after each, (rows + 1, ...); what finds no room is written to the last row.
-        instants: what happened, likewise.
-        places: of every event its row and its number in that row, `_joined`, (events,).
-        rows: rows written to this room.
-        num_events: events in all, also those past the end of the log.
-        events_before: events of rooms before this one.
+        restarts: state after each instant, (rows + 1, ...); the last row takes those without room.
+        instants: transition at each instant, likewise.
+        places: row of every event and its number in that row, `_joined`, (events,).
+        rows: rows written by this call.
+        num_events: number of events in all, including those past the end of the log.
+        events_before: number of events of earlier calls.
         known_until: time of the last logged instant.
-        is_whole: whether this room is all there is, whatever finds no room.
+        is_whole: whether this log is the only one, even if it overflows.
     """
 
     restarts: Restarts
@@ -87,7 +87,7 @@ class Log(eqx.Module):
     is_whole: bool = eqx.field(static=True)
 
     def has_room(self, max_events: Int[Array, "..."]) -> Bool[Array, "..."]:
-        """Whether there is room for another instant, or none is needed: `max_events` are logged."""
+        """True if there is room for another instant, or `max_events` are logged and none is needed."""
         if self.is_whole:
             return jnp.array(True)
         size, num_stops = self.instants.hit.shape
@@ -95,11 +95,11 @@ class Log(eqx.Module):
         return (self.num_events - self.events_before + most <= size - 2) | (self.num_events >= max_events)
 
     def kept(self) -> Restarts:
-        """The rows, without the one for what finds no room."""
+        """Rows without the last, which takes those without room."""
         return jax.tree.map(lambda a: a[:-1], self.restarts)
 
     def kept_instants(self) -> Instant:
-        """What happened at each of them."""
+        """Transitions at the rows of `kept`."""
         return jax.tree.map(lambda a: a[:-1], self.instants)
 
 
@@ -109,18 +109,18 @@ def _most_events(num_stops: int) -> int:
 
 
 def _joined(row: Reals, number: Reals, num_stops: int) -> Reals:
-    """A row and the number of an event of that instant in one; by powers of two, as divisions take long."""
+    """Row and number of an event in that row, packed into one integer by shifts, because divisions are slow."""
     return (row << _most_events(num_stops).bit_length()) + number
 
 
 def _split(both: Reals, num_stops: int) -> tuple[Reals, Reals]:
-    """The inverse of `_joined`."""
+    """Inverse of `_joined`."""
     bits = _most_events(num_stops).bit_length()
     return both >> bits, both & ((1 << bits) - 1)
 
 
 def empty_log(first: State, t0: Scalar, room: int, *, is_whole: bool, has_impulses: bool) -> Log:
-    """A log of the start, with room for so many events after it; `has_impulses` if instants tell them."""
+    """Log of the start, with room for `room` events after it; `has_impulses` if instants carry impulses."""
 
     def rows(a: Array, fill: bool | int | float) -> Array:
         return jnp.full((room + 2, *a.shape), fill, a.dtype).at[0].set(a)
@@ -162,7 +162,7 @@ def log_row(
         is_row,
         Writing(log.restarts, jax.tree.map(lambda a: a[None], restart), log.rows),
         Writing(log.instants, jax.tree.map(lambda a: a[None], instant), log.rows),
-        # What is written too much is written over by the next instant.
+        # The next instant overwrites surplus entries.
         Writing(
             log.places,
             _joined(log.rows, lift(numbers, count[None]), len(instant.hit)),
@@ -188,14 +188,14 @@ def event_log(
     max_events: int,
     places: Int[Array, " events"] | None = None,
 ) -> EventLog:
-    """Spread instants into single events, in the order of time.
+    """Expand instants into single events, in time order.
 
     Args:
         machine: the machine.
-        instants: what happened, in the order of time, (rows, ...).
-        phases: of the load at each.
-        max_events: room for so many events.
-        places: of every event its row and its number there, see `Log`; if left out, they are counted.
+        instants: transitions in time order, (rows, ...).
+        phases: phase of the load at each.
+        max_events: length of the log.
+        places: row and number of every event, see `Log`; counted if left out.
     """
     happened = _flags_of(instants)
     num_stops = happened.shape[1] // len(EVENTS)
@@ -247,7 +247,7 @@ def _flags_by_kind(instants: Instant) -> list[Bool[Array, "..."]]:
 
 
 def _count_places(flags: Bool[Array, "rows flags"], room: int) -> Int[Array, " room"]:
-    """Row and number, `_joined`, of the flags that are up, row by row; arbitrary past the last of them."""
+    """Row and number, `_joined`, of the raised flags, row by row; arbitrary past the last of them."""
     num = jnp.sum(flags, axis=1)
     until = jnp.cumsum(num)  # flags up to the end of each row
     event = jnp.arange(room)
@@ -256,17 +256,17 @@ def _count_places(flags: Bool[Array, "rows flags"], room: int) -> Int[Array, " r
 
 
 def _flag_of_number(flags: Bool[Array, "room flags"], number: Int[Array, " room"]) -> Int[Array, " room"]:
-    """The flag of every row that has so many before it, of those that are up; arbitrary if there is none."""
+    """Index of the raised flag of every row that has `number` raised flags before it; arbitrary if there is none."""
     columns = flags.T.astype(int)
     up_to = list(accumulate(columns)) if len(columns) <= UNROLLED else jnp.cumsum(columns, axis=0)
     return jnp.minimum(add_up([(a <= number).astype(int) for a in up_to]), len(columns) - 1)
 
 
 def _in_order(times: Float[Array, " room"], events: Int[Array, " room"]) -> Int[Array, " room"]:
-    """Events in the order of times that are nearly sorted, by exchanging neighbours.
+    """Sort events by nearly sorted times, by exchanging neighbours.
 
-    Rows are in order but for the ends of chatters, at most one pending for each stop. A sort would take
-    longer than following the trajectory.
+    Rows are in order except for the ends of chatters, at most one pending per stop. A sort would take longer than
+    following the trajectory.
     """
     place = jnp.arange(times.size)
 
@@ -284,14 +284,14 @@ def _in_order(times: Float[Array, " room"], events: Int[Array, " room"]) -> Int[
 
 
 def _exchanged(a: Array, goes: Bool[Array, " room"]) -> Array:
-    """The array with each flagged row and the next exchanged."""
+    """Exchange each flagged row with the next."""
     return jnp.where(goes, jnp.roll(a, -1), jnp.where(jnp.roll(goes, 1), jnp.roll(a, 1), a))
 
 
 def _velocities_of_stops(
     machine: Machine, instants: Instant, phases: Float[Array, "rows 2 harmonics"]
 ) -> Float[Array, "rows kinds stops"] | None:
-    """Velocities of the stops themselves at the events of every instant; None if all stand still."""
+    """Velocities of the stops at the events of every instant; None if all stand still."""
     later = jax.vmap(jax.vmap(lambda phase, delay: turned(phase, machine.phase_at(delay)), (None, 0)))
     now, of_others = (over(machine.velocity_of_stops) for over in (jax.vmap, lambda f: jax.vmap(jax.vmap(f))))
     now, at_sticks = now(phases), of_others(later(phases, instants.chatter))

@@ -1,9 +1,9 @@
-"""Grazing: contacts so light, or misses so narrow, that derivatives are infinite or about to be.
+"""Grazing: contacts so light, or misses so narrow, that derivatives are infinite or nearly so.
 
-The derivative of a state after an impact by the state before grows like 1 / v, v the speed of the
-impact, and a little change of the machine makes a near miss an impact. Both are told by the closest
-cases of a trajectory, and by a flag. The light impacts of a chatter, its mass pressed onto the stop,
-are no grazing: their number changes, but the motion depends on it smoothly.
+The derivative of the state after an impact by the state before grows like 1 / v with the impact speed v, and a small
+change of the machine turns a near miss into an impact. The closest cases of a trajectory and a flag report both. The
+light impacts of a chatter, with the mass pressed onto the stop, are not grazing: their number changes, but the motion
+depends on it smoothly.
 """
 
 import equinox as eqx
@@ -20,15 +20,14 @@ from .._machine.state import State
 
 
 class Grazing(eqx.Module):
-    """The closest to grazing that a trajectory came.
+    """Closest approach of a trajectory to grazing.
 
     Attributes:
-        impact_speed: smallest speed of an impact after which the mass is pulled away from its stop;
-            infinite if there was none.
-        clearance: smallest gap at which a mass turned back just before its stop; likewise. Only passes
-            that some step began or ended close to are measured: all that are narrow.
-        is_near: whether either is so small against the acceleration a that derivatives are about to
-            be infinite, or one-sided: speeds below 1e-5 a / rate, gaps below 1e-10 a / rate^2.
+        impact_speed: smallest speed of an impact after which the mass is pulled away from its stop; infinite if none.
+        clearance: smallest gap at which a mass turned back just before its stop; infinite if none. Only passes close to
+            the start or end of a step are measured, which include all narrow ones.
+        is_near: whether either is so small against the acceleration a that derivatives are nearly infinite, or
+            one-sided: speeds below 1e-5 a / rate, gaps below 1e-10 a / rate^2.
     """
 
     impact_speed: Scalar
@@ -37,18 +36,18 @@ class Grazing(eqx.Module):
 
 
 def nothing_met(time: Scalar) -> Grazing:
-    """No grazing yet: the value before the first step."""
+    """Value before the first step: no grazing."""
     return Grazing(jnp.full_like(time, jnp.inf), jnp.full_like(time, jnp.inf), jnp.zeros(time.shape, bool))
 
 
 def update_grazing(
     machine: Machine, before: State, after: State, instant: Instant, met: Grazing, live: Flag
 ) -> Grazing:
-    """Update by one step of what is live."""
+    """Update by one step of the live lanes."""
     machine, before, after, instant = constant((machine, before, after, instant))
     turned = (machine.approach(before) > 0) & (machine.approach(after) <= 0)
     turned = turned & ~instant.hit & ~before.held & ~after.held
-    # Most steps have neither.
+    # Most steps have neither an impact nor a turn.
     return jax.lax.cond(
         is_any(live & jnp.any(turned | instant.hit, axis=0)),
         lambda: jax.tree.map(
@@ -68,13 +67,13 @@ def _nearer(
     turned: Bool[Array, "stops ..."],
     met: Grazing,
 ) -> Grazing:
-    """Update by a step with an impact, or in which masses have `turned` before their stops."""
+    """Update by a step with an impact, or in which masses `turned` back before their stops."""
     pull, lowest_behind, behind = _lowest(machine, after)
     _, lowest_ahead, ahead = _lowest(machine, before)
     leaves = pull > 0
     scale = jnp.where(leaves, pull, 1) / machine.rate
     speed = jnp.where(instant.hit & leaves, jnp.abs(instant.velocity_minus), jnp.inf)
-    # Each cubic is exact to a small part of the gap, if the minimum is near the end it starts from.
+    # Each cubic is accurate to a small part of the gap if its minimum is near the end of the step where it starts.
     near = 3e-2 / machine.rate
     lowest_behind = jnp.where(turned & (behind <= 0) & (behind > -near), lowest_behind, jnp.inf)
     lowest_ahead = jnp.where(turned & (ahead >= 0) & (ahead < near), lowest_ahead, jnp.inf)
@@ -90,7 +89,7 @@ def _nearer(
 def _lowest(
     machine: Machine, state: State
 ) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."], Float[Array, "stops ..."]]:
-    """Second derivative of every gap, and its minimum by the cubic from here, with the time of that."""
+    """Second derivative of every gap, the minimum of its cubic from this state, and the time to the minimum."""
     hold = machine.hold(state.held)
     now, slope = rates(machine, state, hold), -machine.approach(state)
     curvature = -machine.contacts.pull(now.force, hold, state.phase)

@@ -1,7 +1,7 @@
-"""The motion up to an impact with one of the stops: the loop of `next_impact`.
+"""Motion up to an impact with a given stop: the loop of `next_impact`.
 
-The loop ends at the impact. To look for it in the log of a trajectory would need a bound on its time and on the
-events before it, and would follow, and differentiate, the motion up to that bound.
+The loop ends at the impact. A search in the log of a trajectory would need a bound on the time and on the events before
+the impact, and would follow, and differentiate, the motion up to that bound.
 """
 
 from collections.abc import Callable
@@ -25,17 +25,17 @@ from .step import flight_to, initial_state, outcome
 
 
 class Wanted(eqx.Module):
-    """What is asked for.
+    """Request for an impact.
 
     Attributes:
         t0: start of the motion.
-        t1: when to give up.
+        t1: time at which the search ends.
         x0: positions at the start, (n,).
-        v0: velocities there, (n,).
-        stop: the stop whose impacts count.
-        num_impacts: the number of the impact that is wanted; the first after t0 is 1.
+        v0: velocities at the start, (n,).
+        stop: stop whose impacts count.
+        num_impacts: number of the requested impact; the first after t0 is 1.
         max_steps: bound on the steps, `OWN_BOUND` for one by the rate of the machine.
-        is_sound: whether to start at all.
+        is_sound: whether the start is valid; if not, no step is taken.
     """
 
     t0: Reals
@@ -49,14 +49,14 @@ class Wanted(eqx.Module):
 
 
 class Arrival(eqx.Module):
-    """Where the motion came.
+    """End of the motion.
 
     Attributes:
         t: time.
         x: positions, (n,).
-        v: velocities just before what happened there, (n,).
-        is_there: whether it is the impact that was wanted.
-        result: what ended the motion; `successful` also where it had no such impact.
+        v: velocities just before the transition, (n,).
+        is_there: whether this is the requested impact.
+        result: result code; `successful` also if there was no such impact.
     """
 
     t: Scalar
@@ -67,7 +67,7 @@ class Arrival(eqx.Module):
 
 
 class _Carry(NamedTuple):
-    """The state after the last step, the velocities just before, and how many impacts and steps there were."""
+    """State after the last step, velocities just before its transition, numbers of impacts and steps, and flags."""
 
     state: State
     v: Float[Array, " n"]
@@ -78,7 +78,7 @@ class _Carry(NamedTuple):
 
 
 class _Task(AbstractTask):
-    """The loop body and all that it depends on, so that derivatives see it."""
+    """Loop body with everything it depends on, so that derivatives see it."""
 
     flow: AbstractFlow
     machine: Machine
@@ -91,22 +91,22 @@ class _Task(AbstractTask):
     max_steps: Int[Array, ""]
 
     def is_there(self, carry: _Carry) -> Bool[Array, ""]:
-        """Whether the motion came to the impact."""
+        """True once the motion reached the impact."""
         return carry.impacts >= self.num_impacts
 
     def is_live(self, carry: _Carry) -> Bool[Array, ""]:
-        """Whether to go on."""
+        """True while the motion is finite and has not reached the impact, `t1` or the bound on steps."""
         is_on = carry.is_finite & ~carry.is_over & (carry.steps < self.max_steps)
         return is_on & ~self.is_there(carry)
 
     def step(self, carry: _Carry) -> _Carry:
-        """One step of the motion."""
+        """Take one step of the motion."""
         state, live = carry.state, self.is_live(carry)
         is_last_period = state.periods >= self.last_period
         target = jnp.where(is_last_period, self.last_time, self.machine.period)
         flight = flight_to(self.flow, self.machine, state, target, self.resolution)
         after, instant = outcome(self.machine, flight)
-        # A motion that starts with an impact has it at once.
+        # An impact at the start does not count.
         is_later = (state.periods > 0) | (instant.time > 0)
         after = start_period(after, self.phase0, instant.arrived & ~is_last_period)
         is_finite = jnp.all(jnp.isfinite(after.x + after.v)) & jnp.isfinite(after.time)
@@ -121,7 +121,7 @@ class _Task(AbstractTask):
 
 
 class Reverse(NamedTuple):
-    """How derivatives in reverse are taken: see `simulate`, and `factor_in_reverse`."""
+    """Settings of reverse-mode derivatives, see `simulate` and `factor_in_reverse`."""
 
     max_steps: int
     raises: bool
@@ -130,7 +130,7 @@ class Reverse(NamedTuple):
 def follow_to_impact(
     numbers: MachineNumbers, flow: AbstractFlow, wanted: Wanted, reverse: Reverse
 ) -> Arrival:
-    """Follow a motion to the impact that is wanted, differentiably."""
+    """Follow a motion to the requested impact, differentiably."""
     return differentiable(_forwards, _backwards, (numbers, flow, wanted, reverse))
 
 

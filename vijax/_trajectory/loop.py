@@ -1,8 +1,8 @@
-"""The loop that follows a trajectory, or several side by side with lanes last, and its results.
+"""Loop that follows a trajectory, or several with lanes last, and its results.
 
-Known numbers go through one program for all machines of a size, see `chunked.py`: it has room for a fixed
-number of events and saved states, and is called again until all is done. Traced values, under `jit`, `vmap`
-or derivatives, take one call, with room for all that was asked: see `single_call.py`.
+Concrete numbers go through one program for all machines of a size, see `chunked.py`: it has room for a fixed number of
+events and saved states, and is called again until the end. Traced values, under `jit`, `vmap` or derivatives, take one
+call with room for the whole request, see `single_call.py`.
 """
 
 from collections.abc import Callable
@@ -27,25 +27,25 @@ from .grazing import Grazing, nothing_met, update_grazing
 from .solution import RESULTS, Solution
 from .step import advance, initial_state
 
-# `max_turns` of a call that does all at once: the largest number of 32 bits, as JAX may have no 64-bit ones.
+# `max_turns` of a call without a pause: the largest 32-bit integer, as JAX may have no 64-bit ones.
 NO_PAUSE = np.iinfo(np.int32).max
 
 
 class LoopArguments(NamedTuple):
-    """Arguments of one call of the loop; a tuple, as one is made at every call, which takes a module 50 microseconds.
+    """Arguments of one call of the loop; a tuple, because every call makes one and a module takes 50 microseconds.
 
     Attributes:
         t0: start of the trajectory.
         t1: its end.
         x0: positions at the start, (n,).
-        v0: velocities there, (n,).
-        goals: times at which to save the state in this call, (goals,); what they leave free is filled with t1.
-        num_goals: how many they are.
-        is_last: whether the end is reached in this call, unless it is interrupted.
-        max_steps: bound on the steps in all, `OWN_BOUND` for one by the rate of the machine.
-        max_events: the most events that are logged in all.
-        max_turns: steps after which this call comes back.
-        is_sound: whether to start at all.
+        v0: velocities at the start, (n,).
+        goals: times at which to save the state in this call, (goals,), padded with t1.
+        num_goals: number of goals without padding.
+        is_last: whether this call reaches the end, unless it is interrupted.
+        max_steps: bound on the steps of all calls, `OWN_BOUND` for one by the rate of the machine.
+        max_events: bound on the logged events of all calls.
+        max_turns: bound on the steps of this call.
+        is_sound: whether the start is valid; if not, no step is taken.
     """
 
     t0: Reals
@@ -67,12 +67,12 @@ class Carry(eqx.Module):
     Attributes:
         state: the motion.
         log: the events.
-        xs: saved positions, (goals + 1, n); what is not saved is written to the last row.
+        xs: saved positions, (goals + 1, n); the last row takes what is not saved.
         vs: saved velocities, likewise.
-        goal: goals reached in this call.
-        steps: steps so far.
+        goal: number of goals reached in this call.
+        steps: number of steps so far.
         is_finite: whether the motion stayed finite.
-        grazing: the closest to grazing it came.
+        grazing: closest approach to grazing.
     """
 
     state: State
@@ -86,7 +86,7 @@ class Carry(eqx.Module):
 
 
 class LoopTask(AbstractTask):
-    """The loop body and all that it depends on, so that derivatives see it."""
+    """Loop body with everything it depends on, so that derivatives see it."""
 
     flow: AbstractFlow
     machine: Machine
@@ -101,12 +101,12 @@ class LoopTask(AbstractTask):
     max_events: Int[Array, "..."]
 
     def is_live(self, carry: Carry) -> Bool[Array, "..."]:
-        """Whether there is anything left to do in this call."""
+        """True where this call has work left: a finite motion, steps, goals, and room in the log."""
         is_on = carry.is_finite & (carry.steps < jnp.minimum(self.max_steps, self.last_step))
         return is_on & (carry.goal < self.num_goals) & carry.log.has_room(self.max_events)
 
     def step(self, carry: Carry) -> Carry:
-        """One step of the motion, its events logged and its state saved where asked for."""
+        """Take one step, log its events, and save the state at a goal."""
         state, live = carry.state, self.is_live(carry)
         goal = jnp.minimum(carry.goal, len(self.goal_times) - 1)
         goal_periods, goal_time = (row_of_lane(a, goal) for a in (self.goal_periods, self.goal_times))
@@ -135,9 +135,9 @@ class LoopTask(AbstractTask):
 def one_way(
     prepare: Callable[..., tuple[AbstractTask, Any]], arguments: tuple, most: int = UNROLLED_ALONE
 ) -> tuple[Any, Any]:
-    """A loop without derivatives and its preparation, compiled into one kernel where possible: the task, the last carry.
+    """Run a loop without derivatives after its preparation; the task and the last carry.
 
-    The preparation too, as constants cannot be handed to a kernel.
+    Both form one kernel where possible, the preparation too because constants cannot be passed to a kernel.
     """
 
     def loop(arguments: tuple) -> tuple[AbstractTask, Any, tuple]:
@@ -146,7 +146,7 @@ def one_way(
 
     numbers, flow, *_ = arguments
     is_small = max(*numbers.rows.shape[:2], numbers.waves.num_harmonics) <= most
-    # Coordinates of a full mass matrix are made by LAPACK, which no kernel can call.
+    # Coordinates of a full mass matrix are computed by LAPACK, which no kernel can call.
     is_small = is_small and numbers.mass.ndim < numbers.stiffness.ndim
     run = partial(in_one_kernel, loop) if is_small and flow.fits_one_kernel else loop
     return run(arguments)[:2]
@@ -161,15 +161,15 @@ def begin_all(
     can_stick: bool,
     is_whole: bool = True,
 ) -> tuple[LoopTask, Carry]:
-    """The loop of a request, of one trajectory or of several with lanes last, and what it begins with.
+    """Loop and initial carry of a request, for one trajectory or several with lanes last.
 
     Args:
-        numbers: of the machine.
+        numbers: numbers of the machine.
         flow: the motion between events.
-        r: what is asked for, every lane with numbers of its own.
-        room: the most events logged.
-        can_stick: whether any stop might hold its mass.
-        is_whole: whether this room is all there is.
+        r: request, with its own numbers in every lane.
+        room: bound on the logged events.
+        can_stick: whether any stop may hold its mass.
+        is_whole: whether the log of this call is the only one.
     """
     t0, span = r.t0, r.t1 - r.t0
     machine = prepare(numbers, jnp.where(span > 0, span, 1), (t0, r.x0, r.v0), can_stick=can_stick)
@@ -212,12 +212,12 @@ def begin_all(
 
 
 def is_over(task: LoopTask, last: Carry, request: LoopArguments) -> Bool[Array, "..."]:
-    """Whether the trajectory came to its end."""
+    """True where the trajectory reached its end."""
     return request.is_last & (last.goal >= task.num_goals)
 
 
 def finish(task: LoopTask, last: Carry, request: LoopArguments, room: int) -> Solution:
-    """The trajectory, with what this call saw of it."""
+    """Trajectory with the events and saved states of this call."""
     machine, t0, t1 = task.machine, task.t0, request.t1
     state, log, ts = last.state, last.log, request.goals
     is_reached = (jnp.arange(ts.size) < last.goal)[:, None]

@@ -1,4 +1,4 @@
-"""The loop that follows a motion and how small changes of its state grow, period by period."""
+"""Loop that follows a motion and the growth of small perturbations of its state, period by period."""
 
 import equinox as eqx
 import jax
@@ -18,20 +18,20 @@ from .solution import RESULTS
 from .step import initial_state
 from .tangent_frame import Tangents, advance_with, first_tangents
 
-# The periods are cut into so many blocks, by which the error of a mean is told.
+# Number of blocks of periods; their scatter gives the error of a mean.
 BLOCKS = 20
 
 
 class ExponentRequest(eqx.Module):
-    """What is asked for.
+    """Request for Lyapunov exponents.
 
     Attributes:
         x0: positions at the start, (n,).
-        v0: velocities, (n,).
-        transient: periods that are not counted.
-        num_periods: periods that are.
+        v0: velocities at the start, (n,).
+        transient: number of periods before the counted ones.
+        num_periods: number of counted periods.
         max_steps: bound on the steps, `OWN_BOUND` for one by the rate of the machine.
-        is_sound: whether to start at all.
+        is_sound: whether the start is valid; if not, no step is taken.
     """
 
     x0: Reals
@@ -43,13 +43,13 @@ class ExponentRequest(eqx.Module):
 
 
 class Growth(eqx.Module):
-    """Where a motion stands, and what grew on the way.
+    """Progress of a motion, with the growth of its perturbations.
 
     Attributes:
         state: the motion.
-        tangents: small changes, their growth since the last end of a period.
+        tangents: perturbations, with their growth since the last end of a period.
         totals: growth in the counted periods, block by block, (blocks, 2 n).
-        steps: steps so far.
+        steps: number of steps so far.
         is_finite: whether the motion stayed finite.
     """
 
@@ -61,7 +61,7 @@ class Growth(eqx.Module):
 
 
 class _Task(AbstractTask):
-    """The loop body and all that it depends on."""
+    """Loop body with everything it depends on."""
 
     flow: AbstractFlow
     machine: Machine
@@ -71,12 +71,12 @@ class _Task(AbstractTask):
     last_step: Int[Array, ""]
 
     def is_live(self, carry: Growth) -> Bool[Array, ""]:
-        """Whether there is anything left to do in this call."""
+        """True while the motion is finite and steps and periods are left."""
         is_on = carry.is_finite & (carry.steps < self.last_step)
         return is_on & (carry.state.periods < self.transient + self.num_periods)
 
     def step(self, carry: Growth) -> Growth:
-        """One step of the motion and of the changes that go with it."""
+        """Advance the motion and its perturbations by one step."""
         state, machine, live = carry.state, self.machine, self.is_live(carry)
         resolution = 4 * jnp.finfo(state.x.dtype).eps * machine.period
         after, instant, tangents = advance_with(
@@ -103,12 +103,12 @@ def follow_growth(
     """Follow a motion to its end.
 
     Args:
-        numbers: of the machine.
+        numbers: numbers of the machine.
         flow: the motion between events.
-        request: what is asked for.
+        request: request for exponents.
 
     Returns:
-        Where it is then, and whether it may go on.
+        Progress at the end, and whether periods are left.
     """
     task, carry = _begin(numbers, flow, request, None, None)
     return _told(task, while_any(task, carry))
@@ -144,12 +144,12 @@ def _told(task: _Task, last: Growth) -> tuple[Growth, Bool[Array, ""]]:
 def follow_some_growth(
     numbers: MachineNumbers, flow: AbstractFlow, request: ExponentRequest, so_far: Growth, turns: Reals
 ) -> tuple[Growth, Bool[Array, ""]]:
-    """`follow_growth` for known numbers, by some steps from where it stands; the start, if no step was taken."""
+    """`follow_growth` for concrete numbers, some steps further; from the start if no step was taken."""
     return _told(*one_way(_begin, (numbers, flow, request, so_far, turns)))
 
 
 def no_growth(numbers: MachineNumbers, flow: AbstractFlow) -> Growth:
-    """The input of the first call, in the shapes of what a call leaves."""
+    """Input of the first call, in the shapes of the result of a call."""
     left, size = nothing_done(numbers, flow), 2 * numbers.mass.shape[-1]
     shapes = (size, size), (size,), (BLOCKS, size)
     frame, growth, totals = jax.device_put([np.zeros(shape, numbers.mass.dtype) for shape in shapes])
@@ -157,19 +157,19 @@ def no_growth(numbers: MachineNumbers, flow: AbstractFlow) -> Growth:
 
 
 def result_of(growth: Growth, request: ExponentRequest, is_left: Bool[Array, ""]) -> RESULTS:
-    """What became of the motion."""
+    """Result code of the motion."""
     result = RESULTS.where(is_left, RESULTS.max_steps_reached, RESULTS.successful)
     result = RESULTS.where(growth.is_finite, result, RESULTS.non_finite)
     return RESULTS.where(request.is_sound, result, RESULTS.unsound_start)
 
 
 def exponents(totals: Reals, num_periods: int, period: Reals) -> tuple[Reals, Reals]:
-    """Exponents and their standard errors, the largest first.
+    """Lyapunov exponents and their standard errors, the largest first.
 
     Args:
-        totals: growth in blocks of periods, as `in_blocks` cuts them, (blocks, 2 n, ...).
-        num_periods: periods in all.
-        period: the forcing period, (...).
+        totals: growth in the blocks of `in_blocks`, (blocks, 2 n, ...).
+        num_periods: number of periods in all.
+        period: forcing period, (...).
     """
     library = library_of(totals, period)
     count = _periods_of_blocks(num_periods)
@@ -194,6 +194,6 @@ def in_blocks(growth: np.ndarray) -> np.ndarray:
 
 
 def _periods_of_blocks(num_periods: int) -> np.ndarray:
-    """How many periods p have p * BLOCKS // num_periods = 0, 1, ...: those of each block."""
+    """Number of periods p of each block, those with p * BLOCKS // num_periods = 0, 1, ..."""
     first = -(-np.arange(BLOCKS + 1) * num_periods // BLOCKS)
     return np.diff(first)

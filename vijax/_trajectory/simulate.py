@@ -1,4 +1,4 @@
-"""One trajectory."""
+"""Simulation of one trajectory."""
 
 from typing import Any, NamedTuple
 
@@ -50,14 +50,13 @@ def simulate(
 ) -> Solution:
     """Follow one trajectory from t0 to t1, through every impact, chatter, stick and release.
 
-    Between events the motion of a linear machine is exact to rounding, and every step is proved free of
-    impacts, so none is missed however light. Works under `jax.jit` and `jax.vmap`.
+    Between events the motion of a linear machine is exact to rounding, and every step is proved free of impacts, so no
+    impact is missed however light. Works under `jax.jit` and `jax.vmap`.
 
-    Derivatives, forward and reverse, go through every event. Where the sequence of events is about to
-    change, at a grazing impact above all, they are one-sided, those of the sequence that happened:
-    `Solution.grazing` tells how close that was. They are taken faster where mass, damping and
-    stiffness are not among what is differentiated. Where they grow to 1e20 and more, over a long chaotic
-    span, a warning says so, once; under `jax.jit` it does with `throw`.
+    Derivatives, forward and reverse, go through every event. Where the sequence of events is about to change, above
+    all at a grazing impact, they are one-sided, those of the sequence that happened: `Solution.grazing` says how
+    close that was. They are faster if mass, damping and stiffness are not differentiated. If they grow to 1e20 and
+    more, over a long chaotic span, a warning is issued once; under `jax.jit` only with `throw`.
 
     Args:
         system: the machine.
@@ -66,26 +65,24 @@ def simulate(
         x0: positions at t0, (n,); zero if left out. May lie on a stop.
         v0: velocities at t0, (n,); zero if left out.
         ts: times at which to save the state, in increasing order; t1 if left out.
-        flow: the motion between events. If left out, exact for a linear machine, and `vx.DiffraxFlow()` for
-            one with a `force`.
+        flow: the motion between events; if left out, exact for a linear machine, `vx.DiffraxFlow()` for one with a
+            `force`.
         args: passed to the `force` of the machine: numbers and arrays in any nesting.
         max_events: length of the event log.
-        max_steps: bound on the number of steps. If left out, far more than any sound motion
-            takes: 100 000, and 100 per unit of (t1 - t0) * (highest frequency or decay rate).
-        max_reverse_steps: the most steps that derivatives in reverse mode (`jax.grad`, `jax.jacrev`) by
-            more than 32 numbers go back through; memory grows with its logarithm. Those by fewer are
-            made of derivatives in forward mode (`jax.jacfwd`), which have no such limit.
-        throw: raise if the result is not `successful`, whatever of it is asked for, under `jax.jit` too;
-            otherwise return the code. Derivatives that are refused because of `max_reverse_steps`
-            raise too, and are NaN without `throw`.
+        max_steps: bound on the number of steps. If left out, far more than a sound motion takes: 100 000, plus 100 per
+            unit of (t1 - t0) * (highest frequency or decay rate).
+        max_reverse_steps: bound on the steps that reverse-mode derivatives (`jax.grad`, `jax.jacrev`) by more than 32
+            numbers go back through; memory grows with its logarithm. Derivatives by fewer numbers are built from
+            forward mode (`jax.jacfwd`), which has no such limit.
+        throw: raise if the result is not `successful`, whichever part of it is used, under `jax.jit` too; otherwise
+            return the code. Derivatives refused because of `max_reverse_steps` raise too, and are NaN without `throw`.
 
     Returns:
         The trajectory, see `vx.Solution`.
 
     Raises:
-        ValueError: for shapes that do not fit, a start beyond a stop, t1 < t0, ts out of order, or numbers
-            that are not finite. While values are traced a RuntimeError instead, or without `throw` the
-            code `unsound_start`.
+        ValueError: for shapes that do not fit, a start beyond a stop, t1 < t0, ts out of order, or numbers that are not
+            finite. For traced values a RuntimeError instead, or without `throw` the code `unsound_start`.
         RuntimeError: with `throw`, for every result but `successful`.
 
     Example:
@@ -103,10 +100,10 @@ def simulate(
 
 
 class Settings(NamedTuple):
-    """How a trajectory is followed: see `simulate`.
+    """Settings of a trajectory, see `simulate`.
 
     Attributes:
-        allowed: the results that are not raised beside `successful`; None for all.
+        allowed: results that do not raise, besides `successful`; None for all.
     """
 
     max_events: Count
@@ -127,7 +124,7 @@ def simulate_with(
     flow: AbstractFlow | None = None,
     args: object = None,
 ) -> Solution:
-    """`simulate` with its knobs as `Settings`."""
+    """`simulate` with its options as `Settings`."""
     max_events = whole_number("max_events", settings.max_events)
     max_reverse_steps = whole_number("max_reverse_steps", settings.max_reverse_steps, 1)
     max_steps = bound_of_steps(settings.max_steps)
@@ -179,7 +176,7 @@ def simulate_with(
 
 
 def bound_of_steps(max_steps: Any) -> Array | np.ndarray:
-    """The bound on steps as the loops take it; may be traced."""
+    """Bound on steps in the form that the loops take; may be traced."""
     if max_steps is None:
         return np.asarray(OWN_BOUND)
     is_known = concrete(max_steps) is not None

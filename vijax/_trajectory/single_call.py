@@ -1,4 +1,4 @@
-"""Trajectories in one call, with room for all that was asked: differentiable, alone or side by side."""
+"""Trajectories in one call, with room for the whole request: differentiable, alone or batched."""
 
 from collections.abc import Callable
 from functools import partial
@@ -23,13 +23,13 @@ from .solution import RESULTS, Solution, result_sentences
 
 
 class CallSettings(NamedTuple):
-    """What is decided before a trajectory is followed in one call.
+    """Static settings of a trajectory followed in one call.
 
     Attributes:
-        room: the most events logged.
-        can_stick: whether any stop might hold its mass.
+        room: bound on the logged events.
+        can_stick: whether any stop may hold its mass.
         max_reverse_steps: see `simulate`.
-        raises: whether derivatives that would go back too far raise; else they are NaN.
+        raises: whether derivatives over too many steps raise; else they are NaN.
     """
 
     room: int
@@ -64,10 +64,10 @@ def _backwards(
 def _side_by_side(
     whole: tuple[ImpactSystem | MachineNumbers, AbstractFlow, LoopArguments, CallSettings], num_lanes: int
 ) -> Solution:
-    """Trajectories with lanes last; what is returned has them in front."""
+    """Follow trajectories with lanes last; the results have lanes first."""
     machine, flow, request, asked = whole
     arguments = not_constant((_in_numbers(machine), flow, request))
-    with jax.numpy_rank_promotion("allow"):  # what all lanes share is broadcast to them
+    with jax.numpy_rank_promotion("allow"):  # shared values are broadcast to the lanes
         return in_groups(partial(_follow_group, asked), arguments, num_lanes)
 
 
@@ -107,7 +107,7 @@ def _in_numbers(machine: ImpactSystem | MachineNumbers) -> MachineNumbers:
 def run_for_log(
     numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, *, room: int, can_stick: bool
 ) -> tuple[Log, RESULTS, Float[Array, " state"]]:
-    """Follow a trajectory for its log alone, without derivatives: the log, what became of it, and its end (x, v)."""
+    """Follow a trajectory without derivatives; its log, result code and end (x, v)."""
     request = jax.tree.map(jnp.asarray, request)
     task, carry = begin_all(numbers, flow, request, room=room, can_stick=can_stick)
     last = while_any(task, carry)

@@ -1,4 +1,4 @@
-"""What `simulate` returns."""
+"""Result of `simulate`, and its evaluation at any time."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -26,7 +26,7 @@ from .grazing import Grazing
 
 if TYPE_CHECKING:
     import xarray as xr
-else:  # with pandas it takes as long to import as all that a trajectory needs
+else:  # with pandas it takes as long to import as everything else of a trajectory
     xr = lazy_loader.load("xarray")
 
 
@@ -62,7 +62,7 @@ class RESULTS(eqx.Enumeration):
 
 
 def result_sentences(result: Any, allowed: Sequence[Any] = ()) -> tuple[Reals, list[str]]:
-    """Arguments of `checked` for a member of `RESULTS` or its like: 0 or the number of the sentence to raise; all sentences."""
+    """Arguments of `checked` for a result code: number of the sentence to raise, or 0, and all sentences."""
     known = concrete(result._value)
     number = result._value if known is None else known
     for one in allowed:
@@ -79,22 +79,22 @@ class Solution(eqx.Module):
     """One trajectory.
 
     Attributes:
-        ts: the times asked for, (times,).
-        xs: positions there, (times, n). At the time of an event, those after it.
-        vs: velocities there, (times, n).
+        ts: requested times, (times,).
+        xs: positions at these times, (times, n); at the time of an event, those after it.
+        vs: velocities, likewise.
         x1: position at t1, (n,).
         v1: velocity at t1, (n,).
-        stuck1: which stops hold their mass at t1, (stops,).
-        events: the log.
+        stuck1: flags of the stops that hold their mass at t1, (stops,).
+        events: event log.
         num_events: number of logged events.
-        num_steps: number of steps, those included that were tried and not taken.
-        num_rejected: those among them that were not accurate enough; none for an exact motion.
-        grazing: the closest to grazing it came: `grazing.impact_speed`, `grazing.clearance` and the flag
+        num_steps: number of steps, including trials that were not taken.
+        num_rejected: number of these trials that were not accurate enough; 0 for an exact motion.
+        grazing: closest approach to grazing: `grazing.impact_speed`, `grazing.clearance` and the flag
             `grazing.is_near`, which warns that derivatives are unreliable or one-sided.
-        result: what became of it, a member of `vx.RESULTS`.
-        max_steps: the bound on the number of steps.
-        t0: start.
-        t1: end.
+        result: member of `vx.RESULTS`.
+        max_steps: bound on the number of steps.
+        t0: start time.
+        t1: end time.
     """
 
     ts: Float[Array, " times"]
@@ -118,17 +118,17 @@ class Solution(eqx.Module):
     known_until: Scalar
 
     def evaluate(self, t: Numbers) -> tuple[Float[Array, "... n"], Float[Array, "... n"]]:
-        """Position and velocity at any time, as exact as the trajectory itself.
+        """Evaluate position and velocity at any time, as exactly as the trajectory itself.
 
         Args:
             t: times in [t0, t1], any shape; for a batch of `jax.vmap` the same times for each.
 
         Returns:
-            x and v, the shape of `t` and then (n,), behind the axes of a batch. NaN where the motion is not
-            known: after the last logged event of a log that was too short, or where it stopped.
+            x and v, of the shape of `t` and then (n,), behind the axes of a batch. NaN where the motion is unknown:
+            after the last event of a log that was too short, or after the motion stopped.
 
         Raises:
-            ValueError: for times outside [t0, t1]; where they are traced a RuntimeError instead.
+            ValueError: for times outside [t0, t1]; a RuntimeError if they are traced.
 
         Example:
             ```python
@@ -141,18 +141,18 @@ class Solution(eqx.Module):
         return x, v
 
     def contact_force(self, t: Numbers) -> Float[Array, "... stops"]:
-        """Force with which each stop is pressed while it holds its mass; 0 while it does not.
+        """Evaluate the contact force of each stop while it holds its mass; 0 while it does not.
 
-        Impacts are impulses and not part of it: see `events.impulse`.
+        It does not include impacts, which are impulses: see `events.impulse`.
 
         Args:
             t: times in [t0, t1], any shape.
 
         Returns:
-            The force, the shape of `t` and then (stops,), behind the axes of a batch; NaN where `evaluate` is.
+            Force, of the shape of `t` and then (stops,), behind the axes of a batch; NaN where `evaluate` is.
 
         Raises:
-            ValueError: as `evaluate` does.
+            ValueError: as for `evaluate`.
 
         Example:
             ```python
@@ -167,13 +167,13 @@ class Solution(eqx.Module):
         return self._at(t)[2]
 
     def evaluate_stops(self, t: Numbers) -> tuple[Float[Array, "... stops"], Float[Array, "... stops"]]:
-        """Where the stops stand at any time, and how fast they move.
+        """Evaluate positions and velocities of the stops at any time.
 
         Args:
             t: times, any shape.
 
         Returns:
-            Positions and velocities, the shape of `t` and then (stops,), behind the axes of a batch.
+            Positions and velocities, of the shape of `t` and then (stops,), behind the axes of a batch.
 
         Example:
             ```python
@@ -188,17 +188,17 @@ class Solution(eqx.Module):
         return evaluate(self.machine, jnp.asarray(t, self.t0.dtype))
 
     def to_xarray(self) -> "xr.Dataset":
-        """Label what was computed.
+        """Convert to a labelled dataset.
 
         Returns:
-            A dataset of `x` and `v` at the saved times, (time, mass); the logged events, (event,):
-            `event_time`, `event_stop`, `event_kind` with its flags, `event_velocity_minus`,
-            `event_velocity_plus`, `event_impulse`; the end state `x1`, `v1`, `stuck1`; `result` with its
-            flags, and what else the attributes of this class are. A batch of `jax.vmap` has the
-            dimension `lane` in front, and its events are padded with NaN and -1 to the longest log.
+            Dataset of `x` and `v` at the saved times, (time, mass); the logged events, (event,): `event_time`,
+            `event_stop`, `event_kind` with its flags, `event_velocity_minus`, `event_velocity_plus`, `event_impulse`;
+            the end state `x1`, `v1`, `stuck1`; `result` with its flags; and the other attributes of this class. A
+            batch of `jax.vmap` has `lane` as first dimension, and its events are padded with NaN and -1 to the
+            longest log.
 
         Raises:
-            ValueError: while values are traced, or for a batch of batches.
+            ValueError: for traced values, or for a batch of batches.
 
         Example:
             ```python
@@ -243,12 +243,12 @@ _OUTSIDE = (
 )
 
 
-# Times that are evaluated at once; fewer are filled up, so no other number is compiled for.
+# Times evaluated at once; fewer are padded, so that only one size is compiled.
 _TIMES = 256
 
 
 def _is_outside(solution: Solution, times: Reals) -> Flag | np.bool_:
-    """Whether any time lies outside of the simulated span by more than rounding."""
+    """True if any time lies outside the simulated span by more than rounding."""
     library = library_of(times)
     t0, t1 = (library.asarray(a)[..., None] for a in (solution.t0, solution.t1))
     slack = 8 * np.finfo(times.dtype).eps * library.maximum(abs(t0), abs(t1))
@@ -257,7 +257,7 @@ def _is_outside(solution: Solution, times: Reals) -> Flag | np.bool_:
 
 
 def _evaluate_known(solution: Solution, times: np.ndarray) -> tuple[Array, Array, Array]:
-    """Positions, velocities and contact forces at known times, `_TIMES` of them at once."""
+    """Positions, velocities and contact forces at concrete times, `_TIMES` of them at once."""
     if _is_outside(solution, times):
         raise ValueError(_OUTSIDE)
     t0, t1, known_until = (np.asarray(a) for a in (solution.t0, solution.t1, solution.known_until))
@@ -297,7 +297,7 @@ def _coasted(
 
 @compile_lightly
 def evaluate_all(solution: Solution, times: Float[Array, " times"]) -> tuple[Array, Array, Array]:
-    """Positions, velocities and contact forces; NaN where they are not known."""
+    """Positions, velocities and contact forces at times; NaN where the motion is unknown."""
     return jax.vmap(lambda t: _evaluate(solution, t))(times)
 
 
@@ -334,7 +334,7 @@ def _from_restart(
     state = resting_state(machine, start.phase, start.x, start.v, start.held)
     state = eqx.tree_at(lambda s: (s.periods, s.time), state, (start.periods, start.time))
     state = remembering(state, flow.memory(state.time))
-    # At the time of an event, as the log has it, the state is that of the event to the last bit.
+    # At a logged event time the state is the logged one to the last bit.
     then, here = in_periods(machine, t - t0), (start.periods, start.time)
     periods, time = (jnp.where(t == start.t, a, b) for a, b in zip(here, then, strict=True))
     state = coast(flow, machine, state, phase0, periods, time, max_steps)
@@ -345,7 +345,7 @@ def _from_restart(
 
 @padding_allowed
 def _dataset(solution: Solution) -> "xr.Dataset":
-    """Label one trajectory, or a batch with its lanes in front."""
+    """Dataset of one trajectory, or of a batch with lanes first."""
     log, grazing = solution.events, solution.grazing
     longest = int(jnp.max(solution.num_events, initial=0))
     names = ("stop", "kind", "velocity_minus", "velocity_plus", "impulse")
@@ -367,7 +367,7 @@ def _dataset(solution: Solution) -> "xr.Dataset":
     lanes = ("lane",) * solution.t1.ndim
     variables = {name: ((*lanes, *dims), np.asarray(a)) for name, (dims, a) in columns.items()}
     ts, of_time = np.asarray(solution.ts), (*lanes, "time")
-    if lanes and (ts == ts[:1]).all():  # one axis for all, by which one may select
+    if lanes and (ts == ts[:1]).all():  # one time axis for all lanes, for selection by time
         ts, of_time = ts[0], ("time",)
     ds = xr.Dataset(variables, {"time": (of_time, ts)}, versions() | {"dtype": str(solution.t1.dtype)})
     for name, variable in ds.variables.items():

@@ -1,9 +1,9 @@
-"""One step of one trajectory: the longest that is proved free of events, or up to the next one.
+"""One step of one trajectory: the longest proved free of events, or up to the next event.
 
-`initial_state` makes the first state and `advance`, a flight and its outcome, is all that moves a trajectory. The loops of
-`simulate` and `sweep`, which call them, know nothing of contacts; these know nothing of logs. A step goes through
+`initial_state` makes the first state; `advance`, a flight and its outcome, takes every step. The loops of `simulate`
+and `sweep` call them and need no knowledge of contacts; these functions need none of logs. A step consists of
 
-    fly (`_flow`) -> impacts -> who sticks, who is let go (`_contact`)
+    fly (`_flow`) -> impacts -> sticks and releases (`_hybrid`)
 """
 
 import equinox as eqx
@@ -28,7 +28,7 @@ def initial_state(
     v: Float[Array, "n ..."],
     t0: Scalar | float = 0.0,
 ) -> State:
-    """The state of a trajectory before its first step."""
+    """State of a trajectory before its first step."""
     law = coupled_impacts if machine.contacts.is_coupled else diagonal_impacts
     first = law.first_state(machine, phase, x, v, t0)
     return remembering(first, flow.memory(first.time))
@@ -45,13 +45,13 @@ def advance(
 
     Args:
         flow: the motion between events.
-        machine: the numbers of the machine.
-        state: where the trajectory is.
+        machine: the machine as arrays.
+        state: state of the trajectory.
         target: local time at which to stop.
         resolution: times closer than this are one instant.
 
     Returns:
-        The state after the step, and what happened there.
+        State after the step, and the transition there.
     """
     return outcome(machine, flight_to(flow, machine, state, target, resolution))
 
@@ -59,16 +59,16 @@ def advance(
 def flight_to(
     flow: AbstractFlow, machine: Machine, state: State, target: Scalar, resolution: Scalar
 ) -> Flight:
-    """The first half of `advance`: the step, before anything happens at its end."""
+    """First half of `advance`: the flight, before the transition at its end."""
     remaining = not_negative((target - state.time) - state.time_low)
     return fly(flow, machine, state, remaining, resolution)
 
 
 def outcome(machine: Machine, flight: Flight) -> tuple[State, Instant]:
-    """The second half: the state after the step, and what happened there."""
+    """Second half of `advance`: the state after the step, and the transition there."""
     law = coupled_impacts if machine.contacts.is_coupled else diagonal_impacts
     after, instant = compute_once(law.resolve, machine, flight.end, flight.is_event)
-    # Not by `is_event`: a mass that has just left may seem to come back at once, by rounding, for ever.
+    # Not by `is_event`: by rounding, a mass that has just left may seem to return at once, in every step anew.
     happened = instant.hit | instant.stuck | instant.released
     arrived = flight.is_last & ~jnp.any(happened, axis=0)
     return after, eqx.tree_at(lambda i: i.arrived, instant, arrived)

@@ -1,11 +1,10 @@
-"""How small changes of the state grow along a motion, through all its events: what Lyapunov exponents are made of.
+"""Growth of small perturbations of the state along a motion, through all its events: the basis of Lyapunov exponents.
 
-A frame of vectors is carried from step to step by the derivative of the step, the one that `simulate` is
-differentiated by, and made orthonormal again after each (Benettin et al. 1980): the logarithms of the lengths are the growth.
-Steps last at most a few times the shortest time scale of the machine, so no vector is lost in the rounding of
-another, however fast it fades. Where a mass comes to rest on a stop its position and velocity forget where they
-came from: two directions are erased, and so is one by an impact without restitution. Vectors that lie in what is
-erased become zero and stay so.
+A frame of vectors is carried from step to step by the derivative of the step, the one of `simulate`, and
+orthonormalised after each step (Benettin et al. 1980): the logarithms of the lengths are the growth. A step lasts at
+most a few times the shortest time scale of the machine, so no vector is lost in the rounding of another, however fast
+it decays. Where a mass comes to rest on a stop, position and velocity no longer depend on their past: two directions
+are erased; an impact without restitution erases one. Vectors in an erased direction become and stay zero.
 """
 
 import equinox as eqx
@@ -24,19 +23,19 @@ from .step import advance
 
 
 class Tangents(eqx.Module):
-    """Changes of the state that go with it.
+    """Perturbations of the state.
 
     Attributes:
-        frame: orthonormal vectors one after another, those of erased directions zero; of each first the changes of
-            positions times the frequency of the load, then those of velocities, (2 n, 2 n).
-        growth: sums of the logarithms by which they grew, minus infinity for erased ones, (2 n,).
+        frame: orthonormal vectors, those of erased directions zero; each has first the perturbations of positions times
+            the frequency of the load, then those of velocities, (2 n, 2 n).
+        growth: sums of the logarithms of their growth, minus infinity for erased ones, (2 n,).
     """
 
     frame: Float[Array, "vectors state ..."]
     growth: Float[Array, "vectors ..."]
 
     def start_period(self, is_over: Bool[Array, "..."]) -> "Tangents":
-        """Where a forcing period is over, count the growth from zero."""
+        """Reset the growth where a forcing period is over."""
         return Tangents(self.frame, jnp.where(is_over, 0, self.growth))
 
 
@@ -48,7 +47,7 @@ def advance_with(
     target: Scalar,
     resolution: Scalar,
 ) -> tuple[State, Instant, Tangents]:
-    """`advance`, and where it takes the tangents."""
+    """`advance`, with the tangents carried along."""
     n = machine.num_masses
 
     def along(vector: Float[Array, "state ..."]):
@@ -60,7 +59,7 @@ def advance_with(
         change = vector[:n] / machine.frequency, vector[n:]
         change = *change, -machine.contacts.along(change[0])
         _, (x, v, delay), found = jax.jvp(step, (state.x, state.v, state.gap), change, has_aux=True)
-        # A step that ends on an event ends later, or earlier, by `delay`: as of one time.
+        # A step to an event ends later, or earlier, by `delay`: refer the perturbation to one time.
         after = found[0]
         now = compute_once(rates, machine, after, machine.hold(after.held))
         x, v = x - after.v * delay, v - now.acceleration * delay
@@ -76,11 +75,11 @@ def advance_with(
 def orthonormal(
     frame: Float[Array, "vectors state ..."], erases: Bool[Array, "..."]
 ) -> tuple[Float[Array, "vectors state ..."], Float[Array, "vectors ..."]]:
-    """Vectors made orthonormal one after another, and the logarithms of what was left of their lengths.
+    """Orthonormalise vectors one after another; also the logarithms of their remaining lengths.
 
     Args:
-        frame: the vectors, of lengths about 1 a step before.
-        erases: whether directions were erased in it, so that a vector may be in no other.
+        frame: vectors, of lengths about 1 before the step.
+        erases: whether the step erased directions, so that nothing of a vector may remain.
     """
     least, rest = jnp.where(erases, jnp.finfo(frame.dtype).eps, 0), frame
     vectors, growth = [], []
@@ -96,7 +95,7 @@ def orthonormal(
 
 
 def first_tangents(x: Float[Array, "n ..."]) -> Tangents:
-    """The frame of the coordinates, for a motion of positions `x`, not grown yet."""
+    """Initial frame along the coordinates, without growth, for positions like `x`."""
     size = 2 * len(x)
     unit = jnp.eye(size, dtype=x.dtype).reshape((size, size) + (1,) * (x.ndim - 1))
     return Tangents(
