@@ -1,4 +1,4 @@
-"""To which of some known attractors motions belong."""
+"""Assignment of motions to attractors that are already found."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -9,10 +9,11 @@ from .attractor import Attractor
 from .distances import nearest, reach
 from .ensemble import Endpoints
 
-# A motion is on a cycle within this many times the tolerance; it approaches one from this distance on, relative to its size.
+# `_SLACK`: a motion is on a cycle within this many tolerances.
+# `_NEAR`: a motion approaches a cycle from within this distance, relative to the size of the cycle.
 _SLACK, _NEAR = 10, 1e-2
-# Last points that are compared with a cloud, and of how many of its own points neighbourhoods may be smaller than what belongs
-# to it is far from it.
+# `_LAST`: last points of a motion that are compared with a cloud.
+# `_MOST`: quantile of the neighbourhood radii of a cloud's points within which a motion belongs to the cloud.
 _LAST, _MOST = 3, 0.95
 # Points compared at once.
 _BLOCK = 1 << 13
@@ -23,9 +24,9 @@ class _Points(NamedTuple):
 
     Attributes:
         states: (points, 2 n).
-        owner: the number of the attractor of each.
-        size: of its attractor.
-        after: the place of the point one period later.
+        owner: index of the attractor of each point.
+        size: size of that attractor.
+        after: index of the point one period later.
     """
 
     states: np.ndarray
@@ -49,7 +50,7 @@ def _points_of(motions: list[Attractor], numbers: list[int]) -> _Points:
 def _by_machine(
     ends: Endpoints, left: np.ndarray, motions: list[Attractor], *, cycles: bool
 ) -> Iterator[tuple[np.ndarray, list[int]]]:
-    """For each machine, and each block of its points that are left, these and the attractors of the machine."""
+    """Blocks of the remaining motions of each machine, with the lasting cycles or clouds of that machine."""
     for each in np.unique(ends.machine[left]):
         numbers = [
             k
@@ -62,7 +63,7 @@ def _by_machine(
 
 
 def on_cycles(motions: list[Attractor], ends: Endpoints, left: np.ndarray, tolerance: float) -> np.ndarray:
-    """Labels of motions that end on a cycle."""
+    """Labels of motions that end on a cycle, -1 for the others."""
     label = np.full(len(left), -1)
     for block, numbers in _by_machine(ends, left, motions, cycles=True):
         points = _points_of(motions, numbers)
@@ -72,7 +73,7 @@ def on_cycles(motions: list[Attractor], ends: Endpoints, left: np.ndarray, toler
 
 
 def approached(motions: list[Attractor], ends: Endpoints, left: np.ndarray) -> np.ndarray:
-    """Labels of motions that come closer and closer to a stable cycle."""
+    """Labels of motions that approach a stable cycle, -1 for the others."""
     label = np.full(len(left), -1)
     for block, numbers in _by_machine(ends, left, motions, cycles=True):
         points = _points_of(motions, numbers)
@@ -87,7 +88,7 @@ def approached(motions: list[Attractor], ends: Endpoints, left: np.ndarray) -> n
 
 
 def _comes_closer(section: np.ndarray, points: _Points, place: np.ndarray) -> np.ndarray:
-    """Whether motions keep near a cycle all the time, period for period, and nearer at the end than at the beginning."""
+    """True where a motion stays near a cycle in every period, and ends nearer to it than it began."""
     before = np.empty_like(points.after)
     before[points.after] = np.arange(len(points.after))
     distance, at = np.empty(section.shape[:2]), place
@@ -100,7 +101,7 @@ def _comes_closer(section: np.ndarray, points: _Points, place: np.ndarray) -> np
 
 
 def in_clouds(motions: list[Attractor], ends: Endpoints, left: np.ndarray, last: int = _LAST) -> np.ndarray:
-    """Labels of motions whose last points lie in a cloud that lasts."""
+    """Labels of motions whose last points lie in a lasting cloud, -1 for the others."""
     label = np.full(len(left), -1)
     for block, numbers in _by_machine(ends, left, motions, cycles=False):
         section, clouds = ends.section[left[block], -last:], [motions[k].points for k in numbers]

@@ -1,4 +1,4 @@
-"""One attractor as it is told: its section, its kind, its multipliers; and which of several are the same."""
+"""One attractor: its section, its kind, its multipliers; and the test of whether two are the same."""
 
 from typing import NamedTuple
 
@@ -9,15 +9,15 @@ from .._sections.classify import MOTIONS, classify
 from .distances import mixes, same_cycle
 from .ensemble import Machines
 
-# Cycles that are not polished are one if they are closer than so many tolerances, relative to their size. Polished ones,
-# whose closing error is that of rounding, must agree to half of all digits.
+# Cycles that are not polished are one if they are closer than so many tolerances, relative to their size. Polished
+# ones, whose closing error is that of rounding, must agree to half of all digits.
 _SLACK = 10
-# A search that ends farther from where it began, relative to the size, has found another cycle.
+# A search that ends farther from its start, relative to the size, has found another cycle.
 _NEAR = 1e-2
-# Clouds mix from this fraction of neighbourhoods on: all are expected of one attractor, none of two. Motions that seldom pass from
-# one part of their attractor to another need time for all.
+# Smallest fraction of mixed neighbourhoods of clouds that mix: all are expected of one attractor, none of two. Motions
+# that seldom pass from one part of their attractor to another need time to mix all.
 _MIXED = 0.25
-# Points of a cloud that are kept.
+# Number of points of a cloud that are kept.
 _CLOUD = 2048
 _NON_PERIODIC = MOTIONS.index("non_periodic")
 
@@ -26,17 +26,17 @@ class Attractor(NamedTuple):
     """An attractor.
 
     Attributes:
-        machine: of which machine.
-        points: its section as states (W x, v), (points, 2 n): of a cycle those of its n periods in their order, the lowest
+        machine: index of its machine.
+        points: its section as states (W x, v), (points, 2 n): of a cycle those of its n periods in order, the lowest
             x[0] first; of chaos a cloud.
-        size: the largest number of them.
+        size: the largest absolute value in them.
         num_periods: n, 0 for chaos.
-        kind: the number of its class in `MOTIONS`.
-        num_impacts: at each stop, in n periods, (stops,).
-        held_time: for how long each stop holds its mass in them, (stops,).
-        multipliers: (2 n,), NaN where they are not known.
-        residual: of the closing, NaN if it was not polished.
-        is_lasting: whether no motion is known to leave it.
+        kind: index in `MOTIONS`.
+        num_impacts: impacts at each stop in n periods, (stops,).
+        held_time: time in n periods during which each stop holds its mass, (stops,).
+        multipliers: (2 n,), NaN where they are unknown.
+        residual: closing error, NaN if it was not polished.
+        is_lasting: false if a motion is known to leave it.
     """
 
     machine: int
@@ -52,12 +52,12 @@ class Attractor(NamedTuple):
 
     @property
     def is_polished(self) -> bool:
-        """Whether its state is that of the periodic orbit itself."""
+        """True if its state is that of the periodic orbit itself."""
         return bool(np.isfinite(self.residual))
 
     @property
     def is_stable(self) -> bool:
-        """Whether all multipliers are known, and lie inside of the unit circle."""
+        """True if all multipliers are known and lie inside the unit circle."""
         return bool((np.abs(self.multipliers) < 1).all())
 
 
@@ -68,9 +68,9 @@ def orbits_near(
     num_periods: np.ndarray,
     is_quiet: np.ndarray,
 ) -> tuple[Orbits, np.ndarray]:
-    """The periodic orbits that a search from states that nearly repeat finds, and whether each is that of its motion.
+    """Periodic orbits found from states that nearly repeat, and flags of those that belong to their motion.
 
-    Quiet motions may be far from theirs, of which the linear machine has no other.
+    A quiet motion may be far from its orbit, as its linear machine has no other.
     """
     found = machines.polish(states, machine, num_periods)
     start = machines.after_impacts(found.start * machines.scale(machine), machine)
@@ -86,7 +86,7 @@ def cycles_from(
     num_periods: np.ndarray,
     is_quiet: np.ndarray,
 ) -> list[Attractor]:
-    """The cycles near states that nearly repeat, polished where the search succeeds."""
+    """Cycles near states that nearly repeat, polished where the search succeeds."""
     found, is_found = orbits_near(machines, states, machine, num_periods, is_quiet)
     start = found.start * machines.scale(machine)
     start = np.where(is_found[:, None], start, states)
@@ -94,7 +94,7 @@ def cycles_from(
         start, machine, 0, max(4 * int(num_periods.max()), 8), max_impacts=1 << 14, goes_on=True
     )
     kinds = classify(ds)
-    # A cycle that repeats sooner is polished again, as such: else its multipliers would be those of several rounds.
+    # A cycle that repeats sooner is polished again, as such: else its multipliers would be those of several cycles.
     n = np.where(kinds["num_periods"].values > 0, kinds["num_periods"].values, num_periods)
     sooner = np.flatnonzero(n < num_periods)
     of_sooner = (a[sooner] for a in (start, machine, n, is_quiet))
@@ -127,7 +127,7 @@ def cycles_from(
 
 
 def cloud_of(machines: Machines, machine: int, points: np.ndarray) -> Attractor:
-    """A chaotic motion, from its section (points, 2 n)."""
+    """The attractor of a chaotic motion, from its section, (points, 2 n)."""
     unknown = np.full(machines.system.num_stops, np.nan)
     points = thinned(points)
     multipliers = np.full(points.shape[1], np.nan + 0j)
@@ -136,7 +136,7 @@ def cloud_of(machines: Machines, machine: int, points: np.ndarray) -> Attractor:
 
 
 def attractor_index(known: list[Attractor], motion: Attractor, tolerance: float) -> int:
-    """The number of a motion among those that are known, to which it is added if it is new."""
+    """Index of a motion among the `known` ones, to which it is added if it is new."""
     for k, other in enumerate(known):
         if other.machine == motion.machine and is_same(other, motion, tolerance):
             if not motion.num_periods:
@@ -148,9 +148,9 @@ def attractor_index(known: list[Attractor], motion: Attractor, tolerance: float)
 
 
 def is_same(ours: Attractor, theirs: Attractor, tolerance: float) -> bool:
-    """Whether two motions of one machine are one, by their states and events.
+    """True where two motions of one machine are one, by their states and events.
 
-    Cycles are compared point by point, up to a shift by whole periods; clouds by whether they mix.
+    Cycles are compared point by point, up to a shift by whole periods; clouds by `mixes`.
     """
     if ours.num_periods != theirs.num_periods:
         return False
@@ -164,7 +164,7 @@ def is_same(ours: Attractor, theirs: Attractor, tolerance: float) -> bool:
 
 
 def thinned(points: np.ndarray, most: int = _CLOUD) -> np.ndarray:
-    """Of many points some, evenly."""
+    """At most `most` of the points, spread evenly."""
     return points if len(points) <= most else points[np.linspace(0, len(points) - 1, most).astype(int)]
 
 

@@ -1,4 +1,4 @@
-"""Attractors at one value of a parameter, and what they are at the next."""
+"""Matching of attractors at one value of a parameter with those at the next."""
 
 import numpy as np
 
@@ -14,20 +14,20 @@ from .starts import is_beyond
 def seeded(machines: Machines, found: Coexisting) -> tuple[list[Attractor], dict[int, int]]:
     """Start at each value from the attractors at the value before.
 
-    What is found so is started from in its turn, until nothing is new.
+    New attractors are started from in turn, until none is new.
 
     Returns:
-        All attractors, and for each of them, by its number, that at the next value on which its motion ends, -1 if it is
-        not known.
+        All attractors, and for each of them, by its index, that at the next value on which its motion ends, -1 if
+        unknown.
     """
     motions, goes_to = found.motions, {}
     last = len(machines.rate) - 1
     while due := [k for k, m in enumerate(motions) if k not in goes_to and m.machine < last]:
         before = np.array([motions[k].machine for k in due])
-        # From one value to the next W may change.
+        # W may change from one value to the next.
         physical = np.stack([motions[k].points[0] for k in due]) / machines.scale(before)
         goes_to |= dict.fromkeys(due, -1)
-        # Stops that have moved past a motion take it along.
+        # Stops that have moved past a state carry it along.
         states = machines.onto_stops(physical * machines.scale(before + 1), before + 1)
         sound = np.flatnonzero(~_is_beyond(machines, states / machines.scale(before + 1), before + 1))
         if not sound.size:
@@ -41,7 +41,7 @@ def seeded(machines: Machines, found: Coexisting) -> tuple[list[Attractor], dict
 
 
 def _is_beyond(machines: Machines, physical: np.ndarray, machine: np.ndarray) -> np.ndarray:
-    """Whether states lie beyond a stop, which may stand elsewhere at the next value."""
+    """True where states lie beyond a stop, which may stand elsewhere at the next value."""
     ((path, along),) = machines.values.items()
     beyond = np.zeros(len(physical), bool)
     for each in np.unique(machine):
@@ -51,7 +51,7 @@ def _is_beyond(machines: Machines, physical: np.ndarray, machine: np.ndarray) ->
 
 
 def linked(motions: list[Attractor], num_values: int, threshold: float) -> np.ndarray:
-    """Number the attractors along the parameter, so that what goes on keeps its number, (motions,).
+    """Number the attractors along the parameter, (motions,): an attractor that continues keeps its number.
 
     Numbers are given in the order in which attractors begin.
     """
@@ -72,7 +72,7 @@ def linked(motions: list[Attractor], num_values: int, threshold: float) -> np.nd
 
 
 def _distance(ours: Attractor, theirs: Attractor) -> tuple[bool, float]:
-    """Whether events differ, and how far two attractors are apart, relative to their size."""
+    """Flag of different events, and distance of two attractors relative to their size."""
     rates = [m.num_impacts / max(1, m.num_periods) for m in (ours, theirs)]
     is_other = not np.array_equal(*rates, equal_nan=True) or (ours.num_periods == 0) != (
         theirs.num_periods == 0

@@ -1,4 +1,4 @@
-"""The motions of one machine that coexist, and from where each is reached."""
+"""The coexisting attractors of one machine, and the starts that lead to each."""
 
 from collections.abc import Mapping
 from typing import Any, cast
@@ -39,49 +39,53 @@ def attractors(
     progress: bool = True,
     settings: ExecutionSettings = DEFAULT_SETTINGS,
 ) -> xr.Dataset:
-    """Find the motions of one machine that coexist, and how many starts lead to each.
+    """Find the coexisting attractors of one machine, and how many starts lead to each.
 
-    All starts are run at once. Motions that settle are told apart by their states and events, not by their numbers
-    of impacts and periods: each cycle is polished into its periodic orbit, and motions that visit it some forcing periods
-    apart are on one attractor. Motions that do not repeat are run on for long; those that stay so are on one
-    attractor if the clouds of their section points mix, which nearest neighbours tell (after Schilling 1986). A cycle of more than 64 periods
-    counts as such, and so does a quasi-periodic motion. Where some leave such a cloud for a cycle, it is a chaotic transient, and all in it
-    are run on, up to 630 transients. Attractors that no start leads to are not found.
+    All starts are run at once. Motions that settle are distinguished by their states and events, not by their numbers
+    of impacts and periods: each cycle is polished into its periodic orbit, and motions that visit it some forcing
+    periods apart are on one attractor. Motions that do not repeat are run on for long. Those that still do not repeat
+    are on one attractor if the clouds of their section points mix, by a test of nearest neighbours
+    (after Schilling 1986). A cycle of more than 64 periods counts as such a motion, and so does a quasi-periodic one.
+    A cloud that some motions leave for a cycle is a chaotic transient, and all motions in it are run on, up to 630
+    transients. Attractors that no start leads to are not found.
 
     Args:
         system: the machine.
         starts: states at phase 0: positions and velocities, a tuple of (starts, n) each, or both side by side,
-            (starts, 2 n); a product grid, as `{"x0[0]": values, "v0[0]": values}`; or how many are drawn at random.
-        transient: forcing periods before a motion is looked at.
-        record: forcing periods in which it is.
-        bounds: lowest and highest of each position, then of each velocity, between which random starts are drawn, (2 n, 2). If
-            left out, twice the motion from rest, as far as the stops let it. None is drawn beyond a stop.
+            (starts, 2 n); a product grid, as `{"x0[0]": values, "v0[0]": values}`; or the number of random starts.
+        transient: forcing periods before a motion is recorded.
+        record: forcing periods that are recorded.
+        bounds: lowest and highest of each position, then of each velocity, between which random starts are drawn,
+            (2 n, 2). If left out, twice the motion from rest, as far as the stops let it. None is drawn beyond a stop.
         seed: of the random starts.
-        x0: positions where a grid names none, (n,); zero if left out.
+        x0: positions that a grid does not name, (n,); zero if left out.
         v0: velocities, likewise.
-        tolerance: how near a motion must be to the cycle it settles on, relative to its size;
-            1e-6 if left out.
+        tolerance: largest distance of a motion from the cycle on which it settles, relative to its size; 1e-6 if left
+            out.
         args: as for `simulate`.
         flow: likewise.
         max_steps: as for `sweep`.
-        executor: as for `sweep`.
-        progress: show a bar.
+        executor: likewise.
+        progress: show a progress bar.
         settings: as for `sweep`.
 
     Returns:
-        Along `attractor`, those that most starts lead to first: `share` of the starts, with its binomial standard error
-        `share_error`, and `num_starts`; `x0` and `v0` (..., mass), the state at phase 0, of a cycle that with the lowest x[0];
-        `motion`, `num_periods`, `num_impacts` (..., stop) and `held_time`, as of `vx.classify`; `multipliers` (..., multiplier), `is_stable` and
-        `residual`, as of `vx.periodic_orbits`, NaN and False for what is no polished cycle; `exponents` (..., exponent), the Lyapunov
-        exponents, of cycles ln|multiplier| / (n T), of others averaged over 2000 periods, with their standard errors `exponents_error`: what does
-        not repeat is chaotic where the largest is far above its error, quasi-periodic where it is of the size of that; `section_x`, `section_v` (...,
-        section, mass), the states at phase 0 of a cycle, and many of others, padded with NaN.
-        Along `start`, or the dimensions of the grid: `variable_attributes`, the number of the attractor, -1 where the motion has not settled or
-        failed, and `is_failed`. `num_not_settled` and `num_failed` count these; a warning tells of the first, which a longer `transient` settles.
-        The result is the same every time.
+        Along `attractor`, those that most starts lead to first: `share` of the starts, with its binomial standard
+        error `share_error`, and `num_starts`; `x0` and `v0` (..., mass), the state at phase 0, of a cycle that with
+        the lowest x[0]; `motion`, `num_periods`, `num_impacts` (..., stop) and `held_time`, as of `vx.classify`;
+        `multipliers` (..., multiplier), `is_stable` and `residual`, as of `vx.periodic_orbits`, NaN and False unless
+        it is a polished cycle; `exponents` (..., exponent), the Lyapunov exponents, of cycles ln|multiplier| / (n T),
+        of others averaged over 2000 periods, with their standard errors `exponents_error`: a motion that does not
+        repeat is chaotic where the largest is far above its error, quasi-periodic where it is of the size of its
+        error; `section_x`, `section_v` (..., section, mass), the states at phase 0 of a cycle, and many of others,
+        padded with NaN.
+        Along `start`, or the dimensions of the grid: `label`, the index of the attractor, -1 where the motion has not
+        settled or failed, and `is_failed`. `num_not_settled` and `num_failed` count these; a warning reports the
+        former, which a longer `transient` settles. The result is reproducible.
 
     Raises:
-        ValueError: if the load has no frequency, the starts are none of these, one lies beyond a stop, or 64-bit numbers are off.
+        ValueError: if the load has no frequency, the starts are none of these, one lies beyond a stop, or 64-bit
+            numbers are off.
         KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
@@ -107,7 +111,7 @@ def attractors(
 
 
 def check_single(system: ImpactSystem, args: object, flow: AbstractFlow | None, who: str) -> None:
-    """Refuse what has no forcing period, or no known numbers."""
+    """Refuse traced numbers, and a machine without a forcing period."""
     if is_traced((system, args, flow)):
         raise ValueError(f"`{who}` needs known numbers: call it outside of `jax.jit` and `jax.vmap`.")
     zero = np.zeros(system.num_masses, as_known(0.0).dtype)
@@ -125,7 +129,7 @@ def machines_of_one(
     settings: ExecutionSettings,
     executor: object,
 ) -> Machines:
-    """The machine as it is run."""
+    """The single machine with the settings of its runs."""
     if tolerance is not None and not tolerance > 0:
         raise ValueError(f"Argument `tolerance` must be positive, but is {tolerance}.")
     own = as_known(system.forcing.frequency).reshape(1)
@@ -152,7 +156,7 @@ def requested_starts(
     x0: Numbers | None,
     v0: Numbers | None,
 ) -> Starts:
-    """The starts, however they are told."""
+    """The starts, in whichever form they are given."""
     if isinstance(starts, Mapping):
         return grid_of_starts(machines.system, starts, x0, v0)
     if isinstance(starts, tuple) or np.ndim(cast(Any, starts)):
@@ -163,7 +167,7 @@ def requested_starts(
 
 
 def _found(machines: Machines, starts: Starts, *, progress: bool) -> xr.Dataset:
-    """The attractors that starts lead to."""
+    """The attractors to which starts lead."""
     machines = machines.for_sweep_of(len(starts.states))
     one = np.zeros(len(starts.states), int)
     states = starts.states * machines.scale(one)

@@ -1,4 +1,4 @@
-"""Basins of attraction over a plane of starts, and how their boundary limits what can be foretold."""
+"""Basins of attraction over a grid of starts, and the uncertainty that their boundary causes."""
 
 from collections.abc import Mapping
 
@@ -11,7 +11,8 @@ from .._jax.arrays import Count, Numbers, refuse_single_precision
 from .._system.system import ImpactSystem
 from .attractors import attractors
 
-# Distances to neighbours that a slope and its error need, and the largest, as a part of the grid.
+# `_LEAST_DISTANCES`: distances to neighbours that a slope and its error need.
+# `_FARTHEST`: the size of the grid divided by the largest distance.
 _LEAST_DISTANCES, _FARTHEST = 3, 8
 
 
@@ -33,29 +34,30 @@ def basins(
 ) -> xr.Dataset:
     """Find the basins of attraction over a grid of starts: which attractor each start leads to.
 
-    As `vx.attractors`, for a grid of two start quantities or more. Memory grows with the grid times `record`; impacts are
-    not kept.
+    As `vx.attractors`, for a grid of two start quantities or more. Memory grows with the grid times `record`; impacts
+    are not kept.
 
     Args:
         system: the machine.
         grid: the values of each start quantity by its path, as `{"x0[0]": values, "v0[0]": values}`.
-        transient: forcing periods before a motion is looked at.
-        record: forcing periods in which it is.
+        transient: forcing periods before a motion is recorded.
+        record: forcing periods that are recorded.
         x0: positions that the grid does not name, (n,); zero if left out.
         v0: velocities, likewise.
         tolerance: as for `attractors`.
         args: as for `simulate`.
         flow: likewise.
         max_steps: as for `sweep`.
-        executor: as for `sweep`.
-        progress: show a bar.
+        executor: likewise.
+        progress: show a progress bar.
         settings: as for `sweep`.
 
     Returns:
-        What `vx.attractors` returns; `label`, the number of the attractor, lies over the grid.
+        The dataset of `vx.attractors`, with `label`, the index of the attractor, over the grid.
 
     Raises:
-        ValueError: if the grid has fewer than two quantities, or names others than of the start; and as `attractors`.
+        ValueError: if the grid has fewer than two quantities, or names one that is not of the start; and as
+            `attractors`.
         KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
@@ -96,16 +98,17 @@ def basins(
 def uncertainty_exponent(basins: xr.Dataset) -> xr.Dataset:
     """Measure how an error of the start makes the attractor uncertain.
 
-    A start is uncertain by the distance e if a start farther by e along an axis, either way, leads to another attractor. The
-    fraction of such starts falls as e^alpha: alpha is 1 for a smooth boundary of the basins, and less for a fractal one, whose dimension
-    is D - alpha in a grid of D dimensions. To halve the fraction the start must be known 2^(1 / alpha) times as well.
+    A start is uncertain at the distance e if a start farther by e along an axis, either way, leads to another
+    attractor. The fraction of such starts falls as e^alpha: alpha is 1 for a smooth boundary of the basins, and less
+    for a fractal one, whose dimension is D - alpha in a grid of D dimensions. To halve the fraction, the start must be
+    known 2^(1 / alpha) times as accurately.
 
     Args:
-        basins: what `vx.basins` returned. Starts whose motion is not known, and their neighbours, do not count.
+        basins: result of `vx.basins`. Starts whose attractor is unknown, and their neighbours, do not count.
 
     Returns:
-        `exponent`, alpha, by least squares of the logarithms, with its standard error `exponent_error`; `dimension`, D -
-        alpha, of the boundary; and along `distance`, in steps of the grid, the `fraction` of uncertain starts.
+        `exponent`, alpha, by least squares of the logarithms, with its standard error `exponent_error`; `dimension`,
+        D - alpha, of the boundary; and along `distance`, in steps of the grid, the `fraction` of uncertain starts.
 
     Raises:
         ValueError: if there is no `label` over a grid, the grid is too small, or no boundary is in it.
@@ -151,7 +154,7 @@ def uncertainty_exponent(basins: xr.Dataset) -> xr.Dataset:
 
 
 def _uncertain(label: np.ndarray, step: int, farthest: int) -> float:
-    """The fraction of starts with another label so many steps away, among those with neighbours in all distances."""
+    """Fraction of starts with another label `step` away, among those with neighbours at all distances."""
     inner = tuple(slice(farthest, -farthest) for _ in label.shape)
     here, is_known, is_other = label[inner], label[inner] >= 0, np.zeros(label[inner].shape, bool)
     for axis in range(label.ndim):
@@ -162,7 +165,7 @@ def _uncertain(label: np.ndarray, step: int, farthest: int) -> float:
 
 
 def _slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """The slope of a straight line by least squares, and its standard error."""
+    """Slope of a straight line by least squares, and its standard error."""
     x = x - x.mean()
     slope = (x @ y) / (x @ x)
     left = y - y.mean() - slope * x

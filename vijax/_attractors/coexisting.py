@@ -1,20 +1,22 @@
-"""Which attractor each of many motions ends on.
+"""Assignment of each of many motions to the attractor on which it ends.
 
 The motions are run once, without their impacts, and judged by their stroboscopic section:
 
-1. Those that repeat are put into cells of the state space by their end states. One of each cell is polished into its
-   cycle; cycles that are one up to a shift by whole periods are one attractor. All others must lie on one
-   of the cycles found, to the tolerance; what does not is put into cells again. So no motion is trusted to its cell, and few are polished.
-2. Motions that hit nothing, and are proved to hit nothing any more, share the response of their linear machine.
-3. Of the rest some, spread evenly, are run on for long: they settle, or show that they are chaotic. Chaotic ones are one
-   attractor if the clouds of their section points mix, see `mixes`. A motion of the rest belongs to a stable cycle if it keeps
-   close to it, period for period, and comes closer; to a cloud if its last points lie as near to it as its own.
-4. A cloud from which one of these left for a cycle is no attractor, but a chaotic transient. Motions leave such a set at a constant rate,
-   and its mean lifetime may be some thousand periods: all that may be in it are run on, twice as long in every round, and what then is
-   not settled stays unknown.
+1. Motions that repeat are sorted into cells of the state space by their end states. One of each cell is polished into
+   its cycle; cycles that agree up to a shift by whole periods are one attractor. All others must lie on one of the
+   cycles found, to the tolerance; those that do not are sorted into cells again. So no motion is assigned by its cell
+   alone, and few are polished.
+2. Motions that hit nothing, and are proved never to hit anything, share the response of their linear machine.
+3. Of the rest a sample, spread evenly, is run on for long: these settle, or show that they are chaotic. Chaotic ones
+   are one attractor if the clouds of their section points mix, see `mixes`. A motion of the rest belongs to a stable
+   cycle if it stays close to it in every period and comes closer; to a cloud if its last points lie as near to it as
+   its own.
+4. A cloud from which one of these left for a cycle is no attractor, but a chaotic transient. Motions leave such a set
+   at a constant rate, and its mean lifetime may be some thousand periods. All that may be in it are run on, twice as
+   long in every round; those that are then not settled stay unknown.
 
-Labels by numbers of impacts alone would join attractors that differ; labels by end states alone would split cycles
-visited at different phases, and tell nothing of chaos.
+Labels by numbers of impacts alone would join different attractors. Labels by end states alone would split cycles
+visited at different phases, and say nothing of chaos.
 """
 
 from typing import NamedTuple
@@ -25,19 +27,22 @@ from .assignment import approached, in_clouds, on_cycles
 from .attractor import Attractor, attractor_index, cloud_of, cycles_from
 from .ensemble import Endpoints, Machines
 
-# Width of a cell, relative to the size of the motion; cells that are polished in a round, of each machine.
+# `_CELL`: width of a cell, relative to the size of the motion.
+# `_MOST_CELLS`: cells of each machine that are polished in a round.
 _CELL, _MOST_CELLS = 1e-3, 64
 _ROUNDS = 6
-# Motions of each machine that are run on in a round, how much longer, and the recorded periods.
+# `_SAMPLE`: motions of each machine that are run on in a round.
+# `_LONGER`: number of transients for which they are run on.
+# `_LONG_RECORD`: least number of periods that are then recorded.
 _SAMPLE, _LONGER, _LONG_RECORD = 32, 10, 1024
 
 
 class Coexisting(NamedTuple):
-    """Attractors of some machines, and where motions end.
+    """Attractors of some machines, and the assignment of motions to them.
 
     Attributes:
         motions: the attractors, and chaotic transients among them.
-        label: the number of the attractor of each motion, -1 where it is not known.
+        label: index of the attractor of each motion, -1 where it is unknown.
     """
 
     motions: list[Attractor]
@@ -45,13 +50,7 @@ class Coexisting(NamedTuple):
 
 
 def coexisting(machines: Machines, ends: Endpoints, known: list[Attractor] | None = None) -> Coexisting:
-    """Find the attractors on which motions end.
-
-    Args:
-        machines: whose motions they are.
-        ends: of the motions.
-        known: attractors that are known already, which keep their numbers.
-    """
+    """Find the attractors on which motions end; those in `known` keep their indices."""
     motions = list(known or [])
     label = _settled(machines, motions, ends)
     for times in 2 ** np.arange(_ROUNDS):
@@ -69,12 +68,12 @@ def coexisting(machines: Machines, ends: Endpoints, known: list[Attractor] | Non
             label[unknown] = belongs(motions, ends, unknown)
         is_told = len(motions) > num_known or (label[left] >= 0).any()
         if not is_told and len(left) > _SAMPLE:
-            break  # of few that are left one may leave a transient later; of many none will
+            break  # among few that are left one may leave a transient later; among many none will
     return Coexisting(motions, label)
 
 
 def lasting(motions: list[Attractor]) -> tuple[list[Attractor], np.ndarray]:
-    """The attractors among motions, and the number among these of each, then of none, -1 for those that are none."""
+    """The attractors among motions, and the new index of each motion, -1 for transients and, last, for no attractor."""
     number = np.full(len(motions) + 1, -1)
     kept = [k for k, motion in enumerate(motions) if motion.is_lasting]
     number[kept] = np.arange(len(kept))
@@ -82,9 +81,9 @@ def lasting(motions: list[Attractor]) -> tuple[list[Attractor], np.ndarray]:
 
 
 def _leaky(motions: list[Attractor], ends: Endpoints, sample: np.ndarray, label: np.ndarray) -> set[int]:
-    """Clouds from which motions left for a cycle, which therefore are no attractors."""
+    """Clouds that motions left for a cycle, which therefore are no attractors."""
     is_on_cycle = np.array([motion.num_periods > 0 for motion in motions] + [False])[label]
-    # What came closer to its cycle all the time may have done so in the midst of a cloud.
+    # A motion that came closer to its cycle all the time may have done so in the midst of a cloud.
     gone = sample[is_on_cycle & (approached(motions, ends, sample) < 0)]
     return {*in_clouds(motions, ends, gone, ends.section.shape[1]).tolist()} - {-1}
 
@@ -92,7 +91,7 @@ def _leaky(motions: list[Attractor], ends: Endpoints, sample: np.ndarray, label:
 def _longer(
     machines: Machines, motions: list[Attractor], ends: Endpoints, label: np.ndarray, times: int
 ) -> Endpoints:
-    """Run on all motions that may be in a cloud that does not last; their labels are changed in place."""
+    """Run on all motions that may be in a transient; their labels change in place."""
     passing = [k for k, motion in enumerate(motions) if not motion.is_lasting]
     label[np.isin(label, passing)] = -1
     of_machine = np.isin(ends.machine, [motions[k].machine for k in passing])
@@ -107,7 +106,7 @@ def _longer(
 
 
 def _replaced(ends: Endpoints, which: np.ndarray, later: Endpoints) -> Endpoints:
-    """The same, with later ends of some motions: as many of their last periods as are kept of all."""
+    """The ends with those of some motions replaced by later ones, cut to as many last periods."""
     later = later._replace(section=later.section[:, -ends.section.shape[1] :])
     ends = Endpoints(*(a.copy() for a in ends))
     for whole, part in zip(ends, later, strict=True):
@@ -134,7 +133,7 @@ def _settled(machines: Machines, motions: list[Attractor], ends: Endpoints) -> n
 
 
 def _one_of_each_cell(ends: Endpoints, left: np.ndarray) -> np.ndarray:
-    """Of the motions in each cell the first, of the cells with the most motions."""
+    """The first motion in each cell, of the cells with the most motions."""
     states = ends.last[left]
     size = np.abs(states).max(axis=1, keepdims=True)
     cell = np.rint(states / (_CELL * 2.0 ** np.rint(np.log2(np.where(size == 0, 1, size))))).astype(np.int64)
@@ -150,7 +149,7 @@ def _one_of_each_cell(ends: Endpoints, left: np.ndarray) -> np.ndarray:
 
 
 def _first_of_each(machine: np.ndarray, most: int, *, spread: bool = False) -> np.ndarray:
-    """Places of at most so many points of each machine: the first, or spread evenly."""
+    """Indices of at most `most` points of each machine: the first, or spread evenly."""
     chosen = []
     for each in np.unique(machine):
         places = np.flatnonzero(machine == each)
@@ -164,7 +163,7 @@ def _first_of_each(machine: np.ndarray, most: int, *, spread: bool = False) -> n
 def _run_on(
     machines: Machines, motions: list[Attractor], states: np.ndarray, machine: np.ndarray
 ) -> tuple[np.ndarray, Endpoints]:
-    """Labels of motions that are run on for long, and their ends; new attractors are added to `motions`."""
+    """Run motions on for long: their labels, and their ends; new attractors are added to `motions`."""
     record = max(_LONG_RECORD, machines.record)
     ds = machines.run(states, machine, _LONGER * machines.transient, record, goes_on=True)
     ends = machines.ends(ds, machine)

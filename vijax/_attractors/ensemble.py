@@ -1,4 +1,4 @@
-"""The machines whose attractors are looked for: run from many states, and their cycles polished."""
+"""The machines whose attractors are searched for: runs from many states, and the polishing of cycles."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -27,24 +27,25 @@ from .._system.system import ImpactSystem
 FREQUENCY = "forcing.frequency"
 # Room for the events of a cycle that is polished.
 _MAX_EVENTS = 256
-# Forcing periods that changes of the state are followed before, and while, their growth is averaged.
+# `_SETTLING`: forcing periods before the growth of perturbations is averaged.
+# `_AVERAGED`: forcing periods of the average.
 _SETTLING, _AVERAGED = 20, 2000
-# An impact whose gap is so many roundings falls into phase 0.
+# An impact falls into phase 0 if its gap is within this many rounding errors.
 _HAIR = 4096
-# Periods of a record that are searched for a repetition, the last ones.
+# Last periods of a record that are searched for a repetition.
 _COMPARED = 128
 
 
 class Endpoints(NamedTuple):
-    """Where motions end, points first, states as (W x, v).
+    """Ends of motions, points first, states as (W x, v).
 
     Attributes:
         section: the state at the end of each recorded period, (points, periods, 2 n); 0 where the motion failed.
-        machine: of each point.
+        machine: index of the machine of each point.
         num_periods: n, 0 where the motion does not repeat.
-        is_settling: whether it is on the way to a cycle.
-        is_quiet: whether it is proved to come to the response of its machine without another impact; then n = 1.
-        is_failed: whether it is not known.
+        is_settling: true where it approaches a cycle.
+        is_quiet: true where it is proved to settle on the response of its machine without another impact; then n = 1.
+        is_failed: true where it is unknown.
     """
 
     section: np.ndarray
@@ -68,14 +69,14 @@ class Machines:
         system: the machine, its force bound to its arguments.
         values: quantities by their paths, one value for each machine; empty for a single machine.
         rate: W of each, (machines,).
-        transient: forcing periods before a motion is looked at.
-        record: forcing periods in which it is.
-        tolerance: how near a motion must be to the cycle it settles on, relative to its size.
-        flow: the motion between events.
+        transient: forcing periods before a motion is recorded.
+        record: forcing periods that are recorded.
+        tolerance: largest distance of a motion from the cycle on which it settles, relative to its size.
+        flow: the flow between events.
         max_steps: as for `vx.sweep`.
         settings: likewise.
         executor: likewise.
-        is_wide: whether the first sweep has more points than run side by side.
+        is_wide: true if the first sweep has more points than lanes.
     """
 
     system: ImpactSystem
@@ -91,16 +92,16 @@ class Machines:
     is_wide: bool
 
     def for_sweep_of(self, num_points: int) -> "Machines":
-        """The same, run beside a sweep of so many points."""
+        """The same machines, for runs that share the program of a sweep of `num_points` points."""
         return replace(self, is_wide=num_points > self.settings.lanes)
 
     def of_plane(self, values: dict[str, np.ndarray], num_machines: int) -> "Machines":
-        """So many that differ by some quantities, one value for each."""
+        """`num_machines` machines that differ by some quantities, one value for each."""
         rate = values.get(FREQUENCY, np.full(num_machines, self.rate[0]))
         return replace(self, values=values, rate=rate)
 
     def scale(self, machine: np.ndarray) -> np.ndarray:
-        """What turns states (x, v) into (W x, v), (points, 2 n)."""
+        """Factors that turn states (x, v) into (W x, v), (points, 2 n)."""
         rate = self.rate[machine]
         return np.repeat(np.stack([rate, np.ones_like(rate)], axis=1), self.system.num_masses, axis=1)
 
@@ -132,12 +133,10 @@ class Machines:
         return with_values(LaneInput(self.system, zero, zero), of_point).system
 
     def onto_stops(self, states: np.ndarray, machine: np.ndarray, within: float = float("inf")) -> np.ndarray:
-        """States (W x, v), (points, 2 n), brought back to the stops beyond which they lie.
+        """Move states (W x, v), (points, 2 n), back onto the stops beyond which they lie.
 
-        Args:
-            states: as where an impact falls into phase 0, or where stops have moved.
-            machine: of each.
-            within: how far at most, relative to the terms of the gap.
+        They may lie there where an impact falls into phase 0, or where stops have moved. `within` bounds the overlap
+        that is moved, relative to the terms of the gap.
         """
         scale = self.scale(machine)
         x, v = np.split(states / scale, 2, axis=1)
@@ -153,7 +152,7 @@ class Machines:
     def after_impacts(self, states: np.ndarray, machine: np.ndarray) -> np.ndarray:
         """States (W x, v), (points, 2 n), after the impacts that fall into phase 0 to rounding."""
         x = states[:, : self.system.num_masses] / self.rate[machine, None]
-        # Of millions of states; few have an impact there, and the others stay as they are.
+        # Few of what may be millions of states have an impact there; the others stay as they are.
         judged = (_size_and_gap(stop, x) for stop in self._lanes(machine).stops)
         closed = [np.abs(gap) <= _HAIR * np.finfo(x.dtype).eps * size for size, gap in judged]
         which = np.flatnonzero(np.logical_or.reduce(closed)) if closed else np.zeros(0, int)
@@ -168,7 +167,7 @@ class Machines:
         return states
 
     def ends(self, ds: xr.Dataset, machine: np.ndarray) -> Endpoints:
-        """Judge where the motions of a sweep end."""
+        """Judge the ends of the motions of a sweep."""
         x, v = (ds[f"section_{name}"].values for name in "xv")
         section = np.concatenate([x * self.rate[machine, None, None].astype(x.dtype), v], axis=2)
         is_failed = np.isnan(section.sum(axis=(1, 2)))
@@ -186,8 +185,8 @@ class Machines:
         return Endpoints(section, machine, n, found.is_settling & (n == 0), is_quiet, is_failed)
 
     def polish(self, states: np.ndarray, machine: np.ndarray, num_periods: np.ndarray) -> Orbits:
-        """Search the cycles near states (W x, v) that nearly repeat."""
-        # Two at least, with a frequency each: then the program is that of the orbits of a sweep over the frequency.
+        """Search for the cycles near states (W x, v) that nearly repeat."""
+        # At least two, with a frequency each: this shares the program of the orbits of a sweep over the frequency.
         number = np.resize(np.arange(len(states)), max(2, len(states)))
         of_point = {path: a[machine[number]] for path, a in ({FREQUENCY: self.rate} | self.values).items()}
         zero = np.zeros(self.system.num_masses, states.dtype)
@@ -197,7 +196,7 @@ class Machines:
         return Orbits(*(a[: len(states)] for a in found))
 
     def exponents(self, state: np.ndarray, machine: int) -> tuple[np.ndarray, np.ndarray]:
-        """Lyapunov exponents of the motion of one machine from a state (W x, v), and their errors; NaN where it does not get on."""
+        """Lyapunov exponents of a machine from a state (W x, v), and their errors; NaN where the motion fails."""
         which = np.array([machine])
         system = jax.tree.map(lambda a: jnp.asarray(a[..., 0]), self._lanes(which))
         x, v = np.split(state / self.scale(which)[0], 2)
@@ -213,12 +212,12 @@ class Machines:
 
 def _size_and_gap(stop: AbstractLimit, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Magnitudes of the terms of the gaps at phase 0, which set their rounding errors, and the gaps, (points,) each."""
-    known = jax.tree.map(np.asarray, stop)  # of JAX every operation would be a program
+    known = jax.tree.map(np.asarray, stop)  # with JAX's arrays every operation would compile a program
     return np.asarray(known.reach(0.0) + known.size(x.T)), np.asarray(known.gap(x.T, 0.0))
 
 
 def default_tolerance(dtype: np.dtype) -> float:
-    """How near a motion must be to the cycle it settles on, as for `classify`."""
+    """Default of the largest distance of a motion from the cycle on which it settles, as for `classify`."""
     return TOLERANCES[dtype.itemsize]
 
 

@@ -41,36 +41,37 @@ def follow_attractors(
 ) -> xr.Dataset:
     """Follow the attractors of a machine along a parameter, with the shares of starts that lead to each.
 
-    At every value the attractors are found as by `vx.attractors`, from the same starts, and from the attractors at the value
-    before, which do not count in the shares: so one whose basin has become small is not lost. An attractor goes on as that at the
-    next value which is nearest: pairs with the same impacts at each stop in a forcing period come first, then the
-    distance of their sections decides: the mean distance of the points of one from the nearest of the other, relative to their size.
-    What finds no partner nearer than `threshold` ends or begins.
+    At every value the attractors are found as by `vx.attractors`, from the same starts, and from the attractors at the
+    value before. The latter do not count in the shares; they keep an attractor whose basin has become small. An
+    attractor continues as the nearest one at the next value. Pairs with the same impacts at each stop in a forcing
+    period come first; then the distance of their sections decides: the mean distance of the points of one from the
+    nearest of the other, relative to their size. An attractor without a partner nearer than `threshold` ends or
+    begins.
 
     Args:
         system: the machine.
-        path: of the parameter, a number, as "forcing.frequency".
+        path: path of the parameter, a number, as "forcing.frequency".
         values: (values,), in the order in which they are visited.
         starts: as for `attractors`; random ones are drawn for the first value.
         transient: as for `attractors`.
         record: likewise.
         bounds: likewise.
         seed: likewise.
-        threshold: the largest distance of an attractor from what it goes on as, relative to their size.
+        threshold: the largest distance of an attractor from its continuation, relative to their size.
         tolerance: as for `attractors`.
         args: as for `simulate`.
         flow: likewise.
         max_steps: as for `sweep`.
-        executor: as for `sweep`.
-        progress: show a bar.
+        executor: likewise.
+        progress: show a progress bar.
         settings: as for `sweep`.
 
     Returns:
-        Over the path and `attractor`, in the order in which they begin: `is_found`, `share`, `share_error`, and what
-        `vx.attractors` tells of each, NaN, False and 0 where it is not found. Along `attractor`: `birth`, the first value at which it is found,
-        NaN if it is there from the first value on; `death`, the first value at which it is not found any more, NaN if it is there to
-        the last; `successor`, the attractor to which its motion goes on there, -1 if that is not known. Along the path
-        `num_not_settled` and `num_failed`.
+        Over the path and `attractor`, in the order in which they begin: `is_found`, `share`, `share_error`, and the
+        variables of `vx.attractors` for each, NaN, False and 0 where it is not found. Along `attractor`: `birth`, the
+        first value at which it is found, NaN if it is there from the first value on; `death`, the first value at which
+        it is no longer found, NaN if it is there to the last; `successor`, the attractor on which its motion then
+        ends, -1 if that is unknown. Along the path `num_not_settled` and `num_failed`.
 
     Raises:
         ValueError: if the path names no number of the machine; and as `attractors`.
@@ -116,7 +117,7 @@ def follow_attractors(
 
 
 def _values(system: ImpactSystem, path: str, values: Numbers) -> tuple[np.ndarray, np.ndarray]:
-    """The values of the parameter, and W for each."""
+    """Values of the parameter, and W for each."""
     along = as_known(values)
     if along.ndim != 1 or not along.size:
         raise ValueError(f"Argument `values` must have shape (values,), but has {along.shape}.")

@@ -1,4 +1,4 @@
-"""Starts of many motions of one machine: given, on a grid, or drawn at random."""
+"""Starts of many motions of one machine: listed, on a grid, or drawn at random."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from .._system.parameters import find_parameter
 from .._system.system import ImpactSystem
 from .ensemble import Machines
 
-# How often starts beyond stops are drawn again.
+# Number of times that starts beyond stops are drawn again.
 _TRIES = 200
 
 
@@ -22,7 +22,7 @@ class Starts(NamedTuple):
 
     Attributes:
         states: (starts, 2 n).
-        axes: the values along each dimension; their product is all starts, the last varying fastest.
+        axes: values along each dimension; their product is all starts, the last varying fastest.
     """
 
     states: np.ndarray
@@ -32,7 +32,7 @@ class Starts(NamedTuple):
 def grid_of_starts(
     system: ImpactSystem, values: Mapping[str, Numbers], x0: Numbers | None, v0: Numbers | None
 ) -> Starts:
-    """The product of the values of some start quantities; the others are those of `x0` and `v0`."""
+    """Product of the values of some start quantities; the others are those of `x0` and `v0`."""
     n = system.num_masses
     base = np.zeros((2, n), as_known(0.0).dtype)
     for row, (name, given) in zip(base, (("x0", x0), ("v0", v0)), strict=True):
@@ -56,7 +56,7 @@ def grid_of_starts(
 
 
 def _column(whole: LaneInput, path: str, n: int) -> int:
-    """The place in a state of a quantity of the start."""
+    """Index in a state of a quantity of the start."""
     index = find_parameter(whole, path).index
     if path.split("[")[0] not in ("x0", "v0") or len(index) != 1:
         raise ValueError(
@@ -67,7 +67,7 @@ def _column(whole: LaneInput, path: str, n: int) -> int:
 
 
 def listed_starts(system: ImpactSystem, starts: tuple[Numbers, Numbers] | Numbers) -> Starts:
-    """Starts that are given one by one."""
+    """Starts given one by one."""
     n = system.num_masses
     parts = [as_known(a) for a in (starts if isinstance(starts, tuple) else (starts,))]
     size = 2 * n // len(parts)
@@ -84,7 +84,7 @@ def listed_starts(system: ImpactSystem, starts: tuple[Numbers, Numbers] | Number
 
 
 def drawn_starts(system: ImpactSystem, count: int, bounds: np.ndarray, seed: Count) -> Starts:
-    """Starts drawn evenly between bounds, (2 n, 2), none of them beyond a stop."""
+    """Starts drawn uniformly between bounds, (2 n, 2), none of them beyond a stop."""
     rng = np.random.default_rng(whole_number("seed", seed))
     states = np.empty((count, len(bounds)), as_known(0.0).dtype)
     left, (low, high) = np.arange(count), bounds.T
@@ -97,10 +97,10 @@ def drawn_starts(system: ImpactSystem, count: int, bounds: np.ndarray, seed: Cou
 
 
 def bounds_of(machines: Machines, bounds: Numbers | None) -> np.ndarray:
-    """The bounds that are given, or twice the motion from rest, as far as the stops let it.
+    """The given bounds, or twice the motion from rest, as far as the stops let it.
 
-    From as near to rest as the stops allow, the machine is run through its transient; the box holds all that the masses do in
-    the recorded periods, and as much again.
+    From as near to rest as the stops allow, the machine is run through its transient. The box holds the motion of the
+    masses in the recorded periods, twice as large.
     """
     system = machines.system
     n = system.num_masses
@@ -131,7 +131,7 @@ def bounds_of(machines: Machines, bounds: Numbers | None) -> np.ndarray:
 
 
 def is_beyond(system: ImpactSystem, states: np.ndarray) -> np.ndarray:
-    """Whether states at phase 0, (points, 2 n), lie beyond a stop."""
+    """True where states at phase 0, (points, 2 n), lie beyond a stop."""
     x, beyond = states[:, : system.num_masses].T, np.zeros(len(states), bool)
     for stop in system.stops:
         gap = np.asarray(stop.gap(x, 0.0))
@@ -141,7 +141,7 @@ def is_beyond(system: ImpactSystem, states: np.ndarray) -> np.ndarray:
 
 
 def _slots(system: ImpactSystem) -> tuple[np.ndarray, np.ndarray]:
-    """Where the stops of each mass stand at phase 0, infinite where there are none, (n,) each."""
+    """Positions of the stops of each mass at phase 0, infinite where there are none, (n,) each."""
     ends = {side: np.full(system.num_masses, far) for side, far in (("lower", -np.inf), ("upper", np.inf))}
     for stop in system.stops:
         if stop.slot is not None:

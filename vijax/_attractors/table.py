@@ -1,4 +1,4 @@
-"""Attractors and where motions end, as a labelled dataset."""
+"""Attractors, and the attractors on which motions end, as a labelled dataset."""
 
 import numpy as np
 import xarray as xr
@@ -9,13 +9,13 @@ from .attractor import Attractor
 from .ensemble import Endpoints, Machines
 
 ATTRACTOR = "attractor"
-# Of the attributes of a sweep those that are of its points.
+# Attributes of a sweep that belong to its points.
 _OF_POINTS = ("x0", "v0", "carry", "carry_from", "max_impacts")
 _FILL = {"motion": -1, "num_periods": 0, "is_stable": False}
 
 
 def columns_of(machines: Machines, motions: list[Attractor]) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
-    """What is told of each attractor, with the names of the other dimensions."""
+    """Variables of each attractor, with the names of their other dimensions."""
     n, count = machines.system.num_masses, len(motions)
     machine = np.array([motion.machine for motion in motions], int)
     dtype = machines.rate.dtype
@@ -66,14 +66,14 @@ def exponents_of(
 
 
 def share_statistics(labels: np.ndarray, count: int, of: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """How many motions end on each attractor, their share of so many, and its binomial standard error."""
+    """Number of motions that end on each attractor, its share of `of` motions, and the binomial standard error."""
     counts = np.bincount(labels[labels >= 0], minlength=count)
     share = counts / of
     return counts, share, np.sqrt(share * (1 - share) / of)
 
 
 def sorted_by_share(motions: list[Attractor], labels: np.ndarray) -> tuple[list[Attractor], np.ndarray]:
-    """The attractors with the most motions first, and the labels that fit."""
+    """The attractors with the most motions first, and the labels in this order."""
     counts = np.bincount(labels[labels >= 0], minlength=len(motions))
     order = np.argsort(-counts, kind="stable")
     rank = np.append(np.argsort(order), -1)
@@ -83,7 +83,7 @@ def sorted_by_share(motions: list[Attractor], labels: np.ndarray) -> tuple[list[
 def attractor_dataset(
     machines: Machines, motions: list[Attractor], labels: np.ndarray, is_failed: np.ndarray
 ) -> xr.Dataset:
-    """The attractors along `attractor`, and what became of all motions."""
+    """The attractors along `attractor`, and the counts of motions that have none."""
     counts, share, error = share_statistics(labels, len(motions), len(labels))
     columns = {
         "share": ((), share),
@@ -105,15 +105,15 @@ def table_along(
     labels: np.ndarray,
     ends: Endpoints,
 ) -> xr.Dataset:
-    """The same along a parameter.
+    """As `attractor_dataset`, along a parameter.
 
     Args:
         machines: one for each value.
         motions: the attractors at all values.
         name: the number of each along the parameter.
-        goes_to: the one on which each ends at the next value.
-        labels: of the motions that were begun.
-        ends: where they ended.
+        goes_to: the index of that on which each ends at the next value.
+        labels: labels of the motions from the starts.
+        ends: ends of these motions.
     """
     ((path, along),) = machines.values.items()
     value = np.array([motion.machine for motion in motions], int)
@@ -150,7 +150,7 @@ def table_along(
 
 
 def attributes_of(ds: xr.Dataset) -> dict:
-    """How a sweep was made, without what is of its points."""
+    """Attributes of a sweep, except those of its points."""
     return {name: a for name, a in ds.attrs.items() if name not in _OF_POINTS}
 
 

@@ -1,8 +1,8 @@
-"""Charts of the motions over a plane of two parameters, computed where they change.
+"""Charts of the motions over a plane of two parameters, refined where the motion changes.
 
-Regions of one motion are wide and their boundaries thin. So a coarse grid is run first, and cells of it whose corners
-differ are halved until they are as small as the grid asked for; the others are filled from their corners, see `refinement.py`.
-A region, or a tongue of one, thinner than the coarse grid may be missed where it touches none of its points.
+Regions of one motion are wide and their boundaries thin. So a coarse grid is run first. Its cells whose corners differ
+are halved down to the spacing of the requested grid; the others are filled from their corners, see `refinement.py`.
+A region or tongue thinner than the coarse grid may be missed where it contains none of its points.
 """
 
 from collections.abc import Iterator, Mapping
@@ -32,7 +32,7 @@ from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem
 from .refinement import refined
 
-# Points that are run and judged at a time: their logs are in memory together.
+# Points that are run and classified at a time: their logs are in memory together.
 _TOGETHER = 4096
 _KIND = ("motion", "num_periods", "num_impacts")
 
@@ -60,13 +60,13 @@ def chart(
     progress: bool = True,
     settings: ExecutionSettings = DEFAULT_SETTINGS,
 ) -> xr.Dataset:
-    """Say which motion is found where in a plane of two parameters, refined where the motion changes.
+    """Map the motions over a plane of two parameters, refined where the motion changes.
 
-    What `vx.classify(vx.sweep(system, values))` finds on the whole grid, for a fraction of the points: first every
-    `stride`-th point is run in both directions, then cells whose corners differ in motion, periods or impacts
-    are halved until no smaller one is on the grid. The rest is filled from the corners. What is thinner
-    than `stride` steps of the grid may be missed; `stride=1` runs every point. With `starts` the number of attractors is found
-    too, and cells whose corners differ in it are halved as well.
+    The result is that of `vx.classify(vx.sweep(system, values))` on the whole grid, from a fraction of the points.
+    First every `stride`-th point is run in both directions. Then cells whose corners differ in motion, periods or
+    impacts are halved until no smaller one is on the grid. The rest is filled from the corners. A region thinner than
+    `stride` steps of the grid may be missed; `stride=1` runs every point. With `starts` the number of attractors is
+    found too, and cells whose corners differ in it are halved as well.
 
     Args:
         system: the machine.
@@ -79,27 +79,28 @@ def chart(
         args: likewise.
         flow: likewise.
         lyapunov: likewise.
-        multipliers: polish the motions that repeat, and tell the Floquet multipliers of their orbits.
-        starts: from which attractors are looked for at every point that is run, as for `vx.attractors`; random ones are drawn
-            for the machine in the middle of the plane. If left out, none are.
-        bounds: of random starts, as for `vx.attractors`.
+        multipliers: polish the motions that repeat, and return the Floquet multipliers of their orbits.
+        starts: starts from which attractors are searched for at every point that is run, as for `vx.attractors`;
+            random ones are drawn for the machine in the middle of the plane. If left out, none are searched for.
+        bounds: bounds of random starts, as for `vx.attractors`.
         seed: likewise.
         tolerance: as for `vx.classify`.
         max_impacts: as for `vx.sweep`.
-        executor: as for `vx.sweep`.
-        progress: show a bar, of the points of each round of halving.
+        executor: likewise.
+        progress: show a progress bar of the points of each round of halving.
         settings: as for `vx.sweep`.
 
     Returns:
-        Over both paths, `motion`, `num_periods` and `num_impacts` (..., stop) as `vx.classify` tells them, for
+        Over both paths, `motion`, `num_periods` and `num_impacts` (..., stop) as from `vx.classify`, for
         `vx.plot.regions`; `is_computed`, whether the point was run. With `lyapunov` the `lyapunov_exponents`
-        (..., exponent) and `lyapunov_error`; with `multipliers` these, (..., multiplier), complex, the largest magnitude first, NaN where
-        the motion does not repeat or no orbit is found; with `starts` the `num_attractors` to which they lead, and of how many
-        starts this is not known, `num_not_settled` and `num_failed`. Points that were not run have the motion and the counts of the
-        nearest corner of their cell; exponents, and magnitudes of multipliers, are linear between its corners.
+        (..., exponent) and `lyapunov_error`; with `multipliers` these, (..., multiplier), complex, the largest
+        magnitude first, NaN where the motion does not repeat or no orbit is found; with `starts` the `num_attractors`
+        to which they lead, and of how many starts this is unknown, `num_not_settled` and `num_failed`. Points that
+        were not run have the motion and the counts of the nearest corner of their cell; exponents, and magnitudes of
+        multipliers, are linear between its corners.
 
     Raises:
-        ValueError: for other than two paths of two values or more, for `starts` with a path that is one of the start, for
+        ValueError: unless there are two paths of two values or more, for `starts` with a path of the start, for
             `multipliers` or `starts` if 64-bit numbers are off, or as `vx.sweep` and `vx.attractors` do.
         KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
@@ -158,15 +159,15 @@ def chart(
 
 
 class _Asked(NamedTuple):
-    """What is asked of every point.
+    """Settings of every point.
 
     Attributes:
-        base: the machine and the start that hold where nothing is swept.
-        counts: what is asked of its sweep.
+        base: the machine and the start where nothing is swept.
+        counts: counts of its sweep.
         one: the machine as it is run to find attractors.
         tolerance: as for `classify`.
-        multipliers: whether orbits are polished.
-        starts: of the attractors that are counted, (starts, 2 n), None if none are.
+        multipliers: true if orbits are polished.
+        starts: starts from which attractors are counted, (starts, 2 n), or None.
     """
 
     base: LaneInput
@@ -201,7 +202,7 @@ def _is_start(path: str) -> bool:
 
 
 def _found(asked: _Asked, swept: dict[str, np.ndarray]) -> tuple[xr.Dataset, np.ndarray]:
-    """What is found at some points, and what became of their motions."""
+    """Results at some points, and the result codes of their motions."""
     lanes, size = with_values(asked.base, swept), len(next(iter(swept.values())))
     start = np.concatenate([np.broadcast_to(a, (len(a), size)) for a in (lanes.x0, lanes.v0)]).T
     of_machine = {path: a for path, a in swept.items() if not _is_start(path)}
@@ -234,7 +235,7 @@ def _multipliers(machines: Machines, ds: xr.Dataset, found: xr.Dataset) -> np.nd
 
 
 def _coexisting(machines: Machines, starts: np.ndarray) -> dict[str, np.ndarray]:
-    """How many attractors each machine has, and of how many starts it is not known where they lead."""
+    """Number of attractors of each machine, and numbers of starts whose attractor is unknown."""
     size = len(machines.rate)
     machine = np.repeat(np.arange(size), len(starts))
     machines = machines.for_sweep_of(len(machine))

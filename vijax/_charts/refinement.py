@@ -1,8 +1,8 @@
 """A grid that is run where its kind of motion changes.
 
-Every `stride`-th point is run in both directions, then cells whose corners differ are halved until no smaller one is on the
-grid. Every other point lies in a cell whose corners are of one kind, and has what they have: the nearest one's where that
-is a kind or a count, and a mean of all four by distance where it is a quantity that varies within one kind.
+Every `stride`-th point is run in both directions. Then cells whose corners differ are halved until no smaller one is
+on the grid. Every other point lies in a cell whose corners are of one kind. A kind or a count is filled in from the
+nearest corner, a quantity that varies within one kind as the mean of all four, weighted by distance.
 """
 
 from collections.abc import Callable, Iterator
@@ -15,7 +15,7 @@ from .._dataset_attributes import variable_attributes
 
 
 class Grid(NamedTuple):
-    """How many points there are in both directions."""
+    """Numbers of points in both directions."""
 
     right: int
     up: int
@@ -26,7 +26,7 @@ class Grid(NamedTuple):
 
 
 class _Cells(NamedTuple):
-    """Cells of the grid, by the numbers of their first and last rows and columns, of one shape each."""
+    """Cells of the grid, by the indices of their first and last rows and columns, of one shape each."""
 
     left: np.ndarray
     right: np.ndarray
@@ -42,7 +42,7 @@ class _Cells(NamedTuple):
         return _Cells(*(a[which] for a in self))
 
     def halved(self) -> "_Cells":
-        """The parts of all cells, halved in every direction in which there is a point between."""
+        """The parts of all cells, halved in every direction in which a point lies between."""
         parts = []
         for across in _halves(self.left, self.right):
             parts += [_Cells(*across, *along) for along in _halves(self.bottom, self.top)]
@@ -62,19 +62,19 @@ def refined(
     run: Callable[[np.ndarray], Iterator[tuple[np.ndarray, xr.Dataset]]],
     kind_by: tuple[str, ...],
 ) -> xr.Dataset:
-    """Run the coarse grid, and halve cells whose corners differ until all is known.
+    """Run the coarse grid, and halve cells whose corners differ until every point is run or filled.
 
     Args:
         axes: the values along both directions.
         stride: steps of the grid between the first points.
-        run: what is found at points, given by their places in the whole grid, one part after another.
+        run: computes the variables at points, given by their indices in the whole grid, one part after another.
         kind_by: the variables by which corners differ.
     """
     grid = Grid(*(len(axis) for axis in axes.values()))
     is_known, columns = np.zeros(grid.shape, bool), {}
     kinds: dict[tuple, int] = {}
     kind = np.full(grid.shape, -1)
-    # The cell that each point has its motion from; of points that were run it is a single point.
+    # The cell from which each point is filled; for points that were run it is a single point.
     within = _Cells(*(np.zeros(grid.shape, np.int32) for _ in range(4)))
     cells = _coarse(grid, stride)
     while cells.left.size:
@@ -107,7 +107,7 @@ def refined(
 
 
 def _coarse(grid: Grid, stride: int) -> _Cells:
-    """All cells between points `stride` steps apart, and the last row and column."""
+    """All cells between points `stride` steps apart, including the last row and column."""
     edges = [np.append(np.arange(0, size - 1, stride), size - 1) for size in grid.shape]
     first = np.meshgrid(*(edge[:-1] for edge in edges), indexing="ij")
     last = np.meshgrid(*(edge[1:] for edge in edges), indexing="ij")
@@ -115,7 +115,7 @@ def _coarse(grid: Grid, stride: int) -> _Cells:
 
 
 def _kinds(found: xr.Dataset, kinds: dict[tuple, int], kind_by: tuple[str, ...]) -> np.ndarray:
-    """A number for each kind of motion, the same from round to round."""
+    """A number for each kind of motion, the same in every round."""
     columns = [np.nan_to_num(found[name].values, nan=-2, posinf=-1) for name in kind_by]
     rows = np.column_stack(columns).astype(int)
     own, of_point = np.unique(rows, axis=0, return_inverse=True)
@@ -124,7 +124,7 @@ def _kinds(found: xr.Dataset, kinds: dict[tuple, int], kind_by: tuple[str, ...])
 
 
 def _fill(within: _Cells, is_known: np.ndarray, cells: _Cells) -> None:
-    """Put all points of cells, but those that were run, into them, in place."""
+    """Record, in place, the cell of every point in some cells that was not run."""
     across, along = cells.right - cells.left, cells.top - cells.bottom
     for width, height in np.unique(np.stack([across, along]), axis=1).T:
         own = cells.chosen((across == width) & (along == height))
@@ -136,10 +136,11 @@ def _fill(within: _Cells, is_known: np.ndarray, cells: _Cells) -> None:
 
 
 def _everywhere(within: _Cells, a: np.ndarray) -> np.ndarray:
-    """What is known at the points that were run, (points, ...), at all points, (right, up, ...).
+    """Values at all points, (right, up, ...), from those at the points that were run, (points, ...).
 
-    Whole numbers are those of the nearest corner. Numbers are linear between the corners in both directions where all are finite;
-    complex ones are so in their magnitude, by which they are sorted, and have the angle of the nearest corner.
+    Whole numbers are those of the nearest corner. Floats are linear between the corners in both directions where all
+    are finite. Complex numbers are linear in magnitude, by which they are sorted, and have the angle of the nearest
+    corner.
     """
     shape = within.left.shape
     ours = a.reshape(*shape, -1)

@@ -1,4 +1,4 @@
-"""From one run of the motion to a cycle, by the equations of its events or by its map."""
+"""A candidate cycle from one run of the motion, by the equations of its events or by its stroboscopic map."""
 
 import equinox as eqx
 import jax
@@ -14,18 +14,18 @@ from .newton import polish, size_of
 from .rigid_modes import pinned
 from .sequence import NOTHING, Sequence
 
-# A Newton step of the map that leads to rounding, relative to the size of the motion.
+# Newton step of the map, relative to the size of the motion, below which the next iterate is exact to rounding.
 _NEAR = {"float64": 1e-8, "float32": 3e-4}
 
 
 class Cycle(eqx.Module):
-    """A solution of the equations of some sequence: an orbit, if the machine does what the sequence says.
+    """A solution of the equations of a sequence; an orbit if the machine really follows that sequence.
 
     Attributes:
-        start: positions and velocities at its start, in space, (2 n,).
-        unknowns: the same as seen from the stops, and the durations of its flights.
-        sequence: what happens.
-        multipliers: (2 n,).
+        start: positions and velocities at its start, in the fixed frame, (2 n,).
+        unknowns: the start in the frame of the stops, and the durations of the flights.
+        sequence: its events.
+        multipliers: Floquet multipliers, (2 n,).
         residual: closing error, relative to the size of the motion.
     """
 
@@ -37,10 +37,10 @@ class Cycle(eqx.Module):
 
 
 def cycle_by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, Array, Bool[Array, ""]]:
-    """The cycle of the sequence, where to enter it, the first step towards it, and whether it was reached."""
+    """Polish a guess: the cycle, the state at which to enter it, the first Newton step, a flag of convergence."""
     polished = polish(problem, guess)
     z, sequence, size = polished.unknowns.z, problem.sequence, size_of(problem, polished.unknowns.z)
-    # A cycle that begins within a chatter is faster elsewhere.
+    # A cycle that begins within a chatter is faster elsewhere: the speeds of its impacts count in its size.
     fastest = jnp.max(jnp.abs(polished.residual.speed), initial=0)
     size = size * jnp.maximum(1, fastest / size[-1])
     cycle = Cycle(
@@ -54,10 +54,10 @@ def cycle_by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, 
 
 
 def _entry(problem: Problem, cycle: Unknowns) -> Array:
-    """The state of a cycle at the phase where it begins, as seen from the stops.
+    """The state of a cycle at the phase where it begins, in the frame of the stops.
 
-    That is its start, unless on the way from the guess an event has passed this phase: then it happens before the
-    cycle begins, or after it ends, and a run from the start would meet it twice or not at all.
+    This is its start, unless Newton's method has moved an event past this phase. Then the event happens before the
+    cycle begins, or after it ends, and a run from the start would show it twice or not at all.
     """
     sequence, num_periods = problem.sequence, problem.num_periods
     times = jnp.cumsum(cycle.flights)
@@ -65,7 +65,7 @@ def _entry(problem: Problem, cycle: Unknowns) -> Array:
     has_passed = is_early | jnp.any(sequence.is_event & (times > num_periods))
 
     def later() -> Array:
-        """The state there once what is early has happened, or before what is late has."""
+        """The state at this phase after the early events, or before the late ones."""
         end = jnp.where(is_early, 0, num_periods)
         is_kept = jnp.cumsum(sequence.is_event & (times <= end)) == 1 + jnp.arange(len(times))
         last = jnp.sum(is_kept)
@@ -81,7 +81,7 @@ def _entry(problem: Problem, cycle: Unknowns) -> Array:
 def cycle_by_map(
     problem: Problem, guess: Unknowns, end: Array, jacobian: Array
 ) -> tuple[Cycle, Array, Array, Bool[Array, ""]]:
-    """The same by one step of Newton's method on the stroboscopic map."""
+    """As `cycle_by_sequence`, by one Newton step on the stroboscopic map."""
     z, identity, size = guess.z, jnp.eye(len(guess.z)), size_of(problem, guess.z)
     step = jnp.linalg.solve(identity - pinned(problem.shifts) - jacobian, end - z)
     cycle = Cycle(

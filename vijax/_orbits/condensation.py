@@ -1,17 +1,17 @@
 """Linear equations of a cycle, solved flight by flight.
 
-The unknowns of a cycle are its start z0 and the durations of its flights; each event gives one equation, the closing
-of the cycle the rest. Flight by flight, the solutions of the equations so far are kept as
+The unknowns of a cycle are its start z0 and the durations of its flights. Each event gives one equation; the closing
+of the cycle gives the others. The solutions of the equations of the flights so far are kept as
 
     dz0 = N c,  dz = Z c,
 
-with 2 n free numbers c: a flight adds one unknown, its duration, and its event removes one, by the reflection
-that turns the row of the equation into the last axis. So nothing is ever divided by the speed of an impact:
-at grazing, where the row loses its entry of the duration, another entry takes its place. The work grows with
-the number of events, not with its cube, and the remainder is the pencil (Z, N) of the Floquet multipliers.
+with 2 n free numbers c. A flight adds one unknown, its duration. Its event removes one, by the reflection that turns
+the row of the equation into the last axis. So nothing is divided by the speed of an impact: at grazing, where the
+row loses its entry of the duration, another entry takes its place. The work grows linearly with the number of events,
+not with its cube. The pencil (Z, N) that remains gives the Floquet multipliers.
 
-Along a branch a parameter p is one more unknown, which no flight changes, and dz0 stands for (dz0, dp): there are
-2 n + 1 free numbers. The equation that is added is linear in all unknowns, see `Weights`, and is kept as dz0 is.
+Along a branch a parameter p is one more unknown, which no flight changes. Then dz0 stands for (dz0, dp), and there are
+2 n + 1 free numbers. The equation that is added is linear in all unknowns, see `Weights`, and has the form of dz0.
 """
 
 from collections.abc import Callable
@@ -31,10 +31,10 @@ def over_flights(
     *,
     reverse: bool = False,
 ) -> tuple[Any, Any]:
-    """`jax.lax.scan` over the first `count` flights alone, if that is given: then not to be differentiated in reverse.
+    """`jax.lax.scan` over all flights, or over the first `count` of them; the latter has no reverse derivatives.
 
-    A cycle has room for far more events than most have. Results of the other flights are zero. In a batch all
-    lanes go as far as the longest: the padding of the others changes nothing.
+    A cycle has room for far more events than most cycles have. Results of the other flights are zero. In a batch all
+    lanes run as far as the longest: the padding of the others changes nothing.
     """
     if count is None:
         return jax.lax.scan(one, carry, rows, reverse=reverse)
@@ -55,16 +55,17 @@ def over_flights(
 
 
 class Flights(NamedTuple):
-    """Derivatives of the flights of a cycle, one after another.
+    """Derivatives of the flights of a cycle, in order.
 
-    A state is z and the time, which all share, and the parameter, if there is one: (next,).
+    A state holds z and the time, and the parameter if there is one: (next,).
 
     Attributes:
-        begin: of the state at the start of the first by z0: masses that are held do not follow it, (next, free).
-        forward: of the state after each by the state before and the duration, (events, next, next + 1).
-        normal: of the value that vanishes at its end, (events, next + 1).
+        begin: of the first state by z0, (next, free); zero for masses that are held.
+        forward: of the state after each event by the state before the flight and the duration,
+            (events, next, next + 1).
+        normal: of the value that vanishes at the event, likewise, (events, next + 1).
         close: of z at the end of the cycle by the state after the last event, (state, next).
-        pin: added to the closing where this leaves shifts free, by the start, see `rigid_modes.py`, (state, state).
+        pin: of the closing by the start, added where shifts are left free, see `rigid_modes.py`, (state, state).
     """
 
     begin: Float[Array, "next free"]
@@ -75,29 +76,29 @@ class Flights(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """A linear function of all unknowns: of the start and the parameter, (free,), and of the durations, (events,)."""
+    """Coefficients of a linear function of the start and the parameter, (free,), and of the durations, (events,)."""
 
     start: Float[Array, " free"]
     flights: Float[Array, " events"]
 
 
 class Pencil(NamedTuple):
-    """How an orbit's neighbours begin and end: dz0 = `start` c, dz1 = `end` c."""
+    """First and last states of an orbit's neighbours: dz0 = `start` c, dz1 = `end` c."""
 
     end: Float[Array, "state state"]
     start: Float[Array, "state state"]
 
 
 class Condensed(NamedTuple):
-    """The equations, condensed.
+    """The condensed equations.
 
     Attributes:
-        flights: what they were made of.
-        row: of every equation, (events, free + 1).
-        basis: of what satisfies it, (events, free + 1, free).
+        flights: the derivatives from which they are made.
+        row: the row of every equation, (events, free + 1).
+        basis: a basis of the kernel of each row, (events, free + 1, free).
         start: N before each flight and, as its last row, the weights, by c and the duration, (events, rows, free + 1).
-        reach: of the state after it, likewise, (events, next, free + 1).
-        pencil: what is left; its start has the weights as its last row, if there are any.
+        reach: the derivative of the state after each flight, likewise, (events, next, free + 1).
+        pencil: the pencil that remains; its start has the weights as its last row, if there are any.
     """
 
     flights: Flights
@@ -111,7 +112,7 @@ class Condensed(NamedTuple):
 def condense(
     flights: Flights, count: Int[Array, ""] | None = None, weights: Weights | None = None
 ) -> Condensed:
-    """Take away the duration of every flight, or of the first `count` of them, see `over_flights`."""
+    """Eliminate the duration of every flight, or of the first `count` of them, see `over_flights`."""
     events, num_free = len(flights.forward), flights.begin.shape[1]
     first = jnp.eye(num_free, dtype=flights.begin.dtype)
     of_flights = jnp.zeros((events, num_free), first.dtype)
@@ -134,7 +135,7 @@ def condense(
 
 
 def basis_of_kernel(row: Float[Array, " free"]) -> Float[Array, "free state"]:
-    """An orthonormal basis of the kernel of a row, by a reflection; unit vectors for a row of zeros."""
+    """Orthonormal basis of the kernel of a row, by a reflection; unit vectors for a row of zeros."""
     length = jnp.sqrt(jnp.sum(row * row))
     last = row[-1] + jnp.where(row[-1] < 0, -length, length)
     axis = row.at[-1].set(last)
@@ -150,19 +151,14 @@ def solve_condensed(
     count: Int[Array, ""] | None = None,
     of_weights: Float[Array, ""] | None = None,
 ) -> tuple[Float[Array, " free"], Float[Array, " events"]]:
-    """Solve for the change of the start and of the durations. Linear in the right-hand sides, so differentiable.
+    """Solve for the changes of the start and of the durations; linear in the right-hand sides, so differentiable.
 
-    Args:
-        equations: condensed.
-        of_events: right-hand sides of the events.
-        of_closing: those of the closing.
-        count: of the flights, see `over_flights`.
-        of_weights: that of the equation of the weights, if there is one.
+    The right-hand sides are those of the events, of the closing and, if there are weights, of their equation.
     """
     flights = equations.flights
 
     def there(carry, flight):
-        of_start, change = carry  # one solution of the equations so far
+        of_start, change = carry  # a particular solution of the equations so far
         forward, normal, row, start, reach, value = flight
         square = jnp.sum(row * row)
         own = row * ((value - normal[:-1] @ change) / jnp.where(square > 0, square, 1))

@@ -1,10 +1,10 @@
-"""The equations of a cycle whose sequence of events is given.
+"""The equations of a cycle with a given sequence of events.
 
-The unknowns are the start z0 = (x, v), seen from the stops, at the phase where the cycle begins, and the
-durations of the flights in forcing periods. An impact ends a flight where its gap is zero, a release where
-the contact force is; after n forcing periods the state is the start again. Nothing here asks whether an
-impact approaches its stop or a stop is pressed, so a family of orbits is smooth where it grazes, and goes on
-where no machine does: following a cycle decides whether it is a motion, see `search.py`.
+The unknowns are the start z0 = (x, v), in the frame of the stops, at the phase where the cycle begins, and the
+durations of the flights in forcing periods. An impact ends a flight where its gap is zero, a release where the
+contact force is zero. After n forcing periods the state is the start again. The equations do not require that an
+impact approaches its stop or that a stop is pressed. So a family of orbits is smooth through grazing, and continues
+where it is not admissible. A run from the cycle decides whether it is admissible, see `search.py`.
 """
 
 from typing import Any, NamedTuple
@@ -32,10 +32,10 @@ from .sequence import NOTHING, Sequence
 
 
 class Unknowns(NamedTuple):
-    """What determines a cycle.
+    """The unknowns that determine a cycle.
 
     Attributes:
-        z: positions and velocities at its start, as seen from the stops, (2 n,).
+        z: positions and velocities at its start, in the frame of the stops, (2 n,).
         flights: durations in forcing periods, (events,).
     """
 
@@ -44,11 +44,11 @@ class Unknowns(NamedTuple):
 
 
 class Residual(NamedTuple):
-    """What vanishes on an orbit, and the speeds at its impacts.
+    """The values that vanish on an orbit, and the speeds at its impacts.
 
     Attributes:
         events: gaps at the impacts, contact forces at the releases, (events,).
-        closing: the state at the end less that at the start, (2 n,).
+        closing: the state at the end minus the state at the start, (2 n,).
         speed: of approach to the stop at each impact, 0 for other events, (events,).
     """
 
@@ -58,15 +58,15 @@ class Residual(NamedTuple):
 
 
 class Problem(eqx.Module):
-    """A machine and what is asked of its cycle.
+    """A machine, and the sequence and the period of its cycle.
 
     Attributes:
         machine: the machine.
-        flow: its motion between events, prepared.
-        sequence: what happens.
+        flow: its prepared flow.
+        sequence: the events of the cycle.
         num_periods: n, forcing periods.
-        phase: where the cycle begins, in forcing periods.
-        shifts: the projection onto those of which nothing tells the cycle, see `rigid_modes.py`, (n, n).
+        phase: phase where the cycle begins, in forcing periods.
+        shifts: projection onto the shifts that the equations leave free, see `rigid_modes.py`, (n, n).
     """
 
     machine: Machine
@@ -78,7 +78,7 @@ class Problem(eqx.Module):
 
 
 class Moment(NamedTuple):
-    """Where the motion is: `z`, the time in forcing periods, the gaps counted from the last contact."""
+    """State `z`, time in forcing periods, and gaps accumulated since the last contact."""
 
     z: Array
     time: Array
@@ -86,7 +86,7 @@ class Moment(NamedTuple):
 
 
 class Event(NamedTuple):
-    """The end of a flight, and the stops that hold before and after it."""
+    """The event at the end of a flight, and the stops that hold before and after it."""
 
     kind: Int[Array, ""]
     stop: Int[Array, ""]
@@ -97,14 +97,14 @@ class Event(NamedTuple):
 def prepared(
     numbers: MachineNumbers, flow: AbstractFlow, num_periods: Scalar
 ) -> tuple[Machine, AbstractFlow]:
-    """The machine and its motion, to be followed for n periods."""
+    """The machine and its flow, prepared for a run of n periods."""
     span, zeros = 2 * jnp.pi * num_periods / numbers.frequency, jnp.zeros_like(numbers.mean)
     machine = prepare(numbers, span, (0 * span, zeros, zeros), can_stick=True)
     return machine, flow.prepare(machine)
 
 
 def residual(problem: Problem, unknowns: Unknowns) -> Residual:
-    """Follow the sequence once round."""
+    """Traverse the sequence once."""
     machine, flow = problem.machine, problem.flow
     place = begin_cycle(problem, machine, unknowns.z)
 
@@ -127,11 +127,11 @@ def linearise(
     """The residual and its derivatives by the scaled unknowns, flight by flight.
 
     Args:
-        problem: the cycle.
-        unknowns: where.
+        problem: the equations of the cycle.
+        unknowns: where to linearise.
         scale: sizes of positions and velocities, by which `z` is divided, (2 n,).
-        count: of the flights, see `over_flights`.
-        change: of the machine and its flow by a parameter, which is then one of the unknowns.
+        count: number of flights, see `over_flights`.
+        change: derivatives of the machine and its flow by a parameter, which is then one of the unknowns.
     """
     size, p = len(scale), jnp.zeros(0 if change is None else 1, scale.dtype)
 
@@ -169,9 +169,9 @@ def linearise(
 
 
 def log_of_cycle(problem: Problem, unknowns: Unknowns, room: int) -> EventLog:
-    """All events of an orbit, with room for so many; differentiable.
+    """Log of all events of an orbit, with room for `room` of them; differentiable.
 
-    From its equations: exact, where a run of an unstable orbit goes astray.
+    It comes from the equations of the cycle, which are exact where a run of an unstable orbit diverges from it.
     """
     machine, flow = problem.machine, problem.flow
     contacts = machine.contacts
@@ -205,7 +205,7 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns, room: int) -> EventLog:
 
 
 def state_at(problem: Problem, unknowns: Unknowns, time: Scalar) -> Float[Array, " state"]:
-    """The state of a cycle some forcing periods after its start, as seen from the stops, after all events until then."""
+    """State of a cycle `time` forcing periods after its start and after all events until then, in the stops' frame."""
     machine, flow = problem.machine, problem.flow
     count = jnp.sum(problem.sequence.is_event)
     until = jnp.cumsum(unknowns.flights)
@@ -226,7 +226,7 @@ def state_at(problem: Problem, unknowns: Unknowns, time: Scalar) -> Float[Array,
 
 
 def _moved(tree: Any, change: Any, by: Scalar) -> Any:
-    """The tree with every number moved that has a change."""
+    """The tree with `by` times its change added to every number that has one."""
     return jax.tree.map(lambda a, da: a if da is None else a + by * da, tree, change)
 
 
@@ -247,10 +247,10 @@ def events_of(sequence: Sequence) -> Event:
 def fly_to_event(
     machine: Machine, flow: AbstractFlow, place: Moment, event: Event, duration: Scalar
 ) -> tuple[Moment, tuple[Array, Array], State]:
-    """The place after a flight and its event; the value that vanishes there and the speed of approach; the end of the flight."""
+    """Moment after a flight and its event; value that vanishes, and approach speed; state at the end of the flight."""
     contacts, before = machine.contacts, jnp.split(place.z, 2)[0]
     x, v, phase, change = flow_map(machine, flow, place, event.held, duration)
-    # Counted from the last contact, which keeps all digits of a light bounce; derivatives are the position's.
+    # Accumulated since the last contact, which keeps all digits of a light bounce; derivatives are the position's.
     start = contacts.gaps(before, phase - change)
     gap = place.gap + start - jax.lax.stop_gradient(start) - contacts.towards(x, change)
     x = before + x
@@ -266,7 +266,7 @@ def fly_to_event(
     speed = jnp.where(is_impact, read(machine.approach(end)), 0)
     hit = at_event & is_impact
     placed, v = rebound(machine, end, hit, event.held & event.held_after)
-    # What closes the contact that is hit moves the gaps of others that share its inertia, until the cycle is found.
+    # Placing the hit contact at gap zero moves the gaps of others that share its inertia, until the cycle is found.
     counted_on = gap - contacts.along(placed - x)
     gap = jnp.where(hit, 0, jnp.where(contacts.sharing(hit), contacts.gaps(placed, phase), counted_on))
     v = contacts.held_still(v, event.held_after, machine.phase_rate(phase))
@@ -276,7 +276,7 @@ def fly_to_event(
 def flow_map(
     machine: Machine, flow: AbstractFlow, place: Moment, held: Array, duration: Scalar
 ) -> tuple[Array, Array, Array, Array]:
-    """Displacement, velocity, the phase at the end of a flight, and by how much it changed."""
+    """Displacement over a flight, velocity and phase at its end, and the change of the phase."""
     num_harmonics = machine.waves.num_harmonics
     phase, angle = phase_at(2 * jnp.pi * place.time, num_harmonics), 2 * jnp.pi * duration
     half = phase_at(angle / 2, num_harmonics)[1]
@@ -290,7 +290,7 @@ def flow_map(
 
 
 def _close(problem: Problem, machine: Machine, flow: AbstractFlow, place: Moment) -> Array:
-    """The state after the last flight."""
+    """State at the end of the last flight."""
     left = problem.phase + problem.num_periods - place.time
     x, v, *_ = flow_map(machine, flow, place, problem.sequence.held[-1], left)
     return jnp.concatenate([jnp.split(place.z, 2)[0] + x, v])

@@ -1,4 +1,4 @@
-"""From a guess to an orbit in one program, and the orbit as a function of its machine."""
+"""Search for an orbit from a guess in one program, and the orbit as a function of its machine."""
 
 from typing import Any
 
@@ -23,7 +23,7 @@ from .search import Search, Strobe, away_from_stops, begin_search, search_step
 
 
 class OrbitSolution(eqx.Module):
-    """What was found, see `PeriodicOrbit`; `start` is its state (x, v)."""
+    """Result of a search, see `PeriodicOrbit`; `start` is its state (x, v)."""
 
     start: Float[Array, " state"]
     events: EventLog
@@ -38,8 +38,8 @@ class OrbitSolution(eqx.Module):
 
 @compile_lightly
 def find(strobe: Strobe, guess: Float[Array, " state"]) -> OrbitSolution:
-    """Search from a guess until there is an orbit, or nothing is left to try."""
-    # Everything is constant in the search: derivatives come from the implicit function theorem.
+    """Search from a guess until an orbit is found, or nothing is left to try."""
+    # The search itself is not differentiated: derivatives come from the implicit function theorem.
     still, guess = _constant((strobe, guess))
     search = begin_search(guess, strobe.numbers.rows.shape[0], strobe.room)
     search = jax.lax.while_loop(
@@ -49,7 +49,7 @@ def find(strobe: Strobe, guess: Float[Array, " state"]) -> OrbitSolution:
 
 
 def solution_of_search(strobe: Strobe, search: Search) -> OrbitSolution:
-    """What a search found, as a function of the machine."""
+    """Result of a finished search, as a function of the machine."""
     start, multipliers, events = (_by_sequence if strobe.flow.has_flow_map else _by_map)(strobe, search)
     is_impact = (events.kind == IMPACT)[:, None]
     stops = jnp.arange(strobe.numbers.rows.shape[0])[None]
@@ -84,7 +84,7 @@ def _by_sequence(strobe: Strobe, search: Search) -> tuple[Array, Array, EventLog
 
 
 def _by_map(strobe: Strobe, search: Search) -> tuple[Array, Array, EventLog]:
-    """The same by the map, for a motion that goes step by step."""
+    """As `_by_sequence`, by the stroboscopic map, for a flow that advances step by step."""
     start = fixed_point(strobe, search.cycle.start)
     pencil = Pencil(jax.jacfwd(strobe.end)(start), jnp.eye(len(start)))
     multipliers = floquet_multipliers(pencil, search.cycle.sequence.most_held, free_shifts(strobe.numbers))
@@ -93,7 +93,7 @@ def _by_map(strobe: Strobe, search: Search) -> tuple[Array, Array, EventLog]:
 
 @eqx.filter_custom_jvp
 def fixed_point(strobe: Strobe, z: Float[Array, " state"]) -> Float[Array, " state"]:
-    """A fixed point of the map as a function of the machine: derivatives by the implicit function theorem."""
+    """Fixed point of the map as a function of the machine: derivatives by the implicit function theorem."""
     del strobe
     return z
 
@@ -116,7 +116,7 @@ def orbit_found(
     args: object,
     flow: AbstractFlow | None,
 ) -> PeriodicOrbit:
-    """What was found, as users know it."""
+    """The public `PeriodicOrbit` of a result."""
     x0, v0 = jnp.split(found.start, 2)
     return PeriodicOrbit(
         system=system,

@@ -1,4 +1,4 @@
-"""All periodic orbits of one machine that are near some guesses."""
+"""All periodic orbits of one machine near some guesses."""
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +19,7 @@ from .orbit import PeriodicOrbit
 from .rigid_modes import free_shifts
 from .search import Strobe, with_room
 
-# States closer than this, relative to the size of the orbit, are of one orbit.
+# States closer than this, relative to the size of the orbit, belong to one orbit.
 _SAME = 1e-6
 
 
@@ -37,20 +37,21 @@ def find_periodic_orbits(
     """Find all periodic orbits near some guesses, stable and unstable, each once.
 
     Args:
-        system: the machine, of known numbers.
-        num_periods: n, the forcing periods after which they repeat. Those that repeat sooner are found as well.
+        system: the machine; its numbers must be concrete, not traced.
+        num_periods: n, the forcing periods after which they repeat. Orbits that repeat sooner are found as well.
         starts: guesses at phase 0: positions and velocities, (starts, n) each, or both side by side, (starts, 2 n).
         args: as for `simulate`.
         flow: likewise.
-        max_events: the most events of a cycle.
-        progress: show a bar.
+        max_events: maximum number of events of a cycle.
+        progress: show a progress bar.
 
     Returns:
-        The orbits, by the first position at phase 0. Two that are the same, some forcing periods later or but for a shift that no
-        spring and no contact feels, count as one.
+        The orbits, sorted by the first position at phase 0. Orbits that coincide after some forcing periods, or up to
+        a shift that no spring and no contact resists, count as one.
 
     Raises:
-        ValueError: if the load has no frequency, the starts have another shape, one lies beyond a stop, or 64-bit numbers are off.
+        ValueError: if numbers are traced, the load has no frequency, the starts have another shape, one lies beyond a
+            stop, or 64-bit numbers are off.
         KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
@@ -82,7 +83,7 @@ def find_periodic_orbits(
         axes = [None] * len(jax.tree.leaves(strobe))
         parts = search_each(strobe, axes, states, bar.update)
     searches = {lane: (part, k) for which, part in parts for k, lane in enumerate(which.tolist())}
-    # In the order of their first position.
+    # Sorted by first position.
     starts_of = {
         lane: np.asarray(part.cycle.start[k]) for lane, (part, k) in searches.items() if part.is_orbit[k]
     }
@@ -116,9 +117,9 @@ def _different(
     args: object,
     flow: AbstractFlow | None,
 ) -> list[int]:
-    """Which of the states are of orbits that were not among those before them; `felt` leaves out shifts that nothing feels."""
+    """Indices of distinct orbits, modulo whole periods and the rigid shifts that `felt` projects out."""
     kept: list[int] = []
-    known: list[np.ndarray] = []  # the orbits so far, at phase 0 of each of their periods
+    known: list[np.ndarray] = []  # states of the orbits so far, at phase 0 of each of their periods
     told = np.kron(np.eye(2), felt)
     for i, state in enumerate(states):
         size = np.abs(state).max() or 1.0

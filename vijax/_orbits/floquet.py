@@ -1,9 +1,9 @@
-"""Floquet multipliers: how an orbit's neighbours come nearer, or go away.
+"""Floquet multipliers: growth factors of an orbit's neighbours over one cycle.
 
 A multiplier mu has neighbours with dz1 = mu dz0, so it is an eigenvalue of the pencil (Z, N) of dz1 = Z c, dz0 = N c.
-Where an impact grazes, N is singular and mu infinite; where a mass sticks, Z is singular and mu zero. So neither is
-inverted: nu = (mu - s) / (mu + s) maps infinity to 1 and zero to -1, and nu are the eigenvalues of
-(Z + s N)^-1 (Z - s N). Of two s of unlike sign, the one with Z + s N farther from singular is taken.
+Where an impact grazes, N is singular and mu infinite; where a mass sticks, Z is singular and mu zero. So neither
+matrix is inverted: nu = (mu - s) / (mu + s) maps infinity to 1 and zero to -1, and the nu are the eigenvalues of
+(Z + s N)^-1 (Z - s N). Of two s of opposite sign, the one whose Z + s N is farther from singular is taken.
 """
 
 from inspect import signature
@@ -16,10 +16,10 @@ from jaxtyping import Array, Complex, Float, Int
 from .condensation import Pencil
 from .rigid_modes import without_shifts
 
-# No round numbers, as multipliers of -1 and +1 are the ones looked for.
+# Not +1 and -1: Z + s N would be singular for the multipliers -1 and +1, which mark bifurcations.
 _SHIFTS = 0.87, -1.13
-# Newer releases of JAX give derivatives of eigenvectors, here for second derivatives of multipliers, only on
-# request: they exist where the multipliers differ from each other.
+# Newer releases of JAX differentiate eigenvectors only on request. Second derivatives of multipliers need it; they
+# exist where the multipliers are distinct.
 _OPTIONS = signature(jax.lax.linalg.eig).parameters
 _SECOND_DERIVATIVES: dict[str, Any] = (
     {"enable_eigvec_derivs": True} if "enable_eigvec_derivs" in _OPTIONS else {}
@@ -29,13 +29,13 @@ _SECOND_DERIVATIVES: dict[str, Any] = (
 def floquet_multipliers(
     pencil: Pencil, num_held: Int[Array, ""], shifts: Float[Array, "n n"]
 ) -> Complex[Array, " state"]:
-    """The multipliers, those of the largest magnitude first.
+    """The Floquet multipliers, largest magnitude first.
 
     Args:
         pencil: of the orbit's neighbours.
-        num_held: the most masses that are held at once. All that begins with other positions and velocities of them
-            ends alike, so twice as many multipliers are zero: what rounding makes of those is put right.
-        shifts: the projection onto those that nothing feels, see `rigid_modes.py`: each has a multiplier 1.
+        num_held: the most masses held at once. The cycle forgets their positions and velocities, so twice as many
+            multipliers are zero; those are set to zero exactly, without rounding errors.
+        shifts: projection onto the rigid shifts, see `rigid_modes.py`: each has a multiplier 1.
 
     Returns:
         (2 n,), infinite where the orbit grazes.
@@ -59,7 +59,7 @@ def _largest_first(mu: Complex[Array, " state"]) -> Complex[Array, " state"]:
 
 @jax.custom_jvp
 def _eigenvalues(matrix: Float[Array, "state state"]) -> Complex[Array, " state"]:
-    """Eigenvalues. JAX's derivatives need a full set of eigenvectors, which several zeros do not have."""
+    """Eigenvalues. JAX's derivatives need a full set of eigenvectors, which a repeated zero does not have."""
     return jnp.linalg.eigvals(matrix)
 
 

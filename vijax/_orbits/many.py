@@ -1,4 +1,4 @@
-"""Many searches at once, in a program for a fixed number of lanes: those that are done make room for others."""
+"""Many searches at once, in a program for a fixed number of lanes: finished searches make room for others."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -13,20 +13,20 @@ from .._hybrid.limits import IMPACT
 from .search import Search, Strobe, begin_search
 from .search_workers import SearchWorkers
 
-# Searches side by side, the only number compiled for: a lane costs the same among 32 as among 128, and fewer wait for
-# the longest. Most cycles have fewer events than `_FEW`: the others are searched for again with room for all.
+# `_LANES`: lanes of the one compiled program. A lane costs the same among 32 as among 128; fewer wait for the longest.
+# `_FEW`: room for events at first. Most cycles have fewer; the others are searched for again with room for all.
 _LANES, _FEW = 32, 32
 
 
 class Orbits(NamedTuple):
-    """What came of many searches, lanes first.
+    """Results of many searches, lanes first.
 
     Attributes:
-        start: states in space, (lanes, 2 n).
+        start: states in the fixed frame, (lanes, 2 n).
         multipliers: (lanes, 2 n).
-        residual: of the closing, (lanes,).
-        num_impacts: in a cycle, (lanes, stops).
-        is_orbit: whether the machine follows it, (lanes,).
+        residual: closing error, (lanes,).
+        num_impacts: impacts in one cycle, (lanes, stops).
+        is_orbit: true where the machine follows the cycle, (lanes,).
     """
 
     start: np.ndarray
@@ -46,12 +46,12 @@ def search_many(
     """Search from many guesses, until each has an orbit or nothing left to try.
 
     Args:
-        strobe: the machines, with room for the most events that a cycle may have; what differs from lane to lane has
-            the lanes as its first axis.
-        axes: for each of its leaves 0 if that is so, None if all share it.
-        guesses: states in space, (lanes, 2 n). Neighbours should take about as long.
-        tell: is called with how many searches ended since the last call.
-        executor: runs the searches; the cores of this process if left out. Neighbours are the same, and so is every bit.
+        strobe: the machines, with room for the maximum number of events of a cycle; leaves that differ between lanes
+            have the lanes as their first axis.
+        axes: for each leaf of `strobe` 0 if it has that axis, None if all lanes share it.
+        guesses: states in the fixed frame, (lanes, 2 n). Neighbours should take about equally long.
+        tell: called with the number of searches that ended since the last call.
+        executor: runs the searches; if left out, the cores of this process do, with the same chunks and the same bits.
     """
     (_, first), *others = search_each(strobe, axes, guesses, tell, executor)
     found = _told(first)
@@ -68,7 +68,7 @@ def search_each(
     tell: Callable[[int], Any],
     executor: Executor | None = None,
 ) -> list[tuple[np.ndarray, Search]]:
-    """The searches of `search_many` themselves: of all lanes, then those of lanes that needed more room."""
+    """The searches of `search_many`: of all lanes, then of the lanes that needed more room, each with its indices."""
     everyone = np.arange(len(guesses))
     few = dataclasses.replace(strobe, room=min(_FEW, strobe.room))
     search = _search(few, axes, guesses, everyone, tell, executor)
@@ -87,12 +87,12 @@ def _search(
     tell: Callable[[int], Any],
     executor: Executor | None,
 ) -> Search:
-    """The searches of some lanes, at their ends."""
+    """The finished searches of the lanes `which`."""
     whole = jax.tree.map(np.array, _begin(strobe.numbers.rows.shape[-2], strobe.room)(guesses[which]))
     leaves, structure = jax.tree.flatten(strobe)
 
     def chunk_of(lanes: np.ndarray) -> tuple[Strobe, Search]:
-        """Lanes that go together, filled up with the first of them."""
+        """The lanes of a chunk, padded with the first of them."""
         index = np.concatenate([lanes, np.full(_LANES - len(lanes), lanes[0])])
         of_lanes = [
             np.asarray(a) if axis is None else np.asarray(a)[which[index]]
@@ -123,7 +123,7 @@ def _told(search: Search) -> Orbits:
 
 
 def lanes_first(tree: Any) -> tuple[Any, list[int | None]]:
-    """Leaves that have lanes last, or a single one, as `search_many` wants them, and their axes."""
+    """Move the lane axis of leaves from last to first, or drop it where its size is one; also returns the `axes`."""
     leaves, structure = jax.tree.flatten(tree)
     leaves = [np.asarray(a) for a in leaves]
     axes = [None if a.shape[-1] == 1 else 0 for a in leaves]

@@ -1,4 +1,4 @@
-"""Maps of the motion onto itself, and their derivatives."""
+"""The stroboscopic map, the monodromy matrix and the saltation matrix."""
 
 import jax
 import jax.numpy as jnp
@@ -44,30 +44,30 @@ def stroboscopic_map(
     max_reverse_steps: Count = 65_536,
     throw: bool = True,
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Return the state some forcing periods later, as a differentiable function.
+    """Return the state a number of forcing periods later, as a differentiable function.
 
-    Derivatives by state, phase and parameters include those of the period.
+    Derivatives by the state, the phase and parameters include the change of the period.
 
     Args:
-        system: the machine; its load must have a frequency, and its `force`, if it has one, that period.
+        system: the machine; its load must have a frequency, and its `force`, if it has one, the same period.
         x0: positions, (n,).
         v0: velocities, (n,).
-        num_periods: whole forcing periods.
-        phase: of the load at the start, and at the end, W t in radians.
+        num_periods: number of whole forcing periods.
+        phase: phase W t of the load at the start, and at the end, in radians.
         flow: as for `simulate`.
         args: likewise.
-        max_steps: as for `simulate`.
+        max_steps: likewise.
         max_reverse_steps: likewise.
-        throw: raise if the motion does not get there; otherwise the state and its derivatives are NaN. The other lanes
-            of a batch are as without that one, and so are derivatives of what leaves it out.
+        throw: raise if the motion does not reach the end; otherwise the state and its derivatives are NaN. Such a lane
+            of a batch changes neither the other lanes nor derivatives of values that leave it out.
 
     Returns:
         Positions and velocities, (n,) each.
 
     Raises:
-        ValueError: if the load has no frequency, or the `force` not the period of the load, for a start beyond a stop,
-            or numbers that are not finite, as far as can be told while they are not traced.
-        RuntimeError: with `throw`, if the motion does not get there, see `RESULTS`.
+        ValueError: if the load has no frequency, if the `force` does not have the period of the load, for a start
+            beyond a stop, or for numbers that are not finite, as far as they are concrete (not traced).
+        RuntimeError: with `throw`, if the motion does not reach the end, see `RESULTS`.
 
     Example:
         ```python
@@ -91,7 +91,7 @@ def stroboscopic_map(
 
 
 def angle_of(phase: ArrayLike) -> Scalar:
-    """A phase of the load, refused if it is known to be none."""
+    """A phase of the load as an array; refuses concrete values that are not one finite number."""
     angle = as_float(phase)
     if angle.ndim:
         raise ValueError(f"Argument `phase` must be a number, but has shape {angle.shape}.")
@@ -112,20 +112,20 @@ def monodromy_matrix(
     max_steps: Count | None = None,
     throw: bool = True,
 ) -> Float[Array, "state state"]:
-    """Derivative of the stroboscopic map by the state (x, v).
+    """Return the derivative of the stroboscopic map by the state (x, v).
 
-    On a periodic orbit its eigenvalues are the Floquet multipliers, whatever the phase.
+    On a periodic orbit its eigenvalues are the Floquet multipliers, at every phase.
 
     Args:
         system: the machine.
         x0: positions, (n,).
         v0: velocities, (n,).
-        num_periods: forcing periods, the period of the orbit.
+        num_periods: the period of the orbit in forcing periods.
         phase: as for `stroboscopic_map`.
         flow: as for `simulate`.
         args: likewise.
         max_steps: likewise.
-        throw: raise if the motion does not get there; otherwise the matrix is NaN.
+        throw: raise if the motion does not reach the end; otherwise the matrix is NaN.
 
     Returns:
         The matrix, (2 n, 2 n).
@@ -176,13 +176,13 @@ def saltation_matrix(
     args: object = None,
     throw: bool = True,
 ) -> Float[Array, "state state"]:
-    """Derivative of the state just after an impact by the state just before, no other mass held.
+    """Return the derivative of the state just after an impact by the state just before, no other mass held.
 
     With the derivative R of the reset (v_i to -r v_i), the gap g, and the vector fields f- = (v-, a-) and f+
-    before and after: S = R + (f+ - R f-) (dg/dy) / (dg/dy f-). All is as seen from the stops, where they move.
+    before and after: S = R + (f+ - R f-) (dg/dy) / (dg/dy f-). Where stops move, all is in their frame.
 
-    At a grazing impact, of speed 0, entries are infinite where the acceleration of the mass that hits enters, and the
-    others are their limits.
+    At a grazing impact, of speed 0, the entries in which the acceleration of the impacting mass enters are infinite.
+    The other entries are their limits.
 
     Args:
         system: the machine.
@@ -191,14 +191,14 @@ def saltation_matrix(
         v: velocities before the impact, (n,).
         stop: index of the stop that is hit.
         args: as for `simulate`.
-        throw: raise if a traced number is not finite, or of no stop; otherwise the matrix is NaN.
+        throw: raise if a traced number is not finite, or a traced `stop` does not exist; otherwise the matrix is NaN.
 
     Returns:
         The matrix for the state (x, v), (2 n, 2 n).
 
     Raises:
-        ValueError: if there is no such stop, or numbers are not finite. Where they are traced a RuntimeError
-            instead.
+        ValueError: if there is no such stop, or numbers are not finite.
+        RuntimeError: with `throw`, the same for traced arguments.
 
     Example:
         ```python
@@ -219,7 +219,7 @@ def saltation_matrix(
 
 
 def wrong_stop(system: ImpactSystem, stop: Count) -> tuple[Reals, str]:
-    """Whether there is no such stop, and the sentence."""
+    """Flag of a stop that does not exist, and the sentence of its error."""
     index: Reals = stop if concrete(stop) is None else np.asarray(whole_number("stop", stop))
     is_wrong, size = (index < 0) | (index >= len(system.stops)), len(system.stops)
     return is_wrong, f"Argument `stop` must be less than the number of stops, {size}, but is {stop}."
@@ -232,9 +232,9 @@ def _saltation(impact: tuple[MachineNumbers, Scalar, Array, Array, Array]) -> Ar
     contacts, phase0 = machine.contacts, machine.phase_at(time)
     is_hit = jnp.arange(contacts.num) == stop
     nothing = machine.hold(jnp.zeros_like(is_hit))
-    # Seen from the stops, which stand still there; at one instant that changes no derivative by the state.
+    # In the frame of the stops, where they stand still; at one instant this changes no derivative by the state.
     x, v = machine.seen_from_stops(phase0, x, v)
-    # The state and the time since: contacts may move in their own ways.
+    # The state, extended by the time since the impact: contacts may have motions of their own.
     y = jnp.concatenate([contacts.placed(x, is_hit, phase0), v, jnp.zeros_like(time)[None]])
 
     def at(y: Float[Array, " whole"]) -> State:
@@ -259,7 +259,7 @@ def _saltation(impact: tuple[MachineNumbers, Scalar, Array, Array, Array]) -> Ar
     along = contacts.freed(towards[:n]) * contacts.effective_mass[stop]
     approach = jnp.zeros_like(y).at[n:-1].set(along)  # the velocity that closes the gap at speed 1
     speed = towards @ field(y)
-    # At speed 0 only accelerations jump, those that the stop turns round; the rest is of the order of the speed.
+    # At speed 0 only the accelerations that the stop reverses jump; the rest is of the order of the speed.
     is_moving, of_rest = speed != 0, jump(y - speed * approach)
     limit = jax.jvp(jump, (y,), (approach,))[1]
     by_speed = jnp.where(is_moving, (jump(y) - of_rest) / jnp.where(is_moving, speed, 1), limit)

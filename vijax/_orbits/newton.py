@@ -1,4 +1,4 @@
-"""From a guess to the orbit: Newton's method on the equations of a cycle, and its derivatives."""
+"""Newton's method on the equations of a cycle, and the implicit derivatives of its solution."""
 
 from typing import NamedTuple
 
@@ -11,24 +11,25 @@ from .._jax.arrays import Scalar
 from .condensation import Pencil, condense, solve_condensed
 from .cycle import Problem, Residual, Unknowns, linearise, residual
 
-# A step below `_ROUNDING` eps, relative to the orbit, is rounding; so is one below `_SMALL` that is not under
-# half the last. The step after one below `_TINY` is, as steps shrink quadratically.
+# Steps are relative to the orbit. `_SMALL`: a step below it that is not under half the last one is rounding.
+# `_ROUNDING`: a step below so many eps is rounding.
 _SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
+# The step after one below this is rounding, as steps shrink quadratically.
 _TINY = {"float64": 1e-10, "float32": 3e-6}
 _MAX_STEPS = 24
 
 
 class Polished(NamedTuple):
-    """Where Newton's method came to.
+    """State of Newton's method.
 
     Attributes:
         unknowns: the cycle.
-        residual: what is left of its equations.
+        residual: residual of its equations.
         pencil: of its neighbours, for the multipliers; in scaled coordinates.
-        first: by how much the first step moved the start, (2 n,).
+        first: change of the start by the first step, (2 n,).
         step: size of the next step, relative to the orbit.
-        last: that of the step before.
-        num_steps: how many were taken.
+        last: size of the step before.
+        num_steps: number of steps.
     """
 
     unknowns: Unknowns
@@ -41,12 +42,12 @@ class Polished(NamedTuple):
 
     @property
     def is_converged(self) -> Bool[Array, ""]:
-        """Whether nothing but rounding is left."""
+        """True where only rounding is left."""
         return self.step < _SMALL[str(self.step.dtype)]
 
 
 def size_of(problem: Problem, z: Float[Array, " state"]) -> Float[Array, " state"]:
-    """Sizes of positions and velocities of a motion, by which they are measured, (2 n,)."""
+    """Sizes of positions and velocities of a motion, to which errors and steps are relative, (2 n,)."""
     x, v = jnp.split(jnp.abs(z), 2)
     limit, frequency = jnp.abs(problem.machine.contacts.limit), problem.machine.frequency
     length = jnp.maximum(jnp.max(x), jnp.max(v) / frequency)
@@ -56,12 +57,7 @@ def size_of(problem: Problem, z: Float[Array, " state"]) -> Float[Array, " state
 
 
 def polish(problem: Problem, guess: Unknowns) -> Polished:
-    """Solve the equations of a cycle by Newton's method, from a guess.
-
-    Args:
-        problem: the machine and the sequence.
-        guess: where to begin.
-    """
+    """Solve the equations of a cycle by Newton's method from a guess."""
     scale = size_of(problem, guess.z)
     eps, count = jnp.finfo(scale.dtype).eps, jnp.sum(problem.sequence.is_event)
 
@@ -85,7 +81,7 @@ def polish(problem: Problem, guess: Unknowns) -> Polished:
 
 
 def _nothing(guess: Unknowns) -> Polished:
-    """The result before the first step."""
+    """The state before the first step."""
     z, events = guess
     big, square = jnp.asarray(jnp.finfo(z.dtype).max, z.dtype), jnp.zeros((len(z), len(z)), z.dtype)
     nothing = Residual(jnp.zeros_like(events), jnp.zeros_like(z), jnp.zeros_like(events))
@@ -93,14 +89,14 @@ def _nothing(guess: Unknowns) -> Polished:
 
 
 def pencil_of(problem: Problem, unknowns: Unknowns) -> Pencil:
-    """The pencil of the neighbours of an orbit, differentiable."""
+    """Pencil of the neighbours of an orbit, differentiable."""
     scale = jax.lax.stop_gradient(size_of(problem, unknowns.z))
     return condense(linearise(problem, unknowns, scale)[1]).pencil
 
 
 @eqx.filter_custom_jvp
 def implicit_orbit(problem: Problem, unknowns: Unknowns) -> Unknowns:
-    """The unknowns of an orbit as a function of its machine: derivatives by the implicit function theorem."""
+    """Unknowns of an orbit as a function of its machine: derivatives by the implicit function theorem."""
     del problem
     return unknowns
 

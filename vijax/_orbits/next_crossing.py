@@ -1,7 +1,7 @@
-"""From one passage of a mass through a place to the next.
+"""The next passage of a mass through a position.
 
-The place is made a contact that nothing hits: the engine finds the time at which it closes, as exactly and with the same
-proof that none is missed as for a stop, and the motion ends there.
+The position becomes a contact of the machine that nothing hits. The engine finds the time at which it closes, as
+exactly as for a stop and with the same proof that no passage is missed, and the motion ends there.
 """
 
 from typing import NamedTuple
@@ -52,11 +52,11 @@ def next_crossing(
     max_reverse_steps: Count = 65_536,
     throw: bool = True,
 ) -> tuple[Float[Array, ""], Float[Array, " n"], Float[Array, " n"]]:
-    """Return time and state where a mass next passes a place, as a differentiable function.
+    """Return time and state where a mass next passes a position, as a differentiable function.
 
-    From one passage to the next it is the Poincare map of the section x_i = c. Whatever happens between is gone through as
-    in `vx.simulate`. Derivatives are of the state on the section: they know that its time moves, and the position of that
-    mass has those of the place. A start on the section, such as the last result, does not count.
+    From one passage to the next it is the Poincare map of the section x_i = c. All events between are followed as in
+    `vx.simulate`. Derivatives are those of the state on the section: they include the change of its time, and the
+    position of that mass has those of `position`. A start on the section, such as the last result, does not count.
 
     Args:
         system: the machine.
@@ -64,22 +64,22 @@ def next_crossing(
         x0: positions, (n,).
         v0: velocities, (n,).
         mass: index of the mass.
-        position: the place c.
+        position: the position c.
         direction: "up" where x rises through it, "down" where it falls.
-        t1: how long to wait for it; 1000 forcing periods, if left out.
+        t1: time at which to give up; 1000 forcing periods after t0, if left out.
         flow: as for `simulate`.
         args: likewise.
         max_steps: likewise.
         max_reverse_steps: likewise.
-        throw: raise if there is no such passage; otherwise all is NaN, and so are its derivatives.
+        throw: raise if there is no such passage; otherwise time, state and their derivatives are NaN.
 
     Returns:
         Time, positions, (n,), and velocities, (n,).
 
     Raises:
-        ValueError: if there is no such mass or direction, no `t1` for a load without a frequency, or a wrong start:
-            see `simulate`.
-        RuntimeError: with `throw`, if the motion does not pass there until t1, or does not get there, see `RESULTS`.
+        ValueError: if there is no such mass or direction, no `t1` for a load without a frequency, or a wrong start: see
+            `simulate`.
+        RuntimeError: with `throw`, if the mass does not pass there until t1, or the motion ends before, see `RESULTS`.
 
     Example:
         ```python
@@ -132,7 +132,7 @@ def next_crossing(
 
 
 class _Passage(NamedTuple):
-    """Where a motion is, and whether it came there; if not, what ended it."""
+    """A time and a state, a flag of whether the motion arrived there, and the result if it did not."""
 
     t: Scalar
     x: Float[Array, " n"]
@@ -142,7 +142,7 @@ class _Passage(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """What is looked for: a passage of the mass through the place."""
+    """A search for a passage of the mass through the position."""
 
     system: ImpactSystem
     flow: AbstractFlow
@@ -153,12 +153,12 @@ class _Search(NamedTuple):
     reverse: Reverse
 
     def passage(self, start: _Passage, side: float, is_sound: Reals) -> _Passage:
-        """The next passage towards a side, from a start on the other."""
+        """The next passage towards a side, from a start on the other side."""
         return self._to(start, side, self.place, self.end, is_sound)
 
     def back(self, start: _Passage, side: float, is_back: Bool[Array, ""], is_sound: Reals) -> _Passage:
-        """Where the mass comes back, or the start itself where it is back already."""
-        # Then the motion takes no time, and the place is one that it has not passed.
+        """The next passage back, or the start itself where `is_back`."""
+        # Where `is_back` the motion takes no time, and the position is one that it has not passed.
         place = jnp.where(is_back, start.x[self.mass] + side, self.place)
         end = jnp.where(is_back, start.t, self.end)
         found = self._to(start, side, place, end, is_sound)
@@ -186,7 +186,7 @@ class _Search(NamedTuple):
 
 
 def _with_contact(system: ImpactSystem, mass: int, side: float, place: Scalar) -> MachineNumbers:
-    """The numbers of a machine with a contact more, that of one mass with a place."""
+    """The numbers of a machine with one contact more, between a mass and a position."""
     if system.is_coupled or any(stop.motion is not None for stop in system.stops):
         contact = Contact({mass: side}, side * place, 1.0)
         return numbers_of(eqx.tree_at(lambda s: s.stops, system, (*system.stops, contact)))

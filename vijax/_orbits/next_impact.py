@@ -19,7 +19,7 @@ from .._trajectory.simulate import bound_of_steps
 from .._trajectory.solution import RESULTS, result_sentences
 from .maps import wrong_stop
 
-# How long an impact is waited for, in forcing periods.
+# Forcing periods after which to give up.
 _PERIODS = 1000
 _NONE = (
     "The motion comes to no such impact before `t1`: it no longer reaches the stop, or is held by it. Look at it "
@@ -46,39 +46,38 @@ def next_impact(
     """Return time and state just before the next impact with a stop, as a differentiable function.
 
     From one such impact to the next it is the impact map: the Poincare map of the section in which the mass meets the
-    stop, whose coordinates are the time, the velocity of that mass, and the state of the others. What it returns it
-    takes again. Its Jacobian has one column of zeros, that of the position of the mass, which is the stop's. On a
+    stop. Its coordinates are the time, the velocity of that mass, and the state of the others. Its result is a valid
+    start. Its Jacobian has one column of zeros, for the position of the mass, which is that of the stop. On a
     periodic orbit its other eigenvalues are the Floquet multipliers, as those of `monodromy_matrix` are.
 
-    Whatever happens between, impacts with other stops, chatter, sticking and release, is gone through as in
-    `simulate`, and derivatives go through it, as through the time of the impact itself. As there they are one-sided
-    where the sequence of events is about to change: where an impact grazes. Of the infinitely many impacts of a complete
-    chatter those count that `vx.simulate` logs; the one after the last of them follows the release.
+    Impacts with other stops, chatter, sticking and release are followed as in `simulate`, and derivatives go through
+    them, as through the time of the impact itself. As there, derivatives are one-sided where the sequence of events is
+    about to change: where an impact grazes. Of the infinitely many impacts of a complete chatter those count that
+    `vx.simulate` logs; the one after the last of them follows the release.
 
     Args:
         system: the machine.
         t0: time of the start.
         x0: positions, (n,). On the stop, or anywhere: then it is the first impact after a start in flight.
         v0: velocities, (n,). If the mass moves into the stop, the impact at t0 comes first and does not count; if it
-            moves out, it was before.
+            moves out, that impact has already happened.
         stop: index of the stop.
         num_impacts: 1 for the next impact with it, 2 for the one after that, ...
-        t1: how long to wait for it; 1000 forcing periods, if left out.
+        t1: time at which to give up; 1000 forcing periods after t0, if left out.
         flow: as for `simulate`.
         args: likewise.
         max_steps: likewise.
         max_reverse_steps: likewise.
-        throw: raise if there is no such impact; otherwise all is NaN, and so are its derivatives. In a batch the other
-            lanes are as they are without that one.
+        throw: raise if there is no such impact; otherwise time, state and their derivatives are NaN. Such a lane of a
+            batch does not change the other lanes.
 
     Returns:
         Time, positions, (n,), and velocities just before the impact, (n,).
 
     Raises:
-        ValueError: if there is no such stop, no `t1` for a load without a frequency, or a wrong start: see
+        ValueError: if there is no such stop, no `t1` for a load without a frequency, or the start is wrong, see
             `simulate`.
-        RuntimeError: with `throw`, if the motion comes to no such impact until t1, or does not get there, see
-            `RESULTS`.
+        RuntimeError: with `throw`, if there is no such impact until t1, or the motion ends before, see `RESULTS`.
 
     Example:
         ```python
@@ -123,7 +122,7 @@ def next_impact(
 
 
 def give_up(system: ImpactSystem, t0: Array) -> Array:
-    """When to give up, if nothing is said."""
+    """The time at which to give up by default."""
     frequency = system.forcing.frequency
     known = concrete(frequency)
     if known is not None and not known > 0:

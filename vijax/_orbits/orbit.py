@@ -1,4 +1,4 @@
-"""What `periodic_orbit` returns."""
+"""The result of `periodic_orbit`."""
 
 from typing import Any
 
@@ -44,19 +44,19 @@ class PeriodicOrbit(eqx.Module):
         system: the machine.
         num_periods: n.
         period: n forcing periods as a time.
-        phase: of the load where it begins, in radians.
+        phase: phase of the load at its start, in radians.
         x0: positions there, (n,).
-        v0: velocities, (n,).
-        events: what happens in one cycle.
+        v0: velocities there, (n,).
+        events: the events of one cycle.
         num_impacts: impacts in one cycle, (stops,); of a chatter all that were followed.
         multipliers: Floquet multipliers, (2 n,), complex, the largest magnitude first. Two are zero for every mass that
             sticks; one is infinite where the orbit grazes; one is 1 for every shift of the masses that no spring and no
-            contact feels.
-        is_stable: whether all lie inside of the unit circle.
+            contact resists.
+        is_stable: whether all multipliers lie inside the unit circle.
         is_admissible: whether the machine follows it: run from x0 and v0, it shows the same events.
-        residual: what is left of the closing of the cycle, relative to the size of the motion.
-        num_runs: how often the motion was followed to find it.
-        result: what became of the search, a member of `vx.ORBIT_RESULTS`.
+        residual: closing error of the cycle, relative to the size of the motion.
+        num_runs: number of runs of the motion in the search.
+        result: outcome of the search, a member of `vx.ORBIT_RESULTS`.
     """
 
     system: ImpactSystem
@@ -77,7 +77,7 @@ class PeriodicOrbit(eqx.Module):
     flow: AbstractFlow | None
 
     def solution(self) -> Solution:
-        """Follow the orbit once round, for pictures.
+        """Simulate one cycle of the orbit, for plots.
 
         Example:
             ```python
@@ -105,7 +105,7 @@ class PeriodicOrbit(eqx.Module):
 
         Returns:
             A dataset of `x0`, `v0` (mass,), `multiplier_real`, `multiplier_imag` (multiplier,), the events (event,) as
-            `Solution.to_xarray` has them, `num_impacts` (stop,), and what else the attributes of this class are.
+            `Solution.to_xarray` has them, `num_impacts` (stop,), and the other attributes of this class.
         """
         if concrete(self.period) is None or self.period.ndim:
             raise ValueError("`to_xarray` labels one orbit, outside of `jax.jit` and `jax.vmap`.")

@@ -1,4 +1,4 @@
-"""From a guess to a periodic orbit."""
+"""Search for a periodic orbit near a guess."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike
@@ -35,24 +35,24 @@ def periodic_orbit(
 ) -> PeriodicOrbit:
     """Find the periodic orbit near a guess, stable or not.
 
-    The motion is followed from the guess, and Newton's method applied to the equations of the events that it shows:
-    impacts, complete chatter, sticking, release, or none. What it finds is followed in its turn, and is an orbit if the
-    same happens. Where a shift of the masses is felt by no spring and no contact, the orbit is the one at the shift of the
-    guess.
+    The motion is simulated from the guess, and Newton's method is applied to the equations of the events that it
+    shows: impacts, complete chatter, sticking, release, or none. The cycle that it finds is simulated in turn; it is
+    an orbit if the same events happen. Where no spring and no contact resists a shift of the masses, the orbit has the
+    shift of the guess.
 
     Works under `jax.jit` and `jax.vmap`. Derivatives of the orbit, its events and its multipliers by all numbers of the
-    machine, forward and reverse, are those of the implicit function theorem; the guess has none.
+    machine, forward and reverse, come from the implicit function theorem; there are none by the guess.
 
     Args:
-        system: the machine; its load must have a frequency, and its `force`, if it has one, that period.
+        system: the machine; its load must have a frequency, and its `force`, if it has one, the same period.
         x0: positions of the guess, (n,).
         v0: velocities, (n,).
         num_periods: n, the forcing periods after which the orbit repeats. One that repeats sooner counts as well.
-        phase: of the load where the orbit begins, W t in radians.
+        phase: phase W t of the load where the orbit begins, in radians.
         args: as for `simulate`.
         flow: likewise.
-        max_events: the most events of a cycle.
-        throw: raise if no orbit is found; otherwise return the code, and what came nearest.
+        max_events: maximum number of events of a cycle.
+        throw: raise if no orbit is found; otherwise return the result code and the nearest candidate.
 
     Returns:
         The orbit, see `vx.PeriodicOrbit`.

@@ -1,13 +1,13 @@
-"""Shifts of the masses that no spring and no contact feels.
+"""Rigid modes: shifts of the masses that no spring and no contact resists.
 
-Where one exists, K e = 0 and A e = 0, every cycle belongs to a family, each shifted by a constant along e: the equations of
-the cycle do not tell which, and one of those of the closing follows from the others, as the momentum along e is that of
-the loads. The projection P onto all e, along some of the coordinates, repairs both: added to the closing of the velocities,
-P dx0 keeps the cycle where it is along e, and vanishes at the solution, as no other term goes that way. So the
-step of Newton's method is still exact. P is zero, to the last bit, where springs or contacts hold every mass.
+Along such a shift e, K e = 0 and A e = 0, and every cycle belongs to a family, shifted by a constant along e. The
+equations of the cycle do not determine it, and one of the closing follows from the others, as the momentum along e is
+that of the loads. The projection P onto all e, along some of the coordinates, repairs both. Added to the closing of the
+velocities, P dx0 keeps the cycle where it is along e, and vanishes at the solution, as no other term has a part along
+e. So the step of Newton's method is still exact. P is zero, to the last bit, where springs or contacts hold every mass.
 
-The pencil of the Floquet multipliers has an eigenvalue 1 for every e, two of one eigenvector without damping, of which
-rounding keeps half the digits: so these are taken out of it by the eigenvectors (e, 0) that are known (H. Wielandt's deflation).
+The pencil of the Floquet multipliers has an eigenvalue 1 for every e. Without damping it is double with one
+eigenvector, and rounding keeps half its digits. So it is removed by the exact eigenvector (e, 0): Wielandt's deflation.
 """
 
 import jax.numpy as jnp
@@ -19,17 +19,17 @@ from .._machine.numbers import MachineNumbers
 from .._machine.small_matrices import inverse_among
 from .condensation import Pencil
 
-# Of a machine that is known and clearly held the least singular value, of 1 for springs and contacts.
+# Smallest normalised singular value above which a concrete machine has no rigid mode.
 _HELD = 1e-3
 
 
 def free_shifts(numbers: MachineNumbers) -> Float[Array, "n n"]:
-    """The projection P onto all shifts that no spring and no contact feels; zero for a machine with a `force`, which may."""
+    """The projection P onto all rigid shifts; zero for a machine with a `force`, which may resist them."""
     known = constant(numbers)
     stiffness, rows = known.stiffness, known.rows
     if known.force is not None:
         return jnp.zeros_like(stiffness)
-    # Springs and contacts count alike, whatever their units.
+    # Normalised: springs and contacts count alike, whatever their units.
     library = library_of(stiffness, rows)
     stiffest = library.max(library.abs(stiffness))
     rows = rows / library.sqrt(library.sum(rows * rows, axis=1, keepdims=True))
@@ -44,19 +44,19 @@ def free_shifts(numbers: MachineNumbers) -> Float[Array, "n n"]:
 
 
 def pinned(shifts: Float[Array, "n n"]) -> Float[Array, "state state"]:
-    """What P adds to the closing, by the state at the start."""
+    """The matrix that adds P to the closing, by the state at the start."""
     return jnp.kron(jnp.array([[0, 0], [1, 0]], shifts.dtype), shifts)
 
 
 def without_shifts(pencil: Pencil, shifts: Float[Array, "n n"]) -> Pencil:
-    """The pencil with a multiplier of zero in place of that of each shift."""
+    """The pencil with the multiplier of each shift replaced by zero."""
     end, start = pencil
     of_positions = jnp.kron(jnp.array([[1, 0], [0, 0]], shifts.dtype), shifts)
     return Pencil(end - of_positions @ start, start)
 
 
 def drifts(numbers: MachineNumbers, shifts: Float[Array, "n n"]) -> Array:
-    """Whether the mean of the load has a part along a shift, so that no motion repeats."""
+    """True where the mean of the load has a part along a shift, so that no motion repeats."""
     mean = constant(numbers.mean)
     slack = 64 * len(shifts) * jnp.finfo(shifts.dtype).eps
     return jnp.any(jnp.abs(shifts.T @ mean) > slack * (jnp.abs(shifts.T) @ jnp.abs(mean)))

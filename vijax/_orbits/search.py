@@ -1,12 +1,11 @@
 """The search for an orbit: its state, and its update by one run of the motion.
 
-A run of n periods from a start tells the sequence of its events, which gives two ways on. Newton's method on
-the equations of that sequence (`candidate_cycle.py`) goes to the cycle of the sequence, if there is one near, across
-grazing and whatever lies between; its first step alone is the Newton step of the stroboscopic map. The cycle
-is tried first, as its basin is far wider. It counts once a run from it shows the same events. If that run
-does not, and comes no nearer to closing, the single step is taken, halved until the run comes nearer. If it
-does not soon, as among the grazings that a chatter is made of, the motion is followed for another n periods, and all
-begins again at their end.
+A run of n periods from a start gives a sequence of events, and with it two possible steps. Newton's method on the
+equations of that sequence (`candidate_cycle.py`) goes to the cycle of the sequence, if there is one near, even across
+grazing. Its first step alone is the Newton step of the stroboscopic map. The cycle is tried first, as its basin is far
+wider. It is an orbit once a run from it shows the same events. If that run does not, and comes no nearer to closing,
+the single step is taken, halved until the run comes nearer. If that fails down to `_LEAST`, as among the grazing
+impacts of a chatter, the motion is followed for another n periods, and the search starts again at their end.
 """
 
 from typing import NamedTuple
@@ -32,28 +31,28 @@ from .newton import size_of
 from .rigid_modes import free_shifts
 from .sequence import NOTHING, Sequence, happens_alike, nothing_happens, sequence_of
 
-# The most runs of a search, and how small a fraction of a step is tried.
-MAX_RUNS = 40
-_LEAST = 0.05
-# Closing error of a closed run, relative to the size of the motion; how near to a cycle a run begins on it.
+MAX_RUNS = 40  # runs of a search
+_LEAST = 0.05  # smallest fraction of a step that is tried
+# `_CLOSE`: largest closing error of a closed run, relative to the size of the motion.
+# `_STILL`: largest distance from a cycle of the start of a run on it, likewise relative.
 _CLOSE, _STILL = {"float64": 1e-9, "float32": 1e-4}, {"float64": 1e-12, "float32": 1e-5}
 
 
 class Search(eqx.Module):
-    """What is known.
+    """State of a search.
 
     Attributes:
-        trial: the start of the next run, in space, (2 n,).
-        base: the start from which steps are taken, (2 n,).
-        step: the Newton step from there, (2 n,).
-        end: where the run from the base ended, (2 n,).
-        factor: part of the step that is tried next, 0 if nothing is left to try.
-        closing: how far the run from the base was from closing.
-        cycle: the last one found.
-        has_cycle: whether there is one.
-        is_orbit: whether the machine follows it.
-        is_full: whether the last run had more events than there is room for.
-        num_runs: runs so far.
+        trial: start of the next run, in the fixed frame, (2 n,).
+        base: start from which steps are taken, (2 n,).
+        step: Newton step from the base, (2 n,).
+        end: end of the run from the base, (2 n,).
+        factor: fraction of the step to try next, 0 if nothing is left to try.
+        closing: closing error of the run from the base.
+        cycle: the last cycle found.
+        has_cycle: true if there is one.
+        is_orbit: true if the machine follows it.
+        is_full: true if the last run had more events than there is room for.
+        num_runs: number of runs so far.
     """
 
     trial: Float[Array, " state"]
@@ -70,12 +69,12 @@ class Search(eqx.Module):
 
     @property
     def is_on(self) -> Reals:
-        """Whether there is anything left to try."""
+        """True while there is something left to try."""
         return ~(self.is_orbit | self.is_full) & (self.num_runs < MAX_RUNS) & (self.factor > 0)
 
 
 def begin_search(guess: Float[Array, " state"], num_stops: int, room: int) -> Search:
-    """A search from a guess, with room for so many events."""
+    """A search from a guess, with room for `room` events."""
     zero, no = jnp.zeros((), guess.dtype), jnp.array(False)
     unknowns = Unknowns(guess, jnp.zeros(room, guess.dtype))
     cycle = Cycle(guess, unknowns, nothing_happens(room, num_stops), guess + 0j, zero + jnp.inf)
@@ -84,7 +83,7 @@ def begin_search(guess: Float[Array, " state"], num_stops: int, room: int) -> Se
 
 
 def with_room(search: Search, room: int) -> Search:
-    """A search of one lane, with room for more events."""
+    """A search of one lane, with more room for events."""
     more = room - len(search.cycle.unknowns.flights)
     sequence = search.cycle.sequence
     longer = Sequence(
@@ -100,11 +99,11 @@ class Strobe(eqx.Module):
     """The map of a machine over n forcing periods, from a phase of the load on.
 
     Attributes:
-        numbers: of the machine.
-        flow: its motion.
+        numbers: numbers of the machine.
+        flow: its flow.
         num_periods: n.
-        phase: where it begins, in forcing periods.
-        room: for how many events there is room.
+        phase: phase at the start, in forcing periods.
+        room: maximum number of events.
     """
 
     numbers: MachineNumbers
@@ -120,11 +119,11 @@ class Strobe(eqx.Module):
 
     @property
     def t0(self) -> Reals:
-        """When it begins."""
+        """Time of the start."""
         return self.phase * self.period
 
     def request(self, z: Float[Array, " state"]) -> LoopArguments:
-        """To follow the motion from a state in space."""
+        """Arguments of a run from a state in the fixed frame."""
         x, v = jnp.split(z, 2)
         t1 = self.t0 + self.num_periods * self.period
         return LoopArguments(
@@ -142,25 +141,25 @@ class Strobe(eqx.Module):
         )
 
     def follow(self, z: Float[Array, " state"]) -> Solution:
-        """The motion from a state, differentiable."""
+        """Run from a state, differentiable."""
         asked = CallSettings(self.room, can_stick=True, max_reverse_steps=65_536, raises=False)
         return run_single_call(self.numbers, self.flow, self.request(z), asked)
 
     def end(self, z: Float[Array, " state"]) -> Float[Array, " state"]:
-        """Where the motion from a state ends."""
+        """State at the end of a run."""
         sol = self.follow(z)
         return jnp.concatenate([sol.x1, sol.v1])
 
 
 class Run(NamedTuple):
-    """What a run showed.
+    """Result of a run.
 
     Attributes:
-        problem: the equations of its events.
-        start: where it began, in space, (2 n,).
-        flights: the durations of its flights, in forcing periods, (events,).
-        closing: how far it was from closing, relative to the size of the motion.
-        end: where it ended, in space, (2 n,).
+        problem: equations of its events.
+        start: its start, in the fixed frame, (2 n,).
+        flights: durations of its flights, in forcing periods, (events,).
+        closing: closing error, relative to the size of the motion.
+        end: its end, in the fixed frame, (2 n,).
     """
 
     problem: Problem
@@ -171,7 +170,7 @@ class Run(NamedTuple):
 
 
 def search_step(strobe: Strobe, search: Search) -> Search:
-    """Follow the motion from the trial, and update the search."""
+    """Run from the trial, and update the search."""
     log, result, end = run_for_log(
         strobe.numbers, strobe.flow, strobe.request(search.trial), room=strobe.room, can_stick=True
     )
@@ -193,10 +192,10 @@ def search_step(strobe: Strobe, search: Search) -> Search:
 
 
 def _next(strobe: Strobe, run: Run, search: Search) -> Search:
-    """The search with its next trial, unless the run from the last was an orbit."""
+    """The search with its next trial, unless the last run showed an orbit."""
     problem, end, closing = run.problem, run.end, run.closing
     is_nearer = closing < search.closing
-    # What comes no nearer is not used: in a batch, no other lane waits until its equations are given up.
+    # A run that comes no nearer is not used: without events, no other lane of a batch waits for its Newton steps.
     kind = jnp.where(is_nearer & ~search.is_orbit, problem.sequence.kind, NOTHING)
     problem = eqx.tree_at(lambda p: p.sequence.kind, problem, kind)
     away = away_from_stops(problem)
@@ -207,13 +206,13 @@ def _next(strobe: Strobe, run: Run, search: Search) -> Search:
         jacobian = jax.jacfwd(strobe.end)(search.trial)
         cycle, entry, first, is_converged = cycle_by_map(problem, guess, end + away, jacobian)
     cycle = eqx.tree_at(lambda c: c.start, cycle, cycle.start - away)
-    # Nothing closes where a stop holds its mass at one end of the run alone: the next run begins where this one ended.
-    # (Its bounces would vanish into the start of the cycle, and be there as impacts without speed.)
+    # A run with a stop that holds at only one of its ends cannot close: the next run begins where this one ended.
+    # (Its bounces would collapse into the start of the cycle, and stay there as impacts without speed.)
     held = problem.sequence.held
     is_open = jnp.any(held[0] != held[-1])
     first = jnp.where(is_open, end - search.trial, first)
     is_found = is_nearer & is_converged & ~is_open
-    # A run that began on the cycle itself, as one from where a sweep has settled, needs no other.
+    # A run that began on the cycle itself, such as from the settled end of a sweep, needs no second run.
     is_orbit = search.is_orbit | (is_found & _is_followed(cycle, entry - away, run, _STILL))
     known = (search.trial, search.base), (first, search.step), (end, search.end)
     base, step, end = (jnp.where(is_nearer, *pair) for pair in known)
@@ -237,9 +236,9 @@ def _next(strobe: Strobe, run: Run, search: Search) -> Search:
 
 
 def _is_followed(cycle: Cycle, start: Array, run: Run, near: dict[str, float]) -> Bool[Array, ""]:
-    """Whether a run that began near the start of a cycle went once round it."""
+    """True where a run that began near the start of a cycle traversed it once."""
     size = size_of(run.problem, run.start)
-    # A run leaves an unstable orbit, by growing rounding errors.
+    # Rounding errors grow, and a run leaves an unstable orbit.
     growth = jnp.max(jnp.where(jnp.isfinite(cycle.multipliers), jnp.abs(cycle.multipliers), 1))
     is_from_it = jnp.max(jnp.abs(run.start - start) / size) < near[str(size.dtype)]
     is_alike = happens_alike(cycle.sequence, cycle.unknowns.flights, run.problem.sequence, run.flights)
@@ -247,7 +246,7 @@ def _is_followed(cycle: Cycle, start: Array, run: Run, near: dict[str, float]) -
 
 
 def away_from_stops(problem: Problem) -> Array:
-    """The start as seen from the stops less the start in space."""
+    """The start in the frame of the stops minus the start in the fixed frame."""
     machine = problem.machine
     nothing = jnp.zeros_like(machine.mean)
     phase = phase_at(2 * jnp.pi * problem.phase, machine.waves.num_harmonics)
@@ -255,7 +254,7 @@ def away_from_stops(problem: Problem) -> Array:
 
 
 def _inside(problem: Problem, z: Array) -> Array:
-    """A start as seen from the stops, brought back to the stops that it lies beyond."""
+    """A start in the frame of the stops, moved back onto the stops that it lies beyond."""
     contacts = problem.machine.contacts
     x, v = jnp.split(z, 2)
     phase = phase_at(2 * jnp.pi * problem.phase, problem.machine.waves.num_harmonics)

@@ -1,7 +1,7 @@
-"""Where chunks of searches are carried on: the cores of this process, or the workers of an executor.
+"""Workers that advance chunks of searches: the cores of this process, or those of an executor.
 
-The last bits of a lane depend on its place in a chunk. So chunks are the same wherever they are run, and the host
-gathers what each has learnt before it makes the next.
+The last bits of a lane depend on its place in a chunk. So chunks are the same wherever they run, and the host
+gathers all results of a round before it makes the next chunks.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,9 +21,9 @@ from .search import Search, Strobe, search_step
 Axes = tuple[int | None, ...]
 Chunk = tuple[Strobe, Search]
 
-# What there are programs for.
+# Keys of the compiled programs.
 _COMPILED: set[tuple] = set()
-# Chunks in a task of an executor: a second of work.
+# Chunks in a task of an executor: about a second of work.
 _IN_TASK = 16
 
 
@@ -32,7 +32,7 @@ class SearchWorkers:
 
     Args:
         axes: for each leaf of the strobes 0 if it has lanes as its first axis, None if all lanes share it.
-        executor: gives chunks to workers; None means the cores of this process.
+        executor: runs the chunks; None means the cores of this process.
     """
 
     def __init__(self, axes: Axes, executor: Executor | None):
@@ -49,19 +49,11 @@ class SearchWorkers:
             self._cores.shutdown(cancel_futures=True)
 
     def learn(self, num_chunks: int, chunk: Callable[[int], Chunk]) -> Iterator[tuple[int, Search]]:
-        """Carry chunks of searches on by one run each.
-
-        Args:
-            num_chunks: how many there are.
-            chunk: makes one of them.
-
-        Yields:
-            The number of each and what it has become.
-        """
+        """Advance chunks of searches by one run each; yield the index of each chunk and its updated searches."""
         if self._cores is None:
             yield from self._by_workers(num_chunks, chunk)
             return
-        # Until there is a program the first is alone: each would compile.
+        # Until there is a program the first chunk runs alone, as every thread would compile.
         if self._program is None:  # the same for all chunks
             leaves, structure = jax.tree.flatten(chunk(0))
             self._program = structure, self._axes, self._x64, tuple(np.shape(a) for a in leaves)
@@ -72,7 +64,7 @@ class SearchWorkers:
 
     @padding_allowed
     def _here(self, chunk: Chunk) -> Search:
-        with jax.enable_x64(self._x64):  # settings of JAX are those of a thread
+        with jax.enable_x64(self._x64):  # JAX's settings are thread-local
             return _learn_chunk(self._axes, chunk)
 
     def _by_workers(self, num_chunks: int, chunk: Callable[[int], Chunk]) -> Iterator[tuple[int, Search]]:
@@ -85,7 +77,7 @@ class SearchWorkers:
 
 @padding_allowed
 def _learn_task(axes: Axes, chunks: list[Chunk]) -> list[Search]:
-    """Learn from some chunks; called by a worker."""
+    """Advance some chunks; called by a worker."""
     return [_learn_chunk(axes, chunk) for chunk in chunks]
 
 

@@ -1,4 +1,4 @@
-"""The events of a cycle, in order: data, so that one program serves every sequence of events."""
+"""The events of a cycle, in order, as data, so that one program serves every sequence."""
 
 import equinox as eqx
 import jax
@@ -11,21 +11,21 @@ from .._trajectory.event_log import Log
 
 NOTHING = -1
 
-# Events of two runs this close, in forcing periods, are the same; impacts this close before a stick are the
-# last bounces of a chatter, of which one run may have one more than another.
+# `_SAME`: events of two runs within this time, in forcing periods, are the same.
+# `_TAIL`: impacts this close before a stick are last bounces of a chatter; one run may have one more than another.
 _SAME, _TAIL = {"float64": 1e-6, "float32": 1e-3}, 1e-4
 
 
 class Sequence(eqx.Module):
-    """The events by which the flights of a cycle end.
+    """The events that end the flights of a cycle.
 
-    Impacts and releases are events. A stick is none: it is what becomes of an impact, and so is a release by the
-    jump of a force at the impact of another mass.
+    Impacts and releases are events. A stick is none: it is the outcome of an impact. Likewise a release by the jump of
+    a force at the impact of another mass is the outcome of that impact.
 
     Attributes:
-        kind: `vx.IMPACT`, `vx.RELEASE`, or `NOTHING` for what fills it up, (events,).
+        kind: `vx.IMPACT`, `vx.RELEASE`, or `NOTHING` for padding, (events,).
         stop: the stop, (events,).
-        held: the stops that hold their masses on each flight, the first and the last among them, (events + 1, stops).
+        held: the stops that hold their masses on each flight, the first and the last included, (events + 1, stops).
     """
 
     kind: Reals
@@ -34,7 +34,7 @@ class Sequence(eqx.Module):
 
     @property
     def is_event(self) -> Bool[Array, " events"]:
-        """Those that do not fill it up."""
+        """Flags of the events that are not padding."""
         return self.kind != NOTHING
 
     @property
@@ -44,24 +44,18 @@ class Sequence(eqx.Module):
 
 
 def nothing_happens(num_events: int, num_stops: int) -> Sequence:
-    """A cycle without events, with room for so many."""
+    """A sequence without events, with room for `num_events`."""
     whole = jnp.zeros(num_events, int)
     return Sequence(whole + NOTHING, whole, jnp.zeros((num_events + 1, num_stops), bool))
 
 
 def sequence_of(log: Log, t0: Scalar, period: Scalar) -> tuple[Sequence, Float[Array, " events"]]:
-    """The sequence of a trajectory, and how long its flights last, in forcing periods.
-
-    Args:
-        log: its log, which has room for so many events.
-        t0: when it began.
-        period: the forcing period.
-    """
+    """The sequence of a trajectory from its log, and the durations of its flights in forcing periods."""
     instants, held = log.instants, log.restarts.held
     size, num_stops = instants.hit.shape
     is_row = (jnp.arange(size) < log.rows)[:, None]
     is_impact = instants.hit & is_row
-    # A mass thrown off by an impact of the same instant has no event of its own.
+    # The release of a mass thrown off by an impact at the same instant is no event of its own.
     is_release = instants.released & is_row & ~jnp.any(is_impact, axis=1, keepdims=True)
     is_event, room = (is_impact | is_release).ravel(), size - 2
     place = jnp.where(is_event, jnp.cumsum(is_event) - 1, room)
@@ -74,7 +68,7 @@ def sequence_of(log: Log, t0: Scalar, period: Scalar) -> tuple[Sequence, Float[A
     row = gathered(jnp.arange(size)[:, None], 0)
     is_real = kind != NOTHING
     row = jnp.where(is_real, row, log.rows - 1)
-    # The outcome of several events of one instant holds after the last.
+    # The outcome of several events at one instant applies after the last.
     is_followed = jnp.append(row[1:] == row[:-1], False) & jnp.append(is_real[1:], False)
     after = held[jnp.where(is_followed, row - 1, row)]
     times = jnp.where(is_real, instants.time[row] - t0, 0) / period
@@ -85,7 +79,7 @@ def sequence_of(log: Log, t0: Scalar, period: Scalar) -> tuple[Sequence, Float[A
 def happens_alike(
     one: Sequence, flights: Float[Array, " events"], other: Sequence, other_flights: Float[Array, " events"]
 ) -> Bool[Array, ""]:
-    """Whether the same events happen at the same times; the last bounces of a chatter are not counted."""
+    """True where the same events happen at the same times; the last bounces of a chatter do not count."""
     first, second = _times_by_stop(one, flights), _times_by_stop(other, other_flights)
     return jnp.all(jnp.abs(first - second) < _SAME[str(first.dtype)])
 
@@ -93,7 +87,7 @@ def happens_alike(
 def _times_by_stop(
     sequence: Sequence, flights: Float[Array, " events"]
 ) -> Float[Array, "stops_kinds events"]:
-    """Times of the impacts and of the releases of each stop in their order, -1 where there are no more."""
+    """Times of the impacts and releases of each stop in order, padded with -1."""
     times, held = jnp.cumsum(flights), sequence.held
     num_stops = held.shape[1]
     is_stick = held[1:] & ~held[:-1]

@@ -31,22 +31,23 @@ def periodic_orbits(
     """Polish every periodic motion of a sweep into its orbit, all in one batch.
 
     Args:
-        ds: what `vx.sweep` returned. Of each point that `vx.classify` calls periodic, chattering or non-impacting the
-            end state is the guess.
-        max_events: the most events of a cycle.
-        executor: as for `vx.sweep`: searches go to its workers instead of the cores of this process, with the same results.
-        progress: show a bar.
+        ds: result of `vx.sweep`. The guesses are the end states of the points that `vx.classify` calls periodic,
+            chattering or non-impacting.
+        max_events: maximum number of events of a cycle.
+        executor: as for `vx.sweep`: searches go to its workers instead of the cores of this process, with the same
+            results.
+        progress: show a progress bar.
 
     Returns:
         With the dimensions of the sweep, `converged`: whether an orbit was found and the machine follows it;
         `x0`, `v0` (..., mass): its state at phase 0; `multipliers` (..., multiplier), complex, the largest magnitude
-        first; `is_stable`; `num_periods`; `num_impacts` (..., stop) in one cycle; `residual`, what is left of the
-        closing of the cycle, relative to the size of the motion. Where none was found, NaN, False and 0.
+        first; `is_stable`; `num_periods`; `num_impacts` (..., stop) in one cycle; `residual`, the closing error of the
+        cycle, relative to the size of the motion. Where no orbit was found, NaN, False and 0.
 
     Raises:
-        ValueError: if the dataset holds no machine, or one with a `force` that may not be imported, see `vx.system_of`, or
-            cannot, if `executor` is none, or if 64-bit numbers are off, or were when it was swept.
-        RuntimeError: if the executor takes no more tasks, or loses one again and again.
+        ValueError: if the dataset holds no machine, or a `force` that may not or cannot be imported, see
+            `vx.system_of`, if `executor` is not an executor, or if 64-bit numbers are off, or were off in the sweep.
+        RuntimeError: if the executor takes no more tasks, or repeatedly loses one.
         KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
@@ -65,7 +66,7 @@ def periodic_orbits(
     num_periods = flat(ds, kinds["num_periods"])
     which = np.flatnonzero(np.isin(flat(ds, kinds["motion"]), _REPEATS) & (num_periods > 0))
     states = np.concatenate([flat(ds, ds[name], "mass") for name in ("x", "v")], axis=1)
-    # Neighbouring lanes then take about equally long: a period takes a step at least, and one more for each impact.
+    # Sorted, neighbouring lanes take about equally long: a period takes at least one step, and each impact one more.
     steps = num_periods * (flat(ds, ds["num_impacts"], "stop").sum(axis=1) + ds.sizes["period"])
     which = which[np.argsort(-steps[which], kind="stable")]
     found = None
@@ -87,7 +88,7 @@ def search_orbits(
     wanted: AbstractFlow | None = None,
     executor: Executor | None = None,
 ) -> Orbits:
-    """Search from the states of machines with lanes last."""
+    """Search for orbits of machines, lanes last, from one state each."""
     numbers, flow = numbers_of(machines), choose_flow(machines, can_stick=True, wanted=wanted)
     (numbers, flow), axes = lanes_first((numbers, flow))
     strobe = Strobe(numbers, flow, num_periods.astype(states.dtype), np.zeros((), states.dtype), room)

@@ -1,4 +1,4 @@
-"""Kind of motion: how many impacts in how many forcing periods, or no repetition."""
+"""Kind of motion: number of impacts in a number of forcing periods, or no repetition."""
 
 import math
 from typing import Final, NamedTuple
@@ -16,8 +16,8 @@ from .section_side import before_impact, filled
 from .sections import stroboscopic_section
 
 MOTIONS: Final = ("non_impacting", "periodic", "chattering", "non_periodic", "not_settled", "failed")
-# An impact this close before the end of a period, as a fraction of it, counts as one just after it: otherwise
-# some periods of a cycle with an impact there would end before it and some after.
+# An impact this close before the end of a period, as a fraction of the period, counts as one just after it. Otherwise
+# some periods of a cycle with an impact there would end before it and some after it.
 _EDGE = 1e-3
 TOLERANCES: Final = {8: 1e-6, 4: 1e-3}
 
@@ -29,49 +29,48 @@ def classify(
     double_impact_within: float | None = None,
     last: int | None = None,
 ) -> xr.Dataset:
-    """Say of each motion whether it repeats, after how many forcing periods, and with how many impacts.
+    """Classify each motion: whether it repeats, after how many forcing periods, and with how many impacts.
 
-    A motion repeats after n forcing periods if its state at the end of each period is that n periods
-    before; an (m, n) motion has m impacts in them. Within `record` periods only n up to record / 2 can be
-    told, and only n up to record / 4 while the motion still settles: a longer period looks like chaos.
+    A motion repeats after n forcing periods if its state at the end of each period equals that n periods before; an
+    (m, n) motion has m impacts in them. From `record` periods n is found up to record / 2, but only up to record / 4
+    while the motion still settles: a longer period looks like chaos.
 
-    Where nothing is hit, and the machine is known and linear, it is not the section that decides: the periodic
-    response to the load is computed, and what is left of the free vibration. If the response stays between the
-    stops, every mode is damped, and the energy of the free vibration cannot carry any mass to a stop,
-    the motion is `non_impacting` with n = 1 however slowly it settles, whatever the `tolerance`.
+    Where nothing is hit, and the machine is stored and linear, the section does not decide. Instead the periodic
+    response to the load and the remaining free vibration are computed. If the response stays between the stops, every
+    mode is damped, and the energy of the free vibration cannot carry any mass to a stop, the motion is `non_impacting`
+    with n = 1 however slowly it settles, whatever the `tolerance`.
 
-    Long periods, up to record / 2 of them, look like chaos until they repeat. In a sweep with `lyapunov=True` the largest
-    exponent tells them apart: what does not repeat is `non_periodic` if it is positive by three standard errors, and
-    `not_settled` if it is negative by three.
+    A motion with a long period, up to record / 2, looks like chaos until it repeats. In a sweep with `lyapunov=True`
+    the largest exponent separates the two: a motion that does not repeat is `non_periodic` if the exponent is positive
+    by three standard errors, and `not_settled` if it is negative by three.
 
     Args:
-        source: what `vx.simulate` or `vx.sweep` returned.
-        tolerance: how near a motion must be to the cycle it settles on, relative to its size;
+        source: result of `vx.simulate` or `vx.sweep`.
+        tolerance: largest distance of a motion from the cycle on which it settles, relative to its size;
             1e-6, or 1e-3 in single precision, if left out.
         double_impact_within: impacts of different masses closer than this, in units of time, are a double
             impact; a thousandth of the forcing period if left out.
-        last: forcing periods that are looked at, the last ones. If left out, all that a sweep recorded,
+        last: number of last forcing periods that are compared. If left out, all that a sweep recorded,
             and the second half of a trajectory.
 
     Returns:
         With the dimensions of the sweep,
-        `motion`: `non_impacting` (and periodic, or about to be, see above), `periodic`, `chattering` (periodic, with a complete
-        chatter), `non_periodic`, `not_settled` (coming closer to a cycle, or close to one, but not on it),
-        or `failed`, as numbers named by its attributes;
+        `motion`: `non_impacting` (and periodic, or about to be, see above), `periodic`, `chattering` (periodic, with a
+        complete chatter), `non_periodic`, `not_settled` (approaching a cycle, or close to one, but not on it), or
+        `failed`, as numbers named by its attributes;
         `num_periods`: n, 0 if the motion does not repeat;
         `num_impacts` (..., stop): m, infinite for a complete chatter;
-        `held_time` (..., stop): for how long, in n periods, each stop holds its mass;
-        `num_double_impacts`: in n periods, neighbours in time of different masses;
-        `recurrence_error`: the largest change of the state in n periods, relative to the size of the motion,
-        and `contraction`, the factor by which it falls from period to period, NaN if that is not known; where
-        the motion does not repeat, those of the n for which it does best, and where the machine decides, the
-        exact factor of its slowest mode, exp(T max Re lambda).
-        What belongs to n periods is NaN if there is no n, and counts are if the log was cut, of which a
-        warning tells.
+        `held_time` (..., stop): time in n periods during which each stop holds its mass;
+        `num_double_impacts`: double impacts in n periods, pairs of impacts of different masses next to each other in
+        time;
+        `recurrence_error`: the largest change of the state in n periods, relative to the size of the motion, and
+        `contraction`, the factor by which it falls from period to period, NaN if unknown. Where the motion does not
+        repeat, both are those of the n with the least error; where the machine decides, `contraction` is the exact
+        factor of its slowest mode, exp(T max Re lambda).
+        Values for n periods are NaN if there is no n. Counts are NaN if the log was cut, with a warning.
 
     Raises:
-        ValueError: if fewer than two periods are recorded, the load has no frequency, or an argument is
-            not positive.
+        ValueError: if fewer than two periods are recorded, the load has no frequency, or an argument is not positive.
         KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
@@ -95,7 +94,7 @@ def classified(
     double_impact_within: float | None,
     last: int | None,
 ) -> xr.Dataset:
-    """The same without a warning."""
+    """As `classify`, without a warning."""
     section, last = _section(source, last)
     tolerance = TOLERANCES[section.v.dtype.itemsize] if tolerance is None else tolerance
     for name, value in (("tolerance", tolerance), ("double_impact_within", double_impact_within)):
@@ -103,7 +102,7 @@ def classified(
             raise ValueError(f"Argument `{name}` must be positive, but is {value}.")
     period, masses, impacts = forcing_periods(source), stop_masses(source), impacts_of(source)
     in_periods = impacts.time / period[impacts.point]
-    number = np.floor(in_periods + _EDGE).astype(int)  # of the period of each impact, from 0
+    number = np.floor(in_periods + _EDGE).astype(int)  # index of the period of each impact, from 0
     v = _before_impacts(source, section.v.values, masses, impacts, number, in_periods)
     relative = _relative(section.x.values, v, 2 * np.pi / period, impacts)[:, -last:]
     is_failed = np.isnan(relative.sum(axis=(1, 2)))
@@ -135,9 +134,9 @@ class _Tally(NamedTuple):
     """Impacts and held times of the last n periods.
 
     Attributes:
-        is_ours: whether each impact lies in them.
-        num_impacts: of each stop, infinite where a complete chatter ends, (points, stops).
-        held_time: likewise.
+        is_ours: flags of the impacts in them.
+        num_impacts: impacts of each stop, infinite where a complete chatter ends, (points, stops).
+        held_time: held time of each stop, (points, stops).
     """
 
     is_ours: np.ndarray
@@ -146,7 +145,7 @@ class _Tally(NamedTuple):
 
 
 def _section(source: Solution | xr.Dataset, last: int | None) -> tuple[xr.Dataset, int]:
-    """The section as (points, period, mass or stop), and how many periods of it are compared."""
+    """The section as (point, period, mass or stop), and the number of periods that are compared."""
     section = stroboscopic_section(source)
     recorded = section.sizes["period"]
     if last is None:
@@ -164,7 +163,7 @@ def _section(source: Solution | xr.Dataset, last: int | None) -> tuple[xr.Datase
 def _motion(
     n: np.ndarray, is_failed: np.ndarray, is_settling: np.ndarray, tally: _Tally, is_cut: np.ndarray
 ) -> np.ndarray:
-    """Number in `MOTIONS` of each motion; where the log is cut, a held mass counts as chatter."""
+    """Index in `MOTIONS` of each motion; where the log is cut, a held mass counts as chatter."""
     is_held = (tally.held_time > 0).any(axis=1)
     is_chattering = np.isinf(tally.num_impacts).any(axis=1) | (is_cut & is_held)
     is_impacting = (tally.num_impacts > 0).any(axis=1) | is_cut
@@ -189,11 +188,11 @@ def _before_impacts(
 ) -> np.ndarray:
     """Undo the impacts just before the end of a period.
 
-    Rounding puts an impact at the very end now before it, now after it, which reverses the velocity.
+    Rounding puts an impact at the very end of a period before it or after it, which reverses the velocity.
     """
     # Impacts just after the end are included, since times are rounded; undoing those changes nothing.
     is_undone = (number >= 1) & (number <= v.shape[1]) & (in_periods <= number + 1e-9)
-    # Of several impacts of one state the first counts: undone last.
+    # Of several impacts of one state the first counts, so it is undone last.
     which = np.flatnonzero(is_undone)[::-1]
     v = v.copy()
     is_own = masses[impacts.stop[which]] >= 0
@@ -212,7 +211,7 @@ def _before_impacts(
 def _undo(
     source: Solution | xr.Dataset, v: np.ndarray, impacts: Impacts, number: np.ndarray, which: np.ndarray
 ) -> None:
-    """Undo impacts by which several masses change their velocities, in place, if the machines are known."""
+    """Undo, in place, impacts by which several masses change their velocities, if the machines are stored."""
     which = filled(which)
     machine, angle = machines(source, impacts.point[which])
     if machine is not None:
@@ -229,7 +228,7 @@ def _relative(x: np.ndarray, v: np.ndarray, frequency: np.ndarray, impacts: Impa
 
 
 def _is_touched(section: xr.Dataset, impacts: Impacts, number: np.ndarray, last: int) -> np.ndarray:
-    """Whether anything hits a stop, or is held by one, in the periods that are looked at."""
+    """True where an impact or a held mass occurs in the periods that are compared."""
     is_late = number >= section.sizes["period"] - last
     num_impacts = np.bincount(impacts.point[is_late], minlength=section.sizes["point"])
     return (num_impacts > 0) | (section.held_time.values[:, -last:] > 0).any(axis=(1, 2))
@@ -242,7 +241,7 @@ def _with_quiet(
     asked: np.ndarray,
     relative: np.ndarray,
 ) -> Recurrence:
-    """Judge motions without impacts by their machine's response: in the section beats hide how they end."""
+    """Classify motions without impacts by the response of their machine: in the section, beats hide how they end."""
     is_quiet, contraction = stays_quiet(source, asked, *(section[name].values[:, -1] for name in ("x", "v")))
     step = np.abs(relative[:, -1] - relative[:, -2]).max(axis=1)
     return Recurrence(
@@ -254,7 +253,7 @@ def _with_quiet(
 
 
 def _with_exponents(source: Solution | xr.Dataset, found: Recurrence) -> Recurrence:
-    """Judge motions that do not repeat by their largest Lyapunov exponent, where it is known and told from zero."""
+    """Classify motions that do not repeat by their largest Lyapunov exponent, where it differs clearly from zero."""
     if isinstance(source, Solution) or "lyapunov_exponents" not in source:
         return found
     largest, error = (
@@ -265,7 +264,7 @@ def _with_exponents(source: Solution | xr.Dataset, found: Recurrence) -> Recurre
 
 
 def _is_cut(source: Solution | xr.Dataset, impacts: Impacts, num_points: int) -> np.ndarray:
-    """Whether the log is incomplete: nothing is known of a trajectory after its log ends."""
+    """True where the log of a sweep ends early; the states of a trajectory are NaN after its log ends."""
     if isinstance(source, Solution):
         return np.zeros(num_points, bool)
     happened = flat(source, source["num_impacts"], "stop").sum(axis=1)
@@ -275,7 +274,7 @@ def _is_cut(source: Solution | xr.Dataset, impacts: Impacts, num_points: int) ->
 def _tally(
     section: xr.Dataset, impacts: Impacts, number: np.ndarray, n: np.ndarray, masses: np.ndarray
 ) -> _Tally:
-    """Count what happens in the last n periods of each point."""
+    """Count impacts and held times in the last n periods of each point."""
     recorded, shape = section.sizes["period"], (len(n), len(masses))
     is_ours = (number >= (recorded - n)[impacts.point]) & (number < recorded)
     place = impacts.point * len(masses) + impacts.stop
@@ -288,9 +287,9 @@ def _tally(
 def _double_impacts(
     impacts: Impacts, is_ours: np.ndarray, masses: np.ndarray, within: np.ndarray
 ) -> np.ndarray:
-    """Neighbouring impacts of two masses, or contacts, closer than `within`; they belong to the period of the second."""
+    """Count neighbouring impacts of two masses, or contacts, within `within`, in the period of the second impact."""
     first, second = slice(None, -1), slice(1, None)
-    # What has no mass of its own is another with every contact.
+    # A contact between masses has no mass of its own, and counts as another mass.
     of_stop = np.where(masses >= 0, masses, -1 - np.arange(len(masses)))
     point, mass = impacts.point, of_stop[impacts.stop]
     is_double = (point[first] == point[second]) & (mass[first] != mass[second]) & is_ours[second]

@@ -29,7 +29,7 @@ from .._trajectory.lyapunov_loop import (
 from .._trajectory.simulate import bound_of_steps
 from .._trajectory.solution import RESULTS, result_sentences
 
-# Steps of one call, a second or less: between calls one may interrupt, and progress is shown.
+# Steps of one call, a second or less: between calls Ctrl-C works, and progress is shown.
 _TURNS = 1 << 17
 
 
@@ -48,38 +48,38 @@ def lyapunov_exponents(
     throw: bool = True,
     progress: bool = True,
 ) -> Float[Array, " exponents"] | tuple[Float[Array, " exponents"], Float[Array, " exponents"]]:
-    """Return all Lyapunov exponents of a motion: the mean rates at which small changes of its state grow or fade.
+    """Return all Lyapunov exponents of a motion: the mean growth rates of small perturbations of its state.
 
-    A positive one makes a motion chaotic. On a periodic orbit they are ln |mu| / (n T) of its multipliers. They are taken
-    through all events: through impacts, chatter and release by the derivative of each step, exact to rounding. Where a
-    stop comes to hold a mass, two directions are erased, and by an impact with r = 0 one: they have exponents of minus
-    infinity. Without either, whatever the motion, the sum is that of the loss of volume,
-    -tr(M^-1 C) + sum over impacts of 2 ln r, per unit of time.
+    A motion with a positive exponent is chaotic. On a periodic orbit the exponents are ln |mu| / (n T) of its
+    multipliers. Impacts, chatter and release enter by the derivative of each step, exact to rounding. When a stop
+    begins to hold a mass, two directions are lost, and by an impact with r = 0 one: their exponents are minus
+    infinity. Without either, the sum of the exponents of any motion is the rate of change of volume, -tr(M^-1 C) + sum
+    over impacts of 2 ln r, per unit of time.
 
     Works under `jax.jit` and `jax.vmap`; for many machines `vx.sweep(..., lyapunov=True)` is faster.
 
     Args:
-        system: the machine; its load must have a frequency, and its `force`, if it has one, that period.
+        system: the machine; its load must have a frequency, and its `force`, if it has one, the same period.
         x0: positions at phase 0 of the load, (n,); zero if left out.
         v0: velocities, likewise.
-        transient: forcing periods in which the motion settles, and the changes turn to the directions that grow.
-        num_periods: forcing periods that are averaged over, 1 or more.
+        transient: forcing periods in which the motion settles, and perturbations turn to the directions that grow.
+        num_periods: forcing periods over which growth is averaged, 1 or more.
         args: as for `simulate`.
         flow: likewise.
         max_steps: likewise.
         with_error: return standard errors as well.
-        throw: raise if the motion does not get to the end; otherwise all is NaN.
-        progress: show a bar, where it takes longer than a second.
+        throw: raise if the motion does not reach the end; otherwise the exponents are NaN.
+        progress: show a progress bar if it takes longer than a second.
 
     Returns:
         The exponents per unit of time, the largest first, (2 n,). With `with_error` also their standard errors, from
-        the scatter of 20 blocks of periods one after another; 0 for minus infinity, and NaN if there is only one
-        period. Blocks much shorter than the motion remembers make them too small.
+        the scatter of 20 consecutive blocks of periods; 0 for minus infinity, and NaN if there is only one period.
+        Blocks much shorter than the correlation time of the motion make them too small.
 
     Raises:
-        ValueError: if the load has no frequency, or the `force` not the period of the load, or the start lies beyond
-            a stop.
-        RuntimeError: with `throw`, if the motion does not get there, see `RESULTS`.
+        ValueError: if the load has no frequency, the `force` does not have the period of the load, or the start lies
+            beyond a stop.
+        RuntimeError: with `throw`, if the motion does not reach the end, see `RESULTS`.
         KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
@@ -126,7 +126,7 @@ def lyapunov_exponents(
 def _follow_known(
     numbers: Any, flow: AbstractFlow, request: ExponentRequest, progress: bool
 ) -> tuple[Growth, Array]:
-    """Follow a motion of known numbers, call by call."""
+    """Follow a motion of concrete numbers, one call after another."""
     growth = no_growth(numbers, flow)
     total, most = int(request.transient + request.num_periods), np.asarray(_TURNS)
     with tqdm(total=total, unit="period", disable=not progress, delay=1) as bar:

@@ -1,15 +1,15 @@
-"""The proof that a motion without impacts stays without them.
+"""Proof that a motion without impacts will never have one.
 
-Such a motion is the periodic response of its machine and a free vibration that decays. Two bounds show that
+Such a motion is the periodic response of its machine plus a free vibration that decays. Two bounds show that
 their sum never reaches a stop:
 
-- The response is a sum of harmonics, g(a) = Re sum_h Z_h exp(i h a) along the row of each stop or contact, less its own
-  motion. At its maximum g' = 0, and the
-  nearest of N samples is at most pi / N away, so max g <= max of the samples + (pi / N)^2 / 2 sum_h h^2 |Z_h|.
-- The energy E of the free vibration never grows, so |a . z| <= sqrt(2 E a K^-1 a) along a row a for all times to come.
+- The response along the row of each stop or contact, minus the motion of the contact, is a sum of harmonics,
+  g(a) = Re sum_h Z_h exp(i h a). At its maximum g' = 0, and the nearest of N samples is at most pi / N away, so
+  max g <= max of the samples + (pi / N)^2 / 2 sum_h h^2 |Z_h|.
+- The energy E of the free vibration never grows, so |a . z| <= sqrt(2 E a K^-1 a) along a row a at all later times.
 
 (Decaying exponentials, mode by mode, would give a smaller bound of the free vibration, but the modes of
-machines with uneven damping are not orthogonal, and may be nearly parallel.)
+machines with non-proportional damping are not orthogonal, and may be nearly parallel.)
 """
 
 import numpy as np
@@ -29,17 +29,17 @@ _SAMPLES, _ROOM = (64, 1024), 1 << 20
 def stays_quiet(
     source: Solution | xr.Dataset, which: np.ndarray, x: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Prove that some motions come to the periodic response of their machine, without another impact.
+    """Prove that motions settle on the periodic response of their machine without another impact.
 
     Args:
-        source: what `vx.simulate` or `vx.sweep` returned.
-        which: the numbers of the points that are asked about.
+        source: result of `vx.simulate` or `vx.sweep`.
+        which: indices of the points to be proved.
         x: positions of all points at the end of their last forcing period, (points, n).
         v: velocities, likewise.
 
     Returns:
-        Whether it is proved, and the factor by which a motion comes closer to the response in a forcing period,
-        NaN where it is not, (points,) each.
+        Flags of what is proved, and the factor by which the distance from the response shrinks in a forcing period, NaN
+        where nothing is proved, (points,) each.
     """
     period = forcing_periods(source)
     is_proved, factor = np.zeros(len(x), bool), np.full(len(x), np.nan)
@@ -49,7 +49,7 @@ def stays_quiet(
         if machine is None or len(machine.mean) != x.shape[1]:
             break
         is_proved[block], contraction = never_hits(machine, angle, x[block], v[block])
-        # Not proved where a coordinate was dropped, which gives another machine.
+        # Not proved where a coordinate was dropped from the dataset: the machine is then another one.
         is_proved[block] &= np.isclose(double_lanes_first(machine.period), period[block], rtol=1e-5, atol=0)
         factor[block] = np.where(is_proved[block], contraction, np.nan)
     return is_proved, factor
@@ -59,14 +59,14 @@ def never_hits(machine: Machine, angle: float, x: np.ndarray, v: np.ndarray) -> 
     """Prove that motions never reach a stop again.
 
     Args:
-        machine: linear machines, lanes last: one for each motion, or a single one where all have the same.
+        machine: linear machines, lanes last: one for each motion, or a single one shared by all.
         angle: a phase of the load.
-        x: positions in space at that phase, (lanes, n).
+        x: positions in the fixed frame at that phase, (lanes, n).
         v: velocities, likewise.
 
     Returns:
-        Whether it is proved, and the factor by which the motion comes closer to the periodic response in a
-        forcing period, exp(max Re lambda T), (lanes,) each.
+        Flags of what is proved, and the factor by which the distance from the periodic response shrinks in a forcing
+        period, exp(max Re lambda T), (lanes,) each.
     """
     modes = modes_of(machine)
     response = response_of(machine, modes)
@@ -94,11 +94,11 @@ def _own_waves(machine: Machine) -> np.ndarray:
 
 
 def highest(waves: np.ndarray, room: np.ndarray) -> np.ndarray:
-    """Bound Re sum_h waves_h exp(i h a), h = 1, 2, ..., from above for all a, as closely as `room` asks for.
+    """Bound Re sum_h waves_h exp(i h a), h = 1, 2, ..., from above for all a, as closely as `room` requires.
 
     Args:
         waves: (lanes, harmonics).
-        room: what the bound should be below, (lanes,).
+        room: value that the bound should stay below, (lanes,).
     """
     orders = np.arange(1, waves.shape[1] + 1)
     waves = np.broadcast_to(waves, (len(room), len(orders)))

@@ -16,15 +16,15 @@ from .section_side import machines_of_lanes
 
 
 class Impacts(NamedTuple):
-    """The impacts of all points, those of a point together and in the order of time.
+    """The impacts of all points, grouped by point and in order of time.
 
     Attributes:
-        point: the point of each, counted through the grid; 0 for a trajectory.
-        time: since the start of a trajectory, or the transient of a sweep.
+        point: index of the point, counted through the grid; 0 for a trajectory.
+        time: time since the start of a trajectory, or since the end of the transient of a sweep.
         phase: W t mod 2 pi.
         velocity: signed, before the impact.
-        stop: where.
-        sticks: whether a complete chatter ends here, its last, lightest bounces left out.
+        stop: index of the stop.
+        sticks: true where a complete chatter ends here, its last, lightest bounces left out.
     """
 
     point: np.ndarray
@@ -41,14 +41,14 @@ def impacts_of(source: Solution | xr.Dataset) -> Impacts:
 
 
 def dims_of(source: Solution | xr.Dataset) -> dict[str, int]:
-    """The dimensions of the points and their sizes; none for a trajectory."""
+    """Dimensions of the points and their sizes; none for a trajectory."""
     if isinstance(source, Solution):
         return {}
     return {str(name): source.sizes[name] for name in source["result"].dims}
 
 
 def flat(source: Solution | xr.Dataset, a: xr.DataArray, *own: str) -> np.ndarray:
-    """The values of an array over the grid with the points in a row, (points, *own)."""
+    """Values of an array with the points of the grid in a row, (points, *own)."""
     grid = dims_of(source)
     return a.transpose(*grid, *own).values.reshape((math.prod(grid.values()), *(a.sizes[dim] for dim in own)))
 
@@ -68,14 +68,14 @@ def labelled(
 
 
 def stop_masses(source: Solution | xr.Dataset) -> np.ndarray:
-    """The mass of each stop, (stops,)."""
+    """Mass of each stop, (stops,)."""
     if isinstance(source, Solution):
         return np.array(source.machine.contacts.masses, int)
     return source["stop_mass"].values
 
 
 def forcing_periods(source: Solution | xr.Dataset) -> np.ndarray:
-    """The forcing period of every point, (points,)."""
+    """Forcing period of every point, (points,)."""
     if isinstance(source, xr.Dataset):
         return flat(source, source["forcing_period"])
     if np.ndim(source.t0):
@@ -86,9 +86,9 @@ def forcing_periods(source: Solution | xr.Dataset) -> np.ndarray:
 
 
 def machines(source: Solution | xr.Dataset, which: np.ndarray) -> tuple[Machine | None, float]:
-    """The machines of some points, lanes last, if they are known, and the phase of the load at the ends of periods.
+    """Machines of some points, lanes last, None if not stored, and the phase of the load at the ends of periods.
 
-    Those of a dataset are without their force, of which impacts know nothing: it need not be imported.
+    Those of a dataset are without their force, which does not affect impacts and need not be imported.
     """
     if isinstance(source, Solution):
         angle = float(source.machine.frequency) * float(source.t0)
@@ -101,7 +101,7 @@ def machines(source: Solution | xr.Dataset, which: np.ndarray) -> tuple[Machine 
 
 
 def has_full_mass(source: Solution | xr.Dataset) -> bool:
-    """Whether an impact of one mass may change the velocities of others, as far as the machine is known."""
+    """True if an impact of one mass may change the velocities of others, as far as the machine is stored."""
     if isinstance(source, Solution):
         return source.machine.inverse_mass.ndim > 1
     try:
@@ -111,7 +111,7 @@ def has_full_mass(source: Solution | xr.Dataset) -> bool:
 
 
 def is_linear(source: Solution | xr.Dataset) -> bool:
-    """Whether the machine is known to have no force."""
+    """True if the machine is stored and has no force."""
     if isinstance(source, Solution):
         return source.machine.extra is None
     try:
@@ -121,7 +121,7 @@ def is_linear(source: Solution | xr.Dataset) -> bool:
 
 
 def held_intervals(sol: Solution, stop: int) -> tuple[np.ndarray, np.ndarray]:
-    """Starts and ends of the intervals in which a stop holds its mass, as far as the log tells."""
+    """Starts and ends of the intervals in which a stop holds its mass, as far as they are logged."""
     is_ours = np.asarray(sol.events.stop) == stop
     t, kind = np.asarray(sol.events.t)[is_ours], np.asarray(sol.events.kind)[is_ours]
     starts, ends = t[kind == STICK], t[kind == RELEASE]
@@ -141,13 +141,13 @@ def _of_sweep(ds: xr.Dataset) -> Impacts:
 
 
 def _of_trajectory(sol: Solution) -> Impacts:
-    forcing_periods(sol)  # refuses all but a single trajectory with a phase
+    forcing_periods(sol)  # raises unless this is a single trajectory with a forcing period
     log, n = sol.events, int(sol.num_events)
     t, kind, stop, velocity = (np.asarray(a)[:n] for a in (log.t, log.kind, log.stop, log.velocity_minus))
     sticks = np.zeros(n, bool)
     for j in range(sol.machine.contacts.num):
         ours = np.flatnonzero(stop == j)
-        # A mass that sticks at once, r = 0, has no chatter: the stick comes at the time of its impact.
+        # A mass that sticks at once, r = 0, has no chatter: it sticks at the time of its impact.
         is_end = (kind[ours[1:]] == STICK) & (kind[ours[:-1]] == IMPACT) & (t[ours[1:]] > t[ours[:-1]])
         sticks[ours[:-1][is_end]] = True
     hit = kind == IMPACT

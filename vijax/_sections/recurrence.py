@@ -1,19 +1,18 @@
-"""Number of forcing periods after which a motion repeats, read from its stroboscopic section.
+"""Number of forcing periods after which a motion repeats, from its stroboscopic section.
 
 A motion that repeats after n forcing periods is a cycle of n points of the section. Let d_k = |z_k - z_(k-n)|,
-k the number of the period. While a motion settles on a cycle d_k falls like c^(k/n), and its remaining
+with k the index of the period. While a motion settles on a cycle d_k falls like c^(k/n), and its remaining
 distance from the cycle is d c / (1 - c), with d the largest of the last n. This distance must be
-small, not d alone: near a period doubling the deviation changes its sign in every period and hardly shrinks,
-so that after two periods the motion is almost back, though it is far from the cycle of one period to
-which it tends. For the same reason the distance must be small beside the d of every smaller n.
+small, not d alone: near a period doubling the deviation changes its sign in every period and hardly shrinks.
+After two periods the motion is then almost back, though it is far from the cycle of one period on
+which it settles. For the same reason the distance must be small beside the d of every smaller n.
 
-c is read from the largest d_k of the second and of the last third of the record, and from those of the last
-two cycles; the larger value counts. It is not believed where a third is shorter than a cycle. So
-settling proves n up to a quarter of the record; n up to half of it needs a return to well below the
-tolerance.
+c is estimated from the largest d_k of the second and of the last third of the record, and from those of the last two
+cycles; the larger value counts. The estimate is not used where a third is shorter than a cycle. So settling proves n
+up to a quarter of the record; n up to half of it requires a return to well below the tolerance.
 
-Measured on 20 periods of 240 000 orbits of the logistic map, at rates of 3.7, 3.9 and 4: none is called a
-cycle at a tolerance of 1e-6, below 1 % are called settling. Far more are called so where long laminar
+Measured on 20 periods of 240 000 orbits of the logistic map, at rates of 3.7, 3.9 and 4: none is classified as a
+cycle at a tolerance of 1e-6, below 1 % are classified as settling. Far more are where long laminar
 phases, which look the same, interrupt chaos.
 """
 
@@ -21,15 +20,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-# A motion that returns to within this fraction of the tolerance repeats, whatever c says: rounding
-# errors do not shrink.
+# A motion that returns to within this fraction of the tolerance repeats, whatever c is: rounding errors do not shrink.
 _FLOOR = 1e-3
-# Least ratio of d at any smaller n to the distance from the cycle at this n.
+# Smallest ratio of d at any smaller n to the distance from the cycle at this n.
 _MARGIN = 10
 # A motion that keeps returning this close, relative to its size, and no farther than before, is settling.
 _NEAR = 1e-2
 _TINY = np.finfo(np.float32).tiny
-# Points at once: so many that what is computed of them stays in the cache.
+# Points at once: few enough that the arrays computed from them stay in the cache.
 _BLOCK = 1 << 11
 
 
@@ -38,9 +36,9 @@ class Recurrence(NamedTuple):
 
     Attributes:
         num_periods: the least n that is proved, 0 if none is.
-        error: d of that n; if there is none, of the n for which it is least.
+        error: d of that n; if there is none, the least d of all n.
         contraction: the factor by which it falls in one forcing period, NaN if the record is too short.
-        is_settling: whether the motion is on the way to a cycle, but not there.
+        is_settling: true for a motion that approaches a cycle, but is not on it.
     """
 
     num_periods: np.ndarray
@@ -71,7 +69,7 @@ def _of_block(section: np.ndarray, tolerance: float) -> Recurrence:
         least = error[left]
         steps = np.abs(rows[:, n:] - rows[:, :-n]).max(axis=0)
         last, factor, is_falling = _trend(steps, n)
-        # Avoids 0 times an unknown factor.
+        # Avoids 0 times an infinite factor.
         distance = np.maximum(last, _TINY) * np.maximum(1, factor / np.maximum(1 - factor, _TINY))
         near = np.minimum(tolerance, least / _MARGIN)
         is_cycle = (last <= _FLOOR * near) | (distance <= near)
@@ -87,13 +85,13 @@ def _of_block(section: np.ndarray, tolerance: float) -> Recurrence:
 
 
 def _trend(steps: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The last error, the factor by which n periods change it (infinite if not known), whether it falls."""
+    """The last error, the factor by which n periods change it (infinite if unknown), and a flag of a falling error."""
     third, last = len(steps) // 3, steps[-n:].max(axis=0)
     if third < n:
         return last, np.full(len(last), np.inf), np.zeros(len(last), bool)
     thirds = steps[len(steps) - 3 * third :].reshape(3, third, len(last)).max(axis=1)
     factor = (thirds[2] / np.maximum(thirds[1], _TINY)) ** (n / third)
-    # The last two cycles show a chaotic motion leaving an unstable cycle that it came near.
+    # The last two cycles reveal a chaotic motion that leaves an unstable cycle which it came near.
     now, before = (steps[len(steps) - k * n :][:n].max(axis=0) for k in (1, 2))
     factor = np.maximum(factor, now / np.maximum(before, _TINY))
     is_near = (thirds[2] <= _NEAR) & (thirds[2] <= thirds[0])

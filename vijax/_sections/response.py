@@ -1,9 +1,9 @@
-"""The periodic response of a linear machine, and the free vibration about it, as they are seen from the stops.
+"""The periodic response of a linear machine, and the free vibration about it, in the frame of the stops.
 
-Between impacts z = x - w obeys M z'' + C z' + K z = f(t), w the motion of the stops, see `Frame`. With Phi the modes,
-of unit mass, M full or not, and w_k their frequencies, the coordinates y = diag(w) Phi^-1 z and u = Phi^-1 z' make the energy E of the
-free vibration (|y|^2 + |u|^2) / 2. In them K is the unit matrix, the first-order matrix is skew but for the damping,
-and one norm, sqrt(2 E), measures vibrations and rounding errors alike.
+Between impacts z = x - w obeys M z'' + C z' + K z = f(t), w the motion of the stops, see `Frame`. Let Phi be the
+mass-normalised modes, for M diagonal or full, and w_k their frequencies. In the coordinates y = diag(w) Phi^-1 z and
+u = Phi^-1 z' the energy E of the free vibration is (|y|^2 + |u|^2) / 2, K is the unit matrix, the first-order matrix
+is skew but for the damping, and one norm, sqrt(2 E), measures vibrations and rounding errors alike.
 """
 
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._machine.machine import Machine
 
-# Assumed rounding error of numbers of about 1, in units of n eps.
+# Assumed rounding error of numbers of order 1, in units of n eps.
 _SLACK = 64
 
 
@@ -25,9 +25,9 @@ class FreeModes(NamedTuple):
         frequencies: w, (lanes, n).
         damping: Phi^T C Phi, (lanes, n, n).
         decay: the largest real part of all eigenvalues, (lanes,).
-        rounding: a bound of the errors of numbers of about 1 in these coordinates, (lanes,).
-        is_damped: whether K is regular and every mode damped, both beyond doubt; if not, the rest is finite
-            and means nothing.
+        rounding: a bound of the errors of numbers of order 1 in these coordinates, (lanes,).
+        is_damped: true where K is regular and every mode damped, both by more than rounding, (lanes,); elsewhere the
+            other fields are finite and meaningless.
     """
 
     shapes: np.ndarray
@@ -44,7 +44,7 @@ class PeriodicResponse(NamedTuple):
     Attributes:
         waves: (lanes, 1 + harmonics, n).
         speeds: h W, (lanes, 1 + harmonics).
-        rounding: a bound of the error in the norm of E, (lanes,).
+        rounding: a bound of the error in the energy norm, (lanes,).
     """
 
     waves: np.ndarray
@@ -53,7 +53,7 @@ class PeriodicResponse(NamedTuple):
 
 
 def modes_of(machine: Machine) -> FreeModes:
-    """The modes of linear machines, lanes last: one for each motion, or one for all."""
+    """Modes of linear machines, lanes last: one for each motion, or one for all."""
     inverse_mass, c, k = map(
         double_lanes_first, (machine.contacts.inverse_mass, machine.damping, machine.stiffness)
     )
@@ -70,20 +70,20 @@ def modes_of(machine: Machine) -> FreeModes:
     first_order = np.block([[np.zeros_like(damping), diagonal], [-diagonal, -damping]])
     decay = np.linalg.eigvals(first_order).real.max(axis=1)
     is_damped = is_stiff & (decay < -unit * np.linalg.norm(first_order, axis=(1, 2)))
-    # Low modes are less well known than high ones.
+    # Low modes are less accurate than high ones.
     rounding = unit * squares[:, -1] / squares[:, 0]
     return FreeModes(root @ vectors / w[:, None], w, damping, decay, rounding, is_damped)
 
 
 def _root(inverse_mass: np.ndarray) -> tuple[np.ndarray, np.ndarray | float]:
-    """R of M^-1 = R R^T, (lanes, n, n), and how much worse than its entries it is known."""
+    """R of M^-1 = R R^T, (lanes, n, n), and the factor by which its error exceeds that of its entries."""
     if inverse_mass.ndim == 2:
         return np.sqrt(inverse_mass)[:, :, None] * np.eye(inverse_mass.shape[1]), 1.0
     return np.linalg.cholesky(inverse_mass), np.linalg.cond(inverse_mass)
 
 
 def response_of(machine: Machine, modes: FreeModes) -> PeriodicResponse:
-    """The response to the load, that of moving stops included."""
+    """The response to the load, including that of moving stops."""
     mean, cosine, sine = map(np.asarray, (machine.mean[None], machine.waves.cosine, machine.waves.sine))
     mean = np.broadcast_to(mean, (1, *np.broadcast_shapes(mean.shape, cosine.shape)[1:]))
     waves = np.broadcast_to(cosine - 1j * sine, (len(cosine), *mean.shape[1:]))
@@ -116,12 +116,7 @@ def vibration_left(
 ) -> np.ndarray:
     """Bound sqrt(2 E), E the energy of the difference between a motion and the response, rounding of both included.
 
-    Args:
-        machine: the machines.
-        modes: theirs.
-        response: theirs.
-        angle: a phase of the load.
-        state: positions and velocities in space at that phase, (lanes, n) each.
+    The state is positions and velocities in the fixed frame at the phase `angle` of the load, (lanes, n) each.
     """
     x, v = (_solve(modes.shapes, a) for a in state)
     w, w_rate = (_solve(modes.shapes, a) for a in _at(_frame_waves(machine), response.speeds, angle))
@@ -133,13 +128,13 @@ def vibration_left(
 
 
 def double_lanes_first(a: ArrayLike) -> np.ndarray:
-    """In double precision, lanes where NumPy's linear algebra wants them."""
+    """Convert to double precision, with lanes first as NumPy's linear algebra requires."""
     a = np.asarray(a)
     return np.moveaxis(a.astype(np.result_type(a, float)), -1, 0)
 
 
 def _frame_waves(machine: Machine) -> np.ndarray:
-    """The motion of the stops as their masses follow it, h = 0, 1, ..., (lanes, 1 + harmonics, n)."""
+    """Harmonics of the motion of the frame, h = 0, 1, ..., (lanes, 1 + harmonics, n)."""
     if machine.frame is None:
         return np.zeros((1, 1 + machine.waves.num_harmonics, len(machine.mean)), complex)
     waves = np.asarray(machine.frame.waves.cosine) - 1j * np.asarray(machine.frame.waves.sine)
@@ -147,7 +142,7 @@ def _frame_waves(machine: Machine) -> np.ndarray:
 
 
 def _at(waves: np.ndarray, speeds: np.ndarray, angle: float) -> tuple[np.ndarray, np.ndarray]:
-    """The sum of harmonics and its rate at a phase."""
+    """Value and rate of a sum of harmonics at a phase."""
     turned = waves * np.exp(1j * angle * np.arange(waves.shape[1]))[:, None]
     return turned.real.sum(axis=1), (1j * speeds[..., None] * turned).real.sum(axis=1)
 

@@ -1,6 +1,6 @@
-"""Impacts at the very end of a forcing period, which rounding puts now before it, now after it.
+"""Impacts at the very end of a forcing period, which rounding puts before it or after it.
 
-Each reverses velocities, so that one cycle would seem two, or none: all states of a section are taken on one side of them.
+Each reverses velocities, so that one cycle would look like two, or like none: all states are taken on one side of them.
 """
 
 import equinox as eqx
@@ -16,19 +16,19 @@ from .._machine.numbers import numbers_of
 from .._machine.state import State
 from .._system.system import ImpactSystem
 
-_prepared = eqx.filter_jit(prepare)  # operation by operation it would take seconds to compile
+_prepared = eqx.filter_jit(prepare)  # compiling it operation by operation would take seconds
 
 
 def machines_of_lanes(system: ImpactSystem) -> Machine:
-    """What the engine computes with, of machines side by side; for what is asked of one instant."""
+    """Prepared machines side by side, for computations at one instant."""
     one = jax.device_put(np.ones(1, system.mass.dtype))
-    with jax.numpy_rank_promotion("allow"):  # what all points share is broadcast to them
-        # Span and start matter to steps and forces alone.
+    with jax.numpy_rank_promotion("allow"):  # leaves that all points share are broadcast
+        # Span and start only affect steps and forces.
         return _prepared(numbers_of(system), one, (0 * one, one, one), can_stick=False)
 
 
 def filled(which: np.ndarray) -> np.ndarray:
-    """Numbers of points, repeated up to one of few counts, for each count is compiled for."""
+    """Indices of points, repeated up to a power of two of them, as every count is compiled for."""
     return np.resize(which, 1 << (len(which) - 1).bit_length())
 
 
@@ -41,7 +41,7 @@ def after_impacts(
         machine: lanes last.
         angle: the phase of the load.
         states: positions and velocities before, (lanes, n) each.
-        closed: which contacts are, (contacts, lanes).
+        closed: flags of the closed contacts, (contacts, lanes).
     """
     with jax.numpy_rank_promotion("allow"):
         x, v = _after(machine, angle, states[0].T, states[1].T, closed)
@@ -56,9 +56,9 @@ def before_impact(
     Args:
         machine: lanes last.
         angle: the phase of the load.
-        v: velocities after, (lanes, n); those before stay as they are.
-        stop: which contact was hit, (lanes,).
-        velocity: before the impact, as it is logged, (lanes,).
+        v: velocities after it, (lanes, n); velocities that are already those before it stay as they are.
+        stop: index of the contact that was hit, (lanes,).
+        velocity: velocity before the impact as logged, (lanes,).
     """
     with jax.numpy_rank_promotion("allow"):
         return np.asarray(_before(machine, angle, v.T, stop, velocity)).T

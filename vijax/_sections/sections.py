@@ -1,4 +1,4 @@
-"""A motion seen at its impacts, or once a forcing period."""
+"""Sections of a motion: at its impacts, or once a forcing period."""
 
 import math
 
@@ -13,20 +13,20 @@ from .record import dims_of, forcing_periods, held_intervals, impacts_of, labell
 def impact_map(source: Solution | xr.Dataset, stop: int | None = None) -> xr.Dataset:
     """Pair every impact with the next: the individual and the global impact maps.
 
-    The impacts of one stop make its individual map P_i, (phase, velocity) to the next (phase, velocity),
-    whatever is hit in between; those of all stops together the global map P_g. With more than one
-    mass these are no functions of the two numbers: where the other masses are decides as well. The function of all
-    of them, with its derivatives, is `vx.next_impact`.
+    The impacts of one stop give its individual map P_i, from (phase, velocity) to the next (phase, velocity), whatever
+    is hit in between. Those of all stops together give the global map P_g. With more than one mass these are not
+    functions of the two numbers, as the next impact also depends on the other masses. The function of all numbers,
+    with its derivatives, is `vx.next_impact`.
 
     Args:
-        source: what `vx.simulate` or `vx.sweep` returned.
+        source: result of `vx.simulate` or `vx.sweep`.
         stop: the stop whose impacts are paired; all stops, in the order of time, if left out.
 
     Returns:
         With the dimensions of the sweep, and `impact`: `phase` (W t mod 2 pi, radians) and signed
         `velocity` before each impact, `next_phase`, `next_velocity`, and `stop`; padded with NaN and -1.
-        What comes next is NaN where it is not in the log: after the last impact, and after the
-        last bounce of a complete chatter, since of its infinitely many the lightest are left out.
+        The next impact is NaN where it is not in the log: after the last impact, and after the
+        last bounce of a complete chatter, since the lightest of its infinitely many bounces are left out.
 
     Raises:
         ValueError: if there is no such stop, or the load has no frequency.
@@ -66,16 +66,15 @@ def impact_map(source: Solution | xr.Dataset, stop: int | None = None) -> xr.Dat
 
 
 def stroboscopic_section(source: Solution | xr.Dataset) -> xr.Dataset:
-    """See a motion once a forcing period.
+    """Sample a motion once a forcing period.
 
     Args:
-        source: what `vx.simulate` or `vx.sweep` returned.
+        source: result of `vx.simulate` or `vx.sweep`.
 
     Returns:
-        With the dimensions of the sweep, at the end of each whole `period` since the start of the trajectory
-        (of the recorded ones of a sweep): `x` and `v` (..., period, mass), and `held_time`
-        (..., period, stop), for how long each stop held its mass in that period. NaN where a motion
-        is not known.
+        With the dimensions of the sweep, at the end of each whole `period` since the start of the trajectory (of the
+        recorded ones of a sweep): `x` and `v` (..., period, mass), and `held_time` (..., period, stop), the time in
+        that period during which each stop held its mass. NaN where the motion is unknown.
 
     Raises:
         ValueError: if the load has no frequency.
@@ -108,6 +107,6 @@ def stroboscopic_section(source: Solution | xr.Dataset) -> xr.Dataset:
 
 
 def _time_held(sol: Solution, stop: int, edges: np.ndarray) -> np.ndarray:
-    """For how long a stop holds its mass between one edge and the next."""
+    """Time during which a stop holds its mass between one edge and the next."""
     starts, ends = held_intervals(sol, stop)
     return np.diff([(np.clip(edge - starts, 0, ends - starts)).sum() for edge in edges])

@@ -1,8 +1,8 @@
 """Fourier coefficients and power spectra of motions with impacts.
 
 Positions have kinks at impacts, and velocities jumps. Sampled at equal times, as for an FFT, they are aliased however
-fine the samples are. Here the integrals are taken from event to event, where the motion is smooth, by Gauss's rule
-at times at which it is known exactly, so that what is left is rounding.
+fine the samples are. Here the integrals are taken from event to event, where the motion is smooth, by Gauss quadrature
+at times at which it is exact, so that only rounding errors remain.
 """
 
 import numpy as np
@@ -12,11 +12,12 @@ from .._jax.arrays import Count, Numbers, as_known, whole_number
 from .._trajectory.solution import Solution
 from .record import forcing_periods
 
-# Nodes of Gauss's rule, and how far a phase may turn between its ends for it to be exact to rounding.
+# `_NODES`: nodes of the Gauss rule.
+# `_TURN`: largest change of phase between its ends for which it is exact to rounding.
 _NODES, _TURN = 16, 10.0
-# Entries of the table of phases that are in memory together.
+# Entries of the table of phases in memory at once.
 _ROOM = 1 << 22
-# Up to this multiple of the frequency of the load, if nothing is said.
+# Default highest frequency, as a multiple of that of the load.
 _HARMONICS = 10
 _WINDOWS = {"hann": lambda share: 1 - np.cos(2 * np.pi * share), "none": np.ones_like}
 
@@ -24,19 +25,19 @@ _WINDOWS = {"hann": lambda share: 1 - np.cos(2 * np.pi * share), "none": np.ones
 def power_spectrum(
     sol: Solution, frequencies: Numbers | None = None, *, last: Count | None = None, window: str = "hann"
 ) -> xr.Dataset:
-    """Fourier coefficients of a motion, exact to rounding through all its events.
+    """Compute Fourier coefficients of a motion, exact to rounding through all its events.
 
-    Of a function y the coefficient at an angular frequency w is the mean of y(t) exp(-i w t), weighted by the window,
-    over the last forcing periods. For a motion that repeats in them, without a window, those at their multiples of
-    W / last are the coefficients of its Fourier series. A chaotic motion has a continuous spectrum, of which one window
-    shows an uneven sample.
+    The coefficient of a function y at an angular frequency w is the mean of y(t) exp(-i w t), weighted by the window,
+    over the last forcing periods. For a motion that repeats in them, without a window, the coefficients at the
+    multiples of W / last are those of its Fourier series. A chaotic motion has a continuous spectrum, of which one
+    window shows an uneven sample.
 
     Args:
         sol: the motion, whose events must all be logged.
         frequencies: angular frequencies, (frequencies,); all multiples of W / last up to ten times the frequency W of
             the load, if left out.
         last: whole forcing periods at the end of the motion; all there are, if left out.
-        window: "hann", by which lines between the multiples leak little, or "none".
+        window: "hann", which lets lines between the multiples leak little, or "none".
 
     Returns:
         Along `frequency` and `mass`: the complex coefficients `x` and `v` of positions and velocities, and `power`,
@@ -85,7 +86,7 @@ def power_spectrum(
 
 
 def _nodes(sol: Solution, begin: float, end: float, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times inside of the smooth pieces of a motion, and their weights."""
+    """Quadrature nodes inside the smooth pieces of a motion, and their weights."""
     events = np.unique(np.asarray(sol.restarts.t))
     edges = np.unique(np.concatenate([[begin], events[(events > begin) & (events < end)], [end]]))
     parts = np.maximum(np.ceil(np.diff(edges) * rate / _TURN), 1).astype(int)
