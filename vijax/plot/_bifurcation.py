@@ -103,7 +103,7 @@ def bifurcation(
             machine at any values of the swept quantity, as from `vx.find_periodic_orbits`, to draw over them.
         units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
         ax: where to draw, also over what is there; for `stop=None` one axes for each stop; new axes if left out.
-        **style: of the points of the sweep, as matplotlib's `plot` takes them: `color`, `marker`, `markersize`, `axis_label`, ...
+        **style: of the points of the sweep, as matplotlib's `plot` takes them: `color`, `marker`, `markersize`, `label`, ...
 
     Returns:
         The axes; an array of them for `stop=None`.

@@ -83,7 +83,7 @@ def branch(
         stop: the stop whose impacts are drawn; None for all, one panel a stop.
         units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
         ax: where to draw, also over what is there; for `stop=None` one axes for each stop; new axes if left out.
-        **style: of the lines, as matplotlib's `plot` takes them: `color`, `linewidth`, `axis_label`, ...
+        **style: of the lines, as matplotlib's `plot` takes them: `color`, `linewidth`, `label`, ...
 
     Returns:
         The axes; an array of them for `stop=None`.

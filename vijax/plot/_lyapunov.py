@@ -27,7 +27,7 @@ def lyapunov(ds: Sweeps, *, units: Units | None = None, ax: Axes | None = None, 
         units: of `time` and swept quantities, as in `{"time": "s"}`; none are written if left out.
         ax: where to draw, also over what is there; new axes if left out.
         **style: of the curves, as matplotlib's `plot` takes them, or of the plane, as `pcolormesh` does: `linewidth`, `cmap`,
-            `axis_label`, ...
+            `label`, ...
 
     Returns:
         The axes.
