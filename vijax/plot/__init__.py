@@ -1,14 +1,14 @@
 """Pictures of machines, sweeps, trajectories and periodic orbits, drawn by matplotlib.
 
-Every function draws into the axes it is given, or into new ones, and returns them. Masses, stops and contacts are counted
-from 0, as in the machine. Units are written as `units=` gives them, and none where it does not. Colours are those of the style
-of matplotlib in use; lightness, strokes, marks or words repeat what they say, for a printer without colour.
+Every function draws into the given axes, or into new ones, and returns them. Masses, stops and contacts are counted
+from 0, as in the machine. Labels show the units given by `units=`, otherwise none. Colours are those of the current
+matplotlib style; lightness, line styles, markers or words repeat their information, for greyscale prints.
 """
 
 import lazy_loader as _lazy_loader
 
-# Each is imported when it is first asked for. `__init__.pyi` lists them for type checkers. Drawings and films of machines
-# stand in `studio/`, which imports from this folder.
+# Functions are imported on first access; `__init__.pyi` lists them for type checkers. Drawings and films of machines
+# are in `studio/`, which imports from this folder.
 _PLACES = {
     "plot._basins": ["basins"],
     "plot._bifurcation": ["bifurcation"],
