@@ -1,8 +1,8 @@
 """Pictures of machines, sweeps, trajectories and periodic orbits, drawn by matplotlib.
 
-Every function draws into the axes it is given, or into new ones, and returns them. Masses, stops and contacts are counted
-from 0, as in the machine. Units are written as `units=` gives them, and none where it does not. Colours are those of the style
-of matplotlib in use; lightness, strokes, marks or words repeat what they say, for a printer without colour.
+Every function draws into the given axes, or into new ones, and returns them. Masses, stops and contacts are counted
+from 0, as in the machine. Labels show the units given by `units=`, otherwise none. Colours are those of the current
+matplotlib style; lightness, line styles, markers or words repeat their information, for greyscale prints.
 """
 
 from importlib import import_module as _import_module

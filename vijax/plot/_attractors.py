@@ -1,4 +1,4 @@
-"""Attractors as pictures tell them apart: a colour, a mark and a line of the legend for each."""
+"""Colour, marker and legend entry of each attractor."""
 
 import numpy as np
 import xarray as xr
@@ -13,20 +13,20 @@ from ._cloud import MARKERS
 from ._colors import ink, with_lightness
 from ._motions import HATCHES, heading, not_known, other
 
-# Hues after Okabe and Ito, told apart by the colour-blind as well, each as light as no other, so that a printer without colour
-# tells them apart, the first ones best; light enough for black points, dark enough for white edges.
+# Hues after Okabe and Ito, distinguishable by colour-blind readers.
 _HUES = ("#0072b2", "#e69f00", "#009e73", "#f0e442", "#cc79a7", "#d55e00", "#56b4e9", "#7f4fc9")
+# Lightness of each hue: all differ in greyscale, the first ones most; all suit black points and white edges.
 _LIGHTNESS = (0.46, 0.72, 0.32, 0.85, 0.59, 0.39, 0.785, 0.525)
 COLORS = tuple(
     to_hex((red, green, blue))
     for red, green, blue in (with_lightness(*one) for one in zip(_HUES, _LIGHTNESS, strict=True))
 )
-# What has no colour: others, and what is not known.
+# Hatch of starts without a known attractor.
 HATCH = HATCHES["not settled"]
 
 
 def check_count(max_attractors: int) -> None:
-    """Refuse more attractors than there are colours."""
+    """Raise if there are more attractors than colours."""
     if not 0 <= max_attractors <= len(COLORS):
         raise ValueError(
             f"Argument `max_attractors` must lie in 0 to {len(COLORS)}, but is {max_attractors}."
@@ -34,7 +34,7 @@ def check_count(max_attractors: int) -> None:
 
 
 def draw_marks(ax: Axes, x: np.ndarray, y: np.ndarray, number: int, size: float) -> None:
-    """Draw the mark of an attractor at some points."""
+    """Draw the marker of an attractor at given points."""
     ax.plot(
         x,
         y,
@@ -51,15 +51,15 @@ def draw_marks(ax: Axes, x: np.ndarray, y: np.ndarray, number: int, size: float)
 def add_legend(
     ax: Axes, ds: xr.Dataset, words: list[str], has_mark: list[bool], *, has_other: bool, has_unknown: bool
 ) -> None:
-    """One entry for each attractor, its colour beside its mark, and for what has no colour.
+    """Add a legend entry for each attractor, its colour beside its marker, and for the areas without a colour.
 
     Args:
         ax: the axes.
-        ds: whose attractors they are.
-        words: of each attractor.
-        has_mark: whether its mark is drawn anywhere.
-        has_other: whether some have no colour of their own.
-        has_unknown: whether of some starts no attractor is known.
+        ds: the dataset of the attractors.
+        words: label of each attractor.
+        has_mark: whether its marker is drawn anywhere.
+        has_other: whether some attractors have no colour of their own.
+        has_unknown: whether the attractor of some starts is unknown.
     """
     handles = []
     for k, is_marked in enumerate(has_mark):

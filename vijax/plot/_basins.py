@@ -14,7 +14,7 @@ from ._labels import Units
 from ._mesh import check_plane, draw_mesh, hatch
 from ._motions import not_known, other, words_of_motion
 
-# Points of a cycle are few and drawn large, those of a cloud small.
+# (largest count, marker size): large for the few points of a cycle, small for a cloud.
 _SIZES = ((20, 6.0), (100, 4.0), (np.inf, 2.0))
 
 
@@ -27,26 +27,26 @@ def basins(
     ax: Axes | None = None,
     **style: Any,
 ) -> Axes:
-    """Draw the basins of attraction over a plane of starts, each in a colour, and the sections of the attractors in it.
+    """Draw the basins of attraction over a plane of starts, one colour each, with the sections of their attractors.
 
-    "1 | 2 in 1, 43 %" is a motion that repeats after 1 forcing period, with 1 impact at stop 0 and 2 at stop 1 in it, to
-    which 43 % of the starts lead. Hatched are starts whose motion has not settled, or failed. Points are the states at phase 0 of each
-    attractor, a mark for each; they may lie in another's colour, since the plane shows two of all coordinates.
+    "1 | 2 in 1, 43 %" is a motion that repeats after 1 forcing period, with 1 impact at stop 0 and 2 at stop 1 in it,
+    reached from 43 % of the starts. Starts whose motion has not settled, or failed, are hatched. Markers are the states
+    of each attractor at phase 0; they may lie in another's colour, since the plane shows only two coordinates.
 
     Args:
-        basins: what `vx.basins` returned, over two start quantities, the first one drawn to the right and the second upwards.
-        max_attractors: how many attractors, those with the largest shares, have a colour of their own, 8 at most; the rest is "other".
+        basins: result of `vx.basins` over two start quantities, the first on the x axis, the second on the y axis.
+        max_attractors: number of attractors with a colour each, the largest shares first, 8 at most; the rest is
+            "other".
         points: whether to draw the sections.
-        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
-        ax: where to draw; new axes if left out.
-        **style: of the plane, as matplotlib's `pcolormesh` takes them: `alpha`, `rasterized`, ...
+        units: units of `length` and `time`, as in `{"length": "mm", "time": "s"}`; labels show none if omitted.
+        ax: the axes to draw into; new axes if omitted.
+        **style: properties of the plane for matplotlib's `pcolormesh`: `alpha`, `rasterized`, ...
 
     Returns:
         The axes.
 
     Raises:
-        ValueError: if `label` is missing, does not lie over two quantities of two values or more, or too many colours are
-            asked for.
+        ValueError: if `label` is missing or lacks two quantities of two values or more, or `max_attractors` exceeds 8.
 
     Example:
         ```python
@@ -86,7 +86,7 @@ def _check(basins: xr.Dataset, max_attractors: int) -> None:
 
 
 def _draw_section(ax: Axes, attractor: xr.Dataset, right: str, up: str, number: int) -> bool:
-    """Draw the section of an attractor, if the plane is one of its coordinates and any of it lies there."""
+    """Draw the section of an attractor in the plane; True if any of its points lies within the axes."""
     x, y = (_coordinate(attractor, path) for path in (right, up))
     if x is None or y is None:
         return False

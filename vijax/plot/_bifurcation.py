@@ -1,4 +1,4 @@
-"""Bifurcation diagrams: recorded impacts against a swept quantity, and the stability of the orbits they are of."""
+"""Bifurcation diagrams: recorded impacts against a swept quantity, and the stability of their orbits."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple, overload
@@ -34,16 +34,17 @@ ORDINATES = {
     "phase": ("impact_phase", "Phase $\\varphi$ of impact\nat {}", ANGLE),
 }
 _OF_CONTACT = "Speed of approach before impact\nat {}"
-# The way down under the way up, whose points are small: where both agree, a dark point in a light one.
+# Drawing order: the small points of the sweep up over the large ones of the sweep down, dark in light where both agree.
 _WAYS = ("down", "up")
+# Marker sizes: sweep down, single sweep, sweep up, separate orbits.
 _LARGE, _MIDDLE, _SMALL, _OVER = 4.0, 2.0, 1.8, 3.0
-# Values that points of these sizes make a line of; of fewer the points are larger, up to so much.
+# Number of swept values whose points of these sizes join into a line, and the largest factor of the sizes for fewer.
 _LINE, _LARGER = 400, 2.0
-# Of the points of a sweep in the legend, however small they are drawn.
+# Marker size of the points of a sweep in the legend.
 _IN_LEGEND = 5.0
-# Of a colour of the style how much is left on the way down, unless it is as far from the ink as this already.
+# Share left of a style colour in the sweep down, and the difference in lightness from the ink beyond which all is left.
 _LEFT, _APART = 0.6, 0.3
-# By the stability of the orbit: the marker, by how much it is larger, the width of its edge, and its words.
+# Stability of the orbit: marker, factor of its size, width of its edge, label.
 _MARKS = {
     UNKNOWN: (".", 1.0, 0.0, ""),
     STABLE: (".", 2.2, 0.0, "stable orbit"),
@@ -85,13 +86,12 @@ def bifurcation(
 ) -> Axes | np.ndarray:
     """Draw a bifurcation diagram: the velocities of the recorded impacts against the swept quantity.
 
-    Of a sweep up and down (`carry="both"`) the points of the way up are small and dark, those of the way
-    down large and light, below them: where both ways agree, a dark point in a light one. A warning tells of
-    points not all of whose impacts were recorded.
+    For a sweep up and down (`carry="both"`) the points of the sweep up are small and dark, over large and light ones of
+    the sweep down: where both agree, dark lies in light. A warning reports points with unrecorded impacts.
 
-    With `orbits`, the impacts of stable orbits are larger discs, those of unstable ones rings.
+    With `orbits`, the impacts of stable orbits are larger discs, those of unstable orbits are rings.
 
-    Of a contact between masses the velocity is the speed of approach, positive.
+    For a contact between masses the velocity is the speed of approach, positive.
 
     Args:
         ds: what `vx.sweep` returned for one swept quantity; of several, select all but one first. Several sweeps of that
@@ -109,8 +109,7 @@ def bifurcation(
         The axes; an array of them for `stop=None`.
 
     Raises:
-        ValueError: if not exactly one quantity is swept, there is no such stop, or the orbits are of another sweep, or of
-            machines that have no place in it.
+        ValueError: unless one quantity is swept, the stop exists, and the orbits belong to the sweep or its machine.
 
     Example:
         ```python
@@ -148,7 +147,7 @@ def bifurcation(
 
 
 def _common(sweeps: list[xr.Dataset], ordinate: str) -> tuple[str, int]:
-    """The quantity that all sweep, and how many stops their machines have."""
+    """The common swept quantity, and the number of stops."""
     paths = {swept_quantity(ds.result, "A bifurcation diagram") for ds in sweeps}
     counts = {ds.sizes["stop"] for ds in sweeps}
     if len(paths) > 1 or len(counts) > 1:
@@ -169,14 +168,14 @@ def _common(sweeps: list[xr.Dataset], ordinate: str) -> tuple[str, int]:
 
 
 def label_of_impacts(ordinate: str, stop: int, stop_masses: np.ndarray, units: Units | None) -> str:
-    """What is drawn of the impacts at a stop; of a contact, every velocity is its speed of approach."""
+    """Label of the y axis; at a contact every velocity is its speed of approach."""
     _, words, unit = ORDINATES[ordinate]
     words = _OF_CONTACT if stop_masses[stop] < 0 and ordinate != "phase" else words
     return with_unit(words.format(name_of(stop, stop_masses)), unit, units)
 
 
 class _Layer(NamedTuple):
-    """Impacts in one colour: `ds` has them as a sweep does, and the `stability` of the orbits they are of."""
+    """Impacts in one colour: `ds` has the variables of a sweep, and the `stability` of their orbits."""
 
     ds: xr.Dataset
     words: str
@@ -186,7 +185,7 @@ class _Layer(NamedTuple):
 
 
 def _layers(sweeps: dict[str, xr.Dataset], path: str, orbits: OrbitsLike) -> list[_Layer]:
-    """All that is drawn, the lowest first."""
+    """All layers, in drawing order from the lowest."""
     if isinstance(orbits, xr.Dataset):
         if len(sweeps) > 1:
             raise ValueError(
@@ -209,7 +208,7 @@ def _layers(sweeps: dict[str, xr.Dataset], path: str, orbits: OrbitsLike) -> lis
 
 
 def _of_sweep(ds: xr.Dataset, path: str, name: str, color: Any) -> list[_Layer]:
-    """The layers of one sweep, those of both ways if it was made up and down."""
+    """The layers of one sweep: two if it runs up and down."""
     larger = float(np.clip(_LINE / ds["result"].sizes[path], 1.0, _LARGER))
     if "direction" not in ds["result"].dims:
         return [_Layer(ds, name or "swept", color, larger * _MIDDLE)]
@@ -220,7 +219,7 @@ def _of_sweep(ds: xr.Dataset, path: str, name: str, color: Any) -> list[_Layer]:
 
 
 def _beside_ink() -> str:
-    """A colour of the style that is told from the ink in grey too."""
+    """A colour of the style that differs from the ink in greyscale too."""
     color = of_curves(2)[1][:3]
     far = abs(lightness_of(color) - lightness_of(ink())) > _APART
     return faded(color, 1.0 if far else _LEFT)
@@ -229,7 +228,7 @@ def _beside_ink() -> str:
 def _draw_impacts(
     layer: _Layer, path: str, stop: int, ordinate: str, ax: Axes, style: dict[str, Any]
 ) -> None:
-    """The impacts of a layer at a stop."""
+    """Draw the impacts of a layer at a stop."""
     names = (path, ORDINATES[ordinate][0], "impact_stop", "stability")
     swept, drawn, of_stop, stability = (a.values for a in xr.broadcast(*(layer.ds[name] for name in names)))
     for known in _MARKS:
@@ -258,7 +257,7 @@ def _draw_points(
 
 
 def _draw_legend(layers: list[_Layer], ax: Axes) -> None:
-    """What the colours mean, and the marks that there are at any stop."""
+    """Add the legend of the colours, and of the stability markers present at any stop."""
     present = np.concatenate([layer.ds["stability"].values.ravel() for layer in layers])
     sample = layers[0]._replace(color=ink(), size=min(layer.size for layer in layers if layer.is_swept))
     for stability in (STABLE, UNSTABLE):

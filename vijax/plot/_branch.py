@@ -33,11 +33,11 @@ MARKERS = {
     "chatter_completion": "s",
 }
 OTHER = "h"
-# Of kinds that are abbreviated.
+# Full names of abbreviated kinds.
 _WORDS = {"pd": "period doubling", "ns": "Neimark-Sacker", "bp": "branch point", "gr": "grazing"}
-# Where a multiplier passes the unit circle.
+# Kinds at which a multiplier crosses the unit circle.
 _ON_CIRCLE = ("fold", "pd", "ns", "bp")
-# Of a sweep under the branches: how much of its colours is left, and by how much its points are larger.
+# Sweep under the branches: remaining share of its colours, and factor of its marker size.
 _LIGHT, _LARGER = 0.6, 1.4
 
 
@@ -72,9 +72,9 @@ def branch(
 ) -> Axes | np.ndarray:
     """Draw branches of periodic orbits: the velocities before the impacts of their orbits against the parameter.
 
-    Each impact in the cycle is a line, solid where the orbits are stable and dashed where they are not, from the grazing
-    at which it comes to the one at which it goes. Bifurcations are marked on every line. Orbits without impacts at the stop
-    have no lines.
+    Each impact of the cycle is a line from the grazing at which it appears to the grazing at which it disappears, solid
+    where the orbits are stable and dashed where they are unstable. Bifurcations are marked on every line. Orbits
+    without impacts at the stop have no lines.
 
     Args:
         branches: what `vx.continuation` returned, one or several along one parameter; several are told apart by their
@@ -89,8 +89,8 @@ def branch(
         The axes; an array of them for `stop=None`.
 
     Raises:
-        ValueError: if there is no branch or no such stop, no orbit has an impact there, or branches and sweep are not of
-            one parameter of one machine.
+        ValueError: if there is no branch, the stop does not exist, no orbit has an impact there, or branches and sweep
+            do not follow one parameter of one machine.
 
     Example:
         ```python
@@ -129,12 +129,12 @@ def branch(
 
 
 def words_of(kind: str) -> str:
-    """A kind of bifurcation, or of a special point, as a legend tells it."""
+    """Legend label of a kind of bifurcation or special point."""
     return _WORDS.get(kind, kind.replace("_", " ").replace("+", " and "))
 
 
 def _common(branches: list[Branch], ds: xr.Dataset | None) -> tuple[str, int]:
-    """The path of the parameter of all, and how many stops their machines have."""
+    """The path of the common parameter, and the number of stops."""
     if not branches:
         raise ValueError("Argument `branches` is empty: give one or more.")
     paths = {one.path for one in branches}
@@ -155,23 +155,23 @@ def _common(branches: list[Branch], ds: xr.Dataset | None) -> tuple[str, int]:
 
 
 def _system(points: xr.Dataset) -> ImpactSystem:
-    """The machine of a branch, at one of its points, but for its force."""
-    return build_from(points.attrs, force=NAMED_FORCE)  # of the stops alone
+    """The machine of a branch as its attributes describe it, its force by name only."""
+    return build_from(points.attrs, force=NAMED_FORCE)  # only the stops are needed
 
 
 def _stop_masses(branch: Branch) -> np.ndarray:
-    """The mass of each stop, -1 of a contact, as sweeps tell them."""
+    """The mass of each stop, -1 for a contact, as in the `stop_mass` of sweeps."""
     return np.array([stop.slot[0] if stop.slot else -1 for stop in _system(branch.points).stops], int)
 
 
 class _Curves(NamedTuple):
-    """What is drawn of a branch.
+    """The lines of a branch at one stop.
 
     Attributes:
-        values: of the parameter at its points, (points,).
-        kinds: of the bifurcations there, (points,).
-        is_stable: whether it is up to the next point, (points - 1,).
-        lines: numbers of points and the velocities of an impact there.
+        values: parameter at the points of the branch, (points,).
+        kinds: bifurcation at each point, empty for none, (points,).
+        is_stable: whether the branch is stable up to the next point, (points - 1,).
+        lines: of each impact, the point numbers and its velocities there.
     """
 
     values: np.ndarray
@@ -183,10 +183,10 @@ class _Curves(NamedTuple):
 def _curves(branch: Branch, stop: int) -> _Curves:
     """The lines of a branch at a stop."""
     points = branch.points
-    if branch.ends == ("closed", "closed"):  # its last point is followed by its first one
+    if branch.ends == ("closed", "closed"):  # repeat the first point at the end
         points = points.isel(point=[*range(len(branch)), 0])
     kinds = points["bifurcation"].values.astype(str)
-    # On the circle rounding tells whether an orbit is stable: there the other end of a piece decides.
+    # At a multiplier on the unit circle `is_stable` is decided by rounding: the other end of the segment decides.
     is_stable = points["is_stable"].values | np.isin(kinds, _ON_CIRCLE)
     sign = _system(points).stops[stop].sign
     lines = [
@@ -197,14 +197,14 @@ def _curves(branch: Branch, stop: int) -> _Curves:
 
 
 def _impacts(points: xr.Dataset, stop: int) -> Iterator[OrbitImpacts]:
-    """The impacts of each orbit of a branch."""
+    """Yield the impacts of each orbit of a branch at a stop."""
     system, path = _system(points), points.attrs["path"]
     times = points.attrs["phase"] + np.cumsum(points["flight"].values, axis=1)
 
     def carried(value: jax.Array, angles: jax.Array) -> jax.Array:
         machine = system if is_of_force(path) else set_parameter(system, path, value)
         at = machine.stops[stop]
-        if at.slot is None:  # the speed at which a contact closes is all that there is
+        if at.slot is None:  # a contact has no velocity of its own
             return 0 * angles
         return at.sign * machine.forcing.frequency * jax.vmap(at.slope_at)(angles)
 
@@ -216,7 +216,7 @@ def _impacts(points: xr.Dataset, stop: int) -> Iterator[OrbitImpacts]:
 
 
 def _joined(curves: _Curves, is_stable: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters and velocities of all stable or unstable parts, with NaN between them."""
+    """Parameters and velocities of all stable or all unstable segments, separated by NaN."""
     found = [np.empty((2, 0))]
     for numbers, velocities in curves.lines:
         pieces = curves.is_stable[numbers[:-1]]
@@ -231,7 +231,7 @@ def _joined(curves: _Curves, is_stable: bool) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _draw_curves(curves: list[_Curves], ax: Axes, style: dict[str, Any]) -> None:
-    """All lines, solid where orbits are stable, with what their colours and strokes mean."""
+    """Draw all lines, solid where orbits are stable, and their legend entries."""
     colors = of_curves(len(curves)) if len(curves) > 1 else [ink()]
     name = style.get("label", "")
     style = {key: value for key, value in style.items() if key != "label"}
@@ -248,7 +248,7 @@ def _draw_curves(curves: list[_Curves], ax: Axes, style: dict[str, Any]) -> None
 
 
 def _draw_marks(curves: list[_Curves], ax: Axes) -> None:
-    """Mark the bifurcations on all lines."""
+    """Draw the markers of the bifurcations on all lines."""
     found: dict[str, list[tuple[float, float]]] = {kind: [] for kind in MARKERS}
     for one in curves:
         for numbers, velocities in one.lines:
@@ -273,10 +273,10 @@ def _draw_marks(curves: list[_Curves], ax: Axes) -> None:
 
 
 def _draw_light(ds: xr.Dataset, stop: int, ax: Axes) -> None:
-    """The impacts of a sweep under all else."""
+    """Draw the impacts of a sweep below everything else."""
     others = list(ax.lines)
     bifurcation(ds, stop, ax=ax)
-    # Paler, not transparent: of those, many points on one another would be dark again.
+    # Pale instead of transparent: many overlapping transparent points would be dark again.
     for line in ax.lines:
         if line not in others:
             pale = faded(line.get_color(), _LIGHT)
@@ -284,7 +284,7 @@ def _draw_light(ds: xr.Dataset, stop: int, ax: Axes) -> None:
 
 
 def _draw_legend(column: np.ndarray) -> None:
-    """What is in any of the panels, once."""
+    """Add one legend of all panels, each label once."""
     found = {}
     for ax in column:
         for handle, words in zip(*ax.get_legend_handles_labels(), strict=True):

@@ -1,4 +1,4 @@
-"""Points of a section: few are drawn large, many small, and fainter the more of them lie in one place."""
+"""Clouds of points: smaller the more points there are, more transparent the more they overlap."""
 
 from typing import Any, NamedTuple
 
@@ -9,16 +9,16 @@ from ._axes import legend_above
 from ._colors import ink, of_curves, styled
 
 MARKERS = "os^Dv<>p"
-# Up to how many points are how large.
+# (largest count, marker size).
 _SIZES = ((100, 6.0), (1000, 3.5), (5000, 2.0), (np.inf, 1.2))
-# Cells along either axis in which points are counted, about the size of the smallest points.
+# Cells per axis for counting overlaps, about the size of the smallest points.
 _CELLS = 250
-# So many points on one another are as dark as one by itself would be; no point is fainter than the least.
+# Number of overlapping points that are as dark as one opaque point, and the least opacity.
 _ENOUGH, _FAINTEST = 4.0, 0.1
 
 
 class Cloud(NamedTuple):
-    """Points of one colour, (points,) each, and their name in the legend."""
+    """Points of one colour, (points,) each, and their legend label."""
 
     name: str
     x: np.ndarray
@@ -26,7 +26,7 @@ class Cloud(NamedTuple):
 
 
 def draw_clouds(ax: Axes, clouds: list[Cloud], style: dict[str, Any]) -> None:
-    """Draw points, several clouds told apart; where they are thousands, the darker a place the more often it is visited."""
+    """Draw clouds, which differ in colour and marker; of thousands of points, overlaps are darker."""
     count = sum(len(cloud.x) for cloud in clouds)
     many, size = len(clouds) > 1, next(size for most, size in _SIZES if count <= most)
     for (name, x, y), color, marker in zip(
@@ -40,7 +40,7 @@ def draw_clouds(ax: Axes, clouds: list[Cloud], style: dict[str, Any]) -> None:
 
 
 def _alpha(x: np.ndarray, y: np.ndarray) -> float | None:
-    """How faint the points are, by how many share the place of a typical one."""
+    """Opacity from the number of points in the cell of a typical point; None for few points."""
     if len(x) <= _SIZES[1][0]:
         return None
     counts = np.histogram2d(x, y, bins=_CELLS)[0]

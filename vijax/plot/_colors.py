@@ -1,4 +1,4 @@
-"""Colours of the style in use: of curves, of what is ordered, of ink; how light they are on paper."""
+"""Colours of the current style: of curves, ordered series and ink; their lightness in greyscale."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,32 +11,32 @@ from matplotlib.colors import to_hex, to_rgb, to_rgba_array
 from matplotlib.lines import Line2D
 from matplotlib.markers import MarkerStyle
 
-# Curves that a printer without colour makes equally grey differ in their strokes.
+# Line styles of curves whose colours are too close in greyscale.
 STROKES = ("-", (0, (6, 1.5)), (0, (4, 1, 1, 1)), (0, (2, 1)))
-# What a printer without colour makes of red, green and blue.
+# Weights of red, green and blue in greyscale.
 _LIGHTNESS = np.array([0.299, 0.587, 0.114])
-# By how much greys of curves differ that are told apart, of 1 from black to white.
+# Least difference of distinguishable greys, 0 for black and 1 for white.
 _TOLD_APART = 0.15
-# From the darkest to the lightest of points that lightness tells apart.
+# Darkest and lightest colour of points that differ in lightness.
 _LADDER = (0.1, 0.75)
 
 
 def styled(style: Mapping[str, Any], kind: type[Artist] = Line2D, /, **own: Any) -> dict[str, Any]:
-    """What matplotlib is told: what the user says, by any of its names for it, else our own choice."""
+    """Properties for matplotlib: the user's, under any alias, over our defaults `own`."""
     given = cbook.normalize_kwargs(dict(style), kind)
     if not MarkerStyle(given.get("marker") or "o").is_filled():
-        own.pop("markeredgewidth", None)  # of a cross there would be nothing left
+        own.pop("markeredgewidth", None)  # an unfilled marker, as a cross, would vanish without its edge
     return own | given
 
 
 def of_curves(count: int) -> np.ndarray:
-    """The first colours of the style in use, again from its beginning where it has fewer."""
+    """The first colours of the current style, repeated if it has fewer, (count, 4)."""
     cycle = [to_rgb(one) for one in plt.rcParams["axes.prop_cycle"].by_key().get("color", ["C0"])]
     return np.array([(*cycle[k % len(cycle)], 1.0) for k in range(count)]).reshape(-1, 4)
 
 
 def of_points(count: int) -> np.ndarray:
-    """Colours of small points: those of the style, lighter or darker if a printer without colour would mix them up."""
+    """Colours of small points: those of the style, with new lightness if they are too close in greyscale."""
     colors = of_curves(count)
     if _are_apart(colors):
         return colors
@@ -49,25 +49,25 @@ def of_points(count: int) -> np.ndarray:
 
 
 def of_order(count: int) -> np.ndarray:
-    """Colours of what follows one another, dark to light, or light to dark where the background is dark."""
+    """Colours of an ordered series, dark to light, or light to dark on a dark background."""
     ends = (1.0, 0.4) if is_dark() else (0.0, 0.75)
     return plt.get_cmap(plt.rcParams["image.cmap"])(np.linspace(*ends, count))
 
 
 def ink(on_light: str = "black", on_dark: str = "white") -> str:
-    """A colour that is seen on the background of the style in use."""
+    """The first colour on a light background of the current style, the second on a dark one."""
     return on_dark if is_dark() else on_light
 
 
 def faded(color, share: float) -> str:
-    """A colour of which a share is left, the rest is background."""
+    """A colour blended into the background; `share` is what remains of it."""
     background = to_rgb(plt.rcParams["axes.facecolor"])
     red, green, blue = (b + share * (a - b) for a, b in zip(to_rgb(color), background, strict=True))
     return to_hex((red, green, blue))
 
 
 def with_lightness(color, lightness: float) -> np.ndarray:
-    """The same hue as light as is asked for, 0 for black and 1 for white, once it is printed in grey."""
+    """The same hue with the given lightness in greyscale, 0 for black and 1 for white."""
     rgb = np.array(to_rgb(color))
     own = lightness_of(rgb)
     if lightness <= own:
@@ -76,17 +76,17 @@ def with_lightness(color, lightness: float) -> np.ndarray:
 
 
 def lightness_of(color) -> float:
-    """How light a colour is in grey."""
+    """Lightness of a colour in greyscale."""
     return float(_LIGHTNESS @ np.array(to_rgb(color)))
 
 
 def is_dark() -> bool:
-    """Whether the background of the style in use is."""
+    """Flag of a dark background in the current style."""
     return lightness_of(plt.rcParams["axes.facecolor"]) < 0.5
 
 
 def looks_of(count: int, style: Mapping[str, Any]) -> list[tuple[np.ndarray, Any]]:
-    """Colours and strokes of curves, unbroken ones if grey tells them apart, as it does not if the user gives all one colour."""
+    """Colours and line styles of curves, all solid if the colours differ in greyscale."""
     color = styled(style).get("color")
     colors = of_curves(count) if color is None else to_rgba_array([color] * count)
     of_style = plt.rcParams["axes.prop_cycle"].by_key().get("linestyle")
@@ -95,6 +95,6 @@ def looks_of(count: int, style: Mapping[str, Any]) -> list[tuple[np.ndarray, Any
 
 
 def _are_apart(colors: np.ndarray) -> bool:
-    """Whether grey tells colours apart."""
+    """True where all colours differ in greyscale."""
     greys = np.sort([lightness_of(color[:3]) for color in colors])
     return bool(np.all(np.diff(greys) >= _TOLD_APART))

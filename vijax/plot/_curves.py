@@ -23,16 +23,16 @@ def curves(
     """Draw curves of bifurcations in the plane of their two parameters, with their special points.
 
     Args:
-        curves: what `vx.bifurcation_curve` returned, one or several in one plane; those of one kind have one colour.
-        units: of the parameters, as in `{"time": "s"}`; none are written if left out.
-        ax: where to draw, also over what is there, as a chart of motions; new axes if left out.
-        **style: of the lines, as matplotlib's `plot` takes them: `color`, `linewidth`, ...
+        curves: result of `vx.bifurcation_curve`, one or several in one plane; curves of one kind have one colour.
+        units: units of the parameters, as in `{"time": "s"}`; labels show none if omitted.
+        ax: the axes to draw into, over their content, such as a chart of motions; new axes if omitted.
+        **style: properties of the lines for matplotlib's `plot`: `color`, `linewidth`, ...
 
     Returns:
         The axes.
 
     Raises:
-        ValueError: if there is no curve, or the curves are not in one plane.
+        ValueError: if there is no curve, or the curves lie in different planes.
 
     Example:
         ```python
@@ -63,7 +63,7 @@ def curves(
 
 
 def _plane(several: list[xr.Dataset]) -> tuple[str, str]:
-    """The paths of both parameters of all."""
+    """The paths of the two common parameters."""
     if not several:
         raise ValueError("Argument `curves` is empty: give one or more.")
     planes = [tuple(map(str, one.coords)) for one in several]
@@ -75,7 +75,7 @@ def _plane(several: list[xr.Dataset]) -> tuple[str, str]:
 
 
 def _mark(several: list[xr.Dataset], right: str, up: str, ax: Axes) -> None:
-    """Mark the special points by their names, one mark each."""
+    """Draw the special points, one marker per name."""
     names = np.concatenate([one["special"].values.astype(str) for one in several])
     places = np.concatenate([np.stack([one[right].values, one[up].values], axis=1) for one in several])
     marks = [*MARKERS.values(), OTHER]

@@ -1,4 +1,4 @@
-"""The impacts of the orbits of a branch, each followed from the orbit where it comes to the one where it goes."""
+"""Impacts along a branch of orbits, each followed from the orbit where it appears to the one where it disappears."""
 
 from typing import NamedTuple
 
@@ -10,8 +10,8 @@ class OrbitImpacts(NamedTuple):
 
     Attributes:
         time: in forcing periods.
-        speed: at which the mass comes to the stop.
-        carried: velocity of the stop, in the direction in which the mass comes; 0 of a contact between masses.
+        speed: speed of approach to the stop.
+        carried: velocity of the stop in the direction of approach; 0 for a contact between masses.
     """
 
     time: np.ndarray
@@ -22,7 +22,7 @@ class OrbitImpacts(NamedTuple):
 def followed(
     impacts: list[OrbitImpacts], kinds: np.ndarray, num_periods: int
 ) -> list[tuple[list[int], list[float]]]:
-    """The numbers of points and the velocities of each impact, from where it comes to where it goes."""
+    """For each impact, its point numbers and velocities from where it appears to where it disappears."""
     lines: list[tuple[list[int], list[float]]] = []
     before, there = OrbitImpacts(*np.empty((3, 0))), {}
     for k, now in enumerate(impacts):
@@ -32,7 +32,7 @@ def followed(
             if i in earlier:
                 here[i] = there.pop(earlier[i])
             else:
-                # At a grazing an impact is there without speed.
+                # A new impact starts at the grazing before, with the velocity of the stop: its speed of approach is 0.
                 is_born = k > 0 and kinds[k - 1] == "gr"
                 here[i] = ([k - 1], [float(now.carried[i])]) if is_born else ([], [])
                 lines.append(here[i])
@@ -47,10 +47,10 @@ def followed(
 
 
 def _partners(before: OrbitImpacts, now: OrbitImpacts, num_periods: int) -> dict[int, int]:
-    """Which impact of a cycle is which one of the cycle before it, in the order of both.
+    """Match the impacts of a cycle (keys) to those of the cycle before it (values), in the order of both.
 
-    Impacts come and go without speed, at a grazing or at the end of a chatter: where one cycle has more, it is its
-    lightest ones that the other has not. A cycle may begin with another of its impacts than the one before it did.
+    Impacts appear and disappear with zero speed, at a grazing or at the end of a chatter: if one cycle has more, its
+    slowest ones are unmatched. A cycle may begin at another impact than the one before it, so all rotations are tried.
     """
     count = min(len(before.time), len(now.time))
     if not count:

@@ -1,4 +1,4 @@
-"""The sections of the impact maps: phase and velocity of every impact."""
+"""Sections of the impact maps: phase and velocity of every impact."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -19,7 +19,8 @@ from ._orbits import solution_of
 
 MotionLike = Solution | PeriodicOrbit | xr.Dataset
 
-# Radians without impacts, at least, between two sets of them; and of the longest such part how much is enough around 0.
+# Least phase interval without impacts between two sets of them, in radians; if the interval at 0 has this share of
+# the longest one, the axis begins at 0.
 _APART, _ENOUGH = 0.2, 0.5
 
 
@@ -34,26 +35,26 @@ def impact_map(
 ) -> Axes:
     """Draw the impacts in the plane of forcing phase and velocity before impact.
 
-    That is the section on which the map of a stop, P_i, takes one impact to the next; with
-    `stop=None` it is that of the global map P_g, the stops told apart. Of a contact between masses it is their speed of
-    approach that is drawn. Thousands of impacts are faint, and dark where many lie on one another.
+    This is the section on which the map of a stop, P_i, takes one impact to the next; with `stop=None` it is that of
+    the global map P_g, and the stops differ in colour. For a contact between masses, the velocity is their speed of
+    approach. Thousands of impacts are drawn transparent, so places with many are darker.
 
     Args:
-        sol_or_ds: a trajectory, a periodic orbit, or what `vx.sweep` returned, of which one machine is selected; from
-            several starts all impacts are drawn. Several of them by their names, as in `{"from rest": ds, "orbit": orbit}`,
-            are told apart by their colours.
+        sol_or_ds: a trajectory, a periodic orbit, or one machine selected from the result of `vx.sweep`; impacts from
+            several starts are all drawn. Several motions are given by name and differ in colour, as in
+            `{"from rest": ds, "orbit": orbit}`.
         stop: the stop or contact whose impacts are drawn; None for all.
-        origin: the phase at which the axis begins, in radians; if left out, 0, or where 0 would split a set of impacts, in
-            the longest part of the forcing period without any.
-        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
-        ax: where to draw, also over what is there; new axes if left out.
-        **style: of the points, as matplotlib's `plot` takes them: `color`, `marker`, `markersize`, `alpha`, `label`, ...
+        origin: the phase at which the axis begins, in radians. If omitted, 0, or, if 0 would split a set of impacts, a
+            phase in the longest part of the forcing period without impacts.
+        units: units of `length` and `time`, as in `{"length": "mm", "time": "s"}`; labels show none if omitted.
+        ax: the axes to draw into, over their content; new axes if omitted.
+        **style: point properties for matplotlib's `plot`: `color`, `marker`, `markersize`, `alpha`, `label`, ...
 
     Returns:
         The axes.
 
     Raises:
-        ValueError: if there is no such stop, it has no impacts, or the dataset is of several machines.
+        ValueError: if the stop does not exist or has no impacts, or the dataset holds several machines.
 
     Example:
         ```python
@@ -79,7 +80,7 @@ def impact_map(
 
 
 def _clouds(motions: MotionLike | Mapping[str, MotionLike], stop: int | None) -> tuple[list[Cloud], str]:
-    """What is drawn, phases and velocities, and the words of the velocity."""
+    """Phases and velocities to draw, and the label of the velocity axis."""
     is_one = isinstance(motions, MotionLike)
     named = {"": motions} if is_one else dict(motions)
     if not named:
@@ -105,12 +106,12 @@ def _clouds(motions: MotionLike | Mapping[str, MotionLike], stop: int | None) ->
 
 
 def _name(motion: str, stop: str, are_several: bool) -> str:
-    """What the legend calls the impacts of a motion at one of the stops that are drawn."""
+    """Legend label of the impacts of a motion at a stop; `are_several` flags several stops."""
     return f"{motion}, {stop}" if motion and are_several else motion or stop
 
 
 def _origin(phase: np.ndarray) -> float:
-    """Where the axis of phases begins, that no set of impacts lies on both of its ends."""
+    """Phase at which the axis begins, chosen so that no set of impacts is split by its ends."""
     ordered = np.sort(phase)
     lengths = np.diff(ordered, append=ordered[0] + 2 * np.pi)
     longest = int(np.argmax(lengths))
@@ -118,13 +119,13 @@ def _origin(phase: np.ndarray) -> float:
         return 0.0
     middle = ordered[longest] + lengths[longest] / 2
     quarter = np.pi / 2 * np.round(2 * middle / np.pi)
-    # A quarter of the period where that lies between the sets too.
+    # Prefer a multiple of a quarter period if it lies between the sets too.
     is_between = abs(quarter - middle) < lengths[longest] / 2 - _APART / 4
     return float(quarter if is_between else middle) - 2 * np.pi
 
 
 def _impacts(motion: MotionLike) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The masses of the stops, and phase, velocity and stop of every impact."""
+    """Mass of each stop, and phase, velocity and stop of each impact."""
     if isinstance(motion, xr.Dataset):
         check_one_machine(dict(motion.result.sizes), "An impact map", ("direction",))
         columns = (motion.impact_phase, motion.impact_velocity, motion.impact_stop)

@@ -1,6 +1,6 @@
-"""Words, symbols and units of what the axes show.
+"""Labels of axes: words, symbol and unit of a quantity.
 
-A machine has no units of its own, so none are written but those that the user gives; angles are in radians.
+A machine has no units of its own, so labels show only units given by the user; angles are in radians.
 """
 
 import re
@@ -31,23 +31,23 @@ _QUANTITIES = {
 
 
 def with_unit(words: str, unit: str, units: Units | None) -> str:
-    """Words with their unit in brackets, if it is made of units that were given.
+    """Append the unit in brackets, if all its parts were given.
 
     Args:
-        words: what the axis shows.
-        unit: made of kinds of units, `"{length}/{time}"`; empty for a ratio.
-        units: the user's.
+        words: the label without a unit.
+        unit: composed of kinds of units, `"{length}/{time}"`; empty for a ratio.
+        units: units of the user by kind.
     """
     given = checked_units(units)
     try:
         written = unit.format(**given)
-    except KeyError:  # of a kind that was not given
+    except KeyError:  # a kind of unit was not given
         return words
     return f"{words} ({written})" if written else words
 
 
 def axis_label(path: str, units: Units | None = None) -> str:
-    """The words, symbol and unit of a swept quantity; its path where there are no words."""
+    """Words, symbol and unit of a swept quantity; its path if it has no words."""
     name, indices = re.sub(r"\[.*?\]", "", path), re.findall(r"\[(\d+)\]", path)
     words, symbol, unit = _QUANTITIES.get(name, (path, "", ""))
     if symbol:
@@ -57,7 +57,7 @@ def axis_label(path: str, units: Units | None = None) -> str:
 
 
 def checked_units(units: Units | None) -> dict[str, str]:
-    """The units that were given: of length, time, mass and force, and of swept quantities by their paths."""
+    """Check the given units: of length, time, mass and force, and of swept quantities by path."""
     given = dict(units or {})
     unknown = [
         name for name in given if name not in (*_KINDS, *_QUANTITIES) and not re.search(r"[.\[]", name)
@@ -71,7 +71,7 @@ def checked_units(units: Units | None) -> dict[str, str]:
 
 
 def swept_quantity(points: xr.DataArray, picture: str) -> str:
-    """The path along which the points of a sweep lie, up and down or in one direction."""
+    """The path of the only swept quantity, `direction` left out; raise if there are none or several."""
     swept = [str(dim) for dim in points.dims if dim != "direction"]
     if len(swept) != 1:
         raise ValueError(

@@ -17,8 +17,8 @@ _WORDS = "Lyapunov exponent $\\lambda$"
 def lyapunov(ds: Sweeps, *, units: Units | None = None, ax: Axes | None = None, **style: Any) -> Axes:
     """Draw the Lyapunov exponents of a sweep: all over one swept quantity, the largest over two.
 
-    Above the line at zero, or in red, motions are chaotic. Exponents of minus infinity, of directions that sticking
-    erases, are left out. Bands are two standard errors wide to either side.
+    Motions are chaotic above the line at zero, or in red. Exponents of minus infinity, of directions erased by
+    sticking, are not drawn. Bands extend two standard errors to either side.
 
     Args:
         ds: what `vx.sweep` or `vx.chart` returned with `lyapunov=True`, for one or two swept quantities. Several of one
@@ -33,7 +33,7 @@ def lyapunov(ds: Sweeps, *, units: Units | None = None, ax: Axes | None = None, 
         The axes.
 
     Raises:
-        ValueError: if there are no exponents, or more or fewer quantities were swept.
+        ValueError: if there are no exponents, or not one or two quantities were swept.
 
     Example:
         ```python
@@ -58,7 +58,7 @@ def lyapunov(ds: Sweeps, *, units: Units | None = None, ax: Axes | None = None, 
 
 
 def _paths(ds: xr.Dataset) -> list[str]:
-    """What was swept."""
+    """Paths of the swept quantities; raise unless there are one or two."""
     if "lyapunov_exponents" not in ds:
         raise ValueError("The dataset has no `lyapunov_exponents`: sweep with `lyapunov=True`.")
     paths = [str(dim) for dim in ds.lyapunov_exponents.dims if dim != "exponent"]
@@ -71,7 +71,7 @@ def _paths(ds: xr.Dataset) -> list[str]:
 
 
 def _lines(sweeps: dict[str, xr.Dataset], path: str, ax: Axes, style: dict[str, Any]) -> None:
-    """A curve for each exponent of each sweep."""
+    """Draw a curve for each exponent of each sweep."""
     so_far, values = span_so_far(ax), []
     for k, (name, ds) in enumerate(sweeps.items()):
         ordered = ds.sortby(path)
@@ -94,7 +94,7 @@ def _lines(sweeps: dict[str, xr.Dataset], path: str, ax: Axes, style: dict[str, 
 
 
 def _plane(ds: xr.Dataset, paths: list[str], ax: Axes, units: Units | None, style: dict[str, Any]) -> None:
-    """The largest exponent as a colour."""
+    """Draw the largest exponent as a colour."""
     largest = ds.lyapunov_exponents.isel(exponent=0).transpose(*paths)
     words = with_unit(_WORDS.replace("Lyapunov", "Largest Lyapunov"), RATE, units)
     plane(largest, words=words, center=0.0, units=units, ax=ax, **style)

@@ -1,4 +1,4 @@
-"""Colours over a plane of two quantities."""
+"""Coloured cells over a plane of two quantities."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from ._labels import Units, axis_label
 
 
 def check_plane(values: xr.DataArray, picture: str, quantities: str = "swept") -> None:
-    """Refuse what does not lie over two quantities of two values or more."""
+    """Raise unless the array spans two quantities of two values or more."""
     dims, shape = list(values.dims), values.shape
     if len(dims) != 2:
         raise ValueError(
@@ -31,15 +31,15 @@ def draw_mesh(
     style: dict[str, Any],
     **own: Any,
 ) -> QuadMesh:
-    """Draw numbers as colours, the first quantity of an array to the right and its second upwards.
+    """Draw numbers as colours, the first dimension of an array on the x axis, the second on the y axis.
 
     Args:
-        ax: where.
-        values: over the quantities, in the order of both.
-        numbers: one for each of them.
-        units: of the quantities.
-        style: the user's.
-        own: which colours the numbers have.
+        ax: the axes.
+        values: array over two quantities, both sorted.
+        numbers: the number to draw for each of its entries.
+        units: units of the quantities.
+        style: properties from the user.
+        own: default properties, such as the colours of the numbers.
     """
     right, up = map(str, values.dims)
     look = styled(style, QuadMesh, shading="nearest", rasterized=True, **own)
@@ -49,13 +49,13 @@ def draw_mesh(
 
 
 def hatch(ax: Axes, mesh: QuadMesh, which: np.ndarray, strokes: str) -> None:
-    """Hatch some cells of a mesh, those on one another as one.
+    """Hatch some cells of a mesh; vertically adjacent cells become one rectangle.
 
     Args:
-        ax: where the mesh is.
-        mesh: what `draw_mesh` drew.
-        which: the cells, rows upwards, (up, right).
-        strokes: as matplotlib names them.
+        ax: the axes of the mesh.
+        mesh: result of `draw_mesh`.
+        which: flags of the cells, (up, right).
+        strokes: hatch pattern of matplotlib.
     """
     corners, boxes = np.asarray(mesh.get_coordinates()), []
     for k, column in enumerate(which.T):

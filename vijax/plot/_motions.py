@@ -1,4 +1,4 @@
-"""Motions as pictures tell of them: their words, and their colours by family."""
+"""Labels of motions, and their colours by family."""
 
 from collections import Counter
 from typing import Any, NamedTuple
@@ -10,15 +10,15 @@ import xarray as xr
 from ._colors import ink, is_dark, of_curves, with_lightness
 from ._mesh import check_plane
 
-# Only these repeat, and are told apart by impacts and periods.
+# Kinds that repeat, subdivided by impacts and periods.
 _REPEATING = ("periodic", "chattering")
 _WORDS = {"non_impacting": "no impact", "non_periodic": "non-periodic", "not_settled": "not settled"}
-# What is not told of a motion: hatched.
+# Hatch patterns of motions without a known kind.
 HATCHES = {"not settled": "////", "failed": "xxxx"}
-# Instead of a number of impacts: infinitely many, and not counted because the log was cut.
+# Codes in place of a number of impacts: infinitely many; not counted, because the log was cut.
 _ENDLESS, _UNCOUNTED = -1, -2
-# How light the first and the last motion with a colour of its own are; those after them; what is not known: on light
-# paper, and on dark.
+# By dark background: lightness of the first and the last motion with a colour of its own; grey of the remaining
+# motions; grey of unknown motions.
 _LADDER, _OTHER, _GREY = (
     {False: (0.86, 0.22), True: (0.28, 0.88)},
     {False: "0.93", True: "0.15"},
@@ -35,7 +35,7 @@ class MotionKind(NamedTuple):
 
     @property
     def words(self) -> str:
-        """As it is called in a legend: `1 | 2 in 1`."""
+        """Legend label: `1 | 2 in 1`."""
         if self.kind not in _REPEATING:
             return _WORDS.get(self.kind, self.kind.replace("_", " "))
         if _UNCOUNTED in self.num_impacts:
@@ -45,28 +45,28 @@ class MotionKind(NamedTuple):
 
     @property
     def family(self) -> str:
-        """The motions with which it shares a hue."""
+        """Name of the family of motions with the same hue; empty for none."""
         if self.kind == "periodic":
             return f"repeats after {self.num_periods}"
         return "chatters, then sticks" if self.kind == "chattering" else ""
 
     @property
     def place(self) -> tuple:
-        """Where it stands in the legend."""
+        """Sort key of the legend."""
         kinds = ("non_impacting", *_REPEATING, "non_periodic")
         rank = kinds.index(self.kind) if self.kind in kinds else len(kinds)
         return rank, self.kind, self.num_periods, self.num_impacts
 
 
 class Entry(NamedTuple):
-    """What has one colour in a chart.
+    """One legend entry of a chart: the motions of one colour.
 
     Attributes:
-        words: its name.
-        family: what its hue means; empty for what has none.
+        words: its label.
+        family: meaning of its hue; empty for none.
         color: red, green and blue.
-        motions: all that it stands for.
-        is_other: whether these are the rare ones.
+        motions: the motions it covers.
+        is_other: whether it covers the rare motions.
     """
 
     words: str
@@ -77,13 +77,13 @@ class Entry(NamedTuple):
 
 
 def words_of_motion(motion: xr.Dataset) -> str:
-    """A single motion as legends name it, from `motion`, `num_periods` and `num_impacts`."""
+    """Legend label of a single motion, from `motion`, `num_periods` and `num_impacts`."""
     (one,) = motions_of(motion.expand_dims("point"))
     return one.words
 
 
 def heading(ds: xr.Dataset) -> str:
-    """What the numbers in the words of motions are."""
+    """Legend title, which explains the numbers in the labels of motions."""
     stops = " | ".join(str(j) for j in range(ds.sizes["stop"]))
     masses = ds["stop_mass"].values if "stop_mass" in ds.coords else np.array([-1])
     if (masses >= 0).all():
@@ -95,7 +95,7 @@ def heading(ds: xr.Dataset) -> str:
 
 
 def check_motions(classes: xr.Dataset, max_classes: int) -> None:
-    """Refuse what is no chart."""
+    """Raise unless the dataset is a chart."""
     for name in ("motion", "num_periods", "num_impacts"):
         if name not in classes:
             raise ValueError(f"A region chart needs the variable `{name}`, but there are {list(classes)}.")
@@ -108,7 +108,7 @@ def check_motions(classes: xr.Dataset, max_classes: int) -> None:
 
 
 def motions_of(classes: xr.Dataset) -> list[MotionKind]:
-    """The motion at every point, row by row."""
+    """The motion at every point, in row-major order."""
     flags = classes.motion.attrs
     values = np.asarray(flags["flag_values"]).tolist()
     meaning = dict(zip(values, flags["flag_meanings"].split(), strict=True))
@@ -124,7 +124,7 @@ def motions_of(classes: xr.Dataset) -> list[MotionKind]:
 
 
 def entries(of_point: list[MotionKind], max_classes: int) -> list[Entry]:
-    """What has a colour of its own, in the order of the legend."""
+    """Legend entries in order; all but the `max_classes` most frequent repeating motions are "other"."""
     counts = Counter(of_point)
     repeating = [motion for motion, _ in counts.most_common() if motion.kind in _REPEATING]
     named = sorted(repeating[:max_classes], key=lambda motion: motion.place)
@@ -144,12 +144,12 @@ def entries(of_point: list[MotionKind], max_classes: int) -> list[Entry]:
 
 
 def other() -> str:
-    """The grey of all that has no colour of its own."""
+    """Grey of motions without a colour of their own."""
     return _OTHER[is_dark()]
 
 
 def not_known() -> str:
-    """The grey of what is not known, which is hatched."""
+    """Grey of unknown motions, which are hatched."""
     return _GREY[is_dark()]
 
 

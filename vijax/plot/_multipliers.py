@@ -1,4 +1,4 @@
-"""The Floquet multipliers of periodic orbits in the complex plane."""
+"""Floquet multipliers of periodic orbits in the complex plane."""
 
 from typing import Any, NamedTuple
 
@@ -19,11 +19,11 @@ from ._labels import Units, axis_label, swept_quantity
 from ._orbits import OrbitsLike, list_of
 
 _DIRECTIONS = {"up": ("^", "swept up"), "down": ("v", "swept down")}
-# So many orbits at most have a marker and a name each.
+# Largest number of orbits with a marker and a name each.
 _NAMED = 5
-# Few points are drawn large.
+# (largest count, marker area).
 _SIZES = ((40, 30.0), (400, 14.0), (np.inf, 6.0))
-# By how much the picture is wider than the circle, or than what is outside of it.
+# Ratio of the axis limit to the outermost drawn multiplier, or to the circle.
 _WIDER = 1.15
 
 
@@ -37,24 +37,24 @@ def multipliers(
 ) -> Axes:
     """Draw Floquet multipliers in the complex plane, with the unit circle.
 
-    Inside of the circle, where what disturbs an orbit decays, they are filled; elsewhere they are not. An orbit meets a
-    fold where one passes 1, and doubles its period where one passes -1. Those farther out than `limit`, and infinite
-    ones, of orbits that graze, are stars on the edge of the picture, in their direction, and the legend counts them.
+    Markers are filled inside the circle, where perturbations of an orbit decay, and open elsewhere. An orbit passes a
+    fold where a multiplier crosses 1, and a period doubling where one crosses -1. Multipliers beyond `limit`, and
+    infinite ones of grazing orbits, are stars on the edge of the picture, in their direction, counted in the legend.
 
     Args:
-        orbits: one orbit, or several, told apart by colour and marker, more than five by their colour alone, from
-            the first to the last; or what `vx.periodic_orbits` returned for one swept quantity, which the colours tell.
-        limit: the largest real and imaginary part that are drawn where they are; greater than 1.
-        units: of the swept quantity, as in `{"time": "s"}`; none are written if left out.
-        ax: where to draw; new axes if left out.
-        **style: of the points, as matplotlib's `scatter` takes them: `color`, `marker`, `s`, `linewidths`, ...; and
-            `markersize`, as its `plot` does.
+        orbits: one orbit, or several, which differ in colour and marker, more than five in colour alone, ordered from
+            first to last; or the result of `vx.periodic_orbits` over one swept quantity, which the colours show.
+        limit: largest real and imaginary part drawn at their true position; greater than 1.
+        units: unit of the swept quantity, as in `{"time": "s"}`; labels show none if omitted.
+        ax: the axes to draw into; new axes if omitted.
+        **style: properties of the points for matplotlib's `scatter`: `color`, `marker`, `s`, `linewidths`, ...; and
+            `markersize`, as in its `plot`.
 
     Returns:
         The axes.
 
     Raises:
-        ValueError: if there is no orbit, one was not found, not exactly one quantity is swept, or the limit is too small.
+        ValueError: if there is no orbit, one was not found, not exactly one quantity is swept, or `limit` is too small.
 
     Example:
         ```python
@@ -88,7 +88,7 @@ def multipliers(
     ax.set_ylabel(r"Imaginary part, $\mathrm{Im}\,\mu$")
     if bar is not None:
         path, colors = bar
-        # As high as the axes, which a bar that takes room from them is not where they are square.
+        # Inset axes, as high as the axes: a bar that takes room from square axes would not be.
         ax.figure.colorbar(colors, cax=ax.inset_axes((1.04, 0, 0.05, 1)), label=axis_label(path, units))
     if ax.get_legend_handles_labels()[0]:
         legend_beside(ax) if bar is None else legend_above(ax, markerscale=1.0)
@@ -96,7 +96,7 @@ def multipliers(
 
 
 class _Group(NamedTuple):
-    """Multipliers with one marker, and the colour of each, (multipliers, 4)."""
+    """Multipliers with one marker, and their colours, (multipliers, 4)."""
 
     values: np.ndarray
     colors: np.ndarray
@@ -105,7 +105,7 @@ class _Group(NamedTuple):
 
 
 def _of_list(orbits: list[PeriodicOrbit]) -> list[_Group]:
-    """A group for each orbit, named where they are several but few."""
+    """A group for each orbit, named if there are several but few."""
     groups, is_named = [], 1 < len(orbits) <= _NAMED
     for k, (orbit, color) in enumerate(zip(orbits, of_order(len(orbits)), strict=True)):
         values = np.asarray(orbit.multipliers)
@@ -115,7 +115,7 @@ def _of_list(orbits: list[PeriodicOrbit]) -> list[_Group]:
 
 
 def _of_sweep(orbits: xr.Dataset) -> tuple[list[_Group], tuple[str, ScalarMappable]]:
-    """A group for each direction of the sweep, and what is swept with its colours."""
+    """A group for each direction of the sweep; the path of the swept quantity, and its colours."""
     path = swept_quantity(orbits["converged"], "A picture of multipliers")
     swept = orbits[path].values
     colors = ScalarMappable(Normalize(swept.min(), swept.max()), ListedColormap(of_order(256)))
@@ -131,31 +131,31 @@ def _of_sweep(orbits: xr.Dataset) -> tuple[list[_Group], tuple[str, ScalarMappab
 
 
 def _of_points(style: dict[str, Any]) -> dict[str, Any]:
-    """The look of points, their sizes as `scatter` takes them: squares of what `plot` does."""
+    """Properties of the points for `scatter`, whose size is the square of the `markersize` of `plot`."""
     style = dict(style)
     size = style.pop("markersize", style.pop("ms", None))
     return styled(style, PathCollection, **({} if size is None else {"s": size**2}))
 
 
 def _reach(values: np.ndarray) -> np.ndarray:
-    """How far along the axes a picture must reach to show them."""
+    """Axis limit needed to show each multiplier."""
     return np.maximum(np.abs(np.real(values)), np.abs(np.imag(values)))
 
 
 def _draw_near(ax: Axes, group: _Group, limit: float, size: float, style: dict[str, Any]) -> None:
-    """The multipliers within the picture."""
+    """Draw the multipliers within the limit."""
     is_near = _reach(group.values) <= limit
     mu, colors = group.values[is_near], group.colors[is_near]
     own = {"s": size, "marker": group.marker, "linewidths": 0.8, "label": group.words}
     if MarkerStyle(style.get("marker", group.marker)).is_filled():
         own |= {"facecolors": np.where(np.abs(mu)[:, None] < 1, colors, 0.0), "edgecolors": colors.tolist()}
-    else:  # strokes alone
+    else:  # unfilled marker
         own |= {"facecolors": colors}
     ax.scatter(np.real(mu), np.imag(mu), **styled(own, PathCollection) | style)
 
 
 def _draw_far(ax: Axes, groups: list[_Group], limit: float, edge: float) -> None:
-    """The others on its edge."""
+    """Draw the multipliers beyond the limit on the edge of the picture."""
     values = np.concatenate([group.values for group in groups])
     is_far = _reach(values) > limit
     if not is_far.any():
@@ -167,8 +167,7 @@ def _draw_far(ax: Axes, groups: list[_Group], limit: float, edge: float) -> None
         told.append(f"{np.count_nonzero(~is_infinite)} farther out,\nup to $|\\mu|$ = {largest:.3g}")
     if is_infinite.any():
         told.append(f"{np.count_nonzero(is_infinite)} infinite")
-    # Infinity has no direction: as an orbit comes to graze, a real multiplier goes there, and may come back from the
-    # other side.
+    # Infinity has no direction: near grazing a real multiplier diverges, and may return from the other side.
     mu = np.where(is_infinite, 1, mu)
     at = edge * mu / _reach(mu)
     ax.scatter(

@@ -1,4 +1,4 @@
-"""Periodic orbits, in the forms in which pictures take them."""
+"""Periodic orbits in the forms accepted by pictures."""
 
 from collections.abc import Sequence
 
@@ -13,12 +13,12 @@ from .._trajectory.solution import Solution
 
 OrbitsLike = xr.Dataset | PeriodicOrbit | Sequence[PeriodicOrbit]
 
-# The stability of the orbit on which an impact lies; unknown where no orbit is.
+# Codes of the stability of the orbit of an impact; unknown if there is no orbit.
 UNKNOWN, STABLE, UNSTABLE = 0, 1, 2
 
 
 def solution_of(motion: Solution | PeriodicOrbit) -> Solution:
-    """The trajectory to draw: of an orbit one cycle."""
+    """The trajectory to draw; one cycle of an orbit."""
     return _found(motion).solution() if isinstance(motion, PeriodicOrbit) else motion
 
 
@@ -28,11 +28,11 @@ def list_of(orbits: PeriodicOrbit | Sequence[PeriodicOrbit]) -> list[PeriodicOrb
 
 
 def stability_of(ds: xr.Dataset, orbits: xr.Dataset) -> xr.DataArray:
-    """The stability of every point of a sweep.
+    """Stability code of every point of a sweep.
 
     Args:
         ds: the sweep.
-        orbits: what `vx.periodic_orbits` returned for it.
+        orbits: result of `vx.periodic_orbits` for it.
     """
     missing = [name for name in ("converged", "is_stable") if name not in orbits]
     if missing:
@@ -57,12 +57,12 @@ def stability_of(ds: xr.Dataset, orbits: xr.Dataset) -> xr.DataArray:
 
 
 def as_sweep(orbits: list[PeriodicOrbit], path: str, num_stops: int) -> xr.Dataset:
-    """The impacts of orbits, each in a row of its own, by the names that a sweep has for them.
+    """The impacts of orbits as a dataset along `impact`, with the variable names of a sweep.
 
     Args:
-        orbits: of one machine with several values of a parameter.
-        path: of the parameter.
-        num_stops: of the machine.
+        orbits: orbits of one machine at several values of a parameter.
+        path: path of the parameter.
+        num_stops: number of stops of the machine.
     """
     names = (
         path,
@@ -78,7 +78,7 @@ def as_sweep(orbits: list[PeriodicOrbit], path: str, num_stops: int) -> xr.Datas
 
 
 def _impacts(orbit: PeriodicOrbit, path: str, num_stops: int) -> np.ndarray:
-    """The value, stability, stop, phase, velocity and relative velocity of each impact of an orbit, in a row."""
+    """Parameter, stability, stop, phase, velocity and relative velocity of each impact of an orbit, (impacts, 6)."""
     system, log = with_args(orbit.system, orbit.args), orbit.events
     values = np.unique(get_parameter(system, path)) if is_parameter(system, path) else np.empty(0)
     if values.size != 1 or system.num_stops != num_stops:
@@ -90,7 +90,7 @@ def _impacts(orbit: PeriodicOrbit, path: str, num_stops: int) -> np.ndarray:
     t, stop, velocity = (np.asarray(a)[is_impact] for a in (log.t, log.stop, log.velocity_minus))
     angle = frequency * t
     hit = [system.stops[j] for j in stop]
-    # Contacts tell relative velocities themselves.
+    # The log of a contact has relative velocities already.
     slopes = [float(one.slope_at(a)) if one.slot else 0.0 for one, a in zip(hit, angle, strict=True)]
     relative = velocity - frequency * np.asarray(slopes, float)
     known = (values[0], STABLE if orbit.is_stable else UNSTABLE)
@@ -99,7 +99,7 @@ def _impacts(orbit: PeriodicOrbit, path: str, num_stops: int) -> np.ndarray:
 
 
 def _found(orbit: PeriodicOrbit) -> PeriodicOrbit:
-    """The orbit, if it is one."""
+    """The orbit itself; raise for a batch, or if the search failed."""
     if orbit.period.ndim:
         raise ValueError(
             f"Orbits are drawn one by one, but this is a batch of shape {orbit.period.shape}: draw its parts."

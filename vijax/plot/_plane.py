@@ -1,4 +1,4 @@
-"""One quantity over a plane of two others."""
+"""One quantity over a plane of two swept ones."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ from ._colors import of_order
 from ._labels import Units
 from ._mesh import check_plane, draw_mesh
 
-# A count with more values than this is drawn as a quantity.
+# Largest number of whole values with a colour each; with more, a continuous scale is used.
 _MOST_COUNTS = 12
 
 
@@ -28,22 +28,21 @@ def plane(
 ) -> Axes:
     """Draw one quantity over a plane of two swept ones: a largest multiplier, an exponent, a number of attractors.
 
-    Whole numbers have a colour each, others a scale of colours. Points where the quantity is not known are left out.
+    Whole numbers have a colour each, real numbers a continuous scale. Points of unknown (non-finite) value stay empty.
 
     Args:
-        values: over two swept quantities, the first one drawn to the right and the second upwards: real numbers, whole
-            numbers or flags.
-        words: at the scale of colours; the array's `long_name`, or its name, if left out.
-        center: a value from which on colours are others, red above and blue below; none if left out.
-        units: of the swept quantities, as in `{"time": "s"}`; none are written if left out.
-        ax: where to draw; new axes if left out.
-        **style: of the plane, as matplotlib's `pcolormesh` takes them: `cmap`, `norm`, ...
+        values: numbers or flags over two swept quantities, the first on the x axis, the second on the y axis.
+        words: label of the colour bar; the array's `long_name`, or its name, if omitted.
+        center: centre of a diverging colour scale, red above and blue below; none if omitted.
+        units: units of the swept quantities, as in `{"time": "s"}`; labels show none if omitted.
+        ax: the axes to draw into; new axes if omitted.
+        **style: properties of the plane for matplotlib's `pcolormesh`: `cmap`, `norm`, ...
 
     Returns:
         The axes.
 
     Raises:
-        ValueError: if there are not two dimensions of two values or more, or the values are complex.
+        ValueError: unless there are two dimensions of two values or more, or if the values are complex.
 
     Example:
         ```python
@@ -71,7 +70,7 @@ def plane(
 
 
 def _colors(numbers: np.ma.MaskedArray, center: float | None) -> tuple[str | Colormap, Normalize]:
-    """The colours, and the numbers that have them."""
+    """Colour map and norm of the numbers."""
     known = numbers.compressed()
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     count = int(high - low) + 1

@@ -1,4 +1,4 @@
-"""Region charts: which motion is found where in a plane of two swept quantities."""
+"""Region charts: the motions over a plane of two swept quantities."""
 
 from typing import Any
 
@@ -16,10 +16,10 @@ from ._labels import Units
 from ._mesh import draw_mesh, hatch
 from ._motions import HATCHES, Entry, check_motions, entries, heading, motions_of
 
-# Of words in the plane: the size of their letters in points, how wide and how high these are of it, and how far the nearest
-# other region must be at least, of half their width and height.
+# Labels in the plane: font size in points; width and height of a letter relative to it; least distance to another
+# region, relative to half the width and height of the label.
 _FONT, _LETTER, _ROOM = 8, (0.55, 1.2), 1.15
-# Of the width of the axes what is left once they have a legend beside them.
+# Share of the width of the axes that remains beside the legend.
 _LEFT = 0.75
 
 
@@ -33,27 +33,27 @@ def regions(
 ) -> Axes:
     """Draw the motions found over a plane of two swept quantities as regions of colour.
 
-    "1 | 2 in 1" is a motion that repeats after 1 forcing period, with 1 impact at stop 0 and 2 at
-    stop 1 in it; an infinity sign is a complete chatter. It stands in the plane where there is room for it. The colour
-    tells after how many forcing periods the motion repeats, or that it chatters, and is the darker the farther down in the
-    legend, so that a printer without colour tells them too. Motions without impacts have the colour of the background,
-    non-periodic ones that of ink, and what has not settled is hatched.
+    "1 | 2 in 1" is a motion that repeats after 1 forcing period, with 1 impact at stop 0 and 2 at stop 1 in it; an
+    infinity sign is a complete chatter. The label is written into the region if there is room. The hue shows after how
+    many forcing periods the motion repeats, or that it chatters. Colours darken down the legend, so that they differ in
+    greyscale too. Motions without impacts have the colour of the background, non-periodic ones that of the ink; motions
+    that have not settled are hatched.
 
     Args:
-        classes: what `vx.classify` returned over two swept quantities, the first one drawn to the right and
-            the second upwards: `motion`, an integer with the attributes `flag_values` and `flag_meanings`,
-            `num_periods`, and with a dimension `stop` more `num_impacts`, infinite or -1 for a complete chatter.
-        max_classes: how many motions, the most frequent ones, have a colour of their own beside those without impacts, the
-            non-periodic and those not settled; the rest is "other".
-        units: of swept quantities, as in `{"force": "N", "time": "s"}`; none are written if left out.
-        ax: where to draw; new axes if left out.
-        **style: of the plane, as matplotlib's `pcolormesh` takes them: `alpha`, `rasterized`, ...
+        classes: result of `vx.classify` over two swept quantities, the first on the x axis, the second on the y axis:
+            `motion`, an integer with the attributes `flag_values` and `flag_meanings`, `num_periods`, and `num_impacts`
+            with the further dimension `stop`, infinite or -1 for a complete chatter.
+        max_classes: number of motions, the most frequent ones, with a colour of their own beside those without impacts,
+            the non-periodic and those not settled; the rest is "other".
+        units: units of swept quantities, as in `{"force": "N", "time": "s"}`; labels show none if omitted.
+        ax: the axes to draw into; new axes if omitted.
+        **style: properties of the plane for matplotlib's `pcolormesh`: `alpha`, `rasterized`, ...
 
     Returns:
         The axes.
 
     Raises:
-        ValueError: if a variable or its flags are missing, or there are not two swept dimensions of two values or more.
+        ValueError: if a variable or its flags are missing, or without two swept dimensions of two values or more.
 
     Example:
         ```python
@@ -88,12 +88,12 @@ def regions(
 
 
 def _name(ax: Axes, classes: xr.Dataset, code: np.ndarray, drawn: list[Entry]) -> None:
-    """Write what a region is into its largest part, where it is widest, lying or standing, if there is room."""
+    """Write each label into the widest place of the largest part of its region, horizontal or vertical, if it fits."""
     x, y = (classes[dim].values for dim in classes.motion.dims)
     box, dots = ax.get_window_extent(), figure_of(ax).dpi / 72
     page = (
         np.array([box.height / code.shape[0], _LEFT * box.width / code.shape[1]]) / dots
-    )  # of a cell, in points
+    )  # size of a cell, in points
     for number, entry in enumerate(drawn):
         if entry.is_other:
             continue
@@ -114,12 +114,12 @@ def _name(ax: Axes, classes: xr.Dataset, code: np.ndarray, drawn: list[Entry]) -
 
 
 def _on(color: Any) -> str:
-    """Black or white, whichever is seen on a colour."""
+    """Black or white, whichever is visible on a colour."""
     return "black" if lightness_of(color) > 0.5 else "white"
 
 
 def _legend(drawn: list[Entry]) -> dict[str, list]:
-    """The entries, those of one family under its name."""
+    """Handles and labels of the legend, grouped under the names of families."""
     handles, words, family = [], [], ""
     for entry in drawn:
         if entry.family != family:

@@ -1,4 +1,4 @@
-"""How near one contact is to closing: relative positions against time."""
+"""Relative position limited by one contact, against time."""
 
 from typing import Any
 
@@ -27,25 +27,25 @@ def relative_motion(
     num_samples: int = 2000,
     **style: Any,
 ) -> Axes:
-    """Draw what a contact limits, `row . x`, against time, with the place that it does not pass.
+    """Draw the quantity that a contact limits, `row . x`, against time, with its limit.
 
-    Of a contact between two masses that is their distance along the row, of a stop the position of its mass. The dotted line is
-    the contact, a disc an impact; where the line is thick the contact holds.
+    For a contact between two masses it is their distance along the row, for a stop the position of its mass. The dotted
+    line is the limit, a disc is an impact; the line is thick where the contact holds.
 
     Args:
-        sol: one trajectory, or a periodic orbit, of which one cycle is drawn.
+        sol: one trajectory, or one periodic orbit, drawn over one cycle.
         contact: the contact or stop, by its number in `ImpactSystem(..., stops=...)`.
-        span: first and last time of a close-up; the whole trajectory if left out.
-        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
-        ax: where to draw, also over what is there; new axes if left out.
-        num_samples: evenly spaced times to draw, beside those of the events.
-        **style: of the curve, as matplotlib's `plot` takes them: `color`, `linewidth`, `label`, ...
+        span: first and last time of a close-up; the whole trajectory if omitted.
+        units: units of `length` and `time`, as in `{"length": "mm", "time": "s"}`; labels show none if omitted.
+        ax: the axes to draw into, over their content; new axes if omitted.
+        num_samples: number of evenly spaced times to draw, beside those of the events.
+        **style: properties of the curve for matplotlib's `plot`: `color`, `linewidth`, `label`, ...
 
     Returns:
         The axes.
 
     Raises:
-        ValueError: if there is no such contact, the span does not lie within the trajectory, or the orbit was not found.
+        ValueError: if the contact does not exist, the span lies outside the trajectory, or the orbit was not found.
 
     Example:
         ```python
@@ -78,7 +78,7 @@ def relative_motion(
     is_hit = (np.asarray(log.kind) == IMPACT) & (np.asarray(log.stop) == contact)
     is_hit &= (when >= begin) & (when <= end)
     if is_hit.any():
-        # At all of them, padding too: one shape for all trajectories, so one compilation.
+        # Evaluated at all events with their padding: one shape for all trajectories, so one compilation.
         where = np.asarray(sol.evaluate_stops(log.t)[0])[is_hit, contact]
         ax.plot(when[is_hit], where, "o", color=ink(), markersize=4, zorder=3, label=once(ax, "impact"))
     span_of_values(ax, np.array([begin, end]), so_far)

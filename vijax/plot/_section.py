@@ -1,4 +1,4 @@
-"""A motion seen on a section of its phase space: once a forcing period, or whenever it passes somewhere."""
+"""Points of a motion on a section of its phase space: stroboscopic, or at the crossings of a surface."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -18,8 +18,9 @@ from ._orbits import solution_of
 
 States = Solution | PeriodicOrbit | xr.Dataset | tuple[Any, Any]
 
-# What a dataset calls its points, and the dimensions that are no swept quantities.
+# Variable names of the points in a dataset.
 _NAMES = (("section_x", "section_v"), ("x", "v"))
+# Dimensions that are not swept quantities.
 _OWN = ("period", "section", "direction", "attractor", "mass")
 
 
@@ -33,27 +34,27 @@ def section(
 ) -> Axes:
     """Draw the points of a section in the plane of position and velocity of one mass.
 
-    A motion that repeats after n forcing periods has n points in the stroboscopic section, at the ends of forcing periods, one
-    with two incommensurate frequencies a closed curve, chaos a cloud. Thousands of points are faint, and dark where many lie
-    on one another.
+    A motion that repeats after n forcing periods has n points in the stroboscopic section, taken at the ends of forcing
+    periods; a motion with two incommensurate frequencies is a closed curve, chaos a cloud. Thousands of points are
+    drawn transparent, so places with many are darker.
 
     Args:
-        states: a trajectory or a periodic orbit, seen at the end of each forcing period since its start; what `vx.sweep`,
-            `vx.stroboscopic_section` or `vx.attractors` returned, of which one machine is selected, from any starts, attractors
-            told apart by their colours; or the points of any section, positions and velocities, ((points, n), (points, n)), as
-            from `vx.stroboscopic_map` or `vx.next_crossing`. Several of them by their names, as in `{"up": one, "down":
-            other}`, are told apart by their colours.
-        mass: the mass.
-        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
-        ax: where to draw, also over what is there; new axes if left out.
-        **style: of the points, as matplotlib's `plot` takes them: `color`, `marker`, `markersize`, `alpha`, `label`, ...
+        states: a trajectory or a periodic orbit, sampled at the end of each forcing period since its start; one
+            machine, with any starts, selected from the result of `vx.sweep`, `vx.stroboscopic_section` or
+            `vx.attractors`, whose attractors differ in colour; or the points of any section, positions and velocities,
+            ((points, n), (points, n)), as from `vx.stroboscopic_map` or `vx.next_crossing`. Several are given by name,
+            as in `{"up": one, "down": other}`, and differ in colour.
+        mass: index of the mass.
+        units: units of `length` and `time`, as in `{"length": "mm", "time": "s"}`; labels show none if omitted.
+        ax: the axes to draw into, over their content; new axes if omitted.
+        **style: point properties for matplotlib's `plot`: `color`, `marker`, `markersize`, `alpha`, `label`, ...
 
     Returns:
         The axes.
 
     Raises:
-        ValueError: if there is no such mass, there are no points, they are of several machines, or positions and velocities
-            differ in shape.
+        ValueError: if the mass does not exist, there are no points, they belong to several machines, or positions and
+            velocities differ in shape.
 
     Example:
         ```python
@@ -78,7 +79,7 @@ def section(
 
 
 def _clouds(name: str, states: States, mass: int) -> list[Cloud]:
-    """What is drawn of one motion, or of each of several attractors."""
+    """The points of one motion, or of each of several attractors."""
     if isinstance(states, tuple):
         x, v = (np.asarray(a, float) for a in states)
         if x.shape != v.shape or x.ndim != 2:
@@ -108,6 +109,6 @@ def _clouds(name: str, states: States, mass: int) -> list[Cloud]:
 
 
 def _known(name: str, x: np.ndarray, v: np.ndarray) -> Cloud:
-    """Without the NaN of motions that are not known, or have fewer points than others."""
+    """A cloud without the NaN of unknown motions, or of those with fewer points than others."""
     is_known = np.isfinite(x) & np.isfinite(v)
     return Cloud(name, x[is_known], v[is_known])

@@ -1,4 +1,4 @@
-"""Shares of the starts that lead to each attractor, along a parameter."""
+"""Shares of the starts that lead to each attractor, against a parameter."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ from ._colors import ink, styled
 from ._labels import Units, axis_label
 from ._motions import not_known, other, words_of_motion
 
-# Of all starts: below it a share is rounding.
+# Share below which a band is rounding.
 _NOTHING = 1e-9
 
 
@@ -25,26 +25,26 @@ def shares(
     ax: Axes | None = None,
     **style: Any,
 ) -> Axes:
-    """Draw the shares of the starts that lead to each attractor along a parameter, one upon the other.
+    """Draw the shares of the starts that lead to each attractor against a parameter, as stacked bands.
 
-    Each value of the parameter has a column, half way to its neighbours. "1 | 2 in 1" is a motion that repeats after 1 forcing
-    period, with 1 impact at stop 0 and 2 at stop 1 in it; of an attractor whose motion changes on its way it is the one with the
-    largest share, which the legend tells too. A mark stands in each band there. Grey are other attractors, hatched
-    starts whose motion has not settled, or failed.
+    Each value of the parameter has a column, up to the midpoints between neighbours. "1 | 2 in 1" is a motion that
+    repeats after 1 forcing period, with 1 impact at stop 0 and 2 at stop 1 in it. If the motion of an attractor changes
+    along the parameter, it is named where its share is largest: the legend gives this share, and a marker in the band
+    shows the place. Other attractors are grey; starts whose motion has not settled, or failed, are hatched.
 
     Args:
-        followed: what `vx.follow_attractors` returned, for two values of the parameter or more.
-        max_attractors: how many attractors, those with the largest shares, have a colour of their own, 8 at most; the rest
-            is "other".
-        units: of swept quantities, or what they are made of, as in `{"time": "s"}`; none are written if left out.
-        ax: where to draw; new axes if left out.
-        **style: of the bands, as matplotlib's `fill_between` takes them: `alpha`, `linewidth`, ...
+        followed: result of `vx.follow_attractors` for two values of the parameter or more.
+        max_attractors: number of attractors with a colour each, the largest shares first, 8 at most; the rest is
+            "other".
+        units: units of swept quantities, or of their parts, as in `{"time": "s"}`; labels show none if omitted.
+        ax: the axes to draw into; new axes if omitted.
+        **style: properties of the bands for matplotlib's `fill_between`: `alpha`, `linewidth`, ...
 
     Returns:
         The axes.
 
     Raises:
-        ValueError: if there are no shares along a parameter, or too many colours are asked for.
+        ValueError: if there are no shares along a parameter, or `max_attractors` exceeds 8.
 
     Example:
         ```python
@@ -86,7 +86,7 @@ def shares(
 
 
 def _path(followed: xr.Dataset) -> str:
-    """Along what the attractors were followed."""
+    """Path of the parameter along which the attractors were followed."""
     dims = [str(dim) for dim in followed["share"].dims if dim != "attractor"] if "share" in followed else []
     if len(dims) != 1 or followed.sizes[dims[0]] < 2:
         raise ValueError(
@@ -97,7 +97,7 @@ def _path(followed: xr.Dataset) -> str:
 
 
 def _edges(values: np.ndarray) -> np.ndarray:
-    """Where the columns of values begin and end, (values + 1,)."""
+    """Edges of the columns of the values, (values + 1,)."""
     middles = (values[1:] + values[:-1]) / 2
     return np.concatenate([[2 * values[0] - middles[0]], middles, [2 * values[-1] - middles[-1]]])
 
@@ -105,7 +105,7 @@ def _edges(values: np.ndarray) -> np.ndarray:
 def _draw_bands(
     ax: Axes, edges: np.ndarray, bands: list[np.ndarray], colors: list[str], style: dict[str, Any]
 ) -> None:
-    """Stack the bands from the bottom; those that are empty are left out."""
+    """Draw the bands stacked from the bottom, without the empty ones."""
     below = np.zeros_like(bands[0])
     strokes = [*[None] * (len(bands) - 1), HATCH]
     for band, color, hatch in zip(bands, colors, strokes, strict=True):
@@ -118,6 +118,6 @@ def _draw_bands(
 
 
 def _wide(band: np.ndarray) -> np.ndarray:
-    """Edges between which there is anything of a band, (values + 1,)."""
+    """Flags of the edges next to a column in which a band is not empty, (values + 1,)."""
     is_there = np.append(band > _NOTHING, False)
     return is_there | np.roll(is_there, 1)

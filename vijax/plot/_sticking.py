@@ -1,4 +1,4 @@
-"""The sticking region in the phase space of one of the masses that go on moving."""
+"""The sticking region in the phase plane of a mass that stays free while another one sticks."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,7 +18,7 @@ from ._orbits import solution_of
 from ._trajectories import curve_of_mass, draw_jumps, held_within, span_of
 
 _ALL_PHASES = np.linspace(0, 2 * np.pi, 721)
-# Neighbours in the legend differ in more than their shade.
+# Alternating line styles, so that neighbours in the legend differ in more than their shade.
 _STYLES = ("-", (0, (6, 1.5)))
 
 
@@ -33,29 +33,29 @@ def sticking_region(
     num_samples: int = 400,
     **style: Any,
 ) -> Axes:
-    """Draw the motion of another mass while a stop holds its own, up to the exit boundary of region S.
+    """Draw the motion of another mass while a stop holds its mass, up to the exit boundary of region S.
 
-    A circle is where the mass sticks, a disc where it is released. The exit boundary, contact force
-    zero, is drawn where the machine is linear and the force depends on no third mass, with its equation in the legend, and
-    region S beyond it is shaded. A load on the held mass moves it to and fro: then it is drawn as it lies at each release. Of machines with contacts
-    between masses, a full mass matrix, or stops of one mass that move differently, the motion alone is drawn.
+    A circle marks where the held mass sticks, a disc where it is released. The exit boundary, on which the contact
+    force is zero, is drawn if the machine is linear and the force depends on no third mass. It has its equation in the
+    legend, and region S beyond it is shaded. A load on the held mass moves the boundary: then it is drawn at each
+    release. Only the motion is drawn for machines with contacts between masses, a full mass matrix, or differently
+    moving stops of one mass.
 
     Args:
-        sols: one trajectory or periodic orbit, or several, of machines that differ in their load.
+        sols: one or several trajectories or periodic orbits, of machines that differ in their load.
         stop: the stop that holds its mass.
-        mass: the mass whose velocity is drawn against its position; the other one of two if left out.
-        span: first and last time to draw; the whole of each trajectory if left out.
-        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
-        ax: where to draw; new axes if left out.
-        num_samples: evenly spaced times to draw in each sticking interval, beside those of the events.
-        **style: of the curves, as matplotlib's `plot` takes them: `color`, `linewidth`, `linestyle`, ...
+        mass: the mass whose velocity is drawn against its position; if omitted, the other one of two.
+        span: first and last time to draw; the whole of each trajectory if omitted.
+        units: units of `length` and `time`, as in `{"length": "mm", "time": "s"}`; labels show none if omitted.
+        ax: the axes to draw into; new axes if omitted.
+        num_samples: number of evenly spaced times to draw in each sticking interval, beside those of the events.
+        **style: properties of the curves for matplotlib's `plot`: `color`, `linewidth`, `linestyle`, ...
 
     Returns:
         The axes.
 
     Raises:
-        ValueError: if there is no such stop or mass, the stop holds the mass that is to be drawn, or
-            it never holds its own.
+        ValueError: if the stop or mass does not exist, the mass is that of the stop, or the stop never holds its mass.
 
     Example:
         ```python
@@ -111,7 +111,7 @@ def _mass_to_draw(sol: Solution, stop: int, mass: int | None) -> int:
 
 
 def _events_at(sol: Solution, stop: int, kind: int, times: np.ndarray) -> np.ndarray:
-    """Those of the times at which the stop has an event of the kind; others are ends of a span."""
+    """The times at which the stop has an event of the kind; the others are ends of the span."""
     log = sol.events
     is_it = (np.asarray(log.stop) == stop) & (np.asarray(log.kind) == kind)
     return times[np.isin(times, np.asarray(log.t)[is_it])]
@@ -120,7 +120,7 @@ def _events_at(sol: Solution, stop: int, kind: int, times: np.ndarray) -> np.nda
 def _draw_ends(
     ax: Axes, sol: Solution, stop: int, mass: int, spans: tuple[np.ndarray, np.ndarray], color: Any
 ) -> None:
-    """A circle where the held mass sticks, a disc where it is released."""
+    """Draw a circle where the held mass sticks, a disc where it is released."""
     marks = (STICK, "stick", ax.get_facecolor()), (RELEASE, "release", color)
     for times, (kind, words, face) in zip(spans, marks, strict=True):
         for t in _events_at(sol, stop, kind, times):
@@ -137,7 +137,7 @@ def _draw_boundaries(
     held: list[tuple[np.ndarray, np.ndarray]],
     colors: list,
 ) -> None:
-    """The line a x + b v = c: one for all if nothing moves it, else as it lies at each release."""
+    """Draw the exit boundary a x + b v = c: once if it is fixed and common to all, else at each release."""
     if any(sol.machine.extra is not None or sol.machine.contacts.is_coupled for sol in sols):
         return
     limits = ax.get_xlim(), ax.get_ylim()
@@ -169,7 +169,7 @@ def _draw_boundaries(
 
 
 def _equation(normal: np.ndarray, level: float, mass: int) -> str:
-    """The line, solved for the velocity, or for the position if the force knows no other."""
+    """Equation of the line, solved for the velocity, or for the position if the velocity has no coefficient."""
     a, b = map(float, normal)
     symbol = rf"\dot x_{{{mass}}}" if b else f"x_{{{mass}}}"
     slope, rest = (-a / b, level / b) if b else (0.0, level / a)
@@ -186,7 +186,7 @@ def _draw_line(
     label: str | None,
     linewidth: float,
 ) -> None:
-    """All points (x, v) with a x + b v = level, (a, b) the normal."""
+    """Draw the line a x + b v = level, with (a, b) the normal."""
     x, v = level * normal / (normal @ normal)
     a, b = normal
     ax.axline((x, v), (x - b, v + a), color=color, label=label, linewidth=linewidth, zorder=1)

@@ -1,4 +1,4 @@
-"""One trajectory or orbit: against time, and velocity against position."""
+"""Time series and phase portraits of one trajectory or orbit."""
 
 from typing import Any
 
@@ -30,22 +30,22 @@ def time_series(
 ) -> Axes:
     """Draw the positions of all masses against time, with their stops.
 
-    A dotted line is a stop, in the colour of its mass, a disc an impact. A line is thick where a stop holds the mass, and both
-    lines where a contact of two masses holds, which has no place of its own here: see `relative_motion`.
+    A dotted line is a stop, in the colour of its mass; a disc is an impact. A line is thick where a stop holds the
+    mass, both lines where a contact of two masses holds. Contacts have no line of their own: see `relative_motion`.
 
     Args:
-        sol: one trajectory, or a periodic orbit, of which one cycle is drawn.
-        span: first and last time of a close-up; the whole trajectory if left out.
-        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
-        ax: where to draw, also over what is there; new axes if left out.
-        num_samples: evenly spaced times to draw, beside those of the events.
-        **style: of the curves, as matplotlib's `plot` takes them: `color`, `linewidth`, `label`, ...
+        sol: one trajectory, or one periodic orbit, drawn over one cycle.
+        span: first and last time of a close-up; the whole trajectory if omitted.
+        units: units of `length` and `time`, as in `{"length": "mm", "time": "s"}`; labels show none if omitted.
+        ax: the axes to draw into, over their content; new axes if omitted.
+        num_samples: number of evenly spaced times to draw, beside those of the events.
+        **style: properties of the curves for matplotlib's `plot`: `color`, `linewidth`, `label`, ...
 
     Returns:
         The axes.
 
     Raises:
-        ValueError: if the span does not lie within the trajectory, or the orbit was not found.
+        ValueError: if the span lies outside the trajectory, or the orbit was not found.
 
     Example:
         ```python
@@ -76,7 +76,7 @@ def time_series(
 
 
 def _draw_positions(ax: Axes, t: np.ndarray, x: np.ndarray, style: dict[str, Any]) -> list:
-    """The curves of the masses; their colours."""
+    """Draw the curves of the masses; return their colours."""
     whole = f"{style.pop('label')}, " if "label" in style else ""
     drawn = []
     for i, (color, stroke) in enumerate(looks_of(x.shape[1], style)):
@@ -86,7 +86,7 @@ def _draw_positions(ax: Axes, t: np.ndarray, x: np.ndarray, style: dict[str, Any
 
 
 def _draw_limit(ax: Axes, sol: Solution, number: int, t: np.ndarray, x: np.ndarray, colors: list) -> None:
-    """A stop in the colour of its mass, and where it, or a contact, holds."""
+    """Draw a stop in the colour of its mass, and the intervals in which it, or a contact, holds."""
     masses, place = masses_of(sol, number), place_on_axis(sol, number, t)
     if place is not None:
         words = once(ax, f"{name_in(sol, number)}, of $x_{{{masses[0]}}}$")
@@ -94,7 +94,7 @@ def _draw_limit(ax: Axes, sol: Solution, number: int, t: np.ndarray, x: np.ndarr
     is_held = is_held_at(sol, number, t[0], t[-1], t)
     if is_held.any():
         words = ", ".join(f"$x_{{{i}}}$" for i in masses) + " held"
-        # Cut off where the mass is let go: a cap would go on beyond it.
+        # Butt caps end at the release; other caps extend beyond it.
         band = {"linestyle": "-", "linewidth": 6, "alpha": 0.5, "solid_capstyle": "butt"}
         for i in masses:
             label = once(ax, words) if i == masses[0] else None
@@ -102,7 +102,7 @@ def _draw_limit(ax: Axes, sol: Solution, number: int, t: np.ndarray, x: np.ndarr
 
 
 def _mark_impacts(ax: Axes, sol: Solution, t: np.ndarray, x: np.ndarray) -> None:
-    """A disc on the curve of every mass that is hit, which times `t` of the curves hold."""
+    """Draw a disc on the curve of every mass hit; the times `t` of the curves include those of the impacts."""
     log, found = sol.events, []
     when, kind, number = (np.asarray(a) for a in (log.t, log.kind, log.stop))
     is_shown = (kind == IMPACT) & (when >= t[0]) & (when <= t[-1])
@@ -126,25 +126,25 @@ def phase_portrait(
 ) -> Axes:
     """Draw the velocity of one mass against its position.
 
-    A periodic orbit is a closed curve. The jumps at impacts are dashed, a grey line is a stop, or the curve on which
-    a stop moves. On it a circle is where the mass sticks, a dot where it is released; in between it is held, a thick
-    orange line, or an orange disc on a stop that stands still. A contact with another mass is no line in this plane: its
+    A periodic orbit is a closed curve. Jumps at impacts are dashed. A grey line is a fixed stop, or the curve of a
+    moving one. On it a circle marks where the mass sticks, a dot where it is released. In between the mass is held: a
+    thick orange line, or an orange disc on a fixed stop. A contact with another mass is not a line in this plane: its
     circles, dots and orange lines lie on the curve of the motion.
 
     Args:
-        sol: one trajectory, or a periodic orbit, of which one cycle is drawn.
-        mass: the mass.
-        span: first and last time to draw, to leave a transient out; the whole trajectory if left out.
-        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
-        ax: where to draw, also over what is there; new axes if left out.
-        num_samples: evenly spaced times to draw, beside those of the events.
-        **style: of the curves, as matplotlib's `plot` takes them: `color`, `linewidth`, `label`, ...
+        sol: one trajectory, or one periodic orbit, drawn over one cycle.
+        mass: index of the mass.
+        span: first and last time to draw, to omit a transient; the whole trajectory if omitted.
+        units: units of `length` and `time`, as in `{"length": "mm", "time": "s"}`; labels show none if omitted.
+        ax: the axes to draw into, over their content; new axes if omitted.
+        num_samples: number of evenly spaced times to draw, beside those of the events.
+        **style: properties of the curves for matplotlib's `plot`: `color`, `linewidth`, `label`, ...
 
     Returns:
         The axes.
 
     Raises:
-        ValueError: if there is no such mass, the span does not lie within the trajectory, or the orbit was not found.
+        ValueError: if the mass does not exist, the span lies outside the trajectory, or the orbit was not found.
 
     Example:
         ```python
@@ -178,7 +178,7 @@ def phase_portrait(
 
 
 def span_of(sol: Solution, span: tuple[float, float] | None) -> tuple[float, float]:
-    """First and last time to draw."""
+    """First and last time to draw; raise if the span lies outside the trajectory."""
     t0, t1 = float(sol.t0), float(sol.t1)
     begin, end = (t0, t1) if span is None else map(float, span)
     if not (t0 <= begin < end <= t1 or span is None):
@@ -187,8 +187,8 @@ def span_of(sol: Solution, span: tuple[float, float] | None) -> tuple[float, flo
 
 
 def sample_times(sol: Solution, begin: float, end: float, num_samples: int) -> np.ndarray:
-    """Evenly spaced times and those of the events, in order."""
-    # The padding of the log is kept, at the end: one shape for all trajectories, so one compilation.
+    """Evenly spaced times and those of the events, sorted and clipped to the span."""
+    # The padding of the log is kept, as copies of `end`: one shape for all trajectories, so one compilation.
     events = np.nan_to_num(np.asarray(sol.events.t), nan=end)
     return np.sort(np.concatenate([np.linspace(begin, end, num_samples), events])).clip(begin, end)
 
@@ -196,12 +196,12 @@ def sample_times(sol: Solution, begin: float, end: float, num_samples: int) -> n
 def curve_of_mass(
     sol: Solution, mass: int, begin: float, end: float, num_samples: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities of a mass, as a line that is broken at its impacts."""
+    """Positions and velocities of a mass, as a line broken at its impacts."""
     t = sample_times(sol, begin, end, num_samples)
     x, v = (np.asarray(a)[:, mass] for a in sol.evaluate(t))
     when, where, minus, _ = _impacts(sol, mass, begin, end)
     gap = np.full_like(when, np.nan)
-    # At an impact: where the mass arrives, a gap in the line, and where it goes on.
+    # Order at an impact: the state before, a gap in the line, the state after.
     order = np.lexsort(
         (np.repeat([2, 0, 1], [len(t), len(when), len(when)]), np.concatenate([t, when, when]))
     )
@@ -211,7 +211,7 @@ def curve_of_mass(
 def draw_jumps(
     ax: Axes, sol: Solution, mass: int, begin: float, end: float, color: Any, label: str | None = None
 ) -> None:
-    """Dashed lines from the velocities before the impacts of a mass to those after."""
+    """Draw dashed lines from the velocities before the impacts of a mass to those after."""
     _, where, minus, plus = _impacts(sol, mass, begin, end)
     jumps = ax.vlines(where, minus, plus, color=color, linestyles="dashed", linewidth=0.8)
     if len(where) and label and (words := once(ax, label)):
@@ -219,14 +219,14 @@ def draw_jumps(
 
 
 def held_within(sol: Solution, stop: int, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-    """Starts and ends of the intervals in which a stop holds its mass, as far as they lie in the span."""
+    """Starts and ends of the intervals in which a stop holds its mass, clipped to the span."""
     starts, ends = held_intervals(sol, stop)
     is_inside = (starts < end) & (ends > begin)
     return starts[is_inside].clip(begin, end), ends[is_inside].clip(begin, end)
 
 
 def is_held_at(sol: Solution, stop: int, begin: float, end: float, t: np.ndarray) -> np.ndarray:
-    """Whether a stop holds its mass at some times in the span."""
+    """Flags of the times `t` at which a stop holds its mass."""
     starts, ends = held_within(sol, stop, begin, end)
     return np.any((t[:, None] >= starts) & (t[:, None] <= ends), axis=1)
 
@@ -234,7 +234,7 @@ def is_held_at(sol: Solution, stop: int, begin: float, end: float, t: np.ndarray
 def _draw_contact(
     ax: Axes, sol: Solution, number: int, mass: int, begin: float, end: float, num_samples: int
 ) -> None:
-    """A stop that stands still as a line across the plane, one that moves as its curve; where any contact holds."""
+    """Draw a fixed stop as a vertical line, a moving one as its curve, and the parts where any contact holds."""
     t, grey, name = sample_times(sol, begin, end, num_samples), ink("0.8", "0.4"), name_in(sol, number)
     is_held, place = is_held_at(sol, number, begin, end, t), place_on_axis(sol, number, t)
     x, v = place if place is not None else (np.asarray(a)[:, mass] for a in sol.evaluate(t))
@@ -250,7 +250,7 @@ def _draw_contact(
 
 
 def _draw_ends(ax: Axes, sol: Solution, mass: int, begin: float, end: float) -> None:
-    """A circle where a mass sticks, a smaller disc where it is released: on a stop that stands still both are seen."""
+    """Draw a circle where a mass sticks, a smaller disc where it is released: both are visible on a fixed stop."""
     ours = [j for j in range(sol.machine.contacts.num) if mass in masses_of(sol, j)]
     for kind, words, face, size, zorder in (
         (STICK, "stick", ax.get_facecolor(), 9, 3),
@@ -266,7 +266,7 @@ def _draw_ends(ax: Axes, sol: Solution, mass: int, begin: float, end: float) -> 
 def _impacts(
     sol: Solution, mass: int, begin: float, end: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Times, positions, and velocities before and after the impacts that change the velocity of a mass."""
+    """Times, positions, and velocities before and after, of the impacts that change the velocity of a mass."""
     contacts, log = sol.machine.contacts, sol.events
     ours = [j for j in range(contacts.num) if mass in masses_moved_by(sol, j)]
     is_it = _is_event(sol, ours, IMPACT, begin, end)
@@ -274,13 +274,13 @@ def _impacts(
         np.asarray(a)[is_it] for a in (log.t, log.stop, log.velocity_minus, log.velocity_plus)
     )
     x, after = (np.asarray(a)[:, mass] for a in sol.evaluate(t))
-    # Of its own stops the log has the velocities of the mass. Of others the motion has, up to the number before t.
+    # At its own stops the log has the velocities of the mass. At others, evaluate at the largest float below t.
     before = np.asarray(sol.evaluate(np.nextafter(t, -np.inf).clip(float(sol.t0)))[1])[:, mass]
     is_own = np.array(contacts.masses, int)[stop] == mass
     return t, x, np.where(is_own, minus, before), np.where(is_own, plus, after)
 
 
 def _is_event(sol: Solution, numbers: list[int], kind: int, begin: float, end: float) -> np.ndarray:
-    """Which rows of the log are events of a kind at some stops."""
+    """Flags of the rows of the log that are events of a kind at given stops within the span."""
     log, t = sol.events, np.asarray(sol.events.t)
     return (np.asarray(log.kind) == kind) & np.isin(log.stop, numbers) & (t >= begin) & (t <= end)

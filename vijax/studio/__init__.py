@@ -1,1 +1,1 @@
-"""Drawings and films of machines, the explorer and the command line; `vx.plot`, `vx.explore` and `vijax` lead here."""
+"""Drawings and films of machines, the explorer and the command line, behind `vx.plot`, `vx.explore` and `vijax`."""

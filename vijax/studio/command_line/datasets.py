@@ -1,4 +1,4 @@
-"""Datasets as files, by their ending: NetCDF or Zarr."""
+"""Datasets as files: NetCDF or Zarr, by suffix."""
 
 import os
 import shutil
@@ -9,17 +9,17 @@ import xarray as xr
 
 from ..._system.files import SUFFIXES
 
-# The engine by which xarray reads and writes them.
+# Engines of xarray by suffix.
 _ENGINES = {".nc": "h5netcdf", ".zarr": "zarr"}
 
 
 def is_machine(file: Path) -> bool:
-    """Whether a file is one of a machine, by its ending."""
+    """True where the suffix is that of a machine file."""
     return file.suffix.lower() in SUFFIXES
 
 
 def open_dataset(file: Path) -> xr.Dataset:
-    """A dataset whose numbers are read when they are asked for."""
+    """Open a dataset whose values are read on access."""
     engine = _engine(file)
     if not file.exists():
         raise ValueError(f"There is no {file}.")
@@ -27,19 +27,19 @@ def open_dataset(file: Path) -> xr.Dataset:
 
 
 def check_target(file: Path) -> None:
-    """Refuse a place for a dataset before it is computed."""
+    """Raise if a dataset cannot be written to a file, before it is computed."""
     _engine(file)
     check_folder(file)
 
 
 def check_folder(file: Path) -> None:
-    """Refuse a file whose folder is not there, or may not be written to."""
+    """Raise if the folder of a file does not exist or is not writable."""
     if not os.access(file.resolve().parent, os.W_OK):
         raise ValueError(f"{file} cannot be written: make the folder {file.resolve().parent} first.")
 
 
 def write_dataset(ds: xr.Dataset, file: Path) -> None:
-    """Write a dataset, and give it its name once it is whole: what had the name before is replaced."""
+    """Write a dataset under a temporary name, then rename it over any earlier file."""
     part = file.with_name(f"{file.name}.part{file.suffix}")
     if _engine(file) == "zarr":
         ds.to_zarr(part, mode="w")

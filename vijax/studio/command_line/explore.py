@@ -37,5 +37,5 @@ def run(asked: argparse.Namespace) -> None:
         keep_compiled()
     ds = open_dataset(asked.file).load()
     if asked.allow_forces:
-        system_of(ds, allow_forces=allowed(asked, asked.file))  # from now on it is known
+        system_of(ds, allow_forces=allowed(asked, asked.file))  # allows the force in this process
     serve(ds, port=asked.port, show=asked.show, dark=asked.dark)

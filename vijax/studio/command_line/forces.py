@@ -1,4 +1,4 @@
-"""Which modules of forces a command may import."""
+"""Modules of forces that a command may import."""
 
 import argparse
 import os
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def add_allow_forces(parser: argparse.ArgumentParser) -> None:
-    """Add the option."""
+    """Add the option `--allow-forces`."""
     parser.add_argument(
         "--allow-forces",
         metavar="MODULE",
@@ -19,10 +19,9 @@ def add_allow_forces(parser: argparse.ArgumentParser) -> None:
 
 
 def allowed(asked: argparse.Namespace, file: Path) -> list[str]:
-    """The modules that are allowed, found beside the file and where the command is called as well.
+    """The allowed modules; if any, the folders of the file and of the call are added to Python's path.
 
-    Unless there are some, these folders stay out of Python's path: anything may lie there under the name of a package that is
-    looked for and not installed.
+    Otherwise they stay out of it: they may contain anything under the name of a package that is not installed.
     """
     for folder in (os.getcwd(), str(file.resolve().parent)) if asked.allow_forces else ():
         if folder not in sys.path:

@@ -34,14 +34,14 @@ def run(asked: argparse.Namespace) -> None:
 
 
 def words_of_machine(file: Path) -> str:
-    """A machine, and what its file says of sweeps."""
+    """A machine, and the `sweep` table of its file."""
     table = read_table(file)
     words = repr(look_at(table, file))
     return f"{words}\nsweep\n  {table['sweep']}" if "sweep" in table else words
 
 
 def words_of_dataset(ds: xr.Dataset) -> str:
-    """A branch, or a sweep: its machine, what is swept, what became of the points, how it was made."""
+    """A branch, or a sweep: machine, swept quantities, results of the points, settings."""
     if "arclength" in ds:
         return repr(Branch(ds.load()))
     return as_text(_told, ds) if "result" in ds else repr(ds)
@@ -59,7 +59,7 @@ def _told(ds: xr.Dataset) -> Description:
 
 
 def _span(values: xr.DataArray) -> str:
-    """The values along a dimension."""
+    """Summary of the values along a dimension."""
     if values.dtype.kind not in "iuf":
         return ", ".join(map(str, values.values))
     count = f"{values.size} value{'s' if values.size > 1 else ''}"
@@ -67,7 +67,7 @@ def _span(values: xr.DataArray) -> str:
 
 
 def _machine(ds: xr.Dataset) -> str:
-    """The machine, or why it is not known."""
+    """The machine, or the reason why it is unknown."""
     try:
         return repr(system_of(ds, force=NAMED_FORCE)).replace("\n", "\n  ")
     except ValueError as error:

@@ -1,7 +1,7 @@
-"""The command `vijax`: what it is asked for, and how it tells what went wrong.
+"""The command `vijax`: its subcommands, and the report of errors.
 
-Whatever is wrong with what is asked, or with a file, ends in one sentence and exit code 2, without a traceback. A
-traceback, and exit code 1, is a defect of this program.
+Errors of arguments or files end in one sentence and exit code 2, without a traceback. A traceback, with exit code 1, is
+a defect of this program.
 """
 
 import argparse
@@ -22,13 +22,13 @@ _WRONG, _STOPPED = 2, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Do what the command line says.
+    """Run the command line.
 
     Args:
-        arguments: as they are typed after the name of the command; those of this process, if left out.
+        arguments: arguments after the name of the command; those of this process if omitted.
 
     Returns:
-        The exit code: 0, 2 if what was asked for cannot be done, or 130 after Ctrl-C.
+        The exit code: 0, 2 for an error of arguments or files, or 130 after Ctrl-C.
     """
     asked = _parser().parse_args(arguments)
     jax.config.update("jax_enable_x64", True)

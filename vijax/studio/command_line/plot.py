@@ -42,9 +42,9 @@ def add_to(commands: Any) -> None:
 
 
 def run(asked: argparse.Namespace) -> None:
-    """Draw, and write the picture."""
+    """Draw and write the picture."""
     check_folder(asked.out)
-    import matplotlib as mpl  # pictures alone need it, and no window
+    import matplotlib as mpl  # imported only for pictures, and used without a window
 
     mpl.use("Agg")
     import matplotlib.pyplot as plt
@@ -59,7 +59,7 @@ def run(asked: argparse.Namespace) -> None:
 
 
 def figure_of_file(asked: argparse.Namespace) -> None:
-    """The picture that is asked for, in a new figure."""
+    """Draw the requested picture in a new figure."""
     from ... import plot  # imports matplotlib
 
     if is_machine(asked.file):
@@ -91,7 +91,7 @@ def figure_of_file(asked: argparse.Namespace) -> None:
 
 
 def _kind_of(ds: xr.Dataset) -> str:
-    """The picture that fits a dataset."""
+    """Default kind of picture of a dataset."""
     for kind, name in (("branch", "arclength"), ("basins", "label"), ("shares", "successor")):
         if name in ds:
             return kind

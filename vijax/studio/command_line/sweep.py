@@ -85,7 +85,7 @@ def add_to(commands: Any) -> None:
 
 
 def run(asked: argparse.Namespace) -> None:
-    """Sweep, and write the dataset."""
+    """Sweep and write the dataset."""
     if not is_machine(asked.machine):
         raise ValueError(f"{asked.machine} must be a machine, .toml or .json.")
     table = read_table(asked.machine)
@@ -110,7 +110,7 @@ def run(asked: argparse.Namespace) -> None:
 
 
 def _options(table: Any, typed: dict[str, Any], file: str) -> dict[str, Any]:
-    """What `vx.sweep` is asked for: what the file says, and over it what is typed."""
+    """Arguments of `vx.sweep`: those of the file, overridden by those of the command line."""
     known = (
         "over",
         "transient",

@@ -1,4 +1,4 @@
-"""Numbers as they are typed: a range, several, or one."""
+"""Parsing of numbers on the command line: a range, several, or one."""
 
 import re
 from typing import Any
@@ -20,7 +20,7 @@ def assignment(text: str) -> tuple[str, str]:
 
 
 def swept_values(path: str, told: Any) -> np.ndarray:
-    """What is swept, (points, ...), from a text or from lists of numbers."""
+    """Swept values, (points, ...), from a text or from lists of numbers."""
     if isinstance(told, str):
         return _range(path, told) if ":" in told else numbers(path, told, RANGES)
     try:
@@ -30,7 +30,7 @@ def swept_values(path: str, told: Any) -> np.ndarray:
 
 
 def numbers(name: str, text: str, wanted: str = _NUMBERS) -> np.ndarray:
-    """Numbers with commas, (points,)."""
+    """Numbers separated by commas, (points,)."""
     try:
         return np.array([float(part) for part in text.split(",")])
     except ValueError as error:
@@ -38,7 +38,7 @@ def numbers(name: str, text: str, wanted: str = _NUMBERS) -> np.ndarray:
 
 
 def one_or_several(name: str, text: str) -> Numbers:
-    """A number, or an array where there are commas."""
+    """A number, or an array if there are commas."""
     found = numbers(name, text)
     return as_float(found if "," in text else found[0])
 

@@ -1,4 +1,4 @@
-"""A trajectory as a film: its machine moving, over its positions against time."""
+"""Film of a trajectory: the moving machine above its time series."""
 
 import os
 from collections.abc import Callable
@@ -25,20 +25,20 @@ from .scheme import Scheme, scheme_of_solution
 
 _ENDINGS = ".gif", ".html", ".mp4"
 _FLASH = "#e4572e"
-# Seconds of the film in which an impact fades.
+# Duration of the fading of an impact, in seconds of the film.
 _FADING = 0.2
-# Seconds a film takes if nothing is said.
+# Default duration of a film in seconds.
 _DURATION = 5.0
-# Inches of the positions against time.
+# Height of the time series in inches.
 _HEIGHT = 2.0
 
 
 class Film(FuncAnimation):
-    """An animation that notebooks show by itself."""
+    """An animation that notebooks display as HTML with buttons."""
 
     def _repr_html_(self) -> str:
         html = self.to_jshtml()
-        # Otherwise notebooks show its last frame as well.
+        # Otherwise notebooks also show the last frame as a figure.
         plt.close(self._fig)  # pyright: ignore[reportAttributeAccessIssue]
         return html
 
@@ -55,29 +55,30 @@ def animate(
     units: Units | None = None,
     **style: Any,
 ) -> FuncAnimation:
-    """Show the machine of a trajectory moving, as `machine` draws it, over its positions against time.
+    """Animate the machine of a trajectory, drawn as by `machine`, above its positions against time.
 
-    Masses are orange while a stop or contact holds them, impacts flash. Arrows are the loads at the time. A machine
-    that no spring or stop ties to a place is seen from its middle. In a notebook the last line of a cell, `vx.plot.animate(sol)`,
-    is the film with buttons; in a script keep what is returned and call `plt.show()`.
+    Masses are orange while a stop or contact holds them; impacts flash. Arrows are the current loads. A machine that no
+    spring or stop ties to the ground is drawn relative to the mean of its positions. In a notebook,
+    `vx.plot.animate(sol)` as last line of a cell shows the film with buttons; in a script, keep the result and call
+    `plt.show()`.
 
     Args:
-        sol: one trajectory, or a periodic orbit, of which one cycle is shown.
-        t: the times of the frames, (frames,), in order; evenly spaced ones if left out.
-        span: first and last time of a close-up; the whole trajectory if left out.
-        fps: frames in a second of the film.
-        speed: units of time in a second of the film.
-        duration: seconds of the film, in place of `speed`; 5 if both are left out.
-        file: where to write it, by its ending: `.gif`, `.html` with buttons, or `.mp4`, which needs the program ffmpeg.
-        units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
-        **style: of the curves of the positions, as for `time_series`.
+        sol: one trajectory, or one periodic orbit, shown over one cycle.
+        t: the times of the frames, (frames,), in increasing order; evenly spaced if omitted.
+        span: first and last time of a close-up; the whole trajectory if omitted.
+        fps: frames per second of the film.
+        speed: units of time per second of the film.
+        duration: seconds of the film, in place of `speed`; 5 if both are omitted.
+        file: file to write, in the format of its suffix: `.gif`, `.html` with buttons, or `.mp4`, which needs ffmpeg.
+        units: units of `length` and `time`, as in `{"length": "mm", "time": "s"}`; labels show none if omitted.
+        **style: properties of the curves of the positions, as for `time_series`.
 
     Returns:
         The film, an animation of matplotlib.
 
     Raises:
-        ValueError: for a batch, an orbit that was not found, a span or times that do not lie within the trajectory, a rate that is not positive, a file of another
-            kind, or a motion that is not known at all of the times.
+        ValueError: for a batch, an orbit that was not found, a span or times outside the trajectory, a rate that is not
+            positive, a file of another format, or a motion that is unknown at some of the times.
         RuntimeError: for a film in `.mp4` without ffmpeg.
 
     Example:
@@ -102,7 +103,7 @@ def animate(
     top.get_subplotspec().get_gridspec().set_height_ratios([height, _HEIGHT])
     show_time = _clock(bottom, sol, times, x, units, style)
     show_contacts = _contacts(top, sol, scheme, drawing, times, max(1, round(_FADING * fps)))
-    # Laid out once, so that nothing shakes.
+    # Layout is fixed after the first frame, so that axes do not move.
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
 
@@ -149,7 +150,7 @@ def _times(
     speed: float | None,
     duration: float | None,
 ) -> np.ndarray:
-    """The time of each frame."""
+    """The time of each frame, (frames,)."""
     for name, value in (("fps", fps), ("speed", speed), ("duration", duration)):
         if value is not None and not (np.isfinite(value) and value > 0):
             raise ValueError(f"Argument `{name}` must be positive, but is {value}.")
@@ -183,7 +184,7 @@ def _check_single(sol: Solution) -> None:
 
 
 def course_of(sol: Solution, times: np.ndarray) -> tuple[Scheme, list[Pose], np.ndarray]:
-    """What is drawn of a machine, in which pose at each time, and where the masses are, (times, n)."""
+    """The scheme of a machine, its pose at each time, and the positions of the masses, (times, n)."""
     x, places = (np.asarray(at(times)[0]) for at in (sol.evaluate, sol.evaluate_stops))
     if not np.isfinite(x).all():
         raise ValueError(
@@ -197,7 +198,7 @@ def course_of(sol: Solution, times: np.ndarray) -> tuple[Scheme, list[Pose], np.
 
 
 def held_masses(sol: Solution, scheme: Scheme, times: np.ndarray) -> np.ndarray:
-    """Whether stops or contacts hold each mass, (times, n)."""
+    """Flags of the masses held by stops or contacts, (times, n)."""
     span = float(times[0]), float(times[-1])
     is_held = np.zeros((len(times), scheme.num_masses), bool)
     for j, row in enumerate(scheme.rows):
@@ -208,9 +209,9 @@ def held_masses(sol: Solution, scheme: Scheme, times: np.ndarray) -> np.ndarray:
 def _clock(
     ax: Axes, sol: Solution, times: np.ndarray, x: np.ndarray, units: Units | None, style: dict[str, Any]
 ) -> Callable[[int], None]:
-    """The positions against time, and a line and discs that go along."""
+    """Draw the time series; return the function that moves its cursor and discs to a frame."""
     time_series(sol, span=(float(times[0]), float(times[-1])), units=units, ax=ax, **style)
-    ax.legend().remove()  # the boxes have the colours of the lines
+    ax.legend().remove()  # the boxes of the machine have the colours of the lines
     cursor = ax.axvline(times[0], color=ink("0.5", "0.6"), linewidth=1)
     (discs,) = ax.plot([], [], "o", color=ink(), markersize=4, zorder=4)
 
@@ -224,7 +225,7 @@ def _clock(
 def _contacts(
     ax: Axes, sol: Solution, scheme: Scheme, drawing: Drawing, times: np.ndarray, fading: int
 ) -> Callable[[int, Pose], None]:
-    """Impacts flash at walls and plates, or on the masses where there are none; boxes are filled while they are held."""
+    """Return the function that flashes impacts of a frame, on the masses for contacts not drawn, and fills held boxes."""
     home = PITCH * np.arange(scheme.num_masses)
     limits = {limit.number: limit for limit in scheme.limits}
     masses = [np.flatnonzero(row).tolist() for row in scheme.rows]

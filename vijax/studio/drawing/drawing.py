@@ -1,7 +1,7 @@
-"""The drawing of a machine, which can be moved: all of it but the words follows one pose.
+"""Movable drawing of a machine: all its parts except the words follow one pose.
 
-A box is 1 wide and high, boxes at rest are `PITCH` apart. Displacements are scaled to at most `ROOM`, so that
-neither boxes nor walls ever meet but where the machine says so.
+A box is 1 wide and high; boxes at rest are `PITCH` apart. Displacements are scaled to at most `ROOM`, so that boxes and
+walls touch only where a gap of the machine is closed.
 """
 
 from collections.abc import Callable
@@ -20,26 +20,26 @@ from .symbols import circles, damper, spring
 from .words import Words, write_words
 
 PITCH, ROOM = 2.3, 0.5
-# Heights: of springs and dampers in a row, of walls and the plates of contacts, of the floor.
+# Heights of springs, dampers, walls and plates of contacts; radius of the wheels.
 _SPRING, _DAMPER, _WALL, _PLATE, _WHEEL = 0.82, 0.56, 0.2, 0.32, 0.1
 _FLOOR = -2 * _WHEEL
-# Where springs to the ground end: above boxes, or at the walls at both ends of the row.
+# Ground ends of springs: height above boxes, distance of walls from the outermost middles; thickness of a hatch.
 _CEILING, _END, _HATCHED = 1.55, 1.75, 0.14
-# What is seen beside the outermost boxes where there is no wall.
+# Visible floor beside the outermost boxes without a wall.
 _BESIDE = 1.25
-# Arrows: of loads, from where on its box, and of what moves.
+# Load arrows: height, and start relative to the middle of the box. Height of the double arrows of moving stops.
 _LOAD, _ROOT, _TRAVEL = 1.15, 0.15, _FLOOR - 0.14
-# Inches that 1 takes in a figure of its own, and of the whole figure.
+# Inches per length of 1, and largest width of the drawing in inches, in a new figure.
 _INCHES, _WIDEST = 1.1, 10.0
 
 
 class Pose(NamedTuple):
-    """Where everything is, in lengths of the drawing.
+    """State of the movable parts, in lengths of the drawing.
 
     Attributes:
         x: displacements of the masses, (n,).
-        gap: of all stops and contacts, (stops,).
-        load: the length of the arrows, (n,).
+        gap: gaps of all stops and contacts, (stops,).
+        load: signed lengths of the load arrows, (n,).
     """
 
     x: np.ndarray
@@ -51,12 +51,12 @@ Move = Callable[[Pose], None]
 
 
 class Drawing(NamedTuple):
-    """What was drawn.
+    """Handle of a finished drawing.
 
     Attributes:
-        move: puts it into a pose.
-        size: width and height in inches at which it is drawn well.
-        boxes: of the masses.
+        move: function that moves it to a pose.
+        size: preferred width and height in inches.
+        boxes: boxes of the masses.
     """
 
     move: Move
@@ -70,12 +70,12 @@ def draw(
     """Draw a machine.
 
     Args:
-        ax: where.
+        ax: the axes.
         scheme: the machine.
-        pose: its first one.
-        gaps: of the stops and contacts, to be named; None to leave them out.
-        style: of the boxes, instead of our own.
-        fits_axes: whether the axes keep their size, so that words must be fitted into it.
+        pose: its first pose.
+        gaps: gaps of the stops and contacts to write below them; None for none.
+        style: properties of the boxes that replace the defaults.
+        fits_axes: whether the axes keep their size, so that the words must fit into it.
     """
     ax.set_axis_off()
     ax.set_aspect("equal")
@@ -83,7 +83,7 @@ def draw(
     ends = _ends(scheme, home)
     given = ax.get_window_extent().width / figure_of(ax).dpi if fits_axes else _WIDEST
     scale = min(_INCHES, given / float(np.ptp(ends)))
-    thin = min(1.0, 2 * scale)  # lines of a small drawing
+    thin = min(1.0, 2 * scale)  # thinner lines in a small drawing
     boxes, moves = _boxes(ax, scheme, home, thin, style)
     moves += [_link(ax, home, link, thin, is_spring=is_spring) for link, is_spring in scheme.links]
     moves += [_limit(ax, scheme, home, limit) for limit in scheme.limits]
@@ -109,24 +109,24 @@ def draw(
 
 
 def face_of(home: np.ndarray, pose: Pose, mass: int, side: int) -> float:
-    """Where a side of a box is, 0 for its middle."""
+    """Position of a side of a box: -1 left, 0 middle, 1 right."""
     return float(home[mass] + pose.x[mass]) + 0.5 * side
 
 
 def place_of_limit(home: np.ndarray, pose: Pose, limit: Limit) -> float:
-    """Where the wall or plate is."""
+    """Position of a wall or plate."""
     return face_of(home, pose, limit.mass, limit.side) + limit.side * float(pose.gap[limit.number])
 
 
 def _ends(scheme: Scheme, home: np.ndarray) -> np.ndarray:
-    """What is seen of the floor."""
+    """Left and right end of the visible floor, (2,)."""
     at_walls = {_wall_beside(home, mass) for mass in scheme.grounded}
     left, right = (_END if side in at_walls else _BESIDE for side in (-1, 1))
     return np.array([home[0] - left - 0.2, home[-1] + right + 0.2])
 
 
 def _top(scheme: Scheme, home: np.ndarray) -> float:
-    """Where the drawing ends, words left out."""
+    """Height of the drawing without words."""
     ceilings = [_CEILING + _HATCHED for mass in scheme.grounded if not _wall_beside(home, mass)]
     arcs = [
         1.1 + _rise(link, is_spring=is_spring)
@@ -139,7 +139,7 @@ def _top(scheme: Scheme, home: np.ndarray) -> float:
 def _name_of_limit(
     scheme: Scheme, home: np.ndarray, pose: Pose, limit: Limit, gaps: np.ndarray | None
 ) -> tuple[float, str]:
-    """What is written below a stop or contact."""
+    """Position and text of the label below a stop or contact."""
     j = limit.number
     gap = [] if gaps is None else [f"gap {gaps[j]:.3g}"]
     words = [name_of(j, scheme.masses), *gap, scheme.restitution[j]]
@@ -149,7 +149,7 @@ def _name_of_limit(
 def _boxes(
     ax: Axes, scheme: Scheme, home: np.ndarray, thin: float, style: dict[str, Any]
 ) -> tuple[list[Rectangle], list[Move]]:
-    """The masses with their numbers, on wheels, in the colours of their curves in other pictures."""
+    """Draw the masses with their numbers, on wheels, in the colours of their curves in other pictures."""
     colors = of_curves(scheme.num_masses)
     edge = {"facecolor": ax.get_facecolor(), "linewidth": 2.2 * thin, "zorder": 3}
     boxes = [
@@ -175,7 +175,7 @@ def _boxes(
 
 
 def _link(ax: Axes, home: np.ndarray, link: Link, thin: float, *, is_spring: bool) -> Move:
-    """A spring or damper, dashed where its force has the wrong sign."""
+    """Draw a spring or damper, dashed if its strength is negative."""
     symbol, height = (spring, _SPRING) if is_spring else (damper, _DAMPER)
     style = "-" if link.strength > 0 else (0, (2, 1))
     (line,) = ax.plot([], [], color=ink("0.25", "0.8"), linestyle=style, linewidth=1.1 * thin, zorder=1)
@@ -191,7 +191,7 @@ def _link(ax: Axes, home: np.ndarray, link: Link, thin: float, *, is_spring: boo
 def _way_of(
     home: np.ndarray, link: Link, height: float, aside: float
 ) -> Callable[[Pose], tuple[tuple[float, float], tuple[float, float], float]]:
-    """From where to where a spring or damper goes, and how far it rises between."""
+    """Function of a pose: start, end and rise of the arc of a spring or damper."""
     i, j = link.mass, link.other
     if j is None and (side := _wall_beside(home, i)):
         wall = float(home[i]) + side * _END
@@ -210,7 +210,7 @@ def _way_of(
 
 
 def _ground(ax: Axes, home: np.ndarray, mass: int) -> None:
-    """To which a mass is tied: the wall at the end of the row, or above its box."""
+    """Draw the ground of a mass: a wall at the end of the row, or a ceiling above its box."""
     side, x = _wall_beside(home, mass), float(home[mass])
     if side:
         x += side * _END
@@ -222,18 +222,18 @@ def _ground(ax: Axes, home: np.ndarray, mass: int) -> None:
 
 
 def _wall_beside(home: np.ndarray, mass: int) -> int:
-    """On which side of a mass there is room for a wall: -1 of the first, 1 of the last, 0 of others."""
+    """Side of a mass with room for a wall: -1 for the first, 1 for the last, 0 for others."""
     return -1 if mass == 0 else int(mass == len(home) - 1)
 
 
 def _rise(link: Link, *, is_spring: bool) -> float:
-    """How far an arc rises above the boxes."""
+    """Rise of an arc above the boxes."""
     span = 1 if link.other is None else link.other - link.mass
     return 0.6 * span**0.5 + (0.0 if is_spring else 0.25)
 
 
 def _hatch(ax: Axes, x: float, y: float, width: float, height: float) -> Rectangle:
-    """A piece of the ground."""
+    """Draw a hatched piece of the ground."""
     style = {"facecolor": "none", "edgecolor": ink("0.35", "0.7"), "hatch": "/////", "linewidth": 0}
     return _rectangle(ax, x, y, width, height, **style)
 
@@ -245,7 +245,7 @@ def _rectangle(ax: Axes, x: float, y: float, width: float, height: float, **styl
 
 
 def _limit(ax: Axes, scheme: Scheme, home: np.ndarray, limit: Limit) -> Move:
-    """A wall on the floor, or the plate of a contact with the arm that bears it; an arrow below what moves."""
+    """Draw a wall on the floor, or the plate of a contact with its arm; with a double arrow below if it moves."""
     (line,) = ax.plot([], [], color=ink(), linewidth=1.8, zorder=2)
     line.set_gid(f"limit {limit.number}")
     wall = _hatch(ax, 0.0, _FLOOR, _HATCHED, _WALL - _FLOOR) if limit.support is None else None
@@ -274,7 +274,7 @@ def _double_arrow(ax: Axes) -> list[Line2D]:
 def _plate(
     home: np.ndarray, pose: Pose, limit: Limit, x: float, under: float
 ) -> tuple[list[float], list[float]]:
-    """The face of a wall; or a plate on an arm, straight from the left neighbour, else round below the boxes."""
+    """Face of a wall; or a plate on an arm, straight from the left neighbour, else bent below the boxes."""
     if limit.support is None:
         return [x, x], [_FLOOR, _WALL]
     if limit.mass == limit.support + 1 and limit.side < 0:
@@ -285,7 +285,7 @@ def _plate(
 
 
 def _arrow(ax: Axes, home: np.ndarray, mass: int) -> Move:
-    """The load on a mass, along the top of its box."""
+    """Draw the load on a mass as an arrow above its box."""
     (line,) = ax.plot([], [], color=ink(), linewidth=1.6, zorder=4)
     (tip,) = ax.plot([], [], color=ink(), linestyle="none", markersize=6, zorder=4)
     line.set_gid(f"load {mass}")

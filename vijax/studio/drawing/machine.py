@@ -1,4 +1,4 @@
-"""A machine as a drawing of its masses, springs, dampers, stops and contacts."""
+"""Drawing of a machine: masses, springs, dampers, stops and contacts."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from ...plot._axes import figure_of, new_axes
 from .drawing import ROOM, Pose, draw
 from .scheme import Scheme, scheme_of_system
 
-# Of the place of a stop: a smaller gap is one of rounding.
+# Gap relative to the position of the stop below which it is rounding, and drawn closed.
 _CLOSED = 1e-12
 
 
@@ -26,25 +26,26 @@ def machine(
 ) -> Axes:
     """Draw a machine: masses as boxes with their numbers, springs, dampers, stops, contacts, loads.
 
-    Springs and dampers are read off the matrices: an entry -k_ij beside the diagonal couples two masses, what is left
-    in a row, the sum of all its entries, ties its mass to the ground. Neighbours are joined in the row, other masses by arcs above it. A spring of negative
-    stiffness is dashed; with a full mass matrix the boxes are coordinates. A hatched wall is a stop, a double arrow under it says that it moves, a plate on an arm
-    the contact of two masses; of other contacts and of a `force` the words below tell. A row of beads or gears lies like any other, positive to the right.
+    Springs and dampers are derived from the matrices: an off-diagonal entry -k_ij couples two masses; the sum of all
+    entries of a row ties its mass to the ground. Springs between neighbours lie in the row, others are arcs above it. A
+    spring of negative stiffness is dashed. With a full mass matrix the boxes are coordinates. A hatched wall is a stop,
+    with a double arrow under it if it moves. A plate on an arm is the contact of two masses. Other contacts and a
+    `force` are described in words below. Beads or gears form a row like other masses, positive to the right.
 
-    Distances are those of a scheme: displacements and gaps have one scale, chosen so that nothing overlaps.
+    Distances are schematic: displacements and gaps have one scale, chosen so that nothing overlaps.
 
     Args:
         system: the machine.
-        x: positions of the masses, (n,); zero if left out.
-        t: the time, which says where stops stand that move.
-        ax: where to draw; new axes in a figure of fitting size if left out.
-        **style: of the boxes, as matplotlib's `Rectangle` takes them: `edgecolor`, `facecolor`, `linewidth`, ...
+        x: positions of the masses, (n,); zero if omitted.
+        t: the time, at which moving stops are drawn.
+        ax: the axes to draw into; new axes in a figure of fitting size if omitted.
+        **style: properties of the boxes for matplotlib's `Rectangle`: `edgecolor`, `facecolor`, `linewidth`, ...
 
     Returns:
         The axes.
 
     Raises:
-        ValueError: for a batch of machines, positions of another shape, or numbers that are not finite.
+        ValueError: for a batch of machines, positions of another shape, or non-finite numbers.
 
     Example:
         ```python
@@ -55,14 +56,14 @@ def machine(
     References:
         Wagg & Bishop (2004), Fig. 1.
     """
-    system = jax.tree.map(np.asarray, system)  # nothing is compiled for a picture
+    system = jax.tree.map(np.asarray, system)  # NumPy arrays, so that nothing is compiled for a picture
     scheme = scheme_of_system(system)
     place = np.zeros(scheme.num_masses) if x is None else np.asarray(x, float)
     if place.shape != (scheme.num_masses,):
         raise ValueError(f"Argument `x` must have shape ({scheme.num_masses},), but has shape {place.shape}.")
     if not (np.isfinite(place).all() and np.isfinite(t)):
         raise ValueError("Arguments `x` and `t` must be finite.")
-    # Over a whole period, whose first instant is drawn: the scale does not depend on it.
+    # Samples of a whole period, of which the first is drawn: the scale is nearly independent of `t`.
     angles = scheme.frequency * t + np.linspace(0, 2 * np.pi, 9)
     limit = np.array([[float(stop.at(angle)) for stop in system.stops] for angle in angles])
     poses, gaps = poses_of(scheme, np.tile(place, (len(angles), 1)), scheme.signs * limit)
@@ -77,13 +78,13 @@ def machine(
 def poses_of(
     scheme: Scheme, x: np.ndarray, limit: np.ndarray, load: np.ndarray | None = None
 ) -> tuple[list[Pose], np.ndarray]:
-    """What the drawing shows of a motion, and the gaps in units of length along the rows, (times, stops).
+    """Poses of a motion, one per time, and its gaps along the rows in units of length, (times, stops).
 
     Args:
         scheme: the machine.
         x: positions, (times, n).
-        limit: where stops and contacts stand, counted along their rows, (times, stops).
-        load: on the masses, (times, n); arrows of one length if left out.
+        limit: positions of stops and contacts along their rows, (times, stops).
+        load: loads on the masses, (times, n); all arrows have the same length if omitted.
     """
     gaps = limit - x @ scheme.rows.T
     gaps[abs(gaps) < _CLOSED * np.max(abs(limit), axis=0, initial=0.0)] = 0.0

@@ -1,4 +1,4 @@
-"""What a drawing tells of a machine, read off an `ImpactSystem` or off the machine of a trajectory."""
+"""Content of a drawing, taken from an `ImpactSystem` or from the machine of a trajectory."""
 
 from typing import NamedTuple
 
@@ -13,19 +13,19 @@ from ..._system.waves import Waves
 from ..._trajectory.solution import Solution
 from ...plot._contacts import in_symbols, name_of
 
-# Of the largest entry of a matrix or of a load: what is smaller is left over from sums that should vanish.
+# Relative to the largest entry of a matrix or load: smaller entries are rounding errors of sums that should vanish.
 _NOTHING = 1e-9
 
 
 class Limit(NamedTuple):
-    """A stop, or a contact of two masses, as it is drawn: a wall or a plate in front of one side of a mass.
+    """A stop or a contact of two masses in a drawing: a wall or a plate beside a mass.
 
     Attributes:
-        number: in the machine.
-        mass: in front of which it is.
+        number: its index in the machine.
+        mass: the mass that it limits.
         side: 1 on the right of the mass, -1 on its left.
-        support: the mass that bears it, None for the ground.
-        unit: the factor of the positions in the row: gaps are lengths times this.
+        support: the mass that carries it, None for the ground.
+        unit: factor of the positions in the row: gaps are lengths times this.
     """
 
     number: int
@@ -44,15 +44,15 @@ class Link(NamedTuple):
 
 
 class Scheme(NamedTuple):
-    """A machine as it is drawn.
+    """Data of the drawing of a machine.
 
     Attributes:
         stiffness: (n, n).
         damping: (n, n).
-        mean: of the load, (n,).
-        waves: the rest of the load, (harmonics, n).
+        mean: mean load, (n,).
+        waves: harmonics of the load, (harmonics, n).
         frequency: W.
-        rows: of stops and contacts, counted towards them, (stops, n).
+        rows: coefficients of stops and contacts, positive towards them, (stops, n).
         masses: the mass of each stop, -1 for a contact.
         limit: where they stand along their rows in the mean, (stops,).
         restitution: the coefficient of each stop in words, that of light impacts for a law, (stops,).
@@ -81,13 +81,13 @@ class Scheme(NamedTuple):
 
     @property
     def signs(self) -> np.ndarray:
-        """With which sign the place of each stop or contact counts along its row, (stops,)."""
+        """Sign of the position of each stop or contact along its row, (stops,): -1 for lower stops, else 1."""
         is_stop = np.array(self.masses, int) >= 0
         return np.where(is_stop, self.rows.sum(axis=1), 1.0)
 
     @property
     def limits(self) -> list[Limit]:
-        """Stops, and contacts of one mass or of the distance of two; others have no place in a drawing."""
+        """Stops, and contacts of one mass or of the distance of two; others cannot be drawn."""
         found = []
         for j, row in enumerate(self.rows):
             own = np.flatnonzero(row)
@@ -98,18 +98,18 @@ class Scheme(NamedTuple):
 
     @property
     def grounded(self) -> list[int]:
-        """The masses tied to the ground by a spring or damper."""
+        """Masses tied to the ground by a spring or damper."""
         return sorted({link.mass for link, _ in self.links if link.other is None})
 
     @property
     def is_followed(self) -> bool:
-        """Whether no spring or stop ties the machine to a place, so that it is drawn as seen from its middle."""
+        """True where no spring or stop ties the machine to the ground: it is drawn relative to its mean position."""
         is_tied = any(link.other is None and is_spring for link, is_spring in self.links)
         return len(self.rows) > 0 and not is_tied and not self.rows.sum(axis=1).any()
 
     @property
     def links(self) -> list[tuple[Link, bool]]:
-        """All springs and dampers, and which are springs."""
+        """All springs and dampers, with flags of the springs."""
         return [
             (link, is_spring)
             for matrix, is_spring in ((self.stiffness, True), (self.damping, False))
@@ -118,7 +118,7 @@ class Scheme(NamedTuple):
 
     @property
     def notes(self) -> list[str]:
-        """In words what the drawing does not show."""
+        """Notes on all that the drawing does not show."""
         drawn = {limit.number for limit in self.limits}
         rows = [
             f"{name_of(j, self.masses)}: ${in_symbols(row)} \\leq {self.limit[j]:.3g}$, {self.restitution[j]}"
@@ -136,11 +136,11 @@ class Scheme(NamedTuple):
 
     @property
     def largest_load(self) -> float:
-        """A bound of the load on any mass."""
+        """Upper bound of the load on any mass."""
         return float(np.max(abs(self.mean) + self.waves.bound()))
 
     def load_in_words(self, mass: int) -> str:
-        """The load on a mass as a formula; empty where there is none."""
+        """The load on a mass as a formula; empty for none."""
         if abs(self.mean[mass]) + self.waves.bound()[mass] <= _NOTHING * self.largest_load:
             return ""
         terms = [] if self.mean[mass] == 0 else [_signed(float(self.mean[mass]))]
@@ -159,7 +159,7 @@ class Scheme(NamedTuple):
 
 
 def scheme_of_system(system: ImpactSystem) -> Scheme:
-    """What is drawn of a machine."""
+    """Scheme of one machine; raise for a batch."""
     if system.stiffness.ndim != 2:
         raise ValueError(
             f"Machines are drawn one by one, but this is a batch of shape {system.stiffness.shape[2:]}: draw its parts."
@@ -189,7 +189,7 @@ def _coefficients(law: AbstractRestitution) -> tuple[str, ...]:
 
 
 def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
-    """What is drawn of the machine of a trajectory, whose stops stand at some places in its course, (times, stops)."""
+    """Scheme of the machine of a trajectory; `places` are the positions of its stops, (times, stops)."""
     machine = sol.machine
     rows, num_stops = np.asarray(machine.contacts.rows), machine.contacts.num
     return Scheme(
@@ -209,7 +209,7 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
 def _links(matrix: np.ndarray) -> list[Link]:
     """The springs of a stiffness matrix, or the dampers of a damping matrix.
 
-    An entry -k beside the diagonal couples two masses, what is left in a row ties its mass to the ground.
+    An off-diagonal entry -k couples two masses; the sum of a row ties its mass to the ground.
     """
     nothing = _NOTHING * np.max(abs(matrix))
     left = matrix.sum(axis=1)
@@ -219,7 +219,7 @@ def _links(matrix: np.ndarray) -> list[Link]:
 
 
 def _load_in_space(machine: Machine) -> Waves:
-    """The load but for its mean; that of a machine seen from its stops has inertia forces in it."""
+    """Harmonics of the load in space: without -M w'' - C w' - K w if the machine moves with its stops (`frame`)."""
     waves, frame = jax.tree.map(np.asarray, machine.waves), machine.frame
     if frame is not None:
         inertia = frame.load(1 / machine.inverse_mass, machine.damping, machine.stiffness)
@@ -230,7 +230,7 @@ def _load_in_space(machine: Machine) -> Waves:
 
 
 def _name(force: object) -> str:
-    """The name of a force without its numbers."""
+    """The name of a force without its parameters."""
     return name_of_force(force).partition("(")[0].strip("<>")  # pyright: ignore[reportArgumentType]
 
 

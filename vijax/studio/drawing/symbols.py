@@ -1,16 +1,16 @@
-"""The symbols of drawings of machines, as lines: springs, dampers, wheels; straight or in an arc."""
+"""Symbols of drawings as polylines: springs, dampers, wheels; straight or in an arc."""
 
 import numpy as np
 
-# Half the width of springs and dampers, where the box of a mass is 1 wide and high.
+# Half the width of springs and dampers; the box of a mass is 1 wide and high.
 _HALF = 0.09
 _NUM_TURNS = 6
-# Points of a straight end, which an arc bends.
+# Number of points of a straight end, which an arc bends.
 _BENT = 12
 
 
 def spring(start: tuple[float, float], end: tuple[float, float], rise: float = 0.0) -> np.ndarray:
-    """A zigzag from one point to another, in an arc if it rises, (2, points)."""
+    """A zigzag between two points, in an arc if `rise` is not 0, (2, points)."""
     way = _Way(start, end, rise)
     first = 0.5 - min(0.3, 0.5 / way.length)
     coil = np.linspace(first, 1 - first, 2 * _NUM_TURNS + 1)
@@ -20,7 +20,7 @@ def spring(start: tuple[float, float], end: tuple[float, float], rise: float = 0
 
 
 def damper(start: tuple[float, float], end: tuple[float, float], rise: float = 0.0) -> np.ndarray:
-    """A piston in a cylinder that is open towards the start, (2, points), broken by NaN."""
+    """A piston in a cylinder open towards the start, (2, points), with NaN between its lines."""
     way = _Way(start, end, rise)
     gap, half, depth = np.nan, _HALF, min(0.12, 0.2 / way.length)
     rod, back = np.linspace(0, 0.5, _BENT), np.linspace(0.5 + depth, 1, _BENT)
@@ -31,7 +31,7 @@ def damper(start: tuple[float, float], end: tuple[float, float], rise: float = 0
 
 
 def circles(x: np.ndarray, y: float, radius: float) -> np.ndarray:
-    """Circles of one height, (2, points), broken by NaN."""
+    """Circles at one height, (2, points), separated by NaN."""
     angle = np.append(np.linspace(0, 2 * np.pi, 25), np.nan)
     return np.stack(
         [np.add.outer(x, radius * np.cos(angle)).ravel(), np.tile(y + radius * np.sin(angle), len(x))]
@@ -39,7 +39,7 @@ def circles(x: np.ndarray, y: float, radius: float) -> np.ndarray:
 
 
 class _Way:
-    """The middle line of a symbol: a straight line, or half an ellipse on it."""
+    """The centre line of a symbol: a straight line, or half an ellipse over it."""
 
     def __init__(self, start: tuple[float, float], end: tuple[float, float], rise: float):
         a, b = np.array(start), np.array(end)
@@ -50,7 +50,7 @@ class _Way:
         self.share = share / self.length
 
     def beside(self, along: np.ndarray, aside: np.ndarray) -> np.ndarray:
-        """Points given by their share of the way, and their distance to its left."""
+        """Points at shares `along` of the centre line and distances `aside` to its left, (2, points)."""
         slope = np.stack([np.gradient(a, self.share) for a in self.points.T], axis=1)
         slope = slope / np.hypot(*slope.T)[:, None]
         x, y, dx, dy = (np.interp(along, self.share, a) for a in (*self.points.T, *slope.T))

@@ -1,4 +1,4 @@
-"""Words in a drawing, above and below it, where they overlap no others."""
+"""Placement of words above and below a drawing without overlap."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -13,17 +13,17 @@ from ...plot._colors import ink
 _FONT = 9
 # Inches between words.
 _SPACE = 0.06
-# Inches that a length of 1 takes at least: in axes that are too small for the words, these overlap.
+# Least inches per length of 1: in smaller axes the words overlap.
 _SMALLEST = 0.05
 
 
 class Words(NamedTuple):
-    """What is written, each with its place along the drawing.
+    """Words of a drawing, each with its position along the drawing.
 
     Attributes:
-        above: beginning at their place.
-        below: with their middle at it.
-        notes: lines at the very bottom.
+        above: words that begin at their position.
+        below: words centred at their position.
+        notes: lines at the bottom.
     """
 
     above: list[tuple[float, str]]
@@ -40,15 +40,15 @@ def write_words(
     *,
     fits_axes: bool,
 ) -> tuple[float, float]:
-    """Write, and let the axes show the drawing with all words.
+    """Write the words, and set the limits of the axes to the drawing with all words.
 
     Args:
-        ax: where.
-        words: what.
+        ax: the axes.
+        words: the words.
         ends: left and right end of the drawing.
-        heights: where words below it begin, where those above it begin, and its top.
-        scale: inches that a length of 1 takes.
-        fits_axes: whether it takes fewer where the axes have no room; they keep their size.
+        heights: start of the words below, start of the words above, and top of the drawing.
+        scale: inches per length of 1.
+        fits_axes: whether the axes keep their size, and the scale is reduced to fit.
 
     Returns:
         Width and height in inches.
@@ -70,7 +70,7 @@ def write_words(
         spans = [ends, *(_span(block, scale) for block in [*above, *below, *notes])]
         left, right = float(np.min(spans)), float(np.max(spans))
         fitting = min(room[0] / (right - left), room[1] / (high - low))
-        # Words keep their size, so the smaller the drawing, the more lines they take, and so on.
+        # Iterated, since words keep their size: the smaller the drawing, the more lines they take.
         if not fits_axes or fitting >= 0.999 * scale or scale < _SMALLEST:
             break
         scale = fitting
@@ -80,7 +80,7 @@ def write_words(
 
 
 class _Block(NamedTuple):
-    """Words, and their width and height in inches with the space that they need."""
+    """Words, and their width and height in inches, including the space between words."""
 
     text: Text
     size: tuple[float, float]
@@ -92,7 +92,7 @@ def _block(text: Text) -> _Block:
 
 
 def _stack(blocks: Sequence[_Block], scale: float, start: float, *, up: bool) -> float:
-    """Put words into the first line from `start` on in which there is room for them; where the last line ends."""
+    """Put each block into the first line from `start` on with room for it; return the end of the last line."""
     reached: list[float] = []
     height = max((block.size[1] for block in blocks), default=0.0) / scale
     for block in sorted(blocks, key=lambda block: block.text.get_position()[0]):
@@ -104,13 +104,13 @@ def _stack(blocks: Sequence[_Block], scale: float, start: float, *, up: bool) ->
 
 
 def _span(block: _Block, scale: float) -> tuple[float, float]:
-    """From where to where words go."""
+    """Left and right end of a block."""
     x, width = float(block.text.get_position()[0]), block.size[0] / scale
     left = x - (width / 2 if block.text.get_horizontalalignment() == "center" else 0.0)
     return left, left + width
 
 
 def _inches(artist: Text | Axes) -> tuple[float, float]:
-    """Width and height."""
+    """Width and height in inches."""
     box, dpi = artist.get_window_extent(), figure_of(artist).dpi
     return box.width / dpi, box.height / dpi

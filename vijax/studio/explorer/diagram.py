@@ -1,6 +1,6 @@
-"""The diagram of a sweep that is clicked: impacts over one swept quantity, kinds of motion over two.
+"""Clickable diagram of a sweep: impacts over one swept quantity, kinds of motion over two.
 
-Many points are drawn by datashader, as an image of the part that is seen. A chart is an image anyway: on an even grid every
+Many points are drawn by datashader, as an image of the visible part. A chart is always an image: on an even grid every
 pixel has the motion of the nearest point.
 """
 
@@ -25,14 +25,14 @@ from .motion import nearest_value
 
 hv.extension("bokeh", inline=pn.config.inline)
 
-# Above so many points a browser becomes slow.
+# Number of points above which a browser becomes slow.
 MANY = 20_000
 _PIXELS, _CLASSES = 800, 6
 _SYMBOLS = {r"\Omega": "Ω", r"\varphi": "φ", r"\dot x": "ẋ"}
 
 
 def plain(path: str) -> str:
-    """The words of a swept quantity without the signs of TeX."""
+    """Label of a swept quantity without TeX."""
     words = axis_label(path)
     for tex, sign in _SYMBOLS.items():
         words = words.replace(tex, sign)
@@ -40,12 +40,12 @@ def plain(path: str) -> str:
 
 
 def impacts(ds: xr.Dataset, path: str, stop: int, look: PageStyle) -> Any:
-    """The velocities of the impacts at a stop against the swept quantity.
+    """Velocities of the impacts at a stop against the swept quantity.
 
     Args:
-        ds: a sweep over one quantity, perhaps up and down.
-        path: the quantity.
-        stop: the stop.
+        ds: a sweep over one quantity, possibly up and down.
+        path: path of the quantity.
+        stop: index of the stop.
         look: colours.
     """
     axes = [
@@ -68,7 +68,7 @@ def impacts(ds: xr.Dataset, path: str, stop: int, look: PageStyle) -> Any:
 
 
 def chart_image(ds: xr.Dataset, right: str, up: str, look: PageStyle) -> tuple[Any, dict[str, str]]:
-    """The kinds of motion over two swept quantities, and the legend: words and their colours."""
+    """Image of the kinds of motion over two swept quantities, and its legend: words and their colours."""
     kinds = classify(ds).transpose(right, up, ...).sortby([right, up])
     of_point = motions_of(kinds)
     with look.style():
@@ -92,7 +92,7 @@ def chart_image(ds: xr.Dataset, right: str, up: str, look: PageStyle) -> tuple[A
 
 
 def marker(x: float, y: float | None, look: PageStyle) -> Any:
-    """The point that is shown: a line in a bifurcation diagram, a ring in a chart."""
+    """Marker of the shown point: a line in a bifurcation diagram, a ring in a chart."""
     if y is None:
         return hv.VLine(x).opts(color=look.chosen, line_width=1)
     style: dict[str, Any] = {"line_color": look.chosen, "fill_alpha": 0, "line_width": 2.5, "size": 12}
@@ -100,7 +100,7 @@ def marker(x: float, y: float | None, look: PageStyle) -> Any:
 
 
 def direction_near(ds: xr.Dataset, path: str, stop: int, at: Mapping[str, float]) -> str:
-    """Of a sweep up and down, the direction whose impacts at a stop are nearer to a place in the diagram."""
+    """Direction of a sweep up and down whose impacts at a stop are nearer to a place in the diagram."""
     point = nearest_value(ds, path, at["x"])
     away = (
         abs(point["impact_velocity"].where(point["impact_stop"] == stop) - at["y"])
@@ -111,7 +111,7 @@ def direction_near(ds: xr.Dataset, path: str, stop: int, at: Mapping[str, float]
 
 
 def _even(values: np.ndarray) -> np.ndarray:
-    """The values themselves if they are even, else pixels."""
+    """The values if they are evenly spaced and few, else evenly spaced pixels."""
     steps = np.diff(values)
     is_even = len(values) <= _PIXELS and np.allclose(steps, steps[0])
     return values if is_even else np.linspace(values[0], values[-1], _PIXELS)

@@ -1,4 +1,4 @@
-"""The explorer, which imports its page when it is asked for."""
+"""Entry of the explorer, which imports its page on the first call."""
 
 import xarray as xr
 
@@ -6,26 +6,26 @@ from .motion import check
 
 
 def explore(ds: xr.Dataset, *, dark: bool = False):
-    """Look at a sweep: its diagram, and the motion at the point that is clicked.
+    """Explore a sweep: its diagram, and the motion at the clicked point.
 
-    Over one swept quantity it is the bifurcation diagram, over two the chart of motions; of others a slider chooses
-    the value. Beside it stand the motion of the point: its kind and Floquet multipliers, time series, phase portrait,
-    impact map, and the machine moving. Another slider changes a parameter of the machine, and the motion that goes
-    on from there is followed at once. All runs in this process. In a notebook the last line of a cell shows it,
-    `python -m vijax explore sweep.nc` a page in the browser. A notebook loads what draws it from the net; with `PANEL_INLINE=1` in the
-    environment it has all in itself.
+    The diagram is the bifurcation diagram over one swept quantity, and the chart of motions over two; sliders set the
+    values of further quantities. Beside it is the motion at the point: its kind and Floquet multipliers, time series,
+    phase portrait, impact map, and an animation of the machine. Another slider changes a parameter of the machine, and
+    the motion is at once continued from there. Everything runs in this process. In a notebook, the object as last line
+    of a cell shows the page; `python -m vijax explore sweep.nc` opens it in the browser. A notebook loads the
+    JavaScript libraries from the internet; with `PANEL_INLINE=1` in the environment it contains them.
 
     Needs the extra: `pip install 'vijax[explore]'`.
 
     Args:
-        ds: what `vx.sweep` returned, or a part of it.
-        dark: light on dark.
+        ds: result of `vx.sweep`, or a part of it.
+        dark: whether the page is light on dark.
 
     Returns:
         The page, an object of Panel: `.servable()`, `.show()` serve it.
 
     Raises:
-        ValueError: for a dataset of no sweep, or whose machine is not known, see `vx.system_of`.
+        ValueError: if the dataset is not a sweep, or its machine is unknown, see `vx.system_of`.
         ImportError: without the extra.
 
     Example:

@@ -1,7 +1,7 @@
-"""The machine of a motion moving, as `vx.plot.machine` draws it, frame by frame in the browser.
+"""Animation of the machine in the browser, drawn as by `vx.plot.machine`.
 
-To draw pictures of all frames would take a minute. So only the numbers of the drawing go to the browser, of all frames at
-once: its lines, one after the other with gaps between, and where the boxes and the walls are.
+Rendering pictures of all frames would take a minute. So the browser gets only the coordinates of all frames at once:
+the lines, concatenated with gaps between them, and the positions of boxes and walls.
 """
 
 from pathlib import Path
@@ -25,7 +25,7 @@ _DIGITS = 3
 
 
 class MachineFilm(JSComponent):
-    """The drawing and what plays it."""
+    """The drawing and its player; the browser part is `film.js`."""
 
     frames = param.Dict({})
     colors = param.Dict({})
@@ -34,7 +34,7 @@ class MachineFilm(JSComponent):
 
 
 def film_of(num_masses: int, look: PageStyle) -> MachineFilm:
-    """A film that shows nothing yet, its boxes in the colours of their curves in other pictures."""
+    """An empty film, with boxes in the colours of their curves in other pictures."""
     with look.style():
         masses = [to_hex(color) for color in of_curves(num_masses)]
     colors = {"ink": look.ink, "faint": look.faint, "page": look.page, "held": look.down, "masses": masses}
@@ -42,12 +42,12 @@ def film_of(num_masses: int, look: PageStyle) -> MachineFilm:
 
 
 def frames_of(motion: PointMotion) -> dict[str, Any]:
-    """The numbers of a film of the part of a motion that is shown.
+    """Coordinates of a film of the shown part of a motion.
 
     Returns:
-        `x`, `y` of all lines, None between them, (frames, points); `box`, the middles of the boxes, and `held`, whether
-        something holds the mass, (frames, n); `wall`, the middles of the hatched pieces, (frames, walls), and `walls`,
-        their heights, widths and middles in the vertical, (walls, 3); `extent`, what is seen: left, right, bottom, top.
+        `x`, `y` of all lines, None between them, (frames, points); `box`, centres of the boxes, and `held`, flags of
+        the held masses, (frames, n); `wall`, horizontal centres of the hatched pieces, (frames, walls), and `walls`,
+        their heights, widths and vertical centres, (walls, 3); `extent`, the visible part: left, right, bottom, top.
     """
     sol, times = motion.solution, np.linspace(*motion.shown, FRAMES)
     scheme, poses, _ = course_of(sol, times)
@@ -75,7 +75,7 @@ def frames_of(motion: PointMotion) -> dict[str, Any]:
 
 
 def _rounded(a: np.ndarray) -> list:
-    """Numbers short enough to be sent, None where there are none."""
+    """Numbers rounded to few digits for the browser, None for NaN."""
     told = a.round(_DIGITS).astype(object)
     told[np.isnan(a)] = None
     return told.tolist()

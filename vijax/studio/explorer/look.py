@@ -1,4 +1,4 @@
-"""Colours and styles of the page, light and dark."""
+"""Colours and matplotlib styles of the page, light and dark."""
 
 from contextlib import AbstractContextManager
 from typing import NamedTuple
@@ -7,16 +7,16 @@ import matplotlib.pyplot as plt
 
 
 class PageStyle(NamedTuple):
-    """Colours of the page, and of what is drawn on it.
+    """Colours of the page and its pictures.
 
     Attributes:
-        is_dark: light on dark.
-        page: the background.
+        is_dark: whether the page is light on dark.
+        page: background.
         ink: lines and words.
-        faint: of less importance.
-        up: points of a sweep in one direction, or upwards.
-        down: those downwards, and what is held.
-        chosen: the point that is shown.
+        faint: secondary lines and words.
+        up: points of a sweep up.
+        down: points of a sweep down, or without directions; held masses.
+        chosen: the shown point.
     """
 
     is_dark: bool
@@ -28,7 +28,7 @@ class PageStyle(NamedTuple):
     chosen: str
 
     def style(self) -> AbstractContextManager:
-        """The style of matplotlib in which pictures are drawn."""
+        """Context of the matplotlib style of the pictures."""
         colors = {f"{part}.facecolor": self.page for part in ("figure", "axes", "savefig")}
         own = {"font.size": 9.0, "legend.fontsize": 8.0} | colors
         return plt.style.context(["dark_background", own] if self.is_dark else ["default", own])

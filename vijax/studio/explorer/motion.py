@@ -1,4 +1,4 @@
-"""The motion at one point of a sweep, followed again: what the explorer shows, without any page."""
+"""The motion at one point of a sweep, simulated again for the explorer, independent of the page."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -19,20 +19,20 @@ from ..._system.system import ImpactSystem, bound
 from ..._trajectory.simulate import simulate
 from ..._trajectory.solution import RESULTS, Solution
 
-# Room for the events of the periods that are shown, and of one cycle; one of each, so that nothing is compiled twice.
+# Capacity of the event log of a trajectory, and of one cycle; one size each, so that nothing is compiled twice.
 _EVENTS, _EVENTS_OF_CYCLE = 4096, 256
-# The periods that are followed: enough to tell a motion by, and a motion that does not repeat shows the last few.
+# Least number of simulated periods, enough to classify a motion; most shown periods of one that does not repeat.
 _FEWEST, _SHOWN = 8, 8
 
 
 class PointMotion(NamedTuple):
-    """What is found at a point.
+    """The motion at a point.
 
     Attributes:
-        system: the machine there.
-        solution: the motion over the recorded periods, from phase 0.
-        shown: first and last time to show, of one cycle if it repeats.
-        kind: what `vx.classify` says of it.
+        system: the machine.
+        solution: the trajectory over the recorded periods, from phase 0.
+        shown: first and last time to show: one cycle if the motion repeats.
+        kind: result of `vx.classify`.
         orbit: the periodic orbit, if one was found.
     """
 
@@ -44,12 +44,12 @@ class PointMotion(NamedTuple):
 
     @property
     def num_periods(self) -> int:
-        """Forcing periods after which it repeats, 0 if it does not."""
+        """Forcing periods after which the motion repeats, 0 if it does not."""
         return int(self.kind["num_periods"])
 
     @property
     def words(self) -> str:
-        """Its kind, in words."""
+        """The kind of motion in words."""
         name = MOTIONS[int(self.kind["motion"])].replace("_", " ")
         if not self.num_periods:
             return name
@@ -60,27 +60,27 @@ class PointMotion(NamedTuple):
 
     @property
     def end(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where it goes on, at phase 0."""
+        """Positions and velocities at the end, at phase 0."""
         return np.asarray(self.solution.x1), np.asarray(self.solution.v1)
 
 
 def check(ds: xr.Dataset) -> None:
-    """Refuse what cannot be explored."""
+    """Raise unless the dataset is a sweep with a known machine."""
     if "result" not in ds or not swept_of(ds):
         raise ValueError("The explorer shows what `vx.sweep` returned, over one swept quantity or more.")
     system_of(ds)
 
 
 def swept_of(ds: xr.Dataset) -> list[str]:
-    """The swept quantities."""
+    """Paths of the swept quantities."""
     return [str(dim) for dim in ds["result"].dims if dim != "direction"]
 
 
 def point_at(ds: xr.Dataset, place: Mapping[str, Any]) -> xr.Dataset:
-    """The one point of a sweep that is nearest to some values of what is swept.
+    """The point of a sweep nearest to given values of the swept quantities.
 
     Args:
-        ds: what `vx.sweep` returned.
+        ds: result of `vx.sweep`.
         place: a value for each dimension of its points, "up" or "down" for `direction`.
     """
     for dim in ds["result"].dims:
@@ -93,26 +93,26 @@ def point_at(ds: xr.Dataset, place: Mapping[str, Any]) -> xr.Dataset:
 
 
 def nearest_value(ds: xr.Dataset, dim: str, value: Any) -> xr.Dataset:
-    """The part of a sweep at the nearest value of a swept quantity; the values may stand in any order."""
+    """The part of a sweep at the nearest value of a swept quantity, whose values may be unsorted."""
     return ds.isel({dim: int(np.abs(ds[dim].values - value).argmin())})
 
 
 def motion_at(
     ds: xr.Dataset, place: Mapping[str, Any], changes: Mapping[str, float] | None = None
 ) -> PointMotion:
-    """Follow the motion of a point of a sweep again, perhaps with other parameters.
+    """Simulate the motion at a point of a sweep again, optionally with other parameters.
 
-    It goes on from where the sweep ended, so it is the motion that the sweep found, also where several coexist; with
-    other parameters it is followed for as many forcing periods as the sweep's transient first.
+    It continues from the end state of the sweep, so it is the motion found by the sweep, also if several coexist. With
+    other parameters, the transient of the sweep is simulated first.
 
     Args:
-        ds: what `vx.sweep` returned.
-        place: a value for each dimension of its points; the nearest point counts.
-        changes: parameters of the machine by their paths, that are changed.
+        ds: result of `vx.sweep`.
+        place: a value for each dimension of its points; the nearest point is used.
+        changes: new values of parameters of the machine by path.
 
     Raises:
-        ValueError: if the machine is not known, a path names nothing, or a value makes no machine.
-        RuntimeError: if the motion cannot be followed.
+        ValueError: if the machine is unknown, a path does not exist, or a value makes the machine invalid.
+        RuntimeError: if the sweep has no motion here, or the simulation fails.
     """
     point = point_at(ds, place)
     code = int(point["result"])
@@ -129,7 +129,7 @@ def motion_at(
 
 
 def motion_from(system: ImpactSystem, record: int, x: np.ndarray, v: np.ndarray) -> PointMotion:
-    """The motion from a state at phase 0, over some forcing periods."""
+    """The motion from a state at phase 0, over `record` forcing periods."""
     period = float(system.forcing.period)
     flow = _flow_of(system)
     sol = simulate(system, 0.0, record * period, x, v, flow=flow, max_events=_EVENTS, throw=False)
@@ -145,7 +145,7 @@ def motion_from(system: ImpactSystem, record: int, x: np.ndarray, v: np.ndarray)
 
 
 def numbers_to_change(system: ImpactSystem) -> dict[str, float]:
-    """Every single number of a machine by its path, off the diagonals of matrices nothing."""
+    """Every scalar of a machine by path, without the off-diagonal entries of matrices."""
     found = {}
     for path in parameter_names(bound(system)):
         value = np.asarray(get_parameter(bound(system), path))
@@ -158,7 +158,7 @@ def numbers_to_change(system: ImpactSystem) -> dict[str, float]:
 def _settled(
     system: ImpactSystem, transient: int, x: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The state after the transient; a stop that was moved may have come to stand beyond a mass."""
+    """The state after the transient; masses beyond a stop that was moved start on it."""
     x = _between_stops(system, x)
     end, flow = transient * float(system.forcing.period), _flow_of(system)
     sol = simulate(system, 0.0, end, x, v, flow=flow, max_events=_EVENTS, throw=False)
@@ -167,15 +167,15 @@ def _settled(
 
 
 def _flow_of(system: ImpactSystem) -> AbstractFlow | None:
-    """The motion between events: one for all linear machines, so that a changed number is never one more program.
+    """The flow: one kind for all linear machines, so that a changed number never needs another compilation.
 
-    By modes, as a sweep has it, a machine whose dampers are changed would be one.
+    Rejected: the modal flow, the default of sweeps, which changed dampers would compile again.
     """
     return TaylorFlow() if system.force is None else None
 
 
 def _between_stops(system: ImpactSystem, x: np.ndarray) -> np.ndarray:
-    """Positions with every mass set onto the stop that it would be beyond."""
+    """Positions with every mass beyond a stop moved onto it."""
     x = np.array(x, float)
     for stop in system.stops:
         gap = float(stop.gap(jnp.asarray(x), jnp.asarray(0.0)))

@@ -1,4 +1,4 @@
-"""The page: the diagram, the motion at the point that is clicked, and what changes it."""
+"""The page: diagram, motion at the clicked point, and the widgets that change it."""
 
 import html
 from typing import Any
@@ -16,30 +16,30 @@ from .motion import PointMotion, check, motion_at, nearest_value, numbers_to_cha
 from .pictures import DPI, SIZE, pictures_of, words_of_multipliers
 
 _TITLE = "vijax"
-# Of a number that is changed, how far the slider reaches to either side.
+# Range of the slider to either side, relative to the number that it changes.
 _REACH = 0.5
 
 
 def page_of(ds: xr.Dataset, *, dark: bool) -> pn.viewable.Viewable:
-    """The page of a sweep, see `vx.explore`."""
+    """Build the page of a sweep, see `vx.explore`."""
     pn.extension(theme="dark" if dark else "default")
     return Explorer(ds, DARK if dark else LIGHT).view()
 
 
 def serve(ds: xr.Dataset, *, port: int, show: bool, dark: bool) -> None:
-    """Serve the page of a sweep until Ctrl-C, every browser one of its own."""
+    """Serve the page of a sweep until Ctrl-C, a separate one for every browser."""
     check(ds)
     pn.config.raw_css = [f"body {{ background: {(DARK if dark else LIGHT).page} }}"]
     pn.serve(lambda: page_of(ds, dark=dark), port=port, show=show, title=_TITLE)
 
 
 class Explorer:
-    """What is chosen, what is found there, and the widgets that show it.
+    """The chosen point, its motion, and the widgets that show it.
 
     Attributes:
         ds: the sweep.
-        place: the value of each dimension that is chosen.
-        changes: parameters of the machine that are changed there.
+        place: the chosen value of each dimension.
+        changes: changed parameters of the machine, by path.
     """
 
     def __init__(self, ds: xr.Dataset, look: PageStyle):
@@ -59,7 +59,7 @@ class Explorer:
         self.go()
 
     def go(self, *_: object) -> None:
-        """Follow the motion that is chosen, and show it, or a sentence that says why not."""
+        """Simulate the chosen motion and show it, or the error message."""
         motion, trouble = None, ""
         try:
             motion = motion_at(self.ds, self.place, self.changes)
@@ -72,20 +72,18 @@ class Explorer:
             self.pictures[name].object = picture
 
     def view(self) -> pn.viewable.Viewable:
-        """The whole page."""
+        """Lay out the whole page."""
         chosen = pn.Row(*self.sliders, self.stop, self.mass)
         changed = pn.Row(self.parameter, self.value, self.back)
         left = pn.Column(chosen, self.diagram, self.legend, changed, self.film, width=620)
-        # Two side by side, in a narrow cell of a notebook one below the other.
+        # Two pictures per row; one in a narrow cell of a notebook.
         pictures = pn.FlexBox(*self.pictures.values(), max_width=round(2.2 * DPI * SIZE[0]))
         right = pn.Column(self.words, pictures, sizing_mode="stretch_width")
         styles = {"background": self.look.page, "color": self.look.ink, "padding": "10px"}
         return pn.Row(left, right, styles=styles, sizing_mode="stretch_width")
 
-    # What is chosen
-
     def _make_widgets(self) -> None:
-        """Sliders of what the diagram does not show, the stop, the mass, and the parameter that is changed."""
+        """Create sliders of the dimensions not in the diagram, and widgets of stop, mass and changed parameter."""
         self.sliders: list[pn.widgets.Widget] = [
             pn.widgets.DiscreteSlider(
                 name=plain(dim), options=self.ds[dim].values.tolist(), value=float(self.place[dim])
@@ -115,7 +113,7 @@ class Explorer:
         self._fit_slider()
 
     def _choose(self, place: dict[str, Any], *, redraw: bool = False) -> None:
-        """Go to another point, with the parameters that it has in the sweep."""
+        """Go to another point, with its parameters in the sweep."""
         self.place |= place
         self.changes = {}
         self._fit_slider()
@@ -125,7 +123,7 @@ class Explorer:
         self.go()
 
     def _fit_slider(self) -> None:
-        """Let the slider stand at the value that the parameter has."""
+        """Set the slider to the current value of the parameter."""
         path = self.parameter.value
         here = self.changes.get(path, self._numbers_here()[path])
         reach = _REACH * abs(here) or 1.0
@@ -140,16 +138,14 @@ class Explorer:
         return numbers_to_change(system_of(point_at(self.ds, self.place)))
 
     def _change(self, event: Any) -> None:
-        """Follow the motion with another value of the parameter."""
+        """Simulate the motion with another value of the parameter."""
         if self.is_fitting:
             return
         self.changes = self.changes | {self.parameter.value: float(event.new)}
         self.go()
 
-    # The diagram
-
     def _diagram(self) -> Any:
-        """The diagram with what marks the chosen point, and listens to clicks."""
+        """The diagram with the marker of the chosen point and the listener of clicks."""
         ds = self.ds
         for dim in self.swept[2:]:
             ds = nearest_value(ds, dim, self.place[dim])
@@ -194,15 +190,13 @@ class Explorer:
         self._choose(place)
 
     def _colour_axes(self, plot: Any, element: Any) -> None:
-        """The colours of the page for what is around the diagram."""
+        """Set the colours of border and axes of the diagram to those of the page."""
         del element
         own, ink = plot.state, self.look.ink
         own.border_fill_color, own.outline_line_color = self.look.page, self.look.faint
         for axis in own.axis:
             axis.update(axis_label_text_color=ink, major_label_text_color=ink, axis_line_color=ink,
                 major_tick_line_color=ink, minor_tick_line_color=None)  # fmt: skip
-
-    # What is found
 
     def _panes(self) -> dict[str, pn.pane.Matplotlib]:
         return {
@@ -211,7 +205,7 @@ class Explorer:
         }
 
     def _words(self, motion: PointMotion | None, trouble: str) -> str:
-        """Where, what, and its multipliers."""
+        """Table of the point, its kind of motion and multipliers, as HTML."""
         told = {plain(dim): f"{self.place[dim]:.6g}" for dim in self.swept}
         told |= {"direction": str(self.place["direction"])} if "direction" in self.place else {}
         told |= {f"changed: {path}": f"{value:.6g}" for path, value in self.changes.items()}
@@ -228,7 +222,7 @@ class Explorer:
 
 
 def _legend(colors: dict[str, str], look: PageStyle) -> str:
-    """Squares of colour with words."""
+    """Legend of coloured squares with words, as HTML."""
     square = "display: inline-block; width: 0.9em; height: 0.9em; border: 1px solid"
     entries = [f"<span style='margin-right: 1em; white-space: nowrap'><span style='{square} {look.faint}; "
                f"background: {color}'></span> {html.escape(words)}</span>" for words, color in colors.items()]  # fmt: skip

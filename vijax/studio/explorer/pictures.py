@@ -1,4 +1,4 @@
-"""The pictures of one motion, drawn by `vx.plot`."""
+"""Pictures of one motion, drawn by `vx.plot`."""
 
 from collections.abc import Callable
 
@@ -12,11 +12,11 @@ from .look import PageStyle
 from .motion import PointMotion
 
 SIZE = (4.4, 2.9)  # inches
-DPI = 100  # of the figure itself: at another one all words would be set twice
+DPI = 100  # also the DPI of the pane: at another one all words would be typeset twice
 
 
 def pictures_of(motion: PointMotion | None, mass: int, look: PageStyle) -> dict[str, Figure]:
-    """Time series, phase portrait of a mass, impact map and multipliers; without a motion nothing in them."""
+    """Time series, phase portrait of a mass, impact map and multipliers; empty without a motion."""
     draws: dict[str, Callable[[PointMotion, Axes], object]] = {
         "time series": lambda m, ax: plot.time_series(m.solution, span=m.shown, ax=ax),
         "phase portrait": lambda m, ax: plot.phase_portrait(m.solution, mass, span=m.shown, ax=ax),
@@ -28,7 +28,7 @@ def pictures_of(motion: PointMotion | None, mass: int, look: PageStyle) -> dict[
 
 
 def words_of_multipliers(motion: PointMotion) -> str:
-    """The Floquet multipliers, the largest first."""
+    """The Floquet multipliers of the orbit, the largest first, and its stability as text."""
     if motion.orbit is None:
         return f"none: {'they need 64-bit numbers' if is_single_precision(motion.system) else 'no periodic orbit'}"
     told = [
@@ -47,7 +47,7 @@ def _multipliers(motion: PointMotion, ax: Axes) -> object:
 def _figure(
     motion: PointMotion | None, draw: Callable[[PointMotion, Axes], object], look: PageStyle
 ) -> Figure:
-    """A picture; where there is nothing to draw, a sentence."""
+    """A picture; the error message in its place if it cannot be drawn."""
     figure = Figure(figsize=SIZE, dpi=DPI, layout="constrained")
     ax = figure.subplots()
     try:
