@@ -42,7 +42,7 @@ def test_forward_derivatives_have_no_bound_on_steps():
 @pytest.fixture
 def by_many(monkeypatch):
     """Derivatives backwards by any number go backwards through the steps, as else only those by many."""
-    monkeypatch.setattr(ways, "FEW", 0)
+    monkeypatch.setattr(ways, "MAX_FORWARD_INPUTS", 0)
 
 
 @pytest.mark.thorough
@@ -134,7 +134,7 @@ DERIVATIVES = {
 def test_a_function_of_two_ways_has_the_derivatives_of_the_plain_one(
     derivative, is_compiled, few, monkeypatch
 ):
-    monkeypatch.setattr(ways, "FEW", few)
+    monkeypatch.setattr(ways, "MAX_FORWARD_INPUTS", few)
     x, y, k = jnp.asarray(0.3), jnp.asarray(0.7), jnp.asarray(2)
     ours, theirs = (DERIVATIVES[derivative](_first(f)) for f in (either_way, plain))
     found = (jax.jit(ours) if is_compiled else ours)(x, y, k)
@@ -156,8 +156,12 @@ def test_each_way_is_gone_where_it_is_asked_for():
 
 def test_backwards_by_few_numbers_is_forwards_by_each():
     function = lambda x: both_ways(lambda x: 2.0 * x, lambda x: 3.0 * x, x)  # noqa: E731
-    np.testing.assert_array_equal(jax.jacrev(function)(jnp.ones(ways.FEW)), 2 * np.eye(ways.FEW))
-    np.testing.assert_array_equal(jax.jacrev(function)(jnp.ones(ways.FEW + 1)), 3 * np.eye(ways.FEW + 1))
+    np.testing.assert_array_equal(
+        jax.jacrev(function)(jnp.ones(ways.MAX_FORWARD_INPUTS)), 2 * np.eye(ways.MAX_FORWARD_INPUTS)
+    )
+    np.testing.assert_array_equal(
+        jax.jacrev(function)(jnp.ones(ways.MAX_FORWARD_INPUTS + 1)), 3 * np.eye(ways.MAX_FORWARD_INPUTS + 1)
+    )
 
 
 def root(x, y):
@@ -170,7 +174,7 @@ def root(x, y):
 def test_a_lane_that_a_sum_leaves_out_spoils_no_derivative_by_what_the_lanes_share(
     is_compiled, few, monkeypatch
 ):
-    monkeypatch.setattr(ways, "FEW", few)
+    monkeypatch.setattr(ways, "MAX_FORWARD_INPUTS", few)
     x, y = jnp.array([[4.0, 0.0], [-1.0, 9.0]]), jnp.asarray(1.0)
 
     def total(x, y):

@@ -16,7 +16,7 @@ from helpers import counted
 
 import vijax as vx
 from vijax._system.parameters import get_parameter
-from vijax.studio.explorer.motion import motion_at, numbers_to_change
+from vijax.studio.explorer.motion import motion_at, scalar_parameters
 
 FREQUENCY = "forcing.frequency"
 FREQUENCIES = [0.5, 0.8, 1.3]
@@ -65,7 +65,7 @@ def test_the_motion_of_a_point_is_that_of_the_sweep(sweep):
 
 def test_every_number_that_can_be_changed_has_a_path_and_its_value():
     system = vx.models.wagg_bishop_b(0.8)
-    numbers = numbers_to_change(system)
+    numbers = scalar_parameters(system)
     assert numbers["stops[1].position"] == 0.1
     assert numbers["damping[1][1]"] == 0.1
     assert "damping[0][1]" not in numbers

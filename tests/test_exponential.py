@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from vijax._flow.exponential import _increments, _plainly
+from vijax._flow.exponential import _differentiable_increments, _increments
 
 SIZE = 5
 MATRIX = jnp.asarray(np.random.default_rng(0).normal(size=(SIZE, SIZE)))
@@ -42,6 +42,6 @@ def test_lanes_are_doubled_each_as_often_as_it_needs():
 def test_derivatives_are_those_of_all_its_products():
     at = MATRIX, jnp.asarray(0.7)
     for which in (0, 1):
-        expected = jax.jacfwd(lambda a, span: _plainly(a, span, RATE), which)(*at)
+        expected = jax.jacfwd(lambda a, span: _differentiable_increments(a, span, RATE), which)(*at)
         for derivative in (jax.jacfwd, jax.jacrev):
             assert_near(derivative(lambda a, span: _increments(a, span, RATE), which)(*at), expected)

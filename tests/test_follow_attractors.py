@@ -6,7 +6,7 @@ from coexisting_motions import MIRRORED, box, machine
 
 import vijax as vx
 from vijax._attractors.attractor import Attractor
-from vijax._attractors.attractor_matching import linked
+from vijax._attractors.attractor_matching import branch_numbers
 from vijax._attractors.distances import set_distance
 
 FREQUENCY = "forcing.frequency"
@@ -76,8 +76,8 @@ def motion(value: int, points: list, impacts: float = 1.0) -> Attractor:
 def test_the_nearest_goes_on_those_with_the_same_impacts_first():
     before = [motion(0, [[0.0, 0.0]]), motion(0, [[0.5, 0.0]], 2.0)]
     after = [motion(1, [[0.1, 0.0]], 2.0), motion(1, [[0.15, 0.0]]), motion(1, [[0.9, 0.0]])]
-    assert linked([*before, *after], 2, 0.2).tolist() == [0, 1, 2, 0, 3]
-    assert linked([*before, *after], 2, 0.5).tolist() == [0, 1, 1, 0, 2]
+    assert branch_numbers([*before, *after], 2, 0.2).tolist() == [0, 1, 2, 0, 3]
+    assert branch_numbers([*before, *after], 2, 0.5).tolist() == [0, 1, 1, 0, 2]
 
 
 def test_sets_are_as_far_apart_as_their_points_are_in_the_mean():

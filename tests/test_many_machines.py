@@ -91,7 +91,7 @@ def test_programs_are_dropped_when_maps_run_short_and_not_again_and_again(monkey
     dropped, now = [], [1000]
     monkeypatch.setattr(memory_maps, "most_maps", lambda: 10_000)
     monkeypatch.setattr(memory_maps, "num_maps", lambda: now[0])
-    monkeypatch.setattr(memory_maps, "_taken", memory_maps._Taken())
+    monkeypatch.setattr(memory_maps, "_taken", memory_maps._MapCounts())
     monkeypatch.setattr(jax, "clear_caches", lambda: dropped.append(now[0]))
 
     def after_many_programs(maps: int) -> int:

@@ -9,7 +9,7 @@ from helpers import load_scene, log_of, paired
 import vijax as vx
 from vijax._flow.approximate_step import Attempt, SteppingFlow
 from vijax._flow.bernstein import nodes
-from vijax._flow.event_margins import Inside
+from vijax._flow.event_margins import StepInterior
 from vijax._system.waves import speeds
 
 # A position wrong by 1e-11 moves a light impact by more.
@@ -23,7 +23,7 @@ class ExponentialFlow(SteppingFlow):
         at = lambda u: self.step_by(machine, state, is_held, u)  # noqa: E731
         inside = jax.vmap(at)(step * jnp.asarray(nodes(8)))
         displacement, gain = at(step)
-        return Attempt(displacement, gain, Inside(*inside), jnp.array(True), 0.5 / machine.rate, None)
+        return Attempt(displacement, gain, StepInterior(*inside), jnp.array(True), 0.5 / machine.rate, None)
 
     def step_by(self, machine, state, is_held, step):
         n, h = len(state.x), machine.waves.num_harmonics

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from vijax._branches import test_functions as tests
-from vijax._branches.admissibility import LeastMargins, Levels
+from vijax._branches.admissibility import LeastMargins, Margins
 from vijax._branches.corrector import Corrected
 from vijax._branches.kernels import MOST_EVENTS, CorrectedCycle, KernelCall, corrected_cycle, padded
 from vijax._branches.packing import pack
 from vijax._branches.parameter_family import ExtendedCycle
-from vijax._branches.point import BranchPoint, Full, PlainPoint, side_by_side
-from vijax._branches.scheduler import _asked
+from vijax._branches.point import BranchPoint, PlainPoint, TooManyEvents, stacked_cycles
+from vijax._branches.scheduler import _next_request
 from vijax._branches.test_functions import TESTS_OF_NEIGHBOURS, crossings, margins, num_unstable
 from vijax._hybrid.limits import IMPACT, RELEASE
 from vijax._orbits.sequence import Sequence
@@ -34,7 +34,7 @@ def seen(rng: np.random.Generator, mu: np.ndarray | None = None) -> CorrectedCyc
     watched = LeastMargins(
         some(STOPS), some(STOPS), stops, force, some(STOPS), stops, some(STOPS), stops, stops > 0, some()
     )
-    rates = Levels(some(ROOM), some(STOPS), some(STOPS), some(STOPS))
+    rates = Margins(some(ROOM), some(STOPS), some(STOPS), some(STOPS))
     return jax.device_get(CorrectedCycle(found, watched, rates, some(4)))
 
 
@@ -93,7 +93,7 @@ def test_points_side_by_side_are_what_each_is_alone():
     plain = [PlainPoint(sequence, rows, k, float(k)) for k in (2, 0)]
     few, many = (seen_with_room(rng, room) for room in (ROOM, 2 * ROOM))
     points = [BranchPoint.of(sequence, few, 0.0), plain[0], BranchPoint.of(sequence, many, 1.0), plain[1]]
-    together = side_by_side(points)
+    together = stacked_cycles(points)
     assert together.found.speeds.shape == (4, 2 * ROOM)
     for k, seen_alone in enumerate([few, rows.at(2).tree(), many, rows.at(0).tree()]):
         for a, b in zip(jax.tree.leaves(together), jax.tree.leaves(seen_alone), strict=True):
@@ -113,8 +113,8 @@ def test_a_branch_that_comes_to_too_many_events_is_told_so():
     def task():
         try:
             yield KernelCall(corrected_cycle, sequence_of(rng, MOST_EVENTS + 1), ())
-        except Full as why:
+        except TooManyEvents as why:
             yield KernelCall(corrected_cycle, sequence_of(rng, 3), (str(why),))
 
     rng = np.random.default_rng(0)
-    assert _asked(task(), None).arguments == ("max_events",)
+    assert _next_request(task(), None).arguments == ("max_events",)

@@ -10,7 +10,7 @@ from responses import LOAD, UNEVEN, amplitudes, matrices, response_at
 import vijax as vx
 from vijax._machine.machine import Machine, prepare
 from vijax._sections.non_impacting_proof import highest, never_hits
-from vijax._sections.response import modes_of, response_of, vibration_left
+from vijax._sections.response import modes_of, residual_vibration, response_of
 from vijax._trajectory.concrete_machine import known_machine
 
 # Some hundred roundings of numbers of about 1.
@@ -47,7 +47,7 @@ def test_the_response_is_where_a_long_run_ends():
     modes = modes_of(machine)
     response = response_of(machine, modes)
     for t, x, v in zip(times, np.asarray(sol.xs), np.asarray(sol.vs), strict=True):
-        left = vibration_left(machine, modes, response, 0.9 * t, (x[None], v[None]))
+        left = residual_vibration(machine, modes, response, 0.9 * t, (x[None], v[None]))
         assert left[0] < MARGIN  # with the errors that are allowed for
         np.testing.assert_allclose((x, v), response_at(UNEVEN, 0.9 * t), rtol=0, atol=ROUNDED)
 
@@ -58,7 +58,9 @@ def test_what_is_left_is_the_energy_of_the_free_vibration():
     modes = modes_of(machine)
     dx, dv = np.array([0.3, -0.2, 0.1]), np.array([0.05, 0.4, -0.3])
     x, v = response_at(UNEVEN, 0.4)
-    left = vibration_left(machine, modes, response_of(machine, modes), 0.4, ((x + dx)[None], (v + dv)[None]))
+    left = residual_vibration(
+        machine, modes, response_of(machine, modes), 0.4, ((x + dx)[None], (v + dv)[None])
+    )
     np.testing.assert_allclose(left, np.sqrt(dv @ m @ dv + dx @ k @ dx), rtol=1e-9)
 
 

@@ -7,13 +7,13 @@ import pytest
 
 from vijax._execution.records import (
     Impact,
-    Mark,
+    PeriodEnd,
     append,
     impact_rows,
     joined,
     mark_rows,
     selected_rows,
-    taken,
+    written_rows,
 )
 
 # The first whole number that has no place among floats of 32 bits.
@@ -33,7 +33,7 @@ def recorded(dtype: type) -> Impact:
         point=LARGE + jnp.arange(LANES),
         number=jnp.full((STOPS, LANES), LARGE),
     )
-    return taken(jax.jit(append)(impact_rows(8, dtype), jnp.asarray(KEPT), impact))
+    return written_rows(jax.jit(append)(impact_rows(8, dtype), jnp.asarray(KEPT), impact))
 
 
 @pytest.mark.parametrize("is_64_bit", [False, True])
@@ -63,9 +63,9 @@ def test_marks_come_back_with_a_column_for_each_mass_and_stop(num_stops, has_gro
     x = jnp.arange(2.0 * LANES).reshape(2, LANES)
     held_time = jnp.ones((num_stops, LANES))
     growth = jnp.concatenate([x, -x]) if has_growth else None
-    mark = Mark(jnp.arange(LANES), jnp.array(LARGE), x=x, v=-x, held_time=held_time, growth=growth)
+    mark = PeriodEnd(jnp.arange(LANES), jnp.array(LARGE), x=x, v=-x, held_time=held_time, growth=growth)
     room = mark_rows(4, 2, num_stops, np.float64, has_growth=has_growth)
-    found = taken(append(room, jnp.array([False, True, True]), mark))
+    found = written_rows(append(room, jnp.array([False, True, True]), mark))
     np.testing.assert_array_equal(found.point, [1, 2])
     np.testing.assert_array_equal(found.period, [LARGE, LARGE])
     np.testing.assert_array_equal(found.x, [[1, 4], [2, 5]])

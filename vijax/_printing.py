@@ -32,7 +32,7 @@ class Description(NamedTuple):
 
 def as_text(tell: Callable[..., Description], thing: Any, *words: Any) -> str:
     """Format a description in aligned columns."""
-    told = _told(tell, thing, *words)
+    told = _safe_description(tell, thing, *words)
     if told is None:
         return eqx.tree_pformat(thing)
     columns = max((len(row) for row in told.rows), default=0)
@@ -43,7 +43,7 @@ def as_text(tell: Callable[..., Description], thing: Any, *words: Any) -> str:
 
 def as_html(tell: Callable[..., Description], thing: Any, *words: Any) -> str:
     """Format a description as an HTML table."""
-    told = _told(tell, thing, *words)
+    told = _safe_description(tell, thing, *words)
     if told is None:
         return f"<pre>{html.escape(eqx.tree_pformat(thing))}</pre>"
     left = 'style="text-align: left"'
@@ -56,7 +56,7 @@ def as_html(tell: Callable[..., Description], thing: Any, *words: Any) -> str:
     return f"<div>{html.escape(told.title)}</div><table>{''.join(rows)}</table>"
 
 
-def _told(tell: Callable[..., Description], thing: Any, *words: Any) -> Description | None:
+def _safe_description(tell: Callable[..., Description], thing: Any, *words: Any) -> Description | None:
     """Description of an object; None if its fields are odd or missing."""
     try:
         return tell(thing, *words)

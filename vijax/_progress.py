@@ -47,7 +47,7 @@ Interrupted.__module__ = "vijax"  # the name that users see
 
 
 @contextmanager
-def bringing(result: Callable[[], Any]) -> Iterator[None]:
+def interrupt_with_result(result: Callable[[], Any]) -> Iterator[None]:
     """Turn Ctrl-C into `Interrupted`, with the result at that moment."""
     try:
         yield

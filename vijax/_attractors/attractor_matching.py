@@ -50,7 +50,7 @@ def _is_beyond(machines: Machines, physical: np.ndarray, machine: np.ndarray) ->
     return beyond
 
 
-def linked(motions: list[Attractor], num_values: int, threshold: float) -> np.ndarray:
+def branch_numbers(motions: list[Attractor], num_values: int, threshold: float) -> np.ndarray:
     """Number the attractors along the parameter, (motions,): an attractor that continues keeps its number.
 
     Numbers are given in the order in which attractors begin.

@@ -9,7 +9,7 @@ import xarray as xr
 from .._dataset_attributes import variable_attributes
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import Count, Numbers, as_known, is_traced, refuse_single_precision, whole_number
+from .._jax.arrays import Count, Numbers, as_numpy_float, is_traced, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
 from .._system.periodicity import check_period
@@ -114,7 +114,7 @@ def check_single(system: ImpactSystem, args: object, flow: AbstractFlow | None, 
     """Refuse traced numbers, and a machine without a forcing period."""
     if is_traced((system, args, flow)):
         raise ValueError(f"`{who}` needs known numbers: call it outside of `jax.jit` and `jax.vmap`.")
-    zero = np.zeros(system.num_masses, as_known(0.0).dtype)
+    zero = np.zeros(system.num_masses, as_numpy_float(0.0).dtype)
     check_period(system, args, zero, zero)
 
 
@@ -132,7 +132,7 @@ def machines_of_one(
     """The single machine with the settings of its runs."""
     if tolerance is not None and not tolerance > 0:
         raise ValueError(f"Argument `tolerance` must be positive, but is {tolerance}.")
-    own = as_known(system.forcing.frequency).reshape(1)
+    own = as_numpy_float(system.forcing.frequency).reshape(1)
     return Machines(
         system=with_args(system, args),
         values={},

@@ -60,9 +60,9 @@ def coexisting(machines: Machines, ends: Endpoints, known: list[Attractor] | Non
             break
         num_known = len(motions)
         label[sample], later = _run_on(machines, motions, ends.last[sample], ends.machine[sample])
-        for k in _leaky(motions, ends, sample, label[sample]):
+        for k in _transient_clouds(motions, ends, sample, label[sample]):
             motions[k] = motions[k]._replace(is_lasting=False)
-        ends = _longer(machines, motions, _replaced(ends, sample, later), label, int(times))
+        ends = _run_transients_on(machines, motions, _replaced(ends, sample, later), label, int(times))
         for belongs in (approached, in_clouds):
             unknown = left[label[left] < 0]
             label[unknown] = belongs(motions, ends, unknown)
@@ -80,7 +80,9 @@ def lasting(motions: list[Attractor]) -> tuple[list[Attractor], np.ndarray]:
     return [motions[k] for k in kept], number
 
 
-def _leaky(motions: list[Attractor], ends: Endpoints, sample: np.ndarray, label: np.ndarray) -> set[int]:
+def _transient_clouds(
+    motions: list[Attractor], ends: Endpoints, sample: np.ndarray, label: np.ndarray
+) -> set[int]:
     """Clouds that motions left for a cycle, which therefore are no attractors."""
     is_on_cycle = np.array([motion.num_periods > 0 for motion in motions] + [False])[label]
     # A motion that came closer to its cycle all the time may have done so in the midst of a cloud.
@@ -88,7 +90,7 @@ def _leaky(motions: list[Attractor], ends: Endpoints, sample: np.ndarray, label:
     return {*in_clouds(motions, ends, gone, ends.section.shape[1]).tolist()} - {-1}
 
 
-def _longer(
+def _run_transients_on(
     machines: Machines, motions: list[Attractor], ends: Endpoints, label: np.ndarray, times: int
 ) -> Endpoints:
     """Run on all motions that may be in a transient; their labels change in place."""

@@ -17,9 +17,9 @@ from .._orbits.sweep_orbits import search_orbits
 from .._progress import tqdm
 from .._sections.classify import TOLERANCES
 from .._sections.lyapunov import lyapunov_exponents
-from .._sections.non_impacting_proof import stays_quiet
+from .._sections.non_impacting_proof import prove_non_impacting
 from .._sections.recurrence import recurrence
-from .._sections.section_side import after_impacts, filled, machines_of_lanes
+from .._sections.section_side import after_impacts, machines_of_lanes, padded_to_power_of_two
 from .._sweep.zipped import sweep_zipped
 from .._system.contact import AbstractLimit
 from .._system.system import ImpactSystem
@@ -158,7 +158,7 @@ class Machines:
         which = np.flatnonzero(np.logical_or.reduce(closed)) if closed else np.zeros(0, int)
         if not which.size:
             return states
-        which = filled(which)
+        which = padded_to_power_of_two(which)
         scale, lanes = self.scale(machine[which]), machines_of_lanes(self._lanes(machine[which]))
         before = np.split(states[which] / scale, 2, axis=1)
         after = after_impacts(lanes, 0.0, (before[0], before[1]), np.stack([a[which] for a in closed]))
@@ -180,7 +180,7 @@ class Machines:
         )
         last = section[:, -1] / self.scale(machine)
         asked = np.flatnonzero(~is_failed & ~is_touched)
-        is_quiet = stays_quiet(ds, asked, *np.split(last, 2, axis=1))[0]
+        is_quiet = prove_non_impacting(ds, asked, *np.split(last, 2, axis=1))[0]
         n = np.where(is_failed, 0, np.where(is_quiet, 1, found.num_periods))
         return Endpoints(section, machine, n, found.is_settling & (n == 0), is_quiet, is_failed)
 

@@ -7,12 +7,12 @@ import xarray as xr
 
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import Count, Numbers, as_float, as_known, refuse_single_precision, whole_number
+from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
 from .._system.parameters import find_parameter, set_parameter
 from .._system.system import ImpactSystem
-from .attractor_matching import linked, seeded
+from .attractor_matching import branch_numbers, seeded
 from .attractors import check_single, machines_of_one, requested_starts
 from .coexisting import coexisting, lasting
 from .ensemble import FREQUENCY
@@ -109,7 +109,7 @@ def follow_attractors(
     motions, goes_to = seeded(machines, found)
     motions, number = lasting(motions)
     goes_to = {int(number[k]): int(number[j]) for k, j in goes_to.items() if number[k] >= 0}
-    begun = linked(motions, len(along), threshold)
+    begun = branch_numbers(motions, len(along), threshold)
     table = table_along(machines, motions, begun, goes_to, number[found.label], ends)
     warn_of_unsettled(int(table["num_not_settled"].sum()), len(states), transient)
     coordinates = {path: (path, along), "stop_mass": ds["stop_mass"]}
@@ -118,9 +118,9 @@ def follow_attractors(
 
 def _values(system: ImpactSystem, path: str, values: Numbers) -> tuple[np.ndarray, np.ndarray]:
     """Values of the parameter, and W for each."""
-    along = as_known(values)
+    along = as_numpy_float(values)
     if along.ndim != 1 or not along.size:
         raise ValueError(f"Argument `values` must have shape (values,), but has {along.shape}.")
     find_parameter(system, path)
-    own = as_known(system.forcing.frequency)
+    own = as_numpy_float(system.forcing.frequency)
     return along, along if path == FREQUENCY else np.full(len(along), own)

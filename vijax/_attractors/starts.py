@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._execution.points import LaneInput
-from .._jax.arrays import Count, Numbers, as_float, as_known, whole_number
+from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, whole_number
 from .._sweep.zipped import START
 from .._system.checks import is_touching
 from .._system.parameters import find_parameter
@@ -34,14 +34,14 @@ def grid_of_starts(
 ) -> Starts:
     """Product of the values of some start quantities; the others are those of `x0` and `v0`."""
     n = system.num_masses
-    base = np.zeros((2, n), as_known(0.0).dtype)
+    base = np.zeros((2, n), as_numpy_float(0.0).dtype)
     for row, (name, given) in zip(base, (("x0", x0), ("v0", v0)), strict=True):
         if given is not None:
-            known = as_known(given)
+            known = as_numpy_float(given)
             if known.shape != (n,):
                 raise ValueError(f"Argument `{name}` must have shape ({n},), but has {known.shape}.")
             row[:] = known
-    axes = {path: as_known(a) for path, a in values.items()}
+    axes = {path: as_numpy_float(a) for path, a in values.items()}
     if not axes:
         raise ValueError('The starts are empty: name start quantities, as in {"x0[0]": values}.')
     shape = tuple(len(a) if a.ndim == 1 else 0 for a in axes.values())
@@ -69,7 +69,7 @@ def _column(whole: LaneInput, path: str, n: int) -> int:
 def listed_starts(system: ImpactSystem, starts: tuple[Numbers, Numbers] | Numbers) -> Starts:
     """Starts given one by one."""
     n = system.num_masses
-    parts = [as_known(a) for a in (starts if isinstance(starts, tuple) else (starts,))]
+    parts = [as_numpy_float(a) for a in (starts if isinstance(starts, tuple) else (starts,))]
     size = 2 * n // len(parts)
     if not 1 <= len(parts) <= 2 or any(a.ndim != 2 or a.shape[1] != size or not len(a) for a in parts):
         raise ValueError(
@@ -86,7 +86,7 @@ def listed_starts(system: ImpactSystem, starts: tuple[Numbers, Numbers] | Number
 def drawn_starts(system: ImpactSystem, count: int, bounds: np.ndarray, seed: Count) -> Starts:
     """Starts drawn uniformly between bounds, (2 n, 2), none of them beyond a stop."""
     rng = np.random.default_rng(whole_number("seed", seed))
-    states = np.empty((count, len(bounds)), as_known(0.0).dtype)
+    states = np.empty((count, len(bounds)), as_numpy_float(0.0).dtype)
     left, (low, high) = np.arange(count), bounds.T
     for _ in range(_TRIES):
         states[left] = rng.uniform(low, high, (len(left), len(bounds)))
@@ -105,7 +105,7 @@ def bounds_of(machines: Machines, bounds: Numbers | None) -> np.ndarray:
     system = machines.system
     n = system.num_masses
     if bounds is not None:
-        given = as_known(bounds)
+        given = as_numpy_float(bounds)
         if (
             given.shape != (2 * n, 2)
             or not (given[:, 0] <= given[:, 1]).all()

@@ -12,8 +12,8 @@ from .._hybrid.limits import IMPACT
 from .._jax.arrays import Scalar
 from .._jax.xla import is_any
 from .._machine.derivatives import approaches, contact_forces, derivatives
-from .._machine.machine import Machine, resting_state
-from .._orbits.cycle import Moment, Problem, Unknowns, begin_cycle, events_of, flow_map, fly_to_event
+from .._machine.machine import Machine, state_before_contact
+from .._orbits.cycle import Moment, Problem, Unknowns, events_of, flow_map, fly_to_event, initial_moment
 from .._orbits.sequence import NOTHING, Sequence as CycleEvents
 from .minima import dip
 
@@ -53,7 +53,7 @@ class LeastMargins(NamedTuple):
     last: Scalar
 
 
-class Levels(NamedTuple):
+class Margins(NamedTuple):
     """Quantities that stay positive on an admissible cycle: approach speeds, and gap, force, rise of `LeastMargins`."""
 
     speeds: Float[Array, " events"]
@@ -62,14 +62,14 @@ class Levels(NamedTuple):
     rise: Float[Array, " stops"]
 
 
-class _Reading(NamedTuple):
+class _GapsAndForces(NamedTuple):
     """Gaps with three time derivatives, contact forces with two, (stops,) each; time in forcing periods."""
 
     gap: list[Array]
     force: list[Array]
 
 
-class _Lowest(NamedTuple):
+class _Minima(NamedTuple):
     """Lowest minimum of each stop found so far.
 
     Attributes:
@@ -88,10 +88,10 @@ class _Lowest(NamedTuple):
     start: Array
     flight: Array
 
-    def lowered(self, is_minimum: Array, other: "_Lowest") -> "_Lowest":
+    def lowered(self, is_minimum: Array, other: "_Minima") -> "_Minima":
         """Lower minimum of both for each stop; the other counts where `is_minimum`."""
         is_lower = is_minimum & (other.value < self.value)
-        return _Lowest(
+        return _Minima(
             *(
                 jnp.where(is_lower if a.ndim == 1 else is_lower[:, None], b, a)
                 for a, b in zip(self, other, strict=True)
@@ -105,10 +105,10 @@ class _Scan(NamedTuple):
     flight: Array
     sample: Array
     begin: Moment
-    before: _Reading
-    gaps: _Lowest
-    forces: _Lowest
-    rises: _Lowest
+    before: _GapsAndForces
+    gaps: _Minima
+    forces: _Minima
+    rises: _Minima
 
 
 def margins_of_cycle(problem: Problem, unknowns: Unknowns) -> LeastMargins:
@@ -134,7 +134,7 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns) -> LeastMargins:
         now = _read(machine, flow, begin, held, since)
         is_first, is_last = i == 0, ~(i < num)  # True for NaN, which ends the scan of the flight
         # The gap is least at an interior minimum, the contact force there or where a stick begins.
-        has_left = (i == 1) & _have_left(sequence, k, jnp.where(last < 0, count, 0))
+        has_left = (i == 1) & _leaving_stops(sequence, k, jnp.where(last < 0, count, 0))
         gap = dip(before.gap, now.gap, step, has_left)
         force = dip(before.force, now.force, step, jnp.zeros_like(held))
         has_length = ~is_first & (longest > 0)
@@ -158,7 +158,7 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns) -> LeastMargins:
             jnp.where(is_last, k + 1, k), jnp.where(is_last, 0, i + 1), begin, now, gaps, forces, rises
         )
 
-    begin = begin_cycle(problem, machine, unknowns.z)
+    begin = initial_moment(problem, machine, unknowns.z)
     none = jnp.full(machine.contacts.num, jnp.inf)
     nothing = _lowest(none, 0 * begin.time, sequence.held[0], begin, jnp.array(0))
     first = _read(machine, flow, begin, sequence.held[0], 0 * begin.time)
@@ -180,10 +180,10 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns) -> LeastMargins:
     )
 
 
-def levels(problem: Problem, unknowns: Unknowns, watched: LeastMargins) -> Levels:
+def margins_at(problem: Problem, unknowns: Unknowns, watched: LeastMargins) -> Margins:
     """Margins at the times of `watched`, to be differentiated: to first order the time of a minimum has no effect."""
     machine, flow, sequence = problem.machine, problem.flow, problem.sequence
-    first = begin_cycle(problem, machine, unknowns.z)
+    first = initial_moment(problem, machine, unknowns.z)
 
     def one(begin: Moment, flight: tuple) -> tuple[Moment, tuple[Moment, Array]]:
         there, (_, speed), _ = fly_to_event(machine, flow, begin, *flight)
@@ -195,15 +195,15 @@ def levels(problem: Problem, unknowns: Unknowns, watched: LeastMargins) -> Level
         later, speeds = jax.lax.scan(one, first, (events_of(sequence), unknowns.flights))[1]
         begins = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), begins, later)
 
-    def read(flight: Array, since: Array, stop: Array) -> _Reading:
+    def read(flight: Array, since: Array, stop: Array) -> _GapsAndForces:
         begin = jax.tree.map(lambda a: a[flight], begins)
         since = jnp.maximum(since - jax.lax.stop_gradient(begin.time), 0)
         return jax.tree.map(lambda a: a[stop], _read(machine, flow, begin, sequence.held[flight], since))
 
-    def of_stops(flights: Array, times: Array) -> _Reading:
+    def of_stops(flights: Array, times: Array) -> _GapsAndForces:
         return jax.vmap(read)(flights, times + problem.phase, jnp.arange(machine.contacts.num))
 
-    return Levels(
+    return Margins(
         speeds=speeds,
         gap=of_stops(watched.gap_flight, watched.gap_time).gap[0],
         force=of_stops(watched.force_flight, watched.force_time).force[0],
@@ -212,7 +212,7 @@ def levels(problem: Problem, unknowns: Unknowns, watched: LeastMargins) -> Level
     )
 
 
-def _have_left(sequence: CycleEvents, flight: Array, passed: Array) -> Array:
+def _leaving_stops(sequence: CycleEvents, flight: Array, passed: Array) -> Array:
     """Flags of the stops that masses leave at the beginning of a flight, (stops,).
 
     `passed` is the number of the last event plus one if that lies beyond the end of the cycle, hence begins the first
@@ -237,19 +237,19 @@ def _is_after_plastic(machine: Machine, sequence: CycleEvents, flight: Array) ->
     return is_impact & is_own & machine.contacts.restitution.is_plastic
 
 
-def _lowest(value: Array, since: Array, held: Array, begin: Moment, flight: Array) -> _Lowest:
+def _lowest(value: Array, since: Array, held: Array, begin: Moment, flight: Array) -> _Minima:
     """Minimum of each stop on one flight."""
     rows = lambda a: jnp.broadcast_to(a, (len(value), *a.shape))  # noqa: E731
     since = jnp.broadcast_to(since, (3, len(value))).T
-    return _Lowest(value, since, rows(held), rows(begin.z), rows(begin.time), rows(flight))
+    return _Minima(value, since, rows(held), rows(begin.z), rows(begin.time), rows(flight))
 
 
 def _refined(
-    machine: Machine, flow: AbstractFlow, lowest: _Lowest, of: Callable[[_Reading], Sequence[Array]]
+    machine: Machine, flow: AbstractFlow, lowest: _Minima, of: Callable[[_GapsAndForces], Sequence[Array]]
 ) -> tuple[Array, Array]:
     """Values and times of the minima, by Newton's method on the slope within each bracket; others stay unrefined."""
 
-    def one(low: _Lowest, stop: Array) -> tuple[Array, Array]:
+    def one(low: _Minima, stop: Array) -> tuple[Array, Array]:
         begin = Moment(low.z, low.start, jnp.zeros_like(lowest.value))
 
         def nearer(_: Any, at: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
@@ -272,13 +272,13 @@ def _refined(
     return jax.lax.cond(is_found, refined, lambda: (lowest.value, lowest.start + lowest.since[:, 0]))
 
 
-def _read(machine: Machine, flow: AbstractFlow, begin: Moment, held: Array, since: Array) -> _Reading:
+def _read(machine: Machine, flow: AbstractFlow, begin: Moment, held: Array, since: Array) -> _GapsAndForces:
     """Gaps and contact forces `since` forcing periods after the beginning of a flight."""
     x, v, phase, _ = flow_map(machine, flow, begin, held, since)
     x, time = jnp.split(begin.z, 2)[0] + x, (begin.time + since) * machine.period
-    state = resting_state(machine, phase, x, v, held, time)
+    state = state_before_contact(machine, phase, x, v, held, time)
     hold = machine.hold(held)
     now = derivatives(machine, state, hold)
     gap = [machine.contacts.gaps(state.x, phase), *(-a for a in approaches(machine, state, now))]
     in_periods = lambda parts: [a * machine.period**order for order, a in enumerate(parts)]  # noqa: E731
-    return _Reading(in_periods(gap), in_periods(contact_forces(machine, state, hold, now)))
+    return _GapsAndForces(in_periods(gap), in_periods(contact_forces(machine, state, hold, now)))

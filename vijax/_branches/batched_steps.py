@@ -12,18 +12,18 @@ import numpy as np
 
 from .._orbits.sequence import NOTHING, Sequence
 from .corrector import Corrected
-from .kernels import CorrectedCycle, Followed, padded, room_for
+from .kernels import CorrectedCycle, SimulatedMotion, padded, room_for
 from .parameter_family import ExtendedCycle
-from .point import TRUSTED, BranchPoint, Walk
+from .point import TRUSTED, BranchPoint, DirectedBranch
 from .test_functions import TESTS_OF_NEIGHBOURS, is_crossed, margins, num_unstable, test_slopes
 
 # `_LONGEST`: longest step, along the scaled parameter or for a cycle of size 1.
 # `SHORTEST`: shortest step.
 _LONGEST, SHORTEST = 5e-2, 1e-9
-# `STRAIGHT`: cosine of the largest angle between the tangents at the ends of a step.
+# `MIN_TANGENT_COSINE`: cosine of the largest angle between the tangents at the ends of a step.
 # `_FEW`: largest number of Newton iterations after which steps grow by half.
 # `_MANY`: number of Newton iterations from which steps shrink, and the most of an accepted step.
-STRAIGHT, _FEW, _MANY = 0.98, 4, 7
+MIN_TANGENT_COSINE, _FEW, _MANY = 0.98, 4, 7
 # `FIRST`: length of the first step.
 # `PROBE`: length of the probe before it, which measures how fast multipliers move.
 FIRST, PROBE = 2e-3, 1e-5
@@ -46,7 +46,7 @@ class PlainSteps(NamedTuple):
         ds: length of the first step.
     """
 
-    walk: Walk
+    walk: DirectedBranch
     start: BranchPoint
     point: BranchPoint
     ds: float
@@ -57,7 +57,7 @@ class PlainSteps(NamedTuple):
         return self.point.sequence
 
 
-class Known(NamedTuple):
+class StepState(NamedTuple):
     """Quantities by which steps are judged, of a batch of branches.
 
     Attributes:
@@ -81,7 +81,7 @@ class Known(NamedTuple):
     multipliers: np.ndarray
 
 
-class BranchSteps(NamedTuple):
+class BranchProgress(NamedTuple):
     """Progress and limits of a batch of branches.
 
     Attributes:
@@ -101,15 +101,15 @@ class BranchSteps(NamedTuple):
     tangent: ExtendedCycle
 
 
-def is_sound(found: Corrected, turn: Any, ds: Any) -> Any:
+def is_accepted(found: Corrected, turn: Any, ds: Any) -> Any:
     """True where the corrector converged fast and the tangents at both ends, of product `turn`, are close."""
     is_near = found.is_converged & (found.first < 10 * ds) & (found.num_steps <= _MANY)
-    return is_near & (turn > STRAIGHT)
+    return is_near & (turn > MIN_TANGENT_COSINE)
 
 
-def is_resolved(known: Known, new: Known, ds: Any) -> np.ndarray:
+def is_resolved(known: StepState, new: StepState, ds: Any) -> np.ndarray:
     """True where a step is short enough: no pair of multipliers passes +1, and no test function vanishes twice."""
-    is_slow = (_turned(known, new) <= _TURNED) | (ds <= _NARROWEST)
+    is_slow = (_multiplier_motion(known, new) <= _TURNED) | (ds <= _NARROWEST)
     falls, rises = known.slopes * _row(ds) / 3, new.slopes * _row(ds) / 3
     # The Hermite cubic through both ends is positive if these two of its Bernstein coefficients are.
     with np.errstate(invalid="ignore"):
@@ -118,7 +118,7 @@ def is_resolved(known: Known, new: Known, ds: Any) -> np.ndarray:
     return is_slow & ~np.any(dips & is_known, axis=1)
 
 
-def next_length(found: Corrected, known: Known, new: Known, ds: Any) -> Any:
+def next_length(found: Corrected, known: StepState, new: StepState, ds: Any) -> Any:
     """Length of the step after one of length `ds`."""
     steps = found.num_steps
     grown = ds * np.where(steps <= _FEW, 1.5, np.where(steps < _MANY, 1.2, 0.7))
@@ -128,11 +128,11 @@ def next_length(found: Corrected, known: Known, new: Known, ds: Any) -> Any:
         _LONGEST * size, np.maximum(_LONGEST / np.maximum(np.abs(new.tangent.p), _REAL), _LONGEST)
     )
     grown = np.minimum(np.where(ds == PROBE, FIRST, grown), longest)
-    planned = ds * _PLANNED / np.maximum(_turned(known, new), np.finfo(float).tiny)
+    planned = ds * _PLANNED / np.maximum(_multiplier_motion(known, new), np.finfo(float).tiny)
     return np.minimum(grown, np.maximum(planned, _NARROWEST))
 
 
-def _turned(known: Known, new: Known) -> np.ndarray:
+def _multiplier_motion(known: StepState, new: StepState) -> np.ndarray:
     """Largest move of a complex multiplier, relative to its distance from +1."""
     mu, before = new.multipliers, known.multipliers
     is_pair = np.isfinite(mu) & (np.abs(np.imag(mu)) > _REAL)
@@ -152,7 +152,7 @@ def inner_products(one: ExtendedCycle, other: ExtendedCycle) -> np.ndarray:
     return (one.z * other.z).sum(1) + (one.flights * other.flights).sum(1) + one.p * other.p
 
 
-def predictions(known: Known, ds: np.ndarray) -> tuple[ExtendedCycle, ExtendedCycle, np.ndarray]:
+def predictions(known: StepState, ds: np.ndarray) -> tuple[ExtendedCycle, ExtendedCycle, np.ndarray]:
     """Guesses, weights and targets of the corrector for the next points."""
     place, tangent = known.place, known.tangent
     by = ds[:, None]
@@ -162,10 +162,10 @@ def predictions(known: Known, ds: np.ndarray) -> tuple[ExtendedCycle, ExtendedCy
     return guess, tangent, inner_products(place, tangent) + ds
 
 
-def known_of(sequence: Sequence, place: ExtendedCycle, seen: CorrectedCycle) -> Known:
-    """`Known` of corrected cycles."""
+def step_state_of(sequence: Sequence, place: ExtendedCycle, seen: CorrectedCycle) -> StepState:
+    """`StepState` of corrected cycles."""
     values = np.stack([test.of(seen) for test in TESTS_OF_NEIGHBOURS], axis=-1)
-    return Known(
+    return StepState(
         sequence,
         place,
         seen.found.tangent,
@@ -177,13 +177,13 @@ def known_of(sequence: Sequence, place: ExtendedCycle, seen: CorrectedCycle) -> 
     )
 
 
-def known_alone(point: BranchPoint) -> Known:
-    """`Known` of one point, as a batch of one."""
+def step_state_of_point(point: BranchPoint) -> StepState:
+    """`StepState` of one point, as a batch of one."""
     sequence, place = padded(point.sequence, (point.place,), len(point.seen.found.speeds))
-    return known_of(*jax.tree.map(lambda a: np.asarray(a)[None], (sequence, place, point.seen)))
+    return step_state_of(*jax.tree.map(lambda a: np.asarray(a)[None], (sequence, place, point.seen)))
 
 
-def begun(asked: PlainSteps) -> tuple[Known, BranchSteps]:
+def batch_row_of(asked: PlainSteps) -> tuple[StepState, BranchProgress]:
     """State of one branch, to be stacked with others."""
     walk, start, point, ds = asked
     room = room_for(len(point.sequence.kind))
@@ -194,11 +194,11 @@ def begun(asked: PlainSteps) -> tuple[Known, BranchSteps]:
     if is_same:
         _, origin, tangent = padded(one, (start.place, start.tangent), room)
     ds, arc, num_periods, bounds = (np.asarray(a) for a in (ds, point.arc, walk.num_periods, walk.bounds))
-    ways = BranchSteps(ds, arc, num_periods, bounds, origin, tangent)
-    return known_of(sequence, place, point.seen), ways
+    ways = BranchProgress(ds, arc, num_periods, bounds, origin, tangent)
+    return step_state_of(sequence, place, point.seen), ways
 
 
-def is_plain(known: Known, new: Known, ways: BranchSteps) -> np.ndarray:
+def is_plain(known: StepState, new: StepState, ways: BranchProgress) -> np.ndarray:
     """True where a step passes no zero of a test function, no bound, no start of a cycle or of the branch."""
     is_met = np.any((known.margins > 0) & (new.margins <= 0), axis=1)
     is_special = np.any(is_crossed(known.neighbours, new.neighbours), axis=1)
@@ -208,11 +208,11 @@ def is_plain(known: Known, new: Known, ways: BranchSteps) -> np.ndarray:
     times = np.cumsum(new.place.flights, axis=1)
     is_other = (new.sequence.kind != NOTHING) & ((times < 0) | (times > ways.num_periods[:, None]))
     s = inner_products(ways.start, known.tangent) - inner_products(known.place, known.tangent)
-    is_back = (s > 0) & (s <= ways.ds) & (inner_products(ways.tangent, known.tangent) >= STRAIGHT)
+    is_back = (s > 0) & (s <= ways.ds) & (inner_products(ways.tangent, known.tangent) >= MIN_TANGENT_COSINE)
     return ~(is_met | is_special | is_odd | is_out | is_back | np.any(is_other, axis=1))
 
 
-def follows_cycle(known: Known, seen: CorrectedCycle, followed: Followed) -> np.ndarray:
+def follows_cycle(known: StepState, seen: CorrectedCycle, followed: SimulatedMotion) -> np.ndarray:
     """True where a run follows the cycle with as many events, or cannot, as a multiplier exceeds `TRUSTED`."""
     same_number = np.count_nonzero((followed.sequence.kind != NOTHING), axis=1) == np.count_nonzero(
         (known.sequence.kind != NOTHING), axis=1

@@ -5,14 +5,14 @@ import numpy as np
 from .._hybrid.limits import IMPACT, RELEASE
 from .._orbits.sequence import Sequence
 from .branch import Bifurcation, cycle_of
-from .defining_systems import AbstractCondition, AtBranchPoint, AtEvent, AtMultiplier, Defining
+from .defining_systems import AbstractCondition, AtBranchPoint, AtEvent, AtMultiplier, DefiningSystem
 from .kernels import CorrectedCycle, padded, room_for
 from .parameter_family import ExtendedCycle, Family
-from .point import as_it_is
+from .point import correct_with_free_parameter
 from .scheduler import drive
 from .sequence_edits import with_event
 from .starts import Start, family_of, starting_orbits
-from .test_functions import CLOSE, Test, tests_of
+from .test_functions import CLOSE, TestFunction, tests_of
 
 _NO_SYSTEM = {
     "chatter_completion": 'Where a chatter is completed infinitely many changes meet: take one of them, of a kind "gr" '
@@ -24,7 +24,7 @@ _LIGHT = 1e-9
 _MOMENT = {"float64": 1e-9, "float32": 1e-4}
 
 
-def defining_of(point: Bifurcation, low: float, high: float) -> tuple[Defining, ExtendedCycle]:
+def defining_system_of(point: Bifurcation, low: float, high: float) -> tuple[DefiningSystem, ExtendedCycle]:
     """Padded defining system of a bifurcation, and its cycle; the scale of the parameter is `high - low`.
 
     Raises:
@@ -41,7 +41,7 @@ def defining_of(point: Bifurcation, low: float, high: float) -> tuple[Defining, 
     else:
         condition, sequence, place = _at_event(family, point.kind, sequence, place)
     sequence, place = padded(sequence, (place,), room_for(len(sequence.kind)))
-    return Defining(family, sequence, condition), place
+    return DefiningSystem(family, sequence, condition), place
 
 
 def family_at(point: Bifurcation, low: float, high: float) -> tuple[Start, Family, Sequence, ExtendedCycle]:
@@ -68,15 +68,15 @@ def _at_multiplier(point: Bifurcation) -> AbstractCondition:
 def _at_event(
     family: Family, kind: str, sequence: Sequence, place: ExtendedCycle
 ) -> tuple[AbstractCondition, Sequence, ExtendedCycle]:
-    sequence, place, k, is_tangent = with_its_event(family, kind, sequence, place)
+    sequence, place, k, is_tangent = with_bifurcation_event(family, kind, sequence, place)
     return AtEvent(np.zeros(0), np.asarray(k), np.asarray(is_tangent)), sequence, place
 
 
-def with_its_event(
+def with_bifurcation_event(
     family: Family, kind: str, sequence: Sequence, place: ExtendedCycle
 ) -> tuple[Sequence, ExtendedCycle, int, bool]:
     """Cycle with the event of the bifurcation inserted; its number, and whether its value has zero rate."""
-    (seen,) = drive([family], [as_it_is(sequence, place)], lambda: None)
+    (seen,) = drive([family], [correct_with_free_parameter(sequence, place)], lambda: None)
     test, watched = _test_of(kind, sequence, seen), seen.watched
     k, is_tangent = test.index, test.kind != "double_impact"
     if test.kind == "touch":
@@ -90,7 +90,7 @@ def with_its_event(
     return sequence, place, k, is_tangent
 
 
-def _test_of(kind: str, sequence: Sequence, seen: CorrectedCycle) -> Test:
+def _test_of(kind: str, sequence: Sequence, seen: CorrectedCycle) -> TestFunction:
     """Test function that vanishes at the point."""
     wanted = {"gr": ("gr", "touch")}.get(kind, (kind,))
     tests = [test for test in tests_of(sequence) if test.kind in wanted]

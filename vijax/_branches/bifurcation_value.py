@@ -6,16 +6,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from .._flow.taylor import TaylorFlow
-from .._jax.arrays import Scalar, constant, known_stays_known, refuse_single_precision
+from .._jax.arrays import Scalar, concrete_evaluation, refuse_single_precision, stop_gradients
 from .._jax.errors import checked
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import compile_lightly, differentiable, padding_allowed
 from .._orbits.cycle import residual
 from .._system.system import ImpactSystem, with_args
 from .admissibility import margins_of_cycle
-from .bifurcation_setup import defining_of
+from .bifurcation_setup import defining_system_of
 from .branch import Bifurcation
-from .defining_systems import AbstractCondition, Defining, implicit_solution, solve
+from .defining_systems import AbstractCondition, DefiningSystem, implicit_solution, solve
 from .parameter_family import ExtendedCycle
 
 # Rounding of what must not be negative on a motion, relative to its size, and of the unfolding.
@@ -71,18 +71,18 @@ def bifurcation_value(point: Bifurcation, system: ImpactSystem, *, throw: bool =
         Bifurcations of Dynamical Equilibria (2000), Ch. 3.
     """
     refuse_single_precision("bifurcation_value", point.branch.points["x0"], system)
-    with known_stays_known():
+    with concrete_evaluation():
         values = point.branch.values
-        defining, guess = defining_of(point, float(values.min()), float(values.max()))
+        defining, guess = defining_system_of(point, float(values.min()), float(values.max()))
     defining = _of_machine(defining, with_args(system, None))
-    condition, y, number = _solved(constant(defining), guess)
+    condition, y, number = _solved(stop_gradients(defining), guess)
     solved = replace(defining, condition=condition), y
     # JAX cannot transpose its derivative of an ODE solver; exact flows compile faster without `differentiable`.
     found = _value(solved) if system.force is None else differentiable(_value, _value, solved)
     return checked(found, number, _SENTENCES) if throw else known_or_nan(number == 0, found)
 
 
-def _of_machine(defining: Defining, system: ImpactSystem) -> Defining:
+def _of_machine(defining: DefiningSystem, system: ImpactSystem) -> DefiningSystem:
     """Defining system with the machine replaced."""
     make = lambda system: (system.num_masses, [stop.slot or (*stop.coefficients,) for stop in system.stops])  # noqa: E731
     (masses, stops), ours = make(defining.family.system), make(system)
@@ -97,25 +97,27 @@ def _of_machine(defining: Defining, system: ImpactSystem) -> Defining:
     return replace(defining, family=replace(defining.family, system=system, flow=flow))
 
 
-def _value(solved: tuple[Defining, Array]) -> Scalar:
+def _value(solved: tuple[DefiningSystem, Array]) -> Scalar:
     """Parameter value of a solved defining system."""
     defining, y = solved
     return defining.place(implicit_solution(defining, y))[0].p * defining.family.span
 
 
 @compile_lightly
-def _solved(defining: Defining, guess: ExtendedCycle) -> tuple[AbstractCondition, Array, Int[Array, ""]]:
+def _solved(
+    defining: DefiningSystem, guess: ExtendedCycle
+) -> tuple[AbstractCondition, Array, Int[Array, ""]]:
     """Condition, unknowns that satisfy it, and index of the error sentence, 0 on success."""
     solved = solve(defining, defining.unknowns(guess))
     place, own = defining.place(solved.y)
-    is_motion = _is_motion(defining, place)
+    is_motion = _is_admissible(defining, place)
     # Without the symmetry the branches part, and the unfolding is not zero.
     parts = jnp.max(jnp.abs(solved.defining.condition.unfolding(own)))
     is_found = solved.is_found & (parts < _ROUNDING[str(solved.y.dtype)])
     return solved.defining.condition, solved.y, jnp.where(is_found, jnp.where(is_motion, 0, 2), 1)
 
 
-def _is_motion(defining: Defining, place: ExtendedCycle) -> Array:
+def _is_admissible(defining: DefiningSystem, place: ExtendedCycle) -> Array:
     """True if no stop is penetrated, no held mass is pulled, and the events are in order."""
     family, sequence = defining.family, defining.sequence
     problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)

@@ -24,7 +24,7 @@ from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem, bound
 from .kernels import CorrectedCycle
 from .parameter_family import ExtendedCycle, Family
-from .point import BranchPoint, PlainPoint, Walk, side_by_side
+from .point import BranchPoint, DirectedBranch, PlainPoint, stacked_cycles
 from .test_functions import KINDS
 
 # `_STEP_OF_ROOM`: logs have room for a multiple of this number, one program for most orbits of a branch.
@@ -140,12 +140,12 @@ class Bifurcation:
         return f"{self.kind} at {self.value:.12g} (point {self.index})"
 
 
-def branch_of(family: Family, start: BranchPoint, back: Walk, forth: Walk) -> Branch:
+def branch_of(family: Family, start: BranchPoint, back: DirectedBranch, forth: DirectedBranch) -> Branch:
     """Join the walks backwards and forwards from a point to a branch."""
     if forth.end == "closed" and back.end in ("closed", "max_points", "interrupted"):
         back = replace(back, points=[], end="closed")
     points = [*back.points[::-1], start, *forth.points]
-    seen = side_by_side(points)
+    seen = stacked_cycles(points)
     arcs = [-point.arc for point in back.points[::-1]] + [point.arc for point in [start, *forth.points]]
     columns = {
         family.path: (("point",), seen.found.place.p * family.span),

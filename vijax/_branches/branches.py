@@ -9,9 +9,9 @@ import xarray as xr
 from .._jax.arrays import Count, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._orbits.sweep_orbits import periodic_orbits
-from .._progress import Interrupted, bringing, tqdm
+from .._progress import Interrupted, interrupt_with_result, tqdm
 from .branch import Branch
-from .continuation import continued
+from .continuation import follow_branches
 from .membership import not_on
 from .starts import Start, starting_orbits, value_of
 from .switch import switch_branch
@@ -63,18 +63,21 @@ def branches(
     (path,), (low, high) = paths, bounds or (float(ds[paths[0]].min()), float(ds[paths[0]].max()))
     waiting = [start for start in starting_orbits(orbits) if low <= _value(start, path) <= high]
     found: list[Branch] = []
-    with tqdm(total=len(waiting), unit="orbit", disable=not progress) as bar, bringing(lambda: found):
+    with (
+        tqdm(total=len(waiting), unit="orbit", disable=not progress) as bar,
+        interrupt_with_result(lambda: found),
+    ):
         how = {"path": path, "bounds": (low, high), "max_points": max_points}
-        follow = partial(continued, **how, progress=False, leaves_out=True)
-        last = _each_once(waiting, found, follow, bar)
+        follow = partial(follow_branches, **how, progress=False, leaves_out=True)
+        last = _follow_each_branch_once(waiting, found, follow, bar)
         for _ in range(num_doublings):
             points = [point for branch in last for point in branch.bifurcations if point.kind == "pd"]
             doubled = [start for point in points for start in starting_orbits(switch_branch(point))]
-            last = _each_once(doubled, found, follow, bar)
+            last = _follow_each_branch_once(doubled, found, follow, bar)
     return found
 
 
-def _each_once(
+def _follow_each_branch_once(
     starts: list[Start], found: list[Branch], follow: Callable[[list[Start]], list[Branch | None]], bar: tqdm
 ) -> list[Branch]:
     """Add the branches of all orbits that lie on none found, each branch once; return the added ones."""

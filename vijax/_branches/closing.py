@@ -3,17 +3,17 @@
 import numpy as np
 
 from .._orbits.sequence import Sequence
-from .batched_steps import STRAIGHT
+from .batched_steps import MIN_TANGENT_COSINE
 from .kernels import KernelCall, locate_start, trimmed
 from .parameter_family import ExtendedCycle
-from .point import Asked, BranchPoint, Walk, on_plane
+from .point import BranchPoint, DirectedBranch, KernelRequests, on_plane
 
 # `_AGAIN`: distance within which two cycles are the same.
 # `_SAME`: distance within which a state has returned in a cycle that repeats a shorter one.
 _AGAIN, _SAME = 1e-8, 1e-6
 
 
-def rounds_of(sequence: Sequence, place: ExtendedCycle, num_periods: int) -> Asked:
+def repetitions_of(sequence: Sequence, place: ExtendedCycle, num_periods: int) -> KernelRequests:
     """Number of times that a cycle of `num_periods` forcing periods repeats a shorter one."""
     for n in (n for n in range(1, num_periods) if num_periods % n == 0):
         if len(sequence.kind) % (num_periods // n):
@@ -24,7 +24,9 @@ def rounds_of(sequence: Sequence, place: ExtendedCycle, num_periods: int) -> Ask
     return 1
 
 
-def is_at_start(walk: Walk, start: BranchPoint, point: BranchPoint, new: BranchPoint) -> Asked:
+def is_at_start(
+    walk: DirectedBranch, start: BranchPoint, point: BranchPoint, new: BranchPoint
+) -> KernelRequests:
     """Test whether the step from a point to a new one passes the start of the branch."""
     same = np.array_equal(start.sequence.kind, point.sequence.kind) and np.array_equal(
         start.sequence.stop, point.sequence.stop
@@ -33,7 +35,7 @@ def is_at_start(walk: Walk, start: BranchPoint, point: BranchPoint, new: BranchP
         return False
     tangent, ds = point.tangent, new.arc - point.arc
     s = start.place.along(tangent) - point.place.along(tangent)
-    if not 0 < s <= ds or start.tangent.along(tangent) < STRAIGHT:
+    if not 0 < s <= ds or start.tangent.along(tangent) < MIN_TANGENT_COSINE:
         return False
     seen = yield from on_plane(point, start.place, s)
     found = trimmed(seen.found.place, len(point.sequence.kind))
@@ -41,7 +43,7 @@ def is_at_start(walk: Walk, start: BranchPoint, point: BranchPoint, new: BranchP
     return bool(seen.found.is_converged and np.sqrt(away.along(away)) < _AGAIN)
 
 
-def first_repeated(walk: Walk, last: BranchPoint) -> Asked:
+def first_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
     """Index of the first point of a walk that is passed twice; None if its last point is a new one.
 
     A cycle may return shifted by some forcing periods.
@@ -73,4 +75,4 @@ def _events(sequence: Sequence) -> list[tuple[int, int]]:
 
 def _is_same_way(old: BranchPoint, new: BranchPoint) -> bool:
     """True if a branch passes a point twice in the same direction, unlike where it crosses itself."""
-    return bool(old.tangent.along(new.tangent) > STRAIGHT)
+    return bool(old.tangent.along(new.tangent) > MIN_TANGENT_COSINE)

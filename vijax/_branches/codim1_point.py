@@ -10,15 +10,15 @@ from .._jax.xla import jit_lightly
 from .._orbits.condensation import condense
 from .._orbits.cycle import linearise, residual
 from .._orbits.floquet import floquet_multipliers
-from .._orbits.search import away_from_stops
+from .._orbits.search import frame_offset
 from .._orbits.sequence import Sequence
 from .admissibility import LeastMargins, margins_of_cycle
-from .defining_systems import Defining, Plane, solve
+from .defining_systems import DefiningSystem, Plane, solve
 from .kernels import jacobian
 from .parameter_family import ExtendedCycle, Family
 
 
-class Neighbours(NamedTuple):
+class LinearisedReturn(NamedTuple):
     """Linearised return of the neighbours of a cycle.
 
     Attributes:
@@ -32,7 +32,7 @@ class Neighbours(NamedTuple):
     independence: Reals
 
 
-class OnCurve(NamedTuple):
+class CurvePoint(NamedTuple):
     """Point of a curve of bifurcations.
 
     Attributes:
@@ -62,13 +62,13 @@ class OnCurve(NamedTuple):
     is_found: Bool[Array, ""]
 
     @property
-    def found(self) -> "OnCurve":
+    def found(self) -> "CurvePoint":
         """The point itself: test functions of a sequence read it as they read a cycle of a branch."""
         return self
 
 
 @jit_lightly
-def located(defining: Defining, guess: Float[Array, " unknowns"], plane: Plane) -> OnCurve:
+def correct_in_plane(defining: DefiningSystem, guess: Float[Array, " unknowns"], plane: Plane) -> CurvePoint:
     """Point of a curve in a plane, by Newton's method from a guess."""
     solved = solve(defining, guess, plane)
     defining, y = solved.defining, jnp.where(solved.is_found, solved.y, guess)
@@ -76,13 +76,13 @@ def located(defining: Defining, guess: Float[Array, " unknowns"], plane: Plane) 
     problem, unknowns = defining.family.problem(defining.sequence, place.p), defining.family.unknowns(place)
     found = residual(problem, unknowns)
     tangent = _tangent(solved.matrix)
-    return OnCurve(
+    return CurvePoint(
         y=y,
         tangent=tangent,
         place=place,
         direction=defining.place(tangent)[0].p,
         own=own,
-        start=unknowns.z - away_from_stops(problem),
+        start=unknowns.z - frame_offset(problem),
         speeds=found.speed,
         residual=jnp.max(jnp.abs(found.closing / defining.family.scale)),
         watched=margins_of_cycle(problem, unknowns),
@@ -97,11 +97,11 @@ def _tangent(matrix: Float[Array, "unknowns unknowns"]) -> Float[Array, " unknow
 
 
 @jit_lightly
-def neighbours(family: Family, sequence: Sequence, place: ExtendedCycle) -> Neighbours:
+def neighbours(family: Family, sequence: Sequence, place: ExtendedCycle) -> LinearisedReturn:
     """Linearised return of the neighbours of a cycle with these events."""
     problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
     pencil = condense(linearise(problem, unknowns, family.scale)[1]).pencil
-    return Neighbours(
+    return LinearisedReturn(
         floquet_multipliers(pencil, sequence.most_held, problem.shifts),
         jnp.linalg.det(jacobian(family, sequence, place)),
         jnp.linalg.svd(jnp.hstack([pencil.end, pencil.start]), compute_uv=False)[-1],

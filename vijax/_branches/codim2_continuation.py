@@ -10,10 +10,10 @@ import numpy as np
 from .._orbits.sequence import Sequence
 from .._progress import tqdm
 from .bracket import Bracket, next_trial
-from .codim1_point import OnCurve, located, neighbours
-from .codim2_tests import CurveNeighbourhood, CurveTest, curve_tests, faces_of, name_there
-from .defining_systems import AtEvent, Defining, Plane
-from .kernels import KernelCall, confirm, locate_start, padded, trimmed
+from .codim1_point import CurvePoint, correct_in_plane, neighbours
+from .codim2_tests import CurveNeighbourhood, CurveTest, curve_tests, faces_of, special_point_name
+from .defining_systems import AtEvent, DefiningSystem, Plane
+from .kernels import KernelCall, locate_start, padded, simulate_cycle, trimmed
 from .parameter_family import ExtendedCycle
 from .point import TRUSTED
 from .scheduler import answer
@@ -31,7 +31,7 @@ _TURN, _FEW, _MANY = 0.98, 4, 7
 _ON_BOUND = 1e-12
 
 
-class OfCurve(NamedTuple):
+class CurveState(NamedTuple):
     """Point of a curve with its defining system.
 
     Attributes:
@@ -41,11 +41,11 @@ class OfCurve(NamedTuple):
     """
 
     seen: CurveNeighbourhood
-    defining: Defining
+    defining: DefiningSystem
     special: str = ""
 
     @property
-    def at(self) -> OnCurve:
+    def at(self) -> CurvePoint:
         """The point without its neighbours."""
         return self.seen.at
 
@@ -54,7 +54,7 @@ class OfCurve(NamedTuple):
         """Sequence of the orbit, without padding."""
         return unpadded_sequence(self.defining)
 
-    def turned(self) -> "OfCurve":
+    def turned(self) -> "CurveState":
         """The same point with the opposite direction."""
         at = self.at._replace(tangent=-self.at.tangent, direction=-self.at.direction)
         return self._replace(seen=self.seen._replace(at=at))
@@ -63,21 +63,21 @@ class OfCurve(NamedTuple):
         """Point of the curve in a plane, near a guess."""
         return point_with_neighbours(self.defining, guess, Plane(weights, np.asarray(target, guess.dtype)))
 
-    def ahead(self, s: float, towards: OnCurve | None = None) -> CurveNeighbourhood:
+    def ahead(self, s: float, towards: CurvePoint | None = None) -> CurveNeighbourhood:
         """Point of the curve at distance `s` along the tangent, guessed from it or from the chord to another point."""
         y, tangent = self.at.y, self.at.tangent
         way = tangent if towards is None else (towards.y - y) / ((towards.y - y) @ tangent)
         return self.in_plane(y + s * way, tangent, y @ tangent + s)
 
 
-def unpadded_sequence(defining: Defining) -> Sequence:
+def unpadded_sequence(defining: DefiningSystem) -> Sequence:
     """Sequence of a defining system, without padding."""
     return trimmed(defining.sequence, int(np.count_nonzero(defining.sequence.kind >= 0)))
 
 
-def point_with_neighbours(defining: Defining, guess: np.ndarray, plane: Plane) -> CurveNeighbourhood:
+def point_with_neighbours(defining: DefiningSystem, guess: np.ndarray, plane: Plane) -> CurveNeighbourhood:
     """Point of a curve in a plane, with its neighbours on each face."""
-    at = jax.device_get(located(defining, guess, plane))
+    at = jax.device_get(correct_in_plane(defining, guess, plane))
     sequence = unpadded_sequence(defining)
     place, room = trimmed(at.place, len(sequence.kind)), len(defining.sequence.kind)
     faces = []
@@ -87,7 +87,7 @@ def point_with_neighbours(defining: Defining, guess: np.ndarray, plane: Plane) -
     return CurveNeighbourhood(at, tuple(faces))
 
 
-def begin_curve(defining: Defining, place: ExtendedCycle) -> OfCurve:
+def begin_curve(defining: DefiningSystem, place: ExtendedCycle) -> CurveState:
     """Point of a curve at a known cycle."""
     y = np.asarray(defining.unknowns(place))
     # Random weights, so that the plane does not contain the tangent of the curve.
@@ -98,7 +98,7 @@ def begin_curve(defining: Defining, place: ExtendedCycle) -> OfCurve:
         raise ValueError(
             "The curve cannot be followed from this point: take one farther from other bifurcations."
         )
-    return OfCurve(seen, defining)
+    return CurveState(seen, defining)
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class Curve:
     box: np.ndarray
     most: int
 
-    def follow(self, begun: OfCurve, bar: tqdm, found: list[OfCurve]) -> str:
+    def follow(self, begun: CurveState, bar: tqdm, found: list[CurveState]) -> str:
         """Append the points in the direction of `begun` to `found`; return why they end."""
         here, ds, why = begun, _FIRST, ""
         while len(found) < self.most:
@@ -145,7 +145,7 @@ class Curve:
             ds = min(ds * (1.5 if new.at.num_steps <= _FEW else 1.0), _LONGEST)
         return "max_points"
 
-    def _at_bound(self, here: OfCurve, new: OnCurve) -> CurveNeighbourhood | None:
+    def _at_bound(self, here: CurveState, new: CurvePoint) -> CurveNeighbourhood | None:
         """Point of the curve at the first bound between two points, or None."""
         p, ahead = here.at.place.p, new.place.p
         crossed = [
@@ -161,18 +161,18 @@ class Curve:
         weights[len(y) - len(here.at.own) - 2 + k] = np.sign(ahead[k] - p[k])
         return here.in_plane(y + share * (new.y - y), weights, bound * weights.sum())
 
-    def _met(self, here: OfCurve, new: CurveNeighbourhood) -> tuple[list[OfCurve], str]:
+    def _met(self, here: CurveState, new: CurveNeighbourhood) -> tuple[list[CurveState], str]:
         """Special points of a step and, unless the curve ends before, its last point; and why the curve ends."""
-        found: list[OfCurve] = []
+        found: list[CurveState] = []
         for _, test, seen in sorted(self._special(here, new), key=lambda one: one[0]):
-            if name := name_there(test, seen):
+            if name := special_point_name(test, seen):
                 found.append(here._replace(seen=seen, special=name))
                 if test.is_end:
                     return found, name
         return [*found, here._replace(seen=new, special="")], ""
 
     def _special(
-        self, here: OfCurve, new: CurveNeighbourhood
+        self, here: CurveState, new: CurveNeighbourhood
     ) -> Iterator[tuple[float, CurveTest, CurveNeighbourhood]]:
         """Zeros of test functions on a step: distance ahead, test, and point."""
         length = float((new.at.y - here.at.y) @ here.at.tangent)
@@ -188,7 +188,7 @@ class Curve:
                 yield s, test, seen
 
 
-def _step(here: OfCurve, ds: float) -> CurveNeighbourhood | None:
+def _step(here: CurveState, ds: float) -> CurveNeighbourhood | None:
     """Next point, or None if the curve is too curved for such a step."""
     new = here.ahead(ds)
     at = new.at
@@ -196,15 +196,15 @@ def _step(here: OfCurve, ds: float) -> CurveNeighbourhood | None:
     return new if is_sound else None
 
 
-def _is_followed(here: OfCurve) -> bool:
+def _is_followed(here: CurveState) -> bool:
     """True if the machine follows the cycle, or a run cannot decide: at an event it may follow either face."""
     if isinstance(here.defining.condition, AtEvent) or np.abs(here.seen.faces[0].multipliers[0]) > TRUSTED:
         return True
     place = trimmed(here.at.place, len(here.sequence.kind))
-    return bool(_answer(here, KernelCall(confirm, here.sequence, (place,))).is_alike)
+    return bool(_answer(here, KernelCall(simulate_cycle, here.sequence, (place,))).is_alike)
 
 
-def _is_back(begun: OnCurve, here: OnCurve, new: OnCurve) -> bool:
+def _is_back(begun: CurvePoint, here: CurvePoint, new: CurvePoint) -> bool:
     """True if a step passes the first point of the curve."""
     if len(begun.y) != len(new.y) or begun.tangent @ new.tangent < _TURN:
         return False
@@ -213,7 +213,7 @@ def _is_back(begun: OnCurve, here: OnCurve, new: OnCurve) -> bool:
     return bool(0 < share <= 1 and np.linalg.norm(passed - share * way) < 0.1 * np.linalg.norm(way))
 
 
-def _in_section(here: OfCurve) -> OfCurve:
+def _in_section(here: CurveState) -> CurveState:
     """The point with all its events between the start of the cycle and its end."""
     sequence, num_periods = here.sequence, float(here.defining.family.num_periods)
     place = trimmed(here.at.place, len(sequence.kind))
@@ -232,6 +232,6 @@ def _in_section(here: OfCurve) -> OfCurve:
     return moved if moved.at.direction @ here.at.direction > 0 else moved.turned()
 
 
-def _answer(here: OfCurve, request: KernelCall):
+def _answer(here: CurveState, request: KernelCall):
     """Result of a kernel for the family of a point."""
     return answer(here.defining.family, request)

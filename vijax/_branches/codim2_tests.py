@@ -11,8 +11,8 @@ import numpy as np
 
 from .._hybrid.limits import IMPACT
 from .._orbits.sequence import Sequence
-from .codim1_point import Neighbours, OnCurve
-from .defining_systems import AbstractCondition, AtEvent, Defining
+from .codim1_point import CurvePoint, LinearisedReturn
+from .defining_systems import AbstractCondition, AtEvent, DefiningSystem
 from .parameter_family import ExtendedCycle
 from .sequence_edits import with_order_exchanged, without_event
 from .test_functions import CLOSE, KINDS, num_on_circle, of_doubling, of_meeting, of_pairs, tests_of
@@ -20,7 +20,7 @@ from .test_functions import CLOSE, KINDS, num_on_circle, of_doubling, of_meeting
 Change = Callable[[Sequence, ExtendedCycle], tuple[Sequence, ExtendedCycle]]
 
 # `_INFINITE`: modulus of an infinite multiplier.
-# `_DEPENDENT`: independence, see `Neighbours`, that counts as zero.
+# `_DEPENDENT`: independence, see `LinearisedReturn`, that counts as zero.
 # `_ROUNDING`: gap or force that counts as zero.
 _INFINITE, _DEPENDENT, _ROUNDING = 1e8, 1e-7, 1e-9
 # Strong resonances, where orbits of other periods meet: angle of the pair of multipliers, whether the curve ends.
@@ -32,8 +32,8 @@ _NEAR = {"fold": [1], "bp": [1], "pd": [-1], "1:1": [1, 1], "1:2": [-1, -1]}
 class CurveNeighbourhood(NamedTuple):
     """Point of a curve with its neighbours on each face."""
 
-    at: OnCurve
-    faces: tuple[Neighbours, ...]
+    at: CurvePoint
+    faces: tuple[LinearisedReturn, ...]
 
 
 class CurveTest(NamedTuple):
@@ -57,14 +57,14 @@ class CurveTest(NamedTuple):
         return bool(first >= -_ROUNDING > last if self.is_end else first * last < 0)
 
 
-def curve_tests(kind: str, defining: Defining, sequence: Sequence) -> list[CurveTest]:
+def curve_tests(kind: str, defining: DefiningSystem, sequence: Sequence) -> list[CurveTest]:
     """All test functions on a curve of a kind."""
     found = [test for k in range(len(faces_of(defining, sequence))) for test in _of_neighbours(kind, k)]
     if kind == "fold":
         found.append(CurveTest("cusp", lambda seen, before: float(seen.at.direction @ before.at.direction)))
     if kind == "ns":
         found += [
-            CurveTest(name, lambda seen, before, to=angle: _towards(to, seen, before), is_end=is_end)
+            CurveTest(name, lambda seen, before, to=angle: _angle_difference(to, seen, before), is_end=is_end)
             for name, (angle, is_end) in _ANGLES.items()
         ]
     return found + [
@@ -74,7 +74,7 @@ def curve_tests(kind: str, defining: Defining, sequence: Sequence) -> list[Curve
     ]
 
 
-def faces_of(defining: Defining, sequence: Sequence) -> list[Change]:
+def faces_of(defining: DefiningSystem, sequence: Sequence) -> list[Change]:
     """Edits that turn the sequence and the cycle of an orbit into those of each face."""
     as_it_is = lambda sequence, place: (sequence, place)  # noqa: E731
     condition = defining.condition
@@ -113,7 +113,7 @@ def _is_own(kind: str, condition: AbstractCondition, other: str, index: int) -> 
     )
 
 
-def name_there(test: CurveTest, seen: CurveNeighbourhood) -> str:
+def special_point_name(test: CurveTest, seen: CurveNeighbourhood) -> str:
     """Name of a special point, or "" if its multipliers disagree: functions also change sign at infinity."""
     kinds = test.name.split("+")
     mu, _, independence = seen.faces[test.face]
@@ -138,7 +138,7 @@ def _others(kind: str, seen: CurveNeighbourhood, face: int) -> np.ndarray:
     return mu
 
 
-def _towards(angle: float, seen: CurveNeighbourhood, before: CurveNeighbourhood) -> float:
+def _angle_difference(angle: float, seen: CurveNeighbourhood, before: CurveNeighbourhood) -> float:
     """Difference of the angle of the pair and another, positive where the step began."""
     side = np.sign(before.at.own[0] - angle) or 1.0
     return float(side * (seen.at.own[0] - angle))

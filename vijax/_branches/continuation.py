@@ -7,15 +7,15 @@ import jax
 import jax.numpy as jnp
 import xarray as xr
 
-from .._jax.arrays import Count, as_known, refuse_single_precision, whole_number
+from .._jax.arrays import Count, as_numpy_float, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._orbits.orbit import PeriodicOrbit
-from .._progress import Interrupted, bringing, tqdm
+from .._progress import Interrupted, interrupt_with_result, tqdm
 from .._system.parameters import set_parameter
 from .branch import Branch, branch_of
 from .follow import follow_branch
 from .parameter_family import Family
-from .point import BranchPoint, Walk
+from .point import BranchPoint, DirectedBranch
 from .scheduler import drive
 from .starts import Start, family_of, points_of, refuse_start, starting_orbits
 
@@ -96,12 +96,12 @@ def continuation(
         return branches[0] if isinstance(orbit, PeriodicOrbit) else branches
 
     try:
-        return as_asked(continued(starts, path, bounds, max_points, progress=progress))
+        return as_asked(follow_branches(starts, path, bounds, max_points, progress=progress))
     except Interrupted as stopped:
         raise Interrupted(as_asked(stopped.result)) from None
 
 
-def continued(
+def follow_branches(
     starts: list[Start],
     path: str,
     bounds: tuple[float, float],
@@ -124,7 +124,7 @@ def continued(
     families = [family for family, point in zip(families, all_points, strict=True) if point is not None]
     points = [point for point in all_points if point is not None]
     walks = [
-        Walk(float(family.num_periods), (low / family.span, high / family.span), most)
+        DirectedBranch(float(family.num_periods), (low / family.span, high / family.span), most)
         for family in families
         for _ in "-+"
     ]
@@ -134,12 +134,14 @@ def continued(
         branches = iter([branch_of(family, start, back, forth) for family, start, back, forth in whole])
         return [None if point is None else next(branches) for point in all_points]
 
-    with bringing(told):
+    with interrupt_with_result(told):
         _follow(walks, [family for family in families for _ in "-+"], _both_ways(points), progress=progress)
     return told()
 
 
-def _follow(walks: list[Walk], families: list[Family], starts: list[BranchPoint], *, progress: bool) -> None:
+def _follow(
+    walks: list[DirectedBranch], families: list[Family], starts: list[BranchPoint], *, progress: bool
+) -> None:
     """Follow branches from their starts."""
     tasks = [follow_branch(walk, start) for walk, start in zip(walks, starts, strict=True)]
     with tqdm(unit="point", disable=not progress) as bar:
@@ -153,7 +155,7 @@ def _follow(walks: list[Walk], families: list[Family], starts: list[BranchPoint]
 
 def _two_numbers(bounds: tuple[float, float]) -> tuple[float, float]:
     try:
-        low, high = (float(as_known(a)) for a in bounds)
+        low, high = (float(as_numpy_float(a)) for a in bounds)
     except (TypeError, ValueError) as error:
         raise ValueError(
             f"Argument `bounds` must be a lower and a higher value, but is {bounds!r}."

@@ -42,7 +42,7 @@ class Corrected(NamedTuple):
     is_converged: Bool[Array, ""]
 
 
-class _Now(NamedTuple):
+class _NewtonState(NamedTuple):
     place: ExtendedCycle
     pencil: Pencil
     tangent: ExtendedCycle
@@ -63,11 +63,11 @@ def correct(
     of_start = Weights(jnp.append(weights.z, weights.p), weights.flights)
     size = len(guess.z)
 
-    def is_on(now: _Now) -> Array:
+    def is_on(now: _NewtonState) -> Array:
         is_rounding = (now.step < _ROUNDING * eps) | ((now.step < small) & (now.step >= now.last / 2))
         return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
 
-    def one(now: tuple[ExtendedCycle, _Now]) -> tuple[ExtendedCycle, _Now]:
+    def one(now: tuple[ExtendedCycle, _NewtonState]) -> tuple[ExtendedCycle, _NewtonState]:
         here, before = now
         problem, change = family.linear_problem(sequence, here.p)
         found, flights = linearise(problem, family.unknowns(here), family.scale, count, change)
@@ -86,7 +86,7 @@ def correct(
         length = jnp.max(jnp.abs(jnp.concatenate([step.z, step.flights, step.p[None]])))
         first = jnp.where(before.num_steps == 0, length, before.first)
         pencil = _at_fixed_parameter(equations, size)
-        told = _Now(
+        told = _NewtonState(
             here,
             pencil,
             tangent,
@@ -113,7 +113,7 @@ def correct(
     )
 
 
-def as_corrected(
+def evaluate_at(
     family: Family, sequence: Sequence, place: ExtendedCycle, tangent: ExtendedCycle
 ) -> Corrected:
     """`Corrected` of a known cycle and of the tangent of its branch, without Newton's method."""
@@ -139,10 +139,10 @@ def _at_fixed_parameter(equations: Condensed, size: int) -> Pencil:
     return Pencil(end @ basis, start[:size] @ basis)
 
 
-def _nothing(guess: ExtendedCycle) -> _Now:
+def _nothing(guess: ExtendedCycle) -> _NewtonState:
     z, events, p = guess
     zero, size = jnp.zeros_like(p), len(z)
     big, square = zero + jnp.finfo(z.dtype).max, jnp.zeros((size, size), z.dtype)
-    return _Now(
+    return _NewtonState(
         guess, Pencil(square, square), guess, jnp.zeros_like(events), zero, zero, big, big, jnp.array(0)
     )

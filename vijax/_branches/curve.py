@@ -8,14 +8,14 @@ import xarray as xr
 
 from .._dataset_attributes import variable_attributes, versions
 from .._flow.taylor import TaylorFlow
-from .._jax.arrays import Count, as_known, refuse_single_precision, whole_number
+from .._jax.arrays import Count, as_numpy_float, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
-from .._progress import bringing, tqdm
+from .._progress import interrupt_with_result, tqdm
 from .._system.parameters import get_parameter
-from .bifurcation_setup import defining_of
+from .bifurcation_setup import defining_system_of
 from .branch import Bifurcation
-from .codim2_continuation import Curve, OfCurve, begin_curve
-from .defining_systems import AtBranchPoint, Defining
+from .codim2_continuation import Curve, CurveState, begin_curve
+from .defining_systems import AtBranchPoint, DefiningSystem
 from .parameter_family import ExtendedCycle
 from .starts import family_of, starting_orbits
 
@@ -80,27 +80,27 @@ def bifurcation_curve(
             f"Argument `bounds` must be of `{first}` and another path, as in {{`{first}`: (0, 1), `{path}`: (0, 1)}}."
         )
     most = whole_number("max_points", max_points, 1)
-    box = np.array([[float(as_known(a)) for a in bounds[name]] for name in (first, path)])
-    defining, place = _of_two(*defining_of(point, *box[0]), point, path, box)
+    box = np.array([[float(as_numpy_float(a)) for a in bounds[name]] for name in (first, path)])
+    defining, place = _with_second_parameter(*defining_system_of(point, *box[0]), point, path, box)
     begun = begin_curve(defining, place)
     _check_crossing(begun, path)
     curve = Curve(point.kind, box / np.asarray(defining.family.span)[:, None], most)
-    back: list[OfCurve] = []
-    forth: list[OfCurve] = []
+    back: list[CurveState] = []
+    forth: list[CurveState] = []
     ends = ["interrupted", "interrupted"]
 
     def told() -> xr.Dataset:
         return _dataset(point, path, [*back[::-1], begun, *forth], ends)
 
-    with tqdm(unit="point", disable=not progress) as bar, bringing(told):
+    with tqdm(unit="point", disable=not progress) as bar, interrupt_with_result(told):
         ends[0] = curve.follow(begun.turned(), bar, back)
         ends[1] = "closed" if ends[0] == "closed" else curve.follow(begun, bar, forth)
     return told()
 
 
-def _of_two(
-    defining: Defining, place: ExtendedCycle, point: Bifurcation, path: str, box: np.ndarray
-) -> tuple[Defining, ExtendedCycle]:
+def _with_second_parameter(
+    defining: DefiningSystem, place: ExtendedCycle, point: Bifurcation, path: str, box: np.ndarray
+) -> tuple[DefiningSystem, ExtendedCycle]:
     """Defining system and cycle with a second parameter."""
     family, (start,) = defining.family, starting_orbits(point.orbit)
     other = family_of(start._replace(is_admissible=True), path, *box[1])
@@ -112,7 +112,7 @@ def _of_two(
     return replace(defining, family=family), place._replace(p=np.array([place.p, second], span.dtype))
 
 
-def _check_crossing(begun: OfCurve, path: str) -> None:
+def _check_crossing(begun: CurveState, path: str) -> None:
     """Refuse a branch point whose branches part when the second parameter varies."""
     if isinstance(begun.defining.condition, AtBranchPoint) and np.abs(begun.at.tangent[-1]) > _KEPT:
         raise ValueError(
@@ -121,7 +121,7 @@ def _check_crossing(begun: OfCurve, path: str) -> None:
         )
 
 
-def _dataset(point: Bifurcation, path: str, found: list[OfCurve], ends: list[str]) -> xr.Dataset:
+def _dataset(point: Bifurcation, path: str, found: list[CurveState], ends: list[str]) -> xr.Dataset:
     """Dataset of the curve."""
     family = found[0].defining.family
     at = [one.at for one in found]

@@ -166,7 +166,7 @@ def _with_parameter(cycle: TrialCycle) -> Float[Array, "state free"]:
     return pencil.end - pencil.start[: len(family.scale)]
 
 
-class Defining(eqx.Module):
+class DefiningSystem(eqx.Module):
     """Defining system.
 
     Attributes:
@@ -195,7 +195,7 @@ class Defining(eqx.Module):
             self.family, place, self.family.problem(self.sequence, place.p), self.family.unknowns(place)
         )
 
-    def begun(self, y: Float[Array, " unknowns"]) -> "Defining":
+    def begun(self, y: Float[Array, " unknowns"]) -> "DefiningSystem":
         """System whose condition has its data from a cycle."""
         place, own = self.place(y)
         condition = replace(self.condition, own=own)
@@ -247,14 +247,14 @@ class Solved(NamedTuple):
         is_found: whether the last step is rounding.
     """
 
-    defining: Defining
+    defining: DefiningSystem
     y: Float[Array, " unknowns"]
     matrix: Float[Array, "equations unknowns"]
     num_steps: Int[Array, ""]
     is_found: Bool[Array, ""]
 
 
-def solve(defining: Defining, guess: Float[Array, " unknowns"], plane: Plane | None = None) -> Solved:
+def solve(defining: DefiningSystem, guess: Float[Array, " unknowns"], plane: Plane | None = None) -> Solved:
     """Solve a defining system by Newton's method from a guess."""
     defining = defining.begun(guess)
     eps, small = jnp.finfo(guess.dtype).eps, _SMALL[str(guess.dtype)]
@@ -278,7 +278,7 @@ def solve(defining: Defining, guess: Float[Array, " unknowns"], plane: Plane | N
 
 
 @eqx.filter_custom_jvp
-def implicit_solution(defining: Defining, y: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
+def implicit_solution(defining: DefiningSystem, y: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
     """Solution as a function of the machine, with derivatives by the implicit function theorem."""
     del defining
     return y
@@ -293,10 +293,10 @@ def _implicit_jvp(primals, tangents):
 
 # Two separate programs: derivatives of all kinds share the first, outside of `jax.jit`.
 @compile_lightly
-def _matrix(defining: Defining, y: Float[Array, " unknowns"]) -> Float[Array, "unknowns unknowns"]:
+def _matrix(defining: DefiningSystem, y: Float[Array, " unknowns"]) -> Float[Array, "unknowns unknowns"]:
     return defining.linearised(y)[0]
 
 
 @compile_lightly
-def _moved(defining: Defining, change: Any, y: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
+def _moved(defining: DefiningSystem, change: Any, y: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
     return eqx.filter_jvp(lambda defining: defining.values(y), (defining,), (change,))[1]

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._hybrid.limits import IMPACT
 from .locate import locate
-from .point import Asked, BranchPoint, Ended, at_parameter, predicted_point
+from .point import BranchEnd, BranchPoint, KernelRequests, at_parameter, predicted_point
 from .sequence_edits import without_event
 from .test_functions import tests_of
 
@@ -21,7 +21,7 @@ _STEP, _REACH = 1e-6, 1e-2
 _NEAR = 10.0
 
 
-def grazing_of_shorter_cycle(point: BranchPoint) -> Asked:
+def grazing_of_shorter_cycle(point: BranchPoint) -> KernelRequests:
     """Grazing at which a branch ends close to a point, on the sequence without the impacts that vanish; else None."""
     kind = point.sequence.kind
     speeds = np.where(kind == IMPACT, point.seen.found.speeds[: len(kind)], np.inf)
@@ -42,7 +42,7 @@ def grazing_of_shorter_cycle(point: BranchPoint) -> Asked:
     return None
 
 
-def vanishing(start: BranchPoint, kind: str, stop: int) -> Asked:
+def vanishing(start: BranchPoint, kind: str, stop: int) -> KernelRequests:
     """Point near a start at which the least gap or force of a stop vanishes; None if there is none."""
     test = next(test for test in tests_of(start.sequence) if test.kind == kind and test.index == stop)
     beside = yield from predicted_point(start, _STEP)
@@ -57,7 +57,7 @@ def vanishing(start: BranchPoint, kind: str, stop: int) -> Asked:
         return None
     try:
         return (yield from locate(start, beyond, test))
-    except Ended:
+    except BranchEnd:
         return None
 
 

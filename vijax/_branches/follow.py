@@ -14,37 +14,44 @@ from .batched_steps import (
     PROBE,
     SHORTEST,
     PlainSteps,
+    is_accepted,
     is_resolved,
-    is_sound,
-    known_alone,
     next_length,
+    step_state_of_point,
 )
-from .closing import first_repeated, is_at_start, rounds_of
+from .closing import first_repeated, is_at_start, repetitions_of
 from .degenerate_grazing import grazing_of_shorter_cycle
-from .grazing_cascade import FEW, MANY, behind, is_limit, limit_of, shortest_stick
-from .kernels import Followed, KernelCall, confirm, cycle_of_motion, trimmed
+from .grazing_cascade import FEW, MANY, cycle_behind_limit, is_limit, limit_of, shortest_stick
+from .kernels import KernelCall, SimulatedMotion, cycle_of_motion, simulate_cycle, trimmed
 from .locate import first_event, special_points
 from .parameter_family import ExtendedCycle
 from .point import (
     TRUSTED,
-    Asked,
+    BranchEnd,
     BranchPoint,
-    Ended,
-    Full,
-    Walk,
-    as_it_is,
+    DirectedBranch,
+    KernelRequests,
+    TooManyEvents,
     at_parameter,
     between,
+    correct_with_free_parameter,
     predicted_point,
 )
-from .sequence_switching import as_machine_has_it, by_machine, by_sequence, in_section, off, with_its_bounces
-from .test_functions import Test, crossings, tests_of
+from .sequence_switching import (
+    by_sequence,
+    continue_by_simulation,
+    cycle_of_simulation,
+    in_section,
+    step_off,
+    with_simulated_bounces,
+)
+from .test_functions import TestFunction, crossings, tests_of
 from .vanishing_flights import end_of_vanishing_flight, hop_that_ends
 
 # Longest step on which several events are accepted; a longer one is halved to separate them.
 _SEPARATE = 1e-4
 # Duration of a stick, in forcing periods, below which it vanishes at that point.
-_MOMENT = 1e-5
+_VANISHING_STICK = 1e-5
 # Distance from a bound, in the scaled parameter, within which an event lies on it.
 _ON_BOUND = 1e-8
 # _NEAR: largest distance between a given orbit and its corrected cycle.
@@ -54,7 +61,7 @@ _NEAR, _AT = 1e-3, 1e-9
 _MOST_BACK = 100
 
 
-def point_at_orbit(sequence: Sequence, start: np.ndarray, p: float) -> Asked:
+def point_at_orbit(sequence: Sequence, start: np.ndarray, p: float) -> KernelRequests:
     """The branch point at an orbit with a start in space, (2 n,), and a scaled parameter; None if there is none.
 
     `sequence` is padding with room for the events of the orbit.
@@ -62,8 +69,8 @@ def point_at_orbit(sequence: Sequence, start: np.ndarray, p: float) -> Asked:
     place, followed = yield KernelCall(cycle_of_motion, sequence, (start, np.asarray(p)))
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
     sequence, place = trimmed(followed.sequence, num_events), trimmed(place, num_events)
-    # At a fold a fixed parameter does not determine the cycle, so `as_it_is` leaves it free.
-    for ask in (at_parameter(sequence, place, p), as_it_is(sequence, place)):
+    # At a fold a fixed parameter does not determine the cycle, so `correct_with_free_parameter` leaves it free.
+    for ask in (at_parameter(sequence, place, p), correct_with_free_parameter(sequence, place)):
         seen = yield from ask
         away = np.abs(seen.found.place.z - place.z).max()
         if seen.found.is_converged and away < _NEAR and abs(seen.found.place.p - p) < _AT:
@@ -71,33 +78,33 @@ def point_at_orbit(sequence: Sequence, start: np.ndarray, p: float) -> Asked:
     return None
 
 
-def follow_branch(walk: Walk, start: BranchPoint) -> Asked:
+def follow_branch(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
     """Follow a branch from a point in the direction of its tangent, and add its points to the walk."""
     try:
         yield from _follow(walk, start)
-    except Ended as why:
+    except BranchEnd as why:
         walk.end = str(why)
 
 
-def _follow(walk: Walk, start: BranchPoint) -> Asked:
-    walk.rounds = yield from rounds_of(start.sequence, start.place, int(walk.num_periods))
+def _follow(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
+    walk.rounds = yield from repetitions_of(start.sequence, start.place, int(walk.num_periods))
     point, ds = start, PROBE
     while not walk.is_full:
         point, ds = yield PlainSteps(walk, start, point, ds)
         if walk.is_full:
             break
-        step, ds = yield from _whole_step(walk, point, ds)
+        step, ds = yield from _resolved_step(walk, point, ds)
         if step is None:
-            point, ds = (yield from _behind_hop(walk, point)), PROBE
+            point, ds = (yield from _continue_behind_hop(walk, point)), PROBE
             continue
         yield from _add_special(walk, point, step)
         if step.event is not None:
-            point, ds = (yield from _beyond(walk, *step.event)), min(ds, PROBE)
+            point, ds = (yield from _continue_behind_event(walk, *step.event)), min(ds, PROBE)
             continue
         if (yield from is_at_start(walk, start, point, step.last)):
-            raise Ended("closed")
+            raise BranchEnd("closed")
         walk.points.append(step.told)
-        point, ds = (yield from with_its_bounces(step.told, step.followed)), step.next_length
+        point, ds = (yield from with_simulated_bounces(step.told, step.followed)), step.next_length
         if _has_lost_stick(step.told, point):  # the branch ends between the two
             point = step.told
     walk.end = "max_points"
@@ -106,17 +113,17 @@ def _follow(walk: Walk, start: BranchPoint) -> Asked:
 def _has_lost_stick(told: BranchPoint, point: BranchPoint) -> bool:
     """True if the last bounces of a chatter are added, but the stick behind them has vanished."""
     before, after = (np.count_nonzero(one.sequence.kind == RELEASE) for one in (told, point))
-    return bool(after < before and 0 < shortest_stick(told) < _MOMENT)
+    return bool(after < before and 0 < shortest_stick(told) < _VANISHING_STICK)
 
 
-def _whole_step(walk: Walk, point: BranchPoint, ds: float) -> Asked:
+def _resolved_step(walk: DirectedBranch, point: BranchPoint, ds: float) -> KernelRequests:
     """A fully resolved step and its length, halved until it is resolved; None if none above `SHORTEST` is."""
     while ds >= SHORTEST:
         try:
             step = yield from _step(walk, point, ds)
-        except Full:
+        except TooManyEvents:
             raise
-        except Ended:  # an event of the step could not be located
+        except BranchEnd:  # an event of the step could not be located
             step = None
         if step is not None:
             return step, ds
@@ -124,23 +131,23 @@ def _whole_step(walk: Walk, point: BranchPoint, ds: float) -> Asked:
     return None, ds
 
 
-def _behind_hop(walk: Walk, point: BranchPoint) -> Asked:
+def _continue_behind_hop(walk: DirectedBranch, point: BranchPoint) -> KernelRequests:
     """Continue behind a vanishing hop where no step is short enough; end the branch if there is no such hop."""
     event = yield from end_of_vanishing_flight(point)
     if event is None:
         return (yield from _end(walk, point))
-    return (yield from _add_and_go_on(walk, point, event))
+    return (yield from _add_and_release_hold(walk, point, event))
 
 
-def _add_and_go_on(walk: Walk, point: BranchPoint, event: BranchPoint) -> Asked:
+def _add_and_release_hold(walk: DirectedBranch, point: BranchPoint, event: BranchPoint) -> KernelRequests:
     """Add a point where a contact force touches zero, and continue behind it, where the mass stays held."""
     if not walk.bounds[0] <= event.place.p <= walk.bounds[1]:
         yield from _end_at_bound(walk, point, point.place, event, is_event=True)
-    yield from _to_passed(walk, (yield from _add(walk, event)))
-    return (yield from off(event))
+    yield from _end_if_repeated(walk, (yield from _add(walk, event)))
+    return (yield from step_off(event))
 
 
-def _add_special(walk: Walk, point: BranchPoint, step: "Step") -> Asked:
+def _add_special(walk: DirectedBranch, point: BranchPoint, step: "Step") -> KernelRequests:
     """Add the bifurcations of a step; end at a bound, or at the period doubling where a doubled branch ends."""
     last = step.last if step.event is None else step.event[1]
     for found in [*step.special, last]:
@@ -151,26 +158,26 @@ def _add_special(walk: Walk, point: BranchPoint, step: "Step") -> Asked:
             yield from _to_bound(walk, point, found, is_event=is_at_it)
         if found is last:
             return
-        yield from _to_passed(walk, (yield from _add(walk, found)))
+        yield from _end_if_repeated(walk, (yield from _add(walk, found)))
         if found.kind == "period_doubling":
-            raise Ended("period_doubling")
+            raise BranchEnd("period_doubling")
 
 
-def _end(walk: Walk, point: BranchPoint) -> Asked:
+def _end(walk: DirectedBranch, point: BranchPoint) -> KernelRequests:
     """End the branch where no step is short enough."""
-    if 0 < shortest_stick(point) < _MOMENT:
+    if 0 < shortest_stick(point) < _VANISHING_STICK:
         # Sticks vanish faster than they shorten: the rest of the way is rounding.
         if walk.points and walk.points[-1].arc == point.arc:
             walk.points.pop()
         yield from _add(walk, point._replace(kind="chatter_completion"))
-        raise Ended("chatter_completion")
-    yield from _to_limit(walk, FEW)
+        raise BranchEnd("chatter_completion")
+    yield from _end_at_cascade_limit(walk, FEW)
     # The light impacts of a cascade belong to a chatter, not to a shorter cycle that grazes.
     grazing = None if walk.cascade else (yield from grazing_of_shorter_cycle(point))
     if grazing is not None:
         yield from _add(walk, grazing)
-        raise Ended("gr")
-    raise Ended("left_the_stops")
+        raise BranchEnd("gr")
+    raise BranchEnd("left_the_stops")
 
 
 class Step(NamedTuple):
@@ -187,24 +194,24 @@ class Step(NamedTuple):
 
     last: BranchPoint
     told: BranchPoint
-    followed: Followed
-    event: tuple[Test, BranchPoint] | None
+    followed: SimulatedMotion
+    event: tuple[TestFunction, BranchPoint] | None
     special: list[BranchPoint]
     next_length: float
 
 
-def _step(walk: Walk, point: BranchPoint, ds: float) -> Asked:
+def _step(walk: DirectedBranch, point: BranchPoint, ds: float) -> KernelRequests:
     """A step from a point; None if it is too long to resolve all that happens on it."""
-    new = yield from _ahead(point, ds)
+    new = yield from _predicted_and_checked(point, ds)
     if new is None:
         return None
-    before, after = known_alone(point), known_alone(new)
+    before, after = step_state_of_point(point), step_state_of_point(new)
     if not is_resolved(before, after, ds)[0]:
         return None
     met = crossings(tests_of(point.sequence), point.seen, new.seen)
     if any(test.kind == "chatter_completion" and not _is_plastic(point, test) for test in met):
         return None  # ever more bounces accumulate on the step
-    told, followed = yield from _told_by_machine(walk, new)
+    told, followed = yield from _confirmed_point(walk, new)
     if not (met or told.is_admissible) or (len(met) > 1 and ds > _SEPARATE):
         return None
     event, last = yield from first_event(point, new, met)
@@ -215,103 +222,105 @@ def _step(walk: Walk, point: BranchPoint, ds: float) -> Asked:
     return Step(last, told, followed, event, special or [], length)
 
 
-def _is_plastic(point: BranchPoint, test: Test) -> bool:
+def _is_plastic(point: BranchPoint, test: TestFunction) -> bool:
     """True if the stop of an event has zero restitution."""
     return bool(point.seen.watched.is_plastic[point.sequence.stop[test.index]])
 
 
-def _ahead(point: BranchPoint, ds: float) -> Asked:
+def _predicted_and_checked(point: BranchPoint, ds: float) -> KernelRequests:
     """The next point; None if the branch is too curved for such a step."""
     new: BranchPoint = yield from predicted_point(point, ds)
-    return new if is_sound(new.seen.found, new.tangent.along(point.tangent), ds) else None
+    return new if is_accepted(new.seen.found, new.tangent.along(point.tangent), ds) else None
 
 
-def _told_by_machine(walk: Walk, point: BranchPoint) -> Asked:
+def _confirmed_point(walk: DirectedBranch, point: BranchPoint) -> KernelRequests:
     """The point with its events inside the cycle and its admissibility set, and the motion of the machine from it."""
     point = yield from in_section(point, walk.num_periods)
-    followed: Followed = yield KernelCall(confirm, point.sequence, (point.place,))
+    followed: SimulatedMotion = yield KernelCall(simulate_cycle, point.sequence, (point.place,))
     is_trusted = np.abs(point.seen.found.multipliers[0]) < TRUSTED
     return point._replace(is_admissible=bool(followed.is_alike or not is_trusted)), followed
 
 
-def _add(walk: Walk, point: BranchPoint) -> Asked:
+def _add(walk: DirectedBranch, point: BranchPoint) -> KernelRequests:
     """Add a point to the walk, with all its events inside the cycle."""
     point = yield from in_section(point, walk.num_periods)
     walk.points.append(point)
     return point
 
 
-def _beyond(walk: Walk, test: Test, event: BranchPoint) -> Asked:
+def _continue_behind_event(walk: DirectedBranch, test: TestFunction, event: BranchPoint) -> KernelRequests:
     """The point from which the branch continues behind an event."""
     hop = yield from hop_that_ends(test, event)
     if hop is not None:
-        return (yield from _add_and_go_on(walk, event, hop))
-    yield from _to_passed(walk, (yield from _add(walk, event)))
+        return (yield from _add_and_release_hold(walk, event, hop))
+    yield from _end_if_repeated(walk, (yield from _add(walk, event)))
     same = [entry for entry in walk.cascade if entry[0] == test.index]
     walk.cascade = [*same, (test.index, event)] if test.kind == "touch" else []
-    yield from _to_limit(walk, MANY)
+    yield from _end_at_cascade_limit(walk, MANY)
     try:
         return (yield from by_sequence(walk, test, event))
-    except Ended:
-        return (yield from by_machine(event, test.kind))
+    except BranchEnd:
+        return (yield from continue_by_simulation(event, test.kind))
 
 
-def _to_passed(walk: Walk, last: BranchPoint) -> Asked:
+def _end_if_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
     """End the branch if its last bifurcation was passed before; keep each bifurcation once."""
     again = yield from first_repeated(walk, last)
     if again is not None:
         del walk.points[again:]
-        raise Ended("closed")
+        raise BranchEnd("closed")
 
 
-def _to_limit(walk: Walk, least: int) -> Asked:
+def _end_at_cascade_limit(walk: DirectedBranch, least: int) -> KernelRequests:
     """End at the limit of the last grazings, if there are at least so many and they converge."""
     grazings = [point for _, point in walk.cascade]
     limit = limit_of(grazings, least)
-    start = (yield from behind(limit, grazings[-1])) if limit else None
+    start = (yield from cycle_behind_limit(limit, grazings[-1])) if limit else None
     if limit is None or start is None:
         return
     event = grazings[-1]
-    back = Walk(walk.num_periods, walk.bounds, _MOST_BACK)
+    back = DirectedBranch(walk.num_periods, walk.bounds, _MOST_BACK)
     yield from follow_branch(back, start)
     last = back.points[-1] if back.end == "chatter_completion" else None
     if isinstance(last, BranchPoint) and is_limit(last.place, limit, event.place):
         way = np.append(last.place.z - event.place.z, last.place.p - event.place.p)
         arc = max(walk.points[-1].arc, event.arc + float(np.linalg.norm(way)))
         walk.points.append(last._replace(arc=arc))
-        raise Ended("chatter_completion")
+        raise BranchEnd("chatter_completion")
 
 
-def _to_bound(walk: Walk, point: BranchPoint, new: BranchPoint, *, is_event: bool) -> Asked:
+def _to_bound(
+    walk: DirectedBranch, point: BranchPoint, new: BranchPoint, *, is_event: bool
+) -> KernelRequests:
     """Add the point at the parameter bound between two points, or at the event on the bound, and end."""
     p = walk.nearest_bound(float(new.place.p))
     share = (p - point.place.p) / (new.place.p - point.place.p)
     if share <= 0:
-        raise Ended("bounds")
+        raise BranchEnd("bounds")
     guess, arc = between(point, new, share), point.arc + share * (new.arc - point.arc)
     yield from _end_at_bound(walk, point, guess, new._replace(arc=arc), is_event=is_event)
 
 
 def _end_at_bound(
-    walk: Walk, point: BranchPoint, guess: ExtendedCycle, new: BranchPoint, *, is_event: bool
-) -> Asked:
+    walk: DirectedBranch, point: BranchPoint, guess: ExtendedCycle, new: BranchPoint, *, is_event: bool
+) -> KernelRequests:
     """Add the point at the bound nearest to a new point, with the arclength of the new point, and end."""
     p = np.asarray(walk.nearest_bound(float(new.place.p)))
     at = yield from _at_bound(point, guess._replace(p=p), is_event=is_event)
     exact = at.seen.found.place._replace(p=p)
     seen = at.seen._replace(found=at.seen.found._replace(place=exact))
     yield from _add(walk, BranchPoint.of(at.sequence, seen, new.arc))
-    raise Ended("bounds")
+    raise BranchEnd("bounds")
 
 
-def _at_bound(point: BranchPoint, guess: ExtendedCycle, *, is_event: bool) -> Asked:
+def _at_bound(point: BranchPoint, guess: ExtendedCycle, *, is_event: bool) -> KernelRequests:
     """The cycle at a bound; from the motion of the machine where events vanish there."""
     p = float(guess.p)
     if not is_event:
         seen = yield from at_parameter(point.sequence, guess, p)
         if seen.found.is_converged:
             return BranchPoint.of(point.sequence, seen, point.arc)
-    found = yield from as_machine_has_it(point, guess)
+    found = yield from cycle_of_simulation(point, guess)
     if found is None:
-        raise Ended("not_converged")
+        raise BranchEnd("not_converged")
     return found

@@ -9,9 +9,9 @@ import numpy as np
 
 from .._hybrid.limits import RELEASE
 from .._orbits.sequence import Sequence
-from .kernels import SPARE, Followed, KernelCall, confirm, padded, room_for, trimmed
+from .kernels import SPARE, KernelCall, SimulatedMotion, padded, room_for, simulate_cycle, trimmed
 from .parameter_family import ExtendedCycle
-from .point import Asked, BranchPoint, at_parameter
+from .point import BranchPoint, KernelRequests, at_parameter
 
 # MANY: number of grazings of one stop that make a cascade, if each is nearer to the next than to the one before.
 # FEW: the same where no other continuation of the branch is found.
@@ -50,7 +50,7 @@ def is_limit(found: ExtendedCycle, limit: ExtendedCycle, last: ExtendedCycle) ->
     return bool(abs(away) < _AWAY * abs(left) and np.all(np.abs(found.z - limit.z) < 1e-2 + abs(left)))
 
 
-def behind(limit: ExtendedCycle, last: BranchPoint) -> Asked:
+def cycle_behind_limit(limit: ExtendedCycle, last: BranchPoint) -> KernelRequests:
     """A cycle with a stick behind a limit, its tangent towards the limit; None if there is none."""
     way = limit.p - last.place.p
     for share in _BEHIND:
@@ -60,14 +60,14 @@ def behind(limit: ExtendedCycle, last: BranchPoint) -> Asked:
     return None
 
 
-def _with_stick(limit: ExtendedCycle, last: BranchPoint, p: float) -> Asked:
+def _with_stick(limit: ExtendedCycle, last: BranchPoint, p: float) -> KernelRequests:
     """The simulated cycle with a stick at `p`, corrected until the machine follows it; None if there is none."""
     place = limit._replace(p=np.asarray(p))
     room = room_for(4 * len(last.sequence.kind)) - SPARE
     longer = padded(last.sequence, (), room)[0]
     for _ in range(_TRIALS):
         wide = place._replace(flights=np.zeros(room))
-        followed: Followed = yield KernelCall(confirm, longer, (wide,))
+        followed: SimulatedMotion = yield KernelCall(simulate_cycle, longer, (wide,))
         sequence: Sequence = trimmed(followed.sequence, int(np.count_nonzero(followed.sequence.kind >= 0)))
         if RELEASE not in sequence.kind:
             return None
@@ -76,7 +76,7 @@ def _with_stick(limit: ExtendedCycle, last: BranchPoint, p: float) -> Asked:
         if not seen.found.is_converged:
             return None
         found = BranchPoint.of(sequence, seen, last.arc)
-        told: Followed = yield KernelCall(confirm, sequence, (found.place,))
+        told: SimulatedMotion = yield KernelCall(simulate_cycle, sequence, (found.place,))
         if told.is_alike:
             return found
         place = found.place

@@ -12,10 +12,10 @@ import numpy as np
 
 from .._hybrid.limits import IMPACT
 from .._orbits.sequence import Sequence
-from .closing import rounds_of
+from .closing import repetitions_of
 from .kernels import BranchRates, KernelCall, rates_along
 from .parameter_family import ExtendedCycle
-from .point import Asked, BranchPoint, as_it_is, first_followed
+from .point import BranchPoint, KernelRequests, correct_with_free_parameter, first_followed
 from .sequence_edits import in_a_row, with_event, without_event
 
 # Largest number of rounds.
@@ -46,11 +46,11 @@ class Touch(NamedTuple):
         return with_event(self.sequence, self.place, IMPACT, self.stop, self.flight, self.time)
 
 
-def touch_of(sequence: Sequence, place: ExtendedCycle, k: int, num_periods: int) -> Asked:
+def touch_of(sequence: Sequence, place: ExtendedCycle, k: int, num_periods: int) -> KernelRequests:
     """The touch at impact `k` of zero speed, on the shortest cycle that the given one traverses."""
     stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
     sequence, place = without_event(sequence, place, k)
-    rounds = yield from rounds_of(sequence, place, num_periods)
+    rounds = yield from repetitions_of(sequence, place, num_periods)
     num = len(sequence.kind) // rounds
     sequence = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.held[: num + 1])
     place, num_periods = place._replace(flights=place.flights[:num]), num_periods // rounds
@@ -77,9 +77,11 @@ def repeated(touch: Touch, is_hit: list[bool]) -> tuple[Sequence, ExtendedCycle,
     return *in_a_row(rounds, touch.num_periods), hits
 
 
-def leave(sequence: Sequence, place: ExtendedCycle, hits: list[int], lengths: tuple[float, ...]) -> Asked:
+def leave(
+    sequence: Sequence, place: ExtendedCycle, hits: list[int], lengths: tuple[float, ...]
+) -> KernelRequests:
     """The point of a family at the first of some distances at which the machine follows it; None if at none."""
-    seen = yield from as_it_is(sequence, place)
+    seen = yield from correct_with_free_parameter(sequence, place)
     if not seen.found.is_converged:
         return None
     at = BranchPoint.of(sequence, seen, 0.0)

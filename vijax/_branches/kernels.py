@@ -11,13 +11,13 @@ from jaxtyping import Array, Bool, Float
 from .._jax.arrays import Scalar
 from .._machine.numbers import numbers_of
 from .._orbits.cycle import Unknowns, residual, state_at
-from .._orbits.search import Strobe, away_from_stops
-from .._orbits.sequence import NOTHING, Sequence, happens_alike, sequence_of
+from .._orbits.search import StroboscopicMap, frame_offset
+from .._orbits.sequence import NOTHING, Sequence, is_same_sequence, sequence_of
 from .._system.waves import phase_at
 from .._trajectory.single_call import run_for_log
 from .._trajectory.solution import RESULTS
-from .admissibility import LeastMargins, Levels, levels, margins_of_cycle
-from .corrector import Corrected, as_corrected, correct
+from .admissibility import LeastMargins, Margins, margins_at, margins_of_cycle
+from .corrector import Corrected, correct, evaluate_at
 from .parameter_family import ExtendedCycle, Family
 
 # Padded numbers of events for which kernels are compiled.
@@ -33,11 +33,11 @@ class CorrectedCycle(NamedTuple):
 
     found: Corrected
     watched: LeastMargins
-    rates: Levels
+    rates: Margins
     start: Float[Array, " state"]
 
 
-class Followed(NamedTuple):
+class SimulatedMotion(NamedTuple):
     """Motion of the machine started on a cycle.
 
     Attributes:
@@ -67,43 +67,47 @@ def corrected_cycle(
     return _seen(family, sequence, found, place)
 
 
-def see(family: Family, sequence: Sequence, place: ExtendedCycle, tangent: ExtendedCycle) -> CorrectedCycle:
+def as_corrected_cycle(
+    family: Family, sequence: Sequence, place: ExtendedCycle, tangent: ExtendedCycle
+) -> CorrectedCycle:
     """A given cycle as a corrected one, at a point where Newton's method along the branch is singular."""
-    return _seen(family, sequence, as_corrected(family, sequence, place, tangent), place)
+    return _seen(family, sequence, evaluate_at(family, sequence, place, tangent), place)
 
 
 def _seen(family: Family, sequence: Sequence, found: Corrected, place: ExtendedCycle) -> CorrectedCycle:
     problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
     watched = margins_of_cycle(problem, unknowns)
 
-    def levels_at(place: ExtendedCycle) -> Levels:
-        return levels(family.problem(sequence, place.p), family.unknowns(place), watched)
+    def levels_at(place: ExtendedCycle) -> Margins:
+        return margins_at(family.problem(sequence, place.p), family.unknowns(place), watched)
 
     rates = jax.jvp(levels_at, (place,), (found.tangent,))[1]
-    return CorrectedCycle(found, watched, rates, unknowns.z - away_from_stops(problem))
+    return CorrectedCycle(found, watched, rates, unknowns.z - frame_offset(problem))
 
 
-def confirm(family: Family, sequence: Sequence, place: ExtendedCycle) -> Followed:
+def simulate_cycle(family: Family, sequence: Sequence, place: ExtendedCycle) -> SimulatedMotion:
     """Simulate the machine from the start of a cycle."""
-    away = away_from_stops(family.problem(sequence, place.p))
+    away = frame_offset(family.problem(sequence, place.p))
     return _run(family, sequence, place, family.unknowns(place).z - away)
 
 
 def cycle_of_motion(
     family: Family, sequence: Sequence, start: Float[Array, " state"], p: Scalar
-) -> tuple[ExtendedCycle, Followed]:
+) -> tuple[ExtendedCycle, SimulatedMotion]:
     """Simulate the machine from a start in space: its cycle and its events, with the room of a sequence."""
-    z = (start + away_from_stops(family.problem(sequence, p))) / family.scale
+    z = (start + frame_offset(family.problem(sequence, p))) / family.scale
     place = ExtendedCycle(z, jnp.zeros(len(sequence.kind)), p)
     followed = _run(family, sequence, place, start)
     return place._replace(flights=followed.flights), followed
 
 
-def _run(family: Family, sequence: Sequence, place: ExtendedCycle, start: Float[Array, " state"]) -> Followed:
+def _run(
+    family: Family, sequence: Sequence, place: ExtendedCycle, start: Float[Array, " state"]
+) -> SimulatedMotion:
     room = len(sequence.kind)
     numbers = numbers_of(family.system_at(place.p))
     room_of_log = room + int(_STICKS * room)
-    strobe = Strobe(numbers, family.flow, family.num_periods, family.phase, room_of_log)
+    strobe = StroboscopicMap(numbers, family.flow, family.num_periods, family.phase, room_of_log)
     log, result, _ = run_for_log(
         numbers, family.flow, strobe.request(start), room=room_of_log, can_stick=True
     )
@@ -113,8 +117,8 @@ def _run(family: Family, sequence: Sequence, place: ExtendedCycle, start: Float[
         flights[:room],
     )
     is_whole = (result == RESULTS.successful) & (jnp.sum(whole.is_event) <= room)
-    is_alike = is_whole & happens_alike(sequence, place.flights, other, flights)
-    return Followed(is_alike, other, flights)
+    is_alike = is_whole & is_same_sequence(sequence, place.flights, other, flights)
+    return SimulatedMotion(is_alike, other, flights)
 
 
 def locate_start(

@@ -4,9 +4,9 @@ import numpy as np
 
 from .bracket import Bracket, next_trial
 from .kernels import CorrectedCycle
-from .point import Asked, BranchPoint, Ended, Walk, between, on_plane
+from .point import BranchEnd, BranchPoint, DirectedBranch, KernelRequests, between, on_plane
 from .singular import branch_point, end_of_doubled
-from .test_functions import CLOSE, TESTS_OF_NEIGHBOURS, Test, is_crossed, num_on_circle, num_unstable
+from .test_functions import CLOSE, TESTS_OF_NEIGHBOURS, TestFunction, is_crossed, num_on_circle, num_unstable
 
 # Distance of the point just before a change of the sequence.
 _OFF = 1e-7
@@ -14,7 +14,7 @@ _OFF = 1e-7
 _LARGE = 1e2
 
 
-def first_event(point: BranchPoint, new: BranchPoint, met: list[Test]) -> Asked:
+def first_event(point: BranchPoint, new: BranchPoint, met: list[TestFunction]) -> KernelRequests:
     """The first of the events of a step, or None; and the point just before it, or the end of the step."""
     first, before = None, new
     for test in met:
@@ -24,20 +24,20 @@ def first_event(point: BranchPoint, new: BranchPoint, met: list[Test]) -> Asked:
     return first, before
 
 
-def locate(point: BranchPoint, new: BranchPoint, test: Test) -> Asked:
+def locate(point: BranchPoint, new: BranchPoint, test: TestFunction) -> KernelRequests:
     """The point between two others at which a test function vanishes."""
     bracket = Bracket.between(test.of(point.seen), test.of(new.seen), new.arc - point.arc)
     best = new
     while (s := next_trial(bracket)) is not None:
         seen = yield from on_plane(point, between(point, new, s / (new.arc - point.arc)), s)
         if not seen.found.is_converged:
-            raise Ended("not_converged")
+            raise BranchEnd("not_converged")
         best = BranchPoint.of(point.sequence, seen, point.arc + s, kind=test.kind)
         bracket = bracket.narrowed(s, test.of(seen))
     return best._replace(kind=test.kind)
 
 
-def _just_before(point: BranchPoint, event: BranchPoint) -> Asked:
+def _just_before(point: BranchPoint, event: BranchPoint) -> KernelRequests:
     """The point just before a change of the sequence, at which multipliers may be infinite."""
     s = event.arc - point.arc - _OFF
     if s <= _OFF:
@@ -46,7 +46,7 @@ def _just_before(point: BranchPoint, event: BranchPoint) -> Asked:
     return BranchPoint.of(point.sequence, seen, point.arc + s)
 
 
-def special_points(walk: Walk, point: BranchPoint, new: BranchPoint) -> Asked:
+def special_points(walk: DirectedBranch, point: BranchPoint, new: BranchPoint) -> KernelRequests:
     """Bifurcations on a step, in order; None if the number of unstable multipliers implies more than are found."""
     found, change = [], 0
     is_infinite = _passes_infinity(*(complex(at.seen.found.multipliers[0]) for at in (point, new)))
@@ -75,7 +75,7 @@ def _passes_infinity(before: complex, after: complex) -> bool:
     return bool(is_large and np.sign(before.real) != np.sign(after.real))
 
 
-def _is_there(test: Test, seen: CorrectedCycle) -> bool:
+def _is_there(test: TestFunction, seen: CorrectedCycle) -> bool:
     """True if multipliers confirm a zero: a test function changes sign also where a multiplier is infinite."""
     mu = seen.found.multipliers
     if test.kind == "ns":

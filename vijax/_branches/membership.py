@@ -11,7 +11,7 @@ from .bracket import Bracket, next_trial
 from .branch import Bifurcation, Branch, cycle_of
 from .kernels import CorrectedCycle
 from .parameter_family import ExtendedCycle, Family
-from .point import Asked, BranchPoint, at_parameter, corrected
+from .point import BranchPoint, KernelRequests, at_parameter, corrected
 from .scheduler import drive
 from .sequence_switching import in_section
 from .starts import Start, family_of, value_of
@@ -63,7 +63,7 @@ def _family(chance: _Chance) -> Family:
     return family_of(chance.start, chance.branch.path, value - 1, value + 1)
 
 
-def _is_met(chance: _Chance, family: Family) -> Asked:
+def _is_met(chance: _Chance, family: Family) -> KernelRequests:
     """True if the branch has the orbit between its two points."""
     p, span = value_of(chance.start.system, chance.branch.path) / float(family.span), float(family.span)
     at = [Bifurcation(chance.branch, end) for end in (chance.k, chance.k + 1)]
@@ -78,7 +78,7 @@ def _is_met(chance: _Chance, family: Family) -> Asked:
     return False
 
 
-def _between(ends: list[tuple[Sequence, ExtendedCycle]], p: float) -> Asked:
+def _between(ends: list[tuple[Sequence, ExtendedCycle]], p: float) -> KernelRequests:
     """The cycle at a parameter between two cycles of a branch, or None.
 
     Corrected in planes across the chord: where two branches cross, Newton's method at fixed parameter finds either.
@@ -101,7 +101,7 @@ def _between(ends: list[tuple[Sequence, ExtendedCycle]], p: float) -> Asked:
     return seen
 
 
-def _is_same(chance: _Chance, family: Family, sequence: Sequence, seen: CorrectedCycle) -> Asked:
+def _is_same(chance: _Chance, family: Family, sequence: Sequence, seen: CorrectedCycle) -> KernelRequests:
     """True if a cycle is the orbit."""
     point = yield from in_section(BranchPoint.of(sequence, seen, 0.0), float(family.num_periods))
     away = np.abs(chance.states - point.seen.start).max(axis=1).min()

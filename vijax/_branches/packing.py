@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from jax.dtypes import canonicalize_dtype
 
-from .._jax.arrays import library_of
+from .._jax.arrays import array_namespace
 
 
 class Layout(NamedTuple):
@@ -59,5 +59,5 @@ def pack(tree: Any, *, has_rows: bool) -> Packed:
         begin, ends[k] = ends[k], ends[k] + math.prod(shape)
         parts.append((k, begin, ends[k], shape))
         flat[k].append(a.reshape(*np.shape(a)[:lead], -1).astype(name))
-    arrays = tuple(library_of(*own).concatenate(own, axis=lead) for own in flat)
+    arrays = tuple(array_namespace(*own).concatenate(own, axis=lead) for own in flat)
     return Packed(arrays, Layout(structure, tuple(parts)))

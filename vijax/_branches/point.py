@@ -8,14 +8,14 @@ import jax
 import numpy as np
 
 from .._orbits.sequence import Sequence
-from .kernels import CorrectedCycle, Followed, KernelCall, confirm, corrected_cycle, trimmed
+from .kernels import CorrectedCycle, KernelCall, SimulatedMotion, corrected_cycle, simulate_cycle, trimmed
 from .packing import Packed
 from .parameter_family import ExtendedCycle
 
 # Largest multiplier of a cycle up to which a simulation decides whether the machine follows it.
 TRUSTED = 1e4
 
-Asked = Generator[Any, Any, Any]
+KernelRequests = Generator[Any, Any, Any]
 
 
 class BranchPoint(NamedTuple):
@@ -85,7 +85,7 @@ class PlainPoint(NamedTuple):
         return BranchPoint.of(self.sequence, self.rows.at(self.row).tree(), self.arc)
 
 
-def side_by_side(points: list[BranchPoint | PlainPoint]) -> CorrectedCycle:
+def stacked_cycles(points: list[BranchPoint | PlainPoint]) -> CorrectedCycle:
     """Corrected cycles of points, stacked, (points, ...); events are padded to the largest room of any point."""
     groups: dict[int, list[int]] = {}
     for k, point in enumerate(points):
@@ -103,7 +103,7 @@ def side_by_side(points: list[BranchPoint | PlainPoint]) -> CorrectedCycle:
 
 
 def _stacked(points: list) -> CorrectedCycle:
-    """`side_by_side` for points of one class and room."""
+    """`stacked_cycles` for points of one class and room."""
     if not isinstance(points[0], PlainPoint):
         return jax.tree.map(lambda *a: np.stack(a), *(point.seen for point in points))
     rows = zip(*([a[point.row] for a in point.rows.arrays] for point in points), strict=True)
@@ -111,7 +111,7 @@ def _stacked(points: list) -> CorrectedCycle:
 
 
 @dataclass
-class Walk:
+class DirectedBranch:
     """A branch in one direction, as far as it was followed.
 
     Attributes:
@@ -142,15 +142,15 @@ class Walk:
         return min(self.bounds, key=lambda bound: abs(bound - p))
 
 
-class Ended(Exception):
+class BranchEnd(Exception):
     """End of a branch; the message is its reason."""
 
 
-class Full(Ended):
+class TooManyEvents(BranchEnd):
     """End of a branch at a cycle with more events than there is room for."""
 
 
-def at_parameter(sequence: Sequence, guess: ExtendedCycle, p: float) -> Asked:
+def at_parameter(sequence: Sequence, guess: ExtendedCycle, p: float) -> KernelRequests:
     """Correct a cycle at a fixed parameter."""
     only_p = ExtendedCycle(0 * guess.z, 0 * guess.flights, np.asarray(1.0))
     return (yield from corrected(sequence, guess, only_p, p))
@@ -161,25 +161,27 @@ def between(point: BranchPoint, new: BranchPoint, share: float) -> ExtendedCycle
     return ExtendedCycle(*(a + share * (b - a) for a, b in zip(point.place, new.place, strict=True)))
 
 
-def predicted_point(point: BranchPoint, ds: float) -> Asked:
+def predicted_point(point: BranchPoint, ds: float) -> KernelRequests:
     """Predict and correct the point a length `ds` along the branch; it may not have converged."""
     seen = yield from on_plane(point, point.place.moved(point.tangent, ds), ds)
     return BranchPoint.of(point.sequence, seen, point.arc + ds)
 
 
-def on_plane(point: BranchPoint, guess: ExtendedCycle, s: float) -> Asked:
+def on_plane(point: BranchPoint, guess: ExtendedCycle, s: float) -> KernelRequests:
     """Correct a cycle in the plane across the tangent of a point, at a distance `s` from it."""
     tangent = point.tangent
     return (yield from corrected(point.sequence, guess, tangent, point.place.along(tangent) + s))
 
 
-def corrected(sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: float) -> Asked:
+def corrected(
+    sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: float
+) -> KernelRequests:
     """Correct a cycle with `weights . place = target`."""
     seen: CorrectedCycle = yield KernelCall(corrected_cycle, sequence, (guess, weights, np.asarray(target)))
     return seen
 
 
-def as_it_is(sequence: Sequence, place: ExtendedCycle) -> Asked:
+def correct_with_free_parameter(sequence: Sequence, place: ExtendedCycle) -> KernelRequests:
     """Correct a cycle where it is: the plane of random weights is generic, so it does not contain the branch."""
     rng = np.random.default_rng(0)
     weights = ExtendedCycle(*(np.asarray(rng.normal(size=np.shape(a))) for a in place))
@@ -189,7 +191,7 @@ def as_it_is(sequence: Sequence, place: ExtendedCycle) -> Asked:
 
 def first_followed(
     sequence: Sequence, place: ExtendedCycle, along: ExtendedCycle, lengths: tuple[float, ...]
-) -> Asked:
+) -> KernelRequests:
     """The cycle at the first of several distances in a direction at which the machine follows it; None if at none."""
     for ds in lengths:
         seen = yield from corrected(sequence, place.moved(along, ds), along, place.along(along) + ds)
@@ -199,7 +201,7 @@ def first_followed(
     return None
 
 
-def is_followed(point: BranchPoint) -> Asked:
+def is_followed(point: BranchPoint) -> KernelRequests:
     """True if the machine follows the cycle."""
-    followed: Followed = yield KernelCall(confirm, point.sequence, (point.place,))
+    followed: SimulatedMotion = yield KernelCall(simulate_cycle, point.sequence, (point.place,))
     return bool(followed.is_alike)

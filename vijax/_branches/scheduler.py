@@ -11,20 +11,28 @@ from .._jax.xla import jit_lightly
 from .batched_steps import (
     SHORTEST,
     PlainSteps,
-    begun,
+    batch_row_of,
     follows_cycle,
     inner_products,
+    is_accepted,
     is_plain,
     is_resolved,
-    is_sound,
-    known_of,
     next_length,
     predictions,
+    step_state_of,
 )
-from .kernels import MOST_EVENTS, CorrectedCycle, KernelCall, confirm, corrected_cycle, padded, room_for
+from .kernels import (
+    MOST_EVENTS,
+    CorrectedCycle,
+    KernelCall,
+    corrected_cycle,
+    padded,
+    room_for,
+    simulate_cycle,
+)
 from .packing import Layout, Packed, pack
 from .parameter_family import Family
-from .point import BranchPoint, Full, PlainPoint
+from .point import BranchPoint, PlainPoint, TooManyEvents
 
 # _SIZES: batch sizes for which kernels are compiled, each with the least number of branches that is worth it.
 # _MOST_EVENTS: most padded events in a batch of more than 64, as derivatives take memory.
@@ -38,12 +46,12 @@ def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callabl
     """
     results: list[Any] = [None] * len(tasks)
     makes, stocks = _stocked(families)
-    groups: dict[tuple, _Calls | _Front] = {}
+    groups: dict[tuple, _Calls | _PlainStepBatch] = {}
     replies: dict[int, Any] = dict.fromkeys(range(len(tasks)))
     while True:
         for k, reply in replies.items():
             try:
-                asked = _asked(tasks[k], reply)
+                asked = _next_request(tasks[k], reply)
             except StopIteration as end:
                 results[k] = end.value
                 continue
@@ -51,7 +59,7 @@ def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callabl
             key = program, room, makes[k]
             if key not in groups:
                 stock = stocks[makes[k]]
-                groups[key] = _Calls(stock, room, program) if program else _Front(stock, room)
+                groups[key] = _Calls(stock, room, program) if program else _PlainStepBatch(stock, room)
             groups[key].add(k, asked)
         largest = max(groups.values(), key=len, default=())
         if not largest:
@@ -60,11 +68,11 @@ def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callabl
         tell_progress()
 
 
-def _asked(task: Generator, reply: Any) -> Any:
-    """Next request of a task after a reply; one with too many events throws `Full` into this task alone."""
+def _next_request(task: Generator, reply: Any) -> Any:
+    """Next request of a task after a reply; one with too many events throws `TooManyEvents` into this task alone."""
     asked = task.send(reply)
     while len(asked.sequence.kind) > MOST_EVENTS:
-        asked = task.throw(Full("max_events"))
+        asked = task.throw(TooManyEvents("max_events"))
     return asked
 
 
@@ -112,7 +120,7 @@ class _Calls:
         return {task: found.at(k).tree() for k, task in enumerate(tasks)}
 
 
-class _Front:
+class _PlainStepBatch:
     """Branches that take plain steps."""
 
     def __init__(self, stock: _Stock, room: int):
@@ -142,12 +150,14 @@ class _Front:
             slice(num)
         )
         seen: CorrectedCycle = rows.tree()
-        new = known_of(known.sequence, seen.found.place, seen)
-        sound = is_sound(seen.found, inner_products(new.tangent, known.tangent), ways.ds)
+        new = step_state_of(known.sequence, seen.found.place, seen)
+        sound = is_accepted(seen.found, inner_products(new.tangent, known.tangent), ways.ds)
         sound &= is_resolved(known, new, ways.ds)
         taken = sound & is_plain(known, new, ways)
         if taken.any():
-            followed = _call(confirm, families, sequences, _filled(new.place, size)).at(slice(num)).tree()
+            followed = (
+                _call(simulate_cycle, families, sequences, _filled(new.place, size)).at(slice(num)).tree()
+            )
             taken &= follows_cycle(known, seen, followed)
         length = next_length(seen.found, known, new, ways.ds)
         known = new if taken.all() else jax.tree.map(lambda a, b: _where(taken, a, b), new, known)
@@ -163,7 +173,7 @@ class _Front:
         """Append the new branches to the batch."""
         if not self.new:
             return
-        rows = _stack([begun(asked) for _, asked in self.new])
+        rows = _stack([batch_row_of(asked) for _, asked in self.new])
         self.state = jax.tree.map(lambda *a: np.concatenate(a), self.state, rows) if self.members else rows
         self.members += self.new
         self.points += [asked.point for _, asked in self.new]

@@ -7,9 +7,26 @@ import numpy as np
 from .._hybrid.limits import IMPACT
 from .._jax.arrays import Reals
 from .._orbits.sequence import Sequence
-from .kernels import BranchRates, Followed, KernelCall, confirm, locate_start, padded, rates_along, trimmed
+from .kernels import (
+    BranchRates,
+    KernelCall,
+    SimulatedMotion,
+    locate_start,
+    padded,
+    rates_along,
+    simulate_cycle,
+    trimmed,
+)
 from .parameter_family import ExtendedCycle
-from .point import Asked, BranchPoint, Ended, Walk, as_it_is, at_parameter, corrected
+from .point import (
+    BranchEnd,
+    BranchPoint,
+    DirectedBranch,
+    KernelRequests,
+    at_parameter,
+    correct_with_free_parameter,
+    corrected,
+)
 from .sequence_edits import (
     in_rounds,
     passed_section,
@@ -20,10 +37,10 @@ from .sequence_edits import (
     without_event,
     without_stick,
 )
-from .test_functions import KINDS, Test, tests_of
+from .test_functions import KINDS, TestFunction, tests_of
 
 # Number of rounds of a cycle that change at once, and of forcing periods of all rounds.
-How = tuple[int, float]
+Rounds = tuple[int, float]
 
 # Lengths of the step off a point where the sequence changes; the first that stays on the branch counts.
 _OFF = 1e-7, 1e-8, 1e-9, 1e-10
@@ -35,17 +52,17 @@ _MORE = 64
 _TRIALS = 1e-6, 1e-5, 1e-4, 1e-3
 
 
-def by_sequence(walk: Walk, test: Test, event: BranchPoint) -> Asked:
+def by_sequence(walk: DirectedBranch, test: TestFunction, event: BranchPoint) -> KernelRequests:
     """Continue behind an event on the new sequence, in the direction given by a derivative.
 
     On a cycle that traverses a shorter one several times, the change may happen in one round or in all rounds.
     """
     if test.kind not in _CHANGES:
-        raise Ended(test.kind)
+        raise BranchEnd(test.kind)
     for rounds in sorted({1, walk.rounds}):
         try:
             new = yield from _CHANGES[test.kind](event, test.index, (rounds, walk.num_periods))
-        except Ended as why:
+        except BranchEnd as why:
             if rounds == walk.rounds:
                 raise why
             continue
@@ -53,7 +70,7 @@ def by_sequence(walk: Walk, test: Test, event: BranchPoint) -> Asked:
         return new
 
 
-def _with_impact(event: BranchPoint, stop: int, how: How) -> Asked:
+def _with_impact(event: BranchPoint, stop: int, how: Rounds) -> KernelRequests:
     """Continue behind a vanishing gap with an impact there."""
     watched = event.seen.watched
     at = int(watched.gap_flight[stop]), float(watched.gap_time[stop])
@@ -61,7 +78,7 @@ def _with_impact(event: BranchPoint, stop: int, how: How) -> Asked:
     return (yield from _going_on(sequence, place, event, lambda rates: rates.speeds[first]))
 
 
-def _without_impact(event: BranchPoint, k: int, how: How) -> Asked:
+def _without_impact(event: BranchPoint, k: int, how: Rounds) -> KernelRequests:
     """Continue behind an impact that loses its speed, without it."""
     sequence, place = event.sequence, event.place
     stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
@@ -70,17 +87,17 @@ def _without_impact(event: BranchPoint, k: int, how: How) -> Asked:
     return (yield from _going_on(sequence, place, event, lambda rates: rates.gaps[stop], time))
 
 
-def _in_other_order(event: BranchPoint, k: int, how: How) -> Asked:
+def _in_other_order(event: BranchPoint, k: int, how: Rounds) -> KernelRequests:
     """Continue behind two simultaneous impacts in the other order."""
     sequence, place = event.sequence, event.place
     if not _are_impacts(sequence, k):
-        raise Ended("double_impact")
+        raise BranchEnd("double_impact")
     for number in in_rounds(k, len(sequence.kind), how):
         sequence, place = with_order_exchanged(sequence, place, number)
     return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[k])))
 
 
-def _with_stick(event: BranchPoint, stop: int, how: How) -> Asked:
+def _with_stick(event: BranchPoint, stop: int, how: Rounds) -> KernelRequests:
     """Continue behind an impact of zero restitution that no longer frees its mass, with a stick."""
     sequence, place = event.sequence, event.place
     flight = int(event.seen.watched.rise_flight[stop])
@@ -89,18 +106,18 @@ def _with_stick(event: BranchPoint, stop: int, how: How) -> Asked:
     return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[flight])))
 
 
-def _without_stick(event: BranchPoint, k: int, how: How) -> Asked:
+def _without_stick(event: BranchPoint, k: int, how: Rounds) -> KernelRequests:
     """Continue behind a stick of zero duration without it, if its impact has zero restitution."""
     sequence, place = event.sequence, event.place
     if not event.seen.watched.is_plastic[sequence.stop[k]]:  # ever more bounces follow: `grazing_cascade.py`
-        raise Ended("chatter_completion")
+        raise BranchEnd("chatter_completion")
     for number in in_rounds(k, len(sequence.kind), how)[::-1]:
         sequence, place = without_stick(sequence, place, number)
-    at = yield from _retold(sequence, place, event)
+    at = yield from _corrected_on_sequence(sequence, place, event)
     try:
-        return (yield from off(at, True))
-    except Ended:
-        return (yield from off(at, False))
+        return (yield from step_off(at, True))
+    except BranchEnd:
+        return (yield from step_off(at, False))
 
 
 # Continuation behind each kind of event.
@@ -113,19 +130,19 @@ _CHANGES = {
 }
 
 
-def by_machine(event: BranchPoint, kind: str) -> Asked:
+def continue_by_simulation(event: BranchPoint, kind: str) -> KernelRequests:
     """The point a short way ahead, with the events of the simulated machine."""
     for ds in _TRIALS:
         guess = event.place.moved(event.tangent, ds)
         followed = yield from _followed(event.sequence, guess)
-        new = yield from with_its_bounces(event._replace(place=guess), followed._replace(is_alike=True))
-        told: Followed = yield KernelCall(confirm, new.sequence, (new.place,))
+        new = yield from with_simulated_bounces(event._replace(place=guess), followed._replace(is_alike=True))
+        told: SimulatedMotion = yield KernelCall(simulate_cycle, new.sequence, (new.place,))
         if told.is_alike and np.abs(new.place.z - guess.z).max() < 10 * ds:
             return new._replace(kind="", arc=event.arc + ds)
-    raise Ended(KINDS.get(kind, kind))
+    raise BranchEnd(KINDS.get(kind, kind))
 
 
-def as_machine_has_it(point: BranchPoint, guess: ExtendedCycle) -> Asked:
+def cycle_of_simulation(point: BranchPoint, guess: ExtendedCycle) -> KernelRequests:
     """The cycle that the machine follows near a guess, at its parameter; None if it follows none."""
     followed = yield from _followed(point.sequence, guess)
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
@@ -135,18 +152,18 @@ def as_machine_has_it(point: BranchPoint, guess: ExtendedCycle) -> Asked:
     if not seen.found.is_converged:
         return None
     found = BranchPoint.of(sequence, seen, point.arc)
-    told: Followed = yield KernelCall(confirm, sequence, (found.place,))
+    told: SimulatedMotion = yield KernelCall(simulate_cycle, sequence, (found.place,))
     return found if told.is_alike else None
 
 
-def _followed(sequence: Sequence, place: ExtendedCycle) -> Asked:
+def _followed(sequence: Sequence, place: ExtendedCycle) -> KernelRequests:
     """Simulate the machine from a cycle, with room for new events."""
     longer, wide = padded(sequence, (place,), len(sequence.kind) + _MORE)
-    followed: Followed = yield KernelCall(confirm, longer, (wide,))
+    followed: SimulatedMotion = yield KernelCall(simulate_cycle, longer, (wide,))
     return followed
 
 
-def in_section(point: BranchPoint, num_periods: float) -> Asked:
+def in_section(point: BranchPoint, num_periods: float) -> KernelRequests:
     """The point with all its events between the start and the end of the cycle."""
     by = passed_section(point.place, num_periods)
     if by == 0:
@@ -154,14 +171,14 @@ def in_section(point: BranchPoint, num_periods: float) -> Asked:
     time = 0.0 if by > 0 else num_periods
     z = yield KernelCall(locate_start, point.sequence, (point.place, np.asarray(time)))
     sequence, place = shifted(point.sequence, point.place, by, num_periods, z)
-    at = yield from _retold(sequence, place, point)
+    at = yield from _corrected_on_sequence(sequence, place, point)
     # The tangent keeps its direction: event times and parameter change as before.
     before, after = np.cumsum(point.tangent.flights), np.cumsum(at.tangent.flights)
     is_ahead = np.roll(before, -by) @ after + point.tangent.p * at.tangent.p > 0
     return at if is_ahead else at.turned()
 
 
-def with_its_bounces(point: BranchPoint, followed: Followed) -> Asked:
+def with_simulated_bounces(point: BranchPoint, followed: SimulatedMotion) -> KernelRequests:
     """The point with as many bounces in its chatters as the machine has there."""
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
     is_light = np.min(point.place.flights, initial=np.inf) < _LIGHTEST
@@ -187,30 +204,30 @@ def _going_on(
     event: BranchPoint,
     rate: Callable[[BranchRates], Reals],
     time: float = 0.0,
-) -> Asked:
+) -> KernelRequests:
     """The point on the new sequence, in the direction in which a speed or a gap grows."""
-    at = yield from _retold(sequence, place, event)
+    at = yield from _corrected_on_sequence(sequence, place, event)
     rates: BranchRates = yield KernelCall(rates_along, sequence, (at.place, at.tangent, np.asarray(time)))
-    return (yield from off(at, float(rate(rates)) > 0))
+    return (yield from step_off(at, float(rate(rates)) > 0))
 
 
 def _oriented(
     sequence: Sequence, place: ExtendedCycle, event: BranchPoint, ahead: Callable[[BranchPoint], float]
-) -> Asked:
+) -> KernelRequests:
     """The point on the new sequence, in the direction in which a value of its tangent is positive."""
-    at = yield from _retold(sequence, place, event)
-    return (yield from off(at, ahead(at) > 0))
+    at = yield from _corrected_on_sequence(sequence, place, event)
+    return (yield from step_off(at, ahead(at) > 0))
 
 
-def _retold(sequence: Sequence, place: ExtendedCycle, event: BranchPoint) -> Asked:
+def _corrected_on_sequence(sequence: Sequence, place: ExtendedCycle, event: BranchPoint) -> KernelRequests:
     """The point of an event, corrected on another sequence."""
-    seen = yield from as_it_is(sequence, place)
+    seen = yield from correct_with_free_parameter(sequence, place)
     if not seen.found.is_converged:
-        raise Ended("not_converged")
+        raise BranchEnd("not_converged")
     return event._replace(sequence=sequence, place=trimmed(seen.found.place, len(sequence.kind)), seen=seen)
 
 
-def off(at: BranchPoint, is_ahead: bool = True) -> Asked:
+def step_off(at: BranchPoint, is_ahead: bool = True) -> KernelRequests:
     """A point close behind, in the direction of the tangent or the opposite one."""
     tangent = at.tangent if is_ahead else at.tangent.turned()
     for ds in _OFF:
@@ -222,4 +239,4 @@ def off(at: BranchPoint, is_ahead: bool = True) -> Asked:
         is_near = seen.found.is_converged and np.sqrt(away.along(away)) < ds
         if is_near and min((test.of(seen) for test in tests_of(at.sequence)), default=1) > 0:
             return new
-    raise Ended("several_events")
+    raise BranchEnd("several_events")

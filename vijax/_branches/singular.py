@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from .._orbits.sequence import Sequence
-from .defining_systems import AtBranchPoint, AtMultiplier, Defining, solve
-from .kernels import CorrectedCycle, KernelCall, locate_start, see, trimmed
+from .defining_systems import AtBranchPoint, AtMultiplier, DefiningSystem, solve
+from .kernels import CorrectedCycle, KernelCall, as_corrected_cycle, locate_start, trimmed
 from .parameter_family import ExtendedCycle, Family
-from .point import Asked, BranchPoint, Ended, between, on_plane
+from .point import BranchEnd, BranchPoint, KernelRequests, between, on_plane
 from .sequence_edits import in_a_row
-from .test_functions import CLOSE, Test
+from .test_functions import CLOSE, TestFunction
 
 # Number of cycles by which the test function of a branch point is interpolated.
 _NODES = 9
@@ -32,7 +32,7 @@ def crossing(
     """The branch point near a guess, and True if there is one."""
     size = len(guess.z)
     condition = AtBranchPoint(jnp.zeros(1), jnp.zeros(size), jnp.zeros((2, size + 1)))
-    defining = Defining(family, sequence, condition)
+    defining = DefiningSystem(family, sequence, condition)
     solved = solve(defining, defining.unknowns(guess))
     place, own = defining.place(solved.y)
     return place, solved.is_found & (jnp.max(jnp.abs(own)) < _CROSSED)
@@ -44,30 +44,30 @@ def doubling(
     """The period doubling of a cycle of half as many periods near a guess, and True if there is one."""
     half = replace(family, num_periods=family.num_periods / 2)
     borders = jnp.zeros((2, len(guess.z)), jnp.result_type(guess.z, jnp.complex64))
-    defining = Defining(half, sequence, AtMultiplier(jnp.full(1, jnp.pi, guess.z.dtype), borders))
+    defining = DefiningSystem(half, sequence, AtMultiplier(jnp.full(1, jnp.pi, guess.z.dtype), borders))
     solved = solve(defining, defining.unknowns(guess))
     return defining.place(solved.y)[0], solved.is_found
 
 
-def branch_point(point: BranchPoint, new: BranchPoint, test: Test) -> Asked:
+def branch_point(point: BranchPoint, new: BranchPoint, test: TestFunction) -> KernelRequests:
     """The branch point between two points of a branch."""
     length = new.arc - point.arc
     nodes = (1 - np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)) * length / 2
     known = yield from _seen_at(point, new, nodes)
     s = _root_of(test, known, length)
     if not np.isfinite(s):
-        raise Ended("not_converged")
+        raise BranchEnd("not_converged")
     guess = between(point, new, s / length)
     place, is_found = yield KernelCall(crossing, point.sequence, (guess,))
     place = trimmed(place, len(point.sequence.kind))
     away = place.moved(guess, -1.0)
     if not is_found or not np.sqrt(away.along(away)) < _NEAR:
-        raise Ended("not_converged")
+        raise BranchEnd("not_converged")
     s = place.along(point.tangent) - point.place.along(point.tangent)
-    return (yield from _as_known(point.sequence, place, point.tangent, point.arc + float(s), test.kind))
+    return (yield from _point_at(point.sequence, place, point.tangent, point.arc + float(s), test.kind))
 
 
-def end_of_doubled(num_periods: float, point: BranchPoint) -> Asked:
+def end_of_doubled(num_periods: float, point: BranchPoint) -> KernelRequests:
     """The end of a doubled branch at its period doubling, near a point; None if it does not end there."""
     sequence, place, half = point.sequence, point.place, num_periods / 2
     if num_periods % 2 or len(sequence.kind) % 2:
@@ -79,19 +79,19 @@ def end_of_doubled(num_periods: float, point: BranchPoint) -> Asked:
     once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.held[: num + 1])
     found, is_found = yield KernelCall(doubling, once, (place._replace(flights=place.flights[:num]),))
     if not is_found:
-        raise Ended("not_converged")
+        raise BranchEnd("not_converged")
     twice, place = in_a_row([(once, trimmed(found, num))] * 2, half)
-    return (yield from _as_known(twice, place, point.tangent, point.arc, "period_doubling"))
+    return (yield from _point_at(twice, place, point.tangent, point.arc, "period_doubling"))
 
 
-def _as_known(
+def _point_at(
     sequence: Sequence, place: ExtendedCycle, tangent: ExtendedCycle, arc: float, kind: str
-) -> Asked:
-    seen: CorrectedCycle = yield KernelCall(see, sequence, (place, tangent))
+) -> KernelRequests:
+    seen: CorrectedCycle = yield KernelCall(as_corrected_cycle, sequence, (place, tangent))
     return BranchPoint.of(sequence, seen, arc, kind=kind)
 
 
-def _seen_at(point: BranchPoint, new: BranchPoint, ways: np.ndarray) -> Asked:
+def _seen_at(point: BranchPoint, new: BranchPoint, ways: np.ndarray) -> KernelRequests:
     """Pairs of distance from a point and corrected cycle there, of those that converge."""
     found = []
     ahead = partial(between, point, new)
@@ -101,7 +101,7 @@ def _seen_at(point: BranchPoint, new: BranchPoint, ways: np.ndarray) -> Asked:
     return found
 
 
-def _root_of(test: Test, known: list[tuple[float, CorrectedCycle]], length: float) -> float:
+def _root_of(test: TestFunction, known: list[tuple[float, CorrectedCycle]], length: float) -> float:
     """Zero on a step of the polynomial through a test function; NaN unless there is exactly one."""
     if len(known) < 4:
         return np.nan

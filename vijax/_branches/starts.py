@@ -14,7 +14,7 @@ from .._jax.arrays import is_traced
 from .._machine.numbers import numbers_of
 from .._orbits.orbit import PeriodicOrbit
 from .._orbits.rigid_modes import free_shifts
-from .._orbits.sequence import nothing_happens
+from .._orbits.sequence import empty_sequence
 from .._sweep.provenance import machines_of
 from .._system.parameters import get_parameter
 from .._system.system import ImpactSystem, unbound, with_args
@@ -182,7 +182,7 @@ def points_of(starts: list[Start], families: list[Family]) -> list[BranchPoint |
     tasks, which = [], [k for k, start in enumerate(starts) if is_isolated(start, families[k])]
     for start, family in ((starts[k], families[k]) for k in which):
         room_for(start.num_events)  # raises if there are too many
-        room = nothing_happens(start.num_events, start.system.num_stops)
+        room = empty_sequence(start.num_events, start.system.num_stops)
         p = float(value_of(family.system, family.path) / family.span)
         tasks.append(point_at_orbit(jax.tree.map(np.asarray, room), start.state, p))
     found = dict(zip(which, drive([families[k] for k in which], tasks, lambda: None), strict=True))

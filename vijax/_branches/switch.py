@@ -6,12 +6,12 @@ from .._jax.arrays import refuse_single_precision
 from .._jax.xla import padding_allowed
 from .._orbits.orbit import PeriodicOrbit
 from .._orbits.sequence import Sequence
-from .bifurcation_setup import family_at, with_its_event
+from .bifurcation_setup import family_at, with_bifurcation_event
 from .branch import Bifurcation, branch_of
 from .grazing_families import hits_of, leave, repeated, touch_of
 from .kernels import KernelCall, jacobian
 from .parameter_family import ExtendedCycle, Family
-from .point import Asked, BranchPoint, Walk, as_it_is, first_followed
+from .point import BranchPoint, DirectedBranch, KernelRequests, correct_with_free_parameter, first_followed
 from .scheduler import drive
 from .sequence_edits import in_a_row
 from .starts import family_of
@@ -64,7 +64,7 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
     start, family, sequence, place = family_at(point, value - 1, value + 1)
     if _ends_doubled(point):
         half = family_of(start._replace(num_periods=start.num_periods // 2), path, value - 1, value + 1)
-        (other,) = drive([half], [_gone_round_once(sequence, place)], lambda: None)
+        (other,) = drive([half], [_half_cycle_orbit(sequence, place)], lambda: None)
         return [] if other is None else [_orbit(half, other)]
     if point.kind == "pd":
         sequence, place = in_a_row([(sequence, place)] * 2, start.num_periods)
@@ -81,11 +81,11 @@ def _ends_doubled(point: Bifurcation) -> bool:
     return point.kind == "bp" and end == "period_doubling"
 
 
-def _gone_round_once(sequence: Sequence, place: ExtendedCycle) -> Asked:
+def _half_cycle_orbit(sequence: Sequence, place: ExtendedCycle) -> KernelRequests:
     """An orbit on the branch of half as many periods, from a cycle that traverses it twice."""
     num = len(sequence.kind) // 2
     once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.held[: num + 1])
-    seen = yield from as_it_is(once, place._replace(flights=place.flights[:num]))
+    seen = yield from correct_with_free_parameter(once, place._replace(flights=place.flights[:num]))
     at = BranchPoint.of(once, seen, 0.0)
     return (yield from first_followed(once, at.place, at.tangent, _TRIALS))
 
@@ -94,7 +94,7 @@ def _at_grazing(point: Bifurcation) -> list[PeriodicOrbit]:
     """Orbits on the families that leave a grazing."""
     path, value = point.branch.path, point.value
     start, family, sequence, place = family_at(point, value - 1, value + 1)
-    sequence, place, k, _ = with_its_event(family, "gr", sequence, place)
+    sequence, place, k, _ = with_bifurcation_event(family, "gr", sequence, place)
     (touch,) = drive([family], [touch_of(sequence, place, k, start.num_periods)], lambda: None)
     orbits = []
     for is_hit in hits_of(touch, start.num_periods):
@@ -107,11 +107,11 @@ def _at_grazing(point: Bifurcation) -> list[PeriodicOrbit]:
 
 def _orbit(family: Family, point: BranchPoint) -> PeriodicOrbit:
     """The orbit of a single point."""
-    empty = Walk(float(family.num_periods), (0.0, 0.0), 0)
+    empty = DirectedBranch(float(family.num_periods), (0.0, 0.0), 0)
     return branch_of(family, point, empty, empty).orbit(0)
 
 
-def _beside(sequence: Sequence, place: ExtendedCycle, side: float) -> Asked:
+def _beside(sequence: Sequence, place: ExtendedCycle, side: float) -> KernelRequests:
     """An orbit a short way along the null vector of the equations at fixed parameter."""
     matrix = yield KernelCall(jacobian, sequence, (place,))
     size, num_events = len(place.z), len(place.flights)

@@ -23,7 +23,7 @@ _NOTHING = 1e-10
 _ON_CIRCLE = 1e-7
 
 
-class Test(NamedTuple):
+class TestFunction(NamedTuple):
     """A test function, the kind of event or bifurcation at its zero, and the number of the event or stop."""
 
     kind: str
@@ -69,10 +69,10 @@ def num_on_circle(mu: Multipliers) -> int:
 
 
 TESTS_OF_NEIGHBOURS = (
-    Test("fold", lambda seen: seen.found.tangent.p),
-    Test("pd", lambda seen: of_doubling(seen.found.multipliers)),
-    Test("bp", lambda seen: of_meeting(seen.found.multipliers)),
-    Test("ns", lambda seen: of_pairs(seen.found.multipliers)),
+    TestFunction("fold", lambda seen: seen.found.tangent.p),
+    TestFunction("pd", lambda seen: of_doubling(seen.found.multipliers)),
+    TestFunction("bp", lambda seen: of_meeting(seen.found.multipliers)),
+    TestFunction("ns", lambda seen: of_pairs(seen.found.multipliers)),
 )
 
 
@@ -81,20 +81,20 @@ def is_crossed(before: Any, after: Any) -> Any:
     return (before * after < 0) & (np.maximum(np.abs(before), np.abs(after)) > _NOTHING)
 
 
-def tests_of(sequence: Sequence) -> list[Test]:
+def tests_of(sequence: Sequence) -> list[TestFunction]:
     """Test functions of a sequence, positive as long as a machine can follow it."""
     found, follows_another = [], _follows_another(sequence)
     for k, (kind, stop) in enumerate(zip(sequence.kind, sequence.stop, strict=True)):
         if kind == IMPACT:
-            found.append(Test("gr", lambda seen, k=k: float(seen.found.speeds[k]), k))
+            found.append(TestFunction("gr", lambda seen, k=k: float(seen.found.speeds[k]), k))
         if follows_another[k]:
             ends_stick = kind == RELEASE and sequence.held[k][stop] and not sequence.held[k - 1][stop]
             name = "chatter_completion" if ends_stick else "double_impact"
-            found.append(Test(name, lambda seen, k=k: float(seen.found.place.flights[k]), k))
+            found.append(TestFunction(name, lambda seen, k=k: float(seen.found.place.flights[k]), k))
     for j in range(sequence.held.shape[1]):
-        found.append(Test("touch", lambda seen, j=j: float(seen.watched.gap[j]), j))
-        found.append(Test("force_zero", lambda seen, j=j: float(seen.watched.force[j]), j))
-        found.append(Test("onset", lambda seen, j=j: float(seen.watched.rise[j]), j))
+        found.append(TestFunction("touch", lambda seen, j=j: float(seen.watched.gap[j]), j))
+        found.append(TestFunction("force_zero", lambda seen, j=j: float(seen.watched.force[j]), j))
+        found.append(TestFunction("onset", lambda seen, j=j: float(seen.watched.rise[j]), j))
     return found
 
 
@@ -132,7 +132,7 @@ def _follows_another(sequence: Sequence) -> np.ndarray:
     return is_other
 
 
-def crossings(tests: list[Test], before: CorrectedCycle, after: CorrectedCycle) -> list[Test]:
+def crossings(tests: list[TestFunction], before: CorrectedCycle, after: CorrectedCycle) -> list[TestFunction]:
     """Test functions that change from positive to not positive."""
     return [test for test in tests if test.of(before) > 0 >= test.of(after)]
 

@@ -13,15 +13,15 @@ from .._hybrid.limits import IMPACT, RELEASE
 from .._orbits.sequence import Sequence
 from .degenerate_grazing import vanishing
 from .parameter_family import ExtendedCycle
-from .point import Asked, BranchPoint, at_parameter
-from .test_functions import Test
+from .point import BranchPoint, KernelRequests, at_parameter
+from .test_functions import TestFunction
 
 # _SHORT: duration of a hop, in forcing periods, below which it may vanish close by.
 # _NEAR: largest distance of the cycle without the hop.
 _SHORT, _NEAR = 5e-2, 1e-2
 
 
-def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> Asked:
+def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> KernelRequests:
     """The point without a hop near a point with it, where the contact force touches zero; None if there is none.
 
     `flight` is the number of the hop; any short hop if left out.
@@ -37,7 +37,7 @@ def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> As
     return None
 
 
-def hop_that_ends(test: Test, event: BranchPoint) -> Asked:
+def hop_that_ends(test: TestFunction, event: BranchPoint) -> KernelRequests:
     """The point where a hop vanishes, if that makes an impact lose its speed or holds a mass back; else None."""
     watched, k = event.seen.watched, test.index
     if test.kind == "gr":

@@ -21,7 +21,7 @@ from .._execution.points import LaneInput, with_values
 from .._execution.runner import Counts
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import Count, Numbers, as_float, as_known, refuse_single_precision, whole_number
+from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._progress import tqdm
 from .._sections.classify import MOTIONS, classified
@@ -133,7 +133,7 @@ def chart(
     one = machines_of_one(
         system, args, counts.transient, counts.record, tolerance, flow, None, settings, executor
     )
-    asked = _Asked(base_of(one.system, x0, v0), counts, one, tolerance, bool(multipliers), None)
+    asked = _PointSettings(base_of(one.system, x0, v0), counts, one, tolerance, bool(multipliers), None)
     if starts is not None:
         asked = asked._replace(starts=_starts(one, axes, starts, bounds, seed))
     together = _TOGETHER if asked.starts is None else max(_TOGETHER // len(asked.starts), 1)
@@ -158,7 +158,7 @@ def chart(
     return ds
 
 
-class _Asked(NamedTuple):
+class _PointSettings(NamedTuple):
     """Settings of every point.
 
     Attributes:
@@ -193,7 +193,7 @@ def _starts(
     middle = one.system
     for path, axis in axes.items():
         middle = set_parameter(middle, path, as_float(axis[len(axis) // 2]))
-    rate = as_known(middle.forcing.frequency).reshape(1)
+    rate = as_numpy_float(middle.forcing.frequency).reshape(1)
     return requested_starts(replace(one, system=middle, rate=rate), starts, bounds, seed, None, None).states
 
 
@@ -201,7 +201,7 @@ def _is_start(path: str) -> bool:
     return path.split("[")[0] in ("x0", "v0")
 
 
-def _found(asked: _Asked, swept: dict[str, np.ndarray]) -> tuple[xr.Dataset, np.ndarray]:
+def _found(asked: _PointSettings, swept: dict[str, np.ndarray]) -> tuple[xr.Dataset, np.ndarray]:
     """Results at some points, and the result codes of their motions."""
     lanes, size = with_values(asked.base, swept), len(next(iter(swept.values())))
     start = np.concatenate([np.broadcast_to(a, (len(a), size)) for a in (lanes.x0, lanes.v0)]).T

@@ -96,7 +96,7 @@ def refined(
         is_small = (cells.right - cells.left <= 1) & (cells.top - cells.bottom <= 1)
         cells = cells.chosen(~is_one & ~is_small).halved()
     variables = {
-        str(name): ((*axes, *own), _everywhere(within, a), attributes)
+        str(name): ((*axes, *own), _interpolated(within, a), attributes)
         for name, (own, a, attributes) in columns.items()
     }
     is_computed = tuple(axes), is_known, variable_attributes("is_computed")
@@ -135,7 +135,7 @@ def _fill(within: _Cells, is_known: np.ndarray, cells: _Cells) -> None:
             a[rows[is_free], cols[is_free]] = np.broadcast_to(edge[:, None, None], rows.shape)[is_free]
 
 
-def _everywhere(within: _Cells, a: np.ndarray) -> np.ndarray:
+def _interpolated(within: _Cells, a: np.ndarray) -> np.ndarray:
     """Values at all points, (right, up, ...), from those at the points that were run, (points, ...).
 
     Whole numbers are those of the nearest corner. Floats are linear between the corners in both directions where all

@@ -2,7 +2,7 @@
 
 from jaxtyping import Bool, Float
 
-from .._jax.arrays import Reals, library_of
+from .._jax.arrays import Reals, array_namespace
 from .._system.contact import AbstractLimit
 from .._system.system import ImpactSystem
 from .records import Column
@@ -25,7 +25,7 @@ def carried_start(
         otherwise: starts of points before which a motion did not stay finite.
     """
     x, v = end
-    library = library_of(x)
+    library = array_namespace(x)
     for stop, is_held in zip(system.stops, held, strict=True):
         position = stop.sign * stop.at(0.0)
         speed = stop.sign * system.forcing.frequency * stop.slope_at(0.0)
@@ -38,7 +38,7 @@ def carried_start(
 
 def _put(stop: AbstractLimit, of_masses: Reals, along: Reals, which: Reals) -> Reals:
     """Positions or velocities, corrected where `which` is true so that their value along the stop is `along`."""
-    library, rows, coefficients = library_of(of_masses), list(of_masses), stop.coefficients
+    library, rows, coefficients = array_namespace(of_masses), list(of_masses), stop.coefficients
     lack, square = along - stop.along(of_masses), sum(a * a for a in coefficients.values())
     for i, a in coefficients.items():
         there = along / a if len(coefficients) == 1 else rows[i] + a * lack / square

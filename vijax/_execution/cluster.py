@@ -14,10 +14,10 @@ import numpy as np
 
 from .._flow.interface import AbstractFlow
 from .points import LaneInput
-from .runner import AbstractRunner, Counts, PointResults, together
+from .runner import AbstractRunner, Counts, PointResults, join_results
 from .settings import ExecutionSettings
 from .tasks import as_executor, run_tasks
-from .threads import Threads, count_cores, shared_out
+from .threads import Threads, count_cores, split_evenly
 
 
 class Cluster(AbstractRunner):
@@ -43,8 +43,8 @@ class Cluster(AbstractRunner):
         num_chunks = max(
             min(-(-num_points // size), num_chains), min(cores, -(-num_chains // settings.lanes))
         )
-        shares = shared_out(points, which, num_chunks)
-        return together(self.run_each(points, enumerate(shares), tell), shares)
+        shares = split_evenly(points, which, num_chunks)
+        return join_results(self.run_each(points, enumerate(shares), tell), shares)
 
     def run_each(
         self, points: LaneInput, parts: Iterable[tuple[int, np.ndarray]], tell: Callable[[int], object]

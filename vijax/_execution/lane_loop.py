@@ -27,7 +27,7 @@ from .._machine.machine import Machine
 from .._machine.state import State, start_period
 from .._trajectory.step import advance
 from .._trajectory.tangent_frame import Tangents, advance_with
-from .records import Impact, Mark, RecordBatch, append
+from .records import Impact, PeriodEnd, RecordBatch, append
 
 
 class EndStates(eqx.Module):
@@ -82,7 +82,7 @@ class Progress(eqx.Module):
     Attributes:
         lanes: states and counts of the lanes.
         impacts: recorded impacts, see `Impact`.
-        marks: ends of recorded periods, see `Mark`.
+        marks: ends of recorded periods, see `PeriodEnd`.
         turns: turns so far, each a step of every lane, idle or not.
     """
 
@@ -114,7 +114,7 @@ class LaneTask(eqx.Module):
     last_turn: Int[Array, ""]
 
 
-def turn_until_fed(progress_and_task: tuple[Progress, LaneTask]) -> tuple[Progress, LaneTask]:
+def run_turns(progress_and_task: tuple[Progress, LaneTask]) -> tuple[Progress, LaneTask]:
     """Take turns until too few lanes work, the log is full, or the last turn is reached."""
     progress, task = progress_and_task
 
@@ -170,7 +170,7 @@ def _turn(task: LaneTask, progress: Progress) -> Progress:
         tangents=jax.tree.map(lambda new, old: jnp.where(live, new, old), kept, lanes.tangents),
     )
     x, v = machine.in_space(moved.state)
-    mark = Mark(
+    mark = PeriodEnd(
         point=task.point,
         period=state.periods - work.transient,
         x=x,

@@ -24,14 +24,14 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED, Reals
 from .._jax.xla import PLAIN, in_one_kernel
-from .._machine.machine import OWN_BOUND, Machine, ample_steps, prepare
+from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, prepare
 from .._machine.numbers import num_harmonics, numbers_of
 from .._machine.state import State
 from .._system.system import ImpactSystem
 from .._trajectory.step import initial_state
 from .._trajectory.tangent_frame import Tangents, first_tangents
 from .carry_start import carried_start
-from .lane_loop import EndStates, LaneTask, Progress, Work, has_room, is_live, turn_until_fed
+from .lane_loop import EndStates, LaneTask, Progress, Work, has_room, is_live, run_turns
 from .records import impact_rows, mark_rows
 from .settings import DEFAULT_SETTINGS, ExecutionSettings
 
@@ -138,7 +138,7 @@ def run_lanes(
     last_turn = queue.progress.turns + work.max_turns
     is_small = max(machine.contacts.num, *machine.waves.cosine.shape[:2]) <= UNROLLED
     is_one_kernel = is_small and flow.fits_one_kernel
-    run = partial(in_one_kernel, turn_until_fed) if is_one_kernel else turn_until_fed
+    run = partial(in_one_kernel, run_turns) if is_one_kernel else run_turns
 
     def start(point: Int[Array, " lanes"], before: EndStates) -> State:
         if not is_carried:
@@ -186,8 +186,8 @@ def _bounded(work: Work, machine: Machine, num_points: int) -> Work:
     Impacts add steps in every period to those of the motion itself.
     """
     least = 100_000 + 10_000 * work.num_periods.astype(machine.rate.dtype)
-    ample = ample_steps(machine, work.num_periods * machine.period, least)
-    bound = jnp.where(work.max_steps == OWN_BOUND, ample, work.max_steps)
+    ample = default_max_steps(machine, work.num_periods * machine.period, least)
+    bound = jnp.where(work.max_steps == AUTOMATIC_MAX_STEPS, ample, work.max_steps)
     return eqx.tree_at(lambda w: w.max_steps, work, jnp.broadcast_to(bound, num_points))
 
 

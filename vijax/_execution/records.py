@@ -40,7 +40,7 @@ class Impact(eqx.Module):
     number: Column
 
 
-class Mark(eqx.Module):
+class PeriodEnd(eqx.Module):
     """States of points at the ends of recorded periods, rows first.
 
     Attributes:
@@ -60,7 +60,7 @@ class Mark(eqx.Module):
     growth: Column | None = None
 
 
-Record = TypeVar("Record", Impact, Mark)
+Record = TypeVar("Record", Impact, PeriodEnd)
 
 
 class RecordBatch(eqx.Module):
@@ -71,7 +71,7 @@ class RecordBatch(eqx.Module):
         size: number of rows written.
     """
 
-    room: Impact | Mark
+    room: Impact | PeriodEnd
     size: Int[Array, ""]
 
     def has_room(self, num_rows: int) -> Bool[Array, ""]:
@@ -92,15 +92,15 @@ def mark_rows(
     whole, of_masses = np.zeros(size, int), np.zeros((size, num_masses), dtype)
     held_time = np.zeros((size, num_stops), dtype)
     growth = np.zeros((size, 2 * num_masses), dtype) if has_growth else None
-    return _on_device(Mark(whole, whole, of_masses, of_masses, held_time, growth))
+    return _on_device(PeriodEnd(whole, whole, of_masses, of_masses, held_time, growth))
 
 
-def _on_device(room: Impact | Mark) -> RecordBatch:
+def _on_device(room: Impact | PeriodEnd) -> RecordBatch:
     put = lambda a: jax.device_put(np.array(a))  # noqa: E731  # no two arrays share a buffer
     return RecordBatch(jax.tree.map(put, room), put(np.asarray(0, int)))
 
 
-def append(rows: RecordBatch, kept: Bool[Array, "*stops lanes"], record: Impact | Mark) -> RecordBatch:
+def append(rows: RecordBatch, kept: Bool[Array, "*stops lanes"], record: Impact | PeriodEnd) -> RecordBatch:
     """Append a row for each entry that is kept, those of several stops of one lane in their order.
 
     Rows are written one after another, because a turn has few.
@@ -127,7 +127,7 @@ def append(rows: RecordBatch, kept: Bool[Array, "*stops lanes"], record: Impact 
     return RecordBatch(*for_each(kept.ravel(), put, (rows.room, rows.size)))
 
 
-def taken(rows: RecordBatch) -> Impact | Mark:
+def written_rows(rows: RecordBatch) -> Impact | PeriodEnd:
     """Copy the written rows, because the room is reused; integers, which count what is in memory, in 32 bits."""
     size = int(rows.size)
 

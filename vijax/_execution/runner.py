@@ -58,7 +58,7 @@ class AbstractRunner(eqx.Module):
     - leave the calling process open to an interrupt, and raise here what goes wrong elsewhere.
 
     A runner that wraps another, as a store does, holds that other as a field. A runner that distributes points, as a
-    cluster does, may join the parts by `together`.
+    cluster does, may join the parts by `join_results`.
     """
 
     @abc.abstractmethod
@@ -88,7 +88,7 @@ class AbstractRunner(eqx.Module):
             yield number, self.run(points, which, tell)
 
 
-def together(parts: Iterable[tuple[int, PointResults]], shares: Sequence[np.ndarray]) -> PointResults:
+def join_results(parts: Iterable[tuple[int, PointResults]], shares: Sequence[np.ndarray]) -> PointResults:
     """Join the results of parts as they come, so that memory never holds all of them twice.
 
     Args:

@@ -39,7 +39,7 @@ from .._system.system import ImpactSystem
 from .._writing import naming_argument
 from .points import LaneInput
 from .records import Impact
-from .runner import AbstractRunner, PointResults, together
+from .runner import AbstractRunner, PointResults, join_results
 from .settings import ExecutionSettings
 from .threads import count_cores
 
@@ -92,7 +92,7 @@ class Store(AbstractRunner):
         for number, found in self.runner.run_each(points, missing(), tell):
             _keep(self, files[number], found)
             parts[number] = found
-        return together(parts.items(), chunks)
+        return join_results(parts.items(), chunks)
 
 
 def open_store(

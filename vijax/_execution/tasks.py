@@ -94,7 +94,7 @@ def run_tasks(
         for key, args in tasks:
             yield key, function(*args)
         return
-    desk = _Desk(executor, function, (_Task(*task) for task in tasks), max(in_flight, 1))
+    desk = _TaskPool(executor, function, (_Task(*task) for task in tasks), max(in_flight, 1))
     try:
         while desk.give_out():
             task, answer = desk.next_answer()
@@ -111,7 +111,7 @@ def run_tasks(
         raise desk.closed
 
 
-class _Desk:
+class _TaskPool:
     """Counter where tasks go out and answers come in.
 
     Attributes:
@@ -154,7 +154,7 @@ class _Desk:
 def _submit(executor: Executor, function: Callable, task: _Task) -> Future:
     # A process where 64-bit numbers are still off reads a JAX array as 32 bits.
     args = jax.tree.map(lambda a: np.asarray(a) if isinstance(a, jax.Array) else a, task.args)
-    asked = jax.config.read("jax_enable_x64"), _circumstances()
+    asked = jax.config.read("jax_enable_x64"), _environment()
     try:
         return executor.submit(_run, function, args, *asked)
     except Exception as error:
@@ -191,7 +191,7 @@ def _refuse_unsendable(args: tuple) -> None:
         ) from error
 
 
-def _circumstances() -> dict[str, object]:
+def _environment() -> dict[str, object]:
     """Versions and settings that, beside the processor, determine the last bits."""
     told: dict[str, object] = {name: a for name, a in versions().items() if name != "python_version"}
     return told | {"device": jax.default_backend(), "VIJAX_PLAIN": PLAIN}
@@ -200,7 +200,7 @@ def _circumstances() -> dict[str, object]:
 def _run(function: Callable, args: tuple, x64: bool, asked: dict[str, object]) -> _Answer:
     """Call a function as it would be called where the task comes from; run by a worker."""
     try:
-        for name, here in _circumstances().items():
+        for name, here in _environment().items():
             if here != asked[name]:
                 raise ValueError(
                     f"A worker has `{name}` {here}, but {asked[name]} is where the call was made: results would differ. "

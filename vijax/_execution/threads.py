@@ -13,13 +13,13 @@ from jaxtyping import Array
 from .._flow.interface import AbstractFlow
 from .._jax.memory_maps import make_room
 from .._jax.xla import padding_allowed
-from .._machine.machine import OWN_BOUND
+from .._machine.machine import AUTOMATIC_MAX_STEPS
 from .._system.system import ImpactSystem
 from .lane_loop import Work
 from .lane_queue import Queue, new_queue, run_lanes
 from .points import LaneInput
-from .records import Mark, joined, taken
-from .runner import AbstractRunner, Counts, PointResults, together
+from .records import PeriodEnd, joined, written_rows
+from .runner import AbstractRunner, Counts, PointResults, join_results
 from .settings import ExecutionSettings
 
 # Queues begin one after another. Otherwise each would compile, and wait for Python's lock.
@@ -50,7 +50,7 @@ class Threads(AbstractRunner):
         """Run points in threads, a queue in each."""
         make_room()
         num_queues, shape = self._sizes(self.size_of(points), which)
-        shares = shared_out(points, which, num_queues)
+        shares = split_evenly(points, which, num_queues)
         stop, x64 = Event(), bool(jax.config.read("jax_enable_x64"))
         workers = ThreadPoolExecutor(self.settings.cores or count_cores())
         try:
@@ -58,7 +58,7 @@ class Threads(AbstractRunner):
                 workers.submit(_run_queue, self, points, share, shape, tell, stop, x64): number
                 for number, share in enumerate(shares)
             }
-            return together(_as_they_end(jobs), shares)
+            return join_results(_as_they_end(jobs), shares)
         finally:
             stop.set()
             workers.shutdown(wait=True, cancel_futures=True)
@@ -76,7 +76,7 @@ class Threads(AbstractRunner):
         return num_queues, (width, num_lanes)
 
 
-def shared_out(points: LaneInput, which: np.ndarray, num_shares: int) -> list[np.ndarray]:
+def split_evenly(points: LaneInput, which: np.ndarray, num_shares: int) -> list[np.ndarray]:
     """Divide points evenly.
 
     Points with the longest periods take most work: they come first, spread over all shares. Chains stay whole.
@@ -113,8 +113,8 @@ def _run_queue(
         while is_left and not stop.is_set():
             queue, more = run_lanes(task, queue, can_stick=runner.counts.can_stick, is_carried=share.ndim > 1)
             is_left, progress = bool(more), queue.progress
-            impacts.append(taken(progress.impacts))
-            marks.append(taken(progress.marks))
+            impacts.append(written_rows(progress.impacts))
+            marks.append(written_rows(progress.marks))
             zeros = (_whole(0), _whole(0))
             queue = eqx.tree_at(lambda q: (q.progress.impacts.size, q.progress.marks.size), queue, zeros)
             done = int(np.sum(np.asarray(queue.ends.steps)[: share.size] > 0))
@@ -133,7 +133,7 @@ def _whole(number: int) -> Array:
     return jax.device_put(np.asarray(number, jax.dtypes.canonicalize_dtype(int)))
 
 
-def _sections(marks: Mark, record: int, num_points: int) -> dict[str, np.ndarray]:
+def _sections(marks: PeriodEnd, record: int, num_points: int) -> dict[str, np.ndarray]:
     """The marks as tables, (..., periods, points)."""
     tables = {}
     for name in ("x", "v", "held_time", "growth"):
@@ -183,7 +183,7 @@ def _start(
     system, motion = _of_queue((points.system, runner.flow), filled, is_long=is_long)
     x0, v0 = (jax.device_put(a[:, filled]) for a in (points.x0, points.v0))
     periods = (counts.transient, counts.transient + counts.record)
-    max_steps = OWN_BOUND if counts.max_steps is None else counts.max_steps
+    max_steps = AUTOMATIC_MAX_STEPS if counts.max_steps is None else counts.max_steps
     numbers = (share.size, share.shape[-1], *periods, max_steps, counts.max_impacts, 0)
     work = Work(*map(_whole, numbers))
     task = (motion, system, x0, v0, work)

@@ -24,20 +24,20 @@ from jaxtyping import Array, Float, Int, PyTree
 from .._jax.arrays import Flag, Scalar, over_lanes
 from .._machine.contacts import Held
 from .._machine.machine import Machine
-from .._machine.state import State, remembering
+from .._machine.state import State, with_memory
 from .event_margins import (
     EventMargins,
-    Inside,
+    StepInterior,
     crossings_in_step,
-    delays,
+    event_margins_at,
     is_due,
-    nearness,
     phase_change,
-    watched,
+    series_radius,
+    times_to_events,
 )
-from .exact_step import displaced, one_instant
+from .exact_step import simultaneity_tolerance, state_after_step
 from .interface import AbstractFlow, Flight
-from .modal import TRUST_AND_TERMS
+from .modal import LONGEST_STEP_AND_TERMS
 
 # Fraction of the accurate step length below which a step is taken whatever its polynomial shows.
 _SHORTEST = 1e-9
@@ -73,7 +73,7 @@ class Attempt(eqx.Module):
 
     displacement: Float[Array, " n"]
     gain: Float[Array, " n"]
-    inside: Inside
+    inside: StepInterior
     is_good: Flag
     following: Scalar
     control: PyTree
@@ -140,17 +140,17 @@ class SteppingFlow(AbstractFlow):
         hold = machine.hold(state.held)
         trial = self._try(machine, state, hold, remaining)
         arrived = _moved(machine, state, trial, hold)
-        now, end = watched(machine, state, hold), watched(machine, arrived, hold)
-        due, late = is_due(now, state), delays(end, state.held, trial.wanted)
+        now, end = event_margins_at(machine, state, hold), event_margins_at(machine, arrived, hold)
+        due, late = is_due(now, state), times_to_events(end, state.held, trial.wanted)
         is_clear, cut = _clearance(machine, state, now, end, late, trial)
         is_taken = trial.attempt.is_good & is_clear & ~jnp.any(due)
         is_near = is_taken & (late <= remaining + resolution - trial.step)
         late = jnp.where(due, 0, jnp.where(is_near, late, jnp.inf))
         delay = jnp.min(late, initial=jnp.inf)
-        is_event = (late <= delay + one_instant(machine)) & (late < jnp.inf)
+        is_event = (late <= delay + simultaneity_tolerance(machine)) & (late < jnp.inf)
         delay = jnp.where(delay < jnp.inf, jnp.maximum(delay, -trial.step), 0)
         landed = _choose(is_taken, _landed(machine, arrived, end, delay), state)
-        landed = remembering(landed, _learnt(state.memory, trial, is_taken, jnp.any(is_event), cut))
+        landed = with_memory(landed, _learnt(state.memory, trial, is_taken, jnp.any(is_event), cut))
         duration = jnp.where(is_taken, trial.step + delay, 0)
         return Flight(
             _or_lost(machine, trial, landed), duration, is_event, is_taken & (trial.step >= remaining)
@@ -161,7 +161,7 @@ class SteppingFlow(AbstractFlow):
         trial = self._try(machine, state, hold, remaining)
         is_taken = trial.attempt.is_good
         end = _choose(is_taken, _moved(machine, state, trial, hold), state)
-        end = remembering(end, _learnt(state.memory, trial, is_taken, is_taken, state.memory.cut))
+        end = with_memory(end, _learnt(state.memory, trial, is_taken, is_taken, state.memory.cut))
         length = jnp.where(is_taken, trial.step, jnp.where(_is_lost(machine, trial), remaining, 0))
         return _or_lost(machine, trial, end), length
 
@@ -176,7 +176,7 @@ class SteppingFlow(AbstractFlow):
 def longest_step(machine: Machine) -> Scalar:
     """Longest step for which `phase_change` is accurate."""
     fastest = machine.waves.num_harmonics * machine.frequency
-    return TRUST_AND_TERMS[str(machine.rate.dtype)][0] / jnp.where(fastest > 0, fastest, 1e-9)
+    return LONGEST_STEP_AND_TERMS[str(machine.rate.dtype)][0] / jnp.where(fastest > 0, fastest, 1e-9)
 
 
 def _clearance(
@@ -194,7 +194,7 @@ def _clearance(
     is_near = late < jnp.inf
     proof = crossings_in_step(machine, state, now, end, trial.attempt.inside, step, is_near)
     free = step * proof.free
-    window = jnp.where(is_near, wanted * nearness(state.held, step.dtype), 0)
+    window = jnp.where(is_near, wanted * series_radius(state.held, step.dtype), 0)
     # Time before arrival in which an approaching mass is nearer to its stop than the error.
     before = jnp.where(end.slope < 0, 2 * proof.error / jnp.where(end.slope < 0, -end.slope, 1), 0)
     is_open = ~proof.is_crossed & (free >= step - window - before)
@@ -220,7 +220,7 @@ def _learnt(memory: Memory, trial: Trial, is_taken: Flag, is_event: Flag, cut: S
 def _moved(machine: Machine, state: State, trial: Trial, hold: Held) -> State:
     gain = machine.contacts.gained(trial.attempt.gain, hold)
     change = phase_change(machine, state.phase, trial.step)
-    return displaced(machine, state, trial.attempt.displacement, state.v + gain, change, trial.step)
+    return state_after_step(machine, state, trial.attempt.displacement, state.v + gain, change, trial.step)
 
 
 def _landed(machine: Machine, state: State, end: EventMargins, delay: Scalar) -> State:
@@ -228,7 +228,7 @@ def _landed(machine: Machine, state: State, end: EventMargins, delay: Scalar) ->
     a, jerk = end.motion.acceleration, end.motion.jerk
     displacement = delay * (state.v + delay * (a / 2 + delay * jerk / 6))
     v = state.v + delay * (a + delay * jerk / 2)
-    return displaced(machine, state, displacement, v, phase_change(machine, state.phase, delay), delay)
+    return state_after_step(machine, state, displacement, v, phase_change(machine, state.phase, delay), delay)
 
 
 def _choose(condition: Flag, a: PyTree, b: PyTree) -> PyTree:

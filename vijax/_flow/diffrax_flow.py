@@ -26,11 +26,11 @@ from .._jax.arrays import Scalar, as_float
 from .._jax.xla import compute_once
 from .._machine.contacts import Held
 from .._machine.machine import Machine
-from .._machine.state import State, remembering
+from .._machine.state import State, with_memory
 from .approximate_step import Attempt, SteppingFlow, longest_step
 from .bernstein import nodes
-from .event_margins import Inside, phase_change
-from .exact_step import displaced
+from .event_margins import StepInterior, phase_change
+from .exact_step import state_after_step
 from .explicit_step import explicit_step
 
 # Gains of positions and velocities, and integrals of the pulls.
@@ -140,7 +140,7 @@ class DiffraxFlow(SteppingFlow):
         is_finite = jnp.all(jnp.isfinite(numbers))
         following = jnp.where(is_finite, stop - begin, step / 4)
         control = jax.tree.map(lambda a, old: jnp.asarray(a, old.dtype), control, state.memory.control)
-        return Attempt(displacement, gain, Inside(*inside), is_finite & keep, following, control)
+        return Attempt(displacement, gain, StepInterior(*inside), is_finite & keep, following, control)
 
     def flow_map(
         self,
@@ -165,7 +165,7 @@ class DiffraxFlow(SteppingFlow):
             attempt = self._judged(here, hold, step, machine, _by_diffrax(solver, machine, here, hold, step))
             gain = machine.contacts.gained(attempt.gain, hold)
             phase = phase_change(machine, here.phase, step)
-            moved = displaced(machine, here, attempt.displacement, here.v + gain, phase, step)
+            moved = state_after_step(machine, here, attempt.displacement, here.v + gain, phase, step)
             taken = _FlowMapState(
                 moved,
                 jnp.where(is_last, 0, state.left - step),
@@ -177,12 +177,12 @@ class DiffraxFlow(SteppingFlow):
             found = jax.tree.map(lambda a, b: jnp.where(attempt.is_good, a, b), taken, state)
             memory = eqx.tree_at(lambda m: m.control, here.memory, still(attempt.control))
             return found._replace(
-                state=remembering(found.state, memory),
+                state=with_memory(found.state, memory),
                 step=jnp.minimum(still(jnp.abs(attempt.following)), longest),
                 num_trials=state.num_trials + 1,
             )
 
-        begin, nothing = remembering(state, self.memory(jnp.zeros_like(span))), jnp.zeros_like(state.x)
+        begin, nothing = with_memory(state, self.memory(jnp.zeros_like(span))), jnp.zeros_like(state.x)
         first = still(jnp.minimum(self.first_step(machine), longest))
         is_on = lambda state: (jnp.abs(state.left) > 0) & (state.num_trials < _MOST_TRIALS)  # noqa: E731
         start = _FlowMapState(begin, span, first, nothing, nothing, jnp.array(0))

@@ -14,13 +14,13 @@ from .._jax.xla import compute_once, in_one_kernel
 from .._machine.contacts import Held
 from .._machine.derivatives import Rates, approaches, rates
 from .._machine.machine import Machine
-from .._machine.state import SHUT, State
+from .._machine.state import KEPT_CLOSED, State
 from .._system.waves import speeds, turned
 from .bernstein import bernstein, derivative_coefficients, divided, first_crossing, nodes
-from .modal import TRUST_AND_TERMS, cosine_and_sine
+from .modal import LONGEST_STEP_AND_TERMS, cosine_and_sine
 
 
-class Inside(eqx.Module):
+class StepInterior(eqx.Module):
     """Motion inside a step, at the nodes of `bernstein.py`.
 
     Attributes:
@@ -52,7 +52,7 @@ class EventMargins(eqx.Module):
     pull: Float[Array, " stops"]
 
 
-def watched(machine: Machine, state: State, hold: Held) -> EventMargins:
+def event_margins_at(machine: Machine, state: State, hold: Held) -> EventMargins:
     """Event margins at a state."""
     motion, phase = rates(machine, state, hold), state.phase
     pull = machine.contacts.pull(motion.force, hold, phase)
@@ -61,7 +61,7 @@ def watched(machine: Machine, state: State, hold: Held) -> EventMargins:
     value = jnp.where(state.held, pull, state.gap)
     slope = jnp.where(state.held, pull_rate, -approach[0])
     # A contact that others keep closed has no event.
-    value, slope = jnp.where(state.is_shut, 1, value), jnp.where(state.is_shut, 0, slope)
+    value, slope = jnp.where(state.is_kept_closed, 1, value), jnp.where(state.is_kept_closed, 0, slope)
     return EventMargins(value, slope, motion, approach, pull)
 
 
@@ -70,7 +70,7 @@ def is_due(now: EventMargins, state: State) -> Bool[Array, " stops"]:
     return (state.contact == 0) & (now.value <= 0) & (now.slope < 0)
 
 
-def delays(end: EventMargins, held: Bool[Array, " stops"], scale: Scalar) -> Float[Array, " stops"]:
+def times_to_events(end: EventMargins, held: Bool[Array, " stops"], scale: Scalar) -> Float[Array, " stops"]:
     """Time from the end of a step to the event of every stop, if near enough for the known terms; else infinite.
 
     Args:
@@ -88,16 +88,16 @@ def delays(end: EventMargins, held: Bool[Array, " stops"], scale: Scalar) -> Flo
         value = end.value + delay * (end.slope + delay * (curve + delay * bend))
         rate = end.slope + delay * (2 * curve + 3 * delay * bend)
         delay = delay - value / jnp.where(is_simple & (rate < 0), rate, -1)
-    return jnp.where(is_simple & (jnp.abs(delay) <= scale * nearness(held, delay.dtype)), delay, jnp.inf)
+    return jnp.where(is_simple & (jnp.abs(delay) <= scale * series_radius(held, delay.dtype)), delay, jnp.inf)
 
 
-def nearness(held: Bool[Array, " stops"], dtype: jnp.dtype) -> Float[Array, " stops"]:
+def series_radius(held: Bool[Array, " stops"], dtype: jnp.dtype) -> Float[Array, " stops"]:
     """Times, as fractions of the time scale, at which the first omitted power is below rounding."""
     eps = float(jnp.finfo(dtype).eps)
     return jnp.where(held, eps**0.5, eps ** (1 / 3))
 
 
-class View(eqx.Module):
+class StopView(eqx.Module):
     """Step relative to one stop: quantities at its start, positive towards the stop.
 
     Attributes:
@@ -127,7 +127,7 @@ class View(eqx.Module):
     gain: Float[Array, "*stops nodes"]
 
 
-class Proof(eqx.Module):
+class EventFreeProof(eqx.Module):
     """Part of a step that its polynomial proves free of events of one stop.
 
     Attributes:
@@ -146,14 +146,14 @@ def crossings_in_step(
     state: State,
     now: EventMargins,
     end: EventMargins,
-    inside: Inside,
+    inside: StepInterior,
     step: Scalar,
     is_expected: Bool[Array, " stops"],
-) -> Proof:
+) -> EventFreeProof:
     """Test every stop during a step; an event that `is_expected` at its end does not count as crossed."""
     contacts, times = machine.contacts, step * nodes(len(inside.gain) - 1)
     changes = jax.vmap(lambda time: phase_change(machine, state.phase, time))(times)
-    view = View(
+    view = StopView(
         held=state.held,
         contact=state.contact,
         gap=state.gap,
@@ -169,7 +169,7 @@ def crossings_in_step(
     return in_one_kernel(jax.vmap(_prove, (0, None, 0)), view, step, is_expected)
 
 
-def _prove(view: View, step: Scalar, is_expected: Flag) -> Proof:
+def _prove(view: StopView, step: Scalar, is_expected: Flag) -> EventFreeProof:
     """Prove as much of a step as possible free of events of one stop.
 
     The ends of the polynomial are as accurate as the step. Between them the error of the position is at most the
@@ -181,22 +181,24 @@ def _prove(view: View, step: Scalar, is_expected: Flag) -> Proof:
     likely = compute_once(_likely, view, displacement, gain, step)
     nearest = view.gap + smallest([-view.displacement[j] for j in range(1, len(displacement))]) + error
     is_crossed = (jnp.where(view.held, smallest(likely), nearest) < 0) | (view.last < 0)
-    is_shut = view.contact == SHUT
-    is_crossed = is_crossed & ~is_expected & ~is_shut
+    is_kept_closed = view.contact == KEPT_CLOSED
+    is_crossed = is_crossed & ~is_expected & ~is_kept_closed
     degree = len(likely) - 1
     share = [jnp.where(view.contact == 0, k / degree, min(k, 1)) for k in range(degree + 1)]
     doubt = jnp.where(is_crossed, 0, error)
     asked = [c - part * doubt for c, part in zip(likely, share, strict=True)]
-    return Proof(jnp.where(is_shut, 1, compute_once(first_crossing, asked)), is_crossed, error)
+    return EventFreeProof(
+        jnp.where(is_kept_closed, 1, compute_once(first_crossing, asked)), is_crossed, error
+    )
 
 
-def _error(view: View, displacement: list[Scalar], gain: list[Scalar], step: Scalar) -> Scalar:
+def _error(view: StopView, displacement: list[Scalar], gain: list[Scalar], step: Scalar) -> Scalar:
     speeds = [step * (view.v + g) for g in gain]
     defects = [-jnp.abs(s - v) for s, v in zip(derivative_coefficients(displacement), speeds, strict=True)]
     return jnp.where(view.held, 0, -smallest(defects))
 
 
-def _likely(view: View, displacement: list[Scalar], gain: list[Scalar], step: Scalar) -> list[Scalar]:
+def _likely(view: StopView, displacement: list[Scalar], gain: list[Scalar], step: Scalar) -> list[Scalar]:
     """Bernstein coefficients of the contact force, or of the gap divided by the power of time with which it begins."""
     gap = [view.gap, *(view.gap - d for d in displacement[1:])]
     for order, start in ((1, -step * view.v), (2, -(step**2) * view.a / 2), (3, -(step**3) * view.jerk / 6)):
@@ -212,5 +214,5 @@ def phase_change(machine: Machine, phase: Float[Array, "2 harmonics ..."], time:
     By power series: library sines and cosines in every stage of a solver cost a third of the step.
     """
     angle = speeds(phase, machine.frequency) * time
-    wave, arc = cosine_and_sine(angle * angle, TRUST_AND_TERMS[str(angle.dtype)][1])
+    wave, arc = cosine_and_sine(angle * angle, LONGEST_STEP_AND_TERMS[str(angle.dtype)][1])
     return turned(phase, (wave, angle * arc))

@@ -17,14 +17,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._hybrid.limits import GAP, Limit, limits_of, of_active
-from .._jax.arrays import Scalar, short, smallest
+from .._jax.arrays import Scalar, rounding_step, smallest
 from .._jax.xla import compute_once, is_any
 from .._machine.contacts import Held
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.state import State
 from .interface import AbstractFlow, Expansion, Flight
-from .safe_step import Bound, deflated, safe_step
+from .safe_step import Bound, divided_bound, safe_step
 from .series import derivative, horner, sum_series, taylor_series
 
 # Taylor terms by which an event is reached that is `Limit.near`.
@@ -60,7 +60,7 @@ def _fly_jvp(primals, tangents):
         machine = machine_of(numbers)
         hold = machine.hold(state.held)
         moved = flow.propagate(machine, state, hold, flight.duration)
-        end = displaced(machine, state, *moved, flight.duration)
+        end = state_after_step(machine, state, *moved, flight.duration)
         value = of_active(limits, state, lambda limit: limit.value(machine, end, hold))
         return end.x, end.v, end.phase, end.gap, value
 
@@ -118,7 +118,7 @@ class ExpandingFlow(AbstractFlow):
         series = compute_once(_near_future, machine, moved, hold)
         delays = compute_once(_delays, machine, moved, series, hold, is_root, ahead - step)
         delay = smallest(delays)
-        is_event = (delays <= delay + one_instant(machine)) & (delays < jnp.inf)
+        is_event = (delays <= delay + simultaneity_tolerance(machine)) & (delays < jnp.inf)
         # Not before the start of the step: events of one instant come in causal order.
         delay = jnp.where(delay < jnp.inf, jnp.maximum(delay, -step), 0)
         landed = compute_once(_land, machine, moved, series, delay)
@@ -152,19 +152,19 @@ def _safe_step(
         bound = jax.lax.cond(is_any_held, lambda: _bound(*now, hold), lambda: _bound_of_gap(*now))
     else:
         bound = compute_once(_bound_of_gap, machine, state, motion, limit)
-    nearly = short(state.x.dtype) * machine.timescale
+    nearly = rounding_step(state.x.dtype) * machine.timescale
     steps, is_root = safe_step(bound, limit, nearly)
     # A mass that has just left returns later, never at once: a root at zero is a leading coefficient lost in rounding.
     is_root = is_root & (steps <= nearly) & ((state.contact == 0) | (steps > 0))
     if machine.contacts.is_coupled:
-        steps, is_root = jnp.where(state.is_shut, limit, steps), is_root & ~state.is_shut
+        steps, is_root = jnp.where(state.is_kept_closed, limit, steps), is_root & ~state.is_kept_closed
     # With a leading coefficient lost in rounding the bound allows no step, although the motion does.
     steps = jnp.where(is_root, steps, jnp.maximum(steps, jnp.minimum(nearly, limit)))
     step = jnp.minimum(limit, smallest(steps))
-    return step, is_root & (steps <= step + one_instant(machine))
+    return step, is_root & (steps <= step + simultaneity_tolerance(machine))
 
 
-def one_instant(machine: Machine) -> Scalar:
+def simultaneity_tolerance(machine: Machine) -> Scalar:
     """Time within which events are simultaneous."""
     return 8 * jnp.finfo(machine.rate.dtype).eps * machine.timescale
 
@@ -198,14 +198,14 @@ def _bound_of(
     coefficients = guard.coefficients(machine, state, hold, motion.now)
     rest = guard.rest(machine, rests, hold)
     if guard.begins_at_zero:
-        return deflated(coefficients, rest, state.contact, limit)
+        return divided_bound(coefficients, rest, state.contact, limit)
     value, slope, curve = coefficients
     return Bound(jnp.maximum(value, 0), slope, curve, rest)
 
 
 def _move(machine: Machine, state: State, motion: Expansion, hold: Held, step: Scalar) -> State:
     """State after the smooth motion over `step`."""
-    return displaced(machine, state, *_moved(machine, state, motion, hold, step), step)
+    return state_after_step(machine, state, *_moved(machine, state, motion, hold, step), step)
 
 
 def _moved(
@@ -266,16 +266,16 @@ def _delays(
     dtype = str(state.x.dtype)
     near = of_active(limits, state, lambda limit: limit.near[dtype]) * machine.timescale
     is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
-    is_near = is_near & ~state.is_shut if machine.contacts.is_coupled else is_near
+    is_near = is_near & ~state.is_kept_closed if machine.contacts.is_coupled else is_near
     return jnp.where(is_near, delay, jnp.where(is_root, 0, jnp.inf))
 
 
 def _land(machine: Machine, state: State, series: tuple[Array, ...], delay: Scalar) -> State:
     """State after a short `delay`."""
-    return displaced(machine, state, *sum_series(series[0], series[2], delay), delay)
+    return state_after_step(machine, state, *sum_series(series[0], series[2], delay), delay)
 
 
-def displaced(
+def state_after_step(
     machine: Machine,
     state: State,
     displacement: Float[Array, "n ..."],
@@ -287,7 +287,7 @@ def displaced(
     time, low = _two_sum(state.time, step)
     kept, closed = jnp.int8(0), state.held
     if machine.contacts.is_coupled:
-        kept, closed = jnp.where(state.is_shut, state.contact, kept), closed | state.is_shut
+        kept, closed = jnp.where(state.is_kept_closed, state.contact, kept), closed | state.is_kept_closed
     return eqx.tree_at(
         lambda s: (s.time, s.time_low, s.phase, s.x, s.v, s.gap, s.contact),
         state,

@@ -58,11 +58,13 @@ def _increments_jvp(primals, tangents):
     if not isinstance(longer, SymbolicZero):  # A E; no product is differentiated
         moved = (a + _product(a, total)) * longer
     if not isinstance(change, SymbolicZero):
-        moved = moved + jax.jvp(lambda a: _plainly(a, span, rate), (a,), (change,))[1]
+        moved = moved + jax.jvp(lambda a: _differentiable_increments(a, span, rate), (a,), (change,))[1]
     return total, moved
 
 
-def _plainly(a: Float[Array, "y y ..."], span: Scalar, rate: Scalar) -> Float[Array, "y y ..."]:
+def _differentiable_increments(
+    a: Float[Array, "y y ..."], span: Scalar, rate: Scalar
+) -> Float[Array, "y y ..."]:
     """E - I by a loop of fixed length, which JAX can differentiate."""
     doublings, total = _begun(a, span, rate)
     return jax.lax.scan(lambda f, k: (_doubled(f, k < doublings), None), total, jnp.arange(_DOUBLINGS))[0]

@@ -34,7 +34,7 @@ from .exact_step import ExpandingFlow
 from .interface import Expansion
 
 # Longest step, times the rate of the motion, and number of terms of the power series.
-TRUST_AND_TERMS = {"float64": (3.0, 11), "float32": (1.0, 6)}
+LONGEST_STEP_AND_TERMS = {"float64": (3.0, 11), "float32": (1.0, 6)}
 
 
 class Modes(eqx.Module):
@@ -79,15 +79,15 @@ class ModalFlow(ExpandingFlow):
     modes: Modes
     sets: Bool[Array, "sets n ..."]
 
-    def prepare(self, machine: Machine) -> "DrivenModes":
+    def prepare(self, machine: Machine) -> "PreparedModalFlow":
         """Add the steady response to the load, and the longest step."""
         sets = range(len(self.sets))
         each = [_response(machine, jax.tree.map(lambda a, k=k: a[k], self.modes)) for k in sets]
-        trust, _ = TRUST_AND_TERMS[str(machine.mean.dtype)]
+        trust, _ = LONGEST_STEP_AND_TERMS[str(machine.mean.dtype)]
         # Overdamped modes are differences of growing terms and take half the step.
         excess = jnp.max(self.modes.decay**2 - self.modes.squared_frequency, axis=(0, 1))
         limit = trust / jnp.maximum(machine.rate, 2 * jnp.sqrt(jnp.maximum(excess, 0)))
-        return DrivenModes(self.modes, jax.tree.map(lambda *a: stack(a), *each), limit, self.sets)
+        return PreparedModalFlow(self.modes, jax.tree.map(lambda *a: stack(a), *each), limit, self.sets)
 
     def expand(self, machine: Machine, state: State, hold: Held) -> "ModalExpansion":
         """Prepare the modes and expand."""
@@ -109,7 +109,7 @@ def _response(machine: Machine, modes: Modes) -> SteadyResponse:
     return SteadyResponse(offset, Waves(stack(cosine), stack(sine)))
 
 
-class DrivenModes(ExpandingFlow):
+class PreparedModalFlow(ExpandingFlow):
     """Modes of a machine with its steady response to the load."""
 
     has_flow_map: ClassVar[bool] = True
@@ -236,7 +236,7 @@ def _faded(a: Array, fade: Array, wave: Array, arc: Array) -> tuple[Array, Array
 
 def _factors(w2: Array, a: Array, speed: Array, step: Scalar) -> tuple[Array, ...]:
     """Factors exp(-a t) - 1, c - 1 and s of every mode; cos - 1 and sin of every harmonic."""
-    terms = TRUST_AND_TERMS[str(step.dtype)][1]
+    terms = LONGEST_STEP_AND_TERMS[str(step.dtype)][1]
     wave, arc = cosine_and_sine((w2 - a * a) * step * step, terms)
     turn, slide = cosine_and_sine(speed * speed * step * step, terms)
     fade = _expm1(-a * step, terms)
@@ -251,7 +251,7 @@ def _increments(w2: Array, a: Array, time: Scalar) -> tuple[Array, Array, Array]
     """
     b = w2 - a * a
     y2 = b * time * time
-    terms = TRUST_AND_TERMS[str(time.dtype)][1]
+    terms = LONGEST_STEP_AND_TERMS[str(time.dtype)][1]
     is_slow, is_wave = jnp.abs(y2) < 1, b > 0
     near, near_arc = cosine_and_sine(jnp.where(is_slow, y2, 0), terms)
     root = jnp.sqrt(jnp.where(is_slow, 1, jnp.abs(b)))
@@ -281,7 +281,7 @@ def _series_of_cosine_and_sine(z: Array, terms: int) -> tuple[Array, Array]:
 
 
 def _expm1(y: Array, terms: int) -> Array:
-    """exp(y) - 1 for |y| up to the bound of `TRUST_AND_TERMS`: series at y / 8, doubled three times."""
+    """exp(y) - 1 for |y| up to the bound of `LONGEST_STEP_AND_TERMS`: series at y / 8, doubled three times."""
     part = y / 8
     value = part * _polynomial([1 / factorial(k) for k in range(1, terms + 3)], part)
     for _ in range(3):

@@ -47,7 +47,7 @@ def modal_flow(
     tables = []
     for held in sets:
         table = _modes_of_set(mass, damping, stiffness, held)
-        if table is None or not _keeps_digits(table[0], table[1], speeds):
+        if table is None or not _are_modes_accurate(table[0], table[1], speeds):
             return None
         tables.append(table)
     # Copies of the first set pad the tables to the size of machines with stops on other masses: one program serves all.
@@ -107,7 +107,9 @@ def _modes_of_set(
     return w2, decay, shape, inverse, anchor
 
 
-def _keeps_digits(w2: np.ndarray, decay: np.ndarray, speeds: tuple[np.ndarray, np.ndarray] | None) -> bool:
+def _are_modes_accurate(
+    w2: np.ndarray, decay: np.ndarray, speeds: tuple[np.ndarray, np.ndarray] | None
+) -> bool:
     """Test whether the modes are accurate: none heavily overdamped, none driven near resonance without damping.
 
     A traced frequency requires this at every frequency.

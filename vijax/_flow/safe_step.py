@@ -35,7 +35,7 @@ class Bound(eqx.Module):
     rest: Scalar
 
 
-def deflated(gap: tuple[Scalar, ...], rest: Scalar, order: Int[Array, "..."], limit: Scalar) -> Bound:
+def divided_bound(gap: tuple[Scalar, ...], rest: Scalar, order: Int[Array, "..."], limit: Scalar) -> Bound:
     """Bound g0 + g1 u + g2 u^2 + g3 u^3 -+ rest u^4, divided by u^order, for order 0 to 3."""
     g0, g1, g2, g3 = gap
     zero = jnp.zeros_like(rest)

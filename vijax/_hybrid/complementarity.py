@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import constant, matvec
+from .._jax.arrays import matvec, stop_gradients
 from .._jax.xla import is_any
 from .._machine.small_matrices import diagonal, inverse_among
 
@@ -39,7 +39,7 @@ def complementary(
     alone = allowed & (q <= 0)  # where no other is closed, a contact bears unless it opens by itself
     members, closed = jax.lax.cond(
         is_any(jnp.sum(allowed, axis=0) > 1),
-        lambda: _of_several(*constant((matrix, q)), allowed, noise),
+        lambda: _of_several(*stop_gradients((matrix, q)), allowed, noise),
         lambda: (alone, alone),
     )
     p = -matvec(inverse_among(matrix, members), q)

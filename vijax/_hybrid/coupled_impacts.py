@@ -3,7 +3,7 @@
 Impacts follow Moreau's form of Newton's law over all closed contacts, see `vx.Contact`: those that hold count as
 plastic, and stay or are torn open. After a jump it is decided by the accelerations which of the closed contacts
 that are at rest hold: complementarity of contact forces and accelerations. Of those whose rows depend on each other, as
-the legs of a table with four, no more hold than bear a force; the others are `SHUT`. Where one lets go it is decided in the
+the legs of a table with four, no more hold than bear a force; the others are `KEPT_CLOSED`. Where one lets go it is decided in the
 same way, by the rates of forces and accelerations, which of these bear instead.
 
 Bounces that are light, and sure to end, are completed at once, as in `diagonal_impacts.py`. Where light bounces of several
@@ -22,8 +22,8 @@ from jaxtyping import Array, Bool, Float, Int
 from .._jax.arrays import Scalar
 from .._jax.xla import compute_once, is_any
 from .._machine.derivatives import contact_forces, derivatives, rates
-from .._machine.machine import Machine, resting_state
-from .._machine.state import SHUT, State
+from .._machine.machine import Machine, state_before_contact
+from .._machine.state import KEPT_CLOSED, State
 from .._system.checks import is_touching
 from .complementarity import complementary
 from .sticking import chatter_is_complete, chatter_time, is_light, is_pressed
@@ -39,7 +39,7 @@ def first_state(
 ) -> State:
     """The state at t0. Contacts that are hit then are hit by the first step."""
     contacts = machine.contacts
-    x, v = machine.seen_from_stops(phase, x, v)
+    x, v = machine.relative_to_stops(phase, x, v)
     phase_rate = machine.phase_rate(phase)
     position, speed = contacts.rounded(t0)
     # Values that went through the coordinates of the machine carry the rounding of a product.
@@ -48,7 +48,7 @@ def first_state(
     approach = contacts.towards(v, phase_rate)
     at_rest = touching & is_touching(approach, 4 * (speed + contacts.size(jnp.abs(v))))
     v = contacts.held_still(v, at_rest, phase_rate)
-    state = resting_state(machine, phase, x, v, jnp.zeros(touching.shape, bool))
+    state = state_before_contact(machine, phase, x, v, jnp.zeros(touching.shape, bool))
     leaving = touching & ~at_rest & (approach < 0)
     contact = jnp.where(leaving, jnp.int8(1), state.contact)
     gap = jnp.where(touching, 0, state.gap)
@@ -95,7 +95,7 @@ def _impact(
     speed = jnp.where(hit, instant.velocity_minus, 0)
     restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution(speed), 0)
     q = -(1 + restitution) * speed
-    closed = state.held | state.is_shut
+    closed = state.held | state.is_kept_closed
     _, impulse, rest = complementary(contacts.compliance, q, hit | closed)
     v = state.v - contacts.freed(contacts.back(impulse))
     is_open = closed & (rest > 0)
@@ -143,7 +143,7 @@ def _stick_and_release(
         lambda: compute_once(_decided, machine, state, at_rest | is_plastic, contact, is_jump),
         lambda: (held, contact),
     )
-    num_free = jnp.sum(let_go | state.is_shut, axis=0)
+    num_free = jnp.sum(let_go | state.is_kept_closed, axis=0)
     is_handed_on = ~is_jump & jnp.any(let_go, axis=0) & (num_free > 1)
     now_held, contact = jax.lax.cond(
         is_any(is_handed_on),
@@ -177,7 +177,7 @@ def _completed(
     contacts, hit = machine.contacts, instant.hit
     approach = machine.approach(state)
     is_hit = hit & is_light(instant.velocity_plus)
-    is_near = ~hit & ~state.held & ~state.is_shut & is_light(approach) & is_light(state.gap)
+    is_near = ~hit & ~state.held & ~state.is_kept_closed & is_light(approach) & is_light(state.gap)
     both = jnp.stack([is_hit | is_near, is_hit])
     end = lambda _, bouncing: (None, _end_of_bounces(machine, state, instant, bouncing))  # noqa: E731
     _, (is_complete, durations) = jax.lax.scan(end, None, both)
@@ -221,7 +221,7 @@ def _decided(
     left = jnp.where(at_rest, jnp.where(held, jnp.int8(0), left), contact)
     is_beside = ~held & (state.gap == 0) & jnp.any(held, axis=0)
     depends = jax.lax.cond(is_any(is_beside), lambda: contacts.depend_on(held), lambda: jnp.zeros_like(held))
-    left = jnp.where(is_beside & depends, jnp.int8(SHUT), left)
+    left = jnp.where(is_beside & depends, jnp.int8(KEPT_CLOSED), left)
     return jnp.where(is_jump, held, state.held), jnp.where(is_jump, left, contact)
 
 
@@ -240,10 +240,10 @@ def _handed_on(
     hold = contacts.hold(state.held)
     phase_rate = machine.phase_rate(state.phase)
     opening = -contacts.pull(rates(machine, state, hold).force_rate, hold, phase_rate)
-    is_free = (let_go | state.is_shut) & is_asked
+    is_free = (let_go | state.is_kept_closed) & is_asked
     bearing, _, _ = complementary(
         contacts.compliance_beside(hold), opening, is_free & ~contacts.depend_on(state.held)
     )
     held = held | bearing
-    left = jnp.where(contacts.depend_on(held), jnp.int8(SHUT), jnp.int8(3))
+    left = jnp.where(contacts.depend_on(held), jnp.int8(KEPT_CLOSED), jnp.int8(3))
     return held, jnp.where(is_free, jnp.where(bearing, jnp.int8(0), left), contact)

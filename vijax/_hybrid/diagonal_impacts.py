@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from .._jax.arrays import Scalar
 from .._jax.xla import compute_once, is_any
 from .._machine.derivatives import derivatives, rates
-from .._machine.machine import Machine, resting_state
+from .._machine.machine import Machine, state_before_contact
 from .._machine.state import State
 from .._system.checks import is_touching
 from .law import rebound
@@ -32,12 +32,12 @@ def first_state(
 
     A mass that moves into its stop is hit by the first step.
     """
-    x, v = machine.seen_from_stops(phase, x, v)
+    x, v = machine.relative_to_stops(phase, x, v)
     reach, speed = _sizes(machine, t0)
     touching = is_touching(machine.contacts.gaps(x, phase), reach)
     x = machine.contacts.placed(x, touching, phase)
     v = machine.contacts.held_still(v, touching & is_touching(machine.contacts.along(v), speed), phase)
-    state = resting_state(machine, phase, x, v, jnp.zeros(touching.shape, bool))
+    state = state_before_contact(machine, phase, x, v, jnp.zeros(touching.shape, bool))
     state = eqx.tree_at(lambda s: s.gap, state, jnp.where(touching, 0, state.gap))
     inward = machine.contacts.along(v)
     leaving, at_rest = touching & (inward < 0), touching & (inward == 0)

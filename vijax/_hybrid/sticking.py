@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Scalar, concrete, short
+from .._jax.arrays import Scalar, concrete, rounding_step
 from .._system.system import ImpactSystem
 
 
@@ -73,7 +73,7 @@ def is_light(velocity: Float[Array, "stops ..."]) -> Bool[Array, "stops ..."]:
 
 
 def _light(velocity: Array) -> float:
-    return short(velocity.dtype) / 6
+    return rounding_step(velocity.dtype) / 6
 
 
 def is_pressed(

@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._jax.arrays import Numbers, as_float
 from .._machine.derivatives import derivatives
-from .._machine.machine import Machine, prepare, resting_state
+from .._machine.machine import Machine, prepare, state_before_contact
 from .._machine.numbers import numbers_of
 from .._system.system import ImpactSystem, with_args
 from .._system.waves import phase_at
@@ -163,12 +163,12 @@ class StickingRegion(eqx.Module):
         machine, waves = self.machine, phase_at(phase, self.machine.waves.num_harmonics)
         held, free = (jnp.asarray(i, int) for i in (self.held_masses, self.free))
         origin = jnp.zeros_like(machine.mean)
-        whole_x, whole_v = machine.seen_from_stops(waves, origin.at[free].set(x), origin.at[free].set(v))
+        whole_x, whole_v = machine.relative_to_stops(waves, origin.at[free].set(x), origin.at[free].set(v))
         whole_x = whole_x.at[held].set(machine.contacts.position[jnp.asarray(self.held)])
         whole_v = whole_v.at[held].set(0)
         is_held = jnp.zeros(origin.shape, bool).at[held].set(True)
         open_contacts = jnp.zeros(machine.contacts.num, bool)
-        state = resting_state(machine, waves, whole_x, whole_v, open_contacts)
+        state = state_before_contact(machine, waves, whole_x, whole_v, open_contacts)
         now = derivatives(machine, state, is_held)
         force, rate, curvature = map(self._towards_stops, (now.force, now.force_rate, now.force_curvature))
         return force, rate, curvature

@@ -62,7 +62,7 @@ def _warn_about_lost_digits() -> None:
     )
 
 
-def at_once(function: Callable[P, R]) -> Callable[P, R]:
+def evaluate_eagerly(function: Callable[P, R]) -> Callable[P, R]:
     """Evaluate a function of arrays eagerly where its arguments are concrete, even while `jit` traces.
 
     Concrete arguments, a stiffness for instance, then give concrete results for checks and static choices.
@@ -72,19 +72,19 @@ def at_once(function: Callable[P, R]) -> Callable[P, R]:
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
         if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((args, kwargs))):
             return function(*args, **kwargs)
-        with known_stays_known():
+        with concrete_evaluation():
             return function(*args, **kwargs)
 
     return wrapped
 
 
-def known_stays_known() -> AbstractContextManager:
+def concrete_evaluation() -> AbstractContextManager:
     """Context in which results of concrete values are concrete, even while `jit` traces."""
     # Unnecessary outside of `jit`, where JAX would trace and compile all programs once more.
     return jax.ensure_compile_time_eval() if is_staged() else nullcontext()
 
 
-@at_once
+@evaluate_eagerly
 def as_float(value: Numbers, name: str = "") -> Array:
     """Convert to a floating-point array of the precision that JAX is set to; an error names the argument `name`."""
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value)):
@@ -93,10 +93,10 @@ def as_float(value: Numbers, name: str = "") -> Array:
         return array if array.dtype == wanted else array.astype(wanted)
     if isinstance(value, jax.Array) and value.dtype == _wanted(value) and not value.weak_type:
         return value
-    return jax.device_put(as_known(value, name))
+    return jax.device_put(as_numpy_float(value, name))
 
 
-def as_known(value: Numbers, name: str = "") -> np.ndarray:
+def as_numpy_float(value: Numbers, name: str = "") -> np.ndarray:
     """Convert as `as_float` does, but by NumPy, which compiles nothing."""
     try:
         array = np.asarray(value)
@@ -201,36 +201,36 @@ def whole_number(name: str, value: Any, least: int = 0) -> int:
     return number
 
 
-def constant(tree: T) -> T:
+def stop_gradients(tree: T) -> T:
     """Stop the derivatives of JAX arrays; NumPy arrays stay as they are."""
     return jax.tree.map(lambda a: jax.lax.stop_gradient(a) if isinstance(a, jax.Array) else a, tree)
 
 
-def as_far_as_known(tree: T) -> T:
+def check_values(tree: T) -> T:
     """Values for checks: no derivatives, NumPy where concrete. Compiles nothing where `grad` alone traces them."""
-    # `constant` of a concrete array would be staged under `jit`.
-    still = jax.tree.map(lambda a: constant(a) if isinstance(a, jax.core.Tracer) else a, tree)
+    # `stop_gradients` of a concrete array would be staged under `jit`.
+    still = jax.tree.map(lambda a: stop_gradients(a) if isinstance(a, jax.core.Tracer) else a, tree)
     return jax.tree.map(lambda a: a if (known := concrete(a)) is None else known, still)
 
 
-def not_negative(time: Array) -> Array:
+def clip_to_zero(time: Array) -> Array:
     """Clip a time made negative by rounding to 0; the derivative is that of the time in any case."""
     return time - jax.lax.stop_gradient(jnp.minimum(time, 0))
 
 
-def short(dtype: jnp.dtype) -> float:
+def rounding_step(dtype: jnp.dtype) -> float:
     """Largest step, times the rate of the motion, whose cube is below rounding."""
     return float(jnp.finfo(dtype).eps) ** (1 / 3)
 
 
-def library_of(*values: Reals) -> Any:
+def array_namespace(*values: Reals) -> Any:
     """`jax.numpy` if any value is a JAX array, else `numpy`."""
     return jnp if any(isinstance(a, jax.Array) for a in values) else np
 
 
 def stack(rows: Sequence[Reals]) -> Reals:
     """Stack along a new leading axis, after broadcasting the lanes."""
-    library = library_of(*rows)
+    library = array_namespace(*rows)
     return library.stack(library.broadcast_arrays(*rows))
 
 
@@ -245,7 +245,7 @@ def add_up(rows: Sequence[Reals] | Reals) -> Reals:
     """Sum over the leading axis."""
     if 0 < len(rows) <= UNROLLED:
         return reduce(operator.add, rows)
-    library = library_of(*rows) if isinstance(rows, list | tuple) else library_of(rows)
+    library = array_namespace(*rows) if isinstance(rows, list | tuple) else array_namespace(rows)
     return library.sum(library.asarray(rows), axis=0)
 
 
@@ -268,7 +268,7 @@ def matvec(matrix: Float[Array, "m n ..."], vector: Float[Array, "n ..."]) -> Fl
     return jnp.sum(matrix * vector[None], axis=1)
 
 
-def lift(vector: Reals, like: Reals) -> Reals:
+def append_axes(vector: Reals, like: Reals) -> Reals:
     """Append axes of length one to `vector` until it broadcasts with the lanes of `like`."""
     return vector.reshape(vector.shape + (1,) * (like.ndim - vector.ndim))
 
@@ -283,12 +283,12 @@ def over_lanes(function: Callable, like: Array, *trees: Any) -> Any:
     """
     if like.ndim == 1:
         return function(*trees)
-    leaves, axes, structure = lanes_apart(trees, like.shape[-1])
+    leaves, axes, structure = vmap_axes(trees, like.shape[-1])
     call = lambda *leaves: function(*jax.tree.unflatten(structure, leaves))  # noqa: E731
     return jax.vmap(call, axes, out_axes=-1)(*leaves)
 
 
-def lanes_apart(tree: Any, lanes: int) -> tuple[list, list[int | None], Any]:
+def vmap_axes(tree: Any, lanes: int) -> tuple[list, list[int | None], Any]:
     """Leaves as `jax.vmap` takes them, their axes, their structure. Last axes are lanes, or one for all lanes."""
     leaves, structure = jax.tree.flatten(tree)
     axes = [-1 if jnp.shape(a)[-1:] == (lanes,) else None for a in leaves]

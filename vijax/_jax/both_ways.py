@@ -28,19 +28,19 @@ from jax.interpreters import ad, batching, mlir, partial_eval
 from jaxtyping import PyTree
 
 from .ways import (
-    KEPT,
+    CACHE_SIZE,
     Arrays,
     TangentMaps,
     Traced,
-    along,
-    at_the_end,
+    batch_axis_first,
+    batch_axis_last,
     bind,
-    in_front,
     kind,
     of_batch,
     of_batch_of_tangents,
     of_lanes,
     shapes_of,
+    tangent_maps_along,
     tangent_maps_of,
     tangents,
     values,
@@ -76,13 +76,15 @@ def both_ways(
     (fixed, _), (x, _), (others, _) = parts
     kinds = [tuple(map(kind, part)) for part in (fixed, x)]
     structures = tuple(structure for _, structure in parts)
-    ways, join = _made(forwards, backwards, of_many, watch, compiled, structures, tuple(others), *kinds)
+    ways, join = _build_tangent_maps(
+        forwards, backwards, of_many, watch, compiled, structures, tuple(others), *kinds
+    )
     y, rest = _parts(bind(values, ways, fixed, x), ways.sizes)
     return join(y, rest)
 
 
-@lru_cache(KEPT)
-def _made(
+@lru_cache(CACHE_SIZE)
+def _build_tangent_maps(
     forwards: Callable,
     backwards: Callable,
     of_many: Callable | None,
@@ -114,7 +116,7 @@ def _made(
     if of_many is not None:
 
         def of_lists_of_many(over: tuple, size: int, *parts: Arrays) -> tuple[Arrays, Arrays]:
-            return of_lists(lambda tree: of_many(tree, size), *map(at_the_end, parts, over))
+            return of_lists(lambda tree: of_many(tree, size), *map(batch_axis_last, parts, over))
 
         ways = ways._replace(
             of_many=lambda over, size: Traced(partial(of_lists_of_many, over, size), compiled)
@@ -163,7 +165,7 @@ def _differentiate(
         ways = _of_derivative(primitive, ways, sizes)
     moves = tuple(type(t) is not ad.Zero for t in dx)
     dx = of_lanes(ways, moves, [t for t, move in zip(dx, moves, strict=True) if move])
-    ways = along(ways, moves)
+    ways = tangent_maps_along(ways, moves)
     found = bind(with_tangents, ways, fixed, at, dx)
     y, rest, dy = _parts(found, (*ways.sizes, ways.sizes[0]))
     nothing = [ad.Zero(jax.typeof(a).to_tangent_aval()) for a in rest]
@@ -174,7 +176,7 @@ def _differentiate(
     return [*y[:half], *rest, *y[half:]], [*dy[:half], *nothing, *dy[half:]]
 
 
-@lru_cache(KEPT)
+@lru_cache(CACHE_SIZE)
 def _of_derivative(primitive: Primitive, ways: TangentMaps, sizes: tuple[int, ...]) -> TangentMaps:
     """`TangentMaps` of a primitive with tangents, as functions of `fixed` and of `x` and `dx` in one list."""
 
@@ -197,7 +199,7 @@ def _batch(primitive: Primitive, row: Any, axes: Any, *, ways: TangentMaps, size
         found = bind(values, ways, fixed, x)
         return found, [0] * len(found)
     # Tangents get the batch axis because their cotangents have it.
-    dx = in_front(dx[0], of_dx[0], size)
+    dx = batch_axis_first(dx[0], of_dx[0], size)
     ways, of_values = of_batch_of_tangents(ways, over, size)
     found = bind(primitive, ways, fixed, x, dx)
     num_tangents = ways.sizes[0]

@@ -43,7 +43,7 @@ def checked(tree: PyTree, number: Int[ArrayLike, ""], sentences: Sequence[str]) 
     if concrete(number) is not None:
         _refuse(number, sentences)
         return tree
-    one = lock(number, sentences)
+    one = checked_one(number, sentences)
     if concrete(one) is not None:
         return tree
 
@@ -55,7 +55,7 @@ def checked(tree: PyTree, number: Int[ArrayLike, ""], sentences: Sequence[str]) 
     return jax.tree.map(lambda a: locked(a) if eqx.is_array(a) else a, tree)
 
 
-def numbered(
+def number_of_doubts(
     doubts: Sequence[tuple[Any, str]], number: Any = 0, sentences: Sequence[str] = ("",)
 ) -> tuple[Any, list[str]]:
     """Arguments of `checked` that raise the first true doubt, or else what `number` and `sentences` raise already.
@@ -69,14 +69,14 @@ def numbered(
     return number, sentences
 
 
-def are_unfounded(doubts: Sequence[tuple[Any, str]]) -> Any:
-    """True where no doubt is true, see `numbered`."""
+def none_true(doubts: Sequence[tuple[Any, str]]) -> Any:
+    """True where no doubt is true, see `number_of_doubts`."""
     if not doubts:
         return np.asarray(True)
     return ~jnp.any(jnp.stack([is_wrong for is_wrong, _ in doubts]))
 
 
-def lock(number: Int[ArrayLike, ""], sentences: Sequence[str]) -> Scalar:
+def checked_one(number: Int[ArrayLike, ""], sentences: Sequence[str]) -> Scalar:
     """The number 1, computed by a check that raises if something is wrong, see `checked`."""
     if concrete(number) is None:
         number = unvmap_max(jax.lax.stop_gradient(jnp.asarray(number)))  # concrete if only `vmap` traced it

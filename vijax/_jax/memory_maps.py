@@ -22,7 +22,7 @@ _BETWEEN, _FULL, _GROWTH = 4, 0.75, 0.1
 _log = logging.getLogger(__name__)
 
 
-class _Taken:
+class _MapCounts:
     """Counters of programs and memory maps.
 
     Attributes:
@@ -39,7 +39,7 @@ class _Taken:
         self.new += event == "/jax/core/compile/backend_compile_duration"
 
 
-_taken = _Taken()
+_taken = _MapCounts()
 
 
 def make_room() -> None:

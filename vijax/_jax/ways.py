@@ -19,10 +19,10 @@ from .arrays import add_up, is_staged
 Arrays = list[Any]  # JAX arrays, or their stand-ins while a function is traced
 Function = Callable[[Arrays, Arrays], tuple[Arrays, Arrays]]
 # Size of the caches of traces and compilations, in functions.
-KEPT = 256
+CACHE_SIZE = 256
 # Most inputs for which reverse-mode derivatives are built from forward ones. Even for so many this is no slower (0.5
 # times as long for 21, 1.2 for 36), and it needs no bounded loop, which takes up to twice as long to compile.
-FEW = 32
+MAX_FORWARD_INPUTS = 32
 
 values, with_tangents, tangents = map(Primitive, ("values", "values_with_tangents", "tangents"))
 
@@ -59,7 +59,7 @@ class TangentMaps(NamedTuple):
     watch: Callable[[Arrays, bool], Arrays] = lambda derivatives, of_results: derivatives
 
 
-@lru_cache(KEPT)
+@lru_cache(CACHE_SIZE)
 def tangent_maps_of(
     forwards: Function,
     backwards: Function,
@@ -105,7 +105,7 @@ def _pullback(
     cotangents: Arrays,
 ) -> Arrays:
     moving = [a for a, move in zip(x, moves, strict=True) if move]
-    if sum(a.size for a in moving) <= FEW:
+    if sum(a.size for a in moving) <= MAX_FORWARD_INPUTS:
         return _product(ways, given, fixed, x, moving, cotangents)
     of_moving, moving = _restricted(ways.backwards, moves, fixed, x)
 
@@ -161,9 +161,9 @@ def _restricted(
     return of_moving, [a for a, move in zip(x, moves, strict=True) if move]
 
 
-@lru_cache(KEPT)
+@lru_cache(CACHE_SIZE)
 def of_batch(ways: TangentMaps, over: tuple, size: int) -> TangentMaps:
-    """`TangentMaps` of a batch with the given axes of `fixed` and `x`; for its derivatives see `along`."""
+    """`TangentMaps` of a batch with the given axes of `fixed` and `x`; for its derivatives see `tangent_maps_along`."""
     own = ways.of_many if size else None
     values = _batched(ways.values, ways, over) if own is None else own(over, size)
     found = tangent_maps_of(values, _batched(ways.backwards, ways, over), ways.compiled, ways.sizes, ())
@@ -188,7 +188,7 @@ def _in_turn(values: Function, compiled: Callable, over: tuple, size: int) -> Fu
     return Traced(of_all, compiled)
 
 
-@lru_cache(KEPT)
+@lru_cache(CACHE_SIZE)
 def of_batch_of_tangents(ways: TangentMaps, over: tuple, size: int) -> tuple[TangentMaps, int | None]:
     """`TangentMaps` of a batch of tangents, and the batch axis of their values: None if all lanes share them."""
     shared = all(axis is None for part in over for axis in part)
@@ -205,7 +205,7 @@ def of_batch_of_tangents(ways: TangentMaps, over: tuple, size: int) -> tuple[Tan
     return ways, axis
 
 
-def along(ways: TangentMaps, moves: tuple[bool, ...]) -> TangentMaps:
+def tangent_maps_along(ways: TangentMaps, moves: tuple[bool, ...]) -> TangentMaps:
     """`TangentMaps` along the entries of `x` that move. For a batch they take tangents as `of_lanes` returns them.
 
     The derivative of a batch is a batch of derivatives: every lane has its own copy of the numbers that lanes share.
@@ -215,7 +215,7 @@ def along(ways: TangentMaps, moves: tuple[bool, ...]) -> TangentMaps:
         found = tangent_maps_of(ways.values, ways.backwards, ways.compiled, ways.sizes, moves)
         return found._replace(watch=ways.watch)
     one, over, size = ways.lanes
-    return of_batch_of_tangents(along(one, moves), over, size)[0]
+    return of_batch_of_tangents(tangent_maps_along(one, moves), over, size)[0]
 
 
 def of_lanes(ways: TangentMaps, moves: tuple[bool, ...], dx: Arrays) -> Arrays:
@@ -223,11 +223,11 @@ def of_lanes(ways: TangentMaps, moves: tuple[bool, ...], dx: Arrays) -> Arrays:
     if ways.lanes is None:
         return dx
     one, (_, of_x), size = ways.lanes
-    dx = in_front(dx, [axis for axis, move in zip(of_x, moves, strict=True) if move], size)
+    dx = batch_axis_first(dx, [axis for axis, move in zip(of_x, moves, strict=True) if move], size)
     return jax.vmap(partial(of_lanes, one, moves))(dx)
 
 
-def in_front(arrays: Arrays, axes: list[int | None], size: int) -> Arrays:
+def batch_axis_first(arrays: Arrays, axes: list[int | None], size: int) -> Arrays:
     """Arrays with the batch axis first; those that all lanes share are repeated."""
     return [
         jnp.broadcast_to(a, (size, *jnp.shape(a))) if axis is None else jnp.moveaxis(a, axis, 0)
@@ -235,7 +235,7 @@ def in_front(arrays: Arrays, axes: list[int | None], size: int) -> Arrays:
     ]
 
 
-def at_the_end(arrays: Arrays, axes: tuple[int | None, ...]) -> Arrays:
+def batch_axis_last(arrays: Arrays, axes: tuple[int | None, ...]) -> Arrays:
     """Arrays with the batch axis last, of length one where all lanes share the array."""
     return [
         a[..., None] if axis is None else jnp.moveaxis(a, axis, -1)

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Reals, Scalar, constant, matvec
+from .._jax.arrays import Reals, Scalar, matvec, stop_gradients
 from .._jax.xla import is_any
 from .._system.restitution import AbstractRestitution
 from .._system.waves import Waves, phase_rate
@@ -96,7 +96,7 @@ class Contacts(eqx.Module):
         compliance, size = jnp.sum(terms, axis=2), jnp.sum(jnp.abs(terms), axis=2)
         # Contacts that share no inertia would seem to by rounding, and one that is hit would open others that hold.
         is_rounding = jnp.abs(compliance) <= slack_of(compliance) * size
-        self.compliance = compliance - constant(jnp.where(is_rounding, compliance, 0))
+        self.compliance = compliance - stop_gradients(jnp.where(is_rounding, compliance, 0))
 
     @property
     def num(self) -> int:
@@ -139,7 +139,7 @@ class Contacts(eqx.Module):
         # Speeds that fall by a factor at every blow end before their squares are no numbers any more.
         return 4 * kind.eps * size + kind.tiny**0.5 / kind.eps
 
-    def told_impulse(self, along: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
+    def signed_impulse(self, along: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
         """Of a stop the impulse on its mass, of any other contact the one that opens its gap."""
         return jnp.where(self.signs == 0, 1, -self.signs) * along
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._jax.arrays import Scalar, matvec, not_negative, over_lanes
+from .._jax.arrays import Scalar, clip_to_zero, matvec, over_lanes
 from .._system.waves import Waves, phase_at, phase_rate
 from .contacts import Contacts, Held
 from .extra_force import ExtraForce
@@ -112,7 +112,7 @@ class Machine(eqx.Module):
         w, rate = self.frame.at(state.phase)
         return state.x + w, state.v + rate
 
-    def seen_from_stops(
+    def relative_to_stops(
         self, phase: Float[Array, "2 harmonics ..."], x: Float[Array, "n ..."], v: Float[Array, "n ..."]
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Positions and velocities relative to the stops, the inverse of `in_space`."""
@@ -153,7 +153,7 @@ class Machine(eqx.Module):
         return self.contacts.towards(state.v, self.phase_rate(state.phase))
 
 
-def resting_state(
+def state_before_contact(
     machine: Machine,
     phase: Float[Array, "2 harmonics ..."],
     x: Float[Array, "n ..."],
@@ -180,7 +180,7 @@ def resting_state(
 def in_periods(machine: Machine, span: Float[Array, "..."]) -> tuple[Int[Array, "..."], Float[Array, "..."]]:
     """Time since the start as whole forcing periods and remainder."""
     whole = jnp.floor(span / machine.period)
-    return whole.astype(int), not_negative(span - whole * machine.period)
+    return whole.astype(int), clip_to_zero(span - whole * machine.period)
 
 
 def prepare(
@@ -256,11 +256,11 @@ def _of_unit_mass(numbers: MachineNumbers) -> _UnitMass:
     return over_lanes(of_one, like, *matrices)
 
 
-# Value of `max_steps` that stands for `ample_steps`, a bound by the rate of the machine.
-OWN_BOUND = -1
+# Value of `max_steps` that stands for `default_max_steps`, a bound by the rate of the machine.
+AUTOMATIC_MAX_STEPS = -1
 
 
-def ample_steps(machine: Machine, span: Scalar, least: Scalar | int = 100_000) -> Int[Array, "..."]:
+def default_max_steps(machine: Machine, span: Scalar, least: Scalar | int = 100_000) -> Int[Array, "..."]:
     """Bound far above the steps of a sound motion over a span of time: 100 per unit of span * rate, plus `least`."""
     steps = 100 * span * machine.rate
     # A machine whose rate is not finite ends at its first step, and the bound must allow that step.

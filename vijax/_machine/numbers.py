@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from .._jax.arrays import Reals, add_up, library_of, stack
+from .._jax.arrays import Reals, add_up, array_namespace, stack
 from .._system.force import BoundForce
 from .._system.restitution import AbstractRestitution, law_of_contacts
 from .._system.system import ImpactSystem
@@ -109,7 +109,7 @@ def _travel_of_contacts(system: ImpactSystem, size: int) -> Waves | None:
 
 
 def _side_by_side(*waves: Reals) -> Reals:
-    library = library_of(*waves)
+    library = array_namespace(*waves)
     return library.concatenate(library.broadcast_arrays(*waves), axis=1)
 
 

@@ -7,7 +7,7 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 from .._jax.arrays import Scalar
 
 # Value of `State.contact` for a contact that others keep closed.
-SHUT = 4
+KEPT_CLOSED = 4
 
 
 class State(eqx.Module):
@@ -19,7 +19,7 @@ class State(eqx.Module):
 
     `contact` gives how a stop was last left: the number of leading derivatives of the gap that vanish exactly (0
     none, 1 just hit, 2 released by a jump of the force, 3 released as the force crossed zero). It holds for the next
-    step only. All of them vanish, `SHUT`, where the row of a contact depends on those of others that hold: it stays
+    step only. All of them vanish, `KEPT_CLOSED`, where the row of a contact depends on those of others that hold: it stays
     closed without a force, until one of them releases.
 
     `memory` is the memory of the flow from step to step; exact flows have none.
@@ -37,12 +37,12 @@ class State(eqx.Module):
     memory: PyTree = None
 
     @property
-    def is_shut(self) -> Bool[Array, "stops ..."]:
+    def is_kept_closed(self) -> Bool[Array, "stops ..."]:
         """Flags of the contacts that others keep closed."""
-        return self.contact == SHUT
+        return self.contact == KEPT_CLOSED
 
 
-def remembering(state: State, memory: PyTree) -> State:
+def with_memory(state: State, memory: PyTree) -> State:
     """State with another memory of the flow."""
     return eqx.tree_at(lambda s: s.memory, state, memory, is_leaf=lambda leaf: leaf is None)
 

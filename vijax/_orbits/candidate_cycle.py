@@ -10,8 +10,8 @@ from .._jax.xla import is_any
 from .condensation import Pencil
 from .cycle import Problem, Unknowns, residual
 from .floquet import floquet_multipliers
-from .newton import polish, size_of
-from .rigid_modes import pinned
+from .newton import polish, scale_of
+from .rigid_modes import closing_pin
 from .sequence import NOTHING, Sequence
 
 # Newton step of the map, relative to the size of the motion, below which the next iterate is exact to rounding.
@@ -39,7 +39,7 @@ class Cycle(eqx.Module):
 def cycle_by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, Array, Bool[Array, ""]]:
     """Polish a guess: the cycle, the state at which to enter it, the first Newton step, a flag of convergence."""
     polished = polish(problem, guess)
-    z, sequence, size = polished.unknowns.z, problem.sequence, size_of(problem, polished.unknowns.z)
+    z, sequence, size = polished.unknowns.z, problem.sequence, scale_of(problem, polished.unknowns.z)
     # A cycle that begins within a chatter is faster elsewhere: the speeds of its impacts count in its size.
     fastest = jnp.max(jnp.abs(polished.residual.speed), initial=0)
     size = size * jnp.maximum(1, fastest / size[-1])
@@ -82,8 +82,8 @@ def cycle_by_map(
     problem: Problem, guess: Unknowns, end: Array, jacobian: Array
 ) -> tuple[Cycle, Array, Array, Bool[Array, ""]]:
     """As `cycle_by_sequence`, by one Newton step on the stroboscopic map."""
-    z, identity, size = guess.z, jnp.eye(len(guess.z)), size_of(problem, guess.z)
-    step = jnp.linalg.solve(identity - pinned(problem.shifts) - jacobian, end - z)
+    z, identity, size = guess.z, jnp.eye(len(guess.z)), scale_of(problem, guess.z)
+    step = jnp.linalg.solve(identity - closing_pin(problem.shifts) - jacobian, end - z)
     cycle = Cycle(
         start=z + step,
         unknowns=Unknowns(z + step, guess.flights),

@@ -21,13 +21,13 @@ from .._hybrid.sticking import chatter_time
 from .._hybrid.transition import Instant
 from .._jax.arrays import Scalar
 from .._machine.derivatives import rates
-from .._machine.machine import Machine, prepare, resting_state
+from .._machine.machine import Machine, prepare, state_before_contact
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State
 from .._system.waves import phase_at, turned
 from .._trajectory.event_log import EventLog, event_log
 from .condensation import Flights, over_flights
-from .rigid_modes import pinned
+from .rigid_modes import closing_pin
 from .sequence import NOTHING, Sequence
 
 
@@ -106,7 +106,7 @@ def prepared(
 def residual(problem: Problem, unknowns: Unknowns) -> Residual:
     """Traverse the sequence once."""
     machine, flow = problem.machine, problem.flow
-    place = begin_cycle(problem, machine, unknowns.z)
+    place = initial_moment(problem, machine, unknowns.z)
 
     def one(place: Moment, flight: tuple[Event, Scalar]) -> tuple[Moment, tuple[Array, Array]]:
         return fly_to_event(machine, flow, place, *flight)[:2]
@@ -152,7 +152,7 @@ def linearise(
         return there, (forward, normal, value, speed)
 
     def begun(y: Array):
-        place = begin_cycle(problem, at(y[size:])[0], y[:size] * scale)
+        place = initial_moment(problem, at(y[size:])[0], y[:size] * scale)
         return jnp.concatenate([place.z / scale, place.time[None], y[size:]]), place
 
     begin, place = jax.jacfwd(begun, has_aux=True)(jnp.concatenate([unknowns.z / scale, p]))
@@ -164,7 +164,7 @@ def linearise(
         return end / scale, end
 
     close, end = jax.jacfwd(closed, has_aux=True)(jnp.concatenate([place.z / scale, place.time[None], p]))
-    pin = pinned(problem.shifts)
+    pin = closing_pin(problem.shifts)
     return Residual(values, end - unknowns.z, speeds), Flights(begin, forward, normal, close, pin)
 
 
@@ -182,7 +182,10 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns, room: int) -> EventLog:
         hit = (jnp.arange(contacts.num) == event.stop) & (event.kind == IMPACT)
         stuck, left = event.held_after & ~event.held, event.held & ~event.held_after
         x, v = rebound(machine, end, hit, event.held & event.held_after)
-        state, hold = resting_state(machine, end.phase, x, v, event.held, end.time), machine.hold(event.held)
+        state, hold = (
+            state_before_contact(machine, end.phase, x, v, event.held, end.time),
+            machine.hold(event.held),
+        )
         now = rates(machine, state, hold)
         pull, speed = contacts.pull(now.force, hold, end.phase), machine.approach(state)
         chatter = jnp.where(stuck, chatter_time(jnp.abs(speed), pull, contacts.restitution.light), 0)
@@ -200,7 +203,7 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns, room: int) -> EventLog:
         return there, (instant, end.phase)
 
     flights = events_of(problem.sequence), unknowns.flights
-    instants, phases = jax.lax.scan(one, begin_cycle(problem, machine, unknowns.z), flights)[1]
+    instants, phases = jax.lax.scan(one, initial_moment(problem, machine, unknowns.z), flights)[1]
     return event_log(machine, instants, phases, room)
 
 
@@ -219,7 +222,7 @@ def state_at(problem: Problem, unknowns: Unknowns, time: Scalar) -> Float[Array,
         return (moment, jnp.where(is_passed, event.held_after, held)), None
 
     flights = events_of(problem.sequence), unknowns.flights, until, jnp.arange(len(until)) < count
-    begin = begin_cycle(problem, machine, unknowns.z), problem.sequence.held[0]
+    begin = initial_moment(problem, machine, unknowns.z), problem.sequence.held[0]
     (moment, held), _ = jax.lax.scan(one, begin, flights)
     x, v, *_ = flow_map(machine, flow, moment, held, problem.phase + time - moment.time)
     return jnp.concatenate([jnp.split(moment.z, 2)[0] + x, v])
@@ -230,7 +233,7 @@ def _moved(tree: Any, change: Any, by: Scalar) -> Any:
     return jax.tree.map(lambda a, da: a if da is None else a + by * da, tree, change)
 
 
-def begin_cycle(problem: Problem, machine: Machine, z: Array) -> Moment:
+def initial_moment(problem: Problem, machine: Machine, z: Array) -> Moment:
     x, v = jnp.split(z, 2)
     held = problem.sequence.held[0]
     phase = phase_at(2 * jnp.pi * problem.phase, machine.waves.num_harmonics)
@@ -256,7 +259,7 @@ def fly_to_event(
     x = before + x
     time = place.time + duration
     at_event = jnp.arange(contacts.num) == event.stop
-    end = resting_state(machine, phase, x, v, event.held, time * machine.period)
+    end = state_before_contact(machine, phase, x, v, event.held, time * machine.period)
     counted, hold = eqx.tree_at(lambda s: s.gap, end, gap), machine.hold(event.held)
     read = lambda of_stops: jnp.sum(jnp.where(at_event, of_stops, 0))  # noqa: E731
     is_impact = event.kind == IMPACT
@@ -283,7 +286,7 @@ def flow_map(
     turn, slide = -2 * half**2, phase_at(angle, num_harmonics)[1]
     change = turned(phase, jnp.stack([turn, slide]))
     x, v = jnp.split(place.z, 2)
-    state = resting_state(machine, phase, x, v, held, place.time * machine.period)
+    state = state_before_contact(machine, phase, x, v, held, place.time * machine.period)
     hold = machine.hold(held)
     displacement, gain = flow.flow_map(machine, state, hold, duration * machine.period, change)
     return displacement, v + gain, phase + change, change

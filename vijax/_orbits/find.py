@@ -18,8 +18,8 @@ from .cycle import Problem, log_of_cycle, prepared
 from .floquet import floquet_multipliers
 from .newton import implicit_orbit, pencil_of
 from .orbit import ORBIT_RESULTS, PeriodicOrbit
-from .rigid_modes import drifts, free_shifts, pinned
-from .search import Search, Strobe, away_from_stops, begin_search, search_step
+from .rigid_modes import closing_pin, drifts, free_shifts
+from .search import Search, StroboscopicMap, begin_search, frame_offset, search_step
 
 
 class OrbitSolution(eqx.Module):
@@ -37,7 +37,7 @@ class OrbitSolution(eqx.Module):
 
 
 @compile_lightly
-def find(strobe: Strobe, guess: Float[Array, " state"]) -> OrbitSolution:
+def find(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> OrbitSolution:
     """Search from a guess until an orbit is found, or nothing is left to try."""
     # The search itself is not differentiated: derivatives come from the implicit function theorem.
     still, guess = _constant((strobe, guess))
@@ -48,7 +48,7 @@ def find(strobe: Strobe, guess: Float[Array, " state"]) -> OrbitSolution:
     return solution_of_search(strobe, search)
 
 
-def solution_of_search(strobe: Strobe, search: Search) -> OrbitSolution:
+def solution_of_search(strobe: StroboscopicMap, search: Search) -> OrbitSolution:
     """Result of a finished search, as a function of the machine."""
     start, multipliers, events = (_by_sequence if strobe.flow.has_flow_map else _by_map)(strobe, search)
     is_impact = (events.kind == IMPACT)[:, None]
@@ -69,7 +69,7 @@ def solution_of_search(strobe: Strobe, search: Search) -> OrbitSolution:
 tell_of_search = compile_lightly(solution_of_search)
 
 
-def _by_sequence(strobe: Strobe, search: Search) -> tuple[Array, Array, EventLog]:
+def _by_sequence(strobe: StroboscopicMap, search: Search) -> tuple[Array, Array, EventLog]:
     """Start, multipliers and events of an orbit by the equations of its sequence."""
     sequence = search.cycle.sequence
     machine = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
@@ -77,13 +77,13 @@ def _by_sequence(strobe: Strobe, search: Search) -> tuple[Array, Array, EventLog
     unknowns = implicit_orbit(problem, search.cycle.unknowns)
     multipliers = floquet_multipliers(pencil_of(problem, unknowns), sequence.most_held, problem.shifts)
     return (
-        unknowns.z - away_from_stops(problem),
+        unknowns.z - frame_offset(problem),
         multipliers,
         log_of_cycle(problem, unknowns, len(unknowns.flights)),
     )
 
 
-def _by_map(strobe: Strobe, search: Search) -> tuple[Array, Array, EventLog]:
+def _by_map(strobe: StroboscopicMap, search: Search) -> tuple[Array, Array, EventLog]:
     """As `_by_sequence`, by the stroboscopic map, for a flow that advances step by step."""
     start = fixed_point(strobe, search.cycle.start)
     pencil = Pencil(jax.jacfwd(strobe.end)(start), jnp.eye(len(start)))
@@ -92,7 +92,7 @@ def _by_map(strobe: Strobe, search: Search) -> tuple[Array, Array, EventLog]:
 
 
 @eqx.filter_custom_jvp
-def fixed_point(strobe: Strobe, z: Float[Array, " state"]) -> Float[Array, " state"]:
+def fixed_point(strobe: StroboscopicMap, z: Float[Array, " state"]) -> Float[Array, " state"]:
     """Fixed point of the map as a function of the machine: derivatives by the implicit function theorem."""
     del strobe
     return z
@@ -103,7 +103,7 @@ def _fixed_point_jvp(primals, tangents):
     strobe, z = primals
     z = fixed_point(strobe, z)
     _, moved = eqx.filter_jvp(lambda strobe: strobe.end(z), (strobe,), (tangents[0],))
-    closed = jnp.eye(len(z)) - pinned(free_shifts(strobe.numbers))
+    closed = jnp.eye(len(z)) - closing_pin(free_shifts(strobe.numbers))
     return z, jnp.linalg.solve(closed - jax.jacfwd(strobe.end)(z), moved)
 
 
@@ -142,7 +142,7 @@ def _constant(tree: Any) -> Any:
     return jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, tree)
 
 
-def _result(strobe: Strobe, search: Search) -> ORBIT_RESULTS:
+def _result(strobe: StroboscopicMap, search: Search) -> ORBIT_RESULTS:
     result = ORBIT_RESULTS.where(
         search.is_full, ORBIT_RESULTS.max_events_reached, ORBIT_RESULTS.not_converged
     )

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import Count, Numbers, as_known, is_traced, refuse_single_precision, whole_number
+from .._jax.arrays import Count, Numbers, as_numpy_float, is_traced, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._progress import tqdm
 from .._system.checks import validate_start
@@ -17,7 +17,7 @@ from .find import orbit_found, tell_of_search
 from .many import search_each
 from .orbit import PeriodicOrbit
 from .rigid_modes import free_shifts
-from .search import Strobe, with_room
+from .search import StroboscopicMap, with_room
 
 # States closer than this, relative to the size of the orbit, belong to one orbit.
 _SAME = 1e-6
@@ -78,7 +78,9 @@ def find_periodic_orbits(
             known.system.stops, known.system.forcing.frequency, 0 * t1, t1, t1[None], *np.split(state, 2)
         )
     numbers, motion = known.numbers, known.flow(flow, can_stick=True)
-    strobe = Strobe(numbers, motion, np.asarray(float(n), states.dtype), np.zeros((), states.dtype), room)
+    strobe = StroboscopicMap(
+        numbers, motion, np.asarray(float(n), states.dtype), np.zeros((), states.dtype), room
+    )
     with tqdm(total=len(states), unit="start", disable=not progress) as bar:
         axes = [None] * len(jax.tree.leaves(strobe))
         parts = search_each(strobe, axes, states, bar.update)
@@ -89,7 +91,7 @@ def find_periodic_orbits(
     }
     lanes = sorted(starts_of, key=lambda lane: tuple(starts_of[lane]))
     felt = np.eye(system.num_masses) - np.asarray(free_shifts(numbers))
-    different = _different(system, [starts_of[lane] for lane in lanes], felt, n, args, flow)
+    different = _distinct_orbits(system, [starts_of[lane] for lane in lanes], felt, n, args, flow)
     orbits = []
     for part, k in (searches[lanes[i]] for i in different):
         search = with_room(jax.tree.map(lambda a, k=k: a[k], part), room)
@@ -99,7 +101,7 @@ def find_periodic_orbits(
 
 
 def _states(starts: tuple[Numbers, Numbers] | Numbers, num_masses: int) -> np.ndarray:
-    parts = [as_known(a) for a in (starts if isinstance(starts, tuple) else (starts,))]
+    parts = [as_numpy_float(a) for a in (starts if isinstance(starts, tuple) else (starts,))]
     size = 2 * num_masses // len(parts)
     if not 1 <= len(parts) <= 2 or any(a.ndim != 2 or a.shape[1] != size for a in parts) or not len(parts[0]):
         raise ValueError(
@@ -109,7 +111,7 @@ def _states(starts: tuple[Numbers, Numbers] | Numbers, num_masses: int) -> np.nd
     return np.concatenate(parts, axis=1)
 
 
-def _different(
+def _distinct_orbits(
     system: ImpactSystem,
     states: list[np.ndarray],
     felt: np.ndarray,

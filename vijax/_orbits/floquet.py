@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float, Int
 
 from .condensation import Pencil
-from .rigid_modes import without_shifts
+from .rigid_modes import deflated
 
 # Not +1 and -1: Z + s N would be singular for the multipliers -1 and +1, which mark bifurcations.
 _SHIFTS = 0.87, -1.13
@@ -40,7 +40,7 @@ def floquet_multipliers(
     Returns:
         (2 n,), infinite where the orbit grazes.
     """
-    end, start = without_shifts(pencil, shifts)
+    end, start = deflated(pencil, shifts)
     first, second = (jnp.linalg.slogdet(end + s * start)[1] for s in _SHIFTS)
     shift = jnp.where(first >= second, *_SHIFTS)
     nu = _eigenvalues(jnp.linalg.solve(end + shift * start, end - shift * start))

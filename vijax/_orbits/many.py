@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from .._hybrid.limits import IMPACT
-from .search import Search, Strobe, begin_search
+from .search import Search, StroboscopicMap, begin_search
 from .search_workers import SearchWorkers
 
 # `_LANES`: lanes of the one compiled program. A lane costs the same among 32 as among 128; fewer wait for the longest.
@@ -37,7 +37,7 @@ class Orbits(NamedTuple):
 
 
 def search_many(
-    strobe: Strobe,
+    strobe: StroboscopicMap,
     axes: Sequence[int | None],
     guesses: np.ndarray,
     tell: Callable[[int], Any],
@@ -54,15 +54,15 @@ def search_many(
         executor: runs the searches; if left out, the cores of this process do, with the same chunks and the same bits.
     """
     (_, first), *others = search_each(strobe, axes, guesses, tell, executor)
-    found = _told(first)
+    found = _orbits_of_search(first)
     for which, search in others:
-        for a, more in zip(found, _told(search), strict=True):
+        for a, more in zip(found, _orbits_of_search(search), strict=True):
             a[which] = more
     return found
 
 
 def search_each(
-    strobe: Strobe,
+    strobe: StroboscopicMap,
     axes: Sequence[int | None],
     guesses: np.ndarray,
     tell: Callable[[int], Any],
@@ -80,7 +80,7 @@ def search_each(
 
 
 def _search(
-    strobe: Strobe,
+    strobe: StroboscopicMap,
     axes: Sequence[int | None],
     guesses: np.ndarray,
     which: np.ndarray,
@@ -91,7 +91,7 @@ def _search(
     whole = jax.tree.map(np.array, _begin(strobe.numbers.rows.shape[-2], strobe.room)(guesses[which]))
     leaves, structure = jax.tree.flatten(strobe)
 
-    def chunk_of(lanes: np.ndarray) -> tuple[Strobe, Search]:
+    def chunk_of(lanes: np.ndarray) -> tuple[StroboscopicMap, Search]:
         """The lanes of a chunk, padded with the first of them."""
         index = np.concatenate([lanes, np.full(_LANES - len(lanes), lanes[0])])
         of_lanes = [
@@ -113,7 +113,7 @@ def _search(
     return whole
 
 
-def _told(search: Search) -> Orbits:
+def _orbits_of_search(search: Search) -> Orbits:
     cycle, sequence = search.cycle, search.cycle.sequence
     is_hit = (sequence.kind == IMPACT)[..., None] & (
         sequence.stop[..., None] == np.arange(sequence.held.shape[-1])

@@ -17,10 +17,10 @@ from .._jax.arrays import (
     in_full_precision,
     whole_number,
 )
-from .._jax.errors import checked, numbered
+from .._jax.errors import checked, number_of_doubts
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import differentiable, padding_allowed
-from .._machine.machine import prepare, resting_state
+from .._machine.machine import prepare, state_before_contact
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._machine.state import State
 from .._system.checks import FINITE, check_one, not_finite, refuse
@@ -214,7 +214,7 @@ def saltation_matrix(
     bound = with_args(system, args)
     doubts = refuse([wrong_stop(bound, stop), *not_finite(impact)])
     matrix = differentiable(_saltation, _saltation, (numbers_of(bound), *impact.values(), jnp.asarray(stop)))
-    number, sentences = numbered(doubts)
+    number, sentences = number_of_doubts(doubts)
     return checked(matrix, number, sentences) if throw else known_or_nan(number == 0, matrix)
 
 
@@ -233,13 +233,13 @@ def _saltation(impact: tuple[MachineNumbers, Scalar, Array, Array, Array]) -> Ar
     is_hit = jnp.arange(contacts.num) == stop
     nothing = machine.hold(jnp.zeros_like(is_hit))
     # In the frame of the stops, where they stand still; at one instant this changes no derivative by the state.
-    x, v = machine.seen_from_stops(phase0, x, v)
+    x, v = machine.relative_to_stops(phase0, x, v)
     # The state, extended by the time since the impact: contacts may have motions of their own.
     y = jnp.concatenate([contacts.placed(x, is_hit, phase0), v, jnp.zeros_like(time)[None]])
 
     def at(y: Float[Array, " whole"]) -> State:
         phase = machine.phase_at(time + y[-1])
-        return resting_state(machine, phase, y[:n], y[n:-1], jnp.zeros_like(is_hit))
+        return state_before_contact(machine, phase, y[:n], y[n:-1], jnp.zeros_like(is_hit))
 
     def field(y: Float[Array, " whole"]) -> Float[Array, " whole"]:
         state = at(y)

@@ -46,7 +46,7 @@ class Polished(NamedTuple):
         return self.step < _SMALL[str(self.step.dtype)]
 
 
-def size_of(problem: Problem, z: Float[Array, " state"]) -> Float[Array, " state"]:
+def scale_of(problem: Problem, z: Float[Array, " state"]) -> Float[Array, " state"]:
     """Sizes of positions and velocities of a motion, to which errors and steps are relative, (2 n,)."""
     x, v = jnp.split(jnp.abs(z), 2)
     limit, frequency = jnp.abs(problem.machine.contacts.limit), problem.machine.frequency
@@ -58,7 +58,7 @@ def size_of(problem: Problem, z: Float[Array, " state"]) -> Float[Array, " state
 
 def polish(problem: Problem, guess: Unknowns) -> Polished:
     """Solve the equations of a cycle by Newton's method from a guess."""
-    scale = size_of(problem, guess.z)
+    scale = scale_of(problem, guess.z)
     eps, count = jnp.finfo(scale.dtype).eps, jnp.sum(problem.sequence.is_event)
 
     def is_on(carry: tuple[Unknowns, Polished]) -> Array:
@@ -90,7 +90,7 @@ def _nothing(guess: Unknowns) -> Polished:
 
 def pencil_of(problem: Problem, unknowns: Unknowns) -> Pencil:
     """Pencil of the neighbours of an orbit, differentiable."""
-    scale = jax.lax.stop_gradient(size_of(problem, unknowns.z))
+    scale = jax.lax.stop_gradient(scale_of(problem, unknowns.z))
     return condense(linearise(problem, unknowns, scale)[1]).pencil
 
 
@@ -105,7 +105,7 @@ def implicit_orbit(problem: Problem, unknowns: Unknowns) -> Unknowns:
 def _implicit_jvp(primals, tangents):
     problem, unknowns = primals
     unknowns = implicit_orbit(problem, unknowns)
-    scale = size_of(problem, unknowns.z)
+    scale = scale_of(problem, unknowns.z)
     _, moved = eqx.filter_jvp(lambda problem: residual(problem, unknowns), (problem,), (tangents[0],))
     _, flights = linearise(problem, unknowns, scale)
     change = solve_condensed(condense(flights), -moved.events, -moved.closing / scale)

@@ -15,7 +15,7 @@ from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._flow.taylor import TaylorFlow
 from .._jax.arrays import Count, Numbers, Reals, Scalar, as_float, concrete, whole_number
-from .._jax.errors import are_unfounded, checked, numbered
+from .._jax.errors import checked, none_true, number_of_doubts
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import padding_allowed
 from .._machine.numbers import MachineNumbers, numbers_of
@@ -23,10 +23,10 @@ from .._system.checks import FINITE, check_one, validate_start
 from .._system.contact import Contact
 from .._system.restitution import Newton, law_of_contacts
 from .._system.system import ImpactSystem, with_args
-from .._trajectory.impact_loop import Reverse, Wanted, follow_to_impact
+from .._trajectory.impact_loop import ImpactRequest, Reverse, follow_to_impact
 from .._trajectory.simulate import bound_of_steps
 from .._trajectory.solution import RESULTS, result_sentences
-from .next_impact import give_up
+from .next_impact import default_end_time
 
 _SIDES = {"up": 1.0, "down": -1.0}
 _NONE = (
@@ -98,7 +98,7 @@ def next_crossing(
     if direction not in _SIDES:
         raise ValueError(f'Argument `direction` must be "up" or "down", but is {direction!r}.')
     begin, x, v, place = (as_float(a) for a in (t0, x0, v0, position))
-    end = give_up(bound, begin) if t1 is None else as_float(t1)
+    end = default_end_time(bound, begin) if t1 is None else as_float(t1)
     shapes = {"t0": (), "t1": (), "position": (), "x0": (n,), "v0": (n,)}
     for (name, shape), value in zip(shapes.items(), (begin, end, place, x, v), strict=True):
         if value.shape != shape:
@@ -115,7 +115,7 @@ def next_crossing(
         bound_of_steps(max_steps),
         Reverse(whole_number("max_reverse_steps", max_reverse_steps, 1), throw),
     )
-    is_sound = are_unfounded(doubts)
+    is_sound = none_true(doubts)
     beyond = side * (x[index] - place)
     is_before = (beyond < 0) | ((beyond == 0) & (side * v[index] <= 0))
     start = _Passage(begin, x, v, jnp.asarray(True), RESULTS.successful)
@@ -128,7 +128,7 @@ def next_crossing(
         return known_or_nan(is_there, there)
     result = RESULTS.where(start.is_there, found.result, start.result)
     is_late = ~is_there & (result == RESULTS.successful)
-    return checked(there, *numbered([*doubts, (is_late, _NONE)], *result_sentences(result)))
+    return checked(there, *number_of_doubts([*doubts, (is_late, _NONE)], *result_sentences(result)))
 
 
 class _Passage(NamedTuple):
@@ -169,7 +169,7 @@ class _Search(NamedTuple):
         return _Passage(t, x, v, is_back | found.is_there, found.result)
 
     def _to(self, start: _Passage, side: float, place: Scalar, end: Scalar, is_sound: Reals) -> _Passage:
-        wanted = Wanted(
+        wanted = ImpactRequest(
             t0=start.t,
             t1=end,
             x0=start.x,

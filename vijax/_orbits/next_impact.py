@@ -7,14 +7,14 @@ from jaxtyping import Array, ArrayLike, Float
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_float, concrete, is_traced, whole_number
-from .._jax.errors import are_unfounded, checked, numbered
+from .._jax.errors import checked, none_true, number_of_doubts
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
 from .._system.checks import refuse, validate_start
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.concrete_machine import known_machine
-from .._trajectory.impact_loop import Reverse, Wanted, follow_to_impact
+from .._trajectory.impact_loop import ImpactRequest, Reverse, follow_to_impact
 from .._trajectory.simulate import bound_of_steps
 from .._trajectory.solution import RESULTS, result_sentences
 from .maps import wrong_stop
@@ -92,13 +92,13 @@ def next_impact(
     bound, n = with_args(system, args), system.num_masses
     reverse = Reverse(whole_number("max_reverse_steps", max_reverse_steps, 1), throw)
     begin, x, v = (as_float(a) for a in (t0, x0, v0))
-    end = give_up(bound, begin) if t1 is None else as_float(t1)
+    end = default_end_time(bound, begin) if t1 is None else as_float(t1)
     for name, value, shape in (("t0", begin, ()), ("t1", end, ()), ("x0", x, (n,)), ("v0", v, (n,))):
         if value.shape != shape:
             raise ValueError(f"Argument `{name}` must have shape {shape}, but has shape {value.shape}.")
     doubts = refuse([wrong_stop(bound, stop)])
     doubts += validate_start(bound.stops, bound.forcing.frequency, begin, end, end[None], x, v)
-    wanted = Wanted(
+    wanted = ImpactRequest(
         t0=begin,
         t1=end,
         x0=x,
@@ -106,7 +106,7 @@ def next_impact(
         stop=jnp.asarray(stop),
         num_impacts=np.asarray(whole_number("num_impacts", num_impacts, 1)),
         max_steps=bound_of_steps(max_steps),
-        is_sound=are_unfounded(doubts),
+        is_sound=none_true(doubts),
     )
     if is_traced((bound, flow, wanted)):
         numbers, motion = numbers_of(bound), choose_flow(bound, can_stick=True, wanted=flow)
@@ -118,10 +118,10 @@ def next_impact(
     if not throw:
         return known_or_nan(found.is_there, impact)
     is_late = ~found.is_there & (found.result == RESULTS.successful)
-    return checked(impact, *numbered([*doubts, (is_late, _NONE)], *result_sentences(found.result)))
+    return checked(impact, *number_of_doubts([*doubts, (is_late, _NONE)], *result_sentences(found.result)))
 
 
-def give_up(system: ImpactSystem, t0: Array) -> Array:
+def default_end_time(system: ImpactSystem, t0: Array) -> Array:
     """The time at which to give up by default."""
     frequency = system.forcing.frequency
     known = concrete(frequency)

@@ -6,7 +6,7 @@ from jaxtyping import Array, ArrayLike
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_float, is_traced, refuse_single_precision, whole_number
-from .._jax.errors import checked, numbered
+from .._jax.errors import checked, number_of_doubts
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
 from .._system.checks import validate_start
@@ -17,7 +17,7 @@ from .._trajectory.solution import result_sentences
 from .find import find, orbit_found
 from .maps import angle_of
 from .orbit import PeriodicOrbit
-from .search import Strobe
+from .search import StroboscopicMap
 
 
 @padding_allowed
@@ -88,10 +88,10 @@ def periodic_orbit(
     else:
         known = known_machine(system, args)
         numbers, motion = known.numbers, known.flow(flow, can_stick=True)
-    strobe = Strobe(numbers, motion, jnp.asarray(float(n)), angle / (2 * jnp.pi), room)
+    strobe = StroboscopicMap(numbers, motion, jnp.asarray(float(n)), angle / (2 * jnp.pi), room)
     found = find(strobe, jnp.concatenate([x, v]))
     orbit = orbit_found(found, system, n, n * bound.forcing.period, angle, args, flow)
-    return checked(orbit, *numbered(doubts, *result_sentences(orbit.result))) if throw else orbit
+    return checked(orbit, *number_of_doubts(doubts, *result_sentences(orbit.result))) if throw else orbit
 
 
 def _vector(name: str, value: Numbers, size: int) -> Array:

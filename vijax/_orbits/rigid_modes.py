@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._jax.arrays import constant, library_of
+from .._jax.arrays import array_namespace, stop_gradients
 from .._machine.numbers import MachineNumbers
 from .._machine.small_matrices import inverse_among
 from .condensation import Pencil
@@ -25,12 +25,12 @@ _HELD = 1e-3
 
 def free_shifts(numbers: MachineNumbers) -> Float[Array, "n n"]:
     """The projection P onto all rigid shifts; zero for a machine with a `force`, which may resist them."""
-    known = constant(numbers)
+    known = stop_gradients(numbers)
     stiffness, rows = known.stiffness, known.rows
     if known.force is not None:
         return jnp.zeros_like(stiffness)
     # Normalised: springs and contacts count alike, whatever their units.
-    library = library_of(stiffness, rows)
+    library = array_namespace(stiffness, rows)
     stiffest = library.max(library.abs(stiffness))
     rows = rows / library.sqrt(library.sum(rows * rows, axis=1, keepdims=True))
     felt = stiffness / library.where(stiffest > 0, stiffest, 1) + rows.T @ rows
@@ -43,12 +43,12 @@ def free_shifts(numbers: MachineNumbers) -> Float[Array, "n n"]:
     return jnp.where(is_free[None], jnp.eye(len(felt), dtype=felt.dtype) - inverse @ felt, 0)
 
 
-def pinned(shifts: Float[Array, "n n"]) -> Float[Array, "state state"]:
+def closing_pin(shifts: Float[Array, "n n"]) -> Float[Array, "state state"]:
     """The matrix that adds P to the closing, by the state at the start."""
     return jnp.kron(jnp.array([[0, 0], [1, 0]], shifts.dtype), shifts)
 
 
-def without_shifts(pencil: Pencil, shifts: Float[Array, "n n"]) -> Pencil:
+def deflated(pencil: Pencil, shifts: Float[Array, "n n"]) -> Pencil:
     """The pencil with the multiplier of each shift replaced by zero."""
     end, start = pencil
     of_positions = jnp.kron(jnp.array([[1, 0], [0, 0]], shifts.dtype), shifts)
@@ -57,6 +57,6 @@ def without_shifts(pencil: Pencil, shifts: Float[Array, "n n"]) -> Pencil:
 
 def drifts(numbers: MachineNumbers, shifts: Float[Array, "n n"]) -> Array:
     """True where the mean of the load has a part along a shift, so that no motion repeats."""
-    mean = constant(numbers.mean)
+    mean = stop_gradients(numbers.mean)
     slack = 64 * len(shifts) * jnp.finfo(shifts.dtype).eps
     return jnp.any(jnp.abs(shifts.T @ mean) > slack * (jnp.abs(shifts.T) @ jnp.abs(mean)))

@@ -19,17 +19,17 @@ from jaxtyping import Array, Bool, Float, Int
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Reals, Scalar
 from .._jax.xla import is_any
-from .._machine.machine import OWN_BOUND
+from .._machine.machine import AUTOMATIC_MAX_STEPS
 from .._machine.numbers import MachineNumbers
 from .._system.waves import phase_at
-from .._trajectory.loop import NO_PAUSE, LoopArguments
+from .._trajectory.loop import UNLIMITED_STEPS, LoopArguments
 from .._trajectory.single_call import CallSettings, run_for_log, run_single_call
 from .._trajectory.solution import RESULTS, Solution
 from .candidate_cycle import Cycle, cycle_by_map, cycle_by_sequence
 from .cycle import Problem, Unknowns, prepared
-from .newton import size_of
+from .newton import scale_of
 from .rigid_modes import free_shifts
-from .sequence import NOTHING, Sequence, happens_alike, nothing_happens, sequence_of
+from .sequence import NOTHING, Sequence, empty_sequence, is_same_sequence, sequence_of
 
 MAX_RUNS = 40  # runs of a search
 _LEAST = 0.05  # smallest fraction of a step that is tried
@@ -77,7 +77,7 @@ def begin_search(guess: Float[Array, " state"], num_stops: int, room: int) -> Se
     """A search from a guess, with room for `room` events."""
     zero, no = jnp.zeros((), guess.dtype), jnp.array(False)
     unknowns = Unknowns(guess, jnp.zeros(room, guess.dtype))
-    cycle = Cycle(guess, unknowns, nothing_happens(room, num_stops), guess + 0j, zero + jnp.inf)
+    cycle = Cycle(guess, unknowns, empty_sequence(room, num_stops), guess + 0j, zero + jnp.inf)
     start, still = (guess, guess), (jnp.zeros_like(guess), guess)
     return Search(*start, *still, zero + 1, zero + jnp.inf, cycle, no, no, no, jnp.array(0))
 
@@ -95,7 +95,7 @@ def with_room(search: Search, room: int) -> Search:
     return eqx.tree_at(lambda s: (s.cycle.sequence, s.cycle.unknowns.flights), search, (longer, flights))
 
 
-class Strobe(eqx.Module):
+class StroboscopicMap(eqx.Module):
     """The map of a machine over n forcing periods, from a phase of the load on.
 
     Attributes:
@@ -134,9 +134,9 @@ class Strobe(eqx.Module):
             goals=t1[None],
             num_goals=np.asarray(1),
             is_last=np.asarray(True),
-            max_steps=np.asarray(OWN_BOUND),
+            max_steps=np.asarray(AUTOMATIC_MAX_STEPS),
             max_events=np.asarray(self.room),
-            max_turns=np.asarray(NO_PAUSE),
+            max_turns=np.asarray(UNLIMITED_STEPS),
             is_sound=jnp.all(jnp.isfinite(z)),
         )
 
@@ -169,7 +169,7 @@ class Run(NamedTuple):
     end: Array
 
 
-def search_step(strobe: Strobe, search: Search) -> Search:
+def search_step(strobe: StroboscopicMap, search: Search) -> Search:
     """Run from the trial, and update the search."""
     log, result, end = run_for_log(
         strobe.numbers, strobe.flow, strobe.request(search.trial), room=strobe.room, can_stick=True
@@ -177,11 +177,11 @@ def search_step(strobe: Strobe, search: Search) -> Search:
     machine, flow = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
     sequence, flights = sequence_of(log, strobe.t0, machine.period)
     problem = Problem(machine, flow, sequence, strobe.num_periods, strobe.phase, free_shifts(strobe.numbers))
-    size = size_of(problem, search.trial)
+    size = scale_of(problem, search.trial)
     is_whole = result == RESULTS.successful
     closing = jnp.where(is_whole, jnp.max(jnp.abs(end - search.trial) / size), jnp.inf)
     run = Run(problem, search.trial, flights, closing, end)
-    is_orbit = is_whole & search.has_cycle & _is_followed(search.cycle, search.cycle.start, run, _CLOSE)
+    is_orbit = is_whole & search.has_cycle & _is_traversed(search.cycle, search.cycle.start, run, _CLOSE)
     search = eqx.tree_at(
         lambda s: (s.is_orbit, s.is_full, s.num_runs),
         search,
@@ -191,14 +191,14 @@ def search_step(strobe: Strobe, search: Search) -> Search:
     return jax.lax.cond(is_any(~is_orbit), lambda: _next(strobe, run, search), lambda: search)
 
 
-def _next(strobe: Strobe, run: Run, search: Search) -> Search:
+def _next(strobe: StroboscopicMap, run: Run, search: Search) -> Search:
     """The search with its next trial, unless the last run showed an orbit."""
     problem, end, closing = run.problem, run.end, run.closing
     is_nearer = closing < search.closing
     # A run that comes no nearer is not used: without events, no other lane of a batch waits for its Newton steps.
     kind = jnp.where(is_nearer & ~search.is_orbit, problem.sequence.kind, NOTHING)
     problem = eqx.tree_at(lambda p: p.sequence.kind, problem, kind)
-    away = away_from_stops(problem)
+    away = frame_offset(problem)
     guess = Unknowns(search.trial + away, run.flights)
     if strobe.flow.has_flow_map:
         cycle, entry, first, is_converged = cycle_by_sequence(problem, guess)
@@ -213,14 +213,14 @@ def _next(strobe: Strobe, run: Run, search: Search) -> Search:
     first = jnp.where(is_open, end - search.trial, first)
     is_found = is_nearer & is_converged & ~is_open
     # A run that began on the cycle itself, such as from the settled end of a sweep, needs no second run.
-    is_orbit = search.is_orbit | (is_found & _is_followed(cycle, entry - away, run, _STILL))
+    is_orbit = search.is_orbit | (is_found & _is_traversed(cycle, entry - away, run, _STILL))
     known = (search.trial, search.base), (first, search.step), (end, search.end)
     base, step, end = (jnp.where(is_nearer, *pair) for pair in known)
     factor = jnp.where(is_nearer, 1.0, search.factor)
     is_stuck, is_lost = factor < _LEAST, ~is_nearer & jnp.isinf(search.closing)
     trial = jnp.where(is_found, entry - away, jnp.where(is_stuck, end, base + factor * step))
     following = Search(
-        trial=_inside(problem, trial + away) - away,
+        trial=_onto_stops(problem, trial + away) - away,
         base=base,
         step=step,
         end=end,
@@ -235,25 +235,25 @@ def _next(strobe: Strobe, run: Run, search: Search) -> Search:
     return jax.tree.map(lambda a, b: jnp.where(search.is_orbit, a, b), search, following)
 
 
-def _is_followed(cycle: Cycle, start: Array, run: Run, near: dict[str, float]) -> Bool[Array, ""]:
+def _is_traversed(cycle: Cycle, start: Array, run: Run, near: dict[str, float]) -> Bool[Array, ""]:
     """True where a run that began near the start of a cycle traversed it once."""
-    size = size_of(run.problem, run.start)
+    size = scale_of(run.problem, run.start)
     # Rounding errors grow, and a run leaves an unstable orbit.
     growth = jnp.max(jnp.where(jnp.isfinite(cycle.multipliers), jnp.abs(cycle.multipliers), 1))
     is_from_it = jnp.max(jnp.abs(run.start - start) / size) < near[str(size.dtype)]
-    is_alike = happens_alike(cycle.sequence, cycle.unknowns.flights, run.problem.sequence, run.flights)
+    is_alike = is_same_sequence(cycle.sequence, cycle.unknowns.flights, run.problem.sequence, run.flights)
     return is_from_it & is_alike & (run.closing < _CLOSE[str(size.dtype)] * jnp.maximum(growth, 1))
 
 
-def away_from_stops(problem: Problem) -> Array:
+def frame_offset(problem: Problem) -> Array:
     """The start in the frame of the stops minus the start in the fixed frame."""
     machine = problem.machine
     nothing = jnp.zeros_like(machine.mean)
     phase = phase_at(2 * jnp.pi * problem.phase, machine.waves.num_harmonics)
-    return jnp.concatenate(machine.seen_from_stops(phase, nothing, nothing))
+    return jnp.concatenate(machine.relative_to_stops(phase, nothing, nothing))
 
 
-def _inside(problem: Problem, z: Array) -> Array:
+def _onto_stops(problem: Problem, z: Array) -> Array:
     """A start in the frame of the stops, moved back onto the stops that it lies beyond."""
     contacts = problem.machine.contacts
     x, v = jnp.split(z, 2)

@@ -16,10 +16,10 @@ from .._execution.settings import DEFAULT_SETTINGS
 from .._execution.tasks import run_tasks
 from .._execution.threads import count_cores
 from .._jax.xla import jit_lightly, padding_allowed
-from .search import Search, Strobe, search_step
+from .search import Search, StroboscopicMap, search_step
 
 Axes = tuple[int | None, ...]
-Chunk = tuple[Strobe, Search]
+Chunk = tuple[StroboscopicMap, Search]
 
 # Keys of the compiled programs.
 _COMPILED: set[tuple] = set()
@@ -65,30 +65,30 @@ class SearchWorkers:
     @padding_allowed
     def _here(self, chunk: Chunk) -> Search:
         with jax.enable_x64(self._x64):  # JAX's settings are thread-local
-            return _learn_chunk(self._axes, chunk)
+            return _advance_chunk(self._axes, chunk)
 
     def _by_workers(self, num_chunks: int, chunk: Callable[[int], Chunk]) -> Iterator[tuple[int, Search]]:
         size = min(_IN_TASK, -(-num_chunks // count_cores()))
         parts = [range(k, min(k + size, num_chunks)) for k in range(0, num_chunks, size)]
         tasks = ((part, (self._axes, [chunk(k) for k in part])) for part in parts)
-        for part, found in run_tasks(self._executor, _learn_task, tasks, DEFAULT_SETTINGS.in_flight):
+        for part, found in run_tasks(self._executor, _advance_task, tasks, DEFAULT_SETTINGS.in_flight):
             yield from zip(part, found, strict=True)
 
 
 @padding_allowed
-def _learn_task(axes: Axes, chunks: list[Chunk]) -> list[Search]:
+def _advance_task(axes: Axes, chunks: list[Chunk]) -> list[Search]:
     """Advance some chunks; called by a worker."""
-    return [_learn_chunk(axes, chunk) for chunk in chunks]
+    return [_advance_chunk(axes, chunk) for chunk in chunks]
 
 
-def _learn_chunk(axes: Axes, chunk: Chunk) -> Search:
+def _advance_chunk(axes: Axes, chunk: Chunk) -> Search:
     strobe, search = chunk
     leaves, structure = jax.tree.flatten(strobe)
-    return jax.tree.map(np.asarray, _learn(structure, axes)(leaves, search))
+    return jax.tree.map(np.asarray, _advance(structure, axes)(leaves, search))
 
 
 @cache
-def _learn(structure: Any, axes: Axes) -> Callable:
+def _advance(structure: Any, axes: Axes) -> Callable:
     def one(leaves: list, search: Search) -> Search:
         return search_step(jax.tree.unflatten(structure, leaves), search)
 

@@ -43,7 +43,7 @@ class Sequence(eqx.Module):
         return jnp.max(jnp.sum(self.held, axis=1), initial=0)
 
 
-def nothing_happens(num_events: int, num_stops: int) -> Sequence:
+def empty_sequence(num_events: int, num_stops: int) -> Sequence:
     """A sequence without events, with room for `num_events`."""
     whole = jnp.zeros(num_events, int)
     return Sequence(whole + NOTHING, whole, jnp.zeros((num_events + 1, num_stops), bool))
@@ -76,7 +76,7 @@ def sequence_of(log: Log, t0: Scalar, period: Scalar) -> tuple[Sequence, Float[A
     return Sequence(kind, stop, jnp.concatenate([held[:1], after])), flights
 
 
-def happens_alike(
+def is_same_sequence(
     one: Sequence, flights: Float[Array, " events"], other: Sequence, other_flights: Float[Array, " events"]
 ) -> Bool[Array, ""]:
     """True where the same events happen at the same times; the last bounces of a chatter do not count."""

@@ -15,11 +15,11 @@ from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
 from .._progress import tqdm
 from .._sections.classify import MOTIONS, classify
-from .._sections.record import dims_of, flat, labelled
+from .._sections.record import dims_of, flattened_points, labelled
 from .._sweep.provenance import machines_of
 from .._system.system import ImpactSystem
 from .many import Orbits, lanes_first, search_many
-from .search import Strobe
+from .search import StroboscopicMap
 
 _REPEATS = [MOTIONS.index(name) for name in ("non_impacting", "periodic", "chattering")]
 
@@ -63,11 +63,11 @@ def periodic_orbits(
     room = whole_number("max_events", max_events, 1)
     workers = None if executor is None else as_executor(executor)
     kinds = classify(ds)
-    num_periods = flat(ds, kinds["num_periods"])
-    which = np.flatnonzero(np.isin(flat(ds, kinds["motion"]), _REPEATS) & (num_periods > 0))
-    states = np.concatenate([flat(ds, ds[name], "mass") for name in ("x", "v")], axis=1)
+    num_periods = flattened_points(ds, kinds["num_periods"])
+    which = np.flatnonzero(np.isin(flattened_points(ds, kinds["motion"]), _REPEATS) & (num_periods > 0))
+    states = np.concatenate([flattened_points(ds, ds[name], "mass") for name in ("x", "v")], axis=1)
     # Sorted, neighbouring lanes take about equally long: a period takes at least one step, and each impact one more.
-    steps = num_periods * (flat(ds, ds["num_impacts"], "stop").sum(axis=1) + ds.sizes["period"])
+    steps = num_periods * (flattened_points(ds, ds["num_impacts"], "stop").sum(axis=1) + ds.sizes["period"])
     which = which[np.argsort(-steps[which], kind="stable")]
     found = None
     if which.size:
@@ -91,7 +91,9 @@ def search_orbits(
     """Search for orbits of machines, lanes last, from one state each."""
     numbers, flow = numbers_of(machines), choose_flow(machines, can_stick=True, wanted=wanted)
     (numbers, flow), axes = lanes_first((numbers, flow))
-    strobe = Strobe(numbers, flow, num_periods.astype(states.dtype), np.zeros((), states.dtype), room)
+    strobe = StroboscopicMap(
+        numbers, flow, num_periods.astype(states.dtype), np.zeros((), states.dtype), room
+    )
     return search_many(strobe, [*axes, 0, None], states, tell, executor)
 
 

@@ -9,10 +9,19 @@ import xarray as xr
 from .._dataset_attributes import flags
 from .._sweep.outcomes import warn_of_endings
 from .._trajectory.solution import Solution
-from .non_impacting_proof import stays_quiet
-from .record import Impacts, flat, forcing_periods, has_full_mass, impacts_of, labelled, machines, stop_masses
+from .non_impacting_proof import prove_non_impacting
+from .record import (
+    Impacts,
+    flattened_points,
+    forcing_periods,
+    has_full_mass,
+    impacts_of,
+    labelled,
+    machines,
+    stop_masses,
+)
 from .recurrence import Recurrence, recurrence
-from .section_side import before_impact, filled
+from .section_side import before_impact, padded_to_power_of_two
 from .sections import stroboscopic_section
 
 MOTIONS: Final = ("non_impacting", "periodic", "chattering", "non_periodic", "not_settled", "failed")
@@ -109,7 +118,7 @@ def classified(
     found = recurrence(np.where(is_failed[:, None, None], 0, relative), tolerance)
     is_cut = _is_cut(source, impacts, len(period))
     is_asked = ~(is_failed | is_cut | _is_touched(section, impacts, number, last))
-    found = _with_quiet(source, found, section, np.flatnonzero(is_asked), relative)
+    found = _with_proved_non_impacting(source, found, section, np.flatnonzero(is_asked), relative)
     found = _with_exponents(source, found)
     n = np.where(is_failed, 0, found.num_periods)
     tally = _tally(section, impacts, number, n, masses)
@@ -130,7 +139,7 @@ def classified(
     return ds
 
 
-class _Tally(NamedTuple):
+class _PeriodCounts(NamedTuple):
     """Impacts and held times of the last n periods.
 
     Attributes:
@@ -156,12 +165,12 @@ def _section(source: Solution | xr.Dataset, last: int | None) -> tuple[xr.Datase
             f"be 2 at least and {recorded} at most: record more periods, or change `last`."
         )
     own = {"x": "mass", "v": "mass", "held_time": "stop"}
-    columns = {name: flat(source, section[name], "period", dim) for name, dim in own.items()}
+    columns = {name: flattened_points(source, section[name], "period", dim) for name, dim in own.items()}
     return xr.Dataset({name: (("point", "period", own[name]), a) for name, a in columns.items()}), last
 
 
 def _motion(
-    n: np.ndarray, is_failed: np.ndarray, is_settling: np.ndarray, tally: _Tally, is_cut: np.ndarray
+    n: np.ndarray, is_failed: np.ndarray, is_settling: np.ndarray, tally: _PeriodCounts, is_cut: np.ndarray
 ) -> np.ndarray:
     """Index in `MOTIONS` of each motion; where the log is cut, a held mass counts as chatter."""
     is_held = (tally.held_time > 0).any(axis=1)
@@ -212,7 +221,7 @@ def _undo(
     source: Solution | xr.Dataset, v: np.ndarray, impacts: Impacts, number: np.ndarray, which: np.ndarray
 ) -> None:
     """Undo, in place, impacts by which several masses change their velocities, if the machines are stored."""
-    which = filled(which)
+    which = padded_to_power_of_two(which)
     machine, angle = machines(source, impacts.point[which])
     if machine is not None:
         place = impacts.point[which], number[which] - 1
@@ -234,7 +243,7 @@ def _is_touched(section: xr.Dataset, impacts: Impacts, number: np.ndarray, last:
     return (num_impacts > 0) | (section.held_time.values[:, -last:] > 0).any(axis=(1, 2))
 
 
-def _with_quiet(
+def _with_proved_non_impacting(
     source: Solution | xr.Dataset,
     found: Recurrence,
     section: xr.Dataset,
@@ -242,7 +251,9 @@ def _with_quiet(
     relative: np.ndarray,
 ) -> Recurrence:
     """Classify motions without impacts by the response of their machine: in the section, beats hide how they end."""
-    is_quiet, contraction = stays_quiet(source, asked, *(section[name].values[:, -1] for name in ("x", "v")))
+    is_quiet, contraction = prove_non_impacting(
+        source, asked, *(section[name].values[:, -1] for name in ("x", "v"))
+    )
     step = np.abs(relative[:, -1] - relative[:, -2]).max(axis=1)
     return Recurrence(
         np.where(is_quiet, 1, found.num_periods),
@@ -257,7 +268,8 @@ def _with_exponents(source: Solution | xr.Dataset, found: Recurrence) -> Recurre
     if isinstance(source, Solution) or "lyapunov_exponents" not in source:
         return found
     largest, error = (
-        flat(source, source[f"lyapunov_{name}"], "exponent")[:, 0] for name in ("exponents", "error")
+        flattened_points(source, source[f"lyapunov_{name}"], "exponent")[:, 0]
+        for name in ("exponents", "error")
     )
     is_settling = np.where(largest > 3 * error, False, found.is_settling | (largest < -3 * error))
     return found._replace(is_settling=is_settling)
@@ -267,13 +279,13 @@ def _is_cut(source: Solution | xr.Dataset, impacts: Impacts, num_points: int) ->
     """True where the log of a sweep ends early; the states of a trajectory are NaN after its log ends."""
     if isinstance(source, Solution):
         return np.zeros(num_points, bool)
-    happened = flat(source, source["num_impacts"], "stop").sum(axis=1)
+    happened = flattened_points(source, source["num_impacts"], "stop").sum(axis=1)
     return np.bincount(impacts.point, minlength=num_points) < happened
 
 
 def _tally(
     section: xr.Dataset, impacts: Impacts, number: np.ndarray, n: np.ndarray, masses: np.ndarray
-) -> _Tally:
+) -> _PeriodCounts:
     """Count impacts and held times in the last n periods of each point."""
     recorded, shape = section.sizes["period"], (len(n), len(masses))
     is_ours = (number >= (recorded - n)[impacts.point]) & (number < recorded)
@@ -281,7 +293,9 @@ def _tally(
     count = lambda which: np.bincount(place[which], minlength=math.prod(shape)).reshape(shape)  # noqa: E731
     counts = np.where(count(is_ours & impacts.sticks) > 0, np.inf, count(is_ours))
     is_last = np.arange(recorded) >= (recorded - n)[:, None]
-    return _Tally(is_ours, counts, np.where(is_last[..., None], section.held_time.values, 0).sum(axis=1))
+    return _PeriodCounts(
+        is_ours, counts, np.where(is_last[..., None], section.held_time.values, 0).sum(axis=1)
+    )
 
 
 def _double_impacts(

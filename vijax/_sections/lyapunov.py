@@ -7,8 +7,8 @@ from jaxtyping import Array, Float
 
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import Count, Numbers, as_float, as_known, in_full_precision, is_traced, whole_number
-from .._jax.errors import are_unfounded, checked, numbered
+from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, in_full_precision, is_traced, whole_number
+from .._jax.errors import checked, none_true, number_of_doubts
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
@@ -98,16 +98,14 @@ def lyapunov_exponents(
     bound = with_args(system, args)
     settling, averaged = whole_number("transient", transient), whole_number("num_periods", num_periods, 1)
     is_known = not is_traced((system, args, flow, x, v, max_steps))
-    x, v = ((as_known if is_known else as_float)(a) for a in (x, v))
+    x, v = ((as_numpy_float if is_known else as_float)(a) for a in (x, v))
     for name, value in (("x0", x), ("v0", v)):
         if value.shape != (n,):
             raise ValueError(f"Argument `{name}` must have shape ({n},), but has shape {value.shape}.")
     zero = np.zeros((), x.dtype)
     doubts = validate_start(bound.stops, bound.forcing.frequency, zero, zero, zero[None], x, v)
     counts = np.asarray(settling), np.asarray(averaged)
-    request = ExponentRequest(
-        x, v, *counts, max_steps=bound_of_steps(max_steps), is_sound=are_unfounded(doubts)
-    )
+    request = ExponentRequest(x, v, *counts, max_steps=bound_of_steps(max_steps), is_sound=none_true(doubts))
     if is_known:
         known = known_machine(system, args)
         growth, is_left = _follow_known(known.numbers, known.flow(flow, can_stick=True), request, progress)
@@ -117,7 +115,7 @@ def lyapunov_exponents(
     result = result_of(growth, request, is_left)
     found = exponents(growth.totals, averaged, system.forcing.period)
     if throw:
-        found = checked(found, *numbered(doubts, *result_sentences(result)))
+        found = checked(found, *number_of_doubts(doubts, *result_sentences(result)))
     else:
         found = known_or_nan(result == RESULTS.successful, found)
     return found if with_error else found[0]

@@ -18,15 +18,15 @@ import xarray as xr
 from .._machine.machine import Machine
 from .._trajectory.solution import Solution
 from .record import forcing_periods, is_linear, machines
-from .response import double_lanes_first, modes_of, response_of, vibration_left
-from .section_side import filled
+from .response import double_lanes_first, modes_of, residual_vibration, response_of
+from .section_side import padded_to_power_of_two
 
 # Points per block: the machines of all points at once would need much memory.
 _BLOCK = 1 << 13
 _SAMPLES, _ROOM = (64, 1024), 1 << 20
 
 
-def stays_quiet(
+def prove_non_impacting(
     source: Solution | xr.Dataset, which: np.ndarray, x: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Prove that motions settle on the periodic response of their machine without another impact.
@@ -44,7 +44,7 @@ def stays_quiet(
     period = forcing_periods(source)
     is_proved, factor = np.zeros(len(x), bool), np.full(len(x), np.nan)
     for first in range(0, len(which) if is_linear(source) else 0, _BLOCK):
-        block = filled(which[first : first + _BLOCK])
+        block = padded_to_power_of_two(which[first : first + _BLOCK])
         machine, angle = machines(source, block)
         if machine is None or len(machine.mean) != x.shape[1]:
             break
@@ -70,7 +70,7 @@ def never_hits(machine: Machine, angle: float, x: np.ndarray, v: np.ndarray) -> 
     """
     modes = modes_of(machine)
     response = response_of(machine, modes)
-    left = vibration_left(machine, modes, response, angle, (x, v)) + response.rounding
+    left = residual_vibration(machine, modes, response, angle, (x, v)) + response.rounding
     is_clear = np.broadcast_to(modes.is_damped, left.shape).copy()
     limits, rows = (double_lanes_first(a) for a in (machine.contacts.limit, machine.contacts.rows))
     own = _own_waves(machine)

@@ -47,7 +47,7 @@ def dims_of(source: Solution | xr.Dataset) -> dict[str, int]:
     return {str(name): source.sizes[name] for name in source["result"].dims}
 
 
-def flat(source: Solution | xr.Dataset, a: xr.DataArray, *own: str) -> np.ndarray:
+def flattened_points(source: Solution | xr.Dataset, a: xr.DataArray, *own: str) -> np.ndarray:
     """Values of an array with the points of the grid in a row, (points, *own)."""
     grid = dims_of(source)
     return a.transpose(*grid, *own).values.reshape((math.prod(grid.values()), *(a.sizes[dim] for dim in own)))
@@ -77,7 +77,7 @@ def stop_masses(source: Solution | xr.Dataset) -> np.ndarray:
 def forcing_periods(source: Solution | xr.Dataset) -> np.ndarray:
     """Forcing period of every point, (points,)."""
     if isinstance(source, xr.Dataset):
-        return flat(source, source["forcing_period"])
+        return flattened_points(source, source["forcing_period"])
     if np.ndim(source.t0):
         raise ValueError("Argument `source` holds several trajectories: pass one, or use `vx.sweep`.")
     if not source.machine.frequency > 0:
@@ -135,7 +135,7 @@ def held_intervals(sol: Solution, stop: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _of_sweep(ds: xr.Dataset) -> Impacts:
     names = ("time", "phase", "velocity", "stop", "sticks")
-    columns = [flat(ds, ds[f"impact_{name}"], "impact") for name in names]
+    columns = [flattened_points(ds, ds[f"impact_{name}"], "impact") for name in names]
     point, column = np.nonzero(columns[3] >= 0)
     return Impacts(point, *(a[point, column] for a in columns))
 

@@ -107,7 +107,7 @@ def response_of(machine: Machine, modes: FreeModes) -> PeriodicResponse:
     return PeriodicResponse(waves, speeds, modes.rounding * (magnified * size).sum(axis=1))
 
 
-def vibration_left(
+def residual_vibration(
     machine: Machine,
     modes: FreeModes,
     response: PeriodicResponse,

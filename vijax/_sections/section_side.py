@@ -11,7 +11,7 @@ from jaxtyping import ArrayLike
 
 from .._hybrid.law import before, rebound
 from .._jax.arrays import Reals
-from .._machine.machine import Machine, prepare, resting_state
+from .._machine.machine import Machine, prepare, state_before_contact
 from .._machine.numbers import numbers_of
 from .._machine.state import State
 from .._system.system import ImpactSystem
@@ -27,7 +27,7 @@ def machines_of_lanes(system: ImpactSystem) -> Machine:
         return _prepared(numbers_of(system), one, (0 * one, one, one), can_stick=False)
 
 
-def filled(which: np.ndarray) -> np.ndarray:
+def padded_to_power_of_two(which: np.ndarray) -> np.ndarray:
     """Indices of points, repeated up to a power of two of them, as every count is compiled for."""
     return np.resize(which, 1 << (len(which) - 1).bit_length())
 
@@ -83,5 +83,5 @@ def _before(machine: Machine, angle: ArrayLike, v: Reals, stop: Reals, velocity:
 
 def _state(machine: Machine, angle: ArrayLike, x: Reals, v: Reals) -> State:
     phase = machine.phase_at(jnp.asarray(angle / machine.frequency))
-    x, v = machine.seen_from_stops(phase, jnp.asarray(x), jnp.asarray(v))
-    return resting_state(machine, phase, x, v, jnp.zeros((machine.contacts.num, x.shape[1]), bool))
+    x, v = machine.relative_to_stops(phase, jnp.asarray(x), jnp.asarray(v))
+    return state_before_contact(machine, phase, x, v, jnp.zeros((machine.contacts.num, x.shape[1]), bool))

@@ -8,7 +8,7 @@ at times at which it is exact, so that only rounding errors remain.
 import numpy as np
 import xarray as xr
 
-from .._jax.arrays import Count, Numbers, as_known, whole_number
+from .._jax.arrays import Count, Numbers, as_numpy_float, whole_number
 from .._trajectory.solution import Solution
 from .record import forcing_periods
 
@@ -67,7 +67,7 @@ def power_spectrum(
     if float(sol.known_until) < t1:
         raise ValueError("The log of the motion was cut: simulate it with larger `max_events`.")
     multiples = 2 * np.pi / (num * period) * np.arange(_HARMONICS * num + 1)
-    w = multiples if frequencies is None else as_known(frequencies)
+    w = multiples if frequencies is None else as_numpy_float(frequencies)
     if w.ndim != 1 or not w.size:
         raise ValueError(f"Argument `frequencies` must have shape (frequencies,), but has shape {w.shape}.")
     begin = max(t1 - num * period, t0)

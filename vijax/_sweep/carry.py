@@ -13,7 +13,7 @@ import numpy as np
 
 from .._execution.carry_start import carried_start
 from .._execution.points import LaneInput
-from .._execution.runner import AbstractRunner, PointResults, together
+from .._execution.runner import AbstractRunner, PointResults, join_results
 from .._execution.settings import ExecutionSettings
 
 
@@ -50,7 +50,7 @@ def run_chains(
             which = np.searchsorted(np.sort(pieces[k - 1], axis=None), pieces[k - 1][-1])
             x0[:, piece[0]], v0[:, piece[0]] = _starts(points, piece[0], parts[-1], which)
         parts.append(runner.run(LaneInput(points.system, x0, v0), piece, tell))
-    return together(enumerate(parts), pieces)
+    return join_results(enumerate(parts), pieces)
 
 
 def _starts(

@@ -41,9 +41,9 @@ def combine(datasets: Sequence[xr.Dataset]) -> xr.Dataset:
         raise ValueError(
             "Argument `datasets` must be a list of one dataset or more, as `vx.sweep` returns them."
         )
-    first = _told(datasets[0], 0)
+    first = _provenance_of(datasets[0], 0)
     for number, ds in enumerate(datasets):
-        clause = difference(first, _told(ds, number)) or _other_variables(datasets[0], ds)
+        clause = difference(first, _provenance_of(ds, number)) or _other_variables(datasets[0], ds)
         if clause is not None:
             raise ValueError(
                 f"Argument `datasets` must hold parts of one sweep, but number {number} is of another than number 0: {clause}."
@@ -66,7 +66,7 @@ def combine(datasets: Sequence[xr.Dataset]) -> xr.Dataset:
     return found
 
 
-def _told(ds: xr.Dataset, number: int) -> dict[str, Any]:
+def _provenance_of(ds: xr.Dataset, number: int) -> dict[str, Any]:
     """Attributes that determine the results of a dataset, besides the swept values."""
     if "system" not in ds.attrs:
         raise ValueError(

@@ -97,9 +97,9 @@ def write_sweep(
     shape = tuple(len(axis) for axis in axes.values())
     cores = (settings.cores or count_cores()) if workers is None else 1
     sweep = _Sweep(base, counts, flow, replace(settings, cores=cores), math.prod(shape))
-    sweep = _looked_at(sweep, axes, workers)
+    sweep = _checked_sweep(sweep, axes, workers)
     block = _block_of(shape, cores * settings.chunk_of(counts.transient + counts.record))
-    folder = _begun(Folder(Path(out).absolute(), shape, block, counts.max_impacts), sweep, axes, flow)
+    folder = _open_or_begin(Folder(Path(out).absolute(), shape, block, counts.max_impacts), sweep, axes, flow)
     with tqdm(total=sweep.in_all, unit="point", disable=not progress) as bar:
 
         def missing() -> Iterator[tuple[int, tuple]]:
@@ -140,7 +140,7 @@ def _block_of(shape: tuple[int, ...], size: int) -> tuple[int, ...]:
     return tuple(reversed(block))
 
 
-def _looked_at(sweep: _Sweep, axes: dict[str, np.ndarray], workers: Executor | None) -> _Sweep:
+def _checked_sweep(sweep: _Sweep, axes: dict[str, np.ndarray], workers: Executor | None) -> _Sweep:
     """The sweep with a flow that serves all its points, all of which are checked."""
     shape = tuple(len(axis) for axis in axes.values())
     whole = Folder(Path(), shape, _block_of(shape, _LOOKED_AT), 0)
@@ -163,7 +163,9 @@ def _look_at(sweep: _Sweep, axes: dict[str, np.ndarray]) -> tuple[bool, tuple[bo
     return can_stick, fits
 
 
-def _begun(folder: Folder, sweep: _Sweep, axes: dict[str, np.ndarray], flow: AbstractFlow | None) -> Folder:
+def _open_or_begin(
+    folder: Folder, sweep: _Sweep, axes: dict[str, np.ndarray], flow: AbstractFlow | None
+) -> Folder:
     """The folder, with the blocks that it has if it was begun before."""
     first = sweep.points(_part(axes, folder, 0))
     motion = choose_flow(first.system, can_stick=sweep.counts.can_stick, wanted=sweep.flow)

@@ -3,11 +3,11 @@
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
-from .._jax.arrays import Numbers, as_float, at_once
+from .._jax.arrays import Numbers, as_float, evaluate_eagerly
 from .forcing import Harmonic
 
 
-@at_once
+@evaluate_eagerly
 def base_excitation(
     mass: Numbers,
     amplitude: Numbers,

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .._jax.arrays import Flag, Reals, concrete, library_of
+from .._jax.arrays import Flag, Reals, array_namespace, concrete
 
 
 class Rule(NamedTuple):
@@ -165,7 +165,8 @@ def refuse(checks: list[tuple[Any, str]]) -> list[tuple[Any, str]]:
 def not_finite(named: dict[str, Reals]) -> list[tuple[Any, str]]:
     """Conditions on arguments by their names, to be handed to `refuse`."""
     return [
-        (~library_of(a).isfinite(a).all(), f"Argument `{name}` must be finite.") for name, a in named.items()
+        (~array_namespace(a).isfinite(a).all(), f"Argument `{name}` must be finite.")
+        for name, a in named.items()
     ]
 
 

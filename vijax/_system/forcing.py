@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._jax.arrays import Numbers, as_float, library_of
+from .._jax.arrays import Numbers, array_namespace, as_float
 from .._printing import as_html, as_text, describe_harmonic
 from .checks import FINITE, NOT_NEGATIVE, check_one
 from .waves import Waves
@@ -93,7 +93,7 @@ class Harmonic(eqx.Module):
         """The load but for its mean; lanes may stand last."""
         is_single = self.amplitude.ndim - lane_axes == 1
         amplitude, phase = (a[None] if is_single else a for a in (self.amplitude, self.phase))
-        library = library_of(amplitude, phase)
+        library = array_namespace(amplitude, phase)
         return Waves(amplitude * library.cos(phase), -amplitude * library.sin(phase))
 
     @property

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._jax.arrays import Numbers, as_float, concrete, known_stays_known, over_lanes
+from .._jax.arrays import Numbers, as_float, concrete, concrete_evaluation, over_lanes
 from .force import BoundForce
 from .system import ImpactSystem, with_args
 
@@ -56,7 +56,7 @@ def check_period(system: ImpactSystem, args: object, x0: Numbers, v0: Numbers) -
     starts = (concrete(as_float(a)) for a in (x0, v0))
     x, v = (np.zeros(bound.num_masses) if a is None else a for a in starts)
     one_lane = lambda a: np.asarray(a)[..., None]  # noqa: E731
-    with known_stays_known():
+    with concrete_evaluation():
         refuse_off_period(jax.tree.map(one_lane, bound), x[:, None], v[:, None], who="the stroboscopic map")
 
 

@@ -11,7 +11,7 @@ Axes: (harmonics, rows) of a series, (2, harmonics) of a phase; lanes, if there 
 import equinox as eqx
 import numpy as np
 
-from .._jax.arrays import Reals, add_up, library_of, lift, stack
+from .._jax.arrays import Reals, add_up, append_axes, array_namespace, stack
 
 
 class Waves(eqx.Module):
@@ -54,17 +54,17 @@ class Waves(eqx.Module):
     def padded(self, num_harmonics: int) -> "Waves":
         """The series with harmonics of no amplitude after its own."""
         missing = np.zeros((num_harmonics - self.num_harmonics, *self.cosine.shape[1:]), self.cosine.dtype)
-        joined = lambda a: library_of(a).concatenate([a, missing])  # noqa: E731
+        joined = lambda a: array_namespace(a).concatenate([a, missing])  # noqa: E731
         return Waves(joined(self.cosine), joined(self.sine))
 
     def _phase_at(self, angle: Reals) -> Reals:
-        return lift(phase_at(angle, self.num_harmonics), self.cosine)
+        return append_axes(phase_at(angle, self.num_harmonics), self.cosine)
 
 
 def phase_at(angle: Reals, num_harmonics: int) -> Reals:
     """The phase at an angle W t of any shape: (2, harmonics) and then that shape."""
     angles = _orders(num_harmonics, angle, axes=1) * angle
-    library = library_of(angles)
+    library = array_namespace(angles)
     return library.stack([library.cos(angles), library.sin(angles)])
 
 

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, PyTree
 
-from .._jax.arrays import lanes_apart
+from .._jax.arrays import vmap_axes
 from .._jax.xla import for_each
 
 # Range of lanes per group, the best number first. As in sweeps, see `lane_loop.py`, fewer lanes leave the vector units
@@ -65,7 +65,7 @@ def one_by_one(function: Callable, lanes: int, last: PyTree, first: PyTree) -> A
         last: tree with lanes last, or a single lane for all.
         first: tree with lanes first.
     """
-    leaves, axes, structure = lanes_apart(last, lanes)
+    leaves, axes, structure = vmap_axes(last, lanes)
     call = lambda leaves, first: function(jax.tree.unflatten(structure, leaves), first)  # noqa: E731
     return jax.vmap(call, (axes, 0))(leaves, first)
 

@@ -19,10 +19,10 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import Reals
 from .._jax.xla import compile_lightly
 from .._machine.numbers import MachineNumbers
-from .._machine.state import State, remembering
+from .._machine.state import State, with_memory
 from .event_log import EventLog, Restarts
 from .grazing import Grazing
-from .loop import Carry, LoopArguments, LoopTask, begin_all, finish, is_over, one_way
+from .loop import Carry, LoopArguments, LoopTask, finish, is_over, prepare_loop, run_without_derivatives
 from .solution import Solution
 
 # Bounds of one call: logged events, saved states, and steps, which take less than a second.
@@ -38,7 +38,7 @@ class _Saved(eqx.Module):
     vs: Array
 
 
-class Left(eqx.Module):
+class Progress(eqx.Module):
     """Progress of a trajectory, from which the next call continues.
 
     Attributes:
@@ -66,8 +66,8 @@ class Left(eqx.Module):
 
 @compile_lightly
 def _call(
-    numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, left: Left, *, can_stick: bool
-) -> tuple[Solution, _Saved, Left]:
+    numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, left: Progress, *, can_stick: bool
+) -> tuple[Solution, _Saved, Progress]:
     """One call; the solution holds only the first saved state, as most requests have no more."""
     solution, left = _run(numbers, flow, request, left, room=_EVENTS, can_stick=can_stick)
     names = lambda s: (s.ts, s.xs, s.vs)  # noqa: E731
@@ -79,11 +79,11 @@ def _run(
     numbers: MachineNumbers,
     flow: AbstractFlow,
     request: LoopArguments,
-    left: Left,
+    left: Progress,
     *,
     room: int,
     can_stick: bool,
-) -> tuple[Solution, Left]:
+) -> tuple[Solution, Progress]:
     """Follow a trajectory from its start, or from the progress of the call before.
 
     Args:
@@ -99,9 +99,9 @@ def _run(
     """
     request = jax.tree.map(jnp.asarray, request)
     prepare = partial(_begin, room=room, can_stick=can_stick)
-    task, last = one_way(prepare, (numbers, flow, request, left))
+    task, last = run_without_derivatives(prepare, (numbers, flow, request, left))
     solution = finish(task, last, request, room)
-    left = Left(
+    left = Progress(
         state=last.state,
         goals=last.goal,
         steps=last.steps,
@@ -119,17 +119,17 @@ def _begin(
     numbers: MachineNumbers,
     flow: AbstractFlow,
     request: LoopArguments,
-    left: Left,
+    left: Progress,
     *,
     room: int,
     can_stick: bool,
 ) -> tuple[LoopTask, Carry]:
-    task, carry = begin_all(numbers, flow, request, room=room, can_stick=can_stick, is_whole=False)
+    task, carry = prepare_loop(numbers, flow, request, room=room, can_stick=can_stick, is_whole=False)
     carry = _gone_on(carry, left)
     return eqx.tree_at(lambda t: t.last_step, task, carry.steps + request.max_turns), carry
 
 
-def _gone_on(carry: Carry, left: Left) -> Carry:
+def _gone_on(carry: Carry, left: Progress) -> Carry:
     """Initial carry of a call: that of the start, or continued from the call before."""
     goes_on = left.steps > 0
     log = eqx.tree_at(
@@ -150,7 +150,7 @@ def follow_known(
     numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, *, can_stick: bool
 ) -> Solution:
     """Follow a trajectory of NumPy numbers, with any number of `request.goals`."""
-    ts, left = request.goals, nothing_done(numbers, flow)
+    ts, left = request.goals, empty_progress(numbers, flow)
     calls: list[_Taken] = []
     num_reached = 0
     while True:
@@ -179,17 +179,17 @@ def _window(request: LoopArguments, num_reached: int) -> LoopArguments:
     )
 
 
-def nothing_done(numbers: MachineNumbers, flow: AbstractFlow) -> Left:
+def empty_progress(numbers: MachineNumbers, flow: AbstractFlow) -> Progress:
     """Input of the first call, in the shapes of the progress of a call."""
     left = _nothing(*numbers.rows.shape, numbers.waves.num_harmonics, numbers.mass.dtype)
     if type(flow).memory is AbstractFlow.memory:  # no memory, not asked of the flow to save time
         return left
     memory = flow.memory(left.known_until)
-    return eqx.tree_at(lambda left: left.state, left, remembering(left.state, memory))
+    return eqx.tree_at(lambda left: left.state, left, with_memory(left.state, memory))
 
 
 @lru_cache
-def _nothing(num_contacts: int, n: int, num_harmonics: int, dtype: np.dtype) -> Left:
+def _nothing(num_contacts: int, n: int, num_harmonics: int, dtype: np.dtype) -> Progress:
     def zeros(dtype: DTypeLike, *shape: int) -> Array:
         return jax.device_put(np.zeros(shape, dtype))
 
@@ -205,7 +205,7 @@ def _nothing(num_contacts: int, n: int, num_harmonics: int, dtype: np.dtype) -> 
         held=zeros(bool, num_contacts),
         contact=zeros(np.int8, num_contacts),
     )
-    return Left(
+    return Progress(
         state=state,
         goals=count,
         steps=count,
@@ -228,7 +228,7 @@ class _Taken:
     restarts: Restarts
 
 
-def _taken(solution: Solution, saved: _Saved, left: Left, most_goals: int) -> _Taken:
+def _taken(solution: Solution, saved: _Saved, left: Progress, most_goals: int) -> _Taken:
     num_goals = min(int(left.goals), most_goals)  # the end is not a saved state
     is_event = np.asarray(solution.events.stop) >= 0
     return _Taken(

@@ -10,7 +10,7 @@ import numpy as np
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._hybrid.sticking import can_any_stick
-from .._jax.arrays import Reals, as_known
+from .._jax.arrays import Reals, as_numpy_float
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.system import ImpactSystem, with_args
 
@@ -18,7 +18,7 @@ _MOST = 64
 
 
 @dataclass(frozen=True)
-class KnownMachine:
+class ConcreteMachine:
     """Machine of concrete numbers.
 
     Attributes:
@@ -65,16 +65,16 @@ class KnownMachine:
 _kept: OrderedDict = OrderedDict()
 
 
-def known_machine(system: ImpactSystem, args: object) -> KnownMachine:
+def known_machine(system: ImpactSystem, args: object) -> ConcreteMachine:
     """Concrete numbers of a machine, cached if its arrays are immutable."""
     leaves, structure = jax.tree.flatten((system, args))
     key = jax.config.read("jax_enable_x64"), structure, *map(id, leaves)
     found = _kept.get(key)
     if found is None:
         bound, others = jax.tree.flatten(with_args(system, args))
-        dtype = as_known(0.0).dtype
+        dtype = as_numpy_float(0.0).dtype
         in_numpy = jax.tree.unflatten(others, [np.asarray(a).astype(dtype) for a in bound])
-        found = KnownMachine(leaves, in_numpy, jax.device_put(numbers_of(in_numpy)))
+        found = ConcreteMachine(leaves, in_numpy, jax.device_put(numbers_of(in_numpy)))
         if all(isinstance(a, jax.Array) for a in leaves):
             _kept[key] = found
         while len(_kept) > _MOST:

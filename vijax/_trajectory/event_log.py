@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._hybrid.limits import EVENT_NAMES, EVENTS, STICK
 from .._hybrid.transition import Instant
-from .._jax.arrays import UNROLLED, Flag, Reals, Scalar, add_up, lift
+from .._jax.arrays import UNROLLED, Flag, Reals, Scalar, add_up, append_axes
 from .._jax.xla import is_any
 from .._machine.machine import Machine
 from .._machine.state import State
@@ -165,7 +165,7 @@ def log_row(
         # The next instant overwrites surplus entries.
         Writing(
             log.places,
-            _joined(log.rows, lift(numbers, count[None]), len(instant.hit)),
+            _joined(log.rows, append_axes(numbers, count[None]), len(instant.hit)),
             log.num_events - log.events_before,
         ),
     )
@@ -228,7 +228,7 @@ def event_log(
     read = lambda a: jnp.where(has_speed, told(a)[row, stop], 0) + of_stop  # noqa: E731
     minus, plus = read(instants.velocity_minus), read(instants.velocity_plus)
     if instants.impulse is not None:
-        along = jax.vmap(machine.contacts.told_impulse)(instants.impulse)
+        along = jax.vmap(machine.contacts.signed_impulse)(instants.impulse)
         impulse = jnp.where(has_speed, along[row, stop], 0)
     else:
         impulse = machine.contacts.effective_mass[stop] * (plus - minus)

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._hybrid.transition import Instant
-from .._jax.arrays import Flag, Scalar, constant, smallest
+from .._jax.arrays import Flag, Scalar, smallest, stop_gradients
 from .._jax.xla import is_any
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
@@ -35,7 +35,7 @@ class Grazing(eqx.Module):
     is_near: Bool[Array, "..."]
 
 
-def nothing_met(time: Scalar) -> Grazing:
+def no_grazing(time: Scalar) -> Grazing:
     """Value before the first step: no grazing."""
     return Grazing(jnp.full_like(time, jnp.inf), jnp.full_like(time, jnp.inf), jnp.zeros(time.shape, bool))
 
@@ -44,7 +44,7 @@ def update_grazing(
     machine: Machine, before: State, after: State, instant: Instant, met: Grazing, live: Flag
 ) -> Grazing:
     """Update by one step of the live lanes."""
-    machine, before, after, instant = constant((machine, before, after, instant))
+    machine, before, after, instant = stop_gradients((machine, before, after, instant))
     turned = (machine.approach(before) > 0) & (machine.approach(after) <= 0)
     turned = turned & ~instant.hit & ~before.held & ~after.held
     # Most steps have neither an impact nor a turn.

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Reals, Scalar
 from .._jax.xla import AbstractTask, bounded_while_any, differentiable, while_any
-from .._machine.machine import OWN_BOUND, Machine, ample_steps, in_periods, prepare
+from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, in_periods, prepare
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State, start_period
 from .single_call import factor_in_reverse
@@ -24,7 +24,7 @@ from .solution import RESULTS
 from .step import flight_to, initial_state, outcome
 
 
-class Wanted(eqx.Module):
+class ImpactRequest(eqx.Module):
     """Request for an impact.
 
     Attributes:
@@ -34,7 +34,7 @@ class Wanted(eqx.Module):
         v0: velocities at the start, (n,).
         stop: stop whose impacts count.
         num_impacts: number of the requested impact; the first after t0 is 1.
-        max_steps: bound on the steps, `OWN_BOUND` for one by the rate of the machine.
+        max_steps: bound on the steps, `AUTOMATIC_MAX_STEPS` for one by the rate of the machine.
         is_sound: whether the start is valid; if not, no step is taken.
     """
 
@@ -128,23 +128,23 @@ class Reverse(NamedTuple):
 
 
 def follow_to_impact(
-    numbers: MachineNumbers, flow: AbstractFlow, wanted: Wanted, reverse: Reverse
+    numbers: MachineNumbers, flow: AbstractFlow, wanted: ImpactRequest, reverse: Reverse
 ) -> Arrival:
     """Follow a motion to the requested impact, differentiably."""
     return differentiable(_forwards, _backwards, (numbers, flow, wanted, reverse))
 
 
-def _forwards(whole: tuple[MachineNumbers, AbstractFlow, Wanted, Reverse]) -> Arrival:
+def _forwards(whole: tuple[MachineNumbers, AbstractFlow, ImpactRequest, Reverse]) -> Arrival:
     return _follow(*whole[:3], while_any)
 
 
-def _backwards(whole: tuple[MachineNumbers, AbstractFlow, Wanted, Reverse]) -> Arrival:
+def _backwards(whole: tuple[MachineNumbers, AbstractFlow, ImpactRequest, Reverse]) -> Arrival:
     reverse = whole[3]
     refuse = partial(factor_in_reverse, raises=reverse.raises)
     return _follow(*whole[:3], partial(bounded_while_any, max_steps=reverse.max_steps, refuse=refuse))
 
 
-def _follow(numbers: MachineNumbers, flow: AbstractFlow, wanted: Wanted, loop: Callable) -> Arrival:
+def _follow(numbers: MachineNumbers, flow: AbstractFlow, wanted: ImpactRequest, loop: Callable) -> Arrival:
     task, carry = _begin(numbers, flow, wanted)
     last = loop(task, carry)
     is_there = task.is_there(last)
@@ -157,7 +157,7 @@ def _follow(numbers: MachineNumbers, flow: AbstractFlow, wanted: Wanted, loop: C
     return Arrival(t, x, v, is_there, result)
 
 
-def _begin(numbers: MachineNumbers, flow: AbstractFlow, wanted: Wanted) -> tuple[_Task, _Carry]:
+def _begin(numbers: MachineNumbers, flow: AbstractFlow, wanted: ImpactRequest) -> tuple[_Task, _Carry]:
     w, span = wanted, jax.lax.stop_gradient(wanted.t1 - wanted.t0)
     machine = prepare(numbers, jnp.where(span > 0, span, 1), (w.t0, w.x0, w.v0), can_stick=True)
     flow = flow.prepare(machine)
@@ -173,7 +173,9 @@ def _begin(numbers: MachineNumbers, flow: AbstractFlow, wanted: Wanted) -> tuple
         last_period=last_period,
         last_time=last_time,
         resolution=4 * jnp.finfo(w.t0.dtype).eps * jnp.maximum(jnp.abs(w.t0), jnp.abs(w.t1)),
-        max_steps=jnp.where(w.max_steps == OWN_BOUND, ample_steps(machine, span), w.max_steps),
+        max_steps=jnp.where(
+            w.max_steps == AUTOMATIC_MAX_STEPS, default_max_steps(machine, span), w.max_steps
+        ),
     )
     nothing = jnp.array(0)
     return task, _Carry(first, first.v, nothing, nothing, jnp.array(False), w.is_sound)

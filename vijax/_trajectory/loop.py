@@ -18,17 +18,17 @@ from jaxtyping import Array, Bool, Float, Int
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED_ALONE, Reals, Scalar
 from .._jax.xla import AbstractTask, in_one_kernel, while_any
-from .._machine.machine import OWN_BOUND, Machine, ample_steps, in_periods, prepare
+from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, in_periods, prepare
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State, start_period
 from .batched import Writing, put, row_of_lane, to_all
 from .event_log import Log, empty_log, event_log, log_row
-from .grazing import Grazing, nothing_met, update_grazing
+from .grazing import Grazing, no_grazing, update_grazing
 from .solution import RESULTS, Solution
 from .step import advance, initial_state
 
 # `max_turns` of a call without a pause: the largest 32-bit integer, as JAX may have no 64-bit ones.
-NO_PAUSE = np.iinfo(np.int32).max
+UNLIMITED_STEPS = np.iinfo(np.int32).max
 
 
 class LoopArguments(NamedTuple):
@@ -42,7 +42,7 @@ class LoopArguments(NamedTuple):
         goals: times at which to save the state in this call, (goals,), padded with t1.
         num_goals: number of goals without padding.
         is_last: whether this call reaches the end, unless it is interrupted.
-        max_steps: bound on the steps of all calls, `OWN_BOUND` for one by the rate of the machine.
+        max_steps: bound on the steps of all calls, `AUTOMATIC_MAX_STEPS` for one by the rate of the machine.
         max_events: bound on the logged events of all calls.
         max_turns: bound on the steps of this call.
         is_sound: whether the start is valid; if not, no step is taken.
@@ -132,7 +132,7 @@ class LoopTask(AbstractTask):
         )
 
 
-def one_way(
+def run_without_derivatives(
     prepare: Callable[..., tuple[AbstractTask, Any]], arguments: tuple, most: int = UNROLLED_ALONE
 ) -> tuple[Any, Any]:
     """Run a loop without derivatives after its preparation; the task and the last carry.
@@ -152,7 +152,7 @@ def one_way(
     return run(arguments)[:2]
 
 
-def begin_all(
+def prepare_loop(
     numbers: MachineNumbers,
     flow: AbstractFlow,
     r: LoopArguments,
@@ -174,7 +174,7 @@ def begin_all(
     t0, span = r.t0, r.t1 - r.t0
     machine = prepare(numbers, jnp.where(span > 0, span, 1), (t0, r.x0, r.v0), can_stick=can_stick)
     flow = flow.prepare(machine)
-    max_steps = jnp.where(r.max_steps == OWN_BOUND, ample_steps(machine, span), r.max_steps)
+    max_steps = jnp.where(r.max_steps == AUTOMATIC_MAX_STEPS, default_max_steps(machine, span), r.max_steps)
     phase0 = machine.phase_at(t0)
     goals = jnp.concatenate([r.goals, r.t1[None]])
     goal_periods, goal_times = in_periods(machine, goals - t0)
@@ -193,7 +193,7 @@ def begin_all(
         goal=jnp.zeros(t0.shape, int),
         steps=jnp.zeros(t0.shape, int),
         is_finite=r.is_sound,
-        grazing=nothing_met(t0),
+        grazing=no_grazing(t0),
     )
     task = LoopTask(
         flow=flow,

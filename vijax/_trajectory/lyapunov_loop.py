@@ -7,13 +7,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import Reals, library_of
+from .._jax.arrays import Reals, array_namespace
 from .._jax.xla import AbstractTask, compile_lightly, while_any
-from .._machine.machine import OWN_BOUND, Machine, ample_steps, prepare
+from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, prepare
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State, start_period
-from .chunked import nothing_done
-from .loop import one_way
+from .chunked import empty_progress
+from .loop import run_without_derivatives
 from .solution import RESULTS
 from .step import initial_state
 from .tangent_frame import Tangents, advance_with, first_tangents
@@ -30,7 +30,7 @@ class ExponentRequest(eqx.Module):
         v0: velocities at the start, (n,).
         transient: number of periods before the counted ones.
         num_periods: number of counted periods.
-        max_steps: bound on the steps, `OWN_BOUND` for one by the rate of the machine.
+        max_steps: bound on the steps, `AUTOMATIC_MAX_STEPS` for one by the rate of the machine.
         is_sound: whether the start is valid; if not, no step is taken.
     """
 
@@ -130,7 +130,7 @@ def _begin(
     if so_far is not None:
         carry = jax.tree.map(lambda new, old: jnp.where(so_far.steps > 0, old, new), carry, so_far)
     span = (r.transient + r.num_periods) * machine.period
-    bound = jnp.where(r.max_steps == OWN_BOUND, ample_steps(machine, span), r.max_steps)
+    bound = jnp.where(r.max_steps == AUTOMATIC_MAX_STEPS, default_max_steps(machine, span), r.max_steps)
     last = bound if turns is None else jnp.minimum(bound, carry.steps + turns)
     return _Task(flow, machine, phase0, r.transient, r.num_periods, last), carry
 
@@ -145,12 +145,12 @@ def follow_some_growth(
     numbers: MachineNumbers, flow: AbstractFlow, request: ExponentRequest, so_far: Growth, turns: Reals
 ) -> tuple[Growth, Bool[Array, ""]]:
     """`follow_growth` for concrete numbers, some steps further; from the start if no step was taken."""
-    return _told(*one_way(_begin, (numbers, flow, request, so_far, turns)))
+    return _told(*run_without_derivatives(_begin, (numbers, flow, request, so_far, turns)))
 
 
 def no_growth(numbers: MachineNumbers, flow: AbstractFlow) -> Growth:
     """Input of the first call, in the shapes of the result of a call."""
-    left, size = nothing_done(numbers, flow), 2 * numbers.mass.shape[-1]
+    left, size = empty_progress(numbers, flow), 2 * numbers.mass.shape[-1]
     shapes = (size, size), (size,), (BLOCKS, size)
     frame, growth, totals = jax.device_put([np.zeros(shape, numbers.mass.dtype) for shape in shapes])
     return Growth(left.state, Tangents(frame, growth), totals, left.steps, left.is_finite)
@@ -171,7 +171,7 @@ def exponents(totals: Reals, num_periods: int, period: Reals) -> tuple[Reals, Re
         num_periods: number of periods in all.
         period: forcing period, (...).
     """
-    library = library_of(totals, period)
+    library = array_namespace(totals, period)
     count = _periods_of_blocks(num_periods)
     mean = totals.sum(axis=0) / (num_periods * period)
     is_erased = mean == -np.inf

@@ -12,22 +12,22 @@ from .._hybrid.sticking import can_any_stick
 from .._jax.arrays import (
     Count,
     Numbers,
-    as_far_as_known,
     as_float,
-    as_known,
-    at_once,
+    as_numpy_float,
+    check_values,
     concrete,
+    evaluate_eagerly,
     is_traced,
     whole_number,
 )
-from .._jax.errors import are_unfounded, checked, numbered
+from .._jax.errors import checked, none_true, number_of_doubts
 from .._jax.xla import padding_allowed
-from .._machine.machine import OWN_BOUND
+from .._machine.machine import AUTOMATIC_MAX_STEPS
 from .._system.checks import validate_start
 from .._system.system import ImpactSystem, with_args
 from .chunked import follow_known
 from .concrete_machine import known_machine
-from .loop import NO_PAUSE, LoopArguments
+from .loop import UNLIMITED_STEPS, LoopArguments
 from .single_call import CallSettings, run_single_call
 from .solution import RESULTS, Solution, result_sentences
 
@@ -130,9 +130,9 @@ def simulate_with(
     max_steps = bound_of_steps(settings.max_steps)
     if is_traced((system, args, flow, [t0, t1, ts, x0, v0], max_steps)):
         convert, known, system = as_float, None, with_args(system, args)
-        system = jax.tree.map(at_once(lambda a: a.astype(system.mass.dtype)), system)
+        system = jax.tree.map(evaluate_eagerly(lambda a: a.astype(system.mass.dtype)), system)
     else:
-        convert, known = as_known, known_machine(system, args)
+        convert, known = as_numpy_float, known_machine(system, args)
         system = known.system
     zeros = np.zeros(system.num_masses)
     begin, end = convert(t0, "t0"), convert(t1, "t1")
@@ -145,7 +145,7 @@ def simulate_with(
         raise ValueError(f"Argument `ts` must have shape (times,), but has shape {times.shape}.")
     stops = () if known and known.is_inside(x) else system.stops
     start = stops, system.forcing.frequency, begin, end, times, x, v
-    doubts = validate_start(*(start if known else as_far_as_known(start)))
+    doubts = validate_start(*(start if known else check_values(start)))
     can_stick = (known is not None and known.can_always_stick) or can_any_stick(system, x, v)
     request = LoopArguments(
         t0=begin,
@@ -157,8 +157,8 @@ def simulate_with(
         is_last=np.asarray(True),
         max_steps=max_steps,
         max_events=np.asarray(max_events),
-        max_turns=np.asarray(NO_PAUSE),
-        is_sound=are_unfounded(doubts),
+        max_turns=np.asarray(UNLIMITED_STEPS),
+        is_sound=none_true(doubts),
     )
     if known:
         motion = known.flow(flow, can_stick=can_stick)
@@ -172,12 +172,12 @@ def simulate_with(
         )
     if settings.allowed is None:
         return solution
-    return checked(solution, *numbered(doubts, *result_sentences(solution.result, settings.allowed)))
+    return checked(solution, *number_of_doubts(doubts, *result_sentences(solution.result, settings.allowed)))
 
 
 def bound_of_steps(max_steps: Any) -> Array | np.ndarray:
     """Bound on steps in the form that the loops take; may be traced."""
     if max_steps is None:
-        return np.asarray(OWN_BOUND)
+        return np.asarray(AUTOMATIC_MAX_STEPS)
     is_known = concrete(max_steps) is not None
     return np.asarray(whole_number("max_steps", max_steps)) if is_known else max_steps

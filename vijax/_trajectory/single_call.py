@@ -11,14 +11,14 @@ from jaxtyping import Array, Bool, Float
 
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED, Scalar
-from .._jax.errors import lock
+from .._jax.errors import checked_one
 from .._jax.xla import bounded_while_any, differentiable, not_constant, while_any
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.system import ImpactSystem
 from .batched import in_groups, one_by_one, to_all
 from .derivative_growth import warn_if_large, watch_closely
 from .event_log import Log
-from .loop import Carry, LoopArguments, LoopTask, begin_all, finish, one_way
+from .loop import Carry, LoopArguments, LoopTask, finish, prepare_loop, run_without_derivatives
 from .solution import RESULTS, Solution, result_sentences
 
 
@@ -76,8 +76,8 @@ def _follow_group(
 ) -> Solution:
     numbers, flow, request = arguments
     request = to_all(request, num_lanes)
-    prepare = partial(begin_all, room=asked.room, can_stick=asked.can_stick)
-    task, last = one_way(prepare, (numbers, flow, request), most=UNROLLED)
+    prepare = partial(prepare_loop, room=asked.room, can_stick=asked.can_stick)
+    task, last = run_without_derivatives(prepare, (numbers, flow, request), most=UNROLLED)
     written = lambda carry: (carry.log, carry.xs, carry.vs)  # noqa: E731
 
     def finish_one(lane: tuple[LoopTask, Carry, LoopArguments], rows: tuple[Log, Array, Array]) -> Solution:
@@ -96,7 +96,9 @@ def _run_whole(
     asked: CallSettings,
     loop: Callable,
 ) -> Solution:
-    task, carry = begin_all(_in_numbers(machine), flow, request, room=asked.room, can_stick=asked.can_stick)
+    task, carry = prepare_loop(
+        _in_numbers(machine), flow, request, room=asked.room, can_stick=asked.can_stick
+    )
     return finish(task, loop(task, carry), request, asked.room)
 
 
@@ -109,7 +111,7 @@ def run_for_log(
 ) -> tuple[Log, RESULTS, Float[Array, " state"]]:
     """Follow a trajectory without derivatives; its log, result code and end (x, v)."""
     request = jax.tree.map(jnp.asarray, request)
-    task, carry = begin_all(numbers, flow, request, room=room, can_stick=can_stick)
+    task, carry = prepare_loop(numbers, flow, request, room=room, can_stick=can_stick)
     last = while_any(task, carry)
     solution = finish(task, last, request, room)
     return last.log, solution.result, jnp.concatenate([solution.x1, solution.v1])
@@ -122,5 +124,5 @@ def factor_in_reverse(is_cut: Bool[Array, ""], *, raises: bool) -> Scalar:
         number, sentences = result_sentences(
             RESULTS.where(is_cut, RESULTS.max_reverse_steps_reached, RESULTS.successful)
         )
-        factor = factor * lock(number, sentences)
+        factor = factor * checked_one(number, sentences)
     return factor

@@ -15,11 +15,11 @@ from .._dataset_attributes import flags, variable_attributes, versions
 from .._flow.interface import AbstractFlow
 from .._flow.smooth_flow import coast
 from .._hybrid.limits import EVENT_NAMES
-from .._jax.arrays import Flag, Numbers, Reals, Scalar, concrete, is_traced, library_of
+from .._jax.arrays import Flag, Numbers, Reals, Scalar, array_namespace, concrete, is_traced
 from .._jax.errors import checked
 from .._jax.xla import compile_lightly, padding_allowed
-from .._machine.machine import Machine, in_periods, resting_state
-from .._machine.state import remembering
+from .._machine.machine import Machine, in_periods, state_before_contact
+from .._machine.state import with_memory
 from .._printing import as_html, as_text, describe_solution
 from .event_log import EventLog, Restarts
 from .grazing import Grazing
@@ -66,7 +66,7 @@ def result_sentences(result: Any, allowed: Sequence[Any] = ()) -> tuple[Reals, l
     known = concrete(result._value)
     number = result._value if known is None else known
     for one in allowed:
-        number = library_of(number).where(number == np.asarray(one._value), 0, number)
+        number = array_namespace(number).where(number == np.asarray(one._value), 0, number)
     return number, [*_sentences(result._enumeration)]
 
 
@@ -249,7 +249,7 @@ _TIMES = 256
 
 def _is_outside(solution: Solution, times: Reals) -> Flag | np.bool_:
     """True if any time lies outside the simulated span by more than rounding."""
-    library = library_of(times)
+    library = array_namespace(times)
     t0, t1 = (library.asarray(a)[..., None] for a in (solution.t0, solution.t1))
     slack = 8 * np.finfo(times.dtype).eps * library.maximum(abs(t0), abs(t1))
     t = times.reshape((1,) * solution.t1.ndim + (-1,))
@@ -331,9 +331,9 @@ def _from_restart(
     max_steps: Reals,
 ) -> tuple[Array, Array, Array]:
     """Follow the smooth motion from an event to a time before the next."""
-    state = resting_state(machine, start.phase, start.x, start.v, start.held)
+    state = state_before_contact(machine, start.phase, start.x, start.v, start.held)
     state = eqx.tree_at(lambda s: (s.periods, s.time), state, (start.periods, start.time))
-    state = remembering(state, flow.memory(state.time))
+    state = with_memory(state, flow.memory(state.time))
     # At a logged event time the state is the logged one to the last bit.
     then, here = in_periods(machine, t - t0), (start.periods, start.time)
     periods, time = (jnp.where(t == start.t, a, b) for a, b in zip(here, then, strict=True))

@@ -14,10 +14,10 @@ from .._flow.exact_step import fly
 from .._flow.interface import AbstractFlow, Flight
 from .._hybrid import coupled_impacts, diagonal_impacts
 from .._hybrid.transition import Instant
-from .._jax.arrays import Scalar, not_negative
+from .._jax.arrays import Scalar, clip_to_zero
 from .._jax.xla import compute_once
 from .._machine.machine import Machine
-from .._machine.state import State, remembering
+from .._machine.state import State, with_memory
 
 
 def initial_state(
@@ -31,7 +31,7 @@ def initial_state(
     """State of a trajectory before its first step."""
     law = coupled_impacts if machine.contacts.is_coupled else diagonal_impacts
     first = law.first_state(machine, phase, x, v, t0)
-    return remembering(first, flow.memory(first.time))
+    return with_memory(first, flow.memory(first.time))
 
 
 def advance(
@@ -60,7 +60,7 @@ def flight_to(
     flow: AbstractFlow, machine: Machine, state: State, target: Scalar, resolution: Scalar
 ) -> Flight:
     """First half of `advance`: the flight, before the transition at its end."""
-    remaining = not_negative((target - state.time) - state.time_low)
+    remaining = clip_to_zero((target - state.time) - state.time_low)
     return fly(flow, machine, state, remaining, resolution)
 
 

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
-from .._jax.arrays import Numbers, as_float, at_once, whole_number
+from .._jax.arrays import Numbers, as_float, evaluate_eagerly, whole_number
 from .._system.contact import Contact
 from .._system.forcing import Harmonic
 from .._system.stop import Stop
@@ -140,7 +140,7 @@ def ball_between_walls(
     return ImpactSystem(as_float(mass)[None], [[0.0]], [[0.0]], Harmonic([0.0], frequency), walls)
 
 
-@at_once
+@evaluate_eagerly
 def bead_column(
     frequency: ArrayLike = 1.0,
     amplitude: ArrayLike | None = None,

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._jax.arrays import as_float, at_once, whole_number
+from .._jax.arrays import as_float, evaluate_eagerly, whole_number
 from .._system.forcing import Harmonic
 from .._system.stop import Stop
 from .._system.system import ImpactSystem
@@ -16,7 +16,7 @@ _MASS = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13,
 _STIFFNESS = np.array([[12.0, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])
 
 
-@at_once
+@evaluate_eagerly
 def cantilever(
     frequency: ArrayLike,
     amplitude: ArrayLike = 1.0,

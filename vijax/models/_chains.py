@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
-from .._jax.arrays import as_float, at_once, whole_number
+from .._jax.arrays import as_float, evaluate_eagerly, whole_number
 from .._system.forcing import Harmonic
 from .._system.stop import Stop
 from .._system.system import ImpactSystem, chain
@@ -61,7 +61,7 @@ def wagg_bishop_b(frequency: ArrayLike, amplitude: ArrayLike = 0.5) -> ImpactSys
     return _two_masses(frequency, amplitude, stops)
 
 
-@at_once
+@evaluate_eagerly
 def uniform_chain(
     frequency: ArrayLike,
     amplitude: ArrayLike = 0.3,

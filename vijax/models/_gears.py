@@ -3,13 +3,13 @@
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
-from .._jax.arrays import Numbers, as_float, at_once
+from .._jax.arrays import Numbers, as_float, evaluate_eagerly
 from .._system.contact import Contact
 from .._system.forcing import Harmonic
 from .._system.system import ImpactSystem
 
 
-@at_once
+@evaluate_eagerly
 def gear_pair(
     frequency: ArrayLike,
     amplitude: ArrayLike,

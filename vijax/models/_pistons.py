@@ -3,13 +3,13 @@
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
-from .._jax.arrays import Numbers, as_float, at_once
+from .._jax.arrays import Numbers, as_float, evaluate_eagerly
 from .._system.contact import Contact
 from .._system.forcing import Harmonic
 from .._system.system import ImpactSystem
 
 
-@at_once
+@evaluate_eagerly
 def multi_piston(
     frequency: ArrayLike = 1.0,
     amplitudes: Numbers = (0.12, 0.24),

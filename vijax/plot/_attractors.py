@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from ._axes import legend_beside
 from ._cloud import MARKERS
 from ._colors import ink, with_lightness
-from ._motions import HATCHES, heading, not_known, other
+from ._motions import HATCHES, color_of_other, color_of_unknown, legend_title
 
 # Hues after Okabe and Ito, distinguishable by colour-blind readers.
 _HUES = ("#0072b2", "#e69f00", "#009e73", "#f0e442", "#cc79a7", "#d55e00", "#56b4e9", "#7f4fc9")
@@ -67,14 +67,14 @@ def add_legend(
             [], [], linestyle="none", marker=MARKERS[k], color="black", markeredgecolor="white", markersize=6
         )
         handles.append((_patch(COLORS[k]), one) if is_marked else (_patch(COLORS[k]),))
-    plain = {"other": (_patch(other()),)} if has_other else {}
-    plain |= {"not known": (_patch(not_known(), HATCH),)} if has_unknown else {}
+    plain = {"other": (_patch(color_of_other()),)} if has_other else {}
+    plain |= {"not known": (_patch(color_of_unknown(), HATCH),)} if has_unknown else {}
     legend_beside(
         ax,
         handles=[*handles, *plain.values()],
         labels=[*words, *plain],
         handler_map={tuple: HandlerTuple(ndivide=None)},
-        title=f"{heading(ds)},\nand share of the starts",
+        title=f"{legend_title(ds)},\nand share of the starts",
     )
 
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 Sweeps = xr.Dataset | Mapping[str, xr.Dataset]
 
 
-def new_axes() -> Axes:
+def create_axes() -> Axes:
     """Create axes in a new figure."""
     return plt.subplots(layout="constrained")[1]
 
@@ -34,7 +34,7 @@ def column_of_axes(ax: Axes | Sequence[Axes] | np.ndarray | None, rows: int) -> 
     return given
 
 
-def by_name(ds: Sweeps, style: dict[str, Any]) -> dict[str, xr.Dataset]:
+def named_datasets(ds: Sweeps, style: dict[str, Any]) -> dict[str, xr.Dataset]:
     """The datasets to draw by name; a single one is named by the `label` of the style, if any."""
     named = {style.pop("label", ""): ds} if isinstance(ds, xr.Dataset) else dict(ds)
     if not named:
@@ -42,24 +42,24 @@ def by_name(ds: Sweeps, style: dict[str, Any]) -> dict[str, xr.Dataset]:
     return named
 
 
-def once(ax: Axes, words: str) -> str | None:
+def label_if_new(ax: Axes, words: str) -> str | None:
     """A label for the legend; None if the legend has it already."""
     return None if words in ax.get_legend_handles_labels()[1] else words
 
 
-def span_so_far(ax: Axes) -> tuple[float, ...]:
+def current_xlim(ax: Axes) -> tuple[float, ...]:
     """Limits of the x axis; empty if the axes have no data."""
     return ax.get_xlim() if ax.has_data() else ()
 
 
-def span_of_values(ax: Axes, values: np.ndarray, so_far: tuple[float, ...]) -> None:
+def extend_xlim(ax: Axes, values: np.ndarray, so_far: tuple[float, ...]) -> None:
     """Set the x axis to span the values and its earlier limits."""
     first, last = min([*so_far, values.min()]), max([*so_far, values.max()])
     if first < last:
         ax.set_xlim(first, last)
 
 
-def span_of_phase(set_limits, set_ticks, origin: float = 0.0) -> None:
+def set_phase_axis(set_limits, set_ticks, origin: float = 0.0) -> None:
     """Set an axis to span one forcing period, with ticks at its quarters."""
     set_limits(origin, origin + 2 * np.pi)
     quarters = np.arange(np.ceil(2 * origin / np.pi - 1e-9), np.floor(2 * origin / np.pi + 4 + 1e-9) + 1)

@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
 from ._attractors import COLORS, HATCH, add_legend, check_count, draw_marks
-from ._axes import new_axes
+from ._axes import create_axes
 from ._labels import Units
 from ._mesh import check_plane, draw_mesh, hatch
-from ._motions import not_known, other, words_of_motion
+from ._motions import color_of_other, color_of_unknown, label_of_motion
 
 # (largest count, marker size): large for the few points of a cycle, small for a cloud.
 _SIZES = ((20, 6.0), (100, 4.0), (np.inf, 2.0))
@@ -62,16 +62,16 @@ def basins(
     _check(basins, max_attractors)
     right, up = map(str, basins["label"].dims)
     basins = basins.sortby([right, up])
-    ax = new_axes() if ax is None else ax
+    ax = create_axes() if ax is None else ax
     count = min(max_attractors, basins.sizes["attractor"])
     codes = basins["label"].values
     codes = np.where(codes >= count, count, codes)
-    colors = ListedColormap([not_known(), *COLORS[:count], other()])
+    colors = ListedColormap([color_of_unknown(), *COLORS[:count], color_of_other()])
     mesh = draw_mesh(ax, basins["label"], codes, units, style, cmap=colors, vmin=-1.5, vmax=count + 0.5)
     ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # attractors may lie far outside
     has_mark = [points and _draw_section(ax, basins.isel(attractor=k), right, up, k) for k in range(count)]
     named = [basins.isel(attractor=k) for k in range(count)]
-    words = [f"{words_of_motion(one)}, {100 * float(one.share):.3g} %" for one in named]
+    words = [f"{label_of_motion(one)}, {100 * float(one.share):.3g} %" for one in named]
     has_other, is_unknown = bool((codes == count).any()), codes < 0
     hatch(ax, mesh, is_unknown.T, HATCH)
     add_legend(ax, basins, words, has_mark, has_other=has_other, has_unknown=bool(is_unknown.any()))

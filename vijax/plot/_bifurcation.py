@@ -10,19 +10,19 @@ from matplotlib.axes import Axes
 from .._sweep.outcomes import warn_of_endings
 from ._axes import (
     Sweeps,
-    by_name,
     check_index,
     column_of_axes,
+    current_xlim,
+    extend_xlim,
+    label_if_new,
     legend_above,
-    once,
-    span_of_phase,
-    span_of_values,
-    span_so_far,
+    named_datasets,
+    set_phase_axis,
 )
-from ._colors import faded, ink, lightness_of, of_curves, of_points, styled
+from ._colors import curve_colors, faded, ink, lightness_of, merge_style, point_colors
 from ._contacts import name_of
 from ._labels import ANGLE, VELOCITY, Units, axis_label, swept_quantity, with_unit
-from ._orbits import STABLE, UNKNOWN, UNSTABLE, OrbitsLike, as_sweep, list_of, stability_of
+from ._orbits import STABLE, UNKNOWN, UNSTABLE, OrbitsLike, as_sweep, list_of_orbits, stability_of
 
 ORDINATES = {
     "velocity": ("impact_velocity", "Velocity $v^-$ before impact\nat {}", VELOCITY),
@@ -35,7 +35,7 @@ ORDINATES = {
 }
 _OF_CONTACT = "Speed of approach before impact\nat {}"
 # Drawing order: the small points of the sweep up over the large ones of the sweep down, dark in light where both agree.
-_WAYS = ("down", "up")
+_DIRECTIONS = ("down", "up")
 # Marker sizes: sweep down, single sweep, sweep up, separate orbits.
 _LARGE, _MIDDLE, _SMALL, _OVER = 4.0, 2.0, 1.8, 3.0
 # Number of swept values whose points of these sizes join into a line, and the largest factor of the sizes for fewer.
@@ -123,7 +123,7 @@ def bifurcation(
     References:
         Wagg & Bishop (2004), Figs. 4 and 7.
     """
-    sweeps = by_name(ds, style)
+    sweeps = named_datasets(ds, style)
     path, num_stops = _common(list(sweeps.values()), ordinate)
     check_index("stop", 0 if stop is None else stop, num_stops)
     stops = range(num_stops) if stop is None else [stop]
@@ -131,16 +131,16 @@ def bifurcation(
     column = column_of_axes(ax, len(stops))
     masses = next(iter(sweeps.values()))["stop_mass"].values
     for j, panel in zip(stops, column, strict=True):
-        so_far = span_so_far(panel)
+        so_far = current_xlim(panel)
         for layer in layers:
             _draw_impacts(layer, path, j, ordinate, panel, style)
         panel.set_ylabel(label_of_impacts(ordinate, j, masses, units))
         if ordinate == "phase":
-            span_of_phase(panel.set_ylim, panel.set_yticks)
+            set_phase_axis(panel.set_ylim, panel.set_yticks)
         else:
             panel.axhline(0, color="0.7", linewidth=0.8, zorder=0)
         values = np.concatenate([layer.ds[path].values.ravel() for layer in layers])
-        span_of_values(panel, values, so_far)
+        extend_xlim(panel, values, so_far)
     _draw_legend(layers, column[0])
     column[-1].set_xlabel(axis_label(path, units))
     return column if stop is None else column[0]
@@ -194,33 +194,36 @@ def _layers(sweeps: dict[str, xr.Dataset], path: str, orbits: OrbitsLike) -> lis
         ((name, ds),) = sweeps.items()
         sweeps, over = {name: ds.assign(stability=stability_of(ds, orbits))}, []
     else:
-        found = list_of(orbits)
+        found = list_of_orbits(orbits)
         num_stops = next(iter(sweeps.values())).sizes["stop"]
         over = [_Layer(as_sweep(found, path, num_stops), "", ink(), _OVER, False)] if found else []
         sweeps = {
             name: ds.assign(stability=xr.full_like(ds["result"], UNKNOWN)) for name, ds in sweeps.items()
         }
-    colors = of_points(len(sweeps)) if len(sweeps) > 1 else [ink()]
+    colors = point_colors(len(sweeps)) if len(sweeps) > 1 else [ink()]
     layers = [
-        _of_sweep(ds, path, name, color) for (name, ds), color in zip(sweeps.items(), colors, strict=True)
+        _layers_of_sweep(ds, path, name, color)
+        for (name, ds), color in zip(sweeps.items(), colors, strict=True)
     ]
     return [one for of_sweep in layers for one in of_sweep] + over
 
 
-def _of_sweep(ds: xr.Dataset, path: str, name: str, color: Any) -> list[_Layer]:
+def _layers_of_sweep(ds: xr.Dataset, path: str, name: str, color: Any) -> list[_Layer]:
     """The layers of one sweep: two if it runs up and down."""
     larger = float(np.clip(_LINE / ds["result"].sizes[path], 1.0, _LARGER))
     if "direction" not in ds["result"].dims:
         return [_Layer(ds, name or "swept", color, larger * _MIDDLE)]
     colors = {"down": faded(color, 0.5) if name else _beside_ink(), "up": color}
-    sizes = dict(zip(_WAYS, (larger * _LARGE, larger * _SMALL), strict=True))
+    sizes = dict(zip(_DIRECTIONS, (larger * _LARGE, larger * _SMALL), strict=True))
     before = f"{name}, " if name else ""
-    return [_Layer(ds.sel(direction=way), f"{before}swept {way}", colors[way], sizes[way]) for way in _WAYS]
+    return [
+        _Layer(ds.sel(direction=way), f"{before}swept {way}", colors[way], sizes[way]) for way in _DIRECTIONS
+    ]
 
 
 def _beside_ink() -> str:
     """A colour of the style that differs from the ink in greyscale too."""
-    color = of_curves(2)[1][:3]
+    color = curve_colors(2)[1][:3]
     far = abs(lightness_of(color) - lightness_of(ink())) > _APART
     return faded(color, 1.0 if far else _LEFT)
 
@@ -243,7 +246,7 @@ def _draw_points(
     ax: Axes, x: np.ndarray, y: np.ndarray, stability: int, layer: _Layer, style: dict[str, Any], words: str
 ) -> None:
     marker, larger, edge, _ = _MARKS[stability]
-    color = styled(style).get("color", layer.color)
+    color = merge_style(style).get("color", layer.color)
     own = {
         "linestyle": "none",
         "marker": marker,
@@ -253,7 +256,7 @@ def _draw_points(
         "color": color,
         "rasterized": True,
     }
-    ax.plot(x, y, label=words, **styled(style, **own))
+    ax.plot(x, y, label=words, **merge_style(style, **own))
 
 
 def _draw_legend(layers: list[_Layer], ax: Axes) -> None:
@@ -261,7 +264,7 @@ def _draw_legend(layers: list[_Layer], ax: Axes) -> None:
     present = np.concatenate([layer.ds["stability"].values.ravel() for layer in layers])
     sample = layers[0]._replace(color=ink(), size=min(layer.size for layer in layers if layer.is_swept))
     for stability in (STABLE, UNSTABLE):
-        if stability in present and (words := once(ax, _MARKS[stability][-1])):
+        if stability in present and (words := label_if_new(ax, _MARKS[stability][-1])):
             _draw_points(ax, np.empty(0), np.empty(0), stability, sample, {}, words)
     if len(ax.get_legend_handles_labels()[0]) > 1:
         legend_above(ax, markerscale=_IN_LEGEND / sample.size)

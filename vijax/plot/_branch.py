@@ -14,11 +14,11 @@ from .._system.description import build_from
 from .._system.force_description import NAMED_FORCE
 from .._system.parameters import is_of_force, set_parameter
 from .._system.system import ImpactSystem
-from ._axes import check_index, column_of_axes, legend_beside, once, span_of_values, span_so_far
+from ._axes import check_index, column_of_axes, current_xlim, extend_xlim, label_if_new, legend_beside
 from ._bifurcation import bifurcation, label_of_impacts
-from ._colors import faded, ink, of_curves, styled
+from ._colors import curve_colors, faded, ink, merge_style
 from ._contacts import name_of
-from ._impact_lines import OrbitImpacts, followed
+from ._impact_lines import OrbitImpacts, impact_lines
 from ._labels import Units, axis_label
 
 _STABILITY = {True: ("-", "stable"), False: ((0, (3.0, 1.5)), "unstable")}
@@ -115,20 +115,20 @@ def branch(
     column = column_of_axes(ax, len(stops))
     values = [one.values for one in several] + ([] if ds is None else [ds[path].values.ravel()])
     for j, panel in zip(stops, column, strict=True):
-        so_far = span_so_far(panel)
+        so_far = current_xlim(panel)
         panel.axhline(0, color="0.7", linewidth=0.8, zorder=0)
         if ds is not None:
             _draw_light(ds, j, panel)
         _draw_curves(curves[j], panel, style)
         _draw_marks(curves[j], panel)
-        span_of_values(panel, np.concatenate(values), so_far)
+        extend_xlim(panel, np.concatenate(values), so_far)
         panel.set_xlabel(axis_label(path, units) if panel is column[-1] else "")
         panel.set_ylabel(label_of_impacts("velocity", j, masses, units))
     _draw_legend(column)
     return column if stop is None else column[0]
 
 
-def words_of(kind: str) -> str:
+def label_of_kind(kind: str) -> str:
     """Legend label of a kind of bifurcation or special point."""
     return _WORDS.get(kind, kind.replace("_", " ").replace("+", " and "))
 
@@ -191,7 +191,9 @@ def _curves(branch: Branch, stop: int) -> _Curves:
     sign = _system(points).stops[stop].sign
     lines = [
         (np.array(numbers), sign * np.array(velocities))
-        for numbers, velocities in followed(list(_impacts(points, stop)), kinds, points.attrs["num_periods"])
+        for numbers, velocities in impact_lines(
+            list(_impacts(points, stop)), kinds, points.attrs["num_periods"]
+        )
     ]
     return _Curves(points[branch.path].values, kinds, is_stable[:-1] & is_stable[1:], lines)
 
@@ -232,18 +234,18 @@ def _joined(curves: _Curves, is_stable: bool) -> tuple[np.ndarray, np.ndarray]:
 
 def _draw_curves(curves: list[_Curves], ax: Axes, style: dict[str, Any]) -> None:
     """Draw all lines, solid where orbits are stable, and their legend entries."""
-    colors = of_curves(len(curves)) if len(curves) > 1 else [ink()]
+    colors = curve_colors(len(curves)) if len(curves) > 1 else [ink()]
     name = style.get("label", "")
     style = {key: value for key, value in style.items() if key != "label"}
     for k, (one, color) in enumerate(zip(curves, colors, strict=True)):
-        look = styled(style, color=color, linewidth=1.2)
+        look = merge_style(style, color=color, linewidth=1.2)
         words = ", ".join(filter(None, (name, f"branch {k}" if len(curves) > 1 else "")))
         if words:
             ax.plot([], [], label=words, **look)
         for is_stable, (stroke, _) in _STABILITY.items():
             ax.plot(*_joined(one, is_stable), **{"linestyle": stroke} | look)
     for is_stable, (stroke, words) in _STABILITY.items():
-        if any(_joined(one, is_stable)[0].size for one in curves) and (words := once(ax, words)):
+        if any(_joined(one, is_stable)[0].size for one in curves) and (words := label_if_new(ax, words)):
             ax.plot([], [], linestyle=stroke, color=ink(), linewidth=1.2, label=words)
 
 
@@ -267,7 +269,7 @@ def _draw_marks(curves: list[_Curves], ax: Axes) -> None:
                 markerfacecolor=ink("white", "black"),
                 markeredgewidth=1.0,
                 color=ink(),
-                label=once(ax, words_of(kind)),
+                label=label_if_new(ax, label_of_kind(kind)),
                 zorder=3,
             )
 

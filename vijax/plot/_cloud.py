@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ._axes import legend_above
-from ._colors import ink, of_curves, styled
+from ._colors import curve_colors, ink, merge_style
 
 MARKERS = "os^Dv<>p"
 # (largest count, marker size).
@@ -30,11 +30,11 @@ def draw_clouds(ax: Axes, clouds: list[Cloud], style: dict[str, Any]) -> None:
     count = sum(len(cloud.x) for cloud in clouds)
     many, size = len(clouds) > 1, next(size for most, size in _SIZES if count <= most)
     for (name, x, y), color, marker in zip(
-        clouds, of_curves(len(clouds)), MARKERS * len(clouds), strict=False
+        clouds, curve_colors(len(clouds)), MARKERS * len(clouds), strict=False
     ):
         look = {"color": color, "marker": marker} if many else {"color": ink(), "marker": "o"}
         marks = {"linestyle": "none", "markersize": size, "markeredgewidth": 0, "alpha": _alpha(x, y)}
-        ax.plot(x, y, **styled(style, rasterized=True, label=name, **marks, **look))
+        ax.plot(x, y, **merge_style(style, rasterized=True, label=name, **marks, **look))
     if many or "label" in style:
         legend_above(ax, markerscale=7 / size)
 

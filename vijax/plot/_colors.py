@@ -12,16 +12,16 @@ from matplotlib.lines import Line2D
 from matplotlib.markers import MarkerStyle
 
 # Line styles of curves whose colours are too close in greyscale.
-STROKES = ("-", (0, (6, 1.5)), (0, (4, 1, 1, 1)), (0, (2, 1)))
+LINE_STYLES = ("-", (0, (6, 1.5)), (0, (4, 1, 1, 1)), (0, (2, 1)))
 # Weights of red, green and blue in greyscale.
 _LIGHTNESS = np.array([0.299, 0.587, 0.114])
 # Least difference of distinguishable greys, 0 for black and 1 for white.
-_TOLD_APART = 0.15
+_LEAST_CONTRAST = 0.15
 # Darkest and lightest colour of points that differ in lightness.
 _LADDER = (0.1, 0.75)
 
 
-def styled(style: Mapping[str, Any], kind: type[Artist] = Line2D, /, **own: Any) -> dict[str, Any]:
+def merge_style(style: Mapping[str, Any], kind: type[Artist] = Line2D, /, **own: Any) -> dict[str, Any]:
     """Properties for matplotlib: the user's, under any alias, over our defaults `own`."""
     given = cbook.normalize_kwargs(dict(style), kind)
     if not MarkerStyle(given.get("marker") or "o").is_filled():
@@ -29,15 +29,15 @@ def styled(style: Mapping[str, Any], kind: type[Artist] = Line2D, /, **own: Any)
     return own | given
 
 
-def of_curves(count: int) -> np.ndarray:
+def curve_colors(count: int) -> np.ndarray:
     """The first colours of the current style, repeated if it has fewer, (count, 4)."""
     cycle = [to_rgb(one) for one in plt.rcParams["axes.prop_cycle"].by_key().get("color", ["C0"])]
     return np.array([(*cycle[k % len(cycle)], 1.0) for k in range(count)]).reshape(-1, 4)
 
 
-def of_points(count: int) -> np.ndarray:
+def point_colors(count: int) -> np.ndarray:
     """Colours of small points: those of the style, with new lightness if they are too close in greyscale."""
-    colors = of_curves(count)
+    colors = curve_colors(count)
     if _are_apart(colors):
         return colors
     ladder = np.linspace(_LADDER[0], _LADDER[1], count)
@@ -48,7 +48,7 @@ def of_points(count: int) -> np.ndarray:
     return colors
 
 
-def of_order(count: int) -> np.ndarray:
+def ordered_colors(count: int) -> np.ndarray:
     """Colours of an ordered series, dark to light, or light to dark on a dark background."""
     ends = (1.0, 0.4) if is_dark() else (0.0, 0.75)
     return plt.get_cmap(plt.rcParams["image.cmap"])(np.linspace(*ends, count))
@@ -85,16 +85,16 @@ def is_dark() -> bool:
     return lightness_of(plt.rcParams["axes.facecolor"]) < 0.5
 
 
-def looks_of(count: int, style: Mapping[str, Any]) -> list[tuple[np.ndarray, Any]]:
+def curve_styles(count: int, style: Mapping[str, Any]) -> list[tuple[np.ndarray, Any]]:
     """Colours and line styles of curves, all solid if the colours differ in greyscale."""
-    color = styled(style).get("color")
-    colors = of_curves(count) if color is None else to_rgba_array([color] * count)
+    color = merge_style(style).get("color")
+    colors = curve_colors(count) if color is None else to_rgba_array([color] * count)
     of_style = plt.rcParams["axes.prop_cycle"].by_key().get("linestyle")
-    strokes = of_style or (STROKES[:1] if _are_apart(colors) else STROKES)
+    strokes = of_style or (LINE_STYLES[:1] if _are_apart(colors) else LINE_STYLES)
     return [(own, strokes[k % len(strokes)]) for k, own in enumerate(colors)]
 
 
 def _are_apart(colors: np.ndarray) -> bool:
     """True where all colours differ in greyscale."""
     greys = np.sort([lightness_of(color[:3]) for color in colors])
-    return bool(np.all(np.diff(greys) >= _TOLD_APART))
+    return bool(np.all(np.diff(greys) >= _LEAST_CONTRAST))

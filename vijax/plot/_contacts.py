@@ -27,7 +27,7 @@ def masses_of(sol: Solution, number: int) -> list[int]:
     return np.flatnonzero(row_of(sol, number)).tolist()
 
 
-def masses_moved_by(sol: Solution, number: int) -> list[int]:
+def masses_with_jump(sol: Solution, number: int) -> list[int]:
     """The masses whose velocities jump at an impact: with a full mass matrix also masses it does not act on."""
     return np.flatnonzero(np.asarray(sol.machine.contacts.freed(jnp.asarray(row_of(sol, number))))).tolist()
 

@@ -7,9 +7,9 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from ._axes import legend_beside, new_axes, once
-from ._branch import MARKERS, OTHER, words_of
-from ._colors import ink, looks_of, styled
+from ._axes import create_axes, label_if_new, legend_beside
+from ._branch import MARKERS, OTHER, label_of_kind
+from ._colors import curve_styles, ink, merge_style
 from ._labels import Units, axis_label
 
 
@@ -47,13 +47,13 @@ def curves(
     several = [curves] if isinstance(curves, xr.Dataset) else list(curves)
     right, up = _plane(several)
     kinds = list(dict.fromkeys(str(one.attrs["kind"]) for one in several))
-    looks = dict(zip(kinds, looks_of(len(kinds), style), strict=True))
-    ax = new_axes() if ax is None else ax
+    looks = dict(zip(kinds, curve_styles(len(kinds), style), strict=True))
+    ax = create_axes() if ax is None else ax
     for one in several:
         kind = str(one.attrs["kind"])
         color, stroke = looks[kind]
-        words = once(ax, words_of(kind))
-        look = styled(style, color=color, linestyle=stroke, linewidth=1.4, label=words)
+        words = label_if_new(ax, label_of_kind(kind))
+        look = merge_style(style, color=color, linestyle=stroke, linewidth=1.4, label=words)
         ax.plot(one[right].values, one[up].values, **look)
     _mark(several, right, up, ax)
     ax.set_xlabel(axis_label(right, units))
@@ -87,6 +87,6 @@ def _mark(several: list[xr.Dataset], right: str, up: str, ax: Axes) -> None:
             markersize=7.0,
             markerfacecolor=ink("white", "black"),
             color=ink(),
-            label=once(ax, words_of(name)),
+            label=label_if_new(ax, label_of_kind(name)),
             zorder=3,
         )

@@ -19,7 +19,7 @@ class OrbitImpacts(NamedTuple):
     carried: np.ndarray
 
 
-def followed(
+def impact_lines(
     impacts: list[OrbitImpacts], kinds: np.ndarray, num_periods: int
 ) -> list[tuple[list[int], list[float]]]:
     """For each impact, its point numbers and velocities from where it appears to where it disappears."""

@@ -11,7 +11,7 @@ from .._hybrid.limits import IMPACT
 from .._orbits.orbit import PeriodicOrbit
 from .._sweep.outcomes import warn_of_endings
 from .._trajectory.solution import Solution
-from ._axes import check_index, check_one_machine, new_axes, span_of_phase
+from ._axes import check_index, check_one_machine, create_axes, set_phase_axis
 from ._cloud import Cloud, draw_clouds
 from ._contacts import name_of
 from ._labels import ANGLE, VELOCITY, Units, with_unit
@@ -69,11 +69,11 @@ def impact_map(
     clouds, words = _clouds(sol_or_ds, stop)
     phases = np.concatenate([one.x for one in clouds])
     begin = _origin(phases) if origin is None else float(origin)
-    ax = new_axes() if ax is None else ax
+    ax = create_axes() if ax is None else ax
     turned = [one._replace(x=begin + np.mod(one.x - begin, 2 * np.pi)) for one in clouds]
     draw_clouds(ax, turned, style)
     ax.axhline(0, color="0.7", linewidth=0.8, zorder=0)
-    span_of_phase(ax.set_xlim, ax.set_xticks, begin)
+    set_phase_axis(ax.set_xlim, ax.set_xticks, begin)
     ax.set_xlabel(with_unit(r"Phase $\varphi$ of impact", ANGLE, units))
     ax.set_ylabel(with_unit(words, VELOCITY, units))
     return ax

@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from ._axes import Sweeps, by_name, new_axes, span_of_values, span_so_far
-from ._colors import looks_of, of_curves, styled
+from ._axes import Sweeps, create_axes, current_xlim, extend_xlim, named_datasets
+from ._colors import curve_colors, curve_styles, merge_style
 from ._labels import RATE, Units, axis_label, with_unit
 from ._plane import plane
 
@@ -43,11 +43,11 @@ def lyapunov(ds: Sweeps, *, units: Units | None = None, ax: Axes | None = None, 
         ax = vx.plot.lyapunov(ds)
         ```
     """
-    sweeps = by_name(ds, style)
+    sweeps = named_datasets(ds, style)
     paths = [_paths(one) for one in sweeps.values()]
     if len(sweeps) > 1 and (len(paths[0]) > 1 or any(path != paths[0] for path in paths)):
         raise ValueError(f"Exponents are drawn together over one quantity, but these are over {paths}.")
-    ax = new_axes() if ax is None else ax
+    ax = create_axes() if ax is None else ax
     if len(paths[0]) == 1:
         _lines(sweeps, paths[0][0], ax, style)
         ax.set_ylabel(with_unit(_WORDS, RATE, units))
@@ -72,7 +72,7 @@ def _paths(ds: xr.Dataset) -> list[str]:
 
 def _lines(sweeps: dict[str, xr.Dataset], path: str, ax: Axes, style: dict[str, Any]) -> None:
     """Draw a curve for each exponent of each sweep."""
-    so_far, values = span_so_far(ax), []
+    so_far, values = current_xlim(ax), []
     for k, (name, ds) in enumerate(sweeps.items()):
         ordered = ds.sortby(path)
         exponents, error = (
@@ -80,16 +80,16 @@ def _lines(sweeps: dict[str, xr.Dataset], path: str, ax: Axes, style: dict[str, 
             for one in ("lyapunov_exponents", "lyapunov_error")
         )
         values.append(ordered[path].values)
-        of_sweep = {"color": of_curves(len(sweeps))[k]} if len(sweeps) > 1 else {}
-        for i, (color, stroke) in enumerate(looks_of(len(exponents), of_sweep | style)):
+        of_sweep = {"color": curve_colors(len(sweeps))[k]} if len(sweeps) > 1 else {}
+        for i, (color, stroke) in enumerate(curve_styles(len(exponents), of_sweep | style)):
             words = ", ".join(filter(None, (name, f"$\\lambda_{{{i + 1}}}$")))
-            look = styled(style, color=color, linestyle=stroke, linewidth=1.2, label=words)
+            look = merge_style(style, color=color, linestyle=stroke, linewidth=1.2, label=words)
             known = np.where(np.isfinite(exponents[i]), exponents[i], np.nan)
             (line,) = ax.plot(values[-1], known, **look)
             band = {"color": line.get_color(), "alpha": 0.25, "linewidth": 0}
             ax.fill_between(values[-1], known - 2 * error[i], known + 2 * error[i], **band)
     ax.axhline(0, color="0.5", linewidth=0.8, zorder=0)
-    span_of_values(ax, np.concatenate(values), so_far)
+    extend_xlim(ax, np.concatenate(values), so_far)
     ax.legend(loc="best", ncols=2, frameon=False)
 
 

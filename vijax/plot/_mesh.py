@@ -7,7 +7,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection, QuadMesh
 
-from ._colors import ink, styled
+from ._colors import ink, merge_style
 from ._labels import Units, axis_label
 
 
@@ -42,7 +42,7 @@ def draw_mesh(
         own: default properties, such as the colours of the numbers.
     """
     right, up = map(str, values.dims)
-    look = styled(style, QuadMesh, shading="nearest", rasterized=True, **own)
+    look = merge_style(style, QuadMesh, shading="nearest", rasterized=True, **own)
     mesh = ax.pcolormesh(values[right].values, values[up].values, numbers.T, **look)
     ax.set(xlabel=axis_label(right, units), ylabel=axis_label(up, units))
     return mesh

@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
-from ._colors import ink, is_dark, of_curves, with_lightness
+from ._colors import curve_colors, ink, is_dark, with_lightness
 from ._mesh import check_plane
 
 # Kinds that repeat, subdivided by impacts and periods.
@@ -16,7 +16,7 @@ _WORDS = {"non_impacting": "no impact", "non_periodic": "non-periodic", "not_set
 # Hatch patterns of motions without a known kind.
 HATCHES = {"not settled": "////", "failed": "xxxx"}
 # Codes in place of a number of impacts: infinitely many; not counted, because the log was cut.
-_ENDLESS, _UNCOUNTED = -1, -2
+_COMPLETE_CHATTER, _UNCOUNTED = -1, -2
 # By dark background: lightness of the first and the last motion with a colour of its own; grey of the remaining
 # motions; grey of unknown motions.
 _LADDER, _OTHER, _GREY = (
@@ -40,7 +40,7 @@ class MotionKind(NamedTuple):
             return _WORDS.get(self.kind, self.kind.replace("_", " "))
         if _UNCOUNTED in self.num_impacts:
             return f"not counted, in {self.num_periods}"
-        impacts = " | ".join(r"$\infty$" if m == _ENDLESS else str(m) for m in self.num_impacts)
+        impacts = " | ".join(r"$\infty$" if m == _COMPLETE_CHATTER else str(m) for m in self.num_impacts)
         return f"{impacts} in {self.num_periods}"
 
     @property
@@ -76,13 +76,13 @@ class Entry(NamedTuple):
     is_other: bool = False
 
 
-def words_of_motion(motion: xr.Dataset) -> str:
+def label_of_motion(motion: xr.Dataset) -> str:
     """Legend label of a single motion, from `motion`, `num_periods` and `num_impacts`."""
     (one,) = motions_of(motion.expand_dims("point"))
     return one.words
 
 
-def heading(ds: xr.Dataset) -> str:
+def legend_title(ds: xr.Dataset) -> str:
     """Legend title, which explains the numbers in the labels of motions."""
     stops = " | ".join(str(j) for j in range(ds.sizes["stop"]))
     masses = ds["stop_mass"].values if "stop_mass" in ds.coords else np.array([-1])
@@ -116,14 +116,14 @@ def motions_of(classes: xr.Dataset) -> list[MotionKind]:
     motion = classes.motion.values.ravel().tolist()
     periods = classes.num_periods.transpose(*dims).values.ravel().tolist()
     counts = classes.num_impacts.transpose(*dims, "stop").values.reshape(len(motion), -1)
-    impacts = np.nan_to_num(counts, nan=_UNCOUNTED, posinf=_ENDLESS).astype(int).tolist()
+    impacts = np.nan_to_num(counts, nan=_UNCOUNTED, posinf=_COMPLETE_CHATTER).astype(int).tolist()
     return [
         MotionKind(meaning[k], n, tuple(m)) if meaning[k] in _REPEATING else MotionKind(meaning[k])
         for k, n, m in zip(motion, periods, impacts, strict=True)
     ]
 
 
-def entries(of_point: list[MotionKind], max_classes: int) -> list[Entry]:
+def legend_entries(of_point: list[MotionKind], max_classes: int) -> list[Entry]:
     """Legend entries in order; all but the `max_classes` most frequent repeating motions are "other"."""
     counts = Counter(of_point)
     repeating = [motion for motion, _ in counts.most_common() if motion.kind in _REPEATING]
@@ -136,19 +136,19 @@ def entries(of_point: list[MotionKind], max_classes: int) -> list[Entry]:
     ]
     plain = {"non_impacting": plt.rcParams["axes.facecolor"], "non_periodic": ink()}
     for motion in sorted(set(counts) - set(repeating), key=lambda motion: motion.place):
-        entry = Entry(motion.words, "", plain.get(motion.kind, not_known()), [motion])
+        entry = Entry(motion.words, "", plain.get(motion.kind, color_of_unknown()), [motion])
         found.insert(0, entry) if motion.kind == "non_impacting" else found.append(entry)
     if rare := repeating[max_classes:]:
-        found.append(Entry("other", "", other(), rare, is_other=True))
+        found.append(Entry("other", "", color_of_other(), rare, is_other=True))
     return found
 
 
-def other() -> str:
+def color_of_other() -> str:
     """Grey of motions without a colour of their own."""
     return _OTHER[is_dark()]
 
 
-def not_known() -> str:
+def color_of_unknown() -> str:
     """Grey of unknown motions, which are hatched."""
     return _GREY[is_dark()]
 
@@ -156,4 +156,4 @@ def not_known() -> str:
 def _hues(named: list[MotionKind]) -> dict[str, np.ndarray]:
     """A colour of the style for each family, in the order of the legend."""
     families = list(dict.fromkeys(motion.family for motion in named))
-    return dict(zip(families, of_curves(len(families))[:, :3], strict=True))
+    return dict(zip(families, curve_colors(len(families))[:, :3], strict=True))

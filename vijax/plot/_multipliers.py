@@ -12,11 +12,11 @@ from matplotlib.markers import MarkerStyle
 from matplotlib.patches import Circle
 
 from .._orbits.orbit import PeriodicOrbit
-from ._axes import legend_above, legend_beside, new_axes
+from ._axes import create_axes, legend_above, legend_beside
 from ._cloud import MARKERS
-from ._colors import ink, of_order, styled
+from ._colors import ink, merge_style, ordered_colors
 from ._labels import Units, axis_label, swept_quantity
-from ._orbits import OrbitsLike, list_of
+from ._orbits import OrbitsLike, list_of_orbits
 
 _DIRECTIONS = {"up": ("^", "swept up"), "down": ("v", "swept down")}
 # Largest number of orbits with a marker and a name each.
@@ -69,7 +69,9 @@ def multipliers(
     """
     if not limit > 1:
         raise ValueError(f"Argument `limit` must be greater than 1, the unit circle, but is {limit}.")
-    groups, bar = _of_sweep(orbits) if isinstance(orbits, xr.Dataset) else (_of_list(list_of(orbits)), None)
+    groups, bar = (
+        _of_sweep(orbits) if isinstance(orbits, xr.Dataset) else (_of_list(list_of_orbits(orbits)), None)
+    )
     style = _of_points(style)
     if "color" in style:
         color = to_rgba_array(style.pop("color"))
@@ -77,7 +79,7 @@ def multipliers(
     reach = np.concatenate([_reach(group.values) for group in groups] or [np.empty(0)])
     if not reach.size:
         raise ValueError("Argument `orbits` holds no orbit that was found: give one or more.")
-    ax = new_axes() if ax is None else ax
+    ax = create_axes() if ax is None else ax
     ax.add_patch(Circle((0, 0), 1, facecolor=ink("0.94", "0.16"), edgecolor="0.5", zorder=0))
     for group in groups:
         _draw_near(ax, group, limit, next(size for most, size in _SIZES if reach.size <= most), style)
@@ -107,7 +109,7 @@ class _Group(NamedTuple):
 def _of_list(orbits: list[PeriodicOrbit]) -> list[_Group]:
     """A group for each orbit, named if there are several but few."""
     groups, is_named = [], 1 < len(orbits) <= _NAMED
-    for k, (orbit, color) in enumerate(zip(orbits, of_order(len(orbits)), strict=True)):
+    for k, (orbit, color) in enumerate(zip(orbits, ordered_colors(len(orbits)), strict=True)):
         values = np.asarray(orbit.multipliers)
         words, marker = (f"orbit {k}", MARKERS[k]) if is_named else ("", "o")
         groups.append(_Group(values, np.tile(color, (values.size, 1)), words, marker))
@@ -118,7 +120,7 @@ def _of_sweep(orbits: xr.Dataset) -> tuple[list[_Group], tuple[str, ScalarMappab
     """A group for each direction of the sweep; the path of the swept quantity, and its colours."""
     path = swept_quantity(orbits["converged"], "A picture of multipliers")
     swept = orbits[path].values
-    colors = ScalarMappable(Normalize(swept.min(), swept.max()), ListedColormap(of_order(256)))
+    colors = ScalarMappable(Normalize(swept.min(), swept.max()), ListedColormap(ordered_colors(256)))
     ways = _DIRECTIONS if "direction" in orbits["converged"].dims else {None: ("o", "")}
     groups = []
     for way, (marker, words) in ways.items():
@@ -134,7 +136,7 @@ def _of_points(style: dict[str, Any]) -> dict[str, Any]:
     """Properties of the points for `scatter`, whose size is the square of the `markersize` of `plot`."""
     style = dict(style)
     size = style.pop("markersize", style.pop("ms", None))
-    return styled(style, PathCollection, **({} if size is None else {"s": size**2}))
+    return merge_style(style, PathCollection, **({} if size is None else {"s": size**2}))
 
 
 def _reach(values: np.ndarray) -> np.ndarray:
@@ -151,7 +153,7 @@ def _draw_near(ax: Axes, group: _Group, limit: float, size: float, style: dict[s
         own |= {"facecolors": np.where(np.abs(mu)[:, None] < 1, colors, 0.0), "edgecolors": colors.tolist()}
     else:  # unfilled marker
         own |= {"facecolors": colors}
-    ax.scatter(np.real(mu), np.imag(mu), **styled(own, PathCollection) | style)
+    ax.scatter(np.real(mu), np.imag(mu), **merge_style(own, PathCollection) | style)
 
 
 def _draw_far(ax: Axes, groups: list[_Group], limit: float, edge: float) -> None:

@@ -19,12 +19,12 @@ UNKNOWN, STABLE, UNSTABLE = 0, 1, 2
 
 def solution_of(motion: Solution | PeriodicOrbit) -> Solution:
     """The trajectory to draw; one cycle of an orbit."""
-    return _found(motion).solution() if isinstance(motion, PeriodicOrbit) else motion
+    return _checked_orbit(motion).solution() if isinstance(motion, PeriodicOrbit) else motion
 
 
-def list_of(orbits: PeriodicOrbit | Sequence[PeriodicOrbit]) -> list[PeriodicOrbit]:
+def list_of_orbits(orbits: PeriodicOrbit | Sequence[PeriodicOrbit]) -> list[PeriodicOrbit]:
     """One orbit or several, as a list."""
-    return [_found(orbit) for orbit in ([orbits] if isinstance(orbits, PeriodicOrbit) else orbits)]
+    return [_checked_orbit(orbit) for orbit in ([orbits] if isinstance(orbits, PeriodicOrbit) else orbits)]
 
 
 def stability_of(ds: xr.Dataset, orbits: xr.Dataset) -> xr.DataArray:
@@ -98,7 +98,7 @@ def _impacts(orbit: PeriodicOrbit, path: str, num_stops: int) -> np.ndarray:
     return np.stack(columns, axis=1)
 
 
-def _found(orbit: PeriodicOrbit) -> PeriodicOrbit:
+def _checked_orbit(orbit: PeriodicOrbit) -> PeriodicOrbit:
     """The orbit itself; raise for a batch, or if the search failed."""
     if orbit.period.ndim:
         raise ValueError(

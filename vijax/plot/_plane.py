@@ -8,8 +8,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, TwoSlopeNorm
 
-from ._axes import figure_of, new_axes
-from ._colors import of_order
+from ._axes import create_axes, figure_of
+from ._colors import ordered_colors
 from ._labels import Units
 from ._mesh import check_plane, draw_mesh
 
@@ -57,7 +57,7 @@ def plane(
     if np.iscomplexobj(values):
         raise ValueError("The values are complex: draw their magnitude, as `abs(values)`.")
     values = values.sortby(list(values.dims))
-    ax = new_axes() if ax is None else ax
+    ax = create_axes() if ax is None else ax
     numbers = np.ma.masked_invalid(values.values)
     cmap, norm = _colors(numbers, center)
     mesh = draw_mesh(ax, values, numbers, units, style, cmap=cmap, norm=norm)
@@ -76,7 +76,7 @@ def _colors(numbers: np.ma.MaskedArray, center: float | None) -> tuple[str | Col
     count = int(high - low) + 1
     if not np.issubdtype(numbers.dtype, np.inexact) and count <= _MOST_COUNTS:
         edges = low - 0.5 + np.arange(count + 1)
-        return ListedColormap(list(of_order(count))), BoundaryNorm(edges, count)
+        return ListedColormap(list(ordered_colors(count))), BoundaryNorm(edges, count)
     if center is None:
         return plt.rcParams["image.cmap"], Normalize(low, high)
     reach = max(abs(low - center), abs(high - center), np.finfo(float).tiny)

@@ -10,11 +10,11 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from scipy import ndimage
 
-from ._axes import figure_of, legend_beside, new_axes
+from ._axes import create_axes, figure_of, legend_beside
 from ._colors import ink, is_dark, lightness_of
 from ._labels import Units
 from ._mesh import draw_mesh, hatch
-from ._motions import HATCHES, Entry, check_motions, entries, heading, motions_of
+from ._motions import HATCHES, Entry, check_motions, legend_entries, legend_title, motions_of
 
 # Labels in the plane: font size in points; width and height of a letter relative to it; least distance to another
 # region, relative to half the width and height of the label.
@@ -69,10 +69,10 @@ def regions(
     check_motions(classes, max_classes)
     classes = classes.sortby(list(classes.motion.dims))
     of_point = motions_of(classes)
-    drawn = entries(of_point, max_classes)
+    drawn = legend_entries(of_point, max_classes)
     numbers = {motion: k for k, entry in enumerate(drawn) for motion in entry.motions}
     code = np.array([numbers[motion] for motion in of_point]).reshape(classes.motion.shape).T
-    ax = new_axes() if ax is None else ax
+    ax = create_axes() if ax is None else ax
     colors = {
         "cmap": ListedColormap([entry.color for entry in drawn]),
         "vmin": -0.5,
@@ -83,7 +83,7 @@ def regions(
         if entry.words in HATCHES:
             hatch(ax, mesh, code == number, HATCHES[entry.words])
     _name(ax, classes, code, drawn)
-    legend_beside(ax, **_legend(drawn), title=heading(classes))
+    legend_beside(ax, **_legend(drawn), title=legend_title(classes))
     return ax
 
 

@@ -9,8 +9,8 @@ from matplotlib.ticker import MaxNLocator
 from .._hybrid.limits import IMPACT
 from .._orbits.orbit import PeriodicOrbit
 from .._trajectory.solution import Solution
-from ._axes import check_index, legend_beside, new_axes, once, span_of_values, span_so_far
-from ._colors import ink, of_curves, styled
+from ._axes import check_index, create_axes, current_xlim, extend_xlim, label_if_new, legend_beside
+from ._colors import curve_colors, ink, merge_style
 from ._contacts import in_symbols, name_in, row_of
 from ._labels import LENGTH, TIME, Units, with_unit
 from ._orbits import solution_of
@@ -63,16 +63,16 @@ def relative_motion(
     t = sample_times(sol, begin, end, num_samples)
     row, name = row_of(sol, contact), name_in(sol, contact)
     distance, limit = np.asarray(sol.evaluate(t)[0]) @ row, np.asarray(sol.evaluate_stops(t)[0])[:, contact]
-    ax = new_axes() if ax is None else ax
-    so_far = span_so_far(ax)
-    look = styled(style, color=of_curves(1)[0], linewidth=1.3, label=f"${in_symbols(row)}$")
+    ax = create_axes() if ax is None else ax
+    so_far = current_xlim(ax)
+    look = merge_style(style, color=curve_colors(1)[0], linewidth=1.3, label=f"${in_symbols(row)}$")
     (line,) = ax.plot(t, distance, **look)
-    ax.plot(t, limit, color=ink(), linestyle=":", linewidth=1.0, label=once(ax, name))
+    ax.plot(t, limit, color=ink(), linestyle=":", linewidth=1.0, label=label_if_new(ax, name))
     is_held = is_held_at(sol, contact, begin, end, t)
     if is_held.any():
         held = np.where(is_held, distance, np.nan)
         band = {"linewidth": 6, "alpha": 0.5, "solid_capstyle": "butt"}
-        ax.plot(t, held, color=line.get_color(), label=once(ax, f"held by {name}"), **band)
+        ax.plot(t, held, color=line.get_color(), label=label_if_new(ax, f"held by {name}"), **band)
     log = sol.events
     when = np.asarray(log.t)
     is_hit = (np.asarray(log.kind) == IMPACT) & (np.asarray(log.stop) == contact)
@@ -80,8 +80,10 @@ def relative_motion(
     if is_hit.any():
         # Evaluated at all events with their padding: one shape for all trajectories, so one compilation.
         where = np.asarray(sol.evaluate_stops(log.t)[0])[is_hit, contact]
-        ax.plot(when[is_hit], where, "o", color=ink(), markersize=4, zorder=3, label=once(ax, "impact"))
-    span_of_values(ax, np.array([begin, end]), so_far)
+        ax.plot(
+            when[is_hit], where, "o", color=ink(), markersize=4, zorder=3, label=label_if_new(ax, "impact")
+        )
+    extend_xlim(ax, np.array([begin, end]), so_far)
     ax.xaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10]))
     ax.set_xlabel(with_unit("Time $t$", TIME, units))
     ax.set_ylabel(with_unit(f"${in_symbols(row)}$", LENGTH, units))

@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from .._orbits.orbit import PeriodicOrbit
 from .._sections.sections import stroboscopic_section
 from .._trajectory.solution import Solution
-from ._axes import check_index, check_one_machine, new_axes
+from ._axes import check_index, check_one_machine, create_axes
 from ._cloud import Cloud, draw_clouds
 from ._labels import LENGTH, VELOCITY, Units, with_unit
-from ._motions import words_of_motion
+from ._motions import label_of_motion
 from ._orbits import solution_of
 
 States = Solution | PeriodicOrbit | xr.Dataset | tuple[Any, Any]
@@ -71,7 +71,7 @@ def section(
     clouds = [cloud for name, one in named.items() for cloud in _clouds(name, one, mass)]
     if not any(len(cloud.x) for cloud in clouds):
         raise ValueError("There are no points to draw: a section needs one forcing period or more.")
-    ax = new_axes() if ax is None else ax
+    ax = create_axes() if ax is None else ax
     draw_clouds(ax, clouds, style)
     ax.set_xlabel(with_unit(f"Position $x_{{{mass}}}$", LENGTH, units))
     ax.set_ylabel(with_unit(f"Velocity $\\dot x_{{{mass}}}$", VELOCITY, units))
@@ -87,7 +87,7 @@ def _clouds(name: str, states: States, mass: int) -> list[Cloud]:
                 f"Positions and velocities must have one shape, (points, n), but have {x.shape} and {v.shape}."
             )
         check_index("mass", mass, x.shape[1])
-        return [_known(name, x[:, mass], v[:, mass])]
+        return [_finite_cloud(name, x[:, mass], v[:, mass])]
     is_dataset = isinstance(states, xr.Dataset)
     ds = states if is_dataset else stroboscopic_section(solution_of(states))
     names = next((pair for pair in _NAMES if set(pair) <= set(ds) and "mass" in ds[pair[0]].dims), None)
@@ -99,16 +99,16 @@ def _clouds(name: str, states: States, mass: int) -> list[Cloud]:
     x, v = (ds[one].isel(mass=mass) for one in names)
     check_one_machine(dict(x.sizes), "A section", _OWN)
     if "attractor" not in x.dims:
-        return [_known(name, x.values.ravel(), v.transpose(*x.dims).values.ravel())]
+        return [_finite_cloud(name, x.values.ravel(), v.transpose(*x.dims).values.ravel())]
     found = []
     for k in range(ds.sizes["attractor"]):
-        words = ", ".join(filter(None, (name, words_of_motion(ds.isel(attractor=k)))))
+        words = ", ".join(filter(None, (name, label_of_motion(ds.isel(attractor=k)))))
         one, other = (a.isel(attractor=k).values.ravel() for a in (x, v))
-        found.append(_known(words, one, other))
+        found.append(_finite_cloud(words, one, other))
     return found
 
 
-def _known(name: str, x: np.ndarray, v: np.ndarray) -> Cloud:
+def _finite_cloud(name: str, x: np.ndarray, v: np.ndarray) -> Cloud:
     """A cloud without the NaN of unknown motions, or of those with fewer points than others."""
     is_known = np.isfinite(x) & np.isfinite(v)
     return Cloud(name, x[is_known], v[is_known])

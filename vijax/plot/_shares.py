@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
 from ._attractors import COLORS, HATCH, add_legend, check_count, draw_marks
-from ._axes import new_axes
-from ._colors import ink, styled
+from ._axes import create_axes
+from ._colors import ink, merge_style
 from ._labels import Units, axis_label
-from ._motions import not_known, other, words_of_motion
+from ._motions import color_of_other, color_of_unknown, label_of_motion
 
 # Share below which a band is rounding.
 _NOTHING = 1e-9
@@ -67,16 +67,16 @@ def shares(
     order = order[share[order].max(axis=1) > _NOTHING]
     named, others = order[:max_attractors], order[max_attractors:]
     bands = [*share[named], share[others].sum(axis=0), 1 - share.sum(axis=0)]
-    ax = new_axes() if ax is None else ax
+    ax = create_axes() if ax is None else ax
     edges = _edges(values)
-    _draw_bands(ax, edges, bands, [*COLORS[: len(named)], other(), not_known()], style)
+    _draw_bands(ax, edges, bands, [*COLORS[: len(named)], color_of_other(), color_of_unknown()], style)
     words = []
     for k, number in enumerate(named):
         best = int(share[number].argmax())
         middle = sum(band[best] for band in bands[:k]) + share[number, best] / 2
         draw_marks(ax, values[best : best + 1], np.array([middle]), k, 6.0)
         motion = followed.isel({path: best, "attractor": int(number)})
-        words.append(f"{words_of_motion(motion)}, up to {100 * share[number, best]:.3g} %")
+        words.append(f"{label_of_motion(motion)}, up to {100 * share[number, best]:.3g} %")
     has_other, has_unknown = (bool((band > _NOTHING).any()) for band in bands[-2:])
     ax.set(
         xlim=(edges[0], edges[-1]), ylim=(0, 1), xlabel=axis_label(path, units), ylabel="Share of the starts"
@@ -111,7 +111,9 @@ def _draw_bands(
     for band, color, hatch in zip(bands, colors, strokes, strict=True):
         above = below + band
         if (band > _NOTHING).any():
-            look = styled(style, PolyCollection, facecolor=color, edgecolor=ink(), linewidth=0.4, hatch=hatch)
+            look = merge_style(
+                style, PolyCollection, facecolor=color, edgecolor=ink(), linewidth=0.4, hatch=hatch
+            )
             low, high = (np.append(a, a[-1]) for a in (below, above))
             ax.fill_between(edges, low, high, where=_wide(band), step="post", **look)
         below = above

@@ -10,8 +10,8 @@ from .._hybrid.limits import RELEASE, STICK
 from .._hybrid.sticking_region import StickingRegion
 from .._orbits.orbit import PeriodicOrbit
 from .._trajectory.solution import Solution
-from ._axes import check_index, legend_beside, new_axes, once
-from ._colors import ink, of_order, styled
+from ._axes import check_index, create_axes, label_if_new, legend_beside
+from ._colors import ink, merge_style, ordered_colors
 from ._contacts import name_in
 from ._labels import LENGTH, VELOCITY, Units, with_unit
 from ._orbits import solution_of
@@ -75,11 +75,13 @@ def sticking_region(
     if not any(len(starts) for starts, _ in held):
         name = name_in(many[0], stop).capitalize()
         raise ValueError(f"{name} holds its mass at no time that is to be drawn.")
-    ax = new_axes() if ax is None else ax
+    ax = create_axes() if ax is None else ax
     names = [style.get("label", f"$\\Omega$ = {float(sol.machine.frequency):.4g}") for sol in many]
     style.pop("label", None)
-    colors = of_order(len(many))
-    look = [styled(style, color=c, linestyle=_STYLES[k % 2], linewidth=1.2) for k, c in enumerate(colors)]
+    colors = ordered_colors(len(many))
+    look = [
+        merge_style(style, color=c, linestyle=_STYLES[k % 2], linewidth=1.2) for k, c in enumerate(colors)
+    ]
     colors = [one["color"] for one in look]
     for k, (sol, spans) in enumerate(zip(many, held, strict=True)):
         for begin, end in zip(*spans, strict=True):
@@ -126,7 +128,7 @@ def _draw_ends(
         for t in _events_at(sol, stop, kind, times):
             x, v = (float(a[mass]) for a in sol.evaluate(t))
             common = {"color": color, "markerfacecolor": face, "markersize": 5, "zorder": 3}
-            ax.plot(x, v, "o", label=once(ax, words), **common)
+            ax.plot(x, v, "o", label=label_if_new(ax, words), **common)
 
 
 def _draw_boundaries(

@@ -10,9 +10,9 @@ from .._hybrid.limits import IMPACT, RELEASE, STICK
 from .._orbits.orbit import PeriodicOrbit
 from .._sections.record import held_intervals
 from .._trajectory.solution import Solution
-from ._axes import check_index, legend_beside, new_axes, once, span_of_values, span_so_far
-from ._colors import ink, looks_of, of_curves, styled
-from ._contacts import masses_moved_by, masses_of, name_in, place_on_axis
+from ._axes import check_index, create_axes, current_xlim, extend_xlim, label_if_new, legend_beside
+from ._colors import curve_colors, curve_styles, ink, merge_style
+from ._contacts import masses_of, masses_with_jump, name_in, place_on_axis
 from ._labels import LENGTH, TIME, VELOCITY, Units, with_unit
 from ._orbits import solution_of
 
@@ -61,13 +61,13 @@ def time_series(
     begin, end = span_of(sol, span)
     t = sample_times(sol, begin, end, num_samples)
     x = np.asarray(sol.evaluate(t)[0])
-    ax = new_axes() if ax is None else ax
-    so_far = span_so_far(ax)
+    ax = create_axes() if ax is None else ax
+    so_far = current_xlim(ax)
     colors = _draw_positions(ax, t, x, style)
     for j in range(sol.machine.contacts.num):
         _draw_limit(ax, sol, j, t, x, colors)
     _mark_impacts(ax, sol, t, x)
-    span_of_values(ax, np.array([begin, end]), so_far)
+    extend_xlim(ax, np.array([begin, end]), so_far)
     ax.xaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10]))
     ax.set_xlabel(with_unit("Time $t$", TIME, units))
     ax.set_ylabel(with_unit("Position $x_i$", LENGTH, units))
@@ -79,8 +79,8 @@ def _draw_positions(ax: Axes, t: np.ndarray, x: np.ndarray, style: dict[str, Any
     """Draw the curves of the masses; return their colours."""
     whole = f"{style.pop('label')}, " if "label" in style else ""
     drawn = []
-    for i, (color, stroke) in enumerate(looks_of(x.shape[1], style)):
-        look = styled(style, color=color, linestyle=stroke, linewidth=1.3)
+    for i, (color, stroke) in enumerate(curve_styles(x.shape[1], style)):
+        look = merge_style(style, color=color, linestyle=stroke, linewidth=1.3)
         drawn += ax.plot(t, x[:, i], label=f"{whole}$x_{{{i}}}$", **look)
     return [line.get_color() for line in drawn]
 
@@ -89,7 +89,7 @@ def _draw_limit(ax: Axes, sol: Solution, number: int, t: np.ndarray, x: np.ndarr
     """Draw a stop in the colour of its mass, and the intervals in which it, or a contact, holds."""
     masses, place = masses_of(sol, number), place_on_axis(sol, number, t)
     if place is not None:
-        words = once(ax, f"{name_in(sol, number)}, of $x_{{{masses[0]}}}$")
+        words = label_if_new(ax, f"{name_in(sol, number)}, of $x_{{{masses[0]}}}$")
         ax.plot(t, place[0], color=colors[masses[0]], linestyle=":", linewidth=1.0, label=words)
     is_held = is_held_at(sol, number, t[0], t[-1], t)
     if is_held.any():
@@ -97,7 +97,7 @@ def _draw_limit(ax: Axes, sol: Solution, number: int, t: np.ndarray, x: np.ndarr
         # Butt caps end at the release; other caps extend beyond it.
         band = {"linestyle": "-", "linewidth": 6, "alpha": 0.5, "solid_capstyle": "butt"}
         for i in masses:
-            label = once(ax, words) if i == masses[0] else None
+            label = label_if_new(ax, words) if i == masses[0] else None
             ax.plot(t, np.where(is_held, x[:, i], np.nan), color=colors[i], label=label, **band)
 
 
@@ -111,7 +111,7 @@ def _mark_impacts(ax: Axes, sol: Solution, t: np.ndarray, x: np.ndarray) -> None
         found += [(hits, x[np.searchsorted(t, hits), i]) for i in masses_of(sol, j)]
     at, where = np.concatenate([np.empty((2, 0)), *map(np.array, found)], axis=1)
     if at.size:
-        ax.plot(at, where, "o", color=ink(), markersize=2.6, zorder=3, label=once(ax, "impact"))
+        ax.plot(at, where, "o", color=ink(), markersize=2.6, zorder=3, label=label_if_new(ax, "impact"))
 
 
 def phase_portrait(
@@ -163,8 +163,8 @@ def phase_portrait(
     check_index("mass", mass, sol.machine.num_masses)
     begin, end = span_of(sol, span)
     x, v = curve_of_mass(sol, mass, begin, end, num_samples)
-    ax = new_axes() if ax is None else ax
-    (line,) = ax.plot(x, v, **styled(style, color=of_curves(1)[0], linewidth=1.0))
+    ax = create_axes() if ax is None else ax
+    (line,) = ax.plot(x, v, **merge_style(style, color=curve_colors(1)[0], linewidth=1.0))
     draw_jumps(ax, sol, mass, begin, end, line.get_color(), "impact")
     for j in range(sol.machine.contacts.num):
         if mass in masses_of(sol, j):
@@ -214,7 +214,7 @@ def draw_jumps(
     """Draw dashed lines from the velocities before the impacts of a mass to those after."""
     _, where, minus, plus = _impacts(sol, mass, begin, end)
     jumps = ax.vlines(where, minus, plus, color=color, linestyles="dashed", linewidth=0.8)
-    if len(where) and label and (words := once(ax, label)):
+    if len(where) and label and (words := label_if_new(ax, label)):
         jumps.set_label(words)
 
 
@@ -239,14 +239,14 @@ def _draw_contact(
     is_held, place = is_held_at(sol, number, begin, end, t), place_on_axis(sol, number, t)
     x, v = place if place is not None else (np.asarray(a)[:, mass] for a in sol.evaluate(t))
     if place is not None and not v.any():
-        ax.axvline(x[0], color=grey, linewidth=4, zorder=0, label=once(ax, name))
+        ax.axvline(x[0], color=grey, linewidth=4, zorder=0, label=label_if_new(ax, name))
         mark = x[0], 0, "o"
     else:
         if place is not None:
-            ax.plot(x, v, color=grey, linewidth=4, zorder=0, label=once(ax, name))
+            ax.plot(x, v, color=grey, linewidth=4, zorder=0, label=label_if_new(ax, name))
         mark = np.where(is_held, x, np.nan), v, "-"
     if is_held.any():
-        ax.plot(*mark, color=HELD, linewidth=4, zorder=4, label=once(ax, f"held by {name}"))
+        ax.plot(*mark, color=HELD, linewidth=4, zorder=4, label=label_if_new(ax, f"held by {name}"))
 
 
 def _draw_ends(ax: Axes, sol: Solution, mass: int, begin: float, end: float) -> None:
@@ -260,7 +260,7 @@ def _draw_ends(ax: Axes, sol: Solution, mass: int, begin: float, end: float) -> 
         if t.size:
             x, v = (np.asarray(a)[:, mass] for a in sol.evaluate(t))
             common = {"color": ink(), "markerfacecolor": face, "markersize": size, "zorder": zorder}
-            ax.plot(x, v, "o", label=once(ax, words), **common)
+            ax.plot(x, v, "o", label=label_if_new(ax, words), **common)
 
 
 def _impacts(
@@ -268,7 +268,7 @@ def _impacts(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Times, positions, and velocities before and after, of the impacts that change the velocity of a mass."""
     contacts, log = sol.machine.contacts, sol.events
-    ours = [j for j in range(contacts.num) if mass in masses_moved_by(sol, j)]
+    ours = [j for j in range(contacts.num) if mass in masses_with_jump(sol, j)]
     is_it = _is_event(sol, ours, IMPACT, begin, end)
     t, stop, minus, plus = (
         np.asarray(a)[is_it] for a in (log.t, log.stop, log.velocity_minus, log.velocity_plus)

@@ -44,10 +44,10 @@ def words_of_dataset(ds: xr.Dataset) -> str:
     """A branch, or a sweep: machine, swept quantities, results of the points, settings."""
     if "arclength" in ds:
         return repr(Branch(ds.load()))
-    return as_text(_told, ds) if "result" in ds else repr(ds)
+    return as_text(_describe_sweep, ds) if "result" in ds else repr(ds)
 
 
-def _told(ds: xr.Dataset) -> Description:
+def _describe_sweep(ds: xr.Dataset) -> Description:
     points = ds["result"]
     rows = [(str(dim), _span(ds[dim])) for dim in points.dims]
     codes = points.values

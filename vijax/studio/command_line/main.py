@@ -33,14 +33,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = _parser().parse_args(arguments)
     jax.config.update("jax_enable_x64", True)
     with warnings.catch_warnings():
-        warnings.showwarning = lambda message, *rest: _tell(asked, f"warning: {message}")
+        warnings.showwarning = lambda message, *rest: _report(asked, f"warning: {message}")
         try:
             asked.run(asked)
         except (ValueError, OSError, RuntimeError) as error:
-            _tell(asked, f"error: {error}")
+            _report(asked, f"error: {error}")
             return _WRONG
         except KeyboardInterrupt as stopped:
-            _tell(asked, str(stopped) or "Stopped.")
+            _report(asked, str(stopped) or "Stopped.")
             return _STOPPED
     return 0
 
@@ -54,5 +54,5 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _tell(asked: argparse.Namespace, sentence: str) -> None:
+def _report(asked: argparse.Namespace, sentence: str) -> None:
     print(f"vijax {asked.command}: {sentence}", file=sys.stderr)  # noqa: T201

@@ -19,7 +19,7 @@ from ...plot._colors import ink
 from ...plot._labels import Units
 from ...plot._orbits import solution_of
 from ...plot._trajectories import HELD, is_held_at, span_of, time_series
-from .drawing import PITCH, Drawing, Pose, draw, face_of, place_of_limit
+from .drawing import PITCH, Drawing, Pose, draw, place_of_limit, side_position
 from .machine import poses_of
 from .scheme import Scheme, scheme_of_solution
 
@@ -95,7 +95,7 @@ def animate(
     sol = solution_of(sol)
     _check_single(sol)
     times = _times(sol, t, span, fps, speed, duration)
-    scheme, poses, x = course_of(sol, times)
+    scheme, poses, x = poses_of_solution(sol, times)
     figure, (top, bottom) = plt.subplots(2, layout="constrained")
     drawing = draw(top, scheme, poses[0], None, {}, fits_axes=False)
     width, height = drawing.size
@@ -183,7 +183,7 @@ def _check_single(sol: Solution) -> None:
         )
 
 
-def course_of(sol: Solution, times: np.ndarray) -> tuple[Scheme, list[Pose], np.ndarray]:
+def poses_of_solution(sol: Solution, times: np.ndarray) -> tuple[Scheme, list[Pose], np.ndarray]:
     """The scheme of a machine, its pose at each time, and the positions of the masses, (times, n)."""
     x, places = (np.asarray(at(times)[0]) for at in (sol.evaluate, sol.evaluate_stops))
     if not np.isfinite(x).all():
@@ -246,7 +246,7 @@ def _contacts(
             if j in limits:
                 x = [place_of_limit(home, pose, limits[j])]
             else:
-                x = [face_of(home, pose, i, 0) for i in masses[j]]
+                x = [side_position(home, pose, i, 0) for i in masses[j]]
             flash.set_data(x, np.full(len(x), 0.2))
             flash.set_alpha(1 - np.min(age, initial=fading) / fading)
         for box, held in zip(drawing.boxes, is_held[frame], strict=True):

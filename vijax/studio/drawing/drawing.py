@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from ...plot._axes import figure_of
-from ...plot._colors import ink, of_curves, styled
+from ...plot._colors import curve_colors, ink, merge_style
 from ...plot._contacts import name_of
 from .scheme import Limit, Link, Scheme
 from .symbols import circles, damper, spring
@@ -108,14 +108,14 @@ def draw(
     return Drawing(move, size, boxes)
 
 
-def face_of(home: np.ndarray, pose: Pose, mass: int, side: int) -> float:
+def side_position(home: np.ndarray, pose: Pose, mass: int, side: int) -> float:
     """Position of a side of a box: -1 left, 0 middle, 1 right."""
     return float(home[mass] + pose.x[mass]) + 0.5 * side
 
 
 def place_of_limit(home: np.ndarray, pose: Pose, limit: Limit) -> float:
     """Position of a wall or plate."""
-    return face_of(home, pose, limit.mass, limit.side) + limit.side * float(pose.gap[limit.number])
+    return side_position(home, pose, limit.mass, limit.side) + limit.side * float(pose.gap[limit.number])
 
 
 def _ends(scheme: Scheme, home: np.ndarray) -> np.ndarray:
@@ -150,10 +150,10 @@ def _boxes(
     ax: Axes, scheme: Scheme, home: np.ndarray, thin: float, style: dict[str, Any]
 ) -> tuple[list[Rectangle], list[Move]]:
     """Draw the masses with their numbers, on wheels, in the colours of their curves in other pictures."""
-    colors = of_curves(scheme.num_masses)
+    colors = curve_colors(scheme.num_masses)
     edge = {"facecolor": ax.get_facecolor(), "linewidth": 2.2 * thin, "zorder": 3}
     boxes = [
-        _rectangle(ax, 0.0, 0.0, 1.0, 1.0, **styled(style, Rectangle, edgecolor=color, **edge))
+        _rectangle(ax, 0.0, 0.0, 1.0, 1.0, **merge_style(style, Rectangle, edgecolor=color, **edge))
         for color in colors
     ]
     names = [
@@ -180,7 +180,7 @@ def _link(ax: Axes, home: np.ndarray, link: Link, thin: float, *, is_spring: boo
     style = "-" if link.strength > 0 else (0, (2, 1))
     (line,) = ax.plot([], [], color=ink("0.25", "0.8"), linestyle=style, linewidth=1.1 * thin, zorder=1)
     line.set_gid("spring" if is_spring else "damper")
-    place = _way_of(home, link, height, -0.4 if is_spring else -0.18)
+    place = _link_path(home, link, height, -0.4 if is_spring else -0.18)
 
     def move(pose: Pose) -> None:
         line.set_data(*symbol(*place(pose)))
@@ -188,23 +188,27 @@ def _link(ax: Axes, home: np.ndarray, link: Link, thin: float, *, is_spring: boo
     return move
 
 
-def _way_of(
+def _link_path(
     home: np.ndarray, link: Link, height: float, aside: float
 ) -> Callable[[Pose], tuple[tuple[float, float], tuple[float, float], float]]:
     """Function of a pose: start, end and rise of the arc of a spring or damper."""
     i, j = link.mass, link.other
     if j is None and (side := _wall_beside(home, i)):
         wall = float(home[i]) + side * _END
-        return lambda pose: ((wall, height), (face_of(home, pose, i, side), height), 0.0)
+        return lambda pose: ((wall, height), (side_position(home, pose, i, side), height), 0.0)
     if j is None:
         top = float(home[i]) + aside, _CEILING
-        return lambda pose: (top, (face_of(home, pose, i, 0) + aside, 1.0), 0.0)
+        return lambda pose: (top, (side_position(home, pose, i, 0) + aside, 1.0), 0.0)
     if j == i + 1:
-        return lambda pose: ((face_of(home, pose, i, 1), height), (face_of(home, pose, j, -1), height), 0.0)
+        return lambda pose: (
+            (side_position(home, pose, i, 1), height),
+            (side_position(home, pose, j, -1), height),
+            0.0,
+        )
     rise = _rise(link, is_spring=height == _SPRING)
     return lambda pose: (
-        (face_of(home, pose, i, 0) + 0.25, 1.0),
-        (face_of(home, pose, j, 0) + 0.05, 1.0),
+        (side_position(home, pose, i, 0) + 0.25, 1.0),
+        (side_position(home, pose, j, 0) + 0.05, 1.0),
         rise,
     )
 
@@ -278,9 +282,9 @@ def _plate(
     if limit.support is None:
         return [x, x], [_FLOOR, _WALL]
     if limit.mass == limit.support + 1 and limit.side < 0:
-        root = face_of(home, pose, limit.support, 1)
+        root = side_position(home, pose, limit.support, 1)
         return [root, x, np.nan, x, x], [_PLATE, _PLATE, np.nan, _PLATE - 0.1, _PLATE + 0.1]
-    root = face_of(home, pose, limit.support, 0) + 0.4
+    root = side_position(home, pose, limit.support, 0) + 0.4
     return [root, root, x, x], [0.0, under, under, _PLATE + 0.1]
 
 
@@ -291,7 +295,7 @@ def _arrow(ax: Axes, home: np.ndarray, mass: int) -> Move:
     line.set_gid(f"load {mass}")
 
     def move(pose: Pose) -> None:
-        root, length = face_of(home, pose, mass, 0) + _ROOT, pose.load[mass]
+        root, length = side_position(home, pose, mass, 0) + _ROOT, pose.load[mass]
         line.set_data([root, root + length], [_LOAD, _LOAD])
         tip.set_data([root + length], [_LOAD])
         tip.set_marker(">" if length >= 0 else "<")

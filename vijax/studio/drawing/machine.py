@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from ..._jax.arrays import Numbers
 from ..._system.system import ImpactSystem
-from ...plot._axes import figure_of, new_axes
+from ...plot._axes import create_axes, figure_of
 from .drawing import ROOM, Pose, draw
 from .scheme import Scheme, scheme_of_system
 
@@ -68,7 +68,7 @@ def machine(
     limit = np.array([[float(stop.at(angle)) for stop in system.stops] for angle in angles])
     poses, gaps = poses_of(scheme, np.tile(place, (len(angles), 1)), scheme.signs * limit)
     is_new = ax is None
-    ax = new_axes() if ax is None else ax
+    ax = create_axes() if ax is None else ax
     drawing = draw(ax, scheme, poses[0], gaps[0], style, fits_axes=not is_new)
     if is_new:
         figure_of(ax).set_size_inches(drawing.size)

@@ -11,7 +11,7 @@ _BENT = 12
 
 def spring(start: tuple[float, float], end: tuple[float, float], rise: float = 0.0) -> np.ndarray:
     """A zigzag between two points, in an arc if `rise` is not 0, (2, points)."""
-    way = _Way(start, end, rise)
+    way = _CentreLine(start, end, rise)
     first = 0.5 - min(0.3, 0.5 / way.length)
     coil = np.linspace(first, 1 - first, 2 * _NUM_TURNS + 1)
     lead, none = np.linspace(0, first, _BENT), np.zeros(_BENT)
@@ -21,7 +21,7 @@ def spring(start: tuple[float, float], end: tuple[float, float], rise: float = 0
 
 def damper(start: tuple[float, float], end: tuple[float, float], rise: float = 0.0) -> np.ndarray:
     """A piston in a cylinder open towards the start, (2, points), with NaN between its lines."""
-    way = _Way(start, end, rise)
+    way = _CentreLine(start, end, rise)
     gap, half, depth = np.nan, _HALF, min(0.12, 0.2 / way.length)
     rod, back = np.linspace(0, 0.5, _BENT), np.linspace(0.5 + depth, 1, _BENT)
     cylinder = [0.5 - depth, 0.5 + depth, 0.5 + depth, 0.5 - depth]
@@ -38,7 +38,7 @@ def circles(x: np.ndarray, y: float, radius: float) -> np.ndarray:
     )
 
 
-class _Way:
+class _CentreLine:
     """The centre line of a symbol: a straight line, or half an ellipse over it."""
 
     def __init__(self, start: tuple[float, float], end: tuple[float, float], rise: float):

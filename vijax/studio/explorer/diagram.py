@@ -19,7 +19,7 @@ from matplotlib.colors import to_hex
 
 from ..._sections.classify import classify
 from ...plot._labels import axis_label
-from ...plot._motions import entries, motions_of
+from ...plot._motions import legend_entries, motions_of
 from .look import PageStyle
 from .motion import nearest_value
 
@@ -31,7 +31,7 @@ _PIXELS, _CLASSES = 800, 6
 _SYMBOLS = {r"\Omega": "Ω", r"\varphi": "φ", r"\dot x": "ẋ"}
 
 
-def plain(path: str) -> str:
+def plain_label(path: str) -> str:
     """Label of a swept quantity without TeX."""
     words = axis_label(path)
     for tex, sign in _SYMBOLS.items():
@@ -49,7 +49,7 @@ def impacts(ds: xr.Dataset, path: str, stop: int, look: PageStyle) -> Any:
         look: colours.
     """
     axes = [
-        hv.Dimension("swept", label=plain(path)),
+        hv.Dimension("swept", label=plain_label(path)),
         hv.Dimension("velocity", label=f"Velocity before impact at stop {stop}"),
     ]
     layers = []
@@ -72,7 +72,7 @@ def chart_image(ds: xr.Dataset, right: str, up: str, look: PageStyle) -> tuple[A
     kinds = classify(ds).transpose(right, up, ...).sortby([right, up])
     of_point = motions_of(kinds)
     with look.style():
-        drawn = entries(of_point, _CLASSES)
+        drawn = legend_entries(of_point, _CLASSES)
     numbers = {motion: k for k, entry in enumerate(drawn) for motion in entry.motions}
     colors = {entry.words: to_hex(entry.color) for entry in drawn}
     code = [numbers[motion] for motion in of_point]
@@ -83,7 +83,7 @@ def chart_image(ds: xr.Dataset, right: str, up: str, look: PageStyle) -> tuple[A
     pixels = whole.sel(even, method="nearest").values.T
     image = hv.Image(
         (even[right], even[up], pixels),
-        [hv.Dimension("right", label=plain(right)), hv.Dimension("up", label=plain(up))],
+        [hv.Dimension("right", label=plain_label(right)), hv.Dimension("up", label=plain_label(up))],
         hv.Dimension("kind", range=(-0.5, len(drawn) - 0.5)),
     )
     return image.opts(cmap=list(colors.values()), colorbar=False), {

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from panel.custom import JSComponent
 
-from ...plot._colors import of_curves
-from ..drawing.animate import course_of, held_masses
+from ...plot._colors import curve_colors
+from ..drawing.animate import held_masses, poses_of_solution
 from ..drawing.drawing import draw
 from .look import PageStyle
 from .motion import PointMotion
@@ -36,7 +36,7 @@ class MachineFilm(JSComponent):
 def film_of(num_masses: int, look: PageStyle) -> MachineFilm:
     """An empty film, with boxes in the colours of their curves in other pictures."""
     with look.style():
-        masses = [to_hex(color) for color in of_curves(num_masses)]
+        masses = [to_hex(color) for color in curve_colors(num_masses)]
     colors = {"ink": look.ink, "faint": look.faint, "page": look.page, "held": look.down, "masses": masses}
     return MachineFilm(colors=colors, sizing_mode="stretch_width", min_height=240)
 
@@ -50,7 +50,7 @@ def frames_of(motion: PointMotion) -> dict[str, Any]:
         their heights, widths and vertical centres, (walls, 3); `extent`, the visible part: left, right, bottom, top.
     """
     sol, times = motion.solution, np.linspace(*motion.shown, FRAMES)
-    scheme, poses, _ = course_of(sol, times)
+    scheme, poses, _ = poses_of_solution(sol, times)
     ax = Figure(figsize=(8, 2)).subplots()
     drawing = draw(ax, scheme, poses[0], None, {}, fits_axes=False)
     lines = [line for line in ax.lines if line.get_linestyle() != "None"]

@@ -144,7 +144,7 @@ def motion_from(system: ImpactSystem, record: int, x: np.ndarray, v: np.ndarray)
     return PointMotion(system, sol, shown, kind, orbit)
 
 
-def numbers_to_change(system: ImpactSystem) -> dict[str, float]:
+def scalar_parameters(system: ImpactSystem) -> dict[str, float]:
     """Every scalar of a machine by path, without the off-diagonal entries of matrices."""
     found = {}
     for path in parameter_names(bound(system)):

@@ -9,10 +9,10 @@ import xarray as xr
 from holoviews.streams import Pipe, Tap
 
 from ..._sweep.provenance import system_of
-from .diagram import chart_image, direction_near, impacts, marker, plain
+from .diagram import chart_image, direction_near, impacts, marker, plain_label
 from .film import film_of, frames_of
 from .look import DARK, LIGHT, PageStyle
-from .motion import PointMotion, check, motion_at, nearest_value, numbers_to_change, point_at, swept_of
+from .motion import PointMotion, check, motion_at, nearest_value, point_at, scalar_parameters, swept_of
 from .pictures import DPI, SIZE, pictures_of, words_of_multipliers
 
 _TITLE = "vijax"
@@ -50,7 +50,7 @@ class Explorer:
         if "direction" in ds["result"].dims:
             self.place["direction"] = "up"
         self.changes: dict[str, float] = {}
-        self.numbers = numbers_to_change(system_of(ds))
+        self.numbers = scalar_parameters(system_of(ds))
         self._make_widgets()
         self.film = film_of(ds.sizes["mass"], look)
         self.words, self.pictures = pn.pane.HTML(sizing_mode="stretch_width"), self._panes()
@@ -86,7 +86,7 @@ class Explorer:
         """Create sliders of the dimensions not in the diagram, and widgets of stop, mass and changed parameter."""
         self.sliders: list[pn.widgets.Widget] = [
             pn.widgets.DiscreteSlider(
-                name=plain(dim), options=self.ds[dim].values.tolist(), value=float(self.place[dim])
+                name=plain_label(dim), options=self.ds[dim].values.tolist(), value=float(self.place[dim])
             )
             for dim in self.swept[2:]
         ]
@@ -135,7 +135,7 @@ class Explorer:
         self.is_fitting = False
 
     def _numbers_here(self) -> dict[str, float]:
-        return numbers_to_change(system_of(point_at(self.ds, self.place)))
+        return scalar_parameters(system_of(point_at(self.ds, self.place)))
 
     def _change(self, event: Any) -> None:
         """Simulate the motion with another value of the parameter."""
@@ -206,7 +206,7 @@ class Explorer:
 
     def _words(self, motion: PointMotion | None, trouble: str) -> str:
         """Table of the point, its kind of motion and multipliers, as HTML."""
-        told = {plain(dim): f"{self.place[dim]:.6g}" for dim in self.swept}
+        told = {plain_label(dim): f"{self.place[dim]:.6g}" for dim in self.swept}
         told |= {"direction": str(self.place["direction"])} if "direction" in self.place else {}
         told |= {f"changed: {path}": f"{value:.6g}" for path, value in self.changes.items()}
         if motion is not None:
