@@ -7,6 +7,7 @@ from .._orbits.sequence import Sequence
 from .branch import Bifurcation, cycle_of
 from .defining_systems import AbstractCondition, AtBranchPoint, AtEvent, AtMultiplier, DefiningSystem
 from .kernels import CorrectedCycle, padded, room_for
+from .kinds import Kind
 from .parameter_family import ExtendedCycle, Family
 from .point import correct_with_free_parameter
 from .scheduler import drive
@@ -14,8 +15,8 @@ from .sequence_edits import with_event
 from .starts import Start, family_of, starting_orbits
 from .test_functions import CLOSE, TestFunction, tests_of
 
-_NO_SYSTEM = {
-    "chatter_completion": 'Where a chatter is completed infinitely many changes meet: take one of them, of a kind "gr" '
+_NO_SYSTEM: dict[str, str] = {
+    Kind.CHATTER_COMPLETION: 'Where a chatter is completed infinitely many changes meet: take one of them, of a kind "gr" '
     'or "fold".',
 }
 # Speed of a grazing impact, relative to the fastest mass.
@@ -33,9 +34,9 @@ def defining_system_of(point: Bifurcation, low: float, high: float) -> tuple[Def
     if point.kind in _NO_SYSTEM:
         raise ValueError(_NO_SYSTEM[point.kind])
     _, family, sequence, place = family_at(point, low, high)
-    if point.kind in ("fold", "pd", "ns"):
+    if point.kind in (Kind.FOLD, Kind.PERIOD_DOUBLING, Kind.NEIMARK_SACKER):
         condition = _at_multiplier(point)
-    elif point.kind == "bp":
+    elif point.kind == Kind.BRANCH_POINT:
         size = len(place.z)
         condition = AtBranchPoint(np.zeros(1), np.zeros(size), np.zeros((2, size + 1)))
     else:
@@ -54,14 +55,15 @@ def family_at(point: Bifurcation, low: float, high: float) -> tuple[Start, Famil
 
 def _at_multiplier(point: Bifurcation) -> AbstractCondition:
     multipliers = point.branch.points["multipliers"].values[point.index]
-    away = np.abs(multipliers + 1) if point.kind == "pd" else np.abs(np.abs(multipliers) - 1)
-    if point.kind == "pd" and not away.min() < CLOSE:
+    away = np.abs(multipliers + 1) if point.kind == Kind.PERIOD_DOUBLING else np.abs(np.abs(multipliers) - 1)
+    if point.kind == Kind.PERIOD_DOUBLING and not away.min() < CLOSE:
         raise ValueError(
             "The orbit of this point is another one twice: take the period doubling on the branch of that one."
         )
     # The angle of a pair is that of its multiplier above the real axis.
     angle = np.angle(multipliers[np.argmin(np.where(multipliers.imag > 0, away, np.inf))])
-    theta = {"fold": 0.0, "pd": np.pi}.get(point.kind, angle)
+    thetas: dict[str, float] = {Kind.FOLD: 0.0, Kind.PERIOD_DOUBLING: np.pi}
+    theta = thetas.get(point.kind, angle)
     return AtMultiplier(np.array([theta]), np.zeros((2, len(multipliers)), complex))
 
 
@@ -78,12 +80,12 @@ def with_bifurcation_event(
     """Cycle with the event of the bifurcation inserted; its number, and whether its value has zero rate."""
     (seen,) = drive([family], [correct_with_free_parameter(sequence, place)], lambda: None)
     test, watched = _test_of(kind, sequence, seen), seen.watched
-    k, is_tangent = test.index, test.kind != "double_impact"
-    if test.kind == "touch":
+    k, is_tangent = test.index, test.kind != Kind.DOUBLE_IMPACT
+    if test.kind == Kind.TOUCH:
         flight, time = int(watched.gap_flight[k]), float(watched.gap_time[k])
         sequence, place = with_event(sequence, place, IMPACT, k, flight, time)
         k = flight
-    if test.kind == "force_zero":
+    if test.kind == Kind.FORCE_ZERO:
         flight, time = int(watched.force_flight[k]), float(watched.force_time[k])
         sequence, place = with_event(sequence, place, RELEASE, k, flight, time)
         k, is_tangent = flight, bool(place.flights[flight] > _MOMENT[str(place.flights.dtype)])
@@ -92,9 +94,9 @@ def with_bifurcation_event(
 
 def _test_of(kind: str, sequence: Sequence, seen: CorrectedCycle) -> TestFunction:
     """Test function that vanishes at the point."""
-    wanted = {"gr": ("gr", "touch")}.get(kind, (kind,))
+    wanted = (Kind.GRAZING, Kind.TOUCH) if kind == Kind.GRAZING else (kind,)
     tests = [test for test in tests_of(sequence) if test.kind in wanted]
     # A grazing impact is also a touch, with a gap of exactly zero: the impact takes precedence.
     light = _LIGHT * np.abs(seen.start[len(seen.start) // 2 :]).max()
-    impacts = [test for test in tests if test.kind == "gr" and abs(test.of(seen)) < light]
+    impacts = [test for test in tests if test.kind == Kind.GRAZING and abs(test.of(seen)) < light]
     return min(impacts or tests, key=lambda test: abs(test.of(seen)))

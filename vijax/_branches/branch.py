@@ -23,9 +23,9 @@ from .._system.forces_by_path import Allowed
 from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem, bound
 from .kernels import CorrectedCycle
+from .kinds import End, shown
 from .parameter_family import ExtendedCycle, Family
 from .point import BranchPoint, DirectedBranch, PlainPoint, stacked_cycles
-from .test_functions import KINDS
 
 # `_STEP_OF_ROOM`: logs have room for a multiple of this number, one program for most orbits of a branch.
 # `_SPARE`: spare room of a log.
@@ -142,8 +142,8 @@ class Bifurcation:
 
 def branch_of(family: Family, start: BranchPoint, back: DirectedBranch, forth: DirectedBranch) -> Branch:
     """Join the walks backwards and forwards from a point to a branch."""
-    if forth.end == "closed" and back.end in ("closed", "max_points", "interrupted"):
-        back = replace(back, points=[], end="closed")
+    if forth.end == End.CLOSED and back.end in (End.CLOSED, End.MAX_POINTS, End.INTERRUPTED):
+        back = replace(back, points=[], end=End.CLOSED)
     points = [*back.points[::-1], start, *forth.points]
     seen = stacked_cycles(points)
     arcs = [-point.arc for point in back.points[::-1]] + [point.arc for point in [start, *forth.points]]
@@ -181,7 +181,10 @@ def _columns_of_orbits(points: list[BranchPoint | PlainPoint], seen: CorrectedCy
         "is_admissible": (("point",), np.array([point.is_admissible for point in points])),
         "closest_gap": (("point", "stop"), seen.watched.gap),
         "residual": (("point",), seen.found.residual),
-        "bifurcation": (("point",), np.array([KINDS.get(point.kind, point.kind) for point in points])),
+        "bifurcation": (
+            ("point",),
+            np.array([shown(point.kind) for point in points]),
+        ),
     }
 
 

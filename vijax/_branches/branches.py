@@ -12,6 +12,7 @@ from .._orbits.sweep_orbits import periodic_orbits
 from .._progress import Interrupted, interrupt_with_result, tqdm
 from .branch import Branch
 from .continuation import follow_branches
+from .kinds import Kind
 from .membership import not_on
 from .starts import Start, starting_orbits, value_of
 from .switch import switch_branch
@@ -71,7 +72,12 @@ def branches(
         follow = partial(follow_branches, **how, progress=False, leaves_out=True)
         last = _follow_each_branch_once(waiting, found, follow, bar)
         for _ in range(num_doublings):
-            points = [point for branch in last for point in branch.bifurcations if point.kind == "pd"]
+            points = [
+                point
+                for branch in last
+                for point in branch.bifurcations
+                if point.kind == Kind.PERIOD_DOUBLING
+            ]
             doubled = [start for point in points for start in starting_orbits(switch_branch(point))]
             last = _follow_each_branch_once(doubled, found, follow, bar)
     return found

@@ -14,6 +14,7 @@ from .codim1_point import CurvePoint, correct_in_plane, neighbours
 from .codim2_tests import CurveNeighbourhood, CurveTest, curve_tests, faces_of, special_point_name
 from .defining_systems import AtEvent, DefiningSystem, Plane
 from .kernels import KernelCall, locate_start, padded, simulate_cycle, trimmed
+from .kinds import End
 from .parameter_family import ExtendedCycle
 from .point import TRUSTED
 from .scheduler import answer
@@ -123,7 +124,7 @@ class Curve:
                 return why
             new = _step(here, ds)
             if new is None:
-                ds, why = ds / 2, "not_converged"
+                ds, why = ds / 2, End.NOT_CONVERGED
                 continue
             bound = self._at_bound(here, new.at)
             points, end = self._met(here, new if bound is None else bound)
@@ -133,17 +134,17 @@ class Curve:
             # An event that passes the start of the cycle only renumbers the events.
             points[-1] = _in_section(points[-1])
             if not _is_followed(points[-1]):
-                ds, why = ds / 2, "left_the_stops"
+                ds, why = ds / 2, End.LEFT_THE_STOPS
                 continue
             found += points
             bar.update(len(points))
             if bound is not None:
-                return "bounds"
+                return End.BOUNDS
             if len(found) > 2 and _is_back(begun.at, here.at, new.at):
-                return "closed"
+                return End.CLOSED
             here = found[-1]
             ds = min(ds * (1.5 if new.at.num_steps <= _FEW else 1.0), _LONGEST)
-        return "max_points"
+        return End.MAX_POINTS
 
     def _at_bound(self, here: CurveState, new: CurvePoint) -> CurveNeighbourhood | None:
         """Point of the curve at the first bound between two points, or None."""

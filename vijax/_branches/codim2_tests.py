@@ -13,9 +13,10 @@ from .._hybrid.limits import IMPACT
 from .._orbits.sequence import Sequence
 from .codim1_point import CurvePoint, LinearisedReturn
 from .defining_systems import AbstractCondition, AtEvent, DefiningSystem
+from .kinds import Kind, shown
 from .parameter_family import ExtendedCycle
 from .sequence_edits import with_order_exchanged, without_event
-from .test_functions import CLOSE, KINDS, num_on_circle, of_doubling, of_meeting, of_pairs, tests_of
+from .test_functions import CLOSE, num_on_circle, of_doubling, of_meeting, of_pairs, tests_of
 
 Change = Callable[[Sequence, ExtendedCycle], tuple[Sequence, ExtendedCycle]]
 
@@ -26,7 +27,7 @@ _INFINITE, _DEPENDENT, _ROUNDING = 1e8, 1e-7, 1e-9
 # Strong resonances, where orbits of other periods meet: angle of the pair of multipliers, whether the curve ends.
 _ANGLES = {"1:1": (0.0, True), "1:2": (np.pi, True), "1:3": (2 * np.pi / 3, False), "1:4": (np.pi / 2, False)}
 # Multipliers at each kind of point.
-_NEAR = {"fold": [1], "bp": [1], "pd": [-1], "1:1": [1, 1], "1:2": [-1, -1]}
+_NEAR = {Kind.FOLD: [1], Kind.BRANCH_POINT: [1], Kind.PERIOD_DOUBLING: [-1], "1:1": [1, 1], "1:2": [-1, -1]}
 
 
 class CurveNeighbourhood(NamedTuple):
@@ -60,9 +61,9 @@ class CurveTest(NamedTuple):
 def curve_tests(kind: str, defining: DefiningSystem, sequence: Sequence) -> list[CurveTest]:
     """All test functions on a curve of a kind."""
     found = [test for k in range(len(faces_of(defining, sequence))) for test in _of_neighbours(kind, k)]
-    if kind == "fold":
+    if kind == Kind.FOLD:
         found.append(CurveTest("cusp", lambda seen, before: float(seen.at.direction @ before.at.direction)))
-    if kind == "ns":
+    if kind == Kind.NEIMARK_SACKER:
         found += [
             CurveTest(name, lambda seen, before, to=angle: _angle_difference(to, seen, before), is_end=is_end)
             for name, (angle, is_end) in _ANGLES.items()
@@ -90,18 +91,18 @@ def faces_of(defining: DefiningSystem, sequence: Sequence) -> list[Change]:
 def _of_neighbours(kind: str, face: int) -> list[CurveTest]:
     """Test functions of the multipliers on a face."""
     others = lambda seen: _others(kind, seen, face)  # noqa: E731
-    doubling = "1:2" if kind == "pd" else _meeting(kind, "pd")
+    doubling = "1:2" if kind == Kind.PERIOD_DOUBLING else _meeting(kind, Kind.PERIOD_DOUBLING)
     found = [
         CurveTest(doubling, lambda seen, _: of_doubling(others(seen)), face),
-        CurveTest(_meeting(kind, "ns"), lambda seen, _: of_pairs(others(seen)), face),
+        CurveTest(_meeting(kind, Kind.NEIMARK_SACKER), lambda seen, _: of_pairs(others(seen)), face),
     ]
-    if kind in ("fold", "bp"):
+    if kind in (Kind.FOLD, Kind.BRANCH_POINT):
         return [*found, CurveTest("1:1", lambda seen, _: of_meeting(others(seen)), face)]
-    return [*found, CurveTest(_meeting(kind, "fold"), lambda seen, _: float(seen.faces[face].fold), face)]
+    return [*found, CurveTest(_meeting(kind, Kind.FOLD), lambda seen, _: float(seen.faces[face].fold), face)]
 
 
 def _meeting(kind: str, other: str) -> str:
-    return "+".join(sorted((kind, KINDS.get(other, other))))
+    return "+".join(sorted((kind, shown(other))))
 
 
 def _is_own(kind: str, condition: AbstractCondition, other: str, index: int) -> bool:
@@ -109,7 +110,7 @@ def _is_own(kind: str, condition: AbstractCondition, other: str, index: int) -> 
     return (
         isinstance(condition, AtEvent)
         and kind == other
-        and (kind == "force_zero" or index == int(condition.index))
+        and (kind == Kind.FORCE_ZERO or index == int(condition.index))
     )
 
 
@@ -118,11 +119,17 @@ def special_point_name(test: CurveTest, seen: CurveNeighbourhood) -> str:
     kinds = test.name.split("+")
     mu, _, independence = seen.faces[test.face]
     # Where a grazing impact does not act on its next return the pencil is singular: every number is a multiplier.
-    if "gr" in kinds and {"fold", "pd", "ns"} & {*kinds} and independence < _DEPENDENT:
+    if (
+        Kind.GRAZING in kinds
+        and {Kind.FOLD, Kind.PERIOD_DOUBLING, Kind.NEIMARK_SACKER} & {*kinds}
+        and independence < _DEPENDENT
+    ):
         return "resonant_grazing"
-    if "ns" in kinds:
-        return test.name if num_on_circle(mu) >= 2 * kinds.count("ns") else ""
-    near = _NEAR.get(test.name) or [_NEAR[kind][0] for kind in kinds if kind in ("fold", "bp", "pd")]
+    if Kind.NEIMARK_SACKER in kinds:
+        return test.name if num_on_circle(mu) >= 2 * kinds.count(Kind.NEIMARK_SACKER) else ""
+    near = _NEAR.get(test.name) or [
+        _NEAR[kind][0] for kind in kinds if kind in (Kind.FOLD, Kind.BRANCH_POINT, Kind.PERIOD_DOUBLING)
+    ]
     is_there = all(np.count_nonzero(np.abs(mu - a) < np.sqrt(CLOSE)) >= near.count(a) for a in near)
     return test.name if is_there else ""
 
@@ -131,8 +138,8 @@ def _others(kind: str, seen: CurveNeighbourhood, face: int) -> np.ndarray:
     """Finite multipliers on a face without those that define the curve."""
     mu = np.asarray(seen.faces[face].multipliers)
     mu = mu[np.abs(mu) < _INFINITE]
-    theta = np.zeros(1) if kind == "bp" else np.asarray(seen.at.own)  # empty for events
-    own = np.exp(1j * (np.concatenate([theta, -theta]) if kind == "ns" else theta))
+    theta = np.zeros(1) if kind == Kind.BRANCH_POINT else np.asarray(seen.at.own)  # empty for events
+    own = np.exp(1j * (np.concatenate([theta, -theta]) if kind == Kind.NEIMARK_SACKER else theta))
     for value in own[: len(mu)]:
         mu = np.delete(mu, np.argmin(np.abs(mu - value)))
     return mu

@@ -16,6 +16,7 @@ from .bifurcation_setup import defining_system_of
 from .branch import Bifurcation
 from .codim2_continuation import Curve, CurveState, begin_curve
 from .defining_systems import AtBranchPoint, DefiningSystem
+from .kinds import End
 from .parameter_family import ExtendedCycle
 from .starts import family_of, starting_orbits
 
@@ -87,14 +88,14 @@ def bifurcation_curve(
     curve = Curve(point.kind, box / np.asarray(defining.family.span)[:, None], most)
     back: list[CurveState] = []
     forth: list[CurveState] = []
-    ends = ["interrupted", "interrupted"]
+    ends: list[str] = [End.INTERRUPTED, End.INTERRUPTED]
 
     def told() -> xr.Dataset:
         return _dataset(point, path, [*back[::-1], begun, *forth], ends)
 
     with tqdm(unit="point", disable=not progress) as bar, interrupt_with_result(told):
         ends[0] = curve.follow(begun.turned(), bar, back)
-        ends[1] = "closed" if ends[0] == "closed" else curve.follow(begun, bar, forth)
+        ends[1] = End.CLOSED if ends[0] == End.CLOSED else curve.follow(begun, bar, forth)
     return told()
 
 

@@ -7,6 +7,7 @@ speed v the multipliers grow like v^-m; but the cycle without these impacts is a
 import numpy as np
 
 from .._hybrid.limits import IMPACT
+from .kinds import Kind
 from .locate import locate
 from .point import BranchEnd, BranchPoint, KernelRequests, at_parameter, predicted_point
 from .sequence_edits import without_event
@@ -36,7 +37,7 @@ def grazing_of_shorter_cycle(point: BranchPoint) -> KernelRequests:
         return None
     start = BranchPoint.of(sequence, seen, point.arc)
     for stop in np.unique(point.sequence.stop[light]):
-        found = yield from vanishing(start, "touch", int(stop))
+        found = yield from vanishing(start, Kind.TOUCH, int(stop))
         if found is not None and _is_near(point, found, speeds[light].max()):
             return found._replace(arc=point.arc)
     return None

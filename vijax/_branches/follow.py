@@ -23,6 +23,7 @@ from .closing import first_repeated, is_at_start, repetitions_of
 from .degenerate_grazing import grazing_of_shorter_cycle
 from .grazing_cascade import FEW, MANY, cycle_behind_limit, is_limit, limit_of, shortest_stick
 from .kernels import KernelCall, SimulatedMotion, cycle_of_motion, simulate_cycle, trimmed
+from .kinds import End, Kind
 from .locate import first_event, special_points
 from .parameter_family import ExtendedCycle
 from .point import (
@@ -102,12 +103,12 @@ def _follow(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
             point, ds = (yield from _continue_behind_event(walk, *step.event)), min(ds, PROBE)
             continue
         if (yield from is_at_start(walk, start, point, step.last)):
-            raise BranchEnd("closed")
+            raise BranchEnd(End.CLOSED)
         walk.points.append(step.told)
         point, ds = (yield from with_simulated_bounces(step.told, step.followed)), step.next_length
         if _has_lost_stick(step.told, point):  # the branch ends between the two
             point = step.told
-    walk.end = "max_points"
+    walk.end = End.MAX_POINTS
 
 
 def _has_lost_stick(told: BranchPoint, point: BranchPoint) -> bool:
@@ -159,8 +160,8 @@ def _add_special(walk: DirectedBranch, point: BranchPoint, step: "Step") -> Kern
         if found is last:
             return
         yield from _end_if_repeated(walk, (yield from _add(walk, found)))
-        if found.kind == "period_doubling":
-            raise BranchEnd("period_doubling")
+        if found.kind == Kind.HALF_PERIOD:
+            raise BranchEnd(Kind.HALF_PERIOD)
 
 
 def _end(walk: DirectedBranch, point: BranchPoint) -> KernelRequests:
@@ -169,15 +170,15 @@ def _end(walk: DirectedBranch, point: BranchPoint) -> KernelRequests:
         # Sticks vanish faster than they shorten: the rest of the way is rounding.
         if walk.points and walk.points[-1].arc == point.arc:
             walk.points.pop()
-        yield from _add(walk, point._replace(kind="chatter_completion"))
-        raise BranchEnd("chatter_completion")
+        yield from _add(walk, point._replace(kind=Kind.CHATTER_COMPLETION))
+        raise BranchEnd(Kind.CHATTER_COMPLETION)
     yield from _end_at_cascade_limit(walk, FEW)
     # The light impacts of a cascade belong to a chatter, not to a shorter cycle that grazes.
     grazing = None if walk.cascade else (yield from grazing_of_shorter_cycle(point))
     if grazing is not None:
         yield from _add(walk, grazing)
-        raise BranchEnd("gr")
-    raise BranchEnd("left_the_stops")
+        raise BranchEnd(Kind.GRAZING)
+    raise BranchEnd(End.LEFT_THE_STOPS)
 
 
 class Step(NamedTuple):
@@ -209,7 +210,7 @@ def _step(walk: DirectedBranch, point: BranchPoint, ds: float) -> KernelRequests
     if not is_resolved(before, after, ds)[0]:
         return None
     met = crossings(tests_of(point.sequence), point.seen, new.seen)
-    if any(test.kind == "chatter_completion" and not _is_plastic(point, test) for test in met):
+    if any(test.kind == Kind.CHATTER_COMPLETION and not _is_plastic(point, test) for test in met):
         return None  # ever more bounces accumulate on the step
     told, followed = yield from _confirmed_point(walk, new)
     if not (met or told.is_admissible) or (len(met) > 1 and ds > _SEPARATE):
@@ -255,7 +256,7 @@ def _continue_behind_event(walk: DirectedBranch, test: TestFunction, event: Bran
         return (yield from _add_and_release_hold(walk, event, hop))
     yield from _end_if_repeated(walk, (yield from _add(walk, event)))
     same = [entry for entry in walk.cascade if entry[0] == test.index]
-    walk.cascade = [*same, (test.index, event)] if test.kind == "touch" else []
+    walk.cascade = [*same, (test.index, event)] if test.kind == Kind.TOUCH else []
     yield from _end_at_cascade_limit(walk, MANY)
     try:
         return (yield from by_sequence(walk, test, event))
@@ -268,7 +269,7 @@ def _end_if_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
     again = yield from first_repeated(walk, last)
     if again is not None:
         del walk.points[again:]
-        raise BranchEnd("closed")
+        raise BranchEnd(End.CLOSED)
 
 
 def _end_at_cascade_limit(walk: DirectedBranch, least: int) -> KernelRequests:
@@ -281,12 +282,12 @@ def _end_at_cascade_limit(walk: DirectedBranch, least: int) -> KernelRequests:
     event = grazings[-1]
     back = DirectedBranch(walk.num_periods, walk.bounds, _MOST_BACK)
     yield from follow_branch(back, start)
-    last = back.points[-1] if back.end == "chatter_completion" else None
+    last = back.points[-1] if back.end == Kind.CHATTER_COMPLETION else None
     if isinstance(last, BranchPoint) and is_limit(last.place, limit, event.place):
         way = np.append(last.place.z - event.place.z, last.place.p - event.place.p)
         arc = max(walk.points[-1].arc, event.arc + float(np.linalg.norm(way)))
         walk.points.append(last._replace(arc=arc))
-        raise BranchEnd("chatter_completion")
+        raise BranchEnd(Kind.CHATTER_COMPLETION)
 
 
 def _to_bound(
@@ -296,7 +297,7 @@ def _to_bound(
     p = walk.nearest_bound(float(new.place.p))
     share = (p - point.place.p) / (new.place.p - point.place.p)
     if share <= 0:
-        raise BranchEnd("bounds")
+        raise BranchEnd(End.BOUNDS)
     guess, arc = between(point, new, share), point.arc + share * (new.arc - point.arc)
     yield from _end_at_bound(walk, point, guess, new._replace(arc=arc), is_event=is_event)
 
@@ -310,7 +311,7 @@ def _end_at_bound(
     exact = at.seen.found.place._replace(p=p)
     seen = at.seen._replace(found=at.seen.found._replace(place=exact))
     yield from _add(walk, BranchPoint.of(at.sequence, seen, new.arc))
-    raise BranchEnd("bounds")
+    raise BranchEnd(End.BOUNDS)
 
 
 def _at_bound(point: BranchPoint, guess: ExtendedCycle, *, is_event: bool) -> KernelRequests:
@@ -322,5 +323,5 @@ def _at_bound(point: BranchPoint, guess: ExtendedCycle, *, is_event: bool) -> Ke
             return BranchPoint.of(point.sequence, seen, point.arc)
     found = yield from cycle_of_simulation(point, guess)
     if found is None:
-        raise BranchEnd("not_converged")
+        raise BranchEnd(End.NOT_CONVERGED)
     return found

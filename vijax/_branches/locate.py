@@ -4,6 +4,7 @@ import numpy as np
 
 from .bracket import Bracket, next_trial
 from .kernels import CorrectedCycle
+from .kinds import End, Kind
 from .point import BranchEnd, BranchPoint, DirectedBranch, KernelRequests, between, on_plane
 from .singular import branch_point, end_of_doubled
 from .test_functions import CLOSE, TESTS_OF_NEIGHBOURS, TestFunction, is_crossed, num_on_circle, num_unstable
@@ -31,7 +32,7 @@ def locate(point: BranchPoint, new: BranchPoint, test: TestFunction) -> KernelRe
     while (s := next_trial(bracket)) is not None:
         seen = yield from on_plane(point, between(point, new, s / (new.arc - point.arc)), s)
         if not seen.found.is_converged:
-            raise BranchEnd("not_converged")
+            raise BranchEnd(End.NOT_CONVERGED)
         best = BranchPoint.of(point.sequence, seen, point.arc + s, kind=test.kind)
         bracket = bracket.narrowed(s, test.of(seen))
     return best._replace(kind=test.kind)
@@ -51,18 +52,18 @@ def special_points(walk: DirectedBranch, point: BranchPoint, new: BranchPoint) -
     found, change = [], 0
     is_infinite = _passes_infinity(*(complex(at.seen.found.multipliers[0]) for at in (point, new)))
     for test in TESTS_OF_NEIGHBOURS:
-        if test.kind in ("pd", "bp") and is_infinite:
+        if test.kind in (Kind.PERIOD_DOUBLING, Kind.BRANCH_POINT) and is_infinite:
             continue
         if not is_crossed(test.of(point.seen), test.of(new.seen)):
             continue
-        if test.kind == "bp" and any(at.kind in ("fold", "period_doubling") for at in found):
+        if test.kind == Kind.BRANCH_POINT and any(at.kind in (Kind.FOLD, Kind.HALF_PERIOD) for at in found):
             continue
-        at = yield from (branch_point if test.kind == "bp" else locate)(point, new, test)
+        at = yield from (branch_point if test.kind == Kind.BRANCH_POINT else locate)(point, new, test)
         if not _is_there(test, at.seen):
             continue
-        if test.kind == "fold" and walk.rounds % 2:
+        if test.kind == Kind.FOLD and walk.rounds % 2:
             at = (yield from end_of_doubled(walk.num_periods, at)) or at
-        change += {"ns": 2, "period_doubling": 0}.get(at.kind, 1)
+        change += {Kind.NEIMARK_SACKER: 2, Kind.HALF_PERIOD: 0}.get(at.kind, 1)
         found.append(at)
     if (num_unstable(new.seen) - num_unstable(point.seen) - change) % 2:
         return None
@@ -78,7 +79,7 @@ def _passes_infinity(before: complex, after: complex) -> bool:
 def _is_there(test: TestFunction, seen: CorrectedCycle) -> bool:
     """True if multipliers confirm a zero: a test function changes sign also where a multiplier is infinite."""
     mu = seen.found.multipliers
-    if test.kind == "ns":
+    if test.kind == Kind.NEIMARK_SACKER:
         return num_on_circle(mu) > 0
-    wanted = {"pd": -1, "bp": 1}
+    wanted: dict[str, int] = {Kind.PERIOD_DOUBLING: -1, Kind.BRANCH_POINT: 1}
     return test.kind not in wanted or bool(np.any(np.abs(mu - wanted[test.kind]) < CLOSE))

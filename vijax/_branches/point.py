@@ -9,6 +9,7 @@ import numpy as np
 
 from .._orbits.sequence import Sequence
 from .kernels import CorrectedCycle, KernelCall, SimulatedMotion, corrected_cycle, simulate_cycle, trimmed
+from .kinds import End
 from .packing import Packed
 from .parameter_family import ExtendedCycle
 
@@ -130,7 +131,7 @@ class DirectedBranch:
     points: list[BranchPoint | PlainPoint] = field(default_factory=list)
     cascade: list[tuple[int, BranchPoint]] = field(default_factory=list)
     rounds: int = 1
-    end: str = "interrupted"
+    end: str = End.INTERRUPTED
 
     @property
     def is_full(self) -> bool:

@@ -17,6 +17,7 @@ from .kernels import (
     simulate_cycle,
     trimmed,
 )
+from .kinds import End, Kind, shown
 from .parameter_family import ExtendedCycle
 from .point import (
     BranchEnd,
@@ -37,7 +38,7 @@ from .sequence_edits import (
     without_event,
     without_stick,
 )
-from .test_functions import KINDS, TestFunction, tests_of
+from .test_functions import TestFunction, tests_of
 
 # Number of rounds of a cycle that change at once, and of forcing periods of all rounds.
 Rounds = tuple[int, float]
@@ -91,7 +92,7 @@ def _in_other_order(event: BranchPoint, k: int, how: Rounds) -> KernelRequests:
     """Continue behind two simultaneous impacts in the other order."""
     sequence, place = event.sequence, event.place
     if not _are_impacts(sequence, k):
-        raise BranchEnd("double_impact")
+        raise BranchEnd(Kind.DOUBLE_IMPACT)
     for number in in_rounds(k, len(sequence.kind), how):
         sequence, place = with_order_exchanged(sequence, place, number)
     return (yield from _oriented(sequence, place, event, lambda at: float(at.tangent.flights[k])))
@@ -110,7 +111,7 @@ def _without_stick(event: BranchPoint, k: int, how: Rounds) -> KernelRequests:
     """Continue behind a stick of zero duration without it, if its impact has zero restitution."""
     sequence, place = event.sequence, event.place
     if not event.seen.watched.is_plastic[sequence.stop[k]]:  # ever more bounces follow: `grazing_cascade.py`
-        raise BranchEnd("chatter_completion")
+        raise BranchEnd(Kind.CHATTER_COMPLETION)
     for number in in_rounds(k, len(sequence.kind), how)[::-1]:
         sequence, place = without_stick(sequence, place, number)
     at = yield from _corrected_on_sequence(sequence, place, event)
@@ -121,12 +122,12 @@ def _without_stick(event: BranchPoint, k: int, how: Rounds) -> KernelRequests:
 
 
 # Continuation behind each kind of event.
-_CHANGES = {
-    "touch": _with_impact,
-    "gr": _without_impact,
-    "double_impact": _in_other_order,
-    "onset": _with_stick,
-    "chatter_completion": _without_stick,
+_CHANGES: dict[str, Callable] = {
+    Kind.TOUCH: _with_impact,
+    Kind.GRAZING: _without_impact,
+    Kind.DOUBLE_IMPACT: _in_other_order,
+    Kind.ONSET: _with_stick,
+    Kind.CHATTER_COMPLETION: _without_stick,
 }
 
 
@@ -139,7 +140,7 @@ def continue_by_simulation(event: BranchPoint, kind: str) -> KernelRequests:
         told: SimulatedMotion = yield KernelCall(simulate_cycle, new.sequence, (new.place,))
         if told.is_alike and np.abs(new.place.z - guess.z).max() < 10 * ds:
             return new._replace(kind="", arc=event.arc + ds)
-    raise BranchEnd(KINDS.get(kind, kind))
+    raise BranchEnd(shown(kind))
 
 
 def cycle_of_simulation(point: BranchPoint, guess: ExtendedCycle) -> KernelRequests:
@@ -223,7 +224,7 @@ def _corrected_on_sequence(sequence: Sequence, place: ExtendedCycle, event: Bran
     """The point of an event, corrected on another sequence."""
     seen = yield from correct_with_free_parameter(sequence, place)
     if not seen.found.is_converged:
-        raise BranchEnd("not_converged")
+        raise BranchEnd(End.NOT_CONVERGED)
     return event._replace(sequence=sequence, place=trimmed(seen.found.place, len(sequence.kind)), seen=seen)
 
 
@@ -239,4 +240,4 @@ def step_off(at: BranchPoint, is_ahead: bool = True) -> KernelRequests:
         is_near = seen.found.is_converged and np.sqrt(away.along(away)) < ds
         if is_near and min((test.of(seen) for test in tests_of(at.sequence)), default=1) > 0:
             return new
-    raise BranchEnd("several_events")
+    raise BranchEnd(End.SEVERAL_EVENTS)

@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool
 from .._orbits.sequence import Sequence
 from .defining_systems import AtBranchPoint, AtMultiplier, DefiningSystem, solve
 from .kernels import CorrectedCycle, KernelCall, as_corrected_cycle, locate_start, trimmed
+from .kinds import End, Kind
 from .parameter_family import ExtendedCycle, Family
 from .point import BranchEnd, BranchPoint, KernelRequests, between, on_plane
 from .sequence_edits import in_a_row
@@ -56,13 +57,13 @@ def branch_point(point: BranchPoint, new: BranchPoint, test: TestFunction) -> Ke
     known = yield from _seen_at(point, new, nodes)
     s = _root_of(test, known, length)
     if not np.isfinite(s):
-        raise BranchEnd("not_converged")
+        raise BranchEnd(End.NOT_CONVERGED)
     guess = between(point, new, s / length)
     place, is_found = yield KernelCall(crossing, point.sequence, (guess,))
     place = trimmed(place, len(point.sequence.kind))
     away = place.moved(guess, -1.0)
     if not is_found or not np.sqrt(away.along(away)) < _NEAR:
-        raise BranchEnd("not_converged")
+        raise BranchEnd(End.NOT_CONVERGED)
     s = place.along(point.tangent) - point.place.along(point.tangent)
     return (yield from _point_at(point.sequence, place, point.tangent, point.arc + float(s), test.kind))
 
@@ -79,9 +80,9 @@ def end_of_doubled(num_periods: float, point: BranchPoint) -> KernelRequests:
     once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.held[: num + 1])
     found, is_found = yield KernelCall(doubling, once, (place._replace(flights=place.flights[:num]),))
     if not is_found:
-        raise BranchEnd("not_converged")
+        raise BranchEnd(End.NOT_CONVERGED)
     twice, place = in_a_row([(once, trimmed(found, num))] * 2, half)
-    return (yield from _point_at(twice, place, point.tangent, point.arc, "period_doubling"))
+    return (yield from _point_at(twice, place, point.tangent, point.arc, Kind.HALF_PERIOD))
 
 
 def _point_at(

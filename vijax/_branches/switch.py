@@ -10,6 +10,7 @@ from .bifurcation_setup import family_at, with_bifurcation_event
 from .branch import Bifurcation, branch_of
 from .grazing_families import hits_of, leave, repeated, touch_of
 from .kernels import KernelCall, jacobian
+from .kinds import Kind
 from .parameter_family import ExtendedCycle, Family
 from .point import BranchPoint, DirectedBranch, KernelRequests, correct_with_free_parameter, first_followed
 from .scheduler import drive
@@ -52,13 +53,13 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
         E. L. Allgower & K. Georg, Numerical Continuation Methods (1990), Ch. 8.
     """
     refuse_single_precision("switch_branch", point.branch.points["x0"])
-    if point.kind == "ns":
+    if point.kind == Kind.NEIMARK_SACKER:
         raise ValueError(
             "A torus leaves at a Neimark-Sacker point, no periodic orbit: run `vx.simulate` beside it."
         )
-    if point.kind == "gr":
+    if point.kind == Kind.GRAZING:
         return _at_grazing(point)
-    if point.kind not in ("pd", "bp"):
+    if point.kind not in (Kind.PERIOD_DOUBLING, Kind.BRANCH_POINT):
         return []
     path, value = point.branch.path, point.value
     start, family, sequence, place = family_at(point, value - 1, value + 1)
@@ -66,10 +67,10 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
         half = family_of(start._replace(num_periods=start.num_periods // 2), path, value - 1, value + 1)
         (other,) = drive([half], [_half_cycle_orbit(sequence, place)], lambda: None)
         return [] if other is None else [_orbit(half, other)]
-    if point.kind == "pd":
+    if point.kind == Kind.PERIOD_DOUBLING:
         sequence, place = in_a_row([(sequence, place)] * 2, start.num_periods)
         family = family_of(start._replace(num_periods=2 * start.num_periods), path, value - 1, value + 1)
-    sides = (1.0,) if point.kind == "pd" else (1.0, -1.0)
+    sides = (1.0,) if point.kind == Kind.PERIOD_DOUBLING else (1.0, -1.0)
     found = drive([family] * len(sides), [_beside(sequence, place, side) for side in sides], lambda: None)
     return [_orbit(family, other) for other in found if other is not None]
 
@@ -78,7 +79,7 @@ def _ends_doubled(point: Bifurcation) -> bool:
     """True if a doubled branch ends at a point."""
     first, last = point.branch.ends
     end = {0: first, len(point.branch) - 1: last}.get(point.index)
-    return point.kind == "bp" and end == "period_doubling"
+    return point.kind == Kind.BRANCH_POINT and end == Kind.HALF_PERIOD
 
 
 def _half_cycle_orbit(sequence: Sequence, place: ExtendedCycle) -> KernelRequests:
@@ -94,7 +95,7 @@ def _at_grazing(point: Bifurcation) -> list[PeriodicOrbit]:
     """Orbits on the families that leave a grazing."""
     path, value = point.branch.path, point.value
     start, family, sequence, place = family_at(point, value - 1, value + 1)
-    sequence, place, k, _ = with_bifurcation_event(family, "gr", sequence, place)
+    sequence, place, k, _ = with_bifurcation_event(family, Kind.GRAZING, sequence, place)
     (touch,) = drive([family], [touch_of(sequence, place, k, start.num_periods)], lambda: None)
     orbits = []
     for is_hit in hits_of(touch, start.num_periods):

@@ -9,14 +9,12 @@ import numpy as np
 from .._hybrid.limits import IMPACT, RELEASE
 from .._orbits.sequence import NOTHING, Sequence
 from .kernels import CorrectedCycle
+from .kinds import Kind
 
 Multipliers = Any
 
 # Distance below which a multiplier has its value at a bifurcation, and the two halves of a cycle are one.
 CLOSE = 1e-4
-# Names of kinds in results: an event met from two sides has one name. The end of a doubled branch is a branch point:
-# the branch of half the period, traversed twice, crosses it.
-KINDS = {"touch": "gr", "onset": "chatter_completion", "period_doubling": "bp"}
 # Size below which a function of multipliers, at both ends of a step, is zero up to rounding, as without damping.
 _NOTHING = 1e-10
 # Distance from the unit circle below which a multiplier is on it up to rounding; a double one has half the digits.
@@ -69,10 +67,10 @@ def num_on_circle(mu: Multipliers) -> int:
 
 
 TESTS_OF_NEIGHBOURS = (
-    TestFunction("fold", lambda seen: seen.found.tangent.p),
-    TestFunction("pd", lambda seen: of_doubling(seen.found.multipliers)),
-    TestFunction("bp", lambda seen: of_meeting(seen.found.multipliers)),
-    TestFunction("ns", lambda seen: of_pairs(seen.found.multipliers)),
+    TestFunction(Kind.FOLD, lambda seen: seen.found.tangent.p),
+    TestFunction(Kind.PERIOD_DOUBLING, lambda seen: of_doubling(seen.found.multipliers)),
+    TestFunction(Kind.BRANCH_POINT, lambda seen: of_meeting(seen.found.multipliers)),
+    TestFunction(Kind.NEIMARK_SACKER, lambda seen: of_pairs(seen.found.multipliers)),
 )
 
 
@@ -86,15 +84,15 @@ def tests_of(sequence: Sequence) -> list[TestFunction]:
     found, follows_another = [], _follows_another(sequence)
     for k, (kind, stop) in enumerate(zip(sequence.kind, sequence.stop, strict=True)):
         if kind == IMPACT:
-            found.append(TestFunction("gr", lambda seen, k=k: float(seen.found.speeds[k]), k))
+            found.append(TestFunction(Kind.GRAZING, lambda seen, k=k: float(seen.found.speeds[k]), k))
         if follows_another[k]:
             ends_stick = kind == RELEASE and sequence.held[k][stop] and not sequence.held[k - 1][stop]
-            name = "chatter_completion" if ends_stick else "double_impact"
+            name = Kind.CHATTER_COMPLETION if ends_stick else Kind.DOUBLE_IMPACT
             found.append(TestFunction(name, lambda seen, k=k: float(seen.found.place.flights[k]), k))
     for j in range(sequence.held.shape[1]):
-        found.append(TestFunction("touch", lambda seen, j=j: float(seen.watched.gap[j]), j))
-        found.append(TestFunction("force_zero", lambda seen, j=j: float(seen.watched.force[j]), j))
-        found.append(TestFunction("onset", lambda seen, j=j: float(seen.watched.rise[j]), j))
+        found.append(TestFunction(Kind.TOUCH, lambda seen, j=j: float(seen.watched.gap[j]), j))
+        found.append(TestFunction(Kind.FORCE_ZERO, lambda seen, j=j: float(seen.watched.force[j]), j))
+        found.append(TestFunction(Kind.ONSET, lambda seen, j=j: float(seen.watched.rise[j]), j))
     return found
 
 

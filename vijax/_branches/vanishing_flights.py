@@ -12,6 +12,7 @@ import numpy as np
 from .._hybrid.limits import IMPACT, RELEASE
 from .._orbits.sequence import Sequence
 from .degenerate_grazing import vanishing
+from .kinds import Kind
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, KernelRequests, at_parameter
 from .test_functions import TestFunction
@@ -31,7 +32,7 @@ def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> Ke
         if not seen.found.is_converged or np.abs(seen.found.place.z - place.z).max() > _NEAR:
             continue
         start = BranchPoint.of(sequence, seen, point.arc)
-        found = yield from vanishing(start, "force_zero", stop)
+        found = yield from vanishing(start, Kind.FORCE_ZERO, stop)
         if found is not None:
             return found
     return None
@@ -40,10 +41,10 @@ def end_of_vanishing_flight(point: BranchPoint, flight: int | None = None) -> Ke
 def hop_that_ends(test: TestFunction, event: BranchPoint) -> KernelRequests:
     """The point where a hop vanishes, if that makes an impact lose its speed or holds a mass back; else None."""
     watched, k = event.seen.watched, test.index
-    if test.kind == "gr":
+    if test.kind == Kind.GRAZING:
         return (yield from end_of_vanishing_flight(event, k))
-    if test.kind in ("onset", "touch"):
-        flights = watched.rise_flight if test.kind == "onset" else watched.gap_flight
+    if test.kind in (Kind.ONSET, Kind.TOUCH):
+        flights = watched.rise_flight if test.kind == Kind.ONSET else watched.gap_flight
         return (yield from end_of_vanishing_flight(event, int(flights[k])))
     return None
 

@@ -9,6 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from .._branches.branch import Branch
+from .._branches.kinds import End, Kind
 from .._hybrid.limits import IMPACT
 from .._system.description import build_from
 from .._system.force_description import NAMED_FORCE
@@ -22,21 +23,17 @@ from ._impact_lines import OrbitImpacts, impact_lines
 from ._labels import Units, axis_label
 
 _STABILITY = {True: ("-", "stable"), False: ((0, (3.0, 1.5)), "unstable")}
-MARKERS = {
-    "fold": "o",
-    "pd": "D",
-    "ns": "p",
-    "bp": "*",
-    "gr": "v",
-    "double_impact": "d",
-    "force_zero": "^",
-    "chatter_completion": "s",
+MARKERS: dict[str, str] = {
+    Kind.FOLD: "o",
+    Kind.PERIOD_DOUBLING: "D",
+    Kind.NEIMARK_SACKER: "p",
+    Kind.BRANCH_POINT: "*",
+    Kind.GRAZING: "v",
+    Kind.DOUBLE_IMPACT: "d",
+    Kind.FORCE_ZERO: "^",
+    Kind.CHATTER_COMPLETION: "s",
 }
 OTHER = "h"
-# Full names of abbreviated kinds.
-_WORDS = {"pd": "period doubling", "ns": "Neimark-Sacker", "bp": "branch point", "gr": "grazing"}
-# Kinds at which a multiplier crosses the unit circle.
-_ON_CIRCLE = ("fold", "pd", "ns", "bp")
 # Sweep under the branches: remaining share of its colours, and factor of its marker size.
 _LIGHT, _LARGER = 0.6, 1.4
 
@@ -130,7 +127,7 @@ def branch(
 
 def label_of_kind(kind: str) -> str:
     """Legend label of a kind of bifurcation or special point."""
-    return _WORDS.get(kind, kind.replace("_", " ").replace("+", " and "))
+    return Kind(kind).words if kind in MARKERS else kind.replace("_", " ").replace("+", " and ")
 
 
 def _common(branches: list[Branch], ds: xr.Dataset | None) -> tuple[str, int]:
@@ -183,11 +180,11 @@ class _Curves(NamedTuple):
 def _curves(branch: Branch, stop: int) -> _Curves:
     """The lines of a branch at a stop."""
     points = branch.points
-    if branch.ends == ("closed", "closed"):  # repeat the first point at the end
+    if branch.ends == (End.CLOSED, End.CLOSED):  # repeat the first point at the end
         points = points.isel(point=[*range(len(branch)), 0])
     kinds = points["bifurcation"].values.astype(str)
     # At a multiplier on the unit circle `is_stable` is decided by rounding: the other end of the segment decides.
-    is_stable = points["is_stable"].values | np.isin(kinds, _ON_CIRCLE)
+    is_stable = points["is_stable"].values | np.isin(kinds, [str(kind) for kind in Kind if kind.is_critical])
     sign = _system(points).stops[stop].sign
     lines = [
         (np.array(numbers), sign * np.array(velocities))

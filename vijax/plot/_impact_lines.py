@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._branches.kinds import Kind
+
 
 class OrbitImpacts(NamedTuple):
     """The impacts of an orbit at a stop, in the order of its cycle, (impacts,) each.
@@ -33,13 +35,13 @@ def impact_lines(
                 here[i] = there.pop(earlier[i])
             else:
                 # A new impact starts at the grazing before, with the velocity of the stop: its speed of approach is 0.
-                is_born = k > 0 and kinds[k - 1] == "gr"
+                is_born = k > 0 and kinds[k - 1] == Kind.GRAZING
                 here[i] = ([k - 1], [float(now.carried[i])]) if is_born else ([], [])
                 lines.append(here[i])
             here[i][0].append(k)
             here[i][1].append(float(velocity))
         for i, (numbers, velocities) in there.items():
-            if kinds[k] == "gr":
+            if kinds[k] == Kind.GRAZING:
                 numbers.append(k)
                 velocities.append(float(before.carried[i]))
         before, there = now, here
