@@ -31,8 +31,7 @@ pytest.register_assert_rewrite("helpers", "outputs")
 def pytest_configure(config: pytest.Config) -> None:
     """Keep compiled programs beside pytest's own cache, so that a second run or another process need not compile again.
 
-    All of them are kept, since a run has many hundred small ones. JAX never keeps programs that call back into
-    Python.
+    All of them are kept, since a run has many hundred small ones, except those that call back into Python.
     """
     if getattr(config, "cache", None) is not None:
         settings = {

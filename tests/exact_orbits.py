@@ -30,7 +30,7 @@ class Table(NamedTuple):
     def slope(self) -> float:
         """-W y' / g at the impact.
 
-        The ball flies n T and comes down as fast as it went up, and (1 + r) y' = (1 - r) g n T / 2 for its speed to
+        The ball flies n T, comes down as fast as it went up, and (1 + r) y' = (1 - r) g n T / 2 for its speed to
         repeat.
         """
         return -np.pi * self.n * (1 - self.restitution) / (1 + self.restitution)
@@ -66,7 +66,7 @@ class Table(NamedTuple):
         r, g, w = self.restitution, self.gravity, self.frequency
         t = share * 2 * np.pi * self.n / w
         angle = self.angle + w * t
-        # Height and velocity in space.
+        # Height and velocity in the fixed frame.
         height = self.amplitude * np.cos(self.angle)
         speed = r * self.speed - self.amplitude * w * np.sin(self.angle)
         x = height + speed * t - g * t**2 / 2
@@ -88,10 +88,10 @@ def exact_orbit(
 ) -> Orbit:
     """Motion of x'' + c x' + k x = force cos(w t + phase) that hits s at speed v every `span`.
 
-    With `flip` = 1 the load returns after `span`; with -1 it is reversed, and the next impact is at -s. Let z be (x,
-    x') minus the steady response, just before the impact at s. Just after the impact it is z - (1 + r) v e2, and
-    E = expm(((0, 1), (-k, -c)) span) maps that to flip z: z = v u. At the impact the response has the position s - v
-    u_1 and the velocity v (1 - u_2), and its amplitude is that of the load. This gives v, the larger root. The
+    With `flip` = 1 the load returns after `span`; with -1 it is reversed, and the next impact is at -s. Let z be
+    (x, x') minus the steady response, just before the impact at s. Just after the impact it is z - (1 + r) v e2, and
+    E = expm(((0, 1), (-k, -c)) span) maps that to flip z: z = v u. At the impact the response has the position
+    s - v u_1 and the velocity v (1 - u_2), and its amplitude is that of the load. This gives v, the larger root. The
     linearised impact is S = ((-r, 0), (b, -r)), b = (a+ + r a-) / v, with the accelerations before and after it.
     """
     a = np.array([[0.0, 1.0], [-k, -c]])

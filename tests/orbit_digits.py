@@ -27,8 +27,7 @@ import vijax as vx
 
 DATA = Path(__file__).parent / "data" / "golden_orbits.json"
 STORED, WORKING = 40, 80
-# A chatter is followed down to the speed `LIGHTEST`; the error is the square of it. Bounces below `LIGHT` are not
-# stored.
+# Least speed of a followed chatter, whose error is its square. Bounces below `LIGHT` are not stored.
 LIGHTEST, LIGHT = mpf(10) ** -25, mpf(10) ** -5
 # Samples of a flight, enough that no stop is passed unseen.
 LOOKS = 24

@@ -214,7 +214,7 @@ def test_the_impact_map_ends_where_a_chatter_does(exact_chatter):
     assert float(pairs.velocity[num_impacts]) == pytest.approx(float(exact[0].velocity), abs=SETTLED)
 
 
-# A sweep and a trajectory say the same
+# Agreement of sweeps and trajectories
 
 
 @pytest.mark.thorough

@@ -12,8 +12,7 @@ import vijax as vx
 def test_a_ball_between_walls_has_the_exact_orbit_of_one_impact_at_each(r, n, a):
     w, d = 1.5, 1.0
     period, k = 2 * np.pi / w, (1 - r**2) / (2 * np.pi * n * r)
-    # Of the two such instants, the one at which the wall accelerates forward: a ball that comes late is thrown back
-    # faster.
+    # Of the two such instants, the one at which the wall accelerates: a ball that comes late is thrown back faster.
     angle = -np.arccos(k * d / (a * np.hypot(1, k))) - np.arctan2(1, k)
     assert a * (k * np.cos(angle) - np.sin(angle)) == pytest.approx(k * d, abs=EXACT)
     flight = d - a * np.cos(angle)

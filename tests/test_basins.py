@@ -97,7 +97,7 @@ def test_cycles_are_compared_up_to_a_shift_alone():
     assert not same_cycle(cycle, np.concatenate([cycle, cycle]), EXACT)
 
 
-# Where starts lead
+# Attractors of starts
 
 
 @polishes

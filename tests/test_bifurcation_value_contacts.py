@@ -9,8 +9,7 @@ import vijax as vx
 
 pytestmark = pytest.mark.slow
 
-# Off-diagonal entry of the mass matrix, a coefficient of the row, the position, the amplitude of the contact's
-# motion.
+# Off-diagonal entry of the mass matrix, a coefficient of the row, the position, the amplitude of the contact.
 NUMBERS = np.array([0.2, -0.7, 0.9, 0.05])
 DAMPING, STIFFNESS = np.array([[0.2, -0.05], [-0.05, 0.1]]), np.array([[2.0, -0.8], [-0.8, 1.5]])
 LOAD, PHASE, MOTION_PHASE = np.array([0.4, 0.1]), np.array([0.0, 0.7]), 1.1

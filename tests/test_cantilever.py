@@ -81,8 +81,8 @@ def test_a_finer_beam_meets_its_stop_as_the_beam_does_and_its_bounces_keep_their
     """The first impact is that of the exact beam, sin(w t) / w = position, to the fourth order.
 
     Then the velocity of the tip alone is reversed, and the tip bounces as its element vibrates, in times proportional
-    to the square of the element length: the bounces have a limit in that scale, in which the rest of the beam is at
-    rest to the second order.
+    to the square of the element length: a limit in that scale, in which the rest of the beam is at rest to the second
+    order.
     """
     position, w, counts = 0.1, 1.8751040687119611**2, np.array([4, 8, 16])
     t, v = (np.array(a) for a in zip(*(first_impacts(int(n), position) for n in counts), strict=True))

@@ -34,7 +34,7 @@ def test_forward_derivatives_have_no_bound_on_steps():
     )
     assert sol.num_steps > 65_536
     value, slope = jax.jvp(light, (jnp.asarray(1.0),), (jnp.asarray(1.0),))
-    # Rounding errors of 1e-16 a step.
+    # Rounding errors of 1e-16 per step.
     assert float(value) == pytest.approx(np.cos(LONG), abs=1e-9)
     assert float(slope) == pytest.approx(-np.sin(LONG) * LONG / 2, rel=1e-9)
 

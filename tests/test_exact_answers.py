@@ -21,7 +21,7 @@ import vijax as vx
 
 # Entries against matrix exponentials: 40 digits, minus those that 600 time units of damping cost.
 ENTRY = 1e-30
-# The phase of a load is rounded to a double, so the orbit is one to rounding only.
+# The phase of a load is rounded to a double, so the orbit closes only to rounding.
 ENTRY_ROUNDED = 1e-15
 # The engine against entries: rounding of 1e-16 at each of some hundred steps, of the largest value.
 EXACT = 2e-14

@@ -14,10 +14,10 @@ from model_roundings import EXACT
 import vijax as vx
 
 W, A, D = 1.0, 0.01, 1.0
-# Near a speed v the map is the standard map with K = 4 a d W^2 / v^2: time of flight 2 d / v, change of speed 2 a W
-# sin(b). Its last curve breaks at K = 0.9716 (J. M. Greene, J. Mathematical Physics 20 (1979) 1183-1201).
+# Near a speed v the map is the standard map with K = 4 a d W^2 / v^2: time of flight 2 d / v, change of speed
+# 2 a W sin(b). Its last curve breaks at K = 0.9716 (J. M. Greene, J. Mathematical Physics 20 (1979) 1183-1201).
 BORDER = 2 * W * np.sqrt(A * D / 0.971635)
-# Starts on a curve just above the border and on one far above it, below the first, and between both.
+# Starts on a curve just above the border and on one far above it, and others: below the first, and between both.
 FIRST, SECOND = 1.175 * BORDER, 3.3 * BORDER
 BELOW = np.linspace(0.05, 1.0, 40) * BORDER
 BETWEEN = np.linspace(1.3, 3.1, 22) * BORDER
@@ -30,7 +30,7 @@ OF_WALL = 1e-11 * A * W**2
 
 @pytest.fixture(scope="module")
 def swept():
-    """Thousands of impacts from each start in the middle of the walls."""
+    """Sweep with thousands of impacts from each start in the middle of the walls."""
     system = vx.models.ball_between_walls(W, A, position=D)
     starts = np.concatenate([[FIRST, SECOND], BELOW, BETWEEN])
     return vx.sweep(
@@ -73,8 +73,7 @@ def test_a_ball_between_walls_never_passes_an_invariant_curve(swept):
         angle, speed = at_the_moving_wall(swept.isel({"v0[0]": 2 + k}))
         assert (speed < first(angle)).all()
         fastest.append(speed.max())
-    # Chaos fills the region that the curve leaves it: slow balls are accelerated up to the border of the standard
-    # map.
+    # Chaos fills the region below the curve: slow balls are accelerated up to the border of the standard map.
     assert 0.95 < max(fastest) / BORDER < 1.05
     assert np.median(fastest / BELOW) > 1.3
     for k in range(len(BETWEEN)):

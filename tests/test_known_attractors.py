@@ -12,8 +12,7 @@ AMPLITUDE, POSITION = "forcing.amplitude[0]", "stops[0].position"
 # doubling, by the amplitude.
 FOLDS = {0.79: 0.35564119904136, 0.7995: 0.36218601300675}
 DOUBLING = 0.90, 0.35421999760770
-# The fold is bracketed to five digits: nearer to it motions settle too slowly. At a doubling the multiplier is -1
-# too.
+# The fold is bracketed to five digits: nearer, motions settle too slowly. At a doubling the multiplier is -1 too.
 NEAR_FOLD, NEAR_DOUBLING = 1e-5, 1e-3
 STARTS = np.random.default_rng(0).uniform([-1.5, -1.5], [1.0, 1.5], (48, 2))
 

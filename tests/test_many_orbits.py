@@ -123,7 +123,7 @@ FAMILIES: list[Callable[[np.random.Generator], Family]] = [
     three_masses,
     four_masses,
 ]
-# Larger machines, and those of a long chatter, take long to compile.
+# Larger machines, and those with a long chatter, take long to compile.
 CHOSEN = [
     pytest.param((between_two_stops, FEW), id="between_two_stops"),
     pytest.param((with_a_shaken_slot, FEW), id="with_a_shaken_slot", marks=pytest.mark.slow),

@@ -63,7 +63,7 @@ class SeenInFlight(NamedTuple):
 
 
 def seen_in_flight(name: str) -> SeenInFlight:
-    """Start half way to the first impact: the load is shifted, the matrix is of one cycle from there."""
+    """Start half way to the first impact: the phase of the load is shifted, the matrix is of one cycle from there."""
     orbit = periodic_orbit(name)
     system = orbit.problem.system
     half = orbit.period / 2
