@@ -1,4 +1,4 @@
-"""A mass between two stops whose motions coexist, and what is found of them, once for each machine."""
+"""Machines with a mass between two stops and coexisting attractors, found once for each machine."""
 
 from dataclasses import dataclass, field
 from functools import cache
@@ -8,13 +8,13 @@ import xarray as xr
 
 import vijax as vx
 
-# Polished cycles close to 1e-13; what follows from their states is known to this.
+# Error of quantities computed from polished cycles, which close to 1e-13.
 EXACT = 1e-9
 
 
 @dataclass(frozen=True)
 class Of:
-    """A machine by its text, for a cache to know it again."""
+    """A machine that a cache compares by its text."""
 
     system: vx.ImpactSystem = field(compare=False)
     text: str = field(init=False)
@@ -24,13 +24,13 @@ class Of:
 
 
 def machine(frequency: float, amplitude: float = 1.0, restitution: float = 0.8) -> vx.ImpactSystem:
-    """A mass on a spring between two stops, alike on both sides."""
+    """A mass on a spring between two equal stops."""
     stops = [vx.Stop(0, -0.5, "lower", restitution), vx.Stop(0, 0.5, "upper", restitution)]
     return vx.ImpactSystem([1.0], [[0.05]], [[1.0]], vx.Harmonic([amplitude], frequency), stops)
 
 
-# Two motions, each the mirror image of the other; a cycle of three periods beside one of one; a motion
-# without impacts beside one with; two chaotic ones.
+# Two motions, each the mirror image of the other; a cycle of three periods beside one of one; a motion without
+# impacts beside one with impacts; two chaotic ones.
 MIRRORED, THREE, QUIET, CHAOTIC = machine(1.5), machine(4.0, 4.0, 0.9), machine(3.0), machine(1.25)
 
 
@@ -40,7 +40,7 @@ def _found(of: Of, starts: int, seed: int) -> xr.Dataset:
 
 
 def found(system: vx.ImpactSystem, starts: int = 60, seed: int = 0) -> xr.Dataset:
-    """From random starts; computed once for each machine."""
+    """Attractors from random starts, computed once for each machine."""
     return _found(Of(system), starts, seed)
 
 
@@ -49,11 +49,11 @@ def states(ds: xr.Dataset) -> np.ndarray:
 
 
 def section(ds: xr.Dataset, number: int) -> np.ndarray:
-    """The section points of an attractor, (points, 2 n)."""
+    """Section points of an attractor, (points, 2 n)."""
     rows = np.concatenate([ds.section_x[number], ds.section_v[number]], axis=1)
     return rows[~np.isnan(rows[:, 0])]
 
 
 def box(count: int) -> np.ndarray:
-    """Starts spread over all that is between the stops."""
+    """Random starts that fill the region between the stops."""
     return np.random.default_rng(1).uniform([-0.5, -3.0], [0.5, 3.0], (count, 2))

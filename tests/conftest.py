@@ -1,12 +1,12 @@
-"""What every test runs under: 64-bit numbers, no silent broadcasting, every annotation checked."""
+"""Settings of all tests: 64-bit numbers, no silent broadcasting, every annotation checked."""
 
 import gc
 import os
 import sys
 from collections.abc import Iterator
 
-# Most of the time goes into compiling programs that run for milliseconds. They are compiled a short way, unoptimised, but
-# where `VIJAX_COMPILE_FULLY=1` asks for what users get.
+# Most of the time goes into compiling programs that run for milliseconds. They are compiled without optimisation,
+# unless `VIJAX_COMPILE_FULLY=1` requests the programs that users get.
 if not os.environ.get("VIJAX_COMPILE_FULLY"):
     short_way = (
         "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
@@ -22,16 +22,16 @@ import pytest
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
-# Before anything imports vijax, so that beartype checks every call inside the package as well.
+# Before anything imports vijax, so that beartype also checks every call inside the package.
 jaxtyping.install_import_hook("vijax", "beartype.beartype")
 
 pytest.register_assert_rewrite("helpers", "outputs")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Keep compiled programs beside pytest's own cache: a second run, or another process, need not compile again.
+    """Keep compiled programs beside pytest's own cache, so that a second run or another process need not compile again.
 
-    All of them, for a run has many hundred small ones. Those that call back into Python are never kept.
+    All of them are kept, since a run has many hundred small ones, except those that call back into Python.
     """
     if getattr(config, "cache", None) is not None:
         settings = {
@@ -46,10 +46,10 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope="module", autouse=True)
 def _collected_once() -> Iterator[None]:
-    """Look for garbage once a file, and only among what is new there.
+    """Collect garbage once a file, and only new objects.
 
-    Tracing makes millions of small objects that live long. To look through all of them again and again took a
-    tenth of the time of all tests.
+    Tracing makes millions of small, long-lived objects. Traversing all of them repeatedly took a tenth of the time of
+    all tests.
     """
     gc.disable()
     yield
@@ -58,7 +58,7 @@ def _collected_once() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def _figures_closed() -> Iterator[None]:
-    """Close what a test has drawn, so that the next counts its own figures alone, whichever file it stands in."""
+    """Close the figures of a test, so that the next one counts only its own."""
     yield
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close("all")

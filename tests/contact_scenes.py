@@ -1,7 +1,7 @@
 """Machines with contacts between masses: golden scenes, and random ones.
 
 A golden scene was solved by ball arithmetic to at least 36 proved digits, see data/golden_contacts/README.md, and is
-compared as those of `helpers.py` are.
+compared like those of `helpers.py`.
 """
 
 import json
@@ -17,23 +17,23 @@ FREQUENCY = 1.3
 
 
 def contact_scene_names() -> list[str]:
-    """The names of all scenes."""
+    """Names of all scenes."""
     return sorted(path.stem for path in _FOLDER.glob("*.json"))
 
 
 def contact_data(name: str) -> dict:
-    """A scene as it was written."""
+    """Data of a scene as stored."""
     return json.loads((_FOLDER / f"{name}.json").read_text())
 
 
 def contact_scene(name: str) -> Scene:
-    """Read one scene."""
+    """A golden scene from its file."""
     data = contact_data(name)
     return scene_of(name, data, contact_machine(data), "contact")
 
 
 def contact_machine(data: dict, basis: np.ndarray | None = None) -> vx.ImpactSystem:
-    """The machine of a scene; in coordinates y, x = basis @ y, if a basis is given."""
+    """Machine of a scene; in coordinates y with x = basis @ y, if a basis is given."""
     basis = np.eye(data["n"]) if basis is None else basis
     mass, damping, stiffness = (basis.T @ np.array(data[name]) @ basis for name in "MCK")
     if not np.any(mass - np.diag(np.diag(mass))):
@@ -58,7 +58,7 @@ def contact_machine(data: dict, basis: np.ndarray | None = None) -> vx.ImpactSys
 
 
 def shape_of_scene(name: str) -> tuple:
-    """What a compiled program is special to; harmonics are padded to powers of two."""
+    """Properties for which a program is compiled; harmonics are padded to powers of two."""
     data = contact_data(name)
     mass = np.array(data["M"])
     is_full, motions = (
@@ -79,7 +79,7 @@ def random_machine(
     is_moving: bool = False,
     is_driven: bool = True,
 ) -> vx.ImpactSystem:
-    """A machine of random matrices and rows, of small gaps; without a load its energy never grows."""
+    """A machine with random matrices and rows, and small gaps; without a load its energy never grows."""
     random = np.random.default_rng(seed)
     square = lambda: (lambda a: a @ a.T / n)(random.normal(size=(n, n)))  # noqa: E731
     mass, stiffness, damping = square() + np.eye(n) / 2, square() + np.eye(n) / 10, square() / 20
@@ -101,7 +101,7 @@ def random_machine(
 
 
 def rows_of(system: vx.ImpactSystem) -> np.ndarray:
-    """A, (contacts, n)."""
+    """Rows of the contacts, A, (contacts, n)."""
     rows = np.zeros((system.num_stops, system.num_masses))
     for j, stop in enumerate(system.stops):
         for i, a in stop.coefficients.items():
@@ -110,6 +110,6 @@ def rows_of(system: vx.ImpactSystem) -> np.ndarray:
 
 
 def gaps_at(solution: vx.Solution, system: vx.ImpactSystem, t: np.ndarray) -> np.ndarray:
-    """The gaps of contacts at some times, (times, contacts), from positions alone."""
+    """Gaps of contacts at some times, (times, contacts), from positions alone."""
     x, positions = np.asarray(solution.evaluate(t)[0]), np.asarray(solution.evaluate_stops(t)[0])
     return positions - x @ rows_of(system).T

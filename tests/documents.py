@@ -1,6 +1,6 @@
-"""The Python code of the README and of the pages, for whoever runs or checks it.
+"""Python code of the README and of the documentation pages, to be run or checked.
 
-`python tests/documents.py FOLDER` writes that of each into a file of its own.
+`python tests/documents.py FOLDER` writes the code of each into its own file.
 """
 
 import re
@@ -11,19 +11,19 @@ ROOT = Path(__file__).parent.parent
 
 
 def pages() -> list[str]:
-    """The pages that are written, in the folders of `docs/` and beside them; not those that building them adds."""
+    """Written pages, in `docs/` and its folders; without those that the build adds."""
     folders = (ROOT / "docs" / name for name in ("", "tutorials", "how_to", "explanation", "reference"))
     files = (file for folder in folders for file in sorted(folder.glob("*.md")))
     return [str(file.relative_to(ROOT)) for file in files if file.name != "gallery.md"]
 
 
 def documents() -> list[str]:
-    """The README and the pages that hold Python code."""
+    """README and pages that contain Python code."""
     return [document for document in ("README.md", *pages()) if python_of(document)]
 
 
 def python_of(document: str) -> str:
-    """The Python blocks of a document, one after the other."""
+    """Python blocks of a document, joined."""
     return "\n".join(re.findall(r"^```python\n(.*?)^```", (ROOT / document).read_text(), re.M | re.S))
 
 

@@ -1,4 +1,4 @@
-"""What is read off pictures, and what is drawn in some."""
+"""Readers of pictures, and results to draw."""
 
 import json
 
@@ -12,7 +12,7 @@ import vijax as vx
 from vijax._system.description import describe
 
 PATH = "forcing.frequency"
-# The darkest colour told from black on a screen, of 1 for white.
+# Least brightness that differs visibly from black on a screen; white is 1.
 SEEN = 0.3
 
 
@@ -25,7 +25,7 @@ def events(sol: vx.Solution, kind: int, stop: int) -> np.ndarray:
 
 
 def discs(ax, *, filled: bool) -> list[tuple[float, float]]:
-    """The round marks, white or filled; of those in one line one."""
+    """Places of the round marks, white or filled; one for each line."""
     marks = [line for line in ax.lines if line.get_marker() == "o"]
     is_white = [mpl.colors.same_color(mark.get_markerfacecolor(), "white") for mark in marks]
     return [points(mark).pop() for mark, white in zip(marks, is_white, strict=True) if white != filled]
@@ -36,7 +36,7 @@ def points(line) -> set[tuple[float, float]]:
 
 
 def named(ax, words: str):
-    """The lines of the legend's entry."""
+    """Lines with that entry of the legend."""
     return [line for line in ax.lines if line.get_label() == words]
 
 
@@ -45,7 +45,7 @@ def words_of_legend(ax) -> list[str]:
 
 
 def cycle(system: vx.ImpactSystem, x, v) -> vx.PeriodicOrbit:
-    """The motion over one forcing period, told as an orbit is; its multipliers are made up."""
+    """Motion over one forcing period as a `PeriodicOrbit`, with made-up multipliers."""
     sol = vx.simulate(system, 0.0, float(system.forcing.period), x, v)
     log = sol.events
     hits = jnp.array([((log.kind == vx.IMPACT) & (log.stop == j)).sum() for j in range(system.num_stops)])
@@ -71,12 +71,12 @@ def cycle(system: vx.ImpactSystem, x, v) -> vx.PeriodicOrbit:
 
 
 def both_ways(ds: xr.Dataset) -> xr.Dataset:
-    """As from `carry="both"`."""
+    """Copies in the two directions of `carry="both"`."""
     return xr.concat([ds, ds], dim="direction").assign_coords(direction=["up", "down"])
 
 
 def branch_of(cycles, kinds=None, stable=None, *, values=None, system=None, num_periods=1, **attrs):
-    """A branch from the (time, stop, speed) of the impacts of each of its orbits; by default at 1, 2, 3, ..."""
+    """Branch of orbits, each given by (time, stop, speed) of its impacts; by default at 1, 2, 3, ..."""
     count, room = len(cycles), max(map(len, cycles))
     system = vx.models.wagg_bishop_b(1.0) if system is None else system
     event_kind, event_stop = np.full((2, count, room), -1)

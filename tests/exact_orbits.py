@@ -18,7 +18,7 @@ class Start(NamedTuple):
 
 
 class Table(NamedTuple):
-    """A ball that hits a table once in n periods: restitution, weight, acceleration of the table over it."""
+    """A ball that hits a table once in n periods; `strength` is the table's acceleration amplitude over gravity."""
 
     n: int
     restitution: float
@@ -28,8 +28,11 @@ class Table(NamedTuple):
 
     @property
     def slope(self) -> float:
-        """-W y' / g as the ball hits the table: it flies n T and comes down as fast as it went up, and
-        (1 + r) y' = (1 - r) g n T / 2 for its speed to be what it was."""
+        """-W y' / g at the impact.
+
+        The ball flies n T, comes down as fast as it went up, and (1 + r) y' = (1 - r) g n T / 2 for its speed to
+        repeat.
+        """
         return -np.pi * self.n * (1 - self.restitution) / (1 + self.restitution)
 
     @property
@@ -39,17 +42,17 @@ class Table(NamedTuple):
 
     @property
     def speed(self) -> float:
-        """Relative to the table."""
+        """Impact speed relative to the table."""
         return 2 * self.fall / (1 + self.restitution)
 
     @property
     def fall(self) -> float:
-        """In space: it comes down as fast as it went up."""
+        """Impact speed in space, equal to the speed at which the ball went up."""
         return self.gravity * self.n * np.pi / self.frequency
 
     @property
     def amplitude(self) -> float:
-        """Travel of the table."""
+        """Displacement amplitude of the table."""
         return self.strength * self.gravity / self.frequency**2
 
     def system(self, phase: float) -> vx.ImpactSystem:
@@ -59,11 +62,11 @@ class Table(NamedTuple):
         )
 
     def later(self, share: float) -> "Start":
-        """The orbit, started that share of a flight after an impact."""
+        """Start on the orbit, at a share of the flight after an impact."""
         r, g, w = self.restitution, self.gravity, self.frequency
         t = share * 2 * np.pi * self.n / w
         angle = self.angle + w * t
-        # Height and velocity in space.
+        # Height and velocity in the fixed frame.
         height = self.amplitude * np.cos(self.angle)
         speed = r * self.speed - self.amplitude * w * np.sin(self.angle)
         x = height + speed * t - g * t**2 / 2
@@ -72,7 +75,7 @@ class Table(NamedTuple):
 
 
 class Orbit(NamedTuple):
-    """An orbit with an impact at an upper stop, and perhaps another at its mirror image."""
+    """An orbit with an impact at an upper stop, and possibly another at its mirror image."""
 
     speed: float
     angle: float
@@ -83,14 +86,13 @@ class Orbit(NamedTuple):
 def exact_orbit(
     c: float, k: float, force: float, w: float, s: float, r: float, span: float, flip: int
 ) -> Orbit:
-    """The motion of x'' + c x' + k x = force cos(w t + phase) that hits s at speed v every `span`.
+    """Motion of x'' + c x' + k x = force cos(w t + phase) that hits s at speed v every `span`.
 
-    With `flip` = 1 the load returns after `span`; with -1 it is reversed, and the next impact is at -s.
-    Let z be (x, x') less the steady response, just before the impact at s. Just after it it is
-    z - (1 + r) v e2, and E = expm(((0, 1), (-k, -c)) span) takes it to flip z: z = v u. Where the mass
-    hits, the response has the position s - v u_1 and the velocity v (1 - u_2), and its amplitude is that
-    of the load, which gives v, the larger root. The impact is linearised by S = ((-r, 0), (b, -r)),
-    b = (a+ + r a-) / v, with the accelerations before and after it.
+    With `flip` = 1 the load returns after `span`; with -1 it is reversed, and the next impact is at -s. Let z be
+    (x, x') minus the steady response, just before the impact at s. Just after the impact it is z - (1 + r) v e2, and
+    E = expm(((0, 1), (-k, -c)) span) maps that to flip z: z = v u. At the impact the response has the position
+    s - v u_1 and the velocity v (1 - u_2), and its amplitude is that of the load. This gives v, the larger root. The
+    linearised impact is S = ((-r, 0), (b, -r)), b = (a+ + r a-) / v, with the accelerations before and after it.
     """
     a = np.array([[0.0, 1.0], [-k, -c]])
     e, e2 = scipy.linalg.expm(a * span), np.array([0.0, 1.0])
@@ -102,7 +104,7 @@ def exact_orbit(
     s_matrix = np.array([[-r, 0.0], [(push + c * r * v + r * (push - c * v)) / v, -r]])
 
     def later(t: float) -> tuple[float, np.ndarray]:
-        """The angle of the load and the state, a time t after the impact."""
+        """Angle of the load and state at a time t after the impact."""
         wave = gain * np.exp(1j * (angle + w * t))
         return angle + w * t, scipy.linalg.expm(a * t) @ (v * np.array([u1, u2 - 1 - r])) + np.array(
             [wave.real, (1j * w * wave).real]
@@ -112,9 +114,9 @@ def exact_orbit(
 
 
 def rattle(w: float, a: float, d: float, r: float) -> tuple[float, float]:
-    """Angle b of the box and speed against it, where the mass hits the upper wall.
+    """Angle b of the box and relative speed, at the impact on the upper wall.
 
-    At rest, the mass leaves X = d + a cos b with the velocity u and is at -X half a period later, so
+    In the fixed frame, the mass leaves X = d + a cos b with the velocity u and is at -X half a period later, so
     u = -2 w X / pi; it came with -u. The wall moves by -a w sin b, and (1 - r) u = -(1 + r) a w sin b.
     """
     q = np.pi * (1 + r) / (1 - r) / 2

@@ -1,8 +1,7 @@
-"""Event logs as plain tuples, the golden scenes with the way they are compared, and what holds for every ready-made machine.
+"""Event logs as tuples, golden scenes and their comparison, and checks of all ready-made machines.
 
-A golden scene was solved by ball arithmetic to at least 36 proved digits. Rounding errors made at an
-event are magnified by all that follows; how much was measured with the scene, and errors are judged
-by that.
+A golden scene was solved by ball arithmetic to at least 36 proved digits. Rounding errors made at an event are
+magnified by all that follows. The amplification was measured with each scene, and sets the tolerances.
 """
 
 import json
@@ -20,7 +19,7 @@ import vijax as vx
 GOLDEN = Path(__file__).parent / "data" / "golden"
 KINDS = {vx.IMPACT: "impact", vx.STICK: "stick", vx.RELEASE: "release"}
 
-# Some hundred steps of rounding 1e-16 each, before they are magnified.
+# Some hundred steps of rounding 1e-16 each, before amplification.
 ROUNDING = 1e-12
 # The last bounces before a stick depend on when a solver ends a chatter.
 CHATTER_END = 1e-5
@@ -28,12 +27,12 @@ CHATTER_END = 1e-5
 ONE_INSTANT = 1e-8
 # A rounding of the position by 1e-15 moves a light impact by 1e-15 / v.
 POSITION_ROUNDING = 1e-15
-# What JAX tells when a program is compiled.
+# Event that JAX reports for a compilation.
 FINISHED = "/jax/core/compile/backend_compile_duration"
 
 
 class Event(NamedTuple):
-    """One line of a log; the velocity is that just before."""
+    """One line of a log; the velocity is that just before the event."""
 
     t: float
     kind: str
@@ -42,7 +41,7 @@ class Event(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """A machine, a start, and what must come of it."""
+    """A machine, a start, and the exact results."""
 
     name: str
     system: vx.ImpactSystem
@@ -59,11 +58,11 @@ class Scene(NamedTuple):
     time_amplification: float
 
     def simulate(self) -> vx.Solution:
-        """The trajectory as vijax computes it, its result not yet looked at."""
+        """Trajectory by vijax, without an error for its result."""
         return vx.simulate(self.system, self.t0, self.t1, self.x0, self.v0, throw=False)
 
     def time_tolerance(self, event: Event) -> float:
-        """How exact the time of one of its events must be."""
+        """Tolerance of the time of an event."""
         tolerance = ROUNDING * max(1.0, event.t) * self.time_amplification
         loss = 1 - float(self.system.stops[event.stop].restitution)
         if event.kind == "impact" and loss > 0:
@@ -72,17 +71,17 @@ class Scene(NamedTuple):
 
     @property
     def state_tolerance(self) -> float:
-        """How exact its end state must be."""
+        """Tolerance of the end state."""
         return ROUNDING * self.state_amplification
 
 
 def golden_names() -> list[str]:
-    """The names of all golden scenes."""
+    """Names of all golden scenes."""
     return sorted(path.stem for path in GOLDEN.glob("*.json"))
 
 
 def load_scene(name: str) -> Scene:
-    """Read one golden scene."""
+    """A golden scene from its file."""
     data = json.loads((GOLDEN / f"{name}.json").read_text())
     stops = [vx.Stop(s["mass"], s["position"], s["side"], s["restitution"]) for s in data["stops"]]
     load = vx.Harmonic(data["A"], data["Omega"], data["phase"])
@@ -90,7 +89,7 @@ def load_scene(name: str) -> Scene:
 
 
 def scene_of(name: str, data: dict, system: vx.ImpactSystem, stop: str) -> Scene:
-    """The scene of some data, in which `stop` is the name of what is hit."""
+    """Scene from data whose events name the stop or contact by the key `stop`."""
     return Scene(
         name=name,
         system=system,
@@ -109,20 +108,20 @@ def scene_of(name: str, data: dict, system: vx.ImpactSystem, stop: str) -> Scene
 
 
 def machine_shape(name: str) -> tuple:
-    """What a compiled program is special to: the number of masses, and the stops in their order."""
+    """Properties for which a program is compiled: the number of masses, and the stops in their order."""
     data = json.loads((GOLDEN / f"{name}.json").read_text())
     return data["n"], tuple((s["mass"], s["side"]) for s in data["stops"])
 
 
 def log_of(solution: vx.Solution) -> list[Event]:
-    """The event log of a solution, without its padding."""
+    """Event log of a solution, without padding."""
     log, n = solution.events, int(solution.num_events)
     columns = (np.asarray(a)[:n].tolist() for a in (log.t, log.kind, log.stop, log.velocity_minus))
     return [Event(t, KINDS[kind], stop, v) for t, kind, stop, v in zip(*columns, strict=True)]
 
 
 def without_chatter_ends(events: Sequence[Event]) -> list[Event]:
-    """Drop, for every stop, the run of light impacts that ends in its stick."""
+    """Drop, for every stop, the light impacts that end in its stick."""
     is_kept = [True] * len(events)
     for i, stick in enumerate(events):
         if stick.kind == "stick":
@@ -135,7 +134,7 @@ def without_chatter_ends(events: Sequence[Event]) -> list[Event]:
 
 
 def kinds_at_stops(events: Sequence[Event]) -> dict[int, list[str]]:
-    """What happens at each stop, in order; ends of chatters are left out."""
+    """Kinds of events at each stop, in order, without the ends of chatters."""
     kinds = {}
     for event in without_chatter_ends(events):
         kinds.setdefault(event.stop, []).append(event.kind)
@@ -157,7 +156,7 @@ def swapped(expected: Sequence[Event], found: Sequence[Event]) -> list[tuple[Eve
 def paired(expected: Sequence[Event], found: Sequence[Event]) -> list[tuple[Event, Event]]:
     """Pair the events of two logs, which must have the same kinds at every stop, and the same order.
 
-    The pairs come in the order of `expected`; ends of chatters are left out.
+    The pairs have the order of `expected`, without the ends of chatters.
     """
     assert kinds_at_stops(found) == kinds_at_stops(expected)
     assert swapped(expected, found) == [], "events in another order"
@@ -166,7 +165,7 @@ def paired(expected: Sequence[Event], found: Sequence[Event]) -> list[tuple[Even
 
 
 def _places(expected: Sequence[Event], found: Sequence[Event]) -> np.ndarray:
-    """For every expected event, which of those found it is; ends of chatters are left out of both."""
+    """Index in `found` of every expected event; ends of chatters are dropped from both."""
     expected, found = without_chatter_ends(expected), without_chatter_ends(found)
     places = np.zeros(len(expected), int)
     for stop in {event.stop for event in (*expected, *found)}:
@@ -176,14 +175,14 @@ def _places(expected: Sequence[Event], found: Sequence[Event]) -> np.ndarray:
 
 
 def relative_errors(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """The largest error of every column relative to its largest entry, or to 1."""
+    """Largest error of every column, relative to its largest entry or to 1."""
     return np.abs(found - expected).max(axis=0) / np.maximum(1.0, np.abs(expected).max(axis=0))
 
 
 def assert_depends_on_every_parameter(
     build: Callable[..., vx.ImpactSystem], parameters: dict, tolerance: float
 ) -> None:
-    """Check that a machine may be built of traced numbers, and has finite derivatives that do not vanish by all."""
+    """Check that a machine can be built of traced numbers, with finite, nonzero derivatives by all of them."""
 
     def numbers(parameters: dict) -> jax.Array:
         return jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(build(**parameters))])
@@ -197,7 +196,7 @@ def assert_depends_on_every_parameter(
 
 @contextmanager
 def counted() -> Iterator[list[str]]:
-    """The compilations until the end, as they come."""
+    """Names of the compilations in the context, in order."""
     found: list[str] = []
 
     def note(event: str, seconds: float, **details) -> None:
@@ -209,6 +208,6 @@ def counted() -> Iterator[list[str]]:
     try:
         yield found
     finally:
-        # Older releases of JAX have it by a private name alone.
+        # Older releases of JAX have only a private name for it.
         remove = getattr(jax.monitoring, "unregister_event_duration_listener", None)
         (remove or jax._src.monitoring._unregister_event_duration_listener_by_callback)(note)

@@ -1,9 +1,9 @@
-"""Joint chatter, bounce after bounce, by a solver that shares nothing with the engine but the machines.
+"""Joint chatter, bounce after bounce, by a solver that shares only the machines with the engine.
 
-Two contacts that feed each other's bounces come to rest together after infinitely many of them. Here they are followed
-one by one down to a speed, there closed as inelastic ones, and held from then on. That leaves out ever less for ever
-lower speeds: the limit is the motion. Between events a machine is linear, z' = B z with z = (x, v, cos W t, sin W t, 1), and
-followed by its Taylor series; gaps are counted on, so that light bounces keep their digits.
+Two contacts that feed each other's bounces come to rest together after infinitely many of them. This solver follows
+the bounces down to a speed, closes both contacts inelastically there, and holds them from then on. The error vanishes
+with that speed: the limit is the motion. Between events a machine is linear, z' = B z with z = (x, v, cos W t, sin W
+t, 1), and is advanced by its Taylor series; gaps are updated by increments, so that light bounces keep their digits.
 """
 
 from typing import NamedTuple
@@ -19,9 +19,9 @@ _FREQUENCY = 1.3
 
 
 class Machine(NamedTuple):
-    """A machine of n coordinates with two contacts that stand at zero, and a start at rest.
+    """A machine of n coordinates with two contacts at position zero, and a start at rest.
 
-    Its damping acts along the contacts and along what they leave free at once.
+    Its damping couples the contacts and the directions that they leave free.
     """
 
     mass: np.ndarray
@@ -35,7 +35,7 @@ class Machine(NamedTuple):
 
     @property
     def system(self) -> vx.ImpactSystem:
-        """The same for vijax."""
+        """The same machine in vijax."""
         load = vx.Harmonic(self.amplitude, _FREQUENCY, mean=self.mean)
         contacts = [
             vx.Contact(dict(enumerate(a)), 0.0, r) for a, r in zip(self.rows, self.restitution, strict=True)
@@ -66,20 +66,20 @@ def random_machine(seed: int) -> Machine:
 
 
 class Closing(NamedTuple):
-    """Where the bounces were left off, and the state at the end, (2 n,)."""
+    """Time at which the bounces are cut off, and the state at the end, (2 n,)."""
 
     t: float
     end: np.ndarray
 
 
 def closings(machine: Machine, t1: float, speeds: list[float], *, is_damped: bool = True) -> list[Closing]:
-    """Close both contacts where their bounces are slower than each of some falling speeds, and hold them until t1.
+    """Close both contacts once their bounces are slower than each of some falling speeds, and hold them until t1.
 
-    Dampers act on all coordinates while gaps close: by an impulse of C times the way. Without it, `is_damped=False`,
-    what is left out would be of the second order in the speed.
+    Dampers act on all coordinates while gaps close: by an impulse of C times the displacement. Without it,
+    `is_damped=False`, the error is of the second order in the speed.
     """
     n, inverse, a = len(machine.mass), np.linalg.inv(machine.mass), machine.rows
-    moved = inverse @ a.T  # by unit impulses
+    moved = inverse @ a.T  # velocity changes by unit impulses
     g = a @ moved
     back = np.linalg.solve(g, moved.T).T
     free, held = _first_order(machine, inverse), _first_order(machine, inverse - back @ a @ inverse)
@@ -112,7 +112,7 @@ def _first_order(machine: Machine, mobility: np.ndarray) -> np.ndarray:
 
 
 def _next_impact(b: np.ndarray, rows: np.ndarray, z: np.ndarray, t: float, gap: np.ndarray) -> tuple:
-    """The state, time and gaps at the next impact, and where it is."""
+    """State, time and gaps at the next impact, and its contact."""
     n = rows.shape[1]
     for _ in range(_MOST_STEPS):
         series = [z]
@@ -132,7 +132,7 @@ def _next_impact(b: np.ndarray, rows: np.ndarray, z: np.ndarray, t: float, gap: 
 
 
 def _first_root(way: np.ndarray) -> float:
-    """The first time within a step at which a gap with this series closes; infinite if there is none."""
+    """First time within a step at which the gap with this series closes; infinite if there is none."""
     path = np.polynomial.Polynomial(way if way[0] else way[1:])
     slope, roots = path.deriv(), np.linalg.eigvals(np.polynomial.polynomial.polycompanion(path.coef))
     is_real = abs(roots.imag) <= 1e-7 * abs(roots)

@@ -1,4 +1,4 @@
-"""One mass with one impact in n periods of its load, in closed form and differentiable, for all numbers of the machine."""
+"""One mass with one impact in n periods of its load, in closed form, differentiable by all numbers of the machine."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ import vijax as vx
 
 
 class Numbers(NamedTuple):
-    """Of `vx.models.impact_oscillator`, but for the frequency."""
+    """Parameters of `vx.models.impact_oscillator` without the frequency."""
 
     position: float
     restitution: float
@@ -28,7 +28,7 @@ class Numbers(NamedTuple):
 
 
 def _flight(w, numbers, periods):
-    """The motion of the free machine over n periods, (2, 2)."""
+    """Matrix of the free motion over n periods, (2, 2)."""
     generator = jnp.array([[0.0, 1.0], [-1.0, 0.0]]) + 2 * numbers.damping_ratio * jnp.array(
         [[0.0, 0.0], [0.0, -1.0]]
     )
@@ -36,13 +36,13 @@ def _flight(w, numbers, periods):
 
 
 def _shift(w, numbers, periods):
-    """The response less (position, 0) at an impact of speed 1, as `test_closed_branch.closed_form` has it."""
+    """Response minus (position, 0) at an impact of speed 1, as in `test_closed_branch.closed_form`."""
     flight, step = _flight(w, numbers, periods), jnp.array([0.0, 1.0])
     return jnp.linalg.solve(jnp.eye(2) - flight, step + numbers.restitution * flight @ step)
 
 
 def quadratic(w, numbers, periods):
-    """Its coefficients a, b, c: a v^2 + b v + c = 0 for the speed v of the impact."""
+    """Coefficients a, b, c of a v^2 + b v + c = 0 for the impact speed v."""
     p, q = _shift(w, numbers, periods)
     reach = numbers.amplitude**2 / ((1 - w * w) ** 2 + (2 * numbers.damping_ratio * w) ** 2)
     return p**2 + (q / w) ** 2, 2 * numbers.position * p, numbers.position**2 - reach
@@ -54,7 +54,7 @@ def discriminant(w, numbers, periods):
 
 
 def speed(w, numbers, periods, sign=1):
-    """Of the faster orbit, or for -1 the slower one."""
+    """Impact speed of the faster orbit; of the slower one for `sign` = -1."""
     a, b, _ = quadratic(w, numbers, periods)
     return (-b + sign * jnp.sqrt(discriminant(w, numbers, periods))) / (2 * a)
 
@@ -67,7 +67,7 @@ def phase(w, numbers, periods, v):
 
 
 def step(w, numbers, periods, v):
-    """The monodromy matrix, from just before an impact to the next, (2, 2)."""
+    """Monodromy matrix from just before an impact to the next, (2, 2)."""
     angle, r, damping = phase(w, numbers, periods, v), numbers.restitution, 2 * numbers.damping_ratio
     force = numbers.amplitude * np.cos(angle) - numbers.position
     before, after = force - damping * v, force + damping * r * v
@@ -75,7 +75,7 @@ def step(w, numbers, periods, v):
 
 
 def after_impact(w, numbers, periods, v):
-    """A start on the orbit at phase 0: simulated from its impact to the next multiple of the period."""
+    """Start on the orbit at phase 0, simulated from its impact to the next multiple of the period."""
     angle, period = phase(w, numbers, periods, v), 2 * np.pi / w
     system = numbers.machine(w)
     sol = vx.simulate(system, angle / w, period, [numbers.position], [-numbers.restitution * v])
@@ -83,7 +83,7 @@ def after_impact(w, numbers, periods, v):
 
 
 def clearance(w, numbers, periods, v, samples=8001):
-    """The least gap on the way from an impact to the next, but for its ends: negative for what is no motion."""
+    """Least gap between two impacts, without the ends; negative if the orbit is not admissible."""
     angle, damping = phase(w, numbers, periods, v), 2 * numbers.damping_ratio
     response = numbers.amplitude / (1 - w * w + 1j * damping * w) * np.exp(1j * angle)
     ts = np.linspace(0, 2 * np.pi * periods / w, samples)

@@ -1,13 +1,15 @@
-"""Periodic orbits of two masses to 40 digits, by a solver that shares nothing with the engine but the machines.
+"""Periodic orbits of two masses to 40 digits, by a solver that shares only the machines with the engine.
 
-`python tests/orbit_digits.py` computes them anew and writes `tests/data/golden_orbits.json`. From the engine it takes
-a guess alone: the events of an orbit in their order, their times, and a start. Then, in numbers of 80 digits,
+`python tests/orbit_digits.py` recomputes them and writes `tests/data/golden_orbits.json`. From the engine it takes
+only a guess: the events of an orbit in their order, their times, and a start. Then it solves, in numbers of 80
+digits,
 
     z(n T; z(0)) = z(0),  with a gap of zero at each impact, and a force of zero at each release,
 
-is solved by Newton's method. Every flight is an exponential of a matrix; its duration, a root of the gap or the force,
-moves with the start as the implicit function theorem says. An orbit counts if no stop is passed between its events, and
-what holds a mass presses. Multipliers are eigenvalues of the derivative of z(n T), which differences of it confirm.
+by Newton's method. Every flight is an exponential of a matrix; its duration, a root of the gap or the force, depends
+on the start by the implicit function theorem. An orbit is accepted if no stop is passed between its events, and every
+contact force while sticking is positive. Multipliers are eigenvalues of the derivative of z(n T), which differences
+confirm.
 """
 
 import json
@@ -25,11 +27,11 @@ import vijax as vx
 
 DATA = Path(__file__).parent / "data" / "golden_orbits.json"
 STORED, WORKING = 40, 80
-# A chatter is followed down to this speed: what is left out then is its square. Of bounces below `LIGHT` none is stored.
+# Least speed of a followed chatter, whose error is its square. Bounces below `LIGHT` are not stored.
 LIGHTEST, LIGHT = mpf(10) ** -25, mpf(10) ** -5
-# Looked at so often in a flight, no stop is passed unseen.
+# Samples of a flight, enough that no stop is passed unseen.
 LOOKS = 24
-# Differences are taken over this, and are as good as its square.
+# Spacing of differences, whose error is its square.
 SPACING = mpf(10) ** -20
 
 
@@ -43,7 +45,7 @@ class Case(NamedTuple):
 
 
 def _shaken() -> vx.ImpactSystem:
-    """One stop stands still and one is shaken, by two harmonics; the modes do not diagonalise the damping."""
+    """One fixed stop and one that moves with two harmonics; the modes do not diagonalise the damping."""
     motion = vx.Harmonic([[0.1], [0.04]], 1.3, phase=[[0.2], [1.0]], mean=[0.02])
     load = vx.Harmonic([[2.0, 0.0], [0.0, 0.1]], 1.3, phase=[[0.0, 0.0], [0.0, 0.5]])
     stops = [vx.Stop(0, 0.4, "upper", 0.7), vx.Stop(1, 0.25, "upper", 0.6, motion)]
@@ -81,7 +83,7 @@ class Machine:
         self.size = self.free.rows
 
     def place(self, j: int) -> mpmath.matrix:
-        """Where stop j is, as a row."""
+        """Position of stop j, as a row."""
         stop, row = self.stops[j], mpmath.zeros(1, self.size)
         row[self.size - 1] = mpf(float(stop.position))
         if stop.motion is not None:
@@ -95,25 +97,25 @@ class Machine:
         return row
 
     def gap(self, j: int) -> mpmath.matrix:
-        """The gap of stop j, as a row."""
+        """Gap of stop j, as a row."""
         row = self.place(j)
         row[self.stops[j].mass] -= 1
         return self.stops[j].sign * row
 
     def force(self, j: int, held: Sequence[int]) -> mpmath.matrix:
-        """What presses on stop j, as the acceleration its mass would have without it."""
+        """Contact force on stop j, as the acceleration that its mass would have without it."""
         rate = self.flow(tuple(i for i in held if i != j))
         return -self.gap(j) * rate * rate
 
     def flow(self, held: Sequence[int]) -> mpmath.matrix:
-        """The rate of z while some stops hold their masses."""
+        """Matrix of z' while the stops `held` hold their masses."""
         a = self.free.copy()
         for j in held:
             a[self.n + self.stops[j].mass, :] = self.place(j) * self.free * self.free
         return a
 
     def impact(self, j: int, *, sticks: bool) -> mpmath.matrix:
-        """What an impact at stop j does to z."""
+        """Matrix by which an impact at stop j changes z."""
         i, r = self.stops[j].mass, 0 if sticks else mpf(float(self.stops[j].restitution))
         after = mpmath.eye(self.size)
         after[i, :] = self.place(j)
@@ -123,7 +125,7 @@ class Machine:
 
 
 class Step(NamedTuple):
-    """An impact or a release, and about how long the flight before it lasts; after the last bounce a mass sticks."""
+    """An impact or a release, and the approximate duration of the flight before it; `sticks` ends a chatter."""
 
     kind: int
     stop: int
@@ -132,7 +134,7 @@ class Step(NamedTuple):
 
 
 class Lap(NamedTuple):
-    """Once round: the end, its derivative by the start, the steps as they were; times and speeds of events, lowest gap."""
+    """One cycle: end, its derivative by the start, steps as flown, event times and speeds, least gap or force."""
 
     end: mpmath.matrix
     slope: mpmath.matrix
@@ -145,7 +147,7 @@ class Lap(NamedTuple):
 def lap(
     machine: Machine, start: Sequence[mpf], steps: Sequence[Step], span: mpf, held: Sequence[int] = ()
 ) -> Lap:
-    """Follow the steps from a start, whatever happens on the way, for a span of time."""
+    """Follow the steps from a start for a span of time, whether the motion is admissible or not."""
     m, held = machine, tuple(held)
     z = mpmath.matrix([*start, *m.phase0])
     slope, moved = (
@@ -179,7 +181,7 @@ def lap(
 
 
 def _root(a: mpmath.matrix, row: mpmath.matrix, z: mpmath.matrix, guess: mpf) -> mpf:
-    """When row . z is zero next, by Newton's method until nothing but rounding is left."""
+    """Next time at which row . z is zero, by Newton's method down to rounding."""
     tau, last = guess, mpf("inf")
     for _ in range(20):
         there = mpmath.expm(a * tau) * z
@@ -191,7 +193,7 @@ def _root(a: mpmath.matrix, row: mpmath.matrix, z: mpmath.matrix, guess: mpf) ->
 
 
 def _lowest(m: Machine, a: mpmath.matrix, z: mpmath.matrix, span: mpf, held: Sequence[int]) -> mpf:
-    """The lowest gap of the free stops, and the least that presses on the others, inside of a flight."""
+    """Least gap of the free stops and least force on the others, inside a flight."""
     rows = [m.force(j, held) if j in held else m.gap(j) for j in range(len(m.stops))]
     advance, lowest = mpmath.expm(a * (span / LOOKS)), mpf("inf")
     for _ in range(LOOKS - 1):
@@ -201,7 +203,7 @@ def _lowest(m: Machine, a: mpmath.matrix, z: mpmath.matrix, span: mpf, held: Seq
 
 
 class Solved(NamedTuple):
-    """An orbit: its start, what happens, and the eigenvalues of its derivative."""
+    """An orbit: its cycle, its start, and the eigenvalues of its derivative."""
 
     lap: Lap
     start: mpmath.matrix
@@ -236,7 +238,7 @@ def solve(case: Case) -> Solved:
 
 
 def _steps(machine: Machine, orbit: vx.PeriodicOrbit) -> list[Step]:
-    """The steps of the engine's orbit; a chatter goes on with its ratio until it is lighter than anything."""
+    """Steps of the engine's orbit; a chatter is continued with its ratio down to `LIGHTEST`."""
     log, steps, last = orbit.events, [], 0.0
     events = [e for e in zip(log.t.tolist(), log.kind.tolist(), log.stop.tolist(), strict=True) if e[1] >= 0]
     for k, (t, kind, stop) in enumerate(events):
@@ -255,7 +257,7 @@ def _steps(machine: Machine, orbit: vx.PeriodicOrbit) -> list[Step]:
 
 
 def digits_of(name: str) -> dict:
-    """What is stored of an orbit, as strings."""
+    """Stored quantities of an orbit, as strings."""
     case, told = CASES[name](), lambda a: mpmath.nstr(a, STORED)
     with mp.workdps(WORKING):
         orbit = solve(case)
@@ -281,7 +283,7 @@ def digits_of(name: str) -> dict:
 
 @cache
 def stored() -> dict[str, dict]:
-    """All digits that are stored, by name."""
+    """All stored digits, by name."""
     return json.loads(DATA.read_text())
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-# A title, and what fits below it without scrolling.
+# A title, and the lines that fit below it without scrolling.
 MOST_LINES, MOST_COLUMNS = 11, 110
 FILES = {
     "NetCDF by h5netcdf": (
@@ -26,7 +26,7 @@ FILES = {
 
 
 def show(thing: object) -> str:
-    """What is printed, after a check of its size and of the table that notebooks show."""
+    """Printed text, after a check of its size and of the table in notebooks."""
     text, table = repr(thing), thing._repr_html_()
     lines = text.splitlines()
     assert len(lines) <= MOST_LINES
@@ -39,13 +39,13 @@ def show(thing: object) -> str:
 
 
 def names_of(codes: xr.DataArray) -> list[str]:
-    """The codes in words, as their attributes tell them."""
+    """Codes in words, from their attributes."""
     names = dict(zip(codes.attrs["flag_values"], codes.attrs["flag_meanings"].split(), strict=True))
     return [names[code] for code in codes.values.ravel()]
 
 
 def assert_comes_back(ds: xr.Dataset, way: str, path: Path) -> xr.Dataset:
-    """Write to a file and read again: it comes back as it was, to the kind and the size of its numbers."""
+    """Write to a file, read it again, and compare, down to the kind and size of the numbers."""
     module, write, read = FILES[way]
     pytest.importorskip(module)
     write(ds, path)

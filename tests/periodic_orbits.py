@@ -1,4 +1,4 @@
-"""Orbits of one mass with one impact in n periods, in closed form, checked as the machines of `problems`."""
+"""Orbits of one mass with one impact in n periods, in closed form, checked like the machines of `problems`."""
 
 from functools import cache
 from typing import NamedTuple
@@ -11,7 +11,7 @@ import vijax as vx
 
 
 class Orbit(NamedTuple):
-    """An orbit as published: stop, restitution, load frequency, periods, impact speed, damping, spring."""
+    """A published orbit: stop, restitution, load frequency, periods, impact speed, damping, spring."""
 
     position: float
     restitution: float
@@ -22,8 +22,8 @@ class Orbit(NamedTuple):
     stiffness: float = 1.0
 
 
-# Budd and Dux: where (1, n) orbits are born in folds (to 12 digits, sign restored: the impact speed must be
-# positive) and double their period, and how fast they are at given stops. The last is our own, damped.
+# Budd and Dux: stop positions at which (1, n) orbits arise in folds (to 12 digits, sign restored: the impact speed
+# must be positive) and double their period, and impact speeds at given stops. The last orbit is our own, damped.
 ORBITS = {
     "fold_2.8": Orbit(-1.780235601322, 0.8, 2.8, 1, None),
     "fold_2.6": Orbit(-1.550453685026, 0.8, 2.6, 1, None),
@@ -52,17 +52,16 @@ class PeriodicOrbit(NamedTuple):
 
 @cache
 def periodic_orbit(name: str, impacts: int = 6) -> PeriodicOrbit:
-    """The orbit of x'' + c x' + k x = cos(w t) that hits x <= s once in n periods, in closed form.
+    """Orbit of x'' + c x' + k x = cos(w t) that hits x <= s once in n periods, in closed form.
 
-    Let z = (x, x') minus the steady response (p, q) at the impact. Over n periods T the response
-    returns and z -> E z, E = expm(((0, 1), (-k, -c)) n T). From (s - p, -r v - q) it must come to
-    (s - p, v - q), so z = (E - I)^-1 (1 + r) v e2 just after the impact, and with
-    (w1, w2) = (I - E)^-1 (1 + r) e2 - r e2 the response is p = s + w1 v, q = w2 v. It has the amplitude
-    G = 1 / |k - w^2 + i c w|, so that (s + w1 v)^2 + (w2 v / w)^2 = G^2 gives v, and the angle of
-    p - i q / w the phase of the load. At a fold the two v fall together.
+    Let z = (x, x') minus the steady response (p, q) at the impact. Over n periods T the response returns and z -> E
+    z, E = expm(((0, 1), (-k, -c)) n T). From (s - p, -r v - q) it must come to (s - p, v - q), so z = (E - I)^-1
+    (1 + r) v e2 just after the impact, and with (w1, w2) = (I - E)^-1 (1 + r) e2 - r e2 the response is p = s + w1 v,
+    q = w2 v. It has the amplitude G = 1 / |k - w^2 + i c w|, so that (s + w1 v)^2 + (w2 v / w)^2 = G^2 gives v, and
+    the angle of p - i q / w the phase of the load. At a fold the two v coincide.
 
-    One impact is linearised by S = ((-r, 0), ((a+ + r a-) / v, -r)), a-+ the accelerations before and
-    after it; the monodromy matrix is E S.
+    The linearised impact is S = ((-r, 0), ((a+ + r a-) / v, -r)), a-+ the accelerations before and after it; the
+    monodromy matrix is E S.
     """
     orbit = ORBITS[name]
     c, k, w, r = (mpf(a) for a in (orbit.damping, orbit.stiffness, orbit.frequency, orbit.restitution))

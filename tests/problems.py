@@ -1,7 +1,7 @@
 """Machines whose motion is known exactly.
 
-Numbers are mpmath's, to `DIGITS` digits, for the machine as it is stored: in doubles. Every entry is
-checked by `flown_by_matrix_exponentials`, which knows none of the formulas that made it.
+Numbers are mpmath's, to `DIGITS` digits, for the machine as stored in doubles. Every entry is checked by
+`flown_by_matrix_exponentials`, which uses none of the formulas of the entry.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ mp.dps = DIGITS
 
 
 class Impact(NamedTuple):
-    """An exact impact: when, at which stop, and how fast the mass was just before."""
+    """An exact impact: its time, its stop, and the speed just before."""
 
     t: mpf
     velocity: mpf
@@ -26,7 +26,7 @@ class Impact(NamedTuple):
 
 
 class State(NamedTuple):
-    """An exact state: when, where, how fast."""
+    """An exact state: time, positions, velocities."""
 
     t: mpf
     x: tuple[mpf, ...]
@@ -44,11 +44,11 @@ class Problem(NamedTuple):
 
 
 def flown_by_matrix_exponentials(problem: Problem, impacts: int = 12) -> mpf:
-    """Fly the motion from one impact of the entry to the next and return how far off it ever is.
+    """Fly the motion from one impact of the entry to the next; return the largest error.
 
-    The motion is z' = A z for z = (x, v, cosines and sines of the load, 1), with A made of the stored
-    doubles; mpmath.expm knows no modes, no resonance and no damping regimes. Between impacts no stop
-    may be passed.
+    The motion is z' = A z for z = (x, v, cosines and sines of the load, 1), with A made of the stored doubles;
+    mpmath.expm needs no modes, and has no special cases of resonance or damping. Between impacts no stop may be
+    passed.
     """
     system, start = problem.system, problem.start
     n = system.num_masses
@@ -84,7 +84,7 @@ def _fly(system: vx.ImpactSystem, a: mpmath.matrix, z: mpmath.matrix, span: mpf)
 
 
 def first_order_matrix(system: vx.ImpactSystem) -> mpmath.matrix:
-    """A of z' = A z for z = (x, v, cos W t, sin W t, cos 2 W t, ..., 1), no mass held."""
+    """A of z' = A z for z = (x, v, cos W t, sin W t, cos 2 W t, ..., 1), without sticking."""
     n, load = system.num_masses, system.forcing
     amplitudes = load.amplitude.reshape(-1, n).tolist()
     phases = load.phase.reshape(-1, n).tolist()
@@ -106,7 +106,7 @@ def first_order_matrix(system: vx.ImpactSystem) -> mpmath.matrix:
 
 
 def load_phase(system: vx.ImpactSystem, t: mpf) -> list[mpf]:
-    """The cosines and sines of the load at t."""
+    """Cosines and sines of the load at t."""
     harmonics = system.forcing.amplitude.reshape(-1, system.num_masses).shape[0]
     angles = [(h + 1) * mpf(float(system.forcing.frequency)) * t for h in range(harmonics)]
     return [f(angle) for angle in angles for f in (mpmath.cos, mpmath.sin)]
@@ -126,7 +126,7 @@ def one_mass(
     mean: float = 0.0,
     stops: tuple[vx.Stop, ...] = (),
 ) -> vx.ImpactSystem:
-    """The machine m x'' + c x' + k x = mean + amplitude cos(frequency t + phase)."""
+    """Machine m x'' + c x' + k x = mean + amplitude cos(frequency t + phase)."""
     load = vx.Harmonic([amplitude], frequency, [phase], [mean])
     return vx.ImpactSystem([m], [[c]], [[k]], load, list(stops))
 
@@ -146,11 +146,10 @@ class SiconosChatter(NamedTuple):
 def siconos_chatter(bounces: int = 101) -> SiconosChatter:
     """A weight on a spring falls on a floor: m x'' + k x = -m g, x >= 0, e = 0.9, from x = 1 at rest.
 
-    It swings about -d, d = m g / k, with w^2 = k / m. It meets the floor first when
-    cos(w t) = d / (1 + d), with speed u_0 = w sqrt((1 + d)^2 - d^2). A flight that starts with speed u
-    ends with the same, for the energy is kept; in the phase plane it is an arc of a circle about
-    -d, of half angle atan(u / (w d)). So the flights last (2 / w) atan(u_j / (w d)), u_j = e^j u_0,
-    and the chatter ends after the sum of them all.
+    It oscillates about -d, d = m g / k, with w^2 = k / m. It first hits the floor when cos(w t) = d / (1 + d), with
+    speed u_0 = w sqrt((1 + d)^2 - d^2). A flight that starts with speed u ends with the same speed, by conservation
+    of energy; in the phase plane it is an arc of a circle about -d, of half angle atan(u / (w d)). So the flights
+    last (2 / w) atan(u_j / (w d)), u_j = e^j u_0, and the chatter ends after the sum of them all.
     """
     m, k, g, e = 1e-3, 100.0, 9.81, 0.9
     weight = m * g
@@ -168,7 +167,7 @@ def siconos_chatter(bounces: int = 101) -> SiconosChatter:
 
 
 class StickingOrbit(NamedTuple):
-    """A periodic motion with a complete chatter and a hold in every period."""
+    """A periodic motion with a complete chatter and a sticking phase in every period."""
 
     problem: Problem
     release: mpf
@@ -178,13 +177,13 @@ class StickingOrbit(NamedTuple):
 
 @cache
 def sticking_orbit() -> StickingOrbit:
-    """A periodic motion that chatters, sticks and lets go: x'' + x = cos(t / 2), x <= 0, r = 1/2.
+    """A periodic motion with chatter, sticking and release: x'' + x = cos(t / 2), x <= 0, r = 1/2.
 
-    The contact force of the mass at rest on the stop is cos(t / 2), so it is let go at pi. Then
-    x = 4/3 cos(t / 2) - 2/3 sin t = 4/3 cos(t / 2) (1 - sin(t / 2)) until 3 pi, where v = 4/3; the next
-    flight ends at 11 pi / 3 with v = 1. It chatters to an end while the force presses, and is let go at
-    5 pi: the period is 4 pi. Every flight after an impact at T with v is
-    x = 4/3 (cos(t / 2) - cos(T / 2) cos(t - T)) + (2/3 sin(T / 2) - r v) sin(t - T).
+    The contact force of the mass at rest on the stop is cos(t / 2), so the mass is released at pi. Then x = 4/3
+    cos(t / 2) - 2/3 sin t = 4/3 cos(t / 2) (1 - sin(t / 2)) until 3 pi, where v = 4/3; the next flight ends at 11
+    pi / 3 with v = 1. The chatter completes while the force presses, and the mass is released at 5 pi: the period is
+    4 pi. Every flight after an impact at T with v is x = 4/3 (cos(t / 2) - cos(T / 2) cos(t - T)) + (2/3
+    sin(T / 2) - r v) sin(t - T).
     """
     system = one_mass(amplitude=1.0, frequency=0.5, stops=(vx.Stop(0, 0.0, "upper", 0.5),))
     t, v = 3 * mp.pi, mpf(4) / 3
@@ -194,7 +193,7 @@ def sticking_orbit() -> StickingOrbit:
         guess = guesses.pop(0) if guesses else v / mpmath.cos(t / 2)
         t, v = _next_bounce(t, v, guess)
         impacts.append(Impact(t, v))
-    # The rest of the bounces is a geometric series of times v / a, a = cos(t / 2), v half as large each.
+    # The remaining bounces are a geometric series of times v / a, a = cos(t / 2); each halves v.
     end = t + 2 * v / mpmath.cos(t / 2)
     start = _state(mp.pi, 0, 0)
     problem = Problem("sticking_orbit", system, start, tuple(impacts), ())
@@ -202,7 +201,7 @@ def sticking_orbit() -> StickingOrbit:
 
 
 def _next_bounce(t0: mpf, v0: mpf, guess: mpf) -> tuple[mpf, mpf]:
-    """The next impact of the sticking orbit after one at t0 with speed v0, given about how much later."""
+    """Next impact of the sticking orbit after one at t0 with speed v0; `guess` is the approximate time between them."""
 
     def motion(u: mpf) -> tuple[mpf, mpf]:
         half, swing = mpmath.cos(t0 / 2), mpf(2) / 3 * mpmath.sin(t0 / 2) - v0 / 2
@@ -210,7 +209,7 @@ def _next_bounce(t0: mpf, v0: mpf, guess: mpf) -> tuple[mpf, mpf]:
         v = -mpf(2) / 3 * mpmath.sin((t0 + u) / 2) + mpf(4) / 3 * half * mpmath.sin(u)
         return x, v + swing * mpmath.cos(u)
 
-    # Divided by u, which takes away the impact just left; with digits to spare for short flights.
+    # Divided by u, which removes the root of the previous impact; with spare digits for short flights.
     with mp.workdps(3 * DIGITS):
         u = mpmath.findroot(lambda u: motion(u)[0] / u, guess)
         return t0 + u, motion(u)[1]
@@ -218,10 +217,9 @@ def _next_bounce(t0: mpf, v0: mpf, guess: mpf) -> tuple[mpf, mpf]:
 
 @cache
 def elastic_bounces(bounces: int = 40) -> Problem:
-    """Free swings against an elastic stop: x'' + x = 0, x <= 1/2, r = 1, from x = -1 at rest.
+    """Free oscillation against an elastic stop: x'' + x = 0, x <= 1/2, r = 1, from x = -1 at rest.
 
-    It meets the stop first at pi - acos(1/2) = 2 pi / 3 with speed sqrt(3)/2, and from then on
-    every 4 pi / 3 again.
+    It hits the stop first at pi - acos(1/2) = 2 pi / 3 with speed sqrt(3)/2, and then every 4 pi / 3.
     """
     system = one_mass(stops=(vx.Stop(0, 0.5, "upper", 1.0),))
     first, speed = 2 * mp.pi / 3, mpmath.sqrt(3) / 2
@@ -234,7 +232,7 @@ def elastic_bounces(bounces: int = 40) -> Problem:
 
 
 def _free(name: str, motion: Callable[[mpf], mpf], times: tuple[float, ...], **machine: float) -> Problem:
-    """A free response, its velocity by differentiating the closed form."""
+    """Free response, with the velocity as derivative of the closed form."""
     with mp.workdps(2 * DIGITS):
         states = tuple(_state(t, motion(mpf(t)), mpmath.diff(motion, mpf(t))) for t in (0.0, *times))
     return Problem(name, one_mass(**machine), states[0], (), states[1:])
@@ -244,11 +242,11 @@ def _free(name: str, motion: Callable[[mpf], mpf], times: tuple[float, ...], **m
 def free_responses() -> tuple[Problem, ...]:
     """Linear motion in every regime of damping and load, in closed form.
 
-    x'' + 2 a x' + x = 0 from x = 1 at rest: exp(-a t) (cos(d t) + a / d sin(d t)) with d^2 = 1 - a^2,
-    cosh and sinh for a > 1, and exp(-t) (1 + t) for a = 1. At a = 70 the fast exponential is long
-    gone when the slow one has fallen to exp(-600 / 140): written with cosh it overflows. Without a
-    spring a constant load gives f t^2 / 2, or, damped, f t / c - f m / c^2 (1 - exp(-c t / m)). An
-    undamped spring driven at its own frequency swings with t sin(t) / 2.
+    x'' + 2 a x' + x = 0 from x = 1 at rest: exp(-a t) (cos(d t) + a / d sin(d t)) with d^2 = 1 - a^2, cosh and sinh
+    for a > 1, and exp(-t) (1 + t) for a = 1. At a = 70 the fast exponential has vanished long before the slow one has
+    fallen to exp(-600 / 140): written with cosh it overflows. Without a spring a constant load gives f t^2 / 2, or,
+    damped, f t / c - f m / c^2 (1 - exp(-c t / m)). An undamped spring driven at its own frequency moves as t
+    sin(t) / 2.
     """
     soon, late = (0.3, 2.0, 17.0, 60.0), (0.3, 5.0, 40.0, 200.0)
 

@@ -1,4 +1,4 @@
-"""The periodic response of linear machines, harmonic by harmonic, and machines for which it is known."""
+"""Periodic response of linear machines, harmonic by harmonic, and a machine to compute it for."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ LOAD = vx.Harmonic(
     [[0.3, 0.1, 0.0], [0.05, 0.0, 0.2]], 0.9, [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]], [0.1, 0.0, -0.2]
 )
 SHAKEN = vx.Harmonic([[0.4], [0.1]], 0.9, [[0.7], [0.2]], [0.05])
-# Far from everything, but one of them moves, and so does the frame.
+# Far from all motions; one of them moves, so the frame moves too.
 FAR = [vx.Stop(0, 50.0, "upper", 0.7), vx.Stop(2, 60.0, "upper", 0.7, SHAKEN)]
 UNEVEN = vx.chain([1.0, 0.5, 2.0], [0.3, 0.1, 0.2], [1.0, 3.0, 0.7], LOAD, FAR)
 
@@ -18,7 +18,7 @@ def matrices(system: vx.ImpactSystem) -> tuple[np.ndarray, ...]:
 
 
 def amplitudes(system: vx.ImpactSystem, waves: np.ndarray) -> np.ndarray:
-    """The response to a load Re sum_h waves_h exp(i h W t), h = 1, 2, ..., harmonic by harmonic."""
+    """Response to a load Re sum_h waves_h exp(i h W t), h = 1, 2, ..., harmonic by harmonic."""
     m, c, k = matrices(system)
     speeds = float(system.forcing.frequency) * np.arange(1, len(waves) + 1)
     return np.array(
@@ -27,7 +27,7 @@ def amplitudes(system: vx.ImpactSystem, waves: np.ndarray) -> np.ndarray:
 
 
 def response_at(system: vx.ImpactSystem, angle: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Position and velocity of the periodic response, in space."""
+    """Position and velocity of the periodic response, in the fixed frame."""
     load = system.forcing
     waves = amplitudes(system, np.atleast_2d(load.amplitude * np.exp(1j * np.asarray(load.phase))))
     orders = np.arange(1, len(waves) + 1)[:, None]

@@ -1,4 +1,4 @@
-"""No file and no dataset runs anything: a force is imported where the caller allows it, and made of what a force is made of."""
+"""No file or dataset runs code by itself: forces are imported only where the caller allows it, and only fit objects."""
 
 import json
 import re
@@ -18,7 +18,7 @@ from vijax._system.description import describe
 from vijax._system.system import with_args
 from vijax.studio.command_line.main import main
 
-# A module that leaves a mark beside itself for everything that is run of it.
+# A module that writes a mark beside itself whenever any of its code runs.
 SPRINGS = """
 from pathlib import Path
 from subprocess import Popen, call
@@ -101,7 +101,7 @@ CUBIC = {"path": "vijax.models:CubicSpring", "stiffness": 1.0}
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A folder with a package of forces, as another process finds it: nothing of it is imported, or known."""
+    """A folder with a package of forces that this process has neither imported nor described."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr("vijax._system.forces_by_path._known", set())
@@ -118,7 +118,7 @@ def marks(place):
 
 
 def written(force, args=None):
-    """The file of a machine with a force."""
+    """File of a machine with a force."""
     told = MACHINE | {"force": force} | ({} if args is None else {"args": args})
     with open("machine.json", "w", encoding="utf-8") as file:
         json.dump(told, file)
@@ -126,7 +126,7 @@ def written(force, args=None):
 
 
 def dataset(force, args=None):
-    """What a sweep of a machine with a force leaves, as far as its machine is asked for."""
+    """Attributes of a sweep dataset of a machine with a force, as far as `system_of` needs them."""
     told = MACHINE | {"force": force} | ({} if args is None else {"args": args})
     return xr.Dataset(attrs={"system": json.dumps(told), "dtype": "float64"})
 
@@ -207,7 +207,7 @@ def test_a_module_that_is_allowed_is_imported_with_what_is_in_it(place, module, 
     force = vx.load(written({"path": f"{module}:Spring", "cubic": 2.0}), allow_forces=allow).force
     assert type(force).__module__ == module
     np.testing.assert_array_equal(force(0.0, jnp.array([0.5]), jnp.zeros(1), None), [-0.25])
-    again = vx.load(written({"path": f"{module}:Spring", "cubic": 3.0})).force  # it is known from now on
+    again = vx.load(written({"path": f"{module}:Spring", "cubic": 3.0})).force  # allowed from now on
     assert float(again.cubic) == 3.0
     with pytest.raises(ValueError, match=f"{module}:cubic is not imported"):
         vx.load(written(f"{module}:cubic"))
@@ -330,7 +330,7 @@ def test_what_is_swept_here_is_known_here_and_elsewhere_once_it_is_allowed(place
     assert vx.periodic_orbits(ds, progress=False).converged.all()
     monkeypatch.setattr("vijax._system.forces_by_path._known", set())
     vx.sweep(system, {"args.k": [0.5]}, transient=1, record=1, progress=False)
-    assert vx.system_of(ds).force is not None  # the sweep has told of it
+    assert vx.system_of(ds).force is not None  # the sweep has described it
 
 
 # The command line
@@ -338,7 +338,7 @@ def test_what_is_swept_here_is_known_here_and_elsewhere_once_it_is_allowed(place
 
 @pytest.fixture
 def files(place):
-    """A machine with a force, and what a sweep of it leaves."""
+    """A machine with a force, and the dataset of a sweep of it."""
     pytest.importorskip("h5netcdf")
     written("springs:cubic", {"k": 1.0})
     points = {
@@ -384,7 +384,7 @@ def test_other_commands_import_no_force_unless_it_is_allowed(files, capsys, type
 
 
 def test_a_package_that_lies_beside_a_file_is_not_taken_for_one_that_is_missing(tmp_path):
-    """The folder of a file that somebody sent is none of Python's path."""
+    """The folder of a received file is not on Python's path."""
     (tmp_path / "machine.json").write_text(json.dumps(MACHINE))
     (tmp_path / "elsewhere").mkdir()
     code = f"import sys; from vijax.studio.command_line.main import main; main(['info', {str(tmp_path / 'machine.json')!r}]); print(sys.path)"

@@ -16,14 +16,13 @@ CASE_A = [0.2, 0.4, 0.8, 1.0, 1.2, 1.4, 1.5, 1.8, *DOUBLE]
 # The first two chatter, at more than a hundred steps a period, and settle within a few.
 CHATTERING = [0.2, 0.3]
 CASE_B = [0.5, 0.715, 0.75, 0.8, 1.1, 1.4, 1.7, 2.0, 2.05, 2.1]
-# For each a start of the second mass from which the motion ends in one impact a period, and one from which
-# it ends in chaos.
+# For each, some starts of the second mass end in one impact a period, and some in chaos.
 COEXISTING = (1.7, 2.0, 2.05, 2.1)
 # The basins are intertwined: of these, some lead to chaos at each frequency.
 TO_PERIODIC, TO_CHAOS = -0.4, (-0.2, -0.05, 0.02, 0.04, 0.05, 0.06, 0.08, 0.09)
-# Motions that have settled, after some hundred roundings that are not magnified.
+# Error of settled motions, after some hundred roundings that are not magnified.
 SETTLED = 1e-11
-# Bounces this light are left out at the end of a chatter, so its end is known to about their duration.
+# Error of the end of a chatter, about the duration of the last bounces, which are cut off.
 CHATTER_END = 1e-9
 
 
@@ -32,7 +31,7 @@ def sweep(system: vx.ImpactSystem, values: dict, **options) -> xr.Dataset:
 
 
 def kind(point: xr.Dataset) -> str:
-    """The motion in words, as the attributes tell it."""
+    """Kind of motion in words, from the attributes."""
     names = dict(zip(point.motion.flag_values, point.motion.flag_meanings.split(), strict=True))
     return names[int(point.motion)]
 
@@ -123,7 +122,7 @@ def test_chaos_and_a_motion_of_one_impact_a_period_coexist_in_case_b():
         points = motions.sel({FREQUENCY: frequency})
         assert_motion(points.sel({"x0[1]": TO_PERIODIC}), ("periodic", 1, (1, 1)))
         kinds = [kind(points.sel({"x0[1]": start})) for start in TO_CHAOS]
-        # At 2.0 chaos is a transient, of which half is left after some 1500 periods: one may be over already.
+        # At 2.0 chaos is a transient with a half-life of some 1500 periods: one may already be over.
         assert kinds.count("non_periodic") >= 3, frequency
 
 
@@ -139,7 +138,7 @@ def test_both_masses_stick_within_one_period(case_b, chattering_b):
 def test_the_double_impacts_of_the_paper_are_found(case_a, frequency):
     motions = vx.classify(case_a)
     assert float(motions.sel({FREQUENCY: frequency}).num_double_impacts) == 1
-    # They are 0.005 apart, and no other impacts of these frequencies are half as close.
+    # The two impacts are 0.005 apart, and no other impacts at these frequencies are half as close.
     narrow, wide = (vx.classify(case_a, double_impact_within=gap) for gap in (0.0045, 0.006))
     assert float(narrow.sel({FREQUENCY: frequency}).num_double_impacts) == 0
     assert float(wide.sel({FREQUENCY: frequency}).num_double_impacts) == 1
@@ -195,7 +194,7 @@ def test_an_orbit_that_chatters_across_the_end_of_a_period_is_held_as_long_as_it
     expected = float(orbit.release + orbit.period - orbit.end)
     np.testing.assert_allclose(motion.held_time, expected, rtol=0, atol=CHATTER_END)
     held = vx.stroboscopic_section(exact_chatter).held_time
-    # Held from the start to the first release.
+    # The mass sticks from the start to the first release.
     np.testing.assert_allclose(held[0], float(orbit.release), rtol=0, atol=CHATTER_END)
     np.testing.assert_allclose(held[1:], expected, rtol=0, atol=CHATTER_END)
 
@@ -211,11 +210,11 @@ def test_the_impact_map_ends_where_a_chatter_does(exact_chatter):
     for name in ("phase", "velocity"):
         ours, following = pairs[name].values[:num_impacts], pairs[f"next_{name}"].values[:num_impacts]
         np.testing.assert_array_equal(following[:-1], ours[1:])
-    # The first impact of the next period is no successor of the last bounce.
+    # The last bounce is not paired with the first impact of the next period.
     assert float(pairs.velocity[num_impacts]) == pytest.approx(float(exact[0].velocity), abs=SETTLED)
 
 
-# A sweep and a trajectory say the same
+# Agreement of sweeps and trajectories
 
 
 @pytest.mark.thorough

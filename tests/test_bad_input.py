@@ -1,4 +1,4 @@
-"""Bad input gets a sentence that says what is wrong and what to do."""
+"""Bad input raises an error that describes the fault and the remedy."""
 
 import re
 
@@ -14,12 +14,12 @@ LOAD = vx.Harmonic([0.5, 0.0], 0.8)
 EYE = np.eye(2)
 MASSES = np.ones(2)
 ONE = vx.chain([1.0], [0.1], [1.0], vx.Harmonic([0.5], 0.8), [vx.Stop(0, 0.3, "upper", 0.7)])
-# An unbounded motion: a negative stiffness lets it overflow.
+# Unbounded motion: a negative stiffness makes it overflow.
 UNSTABLE = eqx.tree_at(lambda s: s.stiffness, ONE, jnp.array([[-400.0]]))
 
 
 def says(sentence: str) -> str:
-    """A pattern that matches the sentence, word for word."""
+    """Pattern that matches the message literally."""
     return re.escape(sentence)
 
 
@@ -211,7 +211,7 @@ def test_a_bad_run_is_refused_with_a_sentence(name):
 
 
 def test_an_unknown_side_is_refused():
-    # The annotation is checked in these tests and may speak first; without it the sentence does.
+    # In tests the annotation is checked and may raise first; without that check the message does.
     with pytest.raises(Exception, match=r"upper|side"):
         vx.Stop(0, 0.3, "left", 0.7)
 
@@ -222,7 +222,7 @@ def test_complex_numbers_are_refused():
 
 
 def run(system=ONE, t1=30.0, x0=None, v0=None, *, log=64, **knobs):
-    """A run whose log has one of few lengths, so that few programs are compiled."""
+    """A run with one of a few log lengths, so that few programs are compiled."""
     return vx.simulate(system, 0.0, t1, x0, v0, max_events=log, **knobs)
 
 
@@ -249,7 +249,7 @@ def end_state(t1, x, save):
 def test_under_jit_the_same_sentence_comes_at_run_time(bad, sentence):
     good = {"t1": 1.0, "x": 0.0, "save": 0.5}
     assert jnp.isfinite(end_state(**jax.tree.map(jnp.asarray, good))).all()
-    # What JAX makes of an error inside a plain `jit` has varied: a RuntimeError or a ValueError.
+    # JAX turns an error inside a plain `jit` into a RuntimeError or a ValueError, depending on the version.
     with pytest.raises((RuntimeError, ValueError), match=says(sentence)):
         end_state(**jax.tree.map(jnp.asarray, good | bad)).block_until_ready()
 

@@ -12,12 +12,12 @@ import vijax as vx
 def test_a_ball_between_walls_has_the_exact_orbit_of_one_impact_at_each(r, n, a):
     w, d = 1.5, 1.0
     period, k = 2 * np.pi / w, (1 - r**2) / (2 * np.pi * n * r)
-    # Of the two such instants that at which the wall speeds up: whoever comes late is thrown back faster.
+    # Of the two such instants, the one at which the wall accelerates: a ball that comes late is thrown back faster.
     angle = -np.arccos(k * d / (a * np.hypot(1, k))) - np.arctan2(1, k)
     assert a * (k * np.cos(angle) - np.sin(angle)) == pytest.approx(k * d, abs=EXACT)
     flight = d - a * np.cos(angle)
     speed = flight * (1 + 1 / r) / (n * period)
-    # Time 0 is when the ball leaves the moving wall.
+    # At time 0 the ball leaves the moving wall.
     x = [a * np.cos(angle)]
     system = vx.models.ball_between_walls(w, a, phase=angle, position=d, restitution=r)
     turns = 5
@@ -34,7 +34,7 @@ def test_a_ball_between_walls_has_the_exact_orbit_of_one_impact_at_each(r, n, a)
 
 
 def reflected(x: np.ndarray, v: np.ndarray, t: float, length: float) -> np.ndarray:
-    """Where points are that fly freely between 0 and a wall and pass through each other."""
+    """Positions of points that fly freely between 0 and a wall and pass through each other."""
     folded = np.mod(x + v * t, 2 * length)
     return np.where(folded > length, 2 * length - folded, folded)
 
@@ -45,7 +45,7 @@ def test_elastic_beads_between_walls_are_points_that_pass_through_each_other_in_
     x, v = np.array([0.2, 0.7, 1.4]), np.array([1.1, -0.7, 0.4])
     ts = np.array([1.0, 3.0, 10.0])
     sol = vx.simulate(column, 0.0, 10.0, x, v, ts=ts)
-    sizes = d * np.arange(3)  # what the beads below take of the height
+    sizes = d * np.arange(3)  # height that the beads below take
     for t, found in zip(ts, np.asarray(sol.xs), strict=True):
         expected = np.sort(reflected(x - sizes, v, t, height - 3 * d)) + sizes
         np.testing.assert_allclose(found, expected, rtol=0, atol=ORBIT)
@@ -75,7 +75,7 @@ def test_a_light_ball_on_a_heavy_one_is_thrown_up():
     approach = (1 + r) * speed
     assert meeting.velocity == pytest.approx(approach, rel=EXACT)
     after = -speed + (1 + r) * approach * heavy / (heavy + light)
-    # The light ball fell for the moment between, d / approach.
+    # In the time d / approach between the impacts, the light ball fell.
     assert float(sol.evaluate(meeting.t)[1][1]) == pytest.approx(after, rel=10 * d)
 
 

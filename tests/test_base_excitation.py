@@ -1,4 +1,4 @@
-"""Machines on a moving base, and long chains, against SciPy's integrator in the frame at rest."""
+"""Machines on a moving base, and long chains, against SciPy's integrator in the fixed frame."""
 
 from collections.abc import Callable
 
@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 import vijax as vx
 
-# What DOP853 at its tightest tolerance loses over some twenty impacts (measured: 6e-14).
+# Error of DOP853 at its tightest tolerance over some twenty impacts (measured: 6e-14).
 SCIPY = 1e-12
 # One or two roundings.
 EXACT = 1e-15
@@ -76,7 +76,7 @@ def _by_scipy(
     v0: np.ndarray,
     t1: float,
 ) -> tuple[list[Event], np.ndarray, np.ndarray]:
-    """Impacts and end state, relative to the base, integrated in the frame at rest."""
+    """Impacts and end state, relative to the base, integrated in the fixed frame."""
     moves = (lambda t: (0.0, 0.0)) if base is None else base
     n, stops = system.num_masses, system.stops
     mass, c, k = (np.asarray(a) for a in (system.mass, system.damping, system.stiffness))

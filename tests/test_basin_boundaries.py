@@ -1,4 +1,4 @@
-"""Boundaries of basins have their dimension."""
+"""Dimensions of basin boundaries."""
 
 import numpy as np
 import pytest
@@ -14,14 +14,14 @@ def grid_of(label: np.ndarray) -> xr.Dataset:
 def test_a_smooth_boundary_has_the_exponent_one():
     x, v = np.meshgrid(np.linspace(-1, 1, 600), np.linspace(-1, 1, 600))
     found = vx.uncertainty_exponent(grid_of(x + 0.4 * v**2 > 0.1))
-    # Near e = 1 step the grid shows: that is within the error.
+    # Near e = 1 step the grid has an effect, within the error.
     assert float(found.exponent) == pytest.approx(1.0, abs=0.03)
     assert float(found.dimension) == pytest.approx(1.0, abs=0.03)
     assert 0 < float(found.exponent_error) < 0.02
 
 
 def test_a_boundary_of_cantor_sets_has_its_dimension():
-    # Gaps of the middle-thirds set belong in turn to one attractor and the other, by their level.
+    # Gaps of the middle-thirds set belong alternately to one attractor and the other, by their level.
     level, x = np.zeros(3**6, int), np.arange(3**6)
     for k in range(6):
         digit = x // 3 ** (5 - k) % 3
@@ -29,7 +29,7 @@ def test_a_boundary_of_cantor_sets_has_its_dimension():
     row = np.pad(level % 2, 150)
     found = vx.uncertainty_exponent(grid_of(np.tile(row[:, None], (1, len(row)))))
     exact = 1 - np.log(2) / np.log(3)
-    # A set of six levels between steps of sqrt(2): its fractions go up in stairs.
+    # With six levels sampled at steps of sqrt(2), the fractions rise in stairs.
     assert float(found.exponent) == pytest.approx(exact, abs=0.05)
 
 

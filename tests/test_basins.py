@@ -1,4 +1,4 @@
-"""Motions that coexist are told apart, and each start is led where a long run of it goes."""
+"""Coexisting motions are distinguished, and each start is assigned to the attractor of a long run."""
 
 import numpy as np
 import pytest
@@ -11,11 +11,11 @@ from vijax._attractors.distances import mixes, same_cycle
 
 # Cycles are polished by a program that takes long to compile.
 polishes = pytest.mark.thorough
-# A motion that has been run for hundreds of periods is on its cycle to this.
+# Distance of a motion from its cycle after hundreds of periods.
 SETTLED = 1e-6
 
 
-# What is one, and what is two
+# Equal and different attractors
 
 
 @pytest.mark.slow
@@ -97,7 +97,7 @@ def test_cycles_are_compared_up_to_a_shift_alone():
     assert not same_cycle(cycle, np.concatenate([cycle, cycle]), EXACT)
 
 
-# Where starts lead
+# Attractors of starts
 
 
 @polishes
@@ -198,7 +198,7 @@ def test_attractors_are_kept_in_files(tmp_path):
     assert float(vx.system_of(again).forcing.frequency) == 4.0
 
 
-# What is refused
+# Refused arguments
 
 
 @pytest.mark.parametrize(

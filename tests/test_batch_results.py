@@ -1,4 +1,4 @@
-"""A batch of trajectories is evaluated, labelled, kept and printed as its lanes are, one by one."""
+"""A batch of trajectories is evaluated, labelled, stored and printed like its lanes one by one."""
 
 import equinox as eqx
 import jax
@@ -12,13 +12,13 @@ import vijax as vx
 
 END = 25.0
 FREQUENCIES, STARTS = np.array([0.3, 0.3, 1.1, 1.4]), np.array([0.0, 0.05, -0.05, 0.2])
-# The last starts beyond a stop.
+# The last lane starts beyond a stop.
 SOUND = range(3)
 
 
 @pytest.fixture(scope="module")
 def machines_and_batch() -> tuple[vx.ImpactSystem, vx.Solution]:
-    """Lanes with times of their own."""
+    """Lanes with save times of their own."""
 
     def run(frequency, x):
         system = vx.models.wagg_bishop_b(frequency)

@@ -1,4 +1,4 @@
-"""`jax.vmap` and `jax.jit` of `simulate`: every lane for itself."""
+"""Independent lanes in `jax.vmap` and `jax.jit` of `simulate`."""
 
 import os
 
@@ -13,7 +13,7 @@ import vijax as vx
 FREQUENCIES = np.array([0.5, 0.8, 1.1, 1.4, 2.0])
 END = 25.0
 LOG = 24
-# Some hundred roundings; lanes of a batch are added up in another order than one alone.
+# Some hundred roundings; a batch adds up in another order than a single trajectory.
 ROUNDING = 1e-13
 NUDGE = 1e-8
 
@@ -37,7 +37,7 @@ of_system = jax.jit(jax.vmap(run, in_axes=(0, None, None)))
 
 
 def systems(frequencies) -> vx.ImpactSystem:
-    """Case (b) side by side."""
+    """Batch of case (b) machines."""
     return jax.vmap(vx.models.wagg_bishop_b)(jnp.asarray(frequencies))
 
 
@@ -46,7 +46,7 @@ def lane(batch: vx.Solution, k: int) -> vx.Solution:
 
 
 def amplification(frequency, t1, x0) -> float:
-    """How much a small change of the start is magnified until the end."""
+    """Factor by which a small change of the start grows until the end."""
     near, far = (one(frequency, t1, x0 + jnp.array([d, -d])) for d in (0.0, NUDGE))
     change = jnp.concatenate([near.x1 - far.x1, near.v1 - far.v1])
     return max(1.0, float(jnp.abs(change).max() / NUDGE))
@@ -78,7 +78,7 @@ def test_a_batch_over_frequencies_equals_a_loop():
 
 @pytest.mark.slow
 def test_a_batch_over_starts_equals_a_loop():
-    # The last two start on the lower stop of mass 0 and in the open.
+    # The last two start on the lower stop of mass 0 and away from the stops.
     batch = of_start(0.8, END, STARTS)
     for k, start in enumerate(STARTS):
         tolerance = ROUNDING * (1.0 if k == 2 else amplification(0.8, END, start))
@@ -123,8 +123,8 @@ FAILURES = {
 }
 
 
-# Whether any lane sticks decides by which of two branches all go on. They compute the same, but unoptimised programs
-# round it differently.
+# All lanes take one of two branches, depending on whether any lane sticks. Both compute the same, but programs
+# compiled without optimisation round differently.
 bit_for_bit = pytest.mark.skipif("VIJAX_COMPILE_FULLY" not in os.environ, reason="see conftest.py")
 
 

@@ -1,4 +1,4 @@
-"""What the benchmark says of a program: errors, failures, operations. Nothing here is timed."""
+"""Errors, failures and operations that the benchmark reports of a program. Nothing here is timed."""
 
 import sys
 from pathlib import Path
@@ -16,7 +16,7 @@ from benchmarks import convergence, cpp, diffeqsolve, peak, scenes, sizes, timin
 pytestmark = pytest.mark.thorough
 
 LIGHT, CHATTER = scenes.load("paper_a_om080"), scenes.load("paper_b_om030")
-# Peers at tight tolerances, with the roundings of some twenty impacts.
+# Error of peers at tight tolerances, with the roundings of some twenty impacts.
 TIGHT = 1e-11
 # The scalar program ends a chatter at impacts of 1e-6.
 CHATTER_ENDED = 1e-9

@@ -1,4 +1,4 @@
-"""Where a polynomial falls below zero."""
+"""First zero crossings of polynomials in Bernstein form."""
 
 import diffrax
 import jax
@@ -19,7 +19,7 @@ def test_events_are_looked_for_in_the_polynomial_that_the_solver_has():
 def test_the_first_zero_of_a_polynomial_is_found_and_never_passed(degree):
     rng = np.random.default_rng(degree)
     roots = rng.uniform(-0.5, 1.5, (2000, degree))
-    # Every third has a pair of zeros that lie close together, which signs at the ends would not tell.
+    # Every third polynomial has two zeros close together, which the signs at the ends do not reveal.
     roots[::3, 1] = roots[::3, 0] + 1e-3
     inside = np.where((roots > 0) & (roots <= 1), roots, 1.0)
     values = np.prod(nodes(degree)[:, None, None] - roots[None], axis=-1)
@@ -31,7 +31,7 @@ def test_the_first_zero_of_a_polynomial_is_found_and_never_passed(degree):
 @pytest.mark.parametrize("degree", [3, 4, 6])
 def test_bernstein_coefficients_of_a_slope_and_of_a_quotient_are_those_of_their_values(degree):
     times, powers = nodes(degree), np.random.default_rng(degree).normal(size=degree)
-    values = np.polynomial.Polynomial([0.0, *powers])  # 0 at 0
+    values = np.polynomial.Polynomial([0.0, *powers])  # zero at 0
     found = bernstein(jnp.asarray(values(times)))
     for coefficients, expected in (
         (derivative_coefficients(found), values.deriv()),

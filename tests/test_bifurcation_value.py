@@ -1,6 +1,6 @@
-"""Bifurcations as functions of the machine: published derivatives, closed forms, differences, what is not found.
+"""Bifurcations as functions of the machine: published derivatives, closed forms, differences, failures.
 
-What is refused, and a grazing in closed form, are among the tests of branches, which share their programs.
+Refused arguments, and a grazing in closed form, are tested with the branches, which share their programs.
 """
 
 from functools import cache
@@ -22,8 +22,8 @@ def pair(numbers, frequency=1.0):
     """Two masses in a chain.
 
     Args:
-        numbers: amplitude on the first mass, both stiffnesses, damping of both, restitution of both stops, their positions,
-            the second mass.
+        numbers: amplitude on the first mass, both stiffnesses, damping of both, restitution of both stops, their
+            positions, the second mass.
         frequency: of the load.
     """
     amplitude, first, second, damping, restitution, near, far, mass = numbers
@@ -33,13 +33,13 @@ def pair(numbers, frequency=1.0):
 
 
 def case_a(numbers):
-    """Case (a) of Wagg & Bishop (2004) by factors on the load and on K, both restitutions and the position of stop 0."""
+    """Case (a) of Wagg & Bishop (2004), by factors on the load and K, both restitutions and the position of stop 0."""
     amplitude, restitution, near, stiffness = numbers
     return pair((0.3 * amplitude, stiffness, stiffness, 0.1, restitution, near, 0.3, 1.0))
 
 
 def alone(numbers):
-    """One mass with k = 1 by its damping and the amplitude of its load, and beside it one that nothing moves."""
+    """One mass with k = 1, by its damping and its load amplitude, and a second one without load or coupling."""
     damping, amplitude = numbers
     stops = [vx.Stop(0, 1.0, "upper", 0.9), vx.Stop(1, 1.0, "upper", 0.9)]
     load = vx.Harmonic(amplitude * jnp.array([1.0, 0.0]), 0.8)
@@ -47,7 +47,7 @@ def alone(numbers):
 
 
 def pressed(numbers):
-    """A mass that a constant load holds on its stop, and a shaken one beside it, by both loads."""
+    """A mass that a constant load presses on its stop, and a driven one beside it, by both loads."""
     constant, amplitude = numbers
     load = vx.Harmonic(amplitude * jnp.array([0.0, 1.0]), 0.7, mean=constant * jnp.array([1.0, 0.0]))
     stops = [vx.Stop(0, 0.0, "upper", 0.8), vx.Stop(1, 100.0, "upper", 0.8)]
@@ -61,7 +61,7 @@ PRESSED = np.array([0.3, 0.1])
 
 
 def branch_of(system, bounds):
-    """The branch of what the machine settles on."""
+    """Branch of the motion on which the machine settles."""
     sol = vx.simulate(system, 0.0, 300 * system.forcing.period, max_events=2000)
     return vx.continuation(vx.periodic_orbit(system, sol.x1, sol.v1), FREQUENCY, bounds, progress=False)
 
@@ -76,7 +76,7 @@ MACHINES = {
 
 @cache
 def points_of(make):
-    """The bifurcations of a machine, by their kinds."""
+    """Bifurcations of a machine by kind."""
     return {point.kind: point for point in branch_of(*MACHINES[make]).bifurcations}
 
 
@@ -92,7 +92,7 @@ KINDS = [
 
 
 def value_of(make, kind):
-    """The function of the numbers of a machine."""
+    """Bifurcation value as a function of the numbers of a machine."""
     return lambda numbers: vx.bifurcation_value(points_of(make)[kind], make(numbers))
 
 
@@ -121,7 +121,7 @@ def test_derivatives_are_those_of_differences(make, numbers, kind):
 
 
 def test_grazing_in_closed_form():
-    # The amplitude of the position is that of the load over sqrt((1 - w^2)^2 + c^2 w^2), and grazes where it is 1.
+    # The amplitude of the position is that of the load over sqrt((1 - w^2)^2 + c^2 w^2). Grazing is where it is 1.
     damping, amplitude = ALONE
     w = float(value_of(alone, "gr")(ALONE))
     assert (1 - w**2) ** 2 + (damping * w) ** 2 == pytest.approx(amplitude**2, rel=1e-13)
@@ -131,7 +131,7 @@ def test_grazing_in_closed_form():
 
 
 def test_a_force_that_touches_zero_in_closed_form():
-    # The shaken mass, and so the force of its spring and damper on the other, which the constant load just outweighs.
+    # The driven mass gives the force of the spring and damper on the other one, which the constant load just exceeds.
     constant, amplitude = PRESSED
     w = float(value_of(pressed, "force_zero")(PRESSED))
     stiffness, of_link = (1 - w**2) ** 2 + 0.01 * w**2, 1 + 0.01 * w**2
@@ -189,4 +189,4 @@ def test_what_is_not_found_is_told(make, kind, numbers, sentence):
         value_of(make, kind)(numbers)
     value = lambda numbers: vx.bifurcation_value(points_of(make)[kind], make(numbers), throw=False)  # noqa: E731
     assert np.isnan(value(numbers))
-    assert np.isnan(jax.grad(value)(numbers)[:2]).all()  # the equations do not hold a stop that is not hit
+    assert np.isnan(jax.grad(value)(numbers)[:2]).all()  # the equations do not contain a stop that is not hit

@@ -1,4 +1,4 @@
-"""Where a moving contact of a machine with a full mass matrix is grazed, in closed form, with derivatives."""
+"""Grazing of a moving contact of a machine with a full mass matrix, in closed form, with derivatives."""
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +9,7 @@ import vijax as vx
 
 pytestmark = pytest.mark.slow
 
-# The entry of the mass matrix off its diagonal, a coefficient of the row, the position, the amplitude of the motion of the contact.
+# Off-diagonal entry of the mass matrix, a coefficient of the row, the position, the amplitude of the contact.
 NUMBERS = np.array([0.2, -0.7, 0.9, 0.05])
 DAMPING, STIFFNESS = np.array([[0.2, -0.05], [-0.05, 0.1]]), np.array([[2.0, -0.8], [-0.8, 1.5]])
 LOAD, PHASE, MOTION_PHASE = np.array([0.4, 0.1]), np.array([0.0, 0.7]), 1.1
@@ -27,7 +27,7 @@ def machine(numbers, w):
 
 
 def excess(w, numbers):
-    """How far the motion without impacts would come beyond the contact: amplitude of the relative motion less the position."""
+    """Penetration of the motion without impacts: amplitude of the relative motion minus the position."""
     entry, coefficient, position, motion = numbers
     impedance = STIFFNESS - w * w * mass(entry) + 1j * w * DAMPING
     response = jnp.linalg.solve(impedance, LOAD * np.exp(1j * PHASE))

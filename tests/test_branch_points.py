@@ -1,4 +1,4 @@
-"""Where a symmetric orbit loses its symmetry, as a function of the machine."""
+"""Symmetry breaking of a symmetric orbit, as a function of the machine."""
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +20,7 @@ def between_stops(amplitude, frequency, lower=GAP):
 
 
 def flight(t, t0, x0, v0, frequency, amplitude):
-    """The state (x, v) at a time, in closed form."""
+    """State (x, v) at a time, in closed form."""
     forced = amplitude / (1 - frequency**2 + 1j * DAMPING * frequency)
     turning = lambda t: forced * jnp.exp(1j * frequency * t)  # noqa: E731
     decay, natural = DAMPING / 2, jnp.sqrt(1 - DAMPING**2 / 4)
@@ -36,7 +36,7 @@ def flight(t, t0, x0, v0, frequency, amplitude):
 
 @jax.jit
 def loss_of_symmetry(guess, amplitude):
-    """Time and speed of the upper impact and the frequency at which the map of half a period, mirrored, has -1."""
+    """Time and speed of the upper impact, and frequency where the mirrored half-period map has the eigenvalue -1."""
 
     def equations(y):
         t0, speed, frequency = y
@@ -70,7 +70,7 @@ def point():
 
 @pytest.fixture(scope="module")
 def exact(point):
-    """The same in closed form, by the amplitude."""
+    """Symmetry breaking near the point in closed form, as a function of the amplitude."""
     log = point.orbit.events
     k = int(np.flatnonzero(np.asarray(log.stop) == 0)[0])
     known = jnp.stack([log.t[k], log.velocity_minus[k], point.value])

@@ -1,4 +1,4 @@
-"""Branches of periodic orbits: published points, identities along them, what they do at their ends."""
+"""Branches of periodic orbits: published points, identities along them, their ends."""
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ import vijax as vx
 pytestmark = pytest.mark.thorough
 
 AMPLITUDE, FREQUENCY = "forcing.amplitude[0]", "forcing.frequency"
-# Room for all events of orbits of one mass, in all files: one program.
+# Event capacity for orbits of one mass, the same in all files: one program.
 ROOM = 32
 
 
@@ -32,7 +32,7 @@ def points_of(branch, kind):
 
 @pytest.fixture(scope="module")
 def doubled():
-    """One impact in two periods, at 0.84091."""
+    """Branch of one impact in two periods, at 0.84091."""
     orbit = vx.periodic_orbit(oscillator(0.4, 0.84091), [0.43252758], [0.148], 2, max_events=ROOM)
     return follow(orbit, AMPLITUDE, 0.1, 0.5)
 
@@ -64,7 +64,7 @@ def test_every_point_is_an_orbit(doubled):
 
 
 def test_multipliers_multiply_to_the_loss_of_volume(doubled):
-    points = doubled.points.isel(point=doubled.points.bifurcation.values != "gr")  # there one is infinite
+    points = doubled.points.isel(point=doubled.points.bifurcation.values != "gr")  # one is infinite there
     loss = np.exp(-0.04 * 2 * 2 * np.pi / 0.84091) * 0.9 ** (2 * points.num_impacts.values[:, 0])
     np.testing.assert_allclose(points.multipliers.prod("multiplier").values.real, loss, rtol=1e-10)
 
@@ -84,7 +84,7 @@ def test_a_doubled_branch_ends_where_it_began(doubled):
     np.testing.assert_allclose(sol.x1, orbit.x0, rtol=0, atol=1e-11)
     branch = follow(orbit, AMPLITUDE, 0.32, 0.33)
     assert "period_doubling" in branch.ends
-    # There it meets the branch of half the period, gone round twice.
+    # There it meets the branch of half the period, traversed twice.
     (end,) = points_of(branch, "bp")
     assert end.value == pytest.approx(point.value, abs=1e-15)
     assert np.abs(end.orbit.multipliers - 1).min() < 1e-8
@@ -94,7 +94,7 @@ def test_a_doubled_branch_ends_where_it_began(doubled):
 
 
 def test_families_of_several_periods_leave_a_grazing(doubled):
-    """Of the orbit without impacts: one impact in two periods, whose doubling is published, and both families of three."""
+    """From the orbit without impacts: one impact in two periods (its doubling is published), both families of three."""
     alone = vx.periodic_orbit(oscillator(0.2, 0.84091), [0.0], [0.0], max_events=ROOM)
     (grazing,) = follow(alone, AMPLITUDE, 0.1, 0.5).bifurcations
     families = vx.switch_branch(grazing)
@@ -105,12 +105,12 @@ def test_families_of_several_periods_leave_a_grazing(doubled):
         assert abs(float(orbit.system.forcing.amplitude[0]) - grazing.value) < 1e-3
     (doubling,) = points_of(follow(families[0], AMPLITUDE, 0.29, 0.33), "pd")
     assert doubling.value == pytest.approx(0.32561956758361, abs=1e-11)
-    # The branch of three periods comes back to itself, a period later: each of its points is told once.
+    # The branch of three periods returns to itself, a period later: each of its points is listed once.
     of_three = follow(families[1], AMPLITUDE, 0.1, 0.5)
     assert "closed" in of_three.ends
     changes = [(point.kind, round(point.value, 6)) for point in of_three.bifurcations if point.kind != "gr"]
     assert len(set(changes)) == len(changes) == 4
-    # The same families leave the grazing of the branch of two periods, all but itself.
+    # The same families leave the grazing of the branch of two periods, except that family itself.
     others = vx.switch_branch(points_of(doubled, "gr")[0])
     assert [(orbit.num_periods, int(orbit.num_impacts[0])) for orbit in others] == [(1, 1), (3, 1), (3, 2)]
 
@@ -140,11 +140,11 @@ def test_max_points_is_kept(doubled):
 
 
 def test_branches_side_by_side_are_those_followed_alone(doubled):
-    # More than are compiled side by side, from both sides of what happens, and one that has only a few points.
+    # More branches than a batch is compiled for, from both sides of the bifurcations, and one with only a few points.
     orbits = [doubled.orbit(k) for k in (-5, 3, -20)]
     with counted() as compilations:
         together = follow(orbits, AMPLITUDE, 0.1, 0.5)
-    # Whatever asks, it is answered by one program.
+    # All calls use one program.
     assert "jit(look)" not in compilations
     for orbit, branch in zip(orbits, together, strict=True):
         alone = follow(orbit, AMPLITUDE, 0.1, 0.5)
@@ -193,7 +193,7 @@ def test_a_fold_beside_a_grazing():
 
 
 def grazing_of(doubled):
-    """The amplitude of the load at which the motion grazes, as a function of damping and frequency."""
+    """Load amplitude of the grazing, as a function of damping and frequency."""
     point = doubled.bifurcations[0]
 
     def value(numbers, amplitude=0.4):
@@ -212,7 +212,7 @@ def test_a_grazing_and_its_derivatives_are_those_of_the_closed_form(doubled):
     with counted() as compilations:
         found = float(value(numbers))
     assert found == pytest.approx(exact, rel=1e-13)
-    # The point is followed by what its branch has compiled.
+    # The point is followed by the programs of its branch.
     assert "jit(look)" not in compilations
     slopes = damping * w**2 / exact, (-2 * w * (1 - w**2) + damping**2 * w) / exact
     np.testing.assert_allclose(jax.grad(value)(numbers), slopes, rtol=1e-12)
@@ -224,7 +224,7 @@ def test_the_parameter_itself_is_not_used(doubled):
 
 
 def retold(point, kind):
-    """The point with the name of another kind."""
+    """The point, relabelled as another kind."""
     names = point.branch.points["bifurcation"].astype("U32")
     names[point.index] = kind
     return vx.Bifurcation(vx.Branch(point.branch.points.assign(bifurcation=names)), point.index)
@@ -261,7 +261,7 @@ def test_curves_of_two_parameters(doubled):
     np.testing.assert_allclose(
         curve[AMPLITUDE], grazing_amplitude(curve[FREQUENCY].values), rtol=0, atol=1e-12
     )
-    # An impact without speed does not act on the next one where free oscillations fit into the period.
+    # An impact without speed does not affect the next one where free oscillations fit into the period.
     ((name, amplitude, frequency),) = specials(curve)
     assert name == "resonant_grazing"
     exact = 4 * np.sqrt(1 - 0.02**2) / 5
@@ -271,7 +271,7 @@ def test_curves_of_two_parameters(doubled):
     last = curve.isel(point=int(curve[FREQUENCY].values.argmax()))
     assert float(last[FREQUENCY]) == pytest.approx(0.9, abs=1e-12)
     assert float(last[AMPLITUDE]) == pytest.approx(0.35421999760770, abs=1e-11)
-    # There period doublings begin as well.
+    # Curves of period doublings also begin there.
     assert curve.attrs["ends"] == '["resonant_grazing", "bounds"]'
     np.testing.assert_allclose(specials(curve)[0][1:], (grazing_amplitude(exact), exact), rtol=0, atol=1e-12)
     inside = curve.multipliers.values[curve.special.values == ""]
@@ -282,7 +282,7 @@ def test_curves_of_two_parameters(doubled):
 
 @pytest.mark.slow
 def test_two_curves_meet_in_one_point():
-    # Followed for themselves: a fold up to where two impacts coincide, and orbits with two impacts at once.
+    # Two curves: a fold up to where two impacts coincide, and orbits with two simultaneous impacts.
     orbit = vx.periodic_orbit(vx.models.wagg_bishop_a(0.8), [0.18, 0.09], [0.33, 0.52])
     double_impact, fold = follow(orbit, FREQUENCY, 0.8, 1.0).bifurcations[:2]
     bounds = {FREQUENCY: (0.9, 1.12), "stops[0].position": (0.1, 0.31)}
@@ -308,7 +308,7 @@ def test_two_curves_meet_in_one_point():
     ],
 )
 def test_published_points_at_other_frequencies(doubled, frequency, kind, amplitude, speed):
-    # As above. The orbit is taken there along its branch over the frequency.
+    # As above. The orbit is followed to this frequency along a branch.
     first = doubled.orbit(-20)
     over = follow(first, FREQUENCY, min(frequency, 0.84), max(frequency, 0.85))
     orbit = over.orbit(0 if frequency < 0.84 else -1)
@@ -351,7 +351,7 @@ def test_sticking_orbits_to_where_their_sticks_vanish():
 
 
 def test_a_cascade_of_grazings_ends_where_the_chatter_is_complete():
-    """At the same value as the branch of cycles that stick, which comes from the other side."""
+    """At the same value as the branch of sticking cycles from the other side."""
     system = vx.models.wagg_bishop_b(0.6272962670434061)
     branch = follow(vx.periodic_orbit(system, [0.5199, 0.0400], [0.1293, 0.0971]), FREQUENCY, 0.627, 0.64)
     assert branch.ends == ("bounds", "chatter_completion")
@@ -360,9 +360,9 @@ def test_a_cascade_of_grazings_ends_where_the_chatter_is_complete():
     grazings = np.array([point.value for point in points_of(branch, "gr")])
     steps = np.diff(np.append(grazings[-5:], limit.value))
     assert np.all(steps[1:-1] < 0.8 * steps[:-2])
-    # Runs bounce 80 times at 0.637296267011, and stick at 0.637296267005.
+    # Simulations bounce 80 times at 0.637296267011, and stick at 0.637296267005.
     assert limit.value == pytest.approx(0.637296267011, abs=1e-11)
-    # There the stick of the other side ends: a little farther there is one, a little nearer there is none.
+    # There the stick of the other branch ends: slightly farther it exists, slightly nearer it does not.
     for away, num_sticks in ((1e-9, 1), (-1e-9, 0)):
         system = vx.models.wagg_bishop_b(limit.value + away)
         orbit = vx.periodic_orbit(system, limit.orbit.x0, limit.orbit.v0)

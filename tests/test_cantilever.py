@@ -1,4 +1,4 @@
-"""A beam in finite elements against the beam itself."""
+"""A finite-element beam against the exact beam."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from scipy.linalg import eigh
 
 import vijax as vx
 
-# Of the elements: the error of a frequency falls with the fourth power of their length.
+# Order of the elements: the error of a frequency falls with the fourth power of their length.
 ORDER = 4
 
 
@@ -64,12 +64,12 @@ def test_a_beam_that_loses_nothing_keeps_its_energy_through_impacts():
 
 
 def first_impacts(num_elements: int, position: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times and velocities of four impacts of a beam without losses that swings in its first mode, its tip at the speed 1."""
+    """Times and velocities of four impacts of a lossless beam that starts in its first mode with tip speed 1."""
     beam = vx.models.cantilever(
         1.0, 0.0, num_elements=num_elements, position=position, restitution=0.6, damping_ratio=0.0
     )
     mode = eigh(np.asarray(beam.stiffness), np.asarray(beam.mass))[1][:, 0]
-    # The search ends with the fourth.
+    # The log has room for four.
     sol = vx.simulate(beam, 0.0, 1.0, 0 * mode, mode / mode[-2], max_events=4, throw=False)
     events = log_of(sol)
     assert [event.kind for event in events] == ["impact"] * 4
@@ -78,10 +78,11 @@ def first_impacts(num_elements: int, position: float) -> tuple[np.ndarray, np.nd
 
 @pytest.mark.thorough
 def test_a_finer_beam_meets_its_stop_as_the_beam_does_and_its_bounces_keep_their_form():
-    """The first impact is that of the beam, sin(w t) / w = position, to the fourth order.
+    """The first impact is that of the exact beam, sin(w t) / w = position, to the fourth order.
 
-    Then the tip alone has been turned round, and bounces as its element swings, in times that go with the square of its
-    length: what follows has a limit in that scale, in which the rest of the beam stands still to the second order.
+    Then the velocity of the tip alone is reversed, and the tip bounces as its element vibrates, in times proportional
+    to the square of the element length: a limit in that scale, in which the rest of the beam is at rest to the second
+    order.
     """
     position, w, counts = 0.1, 1.8751040687119611**2, np.array([4, 8, 16])
     t, v = (np.array(a) for a in zip(*(first_impacts(int(n), position) for n in counts), strict=True))
@@ -90,10 +91,10 @@ def test_a_finer_beam_meets_its_stop_as_the_beam_does_and_its_bounces_keep_their
         errors = np.abs(found / expected - 1)
         assert errors[0] < 1e-5
         np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:]), ORDER, atol=0.1)
-    # Measured: by 3.8 to 5.3 in times, by 4.3 and 6.6 in the velocities of the third and fourth.
+    # Measured: factors of 3.8 to 5.3 for times, of 4.3 and 6.6 for the velocities of the third and fourth impacts.
     gaps, ratios = np.diff(t, axis=1) * counts[:, None] ** 2, v[:, 2:] / v[:, :1]
     for scaled in (gaps, ratios):
         steps = np.abs(np.diff(scaled, axis=0))
         assert (steps[0] > 3.5 * steps[1]).all()
-    # That of the second changes no more than this.
+    # The velocity of the second impact changes no more than this.
     np.testing.assert_allclose(v[1:, 1] / v[1:, 0], v[0, 1] / v[0, 0], rtol=2e-4)

@@ -1,4 +1,4 @@
-"""Sweeps in which every point starts where the one before it ended, against one point after another."""
+"""Carried sweeps, in which every point starts where the one before it ended, against one point after another."""
 
 import jax
 import numpy as np
@@ -11,7 +11,7 @@ from vijax._execution.settings import ExecutionSettings
 
 FREQUENCY = "forcing.frequency"
 TRANSIENT, RECORD = 60, 5
-# What another way of computing leaves of a motion that has settled.
+# Difference that another computation leaves in a settled motion.
 SETTLED = 1e-9
 
 
@@ -28,7 +28,7 @@ def sweep(frequencies, **options):
 
 @jax.jit
 def run(frequency, x, v) -> tuple[jax.Array, jax.Array]:
-    """The end of one point."""
+    """End state of one point."""
     system = vx.models.wagg_bishop_a(frequency)
     end = (TRANSIENT + RECORD) * system.forcing.period
     sol = vx.simulate(system, 0.0, end, x, v, max_events=0, throw=False)
@@ -36,7 +36,7 @@ def run(frequency, x, v) -> tuple[jax.Array, jax.Array]:
 
 
 def one_after_another(frequencies, x0=(0.0, 0.0), v0=(0.0, 0.0)):
-    """End states by carrying them by hand, (points, 2, n)."""
+    """End states carried by hand from point to point, (points, 2, n)."""
     x, v, ends = np.array(x0), np.array(v0), []
     for frequency in frequencies:
         x, v = run(frequency, x, v)
@@ -44,7 +44,7 @@ def one_after_another(frequencies, x0=(0.0, 0.0), v0=(0.0, 0.0)):
     return np.array(ends)
 
 
-# Periodic motions of one impact a period, of two, and of none, with some frequencies where two of them exist.
+# Periodic motions of one impact a period, of two, and of none; at some frequencies two of them coexist.
 COEXISTING = np.array([0.82, 0.88, 0.94, 1.0, 1.06, 1.12])
 
 

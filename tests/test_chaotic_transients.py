@@ -1,4 +1,4 @@
-"""Chaos that lasts is told from chaos that dies out, in the paper's machines and others: long to compile."""
+"""Persistent and transient chaos are distinguished, in the paper's machines and others: long to compile."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def test_chaos_of_case_a_at_1_4_is_a_transient_beside_the_motion_without_impacts
     ds = found(system, 90)
     assert ds.motion.values.tolist() == [0]
     assert ds.share.values.tolist() == [1.0]
-    # After 100 periods many still impact; after 3000 none does.
+    # After 100 periods many still impact; after 3000 none.
     values = {"x0[0]": np.linspace(-0.3, 0.3, 9), "v0[0]": np.linspace(-1, 1, 10)}
     kinds = [vx.sweep(system, values, transient=t, max_impacts=0, progress=False) for t in (100, 3000)]
     impacting = [float((one.num_impacts.sum("stop") > 0).mean()) for one in kinds]
@@ -31,13 +31,13 @@ def test_chaos_of_case_a_at_1_4_is_a_transient_beside_the_motion_without_impacts
 
 @pytest.mark.slow
 def test_starts_that_stay_in_chaos_for_thousands_of_periods_are_followed_to_the_cycle_behind_it():
-    """At 2.0 the chaos of case (b) dies out at a constant rate, after 3000 periods and more in the mean."""
+    """At 2.0 the chaos of case (b) decays at a constant rate, with a mean lifetime of 3000 periods and more."""
     system = vx.models.wagg_bishop_b(2.0)
     ds = vx.attractors(system, 200, progress=False)
     assert ds.num_periods.values.tolist() == [1]
     assert ds.share.values.tolist() == [1.0]
     assert int(ds.num_not_settled) == 0
-    # After a hundred periods many are still on the way.
+    # After a hundred periods many starts are still chaotic.
     short = vx.sweep(
         system, {"x0[0]": [0.0, 0.1], "v0[0]": np.linspace(-1, 1, 50)}, max_impacts=0, progress=False
     )

@@ -1,4 +1,4 @@
-"""A chart is the full grid where it was run, and is run where the motion changes."""
+"""A chart equals the full grid where it was run, and is run where the motion changes."""
 
 import warnings
 
@@ -13,7 +13,7 @@ PLANE = {"forcing.frequency": np.linspace(0.6, 1.6, 37), "forcing.amplitude[0]":
 
 
 def refined(kind, shape: tuple[int, int], stride: int) -> tuple[xr.Dataset, list[int]]:
-    """The chart of a function of row and column, and the points that were run, one after another."""
+    """Chart of a function of row and column, and the points that were run, in order."""
     due = []
 
     def run(where):

@@ -1,4 +1,4 @@
-"""A branch that closes: orbits of one impact in two periods beside a motion that hits nothing, all in closed form."""
+"""A closed branch: orbits of one impact in two periods beside a motion without impacts, all in closed form."""
 
 import numpy as np
 import one_impact
@@ -20,10 +20,10 @@ def machine(w: float) -> vx.ImpactSystem:
 
 
 def closed_form(w: float) -> tuple[np.ndarray, np.ndarray, complex]:
-    """The quadratic for the impact speed v, the response less (PLACE, 0) at the impact for v = 1, and its amplitude.
+    """Quadratic for the impact speed v, response minus (PLACE, 0) at the impact for v = 1, amplitude of the response.
 
-    (x, v) less the response p is E times itself a flight before, E the motion of the free machine, and p lies on the ellipse
-    of the response.
+    (x, v) minus the response p is E times its value one flight earlier, E the matrix of the free motion, and p lies
+    on the ellipse of the response.
     """
     damping, step = 2 * DAMPING_RATIO, np.array([0.0, 1.0])
     flight = scipy.linalg.expm(np.array([[0.0, 1.0], [-1.0, -damping]]) * PERIODS * 2 * np.pi / w)
@@ -61,7 +61,7 @@ def test_a_closed_branch_is_gone_round_once_between_its_folds():
     found = branch.points.impact_speed.values[:, 0]
     exact = [np.roots(closed_form(w)[0]).real for w in branch.values]
     error = [abs(roots - v).min() for roots, v in zip(exact, found, strict=True)]
-    assert max(error) < 1e-7  # at a fold, the root of a rounding
+    assert max(error) < 1e-7  # the square root of a rounding, at a fold
     # Both orbits of every frequency, the faster one stable.
     is_faster = np.array([v > roots.mean() for roots, v in zip(exact, found, strict=True)])
     is_inside = np.array([discriminant(w) > 1e-3 for w in branch.values])
@@ -74,7 +74,7 @@ def test_period_doublings_of_a_closed_branch_are_those_in_closed_form_wherever_i
     numbers, n = one_impact.Numbers(0.57, 0.9, 0.0255), 3
 
     def instability(w: float, sign: int) -> float:
-        """Zero where a multiplier is -1: the speed of the faster orbit for 1, of the slower for -1."""
+        """Function that is zero where a multiplier is -1, for the faster orbit (sign 1) or the slower one (-1)."""
         at = one_impact.step(w, numbers, n, float(one_impact.speed(w, numbers, n, sign)))
         return 1 + np.trace(at) + np.linalg.det(at)
 

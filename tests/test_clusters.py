@@ -1,4 +1,4 @@
-"""Real executors, of several processes: what they find, what becomes of it where a worker is killed."""
+"""Real executors with several processes: their results, and recovery after a worker is killed."""
 
 import multiprocessing
 import os
@@ -24,7 +24,7 @@ from vijax._execution.tasks import run_tasks
 
 pytestmark = pytest.mark.thorough
 
-# The fewest that keep two workers busy: most chunks have not been given out when the first is done.
+# The least number that keeps two workers busy: most chunks are not yet submitted when the first is done.
 FEW_AT_A_TIME = replace(SMALL_CHUNKS, in_flight=2)
 DAMPED = vx.models.wagg_bishop_b(1.0)
 
@@ -82,7 +82,7 @@ def test_the_last_of_a_pool_a_killed_process_ends_it_and_the_store_goes_on(plain
 
 
 def kill(pid: int) -> None:
-    """Kill a process, and give who watches it time to see that."""
+    """Kill a process, and wait for its supervisor to notice."""
     os.kill(pid, signal.SIGKILL)
     time.sleep(0.5)
 
@@ -103,7 +103,7 @@ def test_dask_runs_again_what_a_killed_worker_had(plain, tmp_path):
             stop_at_chunk(1, patch, kill_one)
             assert_same(sweep(tmp_path, executor=client, settings=replace(SMALL_CHUNKS, in_flight=4)), plain)
         assert killed[0] not in client.run(os.getpid).values()
-        # Functions that pickle cannot send, Dask can.
+        # Dask can send functions that pickle cannot.
         assert dict(run_tasks(client.get_executor(), lambda k: k + 1, [("one", (1,))], 1)) == {"one": 2}
 
 

@@ -1,4 +1,4 @@
-"""Parts of a sweep are joined into the sweep, bit for bit."""
+"""Parts of a sweep are joined into the whole sweep, bit for bit."""
 
 import re
 from functools import partial

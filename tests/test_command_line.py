@@ -1,4 +1,4 @@
-"""The command `vijax`: what is typed, what comes of it, and one sentence for what cannot be done."""
+"""The command `vijax`: options, results, and one-sentence errors."""
 
 import re
 import subprocess
@@ -18,7 +18,7 @@ PLACES = "forcing.frequency"
 
 @pytest.fixture
 def machine(tmp_path, monkeypatch):
-    """The file of a machine that says itself how it is swept, in the folder where commands are called."""
+    """File of a machine with a `sweep` table, in the working directory."""
     monkeypatch.chdir(tmp_path)
     file = tmp_path / "machine.toml"
     vx.save(vx.models.wagg_bishop_b(0.8), file)

@@ -1,4 +1,4 @@
-"""What is compiled once serves whatever else is asked of the same kind of machine."""
+"""Programs are reused for all calls with the same kind of machine."""
 
 import jax
 import numpy as np
@@ -15,7 +15,7 @@ def sweep(values: dict[str, np.ndarray], **options) -> None:
 
 @pytest.fixture(scope="module")
 def compiled() -> None:
-    """A first sweep of each of the two kinds: nothing but the frequency varies, or something else."""
+    """First sweeps of both kinds: over the frequency alone, and over another parameter."""
     sweep({"forcing.frequency": np.linspace(0.8, 1.0, 3)})
     sweep({"stops[0].position": np.linspace(-0.3, -0.2, 3)})
 

@@ -1,4 +1,4 @@
-"""Ready-made machines with contacts between masses, full mass matrices and walls that move: their parameters."""
+"""Parameters of ready-made machines with contacts between masses, full mass matrices and moving walls."""
 
 import jax.numpy as jnp
 import pytest

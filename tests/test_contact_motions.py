@@ -8,13 +8,13 @@ from exact_orbits import exact_orbit
 import vijax as vx
 
 DAMPING, FREQUENCY, RESTITUTION, POSITION = 0.1, 2.2, 0.8, 0.1
-# Of the second coordinate, by which it follows the first: q_1 = x_1 + SHARE x_0.
+# Coupling of the second coordinate to the first: q_1 = x_1 + SHARE x_0.
 SHARE = 0.7
 SPREAD = np.array([[1.0, 0.0], [SHARE, 1.0]])
 
 
 def with_a_full_mass(amplitude: float, phase: float, contact: vx.Stop | vx.Contact) -> vx.ImpactSystem:
-    """A mass on a spring and a stop, and another beside it, in coordinates in which both share inertia."""
+    """A mass on a spring with a stop, and a second mass, in coordinates in which both share inertia."""
     mass, damping, stiffness = (
         SPREAD.T @ np.diag(a) @ SPREAD for a in ([1.0, 2.0], [DAMPING, 0.3], [1.0, 5.0])
     )
@@ -40,14 +40,14 @@ def test_an_impact_as_periods_end_is_undone_of_all_masses_that_it_sets_in_motion
     period = 2 * np.pi / FREQUENCY
     orbit = exact_orbit(DAMPING, 1.0, 1.0, FREQUENCY, POSITION, RESTITUTION, period, 1)
     phase, (x, v) = orbit.start(0.0)
-    # The other mass rests in its own coordinate.
+    # The other mass is at rest in its own coordinate.
     back = np.linalg.inv(SPREAD)[:, 0]
     system, x0, v0 = with_a_full_mass(1.0, phase, contact), x * back, v * back
     points = {"forcing.frequency": FREQUENCY * (1 + 1e-13 * np.array([-1.0, 0.0, 1.0]))}
     ds = vx.sweep(system, points, transient=0, record=16, x0=x0, v0=v0, progress=False)
     sol = vx.simulate(system, 0.0, 16.2 * period, x0, v0)
     for source in (sol, ds):
-        # Rounding puts some of those impacts before the end of their period and some after.
+        # Rounding puts some of these impacts before the end of their period and some after.
         motions = vx.classify(source, last=16)
         assert (motions.num_periods == 1).all()
         assert (motions.num_impacts == 1).all()
@@ -56,7 +56,7 @@ def test_an_impact_as_periods_end_is_undone_of_all_masses_that_it_sets_in_motion
 
 @pytest.mark.parametrize("margin", [1e-6, -1e-6])
 def test_a_motion_that_never_reaches_a_moving_contact_is_proved_quiet(margin):
-    """The contact is where the response to the load just does not come, or just does."""
+    """The contact is just beyond or just within the response to the load."""
     travel, row = 0.05 * np.exp(0.7j), np.array([1.0, -0.4])
     system = with_a_full_mass(1.0, 0.3, MOVING)
     mass, damping, stiffness = (np.asarray(a) for a in (system.mass, system.damping, system.stiffness))
@@ -80,5 +80,5 @@ def test_a_motion_that_never_reaches_a_moving_contact_is_proved_quiet(margin):
         [[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]]
     )
     slowest = np.linalg.eigvals(first_order).real.max()
-    # The section itself does not tell it: this is from the proof.
+    # The section does not contain this contraction: it is from the proof.
     assert float(motions.contraction) == pytest.approx(np.exp(slowest * 2 * np.pi / FREQUENCY), rel=1e-12)

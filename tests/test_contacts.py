@@ -1,4 +1,4 @@
-"""Contacts between masses: laws, limits, derivatives, sweeps, orbits. All machines but few share one shape."""
+"""Contacts between masses: laws, limits, derivatives, sweeps, orbits. Most machines share one shape."""
 
 from itertools import combinations
 
@@ -43,7 +43,7 @@ def test_a_contact_of_one_mass_is_a_stop():
     n = int(one.num_events)
     of_stops = np.asarray(one.events.velocity_minus)[:n] * signs[np.asarray(one.events.stop)[:n]]
     np.testing.assert_allclose(np.asarray(other.events.velocity_minus)[:n], of_stops, rtol=0, atol=1e-11)
-    # The impulse of a contact opens its gap, that of a stop is the one on its mass.
+    # The impulse of a contact is positive where it opens the gap; that of a stop is the one on its mass.
     along = -np.asarray(one.events.impulse)[:n] * signs[np.asarray(one.events.stop)[:n]]
     np.testing.assert_allclose(np.asarray(other.events.impulse)[:n], along, rtol=0, atol=1e-11)
 
@@ -52,7 +52,7 @@ def test_a_contact_that_holds_stays_closed_to_rounding():
     sol = vx.simulate(damper(restitution=0.5, amplitude=0.02, mean=[0.0, 0.5]), 0.0, 1000.0)
     assert sol.stuck1.tolist() == [True, False]
     x, v = sol.evaluate(np.linspace(500.0, 1000.0, 200))
-    # Were the errors of all steps left to add up, 1e-10.
+    # If the errors of all steps added up, the gap would be 1e-10.
     np.testing.assert_allclose(x[:, 1] - x[:, 0], 0.2, rtol=0, atol=5e-16)
     np.testing.assert_allclose(v[:, 1] - v[:, 0], 0.0, rtol=0, atol=5e-16)
 
@@ -107,7 +107,7 @@ def test_random_machines_without_a_load_gain_no_energy():
 
 
 def test_a_dropped_stack_comes_to_rest_after_the_impacts_of_an_independent_count():
-    """Two beads on a floor: exact parabolas, impact after impact, in plain Python."""
+    """Two beads on a floor: exact parabolas from impact to impact, in plain Python."""
     r, g, m = 0.6, 1.0, np.array([1.0, 0.5])
     contacts = [vx.Contact({0: -1.0}, 0.0, r), vx.Contact({0: 1.0, 1: -1.0}, 0.0, r)]
     zero = np.zeros((2, 2))
@@ -141,7 +141,7 @@ def test_a_dropped_stack_comes_to_rest_after_the_impacts_of_an_independent_count
 
 
 def test_impacts_of_one_instant_are_logged_in_their_order():
-    """Two masses in a wedge: the bounces of two contacts come closer than any two numbers."""
+    """Two masses in a wedge: bounces of two contacts follow closer than adjacent floating-point numbers."""
     column = [vx.Contact({0: -1.0}, 0.0, 0.3), vx.Contact({0: 1.0, 1: -1.0}, 0.0, 0.3)]
     zero = np.zeros((2, 2))
     stack = vx.ImpactSystem([1.0, 3.0], zero, zero, vx.Harmonic([0.0, 0.0], 1.0, mean=[-1.0, -3.0]), column)
@@ -171,7 +171,7 @@ def test_the_law_of_several_contacts_is_the_one_solution_of_its_conditions():
         assert (w[among] >= -1e-12).all()
         assert not p[~allowed].any()
         np.testing.assert_allclose(np.where(members, 0, q + g @ p), w, atol=1e-12)
-        solutions = 0  # by trying all sets
+        solutions = 0  # by trial of all sets
         for k in range(len(among) + 1):
             for chosen in map(list, combinations(among, k)):
                 trial = np.zeros(4)
@@ -195,7 +195,7 @@ def test_two_contacts_that_say_the_same_are_one():
 
 
 def _end(p):
-    """The end of a motion through chatter, sticks and releases, by a row, a position, r, a mass and a stiffness."""
+    """End of a motion with chatter, sticks and releases, by a row, a position, r, a mass."""
     names = lambda s: (s.stops[0].row, s.stops[0].position, s.stops[1].restitution, s.mass)  # noqa: E731
     base = damper(mean=[0.0, 0.02])
     system = eqx.tree_at(names, base, (p[:2], p[2], p[3], base.mass.at[1].set(p[4])))
@@ -316,7 +316,7 @@ def test_a_force_acts_between_contacts():
 
 @pytest.mark.thorough
 def test_stops_of_one_mass_may_move_differently():
-    """A ball between a wall at rest and one that moves: elastic, so v -> 2 w' - v at the moving one."""
+    """A ball between a fixed and a moving wall: elastic, so v -> 2 w' - v at the moving wall."""
     moving = vx.Harmonic([0.1], 2.0, [0.3])
     walls = [vx.Stop(0, 0.0, "lower", 1.0), vx.Stop(0, 1.0, "upper", 1.0, moving)]
     box = vx.ImpactSystem([1.0], [[0.0]], [[0.0]], vx.Harmonic([0.0], 2.0), walls)
@@ -373,7 +373,7 @@ def test_contacts_are_printed_in_a_line():
 
 @pytest.mark.slow
 def test_a_symmetric_orbit_loses_its_symmetry_at_a_branch_point():
-    """Where a multiplier is 1, told as well by orbits around it, found one by one."""
+    """A multiplier is 1 there, confirmed by individual orbits around the point."""
     system = damper(0.6, frequency=1.26, amplitude=0.1)
     end = vx.simulate(system, 0.0, 200 * system.forcing.period, max_events=8192)
     orbit = vx.periodic_orbit(system, end.x1, end.v1)

@@ -1,4 +1,4 @@
-"""Every golden scene of contacts between masses, event for event."""
+"""Golden scenes of contacts between masses, compared event by event."""
 
 from collections import Counter
 
@@ -20,7 +20,7 @@ _SHAPES = Counter(shape_of_scene(name) for name in contact_scene_names())
 
 
 def _marks(name: str) -> list[pytest.MarkDecorator]:
-    """A shape of machine takes seconds to compile: those that serve few scenes only are for the long runs."""
+    """Marks of a scene: shapes that serve few scenes, and take seconds to compile, belong to the long runs."""
     count = _SHAPES[shape_of_scene(name)]
     return [pytest.mark.slow] if count == 1 else [pytest.mark.thorough] if count < 5 else []
 
@@ -52,7 +52,7 @@ def test_event_times_and_speeds_agree(solution, scene):
         if expected.kind != "stick":
             assert abs(found.t - expected.t) <= scene.time_tolerance(expected), (expected, found)
         if expected.kind == "impact":
-            # Speeds are positions' derivatives: what moves the time of a light impact moves no speed.
+            # Speeds are derivatives of positions: a shift of the time of a light impact does not change the speed.
             assert abs(found.velocity - expected.velocity) <= 10 * scene.state_tolerance
 
 

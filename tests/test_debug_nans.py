@@ -1,4 +1,4 @@
-"""JAX may be set to stop at NaN or infinity: what is asked of the library directly goes on, padded logs and all."""
+"""Direct calls of the library still work when JAX raises at NaN or infinity, although logs are padded."""
 
 import jax
 import numpy as np
@@ -12,7 +12,7 @@ START = [0.1, 0.0], [0.0, 0.1]
 
 @pytest.fixture
 def checks():
-    """For all threads, as users set them: a sweep runs in threads of its own."""
+    """JAX's checks for all threads, as users set them: a sweep runs in threads of its own."""
     names = ("jax_debug_nans", "jax_debug_infs")
     for name in names:
         jax.config.update(name, True)
@@ -22,7 +22,7 @@ def checks():
 
 
 def run_all() -> list[np.ndarray]:
-    """What can be asked of a machine, as numbers."""
+    """Results of all functions of a machine, as arrays."""
     sol = vx.simulate(MACHINE, 0.0, 20.0, *START, max_events=128)
     times = np.linspace(0.0, 20.0, 7)
     ds = vx.sweep(MACHINE, {"x0[0]": [0.0, 0.1]}, transient=1, record=2, progress=False)

@@ -1,4 +1,4 @@
-"""Contacts whose rows depend on each other: tables of four legs, slots without clearance, contacts that say the same."""
+"""Contacts with linearly dependent rows: tables of four legs, slots without clearance, duplicate contacts."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ pytestmark = pytest.mark.thorough
 
 
 def table(wandering: float, load: float = 0.0, restitution: float = 0.5) -> vx.ImpactSystem:
-    """A table of mass 1 and four legs on a floor: its height, and two tilts, which its load turns by moments."""
+    """A table of mass 1 and four legs on a floor: its height and two tilts, on which its load exerts moments."""
     forcing = vx.Harmonic([0.0, wandering, 0.0], 2.0, mean=[-1.0, load, 0.1])
     legs = [vx.Contact({0: -1.0, 1: -a, 2: -b}, 0.0, restitution) for a, b in LEGS]
     return vx.ImpactSystem(np.array([1.0, 0.5, 0.5]), np.zeros((3, 3)), np.zeros((3, 3)), forcing, legs)
@@ -25,7 +25,7 @@ def test_a_table_of_four_legs_stands_while_its_load_wanders_from_leg_to_leg():
     force = np.asarray(sol.contact_force(t))
     np.testing.assert_allclose(sol.evaluate(t)[0], 0, atol=ROUNDING)
     assert (force > -ROUNDING).all()
-    # What legs bear is the weight and its moments: of the four numbers three are known.
+    # The legs carry the weight and its moments: three equations for the four forces.
     moments = np.array([[1, a, b] for a, b in LEGS])
     expected = np.stack([np.ones_like(t), -0.7 * np.cos(2 * t), np.full_like(t, -0.1)], 1)
     np.testing.assert_allclose(force @ moments, expected, rtol=0, atol=ROUNDING)
@@ -34,7 +34,7 @@ def test_a_table_of_four_legs_stands_while_its_load_wanders_from_leg_to_leg():
 
 def test_it_tips_over_two_legs_once_its_load_is_beyond_them():
     sol = vx.simulate(table(-1.25), 0.0, 0.3, max_events=64)
-    # The load stands at 1.25 cos 2t from the middle, at the start beyond the legs at 1: about these it turns.
+    # The load is 1.25 cos 2t from the middle, at the start beyond the legs at 1: the table tips about these legs.
     assert int(sol.num_events) == 0
     t = np.linspace(0.0, 0.3, 30)
     x = np.asarray(sol.evaluate(t)[0])
@@ -46,7 +46,7 @@ def test_it_tips_over_two_legs_once_its_load_is_beyond_them():
 
 
 def test_a_mass_in_a_slot_without_clearance_rests_however_its_force_turns():
-    """One wall takes over from the other as the force, cos(2 t), turns."""
+    """The force, cos(2 t), passes from one wall to the other as it changes sign."""
     slot = [vx.Contact({0: 1.0}, 0.0, 0.3), vx.Contact({0: -1.0}, 0.0, 0.6)]
     system = vx.ImpactSystem([1.0], [[0.0]], [[0.0]], vx.Harmonic([1.0], 2.0), slot)
     sol = vx.simulate(system, 0.0, 6.0, max_events=64)
@@ -69,7 +69,7 @@ def test_a_contact_that_is_told_thrice_is_that_contact():
     single, thrice = (vx.simulate(make([one] * k), 0.0, 40.0, max_events=2048) for k in (1, 3))
     np.testing.assert_allclose(thrice.x1, single.x1, rtol=0, atol=1e-12)
     assert int(np.asarray(single.events.kind == vx.RELEASE).sum()) > 3
-    # It is held by one of them, at the same times.
+    # One of the copies holds it, at the same times.
     for kind in (vx.STICK, vx.RELEASE):
         times = [np.asarray(s.events.t)[np.asarray(s.events.kind == kind)] for s in (single, thrice)]
         np.testing.assert_allclose(times[1], times[0], rtol=0, atol=1e-9)
@@ -87,7 +87,7 @@ def test_what_is_shut_stays_so_under_a_solver():
 
 @pytest.mark.parametrize("coupling", [0.1, -0.1])
 def test_two_contacts_that_lose_their_force_at_one_instant_are_let_go_together_or_one_holds(coupling):
-    """A force on the outer of two masses presses both on a wall until it turns; then inertia pushes or pulls the inner."""
+    """A force on the outer mass presses both on a wall until it reverses; inertia then acts on the inner one."""
     mass = np.array([[0.6, coupling], [coupling, 0.2]])
     contacts = [vx.Contact({0: 1.0, 1: -1.0}, 0.0, 0.5), vx.Contact({1: 1.0}, 0.0, 0.5)]
     system = vx.ImpactSystem(mass, np.zeros((2, 2)), np.zeros((2, 2)), vx.Harmonic([1.0, 0.0], 1.0), contacts)

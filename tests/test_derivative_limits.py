@@ -1,4 +1,4 @@
-"""Derivatives of motions of very many steps: right, or refused."""
+"""Derivatives of motions of very many steps are right, or an error."""
 
 import logging
 
@@ -11,7 +11,7 @@ import vijax as vx
 from vijax._jax import ways
 from vijax._jax.both_ways import both_ways
 
-# Light, with a stop that it never reaches: x = cos(sqrt(k) t), some steps a unit of time.
+# A light machine with a stop that it never reaches: x = cos(sqrt(k) t), some steps per unit of time.
 LONG = 1e5
 STOP = vx.Stop(0, 100.0, "upper", 0.7)
 
@@ -19,7 +19,7 @@ STOP = vx.Stop(0, 100.0, "upper", 0.7)
 def light(stiffness, t1=LONG, stops=(STOP,), **options) -> jax.Array:
     load = vx.Harmonic([0.0], 1.0)
     system = vx.ImpactSystem([1.0], [[0.0]], stiffness * jnp.ones((1, 1)), load, stops)
-    options = {"max_events": 1, "flow": vx.TaylorFlow()} | options  # compiled in the least time
+    options = {"max_events": 1, "flow": vx.TaylorFlow()} | options  # fastest to compile
     return vx.simulate(system, 0.0, t1, [1.0], [0.0], **options).x1[0]
 
 
@@ -34,7 +34,7 @@ def test_forward_derivatives_have_no_bound_on_steps():
     )
     assert sol.num_steps > 65_536
     value, slope = jax.jvp(light, (jnp.asarray(1.0),), (jnp.asarray(1.0),))
-    # Rounding errors of 1e-16 a step.
+    # Rounding errors of 1e-16 per step.
     assert float(value) == pytest.approx(np.cos(LONG), abs=1e-9)
     assert float(slope) == pytest.approx(-np.sin(LONG) * LONG / 2, rel=1e-9)
 
@@ -56,7 +56,7 @@ def test_reverse_derivatives_by_few_numbers_have_no_bound_on_steps():
 @pytest.mark.usefixtures("by_many")
 def test_reverse_derivatives_by_many_numbers_are_right_or_refused(max_reverse_steps):
     logging.disable(logging.CRITICAL)
-    # Without a stop half as long to compile, where it is not the number that counts.
+    # Without a stop it compiles in half the time, where the value is not tested.
     stops = (STOP,) if max_reverse_steps == 1000 else ()
     slope = jax.jit(jax.grad(lambda k: light(k, 200.0, stops, max_reverse_steps=max_reverse_steps)))
     if max_reverse_steps == 1000:
@@ -86,11 +86,11 @@ def test_a_bound_on_reverse_steps_does_not_touch_values_or_forward_derivatives()
     np.testing.assert_allclose(found, [np.cos(200.0), -np.sin(200.0) * 100.0], rtol=1e-11)
 
 
-# The tool behind it
+# `both_ways`
 
 
 def plain(x, y, k):
-    """A function of two numbers, and a count that has no derivative."""
+    """A function of two numbers and a count, which has no derivative."""
     return y * jnp.sin(x) + x**3 * y**2, k + 1
 
 
@@ -144,7 +144,7 @@ def test_a_function_of_two_ways_has_the_derivatives_of_the_plain_one(
 
 @pytest.mark.usefixtures("by_many")
 def test_each_way_is_gone_where_it_is_asked_for():
-    """Forwards twice the derivative, backwards three times: to see which function is used."""
+    """Forward gives twice the derivative, reverse three times: this shows which function is used."""
     function = lambda x: both_ways(lambda x: 2.0 * x, lambda x: 3.0 * x, x)  # noqa: E731
     x = jnp.asarray(1.0)
     assert function(x) == 2.0
@@ -165,7 +165,7 @@ def test_backwards_by_few_numbers_is_forwards_by_each():
 
 
 def root(x, y):
-    """Of infinite derivative at x = 0, and NaN below."""
+    """A function with infinite derivative at x = 0, and NaN below."""
     return both_ways(lambda xy: xy[1] * jnp.sqrt(xy[0]), lambda xy: xy[1] * jnp.sqrt(xy[0]), (x, y))
 
 

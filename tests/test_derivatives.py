@@ -1,4 +1,4 @@
-"""Derivatives through impacts, chatter, sticking and release, by all that a motion depends on.
+"""Derivatives through impacts, chatter, sticking and release, by all parameters of a motion.
 
 A ladder: against a reference of 50 digits; forward against reverse; against differences. Products of flight and
 saltation matrices, and the closed form of periodic orbits, are in `test_maps.py`.
@@ -21,30 +21,30 @@ from problems import one_mass
 import vijax as vx
 
 GOLDEN = Path(__file__).parent / "data" / "golden_derivatives"
-# Every shape of machine takes 10 to 20 s to compile; these two have one shape, and the second chatters.
+# Every shape of machine takes 10 to 20 s to compile; these two share one, and the second chatters.
 FAST = ("n1_critical", "n1_lowfreq_r07")
 NAMES = [
     name if name in FAST else pytest.param(name, marks=pytest.mark.slow)
     for name in sorted(path.stem for path in GOLDEN.glob("*.json"))
 ]
-# Roundings of some hundred steps, 1e-15, magnified a hundred times; complete chatter loses nothing more.
+# Roundings of some hundred steps, 1e-15, magnified a hundred times; complete chatter adds no error.
 ROUNDING = 1e-12
-# The two modes add the same numbers up in another order.
+# Both modes add the same numbers in another order.
 ORDER_OF_SUMS = 1e-12
-# A derivative to 1e-14, differenced over `SPACING`, with weights of order one.
+# Error of differences over `SPACING` of a derivative that is exact to 1e-14, with weights of order one.
 DIFFERENCES = 1e-11
 SECOND_DIFFERENCES = 1e-10
 SPACING = 0.005
 # Weights of the central difference of order 8, for 1, 2, 3, 4 spacings to either side.
 STENCIL = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])
-# The log holds the impacts that are compared, not all.
+# The log holds the impacts that are compared, not all of them.
 LOG = 64
-# All scenes with as many stops and masses share a compilation.
+# All scenes with the same numbers of stops and masses share a compilation.
 MOST_DIRECTIONS = 36
 
 
 class Start(NamedTuple):
-    """What a motion depends on: a machine and a start."""
+    """Inputs of a motion: a machine and a start."""
 
     system: vx.ImpactSystem
     x0: jax.Array
@@ -52,7 +52,7 @@ class Start(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What comes of it."""
+    """Results of a motion."""
 
     x1: jax.Array
     v1: jax.Array
@@ -77,7 +77,7 @@ def _along(start: Start, t0, t1, directions: Start) -> tuple[Motion, Motion]:
 
 
 def along(start: Start, t0: float, t1: float, directions: list[Start]) -> tuple[Motion, Motion]:
-    """The motion, and its derivatives along each of the directions, which are the last axis."""
+    """Motion, and its derivatives along each of the directions, which are the last axis."""
     none = jax.tree.map(jnp.zeros_like, start)
     filled = directions + [none] * (MOST_DIRECTIONS - len(directions))
     stacked = jax.tree.map(lambda *a: jnp.stack(a), *filled)
@@ -86,7 +86,7 @@ def along(start: Start, t0: float, t1: float, directions: list[Start]) -> tuple[
 
 
 def direction(start: Start, name: str) -> Start:
-    """The direction in which a parameter of the reference moves what a motion depends on."""
+    """Direction of the start in which a parameter of the reference acts."""
     found = jax.tree.map(jnp.zeros_like, start)
     for part in name.split("+"):
         match = re.fullmatch(r"(?:(forcing)\.|stops\[(\d+)\]\.)?(\w+?)(_scale)?(?:\[([\d,]+)\])?", part)
@@ -98,7 +98,7 @@ def direction(start: Start, name: str) -> Start:
 
 
 def leaf_named(forcing: str | None, stop: str | None, field: str):
-    """A getter of the leaf."""
+    """Getter of a leaf."""
     if forcing:
         return lambda start: getattr(start.system.forcing, field)
     if stop:
@@ -113,7 +113,7 @@ def moved(start: Start, by: Start, step: float) -> Start:
 
 
 def difference(function, spacing: float = SPACING):
-    """The central difference at 0 of a function that returns an array."""
+    """Central difference at 0 of a function that returns an array."""
     steps = spacing * np.arange(1, len(STENCIL) + 1)
     terms = [w * (function(h) - function(-h)) for w, h in zip(STENCIL, steps, strict=True)]
     return sum(terms) / spacing
@@ -123,7 +123,7 @@ def difference(function, spacing: float = SPACING):
 
 
 class Reference(NamedTuple):
-    """A scene whose derivatives are known."""
+    """A scene with reference derivatives."""
 
     start: Start
     t0: float
@@ -147,7 +147,7 @@ def reference(name: str) -> Reference:
 
 
 def rows_of_impacts(system: vx.ImpactSystem, found: Motion, impacts: list[dict]) -> list[int]:
-    """Where in the log the impacts of the reference stand, told by their times."""
+    """Rows of the log with the impacts of the reference, found by their times."""
     rows = []
     for impact in impacts:
         near = np.abs(np.asarray(found.times) - impact["t"]) < 1e-9
@@ -172,7 +172,7 @@ def test_derivatives_by_every_parameter_are_those_of_the_reference(name):
 
 @eqx.filter_jit
 def pulled_back(start: Start, t0, t1, weights_x, weights_v) -> Start:
-    """The gradient of a weighted sum of the end state."""
+    """Gradient of a weighted sum of the end state."""
 
     def total(start: Start):
         end = motion(start, t0, t1, max_events=0)
@@ -209,19 +209,19 @@ def swinging(*, c: float = 0.1, k: float = 1.0, w: float = 0.8, r: float = 0.7) 
 
 
 def two_equal_masses() -> Start:
-    """Two masses that know nothing of each other, of one natural frequency; the first hits a stop."""
+    """Two uncoupled masses with equal natural frequencies; the first hits a stop."""
     load = vx.Harmonic([1.0, 0.5], 0.8)
     stops = [vx.Stop(0, 0.4, "upper", 0.7)]
     system = vx.ImpactSystem([1.0, 1.0], 0.1 * np.eye(2), np.eye(2), load, stops)
     return Start(system, jnp.array([0.1, -0.2]), jnp.array([0.2, 0.3]))
 
 
-# The stop, the start and the load too, that no case needs a program of its own.
+# With those of the stop, the start and the load, so that no case needs its own program.
 OF_ONE_MASS = (
     *("x0[0]", "v0[0]", "mass[0]", "damping[0,0]", "stiffness[0,0]", "forcing.frequency"),
     *("forcing.phase[0]", "forcing.amplitude[0]", "stops[0].position", "stops[0].restitution"),
 )
-# Off the diagonal, an entry and its mirror.
+# Off the diagonal, an entry and its mirror image.
 OF_TWO_MASSES = (
     *("mass[0]", "mass[1]", "damping[0,0]", "damping[1,1]", "damping[0,1]+damping[1,0]"),
     *("stiffness[0,0]", "stiffness[1,1]", "stiffness[0,1]+stiffness[1,0]"),
@@ -319,7 +319,7 @@ def test_the_stroboscopic_map_is_differentiable_by_the_frequency():
 
 @pytest.mark.parametrize("periods", [1, 2])
 def test_an_end_at_a_whole_number_of_periods_is_no_special_time(periods):
-    """The period moves with the frequency, the end does not."""
+    """The period depends on the frequency, the end time does not."""
     end = jnp.asarray(periods * 2 * np.pi / 0.8)
     start = swinging()
     by_frequency = direction(start, "forcing.frequency")

@@ -1,7 +1,7 @@
-"""Machines that are not linear, and the motion that drives them: events, derivatives, batches.
+"""Nonlinear machines and their flow: events, derivatives, batches.
 
-Linear machines are the ladder: driven by diffrax they must do what their exact motion does. The rest is
-checked against quadratures and differences that know nothing of the engine.
+Linear machines are the first check: by diffrax they must have their exact motion. The rest is checked against
+quadratures and differences that are independent of the engine.
 """
 
 import diffrax
@@ -19,7 +19,7 @@ from vijax._hybrid.sticking_region import StickingRegion
 
 # Some hundred steps of 1e-10 each.
 SOLVER = 1e-8
-# A position wrong by 1e-11 moves a light impact or the zero of a slowly falling force by more.
+# An error of 1e-11 in position moves a light impact, or the zero of a slowly falling force, by more.
 LIGHT = 1e-3
 
 
@@ -27,7 +27,7 @@ PID = diffrax.PIDController(rtol=1e-9, atol=1e-9)
 
 
 class Cubic(eqx.Module):
-    """A spring that hardens."""
+    """A hardening spring."""
 
     k3: jax.Array
 
@@ -64,12 +64,12 @@ def driven(position: float = 0.8) -> vx.ImpactSystem:
 
 @pytest.fixture(scope="module")
 def near_grazing() -> tuple[np.ndarray, vx.Solution, vx.Solution]:
-    """Stops around the highest point of a motion: by how much it passes them, exactly and by diffrax."""
+    """Stops near the highest point of a motion: the excess over them, the exact motions and those by diffrax."""
     free = vx.simulate(driven(100.0), 0.0, 20.0)
     times = np.linspace(0.0, 20.0, 20001)
     x, v = (np.asarray(a)[:, 0] for a in free.evaluate(times))
     top = int(np.argmax(x))
-    # The parabola through the highest sample.
+    # Maximum of the parabola at the highest sample.
     highest = float(x[top] + v[top] ** 2 / 2 / (x[top] + 0.1 * v[top] - 0.5 * np.cos(0.7 * times[top])))
     excess = np.concatenate([s * 10.0 ** -np.arange(2, 9) for s in (1.0, -1.0)])
 
@@ -116,7 +116,7 @@ def test_an_undamped_cubic_spring_bounces_with_the_period_of_a_quadrature():
     k3, position, top = 2.5, 0.5, -1.2
     potential = lambda x: x * x / 2 + k3 * x**4 / 4  # noqa: E731
     energy = potential(top)
-    # x = top + u^2 takes the singularity at the turning point away.
+    # x = top + u^2 removes the singularity at the turning point.
     rest = lambda u: 2 * u / np.sqrt(2 * (energy - potential(top + u * u)))  # noqa: E731
     half, _ = scipy.integrate.quad(rest, 0, np.sqrt(position - top), epsabs=0, epsrel=1e-13)
     sol = vx.simulate(duffing(k3), 0.0, 20.0, [top], [0.0])
@@ -191,7 +191,7 @@ def test_derivatives_are_those_of_differences_and_the_same_both_ways():
     for i in range(3):
         lanes = [jnp.full(4, p) + (h if j == i else 0.0) for j, p in enumerate(point)]
         difference = np.array([1, -8, 8, -1]) @ np.asarray(value(*lanes)) / 12e-3
-        # The differences are wrong by their spacing to the fourth, and by the solver's error over it.
+        # Errors of the differences: spacing to the fourth, and the solver's error over the spacing.
         np.testing.assert_allclose(forward[i], difference, rtol=2e-6, atol=2e-6)
         np.testing.assert_allclose(reverse[i], jnp.sum(weights * forward[i]), rtol=1e-10, atol=1e-10)
 
@@ -243,7 +243,7 @@ def test_a_sweep_of_a_machine_with_a_force_is_its_trajectories():
 
 
 def solved(t, x, v, args):
-    """A cubic spring by what a kernel without libraries could not hold."""
+    """A cubic spring by functions that a kernel without libraries cannot contain."""
     return -jnp.linalg.solve(args["compliance"] * jnp.eye(1), jnp.sort(x**3))
 
 

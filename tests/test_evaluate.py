@@ -1,4 +1,4 @@
-"""`Solution.evaluate` is as exact as the states saved at `ts`, wherever it looks."""
+"""`Solution.evaluate` is as exact as the states saved at `ts`, at all times."""
 
 from collections.abc import Callable
 
@@ -42,7 +42,7 @@ def test_it_agrees_with_saved_states_long_after_the_last_event(name, periods):
     sol = vx.simulate(system, 0.0, end, start, ts=ts)
     assert sol.num_events == 0
     x, v = sol.evaluate(ts)
-    # A unit of time costs a rounding, as the time itself is rounded; an undamped motion keeps all of them.
+    # Each unit of time costs a rounding, as the time itself is rounded; an undamped motion keeps all of them.
     tolerance = 1e-14 * (10 + end)
     np.testing.assert_allclose(x, sol.xs, rtol=0, atol=tolerance)
     np.testing.assert_allclose(v, sol.vs, rtol=0, atol=tolerance)
@@ -65,7 +65,7 @@ def test_it_agrees_with_an_exact_answer_after_a_hundred_thousand_periods():
 
 @pytest.mark.thorough
 def test_its_cost_does_not_grow_with_the_distance_from_the_last_event():
-    """The steps of a loop cannot be counted from outside, but a hundred million periods would take minutes."""
+    """Steps of a loop cannot be counted from outside, but steps over a hundred million periods would take minutes."""
     end = 1e8 * PERIOD
     early = vx.simulate(quiet(), 0.0, 10.0, [0.5, 0.5])
     sol = eqx.tree_at(lambda s: (s.t1, s.known_until), early, (jnp.asarray(end), jnp.asarray(end)))

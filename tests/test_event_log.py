@@ -1,4 +1,4 @@
-"""Events are found in the log, and put in order, as NumPy does both."""
+"""Search and sorting of events in the log, against NumPy."""
 
 import jax
 import jax.numpy as jnp

@@ -1,4 +1,4 @@
-"""Machines whose motion is known in closed form, and numbers that others published."""
+"""Machines with motions in closed form, and numbers published by others."""
 
 import jax
 import jax.numpy as jnp
@@ -19,21 +19,21 @@ from problems import (
 
 import vijax as vx
 
-# Entries against matrix exponentials: 40 digits, less what 600 time units of damping need.
+# Entries against matrix exponentials: 40 digits, minus those that 600 time units of damping cost.
 ENTRY = 1e-30
-# The phase of a load is rounded to a double, so the orbit is one to rounding only.
+# The phase of a load is rounded to a double, so the orbit closes only to rounding.
 ENTRY_ROUNDED = 1e-15
 # The engine against entries: rounding of 1e-16 at each of some hundred steps, of the largest value.
 EXACT = 2e-14
-# One rounding per step and unit of phase, the same way every time, is all that long motions may lose.
+# Error of long motions: one rounding per step and unit of phase, always of the same sign.
 EPSILON = float(np.finfo(float).eps)
-# A mass without a spring carries a rounding of its velocity on: so much more, per unit of time.
+# A mass without a spring keeps a rounding of its velocity: additional error per unit of time.
 RIGID = EXACT
-# The bounces under 1e-6 that end a chatter are summed for a constant acceleration: second order in 1e-6.
+# The bounces under 1e-6 that end a chatter are summed for a constant acceleration: error of second order in 1e-6.
 CHATTER_END = 1e-12
-# A heavily damped mass takes 56 000 steps, and still loses no more than this.
+# Error of a heavily damped mass over 56 000 steps.
 MANY_STEPS = 1e-12
-# Siconos drifts by a few roundings each bounce, up to 4e-12 at the 51st: its exact values are given there.
+# Siconos drifts by a few roundings each bounce, up to 4e-12 at the 51st: the exact values given with it are used.
 SICONOS = 1e-13
 # Digits as printed.
 PRINTED_10 = 1e-10
@@ -204,7 +204,7 @@ def test_the_sticking_orbit_releases_bounces_chatters_and_holds_on_time():
     orbit = sticking_orbit()
     turns = 2
     t1 = float(orbit.release + turns * orbit.period)
-    # Held from 0 on, where the contact force is 1; the last release falls on the end itself.
+    # The mass sticks from 0 on, where the contact force is 1; the last release falls on the end itself.
     events = log_of(vx.simulate(orbit.problem.system, 0.0, t1 + 0.1, np.zeros(1), np.zeros(1)))
     releases = [event.t for event in events if event.kind == "release"]
     sticks = [event.t for event in events if event.kind == "stick"]
@@ -236,7 +236,7 @@ def test_a_start_on_a_closed_form_orbit_repeats_it(name):
 
 
 def _assert_impacts(solution: vx.Solution, problem: Problem) -> None:
-    """The first impacts of a solution are those of the entry."""
+    """Check that the first impacts of a solution are those of the entry."""
     found = [event for event in log_of(solution) if event.kind == "impact"][: len(problem.impacts)]
     assert [event.stop for event in found] == [impact.stop for impact in problem.impacts]
     times = [float(impact.t) for impact in problem.impacts]

@@ -1,4 +1,4 @@
-"""Sweeps by an executor, of any kind, find the same as on this process, bit for bit; see `test_clusters.py` for real ones."""
+"""Sweeps by any executor equal those in this process, bit for bit; see `test_clusters.py` for real ones."""
 
 import signal
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -33,7 +33,7 @@ ONE_BY_ONE = replace(SMALL_CHUNKS, max_chunk=1)
 
 
 class Here(Executor):
-    """Runs each task at once, in this process, but loses some of them."""
+    """An executor that runs each task at once in this process, and loses some of them."""
 
     def __init__(self, lost: tuple[int, ...] = ()):
         self.lost, self.given = lost, 0
@@ -49,7 +49,7 @@ class Here(Executor):
 
 
 class Slow(Here):
-    """Runs two tasks; others wait for ever."""
+    """An executor that runs two tasks and leaves the others pending."""
 
     def __init__(self):
         super().__init__()
@@ -63,7 +63,7 @@ class Slow(Here):
 
 
 class Closed(Here):
-    """Takes a few tasks, then none."""
+    """An executor that takes a few tasks and rejects the others."""
 
     def submit(self, function, /, *args, **options) -> Future:
         if self.given == 2:
@@ -73,7 +73,7 @@ class Closed(Here):
 
 @pytest.fixture(scope="module")
 def plain() -> dict[str | None, xr.Dataset]:
-    """The sweeps on this process."""
+    """Sweeps in this process."""
     return {carry: sweep(carry=carry) for carry in (None, "up")}
 
 

@@ -21,7 +21,7 @@ from vijax.studio.explorer.motion import motion_at, scalar_parameters
 FREQUENCY = "forcing.frequency"
 FREQUENCIES = [0.5, 0.8, 1.3]
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-# Two motions from one state, by two programs, over some tens of impacts.
+# Difference of motions from one state, by two programs, over some tens of impacts.
 ROUNDING = 1e-9
 
 
@@ -33,7 +33,7 @@ def sweep() -> xr.Dataset:
 
 
 def words(ds: xr.Dataset, frequency: float) -> str:
-    """What the page says of a cycle."""
+    """Text of the page about a cycle."""
     one = vx.classify(ds).sel({FREQUENCY: frequency})
     impacts, n = " | ".join(f"{m:.0f}" for m in one.num_impacts.values), int(one.num_periods)
     return f"periodic, {impacts} impacts in {n} forcing period{'s' if n > 1 else ''}"
@@ -49,7 +49,7 @@ def test_the_motion_of_a_point_is_that_of_the_sweep(sweep):
     np.testing.assert_allclose(found.solution.x1, point.x, rtol=0, atol=ROUNDING)
     assert motion_at(sweep, {FREQUENCY: 0.8}).orbit is None
     changed = motion_at(sweep, {FREQUENCY: 1.3}, {"stops[0].restitution": 0.6, "stops[1].position": -0.5})
-    # Not only what is held, also uneven dampers and springs are followed by the programs that there are; numbers are set by small ones.
+    # Uneven dampers and springs also reuse the existing programs; only small programs that set numbers are compiled.
     with counted() as compilations:
         motion_at(sweep, {FREQUENCY: 1.3}, {"damping[1][1]": 0.2, "stiffness[0][0]": 2.5})
     assert not [name for name in compilations if "of_arrays" in name]
@@ -79,7 +79,7 @@ def test_what_is_no_sweep_cannot_be_explored():
 
 @contextlib.contextmanager
 def served(file):
-    """The address of the page of a dataset, while it is served."""
+    """Address of the page of a dataset, while it is served."""
     with socket.socket() as free:
         free.bind(("localhost", 0))
         port = free.getsockname()[1]
@@ -111,7 +111,7 @@ def served(file):
 
 @pytest.fixture
 def page(sweep, tmp_path):
-    """The page in a browser without a window."""
+    """The page in a headless browser."""
     for package in ("panel", "holoviews", "datashader", "h5netcdf"):
         pytest.importorskip(package)
     playwright = pytest.importorskip("playwright.sync_api")
@@ -134,7 +134,7 @@ def test_a_click_and_a_slider_show_another_motion(page, sweep):
         return [image.get_attribute("src") for image in page.locator("img").all()]
 
     def wait_for_others(before: list[str]) -> None:
-        """Until the first three pictures, of every motion, are others."""
+        """Wait until the first three pictures of every motion have changed."""
         page.wait_for_function(
             "before => { const seen = []; const look = node => { for (const one of node.querySelectorAll('*')) {"
             "if (one.tagName === 'IMG') seen.push(one.src); if (one.shadowRoot) look(one.shadowRoot) } };"

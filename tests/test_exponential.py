@@ -1,4 +1,4 @@
-"""The exponential of a machine's matrix less one, and its derivatives."""
+"""Exponential of a machine's matrix minus the identity, and its derivatives."""
 
 import jax
 import jax.numpy as jnp
@@ -36,7 +36,7 @@ def test_lanes_are_doubled_each_as_often_as_it_needs():
     found = jax.vmap(lambda span: _increments(MATRIX, span, RATE))(spans)
     for span, one in zip(spans[:2], found, strict=False):
         assert_near(one, scipy.linalg.expm(float(span) * MATRIX) - np.eye(SIZE))
-    assert np.isnan(found[2:]).all()  # too long to be known
+    assert np.isnan(found[2:]).all()  # too long to be computed
 
 
 def test_derivatives_are_those_of_all_its_products():

@@ -1,9 +1,9 @@
-"""A ball between a standing wall and one that moves smoothly, without losses: no start is accelerated for ever.
+"""A ball between a fixed wall and a smoothly moving one, without losses: no start is accelerated without bound.
 
-Impacts at the moving wall are a map of the angle of the wall and the speed of the ball, which keeps areas and turns fast balls
-by less. So a curve around the cylinder that maps onto itself is passed by none, from below or from above (J. K. Moser, Nachr.
-Akad. Wiss. Goettingen II (1962) 1-20; M. A. Lieberman and A. J. Lichtenberg, Physical Review A 5 (1972) 1852-1866). Here two such
-curves are found as the orbits of single balls, to so many digits as their Fourier series tell.
+Impacts at the moving wall define an area-preserving twist map of the angle of the wall and the speed of the ball. So
+no orbit crosses a curve around the cylinder that maps onto itself, from below or from above (J. K. Moser, Nachr.
+Akad. Wiss. Goettingen II (1962) 1-20; M. A. Lieberman and A. J. Lichtenberg, Physical Review A 5 (1972) 1852-1866).
+Here two such curves are found as the orbits of single balls, to as many digits as their Fourier series give.
 """
 
 import numpy as np
@@ -14,23 +14,23 @@ from model_roundings import EXACT
 import vijax as vx
 
 W, A, D = 1.0, 0.01, 1.0
-# Near a speed v the map is the standard map with K = 4 a d W^2 / v^2: time of flight 2 d / v, change of speed 2 a W sin(b). Its last
-# curve goes at K = 0.9716 (J. M. Greene, J. Mathematical Physics 20 (1979) 1183-1201).
+# Near a speed v the map is the standard map with K = 4 a d W^2 / v^2: time of flight 2 d / v, change of speed
+# 2 a W sin(b). Its last curve breaks at K = 0.9716 (J. M. Greene, J. Mathematical Physics 20 (1979) 1183-1201).
 BORDER = 2 * W * np.sqrt(A * D / 0.971635)
 # Starts on a curve just above the border and on one far above it, and others: below the first, and between both.
 FIRST, SECOND = 1.175 * BORDER, 3.3 * BORDER
 BELOW = np.linspace(0.05, 1.0, 40) * BORDER
 BETWEEN = np.linspace(1.3, 3.1, 22) * BORDER
 HARMONICS = 80
-# What is left of the first curve by as many harmonics, in units of its speed (measured: 5e-11).
+# Residual of the first curve with that many harmonics, in units of its speed (measured: 5e-11).
 ON_CURVE = 1e-9
-# Of the speed of the wall at times of 2e4, which are known to 4e-12.
+# Error of the speed of the wall at times of 2e4, which are rounded to 4e-12.
 OF_WALL = 1e-11 * A * W**2
 
 
 @pytest.fixture(scope="module")
 def swept():
-    """Thousands of impacts from each start in the middle of the walls."""
+    """Sweep with thousands of impacts from each start in the middle of the walls."""
     system = vx.models.ball_between_walls(W, A, position=D)
     starts = np.concatenate([[FIRST, SECOND], BELOW, BETWEEN])
     return vx.sweep(
@@ -45,7 +45,7 @@ def swept():
 
 
 def at_the_moving_wall(point) -> tuple[np.ndarray, np.ndarray]:
-    """The angle of the wall, and the speed at which the ball comes."""
+    """Angle of the wall and incoming speed of the ball."""
     is_there = point.impact_stop.values == 1
     return point.impact_phase.values[is_there], -point.impact_velocity.values[is_there]
 
@@ -56,10 +56,10 @@ def waves(angle: np.ndarray) -> np.ndarray:
 
 
 def curve_through(angle: np.ndarray, speed: np.ndarray):
-    """The speed as a function of the angle, on which all impacts lie."""
+    """Speed as a function of the angle, a curve that contains all impacts."""
     series = np.linalg.lstsq(waves(angle), speed, rcond=None)[0]
     np.testing.assert_allclose(waves(angle) @ series, speed, rtol=ON_CURVE)
-    # All around, more closely than the shortest wave.
+    # All around, with gaps shorter than the shortest wave.
     assert np.diff(np.sort(angle)).max() < np.pi / HARMONICS
     return lambda angle: waves(angle) @ series
 
@@ -73,7 +73,7 @@ def test_a_ball_between_walls_never_passes_an_invariant_curve(swept):
         angle, speed = at_the_moving_wall(swept.isel({"v0[0]": 2 + k}))
         assert (speed < first(angle)).all()
         fastest.append(speed.max())
-    # Chaos fills what the curve leaves it: slow balls are accelerated, and come to the border of the standard map.
+    # Chaos fills the region below the curve: slow balls are accelerated up to the border of the standard map.
     assert 0.95 < max(fastest) / BORDER < 1.05
     assert np.median(fastest / BELOW) > 1.3
     for k in range(len(BETWEEN)):
@@ -107,17 +107,17 @@ def test_a_ball_on_a_table_may_be_accelerated_for_ever():
     period = 2 * np.pi / w
     rise = g * period / 4
     a = 1.1 * rise / w
-    # Of the two such angles that at which the table speeds up less if the ball comes late, cos(b) > 0.
+    # Of the two such angles, the one at which the table is slower for a late ball, cos(b) > 0.
     angle = -np.arcsin(rise / (a * w))
     table = vx.models.ball_on_table(w, a, phase=angle, restitution=1.0, gravity=g)
     start = n * g * period / 2
     numbers = n + np.arange(turns)
     times = np.cumsum(numbers) * period
-    # Just left: the start is on the table.
+    # Just after the impact: the start is on the table.
     sol = vx.simulate(table, 0.0, times[-1] + 0.1, [a * np.cos(angle)], [start])
     events = log_of(sol)
     assert [event.kind for event in events] == ["impact"] * turns
-    # What rounding makes of a start that is not exact stays near, and grows with the number of impacts.
+    # The rounding of the start stays small, and grows with the number of impacts.
     np.testing.assert_allclose([event.t for event in events], times, rtol=turns * EXACT)
     after = np.asarray(sol.events.velocity_plus)[:turns]
     np.testing.assert_allclose(after, (numbers + 1) * g * period / 2, rtol=turns * EXACT)

@@ -1,4 +1,4 @@
-"""Machines as files: what is written comes back bit for bit, and what is wrong with a file is told."""
+"""Machine files return every bit, and errors in a file are reported."""
 
 import json
 import sys
@@ -34,7 +34,7 @@ frequency = 0.8
 
 
 class Spring(eqx.Module):
-    """Numbers, an array, a part in a table, a function, and what is no number."""
+    """A number, an array, parts in a dict, a function, and a static integer."""
 
     cubic: jax.Array | float
     table: jax.Array | np.ndarray

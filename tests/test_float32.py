@@ -1,4 +1,4 @@
-"""With 64-bit numbers off the library says so once, and works to float32 accuracy."""
+"""With 64-bit numbers off the library warns once, and works to float32 accuracy."""
 
 import json
 import subprocess
@@ -40,12 +40,12 @@ with warnings.catch_warnings(record=True) as caught:
     ends["impacts"] = [impact_map(impact).tolist(), jax.jacfwd(impact_map)(impact).tolist()]
 print(json.dumps([ends, [str(w.message) for w in caught]]))
 """
-# A process of its own, which compiles all that it needs.
+# A process of its own, which compiles all its programs.
 pytestmark = pytest.mark.thorough
 
 # Without sticking, and hardly magnifying errors; one of a single mass, one of several.
 SCENES = ["n1_both_r07", "n2_r03"]
-# With an impact a period: x'' + 0.1 x' + x = cos(t), x <= 1, r = 0.8.
+# One impact a period: x'' + 0.1 x' + x = cos(t), x <= 1, r = 0.8.
 ORBIT = exact_orbit(0.1, 1.0, 1.0, 1.0, 1.0, 0.8, 2 * np.pi, 1)
 # Some hundred roundings of 1e-7 each.
 ROUNDING_32 = 1e-5
@@ -82,7 +82,7 @@ def test_a_golden_scene_comes_out_right_to_float32_accuracy(outcome, name):
     assert tolerance < 1e-2
     np.testing.assert_allclose(x, scene.x1, rtol=0, atol=tolerance)
     np.testing.assert_allclose(v, scene.v1, rtol=0, atol=tolerance)
-    # It is float32 indeed: 64-bit numbers would be far closer.
+    # The numbers are float32: 64-bit numbers would be far closer.
     assert np.abs(np.array(v) - scene.v1).max() > 1e-12
 
 

@@ -1,4 +1,4 @@
-"""Attractors go on along a parameter, begin and end where they must."""
+"""Attractors along a parameter: continuation, births and deaths."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def test_attractors_go_on_along_a_parameter_begin_and_end():
     values = [1.5, 1.75, 2.0, 2.25]  # far apart, so that attractors move far
     starts = box(24)
     ds = vx.follow_attractors(machine(1.0), FREQUENCY, values, starts, threshold=1.0, progress=False)
-    # The two mirror images meet in one motion, which is its own.
+    # The two mirror images merge into one motion, which is its own mirror image.
     on = int(ds.is_found.values[1].argmax())
     np.testing.assert_array_equal(ds.is_found[:, on], True)
     np.testing.assert_array_equal(ds.is_found[:, 1 - on], [1, 0, 0, 0])
@@ -51,7 +51,7 @@ def test_an_attractor_is_not_lost_where_no_start_leads_to_it_any_more():
 
 @polishes
 def test_an_attractor_dies_where_a_stop_comes_to_graze_it_and_leads_to_the_one_that_is_left():
-    """At phase 0 the motion without impacts is at its highest, so there the stop that has moved is past it."""
+    """At phase 0 the motion without impacts is at its highest, beyond the moved stop."""
     response = 1 / (1 - 3.0**2 + 0.05j * 3.0)
     grazing = abs(response)
     load = vx.Harmonic([1.0], 3.0, [-np.angle(response)])
@@ -68,7 +68,7 @@ def test_an_attractor_dies_where_a_stop_comes_to_graze_it_and_leads_to_the_one_t
 
 
 def motion(value: int, points: list, impacts: float = 1.0) -> Attractor:
-    """A made up cycle at a value of the parameter."""
+    """A made-up cycle at a value of the parameter."""
     rows, nothing = np.array(points, float), np.zeros(2)
     return Attractor(value, rows, 1.0, len(rows), 1, np.array([impacts]), nothing, nothing + 0j, 0.0)
 

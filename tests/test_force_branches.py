@@ -1,4 +1,4 @@
-"""Branches of machines with a force of the user's own, whose cycles are followed by a solver of diffrax."""
+"""Branches of machines with a user-defined force, whose cycles are followed by a solver of diffrax."""
 
 import json
 
@@ -13,7 +13,7 @@ import xarray as xr
 import vijax as vx
 from vijax._system.parameters import get_parameter
 
-pytestmark = pytest.mark.slow  # what is compiled here is compiled nowhere else, in a minute
+pytestmark = pytest.mark.slow  # these programs are compiled for this file alone, in a minute
 
 AMPLITUDE, FREQUENCY, DAMPING, RESTITUTION = "forcing.amplitude[0]", 0.84091, 0.04, 0.9
 # The solver's tolerance.
@@ -42,19 +42,19 @@ def branch_of(cubic, start, num_periods, bounds):
 
 
 def test_a_linear_spring_written_as_a_force_has_the_published_doubling():
-    # M. Ghosh & B. Simpson, arXiv 2510.16218, their points with more digits.
+    # M. Ghosh & B. Simpson, arXiv 2510.16218: their points with more digits.
     branch = branch_of(0.0, 0.34, 2, (0.28, 0.36))
     (doubling,) = [point for point in branch.bifurcations if point.kind == "pd"]
     assert doubling.value == pytest.approx(0.32561956758361, abs=SOLVED)
     assert float(doubling.orbit.events.velocity_minus[0]) == pytest.approx(0.27433182278456, abs=SOLVED)
-    # It begins where the oscillation without impacts touches the stop.
+    # The branch begins where the oscillation without impacts touches the stop.
     grazing = next(point.value for point in branch.bifurcations if point.kind == "gr")
     exact = np.sqrt((1 - FREQUENCY**2) ** 2 + (DAMPING * FREQUENCY) ** 2)
     assert grazing == pytest.approx(exact, abs=SOLVED)
 
 
 def test_bifurcations_of_a_linear_spring_written_as_a_force_move_with_the_stop():
-    # All lengths of a linear machine grow with the load.
+    # All lengths of a linear machine scale with the load.
     branch = branch_of(0.0, 0.34, 2, (0.3, 0.36))
     (doubling,) = [point for point in branch.bifurcations if point.kind == "pd"]
     amplitude = lambda position: vx.bifurcation_value(doubling, oscillator(0.34, 0.0, position))  # noqa: E731
@@ -76,7 +76,7 @@ def test_orbits_of_a_duffing_oscillator_are_those_that_scipy_follows():
 
 
 def by_scipy(orbit, cubic):
-    """The state after one cycle."""
+    """State after one cycle."""
     amplitude = float(orbit.system.forcing.amplitude[0])
 
     def field(t, y):
@@ -109,7 +109,7 @@ def test_a_branch_in_a_file_tells_a_force_that_can_be_imported(tmp_path):
     np.testing.assert_array_equal(again.x0, branch.orbit(0).x0)
     assert get_parameter(again.system, "force.stiffness") == pytest.approx(branch.values[0])
 
-    # As if the force were one that no text holds.
+    # As if text could not hold the force.
     told = json.loads(branch.points.attrs["system"]) | {"force": {"name": "<lambda>"}}
     kept = branch.points.assign_attrs(system=json.dumps(told))
     with pytest.raises(ValueError, match="which no text can hold"):

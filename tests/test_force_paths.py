@@ -1,4 +1,4 @@
-"""Parameters of a force, and of its args, are swept by their names."""
+"""Parameters of a force, and of its args, are swept by path."""
 
 import json
 import re
@@ -15,13 +15,13 @@ from vijax._execution.points import LaneInput, points_of_lanes
 from vijax._system.parameters import force_parameters, set_parameter
 from vijax._system.system import with_args
 
-# Two computations of the same bits apart from the order of sums in a batch.
+# Difference of two computations that add in another order in a batch.
 ROUNDING = 1e-9
 CUBICS = np.array([0.5, 1.0, 1.5])
 
 
 class Spring(eqx.Module):
-    """A hardening spring, with a part inside it and something that is no number."""
+    """A hardening spring with a nested part and a leaf that is not a number."""
 
     cubic: jax.Array | float
     parts: dict[str, jax.Array | float]

@@ -1,4 +1,4 @@
-"""Shifts of the masses that no spring and no contact feels."""
+"""Shifts of the masses that change no spring force and no gap."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from vijax._machine.numbers import numbers_of
 from vijax._orbits.rigid_modes import free_shifts
 
 LOAD = vx.Harmonic([1.0, 0.0, 0.0], 1.0)
-# Masses 0 and 1 are joined by a spring, 1 and 2 by a contact: all three may move on together.
+# Masses 0 and 1 are joined by a spring, 1 and 2 by a contact: all three may shift together.
 JOINED = np.array([[0.3, -0.3, 0.0], [-0.3, 0.3, 0.0], [0.0, 0.0, 0.0]])
 TIE = vx.Contact({1: 1.0, 2: -1.3}, 0.1, 0.5)
 

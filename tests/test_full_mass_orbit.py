@@ -1,4 +1,4 @@
-"""One machine that has all at once, a full mass matrix, a contact between masses and one that moves: orbit, branch, sweep, pictures."""
+"""A machine with a full mass matrix, a contact between masses and a moving one: orbit, branch, sweep, pictures."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ PATH, FREQUENCY, RESTITUTION = "forcing.frequency", 1.3, np.array([0.7, 0.8])
 MASS = np.array([[1.5, 0.3, 0.1], [0.3, 1.2, 0.2], [0.1, 0.2, 1.0]])
 DAMPING = np.array([[0.3, -0.1, 0.0], [-0.1, 0.35, -0.15], [0.0, -0.15, 0.3]])
 STIFFNESS = np.array([[2.0, -1.0, 0.0], [-1.0, 2.5, -1.0], [0.0, -1.0, 2.2]])
-# Of multipliers between 0.18 and 0.67, whose product was found to be the closed form to 1.3e-13.
+# Error of multipliers between 0.18 and 0.67, whose product agrees with the closed form to 1.3e-13.
 ROUNDING = 1e-10
 
 
@@ -40,7 +40,7 @@ def swept(machine) -> xr.Dataset:
 
 
 def loss_of_volume(period: float, impacts: np.ndarray) -> float:
-    """Liouville's formula: flights shrink volumes of positions and velocities at the rate tr M^-1 C, an impact by r^2."""
+    """Liouville's formula: flights contract phase-space volumes at the rate tr M^-1 C, an impact by r^2."""
     rate = np.trace(np.linalg.solve(MASS, DAMPING))
     return float(np.exp(-rate * period) * np.prod(RESTITUTION ** (2 * impacts)))
 
@@ -114,7 +114,7 @@ def test_its_pictures_show_every_contact(machine, swept, orbit, tmp_path):
     for name, ax in drawn.items():
         assert ax.has_data(), name
         ax.figure.savefig(tmp_path / f"{name}.png")
-    # A disc for each impact.
+    # One disc for each impact.
     for contact, name in ((0, "relative_motion"), (1, "moving")):
         discs = [line for line in drawn[name].lines if line.get_marker() == "o"]
         assert sum(len(line.get_xdata()) for line in discs) == int(orbit.num_impacts[contact])

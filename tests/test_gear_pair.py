@@ -1,4 +1,4 @@
-"""A pair of gears against the forces and flights of their flanks in closed form."""
+"""A pair of gears against contact forces and flights of their flanks in closed form."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -13,7 +13,7 @@ GEARS = {"torque": 0.7, "position": 0.1, "inertias": [2.0, 1.5], "radii": [1.2, 
 
 
 def in_mesh(amplitude: float, t: float) -> vx.Solution:
-    """The driving flanks start closed."""
+    """Motion that starts with the driving flanks in contact."""
     system = vx.models.gear_pair(1.3, amplitude, **GEARS)
     return vx.simulate(system, 0.0, t, x0=[0.1 / 1.2, 0.0])
 
@@ -54,7 +54,7 @@ ROTATING = {"torque": 0.15, "damping": 0.2, "position": 0.3, "restitution": 0.9}
 
 @pytest.fixture(scope="module")
 def rattling() -> vx.PeriodicOrbit:
-    """Gears that hammer on both flanks, turned by an angle that nothing tells."""
+    """Gears that hammer on both flanks, rotated by an arbitrary angle."""
     system = vx.models.gear_pair(1.0, 1.0, **ROTATING)
     sol = vx.simulate(system, 0.0, 40 * system.forcing.period, x0=[5.1, 5.0])
     return vx.periodic_orbit(system, sol.x1, sol.v1, 2)

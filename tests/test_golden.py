@@ -1,4 +1,4 @@
-"""Every golden scene, event for event."""
+"""Golden scenes, compared event by event."""
 
 from collections import Counter
 
@@ -18,13 +18,13 @@ from helpers import (
 
 import vijax as vx
 
-# State that is read back where it was stored: a rounding or two.
+# State at a time where it is stored: a rounding or two.
 READ_BACK = 1e-14
-# One shape for all questions to a solution, so that each machine compiles them once.
+# One number of times for all evaluations of a solution, so that each machine compiles them once.
 QUESTIONS = 1024
 
 _SHAPES = Counter(machine_shape(name) for name in golden_names())
-# A shape of machine takes seconds to compile: those that serve one scene only are for the long run.
+# A shape of machine takes seconds to compile: shapes that serve one scene only belong to the long runs.
 _MARKS = {1: [pytest.mark.slow], 2: [pytest.mark.thorough]}
 _SCENES = [pytest.param(name, marks=_MARKS.get(_SHAPES[machine_shape(name)], [])) for name in golden_names()]
 
@@ -110,7 +110,7 @@ def test_the_motion_at_event_times_is_that_of_the_log(solution, scene):
             continue
         stop = scene.system.stops[event.stop]
         following = next((e.kind for e in events[i + 1 :] if e.stop == event.stop), None)
-        # The last impact of a chatter is where the mass comes to rest.
+        # At the last impact of a chatter the mass comes to rest.
         is_rebound = event.kind == "impact" and following != "stick"
         expected = float(solution.events.velocity_plus[i]) if is_rebound else 0.0
         assert x[i, stop.mass] == pytest.approx(float(stop.position), rel=READ_BACK, abs=0)
@@ -140,7 +140,7 @@ def test_stops_press_while_they_hold_their_mass_and_only_then(solution, scene):
 
 
 def _spans_held(scene: Scene, solution: vx.Solution) -> list[tuple[int, float, float, float]]:
-    """Stop, times from stick to release, and the last impact before: within a chatter's end it is open."""
+    """Stop, times of stick and release, and time of the last impact before; it may stick from there on."""
     held = {j: (scene.t0, scene.t0) for j in scene.held_at_start}
     last_impact, spans = {}, []
     for event in log_of(solution):

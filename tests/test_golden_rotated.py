@@ -1,7 +1,7 @@
 """The golden scenes of stops in coordinates y, x = T y: full mass matrices and oblique rows, the same events.
 
-Coordinates that stand still and contacts that are never met fill each machine up, so that all are of two sizes, which
-compile two programs. T mixes all of them.
+Coordinates at rest and contacts that are never reached fill each machine up to one of two sizes, so that only two
+programs are compiled. T mixes all coordinates.
 """
 
 import json
@@ -26,14 +26,14 @@ SCENES = [pytest.param(k, name, marks=_MARKS[_size(name)], id=name) for k, name 
 
 
 def basis_of(seed: int, n: int) -> np.ndarray:
-    """A random matrix whose singular values lie between 1/2 and 2."""
+    """Random matrix with singular values between 1/2 and 2."""
     random = np.random.default_rng(seed)
     left, right = (np.linalg.qr(random.normal(size=(n, n)))[0] for _ in range(2))
     return left * random.uniform(0.5, 2.0, n) @ right
 
 
 def in_coordinates(name: str, basis: np.ndarray) -> vx.ImpactSystem:
-    """The machine of a scene, filled up to the size of the basis, in its coordinates."""
+    """Machine of a scene, filled up to the size of the basis, in its coordinates."""
     data, size = json.loads((GOLDEN / f"{name}.json").read_text()), len(basis)
     more = size - data["n"]
     matrices = {key: np.eye(size) for key in "MCK"}

@@ -1,4 +1,4 @@
-"""Light passes: a clearance from 1e-4 down to 1e-12 of either sign decides between no impact and one."""
+"""Near-grazing passes: clearances of either sign from 1e-4 down to 1e-12 separate no impact from one."""
 
 from functools import cache
 from typing import NamedTuple
@@ -12,14 +12,14 @@ import pytest
 import vijax as vx
 
 CLEARANCES = np.array([sign * 10.0**-k for k in range(4, 13) for sign in (1, -1)])
-# What some ten roundings of a position of order one do to a gap.
+# Effect of some ten roundings of a position of order one on a gap.
 GAP_ROUNDING = 2e-15
 RESTITUTION = 0.7
 SIDES = ((0, "upper"), (-1, "lower"))
 
 
 class Machine(NamedTuple):
-    """A driven machine that starts at rest in its zero position, and how long it is watched."""
+    """A driven machine that starts at rest at zero position, and the length of its motion."""
 
     mass: list
     damping: list
@@ -47,7 +47,7 @@ MACHINES = {
 
 
 class FreeMotion:
-    """The motion without stops to 40 digits: y(t) = Re(P exp(i W t)) + sum_k c_k exp(l_k t)."""
+    """Motion without stops to 40 digits: y(t) = Re(P exp(i W t)) + sum_k c_k exp(l_k t)."""
 
     def __init__(self, machine: Machine):
         n = len(machine.mass)
@@ -67,7 +67,7 @@ class FreeMotion:
         self.n = n
 
     def derivative(self, mass: int, t, order: int):
-        """The derivative of x of one mass, of any order."""
+        """Derivative of x of one mass, of any order."""
         mass %= self.n
         driven = self.steady[mass] * (mp.mpc(0, 1) * self.frequency) ** order * mp.expj(self.frequency * t)
         free = sum(
@@ -77,7 +77,7 @@ class FreeMotion:
         return mp.re(driven + free)
 
     def highest(self, mass: int, sign: int, span: float):
-        """When sign * x is highest in the span, inside of it, and x there."""
+        """Time inside the span at which sign * x is highest, and x there."""
         grid = np.linspace(0.0, span, 1501)[1:-1]
         with mp.workdps(15):
             heights = np.array([float(sign * self.derivative(mass, t, 0)) for t in grid])
@@ -89,7 +89,7 @@ class FreeMotion:
 
 
 class Case(NamedTuple):
-    """Stop positions for every clearance, and what must come of them."""
+    """Stop positions for every clearance, and the exact results."""
 
     machine: Machine
     positions: np.ndarray
@@ -101,7 +101,7 @@ class Case(NamedTuple):
 
 @cache
 def case(name: str) -> Case:
-    """Place both stops at the extreme of their mass: the earlier is never touched, the later perhaps."""
+    """Place both stops at extremes of their masses: the earlier is never touched, the later by negative clearances."""
     machine = MACHINES[name]
     with mp.workdps(40):
         motion = FreeMotion(machine)
@@ -120,12 +120,12 @@ def case(name: str) -> Case:
             if clearance > 0:
                 velocity.append(0.0)
                 continue
-            # The position is the double that was handed out, not what it was rounded from.
+            # The position is the double that was passed, not the number that was rounded to it.
             depth = sign * (extremes[grazed][1] - mp.mpf(places[grazed]))
             before = time - mp.sqrt(2 * depth / curvature)
             hit = mp.findroot(lambda t, s=places[grazed]: motion.derivative(mass, t, 0) - mp.mpf(s), before)
             velocity.append(float(motion.derivative(mass, hit, 1)))
-        # Half a swing of the gap later nothing else can have been reached.
+        # Within less than half an oscillation no other stop can be reached.
         end = float(time + mp.mpf("0.3") * min(1, 1 / machine.frequency))
     return Case(machine, np.array(positions), end, grazed, np.array(velocity), float(curvature))
 
@@ -141,11 +141,11 @@ def simulate(machine: Machine, positions, end) -> vx.Solution:
 
 
 def check(case: Case, count, stop, velocity):
-    """Exactly one impact where the clearance is negative, and none where not."""
+    """Check for exactly one impact where the clearance is negative, and none elsewhere."""
     np.testing.assert_array_equal(count, CLEARANCES < 0)
     is_hit = CLEARANCES < 0
     np.testing.assert_array_equal(stop[is_hit, 0], case.grazed)
-    # Half the square of the velocity over the curvature is the depth: known as well as the gap is.
+    # The depth, half the squared velocity over the curvature, has the accuracy of the gap.
     depth, exact = (v**2 / (2 * case.curvature) for v in (velocity[is_hit, 0], case.velocity[is_hit]))
     np.testing.assert_allclose(depth, exact, rtol=1e-9, atol=GAP_ROUNDING)
 

@@ -1,4 +1,4 @@
-"""The code in README.md and in every page of docs/ runs as it stands and prints what it says."""
+"""The code in README.md and in every page of docs/ runs as it is and prints the documented output."""
 
 import re
 
@@ -15,7 +15,7 @@ NUMBER = r"-?\d+\.?\d*(?:e-?\d+)?"
 
 @pytest.fixture
 def elsewhere(tmp_path, monkeypatch):
-    """A folder for what the code writes, pictures that open no window, and no rule of ours about ranks."""
+    """A folder for files that the code writes, pictures without windows, and JAX's default rule on ranks."""
     monkeypatch.chdir(tmp_path)
     matplotlib.use("Agg")
     with jax.numpy_rank_promotion("allow"):
@@ -24,7 +24,7 @@ def elsewhere(tmp_path, monkeypatch):
 
 
 def agree(said: str, printed: str) -> bool:
-    """Whether what is printed, rounded to the digits that are said, is what is said."""
+    """Test whether the printed text, rounded to the documented digits, is the documented text."""
     ours, theirs = (re.findall(NUMBER, text) for text in (said, printed))
     words_agree = re.sub(rf"{NUMBER}|\s", "", said) == re.sub(rf"{NUMBER}|\s", "", printed)
     digits = [len(number.partition(".")[2]) for number in ours]

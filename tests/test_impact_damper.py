@@ -14,12 +14,12 @@ DAMPER = {"position": 0.6, "restitution": 0.6, "damping_ratio": 0.02, "mass_rati
 def symmetric(
     w: float, amplitude: float, position: float, restitution: float, damping_ratio: float, mass_ratio: float
 ):
-    """Phase, and positions and velocities just after the impact at contact 0, of the orbit with one impact at each end.
+    """Phase, and state just after the impact at contact 0, of the orbit with one impact at each end.
 
-    Half a period T later all is reversed. So the free mass flies at the speed s from s T / 4 to -s T / 4; momentum and
-    restitution give the velocities of the oscillator, times s. With E the matrix of its free motion over T / 2, and p the
-    response to the load at the impact, E (y+ - p) - p = -y-: linear in s, and |p| is known. Of the two motions that of the
-    larger s is returned.
+    Half a period T later all is reversed. So the free mass flies at the speed s from s T / 4 to -s T / 4; momentum
+    and restitution give the velocities of the oscillator, times s. With E the matrix of its free motion over T / 2,
+    and p the response to the load at the impact, E (y+ - p) - p = -y-: linear in s, and |p| is known. Of the two
+    motions the one with the larger s is returned.
     """
     half, d, r, mu = np.pi / w, position, restitution, mass_ratio
     minus = -(1 - r + 2 * mu) / (1 + r)
@@ -43,7 +43,7 @@ def test_an_impact_damper_has_the_exact_symmetric_orbit():
     w, amplitude = 1.0, 0.1
     phase, x, v, minus = symmetric(w, amplitude, **DAMPER)
     system, period, turns = vx.models.impact_damper(w, amplitude, phase=phase, **DAMPER), 2 * np.pi / w, 3
-    # Just left: the start is on contact 0, and opens it.
+    # Just after the impact: the start is on contact 0, which opens.
     sol = vx.simulate(system, 0.0, (turns + 0.25) * period, x, v)
     events = log_of(sol)
     assert [event.kind for event in events] == ["impact"] * 2 * turns
@@ -79,7 +79,7 @@ def test_an_impact_damper_that_is_hit_as_periods_end_repeats_after_one(w):
     points = {"forcing.frequency": [w]}
     ds = vx.sweep(system, points, transient=0, record=16, x0=x, v0=v, progress=False)
     for source in (sol, ds):
-        # Rounding puts some of those impacts before the end of their period and some after.
+        # Rounding puts some of these impacts before the end of their period and some after.
         motion = vx.classify(source, last=16)
         assert int(motion.num_periods.squeeze()) == 1
         assert motion.num_impacts.values.ravel().tolist() == [1, 1]
@@ -89,11 +89,11 @@ def test_an_impact_damper_that_is_hit_as_periods_end_repeats_after_one(w):
 def test_a_light_energy_sink_drains_a_free_vibration_as_the_slow_flow_on_its_invariant_manifold_says():
     """Two impacts a period while A falls slowly, to the first order of the mass ratio mu.
 
-    Half a period pi the free mass flies at a speed V, from end to end of a container that moves as A sin. At the upper end the
-    container is met at x = k U - d, going back at the speed U, with V = U (1 + r) / (1 - r) by the impact law and
-    k = (pi / 2) (1 + r) / (1 - r) by the flight: so A^2 = U^2 + (k U - d)^2. The impacts take (2 / pi) mu U^2 (1 + r) / (1 - r) in
-    a unit of time, which A^2 / 2 loses. Such manifolds: T. Li, E. Gourc, S. Seguy, A. Berlioz, Int. J. Non-Linear
-    Mechanics 90 (2017) 100-110.
+    For half a period pi the free mass flies at a speed V, from end to end of a container that moves as A sin. At the
+    upper end it hits the container at x = k U - d, which moves back at the speed U, with V = U (1 + r) / (1 - r) by
+    the impact law and k = (pi / 2) (1 + r) / (1 - r) by the flight: so A^2 = U^2 + (k U - d)^2. The impacts dissipate
+    (2 / pi) mu U^2 (1 + r) / (1 - r) per unit of time, which A^2 / 2 loses. Such manifolds: T. Li, E. Gourc, S.
+    Seguy, A. Berlioz, Int. J. Non-Linear Mechanics 90 (2017) 100-110.
     """
     r, first, slow_time = 0.6, 0.6, 0.4
     ratio = (1 + r) / (1 - r)

@@ -1,4 +1,4 @@
-"""The engine against codes that share nothing with it: 40-digit Taylor flights here, and heyoka."""
+"""The engine against independent codes: 40-digit Taylor flights here, and heyoka."""
 
 from collections.abc import Sequence
 
@@ -13,18 +13,18 @@ import vijax as vx
 
 # Terms and length of a step: no machine here has a rate above 2.5, and (2.5 / 8)^40 / 40! < 1e-67.
 TERMS, STEP = 40, mpf(1) / 8
-# Looked at so often in a step, none of these motions passes a stop unseen.
+# Samples of a step, enough that none of these motions passes a stop unseen.
 LOOKS = 8
 # Below this speed the rest of a chatter is summed as a geometric series: exact to its square.
 LIGHT = mpf(10) ** -15
 
 # Some hundred roundings, magnified by the impacts of these short and tame motions.
 ROUNDING = 2e-13
-# A rounding of the position, over the velocity: how uncertain the time of a light impact is.
+# A rounding of the position over the velocity is the uncertainty of the time of a light impact.
 POSITION_ROUNDING = 1e-15
-# The bounces under 1e-6 that end a chatter are summed for a constant acceleration: second order in 1e-6.
+# The bounces under 1e-6 that end a chatter are summed for a constant acceleration: error of second order in 1e-6.
 CHATTER_END = 1e-11
-# What two codes in double precision may differ by after a dozen impacts.
+# Difference of two codes in double precision after a dozen impacts.
 TWO_CODES = 1e-11
 
 
@@ -32,7 +32,7 @@ TWO_CODES = 1e-11
 
 
 class Flight:
-    """One trajectory of a linear machine with stops, as z = (x, v, cos W t, sin W t, 1)."""
+    """Trajectory of a linear machine with stops, as z = (x, v, cos W t, sin W t, 1)."""
 
     def __init__(self, system: vx.ImpactSystem, x0: Sequence[float], v0: Sequence[float]):
         self.system = system
@@ -42,11 +42,11 @@ class Flight:
         self.z = [mpf(a) for a in (*x0, *v0)] + [*load_phase(system, self.t), mpf(1)]
         self.held: set[int] = set()
         self.events: list[Event] = []
-        # How many leading derivatives of each gap vanish, the stop having just been left.
+        # Number of leading derivatives of each gap that vanish, just after leaving the stop.
         self.leaving: dict[int, int] = {}
 
     def fly(self, t1: float) -> None:
-        """Go on to t1, from event to event."""
+        """Advance to t1, from event to event."""
         while self.t < t1:
             series = self._series()
             watched = [self._watched(j, series) for j in range(len(self.system.stops))]
@@ -61,7 +61,7 @@ class Flight:
                 self._let_go(j, 3) if j in self.held else self._hit(j)
 
     def pressing(self, j: int) -> mpf:
-        """The acceleration with which a mass at rest on stop j would go on into it."""
+        """Acceleration towards stop j of a mass at rest on it."""
         stop = self.system.stops[j]
         z = list(self.z)
         z[self.n + stop.mass] = mpf(0)
@@ -81,7 +81,7 @@ class Flight:
         return series
 
     def _watched(self, j: int, series: list[list[mpf]]) -> list[mpf]:
-        """Coefficients of what is positive while nothing happens at stop j: its gap, or its force."""
+        """Taylor coefficients of the function that is positive between events at stop j: its gap, or its force."""
         stop = self.system.stops[j]
         if j in self.held:
             return [stop.sign * _dot(self.free[self.n + stop.mass], c) for c in series]
@@ -130,7 +130,7 @@ def _bounce_and_more(c: Sequence[mpf]) -> mpf:
 
 
 def _first_root(c: Sequence[mpf], step: mpf) -> mpf | None:
-    """The first root in (0, step], between two looks of different sign."""
+    """First root in (0, step], between two samples of different sign."""
     low = mpf(0)
     for look in range(1, LOOKS + 1):
         high = step * look / LOOKS

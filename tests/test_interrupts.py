@@ -1,4 +1,4 @@
-"""Ctrl-C raises out of every long call; what is followed piece by piece comes along."""
+"""Ctrl-C raises in every long call; continuations return what they have."""
 
 import signal
 import threading
@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("interruptible")]
 AMPLITUDE, FREQUENCY = "forcing.amplitude[0]", "forcing.frequency"
 STARTS = np.random.default_rng(0).uniform(-0.4, 0.4, (40, 2))
 GRID = {"x0[0]": np.linspace(-0.4, 0.4, 5), "v0[0]": np.linspace(-0.4, 0.4, 5)}
-# Of the followed, `BOUNDS` hold a grazing and a period doubling.
+# `BOUNDS` contain a grazing and a period doubling of the branch.
 BOUNDS = (0.1, 0.5)
 
 
@@ -32,37 +32,37 @@ def oscillator() -> vx.ImpactSystem:
 
 @cache
 def orbit() -> vx.PeriodicOrbit:
-    """Its orbit."""
+    """Periodic orbit of the oscillator."""
     return vx.periodic_orbit(oscillator(), [0.43252758], [0.148], 2, max_events=32)
 
 
 @cache
 def swept() -> xr.Dataset:
-    """Its motions at three amplitudes."""
+    """Motions of the oscillator at three amplitudes."""
     how = {"x0": [0.43], "v0": [0.15], "transient": 400, "progress": False}
     return vx.sweep(oscillator(), {AMPLITUDE: [0.36, 0.38, 0.4]}, **how)
 
 
 @cache
 def orbits() -> xr.Dataset:
-    """The orbits of these."""
+    """Periodic orbits of the sweep."""
     return vx.periodic_orbits(swept(), progress=False)
 
 
 @cache
 def doubling() -> vx.Bifurcation:
-    """The period doubling of the branch."""
+    """Period doubling of the branch."""
     branch = vx.continuation(orbit(), AMPLITUDE, BOUNDS, progress=False)
     return next(point for point in branch.bifurcations if point.kind == "pd")
 
 
 def stop() -> None:
-    """What Ctrl-C does, whichever thread is at work."""
+    """Send the signal of Ctrl-C to the main thread, from any thread."""
     signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
 
 def stopping(function: Callable, at: int = 1) -> Callable:
-    """The function, before a call of which somebody loses patience."""
+    """Wrap a function so that Ctrl-C comes before its call number `at`."""
     calls = []
 
     def called(*args, **kwargs):
@@ -108,14 +108,14 @@ def test_ctrl_c_is_raised_while_motions_are_classified(monkeypatch):
 
 
 def is_part_of(branch: vx.Branch, whole: vx.Branch) -> bool:
-    """Whether the points of a branch are points of another."""
+    """Test whether the points of a branch are points of another."""
     num_same = np.isclose(branch.values[:, None], whole.values, rtol=1e-12).any(axis=1).sum()
     return bool(1 <= num_same == len(branch) < len(whole))
 
 
 @pytest.fixture
 def stopped_after_rounds(monkeypatch):
-    """Let somebody lose patience after so many rounds of what drives branches."""
+    """Send Ctrl-C after some rounds of the scheduler of branches."""
 
     def after(num_rounds: int) -> None:
         drive = continuation.drive
@@ -133,7 +133,7 @@ def test_a_branch_comes_along_as_far_as_it_was_followed(stopped_after_rounds):
     branch = stopped.value.result
     assert branch.ends == ("interrupted", "interrupted")
     assert is_part_of(branch, whole)
-    # It may be gone on with.
+    # The partial branch can be continued.
     rest = vx.continuation(branch.orbit(-1), AMPLITUDE, BOUNDS, max_points=3, progress=False)
     assert rest.values.max() > branch.values.max()
 

@@ -1,4 +1,4 @@
-"""Contacts that feed each other's bounces come to rest as they do by ever more, ever smaller bounces."""
+"""Contacts that feed each other's bounces come to rest at the limit of ever smaller bounces."""
 
 import numpy as np
 import pytest
@@ -9,15 +9,15 @@ import vijax as vx
 
 T1 = 3.0
 MACHINES = {f"stack of r = {r}": dropped_stack(r) for r in (0.4, 0.6, 0.7)}
-# About one in fifteen of random machines whose contacts are pressed ends so.
+# About one in fifteen random machines with pressed contacts comes to rest in this way.
 MACHINES |= {f"random machine {seed}": random_machine(seed) for seed in (17, 24, 36, 48, 74, 102, 119)}
-# At which the bounces are left off; the last stands for the limit.
+# Speeds at which the bounces are cut off; the last one stands for the limit.
 SPEEDS = [1e-1, 1e-2, 1e-3, 1e-4, 1e-8]
-# What that leaves out is 3 times the cube of the speed, at most, in these machines of size one.
+# The error is at most 3 times the cube of the speed, in these machines of size one.
 ORDER, FACTOR, ROUNDED = 3, 3.0, 1e-15
-# Of the motion before, some sixty impacts.
+# Error of the motion before, some sixty impacts.
 EXACT = 3e-14
-# Some last bounces, which the engine leaves out below a speed of 1e-6.
+# Duration of the last bounces, which the engine cuts off below a speed of 1e-6.
 LAST_BOUNCES = 1e-5
 
 pytestmark = pytest.mark.thorough

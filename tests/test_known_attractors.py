@@ -1,4 +1,4 @@
-"""Attractors of one mass with one stop begin, double and end where others found it, and long periods are no chaos."""
+"""Attractors of one mass with one stop arise, double and end at published values; long periods are not called chaos."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ AMPLITUDE, POSITION = "forcing.amplitude[0]", "stops[0].position"
 # doubling, by the amplitude.
 FOLDS = {0.79: 0.35564119904136, 0.7995: 0.36218601300675}
 DOUBLING = 0.90, 0.35421999760770
-# The fold is met to five digits: nearer to it motions settle too slowly. At a doubling the multiplier is -1 as well.
+# The fold is bracketed to five digits: nearer, motions settle too slowly. At a doubling the multiplier is -1 too.
 NEAR_FOLD, NEAR_DOUBLING = 1e-5, 1e-3
 STARTS = np.random.default_rng(0).uniform([-1.5, -1.5], [1.0, 1.5], (48, 2))
 
@@ -36,7 +36,7 @@ def test_an_orbit_begins_at_the_published_fold():
     assert one.sum("attractor").values.tolist() == [0, 1]
     born = int(one.values[1].argmax())
     assert float(ds.birth[born]) == values[1]
-    # A fold's multiplier is 1, and the distance from 1 goes as the root of that from the fold.
+    # The multiplier at a fold is 1, and its distance from 1 goes as the square root of the distance from the fold.
     assert 0.99 < float(ds.multipliers[1, born].real.max()) < 1
 
 
@@ -62,11 +62,11 @@ def test_a_chart_counts_one_attractor_more_beyond_the_published_fold():
     chart = vx.chart(
         machine(1.0), plane, stride=1, transient=400, starts=STARTS, multipliers=True, progress=False
     )
-    # At the other frequency grazing follows the fold at once.
+    # At the other frequency a grazing follows the fold immediately.
     before, after = chart.num_attractors.values[0, :2]
     assert after == before + 1
     assert chart.num_not_settled.values[0, :2].tolist() == chart.num_failed.values[0, :2].tolist() == [0, 0]
-    # What is lost in n periods and m impacts.
+    # Loss of volume in n periods and m impacts.
     n, m = chart.num_periods, chart.num_impacts[..., 0]
     exact = 0.9 ** (2 * m) * np.exp(-0.04 * n * 2 * np.pi / chart["forcing.frequency"])
     is_cycle = chart.num_periods.values > 0
@@ -74,7 +74,7 @@ def test_a_chart_counts_one_attractor_more_beyond_the_published_fold():
     np.testing.assert_allclose(product[is_cycle], exact.values[is_cycle], rtol=1e-9)
 
 
-# Periods 2^k follow each other up to -0.02519, where chaos begins: r = 0.8, W = 2.8, c = 0.
+# Periods 2^k succeed each other up to -0.02519, where chaos begins: r = 0.8, W = 2.8, c = 0.
 CASCADE = {-0.0262: 8, -0.0258: 8, -0.02534: 16, -0.02522: 32, -0.025193: 64, -0.02508: 0}
 
 
@@ -84,7 +84,7 @@ def cascade():
         vx.models.impact_oscillator(2.8),
         {POSITION: [*CASCADE]},
         transient=3000,
-        record=1280,  # exponents have errors by 20 blocks: whole cycles in each
+        record=1280,  # errors of exponents are from 20 blocks, of whole cycles each
         max_impacts=0,
         x0=[-0.5],
         carry="up",
@@ -117,7 +117,7 @@ def test_attractors_of_up_to_64_periods_are_polished_cycles(cascade):
 
 
 def test_an_impact_at_the_section_itself_splits_no_attractor():
-    """The load's phase is turned until the one orbit hits the stop at phase 0, to rounding and a few of it."""
+    """The phase of the load is shifted until the one orbit hits the stop at phase 0, up to a few roundings."""
     frequency = 0.79
     begin = vx.attractors(machine(frequency), STARTS, transient=400, progress=False)
     assert begin.num_impacts.values.tolist() == [[2]]
@@ -132,6 +132,6 @@ def test_an_impact_at_the_section_itself_splits_no_attractor():
         assert (ds.num_impacts.values[~is_ours] == 0).all()
         section = np.stack([ds.section_x[is_ours.argmax(), :2, 0], ds.section_v[is_ours.argmax(), :2, 0]])
         at_stop = section[0].argmax()
-        # After the impact at every one of these phases.
+        # The section is after the impact at each of these phases.
         speed = float(sol.events.velocity_minus[0])
         np.testing.assert_allclose(section[:, at_stop], [1.0, -0.9 * speed], atol=1e-8)

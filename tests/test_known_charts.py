@@ -1,14 +1,15 @@
-"""A chart has the boundary of one-impact motions that is known in closed form.
+"""A chart has the boundary of one-impact motions in closed form.
 
-x'' + x = cos(W t), x <= 0: the impact oscillator of S. W. Shaw & P. J. Holmes, J. Sound and Vibration 90 (1983) 129-155, without damping, with its
-stop where the spring is at rest. Let an orbit hit the stop at speed v once in n periods, t = 2 pi n / W. Between impacts x = B cos s + D sin s + p(s),
-p the response to the load, with x(0) = x(t) = 0 and x' = -r v, v at the ends. So D = B tan(t/2), p(0) = -B, (1 + r) v = -2 B tan(t/2). The
+x'' + x = cos(W t), x <= 0: the impact oscillator of S. W. Shaw & P. J. Holmes, J. Sound and Vibration 90 (1983)
+129-155, without damping, with its stop at the rest position of the spring. Let an orbit hit the stop at speed v once
+in n periods, t = 2 pi n / W. Between impacts x = B cos s + D sin s + p(s), p the response to the load, with
+x(0) = x(t) = 0 and x' = -r v, v at the ends. So D = B tan(t/2), p(0) = -B, (1 + r) v = -2 B tan(t/2). The
 acceleration at the impact is a = (1 - W^2) p(0), and the monodromy matrix of the flight and the impact,
 
     [[cos t, sin t], [-sin t, cos t]] [[-r, 0], [(1 + r) a / v, -r]],
 
-has the determinant r^2 and the trace -2 r cos t - (1 + r)^2 (W^2 - 1) (1 + cos t) / 2, whatever the amplitude. The period doubles where
-the trace is -(1 + r^2).
+has the determinant r^2 and the trace -2 r cos t - (1 + r)^2 (W^2 - 1) (1 + cos t) / 2, for any amplitude. The period
+doubles where the trace is -(1 + r^2).
 """
 
 import numpy as np
@@ -19,13 +20,13 @@ from scipy.optimize import brentq
 import vijax as vx
 
 FREQUENCY, RESTITUTION = "forcing.frequency", "stops[0].restitution"
-# By n: between which frequencies the period doubles, at all restitutions that are drawn.
+# For each n, frequencies between which the period doubles, at all restitutions of the chart.
 WINDOWS = {1: (2.60, 2.72), 2: (4.60, 4.70)}
 RESTITUTIONS = np.linspace(0.05, 0.65, 17)
 CELL = 0.00125
-# Motions settle this slowly a cell from the doubling, where the multiplier is as near to -1.
+# Motions settle this slowly one cell from the doubling, where the multiplier is near -1.
 TRANSIENT = 20_000
-# Of multipliers, to some hundred roundings.
+# Error of multipliers, some hundred roundings.
 ROUNDING = 1e-12
 
 
@@ -35,7 +36,7 @@ def trace(frequency, restitution, n: int):
 
 
 def doubling(restitution: float, n: int) -> float:
-    """The frequency at which the period doubles."""
+    """Frequency at which the period doubles."""
     return brentq(lambda w: trace(w, restitution, n) + 1 + restitution**2, *WINDOWS[n], xtol=1e-12)
 
 

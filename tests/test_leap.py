@@ -1,4 +1,4 @@
-"""A mode is known at any time at once: against 40 digits, from the shortest times to the longest."""
+"""State of a mode after any time in one step: against 40 digits, from the shortest times to the longest."""
 
 import itertools
 
@@ -20,7 +20,7 @@ FREQUENCIES = (0.3, 1.0, 40.0)
 
 
 def exact(w: float, a: float, t: float) -> list[mpf]:
-    """exp(-a t) (c + a s) - 1, exp(-a t) s and exp(-a t) (c - a s) - 1 with c = cos(sqrt(b) t), s = sin(sqrt(b) t) / sqrt(b)."""
+    """e (c + a s) - 1, e s, e (c - a s) - 1; e = exp(-a t), c = cos(sqrt(b) t), s = sin(sqrt(b) t) / sqrt(b)."""
     w, a, t = mpf(w), mpf(a), mpf(t)
     root = mpmath.sqrt(mpmath.mpc(w * w - a * a))
     arc = mpmath.sin(root * t) / root if root != 0 else t
@@ -37,7 +37,7 @@ def test_a_mode_is_known_at_any_time_to_rounding(ratio):
     for k, (w_k, t_k) in enumerate(points):
         with mp.workdps(60):
             expected = exact(w_k, float(np.float64(ratio) * w_k), t_k)
-            # Of short times to their own digits, of long ones as the phase of the wave is rounded.
+            # At short times relative to the change; at long times limited by the rounding of the phase.
             change, reach = min(1.0, w_k * t_k * (w_k * t_k + 4 * ratio)), min(t_k, 1 / w_k)
             allowed = [20 * EPS * (1 + w_k * t_k) * size for size in (change, reach, change)]
             errors = [

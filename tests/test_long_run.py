@@ -1,4 +1,4 @@
-"""Ten thousand forcing periods: no drift, no leak, and no more work per period than at the start."""
+"""Ten thousand forcing periods: no drift, no memory growth, and constant work per period."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ import vijax as vx
 
 FREQUENCY = 0.2
 PERIOD = 2 * np.pi / FREQUENCY
-# The motion is periodic; what is left are the roundings of one period.
+# Error of a periodic motion: the roundings of one period.
 REPEATS = 1e-12
 # Save times are rounded, to half a spacing each; velocities and accelerations stay below 2.
 RATE = 2.0
@@ -23,7 +23,7 @@ def run(periods: int, saved: int) -> vx.Solution:
 @pytest.mark.parametrize("periods", [300, pytest.param(10_000, marks=pytest.mark.slow)])
 def test_the_stroboscopic_state_repeats_after_many_periods(periods):
     sol = run(periods, 50)
-    # A log of no length overflows at once; that does not stop the motion.
+    # A log of length zero overflows immediately, which does not stop the motion.
     assert sol.result == vx.RESULTS.max_events_reached
     tolerance = REPEATS + RATE * np.spacing(periods * PERIOD)
     for states in (np.asarray(sol.xs), np.asarray(sol.vs)):

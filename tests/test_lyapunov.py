@@ -15,12 +15,12 @@ from vijax._sweep.grid import base_of
 from vijax._trajectory import lyapunov_loop
 
 FREQUENCY = "forcing.frequency"
-# Of case (b): a chattering orbit, one whose multipliers are four real ones, and chaos.
+# Frequencies of case (b): a chattering orbit, one with four real multipliers, and chaos.
 CHATTERING, ORDERED, CHAOTIC = 0.25, 5 / 6, 2.0
 
 
 def loss_of_volume(system: vx.ImpactSystem, num_impacts: np.ndarray, time: float) -> float:
-    """Exact sum of the exponents of a motion that never sticks."""
+    """Exact sum of the exponents of a motion without sticking."""
     damping = np.trace(np.asarray(system.damping) / np.asarray(system.mass)[:, None])
     restitution = np.array([float(stop.restitution) for stop in system.stops])
     return -damping + 2 * float(num_impacts @ np.log(restitution)) / time
@@ -48,7 +48,7 @@ def test_their_sum_is_the_loss_of_volume_whatever_the_motion(swept):
         point = free.isel({FREQUENCY: k})
         time = 100 * float(point.forcing_period)
         exact = loss_of_volume(vx.models.wagg_bishop_b(frequency), point.num_impacts.values, time)
-        # Impacts within the edge of a period fall on one side of it in both.
+        # Impacts at the edge of a period are counted on the same side of it in both.
         assert float(point.lyapunov_exponents.sum()) == pytest.approx(exact, rel=1e-11)
 
 
@@ -75,7 +75,7 @@ def test_chaos_grows_and_a_cycle_does_not(swept):
 
 @pytest.mark.thorough
 def test_a_trajectory_has_the_exponents_of_its_point_in_a_sweep(swept):
-    """The loop of one trajectory and that over lanes, compiled apart."""
+    """The loop of one trajectory and that over lanes are compiled separately."""
     system = vx.models.wagg_bishop_b(0.8)
     found, error = vx.lyapunov_exponents(system, v0=[0.0, 0.05], num_periods=100, with_error=True)
     point = swept.sel({FREQUENCY: 0.8})
@@ -120,7 +120,7 @@ def test_the_error_is_the_scatter_of_starts():
 
 @pytest.mark.thorough
 def test_a_long_period_is_told_from_chaos_before_it_repeats():
-    """At 2.73325 the motion repeats after 42 periods, of which 60 show too little; at 2.8 never."""
+    """At 2.73325 the motion repeats after 42 periods, too few of which are in a record of 60; at 2.8 it never does."""
     ds = vx.sweep(
         vx.models.impact_oscillator(2.8),
         {FREQUENCY: [2.73325, 2.8]},

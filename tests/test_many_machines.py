@@ -1,4 +1,4 @@
-"""A process survives many machines of different make: every compiled program takes memory maps of its own."""
+"""A process survives many machines of different shapes: every compiled program takes memory maps."""
 
 import subprocess
 import sys
@@ -51,7 +51,7 @@ for seed in range(1, int(sys.argv[1])):
 assert first.identical(swept(machine(0)))
 print(memory_maps._taken.others > 0)
 """
-# A process has 65,530: then 300 machines take less than all.
+# A process has 65,530; with this limit 300 machines take fewer.
 MOST_MAPS = 200
 
 on_linux = pytest.mark.skipif(
@@ -103,5 +103,5 @@ def test_programs_are_dropped_when_maps_run_short_and_not_again_and_again(monkey
     now[0] = 30_000
     memory_maps.make_room()  # nothing was compiled
     memory_maps._taken.new = 100
-    jax.jit(lambda x: [memory_maps.make_room(), x][1])(1.0)  # what is being traced is not disturbed
+    jax.jit(lambda x: [memory_maps.make_room(), x][1])(1.0)  # programs being traced are not disturbed
     assert len(dropped) == 2

@@ -1,4 +1,4 @@
-"""Orbits of thousands of random machines, stable and unstable: what must hold for each of them."""
+"""Properties of the orbits of thousands of random machines, stable and unstable."""
 
 from collections.abc import Callable
 from functools import cache
@@ -14,15 +14,15 @@ import vijax as vx
 pytestmark = pytest.mark.thorough
 
 RECORD = 12
-# Room for most cycles, the number of events that batches are compiled for first, and for all of them.
+# Event capacities: for most cycles, the number that batches are compiled for first; and for all cycles.
 FEW, MANY = 32, 512
 # Relative error of a product of multipliers; and of the smallest of them, relative to the largest.
 PRODUCT, ROUNDING = 1e-10, 1e-13
-# Closing of an orbit relative to its size, where the largest multiplier is one or less.
+# Closing error of an orbit relative to its size, where the largest multiplier is one or less.
 CLOSING = 1e-13
-# The same of a motion that is followed for some periods: the last bounces of a chatter are summed.
+# The same for a motion simulated for some periods: the last bounces of a chatter are summed.
 CLOSED = 1e-10
-# Times of events that are followed from the start of an orbit, relative to the period, for each unit of growth.
+# Error of event times simulated from the start of an orbit, relative to the period, for each unit of growth.
 SAME_TIME = 1e-9
 
 
@@ -34,7 +34,7 @@ class Family(NamedTuple):
 
 
 def chain_matrix(links: np.ndarray) -> np.ndarray:
-    """Links in a row from the wall."""
+    """Matrix of links in a row from the wall."""
     return np.diag(links + np.append(links[1:], 0)) - np.diag(links[1:], 1) - np.diag(links[1:], -1)
 
 
@@ -46,7 +46,7 @@ def matrices(rng: np.random.Generator, count: int, n: int, low: float, high: flo
 def between_two_stops(rng: np.random.Generator) -> Family:
     """One mass; springs soft and stiff; stops from plastic to elastic.
 
-    Damping that is heavy while the load presses for long would let it bounce exponentially often on an elastic stop.
+    Heavy damping under a load that presses for long would make it bounce exponentially often on an elastic stop.
     """
     load = vx.Harmonic([[0.8], [0.3]], 1.0, phase=[[0.0], [1.0]])
     stops = [vx.Stop(0, 0.3, "upper", 0.7), vx.Stop(0, -0.4, "lower", 0.7)]
@@ -81,7 +81,7 @@ def with_a_shaken_slot(rng: np.random.Generator) -> Family:
 
 
 def three_masses(rng: np.random.Generator) -> Family:
-    """Damping that the modes do diagonalise."""
+    """Damping that the modes diagonalise."""
     mass = np.array([0.7, 1.6, 1.0])
     stops = [vx.Stop(0, 0.2, "upper", 0.7), vx.Stop(2, -0.3, "lower", 0.7), vx.Stop(1, 0.3, "upper", 0.7)]
     system = vx.ImpactSystem(mass, np.diag(0.15 * mass), np.eye(3), vx.Harmonic([0.8, -0.5, 0.3], 1.0), stops)
@@ -97,7 +97,7 @@ def three_masses(rng: np.random.Generator) -> Family:
 def four_masses(rng: np.random.Generator) -> Family:
     """Four stops, two of them at the last mass.
 
-    None is plastic: of multipliers that are zero for as many plastic impacts, rounding leaves its roots.
+    None is plastic: several plastic impacts give as many zero multipliers, which rounding changes to roots of itself.
     """
     mass = np.array([1.2, 0.8, 1.0, 0.6])
     stops = [
@@ -123,7 +123,7 @@ FAMILIES: list[Callable[[np.random.Generator], Family]] = [
     three_masses,
     four_masses,
 ]
-# Larger machines, and those of a long chatter, take long to compile.
+# Larger machines, and those with a long chatter, take long to compile.
 CHOSEN = [
     pytest.param((between_two_stops, FEW), id="between_two_stops"),
     pytest.param((with_a_shaken_slot, FEW), id="with_a_shaken_slot", marks=pytest.mark.slow),
@@ -132,7 +132,7 @@ CHOSEN = [
 
 
 class Found(NamedTuple):
-    """A family, where its machines settle, and their orbits; points in a row, first."""
+    """A family, its settled motions, and their orbits; points are the first axis."""
 
     family: Family
     room: int
@@ -146,14 +146,14 @@ class Found(NamedTuple):
 
     @property
     def size(self) -> xr.DataArray:
-        """Size of each motion: its fastest impact, or what it is at the end of a period."""
+        """Size of each motion: its fastest impact, or its state at the end of a period."""
         rate = 2 * np.pi / self.swept.forcing_period
         states = np.maximum(abs(self.swept.v), abs(self.swept.x) * rate).max("mass")
         return np.maximum(abs(self.swept.impact_velocity).max("impact").fillna(0), states)
 
     @property
     def volume(self) -> xr.DataArray:
-        """What a cycle leaves of a volume of states: exp(-tr(M^-1 C) n T) times r^2 for each impact."""
+        """Factor by which a cycle contracts a volume of states: exp(-tr(M^-1 C) n T) times r^2 for each impact."""
         damping = np.asarray(self.family.system.damping)[None]
         which = np.zeros(self.orbits.sizes["point"], int)
         if "damping" in self.family.values:
@@ -164,7 +164,7 @@ class Found(NamedTuple):
 
     @property
     def rounding(self) -> xr.DataArray:
-        """How well a product of multipliers is known at most: the smallest is no better than the largest."""
+        """Least error of a product of multipliers: the smallest is only as exact as the largest."""
         return ROUNDING * abs(self.orbits.multipliers[:, :-1]).prod("multiplier")
 
 
@@ -190,7 +190,7 @@ def test_every_periodic_motion_becomes_an_orbit(found):
     orbits, kinds = found.orbits, found.kinds
     is_periodic = kinds.num_periods > 0
     assert float(is_periodic.mean()) > 0.6
-    # Impacts, and for every stick a release.
+    # Impacts, and a release for every stick.
     num_events = (found.swept.num_impacts + 2 * found.swept.num_sticks).sum("stop") / RECORD
     is_short = num_events * kinds.num_periods < found.room
     assert float(is_short.mean()) > 0.9
@@ -217,12 +217,12 @@ def test_their_multipliers_multiply_to_the_loss_of_volume(found):
 def test_two_multipliers_are_zero_for_a_mass_that_sticks(found):
     orbits = found.orbits
     num_zeros = (orbits.multipliers == 0).sum("multiplier").values
-    # A plastic impact takes one, which rounding may leave near zero.
+    # A plastic impact makes one multiplier zero, up to rounding.
     is_bouncing = orbits.converged & (orbits["stops[*].restitution"] > 0)
     is_held = (found.kinds.held_time > 0).any("stop")
     assert int((is_bouncing & is_held).sum()) > 30
     assert set(num_zeros[is_bouncing & is_held].tolist()) <= {2, 4, 6, 8}
-    # After many impacts the smallest may be less than the rounding of the largest.
+    # After many impacts the smallest multiplier may be below the rounding of the largest.
     is_free = is_bouncing & ~is_held & (found.volume > found.rounding)
     assert int(is_free.sum()) > 100
     assert not num_zeros[is_free].any()
@@ -261,7 +261,7 @@ def test_their_events_are_those_of_a_run(found):
 
 
 def assert_happens_alike(orbit: vx.PeriodicOrbit) -> None:
-    """The log of an orbit is that of a run from its start."""
+    """Check that the log of an orbit is that of a run from its start."""
     growth, log = max(1.0, float(abs(orbit.multipliers[0]))), orbit.events
     columns = zip(*(a.tolist() for a in (log.t, log.kind, log.stop, log.velocity_minus)), strict=True)
     ours = [Event(t, KINDS[kind], stop, v) for t, kind, stop, v in columns if kind >= 0]

@@ -1,4 +1,4 @@
-"""Stroboscopic maps and their monodromy matrices: products of flights and saltations, and orbits in closed form."""
+"""Stroboscopic maps and monodromy matrices: products of flights and saltations, and orbits in closed form."""
 
 from typing import NamedTuple
 
@@ -23,7 +23,7 @@ SIX_DECIMALS = 1e-6
 
 
 def flight_matrix(system: vx.ImpactSystem, span: float) -> np.ndarray:
-    """The derivative of the state by an earlier one, no impact between."""
+    """Derivative of the state by an earlier one, without impacts between."""
     n = system.num_masses
     inverse = 1 / np.asarray(system.mass)[:, None]
     lower = np.hstack([-inverse * system.stiffness, -inverse * system.damping])
@@ -54,7 +54,7 @@ def test_the_monodromy_matrix_is_a_product_of_flights_and_saltations():
 
 
 class SeenInFlight(NamedTuple):
-    """A closed-form orbit, looked at half way between its impacts."""
+    """A closed-form orbit at half the time between its impacts."""
 
     system: vx.ImpactSystem
     x: jax.Array
@@ -63,7 +63,7 @@ class SeenInFlight(NamedTuple):
 
 
 def seen_in_flight(name: str) -> SeenInFlight:
-    """Start half way to the first impact: the load is shifted, the matrix is of one cycle from there."""
+    """Start half way to the first impact: the phase of the load is shifted, the matrix is of one cycle from there."""
     orbit = periodic_orbit(name)
     system = orbit.problem.system
     half = orbit.period / 2
@@ -103,7 +103,7 @@ PUBLISHED = {
 def test_the_multipliers_are_those_published(name):
     seen = seen_in_flight(name)
     ours = vx.monodromy_matrix(seen.system, seen.x, seen.v, ORBITS[name].periods)
-    # A double multiplier splits by the root of a rounding.
+    # Rounding splits a double multiplier by its square root.
     multipliers = np.sort_complex(np.linalg.eigvals(np.asarray(ours)))
     np.testing.assert_allclose(multipliers, PUBLISHED[name], rtol=0, atol=5 * SIX_DECIMALS)
 
@@ -117,14 +117,14 @@ def test_the_stroboscopic_map_is_the_motion_over_whole_periods():
     np.testing.assert_array_equal(v, sol.v1)
 
 
-# Any phase, and motions that do not get there
+# Any phase, and motions that do not reach the end
 
 W, C, A, STOP = 0.8, 0.1, 0.5, vx.Stop(0, 0.3, "upper", 0.7)
 MACHINE = vx.chain([1.0], [C], [1.0], vx.Harmonic([A], W), [STOP])
 
 
 def field(angle: float, y: np.ndarray) -> np.ndarray:
-    """The rate of the state of that machine at a phase of its load."""
+    """Time derivative of the state of that machine at a phase of its load."""
     return np.array([y[1], A * np.cos(angle) - C * y[1] - y[0]])
 
 
@@ -161,7 +161,7 @@ def test_the_multipliers_of_an_orbit_are_the_same_at_every_phase():
         )
 
 
-FLOW = vx.TaylorFlow()  # compiled in the least time
+FLOW = vx.TaylorFlow()  # fastest to compile
 
 
 @pytest.mark.thorough
@@ -174,7 +174,7 @@ def test_without_throw_a_motion_that_does_not_get_there_is_nan():
             make(MACHINE, *start, 5, flow=FLOW, max_steps=20)
 
 
-# One lane takes more steps than it may, one starts beyond the stop, one nowhere.
+# One lane takes more steps than allowed, one starts beyond the stop, one at NaN.
 STARTS, BOUNDS = jnp.array([0.0, 0.1, 0.5, 0.2, jnp.nan]), jnp.array([1000, 20, 1000, 1000, 1000])
 IS_KNOWN = jnp.array([True, False, False, True, False])
 SOUND = jnp.where(IS_KNOWN, STARTS, 0.1), jnp.where(IS_KNOWN, BOUNDS, 1000)
@@ -187,7 +187,7 @@ def ends(x0, bound, amplitude):
 
 
 def total(amplitude, starts, bounds):
-    """Of the lanes that get there."""
+    """Sum over the lanes that reach the end."""
     found = jax.vmap(ends, (0, 0, None))(starts, bounds, amplitude)
     return jnp.where(IS_KNOWN[:, None], found, 0).sum(), found
 
@@ -226,7 +226,7 @@ def test_a_phase_is_a_number(phase):
 
 
 def test_at_grazing_the_saltation_matrix_is_its_limit():
-    """Row by row: the first mass is thrown back at once, the second feels its damper by (1 + r) c / m."""
+    """Row by row: the first mass rebounds at once, the force of its damper on the second changes by (1 + r) c / m."""
     system = vx.models.wagg_bishop_a(0.8)
     grazing, light = (
         np.asarray(vx.saltation_matrix(system, 1.0, [0.3, 0.1], [v, 0.2], 0)) for v in (0.0, 1e-7)

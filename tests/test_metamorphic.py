@@ -1,4 +1,4 @@
-"""What must not change the motion, or must change it in a known way."""
+"""Transformations that leave the motion unchanged, or change it in a known way."""
 
 from itertools import pairwise
 
@@ -25,7 +25,7 @@ TIMES = np.linspace(0.0, END, 61)
 LOG = 256
 # Some hundred roundings, magnified by some dozen impacts (measured: 1e-14).
 ROUNDING = 1e-11
-# A light impact of 1e-6 moves in time by a rounding of the position over its velocity.
+# A rounding of the position moves a light impact of 1e-6 by a time of that over its velocity.
 LIGHT_TIME = 1e-7
 
 
@@ -48,7 +48,7 @@ def motion():
 
 
 def assert_same(found, expected, *, shift=0.0, time=1.0, length=1.0, sign=1, order=slice(None), stops=None):
-    """Compare two motions, the first brought back to the units and the order of the second."""
+    """Compare two motions, the first converted to the units and the order of the second."""
     velocity = length / time
     close = {"rtol": 0, "atol": ROUNDING}
     np.testing.assert_allclose(
@@ -138,7 +138,7 @@ def test_other_units_give_the_same_motion_in_those_units(motion, time, length, m
 def test_a_motion_taken_up_again_from_its_end_goes_on_unchanged(motion):
     held = np.asarray([motion.contact_force(t).any() for t in TIMES])
     assert held.any()
-    # Once while a mass is held, once while none is.
+    # Once while a mass sticks, once while none does.
     for k in (np.flatnonzero(held)[0], np.flatnonzero(~held)[len(TIMES) // 4]):
         first = run(build(), t1=TIMES[k], ts=np.minimum(TIMES, TIMES[k]))
         rest = np.maximum(TIMES, TIMES[k])

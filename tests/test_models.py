@@ -13,11 +13,11 @@ import vijax as vx
 
 # Rounding of 1e-16 in some hundred steps.
 EXACT = 2e-14
-# The same, magnified by the multipliers of an orbit over the periods it is followed (measured: 8e-14).
+# The same, magnified by the multipliers of an orbit over the periods simulated (measured: 8e-14).
 ORBIT = 5e-13
-# Transients of stable orbits, all multipliers below 0.9 a period, are gone after 300 of them.
+# Transients of stable orbits, all multipliers below 0.9 a period, after 300 of them.
 SETTLED = 1e-13
-# Central differences over steps of 1e-5: 1e-16 / 1e-5 of rounding, 1e-10 of curvature, magnified.
+# Error of central differences over steps of 1e-5: rounding 1e-16 / 1e-5, curvature 1e-10, magnified.
 DIFFERENCES = 3e-9
 # Budd and Dux print the stop and the speed to 12 digits; the multipliers magnify the last of them.
 PRINTED = 2e-12
@@ -142,7 +142,7 @@ def test_a_ball_on_a_table_repeats_the_orbit_of_one_impact_in_n_periods(table):
 def test_the_orbit_of_a_ball_doubles_its_period_where_the_exact_map_says_so(n):
     r = 0.5
     losses = np.pi * n * (1 - r) / (1 + r)
-    # High bounces, which neglect the travel of the table, would put it at 2 instead.
+    # The high-bounce approximation, which neglects the displacement of the table, would give 2 instead.
     push = 2 * (1 + r**2) / (1 + r) ** 2
     start = Table(n, r, 9.81, float(np.hypot(losses, push))).later(0.5)
     multipliers = np.linalg.eigvals(_differences(start, 2 * np.pi * n / 3.0))
@@ -159,7 +159,7 @@ def test_a_sweep_over_the_weight_of_a_ball_on_a_table_finds_the_exact_orbit_up_t
     for k, table in enumerate(tables[:3]):
         np.testing.assert_allclose(ds.impact_velocity[k, :2], -table.fall, rtol=SETTLED)
         np.testing.assert_allclose(ds.impact_phase[k, :2], (table.angle - first) % (2 * np.pi), rtol=SETTLED)
-    # The bound is a strength of sqrt((pi / 3)^2 + (10 / 9)^2) = 1.527.
+    # The bound is at a strength of sqrt((pi / 3)^2 + (10 / 9)^2) = 1.527.
     assert abs(ds.impact_velocity[3, 0] - ds.impact_velocity[3, 1]) > 0.1
 
 
@@ -176,7 +176,7 @@ def test_an_impact_oscillator_has_the_exact_orbit_and_multipliers_of_one_impact_
     period = 2 * np.pi / w
     orbit = exact_orbit(2 * zeta, 1.0, 1.0, w, s, r, period, 1)
     if values is PERIOD_DOUBLING:
-        # As Budd and Dux (1994) give it.
+        # Value of Budd and Dux (1994).
         assert orbit.speed == pytest.approx(0.493081581866, abs=PRINTED)
         np.testing.assert_allclose(
             np.sort(np.linalg.eigvals(orbit.step)), [-1, -(r**2)], rtol=0, atol=PRINTED_MULTIPLIERS
@@ -196,7 +196,7 @@ def test_a_sweep_of_an_impact_oscillator_finds_the_grazing_of_its_steady_motion(
     w, zeta = 0.7, 0.1
     response = 1 / (1 - w**2 + 2j * zeta * w)
     reach = abs(response)
-    # At its lowest at t = 0.
+    # The lowest point is at t = 0.
     system = vx.models.impact_oscillator(w, phase=np.pi - np.angle(response), damping_ratio=zeta)
     places = reach * np.array([1.01, 1 + 1e-9, 1 - 1e-9, 0.99])
     ds = _sweep(system, {"stops[0].position": places}, transient=0, x0=[-reach])
@@ -220,11 +220,11 @@ def test_a_mass_in_a_shaken_box_has_the_exact_symmetric_orbit_and_multipliers():
     w, a, d, r = 2.0, 0.4, 1.0, 0.6
     angle, speed = rattle(w, a, d, r)
     half = np.pi / w
-    # As a load on a mass without a spring; the general formula must agree with the elementary one.
+    # The box as a load on a mass without a spring; the general formula must agree with the elementary one.
     orbit = exact_orbit(0.0, 0.0, a * w**2, w, d, r, half, -1)
     assert orbit.speed == pytest.approx(speed, rel=EXACT)
     assert np.cos(orbit.angle) == pytest.approx(np.cos(angle), rel=EXACT)
-    # In the frame at rest the mass goes from wall to wall at constant speed, and is half way at 0.
+    # In the fixed frame the mass moves from wall to wall at constant speed, and is half way at time 0.
     phase = angle + np.pi / 2
     x = -a * np.cos(phase)
     v = -2 * w / np.pi * (d + a * np.cos(angle)) + a * w * np.sin(phase)
@@ -310,11 +310,11 @@ def test_a_sweep_of_ten_masses_finds_the_grazing_of_either_stop():
     assert int(ds.num_impacts[0, 1, 1]) > 0
 
 
-# How motions are compared
+# Comparison of motions
 
 
 def _sweep(system: vx.ImpactSystem, values: dict, *, transient: int = 300, **options) -> xr.Dataset:
-    """Four points and two recorded periods each, so that machines of one shape share a compilation."""
+    """Sweep of four points and two recorded periods, so that machines of one shape share a compilation."""
     ds = vx.sweep(system, values, transient=transient, record=2, progress=False, **options)
     assert (ds.result == 0).all()
     return ds
@@ -323,7 +323,7 @@ def _sweep(system: vx.ImpactSystem, values: dict, *, transient: int = 300, **opt
 def _assert_repeats(
     solution: vx.Solution, start: Start, times: np.ndarray, velocities: Sequence[float]
 ) -> None:
-    """The impacts are these, nothing else happens, and in the end all is as it was."""
+    """Check the impacts, the absence of other events, and that the end state is the start."""
     events = log_of(solution)
     assert [event.kind for event in events] == ["impact"] * len(times)
     np.testing.assert_allclose([event.t for event in events], times, rtol=ORBIT)
@@ -333,9 +333,9 @@ def _assert_repeats(
 
 
 def _assert_symmetric(start: Start, half: float, speed: float, step: np.ndarray) -> None:
-    """Started half way to the lower stop, it hits both in turn; its multipliers are those of two steps.
+    """Check that a start half way to the lower stop hits both in turn, with the multipliers of two steps.
 
-    Flown by Taylor series, so that one compilation serves with a spring and without.
+    Taylor series serve with and without a spring, so that one compilation suffices.
     """
     turns, flow = 8, vx.TaylorFlow()
     solution = vx.simulate(start.system, 0.0, turns * half, start.x, start.v, flow=flow)
@@ -348,7 +348,7 @@ def _assert_symmetric(start: Start, half: float, speed: float, step: np.ndarray)
 
 
 def _differences(start: Start, period: float, flow: vx.TaylorFlow | None = None) -> np.ndarray:
-    """The derivative of the map over a period, by central differences."""
+    """Derivative of the map over a period, by central differences."""
     columns, step = [], 1e-5
     for dx, dv in ((step, 0.0), (0.0, step)):
         ends = [

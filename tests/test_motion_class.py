@@ -1,4 +1,4 @@
-"""What makes a motion periodic, chattering, unsettled or chaotic, on records written by hand."""
+"""Classification of motions as periodic, chattering, unsettled or chaotic, on records written by hand."""
 
 import numpy as np
 import pytest
@@ -12,13 +12,13 @@ POINT = "forcing.frequency"
 
 
 def record(section, impacts=(), *, masses=(0, 1), logged=None, room=0, **changes) -> xr.Dataset:
-    """What a sweep of one point would return.
+    """Dataset as from a sweep of one point.
 
     Args:
         section: the one velocity that changes at the ends of periods, (periods,), or all of them.
         impacts: time, velocity, stop and whether it is the last of a chatter.
         masses: the mass of each stop.
-        logged: how many of the impacts are in the log, if not all.
+        logged: number of impacts in the log, if not all.
         room: the least length of the log.
         changes: variables to set.
     """
@@ -52,7 +52,7 @@ def record(section, impacts=(), *, masses=(0, 1), logged=None, room=0, **changes
 
 
 def motion_of(ds: xr.Dataset, **options) -> tuple:
-    """The kind of motion and its n."""
+    """Kind of motion and its n."""
     point = vx.classify(ds, **options).isel({POINT: 0})
     return point.motion.flag_meanings.split()[int(point.motion)], int(point.num_periods)
 
@@ -61,13 +61,13 @@ def impacts_of(ds: xr.Dataset) -> list:
     return vx.classify(ds).num_impacts.values[0].tolist()
 
 
-# What must not confuse
+# Harmless differences
 
 
 def test_an_impact_now_just_before_and_now_just_after_the_end_of_a_period_is_one():
     late = np.random.default_rng(0).uniform(-1e-7, 1e-7, RECORD)
     late[:2] = 0, 1e-16
-    # Where it comes before the end, or at it, the velocity there is that after the impact.
+    # If the impact is before the end or at it, the velocity at the end is that after the impact.
     ds = record(
         np.where(late <= 0, -0.35, 0.5), [(k * PERIOD + d, 0.5, 0) for k, d in zip(K, late, strict=True)]
     )
@@ -158,11 +158,11 @@ def test_a_motion_that_settles_slowly_has_not_settled(factor, size):
 
 
 def test_close_to_a_period_doubling_two_periods_are_not_taken_for_a_cycle():
-    # After two periods it is back to 2e-7, but still 1e-4 from the cycle of one period.
+    # After two periods it returns to 2e-7, but is still 1e-4 from the cycle of one period.
     ds = record(0.3 + 1e-4 * (-0.999) ** K)
     assert motion_of(ds) == ("not_settled", 0)
     assert vx.classify(ds).recurrence_error.item() < 1e-6
-    # Here it doubles indeed.
+    # This one has doubled.
     assert motion_of(record(0.3 + 1e-4 * (-1.0) ** K)) == ("non_impacting", 2)
 
 

@@ -1,4 +1,4 @@
-"""Stops that move, against closed forms, machines seen from the stop, and an independent integration."""
+"""Moving stops, against closed forms, machines in the frame of the stop, and an independent integration."""
 
 from itertools import pairwise
 
@@ -15,15 +15,15 @@ import vijax as vx
 
 # Rounding of 1e-16 in some hundred steps, and of the phase W t at t of some ten.
 EXACT = 2e-14
-# DOP853 at rtol 1e-13, its events found by Brent's method in a step's dense output.
+# DOP853 at rtol 1e-13, its events located by Brent's method in the dense output of a step.
 INTEGRATED = 2e-10
-# Derivatives of bounces, each of which magnifies rounding.
+# Error of derivatives of bounces, each of which magnifies rounding.
 DERIVATIVES = 1e-12
 
 
 @pytest.fixture(scope="module")
 def both():
-    """A trajectory with impacts, chatter, sticking and release, in space and as seen from the table."""
+    """A trajectory with impacts, chatter, sticking and release, in the fixed frame and in that of the table."""
     x, v = table(0.0)
     start = [1.0], [0.5]
     from_table = [1.0 - x], [0.5 - v]
@@ -106,7 +106,7 @@ def test_a_held_mass_is_held_where_a_late_trajectory_goes_on():
 
 
 def integrated(until):
-    """State and impacts of the two masses by a general solver, in space."""
+    """State and impacts of the two masses by a general solver, in the fixed frame."""
     m, c, k = (np.asarray(a) for a in (two_masses().mass, two_masses().damping, two_masses().stiffness))
 
     def wall(t, derivative=0):
@@ -177,7 +177,7 @@ PARAMETERS = {"amplitude": A, "frequency": W, "phase": 0.3, "restitution": R}
 
 @pytest.fixture(scope="module")
 def derivatives():
-    """Of the end state in space by parameters of the motion, and as they are seen from the table."""
+    """Derivatives of the end state in the fixed frame by parameters of the motion, computed in both frames."""
 
     def in_space(p):
         solution = vx.simulate(ball(**p), 0.0, 3.0, [1.0], [0.5])
@@ -228,7 +228,7 @@ def test_the_sticking_region_is_left_where_the_ball_is_thrown_off():
     assert region.contains([angle - 1e-6, angle + 1e-6], nothing, nothing).tolist() == [True, False]
 
 
-# What is refused
+# Refused arguments
 
 
 def test_a_motion_of_another_frequency_than_the_load_is_refused():
@@ -243,7 +243,7 @@ def test_a_motion_of_another_frequency_than_the_load_is_refused():
 
     build = eqx.filter_jit(frequency)
     assert float(build(jnp.asarray(3.0))) == 3.0
-    # What JAX makes of an error inside `jit` has varied: a RuntimeError or a ValueError.
+    # JAX turns an error inside `jit` into a RuntimeError or a ValueError, depending on the version.
     with pytest.raises((RuntimeError, ValueError), match="must be that of the load"):
         build(jnp.asarray(2.0))
 

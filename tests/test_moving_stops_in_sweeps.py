@@ -1,4 +1,4 @@
-"""Sweeps of machines whose stops move, against trajectories one by one."""
+"""Sweeps of machines with moving stops, against trajectories one by one."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,9 +11,9 @@ import vijax as vx
 
 @pytest.fixture(scope="module")
 def swept():
-    """A sweep over the travel of the walls, and one of its points."""
+    """A sweep over the displacement of the walls."""
     values = {"stops[*].motion.amplitude[0][0]": np.linspace(0.05, 0.15, 5)}
-    # A machine all of whose stops move.
+    # A machine with moving stops only.
     system = eqx.tree_at(lambda s: s.stops, two_masses(), two_masses().stops[1:])
     return vx.sweep(system, values, transient=3, record=3, progress=False)
 
@@ -29,7 +29,7 @@ def test_a_sweep_tells_of_the_motion_in_space(swept):
     solution, kicked = follow(0.0), follow(1e-9)
     log = solution.events
     is_recorded = (log.kind == vx.IMPACT) & (log.t > 3 * period)
-    # A few roundings of positions, as this motion magnifies them.
+    # A few roundings of positions, as magnified by this motion.
     growth = jnp.max(jnp.abs((kicked.events.velocity_minus - log.velocity_minus)[is_recorded])) / 1e-9
     magnified = 1e-15 * float(growth)
     assert magnified < 2e-12
@@ -55,7 +55,7 @@ def test_whole_motions_are_swept_and_have_no_frequency_of_their_own(swept):
 
 
 def test_the_frequency_of_the_load_is_swept_with_that_of_the_stops():
-    system = ball(0.05)  # never thrown off below W = 6.3: the ball lies on the table
+    system = ball(0.05)  # not thrown off below W = 6.3: the ball rests on the table
     x, _ = table(0.0, amplitude=0.05)
     frequencies = np.array([1.0, 2.0, 3.0])
     ds = vx.sweep(
@@ -67,7 +67,7 @@ def test_the_frequency_of_the_load_is_swept_with_that_of_the_stops():
 
 
 def carried_by_hand(systems):
-    """End states of one machine after another, each started where the one before it ended, from rest."""
+    """End states of machines in turn, each started where the one before it ended, the first from rest."""
     x, v, ends = [0.0], [0.0], []
     for system in systems:
         end = vx.simulate(system, 0.0, system.forcing.period, x, v)
@@ -98,7 +98,7 @@ def test_a_mass_that_is_held_is_carried_with_its_stop():
         carry="up", progress=False,
     )  # fmt: skip
     assert ds.stuck.all()
-    # The first one falls onto the table, the others lie on it, from first to last.
+    # The first one falls onto the table, the others rest on it throughout.
     np.testing.assert_allclose(ds.held_time[1:, 0, 0], 2 * np.pi / W, rtol=1e-13)
     np.testing.assert_allclose(ds.x[:, 0], travel * np.cos(0.3), rtol=1e-13)
     assert (ds.steps[1:] < ds.steps[0]).all()

@@ -1,4 +1,4 @@
-"""A machine that jumps on pistons: multipliers that were published, and what its contacts do."""
+"""A machine that jumps on pistons: published multipliers, and its contacts."""
 
 from itertools import pairwise
 
@@ -10,8 +10,8 @@ from model_roundings import EXACT
 import vijax as vx
 
 
-# ln |mu| of the largest multiplier for g = 0.130, 0.134 and 0.140, to all digits, as the program
-# github.com/professionalMachine1/Multi-piston_vibro-impact_mechanism wrote them (LD_DMV.txt).
+# ln |mu| of the largest multiplier for g = 0.130, 0.134 and 0.140, with all digits of the program
+# github.com/professionalMachine1/Multi-piston_vibro-impact_mechanism (LD_DMV.txt).
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("gravity", "exponent"),
@@ -23,7 +23,7 @@ import vijax as vx
 )
 def test_the_multipliers_of_a_machine_on_two_pistons_are_the_published_ones(gravity, exponent):
     system = vx.models.multi_piston(gravity=gravity)
-    # There are others; this one is reached from the start of the program, half a turn later by its count.
+    # Other orbits coexist; this one is reached from the start of the program, half a turn later in its phase.
     end = vx.simulate(system, np.pi, 400 * 2 * np.pi, [0.005 - 0.12], [0.2], max_events=4096)
     orbit = vx.periodic_orbit(system, end.x1, end.v1)
     assert orbit.is_admissible
@@ -33,7 +33,7 @@ def test_the_multipliers_of_a_machine_on_two_pistons_are_the_published_ones(grav
 
 @pytest.mark.thorough
 def test_a_casing_at_rest_on_one_piston_is_thrown_up_by_another():
-    # Both rows say the same, and their pistons move differently.
+    # Both rows are equal, and their pistons move differently.
     sol = vx.simulate(vx.models.multi_piston(), 0.0, 60.0, [0.3])
     log = log_of(sol)
     taken_over = [

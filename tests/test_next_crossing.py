@@ -1,4 +1,4 @@
-"""Passages of a mass through a place: closed forms, the trajectory itself, derivatives, multipliers."""
+"""Crossings of a position by a mass: closed forms, the trajectory itself, derivatives, multipliers."""
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +9,7 @@ import vijax as vx
 
 
 def test_a_ball_in_flight_passes_a_height_when_it_should():
-    """x = v s - g s^2 / 2 over a table at 0: up after the smaller root, down after the larger, again after a bounce."""
+    """x = v s - g s^2 / 2 over a table at 0: up at the smaller root, down at the larger, again after a bounce."""
     gravity, speed, height = 10.0, 6.0, 1.0
     ball = vx.models.bouncing_ball(0.9, gravity=gravity)
     root = np.sqrt(speed**2 - 2 * gravity * height)
@@ -58,7 +58,7 @@ def test_its_derivatives_are_differences_and_hold_the_multipliers():
     again = of(first)
     assert float(again[0] - first[0]) == pytest.approx(float(orbit.period), rel=1e-12)
     np.testing.assert_allclose(again[1:], first[1:], atol=1e-11)
-    assert (jacobian[2] == 0).all()  # the position of the mass is the place
+    assert (jacobian[2] == 0).all()  # the position of the mass is fixed by the section
     eigenvalues = np.sort_complex(np.linalg.eigvals(np.asarray(jacobian)))
     expected = np.sort_complex(np.append(np.asarray(orbit.multipliers), 0))
     np.testing.assert_allclose(eigenvalues, expected, atol=1e-9)

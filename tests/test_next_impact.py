@@ -1,4 +1,4 @@
-"""The impact map: closed forms, the log of a trajectory, derivatives, multipliers, and motions that never come back."""
+"""The impact map: closed forms, the log of a trajectory, derivatives, multipliers, motions without a next impact."""
 
 import equinox as eqx
 import jax
@@ -10,33 +10,33 @@ from shaken import two_masses
 
 import vijax as vx
 
-# Some hundred roundings of 1e-16; those of a derivative, magnified by an impact or two.
+# Some hundred roundings of 1e-16; for derivatives, magnified by an impact or two.
 ROUNDING, OF_DERIVATIVES = 1e-13, 1e-11
-# Tolerances of steps, and what is left of a transient.
+# Tolerances of steps, and the remainder of a transient.
 SOLVER = 1e-8
-# Of a central difference of order 8.
+# Error of a central difference of order 8.
 DIFFERENCE = 1e-10
 STENCIL = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])
-FLOW = vx.TaylorFlow()  # one program for all machines of one mass, compiled in the least time
+FLOW = vx.TaylorFlow()  # one program for all machines of one mass, fastest to compile
 
 R, GRAVITY = 0.8, 10.0
 BALL = vx.models.bouncing_ball(R, gravity=GRAVITY)
 
 
 def packed(impact) -> jax.Array:
-    """Time, positions and velocities in a row."""
+    """Time, positions and velocities in one vector."""
     t, x, v = impact
     return jnp.concatenate([t[None], x, v])
 
 
 def mapped(system: vx.ImpactSystem, y: jax.Array, stop: int, num_impacts: int = 1, **options) -> jax.Array:
-    """The impact map as a function of one vector."""
+    """Impact map as a function of one vector."""
     n = system.num_masses
     return packed(vx.next_impact(system, y[0], y[1 : n + 1], y[n + 1 :], stop, num_impacts, **options))
 
 
 def multipliers(jacobian: jax.Array) -> np.ndarray:
-    """Eigenvalues but for the smallest, which is that of the position at the stop."""
+    """Eigenvalues without the smallest, which belongs to the position at the stop."""
     values = np.linalg.eigvals(np.asarray(jacobian))
     values = values[np.argsort(np.abs(values))]
     assert abs(values[0]) < ROUNDING
@@ -44,7 +44,7 @@ def multipliers(jacobian: jax.Array) -> np.ndarray:
 
 
 def difference(function, spacing: float) -> np.ndarray:
-    """The central difference at 0."""
+    """Central difference at 0."""
     steps = spacing * np.arange(1, len(STENCIL) + 1)
     terms = [
         w * (np.asarray(function(h)) - np.asarray(function(-h))) for w, h in zip(STENCIL, steps, strict=True)
@@ -115,25 +115,25 @@ def test_a_ball_on_a_moving_table_comes_back_after_a_period_of_the_table():
     found = mapped(system, impact, 0, flow=FLOW)
     np.testing.assert_allclose(found - impact, [span, 0, 0], rtol=0, atol=ROUNDING)
     slopes = jax.jacfwd(lambda y: mapped(system, y, 0, flow=FLOW))(impact)
-    # It leaves at u = (1 + r) y' - r v and comes back later by D du / speed, if D is the time of flight.
+    # The ball leaves at u = (1 + r) y' - r v and returns later by D du / speed, D the time of flight.
     by_time, by_velocity = -(1 + table.restitution) * height * table.frequency**2, -table.restitution
     later = span / table.speed * np.array([by_time, by_velocity])
     expected = [np.add(later, [1, 0]), [by_time, by_velocity] - table.gravity * later]
     np.testing.assert_allclose(slopes[::2, ::2], expected, rtol=0, atol=OF_DERIVATIVES)
-    # The table moves on, and what it hits is on it.
+    # The table moves in that time, and the ball is on it at the impact.
     slope = -table.amplitude * table.frequency * np.sin(table.angle)
     np.testing.assert_allclose(slopes[1, ::2], slope * expected[0], rtol=0, atol=OF_DERIVATIVES)
     np.testing.assert_array_equal(slopes[:, 1], 0)
 
 
-# Two masses and two stops, with all that happens between impacts
+# Two masses and two stops, with all kinds of events between impacts
 
 CHATTERING = vx.models.wagg_bishop_b(0.25)
 
 
 @pytest.fixture(scope="module")
 def chattering() -> vx.Solution:
-    """Some impacts of both stops, complete chatter, sticking and release of both."""
+    """Motion with impacts of both stops, complete chatter, sticking and release of both."""
     return vx.simulate(CHATTERING, 0.0, 45.0, max_events=256)
 
 
@@ -183,7 +183,7 @@ def test_on_a_periodic_orbit_its_multipliers_are_those_of_the_orbit(system, stop
     np.testing.assert_allclose(np.sort_complex(ours), np.sort_complex(expected), rtol=0, atol=OF_DERIVATIVES)
 
 
-# Motions that never come back, and lanes
+# Motions without a next impact, and lanes
 
 
 def test_a_motion_that_never_comes_back_is_told():
@@ -234,7 +234,7 @@ def test_without_a_frequency_one_says_how_long_to_wait():
     np.testing.assert_allclose(found, [0.3 + (R + R**2), 0.0, -5.0 * R**2], rtol=0, atol=ROUNDING)
 
 
-# One lane never comes back, one takes more steps than it may, one starts beyond the stop, one nowhere.
+# One lane has no next impact, one takes more steps than allowed, one starts beyond the stop, one at NaN.
 STARTS = jnp.array([0.9, 0.2, 0.0, 1.5, jnp.nan, 0.3])
 AMPLITUDES = jnp.array([1.0, 0.05, 1.0, 1.0, 1.0, 0.9])
 BOUNDS = jnp.array([1000, 1000, 3, 1000, 1000, 1000])
@@ -251,7 +251,7 @@ def arrival(x0, amplitude, bound, restitution):
 
 
 def total(restitution, lanes):
-    """Of the lanes that come back."""
+    """Sum over the lanes that have a next impact."""
     found = jax.vmap(arrival, (0, 0, 0, None))(*lanes, restitution)
     return jnp.where(IS_KNOWN[:, None], found, 0).sum(), found
 

@@ -1,4 +1,4 @@
-"""Ready-made machines that are not linear, against elliptic functions and a solver that knows nothing of vijax."""
+"""Nonlinear ready-made machines, against elliptic functions and an independent solver."""
 
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
@@ -17,7 +17,7 @@ import vijax as vx
 
 # Some hundred steps of 1e-10 each (measured: 4e-10).
 SOLVER = 2e-9
-# Derivatives of steps whose lengths are chosen for the errors of the states (measured: 1e-9).
+# Error of derivatives, with steps chosen for the errors of the states (measured: 1e-9).
 SLOPES = 1e-8
 DIGITS = 30
 
@@ -26,7 +26,7 @@ DIGITS = 30
 
 
 class Free(NamedTuple):
-    """An oscillator without load and damping that turns back at -top: its energy and its motion."""
+    """An undamped, undriven oscillator that turns back at -top: its energy and its motion."""
 
     energy: Callable[[mpf], mpf]
     top: Callable[[mpf], mpf]
@@ -35,7 +35,7 @@ class Free(NamedTuple):
 
 
 def cubic(k3: mpf, k: float = 1.0) -> Free:
-    """x'' + k x + k3 x^3 = 0: what `duffing_oscillator` is without its load."""
+    """x'' + k x + k3 x^3 = 0: `duffing_oscillator` without its load."""
 
     def rate(a: mpf) -> tuple[mpf, mpf]:
         w = mp.sqrt(k + k3 * a**2)
@@ -48,7 +48,7 @@ def cubic(k3: mpf, k: float = 1.0) -> Free:
     def state(a: mpf, t: mpf) -> tuple[mpf, mpf]:
         w, m = rate(a)
         cn, sn, dn = (mp.ellipfun(name, w * t, m=m) for name in ("cn", "sn", "dn"))
-        # A negative m makes them complex numbers without imaginary parts.
+        # A negative m gives complex numbers without imaginary parts.
         return mp.re(-a * cn), mp.re(a * w * sn * dn)
 
     return Free(
@@ -60,7 +60,7 @@ def cubic(k3: mpf, k: float = 1.0) -> Free:
 
 
 def swinging(w: mpf) -> Free:
-    """x'' + w^2 sin x = 0: what `impacting_pendulum` is without its load."""
+    """x'' + w^2 sin x = 0: `impacting_pendulum` without its load."""
 
     def rise(b: mpf, x: mpf) -> mpf:
         kappa = mp.sin(b / 2)
@@ -80,7 +80,7 @@ def swinging(w: mpf) -> Free:
 
 
 def bounces(free: Free, top: mpf, position: mpf, r: mpf) -> Iterator[tuple[mpf, mpf, mpf]]:
-    """Let go at -top: for every impact its time, its speed, and where the mass then turns back."""
+    """Time, speed and next turning point for every impact, from rest at -top."""
     t = free.rise(top, position)
     while True:
         speed = mp.sqrt(2 * (free.energy(top) - free.energy(position)))
@@ -90,7 +90,7 @@ def bounces(free: Free, top: mpf, position: mpf, r: mpf) -> Iterator[tuple[mpf, 
 
 
 def free_end(free: Free, top: mpf, position: mpf, r: mpf, t1: float) -> list[mpf]:
-    """State at t1 and the times of the first two impacts, of a mass let go at -top."""
+    """State at t1 and times of the first two impacts, from rest at -top."""
     times = []
     for t, _, turn in bounces(free, top, position, r):
         if t > t1:
@@ -102,7 +102,7 @@ def free_end(free: Free, top: mpf, position: mpf, r: mpf, t1: float) -> list[mpf
 
 
 class Model(NamedTuple):
-    """A machine of `vijax.models`, the parameter of its force, and what it is without load and damping."""
+    """A machine of `vijax.models`, the parameter of its force, and its motion without load and damping."""
 
     build: Callable[..., vx.ImpactSystem]
     parameter: str
@@ -114,7 +114,7 @@ PENDULUM = Model(vx.models.impacting_pendulum, "natural_frequency", swinging)
 
 
 class Case(NamedTuple):
-    """Let go at -top, without load."""
+    """A start at rest at -top, without load."""
 
     model: Model
     value: float
@@ -129,7 +129,7 @@ class Case(NamedTuple):
         return self.model.build(0.9, 0.0, position=self.position, restitution=self.restitution, **values)
 
     def exact(self) -> tuple[Free, mpf, mpf, mpf]:
-        """The same in the digits of the moment, for `bounces` and `free_end`."""
+        """Oscillator in the current working precision, for `bounces` and `free_end`."""
         value, position, restitution, top = (mpf(a) for a in self[1:])
         return self.model.free(value), top, position, restitution
 
@@ -138,7 +138,7 @@ FREE = {
     "hardening": Case(DUFFING, 2.5, 0.0, 0.8, 1.2),
     "softening": Case(DUFFING, -0.5, 0.2, 0.9, 1.1),
     "pendulum": Case(PENDULUM, 1.3, 0.1, 0.9, 3.0),
-    # Elastic stops hold nothing, which is another program.
+    # Elastic stops never stick, which is another program.
     "elastic": Case(DUFFING, 2.5, 0.5, 1.0, 1.2),
     "elastic pendulum": Case(PENDULUM, 1.3, 0.4, 1.0, 2.0),
 }
@@ -190,11 +190,11 @@ def test_a_pendulum_pressed_on_its_wall_by_its_weight_chatters_for_the_sum_of_it
     assert float(sol.contact_force(20.0)[0]) == pytest.approx(1.3**2 * np.sin(0.5), rel=1e-14)
 
 
-# Loads and damping: a solver of SciPy, with the impacts put in by hand
+# Loads and damping: a solver of SciPy, with explicit impacts
 
 
 class Flown(NamedTuple):
-    """What the other solver found."""
+    """Results of the other solver."""
 
     times: np.ndarray
     speeds: np.ndarray
@@ -208,7 +208,7 @@ def restoring(values: dict) -> Callable[[float], float]:
 
 
 def flown(values: dict, x0: float, t1: float) -> Flown:
-    """Fly x'' = A cos(W t) - c x' - restoring force from rest at x0, back from the stop at r times the speed."""
+    """Fly x'' = A cos(W t) - c x' - restoring force from rest at x0, reflected by the stop at r times the speed."""
     a, w, c = (values[name] for name in ("amplitude", "frequency", "damping"))
     r, position, pull = values["restitution"], values["position"], restoring(values)
 
@@ -221,7 +221,7 @@ def flown(values: dict, x0: float, t1: float) -> Flown:
     contact.terminal, contact.direction = True, -1
     t, y, impacts = 0.0, np.array([x0, 0.0]), []
     while True:
-        # Steps so short that the polynomial inside them, of degree 7, is as good as their ends.
+        # Steps are so short that the polynomial inside them, of degree 7, is as exact as their ends.
         part = scipy.integrate.solve_ivp(
             field, (t, t1), y, "DOP853", rtol=1e-13, atol=1e-14, max_step=0.05, events=contact
         )
@@ -283,7 +283,7 @@ TOP, SPAN = 1.2, 10.0
 @jax.jit
 @jax.jacfwd
 def slopes(system: vx.ImpactSystem) -> jax.Array:
-    """By every number of the machine: those of the last state and of the times of the first two impacts."""
+    """Derivatives of the last state and the first two impact times by all numbers of the machine."""
     sol = vx.simulate(system, 0.0, SPAN, [-TOP], max_events=16)
     return jnp.concatenate([sol.x1, sol.v1, sol.events.t[:2]])
 
@@ -316,7 +316,7 @@ def test_derivatives_of_a_free_machine_are_those_of_elliptic_functions(model):
 def test_the_derivative_of_a_driven_machine_by_its_cubic_stiffness_is_that_of_another_solver():
     values = DRIVEN_DUFFING | {"frequency": 0.9}
     found = slopes(vx.models.duffing_oscillator(**values)).force.stiffness
-    # The solver's 1e-13 over h, and h^4 of curvature, are both below 1e-9.
+    # Both errors, the solver's 1e-13 over h and h^4 of curvature, are below 1e-9.
     h = 3e-4
 
     def shifted(steps: int) -> np.ndarray:

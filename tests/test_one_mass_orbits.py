@@ -1,4 +1,4 @@
-"""Periodic orbits of one mass: published ones, closed forms, all of a machine, and what is refused."""
+"""Periodic orbits of one mass: published ones, closed forms, all orbits of a machine, refused arguments."""
 
 from functools import cache
 
@@ -11,11 +11,11 @@ from problems import sticking_orbit
 
 import vijax as vx
 
-# Speeds are known to 13 digits; at a bifurcation an orbit is as far from them as the roots of a rounding.
+# Speeds are exact to 13 digits; at a bifurcation the error of an orbit is a square root of a rounding.
 SPEED, AT_FOLD = 1e-12, 1e-6
 # Closed forms in double precision, at the end of a flight.
 CLOSED_FORM = 1e-12
-# Room for all events here, in all files the same: one program.
+# Event capacity, the same in all files: one program.
 ROOM = 32
 
 
@@ -35,7 +35,7 @@ def speeds(orbits, impacts=1):
     return sorted(float(o.events.velocity_minus[0]) for o in orbits if int(o.num_impacts[0]) == impacts)
 
 
-# R. Ghosh & D. Simpson, arXiv 2510.16218: one impact in two periods. The other root is an orbit of its own.
+# R. Ghosh & D. Simpson, arXiv 2510.16218: one impact in two periods. The other root is a different orbit.
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("frequency", "amplitude", "speed", "tolerance"),
@@ -82,7 +82,7 @@ def test_all_orbits_of_an_undamped_mass_are_found(stop, expected):
 
 
 def drawn(n, num):
-    """Machines with orbits of one impact in n periods, and the speeds of these, none near a grazing."""
+    """Random machines with orbits of one impact in n periods, and their impact speeds, none near a grazing."""
     rng = np.random.default_rng(n)
     while num:
         r, position = rng.choice([0.1, 0.4, 0.8, 0.95, 1.0]), rng.uniform(-1.5, 1.5)
@@ -115,7 +115,7 @@ def test_of_two_orbits_one_is_a_saddle():
     assert stable == {1.102366: False, 2.187444: True}
 
 
-# As Budd and Dux (1994) give them, but the first, and a damped one in three periods.
+# From Budd and Dux (1994), except the first and the last, a damped one in three periods.
 @pytest.mark.parametrize(
     ("n", "w", "stop", "r", "damping", "stiffness"),
     [
@@ -153,11 +153,11 @@ def test_a_symmetric_orbit_between_two_stops_is_that_in_closed_form(w):
 
 
 def assert_is(orbit, x, v, speed, step):
-    """An orbit of one mass has that start, that speed at its impacts, and the eigenvalues of that matrix."""
+    """Check the start, the impact speed and the multipliers of an orbit of one mass, the eigenvalues of that matrix."""
     np.testing.assert_allclose([orbit.x0[0], orbit.v0[0]], [x, v], rtol=0, atol=CLOSED_FORM)
     hits = abs(orbit.events.velocity_minus[: int(orbit.num_impacts.sum())])
     np.testing.assert_allclose(hits, speed, rtol=CLOSED_FORM)
-    # Of two that are equal each is known to the root of a rounding alone.
+    # Two equal multipliers are each exact only to the square root of a rounding.
     found = np.sum(orbit.multipliers), np.prod(orbit.multipliers)
     np.testing.assert_allclose(found, [np.trace(step), np.linalg.det(step)], rtol=0, atol=CLOSED_FORM)
 
@@ -171,7 +171,7 @@ def test_the_orbit_that_sticks_is_that_in_closed_form():
     times, kinds = np.asarray(log.t), np.asarray(log.kind)
     np.testing.assert_allclose(times[kinds == vx.RELEASE], float(exact.release), rtol=CLOSED_FORM)
     np.testing.assert_allclose(times[kinds == vx.STICK], float(exact.end) - period, rtol=CLOSED_FORM)
-    # The last of a chatter are bounces of an earlier period.
+    # The last impacts of a chatter are bounces of an earlier period.
     hits = {
         float(hit.t) % period: float(hit.velocity)
         for hit in exact.problem.impacts

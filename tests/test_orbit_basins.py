@@ -1,4 +1,4 @@
-"""From how far a periodic orbit is found again."""
+"""Distances from which a periodic orbit is found again."""
 
 from functools import cache
 from typing import NamedTuple
@@ -10,14 +10,14 @@ import vijax as vx
 
 pytestmark = pytest.mark.thorough
 
-# An orbit is found again if its start is known to this.
+# An orbit counts as found again if its start agrees to this.
 AGAIN = 1e-8
-# Impacts slower than this, where those of most orbits are ten times as fast, are light.
+# Impacts slower than this are light; those of most orbits are ten times as fast.
 LIGHT = 0.05
 # Distances of starts, relative to the size of the motion.
 DISTANCES = np.array([1e-3, 1e-2, 5e-2])
-# Machine, frequencies, and ends of where the masses may be; for each distance how many of all orbits are found again, and
-# of all starts lead to some orbit.
+# Machine, frequencies, and limits of the positions; for each distance the shares of orbits that are found again, and
+# of starts that lead to some orbit.
 CASES = {
     "a": (
         (vx.models.wagg_bishop_a(1.0), np.linspace(0.2, 1.8, 128), (-np.inf, -np.inf), (0.3, 0.3)),
@@ -30,12 +30,12 @@ CASES = {
 }
 
 
-# Of a machine that chatters, searches take a minute.
+# Searches for a chattering machine take a minute.
 CHOSEN = ["a", pytest.param("b", marks=pytest.mark.slow)]
 
 
 class Again(NamedTuple):
-    """What was found from near the orbits of a case, (points, distances).
+    """Orbits found from near those of a case, (points, distances).
 
     Attributes:
         is_asked: orbits that impact.
@@ -52,7 +52,7 @@ class Again(NamedTuple):
 
 @cache
 def sought(case: str) -> Again:
-    """Search from near every orbit of a sweep. Each is there for every distance, settled from a start of its own."""
+    """Search from near every orbit of a sweep, for every distance from a settled start of its own."""
     system, frequencies, low, high = CASES[case][0]
     values = {"forcing.frequency": frequencies, "x0[0]": np.linspace(0.0, 0.1, len(DISTANCES))}
     swept = vx.sweep(system, values, transient=300, record=12, progress=False)

@@ -25,7 +25,7 @@ def test_an_orbit_has_the_digits_of_an_independent_solver(name):
     )
     distance = np.abs(found[:, None] - np.array(digits))
     assert max(distance.min(axis=0).max(), distance.min(axis=1).max()) < EXACT_MULTIPLIERS
-    # The last bounces of a chatter no two solvers end alike.
+    # No two solvers end the last bounces of a chatter alike.
     log = orbit.events
     rows = zip(*(a.tolist() for a in (log.t, log.kind, log.stop, log.velocity_minus)), strict=True)
     events = [e for e in rows if e[1] == vx.RELEASE or (e[1] == vx.IMPACT and abs(e[3]) > CHATTER_END)]

@@ -1,4 +1,4 @@
-"""Anyone may add a motion, by a step and what is known inside it."""
+"""User-defined flows: a step and the motion inside it suffice."""
 
 import jax
 import jax.numpy as jnp
@@ -12,12 +12,12 @@ from vijax._flow.bernstein import nodes
 from vijax._flow.event_margins import StepInterior
 from vijax._system.waves import speeds
 
-# A position wrong by 1e-11 moves a light impact by more.
+# An error of 1e-11 in position moves a light impact by more.
 LIGHT = 1e-3
 
 
 class ExponentialFlow(SteppingFlow):
-    """Steps of a linear machine by the matrix exponential: what one who adds a motion has to write."""
+    """Steps of a linear machine by the matrix exponential: the code that a new flow needs."""
 
     def attempt(self, machine, state, is_held, step):
         at = lambda u: self.step_by(machine, state, is_held, u)  # noqa: E731
@@ -32,7 +32,7 @@ class ExponentialFlow(SteppingFlow):
         zero, zeros = jnp.zeros((n, n)), jnp.zeros((n, h))
         loads = [machine.inverse_mass[:, None] * a.T for a in (machine.waves.cosine, machine.waves.sine)]
         pull = machine.inverse_mass[:, None]
-        # The state, the speed that held masses would gain, the phase of the load, and 1.
+        # The state, the speed that sticking masses would gain, the phase of the load, and 1.
         rows = [
             [zero, jnp.diag(free / machine.inverse_mass), zeros, zeros, jnp.zeros((n, 1))],
             [
@@ -47,7 +47,7 @@ class ExponentialFlow(SteppingFlow):
         ]
         start = jnp.concatenate([state.x, state.v, *state.phase, jnp.ones(1)])
         matrix = jnp.block(rows)
-        # z(step) - z(0) = step phi(step A) A z(0), which loses no digits: one more column carries A z(0).
+        # z(step) - z(0) = step phi(step A) A z(0), which loses no digits: an additional column carries A z(0).
         size = len(start)
         wide = (
             jnp.zeros((size + 1, size + 1)).at[:size, :size].set(matrix).at[:size, size].set(matrix @ start)

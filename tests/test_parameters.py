@@ -1,4 +1,4 @@
-"""The parameters of a machine by name: what there is, its value, the machine with another value."""
+"""Parameters of a machine by path: list, get, set."""
 
 import re
 
@@ -38,7 +38,7 @@ def cube(x):
 
 
 def slot() -> vx.ImpactSystem:
-    """Two stops of one motion, the very same arrays, and a load of two harmonics."""
+    """Two stops with one motion, the very same arrays, and a load of two harmonics."""
     load = vx.Harmonic([[0.3, 0.0], [0.1, 0.2]], 0.9)
     motion = vx.Harmonic([0.1], 0.9)
     stops = [vx.Stop(0, -0.5, "lower", 0.6, motion), vx.Stop(0, 0.5, "upper", 0.7, motion)]
@@ -61,7 +61,7 @@ MACHINES = {
 
 
 def entries(path: str, shape: tuple[int, ...]) -> list[str]:
-    """The path of an array, and those of its entries."""
+    """Path of an array, and paths of its entries."""
     return [path, *(path + "".join(f"[{i}]" for i in index) for index in np.ndindex(shape) if shape)]
 
 
@@ -99,7 +99,7 @@ def test_every_leaf_is_set_alone_and_is_what_a_sweep_sets(name):
 
 
 def is_sound(path: str) -> bool:
-    """Sweeps ask of the start as well: that it is not beyond a stop."""
+    """False for a start: sweeps also check that it is not beyond a stop."""
     return path not in ("x0", "v0")
 
 

@@ -1,4 +1,4 @@
-"""Periodic orbits of two masses: identities, and what is refused."""
+"""Periodic orbits of two masses: identities, and refused arguments."""
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +9,7 @@ import vijax as vx
 from vijax._orbits.condensation import Pencil
 from vijax._orbits.floquet import floquet_multipliers
 
-# A small multiplier is known as well as the largest one.
+# The absolute error of a small multiplier is that of the largest one.
 ROUNDING = 1e-13
 
 
@@ -19,7 +19,7 @@ def settled(system, periods=100):
 
 
 def product(system, num_periods, impacts):
-    """Volume of a cycle: exp(-tr(M^-1 C) n T) times r^2 for each impact."""
+    """Factor by which a cycle contracts a volume: exp(-tr(M^-1 C) n T) times r^2 for each impact."""
     r = np.array([float(stop.restitution) for stop in system.stops])
     loss = float(jnp.sum(jnp.diag(system.damping) / system.mass) * num_periods * system.forcing.period)
     return np.exp(-loss) * np.prod(r ** (2 * np.asarray(impacts)))
@@ -117,7 +117,7 @@ def test_series_and_modes_find_the_same_orbit():
 
 
 def test_a_mass_that_is_held_for_ever_has_multipliers_of_zero():
-    # The second mass is pressed to its stop; the first swings between the wall and it: x'' + 0.2 x' + 2 x = cos(t) + 0.1.
+    # The second mass is pressed on its stop; the first swings between wall and it: x'' + 0.2 x' + 2 x = cos(t) + 0.1.
     load = vx.Harmonic([1.0, 0.0], 1.0, mean=[0.0, 9.0])
     stops = [vx.Stop(0, -5.0, "lower", 0.5), vx.Stop(1, 0.1, "upper", 0.5)]
     system = vx.chain([1.0, 1.0], [0.1, 0.1], [1.0, 1.0], load, stops)

@@ -1,4 +1,4 @@
-"""The orbits of a sweep, in one batch."""
+"""Orbits of a sweep, in one batch."""
 
 from concurrent.futures import ThreadPoolExecutor
 

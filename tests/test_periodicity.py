@@ -1,4 +1,4 @@
-"""A force of another period than the load's is refused wherever forcing periods are counted."""
+"""A force of another period than the load's is rejected wherever forcing periods are counted."""
 
 import equinox as eqx
 import jax
@@ -22,7 +22,7 @@ def machine(force) -> vx.ImpactSystem:
 
 
 def is_refused(force, x=(0.0, 0.0), v=(0.0, 0.0), **parts) -> bool:
-    """What is said of one machine, at rest if nothing else is told."""
+    """Verdict on one machine, by default at rest."""
     system = vx._system.system.with_args(machine(force), None)
     for name, value in parts.items():
         system = eqx.tree_at(lambda s, name=name: getattr(s, name), system, value)
@@ -68,7 +68,7 @@ def test_a_force_of_the_period_of_the_load_is_none(name):
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_the_size_of_the_machine_tells_where_a_force_is_asked(scale):
-    """A force that is there only near the size of the motion, which a weak or strong load gives."""
+    """A force that acts only near the size of the motion, which a weak or strong load sets."""
     weak = vx.Harmonic([0.6 * scale, 0.0], W)
     near = lambda t, x, v, args: jnp.where((abs(x) > 0.1 * scale) & (abs(x) < scale), wave(t), 0.0)  # noqa: E731
     assert is_refused(near, stops=(), forcing=weak)

@@ -1,4 +1,4 @@
-"""Where nothing can be written, the argument that says so is told, and before anything is computed."""
+"""Paths that cannot be written to raise an error that names the argument, before anything is computed."""
 
 import pytest
 

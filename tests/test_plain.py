@@ -1,4 +1,4 @@
-"""What is computed is the same without primitives of our own and without what the compiler is told."""
+"""Results do not depend on our own primitives and compiler options."""
 
 import os
 import pickle
@@ -16,9 +16,9 @@ import xarray as xr
 import vijax as vx
 from vijax._jax import xla
 
-# The same operations in the same order, but for what the compiler fuses.
+# The same operations in the same order, up to fusion by the compiler.
 ROUNDING = 1e-14
-# Of the end of a periodic motion, its rounding errors amplified in 120 periods on the way to it.
+# Difference at the end of a periodic motion, whose rounding errors grew over the 120 periods before.
 SETTLED = 1e-8
 
 SWEEP = """
@@ -61,7 +61,7 @@ def grown(factor):
 @pytest.mark.parametrize("plain", [False, True])
 def test_values_and_derivatives_of_a_loop_are_those_of_its_steps(plain, monkeypatch):
     monkeypatch.setattr(xla, "PLAIN", plain)
-    # 1.5 is past 10 after 6 steps, 2 after 4.
+    # 1.5 passes 10 after 6 steps, 2 after 4.
     factors, steps = jnp.array([1.5, 2.0]), np.array([6, 4])
     expected = np.cos(factors**steps) * steps * factors ** (steps - 1)
     np.testing.assert_allclose(jax.vmap(grown)(factors), np.sin(factors**steps), rtol=ROUNDING)
@@ -70,7 +70,7 @@ def test_values_and_derivatives_of_a_loop_are_those_of_its_steps(plain, monkeypa
 
 
 def swept(folder: Path, plain: str) -> tuple[xr.Dataset, np.ndarray]:
-    """The sweep in a process of its own, and the points that repeat, by what is known of each motion."""
+    """Sweep in a separate process, and the points whose motion repeats."""
     file = folder / f"plain {plain}"
     subprocess.run(
         [sys.executable, "-c", SWEEP, str(file)], check=True, env={**os.environ, "VIJAX_PLAIN": plain}
@@ -82,7 +82,7 @@ def swept(folder: Path, plain: str) -> tuple[xr.Dataset, np.ndarray]:
 
 
 def change_of(section: np.ndarray) -> np.ndarray:
-    """By how much a motion changed in its last cycle, whatever its period, (points, 1)."""
+    """Change of a motion in its last cycle, for any period, (points, 1)."""
     steps = np.abs(section[:, -1:] - section[:, :-1])
     return steps.max(axis=2).min(axis=1, keepdims=True)
 
@@ -96,9 +96,9 @@ def test_point_by_point_a_sweep_is_the_same_but_where_motions_are_chaotic(tmp_pa
     assert (ours.num_impacts.values == plain.num_impacts.values)[both].all()
     assert (ours.num_sticks.values == plain.num_sticks.values)[both].all()
     for name in ("x", "v"):
-        # What still comes closer to its cycle is as far from it as a few changes of a cycle.
+        # A motion that still converges is within a few changes per cycle of its cycle.
         change = np.maximum(*(change_of(ds[f"section_{name}"].values) for ds in (ours, plain)))
         differs = np.abs(ours[name].values - plain[name].values)
         assert (differs <= SETTLED + 100 * change)[both].all()
-    # A chaotic transient may end on the coexisting periodic motion in the one and not yet in the other.
+    # A chaotic transient may have ended on the coexisting periodic motion in only one of them.
     assert (repeats != repeats_as_well).mean() < 0.02

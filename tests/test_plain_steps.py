@@ -1,4 +1,4 @@
-"""Steps of many branches side by side: what decides about them in arrays says what is said of each alone."""
+"""Steps of many branches in a batch: decisions on arrays equal the decisions on each branch alone."""
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,7 @@ ROOM, STOPS = 16, 2
 
 
 def seen(rng: np.random.Generator, mu: np.ndarray | None = None) -> CorrectedCycle:
-    """Test functions of either sign, of one cycle or, with the multipliers of several, of these."""
+    """Random test functions of one cycle or, with the multipliers of several, of those."""
     if mu is None:
         root = complex(*rng.normal(size=2))
         mu = np.array([*rng.normal(size=2), root, root.conjugate()])
@@ -59,7 +59,7 @@ def test_margins_are_the_tests_of_a_sequence(num_events):
 
 
 def test_functions_of_multipliers_are_those_of_each_branch():
-    # One of them infinite, as where an impact grazes.
+    # One multiplier is infinite, as at a grazing.
     rng = np.random.default_rng(0)
     rows = [np.asarray(seen(rng).found.multipliers) for _ in range(6)]
     rows[2] = np.array([np.inf, 0.2, -0.5, 0.1], complex)
@@ -103,7 +103,7 @@ def test_points_side_by_side_are_what_each_is_alone():
 
 
 def seen_with_room(rng: np.random.Generator, room: int) -> CorrectedCycle:
-    """A cycle with room for so many events."""
+    """A cycle with capacity for that many events."""
     one = seen(rng)
     longer = lambda a: np.resize(a, room) if np.shape(a) == (ROOM,) else a  # noqa: E731
     return jax.tree.map(longer, one)

@@ -1,4 +1,4 @@
-"""The pictures show what is there, in the axes they are given."""
+"""Pictures show the data, in the axes they are given."""
 
 import io
 
@@ -34,7 +34,7 @@ def sticking() -> vx.Solution:
 
 @pytest.fixture(scope="module")
 def both_ways(swept) -> xr.Dataset:
-    """As from `carry="both"`, with other velocities on the way down."""
+    """Sweep as from `carry="both"`, with other velocities on the way down."""
     down = swept.assign(impact_velocity=swept.impact_velocity / 2)
     return xr.concat([swept, down], dim="direction").assign_coords(direction=["up", "down"])
 
@@ -136,7 +136,7 @@ def test_a_bifurcation_diagram_tells_up_from_down_in_grey_too(both_ways, swept):
     assert points(down) == {(x, v / 2) for x, v in points(up)}
     assert grey(down.get_color()) - grey(up.get_color()) > 0.4
     assert up.get_rasterized()
-    # Where both agree the dark points lie on the light ones, and are smaller.
+    # Where both agree, the dark points lie on the light ones, and are smaller.
     assert up.get_markersize() < down.get_markersize()
     assert list(ax.lines).index(up) > list(ax.lines).index(down)
     assert {text.get_text() for text in ax.get_legend().get_texts()} == {"swept up", "swept down"}
@@ -198,7 +198,7 @@ def test_an_impact_map_without_impacts_or_stop_is_refused(sticking):
 
 
 def boundaries(ax) -> list[tuple[float, float]]:
-    """Slope and intercept of every endless line."""
+    """Slope and intercept of every infinite line."""
     lines = [line for line in ax.lines if isinstance(line, mpl.lines.AxLine)]
     ends = [(*line.get_xy1(), *line.get_xy2()) for line in lines]
     return [((v2 - v1) / (x2 - x1), v1 - x1 * (v2 - v1) / (x2 - x1)) for x1, v1, x2, v2 in ends]
@@ -248,7 +248,7 @@ def test_a_boundary_that_depends_on_a_third_mass_is_left_out():
     system = vx.chain([1.0] * 3, [0.1] * 3, [1.0] * 3, load, stops)
     middle_and_end = vx.simulate(system, 0.0, 3.0)
     assert boundaries(vx.plot.sticking_region(middle_and_end, 0, mass=2, num_samples=SAMPLES)) == []
-    # The last mass feels the one before it alone.
+    # The last mass is coupled only to the one before it.
     assert boundaries(vx.plot.sticking_region(middle_and_end, 1, mass=0, num_samples=SAMPLES)) == []
     (line,) = boundaries(vx.plot.sticking_region(middle_and_end, 1, mass=1, num_samples=SAMPLES))
     # 0.1 v + x - 0 + 1 = 0.

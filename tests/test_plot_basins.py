@@ -1,4 +1,4 @@
-"""A picture of basins shows each start in the colour of its attractor, and the attractors where they are."""
+"""A picture of basins shows each start in the colour of its attractor, and the section points of the attractors."""
 
 import io
 
@@ -17,9 +17,9 @@ from matplotlib.lines import Line2D
 
 import vijax as vx
 
-# What two colours differ by in one of red, green and blue, from 0 to 1, to be told apart on a screen.
+# Least difference in one of red, green and blue, from 0 to 1, of colours that differ visibly on a screen.
 COLOUR_STEP = 0.15
-# What two greys must differ by, from black 0 to white 1, to be told apart in print.
+# Least difference of greys, from black 0 to white 1, that differ visibly in print.
 GREY_STEP = 0.06
 MOTIONS = ("non_impacting", "periodic", "chattering", "non_periodic", "not_settled", "failed")
 RIGHT, UP = "v0[0]", "x0[1]"
@@ -87,7 +87,7 @@ def test_starts_that_lead_to_no_known_attractor_are_hatched_in_the_plane_and_the
     ax = vx.plot.basins(basins(PLANE))
     (hatched,) = (c for c in ax.collections if isinstance(c, PolyCollection) and c.get_hatch())
     (cell,) = hatched.get_paths()
-    # The last of the first row: v0[0] from 0.375 to 0.625, x0[1] from 5/12 to 7/12.
+    # Last cell of the first row: v0[0] from 0.375 to 0.625, x0[1] from 5/12 to 7/12.
     assert cell.get_extents().extents == pytest.approx((0.375, 5 / 12, 0.625, 7 / 12))
     assert [patch.get_hatch() for patch in ax.get_legend().get_patches()] == [None] * 3 + [
         hatched.get_hatch()
@@ -114,7 +114,7 @@ def test_what_lies_outside_of_the_plane_changes_neither_it_nor_the_legend():
     ds = basins(PLANE)
     far = ds.assign(section_x=ds.section_x + 10)
     inside, outside = vx.plot.basins(ds), vx.plot.basins(far)
-    # Half a cell beyond the first and the last start.
+    # The limits are half a cell beyond the first and the last start.
     for ax in (inside, outside):
         np.testing.assert_allclose([*ax.get_xlim(), *ax.get_ylim()], [-0.125, 0.625, -1 / 12, 7 / 12])
     assert [len(line.get_xdata()) for line in outside.lines] == [0, 0, 0]
@@ -133,7 +133,7 @@ def test_attractors_beyond_those_with_a_colour_are_others():
     patches = [patch.get_facecolor()[:3] for patch in ax.get_legend().get_patches()]
     apart = np.abs(np.array(patches)[:, None] - np.array(patches)[None]).max(axis=2)
     assert (apart + np.eye(len(patches))).min() > COLOUR_STEP
-    # A printer without colour tells them apart, the first ones best, and black points with white edges are seen on all.
+    # The colours differ as greys in print, the first ones most, and black points with white edges are visible on all.
     greys = [*map(grey, patches)]
     assert np.diff(sorted(greys)).min() > GREY_STEP
     assert np.diff(sorted(greys[:4])).min() > 2 * GREY_STEP

@@ -17,12 +17,12 @@ from matplotlib.colors import same_color
 import vijax as vx
 
 PALE = 0.2
-# A velocity is a speed and that of a stop, a sum of a few products.
+# A velocity is the sum of an impact speed and the stop's velocity, a sum of a few products.
 ROUNDING = 1e-14
 
 
 def parts(ax, style: str, color: str = "black") -> list[list[tuple[float, float]]]:
-    """The unbroken parts of the curves in a style and a colour, those of the legend left out."""
+    """Unbroken parts of the curves in a style and a colour, without those of the legend."""
     found = []
     for line in ax.lines:
         if (
@@ -92,7 +92,7 @@ def test_lines_go_on_where_the_cycle_begins_with_another_impact():
 
 @pytest.mark.parametrize("is_told", [True, False])
 def test_an_impact_comes_and_goes_without_speed_and_the_others_go_on(is_told):
-    """The point of a grazing has the impact, or has it not."""
+    """The grazing point may or may not contain the impact."""
     alone, both = [(0.5, 1, 0.8)], [(0.1, 1, 0.05), (0.5, 1, 0.8)]
     grazing = [(0.1, 1, 0.0), (0.5, 1, 0.8)] if is_told else alone
     for way in (1, -1):
@@ -110,7 +110,7 @@ def test_an_impact_comes_and_goes_without_speed_and_the_others_go_on(is_told):
 
 def test_bounces_of_a_chatter_come_and_go_and_its_lines_stay_whole():
     def chatter(begin, count):
-        """Ever lighter, until they are too light to be counted; then an impact in the middle of nowhere."""
+        """Bounces that get lighter, down to the least counted one; then one unrelated impact."""
         bounces = [(begin + 0.2 * (1 - 0.5**i), 1, 0.5**i) for i in range(count)]
         return [*bounces, (begin + 0.4, 1, 0.3)]
 
@@ -125,7 +125,7 @@ def test_parts_without_impacts_are_left_out():
     cycles = [[(0.5, 1, 0.1)], [(0.5, 1, 0.0)], [], [], [], [(0.2, 1, 0.3)]]
     ax = vx.plot.branch(branch_of(cycles, ["", "gr", "", "fold", "gr", ""]), stop=1)
     assert parts(ax, "-") == [[(1, 0.1), (2, 0.0)], [(5, 0.0), (6, 0.3)]]
-    # The fold is of orbits that are not seen.
+    # The fold is of orbits that are not drawn.
     assert words_of_legend(ax) == ["stable", "grazing"]
 
 
@@ -138,10 +138,10 @@ def test_nothing_to_draw_is_told():
 
 def test_the_velocity_at_a_stop_that_moves_is_that_in_space():
     table = Table(1, 0.8, 9.81, 0.6)
-    system = table.later(0.3).system  # a share of 0.7 of a flight before the impact
+    system = table.later(0.3).system  # at 0.7 of a flight before the impact
     values = table.frequency * np.array([1.0, 2.0])
     ax = vx.plot.branch(branch_of([[(0.7, 0, table.speed)]] * 2, values=values, system=system))
-    # The table moves twice as fast at twice the frequency, the ball comes to it as fast as before.
+    # At twice the frequency the table moves twice as fast; the speed relative to it is the same.
     of_table = values * (table.speed - table.fall) / table.frequency
     (line,) = parts(ax, "-")
     np.testing.assert_allclose(line, np.stack([values, of_table - table.speed], axis=1), rtol=ROUNDING)
@@ -217,7 +217,7 @@ def test_a_sweep_is_paler_and_lies_under_its_branches(swept):
 
 @pytest.mark.parametrize("style", ["default", "dark_background"])
 def test_all_stops_have_a_panel_each_and_one_legend(swept, style):
-    """The impact at stop 0 goes at a grazing; the fold after that is seen at stop 1 alone."""
+    """The impact at stop 0 vanishes at a grazing; the later fold is visible at stop 1 only."""
     cycles = [[(0.2, 0, speed), (0.7, 1, 0.5)] for speed in (0.4, 0.2, 0.0)] + [[(0.7, 1, 0.5)]] * 3
     made = branch_of(cycles, ["", "", "gr", "", "fold", ""])
     with plt.style.context(style):

@@ -1,4 +1,4 @@
-"""Pictures of contacts between masses: names, jumps and holds of every mass that they bear on."""
+"""Pictures of contacts between masses: names, jumps and sticking phases of every mass that they act on."""
 
 import matplotlib as mpl
 
@@ -16,12 +16,12 @@ MASSES = 1.0, 0.3
 SAMPLES = 200
 # A distance is a difference of two positions, a velocity after an impact a sum of a few products.
 ROUNDING = 1e-14
-# Up to the number before an impact a velocity changes by an acceleration times the spacing of times there, 7e-15.
+# In the spacing of times before an impact, 7e-15, the acceleration changes the velocity.
 BEFORE = 1e-13
 
 
 def box(wall, motion: vx.Harmonic | None = None) -> vx.ImpactSystem:
-    """A free mass 1 in the container that is mass 0, on a spring, and one limit more."""
+    """A free mass 1 in the container, mass 0, which has a spring, and another limit."""
     load = vx.Harmonic([0.6, 0.0], 0.8)
     ends = [vx.Contact({1: a, 0: -a}, HALF, RESTITUTION, motion) for a in (1.0, -1.0)]
     springs, dampers = [[1.0, 0.0], [0.0, 0.0]], [[0.1, 0.0], [0.0, 0.0]]
@@ -34,13 +34,13 @@ BREATHING = vx.Harmonic([0.1], 0.8)
 
 @pytest.fixture(scope="module")
 def sol() -> vx.Solution:
-    """Both contacts are hit, and the second holds for some time."""
+    """Motion with impacts at both contacts, and sticking at the second."""
     return vx.simulate(box(WALL), 0.0, END)
 
 
 @pytest.fixture(scope="module")
 def breathing() -> vx.Solution:
-    """The same, with a clearance that grows and shrinks."""
+    """The same, with an oscillating clearance."""
     return vx.simulate(box(WALL, BREATHING), 0.0, END)
 
 
@@ -85,7 +85,7 @@ def test_a_contact_of_one_mass_has_a_place_on_its_axis():
     portrait = vx.plot.phase_portrait(one, 0, num_samples=SAMPLES)
     (line,) = named(portrait, "contact 2")
     assert list(line.get_xdata()) == [1.2, 1.2]
-    # It is the stop of the other scene, so its jumps are the same although the log counts along the row.
+    # It equals the stop of the other scene, so its jumps are equal, although its log is along the row.
     assert vx.plot.impact_map(one, 2).get_ylabel().startswith("Speed of approach before impact at contact 2")
     t = events(one, vx.IMPACT, 2)
     segments = np.array(jumps(portrait))
@@ -109,7 +109,7 @@ def test_a_phase_portrait_has_the_jumps_of_both_masses_of_a_contact(sol):
     won = MASSES[1] * (found[1][:, 1, 1] - found[1][:, 0, 1])
     assert np.abs(won).max() > 0.1
     np.testing.assert_allclose(lost, -won, rtol=0, atol=BEFORE)
-    # They part at the restitution; the last, lightest bounce before a stick takes the rest of its chatter along.
+    # They separate by the restitution; the last, lightest bounce before a stick absorbs the rest of its chatter.
     meet, part = (found[1][:, k, 1] - of_first[:, k, 1] for k in (0, 1))
     is_bounce = np.abs(meet) > 1e-5
     np.testing.assert_allclose(part[is_bounce], -RESTITUTION * meet[is_bounce], rtol=0, atol=BEFORE)
@@ -200,7 +200,7 @@ def test_a_bifurcation_diagram_of_a_contact_has_its_speeds_of_approach(breathing
     assert bottom.get_ylabel() == "Velocity before impact, relative\nto stop 2"
     phases = vx.plot.bifurcation(ds, 0, ordinate="phase")
     assert phases.get_ylabel() == "Phase $\\varphi$ of impact\nat contact 0 (rad)"
-    # Orbits over it: speeds of approach are relative to the contact already.
+    # Orbits drawn over it: speeds of approach are already relative to the contact.
     orbit = cycle(system, breathing.x1, breathing.v1)
     is_hit = np.asarray((orbit.events.kind == vx.IMPACT) & (orbit.events.stop == 0))
     speeds = np.asarray(orbit.events.velocity_minus)[is_hit]

@@ -1,4 +1,4 @@
-"""Curves of bifurcations are drawn where they are, with their special points."""
+"""Bifurcation curves are drawn in their plane, with their special points."""
 
 import matplotlib as mpl
 
@@ -14,7 +14,7 @@ FREQUENCY, POSITION = "forcing.frequency", "stops[0].position"
 
 
 def curve(kind: str, special: list[str], second: str = POSITION) -> xr.Dataset:
-    """A curve as `vx.bifurcation_curve` returns it."""
+    """A curve as from `vx.bifurcation_curve`."""
     w = np.linspace(0.8, 1.1, len(special))
     columns = {FREQUENCY: ("point", w), second: ("point", w**2), "special": ("point", np.array(special))}
     return xr.Dataset(columns, attrs={"kind": kind}).set_coords([FREQUENCY, second])

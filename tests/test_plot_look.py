@@ -1,4 +1,4 @@
-"""What all pictures share: units as they are given, the colours of the style, one's own look, several data at once."""
+"""Common properties of all pictures: given units, colours of the style, user-defined looks, several datasets."""
 
 import matplotlib as mpl
 
@@ -14,7 +14,7 @@ from matplotlib.colors import same_color
 import vijax as vx
 
 UNITS = {"length": "mm", "time": "s", "force": "N", "mass": "kg"}
-# By how much greys differ that are told apart, of 1 from black to white.
+# Least difference of greys that differ visibly, of 1 from black to white.
 TOLD_APART = 0.15
 SAMPLES = 60
 

@@ -1,4 +1,4 @@
-"""A picture of Lyapunov exponents shows each at its place, and none that is not finite."""
+"""A picture of Lyapunov exponents shows each at its value, and none that is not finite."""
 
 import matplotlib as mpl
 
@@ -15,7 +15,7 @@ FREQUENCY, AMPLITUDE = "forcing.frequency", "forcing.amplitude[0]"
 
 
 def exponents(*dims: str) -> xr.Dataset:
-    """Of 3 values of each quantity, in falling order; the last of two exponents is sometimes minus infinity."""
+    """Exponents of 3 values of each quantity, in falling order; the last of two is sometimes minus infinity."""
     shape = (*(3 for _ in dims), 2)
     values = np.linspace(-0.4, 0.5, int(np.prod(shape))).reshape(shape)[..., ::-1].copy()
     values[0, ..., 1] = -np.inf

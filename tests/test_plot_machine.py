@@ -1,4 +1,4 @@
-"""Drawings of machines and films of their motion show what the matrices, stops and trajectories say."""
+"""Drawings and films of machines show the matrices, stops and trajectories."""
 
 import subprocess
 
@@ -22,9 +22,9 @@ from vijax.studio.drawing.drawing import PITCH
 from vijax.studio.drawing.machine import poses_of
 from vijax.studio.drawing.scheme import scheme_of_solution, scheme_of_system
 
-# Places in a drawing are sums and products of a few numbers of size 10.
+# Positions in a drawing are sums and products of a few numbers of size 10.
 ROUNDING = 1e-13
-# Loads that are read off a machine seen from its stops are differences of forces.
+# Loads derived from a machine in the frame of its stops are differences of forces.
 RECOVERED = 1e-12
 END = 12.0
 
@@ -38,7 +38,7 @@ MODELS = {
     "ring": lambda: ring(),
     "nothing but a mass": lambda: alone(),
 }
-# Couplings and ties to the ground by springs, and by dampers.
+# Numbers of connections between masses and to the ground, by springs and by dampers.
 LINKS = [
     ("wagg_bishop_a", 2, 2),
     ("two_sided_oscillator", 1, 0),
@@ -56,7 +56,7 @@ def alone() -> vx.ImpactSystem:
 
 
 def ring() -> vx.ImpactSystem:
-    """Every mass coupled to every other one, all of them driven, a force and a contact of three masses."""
+    """Every mass coupled to every other, all of them driven, with a force and a contact of three masses."""
     stiffness = np.array([[3.0, -1.0, -1.0, -1.0], [-1, 4, -1, -1], [-1, -1, 3, -1], [-1, -1, -1, 4]])
     load = vx.base_excitation([1.0, 2.0, 3.0, 4.0], 0.1, 0.8, mean=[-1.0, 0.0, 0.0, 2.0])
     limits = [
@@ -69,7 +69,7 @@ def ring() -> vx.ImpactSystem:
 
 
 def shaken() -> vx.ImpactSystem:
-    """A constant force presses mass 1 on its stop; that of mass 0 moves."""
+    """A constant force presses mass 1 on its stop; the stop of mass 0 moves."""
     load = vx.Harmonic([0.3, 0.0], 0.8, phase=[0.4, 0.0], mean=[0.0, 0.5])
     stops = [vx.Stop(0, 0.3, "upper", 0.6, vx.Harmonic([0.1], 0.8)), vx.Stop(1, 0.1, "upper", 0.3)]
     return vx.chain([1.0, 1.0], [0.1, 0.1], [1.0, 1.0], load, stops)
@@ -81,17 +81,17 @@ def push(t, x, v, args):
 
 @pytest.fixture(scope="module")
 def sol() -> vx.Solution:
-    """With chatter of mass 1, which its stop then holds."""
+    """Motion with chatter of mass 1, which then sticks."""
     return vx.simulate(shaken(), 0.0, END)
 
 
 def boxes(ax) -> list[Rectangle]:
-    """Those of the masses, in their order."""
+    """Boxes of the masses, in order."""
     return [patch for patch in ax.patches if (patch.get_width(), patch.get_height()) == (1, 1)]
 
 
 def displacements(ax) -> np.ndarray:
-    """Of the boxes, in lengths of the drawing."""
+    """Displacements of the boxes, in lengths of the drawing."""
     return np.array([box.get_x() + 0.5 for box in boxes(ax)]) - PITCH * np.arange(len(boxes(ax)))
 
 
@@ -258,14 +258,14 @@ def test_a_trajectory_tells_the_same_machine(sol):
     assert of_solution.masses == of_system.masses
     for ours, theirs in ((w.waves.cosine, w.waves.sine) for w in (of_solution, of_system)):
         assert ours.shape == theirs.shape
-    # Seen from its stops the first mass, and by its spring the second one, feel the inertia of the frame as well.
+    # In the frame of the stops the first mass, and through its spring the second, also feel the inertia of the frame.
     np.testing.assert_allclose(of_solution.waves.cosine, of_system.waves.cosine, rtol=0, atol=RECOVERED)
     np.testing.assert_allclose(of_solution.waves.sine, of_system.waves.sine, rtol=0, atol=RECOVERED)
     assert of_solution.load_in_words(1) == of_system.load_in_words(1) == "$0.5$"
 
 
 def axes_of(film) -> tuple:
-    """Of a film that was begun: one that is never drawn warns."""
+    """Axes of a film after its first frame: a film that is never drawn warns."""
     film._fig.canvas.draw()
     return tuple(film._fig.axes)
 
@@ -296,7 +296,7 @@ def test_a_film_flashes_at_impacts_and_fills_the_boxes_that_are_held(sol):
     is_impact = (np.asarray(log.kind) == vx.IMPACT) & (np.asarray(log.stop) == stop)
     first = float(np.asarray(log.t)[is_impact][0])
     t = [0.5 * first, first + 1e-3, 0.5 * (first + when), when + 1e-3]
-    # At one frame a second a flash lasts for one frame.
+    # At one frame a second, a flash lasts for one frame.
     film = vx.plot.animate(sol, t, fps=1)
     top, _ = axes_of(film)
     flashes = [line for line in top.lines if isinstance(line.get_marker(), tuple)]
@@ -346,7 +346,7 @@ def test_what_nothing_ties_to_a_place_is_seen_from_its_middle():
         poses, gaps = poses_of(scheme, x, np.tile(scheme.limit, (3, 1)))
         middles = np.array([pose.x.mean() for pose in poses])
         assert (np.abs(middles).max() < RECOVERED) == is_followed
-        # Their play fills the drawing only if their common way does not.
+        # Their relative motion fills the drawing only if their common motion does not.
         drawn = poses[1].x[0] - poses[1].x[1]
         assert (drawn > 0.1) == is_followed
         np.testing.assert_allclose(gaps, scheme.limit - x @ scheme.rows.T, rtol=0, atol=ROUNDING)

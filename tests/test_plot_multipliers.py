@@ -1,4 +1,4 @@
-"""The plane of multipliers: where they are, which side of the unit circle, and none of them lost."""
+"""The plane of multipliers: positions, sides of the unit circle, and completeness."""
 
 import io
 
@@ -28,7 +28,7 @@ def orbit() -> vx.PeriodicOrbit:
 
 @pytest.fixture(scope="module")
 def orbits() -> xr.Dataset:
-    """As from a sweep of three frequencies, at the second of which no orbit was found."""
+    """Orbits as from a sweep of three frequencies, none found at the second."""
     multipliers = np.multiply.outer([1.3, np.nan, 0.6], [0.9, 0.5j, -0.5j, 0.1])
     columns = {"converged": (PATH, [True, False, True]), "multipliers": ((PATH, "multiplier"), multipliers)}
     return xr.Dataset(columns, {PATH: [0.8, 1.1, 1.4]})
@@ -39,7 +39,7 @@ def with_multipliers(orbit: vx.PeriodicOrbit, *values: complex) -> vx.PeriodicOr
 
 
 def plane(ax) -> list[tuple[list[complex], list[bool], str]]:
-    """Places, whether they are filled, and label of each group of marks."""
+    """Positions, fill and label of each group of marks."""
     groups = [c for c in ax.collections if isinstance(c, PathCollection)]
     places = [np.asarray(c.get_offsets()) @ [1, 1j] for c in groups]
     filled = [(c.get_facecolors()[:, 3] > 0).tolist() for c in groups]

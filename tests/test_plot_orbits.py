@@ -1,4 +1,4 @@
-"""Pictures of periodic orbits: stable or not over a sweep, and one cycle of them."""
+"""Pictures of periodic orbits: stability over a sweep, and single cycles."""
 
 import matplotlib as mpl
 
@@ -21,7 +21,7 @@ import vijax as vx
 PATH = "forcing.frequency"
 UP, DOWN = "black", "C1"
 SAMPLES = 100
-# A cycle closes to the rounding of its run, and speeds at impacts are known as well.
+# A cycle closes to the rounding of its run, and impact speeds have the same error.
 CLOSED = 1e-12
 
 
@@ -29,7 +29,7 @@ CLOSED = 1e-12
 def sticking() -> vx.PeriodicOrbit:
     """Case (b) of the paper, where both masses chatter, stick and are released in every cycle."""
     system = vx.models.wagg_bishop_b(0.25)
-    # What disturbs the cycle shrinks to a seventh in a period.
+    # A disturbance of the cycle shrinks to a seventh in a period.
     sol = vx.simulate(system, 0.0, 24 * float(system.forcing.period), max_events=0, throw=False)
     return cycle(system, sol.x1, sol.v1)
 
@@ -42,14 +42,14 @@ def swept() -> xr.Dataset:
 
 @pytest.fixture(scope="module")
 def polished(swept) -> xr.Dataset:
-    """As if every point were on a stable orbit."""
+    """Orbits as if every point were on a stable one."""
     yes = (PATH, np.ones(3, bool))
     return xr.Dataset({"converged": yes, "is_stable": yes}, swept.result.coords)
 
 
 @pytest.fixture(scope="module")
 def mixed(polished) -> xr.Dataset:
-    """As if the first orbit were unstable, and none had been found at the second value."""
+    """Orbits as if the first were unstable, and none had been found at the second value."""
     return polished.assign(converged=(PATH, [True, False, True]), is_stable=(PATH, [False, False, True]))
 
 
@@ -59,7 +59,7 @@ def impacts_of(ds: xr.Dataset, stop: int) -> set[tuple[float, float]]:
 
 
 def drawn(ax, color: str) -> list[tuple[float, bool, set[tuple[float, float]]]]:
-    """Size, whether they are rings, and places of the points in a colour."""
+    """Size, ring flag and places of the points in a colour."""
     lines = [a for a in ax.lines if a.get_linestyle() == "None" and same_color(a.get_color(), color)]
     return [
         (a.get_markersize(), a.get_markerfacecolor() == "none" and a.get_markeredgewidth() > 0, points(a))
@@ -99,7 +99,7 @@ def test_stability_is_told_beside_the_direction(swept, mixed):
     for found in (up, down):
         assert [places for *_, places in found] == alone
         assert [ring for _, ring, _ in found] == len(found[1:]) * [False] + [True]
-    # The way up lies on the way down, and is smaller.
+    # The points of the way up lie on those of the way down, and are smaller.
     assert all(a < b for (a, *_), (b, *_) in zip(up, down, strict=True))
     stable_at_once = vx.plot.bifurcation(both_ways(swept), orbits=both_ways(mixed.assign(is_stable=True)))
     assert words_of_legend(stable_at_once) == ["swept down", "swept up", "stable orbit"]
@@ -131,7 +131,7 @@ def test_the_orbits_of_another_sweep_are_refused(swept, polished):
 
 
 def at_frequency(orbit: vx.PeriodicOrbit, frequency: float) -> vx.PeriodicOrbit:
-    """As if the machine had another frequency."""
+    """Orbit as if the machine had another frequency."""
     return eqx.tree_at(lambda o: o.system.forcing.frequency, orbit, jnp.asarray(frequency))
 
 
@@ -159,7 +159,7 @@ def test_orbits_are_drawn_at_the_phase_and_relative_velocity_of_their_impacts():
     ds = xr.Dataset(
         {"result": (PATH, [0]), **columns}, {PATH: [2.5], "stop": [0], "stop_mass": ("stop", [0])}
     )
-    # A share of 0.7 of a flight is left to the next impact.
+    # The remaining share of the flight to the next impact is 0.7.
     expected = {"velocity": -table.fall, "relative velocity": -table.speed, "phase": 0.7 * 2 * np.pi}
     for ordinate, value in expected.items():
         (_, _, places) = drawn(vx.plot.bifurcation(ds, ordinate=ordinate, orbits=orbit), "black")[-1]
@@ -196,7 +196,7 @@ def test_the_phase_portrait_of_an_orbit_is_closed_and_shows_its_events(sticking,
     start, end = (x[0], v[0]), (x[-1], v[-1])
     np.testing.assert_allclose(start, [float(a[mass]) for a in (sticking.x0, sticking.v0)], rtol=0, atol=0)
     np.testing.assert_allclose(end, start, rtol=0, atol=CLOSED)
-    # The stops of case (b) have the numbers of their masses.
+    # In case (b) stops have the numbers of their masses.
     (jumps,) = (c for c in ax.collections if isinstance(c, LineCollection))
     found = np.array([[begin[1], end[1]] for begin, end in jumps.get_segments()])
     is_hit = at_stop(sticking, mass)

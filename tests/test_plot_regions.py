@@ -1,4 +1,4 @@
-"""A region chart shows every motion where it was found, in colours that survive a printer without colour."""
+"""A region chart shows every motion at its parameters, in colours that differ as greys too."""
 
 import io
 from itertools import pairwise
@@ -16,7 +16,7 @@ from matplotlib.colors import rgb_to_hsv, to_rgb
 
 import vijax as vx
 
-# What two greys must differ by, from black 0 to white 1, to be told apart in print.
+# Least difference of greys, from black 0 to white 1, that differ visibly in print.
 GREY_STEP = 0.05
 PLANE = ("forcing.frequency", "forcing.amplitude[0]")
 MOTIONS = ("non_impacting", "periodic", "chattering", "non_periodic", "not_settled", "failed")
@@ -36,7 +36,7 @@ def chart(motion: list[list[int]], num_periods: list[list[int]], num_impacts: li
 
 @pytest.fixture(scope="module")
 def classes() -> xr.Dataset:
-    """Frequencies 0.3, 0.2, 0.1 by two amplitudes; the six points have six motions but for one pair."""
+    """Frequencies 0.3, 0.2, 0.1 by two amplitudes; the motions of the six points differ except for one pair."""
     impacts = [[[0, 0], [1, 2]], [[1, 2], [-1, 3]], [[7, 8], [5, 5]]]
     return chart([[0, 1], [1, 2], [3, 4]], [[1, 1], [1, 2], [0, 0]], impacts)
 
@@ -49,12 +49,12 @@ def legend_colors(ax) -> dict:
     legend = ax.get_legend()
     names = [text.get_text() for text in legend.get_texts()]
     colors = (patch.get_facecolor() for patch in legend.get_patches())
-    # The names of families have none.
+    # Names of families have no colour.
     return {name: color for name, color in zip(names, colors, strict=True) if color[3]}
 
 
 def drawn_classes(ax) -> dict[tuple[float, float], str]:
-    """What the legend says of the colour of every cell, by the middle of the cell."""
+    """Legend entry for the colour of every cell, by the middle of the cell."""
     ax.figure.canvas.draw()
     (mesh,) = (c for c in ax.collections if isinstance(c, QuadMesh))
     corners = np.asarray(mesh.get_coordinates())
@@ -109,7 +109,7 @@ def test_a_motion_is_named_in_the_plane_where_there_is_room():
     ones = np.ones((40, 40), int)
     ax = vx.plot.regions(chart(motion.tolist(), ones.tolist(), np.stack([ones, 2 * ones], axis=-1)))
     found = {text.get_text(): text.get_position()[0] for text in ax.texts}
-    assert found.keys() == {"1 | 2 in 1", "no impact"}  # the few non-periodic points have no room
+    assert found.keys() == {"1 | 2 in 1", "no impact"}  # too few non-periodic points for a label
     assert found["no impact"] < 2.0 < found["1 | 2 in 1"]  # frequencies fall
 
 

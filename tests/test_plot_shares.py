@@ -1,4 +1,4 @@
-"""A picture of shares stacks, at each value of the parameter, what part of the starts leads to which attractor."""
+"""A picture of shares stacks, at each value of the parameter, the shares of starts that lead to each attractor."""
 
 import matplotlib as mpl
 
@@ -14,7 +14,7 @@ import vijax as vx
 
 PATH = "forcing.frequency"
 MOTIONS = ("non_impacting", "periodic", "chattering", "non_periodic", "not_settled", "failed")
-# The second ends where the others begin; at the third value one start in twenty is not known.
+# The second ends where the others begin; at the third value one start in twenty is not assigned.
 SHARES = np.array([[0.5, 0.5, 0, 0], [0.45, 0.55, 0, 0], [0.9, 0, 0, 0.05], [0.7, 0, 0.3, 0]])
 VALUES = [1.0, 1.1, 1.2, 1.4]
 WORDS = [
@@ -41,7 +41,7 @@ def followed(order: slice = slice(None)) -> xr.Dataset:
 
 
 def height_at(band, value: float) -> float:
-    """How high a band is drawn at a value."""
+    """Drawn height of a band at a value."""
     (path,) = band.get_paths()
     y = [point[1] for point in path.interpolated(40).vertices if abs(point[0] - value) < 4e-3]
     return max(y) - min(y) if y else 0.0
@@ -64,7 +64,7 @@ def test_each_attractor_is_as_high_as_its_share_at_every_value(order):
         assert [height_at(bands[k], value) for k in range(5)] == pytest.approx(row, abs=1e-9)
     assert ax.get_xlim() == pytest.approx((0.95, 1.5))
     assert ax.get_xlabel() == r"Forcing frequency $\Omega$"
-    # Each mark in the middle of its band, where that is widest.
+    # Each mark is in the middle of its band, where the band is widest.
     marks = [tuple(np.ravel(line.get_data())) for line in ax.lines]
     assert marks == [pytest.approx(place) for place in ((1.2, 0.45), (1.1, 0.725), (1.4, 0.85), (1.2, 0.925))]
 

@@ -1,4 +1,4 @@
-"""Time series and phase portraits show the motion, its events, and where a mass is held."""
+"""Time series and phase portraits show the motion, its events, and the sticking phases."""
 
 import matplotlib as mpl
 
@@ -19,7 +19,7 @@ SAMPLES = 100
 
 @pytest.fixture(scope="module")
 def held() -> vx.Solution:
-    """A mass that starts held by its stop, is let go, and held again."""
+    """A mass that sticks at the start, is released, and sticks again."""
     load = vx.Harmonic([1.0], 0.5)
     system = vx.ImpactSystem([1.0], [[0.0]], [[1.0]], load, [vx.Stop(0, 0.0, "upper", 0.5)])
     return vx.simulate(system, 0.0, END)
@@ -55,7 +55,7 @@ def test_a_time_series_draws_every_mass_and_every_stop():
 
 
 def held_intervals(ax):
-    """First and last times of the unbroken parts of the lines that show a mass held."""
+    """First and last times of the unbroken parts of the lines that mark sticking."""
     lines = [line.get_data() for line in ax.lines if "held" in line.get_label()]
     runs = [np.ma.clump_unmasked(np.ma.masked_invalid(x)) for _, x in lines]
     return [[(t[run][0], t[run][-1]) for run in of_line] for (t, _), of_line in zip(lines, runs, strict=True)]
@@ -117,7 +117,7 @@ def test_a_phase_portrait_is_the_motion_broken_at_impacts(sticking):
     assert len(gaps) == is_hit.sum() > 10
     np.testing.assert_array_equal(v[gaps - 1], minus)
     np.testing.assert_array_equal(x[gaps - 1], 0.1)
-    # After the last impact before it sticks the mass is at rest.
+    # After the last impact before a stick the mass is at rest.
     bounces = minus > 1e-5
     np.testing.assert_allclose(v[gaps + 1][bounces], plus[bounces], rtol=1e-9)
     t = np.sort(np.append(np.linspace(0, 80, SAMPLES), np.nan_to_num(sticking.events.t, nan=80.0)))
@@ -139,7 +139,7 @@ def test_a_phase_portrait_dashes_the_jumps_and_marks_stop_and_rest(sticking):
     assert words_of_legend(ax) == ["impact", "stop 0", "held by stop 0", "stick", "release"]
     assert discs(ax, filled=False) == [(-0.3, 0.0)]
     assert discs(ax, filled=True) == 2 * [(-0.3, 0.0)]
-    # The dot of the release lies in the disc of the mass that is held, and that in the circle of the stick.
+    # The dot of the release lies in the disc of the sticking mass, and that in the circle of the stick.
     marks = [named(ax, words)[0] for words in ("release", "held by stop 0", "stick")]
     assert [mark.get_markersize() for mark in marks] == sorted(mark.get_markersize() for mark in marks)
     assert [mark.get_zorder() for mark in marks] == sorted(
@@ -159,7 +159,7 @@ def test_a_phase_portrait_marks_where_a_moving_stop_catches_its_mass_and_lets_it
         (mark,) = named(ax, words)
         assert len(t) > 1
         assert len(mark.get_xdata()) == len(t)
-        # A mass that is held has the position and the velocity of its stop.
+        # A sticking mass has the position and the velocity of its stop.
         for found, expected in zip(mark.get_data(), table(t), strict=True):
             np.testing.assert_allclose(found, expected, rtol=0, atol=MAGNIFIED)
 

@@ -1,4 +1,4 @@
-"""Machines of single precision where 64-bit numbers are on: built before that, given so, or read from a dataset."""
+"""Machines of single precision while 64-bit numbers are on: built before that, passed in, or read from a dataset."""
 
 import json
 import subprocess
@@ -72,7 +72,7 @@ def test_it_is_told_once_and_what_to_do(outcome):
 
 
 def test_arrays_of_any_precision_make_a_machine_of_one():
-    """Their numbers are what they are: nothing is warned of."""
+    """The user chose these numbers, so no warning is due."""
     load = vx.Harmonic(np.array([0.1], "float32"), np.float32(0.3), jnp.zeros(1, "float16"))
     stop = vx.Stop(0, jnp.float32(0.1), "upper", np.float16(0.5))
     system = vx.ImpactSystem(np.ones(1, "float32"), [[0.0]], jnp.ones((1, 1), "bfloat16"), load, [stop])

@@ -1,4 +1,4 @@
-"""What `print` and notebooks show: numbers in a few lines, whatever is printed."""
+"""Text in `print` and notebooks: numbers in a few lines, for all objects."""
 
 import equinox as eqx
 import jax
@@ -116,6 +116,6 @@ def test_numbers_of_single_precision_are_called_so():
 
 
 def test_names_in_stores_and_attributes_do_not_depend_on_what_is_printed():
-    """They would refuse what was stored before, and hold numbers that are kept elsewhere."""
+    """Otherwise old stores would be rejected, and attributes would repeat numbers that are stored elsewhere."""
     assert name_of_force(long_chain(2).force).startswith("Spring(cubic=f64[], wall=Stop(mass=0, position=")
     assert eqx.tree_pformat(MACHINE).startswith("ImpactSystem(")

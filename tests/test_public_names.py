@@ -1,4 +1,4 @@
-"""The names of `vijax`: all are found, and those that are slow to import come when they are asked for."""
+"""The names of `vijax`: all exist, and those that are slow to import are loaded on first use."""
 
 import ast
 import importlib.metadata
@@ -13,7 +13,7 @@ import vijax as vx
 
 
 def in_a_new_process(program: str, **where) -> str:
-    """What a program prints that has the library on its path."""
+    """Output of a program in a new process with the library on its path."""
     done = subprocess.run(
         [sys.executable, "-c", program],
         capture_output=True,
@@ -97,7 +97,7 @@ print({"pandas", "matplotlib", "diffrax"} <= set(sys.modules))
 
 
 def test_to_import_all_of_it_starts_no_backend():
-    """Else the number of devices, the platform or a cluster could no longer be chosen after `import vijax`."""
+    """Otherwise the number of devices, the platform or a cluster could not be chosen after `import vijax`."""
     program = """
 from vijax import *
 from jax._src import xla_bridge

@@ -1,4 +1,4 @@
-"""Motions without impacts: the proof that they stay quiet, of sweeps and of trajectories."""
+"""Motions without impacts: the proof that none will come, for sweeps and trajectories."""
 
 import json
 
@@ -17,12 +17,12 @@ from vijax._sweep.provenance import machines_of
 FREQUENCY, POSITION = "forcing.frequency", "stops[*].position"
 # Some hundred roundings of numbers of about 1.
 ROUNDED = 1e-12
-# A margin that no rounding makes, and no sampling without a proof would see.
+# A margin above all rounding, and too small for sampling without a proof.
 MARGIN = 1e-9
 
 
 def kinds(source, **options) -> np.ndarray:
-    """The kind of every motion in words."""
+    """Kind of every motion in words."""
     motion = vx.classify(source, **options).motion
     return np.array(motion.attrs["flag_meanings"].split())[motion.values]
 
@@ -49,7 +49,7 @@ def light() -> xr.Dataset:
 
 
 def without_machine(ds: xr.Dataset) -> xr.Dataset:
-    """The section alone decides."""
+    """Dataset whose motions can be classified by the section alone."""
     return ds.drop_attrs()
 
 
@@ -69,12 +69,12 @@ def test_beats_of_a_lightly_damped_chain_are_no_longer_taken_for_something_else(
     for name in ("num_impacts", "held_time"):
         assert (found[name].values[is_quiet] == 0).all()
     assert (found.num_double_impacts.values[is_quiet] == 0).all()
-    # What has happened is told as it was: the state has changed in the last period.
+    # The recorded state is reported unchanged: it did change in the last period.
     assert (found.recurrence_error.values[is_quiet] > 1e-6).any()
 
 
 @pytest.mark.thorough
-@pytest.mark.filterwarnings("ignore:.*max_impacts_reached")  # counts are asked for, not the log
+@pytest.mark.filterwarnings("ignore:.*max_impacts_reached")  # only counts are needed, not the log
 @pytest.mark.slow
 def test_no_impact_comes_in_a_much_longer_run(light):
     later = sweep(LIGHT, GRID, carry_from=light, transient=0, record=1000)
@@ -94,7 +94,7 @@ def test_the_contraction_is_that_of_the_slowest_mode(light):
 
 @pytest.mark.thorough
 def test_what_will_hit_after_the_record_is_not_quiet():
-    # Energy in the last mass, which reaches the first one later; nothing is recorded but the beginning.
+    # The energy is in the last mass and reaches the first one later; only the beginning is recorded.
     walls = [vx.Stop(i, position, "upper", 0.7) for i, position in enumerate((0.5, 50.0, 50.0))]
     system = vx.chain([1.0] * 3, [1e-3] * 3, [1.0] * 3, vx.Harmonic([0.001, 0.0, 0.0], 8.0), walls)
     values = {"x0[2]": [0.2, 1.2]}
@@ -115,7 +115,7 @@ def test_an_undamped_sweep_is_judged_as_before(light):
     assert "non_impacting" not in kinds(ds)
 
 
-# Whatever the dataset looks like
+# Datasets of all forms
 
 DAMPINGS = np.stack(
     [0.01 * np.asarray(LIGHT.stiffness), np.zeros((3, 3)), 0.05 * np.asarray(LIGHT.stiffness)]
@@ -139,7 +139,7 @@ def many() -> xr.Dataset:
 
 
 def assert_same(found: xr.Dataset, expected: xr.Dataset):
-    """Verdicts and counts; the rest to rounding, for BLAS adds up in another order."""
+    """Compare verdicts and counts exactly, the rest to rounding, since BLAS adds in another order."""
     xr.testing.assert_equal(found[["motion", "num_periods"]], expected[["motion", "num_periods"]])
     xr.testing.assert_allclose(found, expected, rtol=ROUNDED, atol=ROUNDED)
 
@@ -234,7 +234,7 @@ def test_where_the_machine_is_not_known_the_section_decides(light):
 
 
 @pytest.mark.thorough
-@pytest.mark.filterwarnings("ignore:.*max_impacts_reached")  # counts are asked for, not the log
+@pytest.mark.filterwarnings("ignore:.*max_impacts_reached")  # only counts are needed, not the log
 def test_moving_stops_are_swept_as_well():
     motion = vx.Harmonic([[0.2], [0.05]], 1.9)
     stops = [vx.Stop(0, 0.6, "upper", 0.7, motion), vx.Stop(1, -2.0, "lower", 0.7)]
@@ -263,7 +263,7 @@ def test_a_trajectory_is_judged_likewise(t0):
     found = vx.classify(sol)
     assert found.num_periods == 1
     assert found.recurrence_error > 1e-4
-    # With more free vibration it does not hit, for it all stays in that mode, but energy does not tell so.
+    # With more free vibration it does not hit, since all stays in that mode, but the energy bound cannot prove it.
     wide = vx.simulate(system, t0, t1, x + 0.2 * second_mode, v)
     assert int(wide.num_events) == 0
     assert kinds(wide) != "non_impacting"

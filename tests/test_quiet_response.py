@@ -1,4 +1,4 @@
-"""The periodic response of linear machines, and how near to it a stop may be."""
+"""The periodic response of linear machines, and its distance from stops."""
 
 import equinox as eqx
 import jax
@@ -15,7 +15,7 @@ from vijax._trajectory.concrete_machine import known_machine
 
 # Some hundred roundings of numbers of about 1.
 ROUNDED = 1e-12
-# A margin that no rounding makes, and no sampling without a proof would see.
+# A margin above all rounding, and too small for sampling without a proof.
 MARGIN = 1e-9
 
 
@@ -72,11 +72,11 @@ def test_the_bound_of_a_sum_of_harmonics_is_above_it_and_close():
     bound = highest(waves, np.full(40, -1.0))
     assert (bound >= dense).all()
     np.testing.assert_allclose(bound, dense, rtol=1e-4)
-    # A harmonic alone is its own bound.
+    # For a single harmonic the bound is exact.
     np.testing.assert_allclose(highest(waves[:, :1], np.zeros(40)), abs(waves[:, 0]), rtol=1e-15)
 
 
-# How near a stop may be
+# Distances from stops
 
 
 def one_upper(position: float, mass: int = 0, motion=None, load=LOAD) -> vx.ImpactSystem:
@@ -85,7 +85,7 @@ def one_upper(position: float, mass: int = 0, motion=None, load=LOAD) -> vx.Impa
 
 
 def peak(waves: np.ndarray) -> float:
-    """The maximum of Re sum_h waves_h exp(i h a), by Newton's method from the best of many samples."""
+    """Maximum of Re sum_h waves_h exp(i h a), by Newton's method from the best of many samples."""
     orders = np.arange(1, len(waves) + 1)
     angles = np.linspace(0, 2 * np.pi, 10_000)
     a = angles[(waves @ np.exp(1j * orders[:, None] * angles)).real.argmax()]
@@ -118,7 +118,7 @@ def test_a_moving_stop_is_judged_by_what_lies_between_it_and_its_mass():
     wave = amplitudes(far, np.asarray(ONE.amplitude)[None])[0, 0]
     mean = np.linalg.solve(far.stiffness, ONE.mean)[0] - 0.03
     relative = abs(wave - 0.5 * np.exp(2.0j))
-    # It comes nearer than it would if it stood still, though it never comes to where the mass is at its peak.
+    # The gap gets smaller than with a fixed stop, although the stop never reaches the peak of the mass.
     assert relative > abs(wave) + 0.1
     state = response_at(far)
     for gap, expected in ((-MARGIN, False), (MARGIN, True)):
@@ -153,7 +153,7 @@ def test_a_machine_with_a_mode_without_damper_or_spring_is_left_alone(name):
 
 
 def test_a_damper_at_a_node_leaves_its_mode_undamped():
-    # Two equal masses: the damper between them does nothing while they move alike.
+    # Two equal masses: the damper between them does nothing while they move together.
     k = np.array([[2.0, -1.0], [-1.0, 2.0]])
     c = 0.1 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     load = vx.Harmonic([0.1, 0.0], 0.6)

@@ -1,4 +1,4 @@
-"""What is recorded comes back by its names, whole numbers exactly."""
+"""Recorded values come back by name, whole numbers exactly."""
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,7 @@ from vijax._execution.records import (
     written_rows,
 )
 
-# The first whole number that has no place among floats of 32 bits.
+# First whole number that 32-bit floats cannot represent.
 LARGE = 2**24 + 1
 STOPS, LANES = 2, 3
 KEPT = np.array([[True, False, True], [True, False, False]])
@@ -51,7 +51,7 @@ def test_impacts_come_back_in_order_and_whole_numbers_exactly(is_64_bit):
 
 @pytest.mark.parametrize("is_64_bit", [False, True])
 def test_on_the_host_whole_numbers_have_32_bits_whatever_the_device_has(is_64_bit):
-    """They count points of a queue, stops, and rows: more would take memory alone."""
+    """They count points of a queue, stops and rows: more bits would only take memory."""
     with jax.enable_x64(is_64_bit):
         found = recorded(np.float64 if is_64_bit else np.float32)
     assert {found.stop.dtype, found.point.dtype, found.number.dtype} == {np.dtype(np.int32)}

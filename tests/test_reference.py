@@ -11,7 +11,7 @@ PAGES = sorted((ROOT / "docs/reference/api").glob("*.rst"))
 
 
 def listed() -> list[str]:
-    """The names on all pages, in tables and by themselves, and the modules they are of."""
+    """Names on all pages, in tables and alone, and the modules that contain them."""
     names = []
     for page in PAGES:
         module = ""

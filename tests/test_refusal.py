@@ -1,4 +1,4 @@
-"""An error is raised whatever of a result is asked for, and under every transformation of JAX."""
+"""An error is raised for every use of a result, and under every transformation of JAX."""
 
 import logging
 from collections.abc import Callable
@@ -14,8 +14,8 @@ import vijax as vx
 
 MACHINE = vx.chain([1.0], [0.1], [1.0], vx.Harmonic([0.5], 0.8), [vx.Stop(0, 0.3, "upper", 0.7)])
 END = 40.0
-FLOW = vx.TaylorFlow()  # compiled in the least time
-# A program that XLA runs raises a RuntimeError of JAX or, in some versions, a ValueError.
+FLOW = vx.TaylorFlow()  # fastest to compile
+# A program that XLA runs raises a RuntimeError of JAX, or a ValueError in some versions.
 ERRORS = (RuntimeError, ValueError)
 ASKED = {
     "ts": lambda sol: sol.ts,
@@ -33,14 +33,14 @@ ASKED = {
     "result": lambda sol: sol.result,
     "evaluate": lambda sol: sol.evaluate(1.0),
 }
-# A program for each, which calls back and is therefore compiled anew in every run: floats, and whole numbers
-# of the end and of the log. The others are thorough.
+# One program for each. It calls back, so it is compiled again in every run: floats, and whole numbers of the end and
+# of the log. The others are thorough.
 ASKED_FIRST = ("x1", "num_steps", "event kinds")
 
 
 @pytest.fixture(autouse=True)
 def quiet():
-    """JAX logs what a callback raises."""
+    """Silence JAX's log of errors in callbacks."""
     logging.disable(logging.CRITICAL)
     yield
     logging.disable(logging.NOTSET)
@@ -54,7 +54,7 @@ def follow(max_steps, end=END, x0=0.0, **options) -> vx.Solution:
 
 @cache
 def program(asked: str) -> Callable:
-    """What is asked for, as a function of the bound on steps."""
+    """A requested result as a function of the bound on steps."""
     return jax.jit(lambda k: ASKED[asked](follow(k)))
 
 

@@ -1,4 +1,4 @@
-"""What is written down twice for a release agrees: versions, and bounds of dependencies."""
+"""Release data that are written twice agree: versions, and bounds of dependencies."""
 
 import re
 import tomllib
@@ -21,7 +21,7 @@ def test_the_version_is_the_same_everywhere():
 def test_the_conda_recipe_asks_for_what_the_project_asks_for():
     run = RECIPE.partition("\n  run:\n")[2].partition("\n\n")[0]
     asked = dict(re.findall(r"^    - (\S+) >=(\S+)$", run, re.M))
-    asked["matplotlib"] = asked.pop("matplotlib-base")  # conda's name of it without a window system
+    asked["matplotlib"] = asked.pop("matplotlib-base")  # conda's name for it without a GUI
     needed = dict(re.fullmatch(r"([\w-]+)>=(\S+)", line).groups() for line in PROJECT["dependencies"])
     assert asked == needed | {"python": PROJECT["requires-python"].removeprefix(">=")}
     assert len(run.splitlines()) == len(asked)

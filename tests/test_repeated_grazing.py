@@ -1,4 +1,4 @@
-"""A branch of cycles of four periods ends where the one of one period grazes: three of its impacts vanish there at once."""
+"""A branch of cycles of four periods ends where that of one period grazes: three of its impacts vanish at once."""
 
 import numpy as np
 import pytest

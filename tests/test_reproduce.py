@@ -1,4 +1,4 @@
-"""The figures and tables of the paper: every one is drawn and written, and says what is known to be true."""
+"""Every figure and table of the paper is drawn and written, and contains the exact values."""
 
 import sys
 from pathlib import Path
@@ -16,7 +16,7 @@ import reproduce
 pytestmark = pytest.mark.thorough
 
 FILES = {"fig4": "case_a", "fig7": "case_b"}
-# The others take many seconds each, to compile the engine.
+# The others compile the engine, for many seconds each.
 QUICK = ("table1",)
 
 
@@ -43,7 +43,7 @@ def test_table_1_is_that_of_the_two_masses(tmp_path):
         np.testing.assert_allclose(as_printed[name], as_printed[f"{name} paper"], atol=6e-4)
 
 
-# The same motions are found by `test_attractors.py`, without the script.
+# `test_attractors.py` finds the same motions without the script.
 @pytest.mark.slow
 def test_table_3_finds_the_coexisting_motions(tmp_path):
     reproduce.JOBS["table3"](tmp_path, coarse=2)

@@ -1,4 +1,4 @@
-"""A branch that passes, and ends at, the resonance of a machine without damping."""
+"""A branch through, and one that ends at, the resonance of an undamped machine."""
 
 import numpy as np
 import pytest
@@ -9,13 +9,13 @@ FREQUENCY, LOAD, STOP, RESTITUTION = "forcing.frequency", 0.5, 0.5, 0.7
 
 
 def machine(frequency: float) -> vx.ImpactSystem:
-    """One mass that would resonate at 1."""
+    """One mass with resonance at 1."""
     stop = vx.Stop(0, STOP, "upper", RESTITUTION)
     return vx.ImpactSystem([1.0], [[0.0]], [[1.0]], vx.Harmonic([LOAD], frequency), [stop])
 
 
 def at_resonance(t: float, x: float, v: float, since: float) -> tuple[float, float]:
-    """The motion of x'' + x = LOAD cos t from x, v at `since`, in closed form."""
+    """Motion of x'' + x = LOAD cos t from x, v at time `since`, in closed form."""
     particular = lambda t: np.array([LOAD / 2 * t * np.sin(t), LOAD / 2 * (np.sin(t) + t * np.cos(t))])  # noqa: E731
     a, b = np.array([x, v]) - particular(since)
     c, s = np.cos(t - since), np.sin(t - since)
@@ -38,7 +38,7 @@ def test_it_ends_at_resonance_with_an_orbit_in_closed_form():
     np.testing.assert_allclose([x, v], [first.x0[0], first.v0[0]], rtol=0, atol=1e-13)
 
 
-# Without damping all motions that miss the stop repeat where W divides 1.
+# Without damping, all motions that miss the stop are periodic where W divides 1.
 
 
 @pytest.mark.thorough

@@ -1,4 +1,4 @@
-"""Second derivatives of orbits and of bifurcations, forward and reverse, beside closed forms."""
+"""Second derivatives of orbits and of bifurcations, forward and reverse, against closed forms."""
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ pytestmark = pytest.mark.slow
 
 PERIODS, FREQUENCY = 2, 2.45
 NUMBERS = np.array([1.5, 0.8, 0.03, 1.0])
-# Of the largest second derivative.
+# Error relative to the largest second derivative.
 ROUNDING = 1e-11
 
 
@@ -43,7 +43,7 @@ def test_second_derivatives_of_a_fold():
     fold = next(point for point in branch.bifurcations if point.kind == "fold")
 
     def exact(numbers):
-        """Newton's method from what is known to rounding: each step makes one more order of derivatives exact."""
+        """Fold by Newton's method from its value: each step makes one more order of derivatives exact."""
         w, at = jnp.asarray(fold.value), Numbers(*numbers)
         for _ in range(3):
             w = w - discriminant(w, at, PERIODS) / jax.grad(discriminant)(w, at, PERIODS)

@@ -1,4 +1,4 @@
-"""Several processes work on one store at once, share the work, and each finds the whole, bit for bit."""
+"""Several processes share a store and its work at the same time, and each returns the whole sweep, bit for bit."""
 
 import os
 import pickle
@@ -15,7 +15,7 @@ from test_store import NUM_CHUNKS, assert_same, chunks_of, sweep
 from vijax._execution import store as stores
 from vijax._execution.threads import Threads
 
-# Waits until all are ready, so that they begin at the same moment; tells how many chunks it made.
+# Waits until all are ready, so that they begin at the same moment; returns the number of chunks it made.
 CHILD = """
 import pickle, sys, time
 from pathlib import Path
@@ -43,7 +43,7 @@ def plain() -> xr.Dataset:
 
 
 def run_at_once(folder: Path, store: Path, transients: list[int]) -> list[tuple[int, str, Path]]:
-    """Processes that begin at the same moment: what they returned, told, and where they wrote it."""
+    """Run processes that begin at the same moment; return their codes, error outputs and result files."""
     here, cache, go = str(Path(__file__).parent), str(jax.config.jax_compilation_cache_dir), folder / "go"
     ready = [folder / f"ready {k}" for k in range(len(transients))]
     out = [folder / f"out {k}" for k in range(len(transients))]
@@ -82,7 +82,7 @@ def test_of_two_processes_with_different_sweeps_one_is_refused(tmp_path):
 
 
 def between(monkeypatch, owner, name: str, other) -> None:
-    """Let another sweep run as a whole just before something happens for the first time."""
+    """Run another sweep completely just before the first call of a function."""
     original, met = getattr(owner, name), []
 
     def first_other(*args, **options):
@@ -114,7 +114,7 @@ def test_chunks_that_another_process_made_meanwhile_are_not_made_again(plain, tm
     monkeypatch.setattr(Threads, "run", lambda *args: made.append(1) or run(*args))
     between(monkeypatch, Threads, "run", lambda: sweep(tmp_path))
     assert_same(sweep(tmp_path), plain)
-    # All of the other's, and the one that this one was about to make.
+    # All chunks of the other sweep, and the one that this sweep was about to make.
     assert len(made) == NUM_CHUNKS + 1
 
 
@@ -156,5 +156,5 @@ def test_processes_visit_the_chunks_in_different_orders(tmp_path):
             )
             sweep(tmp_path / str(k))
         orders.append(tuple(order))
-    # That all six of 120 orders are the same happens once in 2e10 times.
+    # All six of 120 orders are equal by chance once in 2e10 times.
     assert len(set(orders)) > 1

@@ -1,4 +1,4 @@
-"""Batches of any size and shape, of machines of every make, are what their lanes are alone."""
+"""Batches of any size and shape, of all kinds of machines, equal their lanes one by one."""
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +19,7 @@ MAKES = {
 
 
 def follow(system: vx.ImpactSystem, x: jax.Array, max_events: int = 40) -> vx.Solution:
-    """From a start at rest."""
+    """Trajectory from a start at rest."""
     x0 = jnp.zeros(system.num_masses).at[0].set(x)
     return vx.simulate(system, 0.0, END, x0, ts=[0.4 * END, END], max_events=max_events, throw=False)
 
@@ -82,7 +82,7 @@ def test_machines_of_every_make(make):
 
 @pytest.mark.slow
 def test_derivatives_of_a_batch_of_batches():
-    """By what all lanes share they are the sum of those of the lanes, forward and reverse."""
+    """Derivatives by shared parameters are the sum over the lanes, forward and reverse."""
     starts, factors = -1e-2 * jnp.arange(3), jnp.array([0.9, 1.0])
 
     def end(x, w):

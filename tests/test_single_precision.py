@@ -1,4 +1,4 @@
-"""What needs 64-bit numbers refuses others in one sentence that says which line turns them on."""
+"""Functions that need 64-bit numbers reject others in one sentence with the line that turns them on."""
 
 import re
 from functools import cache
@@ -14,7 +14,7 @@ import vijax as vx
 from vijax.studio.explorer.motion import motion_from
 from vijax.studio.explorer.pictures import words_of_multipliers
 
-# The library says that it works in 32 bits, or that a machine was made so; that is tested elsewhere.
+# The warnings about 32-bit numbers, and about machines made of them, are tested elsewhere.
 pytestmark = [
     pytest.mark.filterwarnings("ignore:vijax works in float32"),
     pytest.mark.filterwarnings("ignore:A machine, or a part of it, was built"),
@@ -26,14 +26,14 @@ PLANE = {FREQUENCY: [0.7, 0.8], "forcing.amplitude[0]": [0.2, 0.3]}
 
 
 def made_in(bits: int) -> vx.ImpactSystem:
-    """A machine of numbers of so many bits."""
+    """A machine of numbers with that many bits."""
     with jax.enable_x64(bits == 64):
         return vx.models.impact_oscillator(2.4, restitution=0.4, damping_ratio=0.1)
 
 
 @cache
 def orbit_in(bits: int) -> vx.PeriodicOrbit:
-    """An orbit of numbers of so many bits."""
+    """An orbit of numbers with that many bits."""
     with jax.enable_x64(True):
         orbit = vx.periodic_orbit(made_in(64), [-0.1], [0.1])
     is_wide = lambda a: jnp.issubdtype(a.dtype, jnp.floating)  # noqa: E731
@@ -41,18 +41,18 @@ def orbit_in(bits: int) -> vx.PeriodicOrbit:
 
 
 def bits_of(system: vx.ImpactSystem) -> int:
-    """Of its numbers."""
+    """Bits of the numbers of a machine."""
     return 8 * system.mass.dtype.itemsize
 
 
 def point_of(system: vx.ImpactSystem) -> vx.Bifurcation:
-    """What is said to be a fold, of the numbers of a machine."""
+    """Stand-in for a fold, in the precision of a machine."""
     x0 = np.zeros((1, 1), system.mass.dtype)
     return vx.Bifurcation(vx.Branch(xr.Dataset({"x0": (("point", "mass"), x0)}), system), 0)
 
 
 def states_of(system: vx.ImpactSystem, *names: str) -> xr.Dataset:
-    """What is said to be a sweep, of the numbers of a machine."""
+    """Stand-in for a sweep, in the precision of a machine."""
     return xr.Dataset({name: ((FREQUENCY, "mass"), np.zeros((1, 1), system.mass.dtype)) for name in names})
 
 
@@ -110,7 +110,7 @@ def test_the_explorer_shows_a_motion_of_single_precision_without_multipliers():
 
 
 def examples() -> list[str]:
-    """The code of all docstrings."""
+    """Code of all docstrings."""
     found = []
     for file in sorted((ROOT / "vijax").rglob("*.py")):
         found += re.findall(r"^ *```python\n(.*?)\n *```", file.read_text(), re.M | re.S)

@@ -8,7 +8,7 @@ import vijax as vx
 
 @pytest.mark.thorough
 def test_a_ball_that_bounces_for_ever_has_the_coefficients_of_a_parabola():
-    """x = v0 s - g s^2 / 2 between impacts: c_k = g (T / 2 pi k)^2, to the sign, and the mean is g T^2 / 12."""
+    """x = v0 s - g s^2 / 2 between impacts: c_k = g (T / 2 pi k)^2, up to sign, and the mean is g T^2 / 12."""
     gravity, period = 2.0, 1.5
     ball = vx.models.bouncing_ball(1.0, gravity=gravity)
     driven = vx.ImpactSystem(
@@ -31,7 +31,7 @@ def test_a_ball_that_bounces_for_ever_has_the_coefficients_of_a_parabola():
 
 @pytest.mark.parametrize("frequency", [pytest.param(1.6, marks=pytest.mark.thorough), 2.0])
 def test_a_chaotic_motion_answers_its_load_and_impulses_by_the_transfer_function(frequency):
-    """(K - w^2 M + i w C) X = F + sum of impulses exp(-i w t) - ends: the equation of motion, integrated as a whole."""
+    """Integrated equation of motion: (K - w^2 M + i w C) X = F + sum of impulses exp(-i w t) - ends."""
     system = vx.models.wagg_bishop_b(frequency)
     period = float(system.forcing.period)
     sol = vx.simulate(system, 0.0, 30 * period, v0=[0.0, 0.05], max_events=512)
@@ -69,7 +69,7 @@ def test_what_is_held_adds_its_place_and_a_window_keeps_the_mean_of_a_line():
     hann = vx.power_spectrum(sol, last=4)
     at = [0, 4, 8]
     np.testing.assert_allclose(hann.x.values[at], rectangular.x.values[at], atol=1e-9)
-    # The derivative of what repeats.
+    # Derivative of a periodic motion.
     w = rectangular.frequency.values
     np.testing.assert_allclose(rectangular.v.values, 1j * w[:, None] * rectangular.x.values, atol=1e-9)
 

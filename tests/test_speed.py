@@ -1,4 +1,4 @@
-"""What makes a sweep fast, told from its compiled text: nothing here is timed."""
+"""Properties that make a sweep fast, checked in its compiled text: nothing here is timed."""
 
 import os
 import re
@@ -26,7 +26,7 @@ POINTS, LANES = 16, 8
 
 @pytest.fixture(scope="module")
 def compiled() -> str:
-    """The text of the loop over lanes for a frequency sweep of case (b)."""
+    """Text of the loop over lanes for a frequency sweep of case (b)."""
     base = LaneInput(vx.models.wagg_bishop_b(1.0), np.zeros(2), np.zeros(2))
     points = points_of_lanes(base, {"forcing.frequency": np.linspace(0.5, 1.5, POINTS)})
     flow = choose_flow(points.system, can_stick=True)
@@ -43,7 +43,7 @@ def compiled() -> str:
 
 def test_no_library_sine_is_computed_in_the_loop(compiled):
     shapes = re.findall(r"f64\[([\d,]*)\]\S* (?:cosine|sine|exponential)\(", compiled)
-    # Before it starts they turn the phases of the load into amplitudes: no shape ends in the lanes.
+    # They only convert the phases of the load to amplitudes before the loop: no shape ends in the lanes.
     assert shapes
     assert not any(shape.endswith(f",{LANES}") or shape == str(LANES) for shape in shapes)
 
@@ -64,8 +64,8 @@ def test_there_are_loops_over_queue_turns_and_the_impacts_and_period_ends_of_a_t
 
 
 def test_shared_parts_of_a_step_are_computed_once(compiled):
-    # XLA repeats what two results share, unless a call lies between; without those the text
-    # holds twice as many operations.
+    # XLA repeats operations that two results share, unless a call is between; without those calls the text has twice
+    # as many operations.
     assert compiled.count(" call(") >= 12
     operations = sum(compiled.count(f" {name}(") for name in ("add", "subtract", "multiply", "divide"))
     assert operations < 2500
@@ -81,7 +81,7 @@ def test_a_second_sweep_of_the_same_shape_is_not_traced_again(monkeypatch):
     traces = []
     original = lane_loop.advance
     monkeypatch.setattr(lane_loop, "advance", lambda *args: traces.append(1) or original(*args))
-    # A shape that no other test has.
+    # A shape of no other test.
     settings = ExecutionSettings(points=40, lanes=24)
     run = lambda first: vx.sweep(  # noqa: E731
         vx.models.wagg_bishop_b(0.8), {"forcing.frequency": np.linspace(first, 1.6, 30)}, transient=1, record=1,

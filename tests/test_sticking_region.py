@@ -1,4 +1,4 @@
-"""Region S and its exit boundary are where masses really stay held, and where they really leave."""
+"""Region S and its exit boundary agree with sticking and release in simulations."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -10,7 +10,7 @@ from helpers import load_scene
 
 import vijax as vx
 
-# Some thousand steps of rounding, of forces of order one.
+# Rounding of some thousand steps, for forces of order one.
 ROUNDING = 1e-12
 SAME_INSTANT = 1e-12
 SAMPLES = 40
@@ -41,7 +41,7 @@ def events(sol: vx.Solution) -> list[tuple[float, int, int]]:
 
 
 def held_spans(sol: vx.Solution, start: list[int]) -> Iterator[tuple[float, float, tuple[int, ...]]]:
-    """Every span of time between two events in which some stops hold their masses."""
+    """Time spans between events in which some stops hold their masses."""
     begin, held = float(sol.t0), set(start)
     for t, kind, stop in [*events(sol), (float(sol.t1), vx.IMPACT, -1)]:
         if held and t > begin:
@@ -50,7 +50,7 @@ def held_spans(sol: vx.Solution, start: list[int]) -> Iterator[tuple[float, floa
 
 
 def releases(sol: vx.Solution, start: list[int]) -> Iterator[tuple[float, int, tuple[int, ...], bool]]:
-    """Every release: when, of which stop, who was held until then, and whether anyone hit at that instant."""
+    """Time, stop, stops that held until then, and simultaneous impact, of every release."""
     held, log = set(start), events(sol)
     for t, kind, stop in log:
         until = held
@@ -176,7 +176,7 @@ def test_held_masses_are_inside_the_region_and_pressed_as_the_simulation_says(na
 
 
 def four_masses(rng: np.random.Generator) -> vx.ImpactSystem:
-    """A dense machine with two harmonics and a constant force, some stops."""
+    """A machine with full matrices, two harmonics, a constant force and some stops."""
     c, k = rng.normal(size=(2, 4, 4))
     load = vx.Harmonic(rng.normal(size=(2, 4)), 1.3, rng.normal(size=(2, 4)), rng.normal(size=4))
     stops = [
@@ -193,7 +193,7 @@ def test_force_and_rates_are_those_of_the_reduced_equations(held):
     rng = np.random.default_rng(7)
     system = four_masses(rng)
     region = vx.sticking_region(system, held)
-    # The reduced equations as z' = A z, with z = (x, v, cosines, sines, 1) and the force a row of it.
+    # Reduced equations as z' = A z, with z = (x, v, cosines, sines, 1) and the force as a row of it.
     free = np.array([i for i in range(4) if i not in {system.stops[j].mass for j in held}])
     assert region.free == tuple(free)
     m, c, k = (np.asarray(a) for a in (system.mass, system.damping, system.stiffness))
@@ -231,12 +231,12 @@ def test_force_and_rates_are_those_of_the_reduced_equations(held):
 
 
 def held_at_once(system: vx.ImpactSystem, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Whether a start at rest on the stops is held there, as `simulate` sees it, (starts, stops)."""
+    """Test whether starts at rest on the stops stick there in `simulate`, (starts, stops)."""
     return np.array([vx.simulate(system, 0.0, 0.0, *start).stuck1 for start in zip(x, v, strict=True)])
 
 
 def dyadic() -> vx.ImpactSystem:
-    """Numbers that are exact in binary, so that a contact force can be exactly zero."""
+    """A machine of exact binary numbers, so that a contact force can be exactly zero."""
     load = vx.Harmonic([0.5, 0.0], 0.5)
     stops = [vx.Stop(1, 0.125, "upper", 0.5), vx.Stop(0, -64.0, "lower", 0.5)]
     return vx.chain([1.0, 1.0], [0.125, 0.125], [1.0, 1.0], load, stops)
@@ -258,7 +258,7 @@ def test_a_mass_at_rest_on_its_stop_is_held_inside_the_region_and_on_its_entry_b
 
 
 def test_where_force_and_rate_vanish_the_next_derivative_decides():
-    # Nothing moves and nothing presses at phase 0, and then the load grows or falls like t^2.
+    # At phase 0 velocity and contact force are zero; then the load grows or falls like t^2.
     for amplitude, stays in ((-0.5, True), (0.5, False)):
         load = vx.Harmonic([amplitude], 1.0, mean=[-amplitude])
         system = vx.ImpactSystem([1.0], [[0.0]], [[0.0]], load, [vx.Stop(0, 0.0, "upper", 0.5)])

@@ -1,4 +1,4 @@
-"""A sweep that is stopped, killed or damaged on disk is gone on with, and finds the same, bit for bit."""
+"""A sweep that is stopped, killed or damaged on disk resumes, and returns the same, bit for bit."""
 
 import json
 import os
@@ -22,7 +22,7 @@ from vijax._execution.threads import Threads
 FREQUENCY = "forcing.frequency"
 # Case (b) chatters and sticks at the first, and is chaotic at the last.
 FREQUENCIES = np.linspace(0.2, 2.1, 24)
-# Carried along they come one after another.
+# Points of the carried sweep, which run one after another.
 CARRIED = np.linspace(0.2, 2.1, 8)
 SYSTEM = vx.models.wagg_bishop_b(1.0)
 # Chunks of the 24 points: 5, 5, 5, 5, 4.
@@ -31,7 +31,7 @@ SMALL_CHUNKS = ExecutionSettings(cores=1, max_chunk=POINTS_PER_CHUNK, visits=2)
 
 
 def sweep(store: Path | None = None, system: vx.ImpactSystem = SYSTEM, values=None, **options) -> xr.Dataset:
-    """A short sweep, long enough for chaos to show the last bit."""
+    """A short sweep, long enough for chaos to reveal the last bit."""
     if values is None:
         values = {FREQUENCY: FREQUENCIES if options.get("carry") is None else CARRIED}
     options = {"transient": 10, "record": 5, "progress": False, "settings": SMALL_CHUNKS} | options
@@ -40,7 +40,7 @@ def sweep(store: Path | None = None, system: vx.ImpactSystem = SYSTEM, values=No
 
 @pytest.fixture
 def ran(monkeypatch) -> list[int]:
-    """How many points were run by each call that was not answered by the store."""
+    """Numbers of points of all runs that the store did not answer."""
     numbers = []
     original = Threads.run
 
@@ -54,12 +54,12 @@ def ran(monkeypatch) -> list[int]:
 
 @pytest.fixture(scope="module")
 def plain() -> dict[str | None, xr.Dataset]:
-    """The sweeps without a store."""
+    """Sweeps without a store."""
     return {carry: sweep(carry=carry) for carry in (None, "up")}
 
 
 def assert_same(found: xr.Dataset, expected: xr.Dataset):
-    """Every bit and every attribute, but for how many steps of idle lanes were taken."""
+    """Compare every bit and every attribute except the number of steps of idle lanes."""
     for ds in (found, expected):
         ds.steps.attrs.pop("lane_steps", None)
     xr.testing.assert_identical(found, expected)
@@ -68,7 +68,7 @@ def assert_same(found: xr.Dataset, expected: xr.Dataset):
 
 
 def stop_at_chunk(number: int, monkeypatch, stop) -> None:
-    """Call `stop` where the chunk of this number was written, but does not have its name yet."""
+    """Call `stop` when the chunk of this number is written, but not yet renamed."""
     replace, written = os.replace, []
 
     def replace_or_stop(part, file):
@@ -104,7 +104,7 @@ def test_the_size_of_the_chunks_changes_nothing(plain, tmp_path, ran):
 
 @pytest.fixture
 def interruptible():
-    """Let an interrupt raise, also where pytest was started in the background, which ignores it."""
+    """Make interrupts raise, even if pytest runs in the background, which ignores them."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
@@ -168,7 +168,7 @@ DAMAGES = {
 
 @pytest.fixture(scope="module")
 def full(tmp_path_factory) -> Path:
-    """A store that holds all chunks."""
+    """A store with all chunks."""
     folder = tmp_path_factory.mktemp("full")
     sweep(folder)
     return folder
@@ -192,7 +192,7 @@ def test_a_chunk_of_another_name_is_made_again(plain, full, ran):
 
 
 def test_a_chunk_of_another_sweep_is_made_again(plain, full, tmp_path, ran):
-    """The same points, whose files have the same names, after another transient."""
+    """Files of the same points have the same names after another transient."""
     sweep(tmp_path, transient=1)
     ran.clear()
     files = [(chunk, tmp_path / chunk.name) for chunk in chunks_of(full)]
@@ -208,7 +208,7 @@ def test_a_chunk_is_a_file_that_numpy_reads(full):
 
 
 def test_the_number_of_the_layout_stands_for_what_a_chunk_holds(full):
-    """If this fails, a change of `Found` made old stores unreadable: `_LAYOUT` must go up with it."""
+    """If this fails, a change of `Found` made old stores unreadable: increase `_LAYOUT`."""
     with np.load(chunks_of(full)[0]) as arrays:
         layout = {name: a.shape[:-1] for name, a in arrays.items()}
         columns = {name: a.dtype.kind for name, a in arrays.items() if name.startswith("impacts.")}

@@ -1,4 +1,4 @@
-"""Thousands of random machines, of every kind at once: what must hold for each of them."""
+"""Properties of thousands of random machines, of every kind."""
 
 from functools import cache
 from typing import NamedTuple
@@ -39,12 +39,12 @@ GROUPS = [
 LOG = 400
 # Some ten roundings of the position.
 ROUNDING = 1e-14
-# Between samples a gap is known from a cubic, whose error is h^4 max|x''''| / 384.
+# Error of the cubic interpolation of a gap between samples, h^4 max|x''''| / 384.
 SAMPLED_DEPTH = 1e-6
 
 
 def chain_matrix(links: np.ndarray) -> np.ndarray:
-    """Links in a row from the wall, as in Eqs. 1 and 2 of the paper."""
+    """Matrix of links in a row from the wall, as in Eqs. 1 and 2 of the paper."""
     return np.diag(links + np.append(links[1:], 0)) - np.diag(links[1:], 1) - np.diag(links[1:], -1)
 
 
@@ -70,10 +70,10 @@ def draw_matrices(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndar
 
 
 def draw_restitution(rng: np.random.Generator, stops: int, is_damped: bool) -> np.ndarray:
-    """Plastic, elastic, alike, mixed, near either end.
+    """Restitutions: plastic, elastic, equal, mixed, near either end.
 
-    An elastic stop against which a damped machine is pressed is left out: the bounces become
-    exponentially many, and no count of steps would do.
+    Elastic stops of damped machines are excluded: if pressed, the number of bounces grows exponentially, beyond any
+    bound on steps.
     """
     r = [
         np.zeros(stops),
@@ -103,7 +103,7 @@ def draw_start(rng: np.random.Generator, n: int, stops: tuple, position: np.ndar
 
 
 def draw(rng: np.random.Generator, layout: str, harmonics: int) -> dict[str, np.ndarray]:
-    """One random machine with its start and its time span."""
+    """A random machine with its start and its time span."""
     n, stops = LAYOUTS[layout]
     mass, damping, stiffness = draw_matrices(rng, n)
     frequency = 10 ** rng.uniform(-1.5, 1.5)
@@ -136,7 +136,7 @@ def draw(rng: np.random.Generator, layout: str, harmonics: int) -> dict[str, np.
 
 
 class Batch(NamedTuple):
-    """Machines side by side and what became of them; lanes first, as NumPy's."""
+    """A batch of machines and its results; lanes first, as NumPy arrays."""
 
     machines: dict[str, np.ndarray]
     solution: vx.Solution
@@ -149,12 +149,12 @@ class Batch(NamedTuple):
 
     @property
     def log(self) -> vx.EventLog:
-        """The event logs."""
+        """Event logs."""
         return self.solution.events
 
     @property
     def impacts(self) -> np.ndarray:
-        """Where the log has impacts."""
+        """True where the log has impacts."""
         return np.asarray(self.log.kind) == vx.IMPACT
 
     @property
@@ -164,12 +164,12 @@ class Batch(NamedTuple):
 
     @property
     def scale(self) -> np.ndarray:
-        """The size of the motion of every lane."""
+        """Size of the motion of every lane."""
         return np.maximum(1, np.nanmax(np.abs(self.x), axis=(1, 2)))
 
 
 def sample_times(machines: dict[str, np.ndarray], restarts: np.ndarray) -> np.ndarray:
-    """Dense times, and times inside every flight between events however short, as room allows."""
+    """Dense times, and times inside every flight between events, even short ones, as far as there is room."""
     rows = []
     for t0, t1, row in zip(machines["t0"], machines["t1"], restarts, strict=True):
         ends = np.append(row[np.isfinite(row)][:60], t1)
@@ -233,7 +233,7 @@ def test_no_sample_lies_beyond_a_stop(batch):
 
 @for_every_group
 def test_no_gap_dips_below_zero_between_two_samples(batch):
-    # The cubic through values and slopes at both ends, where they tell of a minimum between them.
+    # Cubic through the values and slopes at both ends, where they imply a minimum between them.
     gap, slope = batch.gaps, -batch.signs * batch.v[..., batch.masses]
     h = np.diff(batch.t, axis=1)[..., None]
     start, end, falls, rises = gap[:, :-1], gap[:, 1:], h * slope[:, :-1], h * slope[:, 1:]
@@ -285,7 +285,7 @@ def test_every_stop_sticks_and_releases_in_turn(batch):
             changes = run[run != vx.IMPACT]
             expected = np.resize([vx.RELEASE, vx.STICK] if held else [vx.STICK, vx.RELEASE], len(changes))
             np.testing.assert_array_equal(changes, expected, err_msg=f"lane {lane}, stop {j}")
-            # No impact while it is held: a stick is followed by its release.
+            # No impact while it sticks: a stick is followed by its release.
             assert not (np.diff(run) == vx.IMPACT - vx.STICK).any(), f"lane {lane}, stop {j}"
 
 
@@ -304,8 +304,8 @@ def test_a_held_mass_rests_on_its_stop_and_presses(batch):
 
 
 def test_a_mass_at_rest_on_its_stop_is_held_once_the_hit_of_another_presses_it():
-    # The damper between the masses pulls mass 1 off its stop, until at the same instant mass 0 is
-    # stopped dead. Then only the load of 0.2 acts, towards the stop.
+    # The damper between the masses pulls mass 1 off its stop, until at the same instant mass 0 is stopped. Then only
+    # the load of 0.2 acts, towards the stop.
     load = vx.Harmonic([0.0, 0.0], 1.0, mean=[0.0, 0.2])
     stops = [vx.Stop(0, 0.0, "lower", 0.0), vx.Stop(1, 0.0, "upper", 0.0)]
     system = vx.ImpactSystem([1.0, 1.0], [[1.0, -1.0], [-1.0, 1.0]], np.eye(2), load, stops)
@@ -313,7 +313,7 @@ def test_a_mass_at_rest_on_its_stop_is_held_once_the_hit_of_another_presses_it()
     sol = vx.simulate(system, 0.0, 1.0, *start, ts=np.linspace(0.0, 1.0, 6), max_events=16)
     np.testing.assert_array_equal(sol.xs[:, 1], 0.0)
     assert sol.stuck1[1]
-    # It was not held before that instant, so the log says that it is now.
+    # It did not stick before that instant, so the log has a stick.
     first = (sol.events.stop == 1) & (sol.events.kind == vx.STICK)
     np.testing.assert_array_equal(sol.events.t[first], [0.0])
 

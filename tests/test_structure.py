@@ -1,4 +1,4 @@
-"""A file imports only what stands above it."""
+"""A file imports only from folders above its own."""
 
 import re
 from pathlib import Path
@@ -14,7 +14,7 @@ FILES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py"))
 
 
 def imports_of(file: Path) -> set[Path]:
-    """The files and folders of the package that a file imports when it is imported itself."""
+    """Files and folders of the package that a file imports at its own import."""
     found = set()
     for dots, target in re.findall(r"^from (\.+)([\w.]*) import", (PACKAGE / file).read_text(), re.M):
         place = Path(*file.parts[: len(file.parts) - len(dots)], *filter(None, target.split(".")))

@@ -13,7 +13,7 @@ from vijax._execution.settings import ExecutionSettings
 
 FREQUENCIES = [0.5, 0.8, 1.4]
 TRANSIENT, RECORD = 4, 3
-# Some hundred roundings, magnified as much as these motions magnify (measured: below 100).
+# Some hundred roundings, with the amplification of these motions (measured: below 100).
 ROUNDING = 1e-11
 # A machine whose modes its damping does not diagonalise.
 NONPROPORTIONAL = [[0.3, -0.1], [-0.1, 0.1]]
@@ -38,7 +38,7 @@ def alone(system: vx.ImpactSystem, x0=None, v0=None) -> tuple[vx.Solution, dict[
 
 
 def assert_same(point: xr.Dataset, system: vx.ImpactSystem, x0=None, v0=None):
-    """A point of a sweep is what the machine does alone."""
+    """Check that a point of a sweep equals a single run."""
     sol, impacts = alone(system, x0, v0)
     count = len(impacts["time"])
     assert point.num_impacts.values.tolist() == [
@@ -58,7 +58,7 @@ def assert_same(point: xr.Dataset, system: vx.ImpactSystem, x0=None, v0=None):
 
 
 def result_name(point: xr.Dataset) -> str:
-    """The code in words, as the attributes tell it."""
+    """Result code in words, from the attributes."""
     attributes = point.result.attrs
     names = dict(zip(attributes["flag_values"], attributes["flag_meanings"].split(), strict=True))
     return names[int(point.result)]
@@ -174,7 +174,7 @@ def test_too_few_steps_are_told_and_only_of_their_point():
 @pytest.mark.slow
 @pytest.mark.thorough
 def test_a_stiff_machine_under_a_slow_load_has_the_steps_it_needs():
-    """A period of the slow load has 20 000 of its vibrations, of the fast one 200."""
+    """A period of the slow load has 20 000 vibrations of the machine, one of the fast load 200."""
     load = vx.Harmonic([1.0], 0.05)
     system = vx.ImpactSystem([1.0], [[2.0]], [[1e6]], load, [vx.Stop(0, 5e-7, "upper", 0.7)])
     values = {"forcing.frequency": [0.05, 5.0]}

@@ -1,4 +1,4 @@
-"""What cannot be swept is refused in a sentence."""
+"""Sweeps that are not possible are rejected in one sentence."""
 
 import re
 

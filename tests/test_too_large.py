@@ -1,4 +1,4 @@
-"""Derivatives that have grown beyond all use are told of, once, and nothing else is."""
+"""Derivatives too large to be useful give one warning, and others give none."""
 
 import warnings
 
@@ -11,28 +11,28 @@ import vijax as vx
 from vijax._trajectory import derivative_growth
 
 SYSTEM = vx.models.impact_oscillator(2.4, restitution=0.4, damping_ratio=0.1)
-# A unit in which a metre is so little has derivatives that are so large.
+# Factor on start and end, as of a tiny unit of length: derivatives grow by its square.
 TINY_UNIT = 1e21
 SENTENCE = "Derivatives through a trajectory have grown to 1e"
 
 
 @pytest.fixture(autouse=True)
 def _not_told_yet():
-    """Whatever was told in other tests."""
+    """Forget warnings of other tests."""
     derivative_growth._warn.cache_clear()
     yield
     derivative_growth._warn.cache_clear()
 
 
 def end(y, unit=TINY_UNIT, throw=True):
-    """The position after a period in some unit, by the start in that unit; what derivatives begin with, either way, has its size."""
+    """Position after a period, by the start, both scaled by `unit`, so that forward and reverse seeds have its size."""
     start = -0.1 + unit * y
     sol = vx.simulate(SYSTEM, 0.0, 2.6, start[None], jnp.array([0.1]), max_events=16, throw=throw)
     return unit * sol.x1[0]
 
 
 def told_by(derivative, *args) -> list[str]:
-    """What is warned of by a derivative that is taken twice."""
+    """Warnings from a derivative that is taken twice."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         for _ in range(2):
@@ -77,7 +77,7 @@ def test_others_are_not_told_of_and_stay_what_they_are(derivative):
 
 
 def test_what_is_infinite_is_not_told_of():
-    """At grazing derivatives are infinite, however short the span."""
+    """At grazing, derivatives are infinite for spans of any length."""
     assert told_by(lambda: derivative_growth.warn_if_large([jnp.array([np.inf, -np.inf, np.nan, 1.0])])) == []
     assert told_by(lambda: derivative_growth.warn_if_large([jnp.array([np.inf, -1e20])])) != []
 
@@ -93,7 +93,7 @@ def test_a_chaotic_motion_over_many_periods_is_told_of():
 @pytest.mark.thorough
 @pytest.mark.parametrize("derivative", [jax.jacfwd, jax.grad])
 def test_a_compiled_program_calls_back_only_where_it_does_so_anyway(derivative):
-    """What calls back into Python is never kept in the folder of compiled programs."""
+    """JAX never keeps programs that call back into Python in the folder of compiled programs."""
     for throw in (False, True):
         compiled = jax.jit(derivative(lambda y, throw=throw: end(y, throw=throw)))
         assert ("callback" in compiled.lower(jnp.zeros(())).as_text()) == throw

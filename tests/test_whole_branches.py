@@ -1,4 +1,4 @@
-"""Branches are whole: they end where they end, list what is there and nothing else, and their points are what they say."""
+"""Branches are complete: they end only where they must, list all bifurcations and no others, and have exact points."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,11 +11,11 @@ pytestmark = pytest.mark.thorough
 
 FREQUENCY, RESTITUTION, POSITION = "forcing.frequency", "stops[0].restitution", "stops[0].position"
 MEAN = "forcing.mean[0]"
-# Room for all events of orbits of one mass: one program.
+# Event capacity for orbits of one mass: one program.
 ROOM = 32
-# What is located, in the scale of the parameter.
+# Error of located points, in the scale of the parameter.
 LOCATED = 1e-10
-# By how much an impact moves a mass whose speed is the root of rounding.
+# Displacement by an impact whose speed is the square root of rounding.
 LIGHT_IMPACT = 1e-7
 
 
@@ -28,7 +28,7 @@ def orbit_of(system, x, v, n=1):
 
 
 def response(system, frequency=None):
-    """The orbit without impacts, as positions and velocities at phase 0."""
+    """Orbit without impacts, as positions and velocities at phase 0."""
     w = float(system.forcing.frequency) if frequency is None else frequency
     matrix = system.stiffness - w**2 * jnp.diag(system.mass) + 1j * w * system.damping
     x = np.linalg.solve(
@@ -74,7 +74,7 @@ def test_ever_more_bounces_are_no_return_to_an_earlier_point(cascade):
 
 
 def test_a_grazing_after_a_light_bounce_is_where_a_run_grazes(cascade):
-    """Where the gap has a maximum and a minimum between two samples of its motion."""
+    """The gap has a maximum and a minimum between two samples of its motion."""
     grazing = cascade[1].bifurcations[-3]
     assert grazing.kind == "gr"
     assert grazing.value == pytest.approx(0.0490313844, abs=1e-10)
@@ -86,7 +86,7 @@ def test_a_grazing_after_a_light_bounce_is_where_a_run_grazes(cascade):
 
 
 def end_of_leap(frequency, damping_ratio=0.05):
-    """Where a mass comes back to x = 0, a period after it left there at rest as the load begins to pull."""
+    """Position a period after the mass left x = 0 at rest, as the load began to pull; zero at the onset of sticks."""
     rate, start, period = np.sqrt(1 - damping_ratio**2), np.pi / 2 / frequency, 2 * np.pi / frequency
     forced = lambda t: np.exp(1j * frequency * t) / (1 - frequency**2 + 2j * damping_ratio * frequency)  # noqa: E731
     x, v = -forced(start).real, -(1j * frequency * forced(start)).real
@@ -142,7 +142,7 @@ def test_without_damping_multipliers_on_the_circle_do_not_cross_it():
 
 @pytest.mark.parametrize("share", [0.7, 0.995])
 def test_a_window_of_a_narrow_resonance_is_found(share):
-    """Two masses that share nothing; the second, of quality 5000, comes to its stop close to its resonance alone."""
+    """Two uncoupled masses; the second, of quality 5000, reaches its stop only near its resonance."""
     quality, natural, load = 5000.0, 1.3, 1e-3
     damping = natural / quality
     position = share * load / (natural * damping)
@@ -178,12 +178,13 @@ def test_an_orbit_gone_round_twice_crosses_the_doubled_ones_at_the_doubling():
 
 
 def check_point(point):
-    """The orbit of a bifurcation, its columns and a run of the machine agree."""
+    """Check that the orbit of a bifurcation, its columns and a run of the machine agree."""
     orbit, columns = point.orbit, point.branch.points.isel(point=point.index)
     np.testing.assert_array_equal(orbit.x0, columns.x0)
     np.testing.assert_array_equal(orbit.multipliers, columns.multipliers)
     growth = np.abs(orbit.multipliers)
-    # Where an impact comes or goes a run may have it or not, with a speed that is the root of rounding.
+    # Where an impact appears or vanishes, a run may lack it, or have it with the square root of rounding as its
+    # speed.
     least = LIGHT_IMPACT if point.kind in ("gr", "chatter_completion") else 1e-13
     error = least * max(1.0, growth[np.isfinite(growth)].max())
     sol = vx.simulate(orbit.system, 0.0, orbit.period, orbit.x0, orbit.v0, max_events=512)
@@ -202,7 +203,7 @@ def test_orbits_of_all_bifurcations_are_what_the_branch_says(cascade, plastic):
 
 
 def test_an_impact_that_passes_the_start_of_the_cycle_is_no_grazing():
-    """The motion of the equations beyond that impact is none of the machine."""
+    """The solution of the equations beyond that impact is not admissible."""
     branches = []
     for frequency in (0.93, 0.94):
         system = oscillator(
@@ -221,7 +222,7 @@ def test_an_impact_that_passes_the_start_of_the_cycle_is_no_grazing():
 
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_a_hop_between_two_holds_vanishes_where_the_force_touches_zero(restitution):
-    """The load pulls the mass off the stop that the spring presses it to once it is stronger than 0.31."""
+    """A load stronger than 0.31 pulls the mass off the stop on which the spring presses it."""
     found = []
     for amplitude in (0.2, 0.5):
         system = oscillator(
@@ -257,7 +258,7 @@ def test_no_event_that_passes_the_start_of_the_cycle_is_a_change(numbers, n, sta
     for angle in (phase, 0.0):
         system = vx.models.impact_oscillator(frequency, phase=angle, **own)
         x, v = start
-        if angle == 0.0:  # the same motion, met an angle of the load later
+        if angle == 0.0:  # the same motion, started at a later phase
             first = vx.periodic_orbit(vx.models.impact_oscillator(frequency, phase=phase, **own), [x], [v], n)
             later = vx.simulate(first.system, 0.0, (2 * np.pi - phase) / frequency, first.x0, first.v0)
             x, v = later.x1, later.v1
@@ -269,7 +270,7 @@ def test_no_event_that_passes_the_start_of_the_cycle_is_a_change(numbers, n, sta
 
 
 def test_a_chatter_has_room_for_its_last_bounces():
-    """Where the cycle has nearly as many events as its program has room for."""
+    """The cycle has nearly as many events as the capacity of its program."""
     system = vx.models.impact_oscillator(
         0.5745788216196517, damping_ratio=0.09978594367951248, restitution=0.0, position=0.6084226900248537
     )
@@ -298,7 +299,7 @@ def test_branches_and_curves_do_not_depend_on_the_phase_at_which_the_cycle_begin
 
 
 def test_multipliers_do_not_depend_on_how_a_cycle_is_cut():
-    """Begun at other phases, and gone round twice."""
+    """Cycles that begin at other phases, and a cycle traversed twice."""
     system = vx.models.wagg_bishop_a(0.8)
     orbit = vx.periodic_orbit(system, [0.18, 0.09], [0.33, 0.52])
     for share in (0.2, 0.55, 0.8):

@@ -1,4 +1,4 @@
-"""A trajectory of known numbers, followed call by call, is that of one call in which values are traced."""
+"""A concrete trajectory, computed call by call, equals that of one call with traced values."""
 
 import threading
 

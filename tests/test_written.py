@@ -1,4 +1,4 @@
-"""Sweeps that are written as they are run, and read lazily, are those in memory, bit for bit."""
+"""Sweeps that are written as they run, and read lazily, equal those in memory, bit for bit."""
 
 import os
 from importlib.util import find_spec
@@ -17,12 +17,12 @@ pytest.importorskip("zarr")
 
 @pytest.fixture(scope="module")
 def plain() -> xr.Dataset:
-    """The sweep in memory."""
+    """Sweep in memory."""
     return sweep()
 
 
 def assert_same_when_read(found: xr.Dataset, expected: xr.Dataset):
-    """Every bit; Zarr keeps lists for arrays among attributes."""
+    """Compare every bit; in attributes, Zarr stores arrays as lists."""
     expected = expected.copy()
     expected.steps.attrs.pop("lane_steps", None)
     for variable in expected.variables.values():
@@ -40,7 +40,7 @@ def test_a_sweep_that_is_written_is_that_in_memory(plain, tmp_path):
     assert_same_when_read(found, plain)
     again = Here()
     assert_same_when_read(sweep(out=tmp_path / "a.zarr", executor=again), plain)
-    assert again.given == 1  # a look at all points; nothing is left to run
+    assert again.given == 1  # all points are read; none is left to run
 
 
 @pytest.mark.thorough
@@ -94,7 +94,7 @@ def test_a_folder_of_another_sweep_is_not_written_to(tmp_path):
 
 @pytest.mark.thorough
 def test_the_motion_between_events_is_chosen_for_all_blocks(tmp_path):
-    """Modes do for most points, but not for those of the last block: then none is run by them."""
+    """The modal flow suits most points, but not those of the last block: then it runs none."""
     own = vx.models.wagg_bishop_b(1.0)
     damping = np.array(np.broadcast_to(own.damping, (7, 2, 2)))
     damping[-1, 0, 0] *= 1.5

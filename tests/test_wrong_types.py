@@ -1,4 +1,4 @@
-"""What is of a wrong type is told in a sentence, to users too, whose annotations nobody checks as these tests do."""
+"""Arguments of a wrong type raise an error in one sentence, also for users, whose annotations are not checked."""
 
 import json
 import re
@@ -18,7 +18,7 @@ NUMBERS = "must be made of real numbers, but is"
 LIST = "Argument `stops` must be a list of `vx.Stop` and `vx.Contact`, also where there is one, but is"
 LOAD = "vx.Harmonic([0.4], 0.8)"
 ONE = f"vx.chain([1.0], [0.1], [1.0], {LOAD}, [vx.Stop(0, 0.3)])"
-# What is called, and the sentence.
+# The call, and the message.
 WRONG = {
     'vx.Harmonic([0.4], "0.81")': f"Argument `frequency` {NUMBERS} '0.81'.",
     "vx.Harmonic([0.4], None)": f"Argument `frequency` {NUMBERS} None.",
@@ -72,7 +72,7 @@ print(json.dumps(told))
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory):
-    """What comes of all of them in a process that checks no annotations."""
+    """Messages of all calls in a process that does not check annotations."""
     folder = tmp_path_factory.mktemp("wrong")
     force = 'force = "springs:cubic"\n[forcing]\namplitude = [0.6]\nfrequency = 0.8\n'
     (folder / "m.toml").write_text("mass = [1.0]\ndamping = [[0.1]]\nstiffness = [[1.0]]\n" + force)
@@ -93,14 +93,14 @@ def test_fractions_and_decimals_are_numbers():
 
 
 def test_numbers_of_machines_have_one_type_whatever_they_are_given_as():
-    """Weak types, of Python's numbers, are printed as others and compiled for once more."""
+    """Weak types, of Python's numbers, print differently and need another compilation."""
     given = (0.8, np.float64(0.8), np.array(0.8), jnp.asarray(0.8), jnp.array(0.8, jnp.float64))
     loads = [vx.Harmonic([0.4], one) for one in given]
     assert [load.frequency.weak_type for load in loads] == [False] * len(given)
     assert {str(jax.typeof(load.frequency)) for load in loads} == {"float64[]"}
 
 
-# Names that are misspelt
+# Misspelt names
 
 
 SYSTEM = vx.models.wagg_bishop_b(0.8)

@@ -1,4 +1,4 @@
-"""Datasets that say how they were made, and files of them that are read back as they were."""
+"""Datasets that describe how they were made, and lossless files of them."""
 
 import dataclasses
 import json
@@ -21,7 +21,7 @@ from vijax._system.description import build, describe
 FREQUENCY, RESTITUTION = "forcing.frequency", "stops[*].restitution"
 SYSTEM = vx.models.wagg_bishop_b(0.8)
 THIRD = 1 / 3
-# Every kind of number that a machine has, most of them without an end in decimals.
+# Every kind of number that a machine has, most of them without a finite decimal form.
 LOAD = vx.Harmonic([[THIRD, 0.0, 0.1], [0.7, 1e-300, -0.2]], np.pi, [[0.1, 0.2, 0.3]] * 2, [THIRD, 0.0, -0.1])
 STOPS = [vx.Stop(0, -THIRD, "lower", 0.7), vx.Stop(2, np.sqrt(2), "upper", THIRD)]
 MACHINE = vx.chain([1.0, THIRD, np.e], [0.1, 0.2, 0.3], [1.0, np.pi, 7.0], LOAD, STOPS)
@@ -34,7 +34,7 @@ def sweep(values: dict, system: vx.ImpactSystem = SYSTEM, **options) -> xr.Datas
 
 @pytest.fixture(scope="module")
 def grid() -> xr.Dataset:
-    """Three dimensions with names of every kind, and a fourth with words."""
+    """Three dimensions with names of every kind, and a fourth with strings."""
     return sweep({FREQUENCY: [0.5, 0.8], RESTITUTION: [0.5, THIRD], "x0[1]": [0.05]}, carry="both")
 
 
@@ -50,7 +50,7 @@ def solution() -> vx.Solution:
 
 
 def assert_same_machine(found: vx.ImpactSystem, expected: vx.ImpactSystem):
-    """Every bit, every type, every word."""
+    """Compare every bit, every type, every string."""
     assert eqx.tree_equal(found, expected, typematch=True)
 
 
@@ -65,7 +65,7 @@ def test_a_machine_of_float32_comes_back_as_it_was():
 
 
 def test_no_field_of_a_machine_is_left_out():
-    """If this fails, the machine has learned something that `describe` and `build` must learn too."""
+    """If this fails, the machine has a new field that `describe` and `build` must include."""
     description = describe(MACHINE)
     parts = [(MACHINE, description), (LOAD, description["forcing"]), (STOPS[0], description["stops"][0])]
     for part, told in parts:
@@ -81,7 +81,7 @@ def test_a_selected_point_gives_the_machine_that_was_run_there(grid):
     found = vx.system_of(point)
     where = lambda s: [stop.restitution for stop in s.stops]  # noqa: E731
     assert_same_machine(found, eqx.tree_at(where, SYSTEM, [jnp.asarray(THIRD)] * 2))
-    # What is not selected stays as it was.
+    # Parameters that are not selected stay as they were.
     assert float(vx.system_of(grid.isel({FREQUENCY: 0})).stops[1].restitution) == 0.7
 
 
@@ -146,7 +146,7 @@ def test_a_dataset_comes_back_from_a_file_as_it_was(request, tmp_path, way, what
 
 @pytest.mark.parametrize("num_masses", [1, 90])
 def test_attributes_of_one_mass_and_of_many_survive(tmp_path, num_masses):
-    """One entry is what NetCDF turns into a scalar, and many are more than HDF5 keeps in a short attribute."""
+    """NetCDF turns one entry into a scalar, and many entries are more than HDF5 keeps in a short attribute."""
     pytest.importorskip("h5netcdf")
     load = vx.Harmonic(np.full(num_masses, THIRD), 0.8)
     links = np.full(num_masses, THIRD)

@@ -1,4 +1,4 @@
-"""The load that a moving base puts on a machine."""
+"""Load on a machine from the motion of its base."""
 
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
@@ -15,21 +15,21 @@ def base_excitation(
     phase: Numbers | None = None,
     mean: Numbers | None = None,
 ) -> Harmonic:
-    """Return the load on a machine whose base moves, as it is seen from the base.
+    """Return the load on a machine whose base moves, in coordinates relative to the base.
 
-    The base, with all that stands on it, wall, springs, dampers and stops, moves by
-    `y(t) = sum_h a_h cos(h W t + phase_h)`, h = 1, 2, ... Positions and velocities are counted from it;
-    every mass then feels `-m_i y''`, whose harmonics have the amplitudes `m_i a_h (h W)^2`.
+    The base carries the wall, springs, dampers and stops. It moves by `y(t) = sum_h a_h cos(h W t + phase_h)`,
+    h = 1, 2, ... Positions and velocities are relative to the base; every mass feels the inertia force `-m_i y''`,
+    whose harmonics have the amplitudes `m_i a_h (h W)^2`.
 
-    A sweep over `forcing.frequency` changes the frequency of this load and keeps its amplitude: the
-    acceleration of the base stays, its travel does not.
+    A sweep over `forcing.frequency` changes the frequency of this load and keeps its amplitude: the acceleration of
+    the base stays constant, its displacement does not.
 
     Args:
         mass: the masses, (n,).
-        amplitude: a, the travel of the base: a length for a single harmonic, or (harmonics,).
+        amplitude: a, the displacement of the base: a length for a single harmonic, or (harmonics,).
         frequency: angular frequency W of the first harmonic.
         phase: radians, the shape of `amplitude`; zero if left out.
-        mean: a constant force besides, (n,), the weight for instance; zero if left out.
+        mean: an additional constant force, (n,), for instance the weight; zero if left out.
 
     Returns:
         The load.

@@ -1,13 +1,12 @@
-"""Conditions on the values of a machine and of a start, each with its sentence, written once.
+"""Conditions on the values of a machine and of a start, each with its error message, written once.
 
-The same conditions hold for one machine, checked while it is built, and for many with lanes last, checked
-before they are swept. Their sentences differ: a single wrong value is quoted, of a million it is said that
-one of them is wrong. Traced values are not known and pass, except for a start: its verdict is handed back,
-to be raised when the program runs.
+The same conditions hold for one machine, checked when it is built, and for many machines with lanes last, checked
+before they are swept. Their messages differ: the one for a single machine quotes the wrong value, the one for a batch
+says only that some value is wrong. Traced values pass unchecked, but traced conditions on a start are returned, for
+the program to raise.
 
-Stops and machines are `Any` here, since the files that define them import this one. An alternative was to
-leave every class its own checks: the lanes of a sweep, which no class builds, then needed all conditions
-a second time.
+Stops and machines are `Any` here, since the files that define them import this one. Rejected alternative: checks in
+each class. No class builds the lanes of a sweep, so all conditions were needed a second time.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -25,9 +24,9 @@ class Rule(NamedTuple):
     """A condition on numbers.
 
     Attributes:
-        holds: tells of every number whether it does.
-        one: what a single argument must do, as in "must be finite"; empty if it is asked of none.
-        every: the sentence about many, with a place for the path `{name}`; likewise.
+        holds: True for each number that satisfies the condition.
+        one: end of the message about a single argument, as in "must be finite"; empty for batches only.
+        every: message about a batch, with a placeholder `{name}` for the path; empty for single arguments only.
     """
 
     holds: Callable[[np.ndarray], Any]
@@ -40,7 +39,7 @@ POSITIVE = Rule(
     lambda a: np.isfinite(a) & (a > 0), "be positive and finite", "Every swept `{name}` must be positive."
 )
 NOT_NEGATIVE = Rule(lambda a: np.isfinite(a) & (a >= 0), one="be finite and not negative")
-# A load of frequency 0 is constant, but it has no period.
+# A load of frequency 0 is constant and has no period.
 HAS_PERIOD = Rule(lambda a: a > 0, every="Every `{name}` must be positive: a sweep counts forcing periods.")
 RESTITUTION = Rule(
     lambda a: (a >= 0) & (a <= 1),
@@ -50,26 +49,26 @@ RESTITUTION = Rule(
 
 
 def check_one(name: str, value: Array, rule: Rule) -> None:
-    """Refuse an argument that breaks a rule, unless it is traced."""
+    """Reject an argument that violates a rule, unless it is traced."""
     known = concrete(value)
     if known is not None and not rule.holds(known).all():
         raise ValueError(f"Argument `{name}` must {rule.one}, but is {known}.")
 
 
 def check_every(name: str, values: Array | np.ndarray, rule: Rule) -> None:
-    """Refuse values of many machines if one of them breaks a rule."""
+    """Reject values of many machines if one of them violates a rule."""
     if not rule.holds(np.asarray(values)).all():
         raise ValueError(rule.every.format(name=name))
 
 
 def check_semidefinite(name: str, matrices: np.ndarray) -> None:
-    """Refuse matrices, (..., n, n), not symmetric or not positive semi-definite to n eps norm."""
+    """Reject matrices, (..., n, n), not symmetric to 4 n eps max|a_ij|, or with eigenvalues below -n times that."""
     if not np.isfinite(matrices).all():
         raise ValueError(f"Argument `{name}` must be finite, but is {matrices.tolist()}.")
     norm = np.abs(matrices).max(axis=(-2, -1), initial=0.0)
     with np.errstate(over="ignore"):
         is_narrow = (matrices == matrices.astype(np.float32)).all()
-    # Numbers that were once single precision carry its rounding, of whatever type they are now.
+    # Numbers that were once in single precision carry its rounding, whatever their type now.
     eps = np.finfo(np.float32 if is_narrow else matrices.dtype).eps
     slack = 4 * matrices.shape[-1] * eps * norm
     skew = np.abs(matrices - np.swapaxes(matrices, -2, -1)).max(axis=(-2, -1))
@@ -87,7 +86,7 @@ def check_semidefinite(name: str, matrices: np.ndarray) -> None:
 
 
 def check_definite(name: str, matrices: np.ndarray) -> None:
-    """Refuse matrices, (..., n, n), not symmetric or not positive definite beyond rounding."""
+    """Reject matrices, (..., n, n), not symmetric or not positive definite beyond rounding."""
     check_semidefinite(name, matrices)
     values = np.linalg.eigvalsh(matrices)
     if (values[..., 0] <= 4 * values.shape[-1] * np.finfo(values.dtype).eps * values[..., -1]).any():
@@ -98,7 +97,7 @@ def check_definite(name: str, matrices: np.ndarray) -> None:
 
 
 def check_slots(stops: Sequence[Any]) -> None:
-    """Refuse two stops of one mass that leave no room between them in the mean; lanes may stand last."""
+    """Reject two stops of one mass whose mean positions leave no room between them; lanes may be last."""
     for lower, upper in _slots(stops):
         low, high = concrete(lower.centre), concrete(upper.centre)
         if low is None or high is None or (low < high).all():
@@ -113,7 +112,7 @@ def check_slots(stops: Sequence[Any]) -> None:
 
 
 def check_machines(system: Any, x0: Array | np.ndarray) -> None:
-    """Refuse values that make no machine, or no start of it, all lanes at once; lanes last."""
+    """Reject invalid values of machines or of their starts, all lanes at once; lanes last."""
     if system.has_full_mass:
         check_definite("mass", np.moveaxis(np.asarray(system.mass), -1, 0))
     else:
@@ -139,7 +138,7 @@ def validate_start(
     x0: Reals,
     v0: Reals,
 ) -> list[tuple[Flag, str]]:
-    """Refuse a wrong start, and return the conditions that are still traced; times (times,), the start (n,)."""
+    """Reject an invalid start, and return the conditions that are traced; times (times,), the start (n,)."""
     checks = not_finite({"t0": t0, "t1": t1, "x0": x0, "v0": v0})
     checks.append((t1 < t0, "Argument `t1` must not lie before `t0`."))
     if ts.size:
@@ -150,10 +149,10 @@ def validate_start(
 
 
 def refuse(checks: list[tuple[Any, str]]) -> list[tuple[Any, str]]:
-    """Raise the sentence of the first condition known to fail; return those that are traced.
+    """Raise the message of the first concrete condition that fails; return the traced conditions.
 
     Args:
-        checks: pairs of a verdict, true where something is wrong, and its sentence.
+        checks: pairs of a condition, true where something is wrong, and its message.
     """
     verdicts = [concrete(is_wrong) for is_wrong, _ in checks]
     for verdict, (_, sentence) in zip(verdicts, checks, strict=True):
@@ -163,7 +162,7 @@ def refuse(checks: list[tuple[Any, str]]) -> list[tuple[Any, str]]:
 
 
 def not_finite(named: dict[str, Reals]) -> list[tuple[Any, str]]:
-    """Conditions on arguments by their names, to be handed to `refuse`."""
+    """Conditions for `refuse`, one for each named argument, true where it is not finite."""
     return [
         (~array_namespace(a).isfinite(a).all(), f"Argument `{name}` must be finite.")
         for name, a in named.items()
@@ -171,12 +170,12 @@ def not_finite(named: dict[str, Reals]) -> list[tuple[Any, str]]:
 
 
 def is_touching(gap: Reals, size: Reals) -> Reals:
-    """Whether a gap is zero to rounding, given the magnitude of the terms subtracted."""
+    """Test whether a gap is zero up to rounding, given the magnitude of the terms subtracted."""
     return abs(gap) <= 8 * jnp.finfo(gap.dtype).eps * abs(size)
 
 
 def _beyond(stops: Sequence[Any], x: Any, angle: Any, who: str) -> list[tuple[Any, str]]:
-    """Whether masses stand beyond their stops at the phase `angle` of the load."""
+    """Conditions for `refuse`, true where x lies beyond a stop at the phase `angle` of the load."""
     checks = []
     for j, stop in enumerate(stops):
         gap, size = stop.gap(x, angle), stop.reach(angle) + (0 if stop.slot else stop.size(x))
@@ -186,15 +185,15 @@ def _beyond(stops: Sequence[Any], x: Any, angle: Any, who: str) -> list[tuple[An
 
 
 def move_alike(stops: Sequence[Any]) -> bool:
-    """Whether the two stops of every mass that has two are known to move alike; lanes may stand last."""
-    # Stops that stand still are not compared, lest a trace leave the verdict open.
+    """True if the two stops of every mass that has two have equal motions, and concrete ones; lanes may be last."""
+    # Fixed stops are skipped: under a trace even their comparison could stay undecided.
     moving = [(a, b) for a, b in _slots(stops) if a.motion is not None or b.motion is not None]
     verdicts = [concrete(a.moves_like(b)) for a, b in moving]
     return all(verdict is not None and verdict.all() for verdict in verdicts)
 
 
 def _slots(stops: Sequence[Any]) -> Iterator[tuple[Any, Any]]:
-    """The lower and the upper stop of every mass that has both."""
+    """Pairs of the lower and the upper stop of every mass that has both."""
     places = {stop.slot: stop for stop in stops if stop.slot is not None}
     for (mass, side), stop in places.items():
         if side == "lower" and (mass, "upper") in places:

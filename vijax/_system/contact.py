@@ -1,4 +1,4 @@
-"""What limits the motion: a stop of one mass, or a contact along any combination of coordinates."""
+"""Unilateral constraints: their abstract class, and contacts along any combination of coordinates."""
 
 import abc
 from collections.abc import Mapping
@@ -16,9 +16,9 @@ from .waves import Waves
 
 
 class AbstractLimit(eqx.Module):
-    """A limit of the motion: it keeps `coefficients . x` below `sign` times where it stands.
+    """A unilateral constraint: `coefficients . x <= sign * at(W t)`.
 
-    What differs between limits is `coefficients` and `sign`; all else follows.
+    Subclasses define `coefficients`, `sign` and `remedy`; all else follows.
     """
 
     position: eqx.AbstractVar[Float[Array, "..."]]
@@ -28,12 +28,12 @@ class AbstractLimit(eqx.Module):
     @property
     @abc.abstractmethod
     def coefficients(self) -> dict[int, Reals]:
-        """The entries of its row that are not zero, by mass."""
+        """The nonzero entries of the row, by mass."""
 
     @property
     @abc.abstractmethod
     def sign(self) -> int:
-        """The sign with which its position counts along the row."""
+        """Sign of the position in the gap, `sign * position - coefficients . x`."""
 
     @property
     def law(self) -> AbstractRestitution:
@@ -42,13 +42,13 @@ class AbstractLimit(eqx.Module):
 
     @property
     def slot(self) -> tuple[int, str] | None:
-        """The mass and the side of it that this limits, if it bears on one mass alone."""
+        """The mass and the side of it that this limits; None unless it acts on one mass alone."""
         return None
 
     @property
     @abc.abstractmethod
     def remedy(self) -> str:
-        """What to do about a start beyond it, with a place for its number `{j}`."""
+        """Advice for a start beyond it, with a placeholder `{j}` for its number."""
 
     def __check_init__(self):
         numbers = {"position": (self.position, FINITE)}
@@ -69,42 +69,42 @@ class AbstractLimit(eqx.Module):
             )
 
     def along(self, x: Reals) -> Reals:
-        """Positions or velocities of the masses, counted towards it; lanes may stand last."""
+        """Positions or velocities of the masses along the row, positive towards the constraint; lanes may be last."""
         return sum(a * x[i] for i, a in self.coefficients.items())
 
     def size(self, x: Reals) -> Reals:
-        """Magnitude of the terms of `along`."""
+        """Sum of the magnitudes of the terms of `along`."""
         return sum(abs(a * x[i]) for i, a in self.coefficients.items())
 
     def gap(self, x: Reals, angle: Reals) -> Reals:
-        """How far the masses at x are from it at the phase `angle` = W t of the load, negative beyond it."""
+        """Gap of the masses at x at the phase `angle` = W t of the load; negative beyond the constraint."""
         return self.sign * self.at(angle) - self.along(x)
 
     @property
     def centre(self) -> Reals:
-        """Where it stands in the mean."""
+        """Mean position."""
         return self.position if self.motion is None else self.position + self.motion.mean[0]
 
     def at(self, angle: Reals) -> Reals:
-        """Where it stands at the phase `angle` = W t of the load; lanes may stand last."""
+        """Position at the phase `angle` = W t of the load; lanes may be last."""
         if self.motion is None:
             return self.position
         return self.centre + self._waves().at_angle(angle)[0]
 
     def slope_at(self, angle: Reals) -> Reals:
-        """By how much that changes with the phase: its velocity is W times as much."""
+        """Derivative of the position by the phase; the velocity is W times that."""
         if self.motion is None:
             return 0 * self.position
         return self._waves().slope_at_angle(angle)[0]
 
     def reach(self, angle: Reals) -> Reals:
-        """Magnitude of the terms subtracted to form the gap at that phase; sets its rounding error."""
+        """Magnitude of the terms of the position at that phase; sets the rounding error of the gap."""
         if self.motion is None:
             return abs(self.position)
         return abs(self.centre) + self._waves().rounded(angle)[0]
 
     def moves_like(self, other: "AbstractLimit") -> Reals:
-        """Whether two keep their distance; lanes may stand last."""
+        """Test whether two constraints keep their distance; lanes may be last."""
         if self.motion is None or other.motion is None:
             return np.asarray(self.motion is other.motion)
         ours, theirs = self._waves(), other._waves()
@@ -113,7 +113,7 @@ class AbstractLimit(eqx.Module):
         return ((ours.cosine == theirs.cosine) & (ours.sine == theirs.sine)).all(axis=(0, 1))
 
     def _waves(self) -> Waves:
-        """Its motion but for the mean, in one row."""
+        """Motion without its mean, as a series of one row."""
         assert self.motion is not None
         return self.motion.waves(self.position.ndim)
 
@@ -122,14 +122,14 @@ class Contact(AbstractLimit):
     """A contact between masses, or of masses with a wall: it keeps `row . x <= position`.
 
     A row with the entries 1 of mass i and -1 of mass k keeps x_i - x_k below the position: a free mass in a
-    container, teeth with backlash, beads. On contact the relative velocity u = row . v, less the velocity of the
-    contact if it moves, is turned round and multiplied by `restitution`, by an impulse along M^-1 row.
+    container, teeth with backlash, beads. An impact reverses the relative velocity u = row . v, less the velocity of
+    the contact if it moves, and multiplies it by `restitution`; the velocities change along M^-1 row.
 
-    Several contacts that share masses and are closed at one instant follow Moreau's form of Newton's law: impulses
-    p >= 0 such that every u after is at most -restitution times u before, equal where p > 0. Contacts that hold
-    count as plastic, and let go where others tear them open. With equal restitutions no energy is made. With
-    different ones of contacts hit in the same instant there may be (Kane's paradox); other laws, Poisson's for
-    instance, then differ from this one as well.
+    Several contacts that share masses and close at the same instant follow Moreau's form of Newton's law: impulses
+    p >= 0, every u after the impact at most -restitution times u before, with equality where p > 0. Sticking contacts
+    count as plastic, and release where others pull them open. With equal restitutions no energy is created. With
+    different restitutions of contacts hit at the same instant, energy may be created (Kane's paradox); other laws,
+    Poisson's for instance, then also differ from this one.
 
     Args:
         row: the coefficient of each mass that it concerns, `{mass: coefficient}`, counted from 0.
@@ -197,15 +197,15 @@ class Contact(AbstractLimit):
 
     @property
     def sign(self) -> int:
-        """Always 1, as the position counts along the row."""
+        """Always 1: the position is along the row."""
         return 1
 
     @property
     def coefficients(self) -> dict[int, Reals]:
-        """The entries of its row, by mass."""
+        """All entries of the row, by mass."""
         return {mass: self.row[k] for k, mass in enumerate(self.masses)}
 
     @property
     def remedy(self) -> str:
-        """What to do about a start beyond it."""
+        """Advice for a start beyond the contact."""
         return "`row . x0` is past the position of `stops[{j}]`. Start with it below that, or equal."

@@ -1,4 +1,4 @@
-"""A machine as tables, lists, numbers and words, such as JSON and TOML keep, and back."""
+"""Machines as tables, lists, numbers and strings, as in JSON and TOML, and back."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -24,9 +24,9 @@ _TYPES = ("float32", "float64")
 
 
 def describe(system: ImpactSystem) -> dict[str, Any]:
-    """All that a machine is made of. Floats are Python's, which JSON and TOML return bit for bit.
+    """Table of all parts of a machine. Floats are Python's, which JSON and TOML return bit for bit.
 
-    A force is told by where it is imported from, and its numbers; one that no import finds by its name alone.
+    A force is described by its import path and its numbers; by its name alone if it cannot be imported.
     """
     return {
         **{name: np.asarray(getattr(system, name)).tolist() for name in _ARRAYS},
@@ -51,16 +51,16 @@ def build(
     allow_forces: Allowed = False,
     force: Callable | None = None,
 ) -> ImpactSystem:
-    """The machine of a description, in numbers of type `dtype`; its force is bound to `args`, if there are.
+    """Machine of a description, in numbers of type `dtype`; its force is bound to `args`, if there are any.
 
     Args:
-        description: what `describe` has made, or somebody by hand.
-        dtype: of its numbers.
-        allow_forces: the modules of forces that may be imported, see `vx.load`.
-        force: what is taken in place of the force that the description tells of.
+        description: made by `describe`, or written by hand.
+        dtype: type of the numbers.
+        allow_forces: the modules from which forces may be imported, see `vx.load`.
+        force: replacement for the force of the description.
 
     Raises:
-        ValueError: for a description that makes no machine, or of a force that may not be imported, or cannot.
+        ValueError: for a description that makes no machine, or a force that is not allowed or cannot be imported.
     """
     _check_names("The machine", description, (*_ARRAYS, "forcing"), ("stops", "force", "args"))
     arrays = {name: _array(name, description[name], dtype) for name in _ARRAYS}
@@ -71,7 +71,7 @@ def build(
     stops = [_stop(f"stops[{j}]", lists, forcing, dtype) for j, lists in enumerate(told)]
     own = build_force(description, allow_forces, force)
     system = ImpactSystem(**arrays, forcing=forcing, stops=stops, force=own)
-    # Made in the precision that JAX is set to, which holds every number of a narrower one.
+    # Built in JAX's precision, which holds every number of a narrower one.
     narrow = jax.dtypes.canonicalize_dtype(dtype)
     return jax.tree.map(lambda a: a.astype(narrow), system)
 
@@ -79,7 +79,7 @@ def build(
 def build_from(
     attributes: Mapping[Any, Any], *, allow_forces: Allowed = False, force: Callable | None = None
 ) -> ImpactSystem:
-    """The machine that the attributes of a dataset tell of, see `build`."""
+    """Machine of the attributes of a dataset, see `build`."""
     text, dtype = attributes.get("system"), attributes.get("dtype")
     if not isinstance(text, str) or dtype not in _TYPES:
         raise ValueError(
@@ -90,7 +90,7 @@ def build_from(
 
 
 def _place(stop: Stop | Contact) -> dict[str, Any]:
-    """The mass and side of a stop, the row of a contact."""
+    """Mass and side of a stop, or row of a contact."""
     if isinstance(stop, Stop):
         return {"mass": stop.mass, "side": stop.side}
     return {"row": {str(i): float(a) for i, a in stop.coefficients.items()}}
@@ -125,7 +125,7 @@ def _restitution(name: str, told: Any, dtype: DTypeLike) -> np.ndarray | Abstrac
 
 
 def _row(name: str, told: Any, dtype: DTypeLike) -> dict[int, np.ndarray]:
-    """The coefficients of a contact, whose masses text counts by words."""
+    """Coefficients of a contact; text has the numbers of the masses as strings."""
     if not isinstance(told, dict) or not all(str(i).isdecimal() for i in told):
         raise ValueError(
             f"`{name}` must be a table of coefficients by the numbers of masses, but is {told!r}."
@@ -134,7 +134,7 @@ def _row(name: str, told: Any, dtype: DTypeLike) -> dict[int, np.ndarray]:
 
 
 def _lists(harmonic: Harmonic) -> dict[str, Any]:
-    """A load, or a motion, which has no frequency of its own."""
+    """Table of a load, or of a motion, which has no frequency of its own."""
     values = ((name, getattr(harmonic, name)) for name in _OF_FORCING)
     return {name: np.asarray(value).tolist() for name, value in values if value is not None}
 
@@ -148,13 +148,13 @@ def _motion(name: str, lists: Any, forcing: Harmonic, dtype: DTypeLike) -> Harmo
 def _numbers(
     name: str, lists: Any, needed: tuple[str, ...], dtype: DTypeLike, known: tuple[str, ...] = _OF_FORCING
 ) -> dict[str, np.ndarray]:
-    """The arrays of a table."""
+    """Arrays of a table."""
     _check_names(f"`{name}`", lists, needed, known)
     return {key: _array(f"{name}.{key}", a, dtype) for key, a in lists.items()}
 
 
 def _array(name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
-    """Numbers in lists as an array."""
+    """Array of a number or of nested lists of numbers."""
     try:
         array = np.asarray(value)
     except ValueError:  # rows of different lengths
@@ -165,7 +165,7 @@ def _array(name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
 
 
 def _check_names(name: str, lists: Any, needed: tuple[str, ...], others: tuple[str, ...] = ()) -> None:
-    """Refuse a table that lacks something, or has something that is not known: it may be misspelt."""
+    """Reject a table that lacks a required name, or has an unknown name: it may be misspelt."""
     if not isinstance(lists, dict):
         raise ValueError(f"{name} must be a table, but is {lists!r}.")
     missing, unknown = (

@@ -13,28 +13,28 @@ from .forces_by_path import Allowed
 from .system import ImpactSystem, with_args
 from .tables import table_of
 
-# Endings of files of machines.
+# Suffixes of machine files.
 SUFFIXES = (".toml", ".json")
-# What files of the command line hold beside a machine.
+# Tables that files of the command line hold besides the machine.
 _BESIDE = ("sweep",)
-# Bytes of a file that are read; the matrices of a thousand masses take less than half.
+# Limit on the bytes read from a file; the matrices of a thousand masses take less than half of it.
 _LARGEST = 1 << 28
 
 
 def save(system: ImpactSystem, file: str | os.PathLike[str], *, args: object = None) -> None:
-    """Write a machine to a file, from which `load` makes it again, bit for bit.
+    """Write a machine to a file, from which `load` rebuilds it bit for bit.
 
-    All that it is made of is named as in Python: `mass`, `damping`, `stiffness`, a table `forcing`, one for each of
-    `stops`. A `force` is told by where it is imported from, `"package.module:function"`, an `eqx.Module` with its fields;
-    nothing of its code goes into the file.
+    The names in the file are those of Python: `mass`, `damping`, `stiffness`, a table `forcing`, one table for each
+    of `stops`. A `force` is written as its import path, `"package.module:function"`, an `eqx.Module` with its fields;
+    no code.
 
     Args:
         system: the machine.
-        file: where to write it, by its ending: `.toml` or `.json`. A file of that name is replaced.
-        args: what is passed to the `force` of the machine, which the file then holds too.
+        file: the file to write, `.toml` or `.json`. An existing file of that name is replaced.
+        args: the `args` of the machine's `force`; the file then holds them too.
 
     Raises:
-        ValueError: for another ending, a batch of machines, a force that cannot be imported, or a place that cannot be
+        ValueError: for another suffix, a batch of machines, a force that cannot be imported, or a path that cannot be
             written to.
 
     Example:
@@ -49,36 +49,35 @@ def save(system: ImpactSystem, file: str | os.PathLike[str], *, args: object = N
         system = with_args(system, args)
     description = describe(system)
     check_force_is_described(description)
-    build(description, system.mass.dtype)  # refuses what would not come back, a batch for instance
+    build(description, system.mass.dtype)  # rejects what could not be rebuilt, a batch for instance
     text = _text(path, _without_none(description))
     with naming_argument("file", path):
         path.write_text(text, encoding="utf-8")
 
 
 def load(file: str | os.PathLike[str], *, allow_forces: Allowed = False) -> ImpactSystem:
-    """Make the machine of a file that `save`, or somebody by hand, has written.
+    """Build the machine of a file that was written by `save` or by hand.
 
-    Of a load `phase` and `mean` may be left out, of a stop its `motion`, and `stops` altogether. A stop has
-    a `mass` and a `side`, a contact a `row`, a table of coefficients by the numbers of masses. A table `sweep`, see
-    `python -m vijax sweep --help`, is not looked at.
+    A load may lack `phase` and `mean`, a stop its `motion`, and the file may lack `stops`. A stop has a `mass` and a
+    `side`, a contact has a `row`, a table of coefficients by the numbers of masses. A table `sweep` (see
+    `python -m vijax sweep --help`) is ignored.
 
-    To import a `force` runs its module, so a file names none but those of `vijax.models`, those that this process has itself
-    saved or swept, or was allowed before, and those that `allow_forces` allows; it is made of functions and classes of
-    `eqx.Module`, and nothing else is called. If the file holds `args` too, the machine has them, and `simulate`, `sweep`
-    and all others use them unless they are given others.
+    Importing a `force` runs its module. So a file may name only forces of `vijax.models`, forces that this process
+    itself has saved or swept, or was allowed to import before, and forces that `allow_forces` allows. A force is made
+    of functions and classes of `eqx.Module`, and nothing else is called. If the file holds `args` too, the machine
+    has them, and `simulate`, `sweep` and all others use them unless they are given others.
 
     Args:
-        file: by its ending TOML or JSON.
+        file: the file, TOML or JSON by its suffix.
         allow_forces: names of modules from which a force may be imported, `["springs"]`, each with its submodules;
-            True for any that the file names, which may then run whatever is installed. The force must be defined in one of
-            them.
+            True for any that the file names, which may run any installed code. The force must be defined there.
 
     Returns:
         The machine, in the precision that JAX is set to.
 
     Raises:
-        ValueError: for another ending, a file that makes no machine, with the place and the remedy, or a force that
-            may not be imported, or cannot.
+        ValueError: for another suffix, a file that makes no machine, with the place and the remedy, or a force that
+            is not allowed or cannot be imported.
         OSError: if the file cannot be read.
 
     Example:
@@ -92,7 +91,7 @@ def load(file: str | os.PathLike[str], *, allow_forces: Allowed = False) -> Impa
 
 
 def look_at(table: dict[str, Any], file: str | os.PathLike[str]) -> ImpactSystem:
-    """The machine of a file that is read, to be printed or drawn: its force has no more than a name, and nothing is imported."""
+    """Machine of a table, to be printed or drawn: its force is only a name, and nothing is imported."""
     return machine_of_table(table, file, force=NAMED_FORCE)
 
 
@@ -102,7 +101,7 @@ def machine_of_table(
     allow_forces: Allowed = False,
     force: Callable | None = None,
 ) -> ImpactSystem:
-    """The machine of a file that is read, see `build`."""
+    """Machine of a table that was read from a file, see `build`."""
     own = {name: a for name, a in table.items() if name not in _BESIDE}
     try:
         return build(own, "float64", allow_forces=allow_forces, force=force)
@@ -111,7 +110,7 @@ def machine_of_table(
 
 
 def read_table(file: str | os.PathLike[str]) -> dict[str, Any]:
-    """What a file of TOML or JSON holds."""
+    """Table in a file of TOML or JSON."""
     path = _checked(file)
     kind = path.suffix[1:].upper()
     with path.open("rb") as opened:
@@ -130,7 +129,7 @@ def read_table(file: str | os.PathLike[str]) -> dict[str, Any]:
 def _text(path: Path, table: dict[str, Any]) -> str:
     if path.suffix.lower() == ".json":
         return json.dumps(table, indent=1) + "\n"
-    import tomlkit  # needed here alone
+    import tomlkit  # only needed here
 
     return tomlkit.dumps(table)
 
@@ -143,7 +142,7 @@ def _checked(file: str | os.PathLike[str]) -> Path:
 
 
 def _without_none(value: Any) -> Any:
-    """Tables without what they do not have, for which TOML has no word."""
+    """Tables without entries that are None, which TOML cannot express."""
     if isinstance(value, dict):
         return {name: _without_none(a) for name, a in value.items() if a is not None}
     return [_without_none(a) for a in value] if isinstance(value, list) else value

@@ -1,4 +1,4 @@
-"""Forces beyond the linear ones, written by the user."""
+"""User-defined forces, in addition to the linear ones."""
 
 import re
 from collections.abc import Callable
@@ -16,8 +16,8 @@ from .._jax.arrays import as_float
 def as_force(force: Any) -> Callable | None:
     """Turn a force into a pytree whose leaves are floating-point arrays.
 
-    An `eqx.Module` all of whose leaves are numbers keeps its class, so that its parameters have
-    names; of anything else what is no number goes into the structure.
+    An `eqx.Module` whose leaves are all floating-point numbers keeps its class, so that its parameters have names. In
+    all other forces, leaves that are not such numbers become static.
     """
     if force is None:
         return None
@@ -47,7 +47,7 @@ class _Frozen(eqx.Module):
 
 
 def name_of_force(force: Callable) -> str:
-    """Name of a force, and its structure without its numbers."""
+    """Name of a force, with its structure but without its numbers."""
     if isinstance(force, NamedForce):
         return force.name
     if isinstance(force, BoundForce):
@@ -57,12 +57,12 @@ def name_of_force(force: Callable) -> str:
 
 
 def whole_force(force: Callable) -> Callable:
-    """A force as the user gave it, its numbers arrays."""
+    """Force as the user gave it, with its numbers as arrays."""
     return eqx.combine(force.numbers, force.rest) if isinstance(force, _Frozen) else force
 
 
 class NamedForce(eqx.Module):
-    """In place of a force of which nothing is wanted but its name."""
+    """Placeholder of a force, with its name only; a call raises ValueError."""
 
     name: str = eqx.field(static=True)
 
@@ -71,7 +71,7 @@ class NamedForce(eqx.Module):
 
 
 class BoundForce(eqx.Module):
-    """A force together with its `args`, which then are parameters of the machine like any other."""
+    """A force with its `args`, which are then parameters of the machine like any other."""
 
     force: Callable
     args: PyTree
@@ -81,13 +81,13 @@ class BoundForce(eqx.Module):
 
 
 def force_numbers(force: Callable | None) -> tuple[PyTree, PyTree]:
-    """The numbers of a force, and of its `args` once they are bound, in trees that the user knows."""
+    """Numbers of a force, and of its bound `args`, in trees whose keys are the user's names."""
     own, args = (force.force, force.args) if isinstance(force, BoundForce) else (force, None)
     return own.numbers if isinstance(own, _Frozen) else own, args
 
 
 def program_of(force: BoundForce, num_masses: int) -> tuple[str, list[np.ndarray]]:
-    """Text of the computation of a force without its numbers, and the arrays it closes over."""
+    """Text of the jaxpr of a force without its numbers, and the arrays that it closes over."""
     numbers, rest = eqx.partition(force, eqx.is_array)
     x = jax.ShapeDtypeStruct((num_masses,), jnp.result_type(float))
     run = lambda numbers, *at: eqx.combine(numbers, rest)(*at)  # noqa: E731
@@ -97,10 +97,10 @@ def program_of(force: BoundForce, num_masses: int) -> tuple[str, list[np.ndarray
 
 
 def bind_args(force: Callable | None, args: PyTree, num_masses: int) -> BoundForce | None:
-    """Give a force its `args`, and refuse what cannot be a force.
+    """Bind `args` to a force, and reject what is not a valid force.
 
     Args:
-        force: of a machine, or None. One that is bound keeps its `args` unless there are others.
+        force: of a machine, or None. A bound force keeps its `args` unless others are given.
         args: numbers and arrays in any nesting, or None.
         num_masses: n.
     """

@@ -1,12 +1,11 @@
-"""A force as text: where it is imported from, and its numbers; and back.
+"""Forces as text: import paths and numbers; and back.
 
-What a file can hold of a function is the name by which Python imports it, "package.module:function". A force that is
-an `eqx.Module` is the name of its class and its fields. What is written is built again and compared before it counts;
-a force that does not come back the same, a `lambda` or a function of the main program for instance, is told by its
-name, and its args. (To pickle forces was rejected: such a file is read by the same version of everything, or not at all,
-and runs what it likes.)
+A file can hold a function only by its import path, "package.module:function". A force that is an `eqx.Module` is the
+path of its class and its fields. The text is used only if the force rebuilt from it is equal. A force that cannot be
+rebuilt, a `lambda` or a function of the main program for instance, is described by its name and its args. (Rejected
+alternative: pickling. Such a file can only be read by the same version of everything, and may run any code.)
 
-Numbers are numbers and lists, arrays; a sequence that is no array is {"tuple": [...]} or {"list": [...]}.
+Numbers stay numbers, arrays are lists; a sequence that is not an array is {"tuple": [...]} or {"list": [...]}.
 """
 
 import dataclasses
@@ -28,12 +27,12 @@ _ADVICE = (
     "Define it at the top of a module that can be imported, not in the main program, a notebook or another function; "
     "or give it back, vx.system_of(ds, force=...)."
 )
-# In place of a force where a machine is looked at and never run: it keeps the name of the force alone, and imports nothing.
+# Placeholder of a force in machines that are inspected and never run: keeps only the name, and imports nothing.
 NAMED_FORCE = NamedForce("")
 
 
 def describe_force(force: Callable | None) -> dict[str, Any]:
-    """What a description has of a force: `force`, and `args` if it has some."""
+    """Entries of a description about a force: `force`, and `args` if it has any."""
     if force is None:
         return {"force": None}
     own, args = (force.force, force.args) if isinstance(force, BoundForce) else (force, None)
@@ -47,15 +46,15 @@ def describe_force(force: Callable | None) -> dict[str, Any]:
 def build_force(
     description: dict[str, Any], allow_forces: Allowed = False, force: Callable | None = None
 ) -> Callable | None:
-    """The force of a description, bound to its `args` if it has some.
+    """Force of a description, bound to its `args` if it has any.
 
     Args:
         description: of a machine.
-        allow_forces: the modules that may be imported, see `vx.load`.
-        force: what is taken in place of the force that the description tells of.
+        allow_forces: the modules from which forces may be imported, see `vx.load`.
+        force: replacement for the force of the description.
 
     Raises:
-        ValueError: for one that may not be imported, or cannot.
+        ValueError: for a force that is not allowed or cannot be imported.
     """
     told, args = description.get("force"), description.get("args")
     if told is None:
@@ -75,13 +74,13 @@ def build_force(
 
 
 def check_force_is_described(description: dict[str, Any]) -> None:
-    """Refuse a description that has no more of a force than its name."""
+    """Reject a description that holds only the name of its force."""
     if description["force"] is not None:
         _check_path(description["force"])
 
 
 def _refuse_without_force(args: Any, force: Callable | None) -> None:
-    """Refuse what makes no sense for a machine that has no force."""
+    """Reject `args` or a replacement for the force of a machine without one."""
     if args is not None:
         raise ValueError("`args` are passed to `force`, but there is no `force`.")
     if force is not None and not isinstance(force, NamedForce):
@@ -91,7 +90,7 @@ def _refuse_without_force(args: Any, force: Callable | None) -> None:
 
 
 def _check_path(told: Any) -> None:
-    """Refuse what tells of no force that could be imported."""
+    """Reject text without an import path of a force."""
     if isinstance(told, dict) and "path" not in told and "name" in told:
         raise ValueError(f"The machine has the force {told['name']}, which no text can hold. {_ADVICE}")
     if not isinstance(told, dict) or not isinstance(told.get("path"), str):
@@ -102,7 +101,7 @@ def _check_path(told: Any) -> None:
 
 
 def _made_of(told: dict[str, Any], found: Mapping[str, Any]) -> Callable:
-    """The force of a text, before it is bound."""
+    """Force of a text, before its args are bound."""
     force = _from_text(told, found)
     if not callable(force):
         raise ValueError(
@@ -112,13 +111,13 @@ def _made_of(told: dict[str, Any], found: Mapping[str, Any]) -> Callable:
 
 
 def _told(name: str, value: Any, wanted: Any, build: Callable[[Any], Any]) -> dict[str, Any] | None:
-    """The text of a force, or of its args, if `build` makes the same of what comes back."""
+    """Text of a force, or of its args; None unless `build` makes an equal value from the text."""
     try:
         text = _text_of(value)
         found = found_here(paths_in(text))
         again = build(_from_text(text, found))
         is_same = bool(eqx.tree_equal(_alike(again, wanted), wanted))
-    except Exception:  # whatever a class of the user's own may raise
+    except Exception:  # a user's class may raise anything
         return None
     if is_same:
         remember(found)
@@ -131,23 +130,23 @@ def _numbers(args: Any) -> Any:
 
 
 def _alike(found: Any, wanted: Any) -> Any:
-    """A force with its numbers in the types of another's; JAX may have changed its precision since that was made."""
+    """Force with its numbers in the types of another's; JAX's precision may have changed since that was made."""
     return jax.tree.map(lambda a, b: np.asarray(a, b.dtype), found, wanted)
 
 
 def _name_in(told: Any, args: Any) -> str:
-    """The name of a force by its text, and its numbers, on one line."""
+    """Name of a force from its text, with its numbers, on one line."""
     if isinstance(told, dict) and "path" in told:
         fields = ", ".join(f"{name}={reprlib.repr(a)}" for name, a in told.items() if name != "path")
         name = f"{told['path']}({fields})" if fields else str(told["path"])
     else:
         name = str(told["name"] if isinstance(told, dict) and "name" in told else told)
     whole = name if args is None else f"{name} with args {reprlib.repr(args)}"
-    return whole if whole.isprintable() else ascii(whole)  # it may stand in a terminal
+    return whole if whole.isprintable() else ascii(whole)  # it may be printed in a terminal
 
 
 def _text_of(value: Any) -> Any:
-    """A force, its args or a part of them as numbers, words, lists and tables."""
+    """A force, its args or a part of them as numbers, strings, lists and tables."""
     if isinstance(value, bool | int | str):
         return value
     if isinstance(value, dict):
@@ -165,7 +164,7 @@ def _text_of(value: Any) -> Any:
 
 
 def _from_text(told: Any, found: Mapping[str, Any]) -> Any:
-    """What `_text_of` has told of, with what stands at its paths."""
+    """Inverse of `_text_of`; `found` holds the functions and classes by path."""
     if isinstance(told, list):
         return _array(told)
     if not isinstance(told, dict):
@@ -190,7 +189,7 @@ def _array(told: list) -> np.ndarray:
 
 
 def _made(path: str, found: Any, fields: dict[str, Any]) -> Any:
-    """A function as it stands, or an instance of a class with some fields."""
+    """A function unchanged, or an instance of a class from its fields."""
     if not isinstance(found, type):
         if fields:
             raise ValueError(
@@ -205,7 +204,7 @@ def _made(path: str, found: Any, fields: dict[str, Any]) -> Any:
         )
     try:
         return found(**fields)
-    except Exception as error:  # whatever its own checks may raise
+    except Exception as error:  # its own checks may raise anything
         raise ValueError(
             f"{path} cannot be made of the fields {', '.join(fields) or 'none'}: {error}"
         ) from error

@@ -1,10 +1,10 @@
-"""Forces by where they stand, "package.module:function": which of them a text may name, and how they are found.
+"""Forces by path, "package.module:function": the paths that are allowed, and their lookup.
 
-To import a module runs its code, and to call what a text names would run anything. So a text names no module but those
-that the caller allows, those of `vijax.models`, and forces that this process has told of itself, whose modules run
-already: of a machine that it swept, saved or followed along a branch. What is found must be a class of
-`eqx.Module`, or a function, which is left as it stands; all paths are looked at before anything is imported, and all that is
-found before anything is made.
+Importing a module runs its code, and calling whatever a text names could run anything. So a text may name only
+modules that the caller allows, those of `vijax.models`, and forces that this process itself has described, whose
+modules are already imported: those of machines that it swept, saved or followed along a branch. The object at a path
+must be a class of `eqx.Module`, or a function, which is not called. All paths are checked before any import, and all
+objects before any class is instantiated.
 """
 
 import importlib
@@ -30,7 +30,7 @@ _FUNCTIONS = (
     jnp.ufunc,
     eqx.Module,
 )
-# Paths that this process has told of itself, or was once allowed.
+# Paths that this process has described itself, or was allowed to import before.
 _known: set[str] = set()
 
 
@@ -52,10 +52,10 @@ def paths_in(told: Any) -> Iterator[Any]:
 
 
 def found_by(paths: Iterable[Any], allow_forces: Allowed) -> dict[str, Any]:
-    """The functions and classes of some paths.
+    """Functions and classes at some paths.
 
     Raises:
-        ValueError: if one of them is not allowed, cannot be imported, or is neither a function nor a class of `eqx.Module`.
+        ValueError: if one is not allowed, cannot be imported, or is neither a function nor a class of `eqx.Module`.
     """
     paths, names = list(dict.fromkeys(paths)), _names_of(allow_forces)
     for path in paths:
@@ -64,7 +64,7 @@ def found_by(paths: Iterable[Any], allow_forces: Allowed) -> dict[str, Any]:
     _refuse([path for path in paths if path not in _known and not _covers(names, module_of(path))])
     found = {path: _fit(path, _stands_at(path, importlib.import_module)) for path in paths}
     for path, value in found.items():
-        # What a module has from elsewhere is not what was allowed with it.
+        # An object that a module has imported from elsewhere is not allowed along with the module.
         home = module_of(path) if isinstance(value, eqx.Module) else getattr(value, "__module__", None) or ""
         if path not in _known and not _covers(names, home):
             _refuse([f"{home}:{path.partition(':')[2]}"])
@@ -72,15 +72,15 @@ def found_by(paths: Iterable[Any], allow_forces: Allowed) -> dict[str, Any]:
 
 
 def found_here(paths: Iterable[str]) -> dict[str, Any]:
-    """The functions and classes of some paths in modules that this process has imported."""
+    """Functions and classes at some paths, in modules that this process has imported."""
     return {path: _fit(path, _stands_at(path, sys.modules.__getitem__)) for path in paths}
 
 
 def path_of(value: Any) -> str:
-    """The path by which a function or class is found again in this process.
+    """Path at which a function or class is found again in this process.
 
     Raises:
-        ValueError: for one that is not: of the main program, or of within another function.
+        ValueError: for one of the main program, or defined within another function.
     """
     path = f"{value.__module__}:{value.__qualname__}"
     if value.__module__ == "__main__" or _stands_at(path, sys.modules.__getitem__) is not value:
@@ -89,12 +89,12 @@ def path_of(value: Any) -> str:
 
 
 def module_of(path: str) -> str:
-    """The module of a path."""
+    """Module of a path."""
     return path.partition(":")[0]
 
 
 def _names_of(allow_forces: Allowed) -> list[str] | None:
-    """The modules that are allowed; None for all."""
+    """Names of the allowed modules; None if all are allowed."""
     if isinstance(allow_forces, bool):
         return None if allow_forces else [_READY_MADE]
     names = [allow_forces] if isinstance(allow_forces, str) else allow_forces
@@ -109,7 +109,7 @@ def _names_of(allow_forces: Allowed) -> list[str] | None:
 
 
 def _covers(names: list[str] | None, module: str) -> bool:
-    """Whether a module is allowed: a name stands for a package with all that is in it."""
+    """True if a module is allowed; a package name covers all its submodules."""
     return names is None or any(module == name or module.startswith(f"{name}.") for name in names)
 
 
@@ -125,7 +125,7 @@ def _refuse(paths: list[str]) -> None:
 
 
 def _stands_at(path: str, module_named: Callable[[str], Any]) -> Any:
-    """What stands at a path, as it lies there: to ask for attributes may run what answers."""
+    """Object at a path, from `vars` alone: `getattr` may run code."""
     module, _, name = path.partition(":")
     try:
         found = module_named(module)
@@ -134,7 +134,7 @@ def _stands_at(path: str, module_named: Callable[[str], Any]) -> Any:
             if part not in names:
                 raise AttributeError(f"there is no {part}, or it stands neither in a module nor in a class")
             found = names[part]
-    except Exception as error:  # whatever a module raises that is imported
+    except Exception as error:  # an imported module may raise anything
         raise ValueError(
             f'{path!r} cannot be imported: it must be "package.module:function", and the module on the path of '
             f"Python. {type(error).__name__}: {error}"
@@ -143,7 +143,7 @@ def _stands_at(path: str, module_named: Callable[[str], Any]) -> Any:
 
 
 def _fit(path: str, found: Any) -> Any:
-    """Refuse what is neither a class to make a force of, nor a function."""
+    """Reject an object that is neither a class of `eqx.Module` nor a function."""
     is_fit = eqx.Module in found.__mro__ if isinstance(found, type) else isinstance(found, _FUNCTIONS)
     if not is_fit:
         raise ValueError(
@@ -153,5 +153,5 @@ def _fit(path: str, found: Any) -> Any:
 
 
 def _kind_of(found: Any) -> str:
-    """What something is, which is not asked itself."""
+    """Kind of an object for a message, without calling its methods."""
     return f"the class {found.__name__}" if isinstance(found, type) else f"of type {type(found).__name__}"

@@ -1,4 +1,4 @@
-"""The periodic load on the masses."""
+"""Periodic load on the masses."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ from .waves import Waves
 
 
 class Harmonic(eqx.Module):
-    """A load of one or several harmonics of one angular frequency, and a constant part.
+    """A load with a constant part and one or several harmonics of one angular frequency.
 
     Mass i feels `mean_i + sum_h A_hi cos(h W t + phase_hi)`, h = 1, 2, ...
 
@@ -37,7 +37,7 @@ class Harmonic(eqx.Module):
     """
 
     amplitude: Float[Array, "..."]
-    frequency: Float[Array, "..."]  # None in the motion of a machine's stop: the load has it
+    frequency: Float[Array, "..."]  # None in the motion of a machine's stop, which has that of the load
     phase: Float[Array, "..."]
     mean: Float[Array, "..."]
 
@@ -86,11 +86,11 @@ class Harmonic(eqx.Module):
         return as_html(describe_harmonic, self)
 
     def num_harmonics(self, lane_axes: int = 0) -> int:
-        """How many there are; lanes may stand last."""
+        """Number of harmonics; lanes may be last."""
         return len(self.amplitude) if self.amplitude.ndim - lane_axes == 2 else 1
 
     def waves(self, lane_axes: int = 0) -> Waves:
-        """The load but for its mean; lanes may stand last."""
+        """Fourier series of the load without its mean; lanes may be last."""
         is_single = self.amplitude.ndim - lane_axes == 1
         amplitude, phase = (a[None] if is_single else a for a in (self.amplitude, self.phase))
         library = array_namespace(amplitude, phase)
@@ -98,7 +98,7 @@ class Harmonic(eqx.Module):
 
     @property
     def period(self) -> Float[Array, "..."]:
-        """The forcing period, 2 pi / W."""
+        """Forcing period, 2 pi / W."""
         if self.frequency is None:
             raise ValueError("Stops have the period of the load: ask for `forcing.period` of the machine.")
         return 2 * jnp.pi / self.frequency

@@ -1,13 +1,13 @@
-"""The parameters of a machine by name: "forcing.frequency", "stops[*].restitution", "damping[0][1]", "force.k3".
+"""Parameters of a machine by path: "forcing.frequency", "stops[*].restitution", "damping[0][1]", "force.k3".
 
-A path is written as in Python: fields after a dot, entries in brackets, `*` for every entry. It names a whole
-array or an entry of one. Whatever changes parameters, a sweep, a continuation, a fit, finds them here.
+Paths are written as in Python: fields after a dot, entries in brackets, `*` for every entry. A path names a whole
+array or one of its entries. Sweeps, continuation and fits all find parameters here.
 
-Paths are of a machine, or of a module that holds one as its `system` beside a start: then "x0[1]" is a
-path as well. The `args` of a force have paths once they are bound to it, see `with_args`.
+Paths refer to a machine, or to a module that holds one as its `system` beside a start; "x0[1]" is then also a path.
+The `args` of a force have paths once they are bound to it, see `with_args`.
 
-The leaves of a machine are told apart by their number. (Identity of arrays, by which `equinox.tree_at`
-works, was tried first: two stops may share one motion.)
+Leaves are identified by number. (Rejected: identity of arrays, as in `equinox.tree_at`; two stops may share a
+motion.)
 """
 
 import dataclasses
@@ -29,16 +29,16 @@ from .system import ImpactSystem, check_again
 
 Whole = TypeVar("Whole", bound=eqx.Module)
 
-# Longer arrays of a force, weights of a network, are not written out: attributes of files have little room.
+# Longer arrays of a force (weights of a network) are not written out: attributes of files have little room.
 _LONG = 16
 
 
 class Location(NamedTuple):
-    """Where a parameter stands.
+    """Location of a parameter among the leaves.
 
     Attributes:
-        leaves: the numbers of the arrays, as `jax.tree.leaves` counts them; several for a path with a star.
-        index: of the entry in each of them, () for the whole.
+        leaves: numbers of the arrays in the order of `jax.tree.leaves`; several for a path with a star.
+        index: of the entry in each of them, () for the whole array.
     """
 
     leaves: tuple[int, ...]
@@ -46,20 +46,20 @@ class Location(NamedTuple):
 
 
 def parameter_names(whole: eqx.Module) -> list[str]:
-    """The paths of all parameters, whole arrays, in their order."""
+    """Paths of all parameters, whole arrays, in the order of the fields."""
     return list(_numbers_of_leaves(whole))
 
 
 def is_parameter(whole: eqx.Module, path: str) -> bool:
-    """Whether a path names a parameter."""
+    """Test whether a path names a parameter."""
     return bool(_search(whole, path).leaves)
 
 
 def find_parameter(whole: eqx.Module, path: str) -> Location:
-    """Where the parameter of a path stands.
+    """Location of the parameter at a path.
 
     Raises:
-        ValueError: for a path that names nothing, with those that there are.
+        ValueError: for a path that names nothing; the message lists the valid paths.
     """
     place = _search(whole, path)
     if not place.leaves:
@@ -68,11 +68,11 @@ def find_parameter(whole: eqx.Module, path: str) -> Location:
 
 
 def get_parameter(whole: eqx.Module, path: str) -> Array:
-    """The value of a parameter; for a path with a star those of all, one after another, (places, ...).
+    """Value of a parameter; for a path with a star all values, stacked, (places, ...).
 
     Args:
-        whole: the machine, or what holds it and a start.
-        path: the name of the parameter.
+        whole: the machine, or a module that holds it and a start.
+        path: the path of the parameter.
 
     Raises:
         ValueError: for a path that names nothing, or arrays of different shapes at once.
@@ -84,16 +84,16 @@ def get_parameter(whole: eqx.Module, path: str) -> Array:
 
 
 def set_parameter(whole: Whole, path: str, value: Numbers) -> Whole:
-    """The machine with another value of a parameter, all else as it was. Derivatives pass.
+    """Machine with one parameter changed, differentiable by its value.
 
     Args:
-        whole: the machine, or what holds it and a start.
-        path: the name of the parameter.
+        whole: the machine, or a module that holds it and a start.
+        path: the path of the parameter.
         value: of the shape of the parameter; for a path with a star one value for all places, or (places, ...).
 
     Raises:
-        ValueError: for a path that names nothing, a value of another shape, or one that makes no machine.
-            What is traced is not looked at.
+        ValueError: for a path that names nothing, a value of another shape, or one that makes no valid machine.
+            Traced values are not checked.
     """
     place, (leaves, structure) = find_parameter(whole, path), jax.tree.flatten(whole)
     old = [jnp.asarray(leaves[i]) for i in place.leaves]
@@ -111,14 +111,14 @@ def set_parameter(whole: Whole, path: str, value: Numbers) -> Whole:
 
 
 def axis_names(path: str, ndim: int) -> list[str]:
-    """What the axes of a parameter count."""
+    """Names of the axes of a parameter."""
     if is_of_force(path) or path.startswith("stops"):
         return [f"{path}.axis{k}" for k in range(ndim)]
     return ["harmonic" if path.startswith("forcing") else "row", "mass"][-ndim:]
 
 
 def force_parameters(whole: eqx.Module) -> dict[str, float | list | str]:
-    """The numbers of a force and its args by their paths; of arrays that are long the shape alone."""
+    """Numbers of a force and its args by path; for long arrays the shape alone."""
     leaves = jax.tree.leaves(whole)
     known = {
         name: np.asarray(leaves[i]) for name, i in _numbers_of_leaves(whole).items() if is_of_force(name)
@@ -127,12 +127,12 @@ def force_parameters(whole: eqx.Module) -> dict[str, float | list | str]:
 
 
 def is_of_force(path: str) -> bool:
-    """Whether this would be the path of a number of a force or its args."""
+    """True for a path that begins like that of a number of a force or its args."""
     return re.match(r"(force|args)\b", path) is not None
 
 
 def _search(whole: eqx.Module, path: str) -> Location:
-    """Where a parameter stands; without leaves if the path names nothing."""
+    """Location of a parameter; without leaves if the path names nothing."""
     numbers, shapes = _numbers_of_leaves(whole), [np.shape(leaf) for leaf in jax.tree.leaves(whole)]
     name, index = _plain(path), ()
     while True:
@@ -149,7 +149,7 @@ def _is_inside(index: tuple[int, ...], shape: tuple[int, ...]) -> bool:
 
 
 def _numbers_of_leaves(whole: eqx.Module) -> dict[str, int]:
-    """For each path of a whole array its number among the leaves."""
+    """Number among the leaves for each path of a whole array."""
     leaves, structure = jax.tree.flatten(whole)
     counted = jax.tree.unflatten(structure, range(len(leaves)))
     named, _ = jax.tree_util.tree_flatten_with_path(_named(counted))
@@ -157,7 +157,7 @@ def _numbers_of_leaves(whole: eqx.Module) -> dict[str, int]:
 
 
 def _named(whole: Any) -> PyTree:
-    """All parameters, in a tree whose keys are the names that the user knows."""
+    """All parameters in a tree whose keys are the user's names."""
     fields = OrderedDict((field.name, getattr(whole, field.name)) for field in dataclasses.fields(whole))
     if not isinstance(whole, ImpactSystem):
         return _named(fields.pop("system")) | fields
@@ -170,7 +170,7 @@ def _machine_of(whole: Any) -> ImpactSystem:
 
 
 def _plain(path: str) -> str:
-    """Entries of a `dict` are named as fields are: `args.k3` is `args['k3']`."""
+    """Path with entries of a `dict` written as fields: `args.k3` for `args['k3']`."""
     return re.sub(r"\[(['\"])(\w+)\1\]", r".\2", path)
 
 

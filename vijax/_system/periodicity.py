@@ -1,9 +1,8 @@
-"""Whether a force has the period of the load, as far as trials tell.
+"""Sampling test of the period of a force: is it that of the load?
 
-A force is a function, so it can only be sampled: at some times, and a forcing period later. Its value at
-one state says little, as a force of the wrong period may vanish there, as x cos(w t) does at rest. So it
-is sampled at several states, of more than one size that fits the machine, since a force may also vanish
-where all is small, or large.
+A force is a function, so it can only be sampled: at some times, and a forcing period later. One state is not enough,
+as a force of the wrong period may vanish there: x cos(w t) does at rest. So the force is sampled at several states,
+of more than one magnitude that suits the machine, since a force may also vanish where all values are small, or large.
 """
 
 from itertools import product
@@ -17,9 +16,9 @@ from .._jax.arrays import Numbers, as_float, concrete, concrete_evaluation, over
 from .force import BoundForce
 from .system import ImpactSystem, with_args
 
-# No simple fractions of a period, so that no wave of a likely frequency vanishes at all of them.
+# Fractions of a period. None is simple, so that no wave of a likely frequency vanishes at all of them.
 _TIMES = (0.1234, 0.5678, 0.8341)
-# A smaller relative change is taken for the rounding of large times in single precision.
+# Smaller relative changes count as the rounding of large times in single precision.
 _CHANGE = 1e-4
 _OFF_PERIOD = (
     "The force does not have the period of the load, 2 pi / `forcing.frequency`{where}: {who}, which counts "
@@ -30,21 +29,21 @@ _OFF_PERIOD = (
 def refuse_off_period(
     system: ImpactSystem, x: np.ndarray | Array, v: np.ndarray | Array, *, who: str, where: str = ""
 ) -> None:
-    """Refuse a force that has not the period of the load.
+    """Reject a force that does not have the period of the load.
 
     Args:
         system: the machines, the force bound to its `args`; leaves have lanes, or a single one, last.
         x: positions at the start, (n, lanes), or (n, 1).
         v: velocities, likewise.
-        who: what needs that period.
-        where: which of the machines have to have it.
+        who: the function that needs that period, for the message.
+        where: the machines that need it, for the message.
     """
     if isinstance(system.force, BoundForce) and is_off_period(system, x, v):
         raise ValueError(_OFF_PERIOD.format(where=where, who=who))
 
 
 def check_period(system: ImpactSystem, args: object, x0: Numbers, v0: Numbers) -> None:
-    """Refuse a load without a period, and a force of another one, where their numbers are known."""
+    """Reject a load without a period, and a force of another period, where their numbers are concrete."""
     frequency = concrete(system.forcing.frequency)
     if frequency is not None and not frequency > 0:
         raise ValueError("The load has no frequency, so there is no forcing period: use `vx.simulate`.")
@@ -52,7 +51,7 @@ def check_period(system: ImpactSystem, args: object, x0: Numbers, v0: Numbers) -
     is_traced = any(concrete(leaf) is None for leaf in jax.tree.leaves(bound))
     if bound.force is None or is_traced or not np.asarray(bound.forcing.frequency) > 0:
         return
-    # A start that is differentiated is not known, but its place among the stops hardly matters.
+    # A differentiated start is traced and replaced by zeros: its place among the stops hardly matters.
     starts = (concrete(as_float(a)) for a in (x0, v0))
     x, v = (np.zeros(bound.num_masses) if a is None else a for a in starts)
     one_lane = lambda a: np.asarray(a)[..., None]  # noqa: E731
@@ -61,7 +60,7 @@ def check_period(system: ImpactSystem, args: object, x0: Numbers, v0: Numbers) -
 
 
 def is_off_period(system: ImpactSystem, x: np.ndarray | Array, v: np.ndarray | Array) -> bool:
-    """Whether a force differs after a forcing period, in any lane; arguments as above."""
+    """Test whether a force differs after a forcing period, in any lane; arguments as in `refuse_off_period`."""
     lanes = max(np.shape(leaf)[-1] for leaf in jax.tree.leaves((system, x, v)))
     period = 2 * np.pi / np.asarray(system.forcing.frequency)
     filled = lambda a: np.broadcast_to(a, (len(x), lanes)).astype(period.dtype)  # noqa: E731
@@ -73,20 +72,20 @@ def is_off_period(system: ImpactSystem, x: np.ndarray | Array, v: np.ndarray | A
 def _probes(
     system: ImpactSystem, x: np.ndarray | Array, v: np.ndarray | Array
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """States at which a force is sampled: the start, and some to both sides; none is beyond a stop."""
+    """States at which a force is sampled: the start, and states of all signs; none is beyond a stop."""
     x, v = np.asarray(x), np.asarray(v)
     w = np.asarray(system.forcing.frequency)
     order = np.arange(len(x))[:, None]
     xs, vs = [x], [v]
     for size, (k, signs) in product(_sizes(system, x, v), enumerate(product((1, -1), repeat=2))):
-        # No two masses or states alike, lest differences vanish.
+        # No two masses or states are alike, lest differences vanish.
         xs.append(_inside(system, signs[0] * size * (0.7 + 0.3 * np.cos(2.4 * k + 1.7 * order))))
         vs.append(signs[1] * w * size * (0.7 + 0.3 * np.sin(1.1 * k + 2.9 * order)))
     return xs, vs
 
 
 def _sizes(system: ImpactSystem, x: np.ndarray, v: np.ndarray) -> list[np.ndarray]:
-    """Magnitudes of positions and velocities, from stops, start and load, (lanes,) or (1,) each; 1 if all are zero."""
+    """Magnitudes of positions, from stops and start, and from the load, (lanes,) or (1,) each; 1 where zero."""
     w, mass = np.asarray(system.forcing.frequency), np.asarray(system.mass)
     reach = [np.abs(np.asarray(stop.reach(0.0))) for stop in system.stops]
     of_start = np.maximum(np.abs(x), np.abs(v) / w).max(axis=0)
@@ -100,7 +99,7 @@ def _sizes(system: ImpactSystem, x: np.ndarray, v: np.ndarray) -> list[np.ndarra
 
 
 def _inside(system: ImpactSystem, x: np.ndarray) -> np.ndarray:
-    """The positions, those beyond a stop moved onto it, as a force is never sampled beyond."""
+    """Positions, those beyond a stop moved onto it: a force is never sampled beyond a stop."""
     for stop in system.stops:
         beyond = np.maximum(np.asarray(stop.along(x)) - stop.sign * np.asarray(stop.centre), 0)
         square = sum(np.asarray(a) ** 2 for a in stop.coefficients.values())
@@ -121,7 +120,7 @@ def _change(
 ) -> Float[Array, ""]:
     times = period * jnp.asarray(_TIMES, period.dtype)
     now, later = (jax.vmap(lambda t: force(t, x, v))(t) for t in (times, times + period))
-    # Samples that are not finite, as of a force on a body too near to another, are left out.
+    # Samples that are not finite are left out: a force of a body may diverge near another.
     is_known = jnp.isfinite(now) & jnp.isfinite(later)
     change = jnp.where(is_known, jnp.abs(later - now), 0)
     size = jnp.where(is_known, jnp.abs(now), 0)

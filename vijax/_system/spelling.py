@@ -1,34 +1,34 @@
-"""What somebody may have meant by a name that is not known."""
+"""Suggestions for unknown names, which may be misspelt."""
 
 import re
 from collections.abc import Iterable
 from difflib import SequenceMatcher
 
-# Names less alike than this are others: "dampng" and "damping" have 0.92, "omega" and "mean" 0.44.
+# Least similarity of a suggestion: "dampng" and "damping" have 0.92, "omega" and "mean" 0.44.
 _ALIKE = 0.7
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """A question to end a sentence with, or nothing where no known name is like this one.
+    """Question to append to a message; empty if no valid name is similar.
 
-    The end of a path counts as much as the whole, for whoever leaves out where a parameter stands: "amplitude" is like
+    The end of a path counts as much as the whole, for users who omit the parent: "amplitude" is similar to
     "forcing.amplitude".
 
     Args:
-        name: what is not known, perhaps with an index behind it.
-        known: the names that there are, the likelier first.
+        name: the unknown name, perhaps followed by an index.
+        known: the valid names, the likelier first.
     """
     plain, index = _apart(name)
     likeness = {other: _likeness(plain, other) for other in known}
     best = max(likeness, key=likeness.__getitem__, default=name)
-    # A name that is right but for an index is not misspelt.
+    # A name that is right except for an index is not misspelt.
     if likeness.get(best, (0.0,))[0] < _ALIKE or _without_index(best) == _without_index(plain):
         return ""
     return f" Instead of `{name}`, did you mean `{best}{index}`?"
 
 
 def _likeness(name: str, other: str) -> tuple[float, float]:
-    """Of the whole or the end, whichever is more; and of the whole."""
+    """Similarity of the wholes or of the ends, the larger one; and of the wholes."""
     pairs = (name, other), (_end(name), _end(other))
     whole, end = (SequenceMatcher(None, a.lower(), b.lower()).ratio() for a, b in pairs)
     return max(whole, end), whole
@@ -39,7 +39,7 @@ def _end(path: str) -> str:
 
 
 def _apart(path: str) -> tuple[str, str]:
-    """A path and the indices behind it."""
+    """A path and the indices that follow it."""
     match = re.fullmatch(r"(.*?)((?:\[\d+\])*)", path, re.DOTALL)
     assert match is not None
     return match[1], match[2]

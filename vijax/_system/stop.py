@@ -1,4 +1,4 @@
-"""A stop: a rigid wall on one side of one mass."""
+"""Stops: rigid walls on one side of one mass."""
 
 from typing import Literal
 
@@ -15,15 +15,15 @@ from .restitution import AbstractRestitution, Restitution, as_restitution
 class Stop(AbstractLimit):
     """A rigid stop that limits the travel of one mass from one side.
 
-    An `"upper"` stop keeps `x <= position`, a `"lower"` one `x >= position`. On contact the
-    velocity of the mass is multiplied by `-restitution` (Wagg & Bishop 2004, Eq. 11).
+    An `"upper"` stop keeps `x <= position`, a `"lower"` one `x >= position`. On contact the velocity of the mass is
+    multiplied by `-restitution` (Wagg & Bishop 2004, Eq. 11).
 
-    A stop with a `motion` w(t) stands at `position + w(t)`, and it is the velocity relative to it, v - w',
-    that is multiplied. While it holds its mass they move together.
+    A stop with a `motion` w(t) has the position `position + w(t)`, and the velocity relative to it, v - w', is
+    multiplied. A sticking mass moves with its stop.
 
     Args:
         mass: index of the mass, counted from 0.
-        position: where the stop stands, in units of length; the middle of its motion, if it moves.
+        position: the position of the stop, in units of length; the middle of its motion, if it moves.
         side: `"upper"` or `"lower"`.
         restitution: coefficient of restitution, from 0 (plastic) to 1 (elastic), or a law of it, a
             `vx.AbstractRestitution`, for one that depends on the speed of impact. At 1 a mass never
@@ -84,21 +84,21 @@ class Stop(AbstractLimit):
 
     @property
     def sign(self) -> int:
-        """The sign in the gap, `sign (position - x)`, which is 1 for an upper stop and -1 for a lower one."""
+        """Sign in the gap, `sign (position - x)`: 1 for an upper stop, -1 for a lower one."""
         return 1 if self.side == "upper" else -1
 
     @property
     def coefficients(self) -> dict[int, Reals]:
-        """The one entry of its row, by mass."""
+        """The one entry of the row, by mass."""
         return {self.mass: self.sign}
 
     @property
     def slot(self) -> tuple[int, str]:
-        """Its mass and side."""
+        """Mass and side of the stop."""
         return self.mass, self.side
 
     @property
     def remedy(self) -> str:
-        """What to do about a start beyond it."""
+        """Advice for a start beyond the stop."""
         side = f"Start mass {self.mass} on its free side ({self.side} stop), or on the stop."
         return f"`x0[{self.mass}]` is past `stops[{{j}}]`. {side}"

@@ -1,4 +1,4 @@
-"""The machine: masses, dampers, springs, the load, the stops and contacts."""
+"""The machine: masses, dampers, springs, the load, stops and contacts."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -27,17 +27,16 @@ class ImpactSystem(eqx.Module):
         damping: C, shape (n, n), symmetric positive semi-definite.
         stiffness: K, shape (n, n), symmetric positive semi-definite.
         forcing: the periodic load f(t).
-        stops: any number of `vx.Stop`, at most one on each side of a mass, and `vx.Contact`, in any mixture;
-            results count them in this order.
-        force: what else acts on the masses, a smooth JAX function of the time (a number), positions and
-            velocities (n,) and the `args` given to `simulate` or `sweep`, which returns (n,): an
-            `eqx.Module`, whose numbers are parameters of the machine, or a plain function. A machine that
-            has one is not linear, and is simulated by `DiffraxFlow`. Stroboscopic maps and sweeps need
-            one that depends on t with the period of the load, or not at all.
+        stops: any number of `vx.Stop`, at most one on each side of a mass, and `vx.Contact`; results number them in
+            this order.
+        force: any other force on the masses, a smooth JAX function of the time (a number), positions and velocities
+            (n,) and the `args` given to `simulate` or `sweep`, which returns (n,): an `eqx.Module`, whose numbers are
+            parameters of the machine, or a plain function. A machine with a force is nonlinear, and is simulated by
+            `DiffraxFlow`. Stroboscopic maps and sweeps need a force that depends on t with the period of the load, or
+            not at all.
 
     Raises:
-        ValueError: with the argument and the remedy, for wrong shapes or values. Values are
-            checked where they are known, not while they are traced.
+        ValueError: with the argument and the remedy, for wrong shapes or values. Traced values are not checked.
 
     Example:
         ```python
@@ -134,14 +133,15 @@ class ImpactSystem(eqx.Module):
 
     @property
     def has_full_mass(self) -> bool:
-        """Whether `mass` is a matrix; lanes may stand last."""
+        """True if `mass` is a matrix; lanes may be last."""
         return self.mass.ndim == self.stiffness.ndim
 
     @property
     def is_coupled(self) -> bool:
-        """Whether contacts may share inertia, or move in ways that no frame of reference follows; lanes may stand last.
+        """True if contacts may share inertia, or stops of one mass may move differently; lanes may be last.
 
-        If not, every contact bears on one mass of its own motion, and all is simpler and faster.
+        Stops that move differently have no common frame of reference. If False, every contact acts on one mass alone,
+        in a frame that moves with its stops, and all is simpler and faster.
         """
         has_contacts = any(isinstance(stop, Contact) for stop in self.stops)
         return has_contacts or self.has_full_mass or not move_alike(self.stops)
@@ -153,7 +153,7 @@ class ImpactSystem(eqx.Module):
 
 
 def _check_parts(forcing: Any, stops: Any) -> None:
-    """Refuse what is no load, or no list of stops."""
+    """Reject a `forcing` that is not a load, or `stops` that are not a list of stops."""
     if not isinstance(forcing, Harmonic):
         raise ValueError(
             "Argument `forcing` must be a `vx.Harmonic`, one whose amplitudes are 0 if nothing drives the machine, but is "
@@ -168,7 +168,7 @@ def _check_parts(forcing: Any, stops: Any) -> None:
 def _of_one_frequency(
     forcing: Harmonic, stops: Sequence[Stop | Contact]
 ) -> tuple[Harmonic, tuple[Stop | Contact, ...]]:
-    """Leave the frequency to the load alone, so that a change there is one everywhere."""
+    """Keep the frequency in the load alone, so that a change there applies everywhere."""
     same = []
     for j, stop in enumerate(stops):
         if stop.motion is not None and stop.motion.frequency is not None:
@@ -186,17 +186,17 @@ def _of_one_frequency(
 
 
 def check_again(system: ImpactSystem) -> None:
-    """Refuse a machine whose numbers were replaced by invalid ones after it was built."""
+    """Reject a machine whose numbers were replaced by invalid ones after it was built."""
     for part in (system.forcing, *system.stops, system):
-        for kind in type(part).__mro__:  # as Equinox does where it is built
+        for kind in type(part).__mro__:  # as Equinox does at construction
             if "__check_init__" in vars(kind):
                 vars(kind)["__check_init__"](part)
 
 
 def with_args(system: ImpactSystem, args: object) -> ImpactSystem:
-    """The machine with its force bound to `args`, in full precision.
+    """Machine with its force bound to `args`, in full precision.
 
-    For the force see `bind_args`. Stops lose a frequency that they were given after the machine was built.
+    For the force see `bind_args`. Frequencies that stops were given after the machine was built are removed.
     """
     system = in_full_precision(system)
     if any(stop.motion is not None and stop.motion.frequency is not None for stop in system.stops):
@@ -206,13 +206,13 @@ def with_args(system: ImpactSystem, args: object) -> ImpactSystem:
 
 
 def bound(system: ImpactSystem, args: object = None) -> ImpactSystem:
-    """The machine with its force bound to `args`, or to those that it has; all else as it is."""
+    """Machine with its force bound to `args`, or to those that it has; all else is unchanged."""
     force = bind_args(system.force, args, system.num_masses)
     return system if force is None else eqx.tree_at(lambda s: s.force, system, force)
 
 
 def unbound(system: ImpactSystem) -> ImpactSystem:
-    """The machine with its force as the user gave it, where that has no `args`."""
+    """Machine with its force as the user gave it, if that has no `args`."""
     force = system.force
     if not isinstance(force, BoundForce) or force.args is not None:
         return system
@@ -229,8 +229,8 @@ def chain(
 ) -> ImpactSystem:
     """Build a chain of masses: wall, spring and damper, mass, spring and damper, mass, ...
 
-    Spring and damper i join mass i to mass i - 1, the first of them to the wall; the last mass is
-    free on its far side (Wagg & Bishop 2004, Fig. 1).
+    Spring and damper i join mass i to mass i - 1, the first of them to the wall; the last mass is free on its far
+    side (Wagg & Bishop 2004, Fig. 1).
 
     Args:
         masses: m, length n.
@@ -238,7 +238,7 @@ def chain(
         stiffnesses: k, length n.
         forcing: the periodic load.
         stops: the stops.
-        force: what else acts on the masses, see `ImpactSystem`.
+        force: any other force on the masses, see `ImpactSystem`.
 
     Returns:
         The machine, with the matrices of Eqs. 1 and 2.
@@ -268,7 +268,7 @@ def chain(
 
 
 def _chain_matrix(links: Float[Array, " n"]) -> Float[Array, "n n"]:
-    """The matrix of n links in a row, [E] of Eq. 5 for equal links."""
+    """Matrix of n links in a row, [E] of Eq. 5 for equal links."""
     known = concrete(links)
     if known is None:
         after = jnp.append(links[1:], 0)

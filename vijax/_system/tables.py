@@ -1,31 +1,31 @@
-"""Text of TOML or JSON as tables, from files that anybody may have written."""
+"""TOML or JSON text as tables, from files that may be written by anybody."""
 
 import json
 import tomllib
 from typing import Any
 
-# A machine is five deep, a force made of others a few more. Who walks through a table must come to its end before Python's
+# Largest depth: a machine has 5, a force made of others a few more. Recursion over a table must end before Python's
 # stack does.
 _DEEPEST = 40
 
 
 def table_of(text: str, kind: str, name: str) -> dict[str, Any]:
-    """The table of a text.
+    """Table of a text.
 
     Args:
         text: of a file or an attribute.
         kind: its format, "TOML" or "JSON".
-        name: what it is, for sentences.
+        name: its name, for messages.
 
     Raises:
-        ValueError: for a text of another format, or one that is no table, or nested without end.
+        ValueError: for a text of another format, one that is no table, or one nested too deeply.
     """
     too_deep = f"{name} is nested more than {_DEEPEST} deep: a machine has fewer tables within tables."
     try:
         table = json.loads(text) if kind == "JSON" else tomllib.loads(text)
     except RecursionError:
         raise ValueError(too_deep) from None
-    except ValueError as error:  # of both formats
+    except ValueError as error:  # of either format
         raise ValueError(f"{name} cannot be read as {kind}: {error}") from error
     if not isinstance(table, dict):
         raise ValueError(f"{name} must hold a machine, a table, but holds {type(table).__name__}.")
@@ -42,6 +42,6 @@ def _is_deep(table: dict[str, Any]) -> bool:
 
 
 def _parts(value: dict | list) -> list[Any]:
-    """The tables and lists in a table or a list."""
+    """Tables and lists that are entries of a table or a list."""
     inner = value.values() if isinstance(value, dict) else value
     return [part for part in inner if isinstance(part, dict | list)]

@@ -1,11 +1,11 @@
-"""The Fourier series: of a load, of the motion of a stop, of the response to them.
+"""Fourier series of a load, of the motion of a stop, of the response to them.
 
-All series of a machine have its one frequency W, and are read at the same phase: cosine and sine of h W t for
-every harmonic h = 1, 2, ..., which are computed once and then turned. A series is linear in the phase. So one
-sum serves: read at a phase it is the value, at `phase_rate` the derivative, at the change of the phase in a
-step the change of the value, to full relative accuracy however short the step.
+All series of a machine share its frequency W, and are evaluated at the same phase: cosine and sine of h W t for every
+harmonic h = 1, 2, ..., which are computed once and then rotated. A series is linear in the phase. So one sum
+suffices: at a phase it is the value, at `phase_rate` the derivative, at the change of the phase in a step the change
+of the value, to full relative accuracy however short the step.
 
-Axes: (harmonics, rows) of a series, (2, harmonics) of a phase; lanes, if there are any, last.
+Axes: (harmonics, rows) of a series, (2, harmonics) of a phase; lanes, if any, last.
 """
 
 import equinox as eqx
@@ -18,7 +18,7 @@ class Waves(eqx.Module):
     """A Fourier series without its mean: sum_h (cosine_h cos(h W t) + sine_h sin(h W t)).
 
     Attributes:
-        cosine: (harmonics, rows), a row for every mass, or for every stop.
+        cosine: (harmonics, rows), one row for every mass or stop.
         sine: likewise.
     """
 
@@ -27,23 +27,23 @@ class Waves(eqx.Module):
 
     @property
     def num_harmonics(self) -> int:
-        """How many there are."""
+        """Number of harmonics."""
         return len(self.cosine)
 
     def at(self, phase: Reals) -> Reals:
-        """The sum at a phase, (rows,)."""
+        """Sum at a phase, (rows,)."""
         return add_up(self.cosine * phase[0][:, None] + self.sine * phase[1][:, None])
 
     def at_angle(self, angle: Reals) -> Reals:
-        """The sum at an angle W t."""
+        """Sum at an angle W t."""
         return self.at(self._phase_at(angle))
 
     def slope_at_angle(self, angle: Reals) -> Reals:
-        """Its derivative by the angle; by the time it is W times as much."""
+        """Derivative of the sum by the angle; the time derivative is W times that."""
         return self.at(phase_rate(self._phase_at(angle), 1))
 
     def bound(self, order: int = 0) -> Reals:
-        """Bound the sum, or its derivative of some order by the angle, at every phase."""
+        """Bound of the sum, or of its derivative of some order by the angle, over all phases."""
         size = abs(self.cosine) + abs(self.sine)
         return add_up(size * _orders(self.num_harmonics, size) ** order)
 
@@ -52,7 +52,7 @@ class Waves(eqx.Module):
         return self.bound(order) + abs(angle) * self.bound(order + 1)
 
     def padded(self, num_harmonics: int) -> "Waves":
-        """The series with harmonics of no amplitude after its own."""
+        """Series with harmonics of zero amplitude appended."""
         missing = np.zeros((num_harmonics - self.num_harmonics, *self.cosine.shape[1:]), self.cosine.dtype)
         joined = lambda a: array_namespace(a).concatenate([a, missing])  # noqa: E731
         return Waves(joined(self.cosine), joined(self.sine))
@@ -62,29 +62,29 @@ class Waves(eqx.Module):
 
 
 def phase_at(angle: Reals, num_harmonics: int) -> Reals:
-    """The phase at an angle W t of any shape: (2, harmonics) and then that shape."""
+    """Phase at an angle W t of any shape: (2, harmonics) and then that shape."""
     angles = _orders(num_harmonics, angle, axes=1) * angle
     library = array_namespace(angles)
     return library.stack([library.cos(angles), library.sin(angles)])
 
 
 def phase_rate(phase: Reals, frequency: Reals) -> Reals:
-    """Time derivative of a phase, at which a series has its own; by the angle for a frequency of 1."""
+    """Time derivative of a phase, at which a series gives its own; derivative by the angle if `frequency` is 1."""
     speed = speeds(phase, frequency)
     return stack([-speed * phase[1], speed * phase[0]])
 
 
 def turned(phase: Reals, by: Reals) -> Reals:
-    """The phase turned by another one; the change alone, if 1 is subtracted from the cosines of that one."""
+    """Phase rotated by another; its change alone, if 1 is subtracted from the cosines of the other."""
     (cos, sin), (turn, slide) = phase, by
     return stack([turn * cos - slide * sin, turn * sin + slide * cos])
 
 
 def speeds(phase: Reals, frequency: Reals) -> Reals:
-    """H W of every harmonic, to be multiplied with cosines or sines of a phase."""
+    """Angular frequencies h W of all harmonics, shaped to multiply cosines or sines of a phase."""
     return _orders(len(phase[0]), phase[0]) * frequency
 
 
 def _orders(num_harmonics: int, like: Reals, axes: int = 0) -> np.ndarray:
-    """1, 2, ... with axes of length one after them; in all `axes` more than `like` has."""
+    """1, 2, ... followed by axes of length one; in all `axes` more than `like` has."""
     return np.arange(1, num_harmonics + 1).reshape(-1, *[1] * (np.ndim(like) + axes - 1))

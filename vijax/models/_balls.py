@@ -1,4 +1,4 @@
-"""Balls that bounce under their weight, between walls, and on each other."""
+"""Balls that bounce under gravity, between walls, and on each other."""
 
 import math
 
@@ -20,18 +20,16 @@ def bouncing_ball(
     mass: ArrayLike = 1.0,
     frequency: ArrayLike = 1.0,
 ) -> ImpactSystem:
-    """Let a ball fall on a floor: m x'' = -m g, x >= 0.
+    """Build a ball that falls on a fixed floor: m x'' = -m g, x >= 0.
 
-    It hits the floor at speed v, leaves it at r v and is back after 2 r v / g. Bounces without number,
-    each r times as long as the last, end at 2 r v / (g (1 - r)) after that impact; then the ball
-    lies still.
+    The ball hits the floor at speed v, leaves it at r v and returns after 2 r v / g. Each bounce lasts r times as
+    long as the one before: infinitely many end at 2 r v / (g (1 - r)) after that impact. Then the ball lies still.
 
     Args:
         restitution: r.
         gravity: g, an acceleration.
         mass: m; it scales impulses and contact forces, and changes no motion.
-        frequency: angular frequency of a load without amplitude. It moves nothing, but sweeps
-            and stroboscopic maps count its periods.
+        frequency: angular frequency of a load of zero amplitude, whose periods sweeps and stroboscopic maps count.
 
     Returns:
         The machine; x is the height of the ball.
@@ -57,17 +55,17 @@ def ball_on_table(
     gravity: ArrayLike = 9.81,
     mass: ArrayLike = 1.0,
 ) -> ImpactSystem:
-    """Let a ball bounce on a table that moves up and down: m x'' = -m g, x >= a cos(W t + phase).
+    """Build a ball that bounces on a table moving up and down: m x'' = -m g, x >= a cos(W t + phase).
 
-    No approximation of high bounces. With s = (1 - r) / (1 + r), the ball hits the table once in n periods T
-    of it, always at the velocity -g n T / 2, when a W^2 sin(W t + phase) = -pi n s g. Of the two such instants in
-    a period that with y'' < 0, y the height of the table, can be stable, and is while -y'' < (1 + s^2) g at the
+    High bounces are not approximated. With s = (1 - r) / (1 + r), the ball hits the table once in n periods T of the
+    table, always at the velocity -g n T / 2, when a W^2 sin(W t + phase) = -pi n s g. Of the two such instants in a
+    period, only the one with y'' < 0, y the height of the table, can be stable; it is while -y'' < (1 + s^2) g at the
     impact. A ball that lies on the table is thrown off when y'' falls below -g.
 
     Args:
         frequency: angular frequency W of the table.
-        amplitude: a, a length; `stops[0].motion.amplitude[0]` to a sweep.
-        phase: radians. If left out the table rises through its middle at time 0.
+        amplitude: a, a length; its path in sweeps is `stops[0].motion.amplitude[0]`.
+        phase: radians. By default the table rises through its middle at time 0.
         restitution: r.
         gravity: g, an acceleration.
         mass: m; it scales impulses and contact forces, and changes no motion.
@@ -76,7 +74,7 @@ def ball_on_table(
         The machine; x is the height of the ball in space.
 
     Raises:
-        ValueError: for an amplitude or phase that is no number.
+        ValueError: for an amplitude or phase that is not a number.
 
     Example:
         ```python
@@ -102,26 +100,26 @@ def ball_between_walls(
     restitution: ArrayLike = 1.0,
     mass: ArrayLike = 1.0,
 ) -> ImpactSystem:
-    """Let a free ball fly between a wall that moves and one that stands: a cos(W t + phase) <= x <= position.
+    """Build a free ball between a moving and a fixed wall: a cos(W t + phase) <= x <= position.
 
-    The model of Fermi and Ulam, with the travel of the wall. With k = (1 - r^2) / (2 pi n r), the ball hits each wall once in n
-    periods T, the moving one at an angle W t + phase = b with a (k cos b - sin b) = k d, d the position, while
-    a sqrt(1 + k^2) >= k d; it leaves that wall at the speed (d - a cos b) (1 + 1 / r) / (n T). Without losses the energy of
-    fast balls wanders.
+    The model of Fermi and Ulam, with the displacement of the wall not neglected. With k = (1 - r^2) / (2 pi n r), the
+    ball hits each wall once in n periods T, the moving one at an angle W t + phase = b with
+    a (k cos b - sin b) = k d, d the position, while a sqrt(1 + k^2) >= k d; it leaves that wall at the speed
+    (d - a cos b) (1 + 1 / r) / (n T). Without losses the energy of fast balls wanders.
 
     Args:
         frequency: angular frequency W of the wall.
-        amplitude: a, a length; `stops[1].motion.amplitude[0]` to a sweep.
+        amplitude: a, a length; its path in sweeps is `stops[1].motion.amplitude[0]`.
         phase: radians.
-        position: d, where the other wall stands, stop 0. The moving one, stop 1, has its middle at 0.
-        restitution: r, that of both walls.
+        position: d, the position of the fixed wall, stop 0. The moving wall, stop 1, has its middle at 0.
+        restitution: r of both walls.
         mass: m; it scales impulses, and changes no motion.
 
     Returns:
         The machine; x is the position of the ball in space.
 
     Raises:
-        ValueError: for an amplitude or phase that is no number.
+        ValueError: for an amplitude or phase that is not a number.
 
     Example:
         ```python
@@ -131,9 +129,9 @@ def ball_between_walls(
         ```
 
     References:
-        S. M. Ulam, "On some statistical properties of dynamical systems", Proc. 4th Berkeley Symposium 3 (1961) 315-320;
-        M. A. Lieberman and A. J. Lichtenberg, "Stochastic and adiabatic behavior of particles accelerated by periodic forces",
-        Physical Review A 5 (1972) 1852-1866.
+        S. M. Ulam, "On some statistical properties of dynamical systems", Proc. 4th Berkeley Symposium 3 (1961)
+        315-320; M. A. Lieberman and A. J. Lichtenberg, "Stochastic and adiabatic behavior of particles accelerated by
+        periodic forces", Physical Review A 5 (1972) 1852-1866.
     """
     motion = _travel(amplitude, frequency, phase)
     walls = [Stop(0, position, "upper", restitution), Stop(0, 0.0, "lower", restitution, motion)]
@@ -155,28 +153,29 @@ def bead_column(
 ) -> ImpactSystem:
     """Stack beads on a floor, which may be shaken: x_0 >= a cos(W t + phase), x_i - x_(i-1) >= diameter.
 
-    With r = 1 equal beads exchange their velocities, so that without diameter their places are those of beads that pass through each
-    other, in order. With r < 1 a column that is dropped comes to rest after infinitely many impacts in a finite time, and every
-    contact carries the weight of all beads above it. If r is low enough for their number, beads without weight cluster likewise:
-    inelastic collapse.
+    With r = 1 equal beads exchange their velocities; without diameter their positions are then those of beads that
+    pass through each other, in order. With r < 1 a column that is dropped comes to rest after infinitely many impacts
+    in a finite time, and every contact carries the weight of all beads above it. Beads without weight cluster in the
+    same way if r is low enough for their number: inelastic collapse.
 
     Args:
-        frequency: angular frequency W of the floor; of a floor that stands still, that of a load without amplitude.
-        amplitude: a, the travel of the floor, a length; `stops[0].motion.amplitude[0]` to a sweep. The floor stands still, if left out.
+        frequency: angular frequency W of the floor; for a fixed floor, that of a load of zero amplitude.
+        amplitude: a, the displacement of the floor, a length; its path in sweeps is `stops[0].motion.amplitude[0]`.
+            The floor is fixed if it is left out.
         num_beads: one or more.
-        phase: radians. If left out the floor rises through its middle at time 0.
-        position: of a ceiling, above the middle of the floor; there is none, if left out.
+        phase: radians. By default the floor rises through its middle at time 0.
+        position: of a ceiling, above the middle of the floor; no ceiling if it is left out.
         diameter: the least distance of neighbours, a length; heights are those of the lowest points of the beads.
-        restitution: r, that of all contacts.
-        gravity: g, an acceleration; 0 for beads that lie on a level line.
-        mass: that of every bead, or one for each, (num_beads,).
+        restitution: r of all contacts.
+        gravity: g, an acceleration; 0 for beads on a horizontal line.
+        mass: of every bead, or one for each, (num_beads,).
 
     Returns:
-        The machine; x are the heights of the lowest points of the beads in space, from below. Stop 0 is the floor, contact i is between
-        the beads i - 1 and i, and a ceiling is the last stop.
+        The machine; x are the heights of the lowest points of the beads in space, from below. Stop 0 is the floor,
+        contact i is between the beads i - 1 and i, and a ceiling is the last stop.
 
     Raises:
-        ValueError: for less than one bead, or an amplitude or phase that is no number.
+        ValueError: for less than one bead, or an amplitude or phase that is not a number.
 
     Example:
         ```python
@@ -186,9 +185,9 @@ def bead_column(
         ```
 
     References:
-        S. Luding, E. Clement, A. Blumen, J. Rajchenbach and J. Duran, "Studies of columns of beads under external vibrations",
-        Physical Review E 49 (1994) 1634-1646; S. McNamara and W. R. Young, "Inelastic collapse and clumping in a one-dimensional
-        granular medium", Physics of Fluids A 4 (1992) 496-504.
+        S. Luding, E. Clement, A. Blumen, J. Rajchenbach and J. Duran, "Studies of columns of beads under external
+        vibrations", Physical Review E 49 (1994) 1634-1646; S. McNamara and W. R. Young, "Inelastic collapse and
+        clumping in a one-dimensional granular medium", Physics of Fluids A 4 (1992) 496-504.
     """
     num_beads = whole_number("num_beads", num_beads, 1)
     d = as_float(diameter)
@@ -203,7 +202,7 @@ def bead_column(
 
 
 def _travel(amplitude: ArrayLike, frequency: ArrayLike, phase: ArrayLike) -> Harmonic:
-    """The motion of one wall."""
+    """Motion of one wall."""
     for name, value in (("amplitude", amplitude), ("phase", phase)):
         if np.ndim(value):
             raise ValueError(f"Argument `{name}` must be a number, but has shape {np.shape(value)}.")
@@ -211,7 +210,7 @@ def _travel(amplitude: ArrayLike, frequency: ArrayLike, phase: ArrayLike) -> Har
 
 
 def _ball(floor: Stop, mass: ArrayLike, gravity: ArrayLike, frequency: ArrayLike) -> ImpactSystem:
-    """A ball on which only its weight and the floor act."""
+    """A ball with only its weight and the floor acting on it."""
     masses = as_float(mass)[None]
     load = Harmonic([0.0], frequency, mean=-masses * as_float(gravity))
     return ImpactSystem(masses, [[0.0]], [[0.0]], load, [floor])

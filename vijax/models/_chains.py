@@ -10,10 +10,10 @@ from .._system.system import ImpactSystem, chain
 
 
 def wagg_bishop_a(frequency: ArrayLike, amplitude: ArrayLike = 0.3) -> ImpactSystem:
-    """Two equal masses in a chain, an upper stop at 0.3 for each: case (a) of the paper.
+    """Build a chain of two equal masses with an upper stop at 0.3 for each: case (a) of the paper.
 
-    m = k = 1, c = 0.1, r = 0.7, the first mass driven. The captions and Table 2 fit the
-    amplitude 0.3; Sec. 4.2 prints 0.5.
+    m = k = 1, c = 0.1, r = 0.7; the first mass is driven. Captions and Table 2 fit amplitude 0.3; Sec. 4.2 prints
+    0.5.
 
     Args:
         frequency: angular frequency of the load.
@@ -36,10 +36,9 @@ def wagg_bishop_a(frequency: ArrayLike, amplitude: ArrayLike = 0.3) -> ImpactSys
 
 
 def wagg_bishop_b(frequency: ArrayLike, amplitude: ArrayLike = 0.5) -> ImpactSystem:
-    """Two equal masses in a chain, stops on opposite sides: case (b) of the paper.
+    """Build a chain of two equal masses with stops on opposite sides: case (b) of the paper.
 
-    As case (a), but with a lower stop at -0.3 for the first mass and an upper stop at 0.1 for the
-    second.
+    As case (a), but with a lower stop at -0.3 for the first mass and an upper stop at 0.1 for the second.
 
     Args:
         frequency: angular frequency of the load.
@@ -73,24 +72,24 @@ def uniform_chain(
     damping: ArrayLike = 0.1,
     stiffness: ArrayLike = 1.0,
 ) -> ImpactSystem:
-    """Drive a chain of equal masses whose first and last mass have an upper stop each.
+    """Build a chain of equal masses with an upper stop each for the first and the last mass.
 
-    The paper's chain of N masses (Fig. 1); with two masses it is `wagg_bishop_a`. The first spring
-    hangs on the wall, the last mass is free on its far side. Without contact its natural frequencies are
+    The paper's chain of N masses (Fig. 1), driven at the first mass; with two masses it is `wagg_bishop_a`. The first
+    spring is fixed to the wall, the last mass is free on its far side. Without contact the natural frequencies are
     2 sqrt(k / m) sin((2 j - 1) pi / (4 n + 2)), j = 1 ... n.
 
     Args:
         frequency: angular frequency of the load.
         amplitude: amplitude of the load on the first mass.
         num_masses: n, two or more.
-        position: where both stops stand.
-        restitution: r, that of both stops.
-        mass: m, that of every mass.
-        damping: c, that of every damper.
-        stiffness: k, that of every spring.
+        position: of both stops.
+        restitution: r of both stops.
+        mass: m of every mass.
+        damping: c of every damper.
+        stiffness: k of every spring.
 
     Returns:
-        The machine; stop 0 is that of the first mass, stop 1 that of the last.
+        The machine; stop 0 limits the first mass, stop 1 the last.
 
     Raises:
         ValueError: for fewer than two masses.

@@ -1,4 +1,4 @@
-"""Machines in whose masses others move: impact dampers."""
+"""Impact dampers: machines with a free mass inside another."""
 
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
@@ -20,18 +20,19 @@ def impact_damper(
     damping_ratio: ArrayLike = 0.0,
     mass_ratio: ArrayLike = 0.1,
 ) -> ImpactSystem:
-    """Let a free mass rattle in a container on a driven oscillator: x'' + 2 zeta x' + x = A cos(W t + phase), |z - x| <= position.
+    """Build a driven oscillator with a free mass in a container on it: x'' + 2 zeta x' + x = A cos(W t + phase).
 
-    The oscillator x has the mass and stiffness 1, the free mass z the mass mu. In the steady motion with one impact at each end in
-    a period, half a period T apart, the free mass flies at a constant speed w and hits the ends where z = w T / 4; with
-    v- = -w (1 - r + 2 mu) / (1 + r) the oscillator is hit, and leaves with v+ = v- + 2 mu w.
+    The container keeps |z - x| <= position. The oscillator x has the mass and stiffness 1, the free mass z the mass
+    mu. In the steady motion with one impact at each end in a period, half a period T apart, the free mass flies at a
+    constant speed w and hits the ends where z = w T / 4; the oscillator is hit at v- = -w (1 - r + 2 mu) / (1 + r)
+    and leaves with v+ = v- + 2 mu w.
 
     Args:
         frequency: angular frequency W of the load; the natural one of the oscillator is 1.
         amplitude: A, a force.
         phase: radians.
         position: half the clearance d: contact 0 keeps z - x <= d, contact 1 x - z <= d. Positive.
-        restitution: r, that of both ends.
+        restitution: r of both ends.
         damping_ratio: zeta of the oscillator, a fraction of its critical damping.
         mass_ratio: mu, the free mass.
 

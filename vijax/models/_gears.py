@@ -22,32 +22,34 @@ def gear_pair(
     radii: Numbers = (1.0, 1.0),
     damping: ArrayLike = 0.0,
 ) -> ImpactSystem:
-    """Drive one gear by another, with backlash: |R1 x1 - R2 x2| <= position, x the angles of both beside uniform rotation.
+    """Build a gear that drives another with backlash: |R1 x1 - R2 x2| <= position.
 
-    The driving gear feels the torque M + A cos(W t + phase), the driven one the load -M R2 / R1 that keeps the mean speed. With
-    m = J / R^2 the teeth press with (M + A m2 cos(W t + phase) / (m1 + m2)) / R1, if there is no drag: they stay in contact while
+    The angles x1 and x2 are deviations from uniform rotation. The driving gear feels the torque
+    M + A cos(W t + phase), the driven one the load -M R2 / R1 that keeps the mean speed. With m = J / R^2 the teeth
+    press with (M + A m2 cos(W t + phase) / (m1 + m2)) / R1, if there is no drag: they stay in contact while
     A m2 <= M (m1 + m2), and hammer beyond.
 
-    Nothing holds the angle of both gears together: turned by any constant, a motion is another one. `vx.periodic_orbit` finds the
-    one whose angle is that of the guess, with a multiplier 1, and so `is_stable` is False: judge by the others.
+    No torque depends on the common angle of both gears: a motion rotated by a constant is also a motion.
+    `vx.periodic_orbit` finds the orbit with the angle of the guess, with a multiplier 1, so `is_stable` is False:
+    judge stability by the other multipliers.
 
     Args:
-        frequency: angular frequency W of the torque that varies.
+        frequency: angular frequency W of the varying torque.
         amplitude: A, a torque.
         phase: radians.
         torque: M, the mean torque; 0 for gears that carry no load and rattle.
-        position: half the backlash, a length along the line of action. Contact 0 keeps R1 x1 - R2 x2 below it, the driving flanks;
-            contact 1 is on the other flanks. Positive.
-        restitution: r, that of both flanks.
+        position: half the backlash, a length along the line of action. Contact 0 keeps R1 x1 - R2 x2 below it, the
+            driving flanks; contact 1 is on the other flanks. Positive.
+        restitution: r of both flanks.
         inertias: J, the moments of inertia, (2,).
-        radii: R, those of the base circles, (2,).
-        damping: drag on either shaft, a torque by an angular velocity.
+        radii: R of the base circles, (2,).
+        damping: drag on either shaft, torque per angular velocity.
 
     Returns:
         The machine; mass 0 is the driving gear, mass 1 the driven one.
 
     Raises:
-        ValueError: for inertias or radii that are not two.
+        ValueError: unless there are two inertias and two radii.
 
     Example:
         ```python
@@ -57,8 +59,8 @@ def gear_pair(
         ```
 
     References:
-        K. Karagiannis and F. Pfeiffer, "Theoretical and experimental investigations of gear-rattling", Nonlinear Dynamics 2
-        (1991) 367-387.
+        K. Karagiannis and F. Pfeiffer, "Theoretical and experimental investigations of gear-rattling", Nonlinear
+        Dynamics 2 (1991) 367-387.
     """
     inertia, radius = as_float(inertias), as_float(radii)
     for name, value in (("inertias", inertia), ("radii", radius)):

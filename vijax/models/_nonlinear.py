@@ -1,4 +1,4 @@
-"""Machines that are not linear, and the forces that make them so: examples for forces of one's own."""
+"""Nonlinear machines and their forces: examples for user-defined forces."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,11 +11,11 @@ from .._system.system import ImpactSystem
 
 
 class CubicSpring(eqx.Module):
-    """A spring from every mass to the wall whose force is -k3 x^3.
+    """A spring from every mass to the wall with the force -k3 x^3.
 
     Args:
-        stiffness: k3, one number for all masses or one per mass, (n,): a force per cubed length. Positive
-            hardens a linear spring beside it, negative softens it.
+        stiffness: k3, one number for all masses or one per mass, (n,): a force per cubed length. Positive hardens a
+            linear spring in parallel, negative softens it.
 
     Example:
         ```python
@@ -31,16 +31,15 @@ class CubicSpring(eqx.Module):
     def __call__(
         self, t: Float[Array, ""], x: Float[Array, " n"], v: Float[Array, " n"], args: PyTree
     ) -> Float[Array, " n"]:
-        """The forces on the masses at one instant."""
+        """Return the forces on the masses at one instant."""
         return -self.stiffness * x**3
 
 
 class PendulumWeight(eqx.Module):
-    """The moment of the weight of a pendulum about its pivot, -strength sin x.
+    """The moment of a pendulum's weight about its pivot, -strength sin x.
 
     Args:
-        strength: the moment while the pendulum is level, m g l for a bob on a light rod; one number or
-            one per pendulum, (n,).
+        strength: its moment when horizontal, m g l for a bob on a light rod; one number or one per pendulum, (n,).
 
     Example:
         ```python
@@ -56,7 +55,7 @@ class PendulumWeight(eqx.Module):
     def __call__(
         self, t: Float[Array, ""], x: Float[Array, " n"], v: Float[Array, " n"], args: PyTree
     ) -> Float[Array, " n"]:
-        """The moments on the pendulums at one instant."""
+        """Return the moments on the pendulums at one instant."""
         return -self.strength * jnp.sin(x)
 
 
@@ -71,21 +70,21 @@ def duffing_oscillator(
     stiffness: ArrayLike = 1.0,
     cubic_stiffness: ArrayLike = 1.0,
 ) -> ImpactSystem:
-    """Drive Duffing's oscillator against a stop: x'' + c x' + k x + k3 x^3 = A cos(W t + phase), x <= position.
+    """Build Duffing's oscillator with a stop: x'' + c x' + k x + k3 x^3 = A cos(W t + phase), x <= position.
 
-    The mass is 1. Neither damped nor driven and let go at -a it moves as -a cn(w t, m), with
-    w^2 = k + k3 a^2 and m = k3 a^2 / (2 w^2): it hits a stop at 0 after K(m) / w at the speed
-    a sqrt(k + k3 a^2 / 2) and, if r = 1, again every 2 K(m) / w, K the complete elliptic integral.
+    The mass is 1. Without damping and load, released at rest at -a, it moves as -a cn(w t, m), with w^2 = k + k3 a^2
+    and m = k3 a^2 / (2 w^2): it hits a stop at 0 after K(m) / w at the speed a sqrt(k + k3 a^2 / 2) and, if r = 1,
+    again every 2 K(m) / w, K the complete elliptic integral.
 
     Args:
         frequency: angular frequency W of the load.
         amplitude: A, a force.
         phase: radians.
-        position: where the stop stands; below 0 the springs press the mass against it.
+        position: of the stop; below 0 the springs press the mass against it.
         restitution: r.
         damping: c.
         stiffness: k, not negative.
-        cubic_stiffness: k3; negative softens the spring, and beyond a = sqrt(-k / k3) nothing pulls back.
+        cubic_stiffness: k3; negative softens the spring, and beyond a = sqrt(-k / k3) there is no restoring force.
 
     Returns:
         The machine, its `force` a `CubicSpring`.
@@ -116,16 +115,16 @@ def impacting_pendulum(
     damping: ArrayLike = 0.0,
     natural_frequency: ArrayLike = 1.0,
 ) -> ImpactSystem:
-    """Swing a pendulum against a wall: x'' + c x' + w^2 sin x = A cos(W t + phase), x <= position.
+    """Build a pendulum that swings against a wall: x'' + c x' + w^2 sin x = A cos(W t + phase), x <= position.
 
-    x is the angle from where it hangs at rest, w the angular frequency of small swings, sqrt(g / l) for
-    a bob on a light rod; moments are divided by the moment of inertia. Neither damped nor driven and
-    let go at -b it reaches the wall at w sqrt(2 (cos position - cos b)). A wall at 0 is hit after
-    K(sin^2(b / 2)) / w, K the complete elliptic integral of the parameter m, and again after twice
-    that time for the next b: every impact multiplies sin(b / 2) by r.
+    x is the angle from the hanging equilibrium, w the angular frequency of small swings, sqrt(g / l) for a bob on a
+    light rod; moments are divided by the moment of inertia. Undamped, undriven and released at rest at -b, it reaches
+    the wall at w sqrt(2 (cos position - cos b)). A wall at 0 is hit after K(sin^2(b / 2)) / w, K the complete
+    elliptic integral of the parameter m, and again after twice that time for the next b: every impact multiplies
+    sin(b / 2) by r.
 
     Args:
-        frequency: angular frequency W of the moment that drives it.
+        frequency: angular frequency W of the driving moment.
         amplitude: A, an angular acceleration.
         phase: radians.
         position: the angle of the wall, radians; below 0 the weight presses the pendulum against it.

@@ -1,4 +1,4 @@
-"""One mass, with or without a spring, and stops on one or both of its sides."""
+"""One mass, with or without a spring, with stops on one or both sides."""
 
 from jaxtyping import ArrayLike
 
@@ -18,16 +18,16 @@ def impact_oscillator(
     restitution: ArrayLike = 0.8,
     damping_ratio: ArrayLike = 0.0,
 ) -> ImpactSystem:
-    """Drive a mass on a spring against a stop: x'' + 2 zeta x' + x = A cos(W t + phase), x <= position.
+    """Build a driven mass on a spring with a stop: x'' + 2 zeta x' + x = A cos(W t + phase), x <= position.
 
-    Mass and stiffness are 1. The steady motion grazes the stop when A = position |1 - W^2 + 2 i zeta W|. On an orbit of period T that hits the stop m times the product of the two Floquet
-    multipliers is r^(2 m) exp(-2 zeta T).
+    Mass and stiffness are 1. The steady motion grazes the stop when A = position |1 - W^2 + 2 i zeta W|. On an orbit
+    of period T that hits the stop m times, the product of the two Floquet multipliers is r^(2 m) exp(-2 zeta T).
 
     Args:
         frequency: angular frequency W of the load; the natural one is 1.
         amplitude: A, a force.
         phase: radians.
-        position: where the stop stands; below 0 the spring presses the mass against it.
+        position: of the stop; below 0 the spring presses the mass against it.
         restitution: r.
         damping_ratio: zeta, a fraction of the critical damping.
 
@@ -61,15 +61,14 @@ def two_sided_oscillator(
     restitution: ArrayLike = 0.8,
     damping_ratio: ArrayLike = 0.0,
 ) -> ImpactSystem:
-    """Drive a mass on a spring between two stops: as `impact_oscillator`, with |x| <= position.
+    """Build a driven mass on a spring between two stops: as `impact_oscillator`, with |x| <= position.
 
     Args:
         frequency: angular frequency W of the load; the natural one is 1.
         amplitude: A, a force.
         phase: radians.
-        position: half the clearance: the upper stop, number 0, stands there, the lower one, number 1,
-            at -position. Positive.
-        restitution: r, that of both stops.
+        position: half the clearance: the upper stop, 0, is there, the lower one, 1, at -position. Positive.
+        restitution: r of both stops.
         damping_ratio: zeta, a fraction of the critical damping.
 
     Returns:
@@ -98,24 +97,22 @@ def impact_pair(
     restitution: ArrayLike = 0.8,
     mass: ArrayLike = 1.0,
 ) -> ImpactSystem:
-    """Let a free mass rattle in a box that is shaken by y(t) = a cos(W t + phase).
+    """Build a free mass that rattles in a box shaken by y(t) = a cos(W t + phase).
 
-    Seen from the box: m x'' = -m y'', |x| <= position = d. Gears with backlash rattle like this. With
-    q = pi (1 + r) / (2 (1 - r)), a motion with one impact at each wall in a period, half a period
-    apart, exists while d <= a sqrt(1 + q^2); the mass hits the upper wall at an angle W t + phase = b
-    with a (q sin b - cos b) = d.
+    Relative to the box: m x'' = -m y'', |x| <= position = d. Gears with backlash rattle in the same way. With
+    q = pi (1 + r) / (2 (1 - r)), a motion with one impact at each wall in a period, half a period apart, exists while
+    d <= a sqrt(1 + q^2); the mass hits the upper wall at an angle W t + phase = b with a (q sin b - cos b) = d.
 
     Args:
         frequency: angular frequency W of the box.
         amplitude: a, a length.
         phase: radians.
-        position: half the clearance: the upper wall, stop 0, stands there, the lower one, stop 1, at
-            -position. Positive.
-        restitution: r, that of both walls.
+        position: half the clearance: the upper wall, stop 0, is there, the lower one, stop 1, at -position. Positive.
+        restitution: r of both walls.
         mass: m; it scales impulses and contact forces, and changes no motion.
 
     Returns:
-        The machine; x is counted from the middle of the box.
+        The machine; x is relative to the middle of the box.
 
     Example:
         ```python

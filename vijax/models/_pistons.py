@@ -1,4 +1,4 @@
-"""Machines that jump on pistons which a crank drives."""
+"""Machines that jump on pistons driven by a crankshaft."""
 
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
@@ -20,25 +20,26 @@ def multi_piston(
     restitution: ArrayLike = 0.5,
     gravity: ArrayLike = 0.13,
 ) -> ImpactSystem:
-    """Let a casing jump on pistons that its crankshaft drives: x >= position_i + a_i cos(W t + phase_i) for each piston i.
+    """Build a casing that jumps on pistons: x >= position_i + a_i cos(W t + phase_i) for each piston i.
 
-    The casing falls by its weight and bears the inertia of its pistons, x'' = -g - W^2 sum_i lambda_i a_i cos(W t + phase_i). Each time
-    the lowest piston strikes the ground the casing is thrown up, to come down on another.
+    The crankshaft of the casing drives the pistons. The casing falls by its weight and feels the inertia of its
+    pistons, x'' = -g - W^2 sum_i lambda_i a_i cos(W t + phase_i). Each time the lowest piston strikes the ground the
+    casing is thrown up, and comes down on another piston.
 
     Args:
         frequency: angular frequency W of the crankshaft.
-        amplitudes: a, the travels of the pistons, (pistons,).
-        phases: radians, those of their cranks, (pistons,).
-        positions: where the casing stands while a piston in its mean place touches the ground, (pistons,).
-        mass_ratios: lambda, the masses of the pistons as shares of the whole machine's, (pistons,).
-        restitution: r, that of all pistons.
+        amplitudes: a, the amplitudes of the pistons, (pistons,).
+        phases: radians, of their cranks, (pistons,).
+        positions: heights of the casing at which a piston in its mean position touches the ground, (pistons,).
+        mass_ratios: lambda, the masses of the pistons divided by the mass of the machine, (pistons,).
+        restitution: r of all pistons.
         gravity: g, an acceleration.
 
     Returns:
         The machine of mass 1; x is the height of the casing, contact i piston i.
 
     Raises:
-        ValueError: if the pistons are not as many in each of the arguments.
+        ValueError: if the arguments give different numbers of pistons.
 
     Example:
         ```python
@@ -48,8 +49,8 @@ def multi_piston(
         ```
 
     References:
-        L. A. Igumnov, V. S. Metrikin and I. V. Nikiforova, "The dynamics of eccentric vibration mechanism (Part 1)", J. Vibroengineering
-        19 (2017) 4854-4865.
+        L. A. Igumnov, V. S. Metrikin and I. V. Nikiforova, "The dynamics of eccentric vibration mechanism (Part 1)",
+        J. Vibroengineering 19 (2017) 4854-4865.
     """
     travel = as_float(amplitudes)
     each = {
