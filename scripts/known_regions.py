@@ -2,7 +2,7 @@
 
 x'' + x = cos(W t), x <= 0, restitution r: Shaw & Holmes, J. Sound and Vibration 90 (1983) 129-155, in the limit of impacts. An orbit with
 one impact in n periods, t = 2 pi n / W, has multipliers with the product r^2 and the sum -2 r cos t - (1 + r)^2 (W^2 - 1) (1 + cos t) / 2;
-`tests/test_known_charts.py` derives it. The period doubles where the sum is -(1 + r^2).
+`tests/_charts/test_known_charts.py` derives it. The period doubles where the sum is -(1 + r^2).
 """
 
 import argparse

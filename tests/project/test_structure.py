@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-PACKAGE = Path(__file__).parent.parent / "vijax"
+PACKAGE = Path(__file__).parents[2] / "vijax"
 ORDER = (
     "_writing _jax _progress _dataset_attributes _printing _system models _machine _hybrid _flow _trajectory _execution "
     "_sweep _sections _orbits _attractors _charts _branches plot studio __main__ __init__"

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from documents import ROOT
 from test_executors import Here, interruptible, sweep  # noqa: F401
 from test_store import NUM_CHUNKS, SMALL_CHUNKS, assert_same, chunks_of, stop_at_chunk
 from test_written import assert_same_when_read
@@ -153,7 +154,7 @@ def test_two_ranks_of_mpi_find_the_same(plain, tmp_path):
         [mpiexec, "-n", "2", sys.executable, "-m", "mpi4py.futures", script, Path(__file__).parent, out],
         capture_output=True,
         text=True,
-        env=os.environ | {"PYTHONPATH": str(Path(vx.__file__).parents[1])},
+        env=os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "tests")))},
         timeout=300,
     )
     assert done.returncode == 0, done.stderr

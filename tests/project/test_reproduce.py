@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 mpl.use("Agg")
-sys.path.append(str(Path(__file__).parents[1] / "scripts"))
+sys.path.append(str(Path(__file__).parents[2] / "scripts"))
 
 import reproduce
 
