@@ -38,7 +38,11 @@ FINITE = Rule(np.isfinite, "be finite", "All swept values must be finite.")
 POSITIVE = Rule(
     lambda a: np.isfinite(a) & (a > 0), "be positive and finite", "Every swept `{name}` must be positive."
 )
-NOT_NEGATIVE = Rule(lambda a: np.isfinite(a) & (a >= 0), one="be finite and not negative")
+NOT_NEGATIVE = Rule(
+    lambda a: np.isfinite(a) & (a >= 0),
+    "be finite and not negative",
+    "Every `{name}` must be finite and not negative.",
+)
 # A load of frequency 0 is constant and has no period.
 HAS_PERIOD = Rule(lambda a: a > 0, every="Every `{name}` must be positive: a sweep counts forcing periods.")
 RESTITUTION = Rule(

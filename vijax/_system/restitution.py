@@ -15,15 +15,35 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from .._jax.arrays import Reals, as_float, concrete, stack
-from .checks import RESTITUTION, Rule, check_every, check_one
+from .checks import NOT_NEGATIVE, POSITIVE, RESTITUTION, Rule, check_every, check_one
 
 
 class AbstractRestitution(eqx.Module):
-    """A restitution law r(u), for `restitution=` of `vx.Stop` and `vx.Contact`.
+    """A restitution law r(u), for `restitution=` of `vx.Stop` and `vx.Contact`; extend it for a law of your own.
 
     Attributes:
-        rules: the rule that each field obeys; all are numbers.
+        rules: the rule that each field obeys, `COEFFICIENT` (0 to 1), `POSITIVE` or `NOT_NEGATIVE`; all fields are numbers.
+
+    Example:
+        ```python
+        import jax, jax.numpy as jnp, vijax as vx
+
+        class Yielding(vx.AbstractRestitution):
+            rules = {"elastic": vx.AbstractRestitution.COEFFICIENT, "speed": vx.AbstractRestitution.POSITIVE}
+            elastic: jax.Array
+            speed: jax.Array
+
+            def __call__(self, speed):
+                return self.elastic * jnp.exp(-jnp.abs(speed) / self.speed)
+        ```
+
+    References:
+        K. L. Johnson, Contact Mechanics (1985), Sec. 11.5.
     """
+
+    COEFFICIENT: ClassVar[Rule] = RESTITUTION
+    POSITIVE: ClassVar[Rule] = POSITIVE
+    NOT_NEGATIVE: ClassVar[Rule] = NOT_NEGATIVE
 
     rules: eqx.AbstractClassVar[Mapping[str, Rule]]
 
@@ -105,8 +125,10 @@ Restitution = Any
 
 
 def as_restitution(value: ArrayLike | AbstractRestitution) -> Restitution:
-    """A law as it is, a number as an array."""
-    return value if isinstance(value, AbstractRestitution) else as_float(value, "restitution")
+    """Convert a number, or the numbers of a law, to arrays."""
+    if isinstance(value, AbstractRestitution):
+        return jax.tree.map(as_float, value, is_leaf=lambda a: a is not value)
+    return as_float(value, "restitution")
 
 
 def law_of(restitution: Restitution) -> AbstractRestitution:
