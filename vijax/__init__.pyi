@@ -50,7 +50,10 @@ from ._system.base import base_excitation as base_excitation
 from ._system.contact import Contact as Contact
 from ._system.files import load as load, save as save
 from ._system.forcing import Harmonic as Harmonic
-from ._system.restitution import AbstractRestitution as AbstractRestitution
+from ._system.restitution import (
+    AbstractRestitution as AbstractRestitution,
+    FallingRestitution as FallingRestitution,
+)
 from ._system.stop import Stop as Stop
 from ._system.system import ImpactSystem as ImpactSystem, chain as chain
 from ._trajectory.event_log import EventLog as EventLog

@@ -103,6 +103,51 @@ class Newton(AbstractRestitution):
         return self.value
 
 
+class FallingRestitution(AbstractRestitution):
+    """Restitution that falls with the speed of impact, r(u) = r0 / (1 + |u| / speed)^exponent.
+
+    Slow impacts are as good as elastic but for r0, fast ones deform plastically: with the exponent 1/4 the coefficient falls
+    as u^(-1/4), as of spheres far above the speed at which they yield.
+
+    Args:
+        restitution: r0, the coefficient of light impacts, from 0 to 1.
+        speed: scale of the speed, positive.
+        exponent: how fast the coefficient falls; 0 is Newton's law.
+
+    Raises:
+        ValueError: for numbers outside these bounds.
+
+    Example:
+        ```python
+        import vijax as vx
+        steel = vx.FallingRestitution(restitution=0.95, speed=0.5)
+        wall = vx.Stop(mass=0, position=0.3, side="upper", restitution=steel)
+        ```
+
+    References:
+        K. L. Johnson, Contact Mechanics (1985), Sec. 11.5.
+    """
+
+    rules: ClassVar[Mapping[str, Rule]] = {
+        "restitution": RESTITUTION,
+        "speed": POSITIVE,
+        "exponent": NOT_NEGATIVE,
+    }
+
+    restitution: Reals
+    speed: Reals
+    exponent: Reals
+
+    def __init__(self, restitution: ArrayLike = 1.0, speed: ArrayLike = 1.0, exponent: ArrayLike = 0.25):
+        self.restitution = as_float(restitution, "restitution")
+        self.speed = as_float(speed, "speed")
+        self.exponent = as_float(exponent, "exponent")
+
+    def __call__(self, speed: Reals) -> Reals:
+        """The coefficient at a speed of approach."""
+        return self.restitution * (1 + abs(speed) / self.speed) ** -self.exponent
+
+
 class ByContact(AbstractRestitution):
     """Contacts of different laws, (contacts,)."""
 
