@@ -79,20 +79,20 @@ def describe_harmonic(harmonic: Any) -> Description:
 
 def describe_stop(stop: Any) -> Description:
     """Describe a stop on one line."""
-    batch = _batch((stop.position, 0), (stop.law.light, 0))
+    batch = _batch((stop.position, 0), (stop.light_restitution, 0))
     return Description(f"Stop of mass {stop.mass}: {_wall(stop)}{_beside(stop.position, batch)}", [])
 
 
 def describe_contact(contact: Any) -> Description:
     """Describe a contact on one line."""
-    batch = _batch((contact.position, 0), (contact.law.light, 0))
+    batch = _batch((contact.position, 0), (contact.light_restitution, 0))
     return Description(f"Contact: {_wall(contact)}{_beside(contact.position, batch)}", [])
 
 
 def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Description:
     """Describe a machine: its matrices, load, stops and force."""
     forcing, stops = system.forcing, system.stops
-    walls = [(value, 0) for stop in stops for value in (stop.position, stop.law.light)]
+    walls = [(value, 0) for stop in stops for value in (stop.position, stop.light_restitution)]
     batch = _batch((system.damping, 2), (forcing.frequency, 0), *walls)
     masses = _count(system.stiffness.shape[-1], "mass", "masses")
     load = describe_harmonic(forcing).rows

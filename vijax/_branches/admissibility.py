@@ -175,7 +175,7 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns) -> LeastMargins:
         force_flight=scan.forces.flight,
         rise=scan.rises.value,
         rise_flight=scan.rises.flight,
-        is_plastic=machine.contacts.restitution.is_plastic,
+        is_plastic=machine.contacts.is_plastic,
         last=last,
     )
 
@@ -234,7 +234,7 @@ def _is_after_plastic(machine: Machine, sequence: CycleEvents, flight: Array) ->
     before = jnp.maximum(flight - 1, 0)
     is_impact = (flight > 0) & (sequence.kind[before] == IMPACT)
     is_own = jnp.arange(machine.contacts.num) == sequence.stop[before]
-    return is_impact & is_own & machine.contacts.restitution.is_plastic
+    return is_impact & is_own & machine.contacts.is_plastic
 
 
 def _lowest(value: Array, since: Array, held: Array, begin: Moment, flight: Array) -> _Minima:

@@ -93,7 +93,7 @@ def _impact(
     """The state after the impacts, the velocities and impulses of them, and the held contacts that they tear open."""
     contacts, hit = machine.contacts, instant.hit
     speed = jnp.where(hit, instant.velocity_minus, 0)
-    restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution(speed), 0)
+    restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution_at(speed), 0)
     q = -(1 + restitution) * speed
     closed = state.held | state.is_kept_closed
     _, impulse, rest = complementary(contacts.compliance, q, hit | closed)
@@ -199,7 +199,7 @@ def _end_of_bounces(
     # The speed at which the contact is met next.
     fall = jnp.sqrt(machine.approach(state) ** 2 + 2 * jnp.maximum(pull * state.gap, 0))
     speed = jnp.where(instant.hit, jnp.abs(instant.velocity_plus), fall)
-    duration = chatter_time(speed, pull, contacts.restitution.light)
+    duration = chatter_time(speed, pull, contacts.light_restitution)
     is_complete = bouncing & chatter_is_complete(speed, pull, pull_rate, duration, machine.rate)
     # A row that depends on others bears no force of its own, and rests when they do.
     is_spare = bouncing & contacts.is_spare(hold) & is_light(speed)

@@ -82,7 +82,7 @@ def _stick_and_release(
     state = eqx.tree_at(lambda s: s.held, state, state.held & ~let_go)
     approach, approach_rate = compute_once(_approach, machine, state)
     speed = jnp.abs(instant.velocity_plus)
-    chatter = compute_once(chatter_time, speed, approach, machine.contacts.restitution.light)
+    chatter = compute_once(chatter_time, speed, approach, machine.contacts.light_restitution)
     is_complete = compute_once(chatter_is_complete, speed, approach, approach_rate, chatter, machine.rate)
     stuck = instant.hit & is_complete
     is_jump = jnp.any(instant.hit, axis=0)

@@ -20,7 +20,7 @@ def can_any_stick(system: ImpactSystem, x0: Array | np.ndarray, v0: Array | np.n
     for stop in system.stops:
         if stop.motion is not None:
             return True  # at rest on it, or not: the start time decides
-        r, position, x, v = (concrete(a) for a in (stop.law.light, stop.position, x0, v0))
+        r, position, x, v = (concrete(a) for a in (stop.light_restitution, stop.position, x0, v0))
         if r is None or (r < 1).any():
             return True
         if position is None or x is None or v is None:

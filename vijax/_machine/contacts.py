@@ -25,7 +25,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._jax.arrays import Reals, Scalar, matvec, stop_gradients
 from .._jax.xla import is_any
-from .._system.restitution import AbstractRestitution
+from .._system.restitution import Restitution, coefficient, light_coefficient
 from .._system.waves import Waves, phase_rate
 from .small_matrices import diagonal, inverse_among, product, slack_of
 
@@ -73,7 +73,7 @@ class Contacts(eqx.Module):
 
     rows: Reals
     limit: Float[Array, "contacts ..."]
-    restitution: AbstractRestitution
+    restitution: Restitution
     inverse_mass: Float[Array, "..."]
     signs: Reals
     walls: Waves | None
@@ -84,7 +84,7 @@ class Contacts(eqx.Module):
         self,
         rows: Reals,
         limit: Array,
-        restitution: AbstractRestitution,
+        restitution: Restitution,
         inverse_mass: Array,
         signs: Array,
         walls: Waves | None,
@@ -163,6 +163,20 @@ class Contacts(eqx.Module):
     def own_velocity(self, phase_rate: Float[Array, "2 harmonics ..."]) -> Array | None:
         """Velocities of stops, with the signs users know; 0 for contacts between masses, None if all stand still."""
         return None if self.walls is None else self.signs * self.walls.at(phase_rate)
+
+    def restitution_at(self, speed: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
+        """The coefficients at some speeds of approach."""
+        return coefficient(self.restitution, speed)
+
+    @property
+    def light_restitution(self) -> Float[Array, "contacts ..."]:
+        """The coefficients of light impacts."""
+        return light_coefficient(self.restitution)
+
+    @property
+    def is_plastic(self) -> Bool[Array, "contacts ..."]:
+        """Contacts whose impacts leave no speed."""
+        return self.light_restitution == 0
 
     def gaps(self, x: Float[Array, "n ..."], phase: Float[Array, "2 harmonics ..."]) -> Array:
         """S - a . x, positive while free, (contacts, ...)."""
@@ -329,7 +343,7 @@ class Contacts(eqx.Module):
     ) -> Float[Array, "n ..."]:
         """Velocities after impacts with one set of contacts, while another keeps closed."""
         approach = self.towards(v, phase_rate)
-        lack = jnp.where(hit, -(1 + self.restitution(approach)) * approach, 0)
+        lack = jnp.where(hit, -(1 + self.restitution_at(approach)) * approach, 0)
         return v + self._by(inverse_among(self.compliance, hit | kept), lack)
 
     def gained(self, gain: Float[Array, "n ..."], hold: Hold) -> Float[Array, "n ..."]:

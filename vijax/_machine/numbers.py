@@ -10,7 +10,7 @@ import numpy as np
 
 from .._jax.arrays import Reals, add_up, array_namespace, stack
 from .._system.force import BoundForce
-from .._system.restitution import AbstractRestitution, law_of_contacts
+from .._system.restitution import Restitution, restitution_of_contacts
 from .._system.system import ImpactSystem
 from .._system.waves import Waves
 
@@ -44,7 +44,7 @@ class MachineNumbers(eqx.Module):
     highest: Reals
     rows: Reals
     limit: Reals
-    restitution: AbstractRestitution
+    restitution: Restitution
     signs: Reals | None
     travel: Waves | None
     force: BoundForce | None
@@ -69,7 +69,7 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
         highest=np.full([1] * num_lane_axes, _highest(system), zero.dtype),
         rows=_rows(system),
         limit=of_contacts([stop.sign * stop.centre for stop in stops]),
-        restitution=law_of_contacts([stop.law for stop in stops], zero),
+        restitution=restitution_of_contacts([stop.restitution for stop in stops], zero),
         signs=of_contacts([stop.sign if stop.slot else 0 for stop in stops]) if is_coupled else None,
         travel=(_travel_of_contacts if is_coupled else _travel_of_masses)(system, size),
         force=system.force if isinstance(system.force, BoundForce) else None,

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._jax.arrays import Reals, matvec, stack
-from .._system.restitution import AbstractRestitution
+from .._system.restitution import Restitution
 from .contacts import Contacts, Held
 
 
@@ -23,14 +23,16 @@ class Stops(Contacts):
     """
 
     is_coupled: ClassVar[bool] = False
+    # Stops that stand still and share no inertia need none of these.
+    walls: ClassVar[None] = None
+    frequency: ClassVar[None] = None
+    compliance: ClassVar[None] = None
 
     bears: Reals
 
-    def __init__(self, rows: Reals, limit: Array, restitution: AbstractRestitution, inverse_mass: Array):
+    def __init__(self, rows: Reals, limit: Array, restitution: Restitution, inverse_mass: Array):
         self.rows, self.limit, self.restitution, self.inverse_mass = rows, limit, restitution, inverse_mass
         self.bears, self.signs = rows != 0, rows.sum(axis=1)
-        # Stops that stand still and share no inertia need none of these.
-        self.walls = self.frequency = self.compliance = None  # pyright: ignore[reportAttributeAccessIssue]
 
     @property
     def effective_mass(self) -> Float[Array, "contacts ..."]:
@@ -114,7 +116,7 @@ class Stops(Contacts):
     ) -> Float[Array, "n ..."]:
         """Velocities with the approach to the flagged contacts turned round and multiplied by r."""
         del kept, phase_rate
-        restitution = self.restitution(self.along(v))
+        restitution = self.restitution_at(self.along(v))
         for j in range(self.num):
             v = jnp.where(hit[j] & self.bears[j], -restitution[j] * v, v)
         return v

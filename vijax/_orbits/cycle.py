@@ -188,7 +188,7 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns, room: int) -> EventLog:
         )
         now = rates(machine, state, hold)
         pull, speed = contacts.pull(now.force, hold, end.phase), machine.approach(state)
-        chatter = jnp.where(stuck, chatter_time(jnp.abs(speed), pull, contacts.restitution.light), 0)
+        chatter = jnp.where(stuck, chatter_time(jnp.abs(speed), pull, contacts.light_restitution), 0)
         instant = Instant(
             hit=hit,
             stuck=stuck,

@@ -21,7 +21,7 @@ from .._jax.xla import padding_allowed
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.checks import FINITE, check_one, validate_start
 from .._system.contact import Contact
-from .._system.restitution import Newton, law_of_contacts
+from .._system.restitution import restitution_of_contacts
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.impact_loop import ImpactRequest, Reverse, follow_to_impact
 from .._trajectory.simulate import bound_of_steps
@@ -197,7 +197,7 @@ def _with_contact(system: ImpactSystem, mass: int, side: float, place: Scalar) -
         jnp.concatenate([jnp.asarray(a), b[None]])
         for a, b in zip(names(numbers), (row, side * place), strict=True)
     ]
-    restitution = law_of_contacts(
-        [*(stop.law for stop in system.stops), Newton(jnp.ones_like(place))], 0 * place
+    restitution = restitution_of_contacts(
+        [*(stop.restitution for stop in system.stops), jnp.ones_like(place)], 0 * place
     )
     return eqx.tree_at(lambda n: (*names(n), n.restitution), numbers, (*longer, restitution))

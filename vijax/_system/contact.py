@@ -11,7 +11,7 @@ from .._jax.arrays import Reals, as_float, concrete, whole_number
 from .._printing import as_html, as_text, describe_contact
 from .checks import FINITE, RESTITUTION, check_one
 from .forcing import Harmonic
-from .restitution import AbstractRestitution, Restitution, as_restitution, law_of
+from .restitution import AbstractRestitution, Restitution, as_restitution, light_coefficient
 from .waves import Waves
 
 
@@ -36,9 +36,9 @@ class AbstractLimit(eqx.Module):
         """Sign of the position in the gap, `sign * position - coefficients . x`."""
 
     @property
-    def law(self) -> AbstractRestitution:
-        """Its restitution as a law."""
-        return law_of(self.restitution)
+    def light_restitution(self) -> Reals:
+        """Its coefficient at light impacts."""
+        return light_coefficient(self.restitution)
 
     @property
     def slot(self) -> tuple[int, str] | None:

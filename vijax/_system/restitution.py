@@ -56,11 +56,6 @@ class AbstractRestitution(eqx.Module):
         """The coefficient of light impacts, r(0): the ratio of chatter."""
         return self(0 * jax.tree.leaves(self)[0])
 
-    @property
-    def is_plastic(self) -> Reals:
-        """True where impacts leave no speed."""
-        return self.light == 0
-
     def check(self, name: str) -> None:
         """Refuse numbers that break their rules; `name` is the path of the law."""
         for field, rule in self.rules.items():
@@ -81,26 +76,6 @@ class AbstractRestitution(eqx.Module):
             for field, a in numbers
         )
         return f"{type(self).__name__}({', '.join(words)})"
-
-
-class Newton(AbstractRestitution):
-    """Newton's law: the coefficient is the same at every speed.
-
-    Attributes:
-        value: r, from 0 (plastic) to 1 (elastic).
-
-    References:
-        Wagg & Bishop (2004), Eq. 11.
-    """
-
-    rules: ClassVar[Mapping[str, Rule]] = {"value": RESTITUTION}
-
-    value: Reals
-
-    def __call__(self, speed: Reals) -> Reals:
-        """The coefficient, at any speed."""
-        del speed
-        return self.value
 
 
 class FallingRestitution(AbstractRestitution):
@@ -153,19 +128,20 @@ class ByContact(AbstractRestitution):
 
     rules: ClassVar[Mapping[str, Rule]] = {}
 
-    laws: tuple[AbstractRestitution, ...]
+    laws: tuple[Any, ...]
 
     def __call__(self, speed: Reals) -> Reals:
-        """Each at its speed."""
-        return stack([law(u) for law, u in zip(self.laws, speed, strict=True)])
+        """The coefficient of each at its speed."""
+        return stack([coefficient(law, u) for law, u in zip(self.laws, speed, strict=True)])
 
     @property
     def light(self) -> Reals:
-        """Each of its own."""
-        return stack([law.light for law in self.laws])
+        """The coefficient of light impacts of each."""
+        return stack([light_coefficient(law) for law in self.laws])
 
 
-# A law, or an array that stands for Newton's. To type checkers it is anything: they would refuse `float(stop.restitution)`.
+# A law, or an array: Newton's law, the same coefficient at every speed. To type checkers it is anything: they would refuse
+# `float(stop.restitution)`.
 Restitution = Any
 
 
@@ -176,18 +152,23 @@ def as_restitution(value: ArrayLike | AbstractRestitution) -> Restitution:
     return as_float(value, "restitution")
 
 
-def law_of(restitution: Restitution) -> AbstractRestitution:
-    """The law that a number stands for; a law itself."""
-    return restitution if isinstance(restitution, AbstractRestitution) else Newton(restitution)
+def coefficient(restitution: Restitution, speed: Reals) -> Reals:
+    """The coefficient at a speed of approach, u+ = -r u (Wagg & Bishop 2004, Eq. 11)."""
+    return restitution(speed) if isinstance(restitution, AbstractRestitution) else restitution
 
 
-def law_of_contacts(laws: Sequence[AbstractRestitution], zero: Reals) -> AbstractRestitution:
+def light_coefficient(restitution: Restitution) -> Reals:
+    """The coefficient of light impacts."""
+    return restitution.light if isinstance(restitution, AbstractRestitution) else restitution
+
+
+def restitution_of_contacts(several: Sequence[Restitution], zero: Reals) -> Restitution:
     """One law for all contacts, (contacts,); `zero` has the lanes of the machine."""
-    if not laws:
-        return Newton(np.zeros((0, *zero.shape), zero.dtype))
-    if len({type(law) for law in laws}) > 1:
-        return ByContact(tuple(jax.tree.map(lambda a: a + zero, law) for law in laws))
-    return jax.tree.map(lambda *values: stack([a + zero for a in values]), *laws)
+    if not several:
+        return np.zeros((0, *zero.shape), zero.dtype)
+    if len({type(law) if isinstance(law, AbstractRestitution) else None for law in several}) > 1:
+        return ByContact(tuple(jax.tree.map(lambda a: a + zero, law) for law in several))
+    return jax.tree.map(lambda *values: stack([a + zero for a in values]), *several)
 
 
 def describe_restitution(restitution: Restitution) -> float | dict[str, Any]:
@@ -201,5 +182,4 @@ def describe_restitution(restitution: Restitution) -> float | dict[str, Any]:
 
 def laws_by_name() -> dict[str, type[AbstractRestitution]]:
     """The laws that this process knows."""
-    laws = AbstractRestitution.__subclasses__()
-    return {law.__name__: law for law in laws if law not in (Newton, ByContact)}
+    return {law.__name__: law for law in AbstractRestitution.__subclasses__() if law is not ByContact}

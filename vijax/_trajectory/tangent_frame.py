@@ -66,7 +66,7 @@ def advance_with(
         return jnp.concatenate([x * machine.frequency, v]), found
 
     frame, (after, instant) = jax.vmap(along, out_axes=(0, None))(tangents.frame)
-    is_plastic = instant.hit & machine.contacts.restitution.is_plastic
+    is_plastic = instant.hit & machine.contacts.is_plastic
     erases = jnp.any(instant.stuck | is_plastic, axis=0)
     frame, growth = compute_once(orthonormal, frame, erases)
     return after, instant, Tangents(frame, tangents.growth + growth)

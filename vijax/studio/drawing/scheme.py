@@ -7,7 +7,12 @@ import numpy as np
 
 from ..._machine.machine import Machine
 from ..._system.force import name_of_force
-from ..._system.restitution import AbstractRestitution, Newton, law_of_contacts
+from ..._system.restitution import (
+    AbstractRestitution,
+    Restitution,
+    light_coefficient,
+    restitution_of_contacts,
+)
 from ..._system.system import ImpactSystem
 from ..._system.waves import Waves
 from ..._trajectory.solution import Solution
@@ -176,16 +181,18 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         rows=rows,
         masses=tuple(stop.slot[0] if stop.slot else -1 for stop in system.stops),
         limit=np.array([float(stop.sign * stop.centre) for stop in system.stops]),
-        restitution=_coefficients(law_of_contacts([stop.law for stop in system.stops], np.zeros(()))),
+        restitution=_coefficients(
+            restitution_of_contacts([stop.restitution for stop in system.stops], np.zeros(()))
+        ),
         is_moving=np.array(moving, bool),
         is_lumped=not system.has_full_mass,
         force=None if system.force is None else _name(system.force),
     )
 
 
-def _coefficients(law: AbstractRestitution) -> tuple[str, ...]:
-    symbol = "r" if isinstance(law, Newton) else "r(0)"
-    return tuple(f"${symbol}$ = {r:.3g}" for r in np.asarray(law.light))
+def _coefficients(restitution: Restitution) -> tuple[str, ...]:
+    symbol = "r(0)" if isinstance(restitution, AbstractRestitution) else "r"
+    return tuple(f"${symbol}$ = {r:.3g}" for r in np.asarray(light_coefficient(restitution)))
 
 
 def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
