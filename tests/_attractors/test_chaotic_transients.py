@@ -7,7 +7,6 @@ from coexisting_motions import found
 import vijax as vx
 
 
-@pytest.mark.slow
 @pytest.mark.thorough
 def test_case_a_has_two_attractors_at_1_8():
     ds = found(vx.models.wagg_bishop_a(1.8), 90)
@@ -56,7 +55,6 @@ def test_what_is_not_followed_long_enough_is_told_with_what_settles_it():
 
 
 @pytest.mark.slow
-@pytest.mark.thorough
 def test_chaos_of_case_b_at_2_05_lasts_beside_a_cycle():
     system = vx.models.wagg_bishop_b(2.05)
     values = {"x0[0]": np.linspace(-0.3, 0.3, 8), "v0[0]": np.linspace(-1, 1, 10)}

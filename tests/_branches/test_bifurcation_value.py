@@ -85,7 +85,7 @@ KINDS = [
     pytest.param(case_a, CASE_A, "gr", marks=pytest.mark.slow),
     (case_a, CASE_A, "double_impact"),
     pytest.param(pair, UNEQUAL, "ns", marks=pytest.mark.slow),
-    pytest.param(pair, UNEQUAL, "pd", marks=pytest.mark.slow),
+    pytest.param(pair, UNEQUAL, "pd", marks=pytest.mark.thorough),
     pytest.param(alone, ALONE, "gr", marks=pytest.mark.slow),  # in closed form below
     pytest.param(pressed, PRESSED, "force_zero", marks=pytest.mark.slow),
 ]

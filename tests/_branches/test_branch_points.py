@@ -10,8 +10,6 @@ import vijax as vx
 FREQUENCY, AMPLITUDE = "forcing.frequency", "forcing.amplitude[0]"
 DAMPING, GAP, RESTITUTION = 0.1, 0.5, 0.8
 
-pytestmark = pytest.mark.slow
-
 
 def between_stops(amplitude, frequency, lower=GAP):
     """One mass between two stops."""
@@ -84,6 +82,7 @@ def exact(point):
     return at
 
 
+@pytest.mark.thorough
 def test_a_branch_point_has_a_value_and_derivatives(point, exact):
     value = lambda amplitude: vx.bifurcation_value(point, between_stops(amplitude, 2.0))  # noqa: E731
     np.testing.assert_allclose(value(1.0), exact(1.0), rtol=0, atol=1e-13)
@@ -93,6 +92,7 @@ def test_a_branch_point_has_a_value_and_derivatives(point, exact):
     np.testing.assert_allclose(jax.jacfwd(value)(1.0), slope, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_curve_of_branch_points(point, exact):
     bounds = {FREQUENCY: (1.0, 2.5), AMPLITUDE: (0.8, 1.6)}
     curve = vx.bifurcation_curve(point, AMPLITUDE, bounds, progress=False)
@@ -102,6 +102,7 @@ def test_a_curve_of_branch_points(point, exact):
     np.testing.assert_allclose(curve[FREQUENCY].values[::7], told, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_where_the_symmetry_is_broken_branches_no_longer_cross(point):
     with pytest.raises(RuntimeError, match="came to no such bifurcation"):
         vx.bifurcation_value(point, between_stops(1.0, 2.0, lower=0.49))

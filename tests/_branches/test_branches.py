@@ -381,7 +381,7 @@ def test_of_many_orbits_what_is_none_is_left_out():
     assert branch.values[[0, -1]] == pytest.approx([0.34, 0.38])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_all_branches_of_a_sweep_are_found_once():
     swept = {FREQUENCY: np.linspace(0.7, 1.2, 24)}
     ds = vx.sweep(vx.models.wagg_bishop_a(1.0), swept, transient=200, carry="both", progress=False)

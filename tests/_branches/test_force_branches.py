@@ -13,8 +13,7 @@ import xarray as xr
 import vijax as vx
 from vijax._system.parameters import get_parameter
 
-pytestmark = pytest.mark.slow  # these programs are compiled for this file alone, in a minute
-
+# These programs are compiled for this file alone, in a minute: one test stands for all before a change goes in.
 AMPLITUDE, FREQUENCY, DAMPING, RESTITUTION = "forcing.amplitude[0]", 0.84091, 0.04, 0.9
 # The solver's tolerance.
 SOLVED = 1e-10
@@ -41,6 +40,7 @@ def branch_of(cubic, start, num_periods, bounds):
     return vx.continuation(orbit, AMPLITUDE, bounds, progress=False)
 
 
+@pytest.mark.thorough
 def test_a_linear_spring_written_as_a_force_has_the_published_doubling():
     # M. Ghosh & B. Simpson, arXiv 2510.16218: their points with more digits.
     branch = branch_of(0.0, 0.34, 2, (0.28, 0.36))
@@ -53,6 +53,7 @@ def test_a_linear_spring_written_as_a_force_has_the_published_doubling():
     assert grazing == pytest.approx(exact, abs=SOLVED)
 
 
+@pytest.mark.slow
 def test_bifurcations_of_a_linear_spring_written_as_a_force_move_with_the_stop():
     # All lengths of a linear machine scale with the load.
     branch = branch_of(0.0, 0.34, 2, (0.3, 0.36))
@@ -65,6 +66,7 @@ def test_bifurcations_of_a_linear_spring_written_as_a_force_move_with_the_stop()
         vx.bifurcation_value(doubling, vx.models.wagg_bishop_a(0.8))
 
 
+@pytest.mark.slow
 def test_orbits_of_a_duffing_oscillator_are_those_that_scipy_follows():
     branch = branch_of(0.2, 0.4, 1, (0.1, 0.6))
     assert [point.kind for point in branch.bifurcations] == ["gr", "pd"]
@@ -96,6 +98,7 @@ def by_scipy(orbit, cubic):
     return y
 
 
+@pytest.mark.slow
 def test_a_branch_in_a_file_tells_a_force_that_can_be_imported(tmp_path):
     system = vx.models.duffing_oscillator(0.84091, 0.2, position=1.0, damping=0.04, cubic_stiffness=0.2)
     sol = vx.simulate(system, 0.0, 400 * system.forcing.period)

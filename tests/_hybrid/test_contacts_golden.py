@@ -17,12 +17,16 @@ from helpers import Scene, kinds_at_stops, log_of, paired, swapped
 import vijax as vx
 
 _SHAPES = Counter(shape_of_scene(name) for name in contact_scene_names())
+# Scenes whose shape serves no other, but that are of a kind of their own: a moving wall, a full mass matrix, a stick torn off.
+_ALONE = ("beads3_moving_wall", "beam2_tip", "rest_hit_released")
 
 
 def _marks(name: str) -> list[pytest.MarkDecorator]:
     """Marks of a scene: shapes that serve few scenes, and take seconds to compile, belong to the long runs."""
     count = _SHAPES[shape_of_scene(name)]
-    return [pytest.mark.slow] if count == 1 else [pytest.mark.thorough] if count < 5 else []
+    if count == 1 and name not in _ALONE:
+        return [pytest.mark.slow]
+    return [pytest.mark.thorough] if count < 5 else []
 
 
 _SCENES = [pytest.param(name, marks=_marks(name)) for name in contact_scene_names()]

@@ -6,8 +6,6 @@ import xarray as xr
 
 import vijax as vx
 
-pytestmark = pytest.mark.slow
-
 PATH, FREQUENCY, RESTITUTION = "forcing.frequency", 1.3, np.array([0.7, 0.8])
 MASS = np.array([[1.5, 0.3, 0.1], [0.3, 1.2, 0.2], [0.1, 0.2, 1.0]])
 DAMPING = np.array([[0.3, -0.1, 0.0], [-0.1, 0.35, -0.15], [0.0, -0.15, 0.3]])
@@ -45,6 +43,7 @@ def loss_of_volume(period: float, impacts: np.ndarray) -> float:
     return float(np.exp(-rate * period) * np.prod(RESTITUTION ** (2 * impacts)))
 
 
+@pytest.mark.slow
 def test_its_multipliers_multiply_to_the_loss_of_volume(orbit):
     assert orbit.is_admissible
     assert np.asarray(orbit.num_impacts).min() > 0
@@ -54,14 +53,16 @@ def test_its_multipliers_multiply_to_the_loss_of_volume(orbit):
     assert abs(product.imag) < ROUNDING * expected
 
 
+@pytest.mark.slow
 def test_its_multipliers_are_those_of_the_derivative_of_a_run(orbit):
     matrix = vx.monodromy_matrix(orbit.system, orbit.x0, orbit.v0)
     found = np.sort_complex(np.linalg.eigvals(matrix))
     np.testing.assert_allclose(found, np.sort_complex(np.asarray(orbit.multipliers)), rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.slow
 def test_each_orbit_of_its_branch_is_what_a_run_shows_and_loses_volume_as_it_should(orbit):
-    branch = vx.continuation(orbit, PATH, (1.15, 1.4), max_points=10, progress=False)
+    branch = vx.continuation(orbit, PATH, (1.15, 1.4), max_points=14, progress=False)
     assert len(branch) >= 20
     assert np.ptp(branch.values) > 0.05
     for k in range(len(branch)):
@@ -75,6 +76,7 @@ def test_each_orbit_of_its_branch_is_what_a_run_shows_and_loses_volume_as_it_sho
         assert float(found.system.forcing.frequency) == pytest.approx(branch.values[k], rel=1e-15)
 
 
+@pytest.mark.thorough
 def test_its_sweep_is_kept_in_a_file_with_the_machine_bit_for_bit(swept, tmp_path):
     assert (swept.result == 0).all()
     swept.to_netcdf(tmp_path / "sweep.nc")
@@ -91,6 +93,7 @@ def test_its_sweep_is_kept_in_a_file_with_the_machine_bit_for_bit(swept, tmp_pat
     np.testing.assert_array_equal(*states)
 
 
+@pytest.mark.slow
 def test_its_sweep_ends_on_its_orbit(swept, orbit):
     near = swept.isel({PATH: 4})
     found = vx.periodic_orbit(vx.system_of(near), near.x.values, near.v.values)
@@ -98,6 +101,7 @@ def test_its_sweep_ends_on_its_orbit(swept, orbit):
     np.testing.assert_array_equal(found.num_impacts, orbit.num_impacts)
 
 
+@pytest.mark.slow
 def test_its_pictures_show_every_contact(machine, swept, orbit, tmp_path):
     sol = orbit.solution()
     rows = vx.plot.bifurcation(swept, None)

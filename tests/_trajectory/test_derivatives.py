@@ -23,8 +23,12 @@ import vijax as vx
 GOLDEN = Path(__file__).parents[1] / "data" / "golden_derivatives"
 # Every shape of machine takes 10 to 20 s to compile; these two share one, and the second chatters.
 FAST = ("n1_critical", "n1_lowfreq_r07")
+# One of two masses for all others, both of which come to be held.
+TWO_MASSES = "n2_two_held"
 NAMES = [
-    name if name in FAST else pytest.param(name, marks=pytest.mark.slow)
+    name
+    if name in FAST
+    else pytest.param(name, marks=pytest.mark.thorough if name == TWO_MASSES else pytest.mark.slow)
     for name in sorted(path.stem for path in GOLDEN.glob("*.json"))
 ]
 # Roundings of some hundred steps, 1e-15, magnified a hundred times; complete chatter adds no error.

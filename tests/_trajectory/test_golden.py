@@ -24,8 +24,8 @@ READ_BACK = 1e-14
 QUESTIONS = 1024
 
 _SHAPES = Counter(machine_shape(name) for name in golden_names())
-# A shape of machine takes seconds to compile: shapes that serve one scene only belong to the long runs.
-_MARKS = {1: [pytest.mark.slow], 2: [pytest.mark.thorough]}
+# A shape of machine takes seconds to compile: those that serve one or two scenes are left to the thorough tests.
+_MARKS = {1: [pytest.mark.thorough], 2: [pytest.mark.thorough]}
 _SCENES = [pytest.param(name, marks=_MARKS.get(_SHAPES[machine_shape(name)], [])) for name in golden_names()]
 
 

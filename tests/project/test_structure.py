@@ -41,3 +41,13 @@ def test_there_is_no_circle():
     while free := {file for file, needs in waiting.items() if not needs & waiting.keys()}:
         waiting = {file: needs for file, needs in waiting.items() if file not in free}
     assert sorted(map(str, waiting)) == []
+
+
+FOLDERS = sorted({file.parent for file in FILES if len(file.parts) > 1})
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=str)
+def test_the_readme_of_a_folder_names_its_files(folder):
+    readme = (PACKAGE / folder.parts[0] / "README.md").read_text()
+    names = {file.name for file in FILES if file.parent == folder} - {"__init__.py"}
+    assert sorted(name for name in names if f"{name}`" not in readme) == []

@@ -11,7 +11,7 @@ from .forces import add_allow_forces, allowed
 
 _ABOUT = """
 Look at a sweep in a browser: a click on its bifurcation diagram, or chart, shows the motion there, a slider changes a
-parameter. Needs the extra: pip install 'vijax[explore]'. Ctrl-C ends it.
+parameter. Needs the extra: pip install 'vijax[studio]'. Ctrl-C ends it.
 """
 
 

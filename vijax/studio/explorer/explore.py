@@ -15,7 +15,7 @@ def explore(ds: xr.Dataset, *, dark: bool = False):
     of a cell shows the page; `python -m vijax explore sweep.nc` opens it in the browser. A notebook loads the
     JavaScript libraries from the internet; with `PANEL_INLINE=1` in the environment it contains them.
 
-    Needs the extra: `pip install 'vijax[explore]'`.
+    Needs the extra: `pip install 'vijax[studio]'`.
 
     Args:
         ds: result of `vx.sweep`, or a part of it.
@@ -40,6 +40,6 @@ def explore(ds: xr.Dataset, *, dark: bool = False):
         from .page import page_of
     except ImportError as error:
         raise ImportError(
-            f"The explorer needs Panel, HoloViews and datashader: pip install 'vijax[explore]'. {error}"
+            f"The explorer needs Panel, HoloViews and datashader: pip install 'vijax[studio]'. {error}"
         ) from error
     return page_of(ds, dark=dark)
