@@ -14,6 +14,7 @@ from .._orbits.cycle import Unknowns, residual, state_at
 from .._orbits.search import StroboscopicMap, frame_offset
 from .._orbits.sequence import NOTHING, Sequence, is_same_sequence, sequence_of
 from .._system.waves import phase_at
+from .._trajectory.loop import Choices
 from .._trajectory.single_call import run_for_log
 from .._trajectory.solution import RESULTS
 from .admissibility import LeastMargins, Margins, margins_at, margins_of_cycle
@@ -108,9 +109,8 @@ def _run(
     numbers = numbers_of(family.system_at(place.p))
     room_of_log = room + int(_STICKS * room)
     strobe = StroboscopicMap(numbers, family.flow, family.num_periods, family.phase, room_of_log)
-    log, result, _ = run_for_log(
-        numbers, family.flow, strobe.request(start), room=room_of_log, can_stick=True
-    )
+    choices = Choices(can_stick=True, room=room_of_log)
+    log, result, _ = run_for_log(numbers, family.flow, strobe.request(start), choices)
     whole, flights = sequence_of(log, strobe.t0, strobe.period)
     other, flights = (
         Sequence(whole.kind[:room], whole.stop[:room], whole.held[: room + 1]),

@@ -22,8 +22,8 @@ from .._jax.xla import is_any
 from .._machine.machine import AUTOMATIC_MAX_STEPS
 from .._machine.numbers import MachineNumbers
 from .._system.waves import phase_at
-from .._trajectory.loop import UNLIMITED_STEPS, LoopArguments
-from .._trajectory.single_call import CallSettings, run_for_log, run_single_call
+from .._trajectory.loop import UNLIMITED_STEPS, Choices, LoopArguments
+from .._trajectory.single_call import run_for_log, run_single_call
 from .._trajectory.solution import RESULTS, Solution
 from .candidate_cycle import Cycle, cycle_by_map, cycle_by_sequence
 from .cycle import Problem, Unknowns, prepared
@@ -142,8 +142,9 @@ class StroboscopicMap(eqx.Module):
 
     def follow(self, z: Float[Array, " state"]) -> Solution:
         """Run from a state, differentiable."""
-        asked = CallSettings(self.room, can_stick=True, max_reverse_steps=65_536, raises=False)
-        return run_single_call(self.numbers, self.flow, self.request(z), asked)
+        return run_single_call(
+            self.numbers, self.flow, self.request(z), Choices(can_stick=True, room=self.room)
+        )
 
     def end(self, z: Float[Array, " state"]) -> Float[Array, " state"]:
         """State at the end of a run."""
@@ -171,9 +172,8 @@ class Run(NamedTuple):
 
 def search_step(strobe: StroboscopicMap, search: Search) -> Search:
     """Run from the trial, and update the search."""
-    log, result, end = run_for_log(
-        strobe.numbers, strobe.flow, strobe.request(search.trial), room=strobe.room, can_stick=True
-    )
+    choices = Choices(can_stick=True, room=strobe.room)
+    log, result, end = run_for_log(strobe.numbers, strobe.flow, strobe.request(search.trial), choices)
     machine, flow = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
     sequence, flights = sequence_of(log, strobe.t0, machine.period)
     problem = Problem(machine, flow, sequence, strobe.num_periods, strobe.phase, free_shifts(strobe.numbers))

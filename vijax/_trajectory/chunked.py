@@ -22,7 +22,16 @@ from .._machine.numbers import MachineNumbers
 from .._machine.state import State, with_memory
 from .event_log import EventLog, Restarts
 from .grazing import Grazing
-from .loop import Carry, LoopArguments, LoopTask, finish, is_over, prepare_loop, run_without_derivatives
+from .loop import (
+    Carry,
+    Choices,
+    LoopArguments,
+    LoopTask,
+    finish,
+    is_over,
+    prepare_loop,
+    run_without_derivatives,
+)
 from .solution import Solution
 
 # Bounds of one call: logged events, saved states, and steps, which take less than a second.
@@ -66,10 +75,10 @@ class Progress(eqx.Module):
 
 @compile_lightly
 def _call(
-    numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, left: Progress, *, can_stick: bool
+    numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, left: Progress, choices: Choices
 ) -> tuple[Solution, _Saved, Progress]:
     """One call; the solution holds only the first saved state, as most requests have no more."""
-    solution, left = _run(numbers, flow, request, left, room=_EVENTS, can_stick=can_stick)
+    solution, left = _run(numbers, flow, request, left, choices)
     names = lambda s: (s.ts, s.xs, s.vs)  # noqa: E731
     first = eqx.tree_at(names, solution, [a[:1] for a in names(solution)])
     return first, _Saved(solution.xs, solution.vs), left
@@ -80,9 +89,7 @@ def _run(
     flow: AbstractFlow,
     request: LoopArguments,
     left: Progress,
-    *,
-    room: int,
-    can_stick: bool,
+    choices: Choices,
 ) -> tuple[Solution, Progress]:
     """Follow a trajectory from its start, or from the progress of the call before.
 
@@ -91,16 +98,15 @@ def _run(
         flow: the motion between events.
         request: arguments of the loop.
         left: progress of the call before; ignored if `left.steps` is 0.
-        room: bound on the events logged by this call.
-        can_stick: whether any stop may hold its mass.
+        choices: the static choices.
 
     Returns:
         Trajectory with the events and saved states of this call, and its progress.
     """
     request = jax.tree.map(jnp.asarray, request)
-    prepare = partial(_begin, room=room, can_stick=can_stick)
+    prepare = partial(_begin, choices=choices)
     task, last = run_without_derivatives(prepare, (numbers, flow, request, left))
-    solution = finish(task, last, request, room)
+    solution = finish(task, last, request, choices)
     left = Progress(
         state=last.state,
         goals=last.goal,
@@ -120,11 +126,9 @@ def _begin(
     flow: AbstractFlow,
     request: LoopArguments,
     left: Progress,
-    *,
-    room: int,
-    can_stick: bool,
+    choices: Choices,
 ) -> tuple[LoopTask, Carry]:
-    task, carry = prepare_loop(numbers, flow, request, room=room, can_stick=can_stick, is_whole=False)
+    task, carry = prepare_loop(numbers, flow, request, choices)
     carry = _gone_on(carry, left)
     return eqx.tree_at(lambda t: t.last_step, task, carry.steps + request.max_turns), carry
 
@@ -151,11 +155,12 @@ def follow_known(
 ) -> Solution:
     """Follow a trajectory of NumPy numbers, with any number of `request.goals`."""
     ts, left = request.goals, empty_progress(numbers, flow)
+    choices = Choices(can_stick, _EVENTS, is_whole=False)
     calls: list[_Taken] = []
     num_reached = 0
     while True:
         window = _window(request, num_reached)
-        solution, saved, left = _call(numbers, flow, window, left, can_stick=can_stick)
+        solution, saved, left = _call(numbers, flow, window, left, choices)
         is_done = not np.asarray(left.is_paused)
         if is_done and not calls and len(ts) == 1 and request.max_events == _EVENTS:
             return solution

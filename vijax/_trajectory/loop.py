@@ -6,6 +6,7 @@ call with room for the whole request, see `single_call.py`.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -29,6 +30,25 @@ from .step import advance, initial_state
 
 # `max_turns` of a call without a pause: the largest 32-bit integer, as JAX may have no 64-bit ones.
 UNLIMITED_STEPS = np.iinfo(np.int32).max
+
+
+@dataclass(frozen=True)
+class Choices:
+    """Static choices of a trajectory in one hashable object: its program is compiled for these, and for shapes.
+
+    Attributes:
+        can_stick: whether any stop may hold its mass.
+        room: bound on the logged events.
+        is_whole: whether the log of this call is the only one.
+        max_reverse_steps: see `simulate`.
+        raises: whether derivatives over too many steps raise; else they are NaN.
+    """
+
+    can_stick: bool
+    room: int
+    is_whole: bool = True
+    max_reverse_steps: int = 65_536
+    raises: bool = False
 
 
 class LoopArguments(NamedTuple):
@@ -156,10 +176,7 @@ def prepare_loop(
     numbers: MachineNumbers,
     flow: AbstractFlow,
     r: LoopArguments,
-    *,
-    room: int,
-    can_stick: bool,
-    is_whole: bool = True,
+    choices: Choices,
 ) -> tuple[LoopTask, Carry]:
     """Loop and initial carry of a request, for one trajectory or several with lanes last.
 
@@ -167,19 +184,18 @@ def prepare_loop(
         numbers: numbers of the machine.
         flow: the motion between events.
         r: request, with its own numbers in every lane.
-        room: bound on the logged events.
-        can_stick: whether any stop may hold its mass.
-        is_whole: whether the log of this call is the only one.
+        choices: the static choices.
     """
     t0, span = r.t0, r.t1 - r.t0
-    machine = prepare(numbers, jnp.where(span > 0, span, 1), (t0, r.x0, r.v0), can_stick=can_stick)
+    machine = prepare(numbers, jnp.where(span > 0, span, 1), (t0, r.x0, r.v0), can_stick=choices.can_stick)
     flow = flow.prepare(machine)
     max_steps = jnp.where(r.max_steps == AUTOMATIC_MAX_STEPS, default_max_steps(machine, span), r.max_steps)
     phase0 = machine.phase_at(t0)
     goals = jnp.concatenate([r.goals, r.t1[None]])
     goal_periods, goal_times = in_periods(machine, goals - t0)
     first = initial_state(flow, machine, phase0, r.x0, r.v0, t0)
-    empty = partial(empty_log, room=room, is_whole=is_whole, has_impulses=machine.contacts.is_coupled)
+    has_impulses = machine.contacts.is_coupled
+    empty = partial(empty_log, room=choices.room, is_whole=choices.is_whole, has_impulses=has_impulses)
     if t0.ndim:
         first = to_all(first, *t0.shape)
         empty = jax.vmap(empty, -1)
@@ -216,7 +232,7 @@ def is_over(task: LoopTask, last: Carry, request: LoopArguments) -> Bool[Array, 
     return request.is_last & (last.goal >= task.num_goals)
 
 
-def finish(task: LoopTask, last: Carry, request: LoopArguments, room: int) -> Solution:
+def finish(task: LoopTask, last: Carry, request: LoopArguments, choices: Choices) -> Solution:
     """Trajectory with the events and saved states of this call."""
     machine, t0, t1 = task.machine, task.t0, request.t1
     state, log, ts = last.state, last.log, request.goals
@@ -236,7 +252,7 @@ def finish(task: LoopTask, last: Carry, request: LoopArguments, room: int) -> So
         x1=x1,
         v1=v1,
         stuck1=state.held,
-        events=event_log(machine, log.kept_instants(), log.kept().phase, room, log.places),
+        events=event_log(machine, log.kept_instants(), log.kept().phase, choices.room, log.places),
         num_events=jnp.minimum(log.num_events, request.max_events),
         num_steps=last.steps,
         num_rejected=task.flow.num_rejected(state.memory),

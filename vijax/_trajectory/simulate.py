@@ -27,8 +27,8 @@ from .._system.checks import validate_start
 from .._system.system import ImpactSystem, with_args
 from .chunked import follow_known
 from .concrete_machine import known_machine
-from .loop import UNLIMITED_STEPS, LoopArguments
-from .single_call import CallSettings, run_single_call
+from .loop import UNLIMITED_STEPS, Choices, LoopArguments
+from .single_call import run_single_call
 from .solution import RESULTS, Solution, result_sentences
 
 
@@ -168,7 +168,12 @@ def simulate_with(
             system,
             choose_flow(system, can_stick=can_stick, wanted=flow),
             request,
-            CallSettings(max_events, can_stick, max_reverse_steps, raises=settings.allowed is not None),
+            Choices(
+                can_stick,
+                max_events,
+                max_reverse_steps=max_reverse_steps,
+                raises=settings.allowed is not None,
+            ),
         )
     if settings.allowed is None:
         return solution
