@@ -32,28 +32,28 @@ class Description(NamedTuple):
 
 def as_text(tell: Callable[..., Description], thing: Any, *words: Any) -> str:
     """Format a description in aligned columns."""
-    told = _safe_description(tell, thing, *words)
-    if told is None:
+    described = _safe_description(tell, thing, *words)
+    if described is None:
         return eqx.tree_pformat(thing)
-    columns = max((len(row) for row in told.rows), default=0)
-    widths = [max(len(row[k]) for row in told.rows if k < len(row)) for k in range(columns)]
-    lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in told.rows]
-    return "\n".join([told.title, *(f"  {line}" for line in lines)])
+    columns = max((len(row) for row in described.rows), default=0)
+    widths = [max(len(row[k]) for row in described.rows if k < len(row)) for k in range(columns)]
+    lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in described.rows]
+    return "\n".join([described.title, *(f"  {line}" for line in lines)])
 
 
 def as_html(tell: Callable[..., Description], thing: Any, *words: Any) -> str:
     """Format a description as an HTML table."""
-    told = _safe_description(tell, thing, *words)
-    if told is None:
+    described = _safe_description(tell, thing, *words)
+    if described is None:
         return f"<pre>{html.escape(eqx.tree_pformat(thing))}</pre>"
     left = 'style="text-align: left"'
     rows = [
         f"<tr><th {left}>{html.escape(row[0])}</th>"
         + "".join(f"<td {left}>{html.escape(cell)}</td>" for cell in row[1:])
         + "</tr>"
-        for row in told.rows
+        for row in described.rows
     ]
-    return f"<div>{html.escape(told.title)}</div><table>{''.join(rows)}</table>"
+    return f"<div>{html.escape(described.title)}</div><table>{''.join(rows)}</table>"
 
 
 def _safe_description(tell: Callable[..., Description], thing: Any, *words: Any) -> Description | None:
@@ -181,8 +181,14 @@ def describe_orbit(orbit: Any, results: Sequence[str], kinds: Sequence[str]) -> 
 def _judged(orbit: Any, multipliers: np.ndarray) -> str:
     if multipliers.ndim > 1:
         return f"{np.count_nonzero(orbit.is_stable)} of {orbit.is_stable.size} stable"
-    told = " ".join(f"{a.real:.6g}" if a.imag == 0 else f"{a:.6g}" for a in multipliers[:_NUMBERS].tolist())
-    return told if np.isnan(multipliers).any() else f"{told}: {'stable' if orbit.is_stable else 'unstable'}"
+    described = " ".join(
+        f"{a.real:.6g}" if a.imag == 0 else f"{a:.6g}" for a in multipliers[:_NUMBERS].tolist()
+    )
+    return (
+        described
+        if np.isnan(multipliers).any()
+        else f"{described}: {'stable' if orbit.is_stable else 'unstable'}"
+    )
 
 
 def _line(rows: list[tuple[str, ...]]) -> str:
@@ -207,10 +213,10 @@ def _sum(contact: Any) -> str:
     if row is None or row.ndim > 1:
         return f"row {_shape(contact.row)} on masses {list(contact.masses)}"
     terms = zip(row.tolist(), contact.masses, strict=True)
-    told = " ".join(
+    described = " ".join(
         f"{'-' if a < 0 else '+'} {'' if abs(a) == 1 else f'{abs(a):.6g} '}x{i}" for a, i in terms
     )
-    return told.removeprefix("+ ").replace("- ", "-", told.startswith("- "))
+    return described.removeprefix("+ ").replace("- ", "-", described.startswith("- "))
 
 
 def _results(code: np.ndarray, results: Sequence[str]) -> str:

@@ -183,9 +183,9 @@ def step_state_of_point(point: BranchPoint) -> StepState:
     return step_state_of(*jax.tree.map(lambda a: np.asarray(a)[None], (sequence, place, point.seen)))
 
 
-def batch_row_of(asked: PlainSteps) -> tuple[StepState, BranchProgress]:
+def batch_row_of(plain: PlainSteps) -> tuple[StepState, BranchProgress]:
     """State of one branch, to be stacked with others."""
-    walk, start, point, ds = asked
+    walk, start, point, ds = plain
     room = room_for(len(point.sequence.kind))
     sequence, place = padded(point.sequence, (point.place,), room)
     one, other = start.sequence, point.sequence

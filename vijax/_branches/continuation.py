@@ -129,14 +129,14 @@ def follow_branches(
         for _ in "-+"
     ]
 
-    def told() -> list[Branch | None]:
+    def result_so_far() -> list[Branch | None]:
         whole = zip(families, points, walks[::2], walks[1::2], strict=True)
         branches = iter([branch_of(family, start, back, forth) for family, start, back, forth in whole])
         return [None if point is None else next(branches) for point in all_points]
 
-    with interrupt_with_result(told):
+    with interrupt_with_result(result_so_far):
         _follow(walks, [family for family in families for _ in "-+"], _both_ways(points), progress=progress)
-    return told()
+    return result_so_far()
 
 
 def _follow(

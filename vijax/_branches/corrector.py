@@ -86,7 +86,7 @@ def correct(
         length = jnp.max(jnp.abs(jnp.concatenate([step.z, step.flights, step.p[None]])))
         first = jnp.where(before.num_steps == 0, length, before.first)
         pencil = _at_fixed_parameter(equations, size)
-        told = _NewtonState(
+        newton = _NewtonState(
             here,
             pencil,
             tangent,
@@ -97,7 +97,7 @@ def correct(
             before.step,
             before.num_steps + 1,
         )
-        return here.moved(step, 1.0), told
+        return here.moved(step, 1.0), newton
 
     last = jax.lax.while_loop(lambda now: is_on(now[1]), one, (guess, _nothing(guess)))[1]
     size_of_tangent = jnp.sqrt(last.tangent.along(last.tangent))

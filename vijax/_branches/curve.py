@@ -90,13 +90,13 @@ def bifurcation_curve(
     forth: list[CurveState] = []
     ends: list[str] = [End.INTERRUPTED, End.INTERRUPTED]
 
-    def told() -> xr.Dataset:
+    def result_so_far() -> xr.Dataset:
         return _dataset(point, path, [*back[::-1], begun, *forth], ends)
 
-    with tqdm(unit="point", disable=not progress) as bar, interrupt_with_result(told):
+    with tqdm(unit="point", disable=not progress) as bar, interrupt_with_result(result_so_far):
         ends[0] = curve.follow(begun.turned(), bar, back)
         ends[1] = End.CLOSED if ends[0] == End.CLOSED else curve.follow(begun, bar, forth)
-    return told()
+    return result_so_far()
 
 
 def _with_second_parameter(

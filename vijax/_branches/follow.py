@@ -104,17 +104,17 @@ def _follow(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
             continue
         if (yield from is_at_start(walk, start, point, step.last)):
             raise BranchEnd(End.CLOSED)
-        walk.points.append(step.told)
-        point, ds = (yield from with_simulated_bounces(step.told, step.followed)), step.next_length
-        if _has_lost_stick(step.told, point):  # the branch ends between the two
-            point = step.told
+        walk.points.append(step.confirmed)
+        point, ds = (yield from with_simulated_bounces(step.confirmed, step.followed)), step.next_length
+        if _has_lost_stick(step.confirmed, point):  # the branch ends between the two
+            point = step.confirmed
     walk.end = End.MAX_POINTS
 
 
-def _has_lost_stick(told: BranchPoint, point: BranchPoint) -> bool:
+def _has_lost_stick(confirmed: BranchPoint, point: BranchPoint) -> bool:
     """True if the last bounces of a chatter are added, but the stick behind them has vanished."""
-    before, after = (np.count_nonzero(one.sequence.kind == RELEASE) for one in (told, point))
-    return bool(after < before and 0 < shortest_stick(told) < _VANISHING_STICK)
+    before, after = (np.count_nonzero(one.sequence.kind == RELEASE) for one in (confirmed, point))
+    return bool(after < before and 0 < shortest_stick(confirmed) < _VANISHING_STICK)
 
 
 def _resolved_step(walk: DirectedBranch, point: BranchPoint, ds: float) -> KernelRequests:
@@ -194,7 +194,7 @@ class Step(NamedTuple):
     """
 
     last: BranchPoint
-    told: BranchPoint
+    confirmed: BranchPoint
     followed: SimulatedMotion
     event: tuple[TestFunction, BranchPoint] | None
     special: list[BranchPoint]
@@ -212,15 +212,15 @@ def _step(walk: DirectedBranch, point: BranchPoint, ds: float) -> KernelRequests
     met = crossings(tests_of(point.sequence), point.seen, new.seen)
     if any(test.kind == Kind.CHATTER_COMPLETION and not _is_plastic(point, test) for test in met):
         return None  # ever more bounces accumulate on the step
-    told, followed = yield from _confirmed_point(walk, new)
-    if not (met or told.is_admissible) or (len(met) > 1 and ds > _SEPARATE):
+    confirmed, followed = yield from _confirmed_point(walk, new)
+    if not (met or confirmed.is_admissible) or (len(met) > 1 and ds > _SEPARATE):
         return None
     event, last = yield from first_event(point, new, met)
     special = yield from special_points(walk, point, last)
     if special is None and ds > _SEPARATE:
         return None
     length = float(next_length(new.seen.found, before, after, ds)[0])
-    return Step(last, told, followed, event, special or [], length)
+    return Step(last, confirmed, followed, event, special or [], length)
 
 
 def _is_plastic(point: BranchPoint, test: TestFunction) -> bool:

@@ -76,8 +76,8 @@ def _with_stick(limit: ExtendedCycle, last: BranchPoint, p: float) -> KernelRequ
         if not seen.found.is_converged:
             return None
         found = BranchPoint.of(sequence, seen, last.arc)
-        told: SimulatedMotion = yield KernelCall(simulate_cycle, sequence, (found.place,))
-        if told.is_alike:
+        simulated: SimulatedMotion = yield KernelCall(simulate_cycle, sequence, (found.place,))
+        if simulated.is_alike:
             return found
         place = found.place
     return None

@@ -51,16 +51,16 @@ def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callabl
     while True:
         for k, reply in replies.items():
             try:
-                asked = _next_request(tasks[k], reply)
+                requests = _next_request(tasks[k], reply)
             except StopIteration as end:
                 results[k] = end.value
                 continue
-            room, program = room_for(len(asked.sequence.kind)), getattr(asked, "program", None)
+            room, program = room_for(len(requests.sequence.kind)), getattr(requests, "program", None)
             key = program, room, makes[k]
             if key not in groups:
                 stock = stocks[makes[k]]
                 groups[key] = _Calls(stock, room, program) if program else _PlainStepBatch(stock, room)
-            groups[key].add(k, asked)
+            groups[key].add(k, requests)
         largest = max(groups.values(), key=len, default=())
         if not largest:
             return results
@@ -70,10 +70,10 @@ def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callabl
 
 def _next_request(task: Generator, reply: Any) -> Any:
     """Next request of a task after a reply; one with too many events throws `TooManyEvents` into this task alone."""
-    asked = task.send(reply)
-    while len(asked.sequence.kind) > MOST_EVENTS:
-        asked = task.throw(TooManyEvents("max_events"))
-    return asked
+    requests = task.send(reply)
+    while len(requests.sequence.kind) > MOST_EVENTS:
+        requests = task.throw(TooManyEvents("max_events"))
+    return requests
 
 
 def answer(family: Family, request: KernelCall) -> Any:
@@ -134,9 +134,9 @@ class _PlainStepBatch:
     def __len__(self) -> int:
         return len(self.members) + len(self.new)
 
-    def add(self, task: int, asked: PlainSteps) -> None:
+    def add(self, task: int, requests: PlainSteps) -> None:
         """Add a branch."""
-        self.new.append((task, asked))
+        self.new.append((task, requests))
 
     def answer(self) -> dict[int, Any]:
         """Step as many branches as fit into one call; return those whose next step is not plain, or that are full."""
@@ -164,7 +164,7 @@ class _PlainStepBatch:
         arc = np.where(taken, ways.arc + ways.ds, ways.arc)
         ds = np.where(taken, length, np.where(sound, ways.ds, ways.ds / 2))
         self._add_points(taken, rows, arc)
-        is_full = np.array([asked.walk.is_full for _, asked in self.members[:num]])
+        is_full = np.array([requests.walk.is_full for _, requests in self.members[:num]])
         return self._moved_on(
             known, ways._replace(ds=ds, arc=arc), (sound & ~taken) | (ds < SHORTEST) | is_full
         )
@@ -173,10 +173,10 @@ class _PlainStepBatch:
         """Append the new branches to the batch."""
         if not self.new:
             return
-        rows = _stack([batch_row_of(asked) for _, asked in self.new])
+        rows = _stack([batch_row_of(requests) for _, requests in self.new])
         self.state = jax.tree.map(lambda *a: np.concatenate(a), self.state, rows) if self.members else rows
         self.members += self.new
-        self.points += [asked.point for _, asked in self.new]
+        self.points += [requests.point for _, requests in self.new]
         self.new, self.fixed = [], None
 
     def _fixed(self, num: int, size: int) -> tuple:

@@ -137,8 +137,8 @@ def continue_by_simulation(event: BranchPoint, kind: str) -> KernelRequests:
         guess = event.place.moved(event.tangent, ds)
         followed = yield from _followed(event.sequence, guess)
         new = yield from with_simulated_bounces(event._replace(place=guess), followed._replace(is_alike=True))
-        told: SimulatedMotion = yield KernelCall(simulate_cycle, new.sequence, (new.place,))
-        if told.is_alike and np.abs(new.place.z - guess.z).max() < 10 * ds:
+        simulated: SimulatedMotion = yield KernelCall(simulate_cycle, new.sequence, (new.place,))
+        if simulated.is_alike and np.abs(new.place.z - guess.z).max() < 10 * ds:
             return new._replace(kind="", arc=event.arc + ds)
     raise BranchEnd(shown(kind))
 
@@ -153,8 +153,8 @@ def cycle_of_simulation(point: BranchPoint, guess: ExtendedCycle) -> KernelReque
     if not seen.found.is_converged:
         return None
     found = BranchPoint.of(sequence, seen, point.arc)
-    told: SimulatedMotion = yield KernelCall(simulate_cycle, sequence, (found.place,))
-    return found if told.is_alike else None
+    simulated: SimulatedMotion = yield KernelCall(simulate_cycle, sequence, (found.place,))
+    return found if simulated.is_alike else None
 
 
 def _followed(sequence: Sequence, place: ExtendedCycle) -> KernelRequests:

@@ -158,10 +158,10 @@ def run_lanes(
         is_waiting = _is_waiting(work, queue)
         num_busy = jnp.sum(queue.point < work.num_points)
         enough = jnp.where(is_waiting, jnp.maximum(num_busy - max(num_lanes // 16, 1), 0), 0)
-        asked = _of_lanes(work, queue.point)
-        task = LaneTask(motion, numbers, phase0[..., :1], asked, queue.point, enough, last_turn)
+        inputs = _of_lanes(work, queue.point)
+        task = LaneTask(motion, numbers, phase0[..., :1], inputs, queue.point, enough, last_turn)
         progress, _ = run((queue.progress, task))
-        return _refill(asked, start, numbers, eqx.tree_at(lambda q: q.progress, queue, progress))
+        return _refill(inputs, start, numbers, eqx.tree_at(lambda q: q.progress, queue, progress))
 
     def is_left(queue: Queue) -> Bool[Array, ""]:
         live = is_live(_of_lanes(work, queue.point), queue.progress.lanes, queue.point)
@@ -210,9 +210,9 @@ def _refill(work: Work, start: Callable[[Array, EndStates], State], machine: Mac
     lanes, num_points = queue.progress.lanes, queue.ends.steps.size
     free = ~is_live(work, lanes, queue.point)
     done = jnp.where(free, queue.point, num_points)
-    told = eqx.tree_at(lambda e: (e.state.x, e.state.v), lanes, machine.in_space(lanes.state))
-    told = _with_tangents(told, None)
-    ends = jax.tree.map(lambda all_, a: all_.at[..., done].set(a, mode="drop"), queue.ends, told)
+    ended = eqx.tree_at(lambda e: (e.state.x, e.state.v), lanes, machine.in_space(lanes.state))
+    ended = _with_tangents(ended, None)
+    ends = jax.tree.map(lambda all_, a: all_.at[..., done].set(a, mode="drop"), queue.ends, ended)
     on = queue.point + work.num_chains
     goes_on = free & (on < work.num_points)
     begins = free & ~goes_on
@@ -221,7 +221,7 @@ def _refill(work: Work, start: Callable[[Array, EndStates], State], machine: Mac
     is_new = goes_on | begins
     point = jnp.where(goes_on, on, jnp.where(begins, candidate, jnp.where(free, num_points, queue.point)))
     fresh = EndStates(
-        state=start(point, told),
+        state=start(point, ended),
         num_impacts=jnp.zeros_like(lanes.num_impacts),
         num_sticks=jnp.zeros_like(lanes.num_sticks),
         held_time=jnp.zeros_like(lanes.held_time),

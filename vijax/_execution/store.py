@@ -116,7 +116,7 @@ def open_store(
     if not file.exists():
         _begin(folder, manifest, settings)
     # Read the manifest even after `_begin`: another process may have written it.
-    size = read_manifest(folder, _MANIFEST, manifest, lambda told: int(told["points_per_chunk"]))
+    size = read_manifest(folder, _MANIFEST, manifest, lambda recorded: int(recorded["points_per_chunk"]))
     digest = hashlib.sha256(json.dumps(manifest, sort_keys=True).encode())
     return Store(runner, folder, size, digest.hexdigest())
 
@@ -138,7 +138,7 @@ def read_manifest(
         found = json.loads(file.read_text())
         for key in within:
             found = found[key]
-        there, told = found["sweep"], size(found)
+        there, recorded = found["sweep"], size(found)
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"The file {file} of a store is damaged: delete the folder.") from error
     clause = difference(there, manifest)
@@ -146,7 +146,7 @@ def read_manifest(
         raise ValueError(
             f"The store {folder} holds another sweep: {clause}. Name another folder, or delete this one."
         )
-    return told
+    return recorded
 
 
 def _begin(folder: Path, manifest: dict[str, Any], settings: ExecutionSettings) -> None:
@@ -178,10 +178,10 @@ def describe_sweep(
     Attributes are those of `origin`. The flow is the requested one, None if left out. The settings determine what is
     compiled.
     """
-    told = {name: a for name, a in attributes.items() if name not in ("numpy_version", "python_version")}
+    recorded = {name: a for name, a in attributes.items() if name not in ("numpy_version", "python_version")}
     return {
         "layout": _LAYOUT,
-        **told,
+        **recorded,
         "system": json.loads(attributes["system"]),
         "force_parameters": json.loads(attributes.get("force_parameters", "{}")),
         "values": {path: _summary(axis) for path, axis in axes.items()},

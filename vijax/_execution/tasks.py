@@ -154,9 +154,9 @@ class _TaskPool:
 def _submit(executor: Executor, function: Callable, task: _Task) -> Future:
     # A process where 64-bit numbers are still off reads a JAX array as 32 bits.
     args = jax.tree.map(lambda a: np.asarray(a) if isinstance(a, jax.Array) else a, task.args)
-    asked = jax.config.read("jax_enable_x64"), _environment()
+    environment = jax.config.read("jax_enable_x64"), _environment()
     try:
-        return executor.submit(_run, function, args, *asked)
+        return executor.submit(_run, function, args, *environment)
     except Exception as error:
         _refuse_unsendable(task.args)
         raise RuntimeError(
@@ -193,17 +193,17 @@ def _refuse_unsendable(args: tuple) -> None:
 
 def _environment() -> dict[str, object]:
     """Versions and settings that, beside the processor, determine the last bits."""
-    told: dict[str, object] = {name: a for name, a in versions().items() if name != "python_version"}
-    return told | {"device": jax.default_backend(), "VIJAX_PLAIN": PLAIN}
+    libraries: dict[str, object] = {name: a for name, a in versions().items() if name != "python_version"}
+    return libraries | {"device": jax.default_backend(), "VIJAX_PLAIN": PLAIN}
 
 
-def _run(function: Callable, args: tuple, x64: bool, asked: dict[str, object]) -> _Answer:
+def _run(function: Callable, args: tuple, x64: bool, environment: dict[str, object]) -> _Answer:
     """Call a function as it would be called where the task comes from; run by a worker."""
     try:
         for name, here in _environment().items():
-            if here != asked[name]:
+            if here != environment[name]:
                 raise ValueError(
-                    f"A worker has `{name}` {here}, but {asked[name]} is where the call was made: results would differ. "
+                    f"A worker has `{name}` {here}, but {environment[name]} is where the call was made: results would differ. "
                     "Give all machines the same environment."
                 )
         with jax.enable_x64(x64):

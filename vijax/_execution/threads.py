@@ -109,7 +109,7 @@ def _run_queue(
     with jax.enable_x64(x64), jax.numpy_rank_promotion("allow"):
         with _STARTING:
             task, queue = _start(runner, points, share, shape)
-        impacts, marks, is_left, told = [], [], True, 0
+        impacts, marks, is_left, reported = [], [], True, 0
         while is_left and not stop.is_set():
             queue, more = run_lanes(task, queue, can_stick=runner.counts.can_stick, is_carried=share.ndim > 1)
             is_left, progress = bool(more), queue.progress
@@ -118,8 +118,8 @@ def _run_queue(
             zeros = (_whole(0), _whole(0))
             queue = eqx.tree_at(lambda q: (q.progress.impacts.size, q.progress.marks.size), queue, zeros)
             done = int(np.sum(np.asarray(queue.ends.steps)[: share.size] > 0))
-            tell(done - told)
-            told = done
+            tell(done - reported)
+            reported = done
     ends, state = queue.ends, queue.ends.state
     columns = {"x": state.x, "v": state.v, "held": state.held, "periods": state.periods} | {
         name: getattr(ends, name) for name in ("num_impacts", "num_sticks", "steps", "is_finite")

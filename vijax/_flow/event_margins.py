@@ -186,9 +186,9 @@ def _prove(view: StopView, step: Scalar, is_expected: Flag) -> EventFreeProof:
     degree = len(likely) - 1
     share = [jnp.where(view.contact == 0, k / degree, min(k, 1)) for k in range(degree + 1)]
     doubt = jnp.where(is_crossed, 0, error)
-    asked = [c - part * doubt for c, part in zip(likely, share, strict=True)]
+    reduced = [c - part * doubt for c, part in zip(likely, share, strict=True)]
     return EventFreeProof(
-        jnp.where(is_kept_closed, 1, compute_once(first_crossing, asked)), is_crossed, error
+        jnp.where(is_kept_closed, 1, compute_once(first_crossing, reduced)), is_crossed, error
     )
 
 

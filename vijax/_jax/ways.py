@@ -115,9 +115,9 @@ def _pullback(
     pulled = jax.vjp(wanted, moving)[1](cotangents)[0]
     # Zero cotangents give zero derivatives, even where JAX computes 0 times infinity: a lane left out of a sum spoils
     # no derivative with respect to numbers that the lanes share. NaN cotangents give NaN.
-    asked = jnp.concatenate([jnp.ravel(c) for c in cotangents])
-    factor = jnp.where(jnp.any(jnp.isnan(asked)), jnp.nan, 1)
-    return [jnp.where(jnp.any(asked != 0), a * factor.astype(a.dtype), 0) for a in pulled]
+    weights = jnp.concatenate([jnp.ravel(c) for c in cotangents])
+    factor = jnp.where(jnp.any(jnp.isnan(weights)), jnp.nan, 1)
+    return [jnp.where(jnp.any(weights != 0), a * factor.astype(a.dtype), 0) for a in pulled]
 
 
 def _product(
