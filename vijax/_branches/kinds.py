@@ -1,4 +1,4 @@
-"""Names of bifurcations and of the ends of branches: each stands once, with the words that pictures show."""
+"""Names of bifurcations and of ends of branches, each defined once, with its label in pictures."""
 
 from enum import StrEnum
 
@@ -7,8 +7,8 @@ class Kind(StrEnum):
     """Kind of a bifurcation; a member is the string that users read in `point.kind`.
 
     Attributes:
-        words: for legends.
-        is_critical: whether a multiplier is on the unit circle, so that stability is rounding.
+        words: label in legends.
+        is_critical: True if a multiplier lies on the unit circle, so that stability is decided by rounding.
     """
 
     words: str
@@ -22,9 +22,11 @@ class Kind(StrEnum):
     DOUBLE_IMPACT = "double_impact", "double impact", False
     FORCE_ZERO = "force_zero", "force zero", False
     CHATTER_COMPLETION = "chatter_completion", "chatter completion", False
-    # Seen from one side alone: a gap that touches zero, a stick that begins, an orbit traversed twice.
+    # Grazing, seen from one side only: a gap touches zero.
     TOUCH = "touch", "grazing", False
+    # Chatter completion, seen from one side only: a stick begins.
     ONSET = "onset", "chatter completion", False
+    # Branch point, seen from one side only: an orbit traversed twice.
     HALF_PERIOD = "period_doubling", "branch point", True
 
     def __new__(cls, name: str, words: str, is_critical: bool) -> "Kind":
@@ -36,18 +38,18 @@ class Kind(StrEnum):
 _SHOWN: dict[str, str] = {
     Kind.TOUCH: Kind.GRAZING,
     Kind.ONSET: Kind.CHATTER_COMPLETION,
-    # Where a doubled branch ends, the branch of half the period, traversed twice, crosses it.
+    # At the end of a doubled branch, the branch of half the period, traversed twice, crosses it.
     Kind.HALF_PERIOD: Kind.BRANCH_POINT,
 }
 
 
 def shown(kind: str) -> str:
-    """The kind that users read: one name for what is seen from two sides."""
+    """Public kind: one name for both sides from which a bifurcation is seen."""
     return str(_SHOWN.get(kind, kind))
 
 
 class End(StrEnum):
-    """Reason why a branch ends, beside the kinds of bifurcations at which it may."""
+    """Reasons for which a branch ends, besides the kinds of bifurcations."""
 
     BOUNDS = "bounds"
     CLOSED = "closed"

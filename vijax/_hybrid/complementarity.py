@@ -1,10 +1,10 @@
 """Linear complementarity: w = q + G p with w >= 0, p >= 0 and w . p = 0.
 
-Which entries of p are positive is decided by pivots, one at a time, the first that is wrong first. For a positive
-definite G that ends at the one solution (K. G. Murty, Linear Algebra Appl. 7 (1974)). A semi-definite one, of rows that depend
-on each other, is decided as if it were definite; of those that then bear, as many are let off as depend on others,
-such that no p turns negative. What belongs to this set is
-then computed from it, exactly and differentiably. Sizes are those of contacts closed at one instant: few.
+Pivots find the set of positive p, one at a time: each exchanges the first entry with a wrong sign. For a positive
+definite G they end at the unique solution (K. G. Murty, Linear Algebra Appl. 7 (1974)). A semi-definite G, with
+dependent rows, is first treated as definite; then dependent rows are removed from the set of positive p, with no p
+turning negative. p and w follow from this set, exactly and differentiably. The sizes are those of contacts closed at
+one instant: small.
 """
 
 import jax
@@ -16,7 +16,7 @@ from .._jax.arrays import matvec, stop_gradients
 from .._jax.xla import is_any
 from .._machine.small_matrices import diagonal, inverse_among
 
-# The most pivots; as many as there are sets of six contacts.
+# Maximum number of pivots: the number of subsets of six contacts.
 _PIVOTS = 64
 
 
@@ -25,18 +25,18 @@ def complementary(
     q: Float[Array, "contacts ..."],
     allowed: Bool[Array, "contacts ..."],
 ) -> tuple[Bool[Array, "contacts ..."], Float[Array, "contacts ..."], Float[Array, "contacts ..."]]:
-    """Solve the problem among the allowed contacts.
+    """Solve the complementarity problem among the allowed contacts.
 
     Args:
         matrix: G, symmetric positive semi-definite.
         q: the value of w without p.
-        allowed: the contacts concerned; the others have p = 0.
+        allowed: the contacts that may have p > 0; the others have p = 0.
 
     Returns:
-        Which bear p, no row depending on those of others that do; p; and w, exactly zero where it is so to rounding.
+        Flags of the contacts that carry p, with independent rows; p; and w, exactly zero where it is zero to rounding.
     """
     noise = 16 * len(matrix) * float(jnp.finfo(matrix.dtype).eps)
-    alone = allowed & (q <= 0)  # where no other is closed, a contact bears unless it opens by itself
+    alone = allowed & (q <= 0)  # a single closed contact carries p unless it opens with p = 0
     members, closed = jax.lax.cond(
         is_any(jnp.sum(allowed, axis=0) > 1),
         lambda: _of_several(*stop_gradients((matrix, q)), allowed, noise),
@@ -44,17 +44,17 @@ def complementary(
     )
     p = -matvec(inverse_among(matrix, members), q)
     w = q + matvec(matrix, p)
-    # What is rounding opens nothing.
+    # Rounding errors of w open no contact.
     is_zero = closed | (allowed & (w <= noise * (jnp.abs(q) + matvec(jnp.abs(matrix), p))))
     return members, p, jnp.where(is_zero, 0, w)
 
 
 def _of_several(matrix: Array, q: Array, allowed: Array, noise: float) -> tuple[Array, Array]:
-    """Which of several contacts bear, of these rows no one depending on others, and where w = 0."""
+    """Flags of contacts that carry p, with independent rows, and of those with w = 0, among several allowed ones."""
     known = _decidable(matrix, allowed)
 
     def wrong(members: Array) -> Array:
-        # To rounding: a contact that shares nothing with the others gets no impulse, and not a negative one.
+        # With a tolerance of rounding: a contact that shares no inertia with the others has p = 0, not a negative p.
         inverse = inverse_among(known, members)
         p, size_of_p = -matvec(inverse, q), matvec(jnp.abs(inverse), jnp.abs(q))
         w, size = q + matvec(known, p), jnp.abs(q) + matvec(jnp.abs(known), size_of_p)
@@ -73,9 +73,9 @@ def _of_several(matrix: Array, q: Array, allowed: Array, noise: float) -> tuple[
 
 
 def _independent(matrix: Array, p: Array, members: Array) -> Array:
-    """Members of which no row depends on others, that bear the same without any p negative.
+    """Subset of `members` with independent rows and the same total effect, with no negative p.
 
-    The p of a row that depends on others is handed over to these, until it or one of theirs is gone, whichever is first.
+    The p of a dependent row is transferred to the rows it depends on until it, or one of theirs, reaches zero.
     """
 
     def spare(members: Array, inverse: Array) -> Array:
@@ -102,10 +102,10 @@ def _independent(matrix: Array, p: Array, members: Array) -> Array:
 
 
 def _decidable(matrix: Array, allowed: Array) -> Array:
-    """The matrix; where rows of it depend on each other with a little more compliance of each contact by itself.
+    """Matrix with a slightly larger diagonal (compliance of each contact) where allowed rows are dependent.
 
-    So that of these it is decided as well which bear a force: a mass that rests on one wall is taken over by another that
-    is faster. By the root of a rounding: as much is lost in the inverse.
+    This decides between dependent contacts too: a faster wall takes over a mass that rests on another one. The
+    increase is sqrt(eps), since the inverse loses as many digits.
     """
     size = len(matrix)
     little = 1 + np.eye(size) * float(jnp.finfo(matrix.dtype).eps) ** 0.5

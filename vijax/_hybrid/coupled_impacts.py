@@ -1,17 +1,17 @@
-"""What happens at an instant, and at the start, to contacts that may share inertia.
+"""Resets of contacts that may share inertia, at events and at the start.
 
-Impacts follow Moreau's form of Newton's law over all closed contacts, see `vx.Contact`: those that hold count as
-plastic, and stay or are torn open. After a jump it is decided by the accelerations which of the closed contacts
-that are at rest hold: complementarity of contact forces and accelerations. Of those whose rows depend on each other, as
-the legs of a table with four, no more hold than bear a force; the others are `KEPT_CLOSED`. Where one lets go it is decided in the
-same way, by the rates of forces and accelerations, which of these bear instead.
+Impacts follow Moreau's form of Newton's law over all closed contacts, see `vx.Contact`: contacts that hold count as
+plastic, and stay closed or are torn open. After a jump, complementarity of contact forces and accelerations selects
+the contacts that hold among those closed and at rest. Where rows depend on each other, as for a table with four legs,
+only contacts that carry a force hold; the others are `KEPT_CLOSED`. When one releases, complementarity of the rates of
+forces and accelerations selects the contacts that take over.
 
-Bounces that are light, and sure to end, are completed at once, as in `diagonal_impacts.py`. Where light bounces of several
-contacts feed each other (a stack that is dropped), they are completed together: contact forces do not change
-the momentum along what all these contacts leave free, and that of dampers while the gaps close is known. So what is
-skipped is of the third order in the speeds, as for one contact; the times at which they stick are known to some last
-bounces. A relative velocity that is nothing but rounding makes its impact plastic: bouncing
-sets that nothing presses together come to an end as well.
+Light bounces that are sure to end are completed at once, as in `diagonal_impacts.py`. Light bounces of several
+contacts that drive each other (a dropped stack) are completed together: contact forces do not change the momentum
+along the directions that these contacts leave free, and the impulse of dampers while the gaps close is computed. The
+skipped change is of third order in the speeds, as for one contact; the times of sticking are accurate to a few last
+bounces. A relative velocity at the level of rounding makes its impact plastic, so contacts that bounce without being
+pressed together also stop bouncing.
 """
 
 import equinox as eqx
@@ -37,12 +37,12 @@ def first_state(
     v: Float[Array, "n ..."],
     t0: Scalar | float = 0.0,
 ) -> State:
-    """The state at t0. Contacts that are hit then are hit by the first step."""
+    """State at t0. Contacts hit at t0 are hit by the first step."""
     contacts = machine.contacts
     x, v = machine.relative_to_stops(phase, x, v)
     phase_rate = machine.phase_rate(phase)
     position, speed = contacts.rounded(t0)
-    # Values that went through the coordinates of the machine carry the rounding of a product.
+    # Values converted to the coordinates of the machine carry the rounding of a product.
     touching = is_touching(contacts.gaps(x, phase), 4 * (position + contacts.size(jnp.abs(x))))
     x = contacts.placed(x, touching, phase)
     approach = contacts.towards(v, phase_rate)
@@ -66,7 +66,7 @@ def first_state(
 
 
 def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) -> tuple[State, Instant]:
-    """Apply the impacts of this instant, then decide who sticks and who is let go."""
+    """Apply the impacts of this instant, then stick and release contacts."""
     v_minus = machine.approach(state)
     hit = is_event & ~state.held & (v_minus > 0)
     none, zeros = jnp.zeros_like(hit), jnp.zeros_like(state.gap)
@@ -90,7 +90,7 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) 
 def _impact(
     machine: Machine, state: State, instant: Instant
 ) -> tuple[State, Instant, Bool[Array, "stops ..."]]:
-    """The state after the impacts, the velocities and impulses of them, and the held contacts that they tear open."""
+    """State after the impacts, their velocities and impulses, and the held contacts that they tear open."""
     contacts, hit = machine.contacts, instant.hit
     speed = jnp.where(hit, instant.velocity_minus, 0)
     restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution_at(speed), 0)
@@ -102,10 +102,10 @@ def _impact(
     torn = state.held & is_open
     plus = jnp.where(hit, -restitution * speed - rest, instant.velocity_plus)
     x = contacts.placed(state.x, hit | closed, state.phase)
-    # Counted on and not measured afresh: a contact close by keeps the digits of its gap.
+    # Updated by the displacement, not recomputed: a nearly closed contact keeps the digits of its gap.
     is_closed = hit | closed | (state.gap == 0)
     gap = jnp.where(is_closed, 0, state.gap - contacts.along(x - state.x))
-    # Other contacts that are closed now open, or are hit in the same instant, by what these impacts changed.
+    # Other contacts with zero gap may open, or be hit at the same instant, as these impacts change velocities.
     approach = contacts.towards(v, machine.phase_rate(state.phase))
     noise = contacts.noise(v)
     is_left = ~hit & ~closed & (state.contact > 0)
@@ -123,7 +123,7 @@ def _stick_and_release(
     is_event: Bool[Array, "stops ..."],
     torn: Bool[Array, "stops ..."],
 ) -> tuple[State, Instant]:
-    """Decide, after all impacts of this instant, which contacts come to hold and which are let go."""
+    """Stick and release contacts, after all impacts of this instant."""
     contacts, hit = machine.contacts, instant.hit
     is_jump = jnp.any(hit, axis=0)
     was_held = state.held & ~torn
@@ -134,7 +134,7 @@ def _stick_and_release(
     completed, duration = jax.lax.cond(
         is_any(hit), lambda: compute_once(_completed, machine, state, instant), lambda: nothing
     )
-    # At rest on a contact: held, at the end of their bounces, plastic, or let go at this very instant.
+    # Contacts at rest: held, at the end of their bounces, hit plastically, or released at this instant.
     is_plastic = hit & (instant.velocity_plus == 0)
     at_rest = held | (is_jump & (completed | is_plastic | (~hit & ~let_go & (state.contact >= 2))))
     contact = jnp.where(let_go, jnp.int8(3), state.contact)
@@ -170,9 +170,9 @@ def _stick_and_release(
 def _completed(
     machine: Machine, state: State, instant: Instant
 ) -> tuple[Bool[Array, "stops ..."], Float[Array, "stops ..."]]:
-    """Contacts whose bounces are completed at once, and how long those would last.
+    """Contacts whose bounces are completed at once, and the durations of the skipped bounces.
 
-    Either all that bounce lightly together, or else each that was hit, by itself.
+    Light bounces of linked contacts together if all of them complete; otherwise those of each hit contact.
     """
     contacts, hit = machine.contacts, instant.hit
     approach = machine.approach(state)
@@ -190,18 +190,18 @@ def _completed(
 def _end_of_bounces(
     machine: Machine, state: State, instant: Instant, bouncing: Bool[Array, "stops ..."]
 ) -> tuple[Bool[Array, "stops ..."], Float[Array, "stops ..."]]:
-    """Whether the bounces of contacts are light and sure to end, all the others of them held, and how long they last."""
+    """Flags of light bounces that are sure to end while the rest of `bouncing` holds, and their durations."""
     contacts = machine.contacts
     hold = contacts.hold(state.held | bouncing)
     now = rates(machine, state, hold)
     pull = contacts.pull(now.force, hold, state.phase)
     pull_rate = contacts.pull(now.force_rate, hold, machine.phase_rate(state.phase))
-    # The speed at which the contact is met next.
+    # Speed of the next impact on the contact.
     fall = jnp.sqrt(machine.approach(state) ** 2 + 2 * jnp.maximum(pull * state.gap, 0))
     speed = jnp.where(instant.hit, jnp.abs(instant.velocity_plus), fall)
     duration = chatter_time(speed, pull, contacts.light_restitution)
     is_complete = bouncing & chatter_is_complete(speed, pull, pull_rate, duration, machine.rate)
-    # A row that depends on others bears no force of its own, and rests when they do.
+    # A dependent row carries no force, and rests when the rows it depends on do.
     is_spare = bouncing & contacts.is_spare(hold) & is_light(speed)
     return is_complete | (is_spare & jnp.any(is_complete, axis=0)), jnp.where(is_spare, 0, duration)
 
@@ -213,7 +213,7 @@ def _decided(
     contact: Int[Array, "stops ..."],
     is_jump: Bool[Array, "..."],
 ) -> tuple[Bool[Array, "stops ..."], Int[Array, "stops ..."]]:
-    """Which of the contacts at rest hold after a jump, and how the others are left."""
+    """Contacts that hold after a jump, among those `at_rest`, and the new `State.contact`."""
     contacts = machine.contacts
     opening = -contacts.free_pull(machine.total_force(state), state.phase)
     held, _, opening = complementary(contacts.compliance, opening, at_rest)
@@ -232,9 +232,9 @@ def _handed_on(
     held: Bool[Array, "stops ..."],
     contact: Int[Array, "stops ..."],
 ) -> tuple[Bool[Array, "stops ..."], Int[Array, "stops ..."]]:
-    """Which contacts hold where several lose their force, or others are shut, and how the rest are left.
+    """Contacts that take over from released ones, and the new `State.contact`, also of contacts kept closed.
 
-    No force jumps: those that come to hold bear nothing yet, and their rates obey what forces do after a jump.
+    No force jumps: forces of new contacts start at zero, and their rates obey the conditions of forces after a jump.
     """
     contacts, is_asked = machine.contacts, jnp.any(let_go, axis=0)
     hold = contacts.hold(state.held)

@@ -1,8 +1,7 @@
-"""What happens at an instant, and at the start, to stops that have their masses for themselves.
+"""Resets of stops that share no inertia, at events and at the start.
 
-An instant may hold several events: all its impacts are applied first, and only then is it decided
-who sticks and who is let go, because one impact can release a mass (through the dampers)
-that another impact of the same instant presses again.
+All impacts of an instant are applied first, and sticking and release are decided afterwards: one impact can release
+a mass (through the dampers) that another impact of the same instant presses again.
 """
 
 import equinox as eqx
@@ -28,10 +27,7 @@ def first_state(
     v: Float[Array, "n ..."],
     t0: Scalar | float = 0.0,
 ) -> State:
-    """The state at t0: on a stop moving in, moving out, at rest and pressed, at rest and pulled.
-
-    A mass that moves into its stop is hit by the first step.
-    """
+    """State at t0. A mass on its stop moves in (the first step hits it), moves out, or rests, pressed or pulled."""
     x, v = machine.relative_to_stops(phase, x, v)
     reach, speed = _sizes(machine, t0)
     touching = is_touching(machine.contacts.gaps(x, phase), reach)
@@ -52,11 +48,11 @@ def first_state(
 
 
 def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) -> tuple[State, Instant]:
-    """Apply the impacts of this instant, then decide who sticks and who is let go."""
+    """Apply the impacts of this instant, then stick and release masses."""
     v_minus = machine.contacts.along(state.v)
     hit = is_event & ~state.held & (v_minus > 0)
     x, v = rebound(machine, state, hit)
-    # The gap on the other side of a mass that was hit is measured afresh, its own is zero.
+    # The gap of a hit stop is zero; that on the other side of the mass is recomputed.
     afresh = machine.contacts.sharing(hit)
     gap = jnp.where(hit, 0, jnp.where(afresh, machine.contacts.gaps(x, state.phase), state.gap))
     contact = jnp.where(hit, jnp.int8(1), state.contact)
@@ -77,7 +73,7 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) 
 def _stick_and_release(
     machine: Machine, state: State, instant: Instant, is_event: Bool[Array, "stops ..."]
 ) -> tuple[State, Instant]:
-    """Decide, after all impacts of this instant, which masses come to rest on a stop and which leave one."""
+    """Stick and release masses, after all impacts of this instant."""
     let_go = is_event & state.held
     state = eqx.tree_at(lambda s: s.held, state, state.held & ~let_go)
     approach, approach_rate = compute_once(_approach, machine, state)
@@ -87,7 +83,7 @@ def _stick_and_release(
     stuck = instant.hit & is_complete
     is_jump = jnp.any(instant.hit, axis=0)
     thrown = state.held & (approach < 0) & is_jump
-    # Let go at this very instant, and pressed again before it could leave.
+    # Released at this instant, and pressed again before the mass leaves.
     pressed_again = ~state.held & (state.contact >= 2) & (approach > 0) & is_jump
     pulled = instant.hit & ~stuck & (speed == 0)
     contact = jnp.where(stuck | pressed_again, jnp.int8(0), state.contact)
@@ -106,7 +102,7 @@ def _stick_and_release(
 
 
 def _approach(machine: Machine, state: State) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."]]:
-    """Acceleration of every mass towards its stops if no mass were held, and its rate."""
+    """Acceleration of every mass towards its stops with no mass held, and its rate."""
     hold = machine.hold(state.held)
     now, pull = rates(machine, state, hold), machine.contacts.pull
     return pull(now.force, hold, state.phase), pull(now.force_rate, hold, state.phase)

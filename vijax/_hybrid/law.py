@@ -1,4 +1,4 @@
-"""The impact law, and the paper's restitution matrices."""
+"""Impact law, and the restitution matrices of Wagg & Bishop (2004)."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -17,10 +17,9 @@ def rebound(
     hit: Bool[Array, "stops ..."],
     kept: Bool[Array, "stops ..."] | None = None,
 ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
-    """Positions and velocities after the stops `hit` were struck: gaps closed, u -> -r u (Eq. 11).
+    """Positions and velocities after impacts on the stops `hit`: gaps closed, u -> -r u (Eq. 11).
 
-    Those `kept` stay closed meanwhile. Which do is decided elsewhere; so this is smooth, and derivatives are taken
-    of it.
+    The stops `kept` stay closed during the impacts. They are chosen elsewhere, so this map is smooth.
     """
     contacts, phase_rate = machine.contacts, machine.phase_rate(state.phase)
     kept = jnp.zeros_like(hit) if kept is None else kept
@@ -34,19 +33,19 @@ def before(
     hit: Bool[Array, "stops ..."],
     approach: Float[Array, "stops ..."],
 ) -> Float[Array, "n ..."]:
-    """Velocities before `rebound`, by the speeds u at which the stops `hit` were struck: r = 0 leaves no trace of them."""
+    """Velocities before `rebound`, from the speeds of approach u to the stops `hit`: r = 0 erases them."""
     return machine.contacts.brought(state.v, hit, approach, machine.phase_rate(state.phase))
 
 
 def restitution_matrix(num_masses: int, restitutions: dict[int, ArrayLike]) -> Float[Array, "n n"]:
-    """Return the restitution matrix R, velocities after = R velocities before (equation 12).
+    """Return the restitution matrix R of the velocities, v_after = R v_before (Eq. 12).
 
     Args:
         num_masses: n.
-        restitutions: the masses that impact, with their restitution.
+        restitutions: restitution of every mass that impacts.
 
     Returns:
-        The diagonal matrix with -r for the masses that impact and 1 for the others, (n, n).
+        Diagonal matrix with -r for the masses that impact and 1 for the others, (n, n).
 
     Example:
         ```python
@@ -67,11 +66,11 @@ def restitution_matrix(num_masses: int, restitutions: dict[int, ArrayLike]) -> F
 def modal_restitution_matrix(
     modes: Float[Array, "n n"], restitutions: dict[int, ArrayLike]
 ) -> Float[Array, "n n"]:
-    """Return the same matrix for the modal velocities, R^ = Psi^-1 R Psi (equation 15).
+    """Return the restitution matrix of the modal velocities, R^ = Psi^-1 R Psi (Eq. 15).
 
     Args:
         modes: Psi, shape (n, n), one mode a column.
-        restitutions: the masses that impact, with their restitution.
+        restitutions: restitution of every mass that impacts.
 
     Returns:
         The matrix, (n, n).

@@ -1,12 +1,12 @@
-"""The registry of limits: the modes of a contact, the guard of each, and the event that ends it.
+"""Registry of limits: the modes of a contact, the guard of each, and the event that ends it.
 
-In every mode one function of time, its guard, is positive as long as the mode lasts: the gap of an open contact, the contact
-force of one that holds. An event happens where a guard vanishes; then a reset (`diagonal_impacts.py`, `coupled_impacts.py`)
-decides the modes that follow. The steps of exact flows, the rule of their derivatives, the equations of periodic orbits, the
-event log and branches read the guards and the events from here. A section x_i = c is the gap of one more contact, see
-`next_crossing.py`.
+In every mode a function of time, its guard, stays positive: the gap of an open contact, the contact force of a closed
+one. An event is a zero of the guard; a reset (`diagonal_impacts.py`, `coupled_impacts.py`) then gives the next modes.
+Exact flows, their derivative rule, the equations of periodic orbits, the event log and branches read guards and events
+from here. A section x_i = c is the gap of one more contact, see `next_crossing.py`.
 
-To add a limit: its guard as a `Limit` in `limits_of`, its events in `EVENTS`, the flags of these in `transition.py`, and its reset.
+To add a limit, add its guard as a `Limit` in `limits_of`, its events in `EVENTS`, their flags in `transition.py`, and
+its reset.
 """
 
 from collections.abc import Callable
@@ -28,12 +28,12 @@ RELEASE: Final = 2
 
 
 class Event(NamedTuple):
-    """A kind of event.
+    """Kind of event.
 
     Attributes:
-        name: the word for it.
-        flag: the field of `Instant` that tells at which contacts it happens.
-        has_speed: whether its velocities before and after are logged.
+        name: name in the event log.
+        flag: field of `Instant` with the contacts at which it happens.
+        has_speed: True if the velocities before and after are logged.
     """
 
     name: str
@@ -41,25 +41,25 @@ class Event(NamedTuple):
     has_speed: bool = False
 
 
-# In the order of their numbers, which is that of the events of one contact at one instant.
+# Ordered by event number, which is the order of the events of one contact at one instant.
 EVENTS = (Event("impact", "hit", has_speed=True), Event("stick", "stuck"), Event("release", "released"))
 EVENT_NAMES: Final = tuple(event.name for event in EVENTS)
 
 
 class Limit(NamedTuple):
-    """One mode of a contact: its guard, and what happens where the guard vanishes.
+    """One mode of a contact, its guard, and the event at which it ends.
 
     Attributes:
-        event: the number of the event that ends the mode.
-        bifurcation: what a branch of orbits meets where the guard touches zero between two events.
-        is_active: the contacts that are in this mode, (contacts,).
-        value: the guard, (contacts,).
-        slope: its first time derivative.
-        coefficients: its Taylor coefficients as far as they are known exactly.
-        rest: the bound of the next one over a step, by the bounds of positions and forces, see `Expansion.rest`.
-        series: its Taylor coefficients, by those of positions, forces and phase.
-        near: the time to the event, in units of the time scale of the motion, from which these coefficients give it to rounding.
-        begins_at_zero: whether a mode that has just begun has vanishing coefficients, `State.contact` of them.
+        event: number of the event that ends the mode.
+        bifurcation: kind of bifurcation of a branch of orbits where the guard touches zero between two events.
+        is_active: flags of the contacts in this mode, (contacts,).
+        value: guard, (contacts,).
+        slope: first time derivative of the guard.
+        coefficients: leading Taylor coefficients of the guard that are exact.
+        rest: bound of the next coefficient over a step, from bounds for positions and forces, see `Expansion.rest`.
+        series: Taylor coefficients of the guard, from those of positions, forces and phase.
+        near: time to the event below which `series` locates it to rounding, in time scales of the motion, by dtype.
+        begins_at_zero: True if a mode that has just begun has vanishing leading coefficients, `State.contact` of them.
     """
 
     event: int
@@ -97,8 +97,8 @@ def _force_series(machine: Machine, state: State, hold: Held, series: tuple[Arra
     return [machine.contacts.pressing(force[k], hold, phase[k]) for k in range(len(force))]
 
 
-# What five terms leave of the velocity after 1e-3 time scales, 1e-3^5 / 5!, is below rounding. Two terms fewer are known of a
-# contact force, so its zero has to be nearer.
+# `near`: after 1e-3 time scales the remainder of five terms of the velocity, 1e-3^5 / 5!, is below rounding. A contact
+# force has two terms fewer, so its zero must be nearer.
 GAP = Limit(
     event=IMPACT,
     bifurcation="gr",
@@ -133,12 +133,12 @@ LIMITS = (GAP, FORCE)
 
 
 def limits_of(machine: Machine) -> tuple[Limit, ...]:
-    """The limits that contacts of a machine may be at."""
+    """Limits of the contacts of a machine."""
     return LIMITS if machine.can_stick else (GAP,)
 
 
 def of_active(limits: tuple[Limit, ...], state: State, of: Callable[[Limit], Any]) -> Any:
-    """A tree of quantities, of each contact that of the limit that is active."""
+    """Tree of quantities, for each contact that of its active limit."""
 
     def chosen(found: Any, limit: Limit) -> Any:
         is_active = limit.is_active(state)

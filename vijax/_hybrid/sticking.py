@@ -1,7 +1,7 @@
-"""When a mass stays on its stop, and when it lets go.
+"""Conditions for sticking, chatter completion and release.
 
-A mass on its stop at rest is held while the contact force presses; the force is what acts on the
-mass from everything else, counted towards the stop (Wagg & Bishop 2004, Sec. 2.3).
+A mass at rest on its stop is held while the contact force is positive; that force is the total of all other forces on
+the mass, counted towards the stop (Wagg & Bishop 2004, Sec. 2.3).
 """
 
 import jax.numpy as jnp
@@ -13,13 +13,13 @@ from .._system.system import ImpactSystem
 
 
 def can_any_stick(system: ImpactSystem, x0: Array | np.ndarray, v0: Array | np.ndarray) -> bool:
-    """Whether any stop might ever hold its mass: r < 1, or the mass starts at rest on it.
+    """Test whether any stop might hold its mass: r < 1, or the mass starts at rest on it.
 
-    Known only from concrete values; while any is traced the answer is yes. Lanes may stand last.
+    Traced values give True. Lanes may stand last.
     """
     for stop in system.stops:
         if stop.motion is not None:
-            return True  # at rest on it, or not: the start time decides
+            return True  # the start time decides whether the mass rests on it
         r, position, x, v = (concrete(a) for a in (stop.light_restitution, stop.position, x0, v0))
         if r is None or (r < 1).any():
             return True
@@ -39,10 +39,10 @@ def chatter_time(
     approach: Float[Array, "stops ..."],
     restitution: Float[Array, "stops ..."],
 ) -> Float[Array, "stops ..."]:
-    """How long bounces last that begin with `speed` against the acceleration `approach`.
+    """Duration of bounces that begin with `speed` against the acceleration `approach`.
 
-    Each bounce takes 2 v / a and the speeds form a geometric series: T = 2 v / (a (1 - r)). Infinite
-    where the mass is not pressed, or r = 1.
+    Each bounce takes 2 v / a and the speeds form a geometric series: T = 2 v / (a (1 - r)). Infinite where the mass is
+    not pressed, or r = 1.
     """
     loss = approach * (1 - restitution)
     return jnp.where(loss > 0, 2 * speed / jnp.where(loss > 0, loss, 1), jnp.where(speed > 0, jnp.inf, 0))
@@ -55,12 +55,11 @@ def chatter_is_complete(
     duration: Float[Array, "stops ..."],
     rate: Scalar,
 ) -> Bool[Array, "stops ..."]:
-    """Whether the bounces after an impact may be replaced by sticking at once.
+    """Test whether the bounces after an impact may be replaced by sticking at once.
 
-    The remaining bounces move the other masses by O(v^3) only, so they may be skipped when they are
-    light (v below 1e-6, and short against the motion: the change is then below rounding) and sure
-    to end, the pressing force staying positive while they last. Otherwise the mass bounces on,
-    and an incomplete chatter is followed to its end.
+    The remaining bounces move the other masses by O(v^3) only. They are skipped where they are light (v below 1e-6,
+    and short against the motion: the change is then below rounding) and sure to end, with a pressing force that stays
+    positive meanwhile. Otherwise the mass bounces on, and an incomplete chatter is followed to its end.
     """
     is_short = 2 * speed * rate <= 2 * _light(speed) * approach
     presses_on = approach + 2 * jnp.minimum(approach_rate, 0) * duration > 0
@@ -68,7 +67,7 @@ def chatter_is_complete(
 
 
 def is_light(velocity: Float[Array, "stops ..."]) -> Bool[Array, "stops ..."]:
-    """Whether an impact that is left at this velocity may be the last before sticking."""
+    """Test whether an impact that leaves this velocity may be the last before sticking."""
     return jnp.abs(velocity) <= _light(velocity)
 
 
@@ -79,7 +78,7 @@ def _light(velocity: Array) -> float:
 def is_pressed(
     force: Float[Array, "stops ..."], derivatives: tuple[Float[Array, "stops ..."], ...]
 ) -> Bool[Array, "stops ..."]:
-    """Whether a mass at rest on its stop is held: the sign of the first derivative that is not zero.
+    """Test whether a mass at rest on its stop is held: the first derivative of the force that is not zero is positive.
 
     A contact force that stays zero holds the mass, which is at rest either way.
     """

@@ -1,13 +1,13 @@
-"""The part of the phase space in which masses stay held by their stops, and where it is left.
+"""Region S of the phase space in which stops hold masses, and its exit boundary dS.
 
-With some masses held, the motion goes on in the reduced phase space of the others. There the contact
-force of each holding stop p is linear,
+With some masses held, the motion continues in the reduced phase space of the others. There the contact force of each
+holding stop p is linear,
 
     lam_p = a_p . x + b_p . v - c_p(phase),
 
-so that S = {every lam_p > 0} is an intersection of half spaces which the load moves to and fro. Only its
-exit boundary dS = {lam_p = 0, lam_p' < 0} can be stated; where S is entered depends on the chatter
-before. With lam_p = 0 and lam_p' > 0 a motion comes into S, as it does from a start at rest on the stop.
+so S = {every lam_p > 0} is an intersection of half spaces that the load shifts. Only the exit boundary
+dS = {lam_p = 0, lam_p' < 0} has a formula; the point of entry depends on the chatter before. With lam_p = 0 and
+lam_p' > 0 a motion enters S, as from a start at rest on the stop.
 """
 
 from collections.abc import Sequence
@@ -33,15 +33,15 @@ _NOT_LINEAR = (
 
 
 class StickingRegion(eqx.Module):
-    """Region S of the phase space of the free masses, while some stops hold the others.
+    """Region S of the phase space of the free masses, while stops hold the others.
 
-    Its functions take the phase W t of the forcing in radians, any shape, and positions and velocities of
-    the free masses, in the order of `free`, as last axis: (..., free). They broadcast.
+    Its functions take the phase W t of the forcing in radians, any shape, and positions and velocities of the free
+    masses, in the order of `free`, as last axis: (..., free). They broadcast.
 
     Attributes:
         held: the stops that hold their masses.
         held_masses: those masses.
-        free: the masses that no stop holds, in rising order.
+        free: the masses that no stop holds, in ascending order.
 
     References:
         Wagg & Bishop (2004), Secs. 2.3 and 4.6.2.
@@ -56,22 +56,22 @@ class StickingRegion(eqx.Module):
         if machine.extra is not None:
             raise ValueError(_NOT_LINEAR)
         self.machine, self.held = machine, held
-        # A traced machine cannot tell them: they are passed in.
+        # Not available from a traced machine, so passed in.
         self.held_masses = held_masses or tuple(machine.contacts.masses[j] for j in held)
         self.free = tuple(i for i in range(machine.num_masses) if i not in self.held_masses)
 
     @property
     def x_normal(self) -> Float[Array, "held free"]:
-        """How the contact forces grow with the positions of the free masses, a row for each holding stop, (held, free)."""
+        """Derivatives a of the contact forces by the positions of the free masses, (held, free)."""
         return self._normal(self.machine.stiffness)
 
     @property
     def v_normal(self) -> Float[Array, "held free"]:
-        """How they grow with the velocities, likewise."""
+        """Derivatives b of the contact forces by the velocities of the free masses, (held, free)."""
         return self._normal(self.machine.damping)
 
     def level(self, phase: Numbers) -> Float[Array, "... held"]:
-        """Bounds c of the half spaces a . x + b . v >= c: minus the contact force with the others at 0.
+        """Bounds c of the half spaces a . x + b . v >= c: minus the contact force with x = v = 0.
 
         Args:
             phase: W t in radians, any shape.
@@ -83,7 +83,7 @@ class StickingRegion(eqx.Module):
         return -self.contact_force(phase, origin, origin)
 
     def contact_force(self, phase: Numbers, x: Numbers, v: Numbers) -> Float[Array, "... held"]:
-        """Force with which each held mass is pressed onto its stop; negative outside of S.
+        """Force with which each held mass is pressed onto its stop; negative outside S.
 
         Args:
             phase: W t in radians.
@@ -108,7 +108,7 @@ class StickingRegion(eqx.Module):
     def contact_force_rate(self, phase: Numbers, x: Numbers, v: Numbers) -> Float[Array, "... held"]:
         """Time derivative of `contact_force` along the motion of the free masses.
 
-        Where the force is zero its sign tells whether the mass leaves (-) or is pressed anew (+).
+        Where the force is zero, its sign shows that the mass leaves (-) or is pressed again (+).
 
         Args:
             phase: W t in radians.
@@ -124,7 +124,7 @@ class StickingRegion(eqx.Module):
         return self._derivatives(phase, x, v)[1]
 
     def contains(self, phase: Numbers, x: Numbers, v: Numbers) -> Bool[Array, "..."]:
-        """Whether all held masses stay held: where a force is exactly zero, its derivatives decide.
+        """Test whether all held masses stay held: where a force is exactly zero, its derivatives decide.
 
         Args:
             phase: W t in radians.
@@ -138,7 +138,7 @@ class StickingRegion(eqx.Module):
         return jnp.all(is_pressed(force, tuple(later)), axis=-1)
 
     def _derivatives(self, phase: Numbers, x: Numbers, v: Numbers) -> tuple[Array, Array, Array]:
-        """The contact forces and their first two derivatives, (..., held) each."""
+        """Contact forces and their first two derivatives, (..., held) each."""
         phase, x, v = as_float(phase), as_float(x), as_float(v)
         for name, value in (("x", x), ("v", v)):
             if value.ndim == 0 or value.shape[-1] != len(self.free):
@@ -159,7 +159,7 @@ class StickingRegion(eqx.Module):
     def _derivatives_of_one(
         self, phase: Float[Array, ""], x: Float[Array, " free"], v: Float[Array, " free"]
     ) -> tuple[Array, Array, Array]:
-        """The same at one point, (held,) each."""
+        """Contact forces and their derivatives at one point, (held,) each."""
         machine, waves = self.machine, phase_at(phase, self.machine.waves.num_harmonics)
         held, free = (jnp.asarray(i, int) for i in (self.held_masses, self.free))
         origin = jnp.zeros_like(machine.mean)
@@ -174,24 +174,24 @@ class StickingRegion(eqx.Module):
         return force, rate, curvature
 
     def _normal(self, matrix: Float[Array, "n n"]) -> Float[Array, "held free"]:
-        """The forces -matrix that unit motions of the free masses make at the holding stops."""
+        """Contact forces at the holding stops from unit motions of the free masses, by `matrix`."""
         return jax.vmap(self._towards_stops, 1, 1)(-matrix[:, jnp.asarray(self.free, int)])
 
     def _towards_stops(self, of_masses: Float[Array, " n"]) -> Float[Array, " held"]:
-        """A vector over masses, read at the holding stops and counted positive towards them."""
+        """Entries of a vector over masses at the holding stops, positive towards them."""
         return self.machine.contacts.along(of_masses)[jnp.asarray(self.held)]
 
 
 def sticking_region(system: ImpactSystem, held: int | Sequence[int]) -> StickingRegion:
-    """Describe where masses stay held by their stops: region S, as the other masses move.
+    """Build the sticking region S, in which stops hold masses while the others move.
 
-    With the masses at the stops `held` at rest, S is where every contact force presses,
-    a . x + b . v > c(phase), x and v those of the free masses, and it is left on its exit boundary dS,
-    where a force falls through zero.
+    The masses at the stops `held` are at rest. S is the set of positions x and velocities v of the free masses at which
+    every contact force is positive, a . x + b . v > c(phase). A motion leaves S on its exit boundary dS, where a
+    contact force falls through zero.
 
     Args:
         system: the machine, a linear one.
-        held: index of the stop that holds its mass, or of several that hold a mass each.
+        held: index of the stop that holds its mass, or indices of several stops, each with a mass of its own.
 
     Returns:
         The region; see `vx.StickingRegion`.

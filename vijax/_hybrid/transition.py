@@ -1,4 +1,4 @@
-"""What happens at the end of a step."""
+"""Record of the events at the end of a step."""
 
 import equinox as eqx
 from jaxtyping import Array, Bool, Float
@@ -7,16 +7,16 @@ from .._jax.arrays import Flag, Scalar
 
 
 class Instant(eqx.Module):
-    """What happened at the end of a step.
+    """Events at the end of a step.
 
     Attributes:
-        hit: impacts, (stops,).
-        stuck: masses that came to rest on their stop, (stops,).
-        released: masses that were let go, (stops,).
-        velocity_minus: velocity of each stop's mass before, (stops,).
-        velocity_plus: and after, before it sticks, (stops,).
-        chatter: how long after this instant the skipped bounces of the stuck end, (stops,).
-        arrived: whether the step ended at the target time.
+        hit: flags of impacts, (stops,).
+        stuck: flags of stops on which a mass comes to rest, (stops,).
+        released: flags of stops that release their mass, (stops,).
+        velocity_minus: velocity of each stop's mass before the impacts, (stops,).
+        velocity_plus: velocity after them, before sticking, (stops,).
+        chatter: time from this instant to the end of the skipped bounces of the stuck, (stops,).
+        arrived: True where the step ends at the target time.
         time: local time of the instant.
         impulse: of each impact, along its row, (stops,); None where it follows from the velocities alone.
     """

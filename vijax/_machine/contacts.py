@@ -1,18 +1,18 @@
-"""Contacts as the engine sees them: rows that limit the motion, which may share inertia and move each for itself.
+"""Contacts in the engine: rows that limit the motion; contacts may share inertia and may move independently.
 
-A contact keeps its gap, `s - a . x`, from falling below zero: a is a row over the masses, s its limit. All consequences of
-rows stand here, in `stops.py` and in `_hybrid/`, and nowhere else: gaps, speeds of approach, the masses a contact acts on,
-the effect of holding on a motion. The rest of the engine knows contacts by their number alone. Rows are numbers, so another
-row compiles nothing for one trajectory.
+A contact keeps its gap `s - a . x` from falling below zero: a is a row over the masses, s its limit. Only this file,
+`stops.py` and `_hybrid/` compute with rows: gaps, speeds of approach, the masses a contact acts on, the effect of
+holding on a motion. The rest of the engine uses contacts by index only. Rows are numbers, so another row compiles
+nothing for one trajectory.
 
-With G = A M^-1 A^T, held contacts H press with the forces that keep their gaps closed,
+With G = A M^-1 A^T, the contact forces of held contacts H keep their gaps closed,
 
     lambda = G_H^-1 (A_H M^-1 f - s_H''),    x'' = M^-1 (f - A_H^T lambda),
 
-f all other forces. Both are linear in f and in the phase of the load, which moves the contacts. So the same two
-lines give forces and accelerations, their rates, and coefficients of their series.
+where f is the sum of all other forces. Both are linear in f and in the phase of the load, which moves the contacts. So
+the same two lines give forces and accelerations, their rates, and coefficients of their series.
 
-Rows that depend on others, as two that say the same, get no force: it stands with the first of them.
+A row that depends on earlier ones, such as a duplicate, gets no force: the earlier ones carry it.
 """
 
 from typing import Any, ClassVar
@@ -29,17 +29,17 @@ from .._system.restitution import Restitution, coefficient, light_coefficient
 from .._system.waves import Waves, phase_rate
 from .small_matrices import diagonal, inverse_among, product, slack_of
 
-# Contacts that hold, and what that does to the motion: a `Hold`; for `Stops` the flags of the masses that rest, (n, ...).
+# Contacts that hold, and their effect on the motion: a `Hold`; for `Stops` the flags of the masses at rest, (n, ...).
 Held = Any
 
 
 class Hold(eqx.Module):
-    """Contacts that hold, and what that does to the motion: x'' = mobility f + drive(phase).
+    """Contacts that hold, and their effect on the motion: x'' = mobility f + drive(phase).
 
     Attributes:
-        held: which, (contacts,).
-        inertia: G_H^-1, zero where none holds, (contacts, contacts).
-        reaction: G_H^-1 A M^-1: contact forces by the force on the masses, (contacts, n).
+        held: flags of the contacts that hold, (contacts,).
+        inertia: G_H^-1, zero outside H, (contacts, contacts).
+        reaction: G_H^-1 A M^-1: contact forces from the force on the masses, (contacts, n).
         mobility: M^-1 (1 - A^T reaction), (n, n).
         drive: M^-1 A^T G_H^-1 s'', (harmonics, n); None if all contacts stand still.
     """
@@ -52,19 +52,19 @@ class Hold(eqx.Module):
 
 
 class Contacts(eqx.Module):
-    """All contacts of a machine, along any rows, lanes last.
+    """All contacts of a machine, with any rows, lanes last.
 
-    A `phase` is that of the load, (2, harmonics). Quantities that are linear in it, as the motions of contacts are, take
-    its derivative, Taylor coefficient or change where derivatives, coefficients or changes of theirs are asked for.
+    A `phase` is that of the load, (2, harmonics). Functions that are linear in it, such as motions of contacts, take
+    its derivative, Taylor coefficient or change to give their own derivative, coefficient or change.
 
     Attributes:
-        is_coupled: whether contacts may share inertia.
+        is_coupled: True if contacts may share inertia.
         rows: A, (contacts, n).
-        limit: s in the mean, (contacts,).
-        restitution: the law of impacts, r(speed of approach), (contacts,).
+        limit: mean of s, (contacts,).
+        restitution: law of impacts, r(speed of approach), (contacts,).
         inverse_mass: M^-1, (n, n), or its diagonal, (n,).
-        signs: of a stop the entry of its row, of any other contact 0, (contacts,).
-        walls: the motions of the contacts, s less its mean; None if all stand still.
+        signs: entry of the row of a stop, 0 for any other contact, (contacts,).
+        walls: motions of the contacts, s without its mean; None if all stand still.
         frequency: W.
         compliance: G = A M^-1 A^T, (contacts, contacts).
     """
@@ -94,18 +94,18 @@ class Contacts(eqx.Module):
         self.signs, self.walls, self.frequency = signs, walls, frequency
         terms = self._weighted()[:, None] * rows[None]
         compliance, size = jnp.sum(terms, axis=2), jnp.sum(jnp.abs(terms), axis=2)
-        # Contacts that share no inertia would seem to by rounding, and one that is hit would open others that hold.
+        # Rounding would couple contacts that share no inertia, and an impact on one would open others that hold.
         is_rounding = jnp.abs(compliance) <= slack_of(compliance) * size
         self.compliance = compliance - stop_gradients(jnp.where(is_rounding, compliance, 0))
 
     @property
     def num(self) -> int:
-        """How many there are."""
+        """Number of contacts."""
         return len(self.rows)
 
     @property
     def masses(self) -> tuple[int, ...]:
-        """The mass of each stop, -1 of any other contact, where it is known."""
+        """Mass of each stop, -1 for any other contact. Rows must be concrete."""
         rows, signs = np.asarray(self.rows), np.asarray(self.signs)
         while rows.ndim > 2:
             rows, signs = rows[0], signs[0]
@@ -115,16 +115,16 @@ class Contacts(eqx.Module):
 
     @property
     def position(self) -> Float[Array, "contacts ..."]:
-        """Where each stands, as it was given, its motion left out."""
+        """Mean position of each contact, as given by the user, without its motion."""
         return self.told(self.limit)
 
     @property
     def effective_mass(self) -> Float[Array, "contacts ..."]:
-        """The mass that is met along the row, 1 / (a M^-1 a)."""
+        """Effective mass along the row, 1 / (a M^-1 a)."""
         return 1 / diagonal(self.compliance)
 
     def rounded(self, t: Scalar | float) -> tuple[Array, Array]:
-        """Magnitudes of the terms of positions and velocities of the contacts, which set their rounding errors."""
+        """Magnitudes of the terms of positions and velocities of the contacts; they set the rounding errors."""
         if self.walls is None:
             return jnp.abs(self.limit), jnp.zeros_like(self.limit)
         angle = self.frequency * t
@@ -132,78 +132,78 @@ class Contacts(eqx.Module):
         return jnp.abs(self.limit) + self.walls.rounded(angle), speed
 
     def noise(self, v: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
-        """Rounding errors of speeds of approach."""
+        """Rounding errors of the speeds of approach."""
         size = self.size(jnp.abs(v))
         size = size if self.walls is None else size + self.frequency * self.walls.bound(1)
         kind = jnp.finfo(size.dtype)
-        # Speeds that fall by a factor at every blow end before their squares are no numbers any more.
+        # The floor stops speeds that fall by a factor at every impact before their squares underflow.
         return 4 * kind.eps * size + kind.tiny**0.5 / kind.eps
 
     def signed_impulse(self, along: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
-        """Of a stop the impulse on its mass, of any other contact the one that opens its gap."""
+        """Impulse on the mass of a stop; for any other contact the impulse that opens its gap."""
         return jnp.where(self.signs == 0, 1, -self.signs) * along
 
     def along(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
-        """A . y: a velocity or a force, counted towards each contact."""
+        """A . y: a velocity or a force, positive towards each contact."""
         return matvec(self.rows, of_masses)
 
     def size(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
-        """|A| . y: bounds of quantities of the masses, carried to each contact."""
+        """|A| . y: bounds at the contacts, from bounds for the masses."""
         return matvec(abs(self.rows), of_masses)
 
     def told(self, towards: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
-        """Change between quantities counted towards each contact and signed ones, as users know them."""
+        """Convert quantities counted towards each contact to signed ones of public results, and back."""
         return jnp.where(self.signs == 0, 1, self.signs) * towards
 
     def towards(self, of_masses: Float[Array, "n ..."], phase: Float[Array, "2 harmonics ..."]) -> Array:
-        """Positions, or any derivative of them, relative to those of the contacts, (contacts, ...)."""
+        """Positions, or their derivatives, relative to those of the contacts, (contacts, ...)."""
         along = self.along(of_masses)
         return along if self.walls is None else along - self.walls.at(phase)
 
     def own_velocity(self, phase_rate: Float[Array, "2 harmonics ..."]) -> Array | None:
-        """Velocities of stops, with the signs users know; 0 for contacts between masses, None if all stand still."""
+        """Velocities of stops, signed as in public results; 0 for contacts between masses, None if all stand still."""
         return None if self.walls is None else self.signs * self.walls.at(phase_rate)
 
     def restitution_at(self, speed: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
-        """The coefficients at some speeds of approach."""
+        """Restitution coefficients at some speeds of approach."""
         return coefficient(self.restitution, speed)
 
     @property
     def light_restitution(self) -> Float[Array, "contacts ..."]:
-        """The coefficients of light impacts."""
+        """Restitution coefficients of light impacts."""
         return light_coefficient(self.restitution)
 
     @property
     def is_plastic(self) -> Bool[Array, "contacts ..."]:
-        """Contacts whose impacts leave no speed."""
+        """Flags of contacts with r = 0 for light impacts."""
         return self.light_restitution == 0
 
     def gaps(self, x: Float[Array, "n ..."], phase: Float[Array, "2 harmonics ..."]) -> Array:
-        """S - a . x, positive while free, (contacts, ...)."""
+        """Gaps s - a . x, positive while open, (contacts, ...)."""
         return self.limit - self.towards(x, phase)
 
     def gap_after(self, gap: Array, held: Array, displacement: Array, change: Array) -> Array:
-        """Gaps after a displacement of the masses, in which the phase changed; exact relative to the change, closed where held."""
+        """Gaps after a displacement and a change of phase, rounded relative to that change; held gaps stay closed."""
         return jnp.where(held, gap, gap - self.towards(displacement, change))
 
     def rest(self, x_rest: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
-        """Bound a fourth derivative by 24 of the gaps by that of the positions."""
+        """Bound of the fourth derivative of the gaps over 24, from that of the positions."""
         rest = self.size(x_rest)
         return rest if self.walls is None else rest + self.frequency**4 / 24 * self.walls.bound(4)
 
     def sharing(self, flags: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:
-        """None: gaps are never measured afresh, but counted on."""
+        """No flags: gaps are updated by displacements, never recomputed."""
         return jnp.zeros_like(flags)
 
     def hold(self, held: Bool[Array, "contacts ..."]) -> Hold:
-        """What holding does; where nothing is held anywhere, without computing it."""
+        """Effect of holding; not computed where no contact is held in any lane."""
         hold = jax.eval_shape(self._hold, held)
         free = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), hold)
         free = eqx.tree_at(lambda h: (h.held, h.mobility), free, (held, free.mobility + self._inverse()))
         return jax.lax.cond(is_any(held), lambda: self._hold(held), lambda: free)
 
     def _hold(self, held: Bool[Array, "contacts ..."]) -> Hold:
-        """By the inverse of G among the held contacts."""
+        """Effect of holding, from the inverse of G among the held contacts."""
         inertia, weighted = inverse_among(self.compliance, held), self._weighted()
         reaction = product(inertia, weighted)
         mobility = self._inverse() - product(jnp.swapaxes(weighted, 0, 1), reaction)
@@ -216,14 +216,14 @@ class Contacts(eqx.Module):
     def accelerations(
         self, force: Float[Array, "n ..."], hold: Hold, phase: Float[Array, "2 harmonics ..."]
     ) -> Float[Array, "n ..."]:
-        """Accelerations by a force, with the forces of contacts that hold; jerks by its rate, coefficients by coefficients."""
+        """Accelerations from a force, contact forces included; jerks from its rate, coefficients from coefficients."""
         moved = matvec(hold.mobility, force)
         return moved if hold.drive is None else moved + hold.drive.at(phase)
 
     def pressing(
         self, force: Float[Array, "n ..."], hold: Hold, phase: Float[Array, "2 harmonics ..."]
     ) -> Float[Array, "contacts ..."]:
-        """The contact forces, zero where none holds, by the force without them."""
+        """Contact forces from the force without them; zero where no contact holds."""
         pressing = matvec(hold.reaction, force)
         if self.walls is None:
             return pressing
@@ -232,18 +232,18 @@ class Contacts(eqx.Module):
     def pull(
         self, force: Float[Array, "n ..."], hold: Hold, phase: Float[Array, "2 harmonics ..."]
     ) -> Float[Array, "contacts ..."]:
-        """Acceleration towards each contact, as if it alone did not hold."""
+        """Acceleration towards each contact with only this contact released."""
         free = self._accelerated_towards(self.accelerations(force, hold, phase), phase)
         inertia = diagonal(hold.inertia)
         pressing = self.pressing(force, hold, phase)
         return jnp.where(hold.held, pressing / jnp.where(inertia > 0, inertia, 1), free)
 
     def is_spare(self, hold: Hold) -> Bool[Array, "contacts ..."]:
-        """Contacts that hold, but whose row depends on those of others that do."""
+        """Flags of contacts that hold but whose row depends on other held ones."""
         return hold.held & (diagonal(hold.inertia) == 0)
 
     def depend_on(self, members: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:
-        """Contacts whose gaps cannot change while those of some others do not: rows and motions depend on theirs."""
+        """Flags of contacts whose rows and motions depend on those of `members`: they stay closed while these do."""
         share = product(self.compliance, inverse_among(self.compliance, members))
         whole = diagonal(self.compliance)
         slack = slack_of(self.compliance)
@@ -257,14 +257,14 @@ class Contacts(eqx.Module):
         return is_dependent
 
     def compliance_beside(self, hold: Hold) -> Float[Array, "contacts contacts ..."]:
-        """G of the contacts that do not hold, while the others do."""
+        """G of the contacts that do not hold, with the held ones closed."""
         share = product(self.compliance, hold.inertia)
         return self.compliance - product(share, self.compliance)
 
     def free_pull(
         self, force: Float[Array, "n ..."], phase: Float[Array, "2 harmonics ..."]
     ) -> Float[Array, "contacts ..."]:
-        """Acceleration towards each contact, if none held."""
+        """Acceleration towards each contact with no contact held."""
         return self._accelerated_towards(self.freed(force), phase)
 
     def _accelerated_towards(self, acceleration: Array, phase: Array) -> Float[Array, "contacts ..."]:
@@ -272,7 +272,7 @@ class Contacts(eqx.Module):
         return along if self.walls is None else along - self._accelerated().at(phase)
 
     def pressing_rest(self, force_rest: Float[Array, "n ..."], hold: Hold) -> Float[Array, "contacts ..."]:
-        """Bound a third derivative by 6 of the contact forces by that of the force."""
+        """Bound of the third derivative of the contact forces over 6, from that of the force."""
         rest = matvec(jnp.abs(hold.reaction), force_rest)
         if self.walls is None:
             return rest
@@ -281,7 +281,7 @@ class Contacts(eqx.Module):
     def placed(
         self, x: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], phase: Array
     ) -> Float[Array, "n ..."]:
-        """Positions with the gaps of the flagged contacts zero, the nearest in the metric of the masses."""
+        """Positions with zero gaps of the flagged contacts, nearest to x in the metric of M."""
         return x + self._by(inverse_among(self.compliance, flags), self.gaps(x, phase))
 
     def settled(
@@ -292,9 +292,9 @@ class Contacts(eqx.Module):
         phase: Array,
         damping: Float[Array, "n n ..."],
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
-        """Positions `placed` and velocities `held_still` at once.
+        """Positions `placed` and velocities `held_still`, with the impulse of dampers.
 
-        However short the time in which gaps close, dampers act along the way by an impulse of C times it.
+        Even if the gaps close in a very short time, dampers act with an impulse C times the displacement.
         """
         inertia, rate = inverse_among(self.compliance, held), phase_rate(phase, self.frequency)
         way = self._by(inertia, self.gaps(x, phase))
@@ -309,9 +309,9 @@ class Contacts(eqx.Module):
         hold: Hold,
         phase: Array,
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
-        """A displacement from some positions, and velocities after it, by which no contact that holds opens or gives way.
+        """Displacement and velocities corrected so that held contacts neither open nor close.
 
-        Else the rounding errors of every step would add up along rows that several masses bear on.
+        Otherwise rounding errors of the steps add up along rows with several masses.
         """
         lack = jnp.where(hold.held, self.gaps(x + displacement, phase), 0)
         approach = jnp.where(hold.held, self.towards(v, phase_rate(phase, self.frequency)), 0)
@@ -320,7 +320,7 @@ class Contacts(eqx.Module):
     def held_still(
         self, v: Float[Array, "n ..."], held: Bool[Array, "contacts ..."], phase_rate: Array
     ) -> Float[Array, "n ..."]:
-        """Velocities with no approach to the flagged contacts, after plastic impacts with them."""
+        """Velocities after plastic impacts on the flagged contacts, which are then not approached."""
         return self.brought(v, held, jnp.zeros_like(self.limit), phase_rate)
 
     def brought(
@@ -330,7 +330,7 @@ class Contacts(eqx.Module):
         approach: Float[Array, "contacts ..."],
         phase_rate: Array,
     ) -> Float[Array, "n ..."]:
-        """Velocities changed by impulses of the flagged contacts, until these are approached at given speeds."""
+        """Velocities after impulses of the flagged contacts that make their speeds of approach `approach`."""
         lack = approach - self.towards(v, phase_rate)
         return v + self._by(inverse_among(self.compliance, flags), lack)
 
@@ -341,42 +341,42 @@ class Contacts(eqx.Module):
         kept: Bool[Array, "contacts ..."],
         phase_rate: Array,
     ) -> Float[Array, "n ..."]:
-        """Velocities after impacts with one set of contacts, while another keeps closed."""
+        """Velocities after impacts on the contacts `hit`, with the contacts `kept` staying closed."""
         approach = self.towards(v, phase_rate)
         lack = jnp.where(hit, -(1 + self.restitution_at(approach)) * approach, 0)
         return v + self._by(inverse_among(self.compliance, hit | kept), lack)
 
     def gained(self, gain: Float[Array, "n ..."], hold: Hold) -> Float[Array, "n ..."]:
-        """The gain of velocities that `free_accelerations` make."""
+        """Gain of velocities, from the integral of `free_accelerations`."""
         del hold
         return gain
 
     def free_accelerations(
         self, force: Float[Array, "n ..."], hold: Hold, phase: Float[Array, "2 harmonics ..."]
     ) -> tuple[Float[Array, "n ..."], Float[Array, "contacts ..."] | None]:
-        """What a solver integrates beside velocities, from which `pushed` is known: accelerations and pulls."""
+        """Accelerations and pulls that a solver integrates besides velocities; their integrals give `pushed`."""
         return self.accelerations(force, hold, phase), self.pull(force, hold, phase)
 
     def pushed(self, gain: Float[Array, "n ..."], pushes: Float[Array, "contacts ..."] | None) -> Array:
-        """The integral of `pull` where contacts hold, (contacts, ...), by the integrals of `free_accelerations`."""
+        """Integral of `pull` where contacts hold, (contacts, ...), from the integrals of `free_accelerations`."""
         del gain
         assert pushes is not None
         return pushes
 
     def impulses(self, loss: Float[Array, "n ..."]) -> Float[Array, "contacts ..."] | None:
-        """Impulses of single impacts by the loss of velocities: of each as if it alone had hit."""
+        """Impulse of each contact from the loss of velocities, as if it alone had been hit."""
         return self.along(loss) * self.effective_mass
 
     def freed(self, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
-        """M^-1 . y: accelerations by forces, if no contact held; velocities by impulses."""
+        """M^-1 . y: accelerations from forces with no contact held, or velocities from impulses."""
         return matvec(self.inverse_mass, force) if self._has_full_mass else self.inverse_mass * force
 
     def back(self, of_contacts: Float[Array, "contacts ..."]) -> Float[Array, "n ..."]:
-        """A^T . y: what contact forces, or impulses, are on the masses."""
+        """A^T . y: forces or impulses on the masses from those of the contacts."""
         return matvec(jnp.swapaxes(self.rows, 0, 1), of_contacts)
 
     def _by(self, inertia: Array, lack: Array) -> Float[Array, "n ..."]:
-        """What has to be added to the masses where A of it shall be `lack`."""
+        """Change of positions or velocities of the masses that makes A of it equal to `lack`."""
         return self.freed(self.back(matvec(inertia, lack)))
 
     def _weighted(self) -> Float[Array, "contacts n ..."]:
@@ -399,7 +399,7 @@ class Contacts(eqx.Module):
         return self.inverse_mass.ndim == self.rows.ndim
 
     def _accelerated(self) -> Waves:
-        """The accelerations of the contacts."""
+        """Accelerations of the contacts."""
         assert self.walls is not None
         order = np.arange(1, self.walls.num_harmonics + 1).reshape(-1, *[1] * (self.walls.cosine.ndim - 1))
         rate = -((order * self.frequency) ** 2)

@@ -1,7 +1,7 @@
-"""Stops, each of one mass with an inertia of its own, which stand still in the frame of the machine: contacts at less cost.
+"""Stops of single masses, at rest in the frame of the machine: contacts at less cost.
 
-Their rows are e_i or -e_i. So holding one means that its mass rests, and nothing needs a matrix. In sweeps, where every
-operation counts, rows are NumPy arrays, known while the loop is traced, and nothing is multiplied by their zeros.
+Their rows are e_i or -e_i, so that holding one means that its mass rests, and no matrix is needed. In sweeps, where
+every operation counts, rows are NumPy arrays, concrete while the loop is traced, and no zero of theirs is multiplied.
 """
 
 from typing import ClassVar
@@ -16,14 +16,14 @@ from .contacts import Contacts, Held
 
 
 class Stops(Contacts):
-    """Stops, each of one mass; nothing moves them, and no mass is shared by two but for one on each side.
+    """Stops, each of one mass and at rest. A mass has at most one stop on each side.
 
     Attributes:
-        bears: whether a contact acts on a mass, (contacts, n).
+        bears: flags of the masses that each contact acts on, (contacts, n).
     """
 
     is_coupled: ClassVar[bool] = False
-    # Stops that stand still and share no inertia need none of these.
+    # Not needed by stops that stand still and share no inertia.
     walls: ClassVar[None] = None
     frequency: ClassVar[None] = None
     compliance: ClassVar[None] = None
@@ -36,72 +36,72 @@ class Stops(Contacts):
 
     @property
     def effective_mass(self) -> Float[Array, "contacts ..."]:
-        """The mass that is met along the row, 1 / (a M^-1 a)."""
+        """From |A| M^-1, without G."""
         return 1 / self.size(self.inverse_mass)
 
     def along(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
-        """A . y: a velocity or a force, counted towards each contact."""
+        """Without a product where rows are concrete, see `_applied`."""
         return _applied(self.rows, of_masses)
 
     def size(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
-        """|A| . y: bounds of quantities of the masses, carried to each contact."""
+        """Without a product where rows are concrete."""
         return _applied(abs(self.rows), of_masses)
 
     def told(self, towards: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
-        """Change between quantities counted towards each contact and signed quantities of its mass."""
+        """Without a case for contacts between masses."""
         return self.signs * towards
 
     def gap_after(self, gap: Array, held: Array, displacement: Array, change: Array) -> Array:
-        """Gaps after a displacement of the masses."""
+        """Without a case for held gaps: their masses do not move; nor for the phase: stops stand still."""
         del held, change
         return gap - self.along(displacement)
 
     def masses_of(self, flags: Bool[Array, "contacts ..."]) -> Bool[Array, "n ..."]:
-        """The masses that any of the flagged contacts bears on."""
+        """Flags of the masses on which a flagged contact acts, (n, ...)."""
         found = jnp.zeros((self.bears.shape[1], *flags.shape[1:]), bool)
         for j in range(self.num):
             found = found | (flags[j] & self.bears[j])
         return found
 
     def sharing(self, flags: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:
-        """Contacts whose gap changes when the masses of a flagged contact move."""
+        """Flags of contacts with a mass of a flagged contact: their gaps are recomputed."""
         masses = self.masses_of(flags)
         return jnp.any(self.bears & masses[None], axis=1) if self.num else flags
 
     def hold(self, held: Bool[Array, "contacts ..."]) -> Held:
-        """The masses that rest."""
+        """Flags of the masses at rest, (n, ...)."""
         return self.masses_of(held)
 
     def accelerations(
         self, force: Float[Array, "n ..."], hold: Held, phase: Float[Array, "2 harmonics ..."]
     ) -> Float[Array, "n ..."]:
-        """Accelerations by a force; none of masses that are held."""
+        """Zero for held masses."""
         del phase
         return jnp.where(hold, 0, self.inverse_mass) * force
 
     def pressing(
         self, force: Float[Array, "n ..."], hold: Held, phase: Float[Array, "2 harmonics ..."]
     ) -> Float[Array, "contacts ..."]:
-        """The force on the mass of each."""
+        """Force on the mass of each stop, held or not."""
         del hold, phase
         return self.along(force)
 
     def pull(
         self, force: Float[Array, "n ..."], hold: Held, phase: Float[Array, "2 harmonics ..."]
     ) -> Float[Array, "contacts ..."]:
-        """Acceleration of each mass towards its stop, as if it were not held."""
+        """From the force on the mass alone."""
         del hold, phase
         return self.along(self.inverse_mass * force)
 
     def pressing_rest(self, force_rest: Float[Array, "n ..."], hold: Held) -> Float[Array, "contacts ..."]:
-        """Bound a third derivative by 6 of the contact forces by that of the force."""
+        """From the force on the mass alone."""
         del hold
         return self.size(force_rest)
 
     def placed(
         self, x: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], phase: Array
     ) -> Float[Array, "n ..."]:
-        """Positions with the gaps of the flagged contacts exactly zero."""
+        """Gaps exactly zero: the position is assigned."""
         del phase
         for j in range(self.num):
             x = jnp.where(flags[j] & self.bears[j], self.rows[j] * self.limit[j], x)
@@ -114,7 +114,7 @@ class Stops(Contacts):
         kept: Bool[Array, "contacts ..."],
         phase_rate: Array,
     ) -> Float[Array, "n ..."]:
-        """Velocities with the approach to the flagged contacts turned round and multiplied by r."""
+        """Velocity of each hit mass multiplied by -r; other masses do not change."""
         del kept, phase_rate
         restitution = self.restitution_at(self.along(v))
         for j in range(self.num):
@@ -128,46 +128,46 @@ class Stops(Contacts):
         approach: Float[Array, "contacts ..."],
         phase_rate: Array,
     ) -> Float[Array, "n ..."]:
-        """Velocities with those of the masses of the flagged contacts replaced."""
+        """Velocities of the masses of flagged contacts assigned; other masses do not change."""
         del phase_rate
         for j in range(self.num):
             v = jnp.where(flags[j] & self.bears[j], self.rows[j] * approach[j], v)
         return v
 
     def gained(self, gain: Float[Array, "n ..."], hold: Held) -> Float[Array, "n ..."]:
-        """None of masses that are held."""
+        """Zero for held masses."""
         return jnp.where(hold, 0, gain)
 
     def free_accelerations(
         self, force: Float[Array, "n ..."], hold: Held, phase: Float[Array, "2 harmonics ..."]
     ) -> tuple[Float[Array, "n ..."], None]:
-        """Accelerations as if no mass were held; those of held masses are their pulls."""
+        """Accelerations with no mass held; those of held masses are their pulls."""
         del hold, phase
         return self.freed(force), None
 
     def pushed(self, gain: Float[Array, "n ..."], pushes: Float[Array, "contacts ..."] | None) -> Array:
-        """The gain of velocity of the mass, if it were let go."""
+        """Gain of velocity of the mass, as if it were released."""
         del pushes
         return self.along(gain)
 
     def impulses(self, loss: Float[Array, "n ..."]) -> None:
-        """None: they follow from the velocities."""
+        """None: impulses follow from the velocities."""
         del loss
 
     def freed(self, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
-        """M^-1 . y: accelerations by forces, if no mass were held."""
+        """From the diagonal of M^-1."""
         return self.inverse_mass * force
 
     def held_still(
         self, v: Float[Array, "n ..."], held: Bool[Array, "contacts ..."], phase_rate: Array
     ) -> Float[Array, "n ..."]:
-        """Velocities with the masses at rest that the flagged contacts hold."""
+        """Zero for the masses of flagged contacts."""
         del phase_rate
         return jnp.where(self.masses_of(held), 0, v)
 
 
 def _applied(rows: Reals, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
-    """The product; with known rows it is a choice of entries and signs."""
+    """Product of rows and masses; with concrete rows, a choice of entries and signs."""
     if not len(rows):
         return of_masses[:0]
     if not isinstance(rows, np.ndarray):

@@ -1,8 +1,8 @@
-"""Restitution laws: the speed after an impact by the speed of approach, u+ = -r(u) u.
+"""Restitution laws: the velocity after an impact as a function of the speed of approach, u+ = -r(u) u.
 
-Newton's law, a constant r, is the one that a number stands for. A law is data: its fields are the numbers that are swept,
-differentiated and written to files, by paths such as "stops[0].restitution.speed". To add one, write a class here, and list it
-in `vijax/__init__.pyi` and in the reference.
+A plain number means Newton's law, a constant r. A law is data: its fields are the numbers that are swept,
+differentiated and written to files, with paths such as "stops[0].restitution.speed". To add one, write a class here
+and list it in `vijax/__init__.pyi` and in the reference.
 """
 
 import abc
@@ -19,10 +19,10 @@ from .checks import NOT_NEGATIVE, POSITIVE, RESTITUTION, Rule, check_every, chec
 
 
 class AbstractRestitution(eqx.Module):
-    """A restitution law r(u), for `restitution=` of `vx.Stop` and `vx.Contact`; extend it for a law of your own.
+    """Restitution law r(u), for `restitution=` of `vx.Stop` and `vx.Contact`; subclass it for another law.
 
     Attributes:
-        rules: the rule that each field obeys, `COEFFICIENT` (0 to 1), `POSITIVE` or `NOT_NEGATIVE`; all fields are numbers.
+        rules: rule of every field, `COEFFICIENT` (0 to 1), `POSITIVE` or `NOT_NEGATIVE`; all fields are numbers.
 
     Example:
         ```python
@@ -49,15 +49,15 @@ class AbstractRestitution(eqx.Module):
 
     @abc.abstractmethod
     def __call__(self, speed: Reals) -> Reals:
-        """The coefficient at a speed of approach, elementwise; at negative speeds, of orbits that no machine follows, by symmetry."""
+        """Coefficient at a speed of approach, elementwise; even, since inadmissible orbits have negative speeds."""
 
     @property
     def light(self) -> Reals:
-        """The coefficient of light impacts, r(0): the ratio of chatter."""
+        """Coefficient of light impacts, r(0): the ratio of speeds of successive impacts in chatter."""
         return self(0 * jax.tree.leaves(self)[0])
 
     def check(self, name: str) -> None:
-        """Refuse numbers that break their rules; `name` is the path of the law."""
+        """Raise ValueError for numbers that break their rules; `name` is the path of the law."""
         for field, rule in self.rules.items():
             value = getattr(self, field)
             if value.ndim != 0:
@@ -65,7 +65,7 @@ class AbstractRestitution(eqx.Module):
             check_one(f"{name}.{field}", value, rule)
 
     def check_lanes(self, name: str) -> None:
-        """Refuse numbers of many machines, lanes last."""
+        """Check the numbers of many machines, lanes last."""
         for field, rule in self.rules.items():
             check_every(f"{name}.{field}", getattr(self, field), rule)
 
@@ -81,16 +81,16 @@ class AbstractRestitution(eqx.Module):
 class FallingRestitution(AbstractRestitution):
     """Restitution that falls with the speed of impact, r(u) = r0 / (1 + |u| / speed)^exponent.
 
-    Slow impacts are as good as elastic but for r0, fast ones deform plastically: with the exponent 1/4 the coefficient falls
-    as u^(-1/4), as of spheres far above the speed at which they yield.
+    Slow impacts are elastic except for r0; fast ones deform plastically: with the exponent 1/4 the coefficient falls as
+    u^(-1/4), as for spheres far above the speed at which they yield.
 
     Args:
-        restitution: r0, the coefficient of light impacts, from 0 to 1.
+        restitution: coefficient r0 of light impacts, from 0 to 1.
         speed: scale of the speed, positive.
-        exponent: how fast the coefficient falls; 0 is Newton's law.
+        exponent: exponent of the decrease, not negative; 0 is Newton's law.
 
     Raises:
-        ValueError: for numbers outside these bounds.
+        ValueError: for numbers outside these ranges, when the law is used in a stop or contact.
 
     Example:
         ```python
@@ -119,29 +119,28 @@ class FallingRestitution(AbstractRestitution):
         self.exponent = as_float(exponent, "exponent")
 
     def __call__(self, speed: Reals) -> Reals:
-        """The coefficient at a speed of approach."""
+        """Coefficient at a speed of approach."""
         return self.restitution * (1 + abs(speed) / self.speed) ** -self.exponent
 
 
 class ByContact(AbstractRestitution):
-    """Contacts of different laws, (contacts,)."""
+    """Different laws of the contacts of a machine, in one, (contacts,)."""
 
     rules: ClassVar[Mapping[str, Rule]] = {}
 
     laws: tuple[Any, ...]
 
     def __call__(self, speed: Reals) -> Reals:
-        """The coefficient of each at its speed."""
+        """Coefficient of each contact at its speed."""
         return stack([coefficient(law, u) for law, u in zip(self.laws, speed, strict=True)])
 
     @property
     def light(self) -> Reals:
-        """The coefficient of light impacts of each."""
+        """Coefficient of light impacts of each contact."""
         return stack([light_coefficient(law) for law in self.laws])
 
 
-# A law, or an array: Newton's law, the same coefficient at every speed. To type checkers it is anything: they would refuse
-# `float(stop.restitution)`.
+# A law, or an array (Newton's law, constant). Typed `Any`: type checkers would reject `float(stop.restitution)`.
 Restitution = Any
 
 
@@ -153,12 +152,12 @@ def as_restitution(value: ArrayLike | AbstractRestitution) -> Restitution:
 
 
 def coefficient(restitution: Restitution, speed: Reals) -> Reals:
-    """The coefficient at a speed of approach, u+ = -r u (Wagg & Bishop 2004, Eq. 11)."""
+    """Coefficient at a speed of approach, u+ = -r u (Wagg & Bishop 2004, Eq. 11)."""
     return restitution(speed) if isinstance(restitution, AbstractRestitution) else restitution
 
 
 def light_coefficient(restitution: Restitution) -> Reals:
-    """The coefficient of light impacts."""
+    """Coefficient of light impacts."""
     return restitution.light if isinstance(restitution, AbstractRestitution) else restitution
 
 
@@ -172,7 +171,7 @@ def restitution_of_contacts(several: Sequence[Restitution], zero: Reals) -> Rest
 
 
 def describe_restitution(restitution: Restitution) -> float | dict[str, Any]:
-    """A number, or a table of the name of a law and its numbers."""
+    """Describe a coefficient as a number, or a law as a table of its name and numbers."""
     if not isinstance(restitution, AbstractRestitution):
         return float(restitution)
     return {"law": type(restitution).__name__} | {
@@ -181,5 +180,5 @@ def describe_restitution(restitution: Restitution) -> float | dict[str, Any]:
 
 
 def laws_by_name() -> dict[str, type[AbstractRestitution]]:
-    """The laws that this process knows."""
+    """Restitution laws defined in this process, by name."""
     return {law.__name__: law for law in AbstractRestitution.__subclasses__() if law is not ByContact}
