@@ -12,7 +12,7 @@ from helpers import log_of, paired
 from scipy.linalg import expm
 
 import vijax as vx
-from vijax._hybrid.complementarity import complementary
+from vijax._hybrid.complementarity import solve_complementarity
 
 DAMPING, STIFFNESS = [[0.04, 0.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, 0.0]]
 
@@ -160,7 +160,7 @@ def test_impacts_of_one_instant_are_logged_in_their_order():
 
 def test_the_law_of_several_contacts_is_the_one_solution_of_its_conditions():
     random = np.random.default_rng(0)
-    solve = jax.jit(complementary)
+    solve = jax.jit(solve_complementarity)
     for _ in range(50):
         rows = random.normal(size=(4, 5))
         g, q = rows @ rows.T, random.normal(size=4)

@@ -23,7 +23,7 @@ from .._system.forces_by_path import Allowed
 from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem, bound
 from .kernels import CorrectedCycle
-from .kinds import End, shown
+from .kinds import End, public_kind
 from .parameter_family import ExtendedCycle, Family
 from .point import BranchPoint, DirectedBranch, PlainPoint, stacked_cycles
 
@@ -183,7 +183,7 @@ def _columns_of_orbits(points: list[BranchPoint | PlainPoint], seen: CorrectedCy
         "residual": (("point",), seen.found.residual),
         "bifurcation": (
             ("point",),
-            np.array([shown(point.kind) for point in points]),
+            np.array([public_kind(point.kind) for point in points]),
         ),
     }
 

@@ -13,7 +13,7 @@ from .._hybrid.limits import IMPACT
 from .._orbits.sequence import Sequence
 from .codim1_point import CurvePoint, LinearisedReturn
 from .defining_systems import AbstractCondition, AtEvent, DefiningSystem
-from .kinds import Kind, shown
+from .kinds import Kind, public_kind
 from .parameter_family import ExtendedCycle
 from .sequence_edits import with_order_exchanged, without_event
 from .test_functions import CLOSE, num_on_circle, of_doubling, of_meeting, of_pairs, tests_of
@@ -102,7 +102,7 @@ def _of_neighbours(kind: str, face: int) -> list[CurveTest]:
 
 
 def _meeting(kind: str, other: str) -> str:
-    return "+".join(sorted((kind, shown(other))))
+    return "+".join(sorted((kind, public_kind(other))))
 
 
 def _is_own(kind: str, condition: AbstractCondition, other: str, index: int) -> bool:

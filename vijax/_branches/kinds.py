@@ -43,7 +43,7 @@ _SHOWN: dict[str, str] = {
 }
 
 
-def shown(kind: str) -> str:
+def public_kind(kind: str) -> str:
     """Public kind: one name for both sides from which a bifurcation is seen."""
     return str(_SHOWN.get(kind, kind))
 

@@ -17,7 +17,7 @@ from .kernels import (
     simulate_cycle,
     trimmed,
 )
-from .kinds import End, Kind, shown
+from .kinds import End, Kind, public_kind
 from .parameter_family import ExtendedCycle
 from .point import (
     BranchEnd,
@@ -140,7 +140,7 @@ def continue_by_simulation(event: BranchPoint, kind: str) -> KernelRequests:
         simulated: SimulatedMotion = yield KernelCall(simulate_cycle, new.sequence, (new.place,))
         if simulated.is_alike and np.abs(new.place.z - guess.z).max() < 10 * ds:
             return new._replace(kind="", arc=event.arc + ds)
-    raise BranchEnd(shown(kind))
+    raise BranchEnd(public_kind(kind))
 
 
 def cycle_of_simulation(point: BranchPoint, guess: ExtendedCycle) -> KernelRequests:

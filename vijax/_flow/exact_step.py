@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._hybrid.limits import GAP, Limit, limits_of, of_active
+from .._hybrid.limits import GAP, Limit, limits_of, select_active
 from .._jax.arrays import Scalar, rounding_step, smallest
 from .._jax.xla import compute_once, is_any
 from .._machine.contacts import Held
@@ -61,14 +61,14 @@ def _fly_jvp(primals, tangents):
         hold = machine.hold(state.held)
         moved = flow.propagate(machine, state, hold, flight.duration)
         end = state_after_step(machine, state, *moved, flight.duration)
-        value = of_active(limits, state, lambda limit: limit.value(machine, end, hold))
+        value = select_active(limits, state, lambda limit: limit.value(machine, end, hold))
         return end.x, end.v, end.phase, end.gap, value
 
     _, (x, v, phase, gap, value) = eqx.filter_jvp(after_the_same_time, primals[:3], tangents[:3])
     hold, phase_rate = machine.hold(state.held), machine.phase_rate(end.phase)
     now = rates(machine, end, hold)
     gap_rate = GAP.slope(machine, end, hold, now)
-    slope = of_active(limits, state, lambda limit: limit.slope(machine, end, hold, now))
+    slope = select_active(limits, state, lambda limit: limit.slope(machine, end, hold, now))
     is_crossing = flight.is_event & (slope < 0)
     delays = -_plus(value, jnp.zeros_like(slope)) / jnp.where(is_crossing, slope, -1)
     later = jnp.where(flight.is_last, _plus(tangents[3], jnp.zeros_like(remaining)), 0)
@@ -173,7 +173,7 @@ def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar, hol
     """Bound the guard of every contact from below."""
     rests = compute_once(motion.rest, machine, limit)
     of = lambda guard: _bound_of(guard, rests, machine, state, motion, limit, hold)  # noqa: E731
-    return of_active(limits_of(machine), state, of)
+    return select_active(limits_of(machine), state, of)
 
 
 def _bound_of_gap(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
@@ -253,7 +253,7 @@ def _delays(
     guards = [limit.series(machine, state, hold, series) for limit in limits]
     columns = zip_longest(*guards, fillvalue=0.0)
     padded = dict(zip((limit.event for limit in limits), map(list, zip(*columns, strict=True)), strict=True))
-    h = of_active(limits, state, lambda limit: padded[limit.event])
+    h = select_active(limits, state, lambda limit: padded[limit.event])
     value, slope, curve, bend = h[:4]
     square = slope * slope - 4 * curve * value
     is_simple = (slope < 0) & (4 * square > slope * slope)
@@ -264,7 +264,7 @@ def _delays(
         rate = jnp.where(is_simple, horner(derivative(h), delay), -1)
         delay = delay - horner(h, delay) / rate
     dtype = str(state.x.dtype)
-    near = of_active(limits, state, lambda limit: limit.near[dtype]) * machine.timescale
+    near = select_active(limits, state, lambda limit: limit.near[dtype]) * machine.timescale
     is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
     is_near = is_near & ~state.is_kept_closed if machine.contacts.is_coupled else is_near
     return jnp.where(is_near, delay, jnp.where(is_root, 0, jnp.inf))

@@ -20,7 +20,7 @@ from .._machine.small_matrices import diagonal, inverse_among
 _PIVOTS = 64
 
 
-def complementary(
+def solve_complementarity(
     matrix: Float[Array, "contacts contacts ..."],
     q: Float[Array, "contacts ..."],
     allowed: Bool[Array, "contacts ..."],
@@ -39,7 +39,7 @@ def complementary(
     alone = allowed & (q <= 0)  # a single closed contact carries p unless it opens with p = 0
     members, closed = jax.lax.cond(
         is_any(jnp.sum(allowed, axis=0) > 1),
-        lambda: _of_several(*stop_gradients((matrix, q)), allowed, noise),
+        lambda: _active_set(*stop_gradients((matrix, q)), allowed, noise),
         lambda: (alone, alone),
     )
     p = -matvec(inverse_among(matrix, members), q)
@@ -49,9 +49,9 @@ def complementary(
     return members, p, jnp.where(is_zero, 0, w)
 
 
-def _of_several(matrix: Array, q: Array, allowed: Array, noise: float) -> tuple[Array, Array]:
+def _active_set(matrix: Array, q: Array, allowed: Array, noise: float) -> tuple[Array, Array]:
     """Flags of contacts that carry p, with independent rows, and of those with w = 0, among several allowed ones."""
-    known = _decidable(matrix, allowed)
+    known = _regularised(matrix, allowed)
 
     def wrong(members: Array) -> Array:
         # With a tolerance of rounding: a contact that shares no inertia with the others has p = 0, not a negative p.
@@ -69,10 +69,10 @@ def _of_several(matrix: Array, q: Array, allowed: Array, noise: float) -> tuple[
         return members ^ (bad & (jnp.cumsum(bad, axis=0) == 1)), bad, count + 1
 
     closed, _, _ = jax.lax.while_loop(goes_on, pivot, (allowed, allowed, jnp.array(0)))
-    return _independent(matrix, -matvec(inverse_among(known, closed), q), closed), closed
+    return _independent_rows(matrix, -matvec(inverse_among(known, closed), q), closed), closed
 
 
-def _independent(matrix: Array, p: Array, members: Array) -> Array:
+def _independent_rows(matrix: Array, p: Array, members: Array) -> Array:
     """Subset of `members` with independent rows and the same total effect, with no negative p.
 
     The p of a dependent row is transferred to the rows it depends on until it, or one of theirs, reaches zero.
@@ -101,7 +101,7 @@ def _independent(matrix: Array, p: Array, members: Array) -> Array:
     return jax.lax.while_loop(goes_on, hand_over, (members, p))[0]
 
 
-def _decidable(matrix: Array, allowed: Array) -> Array:
+def _regularised(matrix: Array, allowed: Array) -> Array:
     """Matrix with a slightly larger diagonal (compliance of each contact) where allowed rows are dependent.
 
     This decides between dependent contacts too: a faster wall takes over a mass that rests on another one. The

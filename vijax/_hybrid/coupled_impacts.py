@@ -25,7 +25,7 @@ from .._machine.derivatives import contact_forces, derivatives, rates
 from .._machine.machine import Machine, state_before_contact
 from .._machine.state import KEPT_CLOSED, State
 from .._system.checks import is_touching
-from .complementarity import complementary
+from .complementarity import solve_complementarity
 from .sticking import chatter_is_complete, chatter_time, is_light, is_pressed
 from .transition import Instant
 
@@ -55,13 +55,13 @@ def first_state(
     state = eqx.tree_at(lambda s: (s.gap, s.contact), state, (gap, contact))
     if not machine.can_stick:
         return state
-    closed, contact = _decided(machine, state, at_rest, contact, jnp.any(at_rest, axis=0))
+    closed, contact = _holding_after_jump(machine, state, at_rest, contact, jnp.any(at_rest, axis=0))
     hold = contacts.hold(closed)
     force, *later = contact_forces(machine, state, hold, derivatives(machine, state, hold))
     held = closed & is_pressed(force, tuple(later))
     contact = jnp.where(closed & ~held, jnp.int8(3), contact)
     state = eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
-    held, contact = _handed_on(machine, state, closed & ~held, held, contact)
+    held, contact = _holding_after_release(machine, state, closed & ~held, held, contact)
     return eqx.tree_at(lambda s: (s.held, s.contact), state, (held, contact))
 
 
@@ -96,7 +96,7 @@ def _impact(
     restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution_at(speed), 0)
     q = -(1 + restitution) * speed
     closed = state.held | state.is_kept_closed
-    _, impulse, rest = complementary(contacts.compliance, q, hit | closed)
+    _, impulse, rest = solve_complementarity(contacts.compliance, q, hit | closed)
     v = state.v - contacts.freed(contacts.back(impulse))
     is_open = closed & (rest > 0)
     torn = state.held & is_open
@@ -132,7 +132,7 @@ def _stick_and_release(
     state = eqx.tree_at(lambda s: s.held, state, held)
     nothing = jnp.zeros_like(hit), jnp.zeros_like(state.gap)
     completed, duration = jax.lax.cond(
-        is_any(hit), lambda: compute_once(_completed, machine, state, instant), lambda: nothing
+        is_any(hit), lambda: compute_once(_complete_chatter, machine, state, instant), lambda: nothing
     )
     # Contacts at rest: held, at the end of their bounces, hit plastically, or released at this instant.
     is_plastic = hit & (instant.velocity_plus == 0)
@@ -140,14 +140,16 @@ def _stick_and_release(
     contact = jnp.where(let_go, jnp.int8(3), state.contact)
     now_held, contact = jax.lax.cond(
         is_any(is_jump),
-        lambda: compute_once(_decided, machine, state, at_rest | is_plastic, contact, is_jump),
+        lambda: compute_once(_holding_after_jump, machine, state, at_rest | is_plastic, contact, is_jump),
         lambda: (held, contact),
     )
     num_free = jnp.sum(let_go | state.is_kept_closed, axis=0)
     is_handed_on = ~is_jump & jnp.any(let_go, axis=0) & (num_free > 1)
     now_held, contact = jax.lax.cond(
         is_any(is_handed_on),
-        lambda: compute_once(_handed_on, machine, state, let_go & is_handed_on, now_held, contact),
+        lambda: compute_once(
+            _holding_after_release, machine, state, let_go & is_handed_on, now_held, contact
+        ),
         lambda: (now_held, contact),
     )
     stuck, thrown = now_held & ~was_held, was_held & ~now_held
@@ -167,7 +169,7 @@ def _stick_and_release(
     return after, instant
 
 
-def _completed(
+def _complete_chatter(
     machine: Machine, state: State, instant: Instant
 ) -> tuple[Bool[Array, "stops ..."], Float[Array, "stops ..."]]:
     """Contacts whose bounces are completed at once, and the durations of the skipped bounces.
@@ -179,7 +181,7 @@ def _completed(
     is_hit = hit & is_light(instant.velocity_plus)
     is_near = ~hit & ~state.held & ~state.is_kept_closed & is_light(approach) & is_light(state.gap)
     both = jnp.stack([is_hit | is_near, is_hit])
-    end = lambda _, bouncing: (None, _end_of_bounces(machine, state, instant, bouncing))  # noqa: E731
+    end = lambda _, bouncing: (None, _chatter_completion(machine, state, instant, bouncing))  # noqa: E731
     _, (is_complete, durations) = jax.lax.scan(end, None, both)
     is_linked = jnp.any((contacts.compliance != 0) & is_hit[None], axis=1)
     is_joint = jnp.any(is_near & is_linked, axis=0) & jnp.all(is_complete[0] | ~both[0], axis=0)
@@ -187,7 +189,7 @@ def _completed(
     return completed, duration
 
 
-def _end_of_bounces(
+def _chatter_completion(
     machine: Machine, state: State, instant: Instant, bouncing: Bool[Array, "stops ..."]
 ) -> tuple[Bool[Array, "stops ..."], Float[Array, "stops ..."]]:
     """Flags of light bounces that are sure to end while the rest of `bouncing` holds, and their durations."""
@@ -206,7 +208,7 @@ def _end_of_bounces(
     return is_complete | (is_spare & jnp.any(is_complete, axis=0)), jnp.where(is_spare, 0, duration)
 
 
-def _decided(
+def _holding_after_jump(
     machine: Machine,
     state: State,
     at_rest: Bool[Array, "stops ..."],
@@ -216,7 +218,7 @@ def _decided(
     """Contacts that hold after a jump, among those `at_rest`, and the new `State.contact`."""
     contacts = machine.contacts
     opening = -contacts.free_pull(machine.total_force(state), state.phase)
-    held, _, opening = complementary(contacts.compliance, opening, at_rest)
+    held, _, opening = solve_complementarity(contacts.compliance, opening, at_rest)
     left = jnp.where(opening > 0, jnp.int8(2), jnp.int8(3))
     left = jnp.where(at_rest, jnp.where(held, jnp.int8(0), left), contact)
     is_beside = ~held & (state.gap == 0) & jnp.any(held, axis=0)
@@ -225,7 +227,7 @@ def _decided(
     return jnp.where(is_jump, held, state.held), jnp.where(is_jump, left, contact)
 
 
-def _handed_on(
+def _holding_after_release(
     machine: Machine,
     state: State,
     let_go: Bool[Array, "stops ..."],
@@ -241,7 +243,7 @@ def _handed_on(
     phase_rate = machine.phase_rate(state.phase)
     opening = -contacts.pull(rates(machine, state, hold).force_rate, hold, phase_rate)
     is_free = (let_go | state.is_kept_closed) & is_asked
-    bearing, _, _ = complementary(
+    bearing, _, _ = solve_complementarity(
         contacts.compliance_beside(hold), opening, is_free & ~contacts.depend_on(state.held)
     )
     held = held | bearing

@@ -29,7 +29,7 @@ def first_state(
 ) -> State:
     """State at t0. A mass on its stop moves in (the first step hits it), moves out, or rests, pressed or pulled."""
     x, v = machine.relative_to_stops(phase, x, v)
-    reach, speed = _sizes(machine, t0)
+    reach, speed = _rounding_sizes(machine, t0)
     touching = is_touching(machine.contacts.gaps(x, phase), reach)
     x = machine.contacts.placed(x, touching, phase)
     v = machine.contacts.held_still(v, touching & is_touching(machine.contacts.along(v), speed), phase)
@@ -108,7 +108,7 @@ def _approach(machine: Machine, state: State) -> tuple[Float[Array, "stops ..."]
     return pull(now.force, hold, state.phase), pull(now.force_rate, hold, state.phase)
 
 
-def _sizes(
+def _rounding_sizes(
     machine: Machine, t0: Scalar | float
 ) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."]]:
     """Magnitudes of the terms subtracted to form gaps and relative velocities; they set the rounding errors."""

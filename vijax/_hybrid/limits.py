@@ -137,7 +137,7 @@ def limits_of(machine: Machine) -> tuple[Limit, ...]:
     return LIMITS if machine.can_stick else (GAP,)
 
 
-def of_active(limits: tuple[Limit, ...], state: State, of: Callable[[Limit], Any]) -> Any:
+def select_active(limits: tuple[Limit, ...], state: State, of: Callable[[Limit], Any]) -> Any:
     """Tree of quantities, for each contact that of its active limit."""
 
     def chosen(found: Any, limit: Limit) -> Any:
