@@ -10,6 +10,8 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ._labels import LENGTH, VELOCITY, Units, with_unit
+
 Sweeps = xr.Dataset | Mapping[str, xr.Dataset]
 
 
@@ -45,6 +47,12 @@ def named_datasets(ds: Sweeps, style: dict[str, Any]) -> dict[str, xr.Dataset]:
 def label_if_new(ax: Axes, words: str) -> str | None:
     """A label for the legend; None if the legend has it already."""
     return None if words in ax.get_legend_handles_labels()[1] else words
+
+
+def label_phase_plane(ax: Axes, mass: int, units: Units | None) -> None:
+    """Label the axes with the position and the velocity of a mass."""
+    ax.set_xlabel(with_unit(f"Position $x_{{{mass}}}$", LENGTH, units))
+    ax.set_ylabel(with_unit(f"Velocity $\\dot x_{{{mass}}}$", VELOCITY, units))
 
 
 def current_xlim(ax: Axes) -> tuple[float, ...]:
