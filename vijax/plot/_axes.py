@@ -106,6 +106,12 @@ def check_index(name: str, index: int, count: int) -> None:
         raise ValueError(f"Argument `{name}` must lie in 0 to {count - 1}, but is {index}.")
 
 
+def stops_to_draw(stop: int | None, count: int) -> list[int]:
+    """The given stop, or all for None; raise if it does not exist."""
+    check_index("stop", 0 if stop is None else stop, count)
+    return list(range(count)) if stop is None else [stop]
+
+
 def check_one_machine(sizes: Mapping[Any, int], picture: str, own: Sequence[str]) -> None:
     """Raise if dimensions other than starts and the variable's `own` ones have several values."""
     several = [

@@ -78,9 +78,9 @@ def sticking_region(
     ax = create_axes() if ax is None else ax
     names = [style.get("label", f"$\\Omega$ = {float(sol.machine.frequency):.4g}") for sol in many]
     style.pop("label", None)
-    colors = ordered_colors(len(many))
     look = [
-        merge_style(style, color=c, linestyle=_STYLES[k % 2], linewidth=1.2) for k, c in enumerate(colors)
+        merge_style(style, color=color, linestyle=_STYLES[k % 2], linewidth=1.2)
+        for k, color in enumerate(ordered_colors(len(many)))
     ]
     colors = [one["color"] for one in look]
     for k, (sol, spans) in enumerate(zip(many, held, strict=True)):

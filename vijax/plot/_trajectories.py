@@ -215,9 +215,9 @@ def draw_motion(
     )
     curve = (np.concatenate(parts)[order] for parts in ([x, where, gap], [v, minus, gap]))
     (line,) = ax.plot(*curve, **look)
-    label = label_if_new(ax, words) if words and len(where) else None
+    label = label_if_new(ax, words) if len(where) else None
     style = {"color": line.get_color(), "linestyles": "dashed", "linewidth": 0.8}
-    ax.vlines(where, minus, plus, label=label, **style)
+    ax.vlines(where, minus, plus, label=label or "", **style)
 
 
 def held_within(sol: Solution, stop: int, span: Span) -> tuple[np.ndarray, np.ndarray]:
@@ -246,14 +246,13 @@ def _draw_contact(ax: Axes, sol: Solution, number: int, mass: int, t: np.ndarray
     grey, name = ink("0.8", "0.4"), name_in(sol, number)
     is_held, place = is_held_at(sol, number, t), place_on_axis(sol, number, t)
     x, v = place if place is not None else (np.asarray(a)[:, mass] for a in sol.evaluate(t))
-    if place is not None and not v.any():
+    is_fixed = place is not None and not v.any()
+    if is_fixed:
         ax.axvline(x[0], color=grey, linewidth=4, zorder=0, label=label_if_new(ax, name))
-        mark = x[0], 0, "o"
-    else:
-        if place is not None:
-            ax.plot(x, v, color=grey, linewidth=4, zorder=0, label=label_if_new(ax, name))
-        mark = np.where(is_held, x, np.nan), v, "-"
+    elif place is not None:
+        ax.plot(x, v, color=grey, linewidth=4, zorder=0, label=label_if_new(ax, name))
     if is_held.any():
+        mark = (x[0], 0, "o") if is_fixed else (np.where(is_held, x, np.nan), v, "-")
         ax.plot(*mark, color=HELD, linewidth=4, zorder=4, label=label_if_new(ax, f"held by {name}"))
 
 

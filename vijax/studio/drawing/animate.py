@@ -154,11 +154,8 @@ def _times(
     for name, value in (("fps", fps), ("speed", speed), ("duration", duration)):
         if value is not None and not (np.isfinite(value) and value > 0):
             raise ValueError(f"Argument `{name}` must be positive, but is {value}.")
-    given = [
-        name
-        for name, value in (("span", span), ("speed", speed), ("duration", duration))
-        if value is not None
-    ]
+    options = {"span": span, "speed": speed, "duration": duration}
+    given = [name for name, value in options.items() if value is not None]
     if t is not None:
         times = np.asarray(t, float)
         if given:
