@@ -10,6 +10,8 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ._labels import LENGTH, VELOCITY, Units, with_unit
+
 Sweeps = xr.Dataset | Mapping[str, xr.Dataset]
 
 
@@ -45,6 +47,12 @@ def named_datasets(ds: Sweeps, style: dict[str, Any]) -> dict[str, xr.Dataset]:
 def label_if_new(ax: Axes, words: str) -> str | None:
     """A label for the legend; None if the legend has it already."""
     return None if words in ax.get_legend_handles_labels()[1] else words
+
+
+def label_phase_plane(ax: Axes, mass: int, units: Units | None) -> None:
+    """Label the axes with the position and the velocity of a mass."""
+    ax.set_xlabel(with_unit(f"Position $x_{{{mass}}}$", LENGTH, units))
+    ax.set_ylabel(with_unit(f"Velocity $\\dot x_{{{mass}}}$", VELOCITY, units))
 
 
 def current_xlim(ax: Axes) -> tuple[float, ...]:
@@ -96,6 +104,12 @@ def check_index(name: str, index: int, count: int) -> None:
         raise ValueError(f"Argument `{name}` is {index}, but the machine has none.")
     if not 0 <= index < count:
         raise ValueError(f"Argument `{name}` must lie in 0 to {count - 1}, but is {index}.")
+
+
+def stops_to_draw(stop: int | None, count: int) -> list[int]:
+    """The given stop, or all for None; raise if it does not exist."""
+    check_index("stop", 0 if stop is None else stop, count)
+    return list(range(count)) if stop is None else [stop]
 
 
 def check_one_machine(sizes: Mapping[Any, int], picture: str, own: Sequence[str]) -> None:

@@ -69,8 +69,8 @@ def basins(
     colors = ListedColormap([color_of_unknown(), *COLORS[:count], color_of_other()])
     mesh = draw_mesh(ax, basins["label"], codes, units, style, cmap=colors, vmin=-1.5, vmax=count + 0.5)
     ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # attractors may lie far outside
-    has_mark = [points and _draw_section(ax, basins.isel(attractor=k), right, up, k) for k in range(count)]
     named = [basins.isel(attractor=k) for k in range(count)]
+    has_mark = [points and _draw_section(ax, one, right, up, k) for k, one in enumerate(named)]
     words = [f"{label_of_motion(one)}, {100 * float(one.share):.3g} %" for one in named]
     has_other, is_unknown = bool((codes == count).any()), codes < 0
     hatch(ax, mesh, is_unknown.T, HATCH)

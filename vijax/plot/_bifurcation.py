@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from .._sweep.outcomes import warn_of_endings
 from ._axes import (
     Sweeps,
-    check_index,
     column_of_axes,
     current_xlim,
     extend_xlim,
@@ -18,9 +17,10 @@ from ._axes import (
     legend_above,
     named_datasets,
     set_phase_axis,
+    stops_to_draw,
 )
 from ._colors import curve_colors, faded, ink, lightness_of, merge_style, point_colors
-from ._contacts import name_of
+from ._contacts import StopMasses, name_of
 from ._labels import ANGLE, VELOCITY, Units, axis_label, swept_quantity, with_unit
 from ._orbits import STABLE, UNKNOWN, UNSTABLE, OrbitsLike, as_sweep, list_of_orbits, stability_of
 
@@ -34,8 +34,6 @@ ORDINATES = {
     "phase": ("impact_phase", "Phase $\\varphi$ of impact\nat {}", ANGLE),
 }
 _OF_CONTACT = "Speed of approach before impact\nat {}"
-# Drawing order: the small points of the sweep up over the large ones of the sweep down, dark in light where both agree.
-_DIRECTIONS = ("down", "up")
 # Marker sizes: sweep down, single sweep, sweep up, separate orbits.
 _LARGE, _MIDDLE, _SMALL, _OVER = 4.0, 2.0, 1.8, 3.0
 # Number of swept values whose points of these sizes join into a line, and the largest factor of the sizes for fewer.
@@ -125,8 +123,7 @@ def bifurcation(
     """
     sweeps = named_datasets(ds, style)
     path, num_stops = _common(list(sweeps.values()), ordinate)
-    check_index("stop", 0 if stop is None else stop, num_stops)
-    stops = range(num_stops) if stop is None else [stop]
+    stops = stops_to_draw(stop, num_stops)
     layers = _layers(sweeps, path, [] if orbits is None else orbits)
     column = column_of_axes(ax, len(stops))
     masses = next(iter(sweeps.values()))["stop_mass"].values
@@ -167,7 +164,7 @@ def _common(sweeps: list[xr.Dataset], ordinate: str) -> tuple[str, int]:
     return paths.pop(), counts.pop()
 
 
-def label_of_impacts(ordinate: str, stop: int, stop_masses: np.ndarray, units: Units | None) -> str:
+def label_of_impacts(ordinate: str, stop: int, stop_masses: StopMasses, units: Units | None) -> str:
     """Label of the y axis; at a contact every velocity is its speed of approach."""
     _, words, unit = ORDINATES[ordinate]
     words = _OF_CONTACT if stop_masses[stop] < 0 and ordinate != "phase" else words
@@ -201,11 +198,8 @@ def _layers(sweeps: dict[str, xr.Dataset], path: str, orbits: OrbitsLike) -> lis
             name: ds.assign(stability=xr.full_like(ds["result"], UNKNOWN)) for name, ds in sweeps.items()
         }
     colors = point_colors(len(sweeps)) if len(sweeps) > 1 else [ink()]
-    layers = [
-        _layers_of_sweep(ds, path, name, color)
-        for (name, ds), color in zip(sweeps.items(), colors, strict=True)
-    ]
-    return [one for of_sweep in layers for one in of_sweep] + over
+    colored = zip(sweeps.items(), colors, strict=True)
+    return [one for (name, ds), color in colored for one in _layers_of_sweep(ds, path, name, color)] + over
 
 
 def _layers_of_sweep(ds: xr.Dataset, path: str, name: str, color: Any) -> list[_Layer]:
@@ -213,12 +207,11 @@ def _layers_of_sweep(ds: xr.Dataset, path: str, name: str, color: Any) -> list[_
     larger = float(np.clip(_LINE / ds["result"].sizes[path], 1.0, _LARGER))
     if "direction" not in ds["result"].dims:
         return [_Layer(ds, name or "swept", color, larger * _MIDDLE)]
-    colors = {"down": faded(color, 0.5) if name else _beside_ink(), "up": color}
-    sizes = dict(zip(_DIRECTIONS, (larger * _LARGE, larger * _SMALL), strict=True))
+    pale = faded(color, 0.5) if name else _beside_ink()
+    # Drawing order: the small points of the sweep up over the large ones of the sweep down, dark in light where both agree.
+    looks = {"down": (pale, larger * _LARGE), "up": (color, larger * _SMALL)}
     before = f"{name}, " if name else ""
-    return [
-        _Layer(ds.sel(direction=way), f"{before}swept {way}", colors[way], sizes[way]) for way in _DIRECTIONS
-    ]
+    return [_Layer(ds.sel(direction=way), f"{before}swept {way}", *look) for way, look in looks.items()]
 
 
 def _beside_ink() -> str:

@@ -1,6 +1,6 @@
 """Branches of periodic orbits: the velocities of their impacts against the parameter."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple, overload
 
 import jax
@@ -15,12 +15,12 @@ from .._system.description import build_from
 from .._system.force_description import NAMED_FORCE
 from .._system.parameters import is_of_force, set_parameter
 from .._system.system import ImpactSystem
-from ._axes import check_index, column_of_axes, current_xlim, extend_xlim, label_if_new, legend_beside
+from ._axes import column_of_axes, current_xlim, extend_xlim, label_if_new, legend_beside, stops_to_draw
 from ._bifurcation import bifurcation, label_of_impacts
 from ._colors import curve_colors, faded, ink, merge_style
-from ._contacts import name_of
+from ._contacts import masses_of_stops, name_of
 from ._impact_lines import OrbitImpacts, impact_lines
-from ._labels import Units, axis_label
+from ._labels import Units, axis_label, swept_paths
 
 _STABILITY = {True: ("-", "stable"), False: ((0, (3.0, 1.5)), "unstable")}
 MARKERS: dict[str, str] = {
@@ -102,9 +102,8 @@ def branch(
     """
     several = [branches] if isinstance(branches, Branch) else list(branches)
     path, num_stops = _common(several, ds)
-    check_index("stop", 0 if stop is None else stop, num_stops)
-    stops = range(num_stops) if stop is None else [stop]
-    masses = _stop_masses(several[0])
+    stops = stops_to_draw(stop, num_stops)
+    masses = masses_of_stops(_system(several[0].points))
     curves = {j: [_curves(one, j) for one in several] for j in stops}
     if not any(one.lines for of_stop in curves.values() for one in of_stop):
         where = "any stop" if stop is None else name_of(stop, masses)
@@ -141,11 +140,10 @@ def _common(branches: list[Branch], ds: xr.Dataset | None) -> tuple[str, int]:
         )
     path = paths.pop()
     if ds is not None and path not in ds["result"].dims:
-        swept = [str(dim) for dim in ds["result"].dims if dim != "direction"]
+        swept = swept_paths(ds["result"])
         raise ValueError(f"Argument `ds` must sweep what the branches follow, `{path}`, but sweeps {swept}.")
-    counts = {one.points.sizes["stop"] for one in branches} | (
-        {ds.sizes["stop"]} if ds is not None else set()
-    )
+    drawn = [one.points for one in branches] + ([] if ds is None else [ds])
+    counts = {one.sizes["stop"] for one in drawn}
     if len(counts) > 1:
         raise ValueError(f"Branches and sweep must be of one machine, but have {sorted(counts)} stops.")
     return path, counts.pop()
@@ -154,11 +152,6 @@ def _common(branches: list[Branch], ds: xr.Dataset | None) -> tuple[str, int]:
 def _system(points: xr.Dataset) -> ImpactSystem:
     """The machine of a branch as its attributes describe it, its force by name only."""
     return build_from(points.attrs, force=NAMED_FORCE)  # only the stops are needed
-
-
-def _stop_masses(branch: Branch) -> np.ndarray:
-    """The mass of each stop, -1 for a contact, as in the `stop_mass` of sweeps."""
-    return np.array([stop.slot[0] if stop.slot else -1 for stop in _system(branch.points).stops], int)
 
 
 class _Curves(NamedTuple):
@@ -186,17 +179,13 @@ def _curves(branch: Branch, stop: int) -> _Curves:
     # At a multiplier on the unit circle `is_stable` is decided by rounding: the other end of the segment decides.
     is_stable = points["is_stable"].values | np.isin(kinds, [str(kind) for kind in Kind if kind.is_critical])
     sign = _system(points).stops[stop].sign
-    lines = [
-        (np.array(numbers), sign * np.array(velocities))
-        for numbers, velocities in impact_lines(
-            list(_impacts(points, stop)), kinds, points.attrs["num_periods"]
-        )
-    ]
+    found = impact_lines(_impacts(points, stop), kinds, points.attrs["num_periods"])
+    lines = [(np.array(numbers), sign * np.array(velocities)) for numbers, velocities in found]
     return _Curves(points[branch.path].values, kinds, is_stable[:-1] & is_stable[1:], lines)
 
 
-def _impacts(points: xr.Dataset, stop: int) -> Iterator[OrbitImpacts]:
-    """Yield the impacts of each orbit of a branch at a stop."""
+def _impacts(points: xr.Dataset, stop: int) -> list[OrbitImpacts]:
+    """The impacts of each orbit of a branch at a stop."""
     system, path = _system(points), points.attrs["path"]
     times = points.attrs["phase"] + np.cumsum(points["flight"].values, axis=1)
 
@@ -210,8 +199,7 @@ def _impacts(points: xr.Dataset, stop: int) -> Iterator[OrbitImpacts]:
     of_stop = np.asarray(jax.vmap(carried)(points[path].values, 2 * np.pi * times))
     is_hit = (points["event_kind"].values == IMPACT) & (points["event_stop"].values == stop)
     columns = (times, points["impact_speed"].values, of_stop)
-    for k, hits in enumerate(is_hit):
-        yield OrbitImpacts(*(column[k][hits] for column in columns))
+    return [OrbitImpacts(*(column[k][hits] for column in columns)) for k, hits in enumerate(is_hit)]
 
 
 def _joined(curves: _Curves, is_stable: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -258,17 +246,14 @@ def _draw_marks(curves: list[_Curves], ax: Axes) -> None:
                     found.setdefault(str(kind), []).append((float(value), float(velocity)))
     for kind, places in found.items():
         if places:
-            ax.plot(
-                *np.transpose(places),
-                linestyle="none",
-                marker=MARKERS.get(kind, OTHER),
-                markersize=6.0,
-                markerfacecolor=ink("white", "black"),
-                markeredgewidth=1.0,
-                color=ink(),
-                label=label_if_new(ax, label_of_kind(kind)),
-                zorder=3,
-            )
+            marker = MARKERS.get(kind, OTHER)
+            draw_special(ax, np.array(places), kind, marker=marker, markersize=6.0, markeredgewidth=1.0)
+
+
+def draw_special(ax: Axes, places: np.ndarray, kind: str, **look: Any) -> None:
+    """Draw the markers of bifurcations or special points of a kind at given places, (points, 2)."""
+    own = {"linestyle": "none", "markerfacecolor": ink("white", "black"), "color": ink(), "zorder": 3}
+    ax.plot(*places.T, label=label_if_new(ax, label_of_kind(kind)), **own, **look)
 
 
 def _draw_light(ds: xr.Dataset, stop: int, ax: Axes) -> None:

@@ -3,10 +3,18 @@
 import jax.numpy as jnp
 import numpy as np
 
+from .._system.system import ImpactSystem
 from .._trajectory.solution import Solution
 
+StopMasses = tuple[int, ...] | np.ndarray
 
-def name_of(number: int, stop_masses: tuple[int, ...] | np.ndarray) -> str:
+
+def masses_of_stops(system: ImpactSystem) -> tuple[int, ...]:
+    """The mass of each stop, -1 for a contact, as in the `stop_mass` of sweeps."""
+    return tuple(stop.slot[0] if stop.slot else -1 for stop in system.stops)
+
+
+def name_of(number: int, stop_masses: StopMasses) -> str:
     """Legend label of a stop, or of a contact, whose entry in `stop_masses` is negative."""
     return f"{'stop' if stop_masses[number] >= 0 else 'contact'} {number}"
 

@@ -8,8 +8,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from ._axes import create_axes, label_if_new, legend_beside
-from ._branch import MARKERS, OTHER, label_of_kind
-from ._colors import curve_styles, ink, merge_style
+from ._branch import MARKERS, OTHER, draw_special, label_of_kind
+from ._colors import curve_styles, merge_style
 from ._labels import Units, axis_label
 
 
@@ -56,8 +56,7 @@ def curves(
         look = merge_style(style, color=color, linestyle=stroke, linewidth=1.4, label=words)
         ax.plot(one[right].values, one[up].values, **look)
     _mark(several, right, up, ax)
-    ax.set_xlabel(axis_label(right, units))
-    ax.set_ylabel(axis_label(up, units))
+    ax.set(xlabel=axis_label(right, units), ylabel=axis_label(up, units))
     legend_beside(ax)
     return ax
 
@@ -80,13 +79,4 @@ def _mark(several: list[xr.Dataset], right: str, up: str, ax: Axes) -> None:
     places = np.concatenate([np.stack([one[right].values, one[up].values], axis=1) for one in several])
     marks = [*MARKERS.values(), OTHER]
     for k, name in enumerate(dict.fromkeys(names[names != ""].tolist())):
-        ax.plot(
-            *places[names == name].T,
-            linestyle="none",
-            marker=marks[k % len(marks)],
-            markersize=7.0,
-            markerfacecolor=ink("white", "black"),
-            color=ink(),
-            label=label_if_new(ax, label_of_kind(name)),
-            zorder=3,
-        )
+        draw_special(ax, places[names == name], name, marker=marks[k % len(marks)], markersize=7.0)

@@ -11,7 +11,7 @@ from .._hybrid.limits import IMPACT
 from .._orbits.orbit import PeriodicOrbit
 from .._sweep.outcomes import warn_of_endings
 from .._trajectory.solution import Solution
-from ._axes import check_index, check_one_machine, create_axes, set_phase_axis
+from ._axes import check_one_machine, create_axes, set_phase_axis, stops_to_draw
 from ._cloud import Cloud, draw_clouds
 from ._contacts import name_of
 from ._labels import ANGLE, VELOCITY, Units, with_unit
@@ -90,16 +90,14 @@ def _clouds(motions: MotionLike | Mapping[str, MotionLike], stop: int | None) ->
         if isinstance(motion, xr.Dataset):
             warn_of_endings(motion, "max_impacts_reached")
         masses, phase, velocity, of_stop = _impacts(motion)
-        check_index("stop", 0 if stop is None else stop, len(masses))
-        drawn = list(range(len(masses))) if stop is None else [stop]
+        drawn = stops_to_draw(stop, len(masses))
         if not np.isin(of_stop, drawn).any():
             where = "any stop" if stop is None else name_of(stop, masses)
             raise ValueError(f"There are no impacts at {where} to draw.")
-        of_stops = {j: of_stop == j for j in drawn}
-        clouds += [
-            Cloud(_name(name, name_of(j, masses), stop is None), phase[is_it], velocity[is_it])
-            for j, is_it in of_stops.items()
-        ]
+        for j in drawn:
+            is_it = of_stop == j
+            label = _name(name, name_of(j, masses), stop is None)
+            clouds.append(Cloud(label, phase[is_it], velocity[is_it]))
         quantity = "Speed of approach" if (masses[drawn] < 0).all() else "Velocity $v^-$"
         words = f"{quantity} before impact" + ("" if stop is None else f" at {name_of(stop, masses)}")
     return clouds, words

@@ -70,9 +70,14 @@ def checked_units(units: Units | None) -> dict[str, str]:
     return given
 
 
+def swept_paths(points: xr.DataArray) -> list[str]:
+    """Paths of the swept quantities, `direction` left out."""
+    return [str(dim) for dim in points.dims if dim != "direction"]
+
+
 def swept_quantity(points: xr.DataArray, picture: str) -> str:
-    """The path of the only swept quantity, `direction` left out; raise if there are none or several."""
-    swept = [str(dim) for dim in points.dims if dim != "direction"]
+    """The path of the only swept quantity; raise if there are none or several."""
+    swept = swept_paths(points)
     if len(swept) != 1:
         raise ValueError(
             f"{picture} needs one swept quantity, but there are {swept}: "

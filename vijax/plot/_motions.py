@@ -17,13 +17,8 @@ _WORDS = {"non_impacting": "no impact", "non_periodic": "non-periodic", "not_set
 HATCHES = {"not settled": "////", "failed": "xxxx"}
 # Codes in place of a number of impacts: infinitely many; not counted, because the log was cut.
 _COMPLETE_CHATTER, _UNCOUNTED = -1, -2
-# By dark background: lightness of the first and the last motion with a colour of its own; grey of the remaining
-# motions; grey of unknown motions.
-_LADDER, _OTHER, _GREY = (
-    {False: (0.86, 0.22), True: (0.28, 0.88)},
-    {False: "0.93", True: "0.15"},
-    {False: "0.75", True: "0.25"},
-)
+# By dark background: lightness of the first and the last motion with a colour of its own.
+_LADDER = {False: (0.86, 0.22), True: (0.28, 0.88)}
 
 
 class MotionKind(NamedTuple):
@@ -86,11 +81,10 @@ def legend_title(ds: xr.Dataset) -> str:
     """Legend title, which explains the numbers in the labels of motions."""
     stops = " | ".join(str(j) for j in range(ds.sizes["stop"]))
     masses = ds["stop_mass"].values if "stop_mass" in ds.coords else np.array([-1])
+    of_masses = ""
     if (masses >= 0).all():
         of = "mass" if len(set(masses.tolist())) == 1 else "masses"
         of_masses = f"\nof {of} {' | '.join(map(str, masses))}"
-    else:
-        of_masses = ""
     return f"impacts at stop {stops}{of_masses}\nin forcing periods"
 
 
@@ -123,8 +117,11 @@ def motions_of(classes: xr.Dataset) -> list[MotionKind]:
     ]
 
 
-def legend_entries(of_point: list[MotionKind], max_classes: int) -> list[Entry]:
-    """Legend entries in order; all but the `max_classes` most frequent repeating motions are "other"."""
+def legend_entries(of_point: list[MotionKind], max_classes: int) -> tuple[list[Entry], np.ndarray]:
+    """Legend entries in order, and for each point the number of its entry.
+
+    All but the `max_classes` most frequent repeating motions are "other".
+    """
     counts = Counter(of_point)
     repeating = [motion for motion, _ in counts.most_common() if motion.kind in _REPEATING]
     named = sorted(repeating[:max_classes], key=lambda motion: motion.place)
@@ -140,17 +137,18 @@ def legend_entries(of_point: list[MotionKind], max_classes: int) -> list[Entry]:
         found.insert(0, entry) if motion.kind == "non_impacting" else found.append(entry)
     if rare := repeating[max_classes:]:
         found.append(Entry("other", "", color_of_other(), rare, is_other=True))
-    return found
+    numbers = {motion: k for k, entry in enumerate(found) for motion in entry.motions}
+    return found, np.array([numbers[motion] for motion in of_point])
 
 
 def color_of_other() -> str:
     """Grey of motions without a colour of their own."""
-    return _OTHER[is_dark()]
+    return ink("0.93", "0.15")
 
 
 def color_of_unknown() -> str:
     """Grey of unknown motions, which are hatched."""
-    return _GREY[is_dark()]
+    return ink("0.75", "0.25")
 
 
 def _hues(named: list[MotionKind]) -> dict[str, np.ndarray]:

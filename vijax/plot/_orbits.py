@@ -40,9 +40,7 @@ def stability_of(ds: xr.Dataset, orbits: xr.Dataset) -> xr.DataArray:
             f"Argument `orbits` must be what `vx.periodic_orbits(ds)` returned, but has no {missing}."
         )
     ours, theirs = ds["result"], orbits["converged"]
-    others = [dim for dim in ours.dims if dim not in theirs.dims] + [
-        dim for dim in theirs.dims if dim not in ours.dims
-    ]
+    others = [dim for dim in (*ours.dims, *theirs.dims) if (dim in ours.dims) != (dim in theirs.dims)]
     differ = others or [
         name
         for name, a in ours.coords.items()

@@ -11,7 +11,7 @@ from matplotlib.patheffects import withStroke
 from scipy import ndimage
 
 from ._axes import create_axes, figure_of, legend_beside
-from ._colors import ink, is_dark, lightness_of
+from ._colors import is_dark, lightness_of
 from ._labels import Units
 from ._mesh import draw_mesh, hatch
 from ._motions import HATCHES, Entry, check_motions, legend_entries, legend_title, motions_of
@@ -68,17 +68,11 @@ def regions(
     """
     check_motions(classes, max_classes)
     classes = classes.sortby(list(classes.motion.dims))
-    of_point = motions_of(classes)
-    drawn = legend_entries(of_point, max_classes)
-    numbers = {motion: k for k, entry in enumerate(drawn) for motion in entry.motions}
-    code = np.array([numbers[motion] for motion in of_point]).reshape(classes.motion.shape).T
+    drawn, numbers = legend_entries(motions_of(classes), max_classes)
+    code = numbers.reshape(classes.motion.shape).T
     ax = create_axes() if ax is None else ax
-    colors = {
-        "cmap": ListedColormap([entry.color for entry in drawn]),
-        "vmin": -0.5,
-        "vmax": len(drawn) - 0.5,
-    }
-    mesh = draw_mesh(ax, classes.motion, code.T, units, style, **colors)
+    colors = ListedColormap([entry.color for entry in drawn])
+    mesh = draw_mesh(ax, classes.motion, code.T, units, style, cmap=colors, vmin=-0.5, vmax=len(drawn) - 0.5)
     for number, entry in enumerate(drawn):
         if entry.words in HATCHES:
             hatch(ax, mesh, code == number, HATCHES[entry.words])
@@ -107,15 +101,11 @@ def _name(ax: Axes, classes: xr.Dataset, code: np.ndarray, drawn: list[Entry]) -
             row, column = np.unravel_index(np.argmax(inside), inside.shape)
             if inside[row, column] >= _ROOM:
                 outline = withStroke(linewidth=2, foreground=entry.color)
-                common = {"fontsize": _FONT, "color": _on(entry.color), "path_effects": [outline]}
+                visible = "black" if lightness_of(entry.color) > 0.5 else "white"
+                common = {"fontsize": _FONT, "color": visible, "path_effects": [outline]}
                 middle = {"ha": "center", "va": "center", "rotation": angle, "clip_on": True}
                 ax.text(x[column - 1], y[row - 1], entry.words, **common, **middle)
                 break
-
-
-def _on(color: Any) -> str:
-    """Black or white, whichever is visible on a colour."""
-    return "black" if lightness_of(color) > 0.5 else "white"
 
 
 def _legend(drawn: list[Entry]) -> dict[str, list]:
@@ -127,7 +117,7 @@ def _legend(drawn: list[Entry]) -> dict[str, list]:
             if family:
                 handles.append(Patch(facecolor="none", edgecolor="none"))
                 words.append(family)
-        edge = ink("black", "white") if not is_dark() or lightness_of(entry.color) < 0.5 else "black"
+        edge = "white" if is_dark() and lightness_of(entry.color) < 0.5 else "black"
         common = {"edgecolor": edge, "linewidth": 0.6, "hatch": HATCHES.get(entry.words)}
         handles.append(Patch(facecolor=entry.color, **common))
         words.append(entry.words)

@@ -4,17 +4,16 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
 
 from .._hybrid.limits import IMPACT
 from .._orbits.orbit import PeriodicOrbit
 from .._trajectory.solution import Solution
-from ._axes import check_index, create_axes, current_xlim, extend_xlim, label_if_new, legend_beside
+from ._axes import check_index, create_axes, current_xlim, label_if_new
 from ._colors import curve_colors, ink, merge_style
 from ._contacts import in_symbols, name_in, row_of
-from ._labels import LENGTH, TIME, Units, with_unit
+from ._labels import LENGTH, Units, with_unit
 from ._orbits import solution_of
-from ._trajectories import is_held_at, sample_times, span_of
+from ._trajectories import draw_held, finish_time_axis, is_event, is_held_at, sample_times, span_of
 
 
 def relative_motion(
@@ -59,8 +58,8 @@ def relative_motion(
     """
     sol = solution_of(sol)
     check_index("contact", contact, sol.machine.contacts.num)
-    begin, end = span_of(sol, span)
-    t = sample_times(sol, begin, end, num_samples)
+    drawn = span_of(sol, span)
+    t = sample_times(sol, drawn, num_samples)
     row, name = row_of(sol, contact), name_in(sol, contact)
     distance, limit = np.asarray(sol.evaluate(t)[0]) @ row, np.asarray(sol.evaluate_stops(t)[0])[:, contact]
     ax = create_axes() if ax is None else ax
@@ -68,24 +67,15 @@ def relative_motion(
     look = merge_style(style, color=curve_colors(1)[0], linewidth=1.3, label=f"${in_symbols(row)}$")
     (line,) = ax.plot(t, distance, **look)
     ax.plot(t, limit, color=ink(), linestyle=":", linewidth=1.0, label=label_if_new(ax, name))
-    is_held = is_held_at(sol, contact, begin, end, t)
+    is_held = is_held_at(sol, contact, t)
     if is_held.any():
-        held = np.where(is_held, distance, np.nan)
-        band = {"linewidth": 6, "alpha": 0.5, "solid_capstyle": "butt"}
-        ax.plot(t, held, color=line.get_color(), label=label_if_new(ax, f"held by {name}"), **band)
-    log = sol.events
-    when = np.asarray(log.t)
-    is_hit = (np.asarray(log.kind) == IMPACT) & (np.asarray(log.stop) == contact)
-    is_hit &= (when >= begin) & (when <= end)
+        draw_held(ax, t, distance, is_held, line.get_color(), label_if_new(ax, f"held by {name}"))
+    when, is_hit = np.asarray(sol.events.t), is_event(sol, [contact], IMPACT, drawn)
     if is_hit.any():
         # Evaluated at all events with their padding: one shape for all trajectories, so one compilation.
-        where = np.asarray(sol.evaluate_stops(log.t)[0])[is_hit, contact]
-        ax.plot(
-            when[is_hit], where, "o", color=ink(), markersize=4, zorder=3, label=label_if_new(ax, "impact")
-        )
-    extend_xlim(ax, np.array([begin, end]), so_far)
-    ax.xaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10]))
-    ax.set_xlabel(with_unit("Time $t$", TIME, units))
+        where = np.asarray(sol.evaluate_stops(sol.events.t)[0])[is_hit, contact]
+        look = {"color": ink(), "markersize": 4, "zorder": 3}
+        ax.plot(when[is_hit], where, "o", label=label_if_new(ax, "impact"), **look)
+    finish_time_axis(ax, drawn, so_far, units)
     ax.set_ylabel(with_unit(f"${in_symbols(row)}$", LENGTH, units))
-    legend_beside(ax)
     return ax

@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from .._orbits.orbit import PeriodicOrbit
 from .._sections.sections import stroboscopic_section
 from .._trajectory.solution import Solution
-from ._axes import check_index, check_one_machine, create_axes
+from ._axes import check_index, check_one_machine, create_axes, label_phase_plane
 from ._cloud import Cloud, draw_clouds
-from ._labels import LENGTH, VELOCITY, Units, with_unit
+from ._labels import Units
 from ._motions import label_of_motion
 from ._orbits import solution_of
 
@@ -73,8 +73,7 @@ def section(
         raise ValueError("There are no points to draw: a section needs one forcing period or more.")
     ax = create_axes() if ax is None else ax
     draw_clouds(ax, clouds, style)
-    ax.set_xlabel(with_unit(f"Position $x_{{{mass}}}$", LENGTH, units))
-    ax.set_ylabel(with_unit(f"Velocity $\\dot x_{{{mass}}}$", VELOCITY, units))
+    label_phase_plane(ax, mass, units)
     return ax
 
 

@@ -10,12 +10,12 @@ from .._hybrid.limits import RELEASE, STICK
 from .._hybrid.sticking_region import StickingRegion
 from .._orbits.orbit import PeriodicOrbit
 from .._trajectory.solution import Solution
-from ._axes import check_index, create_axes, label_if_new, legend_beside
+from ._axes import check_index, create_axes, label_if_new, label_phase_plane, legend_beside
 from ._colors import ink, merge_style, ordered_colors
 from ._contacts import name_in
-from ._labels import LENGTH, VELOCITY, Units, with_unit
+from ._labels import Units
 from ._orbits import solution_of
-from ._trajectories import curve_of_mass, draw_jumps, held_within, span_of
+from ._trajectories import draw_motion, held_within, is_event, span_of
 
 _ALL_PHASES = np.linspace(0, 2 * np.pi, 721)
 # Alternating line styles, so that neighbours in the legend differ in more than their shade.
@@ -71,27 +71,24 @@ def sticking_region(
     if not many:
         raise ValueError("Argument `sols` is empty: give one trajectory or more.")
     mass = _mass_to_draw(many[0], stop, mass)
-    held = [held_within(sol, stop, *span_of(sol, span)) for sol in many]
+    held = [held_within(sol, stop, span_of(sol, span)) for sol in many]
     if not any(len(starts) for starts, _ in held):
         name = name_in(many[0], stop).capitalize()
         raise ValueError(f"{name} holds its mass at no time that is to be drawn.")
     ax = create_axes() if ax is None else ax
     names = [style.get("label", f"$\\Omega$ = {float(sol.machine.frequency):.4g}") for sol in many]
     style.pop("label", None)
-    colors = ordered_colors(len(many))
     look = [
-        merge_style(style, color=c, linestyle=_STYLES[k % 2], linewidth=1.2) for k, c in enumerate(colors)
+        merge_style(style, color=color, linestyle=_STYLES[k % 2], linewidth=1.2)
+        for k, color in enumerate(ordered_colors(len(many)))
     ]
     colors = [one["color"] for one in look]
     for k, (sol, spans) in enumerate(zip(many, held, strict=True)):
-        for begin, end in zip(*spans, strict=True):
-            x, v = curve_of_mass(sol, mass, begin, end, num_samples)
-            ax.plot(x, v, **look[k])
-            draw_jumps(ax, sol, mass, begin, end, colors[k])
+        for interval in zip(*spans, strict=True):
+            draw_motion(ax, sol, mass, interval, num_samples, look[k])
         _draw_ends(ax, sol, stop, mass, spans, colors[k])
     _draw_boundaries(ax, many, stop, mass, held, colors)
-    ax.set_xlabel(with_unit(f"Position $x_{{{mass}}}$", LENGTH, units))
-    ax.set_ylabel(with_unit(f"Velocity $\\dot x_{{{mass}}}$", VELOCITY, units))
+    label_phase_plane(ax, mass, units)
     for words, one in zip(names, look, strict=True):
         ax.plot([], [], label=words, **one)
     legend_beside(ax)
@@ -114,9 +111,8 @@ def _mass_to_draw(sol: Solution, stop: int, mass: int | None) -> int:
 
 def _events_at(sol: Solution, stop: int, kind: int, times: np.ndarray) -> np.ndarray:
     """The times at which the stop has an event of the kind; the others are ends of the span."""
-    log = sol.events
-    is_it = (np.asarray(log.stop) == stop) & (np.asarray(log.kind) == kind)
-    return times[np.isin(times, np.asarray(log.t)[is_it])]
+    is_it = is_event(sol, [stop], kind, (-np.inf, np.inf))
+    return times[np.isin(times, np.asarray(sol.events.t)[is_it])]
 
 
 def _draw_ends(
@@ -165,7 +161,7 @@ def _draw_boundaries(
         for sol, region, normal, (_, ends), color in zip(sols, regions, normals, held, colors, strict=True):
             for t in _events_at(sol, stop, RELEASE, ends):
                 level = float(region.level(float(sol.machine.frequency) * t)[0])
-                _draw_line(ax, normal, level, color=color, label=None, linewidth=0.8)
+                _draw_line(ax, normal, level, color=color, linewidth=0.8)
         ax.plot([], [], color=ink(), linewidth=0.8, label=f"{words} at release")
     ax.set(xlim=limits[0], ylim=limits[1])
 
@@ -179,16 +175,8 @@ def _equation(normal: np.ndarray, level: float, mass: int) -> str:
     return f"${symbol} = {' + '.join(terms) or 0}$".replace("+ -", "- ")
 
 
-def _draw_line(
-    ax: Axes,
-    normal: np.ndarray,
-    level: float,
-    *,
-    color: Any,
-    label: str | None,
-    linewidth: float,
-) -> None:
+def _draw_line(ax: Axes, normal: np.ndarray, level: float, **look: Any) -> None:
     """Draw the line a x + b v = level, with (a, b) the normal."""
     x, v = level * normal / (normal @ normal)
     a, b = normal
-    ax.axline((x, v), (x - b, v + a), color=color, label=label, linewidth=linewidth, zorder=1)
+    ax.axline((x, v), (x - b, v + a), zorder=1, **look)

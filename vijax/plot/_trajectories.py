@@ -10,13 +10,23 @@ from .._hybrid.limits import IMPACT, RELEASE, STICK
 from .._orbits.orbit import PeriodicOrbit
 from .._sections.record import held_intervals
 from .._trajectory.solution import Solution
-from ._axes import check_index, create_axes, current_xlim, extend_xlim, label_if_new, legend_beside
+from ._axes import (
+    check_index,
+    create_axes,
+    current_xlim,
+    extend_xlim,
+    label_if_new,
+    label_phase_plane,
+    legend_beside,
+)
 from ._colors import curve_colors, curve_styles, ink, merge_style
 from ._contacts import masses_of, masses_with_jump, name_in, place_on_axis
-from ._labels import LENGTH, TIME, VELOCITY, Units, with_unit
+from ._labels import LENGTH, TIME, Units, with_unit
 from ._orbits import solution_of
 
 HELD = "#f59b42"
+
+Span = tuple[float, float]
 
 
 def time_series(
@@ -58,8 +68,8 @@ def time_series(
         Wagg & Bishop (2004), Figs. 5, 8, 10 and 11.
     """
     sol = solution_of(sol)
-    begin, end = span_of(sol, span)
-    t = sample_times(sol, begin, end, num_samples)
+    drawn = span_of(sol, span)
+    t = sample_times(sol, drawn, num_samples)
     x = np.asarray(sol.evaluate(t)[0])
     ax = create_axes() if ax is None else ax
     so_far = current_xlim(ax)
@@ -67,11 +77,8 @@ def time_series(
     for j in range(sol.machine.contacts.num):
         _draw_limit(ax, sol, j, t, x, colors)
     _mark_impacts(ax, sol, t, x)
-    extend_xlim(ax, np.array([begin, end]), so_far)
-    ax.xaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10]))
-    ax.set_xlabel(with_unit("Time $t$", TIME, units))
+    finish_time_axis(ax, drawn, so_far, units)
     ax.set_ylabel(with_unit("Position $x_i$", LENGTH, units))
-    legend_beside(ax)
     return ax
 
 
@@ -91,23 +98,18 @@ def _draw_limit(ax: Axes, sol: Solution, number: int, t: np.ndarray, x: np.ndarr
     if place is not None:
         words = label_if_new(ax, f"{name_in(sol, number)}, of $x_{{{masses[0]}}}$")
         ax.plot(t, place[0], color=colors[masses[0]], linestyle=":", linewidth=1.0, label=words)
-    is_held = is_held_at(sol, number, t[0], t[-1], t)
+    is_held = is_held_at(sol, number, t)
     if is_held.any():
         words = ", ".join(f"$x_{{{i}}}$" for i in masses) + " held"
-        # Butt caps end at the release; other caps extend beyond it.
-        band = {"linestyle": "-", "linewidth": 6, "alpha": 0.5, "solid_capstyle": "butt"}
         for i in masses:
-            label = label_if_new(ax, words) if i == masses[0] else None
-            ax.plot(t, np.where(is_held, x[:, i], np.nan), color=colors[i], label=label, **band)
+            draw_held(ax, t, x[:, i], is_held, colors[i], label_if_new(ax, words))
 
 
 def _mark_impacts(ax: Axes, sol: Solution, t: np.ndarray, x: np.ndarray) -> None:
     """Draw a disc on the curve of every mass hit; the times `t` of the curves include those of the impacts."""
-    log, found = sol.events, []
-    when, kind, number = (np.asarray(a) for a in (log.t, log.kind, log.stop))
-    is_shown = (kind == IMPACT) & (when >= t[0]) & (when <= t[-1])
+    found = []
     for j in range(sol.machine.contacts.num):
-        hits = when[is_shown & (number == j)]
+        hits = np.asarray(sol.events.t)[is_event(sol, [j], IMPACT, (t[0], t[-1]))]
         found += [(hits, x[np.searchsorted(t, hits), i]) for i in masses_of(sol, j)]
     at, where = np.concatenate([np.empty((2, 0)), *map(np.array, found)], axis=1)
     if at.size:
@@ -161,23 +163,21 @@ def phase_portrait(
     """
     sol = solution_of(sol)
     check_index("mass", mass, sol.machine.num_masses)
-    begin, end = span_of(sol, span)
-    x, v = curve_of_mass(sol, mass, begin, end, num_samples)
+    drawn = span_of(sol, span)
     ax = create_axes() if ax is None else ax
-    (line,) = ax.plot(x, v, **merge_style(style, color=curve_colors(1)[0], linewidth=1.0))
-    draw_jumps(ax, sol, mass, begin, end, line.get_color(), "impact")
+    look = merge_style(style, color=curve_colors(1)[0], linewidth=1.0)
+    draw_motion(ax, sol, mass, drawn, num_samples, look, "impact")
     for j in range(sol.machine.contacts.num):
         if mass in masses_of(sol, j):
-            _draw_contact(ax, sol, j, mass, begin, end, num_samples)
-    _draw_ends(ax, sol, mass, begin, end)
-    ax.set_xlabel(with_unit(f"Position $x_{{{mass}}}$", LENGTH, units))
-    ax.set_ylabel(with_unit(f"Velocity $\\dot x_{{{mass}}}$", VELOCITY, units))
+            _draw_contact(ax, sol, j, mass, sample_times(sol, drawn, num_samples))
+    _draw_ends(ax, sol, mass, drawn)
+    label_phase_plane(ax, mass, units)
     if ax.get_legend_handles_labels()[0]:
         legend_beside(ax)
     return ax
 
 
-def span_of(sol: Solution, span: tuple[float, float] | None) -> tuple[float, float]:
+def span_of(sol: Solution, span: Span | None) -> Span:
     """First and last time to draw; raise if the span lies outside the trajectory."""
     t0, t1 = float(sol.t0), float(sol.t1)
     begin, end = (t0, t1) if span is None else map(float, span)
@@ -186,90 +186,95 @@ def span_of(sol: Solution, span: tuple[float, float] | None) -> tuple[float, flo
     return begin, end
 
 
-def sample_times(sol: Solution, begin: float, end: float, num_samples: int) -> np.ndarray:
+def sample_times(sol: Solution, span: Span, num_samples: int) -> np.ndarray:
     """Evenly spaced times and those of the events, sorted and clipped to the span."""
-    # The padding of the log is kept, as copies of `end`: one shape for all trajectories, so one compilation.
-    events = np.nan_to_num(np.asarray(sol.events.t), nan=end)
-    return np.sort(np.concatenate([np.linspace(begin, end, num_samples), events])).clip(begin, end)
+    # The padding of the log is kept, as copies of the end: one shape for all trajectories, so one compilation.
+    events = np.nan_to_num(np.asarray(sol.events.t), nan=span[1])
+    return np.sort(np.concatenate([np.linspace(*span, num_samples), events])).clip(*span)
 
 
-def curve_of_mass(
-    sol: Solution, mass: int, begin: float, end: float, num_samples: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities of a mass, as a line broken at its impacts."""
-    t = sample_times(sol, begin, end, num_samples)
+def finish_time_axis(ax: Axes, span: Span, so_far: tuple[float, ...], units: Units | None) -> None:
+    """Set the x axis to span the times, with its label, and add the legend."""
+    extend_xlim(ax, np.array(span), so_far)
+    ax.xaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10]))
+    ax.set_xlabel(with_unit("Time $t$", TIME, units))
+    legend_beside(ax)
+
+
+def draw_motion(
+    ax: Axes, sol: Solution, mass: int, span: Span, num_samples: int, look: dict[str, Any], words: str = ""
+) -> None:
+    """Draw the velocity of a mass against its position, with dashed jumps at its impacts, labelled by `words`."""
+    t = sample_times(sol, span, num_samples)
     x, v = (np.asarray(a)[:, mass] for a in sol.evaluate(t))
-    when, where, minus, _ = _impacts(sol, mass, begin, end)
+    when, where, minus, plus = _impacts(sol, mass, span)
     gap = np.full_like(when, np.nan)
     # Order at an impact: the state before, a gap in the line, the state after.
     order = np.lexsort(
         (np.repeat([2, 0, 1], [len(t), len(when), len(when)]), np.concatenate([t, when, when]))
     )
-    return np.concatenate([x, where, gap])[order], np.concatenate([v, minus, gap])[order]
+    curve = (np.concatenate(parts)[order] for parts in ([x, where, gap], [v, minus, gap]))
+    (line,) = ax.plot(*curve, **look)
+    label = label_if_new(ax, words) if len(where) else None
+    style = {"color": line.get_color(), "linestyles": "dashed", "linewidth": 0.8}
+    ax.vlines(where, minus, plus, label=label or "", **style)
 
 
-def draw_jumps(
-    ax: Axes, sol: Solution, mass: int, begin: float, end: float, color: Any, label: str | None = None
-) -> None:
-    """Draw dashed lines from the velocities before the impacts of a mass to those after."""
-    _, where, minus, plus = _impacts(sol, mass, begin, end)
-    jumps = ax.vlines(where, minus, plus, color=color, linestyles="dashed", linewidth=0.8)
-    if len(where) and label and (words := label_if_new(ax, label)):
-        jumps.set_label(words)
-
-
-def held_within(sol: Solution, stop: int, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
+def held_within(sol: Solution, stop: int, span: Span) -> tuple[np.ndarray, np.ndarray]:
     """Starts and ends of the intervals in which a stop holds its mass, clipped to the span."""
     starts, ends = held_intervals(sol, stop)
-    is_inside = (starts < end) & (ends > begin)
-    return starts[is_inside].clip(begin, end), ends[is_inside].clip(begin, end)
+    is_inside = (starts < span[1]) & (ends > span[0])
+    return starts[is_inside].clip(*span), ends[is_inside].clip(*span)
 
 
-def is_held_at(sol: Solution, stop: int, begin: float, end: float, t: np.ndarray) -> np.ndarray:
-    """Flags of the times `t` at which a stop holds its mass."""
-    starts, ends = held_within(sol, stop, begin, end)
+def is_held_at(sol: Solution, stop: int, t: np.ndarray) -> np.ndarray:
+    """Flags of the times `t`, sorted, at which a stop holds its mass."""
+    starts, ends = held_within(sol, stop, (t[0], t[-1]))
     return np.any((t[:, None] >= starts) & (t[:, None] <= ends), axis=1)
 
 
-def _draw_contact(
-    ax: Axes, sol: Solution, number: int, mass: int, begin: float, end: float, num_samples: int
+def draw_held(
+    ax: Axes, t: np.ndarray, x: np.ndarray, is_held: np.ndarray, color: Any, label: str | None
 ) -> None:
+    """Draw a thick line where a stop holds: its butt caps end at the release, other caps extend beyond it."""
+    band = {"linestyle": "-", "linewidth": 6, "alpha": 0.5, "solid_capstyle": "butt"}
+    ax.plot(t, np.where(is_held, x, np.nan), color=color, label=label, **band)
+
+
+def _draw_contact(ax: Axes, sol: Solution, number: int, mass: int, t: np.ndarray) -> None:
     """Draw a fixed stop as a vertical line, a moving one as its curve, and the parts where any contact holds."""
-    t, grey, name = sample_times(sol, begin, end, num_samples), ink("0.8", "0.4"), name_in(sol, number)
-    is_held, place = is_held_at(sol, number, begin, end, t), place_on_axis(sol, number, t)
+    grey, name = ink("0.8", "0.4"), name_in(sol, number)
+    is_held, place = is_held_at(sol, number, t), place_on_axis(sol, number, t)
     x, v = place if place is not None else (np.asarray(a)[:, mass] for a in sol.evaluate(t))
-    if place is not None and not v.any():
+    is_fixed = place is not None and not v.any()
+    if is_fixed:
         ax.axvline(x[0], color=grey, linewidth=4, zorder=0, label=label_if_new(ax, name))
-        mark = x[0], 0, "o"
-    else:
-        if place is not None:
-            ax.plot(x, v, color=grey, linewidth=4, zorder=0, label=label_if_new(ax, name))
-        mark = np.where(is_held, x, np.nan), v, "-"
+    elif place is not None:
+        ax.plot(x, v, color=grey, linewidth=4, zorder=0, label=label_if_new(ax, name))
     if is_held.any():
+        mark = (x[0], 0, "o") if is_fixed else (np.where(is_held, x, np.nan), v, "-")
         ax.plot(*mark, color=HELD, linewidth=4, zorder=4, label=label_if_new(ax, f"held by {name}"))
 
 
-def _draw_ends(ax: Axes, sol: Solution, mass: int, begin: float, end: float) -> None:
+def _draw_ends(ax: Axes, sol: Solution, mass: int, span: Span) -> None:
     """Draw a circle where a mass sticks, a smaller disc where it is released: both are visible on a fixed stop."""
     ours = [j for j in range(sol.machine.contacts.num) if mass in masses_of(sol, j)]
     for kind, words, face, size, zorder in (
         (STICK, "stick", ax.get_facecolor(), 9, 3),
         (RELEASE, "release", ink(), 3, 5),
     ):
-        t = np.asarray(sol.events.t)[_is_event(sol, ours, kind, begin, end)]
+        t = np.asarray(sol.events.t)[is_event(sol, ours, kind, span)]
         if t.size:
             x, v = (np.asarray(a)[:, mass] for a in sol.evaluate(t))
             common = {"color": ink(), "markerfacecolor": face, "markersize": size, "zorder": zorder}
             ax.plot(x, v, "o", label=label_if_new(ax, words), **common)
 
 
-def _impacts(
-    sol: Solution, mass: int, begin: float, end: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _impacts(sol: Solution, mass: int, span: Span) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Times, positions, and velocities before and after, of the impacts that change the velocity of a mass."""
     contacts, log = sol.machine.contacts, sol.events
     ours = [j for j in range(contacts.num) if mass in masses_with_jump(sol, j)]
-    is_it = _is_event(sol, ours, IMPACT, begin, end)
+    is_it = is_event(sol, ours, IMPACT, span)
     t, stop, minus, plus = (
         np.asarray(a)[is_it] for a in (log.t, log.stop, log.velocity_minus, log.velocity_plus)
     )
@@ -280,7 +285,7 @@ def _impacts(
     return t, x, np.where(is_own, minus, before), np.where(is_own, plus, after)
 
 
-def _is_event(sol: Solution, numbers: list[int], kind: int, begin: float, end: float) -> np.ndarray:
+def is_event(sol: Solution, stops: list[int], kind: int, span: Span) -> np.ndarray:
     """Flags of the rows of the log that are events of a kind at given stops within the span."""
     log, t = sol.events, np.asarray(sol.events.t)
-    return (np.asarray(log.kind) == kind) & np.isin(log.stop, numbers) & (t >= begin) & (t <= end)
+    return (np.asarray(log.kind) == kind) & np.isin(log.stop, stops) & (t >= span[0]) & (t <= span[1])

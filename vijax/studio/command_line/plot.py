@@ -10,6 +10,7 @@ from ..._branches.branch import Branch
 from ..._sections.classify import classify
 from ..._system.files import look_at, read_table
 from ..._system.spelling import did_you_mean
+from ...plot._labels import swept_paths
 from .datasets import check_folder, is_machine, open_dataset
 from .values import assignment, numbers
 
@@ -99,10 +100,8 @@ def _kind_of(ds: xr.Dataset) -> str:
         raise ValueError(
             "The dataset is none of a sweep, a branch, basins or shares: say with --kind what to draw."
         )
-    swept = [dim for dim in ds["result"].dims if dim != "direction"]
+    swept = swept_paths(ds["result"])
     kinds = {0: "impact_map", 1: "bifurcation", 2: "regions"}
     if len(swept) not in kinds:
-        raise ValueError(
-            f"The sweep is over {', '.join(map(str, swept))}: choose one value of some, --at PATH=VALUE."
-        )
+        raise ValueError(f"The sweep is over {', '.join(swept)}: choose one value of some, --at PATH=VALUE.")
     return kinds[len(swept)]

@@ -41,7 +41,6 @@ examples:
   vijax sweep machine.toml --out sweep.nc --over forcing.frequency=0.5:2:1000 --over 'forcing.amplitude[0]=0.2,0.3'
   vijax sweep machine.toml --out sweep.zarr --store kept --transient 1000   # killed and called again, it goes on
 """
-_PLACES = ("out", "store", "carry_from")
 _STARTS = ("x0", "v0")
 
 
@@ -120,7 +119,9 @@ def _options(table: Any, typed: dict[str, Any], file: str) -> dict[str, Any]:
         "lyapunov",
         "max_impacts",
         "max_steps",
-        *_PLACES,
+        "out",
+        "store",
+        "carry_from",
         "cores",
     )
     if not isinstance(table, dict) or not isinstance(table.get("over", {}), dict):

@@ -18,7 +18,7 @@ from ..._writing import naming_argument
 from ...plot._colors import ink
 from ...plot._labels import Units
 from ...plot._orbits import solution_of
-from ...plot._trajectories import HELD, is_held_at, span_of, time_series
+from ...plot._trajectories import HELD, Span, is_event, is_held_at, span_of, time_series
 from .drawing import PITCH, Drawing, Pose, draw, place_of_limit, side_position
 from .machine import poses_of
 from .scheme import Scheme, scheme_of_solution
@@ -145,7 +145,7 @@ def _write(film: FuncAnimation, path: Path, fps: int) -> None:
 def _times(
     sol: Solution,
     t: Numbers | None,
-    span: tuple[float, float] | None,
+    span: Span | None,
     fps: int,
     speed: float | None,
     duration: float | None,
@@ -154,11 +154,8 @@ def _times(
     for name, value in (("fps", fps), ("speed", speed), ("duration", duration)):
         if value is not None and not (np.isfinite(value) and value > 0):
             raise ValueError(f"Argument `{name}` must be positive, but is {value}.")
-    given = [
-        name
-        for name, value in (("span", span), ("speed", speed), ("duration", duration))
-        if value is not None
-    ]
+    options = {"span": span, "speed": speed, "duration": duration}
+    given = [name for name, value in options.items() if value is not None]
     if t is not None:
         times = np.asarray(t, float)
         if given:
@@ -199,10 +196,9 @@ def poses_of_solution(sol: Solution, times: np.ndarray) -> tuple[Scheme, list[Po
 
 def held_masses(sol: Solution, scheme: Scheme, times: np.ndarray) -> np.ndarray:
     """Flags of the masses held by stops or contacts, (times, n)."""
-    span = float(times[0]), float(times[-1])
     is_held = np.zeros((len(times), scheme.num_masses), bool)
     for j, row in enumerate(scheme.rows):
-        is_held |= np.outer(is_held_at(sol, j, *span, times), row != 0)
+        is_held |= np.outer(is_held_at(sol, j, times), row != 0)
     return is_held
 
 
@@ -233,10 +229,8 @@ def _contacts(
         ax.plot([], [], marker=(9, 1, 0), markersize=20, color=_FLASH, linestyle="none", zorder=5)[0]
         for _ in masses
     ]
-    log = sol.events
-    when, kind, number = (np.asarray(a) for a in (log.t, log.kind, log.stop))
-    is_shown = (kind == IMPACT) & (when >= times[0]) & (when <= times[-1])
-    struck = [np.searchsorted(times, when[is_shown & (number == j)]) for j in range(len(masses))]
+    when, span = np.asarray(sol.events.t), (times[0], times[-1])
+    struck = [np.searchsorted(times, when[is_event(sol, [j], IMPACT, span)]) for j in range(len(masses))]
     is_held = held_masses(sol, scheme, times)
     free = ax.get_facecolor()
 

@@ -180,37 +180,29 @@ def _link(ax: Axes, home: np.ndarray, link: Link, thin: float, *, is_spring: boo
     style = "-" if link.strength > 0 else (0, (2, 1))
     (line,) = ax.plot([], [], color=ink("0.25", "0.8"), linestyle=style, linewidth=1.1 * thin, zorder=1)
     line.set_gid("spring" if is_spring else "damper")
-    place = _link_path(home, link, height, -0.4 if is_spring else -0.18)
+    aside = -0.4 if is_spring else -0.18
 
     def move(pose: Pose) -> None:
-        line.set_data(*symbol(*place(pose)))
+        line.set_data(*symbol(*_link_path(home, pose, link, height, aside)))
 
     return move
 
 
 def _link_path(
-    home: np.ndarray, link: Link, height: float, aside: float
-) -> Callable[[Pose], tuple[tuple[float, float], tuple[float, float], float]]:
-    """Function of a pose: start, end and rise of the arc of a spring or damper."""
+    home: np.ndarray, pose: Pose, link: Link, height: float, aside: float
+) -> tuple[tuple[float, float], tuple[float, float], float]:
+    """Start, end and rise of the arc of a spring or damper."""
     i, j = link.mass, link.other
     if j is None and (side := _wall_beside(home, i)):
         wall = float(home[i]) + side * _END
-        return lambda pose: ((wall, height), (side_position(home, pose, i, side), height), 0.0)
+        return (wall, height), (side_position(home, pose, i, side), height), 0.0
     if j is None:
         top = float(home[i]) + aside, _CEILING
-        return lambda pose: (top, (side_position(home, pose, i, 0) + aside, 1.0), 0.0)
+        return top, (side_position(home, pose, i, 0) + aside, 1.0), 0.0
     if j == i + 1:
-        return lambda pose: (
-            (side_position(home, pose, i, 1), height),
-            (side_position(home, pose, j, -1), height),
-            0.0,
-        )
-    rise = _rise(link, is_spring=height == _SPRING)
-    return lambda pose: (
-        (side_position(home, pose, i, 0) + 0.25, 1.0),
-        (side_position(home, pose, j, 0) + 0.05, 1.0),
-        rise,
-    )
+        return (side_position(home, pose, i, 1), height), (side_position(home, pose, j, -1), height), 0.0
+    start, end = side_position(home, pose, i, 0) + 0.25, side_position(home, pose, j, 0) + 0.05
+    return (start, 1.0), (end, 1.0), _rise(link, is_spring=height == _SPRING)
 
 
 def _ground(ax: Axes, home: np.ndarray, mass: int) -> None:
@@ -236,10 +228,10 @@ def _rise(link: Link, *, is_spring: bool) -> float:
     return 0.6 * span**0.5 + (0.0 if is_spring else 0.25)
 
 
-def _hatch(ax: Axes, x: float, y: float, width: float, height: float) -> Rectangle:
+def _hatch(ax: Axes, x: float, y: float, width: float, height: float, gid: str | None = None) -> Rectangle:
     """Draw a hatched piece of the ground."""
     style = {"facecolor": "none", "edgecolor": ink("0.35", "0.7"), "hatch": "/////", "linewidth": 0}
-    return _rectangle(ax, x, y, width, height, **style)
+    return _rectangle(ax, x, y, width, height, gid=gid, **style)
 
 
 def _rectangle(ax: Axes, x: float, y: float, width: float, height: float, **style: Any) -> Rectangle:
@@ -250,11 +242,10 @@ def _rectangle(ax: Axes, x: float, y: float, width: float, height: float, **styl
 
 def _limit(ax: Axes, scheme: Scheme, home: np.ndarray, limit: Limit) -> Move:
     """Draw a wall on the floor, or the plate of a contact with its arm; with a double arrow below if it moves."""
-    (line,) = ax.plot([], [], color=ink(), linewidth=1.8, zorder=2)
-    line.set_gid(f"limit {limit.number}")
-    wall = _hatch(ax, 0.0, _FLOOR, _HATCHED, _WALL - _FLOOR) if limit.support is None else None
-    if wall is not None:
-        wall.set_gid(f"wall {limit.number}")
+    (line,) = ax.plot([], [], color=ink(), linewidth=1.8, zorder=2, gid=f"limit {limit.number}")
+    wall = None
+    if limit.support is None:
+        wall = _hatch(ax, 0.0, _FLOOR, _HATCHED, _WALL - _FLOOR, gid=f"wall {limit.number}")
     arrow = _double_arrow(ax) if scheme.is_moving[limit.number] else []
     under = -0.06 - 0.07 * (limit.number % 2)
 
@@ -290,9 +281,8 @@ def _plate(
 
 def _arrow(ax: Axes, home: np.ndarray, mass: int) -> Move:
     """Draw the load on a mass as an arrow above its box."""
-    (line,) = ax.plot([], [], color=ink(), linewidth=1.6, zorder=4)
+    (line,) = ax.plot([], [], color=ink(), linewidth=1.6, zorder=4, gid=f"load {mass}")
     (tip,) = ax.plot([], [], color=ink(), linestyle="none", markersize=6, zorder=4)
-    line.set_gid(f"load {mass}")
 
     def move(pose: Pose) -> None:
         root, length = side_position(home, pose, mass, 0) + _ROOT, pose.load[mass]

@@ -16,7 +16,7 @@ from ..._system.restitution import (
 from ..._system.system import ImpactSystem
 from ..._system.waves import Waves
 from ..._trajectory.solution import Solution
-from ...plot._contacts import in_symbols, name_of
+from ...plot._contacts import in_symbols, masses_of_stops, name_of
 
 # Relative to the largest entry of a matrix or load: smaller entries are rounding errors of sums that should vanish.
 _NOTHING = 1e-9
@@ -179,7 +179,7 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         waves=jax.tree.map(np.asarray, system.forcing.waves()),
         frequency=float(system.forcing.frequency),
         rows=rows,
-        masses=tuple(stop.slot[0] if stop.slot else -1 for stop in system.stops),
+        masses=masses_of_stops(system),
         limit=np.array([float(stop.sign * stop.centre) for stop in system.stops]),
         restitution=_coefficients(
             restitution_of_contacts([stop.restitution for stop in system.stops], np.zeros(()))

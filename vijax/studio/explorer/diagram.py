@@ -70,15 +70,11 @@ def impacts(ds: xr.Dataset, path: str, stop: int, look: PageStyle) -> Any:
 def chart_image(ds: xr.Dataset, right: str, up: str, look: PageStyle) -> tuple[Any, dict[str, str]]:
     """Image of the kinds of motion over two swept quantities, and its legend: words and their colours."""
     kinds = classify(ds).transpose(right, up, ...).sortby([right, up])
-    of_point = motions_of(kinds)
     with look.style():
-        drawn = legend_entries(of_point, _CLASSES)
-    numbers = {motion: k for k, entry in enumerate(drawn) for motion in entry.motions}
+        drawn, numbers = legend_entries(motions_of(kinds), _CLASSES)
     colors = {entry.words: to_hex(entry.color) for entry in drawn}
-    code = [numbers[motion] for motion in of_point]
-    whole = xr.DataArray(
-        np.reshape(code, kinds["motion"].shape), {right: kinds[right], up: kinds[up]}, (right, up)
-    )
+    code = numbers.reshape(kinds["motion"].shape)
+    whole = xr.DataArray(code, {right: kinds[right], up: kinds[up]}, (right, up))
     even = {dim: _even(kinds[dim].values) for dim in (right, up)}
     pixels = whole.sel(even, method="nearest").values.T
     image = hv.Image(
@@ -86,9 +82,8 @@ def chart_image(ds: xr.Dataset, right: str, up: str, look: PageStyle) -> tuple[A
         [hv.Dimension("right", label=plain_label(right)), hv.Dimension("up", label=plain_label(up))],
         hv.Dimension("kind", range=(-0.5, len(drawn) - 0.5)),
     )
-    return image.opts(cmap=list(colors.values()), colorbar=False), {
-        _plain_words(n): c for n, c in colors.items()
-    }
+    legend = {words.replace(r"$\infty$", "∞"): color for words, color in colors.items()}
+    return image.opts(cmap=list(colors.values()), colorbar=False), legend
 
 
 def marker(x: float, y: float | None, look: PageStyle) -> Any:
@@ -115,7 +110,3 @@ def _even(values: np.ndarray) -> np.ndarray:
     steps = np.diff(values)
     is_even = len(values) <= _PIXELS and np.allclose(steps, steps[0])
     return values if is_even else np.linspace(values[0], values[-1], _PIXELS)
-
-
-def _plain_words(words: str) -> str:
-    return words.replace(r"$\infty$", "∞")

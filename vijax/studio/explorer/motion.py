@@ -18,6 +18,7 @@ from ..._system.parameters import get_parameter, parameter_names, set_parameter
 from ..._system.system import ImpactSystem, bound
 from ..._trajectory.simulate import simulate
 from ..._trajectory.solution import RESULTS, Solution
+from ...plot._labels import swept_paths
 
 # Capacity of the event log of a trajectory, and of one cycle; one size each, so that nothing is compiled twice.
 _EVENTS, _EVENTS_OF_CYCLE = 4096, 256
@@ -58,22 +59,12 @@ class PointMotion(NamedTuple):
         at_stops = f", {' | '.join(counts)} impacts" if counts else ""
         return f"{name}{at_stops} in {self.num_periods} forcing {periods}"
 
-    @property
-    def end(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and velocities at the end, at phase 0."""
-        return np.asarray(self.solution.x1), np.asarray(self.solution.v1)
-
 
 def check(ds: xr.Dataset) -> None:
     """Raise unless the dataset is a sweep with a known machine."""
-    if "result" not in ds or not swept_of(ds):
+    if "result" not in ds or not swept_paths(ds["result"]):
         raise ValueError("The explorer shows what `vx.sweep` returned, over one swept quantity or more.")
     system_of(ds)
-
-
-def swept_of(ds: xr.Dataset) -> list[str]:
-    """Paths of the swept quantities."""
-    return [str(dim) for dim in ds["result"].dims if dim != "direction"]
 
 
 def point_at(ds: xr.Dataset, place: Mapping[str, Any]) -> xr.Dataset:
@@ -83,13 +74,9 @@ def point_at(ds: xr.Dataset, place: Mapping[str, Any]) -> xr.Dataset:
         ds: result of `vx.sweep`.
         place: a value for each dimension of its points, "up" or "down" for `direction`.
     """
-    for dim in ds["result"].dims:
-        ds = (
-            ds.sel(direction=place["direction"])
-            if dim == "direction"
-            else nearest_value(ds, str(dim), place[str(dim)])
-        )
-    return ds.load()
+    for dim in swept_paths(ds["result"]):
+        ds = nearest_value(ds, dim, place[dim])
+    return (ds.sel(direction=place["direction"]) if "direction" in ds["result"].dims else ds).load()
 
 
 def nearest_value(ds: xr.Dataset, dim: str, value: Any) -> xr.Dataset:
@@ -115,14 +102,13 @@ def motion_at(
         RuntimeError: if the sweep has no motion here, or the simulation fails.
     """
     point = point_at(ds, place)
-    code = int(point["result"])
-    name = point["result"].attrs["flag_meanings"].split()[code]
-    if not np.isfinite(np.concatenate([point["x"].values, point["v"].values])).all():
+    x, v = point["x"].values, point["v"].values
+    if not np.isfinite([x, v]).all():
+        name = point["result"].attrs["flag_meanings"].split()[int(point["result"])]
         raise RuntimeError(f"The sweep has no motion here: {RESULTS[getattr(RESULTS, name)]}")
     system = bound(system_of(point))
     for path, value in (changes or {}).items():
         system = set_parameter(system, path, value)
-    x, v = point["x"].values, point["v"].values
     if changes:
         x, v = _settled(system, int(ds.attrs["transient"]), x, v)
     return motion_from(system, max(int(ds.attrs["record"]), _FEWEST), x, v)
@@ -130,10 +116,8 @@ def motion_at(
 
 def motion_from(system: ImpactSystem, record: int, x: np.ndarray, v: np.ndarray) -> PointMotion:
     """The motion from a state at phase 0, over `record` forcing periods."""
-    period = float(system.forcing.period)
-    flow = _flow_of(system)
-    sol = simulate(system, 0.0, record * period, x, v, flow=flow, max_events=_EVENTS, throw=False)
-    _refuse_unless(sol, RESULTS.successful, RESULTS.max_events_reached)
+    period, flow = float(system.forcing.period), _flow_of(system)
+    sol = _simulate(system, record * period, x, v)
     kind = classify(sol, last=record)
     n, orbit = int(kind["num_periods"]), None
     if n and not is_single_precision(system):
@@ -159,11 +143,16 @@ def _settled(
     system: ImpactSystem, transient: int, x: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The state after the transient; masses beyond a stop that was moved start on it."""
-    x = _between_stops(system, x)
-    end, flow = transient * float(system.forcing.period), _flow_of(system)
-    sol = simulate(system, 0.0, end, x, v, flow=flow, max_events=_EVENTS, throw=False)
-    _refuse_unless(sol, RESULTS.successful, RESULTS.max_events_reached)
+    sol = _simulate(system, transient * float(system.forcing.period), _between_stops(system, x), v)
     return np.asarray(sol.x1), np.asarray(sol.v1)
+
+
+def _simulate(system: ImpactSystem, end: float, x: np.ndarray, v: np.ndarray) -> Solution:
+    """The trajectory from a state at phase 0, also one whose log is full; raise if it failed."""
+    sol = simulate(system, 0.0, end, x, v, flow=_flow_of(system), max_events=_EVENTS, throw=False)
+    if not (sol.result == RESULTS.successful or sol.result == RESULTS.max_events_reached):
+        raise RuntimeError(RESULTS[sol.result])
+    return sol
 
 
 def _flow_of(system: ImpactSystem) -> AbstractFlow | None:
@@ -182,11 +171,6 @@ def _between_stops(system: ImpactSystem, x: np.ndarray) -> np.ndarray:
         if stop.slot is not None and gap < 0:
             x[stop.slot[0]] += stop.sign * gap
     return x
-
-
-def _refuse_unless(sol: Solution, *allowed: RESULTS) -> None:
-    if not any(sol.result == one for one in allowed):
-        raise RuntimeError(RESULTS[sol.result])
 
 
 def _count(impacts: float) -> str:

@@ -9,10 +9,11 @@ import xarray as xr
 from holoviews.streams import Pipe, Tap
 
 from ..._sweep.provenance import system_of
+from ...plot._labels import swept_paths
 from .diagram import chart_image, direction_near, impacts, marker, plain_label
 from .film import film_of, frames_of
 from .look import DARK, LIGHT, PageStyle
-from .motion import PointMotion, check, motion_at, nearest_value, point_at, scalar_parameters, swept_of
+from .motion import PointMotion, check, motion_at, nearest_value, point_at, scalar_parameters
 from .pictures import DPI, SIZE, pictures_of, words_of_multipliers
 
 _TITLE = "vijax"
@@ -43,8 +44,7 @@ class Explorer:
     """
 
     def __init__(self, ds: xr.Dataset, look: PageStyle):
-        check(ds)
-        self.ds, self.look, self.swept = ds, look, swept_of(ds)
+        self.ds, self.look, self.swept = ds, look, swept_paths(ds["result"])
         self.drawn, self.is_fitting = self.swept[:2], False
         self.place: dict[str, Any] = {dim: ds[dim].values[ds.sizes[dim] // 2] for dim in self.swept}
         if "direction" in ds["result"].dims:
@@ -119,13 +119,14 @@ class Explorer:
         self._fit_slider()
         if redraw:
             self._redraw()
-        self._move_marker()
+        self.marker.send(self._chosen())
         self.go()
 
     def _fit_slider(self) -> None:
         """Set the slider to the current value of the parameter."""
         path = self.parameter.value
-        here = self.changes.get(path, self._numbers_here()[path])
+        numbers = scalar_parameters(system_of(point_at(self.ds, self.place)))
+        here = self.changes.get(path, numbers[path])
         reach = _REACH * abs(here) or 1.0
         low, high = here - reach, here + reach
         if path.endswith("restitution"):
@@ -133,9 +134,6 @@ class Explorer:
         self.is_fitting = True
         self.value.param.update(start=low, end=high, step=(high - low) / 200, value=here)
         self.is_fitting = False
-
-    def _numbers_here(self) -> dict[str, float]:
-        return scalar_parameters(system_of(point_at(self.ds, self.place)))
 
     def _change(self, event: Any) -> None:
         """Simulate the motion with another value of the parameter."""
@@ -176,13 +174,10 @@ class Explorer:
         x, *rest = (float(self.place[dim]) for dim in self.drawn)
         return x, rest[0] if rest else None
 
-    def _move_marker(self) -> None:
-        self.marker.send(self._chosen())
-
     def _click(self, x: float | None, y: float | None) -> None:
         if x is None or y is None:
             return
-        place = {}
+        place: dict[str, Any] = {}
         for dim, value in zip(self.drawn, (x, y), strict=False):
             place[dim] = nearest_value(self.ds, dim, value)[dim].values
         if "direction" in self.place and len(self.drawn) == 1:
