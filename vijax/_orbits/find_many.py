@@ -13,7 +13,7 @@ from .._system.periodicity import check_period
 from .._system.system import ImpactSystem
 from .._trajectory.concrete_machine import known_machine
 from .._trajectory.simulate import simulate
-from .find import orbit_found, tell_of_search
+from .find import tell_of_search
 from .many import search_each
 from .orbit import PeriodicOrbit
 from .rigid_modes import free_shifts
@@ -95,8 +95,12 @@ def find_periodic_orbits(
     orbits = []
     for part, k in (searches[lanes[i]] for i in different):
         search = with_room(jax.tree.map(lambda a, k=k: a[k], part), room)
-        found = tell_of_search(strobe, search)
-        orbits.append(orbit_found(found, system, n, jnp.asarray(t1), jnp.zeros_like(t1), args, flow))
+        found, period, phase = vars(tell_of_search(strobe, search)), jnp.asarray(t1), jnp.zeros_like(t1)
+        orbits.append(
+            PeriodicOrbit(
+                **found, system=system, num_periods=n, period=period, phase=phase, args=args, flow=flow
+            )
+        )
     return orbits
 
 

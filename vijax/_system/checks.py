@@ -59,6 +59,19 @@ def check_one(name: str, value: Array, rule: Rule) -> None:
         raise ValueError(f"Argument `{name}` must {rule.one}, but is {known}.")
 
 
+def check_number(name: str, value: Array, rule: Rule) -> None:
+    """Reject an argument that is not one number, or violates a rule."""
+    if value.ndim:
+        raise ValueError(f"Argument `{name}` must be a number, but has shape {value.shape}.")
+    check_one(name, value, rule)
+
+
+def check_shape(name: str, value: Array | np.ndarray, shape: tuple[int, ...]) -> None:
+    """Reject an argument of another shape."""
+    if value.shape != shape:
+        raise ValueError(f"Argument `{name}` must have shape {shape}, but has shape {value.shape}.")
+
+
 def check_every(name: str, values: Array | np.ndarray, rule: Rule) -> None:
     """Reject values of many machines if one of them violates a rule."""
     if not rule.holds(np.asarray(values)).all():
