@@ -101,35 +101,31 @@ def attractors(
         M. F. Schilling, Multivariate two-sample tests based on nearest neighbors, J. Am. Stat. Assoc. 81 (1986) 799.
     """
     refuse_single_precision("attractors", system)
-    transient, record = whole_number("transient", transient), whole_number("record", record, 2)
-    check_single(system, args, flow, "attractors")
     machines = machines_of_one(
-        system, args, transient, record, tolerance, flow, max_steps, settings, executor
+        "attractors", system, args, transient, record, tolerance, flow, max_steps, settings, executor
     )
     given = requested_starts(machines, starts, bounds, seed, x0, v0)
     return _found(machines, given, progress=progress)
 
 
-def check_single(system: ImpactSystem, args: object, flow: AbstractFlow | None, who: str) -> None:
-    """Refuse traced numbers, and a machine without a forcing period."""
-    if is_traced((system, args, flow)):
-        raise ValueError(f"`{who}` needs known numbers: call it outside of `jax.jit` and `jax.vmap`.")
-    zero = np.zeros(system.num_masses, as_numpy_float(0.0).dtype)
-    check_period(system, args, zero, zero)
-
-
 def machines_of_one(
+    who: str,
     system: ImpactSystem,
     args: object,
-    transient: int,
-    record: int,
+    transient: Count,
+    record: Count,
     tolerance: float | None,
     flow: AbstractFlow | None,
     max_steps: Count | None,
     settings: ExecutionSettings,
     executor: object,
 ) -> Machines:
-    """The single machine with the settings of its runs."""
+    """The single machine with the settings of its runs, checked; `who` is the function that asks, for messages."""
+    transient, record = whole_number("transient", transient), whole_number("record", record, 2)
+    if is_traced((system, args, flow)):
+        raise ValueError(f"`{who}` needs known numbers: call it outside of `jax.jit` and `jax.vmap`.")
+    zero = np.zeros(system.num_masses, as_numpy_float(0.0).dtype)
+    check_period(system, args, zero, zero)
     if tolerance is not None and not tolerance > 0:
         raise ValueError(f"Argument `tolerance` must be positive, but is {tolerance}.")
     own = as_numpy_float(system.forcing.frequency).reshape(1)
@@ -153,8 +149,8 @@ def requested_starts(
     starts: Count | tuple[Numbers, Numbers] | Numbers | Mapping[str, Numbers],
     bounds: Numbers | None,
     seed: Count,
-    x0: Numbers | None,
-    v0: Numbers | None,
+    x0: Numbers | None = None,
+    v0: Numbers | None = None,
 ) -> Starts:
     """The starts, in whichever form they are given."""
     if isinstance(starts, Mapping):

@@ -126,7 +126,7 @@ class Machines:
         with tqdm(total=len(states), unit="point", disable=not progress) as bar:
             return sweep_zipped(self.system, of_point, starts, counts, self.flow, *where, bar.update, beside)
 
-    def _lanes(self, machine: np.ndarray) -> ImpactSystem:
+    def lanes(self, machine: np.ndarray) -> ImpactSystem:
         """The machine of each point, lanes last."""
         zero = np.zeros(self.system.num_masses, self.rate.dtype)
         of_point = {path: a[machine] for path, a in self.values.items()}
@@ -140,7 +140,7 @@ class Machines:
         """
         scale = self.scale(machine)
         x, v = np.split(states / scale, 2, axis=1)
-        for stop in self._lanes(machine).stops:
+        for stop in self.lanes(machine).stops:
             size, gap = _size_and_gap(stop, x)
             beyond = np.where((gap < 0) & (gap >= -within * size), gap, 0)
             row = stop.coefficients
@@ -153,13 +153,13 @@ class Machines:
         """States (W x, v), (points, 2 n), after the impacts that fall into phase 0 to rounding."""
         x = states[:, : self.system.num_masses] / self.rate[machine, None]
         # Few of what may be millions of states have an impact there; the others stay as they are.
-        judged = (_size_and_gap(stop, x) for stop in self._lanes(machine).stops)
+        judged = (_size_and_gap(stop, x) for stop in self.lanes(machine).stops)
         closed = [np.abs(gap) <= _HAIR * np.finfo(x.dtype).eps * size for size, gap in judged]
         which = np.flatnonzero(np.logical_or.reduce(closed)) if closed else np.zeros(0, int)
         if not which.size:
             return states
         which = padded_to_power_of_two(which)
-        scale, lanes = self.scale(machine[which]), machines_of_lanes(self._lanes(machine[which]))
+        scale, lanes = self.scale(machine[which]), machines_of_lanes(self.lanes(machine[which]))
         before = np.split(states[which] / scale, 2, axis=1)
         after = after_impacts(lanes, 0.0, (before[0], before[1]), np.stack([a[which] for a in closed]))
         states = states.copy()
@@ -188,9 +188,7 @@ class Machines:
         """Search for the cycles near states (W x, v) that nearly repeat."""
         # At least two, with a frequency each: this shares the program of the orbits of a sweep over the frequency.
         number = np.resize(np.arange(len(states)), max(2, len(states)))
-        of_point = {path: a[machine[number]] for path, a in ({FREQUENCY: self.rate} | self.values).items()}
-        zero = np.zeros(self.system.num_masses, states.dtype)
-        lanes = with_values(LaneInput(self.system, zero, zero), of_point).system
+        lanes = replace(self, values={FREQUENCY: self.rate} | self.values).lanes(machine[number])
         starts = (states / self.scale(machine))[number]
         found = search_orbits(lanes, num_periods[number], starts, _MAX_EVENTS, lambda _: None, self.flow)
         return Orbits(*(a[: len(states)] for a in found))
@@ -198,7 +196,7 @@ class Machines:
     def exponents(self, state: np.ndarray, machine: int) -> tuple[np.ndarray, np.ndarray]:
         """Lyapunov exponents of a machine from a state (W x, v), and their errors; NaN where the motion fails."""
         which = np.array([machine])
-        system = jax.tree.map(lambda a: jnp.asarray(a[..., 0]), self._lanes(which))
+        system = jax.tree.map(lambda a: jnp.asarray(a[..., 0]), self.lanes(which))
         x, v = np.split(state / self.scale(which)[0], 2)
         asked = {
             "transient": _SETTLING,
