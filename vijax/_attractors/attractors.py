@@ -11,11 +11,12 @@ from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_numpy_float, is_traced, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
+from .._sections.classify import TOLERANCES
 from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
 from .._system.periodicity import check_period
 from .._system.system import ImpactSystem, with_args
 from .coexisting import coexisting, lasting
-from .ensemble import Machines, default_tolerance
+from .ensemble import Machines
 from .starts import Starts, bounds_of, drawn_starts, grid_of_starts, listed_starts
 from .table import attractor_dataset, attributes_of, sorted_by_share
 
@@ -135,7 +136,7 @@ def machines_of_one(
         rate=own,
         transient=transient,
         record=record,
-        tolerance=default_tolerance(own.dtype) if tolerance is None else tolerance,
+        tolerance=TOLERANCES[own.dtype.itemsize] if tolerance is None else tolerance,
         flow=flow,
         max_steps=None if max_steps is None else whole_number("max_steps", max_steps, 1),
         settings=settings,

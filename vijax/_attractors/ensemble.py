@@ -15,7 +15,6 @@ from .._flow.interface import AbstractFlow
 from .._orbits.many import Orbits
 from .._orbits.sweep_orbits import search_orbits
 from .._progress import tqdm
-from .._sections.classify import TOLERANCES
 from .._sections.lyapunov import lyapunov_exponents
 from .._sections.non_impacting_proof import prove_non_impacting
 from .._sections.recurrence import recurrence
@@ -212,11 +211,6 @@ def _size_and_gap(stop: AbstractLimit, x: np.ndarray) -> tuple[np.ndarray, np.nd
     """Magnitudes of the terms of the gaps at phase 0, which set their rounding errors, and the gaps, (points,) each."""
     known = jax.tree.map(np.asarray, stop)  # with JAX's arrays every operation would compile a program
     return np.asarray(known.reach(0.0) + known.size(x.T)), np.asarray(known.gap(x.T, 0.0))
-
-
-def default_tolerance(dtype: np.dtype) -> float:
-    """Default of the largest distance of a motion from the cycle on which it settles, as for `classify`."""
-    return TOLERANCES[dtype.itemsize]
 
 
 def _relative(section: np.ndarray) -> np.ndarray:

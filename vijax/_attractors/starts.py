@@ -9,7 +9,7 @@ from .._execution.points import LaneInput
 from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, whole_number
 from .._orbits.find_many import given_states
 from .._sweep.zipped import START
-from .._system.checks import is_touching
+from .._system.checks import is_past
 from .._system.parameters import find_parameter
 from .._system.system import ImpactSystem
 from .ensemble import Machines
@@ -125,9 +125,7 @@ def is_beyond(system: ImpactSystem, states: np.ndarray) -> np.ndarray:
     """True where states at phase 0, (points, 2 n), lie beyond a stop of a machine, or of one each, lanes last."""
     x, beyond = states[:, : system.num_masses].T, np.zeros(len(states), bool)
     for stop in system.stops:
-        gap = np.asarray(stop.gap(x, 0.0))
-        size = np.asarray(stop.reach(0.0) + (0 if stop.slot else stop.size(x)))
-        beyond |= (gap < 0) & ~np.asarray(is_touching(gap, size))
+        beyond |= np.asarray(is_past(stop, x, 0.0))
     return beyond
 
 

@@ -1,14 +1,12 @@
 """Search for an orbit from a guess in one program, and the orbit as a function of its machine."""
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .._hybrid.limits import IMPACT
-from .._jax.arrays import Scalar
+from .._jax.arrays import Scalar, stop_gradients
 from .._jax.xla import compile_lightly
 from .._trajectory.event_log import EventLog
 from .condensation import Pencil
@@ -39,7 +37,7 @@ class OrbitSolution(eqx.Module):
 def find(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> OrbitSolution:
     """Search from a guess until an orbit is found, or nothing is left to try."""
     # The search itself is not differentiated: derivatives come from the implicit function theorem.
-    still, guess = _constant((strobe, guess))
+    still, guess = stop_gradients((strobe, guess))
     search = begin_search(guess, strobe.numbers.rows.shape[0], strobe.room)
     search = jax.lax.while_loop(
         lambda search: search.is_on, lambda search: search_step(still, search), search
@@ -106,10 +104,6 @@ def _fixed_point_jvp(primals, tangents):
     _, moved = eqx.filter_jvp(lambda strobe: strobe.end(z), (strobe,), (tangents[0],))
     closed = jnp.eye(len(z)) - closing_pin(free_shifts(strobe.numbers))
     return z, jnp.linalg.solve(closed - jax.jacfwd(strobe.end)(z), moved)
-
-
-def _constant(tree: Any) -> Any:
-    return jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, tree)
 
 
 def _result(strobe: StroboscopicMap, search: Search) -> ORBIT_RESULTS:
