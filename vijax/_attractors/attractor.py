@@ -163,9 +163,9 @@ def is_same(ours: Attractor, theirs: Attractor, tolerance: float) -> bool:
     return same_cycle(ours.points, theirs.points, within * max(ours.size, theirs.size))
 
 
-def thinned(points: np.ndarray, most: int = _CLOUD) -> np.ndarray:
-    """At most `most` of the points, spread evenly."""
-    return points if len(points) <= most else points[np.linspace(0, len(points) - 1, most).astype(int)]
+def thinned(points: np.ndarray) -> np.ndarray:
+    """At most `_CLOUD` of the points, spread evenly."""
+    return points if len(points) <= _CLOUD else points[np.linspace(0, len(points) - 1, _CLOUD).astype(int)]
 
 
 def _size(points: np.ndarray) -> float:

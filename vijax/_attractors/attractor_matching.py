@@ -2,8 +2,6 @@
 
 import numpy as np
 
-from .._jax.arrays import as_float
-from .._system.parameters import set_parameter
 from .attractor import Attractor
 from .coexisting import Coexisting, coexisting
 from .distances import set_distance
@@ -29,7 +27,7 @@ def seeded(machines: Machines, found: Coexisting) -> tuple[list[Attractor], dict
         goes_to |= dict.fromkeys(due, -1)
         # Stops that have moved past a state carry it along.
         states = machines.onto_stops(physical * machines.scale(before + 1), before + 1)
-        sound = np.flatnonzero(~_is_beyond(machines, states / machines.scale(before + 1), before + 1))
+        sound = np.flatnonzero(~is_beyond(machines.lanes(before + 1), states / machines.scale(before + 1)))
         if not sound.size:
             continue
         machine = before[sound] + 1
@@ -38,16 +36,6 @@ def seeded(machines: Machines, found: Coexisting) -> tuple[list[Attractor], dict
         motions, labels = coexisting(machines, ends, motions)
         goes_to |= {due[k]: int(label) for k, label in zip(sound, labels, strict=True)}
     return motions, goes_to
-
-
-def _is_beyond(machines: Machines, physical: np.ndarray, machine: np.ndarray) -> np.ndarray:
-    """True where states lie beyond a stop, which may stand elsewhere at the next value."""
-    ((path, along),) = machines.values.items()
-    beyond = np.zeros(len(physical), bool)
-    for each in np.unique(machine):
-        there = set_parameter(machines.system, path, as_float(along[each]))
-        beyond[machine == each] = is_beyond(there, physical[machine == each])
-    return beyond
 
 
 def branch_numbers(motions: list[Attractor], num_values: int, threshold: float) -> np.ndarray:

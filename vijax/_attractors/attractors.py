@@ -11,11 +11,12 @@ from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_numpy_float, is_traced, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
+from .._sections.classify import TOLERANCES
 from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
 from .._system.periodicity import check_period
 from .._system.system import ImpactSystem, with_args
 from .coexisting import coexisting, lasting
-from .ensemble import Machines, default_tolerance
+from .ensemble import Machines
 from .starts import Starts, bounds_of, drawn_starts, grid_of_starts, listed_starts
 from .table import attractor_dataset, attributes_of, sorted_by_share
 
@@ -101,35 +102,31 @@ def attractors(
         M. F. Schilling, Multivariate two-sample tests based on nearest neighbors, J. Am. Stat. Assoc. 81 (1986) 799.
     """
     refuse_single_precision("attractors", system)
-    transient, record = whole_number("transient", transient), whole_number("record", record, 2)
-    check_single(system, args, flow, "attractors")
     machines = machines_of_one(
-        system, args, transient, record, tolerance, flow, max_steps, settings, executor
+        "attractors", system, args, transient, record, tolerance, flow, max_steps, settings, executor
     )
     given = requested_starts(machines, starts, bounds, seed, x0, v0)
     return _found(machines, given, progress=progress)
 
 
-def check_single(system: ImpactSystem, args: object, flow: AbstractFlow | None, who: str) -> None:
-    """Refuse traced numbers, and a machine without a forcing period."""
-    if is_traced((system, args, flow)):
-        raise ValueError(f"`{who}` needs known numbers: call it outside of `jax.jit` and `jax.vmap`.")
-    zero = np.zeros(system.num_masses, as_numpy_float(0.0).dtype)
-    check_period(system, args, zero, zero)
-
-
 def machines_of_one(
+    who: str,
     system: ImpactSystem,
     args: object,
-    transient: int,
-    record: int,
+    transient: Count,
+    record: Count,
     tolerance: float | None,
     flow: AbstractFlow | None,
     max_steps: Count | None,
     settings: ExecutionSettings,
     executor: object,
 ) -> Machines:
-    """The single machine with the settings of its runs."""
+    """The single machine with the settings of its runs, checked; `who` is the function that asks, for messages."""
+    transient, record = whole_number("transient", transient), whole_number("record", record, 2)
+    if is_traced((system, args, flow)):
+        raise ValueError(f"`{who}` needs known numbers: call it outside of `jax.jit` and `jax.vmap`.")
+    zero = np.zeros(system.num_masses, as_numpy_float(0.0).dtype)
+    check_period(system, args, zero, zero)
     if tolerance is not None and not tolerance > 0:
         raise ValueError(f"Argument `tolerance` must be positive, but is {tolerance}.")
     own = as_numpy_float(system.forcing.frequency).reshape(1)
@@ -139,7 +136,7 @@ def machines_of_one(
         rate=own,
         transient=transient,
         record=record,
-        tolerance=default_tolerance(own.dtype) if tolerance is None else tolerance,
+        tolerance=TOLERANCES[own.dtype.itemsize] if tolerance is None else tolerance,
         flow=flow,
         max_steps=None if max_steps is None else whole_number("max_steps", max_steps, 1),
         settings=settings,
@@ -153,8 +150,8 @@ def requested_starts(
     starts: Count | tuple[Numbers, Numbers] | Numbers | Mapping[str, Numbers],
     bounds: Numbers | None,
     seed: Count,
-    x0: Numbers | None,
-    v0: Numbers | None,
+    x0: Numbers | None = None,
+    v0: Numbers | None = None,
 ) -> Starts:
     """The starts, in whichever form they are given."""
     if isinstance(starts, Mapping):

@@ -15,7 +15,6 @@ from .._flow.interface import AbstractFlow
 from .._orbits.many import Orbits
 from .._orbits.sweep_orbits import search_orbits
 from .._progress import tqdm
-from .._sections.classify import TOLERANCES
 from .._sections.lyapunov import lyapunov_exponents
 from .._sections.non_impacting_proof import prove_non_impacting
 from .._sections.recurrence import recurrence
@@ -126,7 +125,7 @@ class Machines:
         with tqdm(total=len(states), unit="point", disable=not progress) as bar:
             return sweep_zipped(self.system, of_point, starts, counts, self.flow, *where, bar.update, beside)
 
-    def _lanes(self, machine: np.ndarray) -> ImpactSystem:
+    def lanes(self, machine: np.ndarray) -> ImpactSystem:
         """The machine of each point, lanes last."""
         zero = np.zeros(self.system.num_masses, self.rate.dtype)
         of_point = {path: a[machine] for path, a in self.values.items()}
@@ -140,7 +139,7 @@ class Machines:
         """
         scale = self.scale(machine)
         x, v = np.split(states / scale, 2, axis=1)
-        for stop in self._lanes(machine).stops:
+        for stop in self.lanes(machine).stops:
             size, gap = _size_and_gap(stop, x)
             beyond = np.where((gap < 0) & (gap >= -within * size), gap, 0)
             row = stop.coefficients
@@ -153,13 +152,13 @@ class Machines:
         """States (W x, v), (points, 2 n), after the impacts that fall into phase 0 to rounding."""
         x = states[:, : self.system.num_masses] / self.rate[machine, None]
         # Few of what may be millions of states have an impact there; the others stay as they are.
-        judged = (_size_and_gap(stop, x) for stop in self._lanes(machine).stops)
+        judged = (_size_and_gap(stop, x) for stop in self.lanes(machine).stops)
         closed = [np.abs(gap) <= _HAIR * np.finfo(x.dtype).eps * size for size, gap in judged]
         which = np.flatnonzero(np.logical_or.reduce(closed)) if closed else np.zeros(0, int)
         if not which.size:
             return states
         which = padded_to_power_of_two(which)
-        scale, lanes = self.scale(machine[which]), machines_of_lanes(self._lanes(machine[which]))
+        scale, lanes = self.scale(machine[which]), machines_of_lanes(self.lanes(machine[which]))
         before = np.split(states[which] / scale, 2, axis=1)
         after = after_impacts(lanes, 0.0, (before[0], before[1]), np.stack([a[which] for a in closed]))
         states = states.copy()
@@ -188,9 +187,7 @@ class Machines:
         """Search for the cycles near states (W x, v) that nearly repeat."""
         # At least two, with a frequency each: this shares the program of the orbits of a sweep over the frequency.
         number = np.resize(np.arange(len(states)), max(2, len(states)))
-        of_point = {path: a[machine[number]] for path, a in ({FREQUENCY: self.rate} | self.values).items()}
-        zero = np.zeros(self.system.num_masses, states.dtype)
-        lanes = with_values(LaneInput(self.system, zero, zero), of_point).system
+        lanes = replace(self, values={FREQUENCY: self.rate} | self.values).lanes(machine[number])
         starts = (states / self.scale(machine))[number]
         found = search_orbits(lanes, num_periods[number], starts, _MAX_EVENTS, lambda _: None, self.flow)
         return Orbits(*(a[: len(states)] for a in found))
@@ -198,7 +195,7 @@ class Machines:
     def exponents(self, state: np.ndarray, machine: int) -> tuple[np.ndarray, np.ndarray]:
         """Lyapunov exponents of a machine from a state (W x, v), and their errors; NaN where the motion fails."""
         which = np.array([machine])
-        system = jax.tree.map(lambda a: jnp.asarray(a[..., 0]), self._lanes(which))
+        system = jax.tree.map(lambda a: jnp.asarray(a[..., 0]), self.lanes(which))
         x, v = np.split(state / self.scale(which)[0], 2)
         asked = {
             "transient": _SETTLING,
@@ -214,11 +211,6 @@ def _size_and_gap(stop: AbstractLimit, x: np.ndarray) -> tuple[np.ndarray, np.nd
     """Magnitudes of the terms of the gaps at phase 0, which set their rounding errors, and the gaps, (points,) each."""
     known = jax.tree.map(np.asarray, stop)  # with JAX's arrays every operation would compile a program
     return np.asarray(known.reach(0.0) + known.size(x.T)), np.asarray(known.gap(x.T, 0.0))
-
-
-def default_tolerance(dtype: np.dtype) -> float:
-    """Default of the largest distance of a motion from the cycle on which it settles, as for `classify`."""
-    return TOLERANCES[dtype.itemsize]
 
 
 def _relative(section: np.ndarray) -> np.ndarray:

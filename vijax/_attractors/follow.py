@@ -7,13 +7,13 @@ import xarray as xr
 
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, refuse_single_precision, whole_number
+from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, refuse_single_precision
 from .._jax.xla import padding_allowed
 from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
 from .._system.parameters import find_parameter, set_parameter
 from .._system.system import ImpactSystem
 from .attractor_matching import branch_numbers, seeded
-from .attractors import check_single, machines_of_one, requested_starts
+from .attractors import machines_of_one, requested_starts
 from .coexisting import coexisting, lasting
 from .ensemble import FREQUENCY
 from .table import attributes_of, table_along
@@ -91,18 +91,18 @@ def follow_attractors(
         Proc. ICPR (1994) 566.
     """
     refuse_single_precision("follow_attractors", system)
-    transient, record = whole_number("transient", transient), whole_number("record", record, 2)
     if not threshold > 0:
         raise ValueError(f"Argument `threshold` must be positive, but is {threshold}.")
-    check_single(system, args, flow, "follow_attractors")
-    one = machines_of_one(system, args, transient, record, tolerance, flow, max_steps, settings, executor)
+    one = machines_of_one(
+        "follow_attractors", system, args, transient, record, tolerance, flow, max_steps, settings, executor
+    )
     along, rate = _values(one.system, path, values)
     first = replace(one, system=set_parameter(one.system, path, as_float(along[0])), rate=rate[:1])
-    states = requested_starts(first, starts, bounds, seed, None, None).states
+    states = requested_starts(first, starts, bounds, seed).states
     machines = replace(one, values={path: along}, rate=rate).for_sweep_of(len(along) * len(states))
     machine = np.repeat(np.arange(len(along)), len(states))
     states = np.tile(states, (len(along), 1)) * machines.scale(machine)
-    ds = machines.run(states, machine, transient, record, progress=progress)
+    ds = machines.run(states, machine, machines.transient, machines.record, progress=progress)
     warn_of_endings(ds, "max_steps_reached", "non_finite")
     ends = machines.ends(ds, machine)
     found = coexisting(machines, ends)
@@ -111,7 +111,7 @@ def follow_attractors(
     goes_to = {int(number[k]): int(number[j]) for k, j in goes_to.items() if number[k] >= 0}
     begun = branch_numbers(motions, len(along), threshold)
     table = table_along(machines, motions, begun, goes_to, number[found.label], ends)
-    warn_of_unsettled(int(table["num_not_settled"].sum()), len(states), transient)
+    warn_of_unsettled(int(table["num_not_settled"].sum()), len(states), machines.transient)
     coordinates = {path: (path, along), "stop_mass": ds["stop_mass"]}
     return table.assign_coords(coordinates).assign_attrs(attributes_of(ds))
 

@@ -7,8 +7,9 @@ import numpy as np
 
 from .._execution.points import LaneInput
 from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, whole_number
+from .._orbits.find_many import given_states
 from .._sweep.zipped import START
-from .._system.checks import is_touching
+from .._system.checks import is_past
 from .._system.parameters import find_parameter
 from .._system.system import ImpactSystem
 from .ensemble import Machines
@@ -68,18 +69,8 @@ def _column(whole: LaneInput, path: str, n: int) -> int:
 
 def listed_starts(system: ImpactSystem, starts: tuple[Numbers, Numbers] | Numbers) -> Starts:
     """Starts given one by one."""
-    n = system.num_masses
-    parts = [as_numpy_float(a) for a in (starts if isinstance(starts, tuple) else (starts,))]
-    size = 2 * n // len(parts)
-    if not 1 <= len(parts) <= 2 or any(a.ndim != 2 or a.shape[1] != size or not len(a) for a in parts):
-        raise ValueError(
-            f"Argument `starts` must be positions and velocities, (starts, {n}) each, or both side by side, "
-            f"(starts, {2 * n}), a mapping of paths to values, or how many to draw, but has the shapes "
-            f"{[a.shape for a in parts]}."
-        )
-    if len({len(a) for a in parts}) > 1:
-        raise ValueError("Argument `starts` must hold as many velocities as positions.")
-    states = np.concatenate(parts, axis=1)
+    or_else = "a mapping of paths to values, or how many to draw, "
+    states = given_states(starts, system.num_masses, or_else)
     return Starts(states, {START: np.arange(len(states))})
 
 
@@ -131,12 +122,10 @@ def bounds_of(machines: Machines, bounds: Numbers | None) -> np.ndarray:
 
 
 def is_beyond(system: ImpactSystem, states: np.ndarray) -> np.ndarray:
-    """True where states at phase 0, (points, 2 n), lie beyond a stop."""
+    """True where states at phase 0, (points, 2 n), lie beyond a stop of a machine, or of one each, lanes last."""
     x, beyond = states[:, : system.num_masses].T, np.zeros(len(states), bool)
     for stop in system.stops:
-        gap = np.asarray(stop.gap(x, 0.0))
-        size = np.asarray(stop.reach(0.0) + (0 if stop.slot else stop.size(x)))
-        beyond |= (gap < 0) & ~np.asarray(is_touching(gap, size))
+        beyond |= np.asarray(is_past(stop, x, 0.0))
     return beyond
 
 

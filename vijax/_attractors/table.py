@@ -3,8 +3,9 @@
 import numpy as np
 import xarray as xr
 
-from .._dataset_attributes import flags, variable_attributes
+from .._dataset_attributes import flags
 from .._sections.classify import MOTIONS
+from .._sweep.dataset import labelled
 from .attractor import Attractor
 from .ensemble import Endpoints, Machines
 
@@ -155,8 +156,7 @@ def attributes_of(ds: xr.Dataset) -> dict:
 
 
 def _with_words(ds: xr.Dataset) -> xr.Dataset:
-    for name, variable in ds.variables.items():
-        variable.attrs = variable_attributes(str(name))
+    ds = labelled(ds)
     ds["motion"].attrs |= flags(MOTIONS)
     ds["num_impacts"].attrs["long_name"] = "number of impacts in one cycle"
     ds["held_time"].attrs["long_name"] = "for how long the stop holds its mass in one cycle"

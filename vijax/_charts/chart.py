@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from .._attractors.attractor import orbits_near
-from .._attractors.attractors import check_single, machines_of_one, requested_starts
+from .._attractors.attractors import machines_of_one, requested_starts
 from .._attractors.coexisting import coexisting, lasting
 from .._attractors.ensemble import Machines
 from .._dataset_attributes import variable_attributes
@@ -119,20 +119,11 @@ def chart(
             + ", ".join(f"`{path}` of shape {axis.shape}" for path, axis in axes.items())
             + ": use `vx.sweep` for others."
         )
-    counts = Counts(
-        whole_number("transient", transient),
-        whole_number("record", record, 2),
-        whole_number("max_impacts", max_impacts),
-        max_steps=None,
-        can_stick=True,
-        lyapunov=bool(lyapunov),
-    )
+    room = whole_number("max_impacts", max_impacts)
     if multipliers or starts is not None:
         refuse_single_precision("chart` with `multipliers` or `starts", system)
-    check_single(system, args, flow, "chart")
-    one = machines_of_one(
-        system, args, counts.transient, counts.record, tolerance, flow, None, settings, executor
-    )
+    one = machines_of_one("chart", system, args, transient, record, tolerance, flow, None, settings, executor)
+    counts = Counts(one.transient, one.record, room, None, can_stick=True, lyapunov=bool(lyapunov))
     asked = _PointSettings(base_of(one.system, x0, v0), counts, one, tolerance, bool(multipliers), None)
     if starts is not None:
         asked = asked._replace(starts=_starts(one, axes, starts, bounds, seed))
@@ -151,9 +142,7 @@ def chart(
                 yield part, found
 
     ds = refined(axes, stride, run, _KIND if asked.starts is None else (*_KIND, "num_attractors"))
-    whole = xr.Dataset(
-        {"result": (START, np.concatenate(results))}, attrs={"max_impacts": counts.max_impacts}
-    )
+    whole = xr.Dataset({"result": (START, np.concatenate(results))}, attrs={"max_impacts": room})
     warn_of_endings(whole, "max_impacts_reached", "max_steps_reached", "non_finite")
     return ds
 
@@ -194,7 +183,7 @@ def _starts(
     for path, axis in axes.items():
         middle = set_parameter(middle, path, as_float(axis[len(axis) // 2]))
     rate = as_numpy_float(middle.forcing.frequency).reshape(1)
-    return requested_starts(replace(one, system=middle, rate=rate), starts, bounds, seed, None, None).states
+    return requested_starts(replace(one, system=middle, rate=rate), starts, bounds, seed).states
 
 
 def _is_start(path: str) -> bool:

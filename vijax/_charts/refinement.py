@@ -14,17 +14,6 @@ import xarray as xr
 from .._dataset_attributes import variable_attributes
 
 
-class Grid(NamedTuple):
-    """Numbers of points in both directions."""
-
-    right: int
-    up: int
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        return self.right, self.up
-
-
 class _Cells(NamedTuple):
     """Cells of the grid, by the indices of their first and last rows and columns, of one shape each."""
 
@@ -70,20 +59,20 @@ def refined(
         run: computes the variables at points, given by their indices in the whole grid, one part after another.
         kind_by: the variables by which corners differ.
     """
-    grid = Grid(*(len(axis) for axis in axes.values()))
-    is_known, columns = np.zeros(grid.shape, bool), {}
+    shape = tuple(len(axis) for axis in axes.values())
+    is_known, columns = np.zeros(shape, bool), {}
     kinds: dict[tuple, int] = {}
-    kind = np.full(grid.shape, -1)
+    kind = np.full(shape, -1)
     # The cell from which each point is filled; for points that were run it is a single point.
-    within = _Cells(*(np.zeros(grid.shape, np.int32) for _ in range(4)))
-    cells = _coarse(grid, stride)
+    within = _Cells(*(np.zeros(shape, np.int32) for _ in range(4)))
+    cells = _coarse(shape, stride)
     while cells.left.size:
         rows, cols = cells.corners()
-        due = np.unique(np.ravel_multi_index((rows.ravel(), cols.ravel()), grid.shape))
+        due = np.unique(np.ravel_multi_index((rows.ravel(), cols.ravel()), shape))
         for part, found in run(due[~is_known.ravel()[due]]):
             is_known.ravel()[part] = True
             kind.ravel()[part] = _kinds(found, kinds, kind_by)
-            row, col = np.unravel_index(part, grid.shape)
+            row, col = np.unravel_index(part, shape)
             for a, own in zip(within, (row, row, col, col), strict=True):
                 a[row, col] = own
             for name, a in found.data_vars.items():
@@ -106,9 +95,9 @@ def refined(
     )
 
 
-def _coarse(grid: Grid, stride: int) -> _Cells:
+def _coarse(shape: tuple[int, ...], stride: int) -> _Cells:
     """All cells between points `stride` steps apart, including the last row and column."""
-    edges = [np.append(np.arange(0, size - 1, stride), size - 1) for size in grid.shape]
+    edges = [np.append(np.arange(0, size - 1, stride), size - 1) for size in shape]
     first = np.meshgrid(*(edge[:-1] for edge in edges), indexing="ij")
     last = np.meshgrid(*(edge[1:] for edge in edges), indexing="ij")
     return _Cells(first[0].ravel(), last[0].ravel(), first[1].ravel(), last[1].ravel())

@@ -15,7 +15,7 @@ from .rigid_modes import closing_pin
 from .sequence import NOTHING, Sequence
 
 # Newton step of the map, relative to the size of the motion, below which the next iterate is exact to rounding.
-_NEAR = {"float64": 1e-8, "float32": 3e-4}
+_NEAR = 1e-8
 
 
 class Cycle(eqx.Module):
@@ -93,4 +93,4 @@ def cycle_by_map(
         ),
         residual=jnp.max(jnp.abs(end - z) / size),
     )
-    return cycle, cycle.start, step, jnp.max(jnp.abs(step) / size) < _NEAR[str(size.dtype)]
+    return cycle, cycle.start, step, jnp.max(jnp.abs(step) / size) < _NEAR

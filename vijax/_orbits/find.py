@@ -1,31 +1,28 @@
 """Search for an orbit from a guess in one program, and the orbit as a function of its machine."""
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float, Int
 
-from .._flow.interface import AbstractFlow
 from .._hybrid.limits import IMPACT
-from .._jax.arrays import Scalar
+from .._jax.arrays import Scalar, stop_gradients
 from .._jax.xla import compile_lightly
-from .._system.system import ImpactSystem
 from .._trajectory.event_log import EventLog
 from .condensation import Pencil
 from .cycle import Problem, log_of_cycle, prepared
 from .floquet import floquet_multipliers
 from .newton import implicit_orbit, pencil_of
-from .orbit import ORBIT_RESULTS, PeriodicOrbit
+from .orbit import ORBIT_RESULTS
 from .rigid_modes import closing_pin, drifts, free_shifts
 from .search import Search, StroboscopicMap, begin_search, frame_offset, search_step
 
 
 class OrbitSolution(eqx.Module):
-    """Result of a search, see `PeriodicOrbit`; `start` is its state (x, v)."""
+    """Result of a search: the fields of a `PeriodicOrbit` that it finds."""
 
-    start: Float[Array, " state"]
+    x0: Float[Array, " n"]
+    v0: Float[Array, " n"]
     events: EventLog
     num_impacts: Int[Array, " stops"]
     multipliers: Complex[Array, " state"]
@@ -40,7 +37,7 @@ class OrbitSolution(eqx.Module):
 def find(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> OrbitSolution:
     """Search from a guess until an orbit is found, or nothing is left to try."""
     # The search itself is not differentiated: derivatives come from the implicit function theorem.
-    still, guess = _constant((strobe, guess))
+    still, guess = stop_gradients((strobe, guess))
     search = begin_search(guess, strobe.numbers.rows.shape[0], strobe.room)
     search = jax.lax.while_loop(
         lambda search: search.is_on, lambda search: search_step(still, search), search
@@ -53,8 +50,10 @@ def solution_of_search(strobe: StroboscopicMap, search: Search) -> OrbitSolution
     start, multipliers, events = (_by_sequence if strobe.flow.has_flow_map else _by_map)(strobe, search)
     is_impact = (events.kind == IMPACT)[:, None]
     stops = jnp.arange(strobe.numbers.rows.shape[0])[None]
+    x0, v0 = jnp.split(jnp.where(search.has_cycle, start, search.base), 2)
     return OrbitSolution(
-        start=jnp.where(search.has_cycle, start, search.base),
+        x0=x0,
+        v0=v0,
         events=events,
         num_impacts=jnp.sum(is_impact & (events.stop[:, None] == stops), axis=0),
         multipliers=jnp.where(search.has_cycle, multipliers, jnp.nan),
@@ -105,41 +104,6 @@ def _fixed_point_jvp(primals, tangents):
     _, moved = eqx.filter_jvp(lambda strobe: strobe.end(z), (strobe,), (tangents[0],))
     closed = jnp.eye(len(z)) - closing_pin(free_shifts(strobe.numbers))
     return z, jnp.linalg.solve(closed - jax.jacfwd(strobe.end)(z), moved)
-
-
-def orbit_found(
-    found: OrbitSolution,
-    system: ImpactSystem,
-    num_periods: int,
-    period: Array,
-    phase: Array,
-    args: object,
-    flow: AbstractFlow | None,
-) -> PeriodicOrbit:
-    """The public `PeriodicOrbit` of a result."""
-    x0, v0 = jnp.split(found.start, 2)
-    return PeriodicOrbit(
-        system=system,
-        num_periods=num_periods,
-        period=period,
-        phase=phase,
-        x0=x0,
-        v0=v0,
-        events=found.events,
-        num_impacts=found.num_impacts,
-        multipliers=found.multipliers,
-        is_stable=found.is_stable,
-        is_admissible=found.is_admissible,
-        residual=found.residual,
-        num_runs=found.num_runs,
-        result=found.result,
-        args=args,
-        flow=flow,
-    )
-
-
-def _constant(tree: Any) -> Any:
-    return jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, tree)
 
 
 def _result(strobe: StroboscopicMap, search: Search) -> ORBIT_RESULTS:

@@ -13,7 +13,7 @@ from .._system.periodicity import check_period
 from .._system.system import ImpactSystem
 from .._trajectory.concrete_machine import known_machine
 from .._trajectory.simulate import simulate
-from .find import orbit_found, tell_of_search
+from .find import tell_of_search
 from .many import search_each
 from .orbit import PeriodicOrbit
 from .rigid_modes import free_shifts
@@ -65,7 +65,7 @@ def find_periodic_orbits(
     """
     refuse_single_precision("find_periodic_orbits", system)
     n, room = whole_number("num_periods", num_periods, 1), whole_number("max_events", max_events, 1)
-    states = _states(starts, system.num_masses)
+    states = given_states(starts, system.num_masses)
     if is_traced((system, args, flow)):
         raise ValueError(
             "`find_periodic_orbits` needs known numbers: call it outside of `jax.jit` and `jax.vmap`."
@@ -95,19 +95,26 @@ def find_periodic_orbits(
     orbits = []
     for part, k in (searches[lanes[i]] for i in different):
         search = with_room(jax.tree.map(lambda a, k=k: a[k], part), room)
-        found = tell_of_search(strobe, search)
-        orbits.append(orbit_found(found, system, n, jnp.asarray(t1), jnp.zeros_like(t1), args, flow))
+        found, period, phase = vars(tell_of_search(strobe, search)), jnp.asarray(t1), jnp.zeros_like(t1)
+        orbits.append(
+            PeriodicOrbit(
+                **found, system=system, num_periods=n, period=period, phase=phase, args=args, flow=flow
+            )
+        )
     return orbits
 
 
-def _states(starts: tuple[Numbers, Numbers] | Numbers, num_masses: int) -> np.ndarray:
+def given_states(starts: tuple[Numbers, Numbers] | Numbers, num_masses: int, or_else: str = "") -> np.ndarray:
+    """States given one by one, (starts, 2 n); `or_else` names other forms of the argument, for messages."""
     parts = [as_numpy_float(a) for a in (starts if isinstance(starts, tuple) else (starts,))]
     size = 2 * num_masses // len(parts)
-    if not 1 <= len(parts) <= 2 or any(a.ndim != 2 or a.shape[1] != size for a in parts) or not len(parts[0]):
+    if not 1 <= len(parts) <= 2 or any(a.ndim != 2 or a.shape[1] != size or not len(a) for a in parts):
         raise ValueError(
             f"Argument `starts` must be positions and velocities, (starts, {num_masses}) each, or both side by side, "
-            f"(starts, {2 * num_masses}), but has the shapes {[a.shape for a in parts]}."
+            f"(starts, {2 * num_masses}), {or_else}but has the shapes {[a.shape for a in parts]}."
         )
+    if len({len(a) for a in parts}) > 1:
+        raise ValueError("Argument `starts` must hold as many velocities as positions.")
     return np.concatenate(parts, axis=1)
 
 

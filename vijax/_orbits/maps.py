@@ -23,7 +23,7 @@ from .._jax.xla import differentiable, padding_allowed
 from .._machine.machine import prepare, state_before_contact
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._machine.state import State
-from .._system.checks import FINITE, check_one, not_finite, refuse
+from .._system.checks import FINITE, check_number, not_finite, refuse
 from .._system.periodicity import check_period
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.simulate import Settings, simulate_with
@@ -93,9 +93,7 @@ def stroboscopic_map(
 def angle_of(phase: ArrayLike) -> Scalar:
     """A phase of the load as an array; refuses concrete values that are not one finite number."""
     angle = as_float(phase)
-    if angle.ndim:
-        raise ValueError(f"Argument `phase` must be a number, but has shape {angle.shape}.")
-    check_one("phase", angle, FINITE)
+    check_number("phase", angle, FINITE)
     return angle
 
 

@@ -13,9 +13,9 @@ from .cycle import Problem, Residual, Unknowns, linearise, residual
 
 # Steps are relative to the orbit. `_SMALL`: a step below it that is not under half the last one is rounding.
 # `_ROUNDING`: a step below so many eps is rounding.
-_SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
+_SMALL, _ROUNDING = 1e-8, 4.0
 # The step after one below this is rounding, as steps shrink quadratically.
-_TINY = {"float64": 1e-10, "float32": 3e-6}
+_TINY = 1e-10
 _MAX_STEPS = 24
 
 
@@ -43,7 +43,7 @@ class Polished(NamedTuple):
     @property
     def is_converged(self) -> Bool[Array, ""]:
         """True where only rounding is left."""
-        return self.step < _SMALL[str(self.step.dtype)]
+        return self.step < _SMALL
 
 
 def scale_of(problem: Problem, z: Float[Array, " state"]) -> Float[Array, " state"]:
@@ -64,7 +64,7 @@ def polish(problem: Problem, guess: Unknowns) -> Polished:
     def is_on(carry: tuple[Unknowns, Polished]) -> Array:
         now = carry[1]
         is_rounding = (now.step < _ROUNDING * eps) | (now.is_converged & (now.step >= now.last / 2))
-        is_rounding = is_rounding | (now.last < _TINY[str(scale.dtype)])
+        is_rounding = is_rounding | (now.last < _TINY)
         return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
 
     def one(carry: tuple[Unknowns, Polished]) -> tuple[Unknowns, Polished]:

@@ -19,7 +19,7 @@ from .._jax.errors import checked, none_true, number_of_doubts
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import padding_allowed
 from .._machine.numbers import MachineNumbers, numbers_of
-from .._system.checks import FINITE, check_one, validate_start
+from .._system.checks import FINITE, check_one, check_shape, validate_start
 from .._system.contact import Contact
 from .._system.restitution import restitution_of_contacts
 from .._system.system import ImpactSystem, with_args
@@ -101,8 +101,7 @@ def next_crossing(
     end = default_end_time(bound, begin) if t1 is None else as_float(t1)
     shapes = {"t0": (), "t1": (), "position": (), "x0": (n,), "v0": (n,)}
     for (name, shape), value in zip(shapes.items(), (begin, end, place, x, v), strict=True):
-        if value.shape != shape:
-            raise ValueError(f"Argument `{name}` must have shape {shape}, but has shape {value.shape}.")
+        check_shape(name, value, shape)
     check_one("position", place, FINITE)
     doubts = validate_start(bound.stops, bound.forcing.frequency, begin, end, end[None], x, v)
     side = _SIDES[direction]

@@ -11,7 +11,7 @@ from .._jax.errors import checked, none_true, number_of_doubts
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
-from .._system.checks import refuse, validate_start
+from .._system.checks import check_shape, refuse, validate_start
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.concrete_machine import known_machine
 from .._trajectory.impact_loop import ImpactRequest, Reverse, follow_to_impact
@@ -94,8 +94,7 @@ def next_impact(
     begin, x, v = (as_float(a) for a in (t0, x0, v0))
     end = default_end_time(bound, begin) if t1 is None else as_float(t1)
     for name, value, shape in (("t0", begin, ()), ("t1", end, ()), ("x0", x, (n,)), ("v0", v, (n,))):
-        if value.shape != shape:
-            raise ValueError(f"Argument `{name}` must have shape {shape}, but has shape {value.shape}.")
+        check_shape(name, value, shape)
     doubts = refuse([wrong_stop(bound, stop)])
     doubts += validate_start(bound.stops, bound.forcing.frequency, begin, end, end[None], x, v)
     wanted = ImpactRequest(

@@ -7,11 +7,12 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Bool, Complex, Float, Int
 
-from .._dataset_attributes import flags, variable_attributes, versions
+from .._dataset_attributes import flags, versions
 from .._flow.interface import AbstractFlow
 from .._hybrid.limits import EVENT_NAMES
 from .._jax.arrays import Scalar, concrete
 from .._printing import as_html, as_text, describe_orbit
+from .._sweep.dataset import labelled
 from .._system.system import ImpactSystem
 from .._trajectory.event_log import EventLog
 from .._trajectory.simulate import simulate
@@ -135,9 +136,8 @@ def _dataset(orbit: PeriodicOrbit) -> xr.Dataset:
         "num_periods": ((), orbit.num_periods),
         "result": ((), orbit.result._value),
     }
-    ds = xr.Dataset({name: (dims, np.asarray(a)) for name, (dims, a) in columns.items()}, attrs=versions())
-    for name, variable in ds.variables.items():
-        variable.attrs = variable_attributes(str(name))
+    variables = {name: (dims, np.asarray(a)) for name, (dims, a) in columns.items()}
+    ds = labelled(xr.Dataset(variables, attrs=versions()))
     for name, meanings in (("event_kind", EVENT_NAMES), ("result", tuple(ORBIT_RESULTS._name_to_item))):
         ds[name] = ds[name].astype(np.int8)
         ds[name].attrs |= flags(meanings)

@@ -1,7 +1,7 @@
 """Search for a periodic orbit near a guess."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike
+from jaxtyping import ArrayLike
 
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
@@ -9,12 +9,12 @@ from .._jax.arrays import Count, Numbers, as_float, is_traced, refuse_single_pre
 from .._jax.errors import checked, number_of_doubts
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
-from .._system.checks import validate_start
+from .._system.checks import check_shape, validate_start
 from .._system.periodicity import check_period
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.concrete_machine import known_machine
 from .._trajectory.solution import result_sentences
-from .find import find, orbit_found
+from .find import find
 from .maps import angle_of
 from .orbit import PeriodicOrbit
 from .search import StroboscopicMap
@@ -78,7 +78,9 @@ def periodic_orbit(
     n = whole_number("num_periods", num_periods, 1)
     room = whole_number("max_events", max_events, 1)
     check_period(system, args, x0, v0)
-    x, v = (_vector(name, a, system.num_masses) for name, a in (("x0", x0), ("v0", v0)))
+    x, v = as_float(x0), as_float(v0)
+    for name, value in (("x0", x), ("v0", v)):
+        check_shape(name, value, (system.num_masses,))
     angle, bound = angle_of(phase), with_args(system, args)
     t0 = angle / bound.forcing.frequency
     t1 = t0 + n * bound.forcing.period
@@ -90,12 +92,8 @@ def periodic_orbit(
         numbers, motion = known.numbers, known.flow(flow, can_stick=True)
     strobe = StroboscopicMap(numbers, motion, jnp.asarray(float(n)), angle / (2 * jnp.pi), room)
     found = find(strobe, jnp.concatenate([x, v]))
-    orbit = orbit_found(found, system, n, n * bound.forcing.period, angle, args, flow)
+    period = n * bound.forcing.period
+    orbit = PeriodicOrbit(
+        **vars(found), system=system, num_periods=n, period=period, phase=angle, args=args, flow=flow
+    )
     return checked(orbit, *number_of_doubts(doubts, *result_sentences(orbit.result))) if throw else orbit
-
-
-def _vector(name: str, value: Numbers, size: int) -> Array:
-    array = as_float(value)
-    if array.shape != (size,):
-        raise ValueError(f"Argument `{name}` must have shape ({size},), but has shape {array.shape}.")
-    return array

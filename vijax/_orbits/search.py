@@ -35,7 +35,7 @@ MAX_RUNS = 40  # runs of a search
 _LEAST = 0.05  # smallest fraction of a step that is tried
 # `_CLOSE`: largest closing error of a closed run, relative to the size of the motion.
 # `_STILL`: largest distance from a cycle of the start of a run on it, likewise relative.
-_CLOSE, _STILL = {"float64": 1e-9, "float32": 1e-4}, {"float64": 1e-12, "float32": 1e-5}
+_CLOSE, _STILL = 1e-9, 1e-12
 
 
 class Search(eqx.Module):
@@ -235,14 +235,14 @@ def _next(strobe: StroboscopicMap, run: Run, search: Search) -> Search:
     return jax.tree.map(lambda a, b: jnp.where(search.is_orbit, a, b), search, following)
 
 
-def _is_traversed(cycle: Cycle, start: Array, run: Run, near: dict[str, float]) -> Bool[Array, ""]:
+def _is_traversed(cycle: Cycle, start: Array, run: Run, near: float) -> Bool[Array, ""]:
     """True where a run that began near the start of a cycle traversed it once."""
     size = scale_of(run.problem, run.start)
     # Rounding errors grow, and a run leaves an unstable orbit.
     growth = jnp.max(jnp.where(jnp.isfinite(cycle.multipliers), jnp.abs(cycle.multipliers), 1))
-    is_from_it = jnp.max(jnp.abs(run.start - start) / size) < near[str(size.dtype)]
+    is_from_it = jnp.max(jnp.abs(run.start - start) / size) < near
     is_alike = is_same_sequence(cycle.sequence, cycle.unknowns.flights, run.problem.sequence, run.flights)
-    return is_from_it & is_alike & (run.closing < _CLOSE[str(size.dtype)] * jnp.maximum(growth, 1))
+    return is_from_it & is_alike & (run.closing < _CLOSE * jnp.maximum(growth, 1))
 
 
 def frame_offset(problem: Problem) -> Array:

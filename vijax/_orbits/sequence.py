@@ -13,7 +13,7 @@ NOTHING = -1
 
 # `_SAME`: events of two runs within this time, in forcing periods, are the same.
 # `_TAIL`: impacts this close before a stick are last bounces of a chatter; one run may have one more than another.
-_SAME, _TAIL = {"float64": 1e-6, "float32": 1e-3}, 1e-4
+_SAME, _TAIL = 1e-6, 1e-4
 
 
 class Sequence(eqx.Module):
@@ -81,7 +81,7 @@ def is_same_sequence(
 ) -> Bool[Array, ""]:
     """True where the same events happen at the same times; the last bounces of a chatter do not count."""
     first, second = _times_by_stop(one, flights), _times_by_stop(other, other_flights)
-    return jnp.all(jnp.abs(first - second) < _SAME[str(first.dtype)])
+    return jnp.all(jnp.abs(first - second) < _SAME)
 
 
 def _times_by_stop(

@@ -13,7 +13,7 @@ from .._jax.nan_mask import known_or_nan
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
 from .._progress import tqdm
-from .._system.checks import validate_start
+from .._system.checks import check_shape, validate_start
 from .._system.periodicity import check_period
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.concrete_machine import known_machine
@@ -100,8 +100,7 @@ def lyapunov_exponents(
     is_known = not is_traced((system, args, flow, x, v, max_steps))
     x, v = ((as_numpy_float if is_known else as_float)(a) for a in (x, v))
     for name, value in (("x0", x), ("v0", v)):
-        if value.shape != (n,):
-            raise ValueError(f"Argument `{name}` must have shape ({n},), but has shape {value.shape}.")
+        check_shape(name, value, (n,))
     zero = np.zeros((), x.dtype)
     doubts = validate_start(bound.stops, bound.forcing.frequency, zero, zero, zero[None], x, v)
     counts = np.asarray(settling), np.asarray(averaged)

@@ -18,7 +18,7 @@ import xarray as xr
 from .._machine.machine import Machine
 from .._trajectory.solution import Solution
 from .record import forcing_periods, is_linear, machines
-from .response import double_lanes_first, modes_of, residual_vibration, response_of
+from .response import double_lanes_first, harmonics_of, modes_of, residual_vibration, response_of
 from .section_side import padded_to_power_of_two
 
 # Points per block: the machines of all points at once would need much memory.
@@ -73,7 +73,7 @@ def never_hits(machine: Machine, angle: float, x: np.ndarray, v: np.ndarray) -> 
     left = residual_vibration(machine, modes, response, angle, (x, v)) + response.rounding
     is_clear = np.broadcast_to(modes.is_damped, left.shape).copy()
     limits, rows = (double_lanes_first(a) for a in (machine.contacts.limit, machine.contacts.rows))
-    own = _own_waves(machine)
+    own = harmonics_of(machine.contacts.walls, machine, machine.contacts.num)
     for j in range(machine.contacts.num):
         row = (rows[:, j, None] @ modes.shapes)[:, 0]
         waves = (response.waves @ row[..., None])[..., 0] - own[..., j]
@@ -82,15 +82,6 @@ def never_hits(machine: Machine, angle: float, x: np.ndarray, v: np.ndarray) -> 
         is_clear &= highest(waves[:, 1:], room) < room
     factor = np.exp(modes.decay * double_lanes_first(machine.period))
     return is_clear, np.broadcast_to(factor, left.shape)
-
-
-def _own_waves(machine: Machine) -> np.ndarray:
-    """The motions of the contacts along their rows, h = 0, 1, ..., (lanes, 1 + harmonics, contacts)."""
-    walls = machine.contacts.walls
-    if walls is None:
-        return np.zeros((1, 1 + machine.waves.num_harmonics, machine.contacts.num), complex)
-    waves = np.asarray(walls.cosine) - 1j * np.asarray(walls.sine)
-    return double_lanes_first(np.concatenate([np.zeros_like(waves[:1]), waves]))
 
 
 def highest(waves: np.ndarray, room: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._machine.machine import Machine
+from .._system.waves import Waves
 
 # Assumed rounding error of numbers of order 1, in units of n eps.
 _SLACK = 64
@@ -133,12 +134,17 @@ def double_lanes_first(a: ArrayLike) -> np.ndarray:
     return np.moveaxis(a.astype(np.result_type(a, float)), -1, 0)
 
 
-def _frame_waves(machine: Machine) -> np.ndarray:
-    """Harmonics of the motion of the frame, h = 0, 1, ..., (lanes, 1 + harmonics, n)."""
-    if machine.frame is None:
-        return np.zeros((1, 1 + machine.waves.num_harmonics, len(machine.mean)), complex)
-    waves = np.asarray(machine.frame.waves.cosine) - 1j * np.asarray(machine.frame.waves.sine)
+def harmonics_of(motion: Waves | None, machine: Machine, num_rows: int) -> np.ndarray:
+    """Complex amplitudes of a motion, zero if there is none, h = 0, 1, ..., (lanes, 1 + harmonics, rows)."""
+    if motion is None:
+        return np.zeros((1, 1 + machine.waves.num_harmonics, num_rows), complex)
+    waves = np.asarray(motion.cosine) - 1j * np.asarray(motion.sine)
     return double_lanes_first(np.concatenate([np.zeros_like(waves[:1]), waves]))
+
+
+def _frame_waves(machine: Machine) -> np.ndarray:
+    """Harmonics of the motion of the frame, (lanes, 1 + harmonics, n)."""
+    return harmonics_of(None if machine.frame is None else machine.frame.waves, machine, len(machine.mean))
 
 
 def _at(waves: np.ndarray, speeds: np.ndarray, angle: float) -> tuple[np.ndarray, np.ndarray]:

@@ -59,6 +59,19 @@ def check_one(name: str, value: Array, rule: Rule) -> None:
         raise ValueError(f"Argument `{name}` must {rule.one}, but is {known}.")
 
 
+def check_number(name: str, value: Array, rule: Rule) -> None:
+    """Reject an argument that is not one number, or violates a rule."""
+    if value.ndim:
+        raise ValueError(f"Argument `{name}` must be a number, but has shape {value.shape}.")
+    check_one(name, value, rule)
+
+
+def check_shape(name: str, value: Array | np.ndarray, shape: tuple[int, ...]) -> None:
+    """Reject an argument of another shape."""
+    if value.shape != shape:
+        raise ValueError(f"Argument `{name}` must have shape {shape}, but has shape {value.shape}.")
+
+
 def check_every(name: str, values: Array | np.ndarray, rule: Rule) -> None:
     """Reject values of many machines if one of them violates a rule."""
     if not rule.holds(np.asarray(values)).all():
@@ -89,13 +102,13 @@ def check_semidefinite(name: str, matrices: np.ndarray) -> None:
         )
 
 
-def check_definite(name: str, matrices: np.ndarray) -> None:
+def check_mass_matrices(matrices: np.ndarray) -> None:
     """Reject matrices, (..., n, n), not symmetric or not positive definite beyond rounding."""
-    check_semidefinite(name, matrices)
+    check_semidefinite("mass", matrices)
     values = np.linalg.eigvalsh(matrices)
     if (values[..., 0] <= 4 * values.shape[-1] * np.finfo(values.dtype).eps * values[..., -1]).any():
         raise ValueError(
-            f"Argument `{name}` must be positive definite, but has the eigenvalue {values[..., 0].min():.3g}: "
+            f"Argument `mass` must be positive definite, but has the eigenvalue {values[..., 0].min():.3g}: "
             "a coordinate without inertia has no equation of motion."
         )
 
@@ -118,7 +131,7 @@ def check_slots(stops: Sequence[Any]) -> None:
 def check_machines(system: Any, x0: Array | np.ndarray) -> None:
     """Reject invalid values of machines or of their starts, all lanes at once; lanes last."""
     if system.has_full_mass:
-        check_definite("mass", np.moveaxis(np.asarray(system.mass), -1, 0))
+        check_mass_matrices(np.moveaxis(np.asarray(system.mass), -1, 0))
     else:
         check_every("mass", system.mass, POSITIVE)
     check_every("forcing.frequency", system.forcing.frequency, HAS_PERIOD)
@@ -178,14 +191,18 @@ def is_touching(gap: Reals, size: Reals) -> Reals:
     return abs(gap) <= 8 * jnp.finfo(gap.dtype).eps * abs(size)
 
 
+def is_past(stop: Any, x: Any, angle: Any) -> Any:
+    """Test whether x lies beyond a stop, by more than rounding, at the phase `angle` of the load; lanes may be last."""
+    gap, size = stop.gap(x, angle), stop.reach(angle) + (0 if stop.slot else stop.size(x))
+    return (gap < 0) & ~is_touching(gap, size)
+
+
 def _beyond(stops: Sequence[Any], x: Any, angle: Any, who: str) -> list[tuple[Any, str]]:
     """Conditions for `refuse`, true where x lies beyond a stop at the phase `angle` of the load."""
-    checks = []
-    for j, stop in enumerate(stops):
-        gap, size = stop.gap(x, angle), stop.reach(angle) + (0 if stop.slot else stop.size(x))
-        sentence = f"{who} beyond a stop: {stop.remedy.format(j=j)}"
-        checks.append(((gap < 0) & ~is_touching(gap, size), sentence))
-    return checks
+    return [
+        (is_past(stop, x, angle), f"{who} beyond a stop: {stop.remedy.format(j=j)}")
+        for j, stop in enumerate(stops)
+    ]
 
 
 def move_alike(stops: Sequence[Any]) -> bool:

@@ -9,7 +9,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._jax.arrays import Reals, as_float, concrete, whole_number
 from .._printing import as_html, as_text, describe_contact
-from .checks import FINITE, RESTITUTION, check_one
+from .checks import FINITE, RESTITUTION, check_number, check_one
 from .forcing import Harmonic
 from .restitution import AbstractRestitution, Restitution, as_restitution, light_coefficient
 from .waves import Waves
@@ -51,15 +51,11 @@ class AbstractLimit(eqx.Module):
         """Advice for a start beyond it, with a placeholder `{j}` for its number."""
 
     def __check_init__(self):
-        numbers = {"position": (self.position, FINITE)}
+        check_number("position", self.position, FINITE)
         if isinstance(self.restitution, AbstractRestitution):
             self.restitution.check("restitution")
         else:
-            numbers["restitution"] = self.restitution, RESTITUTION
-        for name, (value, rule) in numbers.items():
-            if value.ndim != 0:
-                raise ValueError(f"Argument `{name}` must be a number, but has shape {value.shape}.")
-            check_one(name, value, rule)
+            check_number("restitution", self.restitution, RESTITUTION)
         if not isinstance(self.motion, Harmonic | None):
             raise ValueError(f"Argument `motion` must be a `vx.Harmonic` or None, but is {self.motion!r}.")
         if self.motion is not None and self.motion.amplitude.shape[-1] != 1:

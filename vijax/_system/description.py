@@ -15,7 +15,7 @@ from .restitution import AbstractRestitution, describe_restitution, laws_by_name
 from .spelling import did_you_mean
 from .stop import Stop
 from .system import ImpactSystem
-from .tables import table_of
+from .tables import array_of, table_of
 
 _ARRAYS, _OF_FORCING = ("mass", "damping", "stiffness"), ("amplitude", "frequency", "phase", "mean")
 _OF_MOTION = tuple(name for name in _OF_FORCING if name != "frequency")
@@ -154,14 +154,7 @@ def _numbers(
 
 
 def _array(name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
-    """Array of a number or of nested lists of numbers."""
-    try:
-        array = np.asarray(value)
-    except ValueError:  # rows of different lengths
-        array = np.asarray(None)
-    if array.dtype.kind not in "iuf":
-        raise ValueError(f"`{name}` must be a number, or lists of numbers of one length, but is {value!r}.")
-    return array.astype(dtype)
+    return array_of(value, f"`{name}` must be a number, or lists of numbers of one length", dtype)
 
 
 def _check_names(name: str, lists: Any, needed: tuple[str, ...], others: tuple[str, ...] = ()) -> None:

@@ -21,6 +21,7 @@ from .._jax.arrays import as_float
 from .force import BoundForce, NamedForce, as_force, name_of_force, whole_force
 from .forces_by_path import Allowed, found_by, found_here, path_of, paths_in, remember
 from .spelling import did_you_mean
+from .tables import array_of
 
 _SEQUENCES = {"tuple": tuple, "list": list}
 _ADVICE = (
@@ -166,7 +167,7 @@ def _text_of(value: Any) -> Any:
 def _from_text(told: Any, found: Mapping[str, Any]) -> Any:
     """Inverse of `_text_of`; `found` holds the functions and classes by path."""
     if isinstance(told, list):
-        return _array(told)
+        return array_of(told, "A list in `force` or `args` must be an array of numbers", float, "biuf")
     if not isinstance(told, dict):
         return told
     if "path" in told:
@@ -176,16 +177,6 @@ def _from_text(told: Any, found: Mapping[str, Any]) -> Any:
         if told.keys() == {name} and isinstance(told[name], list):
             return kind(_from_text(a, found) for a in told[name])
     return {name: _from_text(a, found) for name, a in told.items()}
-
-
-def _array(told: list) -> np.ndarray:
-    try:
-        array = np.asarray(told)
-    except ValueError:  # rows of different lengths
-        array = np.asarray(None)
-    if array.dtype.kind not in "biuf":
-        raise ValueError(f"A list in `force` or `args` must be an array of numbers, but is {told!r}.")
-    return array.astype(float)
 
 
 def _made(path: str, found: Any, fields: dict[str, Any]) -> Any:

@@ -7,7 +7,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._jax.arrays import Numbers, array_namespace, as_float
 from .._printing import as_html, as_text, describe_harmonic
-from .checks import FINITE, NOT_NEGATIVE, check_one
+from .checks import FINITE, NOT_NEGATIVE, check_number, check_one
 from .waves import Waves
 
 
@@ -73,9 +73,7 @@ class Harmonic(eqx.Module):
             raise ValueError(
                 f"Argument `mean` must have shape (n,) = {shape[-1:]}, but has shape {self.mean.shape}."
             )
-        if self.frequency.ndim != 0:
-            raise ValueError(f"Argument `frequency` must be a number, but has shape {self.frequency.shape}.")
-        check_one("frequency", self.frequency, NOT_NEGATIVE)
+        check_number("frequency", self.frequency, NOT_NEGATIVE)
         for name in ("amplitude", "phase", "mean"):
             check_one(name, getattr(self, name), FINITE)
 

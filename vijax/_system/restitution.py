@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from .._jax.arrays import Reals, as_float, concrete, stack
-from .checks import NOT_NEGATIVE, POSITIVE, RESTITUTION, Rule, check_every, check_one
+from .checks import NOT_NEGATIVE, POSITIVE, RESTITUTION, Rule, check_every, check_number
 
 
 class AbstractRestitution(eqx.Module):
@@ -59,10 +59,7 @@ class AbstractRestitution(eqx.Module):
     def check(self, name: str) -> None:
         """Raise ValueError for numbers that break their rules; `name` is the path of the law."""
         for field, rule in self.rules.items():
-            value = getattr(self, field)
-            if value.ndim != 0:
-                raise ValueError(f"Argument `{name}.{field}` must be a number, but has shape {value.shape}.")
-            check_one(f"{name}.{field}", value, rule)
+            check_number(f"{name}.{field}", getattr(self, field), rule)
 
     def check_lanes(self, name: str) -> None:
         """Check the numbers of many machines, lanes last."""

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from .._jax.arrays import Numbers, as_float, concrete, in_full_precision
 from .._jax.errors import checked
 from .._printing import as_html, as_text, describe_system
-from .checks import POSITIVE, check_definite, check_one, check_semidefinite, check_slots, move_alike
+from .checks import POSITIVE, check_mass_matrices, check_one, check_semidefinite, check_slots, move_alike
 from .contact import Contact
 from .force import BoundForce, as_force, bind_args, name_of_force
 from .forcing import Harmonic
@@ -114,7 +114,7 @@ class ImpactSystem(eqx.Module):
         if self.mass.ndim == 1:
             check_one("mass", self.mass, POSITIVE)
         elif (matrix := concrete(self.mass)) is not None:
-            check_definite("mass", matrix)
+            check_mass_matrices(matrix)
         for name in ("damping", "stiffness"):
             matrix = concrete(getattr(self, name))
             if matrix is not None:

@@ -4,6 +4,9 @@ import json
 import tomllib
 from typing import Any
 
+import numpy as np
+from jax.typing import DTypeLike
+
 # Largest depth: a machine has 5, a force made of others a few more. Recursion over a table must end before Python's
 # stack does.
 _DEEPEST = 40
@@ -32,6 +35,17 @@ def table_of(text: str, kind: str, name: str) -> dict[str, Any]:
     if _is_deep(table):
         raise ValueError(too_deep)
     return table
+
+
+def array_of(value: Any, refusal: str, dtype: DTypeLike, kinds: str = "iuf") -> np.ndarray:
+    """Array of a number or of nested lists of numbers, of some kinds of NumPy's types; `refusal` says what it must be."""
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        array = np.asarray(None)
+    if array.dtype.kind not in kinds:
+        raise ValueError(f"{refusal}, but is {value!r}.")
+    return array.astype(dtype)
 
 
 def _is_deep(table: dict[str, Any]) -> bool:

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
 from .._jax.arrays import Numbers, as_float, evaluate_eagerly
+from .._system.checks import check_shape
 from .._system.contact import Contact
 from .._system.forcing import Harmonic
 from .._system.system import ImpactSystem
@@ -64,8 +65,7 @@ def gear_pair(
     """
     inertia, radius = as_float(inertias), as_float(radii)
     for name, value in (("inertias", inertia), ("radii", radius)):
-        if value.shape != (2,):
-            raise ValueError(f"Argument `{name}` must have shape (2,), but has shape {value.shape}.")
+        check_shape(name, value, (2,))
     load = jnp.stack([as_float(torque), -as_float(torque) * radius[1] / radius[0]])
     varying = Harmonic([amplitude, 0.0], frequency, [phase, 0.0], load)
     flanks = [Contact({0: sign * radius[0], 1: -sign * radius[1]}, position, restitution) for sign in (1, -1)]
