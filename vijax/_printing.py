@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from ._jax.arrays import concrete
+from ._jax.concrete import concrete
 
 # _NUMBERS: most numbers of a vector that are shown.
 # _ROWS: most rows of a matrix.

@@ -105,6 +105,12 @@ def place(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr("vijax._system.forces_by_path._known", set())
+    for name in (
+        "springs",
+        "springs.inner",
+        "springs_of_others",
+    ):  # other tests may have modules of these names
+        monkeypatch.delitem(sys.modules, name, raising=False)
     for name in ("springs/__init__.py", "springs/inner.py", "springs_of_others.py"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(SPRINGS)

@@ -9,7 +9,8 @@ import xarray as xr
 from .._dataset_attributes import variable_attributes
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import Count, Numbers, as_numpy_float, is_traced, refuse_single_precision, whole_number
+from .._jax.arrays import Count, Numbers, as_numpy_float, refuse_single_precision, whole_number
+from .._jax.concrete import is_traced
 from .._jax.xla import padding_allowed
 from .._sections.classify import TOLERANCES
 from .._sweep.outcomes import warn_of_endings, warn_of_unsettled

@@ -178,8 +178,8 @@ class Machines:
             axis=(1, 2)
         )
         last = section[:, -1] / self.scale(machine)
-        asked = np.flatnonzero(~is_failed & ~is_touched)
-        is_quiet = prove_non_impacting(ds, asked, *np.split(last, 2, axis=1))[0]
+        candidates = np.flatnonzero(~is_failed & ~is_touched)
+        is_quiet = prove_non_impacting(ds, candidates, *np.split(last, 2, axis=1))[0]
         n = np.where(is_failed, 0, np.where(is_quiet, 1, found.num_periods))
         return Endpoints(section, machine, n, found.is_settling & (n == 0), is_quiet, is_failed)
 
@@ -197,13 +197,13 @@ class Machines:
         which = np.array([machine])
         system = jax.tree.map(lambda a: jnp.asarray(a[..., 0]), self.lanes(which))
         x, v = np.split(state / self.scale(which)[0], 2)
-        asked = {
+        candidates = {
             "transient": _SETTLING,
             "num_periods": _AVERAGED,
             "max_steps": self.max_steps,
             "flow": self.flow,
         }
-        found = lyapunov_exponents(system, x, v, **asked, with_error=True, throw=False, progress=False)
+        found = lyapunov_exponents(system, x, v, **candidates, with_error=True, throw=False, progress=False)
         return np.asarray(found[0]), np.asarray(found[1])
 
 

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from .._flow.taylor import TaylorFlow
-from .._jax.arrays import Scalar, concrete_evaluation, refuse_single_precision, stop_gradients
+from .._jax.arrays import Scalar, refuse_single_precision
+from .._jax.concrete import concrete_evaluation, stop_gradients
 from .._jax.errors import checked
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import compile_lightly, differentiable, padding_allowed

@@ -10,7 +10,7 @@ import xarray as xr
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._flow.taylor import TaylorFlow
-from .._jax.arrays import is_traced
+from .._jax.concrete import is_traced
 from .._machine.numbers import numbers_of
 from .._orbits.orbit import PeriodicOrbit
 from .._orbits.rigid_modes import free_shifts

@@ -124,10 +124,10 @@ def chart(
         refuse_single_precision("chart` with `multipliers` or `starts", system)
     one = machines_of_one("chart", system, args, transient, record, tolerance, flow, None, settings, executor)
     counts = Counts(one.transient, one.record, room, None, can_stick=True, lyapunov=bool(lyapunov))
-    asked = _PointSettings(base_of(one.system, x0, v0), counts, one, tolerance, bool(multipliers), None)
+    plan = _PointSettings(base_of(one.system, x0, v0), counts, one, tolerance, bool(multipliers), None)
     if starts is not None:
-        asked = asked._replace(starts=_starts(one, axes, starts, bounds, seed))
-    together = _TOGETHER if asked.starts is None else max(_TOGETHER // len(asked.starts), 1)
+        plan = plan._replace(starts=_starts(one, axes, starts, bounds, seed))
+    together = _TOGETHER if plan.starts is None else max(_TOGETHER // len(plan.starts), 1)
     shape, results = tuple(len(axis) for axis in axes.values()), []
 
     def run(where: np.ndarray) -> Iterator[tuple[np.ndarray, xr.Dataset]]:
@@ -136,12 +136,12 @@ def chart(
                 part = where[first : first + together]
                 index = np.unravel_index(part, shape)
                 swept = {path: axis[i] for (path, axis), i in zip(axes.items(), index, strict=True)}
-                found, result = _found(asked, swept)
+                found, result = _found(plan, swept)
                 results.append(result)
                 bar.update(len(part))
                 yield part, found
 
-    ds = refined(axes, stride, run, _KIND if asked.starts is None else (*_KIND, "num_attractors"))
+    ds = refined(axes, stride, run, _KIND if plan.starts is None else (*_KIND, "num_attractors"))
     whole = xr.Dataset({"result": (START, np.concatenate(results))}, attrs={"max_impacts": room})
     warn_of_endings(whole, "max_impacts_reached", "max_steps_reached", "non_finite")
     return ds
@@ -190,22 +190,22 @@ def _is_start(path: str) -> bool:
     return path.split("[")[0] in ("x0", "v0")
 
 
-def _found(asked: _PointSettings, swept: dict[str, np.ndarray]) -> tuple[xr.Dataset, np.ndarray]:
+def _found(plan: _PointSettings, swept: dict[str, np.ndarray]) -> tuple[xr.Dataset, np.ndarray]:
     """Results at some points, and the result codes of their motions."""
-    lanes, size = with_values(asked.base, swept), len(next(iter(swept.values())))
+    lanes, size = with_values(plan.base, swept), len(next(iter(swept.values())))
     start = np.concatenate([np.broadcast_to(a, (len(a), size)) for a in (lanes.x0, lanes.v0)]).T
     of_machine = {path: a for path, a in swept.items() if not _is_start(path)}
-    machines = asked.one.of_plane(of_machine, size)
-    counts, where = asked.counts, (machines.settings, machines.executor)
+    machines = plan.one.of_plane(of_machine, size)
+    counts, where = plan.counts, (machines.settings, machines.executor)
     ds = sweep_zipped(machines.system, of_machine, start, counts, machines.flow, *where, lambda _: None)
-    found = classified(ds, asked.tolerance, None, None)[list(_KIND)]
+    found = classified(ds, plan.tolerance, None, None)[list(_KIND)]
     if counts.lyapunov:
         found = found.assign({name: ds[name] for name in ("lyapunov_exponents", "lyapunov_error")})
     columns = {}
-    if asked.multipliers:
+    if plan.multipliers:
         columns["multipliers"] = ((START, "multiplier"), _multipliers(machines, ds, found))
-    if asked.starts is not None:
-        columns |= {name: (START, a) for name, a in _coexisting(machines, asked.starts).items()}
+    if plan.starts is not None:
+        columns |= {name: (START, a) for name, a in _coexisting(machines, plan.starts).items()}
     found = found.assign({name: (dims, a, variable_attributes(name)) for name, (dims, a) in columns.items()})
     return found.transpose(START, ...), ds["result"].values
 

@@ -153,7 +153,7 @@ def _turn(task: LaneTask, progress: Progress) -> Progress:
     hit = instant.hit & counted
     after = start_period(after, task.phase0, instant.arrived)
     number = jnp.sum(lanes.num_impacts, axis=0) + jnp.cumsum(hit, axis=0) - hit
-    stop, velocity = jnp.arange(len(hit))[:, None], machine.contacts.told(instant.velocity_minus)
+    stop, velocity = jnp.arange(len(hit))[:, None], machine.contacts.signed(instant.velocity_minus)
     if (of_stops := machine.velocity_of_stops(after.phase)) is not None:
         velocity += of_stops
     impact = Impact(

@@ -129,7 +129,7 @@ class SteppingFlow(AbstractFlow):
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Take one step of the solver."""
         displacement, gain = over_lanes(self.step_by, state.x, machine, state, hold, step)
-        gain = machine.contacts.gained(gain, hold)
+        gain = machine.contacts.gain_with_hold(gain, hold)
         return displacement, state.v + gain, phase_change(machine, state.phase, step)
 
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
@@ -218,7 +218,7 @@ def _learnt(memory: Memory, trial: Trial, is_taken: Flag, is_event: Flag, cut: S
 
 
 def _moved(machine: Machine, state: State, trial: Trial, hold: Held) -> State:
-    gain = machine.contacts.gained(trial.attempt.gain, hold)
+    gain = machine.contacts.gain_with_hold(trial.attempt.gain, hold)
     change = phase_change(machine, state.phase, trial.step)
     return state_after_step(machine, state, trial.attempt.displacement, state.v + gain, change, trial.step)
 

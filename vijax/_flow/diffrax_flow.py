@@ -130,9 +130,9 @@ class DiffraxFlow(SteppingFlow):
         (displacement, gain, _), error, inside = found
         zero = jnp.zeros_like(step)
         # The gain of a held mass is not part of the motion.
-        error = (error[0], machine.contacts.gained(error[1], hold))
+        error = (error[0], machine.contacts.gain_with_hold(error[1], hold))
         start = (state.x, state.v)
-        after = (state.x + displacement, state.v + machine.contacts.gained(gain, hold))
+        after = (state.x + displacement, state.v + machine.contacts.gain_with_hold(gain, hold))
         keep, begin, stop, _, control, _ = self._controller(step.dtype).adapt_step_size(
             zero, step, start, after, None, error, self._error_order(), state.memory.control
         )
@@ -163,7 +163,7 @@ class DiffraxFlow(SteppingFlow):
             here, is_last = state.state, jnp.abs(state.left) <= state.step
             step = jnp.where(is_last, state.left, jnp.copysign(state.step, state.left))
             attempt = self._judged(here, hold, step, machine, _by_diffrax(solver, machine, here, hold, step))
-            gain = machine.contacts.gained(attempt.gain, hold)
+            gain = machine.contacts.gain_with_hold(attempt.gain, hold)
             phase = phase_change(machine, here.phase, step)
             moved = state_after_step(machine, here, attempt.displacement, here.v + gain, phase, step)
             taken = _FlowMapState(
@@ -279,7 +279,7 @@ def _field(
 ) -> tuple[Array, Array, Array | None]:
     """Velocities, and the accelerations and pulls of `Contacts.free_accelerations`."""
     machine, state, hold = args
-    v = machine.contacts.gained(state.v + gains[1], hold)
+    v = machine.contacts.gain_with_hold(state.v + gains[1], hold)
     names = lambda s: (s.time, s.phase, s.x, s.v)  # noqa: E731
     phase = state.phase + phase_change(machine, state.phase, time)
     then = (state.time + time, phase, state.x + gains[0], v)

@@ -164,7 +164,7 @@ def crossings_in_step(
         last_pull=end.pull,
         last=end.value,
         displacement=jax.vmap(contacts.towards, out_axes=1)(inside.displacement, changes),
-        gain=jax.vmap(contacts.pushed, out_axes=1)(inside.gain, inside.pushes),
+        gain=jax.vmap(contacts.integrated_pull, out_axes=1)(inside.gain, inside.pushes),
     )
     return in_one_kernel(jax.vmap(_prove, (0, None, 0)), view, step, is_expected)
 

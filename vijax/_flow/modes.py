@@ -10,7 +10,7 @@ from itertools import combinations
 import jax
 import numpy as np
 
-from .._jax.arrays import concrete
+from .._jax.concrete import concrete
 from .._machine.numbers import num_harmonics
 from .._system.system import ImpactSystem
 from .modal import ModalFlow, Modes

@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import matvec, stop_gradients
+from .._jax.arrays import matvec
+from .._jax.concrete import stop_gradients
 from .._jax.xla import is_any
 from .._machine.small_matrices import diagonal, inverse_among
 

@@ -44,10 +44,10 @@ def first_state(
     position, speed = contacts.rounded(t0)
     # Values converted to the coordinates of the machine carry the rounding of a product.
     touching = is_touching(contacts.gaps(x, phase), 4 * (position + contacts.size(jnp.abs(x))))
-    x = contacts.placed(x, touching, phase)
+    x = contacts.with_closed_gaps(x, touching, phase)
     approach = contacts.towards(v, phase_rate)
     at_rest = touching & is_touching(approach, 4 * (speed + contacts.size(jnp.abs(v))))
-    v = contacts.held_still(v, at_rest, phase_rate)
+    v = contacts.with_zero_approach(v, at_rest, phase_rate)
     state = state_before_contact(machine, phase, x, v, jnp.zeros(touching.shape, bool))
     leaving = touching & ~at_rest & (approach < 0)
     contact = jnp.where(leaving, jnp.int8(1), state.contact)
@@ -97,11 +97,11 @@ def _impact(
     q = -(1 + restitution) * speed
     closed = state.held | state.is_kept_closed
     _, impulse, rest = solve_complementarity(contacts.compliance, q, hit | closed)
-    v = state.v - contacts.freed(contacts.back(impulse))
+    v = state.v - contacts.inverse_mass_times(contacts.back(impulse))
     is_open = closed & (rest > 0)
     torn = state.held & is_open
     plus = jnp.where(hit, -restitution * speed - rest, instant.velocity_plus)
-    x = contacts.placed(state.x, hit | closed, state.phase)
+    x = contacts.with_closed_gaps(state.x, hit | closed, state.phase)
     # Updated by the displacement, not recomputed: a nearly closed contact keeps the digits of its gap.
     is_closed = hit | closed | (state.gap == 0)
     gap = jnp.where(is_closed, 0, state.gap - contacts.along(x - state.x))
@@ -155,7 +155,7 @@ def _stick_and_release(
     stuck, thrown = now_held & ~was_held, was_held & ~now_held
     x, v = jax.lax.cond(
         is_any(now_held),
-        lambda: contacts.settled(state.x, state.v, now_held, state.phase, machine.damping),
+        lambda: contacts.closed_and_stopped(state.x, state.v, now_held, state.phase, machine.damping),
         lambda: (state.x, state.v),
     )
     gap = jnp.where(now_held, 0, state.gap)
@@ -204,7 +204,7 @@ def _chatter_completion(
     duration = chatter_time(speed, pull, contacts.light_restitution)
     is_complete = bouncing & chatter_is_complete(speed, pull, pull_rate, duration, machine.rate)
     # A dependent row carries no force, and rests when the rows it depends on do.
-    is_spare = bouncing & contacts.is_spare(hold) & is_light(speed)
+    is_spare = bouncing & contacts.is_redundant(hold) & is_light(speed)
     return is_complete | (is_spare & jnp.any(is_complete, axis=0)), jnp.where(is_spare, 0, duration)
 
 

@@ -31,8 +31,10 @@ def first_state(
     x, v = machine.relative_to_stops(phase, x, v)
     reach, speed = _rounding_sizes(machine, t0)
     touching = is_touching(machine.contacts.gaps(x, phase), reach)
-    x = machine.contacts.placed(x, touching, phase)
-    v = machine.contacts.held_still(v, touching & is_touching(machine.contacts.along(v), speed), phase)
+    x = machine.contacts.with_closed_gaps(x, touching, phase)
+    v = machine.contacts.with_zero_approach(
+        v, touching & is_touching(machine.contacts.along(v), speed), phase
+    )
     state = state_before_contact(machine, phase, x, v, jnp.zeros(touching.shape, bool))
     state = eqx.tree_at(lambda s: s.gap, state, jnp.where(touching, 0, state.gap))
     inward = machine.contacts.along(v)
@@ -53,7 +55,7 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) 
     hit = is_event & ~state.held & (v_minus > 0)
     x, v = rebound(machine, state, hit)
     # The gap of a hit stop is zero; that on the other side of the mass is recomputed.
-    afresh = machine.contacts.sharing(hit)
+    afresh = machine.contacts.sharing_mass(hit)
     gap = jnp.where(hit, 0, jnp.where(afresh, machine.contacts.gaps(x, state.phase), state.gap))
     contact = jnp.where(hit, jnp.int8(1), state.contact)
     after = eqx.tree_at(lambda s: (s.x, s.v, s.gap, s.contact), state, (x, v, gap, contact))
@@ -90,7 +92,7 @@ def _stick_and_release(
     contact = jnp.where(let_go | pulled, jnp.int8(3), contact)
     contact = jnp.where(thrown | (pulled & (approach < 0)), jnp.int8(2), contact)
 
-    v = machine.contacts.held_still(state.v, stuck, state.phase)
+    v = machine.contacts.with_zero_approach(state.v, stuck, state.phase)
     held = (state.held & ~thrown) | stuck | pressed_again
     after = eqx.tree_at(lambda s: (s.v, s.held, s.contact), state, (v, held, contact))
     instant = eqx.tree_at(

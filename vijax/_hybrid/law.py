@@ -23,7 +23,7 @@ def rebound(
     """
     contacts, phase_rate = machine.contacts, machine.phase_rate(state.phase)
     kept = jnp.zeros_like(hit) if kept is None else kept
-    x = contacts.placed(state.x, hit, state.phase)
+    x = contacts.with_closed_gaps(state.x, hit, state.phase)
     return x, contacts.reflected(state.v, hit, kept, phase_rate)
 
 
@@ -34,7 +34,7 @@ def before(
     approach: Float[Array, "stops ..."],
 ) -> Float[Array, "n ..."]:
     """Velocities before `rebound`, from the speeds of approach u to the stops `hit`: r = 0 erases them."""
-    return machine.contacts.brought(state.v, hit, approach, machine.phase_rate(state.phase))
+    return machine.contacts.with_approach(state.v, hit, approach, machine.phase_rate(state.phase))
 
 
 def restitution_matrix(num_masses: int, restitutions: dict[int, ArrayLike]) -> Float[Array, "n n"]:

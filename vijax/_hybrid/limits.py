@@ -94,7 +94,7 @@ def _force_coefficients(machine: Machine, state: State, hold: Held, now: Derivat
 def _force_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> list[Any]:
     del state
     _, force, phase = series
-    return [machine.contacts.pressing(force[k], hold, phase[k]) for k in range(len(force))]
+    return [machine.contacts.contact_force(force[k], hold, phase[k]) for k in range(len(force))]
 
 
 # `near`: after 1e-3 time scales the remainder of five terms of the velocity, 1e-3^5 / 5!, is below rounding. A contact
@@ -117,14 +117,14 @@ FORCE = Limit(
     event=RELEASE,
     bifurcation="force_zero",
     is_active=lambda state: state.held,
-    value=lambda machine, state, hold: machine.contacts.pressing(
+    value=lambda machine, state, hold: machine.contacts.contact_force(
         machine.total_force(state), hold, state.phase
     ),
-    slope=lambda machine, state, hold, now: machine.contacts.pressing(
+    slope=lambda machine, state, hold, now: machine.contacts.contact_force(
         now.force_rate, hold, machine.phase_rate(state.phase)
     ),
     coefficients=_force_coefficients,
-    rest=lambda machine, rests, hold: machine.contacts.pressing_rest(rests[1], hold),
+    rest=lambda machine, rests, hold: machine.contacts.contact_force_remainder(rests[1], hold),
     series=_force_series,
     near={"float64": 1e-4, "float32": 1e-3},
     begins_at_zero=False,

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Scalar, concrete, rounding_step
+from .._jax.arrays import Scalar, rounding_step
+from .._jax.concrete import concrete
 from .._system.system import ImpactSystem
 
 

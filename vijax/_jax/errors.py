@@ -19,7 +19,8 @@ import numpy as np
 from equinox.internal import unvmap_max
 from jaxtyping import Array, ArrayLike, Int, PyTree
 
-from .arrays import Scalar, concrete
+from .arrays import Scalar
+from .concrete import concrete
 
 
 class SimulationError(RuntimeError):

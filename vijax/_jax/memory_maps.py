@@ -11,7 +11,7 @@ from pathlib import Path
 
 import jax
 
-from .arrays import is_staged
+from .concrete import is_staged
 
 _MAPS, _MOST = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
 # _BETWEEN: programs compiled between two counts of the maps.

@@ -4,7 +4,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, PyTree
 
-from .arrays import Reals, is_traced
+from .arrays import Reals
+from .concrete import is_traced
 from .xla import differentiable
 
 

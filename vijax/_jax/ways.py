@@ -14,7 +14,8 @@ import numpy as np
 from jax.extend.core import Primitive, jaxpr_as_fun
 from jaxtyping import Array, PyTree
 
-from .arrays import add_up, is_staged
+from .arrays import add_up
+from .concrete import is_staged
 
 Arrays = list[Any]  # JAX arrays, or their stand-ins while a function is traced
 Function = Callable[[Arrays, Arrays], tuple[Arrays, Arrays]]

@@ -18,7 +18,7 @@ import numpy as np
 from equinox.internal import unvmap_any, while_loop
 from jaxtyping import Array, Bool, PyTree
 
-from .arrays import is_traced
+from .concrete import is_traced
 from .memory_maps import make_room
 
 try:

@@ -23,7 +23,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Reals, Scalar, matvec, stop_gradients
+from .._jax.arrays import Reals, Scalar, matvec
+from .._jax.concrete import stop_gradients
 from .._jax.xla import is_any
 from .._system.restitution import Restitution, coefficient, light_coefficient
 from .._system.waves import Waves, phase_rate
@@ -116,7 +117,7 @@ class Contacts(eqx.Module):
     @property
     def position(self) -> Float[Array, "contacts ..."]:
         """Mean position of each contact, as given by the user, without its motion."""
-        return self.told(self.limit)
+        return self.signed(self.limit)
 
     @property
     def effective_mass(self) -> Float[Array, "contacts ..."]:
@@ -151,7 +152,7 @@ class Contacts(eqx.Module):
         """|A| . y: bounds at the contacts, from bounds for the masses."""
         return matvec(abs(self.rows), of_masses)
 
-    def told(self, towards: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
+    def signed(self, towards: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
         """Convert quantities counted towards each contact to signed ones of public results, and back."""
         return jnp.where(self.signs == 0, 1, self.signs) * towards
 
@@ -191,7 +192,7 @@ class Contacts(eqx.Module):
         rest = self.size(x_rest)
         return rest if self.walls is None else rest + self.frequency**4 / 24 * self.walls.bound(4)
 
-    def sharing(self, flags: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:
+    def sharing_mass(self, flags: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:
         """No flags: gaps are updated by displacements, never recomputed."""
         return jnp.zeros_like(flags)
 
@@ -220,7 +221,7 @@ class Contacts(eqx.Module):
         moved = matvec(hold.mobility, force)
         return moved if hold.drive is None else moved + hold.drive.at(phase)
 
-    def pressing(
+    def contact_force(
         self, force: Float[Array, "n ..."], hold: Hold, phase: Float[Array, "2 harmonics ..."]
     ) -> Float[Array, "contacts ..."]:
         """Contact forces from the force without them; zero where no contact holds."""
@@ -235,10 +236,10 @@ class Contacts(eqx.Module):
         """Acceleration towards each contact with only this contact released."""
         free = self._accelerated_towards(self.accelerations(force, hold, phase), phase)
         inertia = diagonal(hold.inertia)
-        pressing = self.pressing(force, hold, phase)
+        pressing = self.contact_force(force, hold, phase)
         return jnp.where(hold.held, pressing / jnp.where(inertia > 0, inertia, 1), free)
 
-    def is_spare(self, hold: Hold) -> Bool[Array, "contacts ..."]:
+    def is_redundant(self, hold: Hold) -> Bool[Array, "contacts ..."]:
         """Flags of contacts that hold but whose row depends on other held ones."""
         return hold.held & (diagonal(hold.inertia) == 0)
 
@@ -265,26 +266,28 @@ class Contacts(eqx.Module):
         self, force: Float[Array, "n ..."], phase: Float[Array, "2 harmonics ..."]
     ) -> Float[Array, "contacts ..."]:
         """Acceleration towards each contact with no contact held."""
-        return self._accelerated_towards(self.freed(force), phase)
+        return self._accelerated_towards(self.inverse_mass_times(force), phase)
 
     def _accelerated_towards(self, acceleration: Array, phase: Array) -> Float[Array, "contacts ..."]:
         along = self.along(acceleration)
         return along if self.walls is None else along - self._accelerated().at(phase)
 
-    def pressing_rest(self, force_rest: Float[Array, "n ..."], hold: Hold) -> Float[Array, "contacts ..."]:
+    def contact_force_remainder(
+        self, force_rest: Float[Array, "n ..."], hold: Hold
+    ) -> Float[Array, "contacts ..."]:
         """Bound of the third derivative of the contact forces over 6, from that of the force."""
         rest = matvec(jnp.abs(hold.reaction), force_rest)
         if self.walls is None:
             return rest
         return rest + matvec(jnp.abs(hold.inertia), self.frequency**5 / 6 * self.walls.bound(5))
 
-    def placed(
+    def with_closed_gaps(
         self, x: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], phase: Array
     ) -> Float[Array, "n ..."]:
         """Positions with zero gaps of the flagged contacts, nearest to x in the metric of M."""
         return x + self._by(inverse_among(self.compliance, flags), self.gaps(x, phase))
 
-    def settled(
+    def closed_and_stopped(
         self,
         x: Float[Array, "n ..."],
         v: Float[Array, "n ..."],
@@ -292,13 +295,13 @@ class Contacts(eqx.Module):
         phase: Array,
         damping: Float[Array, "n n ..."],
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
-        """Positions `placed` and velocities `held_still`, with the impulse of dampers.
+        """Positions `with_closed_gaps` and velocities `with_zero_approach`, with the impulse of dampers.
 
         Even if the gaps close in a very short time, dampers act with an impulse C times the displacement.
         """
         inertia, rate = inverse_among(self.compliance, held), phase_rate(phase, self.frequency)
         way = self._by(inertia, self.gaps(x, phase))
-        v = v - self.freed(matvec(damping, way))
+        v = v - self.inverse_mass_times(matvec(damping, way))
         return x + way, v - self._by(inertia, self.towards(v, rate))
 
     def kept(
@@ -317,13 +320,13 @@ class Contacts(eqx.Module):
         approach = jnp.where(hold.held, self.towards(v, phase_rate(phase, self.frequency)), 0)
         return displacement + self._by(hold.inertia, lack), v - self._by(hold.inertia, approach)
 
-    def held_still(
+    def with_zero_approach(
         self, v: Float[Array, "n ..."], held: Bool[Array, "contacts ..."], phase_rate: Array
     ) -> Float[Array, "n ..."]:
         """Velocities after plastic impacts on the flagged contacts, which are then not approached."""
-        return self.brought(v, held, jnp.zeros_like(self.limit), phase_rate)
+        return self.with_approach(v, held, jnp.zeros_like(self.limit), phase_rate)
 
-    def brought(
+    def with_approach(
         self,
         v: Float[Array, "n ..."],
         flags: Bool[Array, "contacts ..."],
@@ -346,7 +349,7 @@ class Contacts(eqx.Module):
         lack = jnp.where(hit, -(1 + self.restitution_at(approach)) * approach, 0)
         return v + self._by(inverse_among(self.compliance, hit | kept), lack)
 
-    def gained(self, gain: Float[Array, "n ..."], hold: Hold) -> Float[Array, "n ..."]:
+    def gain_with_hold(self, gain: Float[Array, "n ..."], hold: Hold) -> Float[Array, "n ..."]:
         """Gain of velocities, from the integral of `free_accelerations`."""
         del hold
         return gain
@@ -354,10 +357,12 @@ class Contacts(eqx.Module):
     def free_accelerations(
         self, force: Float[Array, "n ..."], hold: Hold, phase: Float[Array, "2 harmonics ..."]
     ) -> tuple[Float[Array, "n ..."], Float[Array, "contacts ..."] | None]:
-        """Accelerations and pulls that a solver integrates besides velocities; their integrals give `pushed`."""
+        """Accelerations and pulls that a solver integrates besides velocities; their integrals give `integrated_pull`."""
         return self.accelerations(force, hold, phase), self.pull(force, hold, phase)
 
-    def pushed(self, gain: Float[Array, "n ..."], pushes: Float[Array, "contacts ..."] | None) -> Array:
+    def integrated_pull(
+        self, gain: Float[Array, "n ..."], pushes: Float[Array, "contacts ..."] | None
+    ) -> Array:
         """Integral of `pull` where contacts hold, (contacts, ...), from the integrals of `free_accelerations`."""
         del gain
         assert pushes is not None
@@ -367,7 +372,7 @@ class Contacts(eqx.Module):
         """Impulse of each contact from the loss of velocities, as if it alone had been hit."""
         return self.along(loss) * self.effective_mass
 
-    def freed(self, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
+    def inverse_mass_times(self, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
         """M^-1 . y: accelerations from forces with no contact held, or velocities from impulses."""
         return matvec(self.inverse_mass, force) if self._has_full_mass else self.inverse_mass * force
 
@@ -377,7 +382,7 @@ class Contacts(eqx.Module):
 
     def _by(self, inertia: Array, lack: Array) -> Float[Array, "n ..."]:
         """Change of positions or velocities of the masses that makes A of it equal to `lack`."""
-        return self.freed(self.back(matvec(inertia, lack)))
+        return self.inverse_mass_times(self.back(matvec(inertia, lack)))
 
     def _weighted(self) -> Float[Array, "contacts n ..."]:
         """A M^-1."""

@@ -56,7 +56,7 @@ def contact_forces(machine: Machine, state: State, hold: Held, now: Derivatives)
     """Contact forces of the contacts that hold, and their first two derivatives, (contacts, ...) each."""
     forces = now.force, now.force_rate, now.force_curvature
     phases = _phases(machine, state, len(forces))
-    return [machine.contacts.pressing(f, hold, p) for f, p in zip(forces, phases, strict=True)]
+    return [machine.contacts.contact_force(f, hold, p) for f, p in zip(forces, phases, strict=True)]
 
 
 def approaches(machine: Machine, state: State, now: Rates) -> list[Array]:

@@ -136,7 +136,7 @@ class Machine(eqx.Module):
             w, rate = self.frame.at(phase)
             return position + contacts.size(w), contacts.size(rate)
         still = jnp.zeros_like(self.mean)
-        moved, rate = (-contacts.told(contacts.towards(still, p)) for p in (phase, self.phase_rate(phase)))
+        moved, rate = (-contacts.signed(contacts.towards(still, p)) for p in (phase, self.phase_rate(phase)))
         return position + moved, rate
 
     def clock(self, state: State) -> Scalar:

@@ -28,11 +28,11 @@ class Stops(Contacts):
     frequency: ClassVar[None] = None
     compliance: ClassVar[None] = None
 
-    bears: Reals
+    acts_on: Reals
 
     def __init__(self, rows: Reals, limit: Array, restitution: Restitution, inverse_mass: Array):
         self.rows, self.limit, self.restitution, self.inverse_mass = rows, limit, restitution, inverse_mass
-        self.bears, self.signs = rows != 0, rows.sum(axis=1)
+        self.acts_on, self.signs = rows != 0, rows.sum(axis=1)
 
     @property
     def effective_mass(self) -> Float[Array, "contacts ..."]:
@@ -47,7 +47,7 @@ class Stops(Contacts):
         """Without a product where rows are concrete."""
         return _applied(abs(self.rows), of_masses)
 
-    def told(self, towards: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
+    def signed(self, towards: Float[Array, "contacts ..."]) -> Float[Array, "contacts ..."]:
         """Without a case for contacts between masses."""
         return self.signs * towards
 
@@ -58,15 +58,15 @@ class Stops(Contacts):
 
     def masses_of(self, flags: Bool[Array, "contacts ..."]) -> Bool[Array, "n ..."]:
         """Flags of the masses on which a flagged contact acts, (n, ...)."""
-        found = jnp.zeros((self.bears.shape[1], *flags.shape[1:]), bool)
+        found = jnp.zeros((self.acts_on.shape[1], *flags.shape[1:]), bool)
         for j in range(self.num):
-            found = found | (flags[j] & self.bears[j])
+            found = found | (flags[j] & self.acts_on[j])
         return found
 
-    def sharing(self, flags: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:
+    def sharing_mass(self, flags: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:
         """Flags of contacts with a mass of a flagged contact: their gaps are recomputed."""
         masses = self.masses_of(flags)
-        return jnp.any(self.bears & masses[None], axis=1) if self.num else flags
+        return jnp.any(self.acts_on & masses[None], axis=1) if self.num else flags
 
     def hold(self, held: Bool[Array, "contacts ..."]) -> Held:
         """Flags of the masses at rest, (n, ...)."""
@@ -79,7 +79,7 @@ class Stops(Contacts):
         del phase
         return jnp.where(hold, 0, self.inverse_mass) * force
 
-    def pressing(
+    def contact_force(
         self, force: Float[Array, "n ..."], hold: Held, phase: Float[Array, "2 harmonics ..."]
     ) -> Float[Array, "contacts ..."]:
         """Force on the mass of each stop, held or not."""
@@ -93,18 +93,20 @@ class Stops(Contacts):
         del hold, phase
         return self.along(self.inverse_mass * force)
 
-    def pressing_rest(self, force_rest: Float[Array, "n ..."], hold: Held) -> Float[Array, "contacts ..."]:
+    def contact_force_remainder(
+        self, force_rest: Float[Array, "n ..."], hold: Held
+    ) -> Float[Array, "contacts ..."]:
         """From the force on the mass alone."""
         del hold
         return self.size(force_rest)
 
-    def placed(
+    def with_closed_gaps(
         self, x: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], phase: Array
     ) -> Float[Array, "n ..."]:
         """Gaps exactly zero: the position is assigned."""
         del phase
         for j in range(self.num):
-            x = jnp.where(flags[j] & self.bears[j], self.rows[j] * self.limit[j], x)
+            x = jnp.where(flags[j] & self.acts_on[j], self.rows[j] * self.limit[j], x)
         return x
 
     def reflected(
@@ -118,10 +120,10 @@ class Stops(Contacts):
         del kept, phase_rate
         restitution = self.restitution_at(self.along(v))
         for j in range(self.num):
-            v = jnp.where(hit[j] & self.bears[j], -restitution[j] * v, v)
+            v = jnp.where(hit[j] & self.acts_on[j], -restitution[j] * v, v)
         return v
 
-    def brought(
+    def with_approach(
         self,
         v: Float[Array, "n ..."],
         flags: Bool[Array, "contacts ..."],
@@ -131,10 +133,10 @@ class Stops(Contacts):
         """Velocities of the masses of flagged contacts assigned; other masses do not change."""
         del phase_rate
         for j in range(self.num):
-            v = jnp.where(flags[j] & self.bears[j], self.rows[j] * approach[j], v)
+            v = jnp.where(flags[j] & self.acts_on[j], self.rows[j] * approach[j], v)
         return v
 
-    def gained(self, gain: Float[Array, "n ..."], hold: Held) -> Float[Array, "n ..."]:
+    def gain_with_hold(self, gain: Float[Array, "n ..."], hold: Held) -> Float[Array, "n ..."]:
         """Zero for held masses."""
         return jnp.where(hold, 0, gain)
 
@@ -143,9 +145,11 @@ class Stops(Contacts):
     ) -> tuple[Float[Array, "n ..."], None]:
         """Accelerations with no mass held; those of held masses are their pulls."""
         del hold, phase
-        return self.freed(force), None
+        return self.inverse_mass_times(force), None
 
-    def pushed(self, gain: Float[Array, "n ..."], pushes: Float[Array, "contacts ..."] | None) -> Array:
+    def integrated_pull(
+        self, gain: Float[Array, "n ..."], pushes: Float[Array, "contacts ..."] | None
+    ) -> Array:
         """Gain of velocity of the mass, as if it were released."""
         del pushes
         return self.along(gain)
@@ -154,11 +158,11 @@ class Stops(Contacts):
         """None: impulses follow from the velocities."""
         del loss
 
-    def freed(self, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
+    def inverse_mass_times(self, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
         """From the diagonal of M^-1."""
         return self.inverse_mass * force
 
-    def held_still(
+    def with_zero_approach(
         self, v: Float[Array, "n ..."], held: Bool[Array, "contacts ..."], phase_rate: Array
     ) -> Float[Array, "n ..."]:
         """Zero for the masses of flagged contacts."""

@@ -237,8 +237,8 @@ def initial_moment(problem: Problem, machine: Machine, z: Array) -> Moment:
     x, v = jnp.split(z, 2)
     held = problem.sequence.held[0]
     phase = phase_at(2 * jnp.pi * problem.phase, machine.waves.num_harmonics)
-    x = machine.contacts.placed(x, held, phase)
-    v = machine.contacts.held_still(v, held, machine.phase_rate(phase))
+    x = machine.contacts.with_closed_gaps(x, held, phase)
+    v = machine.contacts.with_zero_approach(v, held, machine.phase_rate(phase))
     gap = jax.lax.stop_gradient(machine.contacts.gaps(x, phase))
     return Moment(jnp.concatenate([x, v]), problem.phase + 0 * x[0], gap)
 
@@ -271,8 +271,8 @@ def fly_to_event(
     placed, v = rebound(machine, end, hit, event.held & event.held_after)
     # Placing the hit contact at gap zero moves the gaps of others that share its inertia, until the cycle is found.
     counted_on = gap - contacts.along(placed - x)
-    gap = jnp.where(hit, 0, jnp.where(contacts.sharing(hit), contacts.gaps(placed, phase), counted_on))
-    v = contacts.held_still(v, event.held_after, machine.phase_rate(phase))
+    gap = jnp.where(hit, 0, jnp.where(contacts.sharing_mass(hit), contacts.gaps(placed, phase), counted_on))
+    v = contacts.with_zero_approach(v, event.held_after, machine.phase_rate(phase))
     return Moment(jnp.concatenate([placed, v]), time, jax.lax.stop_gradient(gap)), (value, speed), end
 
 

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .._hybrid.limits import IMPACT
-from .._jax.arrays import Scalar, stop_gradients
+from .._jax.arrays import Scalar
+from .._jax.concrete import stop_gradients
 from .._jax.xla import compile_lightly
 from .._trajectory.event_log import EventLog
 from .condensation import Pencil

@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import Count, Numbers, as_numpy_float, is_traced, refuse_single_precision, whole_number
+from .._jax.arrays import Count, Numbers, as_numpy_float, refuse_single_precision, whole_number
+from .._jax.concrete import is_traced
 from .._jax.xla import padding_allowed
 from .._progress import tqdm
 from .._system.checks import validate_start
@@ -129,10 +130,10 @@ def _distinct_orbits(
     """Indices of distinct orbits, modulo whole periods and the rigid shifts that `felt` projects out."""
     kept: list[int] = []
     known: list[np.ndarray] = []  # states of the orbits so far, at phase 0 of each of their periods
-    told = np.kron(np.eye(2), felt)
+    projection = np.kron(np.eye(2), felt)
     for i, state in enumerate(states):
         size = np.abs(state).max() or 1.0
-        if any(np.abs(told @ (other - state)).max() < _SAME * size for other in known):
+        if any(np.abs(projection @ (other - state)).max() < _SAME * size for other in known):
             continue
         kept.append(i)
         known.append(state)

@@ -7,16 +7,8 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._flow.interface import AbstractFlow
 from .._hybrid.law import rebound
-from .._jax.arrays import (
-    Count,
-    Numbers,
-    Reals,
-    Scalar,
-    as_float,
-    concrete,
-    in_full_precision,
-    whole_number,
-)
+from .._jax.arrays import Count, Numbers, Reals, Scalar, as_float, in_full_precision, whole_number
+from .._jax.concrete import concrete
 from .._jax.errors import checked, number_of_doubts
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import differentiable, padding_allowed
@@ -233,7 +225,7 @@ def _saltation(impact: tuple[MachineNumbers, Scalar, Array, Array, Array]) -> Ar
     # In the frame of the stops, where they stand still; at one instant this changes no derivative by the state.
     x, v = machine.relative_to_stops(phase0, x, v)
     # The state, extended by the time since the impact: contacts may have motions of their own.
-    y = jnp.concatenate([contacts.placed(x, is_hit, phase0), v, jnp.zeros_like(time)[None]])
+    y = jnp.concatenate([contacts.with_closed_gaps(x, is_hit, phase0), v, jnp.zeros_like(time)[None]])
 
     def at(y: Float[Array, " whole"]) -> State:
         phase = machine.phase_at(time + y[-1])
@@ -254,7 +246,7 @@ def _saltation(impact: tuple[MachineNumbers, Scalar, Array, Array, Array]) -> Ar
         return field(reset(y)) - slope @ field(y)
 
     slope, towards = jax.jacfwd(reset)(y), -jax.grad(gap)(y)
-    along = contacts.freed(towards[:n]) * contacts.effective_mass[stop]
+    along = contacts.inverse_mass_times(towards[:n]) * contacts.effective_mass[stop]
     approach = jnp.zeros_like(y).at[n:-1].set(along)  # the velocity that closes the gap at speed 1
     speed = towards @ field(y)
     # At speed 0 only the accelerations that the stop reverses jump; the rest is of the order of the speed.

@@ -14,7 +14,8 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._flow.taylor import TaylorFlow
-from .._jax.arrays import Count, Numbers, Reals, Scalar, as_float, concrete, whole_number
+from .._jax.arrays import Count, Numbers, Reals, Scalar, as_float, whole_number
+from .._jax.concrete import concrete
 from .._jax.errors import checked, none_true, number_of_doubts
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import padding_allowed

@@ -6,7 +6,8 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import Count, Numbers, as_float, concrete, is_traced, whole_number
+from .._jax.arrays import Count, Numbers, as_float, whole_number
+from .._jax.concrete import concrete, is_traced
 from .._jax.errors import checked, none_true, number_of_doubts
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import padding_allowed

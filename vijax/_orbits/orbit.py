@@ -10,7 +10,8 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 from .._dataset_attributes import flags, versions
 from .._flow.interface import AbstractFlow
 from .._hybrid.limits import EVENT_NAMES
-from .._jax.arrays import Scalar, concrete
+from .._jax.arrays import Scalar
+from .._jax.concrete import concrete
 from .._printing import as_html, as_text, describe_orbit
 from .._sweep.dataset import labelled
 from .._system.system import ImpactSystem

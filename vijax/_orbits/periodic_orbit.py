@@ -5,7 +5,8 @@ from jaxtyping import ArrayLike
 
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import Count, Numbers, as_float, is_traced, refuse_single_precision, whole_number
+from .._jax.arrays import Count, Numbers, as_float, refuse_single_precision, whole_number
+from .._jax.concrete import is_traced
 from .._jax.errors import checked, number_of_doubts
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of

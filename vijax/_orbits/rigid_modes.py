@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._jax.arrays import array_namespace, stop_gradients
+from .._jax.arrays import array_namespace
+from .._jax.concrete import stop_gradients
 from .._machine.numbers import MachineNumbers
 from .._machine.small_matrices import inverse_among
 from .condensation import Pencil

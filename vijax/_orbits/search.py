@@ -258,4 +258,4 @@ def _onto_stops(problem: Problem, z: Array) -> Array:
     contacts = problem.machine.contacts
     x, v = jnp.split(z, 2)
     phase = phase_at(2 * jnp.pi * problem.phase, problem.machine.waves.num_harmonics)
-    return jnp.concatenate([contacts.placed(x, contacts.gaps(x, phase) < 0, phase), v])
+    return jnp.concatenate([contacts.with_closed_gaps(x, contacts.gaps(x, phase) < 0, phase), v])

@@ -247,12 +247,12 @@ def _with_proved_non_impacting(
     source: Solution | xr.Dataset,
     found: Recurrence,
     section: xr.Dataset,
-    asked: np.ndarray,
+    wanted: np.ndarray,
     relative: np.ndarray,
 ) -> Recurrence:
     """Classify motions without impacts by the response of their machine: in the section, beats hide how they end."""
     is_quiet, contraction = prove_non_impacting(
-        source, asked, *(section[name].values[:, -1] for name in ("x", "v"))
+        source, wanted, *(section[name].values[:, -1] for name in ("x", "v"))
     )
     step = np.abs(relative[:, -1] - relative[:, -2]).max(axis=1)
     return Recurrence(

@@ -7,7 +7,8 @@ from jaxtyping import Array, Float
 
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, in_full_precision, is_traced, whole_number
+from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, in_full_precision, whole_number
+from .._jax.concrete import is_traced
 from .._jax.errors import checked, none_true, number_of_doubts
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import padding_allowed

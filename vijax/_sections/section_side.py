@@ -77,7 +77,7 @@ def _before(machine: Machine, angle: ArrayLike, v: Reals, stop: Reals, velocity:
     state = _state(machine, angle, jnp.zeros_like(v), v)
     own = machine.velocity_of_stops(state.phase)
     hit = jnp.arange(machine.contacts.num)[:, None] == stop
-    approach = machine.contacts.told(jnp.where(hit, velocity, 0) - (0 if own is None else own))
+    approach = machine.contacts.signed(jnp.where(hit, velocity, 0) - (0 if own is None else own))
     return machine.in_space(eqx.tree_at(lambda s: s.v, state, before(machine, state, hit, approach)))[1]
 
 

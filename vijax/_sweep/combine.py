@@ -53,9 +53,9 @@ def combine(datasets: Sequence[xr.Dataset]) -> xr.Dataset:
         "all down, and none may stand in two of them. "
     )
     # `exact` refuses entries that one part lacks, which would be filled with NaN otherwise.
-    asked: dict[str, Any] = {"data_vars": "all", "coords": "minimal", "compat": "equals", "join": "exact"}
+    options: dict[str, Any] = {"data_vars": "all", "coords": "minimal", "compat": "equals", "join": "exact"}
     try:
-        found = cast(xr.Dataset, xr.combine_by_coords(_padded(datasets), **asked, combine_attrs="override"))
+        found = cast(xr.Dataset, xr.combine_by_coords(_padded(datasets), **options, combine_attrs="override"))
     except ValueError as error:
         raise ValueError(f"{refusal}{error}") from error
     twice = [str(name) for name, index in found.indexes.items() if not index.is_unique]

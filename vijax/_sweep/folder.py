@@ -176,7 +176,7 @@ def open_folder(folder: Folder, coordinates: xr.Dataset, manifest: dict[str, Any
         finally:
             rmtree(part, ignore_errors=True)
     block = read_manifest(
-        path, _MANIFEST, manifest, lambda told: tuple(map(int, told["block"])), "attributes"
+        path, _MANIFEST, manifest, lambda recorded: tuple(map(int, recorded["block"])), "attributes"
     )
     return Folder(path, folder.shape, block, folder.max_impacts)
 

@@ -145,9 +145,9 @@ def _checked_sweep(sweep: _Sweep, axes: dict[str, np.ndarray], workers: Executor
     shape = tuple(len(axis) for axis in axes.values())
     whole = Folder(Path(), shape, _block_of(shape, _LOOKED_AT), 0)
     tasks = ((None, (sweep, _part(axes, whole, k))) for k in range(math.prod(whole.blocks)))
-    told = [found for _, found in run_tasks(workers, _look_at, tasks, sweep.settings.in_flight)]
-    can_stick = any(can for can, _ in told)
-    fits = all(fits[can_stick] for _, fits in told)
+    findings = [found for _, found in run_tasks(workers, _look_at, tasks, sweep.settings.in_flight)]
+    can_stick = any(can for can, _ in findings)
+    fits = all(fits[can_stick] for _, fits in findings)
     flow = TaylorFlow() if sweep.flow is None and not fits else sweep.flow
     return replace(sweep, counts=replace(sweep.counts, can_stick=can_stick), flow=flow)
 

@@ -59,14 +59,14 @@ def sweep_zipped(
     given = dict(values) | starts
     points = points_of_lanes(base, given)
     can_stick = can_any_stick(points.system, points.x0, points.v0)
-    asked = replace(counts, can_stick=can_stick)
+    own_counts = replace(counts, can_stick=can_stick)
     motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
-    attributes = origin(base, asked, flow=name_of_flow(motion, flow), carry=None, goes_on=False)
-    runner = choose_runner(motion, asked, settings, executor)
+    attributes = origin(base, own_counts, flow=name_of_flow(motion, flow), carry=None, goes_on=False)
+    runner = choose_runner(motion, own_counts, settings, executor)
     filled = np.resize(np.arange(len(states)), max(len(states), beside))
     whole = points_of_lanes(base, {path: np.asarray(a)[filled] for path, a in given.items()})
     found = runner.run(whole, np.arange(len(states)), tell)
-    ds = dataset(points, {START: np.arange(len(states))}, (len(states),), asked, found, attributes)
+    ds = dataset(points, {START: np.arange(len(states))}, (len(states),), own_counts, found, attributes)
     coordinates = {path: ((START,), a) for path, a in values.items()}
     coordinates |= {path: ((START, "mass"), a) for path, a in starts.items()}
     return ds.assign_coords(coordinates)

@@ -3,7 +3,8 @@
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
-from .._jax.arrays import Numbers, as_float, evaluate_eagerly
+from .._jax.arrays import Numbers, as_float
+from .._jax.concrete import evaluate_eagerly
 from .forcing import Harmonic
 
 

@@ -17,7 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .._jax.arrays import Flag, Reals, array_namespace, concrete
+from .._jax.arrays import Flag, Reals, array_namespace
+from .._jax.concrete import concrete
 
 
 class Rule(NamedTuple):

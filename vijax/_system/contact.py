@@ -7,7 +7,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._jax.arrays import Reals, as_float, concrete, whole_number
+from .._jax.arrays import Reals, as_float, whole_number
+from .._jax.concrete import concrete
 from .._printing import as_html, as_text, describe_contact
 from .checks import FINITE, RESTITUTION, check_number, check_one
 from .forcing import Harmonic

@@ -65,10 +65,10 @@ def build(
     _check_names("The machine", description, (*_ARRAYS, "forcing"), ("stops", "force", "args"))
     arrays = {name: _array(name, description[name], dtype) for name in _ARRAYS}
     forcing = Harmonic(**_numbers("forcing", description["forcing"], ("amplitude", "frequency"), dtype))
-    told = description.get("stops", [])
-    if not isinstance(told, list):
-        raise ValueError(f"`stops` must be a list of tables, but is {told!r}.")
-    stops = [_stop(f"stops[{j}]", lists, forcing, dtype) for j, lists in enumerate(told)]
+    given = description.get("stops", [])
+    if not isinstance(given, list):
+        raise ValueError(f"`stops` must be a list of tables, but is {given!r}.")
+    stops = [_stop(f"stops[{j}]", lists, forcing, dtype) for j, lists in enumerate(given)]
     own = build_force(description, allow_forces, force)
     system = ImpactSystem(**arrays, forcing=forcing, stops=stops, force=own)
     # Built in JAX's precision, which holds every number of a narrower one.
@@ -110,27 +110,27 @@ def _stop(name: str, lists: Any, forcing: Harmonic, dtype: DTypeLike) -> Stop | 
         raise ValueError(f"In `{name}`: {error}") from error
 
 
-def _restitution(name: str, told: Any, dtype: DTypeLike) -> np.ndarray | AbstractRestitution:
+def _restitution(name: str, given: Any, dtype: DTypeLike) -> np.ndarray | AbstractRestitution:
     """A number, or the law of a table."""
-    if not isinstance(told, dict):
-        return _array(name, told, dtype)
+    if not isinstance(given, dict):
+        return _array(name, given, dtype)
     laws = laws_by_name()
-    if told.get("law") not in laws:
+    if given.get("law") not in laws:
         raise ValueError(
-            f"`{name}` must be a number, or a table with `law`, one of {', '.join(sorted(laws))}, and its numbers, but is {told!r}."
+            f"`{name}` must be a number, or a table with `law`, one of {', '.join(sorted(laws))}, and its numbers, but is {given!r}."
         )
-    law: Any = laws[told["law"]]
-    _check_names(f"`{name}`", told, ("law", *law.rules))
-    return law(**{a: _array(f"{name}.{a}", told[a], dtype) for a in law.rules})
+    law: Any = laws[given["law"]]
+    _check_names(f"`{name}`", given, ("law", *law.rules))
+    return law(**{a: _array(f"{name}.{a}", given[a], dtype) for a in law.rules})
 
 
-def _row(name: str, told: Any, dtype: DTypeLike) -> dict[int, np.ndarray]:
+def _row(name: str, given: Any, dtype: DTypeLike) -> dict[int, np.ndarray]:
     """Coefficients of a contact; text has the numbers of the masses as strings."""
-    if not isinstance(told, dict) or not all(str(i).isdecimal() for i in told):
+    if not isinstance(given, dict) or not all(str(i).isdecimal() for i in given):
         raise ValueError(
-            f"`{name}` must be a table of coefficients by the numbers of masses, but is {told!r}."
+            f"`{name}` must be a table of coefficients by the numbers of masses, but is {given!r}."
         )
-    return {int(i): _array(f"{name}.{i}", a, dtype) for i, a in told.items()}
+    return {int(i): _array(f"{name}.{i}", a, dtype) for i, a in given.items()}
 
 
 def _lists(harmonic: Harmonic) -> dict[str, Any]:

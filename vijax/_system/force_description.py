@@ -57,18 +57,18 @@ def build_force(
     Raises:
         ValueError: for a force that is not allowed or cannot be imported.
     """
-    told, args = description.get("force"), description.get("args")
-    if told is None:
+    given, args = description.get("force"), description.get("args")
+    if given is None:
         _refuse_without_force(args, force)
         return None
     if isinstance(force, NamedForce):
-        return NamedForce(_name_in(told, args))
-    told = {"path": told} if isinstance(told, str) else told
+        return NamedForce(_name_in(given, args))
+    given = {"path": given} if isinstance(given, str) else given
     if force is None:
-        _check_path(told)
-    paths = [*(paths_in(told) if force is None else ()), *paths_in(args)]
+        _check_path(given)
+    paths = [*(paths_in(given) if force is None else ()), *paths_in(args)]
     found = found_by(paths, allow_forces)
-    own = as_force(_made_of(told, found) if force is None else force)
+    own = as_force(_made_of(given, found) if force is None else force)
     bound = own if own is None or args is None else BoundForce(own, _numbers(_from_text(args, found)))
     remember(found)
     return bound
@@ -90,23 +90,23 @@ def _refuse_without_force(args: Any, force: Callable | None) -> None:
         )
 
 
-def _check_path(told: Any) -> None:
+def _check_path(given: Any) -> None:
     """Reject text without an import path of a force."""
-    if isinstance(told, dict) and "path" not in told and "name" in told:
-        raise ValueError(f"The machine has the force {told['name']}, which no text can hold. {_ADVICE}")
-    if not isinstance(told, dict) or not isinstance(told.get("path"), str):
+    if isinstance(given, dict) and "path" not in given and "name" in given:
+        raise ValueError(f"The machine has the force {given['name']}, which no text can hold. {_ADVICE}")
+    if not isinstance(given, dict) or not isinstance(given.get("path"), str):
         raise ValueError(
             '`force` must be "package.module:function", or a table with that as its `path` and the fields of a class, '
-            f"but is {told!r}."
+            f"but is {given!r}."
         )
 
 
-def _made_of(told: dict[str, Any], found: Mapping[str, Any]) -> Callable:
+def _made_of(given: dict[str, Any], found: Mapping[str, Any]) -> Callable:
     """Force of a text, before its args are bound."""
-    force = _from_text(told, found)
+    force = _from_text(given, found)
     if not callable(force):
         raise ValueError(
-            f"`force` must be a function, but {told['path']} is none: give its class a `__call__`."
+            f"`force` must be a function, but {given['path']} is none: give its class a `__call__`."
         )
     return force
 
@@ -135,13 +135,13 @@ def _alike(found: Any, wanted: Any) -> Any:
     return jax.tree.map(lambda a, b: np.asarray(a, b.dtype), found, wanted)
 
 
-def _name_in(told: Any, args: Any) -> str:
+def _name_in(given: Any, args: Any) -> str:
     """Name of a force from its text, with its numbers, on one line."""
-    if isinstance(told, dict) and "path" in told:
-        fields = ", ".join(f"{name}={reprlib.repr(a)}" for name, a in told.items() if name != "path")
-        name = f"{told['path']}({fields})" if fields else str(told["path"])
+    if isinstance(given, dict) and "path" in given:
+        fields = ", ".join(f"{name}={reprlib.repr(a)}" for name, a in given.items() if name != "path")
+        name = f"{given['path']}({fields})" if fields else str(given["path"])
     else:
-        name = str(told["name"] if isinstance(told, dict) and "name" in told else told)
+        name = str(given["name"] if isinstance(given, dict) and "name" in given else given)
     whole = name if args is None else f"{name} with args {reprlib.repr(args)}"
     return whole if whole.isprintable() else ascii(whole)  # it may be printed in a terminal
 
@@ -157,26 +157,26 @@ def _text_of(value: Any) -> Any:
             return {name: [_text_of(a) for a in value]}
     if isinstance(value, eqx.Module):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
-        told = {name: _text_of(a) for name, a in fields.items() if a is not None}
-        return {"path": path_of(type(value)), **told}
+        given = {name: _text_of(a) for name, a in fields.items() if a is not None}
+        return {"path": path_of(type(value)), **given}
     if callable(value):
         return {"path": path_of(value)}
     return np.asarray(value).tolist()
 
 
-def _from_text(told: Any, found: Mapping[str, Any]) -> Any:
+def _from_text(given: Any, found: Mapping[str, Any]) -> Any:
     """Inverse of `_text_of`; `found` holds the functions and classes by path."""
-    if isinstance(told, list):
-        return array_of(told, "A list in `force` or `args` must be an array of numbers", float, "biuf")
-    if not isinstance(told, dict):
-        return told
-    if "path" in told:
-        fields = {name: _from_text(a, found) for name, a in told.items() if name != "path"}
-        return _made(told["path"], found[told["path"]], fields)
+    if isinstance(given, list):
+        return array_of(given, "A list in `force` or `args` must be an array of numbers", float, "biuf")
+    if not isinstance(given, dict):
+        return given
+    if "path" in given:
+        fields = {name: _from_text(a, found) for name, a in given.items() if name != "path"}
+        return _made(given["path"], found[given["path"]], fields)
     for name, kind in _SEQUENCES.items():
-        if told.keys() == {name} and isinstance(told[name], list):
-            return kind(_from_text(a, found) for a in told[name])
-    return {name: _from_text(a, found) for name, a in told.items()}
+        if given.keys() == {name} and isinstance(given[name], list):
+            return kind(_from_text(a, found) for a in given[name])
+    return {name: _from_text(a, found) for name, a in given.items()}
 
 
 def _made(path: str, found: Any, fields: dict[str, Any]) -> Any:

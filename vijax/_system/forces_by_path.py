@@ -39,15 +39,15 @@ def remember(paths: Iterable[str]) -> None:
     _known.update(paths)
 
 
-def paths_in(told: Any) -> Iterator[Any]:
+def paths_in(given: Any) -> Iterator[Any]:
     """All paths in the text of a force, or of its args."""
-    if isinstance(told, dict):
-        if "path" in told:
-            yield told["path"]
-        for part in told.values():
+    if isinstance(given, dict):
+        if "path" in given:
+            yield given["path"]
+        for part in given.values():
             yield from paths_in(part)
-    elif isinstance(told, list):
-        for part in told:
+    elif isinstance(given, list):
+        for part in given:
             yield from paths_in(part)
 
 

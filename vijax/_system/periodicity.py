@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._jax.arrays import Numbers, as_float, concrete, concrete_evaluation, over_lanes
+from .._jax.arrays import Numbers, as_float, over_lanes
+from .._jax.concrete import concrete, concrete_evaluation
 from .force import BoundForce
 from .system import ImpactSystem, with_args
 

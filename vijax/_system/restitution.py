@@ -14,7 +14,8 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
-from .._jax.arrays import Reals, as_float, concrete, stack
+from .._jax.arrays import Reals, as_float, stack
+from .._jax.concrete import concrete
 from .checks import NOT_NEGATIVE, POSITIVE, RESTITUTION, Rule, check_every, check_number
 
 

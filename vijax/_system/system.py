@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._jax.arrays import Numbers, as_float, concrete, in_full_precision
+from .._jax.arrays import Numbers, as_float, in_full_precision
+from .._jax.concrete import concrete
 from .._jax.errors import checked
 from .._printing import as_html, as_text, describe_system
 from .checks import POSITIVE, check_mass_matrices, check_one, check_semidefinite, check_slots, move_alike

@@ -16,7 +16,8 @@ import numpy as np
 from equinox.internal import unvmap_max
 from jaxtyping import ArrayLike, PyTree
 
-from .._jax.arrays import Reals, concrete
+from .._jax.arrays import Reals
+from .._jax.concrete import concrete
 from .solution import Solution
 
 _MOST = 1e20

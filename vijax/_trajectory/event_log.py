@@ -223,9 +223,9 @@ def event_log(
     is_event = is_event[:max_events]
     of_stops = _velocities_of_stops(machine, instants, phases)
     of_stop = 0.0 if of_stops is None else of_stops[row, kind, stop]
-    told = jax.vmap(machine.contacts.told)
+    signed = jax.vmap(machine.contacts.signed)
     has_speed = jnp.asarray([event.has_speed for event in EVENTS])[kind]
-    read = lambda a: jnp.where(has_speed, told(a)[row, stop], 0) + of_stop  # noqa: E731
+    read = lambda a: jnp.where(has_speed, signed(a)[row, stop], 0) + of_stop  # noqa: E731
     minus, plus = read(instants.velocity_minus), read(instants.velocity_plus)
     if instants.impulse is not None:
         along = jax.vmap(machine.contacts.signed_impulse)(instants.impulse)

@@ -12,7 +12,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._hybrid.transition import Instant
-from .._jax.arrays import Flag, Scalar, smallest, stop_gradients
+from .._jax.arrays import Flag, Scalar, smallest
+from .._jax.concrete import stop_gradients
 from .._jax.xla import is_any
 from .._machine.derivatives import rates
 from .._machine.machine import Machine

@@ -9,17 +9,8 @@ from jaxtyping import Array, ArrayLike
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._hybrid.sticking import can_any_stick
-from .._jax.arrays import (
-    Count,
-    Numbers,
-    as_float,
-    as_numpy_float,
-    check_values,
-    concrete,
-    evaluate_eagerly,
-    is_traced,
-    whole_number,
-)
+from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, whole_number
+from .._jax.concrete import check_values, concrete, evaluate_eagerly, is_traced
 from .._jax.errors import checked, none_true, number_of_doubts
 from .._jax.xla import padding_allowed
 from .._machine.machine import AUTOMATIC_MAX_STEPS

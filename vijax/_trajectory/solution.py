@@ -15,7 +15,8 @@ from .._dataset_attributes import flags, variable_attributes, versions
 from .._flow.interface import AbstractFlow
 from .._flow.smooth_flow import coast
 from .._hybrid.limits import EVENT_NAMES
-from .._jax.arrays import Flag, Numbers, Reals, Scalar, array_namespace, concrete, is_traced
+from .._jax.arrays import Flag, Numbers, Reals, Scalar, array_namespace
+from .._jax.concrete import concrete, is_traced
 from .._jax.errors import checked
 from .._jax.xla import compile_lightly, padding_allowed
 from .._machine.machine import Machine, in_periods, state_before_contact
@@ -339,7 +340,7 @@ def _from_restart(
     periods, time = (jnp.where(t == start.t, a, b) for a, b in zip(here, then, strict=True))
     state = coast(flow, machine, state, phase0, periods, time, max_steps)
     hold = machine.hold(state.held)
-    pressing = machine.contacts.pressing(machine.total_force(state), hold, state.phase)
+    pressing = machine.contacts.contact_force(machine.total_force(state), hold, state.phase)
     return *machine.in_space(state), jnp.where(state.held, pressing, 0)
 
 

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
-from .._jax.arrays import Numbers, as_float, evaluate_eagerly, whole_number
+from .._jax.arrays import Numbers, as_float, whole_number
+from .._jax.concrete import evaluate_eagerly
 from .._system.contact import Contact
 from .._system.forcing import Harmonic
 from .._system.stop import Stop

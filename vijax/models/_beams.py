@@ -4,7 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._jax.arrays import as_float, evaluate_eagerly, whole_number
+from .._jax.arrays import as_float, whole_number
+from .._jax.concrete import evaluate_eagerly
 from .._system.forcing import Harmonic
 from .._system.stop import Stop
 from .._system.system import ImpactSystem

@@ -37,7 +37,9 @@ def masses_of(sol: Solution, number: int) -> list[int]:
 
 def masses_with_jump(sol: Solution, number: int) -> list[int]:
     """The masses whose velocities jump at an impact: with a full mass matrix also masses it does not act on."""
-    return np.flatnonzero(np.asarray(sol.machine.contacts.freed(jnp.asarray(row_of(sol, number))))).tolist()
+    return np.flatnonzero(
+        np.asarray(sol.machine.contacts.inverse_mass_times(jnp.asarray(row_of(sol, number))))
+    ).tolist()
 
 
 def place_on_axis(sol: Solution, number: int, t: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

@@ -163,12 +163,12 @@ def _draw_far(ax: Axes, groups: list[_Group], limit: float, edge: float) -> None
     if not is_far.any():
         return
     mu, colors = values[is_far], np.concatenate([group.colors for group in groups])[is_far]
-    is_infinite, told = np.isinf(np.abs(mu)), []
+    is_infinite, labelled = np.isinf(np.abs(mu)), []
     if not is_infinite.all():
         largest = np.abs(mu[~is_infinite]).max()
-        told.append(f"{np.count_nonzero(~is_infinite)} farther out,\nup to $|\\mu|$ = {largest:.3g}")
+        labelled.append(f"{np.count_nonzero(~is_infinite)} farther out,\nup to $|\\mu|$ = {largest:.3g}")
     if is_infinite.any():
-        told.append(f"{np.count_nonzero(is_infinite)} infinite")
+        labelled.append(f"{np.count_nonzero(is_infinite)} infinite")
     # Infinity has no direction: near grazing a real multiplier diverges, and may return from the other side.
     mu = np.where(is_infinite, 1, mu)
     at = edge * mu / _reach(mu)
@@ -181,5 +181,5 @@ def _draw_far(ax: Axes, groups: list[_Group], limit: float, edge: float) -> None
         linewidths=0,
         clip_on=False,
         zorder=3,
-        label="\n".join(told),
+        label="\n".join(labelled),
     )

@@ -29,13 +29,13 @@ def add_to(commands: Any) -> None:
     parser.set_defaults(run=run)
 
 
-def run(asked: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
     """Serve the page until Ctrl-C."""
     from ..explorer.page import serve  # imports Panel
 
-    if asked.keep_compiled:
+    if args.keep_compiled:
         keep_compiled()
-    ds = open_dataset(asked.file).load()
-    if asked.allow_forces:
-        system_of(ds, allow_forces=allowed(asked, asked.file))  # allows the force in this process
-    serve(ds, port=asked.port, show=asked.show, dark=asked.dark)
+    ds = open_dataset(args.file).load()
+    if args.allow_forces:
+        system_of(ds, allow_forces=allowed(args, args.file))  # allows the force in this process
+    serve(ds, port=args.port, show=args.show, dark=args.dark)

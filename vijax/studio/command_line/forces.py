@@ -18,12 +18,12 @@ def add_allow_forces(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def allowed(asked: argparse.Namespace, file: Path) -> list[str]:
+def allowed(args: argparse.Namespace, file: Path) -> list[str]:
     """The allowed modules; if any, the folders of the file and of the call are added to Python's path.
 
     Otherwise they stay out of it: they may contain anything under the name of a package that is not installed.
     """
-    for folder in (os.getcwd(), str(file.resolve().parent)) if asked.allow_forces else ():
+    for folder in (os.getcwd(), str(file.resolve().parent)) if args.allow_forces else ():
         if folder not in sys.path:
             sys.path.append(folder)
-    return asked.allow_forces
+    return args.allow_forces

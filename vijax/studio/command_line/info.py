@@ -25,10 +25,10 @@ def add_to(commands: Any) -> None:
     parser.set_defaults(run=run)
 
 
-def run(asked: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
     """Print what is in a file."""
     words = (
-        words_of_machine(asked.file) if is_machine(asked.file) else words_of_dataset(open_dataset(asked.file))
+        words_of_machine(args.file) if is_machine(args.file) else words_of_dataset(open_dataset(args.file))
     )
     print(words)  # noqa: T201
 

@@ -30,17 +30,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code: 0, 2 for an error of arguments or files, or 130 after Ctrl-C.
     """
-    asked = _parser().parse_args(arguments)
+    args = _parser().parse_args(arguments)
     jax.config.update("jax_enable_x64", True)
     with warnings.catch_warnings():
-        warnings.showwarning = lambda message, *rest: _report(asked, f"warning: {message}")
+        warnings.showwarning = lambda message, *rest: _report(args, f"warning: {message}")
         try:
-            asked.run(asked)
+            args.run(args)
         except (ValueError, OSError, RuntimeError) as error:
-            _report(asked, f"error: {error}")
+            _report(args, f"error: {error}")
             return _WRONG
         except KeyboardInterrupt as stopped:
-            _report(asked, str(stopped) or "Stopped.")
+            _report(args, str(stopped) or "Stopped.")
             return _STOPPED
     return 0
 
@@ -54,5 +54,5 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _report(asked: argparse.Namespace, sentence: str) -> None:
-    print(f"vijax {asked.command}: {sentence}", file=sys.stderr)  # noqa: T201
+def _report(args: argparse.Namespace, sentence: str) -> None:
+    print(f"vijax {args.command}: {sentence}", file=sys.stderr)  # noqa: T201

@@ -42,32 +42,32 @@ def add_to(commands: Any) -> None:
     parser.set_defaults(run=run)
 
 
-def run(asked: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
     """Draw and write the picture."""
-    check_folder(asked.out)
+    check_folder(args.out)
     import matplotlib as mpl  # imported only for pictures, and used without a window
 
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     try:
-        with plt.style.context(asked.style):
-            figure_of_file(asked)
-            plt.savefig(asked.out, dpi=asked.dpi, bbox_inches="tight")
+        with plt.style.context(args.style):
+            figure_of_file(args)
+            plt.savefig(args.out, dpi=args.dpi, bbox_inches="tight")
     finally:
         plt.close("all")
-    print(asked.out)  # noqa: T201
+    print(args.out)  # noqa: T201
 
 
-def figure_of_file(asked: argparse.Namespace) -> None:
+def figure_of_file(args: argparse.Namespace) -> None:
     """Draw the requested picture in a new figure."""
     from ... import plot  # imports matplotlib
 
-    if is_machine(asked.file):
-        plot.machine(look_at(read_table(asked.file), asked.file))
+    if is_machine(args.file):
+        plot.machine(look_at(read_table(args.file), args.file))
         return
-    ds = open_dataset(asked.file)
-    for text in asked.at:
+    ds = open_dataset(args.file)
+    for text in args.at:
         path, value = assignment(text)
         if path not in ds.dims:
             dims = [str(dim) for dim in ds.dims]
@@ -75,20 +75,20 @@ def figure_of_file(asked: argparse.Namespace) -> None:
                 f"--at {text}: the dataset has {', '.join(dims)}, but no `{path}`.{did_you_mean(path, dims)}"
             )
         ds = ds.sel({path: numbers(path, value)[0]}, method="nearest")
-    kind = asked.kind or _kind_of(ds)
+    kind = args.kind or _kind_of(ds)
     pictures = {
-        "bifurcation": lambda: plot.bifurcation(ds, stop=asked.stop, ordinate=asked.ordinate),
+        "bifurcation": lambda: plot.bifurcation(ds, stop=args.stop, ordinate=args.ordinate),
         "regions": lambda: plot.regions(classify(ds)),
         "lyapunov": lambda: plot.lyapunov(ds),
-        "impact_map": lambda: plot.impact_map(ds, asked.stop),
-        "branch": lambda: plot.branch(Branch(ds.load()), stop=asked.stop or 0),
+        "impact_map": lambda: plot.impact_map(ds, args.stop),
+        "branch": lambda: plot.branch(Branch(ds.load()), stop=args.stop or 0),
         "basins": lambda: plot.basins(ds),
         "shares": lambda: plot.shares(ds),
     }
     try:
         pictures[kind]()
     except (KeyError, AttributeError) as error:
-        raise ValueError(f"{asked.file} is no dataset for a picture `{kind}`: it has no {error}.") from error
+        raise ValueError(f"{args.file} is no dataset for a picture `{kind}`: it has no {error}.") from error
 
 
 def _kind_of(ds: xr.Dataset) -> str:

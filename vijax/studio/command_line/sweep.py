@@ -83,25 +83,25 @@ def add_to(commands: Any) -> None:
     parser.set_defaults(run=run, progress=sys.stderr.isatty())
 
 
-def run(asked: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
     """Sweep and write the dataset."""
-    if not is_machine(asked.machine):
-        raise ValueError(f"{asked.machine} must be a machine, .toml or .json.")
-    table = read_table(asked.machine)
-    system = bound(machine_of_table(table, asked.machine, allowed(asked, asked.machine)))
-    for text in getattr(asked, "changes", []):
+    if not is_machine(args.machine):
+        raise ValueError(f"{args.machine} must be a machine, .toml or .json.")
+    table = read_table(args.machine)
+    system = bound(machine_of_table(table, args.machine, allowed(args, args.machine)))
+    for text in getattr(args, "changes", []):
         path, value = assignment(text)
         system = set_parameter(system, path, one_or_several(path, value))
-    options = _options(table.get("sweep", {}), vars(asked), str(asked.machine))
+    options = _options(table.get("sweep", {}), vars(args), str(args.machine))
     if "out" not in options:
         raise ValueError("Say with --out in which file the dataset goes, .nc or .zarr.")
     out = Path(options.pop("out"))
     check_target(out)
-    if getattr(asked, "keep_compiled", False):
+    if getattr(args, "keep_compiled", False):
         keep_compiled()
     settings = ExecutionSettings(cores=options.pop("cores", None))
     try:
-        ds = sweep(system, options.pop("over"), **options, settings=settings, progress=asked.progress)
+        ds = sweep(system, options.pop("over"), **options, settings=settings, progress=args.progress)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(_kept(options.get("store"))) from None
     write_dataset(ds, out)
@@ -138,11 +138,11 @@ def _options(table: Any, typed: dict[str, Any], file: str) -> dict[str, Any]:
             "Say what is swept: --over forcing.frequency=0.5:2:1000, or a table `sweep.over` in the file."
         )
     options = table | {name: typed[name] for name in known if name in typed}
-    options["over"] = {path: swept_values(path, told) for path, told in over.items()}
+    options["over"] = {path: swept_values(path, given) for path, given in over.items()}
     for name in _STARTS:
         if name in options:
-            told = options[name]
-            options[name] = numbers(name, told) if isinstance(told, str) else swept_values(name, told)
+            given = options[name]
+            options[name] = numbers(name, given) if isinstance(given, str) else swept_values(name, given)
     if "carry_from" in options:
         options["carry_from"] = open_dataset(Path(options["carry_from"]))
     if not isinstance(options.get("lyapunov", False), bool):

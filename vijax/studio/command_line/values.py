@@ -19,14 +19,14 @@ def assignment(text: str) -> tuple[str, str]:
     return path, value
 
 
-def swept_values(path: str, told: Any) -> np.ndarray:
+def swept_values(path: str, given: Any) -> np.ndarray:
     """Swept values, (points, ...), from a text or from lists of numbers."""
-    if isinstance(told, str):
-        return _range(path, told) if ":" in told else numbers(path, told, RANGES)
+    if isinstance(given, str):
+        return _range(path, given) if ":" in given else numbers(path, given, RANGES)
     try:
-        return np.atleast_1d(np.asarray(told, float))
+        return np.atleast_1d(np.asarray(given, float))
     except (ValueError, TypeError) as error:
-        raise ValueError(f"The values of `{path}` must be {RANGES}, but are {told!r}.") from error
+        raise ValueError(f"The values of `{path}` must be {RANGES}, but are {given!r}.") from error
 
 
 def numbers(name: str, text: str, wanted: str = _NUMBERS) -> np.ndarray:

@@ -76,6 +76,6 @@ def frames_of(motion: PointMotion) -> dict[str, Any]:
 
 def _rounded(a: np.ndarray) -> list:
     """Numbers rounded to few digits for the browser, None for NaN."""
-    told = a.round(_DIGITS).astype(object)
-    told[np.isnan(a)] = None
-    return told.tolist()
+    rounded = a.round(_DIGITS).astype(object)
+    rounded[np.isnan(a)] = None
+    return rounded.tolist()

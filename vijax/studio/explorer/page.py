@@ -201,13 +201,13 @@ class Explorer:
 
     def _words(self, motion: PointMotion | None, trouble: str) -> str:
         """Table of the point, its kind of motion and multipliers, as HTML."""
-        told = {plain_label(dim): f"{self.place[dim]:.6g}" for dim in self.swept}
-        told |= {"direction": str(self.place["direction"])} if "direction" in self.place else {}
-        told |= {f"changed: {path}": f"{value:.6g}" for path, value in self.changes.items()}
+        shown = {plain_label(dim): f"{self.place[dim]:.6g}" for dim in self.swept}
+        shown |= {"direction": str(self.place["direction"])} if "direction" in self.place else {}
+        shown |= {f"changed: {path}": f"{value:.6g}" for path, value in self.changes.items()}
         if motion is not None:
-            told |= {"Motion": motion.words, "Multipliers": words_of_multipliers(motion)}
+            shown |= {"Motion": motion.words, "Multipliers": words_of_multipliers(motion)}
         rows = [f"<tr><td style='padding-right: 1em; color: {self.look.faint}'>{html.escape(name)}</td>"
-                f"<td><b>{html.escape(words)}</b></td></tr>" for name, words in told.items()]  # fmt: skip
+                f"<td><b>{html.escape(words)}</b></td></tr>" for name, words in shown.items()]  # fmt: skip
         alarm = (
             f"<p class='trouble' style='color: {self.look.chosen}'>{html.escape(trouble)}</p>"
             if trouble

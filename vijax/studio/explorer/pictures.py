@@ -31,11 +31,11 @@ def words_of_multipliers(motion: PointMotion) -> str:
     """The Floquet multipliers of the orbit, the largest first, and its stability as text."""
     if motion.orbit is None:
         return f"none: {'they need 64-bit numbers' if is_single_precision(motion.system) else 'no periodic orbit'}"
-    told = [
+    parts = [
         f"{a.real:.4g}" if a.imag == 0 else f"{a.real:.4g} {'+' if a.imag > 0 else '-'} {abs(a.imag):.4g}i"
         for a in np.asarray(motion.orbit.multipliers).tolist()
     ]
-    return f"{', '.join(told)} ({'stable' if motion.orbit.is_stable else 'unstable'})"
+    return f"{', '.join(parts)} ({'stable' if motion.orbit.is_stable else 'unstable'})"
 
 
 def _multipliers(motion: PointMotion, ax: Axes) -> object:
