@@ -8,10 +8,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
-from .._hybrid.limits import IMPACT
+from .._hybrid.limits import FORCE, GAP, IMPACT
 from .._jax.arrays import Scalar
 from .._jax.xla import is_any
-from .._machine.derivatives import approaches, contact_forces, derivatives
+from .._machine.derivatives import derivatives
 from .._machine.machine import Machine, state_before_contact
 from .._orbits.cycle import Moment, Problem, Unknowns, events_of, flow_map, fly_to_event, initial_moment
 from .._orbits.sequence import NOTHING, Sequence as CycleEvents
@@ -279,6 +279,7 @@ def _read(machine: Machine, flow: AbstractFlow, begin: Moment, held: Array, sinc
     state = state_before_contact(machine, phase, x, v, held, time)
     hold = machine.hold(held)
     now = derivatives(machine, state, hold)
-    gap = [machine.contacts.gaps(state.x, phase), *(-a for a in approaches(machine, state, now))]
-    in_periods = lambda parts: [a * machine.period**order for order, a in enumerate(parts)]  # noqa: E731
-    return _GapsAndForces(in_periods(gap), in_periods(contact_forces(machine, state, hold, now)))
+    in_periods = lambda limit: [  # noqa: E731
+        a * machine.period**order for order, a in enumerate(limit.derivatives(machine, state, hold, now))
+    ]
+    return _GapsAndForces(in_periods(GAP), in_periods(FORCE))

@@ -195,12 +195,12 @@ def _bound_of(
     limit: Scalar,
     hold: Held,
 ) -> Bound:
-    coefficients = guard.coefficients(machine, state, hold, motion.now)
+    """Bound a guard by its Taylor coefficients and their remainder."""
+    value, slope, curvature, *third = guard.derivatives(machine, state, hold, motion.now)
     rest = guard.rest(machine, rests, hold)
     if guard.begins_at_zero:
-        return divided_bound(coefficients, rest, state.contact, limit)
-    value, slope, curve = coefficients
-    return Bound(jnp.maximum(value, 0), slope, curve, rest)
+        return divided_bound((value, slope, curvature / 2, third[0] * (1 / 6)), rest, state.contact, limit)
+    return Bound(jnp.maximum(value, 0), slope, curvature / 2, rest)
 
 
 def _move(machine: Machine, state: State, motion: Expansion, hold: Held, step: Scalar) -> State:

@@ -51,44 +51,36 @@ class Limit(NamedTuple):
 
     Attributes:
         event: number of the event that ends the mode.
-        bifurcation: kind of bifurcation of a branch of orbits where the guard touches zero between two events.
         is_active: flags of the contacts in this mode, (contacts,).
         value: guard, (contacts,).
         slope: first time derivative of the guard.
-        coefficients: leading Taylor coefficients of the guard that are exact.
-        rest: bound of the next coefficient over a step, from bounds for positions and forces, see `Expansion.rest`.
+        derivatives: the guard and its first time derivatives, as many as are exact.
+        rest: bound of the next Taylor coefficient over a step, from bounds for positions and forces, see `Expansion.rest`.
         series: Taylor coefficients of the guard, from those of positions, forces and phase.
         near: time to the event below which `series` locates it to rounding, in time scales of the motion, by dtype.
         begins_at_zero: True if a mode that has just begun has vanishing leading coefficients, `State.contact` of them.
     """
 
     event: int
-    bifurcation: str
     is_active: Callable[[State], Bool[Array, "contacts ..."]]
     value: Callable[[Machine, State, Held], Array]
     slope: Callable[[Machine, State, Held, Rates], Array]
-    coefficients: Callable[[Machine, State, Held, Derivatives], tuple[Array, ...]]
+    derivatives: Callable[[Machine, State, Held, Derivatives], list[Array]]
     rest: Callable[[Machine, tuple[Array, Array], Held], Array]
     series: Callable[[Machine, State, Held, tuple[Array, ...]], list[Any]]
     near: dict[str, float]
     begins_at_zero: bool
 
 
-def _gap_coefficients(machine: Machine, state: State, hold: Held, now: Rates) -> tuple[Array, ...]:
+def _gap_derivatives(machine: Machine, state: State, hold: Held, now: Rates) -> list[Array]:
     del hold
-    v, a, jerk = approaches(machine, state, now)
-    return state.gap, -v, -a / 2, -jerk * (1 / 6)
+    return [state.gap, *(-a for a in approaches(machine, state, now))]
 
 
 def _gap_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> list[Any]:
     del hold
     x, _, phase = series
     return [state.gap, *(-machine.contacts.towards(x[k], phase[k]) for k in range(1, len(x)))]
-
-
-def _force_coefficients(machine: Machine, state: State, hold: Held, now: Derivatives) -> tuple[Array, ...]:
-    force, rate, curvature = contact_forces(machine, state, hold, now)
-    return force, rate, curvature / 2
 
 
 def _force_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> list[Any]:
@@ -101,13 +93,12 @@ def _force_series(machine: Machine, state: State, hold: Held, series: tuple[Arra
 # force has two terms fewer, so its zero must be nearer.
 GAP = Limit(
     event=IMPACT,
-    bifurcation="gr",
     is_active=lambda state: ~state.held,
     value=lambda machine, state, hold: state.gap,
     slope=lambda machine, state, hold, now: (
         -machine.contacts.towards(state.v, machine.phase_rate(state.phase))
     ),
-    coefficients=_gap_coefficients,
+    derivatives=_gap_derivatives,
     rest=lambda machine, rests, hold: machine.contacts.rest(rests[0]),
     series=_gap_series,
     near={"float64": 1e-3, "float32": 1e-2},
@@ -115,7 +106,6 @@ GAP = Limit(
 )
 FORCE = Limit(
     event=RELEASE,
-    bifurcation="force_zero",
     is_active=lambda state: state.held,
     value=lambda machine, state, hold: machine.contacts.contact_force(
         machine.total_force(state), hold, state.phase
@@ -123,7 +113,7 @@ FORCE = Limit(
     slope=lambda machine, state, hold, now: machine.contacts.contact_force(
         now.force_rate, hold, machine.phase_rate(state.phase)
     ),
-    coefficients=_force_coefficients,
+    derivatives=contact_forces,
     rest=lambda machine, rests, hold: machine.contacts.contact_force_remainder(rests[1], hold),
     series=_force_series,
     near={"float64": 1e-4, "float32": 1e-3},
