@@ -80,6 +80,14 @@ def test_it_is_written_and_read_bit_for_bit(name, tmp_path):
     assert "Yielding(elastic=0.9, speed=2)" in repr(read.stops[0])
 
 
+def test_a_law_without_rules_is_refused():
+    class Lawless(Yielding):
+        rules: ClassVar = {"elastic": vx.AbstractRestitution.COEFFICIENT}
+
+    with pytest.raises(ValueError, match="must give a rule for `speed`"):
+        vx.Stop(0, 0.3, "upper", Lawless(0.9, 2.0))
+
+
 def test_what_is_wrong_with_it_is_a_sentence(tmp_path):
     with pytest.raises(ValueError, match=r"`restitution.elastic` must lie between 0 \(plastic\) and 1"):
         vx.Stop(0, 0.3, "upper", law(elastic=1.5))

@@ -194,7 +194,7 @@ class Contact(AbstractLimit):
 
     @property
     def sign(self) -> int:
-        """Always 1: the position is along the row."""
+        """Always 1, as the position counts along the row."""
         return 1
 
     @property

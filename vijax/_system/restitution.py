@@ -7,6 +7,7 @@ and list it in `vijax/__init__.pyi` and in the reference.
 
 import abc
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -31,8 +32,8 @@ class AbstractRestitution(eqx.Module):
 
         class Yielding(vx.AbstractRestitution):
             rules = {"elastic": vx.AbstractRestitution.COEFFICIENT, "speed": vx.AbstractRestitution.POSITIVE}
-            elastic: jax.Array
-            speed: jax.Array
+            elastic: jax.Array | float
+            speed: jax.Array | float
 
             def __call__(self, speed):
                 return self.elastic * jnp.exp(-jnp.abs(speed) / self.speed)
@@ -46,7 +47,7 @@ class AbstractRestitution(eqx.Module):
     POSITIVE: ClassVar[Rule] = POSITIVE
     NOT_NEGATIVE: ClassVar[Rule] = NOT_NEGATIVE
 
-    rules: eqx.AbstractClassVar[Mapping[str, Rule]]
+    rules: ClassVar[Mapping[str, Rule]] = {}
 
     @abc.abstractmethod
     def __call__(self, speed: Reals) -> Reals:
@@ -54,11 +55,13 @@ class AbstractRestitution(eqx.Module):
 
     @property
     def light(self) -> Reals:
-        """Coefficient of light impacts, r(0): the ratio of speeds of successive impacts in chatter."""
+        """Coefficient r(0) of light impacts, the ratio of chatter."""
         return self(0 * jax.tree.leaves(self)[0])
 
     def check(self, name: str) -> None:
         """Raise ValueError for numbers that break their rules; `name` is the path of the law."""
+        if without := {field.name for field in fields(self)} - self.rules.keys():
+            raise ValueError(f"`{type(self).__name__}.rules` must give a rule for `{min(without)}`.")
         for field, rule in self.rules.items():
             check_number(f"{name}.{field}", getattr(self, field), rule)
 
