@@ -9,7 +9,7 @@ there. This is the differentiation rule of `fly`. It consists of differentiable 
 
 import abc
 from collections.abc import Callable
-from itertools import zip_longest
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -179,7 +179,7 @@ def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar, hol
 def _bound_of_gap(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
     """Lower bound of every gap, where no mass is held."""
     x_rest = compute_once(_rest_of_gap, motion, machine, limit)
-    return _bound_of(GAP, (x_rest, x_rest), machine, state, motion, limit, None)
+    return _bound_of(GAP, (x_rest,), machine, state, motion, limit, None)
 
 
 def _rest_of_gap(motion: Expansion, machine: Machine, limit: Scalar) -> Float[Array, "n ..."]:
@@ -188,7 +188,7 @@ def _rest_of_gap(motion: Expansion, machine: Machine, limit: Scalar) -> Float[Ar
 
 def _bound_of(
     guard: Limit,
-    rests: tuple[Array, Array],
+    rests: tuple[Array, ...],
     machine: Machine,
     state: State,
     motion: Expansion,
@@ -249,11 +249,13 @@ def _delays(
         is_root: stops on whose event the step ended, to rounding.
         ahead: longest time to an event.
     """
-    limits = limits_of(machine)
-    guards = [limit.series(machine, state, hold, series) for limit in limits]
-    columns = zip_longest(*guards, fillvalue=0.0)
-    padded = dict(zip((limit.event for limit in limits), map(list, zip(*columns, strict=True)), strict=True))
-    h = select_active(limits, state, lambda limit: padded[limit.event])
+    limits, num_terms = limits_of(machine), len(series[0])
+
+    def padded(limit: Limit) -> list[Any]:
+        guard = limit.series(machine, state, hold, series)
+        return [*guard, *[0.0] * (num_terms - len(guard))]
+
+    h = select_active(limits, state, padded)
     value, slope, curve, bend = h[:4]
     square = slope * slope - 4 * curve * value
     is_simple = (slope < 0) & (4 * square > slope * slope)

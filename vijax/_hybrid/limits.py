@@ -27,7 +27,7 @@ STICK: Final = 1
 RELEASE: Final = 2
 
 
-class Event(NamedTuple):
+class EventKind(NamedTuple):
     """Kind of event.
 
     Attributes:
@@ -42,7 +42,11 @@ class Event(NamedTuple):
 
 
 # Ordered by event number, which is the order of the events of one contact at one instant.
-EVENTS = (Event("impact", "hit", has_speed=True), Event("stick", "stuck"), Event("release", "released"))
+EVENTS = (
+    EventKind("impact", "hit", has_speed=True),
+    EventKind("stick", "stuck"),
+    EventKind("release", "released"),
+)
 EVENT_NAMES: Final = tuple(event.name for event in EVENTS)
 
 
@@ -66,7 +70,7 @@ class Limit(NamedTuple):
     value: Callable[[Machine, State, Held], Array]
     slope: Callable[[Machine, State, Held, Rates], Array]
     derivatives: Callable[[Machine, State, Held, Derivatives], list[Array]]
-    rest: Callable[[Machine, tuple[Array, Array], Held], Array]
+    rest: Callable[[Machine, tuple[Array, ...], Held], Array]
     series: Callable[[Machine, State, Held, tuple[Array, ...]], list[Any]]
     near: dict[str, float]
     begins_at_zero: bool

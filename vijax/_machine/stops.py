@@ -19,7 +19,7 @@ class Stops(Contacts):
     """Stops, each of one mass and at rest. A mass has at most one stop on each side.
 
     Attributes:
-        bears: flags of the masses that each contact acts on, (contacts, n).
+        acts_on: flags of the masses that each contact acts on, (contacts, n).
     """
 
     is_coupled: ClassVar[bool] = False

@@ -12,7 +12,6 @@ each class. No class builds the lanes of a sweep, so all conditions were needed 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -139,10 +138,7 @@ def check_machines(system: Any, x0: Array | np.ndarray) -> None:
     for name in ("damping", "stiffness"):
         check_semidefinite(name, np.moveaxis(np.asarray(getattr(system, name)), -1, 0))
     for j, stop in enumerate(system.stops):
-        if isinstance(stop.restitution, np.ndarray | jax.Array):
-            check_every(f"stops[{j}].restitution", stop.restitution, RESTITUTION)
-        else:
-            stop.restitution.check_lanes(f"stops[{j}].restitution")
+        stop.check_restitution(f"stops[{j}].restitution", check_every)
     refuse(_beyond(system.stops, x0, 0.0, "Some points start"))
     check_slots(system.stops)
 

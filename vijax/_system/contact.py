@@ -1,7 +1,8 @@
 """Unilateral constraints: their abstract class, and contacts along any combination of coordinates."""
 
 import abc
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import equinox as eqx
 import numpy as np
@@ -10,9 +11,15 @@ from jaxtyping import Array, ArrayLike, Float
 from .._jax.arrays import Reals, as_float, whole_number
 from .._jax.concrete import concrete
 from .._printing import as_html, as_text, describe_contact
-from .checks import FINITE, RESTITUTION, check_number, check_one
+from .checks import FINITE, Rule, check_number, check_one
 from .forcing import Harmonic
-from .restitution import AbstractRestitution, Restitution, as_restitution, light_coefficient
+from .restitution import (
+    AbstractRestitution,
+    Restitution,
+    as_restitution,
+    check_restitution,
+    light_coefficient,
+)
 from .waves import Waves
 
 
@@ -53,10 +60,7 @@ class AbstractLimit(eqx.Module):
 
     def __check_init__(self):
         check_number("position", self.position, FINITE)
-        if isinstance(self.restitution, AbstractRestitution):
-            self.restitution.check("restitution")
-        else:
-            check_number("restitution", self.restitution, RESTITUTION)
+        self.check_restitution("restitution", check_number)
         if not isinstance(self.motion, Harmonic | None):
             raise ValueError(f"Argument `motion` must be a `vx.Harmonic` or None, but is {self.motion!r}.")
         if self.motion is not None and self.motion.amplitude.shape[-1] != 1:
@@ -64,6 +68,10 @@ class AbstractLimit(eqx.Module):
                 "Argument `motion` must move one stop, with an amplitude of shape (1,) or (harmonics, 1), "
                 f"but its amplitude has shape {self.motion.amplitude.shape}."
             )
+
+    def check_restitution(self, name: str, check: Callable[[str, Any, Rule], None]) -> None:
+        """Check its restitution, by `check_number`, or by `check_every` where lanes are last."""
+        check_restitution(self.restitution, name, check)
 
     def along(self, x: Reals) -> Reals:
         """Positions or velocities of the masses along the row, positive towards the constraint; lanes may be last."""

@@ -6,7 +6,7 @@ and list it in `vijax/__init__.pyi` and in the reference.
 """
 
 import abc
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, ClassVar
 
@@ -17,7 +17,7 @@ from jaxtyping import ArrayLike
 
 from .._jax.arrays import Reals, as_float, stack
 from .._jax.concrete import concrete
-from .checks import NOT_NEGATIVE, POSITIVE, RESTITUTION, Rule, check_every, check_number
+from .checks import NOT_NEGATIVE, POSITIVE, RESTITUTION, Rule
 
 
 class AbstractRestitution(eqx.Module):
@@ -57,18 +57,6 @@ class AbstractRestitution(eqx.Module):
     def light(self) -> Reals:
         """Coefficient r(0) of light impacts, the ratio of chatter."""
         return self(0 * jax.tree.leaves(self)[0])
-
-    def check(self, name: str) -> None:
-        """Raise ValueError for numbers that break their rules; `name` is the path of the law."""
-        if without := {field.name for field in fields(self)} - self.rules.keys():
-            raise ValueError(f"`{type(self).__name__}.rules` must give a rule for `{min(without)}`.")
-        for field, rule in self.rules.items():
-            check_number(f"{name}.{field}", getattr(self, field), rule)
-
-    def check_lanes(self, name: str) -> None:
-        """Check the numbers of many machines, lanes last."""
-        for field, rule in self.rules.items():
-            check_every(f"{name}.{field}", getattr(self, field), rule)
 
     def __repr__(self) -> str:
         numbers = ((field, concrete(getattr(self, field))) for field in self.rules)
@@ -147,9 +135,19 @@ Restitution = Any
 
 def as_restitution(value: ArrayLike | AbstractRestitution) -> Restitution:
     """Convert a number, or the numbers of a law, to arrays."""
-    if isinstance(value, AbstractRestitution):
-        return jax.tree.map(as_float, value, is_leaf=lambda a: a is not value)
-    return as_float(value, "restitution")
+    if not isinstance(value, AbstractRestitution):
+        return as_float(value, "restitution")
+    if without := {field.name for field in fields(value)} - value.rules.keys():
+        raise ValueError(f"`{type(value).__name__}.rules` must give a rule for `{min(without)}`.")
+    return jax.tree.map(as_float, value, is_leaf=lambda a: a is not value)
+
+
+def check_restitution(restitution: Restitution, name: str, check: Callable[[str, Any, Rule], None]) -> None:
+    """Apply a check, `check_number` or `check_every` for lanes, to a coefficient or to all numbers of a law."""
+    if not isinstance(restitution, AbstractRestitution):
+        return check(name, restitution, RESTITUTION)
+    for field, rule in restitution.rules.items():
+        check(f"{name}.{field}", getattr(restitution, field), rule)
 
 
 def coefficient(restitution: Restitution, speed: Reals) -> Reals:

@@ -47,7 +47,7 @@ class _Saved(eqx.Module):
     vs: Array
 
 
-class Progress(eqx.Module):
+class CallProgress(eqx.Module):
     """Progress of a trajectory, from which the next call continues.
 
     Attributes:
@@ -75,8 +75,8 @@ class Progress(eqx.Module):
 
 @compile_lightly
 def _call(
-    numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, left: Progress, choices: Choices
-) -> tuple[Solution, _Saved, Progress]:
+    numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, left: CallProgress, choices: Choices
+) -> tuple[Solution, _Saved, CallProgress]:
     """One call; the solution holds only the first saved state, as most requests have no more."""
     solution, left = _run(numbers, flow, request, left, choices)
     names = lambda s: (s.ts, s.xs, s.vs)  # noqa: E731
@@ -88,9 +88,9 @@ def _run(
     numbers: MachineNumbers,
     flow: AbstractFlow,
     request: LoopArguments,
-    left: Progress,
+    left: CallProgress,
     choices: Choices,
-) -> tuple[Solution, Progress]:
+) -> tuple[Solution, CallProgress]:
     """Follow a trajectory from its start, or from the progress of the call before.
 
     Args:
@@ -107,7 +107,7 @@ def _run(
     prepare = partial(_begin, choices=choices)
     task, last = run_without_derivatives(prepare, (numbers, flow, request, left))
     solution = finish(task, last, request, choices)
-    left = Progress(
+    left = CallProgress(
         state=last.state,
         goals=last.goal,
         steps=last.steps,
@@ -125,7 +125,7 @@ def _begin(
     numbers: MachineNumbers,
     flow: AbstractFlow,
     request: LoopArguments,
-    left: Progress,
+    left: CallProgress,
     choices: Choices,
 ) -> tuple[LoopTask, Carry]:
     task, carry = prepare_loop(numbers, flow, request, choices)
@@ -133,7 +133,7 @@ def _begin(
     return eqx.tree_at(lambda t: t.last_step, task, carry.steps + request.max_turns), carry
 
 
-def _gone_on(carry: Carry, left: Progress) -> Carry:
+def _gone_on(carry: Carry, left: CallProgress) -> Carry:
     """Initial carry of a call: that of the start, or continued from the call before."""
     goes_on = left.steps > 0
     log = eqx.tree_at(
@@ -184,7 +184,7 @@ def _window(request: LoopArguments, num_reached: int) -> LoopArguments:
     )
 
 
-def empty_progress(numbers: MachineNumbers, flow: AbstractFlow) -> Progress:
+def empty_progress(numbers: MachineNumbers, flow: AbstractFlow) -> CallProgress:
     """Input of the first call, in the shapes of the progress of a call."""
     left = _nothing(*numbers.rows.shape, numbers.waves.num_harmonics, numbers.mass.dtype)
     if type(flow).memory is AbstractFlow.memory:  # no memory, not asked of the flow to save time
@@ -194,7 +194,7 @@ def empty_progress(numbers: MachineNumbers, flow: AbstractFlow) -> Progress:
 
 
 @lru_cache
-def _nothing(num_contacts: int, n: int, num_harmonics: int, dtype: np.dtype) -> Progress:
+def _nothing(num_contacts: int, n: int, num_harmonics: int, dtype: np.dtype) -> CallProgress:
     def zeros(dtype: DTypeLike, *shape: int) -> Array:
         return jax.device_put(np.zeros(shape, dtype))
 
@@ -210,7 +210,7 @@ def _nothing(num_contacts: int, n: int, num_harmonics: int, dtype: np.dtype) -> 
         held=zeros(bool, num_contacts),
         contact=zeros(np.int8, num_contacts),
     )
-    return Progress(
+    return CallProgress(
         state=state,
         goals=count,
         steps=count,
@@ -233,7 +233,7 @@ class _Taken:
     restarts: Restarts
 
 
-def _taken(solution: Solution, saved: _Saved, left: Progress, most_goals: int) -> _Taken:
+def _taken(solution: Solution, saved: _Saved, left: CallProgress, most_goals: int) -> _Taken:
     num_goals = min(int(left.goals), most_goals)  # the end is not a saved state
     is_event = np.asarray(solution.events.stop) >= 0
     return _Taken(

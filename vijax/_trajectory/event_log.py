@@ -238,7 +238,7 @@ def event_log(
 
 
 def _flags_of(instants: Instant) -> Bool[Array, "rows flags"]:
-    """Which events happened: impacts of an instant come before its sticks, and these before its releases."""
+    """Flags of the events: impacts of an instant come before its sticks, and these before its releases."""
     return jnp.concatenate(_flags_by_kind(instants), axis=1)
 
 

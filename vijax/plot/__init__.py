@@ -34,7 +34,8 @@ __all__ = [*_PLACES]  # pyright: ignore[reportUnsupportedDunderAll]
 def __getattr__(name: str):
     if name not in _PLACES:
         raise AttributeError(f"No vijax.plot attribute {name}")
-    return getattr(_import_module(f"vijax.{_PLACES[name]}"), name)
+    found = globals()[name] = getattr(_import_module(f"vijax.{_PLACES[name]}"), name)
+    return found
 
 
 def __dir__() -> list[str]:

@@ -15,7 +15,7 @@ from matplotlib.patches import Rectangle
 from ...plot._axes import figure_of
 from ...plot._colors import curve_colors, ink, merge_style
 from ...plot._contacts import name_of
-from .scheme import Limit, Link, Scheme
+from .scheme import DrawnLimit, Link, Scheme
 from .symbols import circles, damper, spring
 from .words import Words, write_words
 
@@ -113,7 +113,7 @@ def side_position(home: np.ndarray, pose: Pose, mass: int, side: int) -> float:
     return float(home[mass] + pose.x[mass]) + 0.5 * side
 
 
-def place_of_limit(home: np.ndarray, pose: Pose, limit: Limit) -> float:
+def place_of_limit(home: np.ndarray, pose: Pose, limit: DrawnLimit) -> float:
     """Position of a wall or plate."""
     return side_position(home, pose, limit.mass, limit.side) + limit.side * float(pose.gap[limit.number])
 
@@ -137,7 +137,7 @@ def _top(scheme: Scheme, home: np.ndarray) -> float:
 
 
 def _name_of_limit(
-    scheme: Scheme, home: np.ndarray, pose: Pose, limit: Limit, gaps: np.ndarray | None
+    scheme: Scheme, home: np.ndarray, pose: Pose, limit: DrawnLimit, gaps: np.ndarray | None
 ) -> tuple[float, str]:
     """Position and text of the label below a stop or contact."""
     j = limit.number
@@ -240,7 +240,7 @@ def _rectangle(ax: Axes, x: float, y: float, width: float, height: float, **styl
     return rectangle
 
 
-def _limit(ax: Axes, scheme: Scheme, home: np.ndarray, limit: Limit) -> Move:
+def _limit(ax: Axes, scheme: Scheme, home: np.ndarray, limit: DrawnLimit) -> Move:
     """Draw a wall on the floor, or the plate of a contact with its arm; with a double arrow below if it moves."""
     (line,) = ax.plot([], [], color=ink(), linewidth=1.8, zorder=2, gid=f"limit {limit.number}")
     wall = None
@@ -267,7 +267,7 @@ def _double_arrow(ax: Axes) -> list[Line2D]:
 
 
 def _plate(
-    home: np.ndarray, pose: Pose, limit: Limit, x: float, under: float
+    home: np.ndarray, pose: Pose, limit: DrawnLimit, x: float, under: float
 ) -> tuple[list[float], list[float]]:
     """Face of a wall; or a plate on an arm, straight from the left neighbour, else bent below the boxes."""
     if limit.support is None:

@@ -22,7 +22,7 @@ from ...plot._contacts import in_symbols, masses_of_stops, name_of
 _NOTHING = 1e-9
 
 
-class Limit(NamedTuple):
+class DrawnLimit(NamedTuple):
     """A stop or a contact of two masses in a drawing: a wall or a plate beside a mass.
 
     Attributes:
@@ -91,14 +91,14 @@ class Scheme(NamedTuple):
         return np.where(is_stop, self.rows.sum(axis=1), 1.0)
 
     @property
-    def limits(self) -> list[Limit]:
+    def limits(self) -> list[DrawnLimit]:
         """Stops, and contacts of one mass or of the distance of two; others cannot be drawn."""
         found = []
         for j, row in enumerate(self.rows):
             own = np.flatnonzero(row)
             if len(own) == 1 or (len(own) == 2 and row[own].sum() == 0):
                 support, mass = [None, *own.tolist()][-2:]
-                found.append(Limit(j, mass, int(np.sign(row[mass])), support, abs(float(row[mass]))))
+                found.append(DrawnLimit(j, mass, int(np.sign(row[mass])), support, abs(float(row[mass]))))
         return found
 
     @property
