@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 import vijax as vx
-from vijax._execution import threads
+from vijax._execution import lane_queue, threads
 from vijax._execution.settings import ExecutionSettings
 
 FREQUENCIES = [0.5, 0.8, 1.4]
@@ -278,11 +278,21 @@ def test_the_steps_of_a_call_bound_no_motion():
         xr.testing.assert_allclose(wide.isel({"x0[0]": k}, drop=True), whole, rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.thorough
-def test_a_long_sweep_with_a_program_of_its_own_finds_the_same():
-    values = {"stops[0].position": float(SYSTEM.stops[0].position) * np.linspace(0.9, 1.1, 5)}
-    few, of_its_own = (sweep(SYSTEM, values, settings=ExecutionSettings(long=long)) for long in (10**9, 0))
-    xr.testing.assert_allclose(few, of_its_own, rtol=0, atol=ROUNDING)
+def test_one_program_serves_every_sweep_of_a_size():
+    """Another number of points, other quantities, starts, masses and sides of stops, and what is carried compile nothing."""
+    sweep(SYSTEM, {"forcing.frequency": FREQUENCIES})
+    size = lane_queue.compiled_lanes()._cache_size()
+    sweep(SYSTEM, {"forcing.frequency": np.linspace(0.8, 1.2, 130)})
+    place = float(SYSTEM.stops[0].position)
+    sweep(
+        SYSTEM,
+        {"forcing.amplitude[0]": [0.1, 0.2], "stops[0].position": [place, 2 * place], "v0[0]": [0.0, 0.1]},
+    )
+    sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, carry="both")
+    sides = {"upper": "lower", "lower": "upper"}
+    others = tuple(vx.Stop(1 - s.mass, -s.position, sides[s.side], s.restitution) for s in SYSTEM.stops)
+    sweep(eqx.tree_at(lambda s: s.stops, SYSTEM, others), {"stops[0].position": [-place, -2 * place]})
+    assert lane_queue.compiled_lanes()._cache_size() == size
 
 
 def test_an_interrupt_is_heard_in_a_long_sweep(monkeypatch):

@@ -95,7 +95,8 @@ def test_sweep_and_stroboscopic_map_refuse_it(name):
 def test_what_is_traced_is_not_looked_at():
     force = lambda t, x, v, args: x * jnp.cos(args * t)  # noqa: E731
     run = lambda w: vx.stroboscopic_map(machine(force), [0.1, 0.0], [0.0, 0.0], args=w)[0]  # noqa: E731
-    np.testing.assert_allclose(jax.jit(run)(W), run(W), rtol=1e-12)
+    # Two programs, whose steps may be accepted differently: they agree to the tolerance of the flow.
+    np.testing.assert_allclose(jax.jit(run)(W), run(W), rtol=1e-10)
     assert np.isfinite(jax.jit(run)(0.37)).all()
     with pytest.raises(ValueError, match=SENTENCE):
         run(0.37)

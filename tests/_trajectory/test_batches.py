@@ -163,3 +163,14 @@ def test_a_lane_that_has_ended_takes_no_more_steps():
     assert (lane(batch, 1).result, int(lane(batch, 1).num_steps)) == (vx.RESULTS.unsound_start, 0)
     np.testing.assert_array_equal(lane(batch, 1).x1, starts[1])
     assert (lane(batch, 2).result, int(lane(batch, 2).num_steps)) == (vx.RESULTS.non_finite, 1)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("n", [5, 8])
+def test_a_large_batch_of_a_large_machine_is_compiled(n):
+    """With so many lanes XLA would divide operations of the kernel among threads, which it cannot compile."""
+    stops = [vx.Stop(i, 0.3, "upper", 0.7) for i in range(n)]
+    load = vx.Harmonic([0.3] + [0.0] * (n - 1), 0.8)
+    system = vx.chain([1.0] * n, [0.1] * n, [1.0] * n, load, stops)
+    ends = jax.jit(jax.vmap(lambda x0: run(system, END, x0).x1))(jnp.zeros((256, n)))
+    np.testing.assert_allclose(ends, np.tile(run(system, END, jnp.zeros(n)).x1, (256, 1)), atol=1e-12)

@@ -4,15 +4,16 @@ import os
 import re
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import vijax as vx
-from vijax._execution import lane_loop, lane_queue
+from vijax._execution import lane_queue
+from vijax._execution.packed import pack
 from vijax._execution.points import LaneInput, points_of_lanes
-from vijax._execution.settings import ExecutionSettings
+from vijax._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from vijax._flow.choose import choose_flow
+from vijax._machine.numbers import numbers_of
 
 pytestmark = [
     pytest.mark.thorough,
@@ -27,18 +28,17 @@ POINTS, LANES = 16, 8
 @pytest.fixture(scope="module")
 def compiled() -> str:
     """Text of the loop over lanes for a frequency sweep of case (b)."""
-    base = LaneInput(vx.models.wagg_bishop_b(1.0), np.zeros(2), np.zeros(2))
+    base = LaneInput(vx.models.wagg_bishop_b(1.0), np.zeros((2, 1)), np.zeros((2, 1)))
     points = points_of_lanes(base, {"forcing.frequency": np.linspace(0.5, 1.5, POINTS)})
     flow = choose_flow(points.system, can_stick=True)
-    system, flow = jax.tree.map(jnp.asarray, (points.system, flow))
-    start, work = (
-        jnp.zeros((2, POINTS)),
-        lane_loop.Work(*(jnp.asarray(k) for k in (POINTS, POINTS, 1, 2, 1000, 16, 1000))),
-    )
+    start = np.zeros((2, POINTS))
+    given = lane_queue.Points(numbers_of(points.system), flow, start, start)
+    layout, packed = pack(given, np.arange(POINTS), all_own=True)
+    program = lane_queue.Program(layout, can_stick=True)
+    counts = np.array([POINTS, POINTS, 1, 2, 1000, 16, 1000])
     with jax.numpy_rank_promotion("allow"):
-        queue = lane_queue.new_queue(system, start, LANES)
-        task = (flow, system, start, start, work)
-        return lane_queue.run_lanes.lower(task, queue, can_stick=True).compile().compiled.as_text()
+        queue = lane_queue.new_queue(program, POINTS, LANES, DEFAULT_SETTINGS, has_tangents=False)
+        return lane_queue.compiled_lanes().lower(program, packed, counts, queue).compile().as_text()
 
 
 def test_no_library_sine_is_computed_in_the_loop(compiled):

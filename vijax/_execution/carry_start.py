@@ -1,15 +1,16 @@
 """Start of a point of a carried sweep: the end of the point before it."""
 
+import numpy as np
 from jaxtyping import Bool, Float
 
-from .._jax.arrays import Reals, array_namespace
-from .._system.contact import AbstractLimit
-from .._system.system import ImpactSystem
+from .._jax.arrays import Reals, add_up, append_axes, array_namespace, matvec
+from .._machine.numbers import MachineNumbers
+from .._system.waves import phase_rate
 from .records import Column
 
 
 def carried_start(
-    system: ImpactSystem,
+    numbers: MachineNumbers,
     end: tuple[Float[Column, "n points"], Float[Column, "n points"]],
     held: Bool[Column, "stops points"],
     otherwise: tuple[Float[Column, "n points"], Float[Column, "n points"]],
@@ -19,28 +20,44 @@ def carried_start(
     A mass held by a moving stop starts with that stop's position and velocity, however the stop now moves.
 
     Args:
-        system: machines of the points, lanes last.
+        numbers: machines of the points.
         end: final positions and velocities, in space, of the points before them.
         held: flags of the stops that held their mass there.
         otherwise: starts of points before which a motion did not stay finite.
     """
     x, v = end
     library = array_namespace(x)
-    for stop, is_held in zip(system.stops, held, strict=True):
-        position = stop.sign * stop.at(0.0)
-        speed = stop.sign * system.forcing.frequency * stop.slope_at(0.0)
-        goes_with = is_held & (stop.motion is not None)
-        x = _put(stop, x, position, goes_with | (stop.along(x) > position))
-        v = _put(stop, v, speed, goes_with)
+    place, speed = _stops_at_start(numbers)
+    for j in range(len(held)):
+        goes_with = held[j] & (numbers.travel is not None)
+        along = add_up(numbers.rows[j] * x)
+        x = _put(numbers, j, x, place[j], goes_with | (along > place[j]))
+        v = _put(numbers, j, v, speed[j], goes_with)
     is_finite = library.isfinite(x).all(axis=0) & library.isfinite(v).all(axis=0)
     return library.where(is_finite, x, otherwise[0]), library.where(is_finite, v, otherwise[1])
 
 
-def _put(stop: AbstractLimit, of_masses: Reals, along: Reals, which: Reals) -> Reals:
-    """Positions or velocities, corrected where `which` is true so that their value along the stop is `along`."""
-    library, rows, coefficients = array_namespace(of_masses), list(of_masses), stop.coefficients
-    lack, square = along - stop.along(of_masses), sum(a * a for a in coefficients.values())
-    for i, a in coefficients.items():
-        there = along / a if len(coefficients) == 1 else rows[i] + a * lack / square
-        rows[i] = library.where(which, there, rows[i])
-    return library.stack(rows)
+def _stops_at_start(numbers: MachineNumbers) -> tuple[Reals, Reals]:
+    """Positions and velocities of stops along their rows at phase 0, (stops, points)."""
+    if numbers.travel is None:
+        return numbers.limit, 0 * numbers.limit
+    cosine = numbers.travel.cosine
+    one = np.ones((cosine.shape[0], 1), cosine.dtype)
+    phase = append_axes(np.stack([one[:, 0], 0 * one[:, 0]]), cosine)
+    moved, rate = numbers.travel.at(phase), numbers.travel.at(phase_rate(phase, numbers.frequency))
+    if numbers.signs is None:  # the motion of masses
+        moved, rate = matvec(numbers.rows, moved), matvec(numbers.rows, rate)
+    return numbers.limit + moved, rate
+
+
+def _put(numbers: MachineNumbers, j: int, of_masses: Reals, along: Reals, which: Reals) -> Reals:
+    """Positions or velocities, corrected where `which` is true so that their value along row j is `along`."""
+    library, row = array_namespace(of_masses), numbers.rows[j]
+    assigned = library.where(
+        row != 0, row * along, of_masses
+    )  # exact for a stop, whose row is 1 or -1 at one mass
+    if numbers.signs is not None:
+        lack = along - add_up(row * of_masses)
+        nearest = of_masses + row * lack / add_up(row * row)
+        assigned = library.where(numbers.signs[j] != 0, assigned, nearest)
+    return library.where(which, assigned, of_masses)

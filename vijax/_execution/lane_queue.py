@@ -12,28 +12,28 @@ does not depend on their number, and the transient writes nothing.
 """
 
 from collections.abc import Callable
-from functools import partial
+from functools import cache, lru_cache, partial
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import DTypeLike
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, Bool, Int
 
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED, Reals
-from .._jax.xla import PLAIN, in_one_kernel
+from .._jax.xla import in_one_kernel, options_for_lanes
 from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, prepare
-from .._machine.numbers import num_harmonics, numbers_of
+from .._machine.numbers import MachineNumbers
 from .._machine.state import State
-from .._system.system import ImpactSystem
 from .._trajectory.step import initial_state
 from .._trajectory.tangent_frame import Tangents, first_tangents
 from .carry_start import carried_start
 from .lane_loop import EndStates, LaneTask, Progress, Work, has_room, is_live, run_turns
+from .packed import Layout, Packed, unpack
 from .records import impact_rows, mark_rows
-from .settings import DEFAULT_SETTINGS, ExecutionSettings
+from .settings import ExecutionSettings
 
 
 class Queue(eqx.Module):
@@ -52,105 +52,148 @@ class Queue(eqx.Module):
     following: Int[Array, ""]
 
 
-def new_queue(
-    system: ImpactSystem,
-    x0: Float[Array, "n points"],
-    num_lanes: int,
-    flow: AbstractFlow | None = None,
-    settings: ExecutionSettings = DEFAULT_SETTINGS,
-    *,
-    has_tangents: bool = False,
-) -> Queue:
-    """A queue with all lanes idle, for points that start at `x0`.
+class Points(NamedTuple):
+    """Machines and starts of some points.
 
-    Lanes carry the memory of `flow` from step to step; none, if `flow` is left out. Only the room for records matters
-    of the `settings`. With `has_tangents` small changes evolve with the motions.
+    Attributes:
+        numbers: the machines; leaves have points, or a single one for all, as their last axis.
+        flow: the motion between events, likewise.
+        x0: positions at the start, (n, points).
+        v0: velocities at the start, (n, points).
     """
-    (n, points), stops, dtype = x0.shape, len(system.stops), x0.dtype
-    harmonics = num_harmonics(system)
 
-    def fill(dtype: DTypeLike, *shape: int, value: int = 0) -> Array:
-        return jax.device_put(np.full(shape, value, dtype))  # nothing to compile, unlike `jnp.full`
+    numbers: MachineNumbers
+    flow: AbstractFlow
+    x0: Reals
+    v0: Reals
 
-    def memory(size: int) -> PyTree:
-        found = None if flow is None else flow.memory(fill(dtype, size))
-        return jax.tree.map(lambda a: jax.device_put(np.array(a)), found)  # no two arrays share a buffer
+
+class Program(NamedTuple):
+    """Static choices of the loop over lanes: its program is compiled for these, and for shapes.
+
+    Attributes:
+        layout: places of the `Points` in what is packed.
+        can_stick: whether any stop of any point may hold its mass.
+    """
+
+    layout: Layout
+    can_stick: bool
+
+
+def fits_one_kernel(numbers: MachineNumbers, flow: AbstractFlow) -> bool:
+    """True for machines small enough that the loop over lanes is one kernel."""
+    return flow.fits_one_kernel and max(*numbers.rows.shape[:2], numbers.waves.num_harmonics) <= UNROLLED
+
+
+def new_queue(
+    program: Program, width: int, num_lanes: int, settings: ExecutionSettings, *, has_tangents: bool
+) -> Queue:
+    """A queue with all lanes idle and room for `width` points, made by NumPy, which compiles nothing.
+
+    Only the room for records matters of the `settings`. With `has_tangents` small changes evolve with the motions.
+    """
+    shapes = _shapes(program.layout, width, num_lanes, settings, has_tangents)
+    queue = jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), shapes)
+    return eqx.tree_at(lambda q: q.point, queue, np.full_like(queue.point, width))
+
+
+@lru_cache
+def _shapes(
+    layout: Layout, width: int, num_lanes: int, settings: ExecutionSettings, has_tangents: bool
+) -> Queue:
+    return jax.eval_shape(partial(_zeros, layout, width, num_lanes, settings, has_tangents))
+
+
+def _zeros(
+    layout: Layout, width: int, num_lanes: int, settings: ExecutionSettings, has_tangents: bool
+) -> Queue:
+    points: Points = unpack(layout, layout.empty(width))
+    (stops, n), dtype = points.numbers.rows.shape[:2], points.x0.dtype
+    harmonics = points.numbers.waves.num_harmonics
 
     def nothing(size: int) -> EndStates:
+        real, whole = jnp.zeros(size, dtype), jnp.zeros(size, int)
+        of_stops = jnp.zeros((stops, size), dtype)
         state = State(
-            periods=fill(int, size),
-            time=fill(dtype, size),
-            time_low=fill(dtype, size),
-            phase=fill(dtype, 2, harmonics, size),
-            x=fill(dtype, n, size),
-            v=fill(dtype, n, size),
-            gap=fill(dtype, stops, size),
-            held=fill(bool, stops, size),
-            contact=fill(np.int8, stops, size),
-            memory=memory(size),
+            periods=whole,
+            time=real,
+            time_low=real,
+            phase=jnp.zeros((2, harmonics, size), dtype),
+            x=jnp.zeros((n, size), dtype),
+            v=jnp.zeros((n, size), dtype),
+            gap=of_stops,
+            held=of_stops.astype(bool),
+            contact=of_stops.astype(jnp.int8),
+            memory=points.flow.memory(real),
         )
-        counts = fill(int, stops, size), fill(int, stops, size)
-        held_time = fill(dtype, stops, size)
-        return EndStates(state, *counts, held_time, fill(int, size), fill(bool, size, value=True))
+        counts = of_stops.astype(int), of_stops.astype(int)
+        return EndStates(state, *counts, of_stops, whole, whole.astype(bool))
 
     impacts = impact_rows(max(settings.impact_rows, stops * num_lanes), dtype)  # room for one turn at least
     marks = mark_rows(max(settings.mark_rows, num_lanes), n, stops, dtype, has_growth=has_tangents)
     lanes = nothing(num_lanes)
     if has_tangents:
-        empty = Tangents(fill(dtype, 2 * n, 2 * n, num_lanes), fill(dtype, 2 * n, num_lanes))
-        lanes = _with_tangents(lanes, empty)
-    progress = Progress(lanes, impacts, marks, fill(int))
-    return Queue(progress, fill(int, num_lanes, value=points), nothing(points), fill(int))
+        lanes = _with_tangents(lanes, first_tangents(lanes.state.x))
+    whole = jnp.zeros((), int)
+    return Queue(Progress(lanes, impacts, marks, whole), jnp.zeros(num_lanes, int), nothing(width), whole)
 
 
-# The queue is donated: its buffers, a few MB, are written in place instead of copied.
-@eqx.filter_jit(
-    donate="all-except-first",
-    compiler_options={} if PLAIN else {"xla_cpu_prefer_vector_width": 512},  # pyright: ignore[reportCallIssue]
-)
 def run_lanes(
-    points: tuple[AbstractFlow, ImpactSystem, Float[Array, "n points"], Float[Array, "n points"], Work],
-    queue: Queue,
-    *,
-    can_stick: bool,
-    is_carried: bool = False,
+    program: Program, packed: Packed, counts: Int[np.ndarray, " counts"], queue: Queue
 ) -> tuple[Queue, Bool[Array, ""]]:
     """Work on the queue until it is empty, the log full, or a number of turns done.
 
     Args:
-        points: the flow, the machine (leaves carry points, or a single one for all, as their last axis), initial
-            positions and velocities, and the request.
-        queue: present state of the work. The log is written from its beginning.
-        can_stick: True where any stop of any point may hold its mass.
-        is_carried: True where some points start where others end, see `Work`.
+        program: the static choices.
+        packed: the points, see `Points`.
+        counts: the entries of `Work`.
+        queue: present state of the work, which is used up. The log is written from its beginning.
 
     Returns:
         The queue after that, and a flag that work is left.
     """
-    flow, system, x0, v0, work = points
-    period = 2 * jnp.pi / system.forcing.frequency
-    machine = prepare(numbers_of(system), period, (jnp.zeros(1, x0.dtype), x0, v0), can_stick=can_stick)
+    return compiled_lanes()(program, packed, counts, queue)
+
+
+@cache
+def compiled_lanes() -> Callable:
+    """`run_lanes` as a program."""
+    # Made late: the options depend on the backend, which no import may start.
+    # The queue is donated: its buffers, a few MB, are written in place instead of copied.
+    return jax.jit(_run_lanes, static_argnums=0, donate_argnums=3, compiler_options=options_for_lanes())
+
+
+def _run_lanes(
+    program: Program, packed: Packed, counts: Int[Array, " counts"], queue: Queue
+) -> tuple[Queue, Bool[Array, ""]]:
+    given = unpack(program.layout, packed)
+    numbers, flow, x0, v0 = given
+    work = Work(*counts)
+    period = 2 * jnp.pi / numbers.frequency
+    machine = prepare(numbers, period, (jnp.zeros(1, x0.dtype), x0, v0), can_stick=program.can_stick)
+    is_one_kernel = fits_one_kernel(numbers, flow)
     flow, work = flow.prepare(machine), _bounded(work, machine, x0.shape[1])
     num_points, num_lanes = x0.shape[1], queue.point.size
     zeros = jnp.zeros((machine.waves.num_harmonics, num_points), x0.dtype)
     phase0 = jnp.stack([zeros + 1, zeros])
     first = initial_state(flow, machine, phase0, x0, v0)
     last_turn = queue.progress.turns + work.max_turns
-    is_small = max(machine.contacts.num, *machine.waves.cosine.shape[:2]) <= UNROLLED
-    is_one_kernel = is_small and flow.fits_one_kernel
     run = partial(in_one_kernel, run_turns) if is_one_kernel else run_turns
 
-    def start(point: Int[Array, " lanes"], before: EndStates) -> State:
-        if not is_carried:
-            return _gather(first, point, num_points)
-        given, motion, numbers = (
-            _gather(tree, point, num_points) for tree in ((system, x0, v0), flow, machine)
-        )
-        x, v = carried_start(given[0], (before.state.x, before.state.v), before.state.held, given[1:])
+    def carried(point: Int[Array, " lanes"], before: EndStates) -> State:
+        own, motion, numbers = (_gather(tree, point, num_points) for tree in (given, flow, machine))
+        starts = own.x0, own.v0
+        ends = carried_start(own.numbers, (before.state.x, before.state.v), before.state.held, starts)
         has_before = point >= work.num_chains
-        x, v = (jnp.where(has_before, a, own) for a, own in zip((x, v), given[1:], strict=True))
-        return initial_state(
-            motion, numbers, jnp.broadcast_to(phase0[..., :1], (*phase0.shape[:2], num_lanes)), x, v
+        x, v = (jnp.where(has_before, a, own) for a, own in zip(ends, starts, strict=True))
+        phase = jnp.broadcast_to(phase0[..., :1], (*phase0.shape[:2], num_lanes))
+        return initial_state(motion, numbers, phase, x, v)
+
+    def start(point: Int[Array, " lanes"], before: EndStates) -> State:
+        return jax.lax.cond(
+            work.num_chains < work.num_points,
+            lambda: carried(point, before),
+            lambda: _gather(first, point, num_points),
         )
 
     def feed(queue: Queue) -> Queue:

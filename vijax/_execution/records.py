@@ -81,23 +81,20 @@ class RecordBatch(eqx.Module):
 
 def impact_rows(size: int, dtype: DTypeLike) -> RecordBatch:
     """Empty room for impacts."""
-    real, whole = np.zeros(size, dtype), np.zeros(size, int)
-    return _on_device(Impact(time=real, velocity=real, chatter=real, stop=whole, point=whole, number=whole))
+    real, whole = jnp.zeros(size, dtype), jnp.zeros(size, int)
+    room = Impact(time=real, velocity=real, chatter=real, stop=whole, point=whole, number=whole)
+    return RecordBatch(room, jnp.zeros((), int))
 
 
 def mark_rows(
     size: int, num_masses: int, num_stops: int, dtype: DTypeLike, *, has_growth: bool
 ) -> RecordBatch:
     """Empty room for the ends of recorded periods."""
-    whole, of_masses = np.zeros(size, int), np.zeros((size, num_masses), dtype)
-    held_time = np.zeros((size, num_stops), dtype)
-    growth = np.zeros((size, 2 * num_masses), dtype) if has_growth else None
-    return _on_device(PeriodEnd(whole, whole, of_masses, of_masses, held_time, growth))
-
-
-def _on_device(room: Impact | PeriodEnd) -> RecordBatch:
-    put = lambda a: jax.device_put(np.array(a))  # noqa: E731  # no two arrays share a buffer
-    return RecordBatch(jax.tree.map(put, room), put(np.asarray(0, int)))
+    whole, of_masses = jnp.zeros(size, int), jnp.zeros((size, num_masses), dtype)
+    held_time = jnp.zeros((size, num_stops), dtype)
+    growth = jnp.zeros((size, 2 * num_masses), dtype) if has_growth else None
+    room = PeriodEnd(whole, whole, of_masses, of_masses, held_time, growth)
+    return RecordBatch(room, jnp.zeros((), int))
 
 
 def append(rows: RecordBatch, kept: Bool[Array, "*stops lanes"], record: Impact | PeriodEnd) -> RecordBatch:

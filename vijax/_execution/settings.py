@@ -19,8 +19,7 @@ class ExecutionSettings:
         chunk_periods: forcing periods in a chunk of a store or an executor, for each core: the work of a few seconds.
         min_chunk: fewest points of a chunk for each core, so that lanes do not idle.
         max_chunk: most points of a chunk for each core, no more than a queue holds.
-        long: forcing periods of all points together above which a sweep has its own program, compiled for the
-            quantities that it sweeps: a minute or more.
+        long_chain: forcing periods of a carried chain from which it has a program for its number of chains.
         visits: points of a carried chain that are run in one go; a store keeps them together.
     """
 
@@ -34,7 +33,7 @@ class ExecutionSettings:
     chunk_periods: int = 250_000
     min_chunk: int = 192
     max_chunk: int = 2048
-    long: int = 30_000_000
+    long_chain: int = 200_000
     visits: int = 256
 
     def chunk_of(self, periods: int) -> int:

@@ -1,8 +1,10 @@
 """Runner on this machine: a queue of points on every core."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import nullcontext
+from functools import partial
 from threading import Event, Lock
 
 import equinox as eqx
@@ -14,16 +16,18 @@ from .._flow.interface import AbstractFlow
 from .._jax.memory_maps import make_room
 from .._jax.xla import padding_allowed
 from .._machine.machine import AUTOMATIC_MAX_STEPS
-from .._system.system import ImpactSystem
-from .lane_loop import Work
-from .lane_queue import Queue, new_queue, run_lanes
+from .._machine.numbers import numbers_of
+from .lane_queue import Points, Program, Queue, fits_one_kernel, new_queue, run_lanes
+from .packed import pack
 from .points import LaneInput
 from .records import PeriodEnd, joined, written_rows
 from .runner import AbstractRunner, Counts, PointResults, join_results
 from .settings import ExecutionSettings
 
-# Queues begin one after another. Otherwise each would compile, and wait for Python's lock.
-_STARTING = Lock()
+# A program is compiled once, not by every thread. Programs that this process has, by what they are compiled for.
+_COMPILING = Lock()
+_COMPILED: set[Hashable] = set()
+_ALL_BUT_TURNS = np.array([1, 1, 1, 1, 1, 1, 0])
 
 
 def count_cores() -> int:
@@ -49,13 +53,14 @@ class Threads(AbstractRunner):
     def run(self, points: LaneInput, which: np.ndarray, tell: Callable[[int], object]) -> PointResults:
         """Run points in threads, a queue in each."""
         make_room()
-        num_queues, shape = self._sizes(self.size_of(points), which)
+        own = Points(numbers_of(points.system), self.flow, points.x0, points.v0)
+        num_queues, shape = self._sizes(own, which)
         shares = split_evenly(points, which, num_queues)
         stop, x64 = Event(), bool(jax.config.read("jax_enable_x64"))
         workers = ThreadPoolExecutor(self.settings.cores or count_cores())
         try:
             jobs = {
-                workers.submit(_run_queue, self, points, share, shape, tell, stop, x64): number
+                workers.submit(_run_queue, self, own, share, shape, tell, stop, x64): number
                 for number, share in enumerate(shares)
             }
             return join_results(_as_they_end(jobs), shares)
@@ -63,14 +68,16 @@ class Threads(AbstractRunner):
             stop.set()
             workers.shutdown(wait=True, cancel_futures=True)
 
-    def size_of(self, points: LaneInput) -> int:
-        """Number of points of the whole sweep, which determines what is compiled."""
-        return points.x0.shape[-1] if self.in_all is None else self.in_all
+    def _sizes(self, points: Points, which: np.ndarray) -> tuple[int, tuple[int, int]]:
+        """Number of queues, and the points and lanes of each.
 
-    def _sizes(self, in_all: int, which: np.ndarray) -> tuple[int, tuple[int, int]]:
-        """Number of queues, and the points and lanes of each, which follow from the size of the whole sweep."""
+        They follow from the size of the whole sweep. Small machines have queues of one size: preparing points that are not there
+        takes less than another program.
+        """
+        in_all = points.x0.shape[-1] if self.in_all is None else self.in_all
         num_lanes = self.settings.lanes
-        width = self.settings.points if in_all > num_lanes else num_lanes
+        is_wide = in_all > num_lanes or fits_one_kernel(points.numbers, points.flow)
+        width = max(self.settings.points, num_lanes) if is_wide else num_lanes
         cores = self.settings.cores or count_cores()
         num_queues = max(-(-which.size // width), min(cores, -(-which.shape[-1] // num_lanes)))
         return num_queues, (width, num_lanes)
@@ -97,7 +104,7 @@ def _as_they_end(jobs: dict[Future, int]) -> Iterator[tuple[int, PointResults]]:
 @padding_allowed  # here, because the setting is per thread
 def _run_queue(
     runner: Threads,
-    points: LaneInput,
+    points: Points,
     share: np.ndarray,
     shape: tuple[int, int],
     tell: Callable[[int], object],
@@ -107,15 +114,14 @@ def _run_queue(
     """Run a share of the points as one queue."""
     # JAX has its settings per thread. Numbers that all points share are broadcast.
     with jax.enable_x64(x64), jax.numpy_rank_promotion("allow"):
-        with _STARTING:
-            task, queue = _start(runner, points, share, shape)
+        call, queue = _start(runner, points, share, shape)
         impacts, marks, is_left, reported = [], [], True, 0
         while is_left and not stop.is_set():
-            queue, more = run_lanes(task, queue, can_stick=runner.counts.can_stick, is_carried=share.ndim > 1)
+            queue, more = call(queue)
             is_left, progress = bool(more), queue.progress
             impacts.append(written_rows(progress.impacts))
             marks.append(written_rows(progress.marks))
-            zeros = (_whole(0), _whole(0))
+            zeros = np.zeros((2,), jax.dtypes.canonicalize_dtype(int))
             queue = eqx.tree_at(lambda q: (q.progress.impacts.size, q.progress.marks.size), queue, zeros)
             done = int(np.sum(np.asarray(queue.ends.steps)[: share.size] > 0))
             tell(done - reported)
@@ -127,10 +133,6 @@ def _run_queue(
     kept = {name: np.asarray(a)[..., : share.size] for name, a in columns.items()}
     kept |= _sections(joined(marks), runner.counts.record, share.size)
     return PointResults(kept, joined(impacts), int(queue.progress.turns) * shape[1]).numbered(share)
-
-
-def _whole(number: int) -> Array:
-    return jax.device_put(np.asarray(number, jax.dtypes.canonicalize_dtype(int)))
 
 
 def _sections(marks: PeriodEnd, record: int, num_points: int) -> dict[str, np.ndarray]:
@@ -146,47 +148,39 @@ def _sections(marks: PeriodEnd, record: int, num_points: int) -> dict[str, np.nd
     return tables
 
 
-def _of_queue(
-    numbers: tuple[ImpactSystem, AbstractFlow], filled: np.ndarray, *, is_long: bool
-) -> tuple[ImpactSystem, AbstractFlow]:
-    """Numbers of some points.
-
-    Either all numbers but the frequency are shared by all points, or none is: two programs then serve, whatever is
-    swept. A program that shares all numbers that are not swept takes 6 to 9 % less time, if only the start or a stop
-    is swept, and seconds to compile: it is for long sweeps.
-    """
-
-    def of_each(a: Array | np.ndarray) -> Array:
-        a = np.asarray(a)
-        each = a[..., filled] if a.shape[-1] > 1 else np.broadcast_to(a, (*a.shape[:-1], len(filled)))
-        return jax.device_put(np.ascontiguousarray(each))
-
-    def where_swept(a: Array | np.ndarray) -> Array:
-        return of_each(a) if a.shape[-1] > 1 else jax.device_put(a)
-
-    if is_long:
-        return jax.tree.map(where_swept, numbers)
-    frequency = lambda numbers: numbers[0].forcing.frequency  # noqa: E731
-    rest = eqx.tree_at(frequency, numbers, np.zeros(1))
-    is_shared = all(a.shape[-1] == 1 for a in jax.tree.leaves(rest))
-    others = jax.tree.map(where_swept if is_shared else of_each, rest)
-    return eqx.tree_at(frequency, others, of_each(frequency(numbers)))
-
-
 def _start(
-    runner: Threads, points: LaneInput, share: np.ndarray, shape: tuple[int, int]
-) -> tuple[tuple, Queue]:
-    """Make a queue of some points, filled up to one width: one shape, one compilation, made here."""
+    runner: Threads, points: Points, share: np.ndarray, shape: tuple[int, int]
+) -> tuple[Callable[[Queue], tuple[Queue, Array]], Queue]:
+    """A call that works on the queue of some points, filled up to one width, and the new queue."""
     counts, settings, (width, num_lanes) = runner.counts, runner.settings, shape
     filled = np.append(share, np.zeros(width - share.size, int))
-    is_long = runner.size_of(points) * (counts.transient + counts.record) > settings.long
-    system, motion = _of_queue((points.system, runner.flow), filled, is_long=is_long)
-    x0, v0 = (jax.device_put(a[:, filled]) for a in (points.x0, points.v0))
+    layout, packed = pack(points, filled, all_own=_are_all_own(points))
+    program = Program(layout, counts.can_stick)
     periods = (counts.transient, counts.transient + counts.record)
     max_steps = AUTOMATIC_MAX_STEPS if counts.max_steps is None else counts.max_steps
-    numbers = (share.size, share.shape[-1], *periods, max_steps, counts.max_impacts, 0)
-    work = Work(*map(_whole, numbers))
-    task = (motion, system, x0, v0, work)
-    queue = new_queue(system, x0, num_lanes, motion, settings, has_tangents=counts.lyapunov)
-    queue, _ = run_lanes(task, queue, can_stick=counts.can_stick, is_carried=share.ndim > 1)  # no turn yet
-    return eqx.tree_at(lambda t: t[4].max_turns, task, _whole(settings.turns)), queue
+    work = np.array(
+        [share.size, share.shape[-1], *periods, max_steps, counts.max_impacts, settings.turns],
+        jax.dtypes.canonicalize_dtype(int),
+    )
+    queue = new_queue(program, width, num_lanes, settings, has_tangents=counts.lyapunov)
+    call = partial(run_lanes, program, packed, work)
+    key = program, shape, packed.own.dtype, counts.lyapunov, settings
+    with _COMPILING if key not in _COMPILED else nullcontext():
+        if key not in _COMPILED:
+            queue, _ = run_lanes(
+                program, packed, work * _ALL_BUT_TURNS, queue
+            )  # compiles, and takes no turn yet
+            _COMPILED.add(key)
+    return call, queue
+
+
+def _are_all_own(points: Points) -> bool:
+    """True where numbers that points share are repeated for each, so that one program serves whatever is swept.
+
+    So it is for small machines. The numbers of a large one are many, and two programs serve: one where all points
+    share all numbers but the frequency, one where they share none.
+    """
+    if fits_one_kernel(points.numbers, points.flow):
+        return True
+    rest = eqx.tree_at(lambda p: (p.numbers.frequency, p.x0, p.v0), points, [np.zeros(1)] * 3)
+    return any(np.shape(a)[-1] > 1 for a in jax.tree.leaves(rest))

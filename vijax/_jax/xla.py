@@ -114,6 +114,11 @@ def _options() -> dict | None:
     return _LIGHTLY if _knows_how() and not PLAIN else None
 
 
+def options_for_lanes() -> dict | None:
+    """Compiler options of a loop over lanes: its kernel uses the widest vectors, what is around it compiles lightly."""
+    return _LIGHTLY | {"xla_cpu_prefer_vector_width": 512} if _knows_how() and not PLAIN else None
+
+
 @cache
 def _knows_how() -> bool:
     """True where the backend is a CPU and this version of XLA has the options."""

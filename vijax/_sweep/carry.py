@@ -15,10 +15,18 @@ from .._execution.carry_start import carried_start
 from .._execution.points import LaneInput
 from .._execution.runner import AbstractRunner, PointResults, join_results
 from .._execution.settings import ExecutionSettings
+from .._machine.numbers import numbers_of
 
 
-def lanes_of_chains(settings: ExecutionSettings, num_chains: int) -> int:
-    """Number of lanes for chains: a power of two, so that few programs are compiled, at most `settings.lanes`."""
+def lanes_of_chains(settings: ExecutionSettings, chain: np.ndarray, periods: int) -> int:
+    """Number of lanes for chains, (visits, chains), of so many forcing periods a point.
+
+    A loop of few lanes takes less time a turn: a power of two, so that few programs are compiled. For short chains its
+    compilation would take longer than that saves.
+    """
+    num_visits, num_chains = chain.shape
+    if num_visits * periods < settings.long_chain:
+        return settings.lanes
     return min(1 << (num_chains - 1).bit_length(), settings.lanes)
 
 
@@ -58,7 +66,7 @@ def _starts(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Starts of the points `following`, at the ends of the points `which` of `found`."""
     of_points = lambda a: a if a.shape[-1] == 1 else a[..., following]  # noqa: E731
-    own = LaneInput(jax.tree.map(of_points, points.system), points.x0[:, following], points.v0[:, following])
+    numbers = jax.tree.map(of_points, numbers_of(points.system))
     x, v, held = (found.ends[name][..., which] for name in ("x", "v", "held"))
-    x, v = carried_start(own.system, (x, v), held, (own.x0, own.v0))
+    x, v = carried_start(numbers, (x, v), held, (points.x0[:, following], points.v0[:, following]))
     return np.asarray(x), np.asarray(v)

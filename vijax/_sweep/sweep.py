@@ -142,7 +142,8 @@ def sweep(
     counts = replace(counts, can_stick=can_stick)
     motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
     if chain is not None:
-        settings = replace(settings, lanes=lanes_of_chains(settings, chain.shape[1]))
+        lanes = lanes_of_chains(settings, chain, counts.transient + counts.record)
+        settings = replace(settings, lanes=lanes)
     attributes = origin(
         base, counts, flow=name_of_flow(motion, flow), carry=carry, goes_on=carry_from is not None
     )

@@ -20,17 +20,27 @@ from .._jax.xla import for_each
 # Range of lanes per group, the best number first. As in sweeps, see `lane_loop.py`, fewer lanes leave the vector units
 # idle, and more leave the cache.
 _LANES = 128, 63, -1
+# Most masses or contacts times lanes, for more than four: XLA divides larger operations among threads, which no kernel
+# can do, and the program would not be compiled. (For up to four the rows of products are operations of their own.)
+_MOST_ROWS, _MOST_NUMBERS = 4, 128
 
 
-def in_groups(follow: Callable[[PyTree, int], PyTree], arguments: PyTree, size: int) -> PyTree:
+def lanes_of_machine(num_masses: int, num_contacts: int) -> int:
+    """Most lanes of a group whose loop is one kernel."""
+    rows = max(num_masses, num_contacts)
+    return _LANES[0] if rows <= _MOST_ROWS else max(_MOST_NUMBERS // rows, 1)
+
+
+def in_groups(follow: Callable[[PyTree, int], PyTree], arguments: PyTree, size: int, most: int) -> PyTree:
     """Call `follow` for one group of lanes after another.
 
     Args:
         follow: function of such arguments and a number of lanes; its results have lanes first.
         arguments: arrays with lanes last, or with a last axis of length one if all lanes share them.
         size: number of lanes.
+        most: most lanes of a group.
     """
-    lanes = _lanes(size)
+    lanes = min(_lanes(size), most)
     num_groups = -(-size // lanes)
     if num_groups == 1:
         return follow(arguments, size)

@@ -172,6 +172,19 @@ def run_without_derivatives(
     return run(arguments)[:2]
 
 
+def run_prepared(task: LoopTask, carry: Carry, most: int) -> tuple[LoopTask, Carry]:
+    """Run a loop after its preparation; the task and the last carry."""
+
+    def loop(pair: tuple[LoopTask, Carry]) -> tuple[LoopTask, Carry]:
+        task, carry = pair
+        return task, while_any(task, carry)
+
+    machine = task.machine
+    is_small = max(machine.contacts.num, *machine.waves.cosine.shape[:2]) <= most
+    run = partial(in_one_kernel, loop) if is_small and task.flow.fits_one_kernel else loop
+    return run((task, carry))
+
+
 def prepare_loop(
     numbers: MachineNumbers,
     flow: AbstractFlow,

@@ -14,10 +14,10 @@ from .._jax.errors import checked_one
 from .._jax.xla import bounded_while_any, differentiable, not_constant, while_any
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.system import ImpactSystem
-from .batched import in_groups, one_by_one, to_all
+from .batched import in_groups, lanes_of_machine, one_by_one, to_all
 from .derivative_growth import warn_if_large, watch_closely
 from .event_log import Log
-from .loop import Carry, Choices, LoopArguments, LoopTask, finish, prepare_loop, run_without_derivatives
+from .loop import Carry, Choices, LoopArguments, LoopTask, finish, prepare_loop, run_prepared
 from .solution import RESULTS, Solution, result_sentences
 
 
@@ -50,8 +50,10 @@ def _side_by_side(
     """Follow trajectories with lanes last; the results have lanes first."""
     machine, flow, request, choices = whole
     arguments = not_constant((_in_numbers(machine), flow, request))
+    num_contacts, n = arguments[0].rows.shape[:2]
     with jax.numpy_rank_promotion("allow"):  # shared values are broadcast to the lanes
-        return in_groups(partial(_follow_group, choices), arguments, num_lanes)
+        follow = partial(_follow_group, choices)
+        return in_groups(follow, arguments, num_lanes, lanes_of_machine(n, num_contacts))
 
 
 def _follow_group(
@@ -59,8 +61,8 @@ def _follow_group(
 ) -> Solution:
     numbers, flow, request = arguments
     request = to_all(request, num_lanes)
-    prepare = partial(prepare_loop, choices=choices)
-    task, last = run_without_derivatives(prepare, (numbers, flow, request), most=UNROLLED)
+    task, carry = not_constant(prepare_loop(numbers, flow, request, choices))
+    task, last = run_prepared(task, carry, most=UNROLLED)
     written = lambda carry: (carry.log, carry.xs, carry.vs)  # noqa: E731
 
     def finish_one(lane: tuple[LoopTask, Carry, LoopArguments], rows: tuple[Log, Array, Array]) -> Solution:
