@@ -133,7 +133,7 @@ def _select(make: Callable, args: tuple, dtype: np.dtype, params: dict) -> Any:
     same = all(c is first or _same_number(c, first) for c in cases[1:])
     if same:
         return first
-    if dtype == bool and len(cases) == 2 and which.dtype == bool:
+    if dtype.kind == "b" and len(cases) == 2 and which.dtype.kind == "b":
         return _chosen_flag(make, which, *cases)
     return None
 
@@ -155,7 +155,7 @@ def _chosen_flag(make: Callable, which: Any, off: Any, on: Any) -> Any:
 
 def _logic(identity: bool) -> Callable:
     def rule(make: Callable, args: tuple, dtype: np.dtype, params: dict) -> Any:
-        if dtype != bool:
+        if dtype.kind != "b":
             return None
         for x, y in (args, args[::-1]):
             if isinstance(x, np.generic):
@@ -166,7 +166,7 @@ def _logic(identity: bool) -> Callable:
 
 
 def _not(make: Callable, args: tuple, dtype: np.dtype, params: dict) -> Any:
-    return args[0].args[0] if dtype == bool and _name(args[0]) == "not" else None
+    return args[0].args[0] if dtype.kind == "b" and _name(args[0]) == "not" else None
 
 
 def _convert(make: Callable, args: tuple, dtype: np.dtype, params: dict) -> Any:

@@ -227,17 +227,16 @@ def _same(program: Program, equation: Any, xs: list[np.ndarray]) -> list[np.ndar
 
 
 def _lowest(dtype: np.dtype) -> Any:
-    return -np.inf if dtype.kind == "f" else (False if dtype == bool else np.iinfo(dtype).min)
+    return -np.inf if dtype.kind == "f" else (False if dtype.kind == "b" else np.iinfo(dtype).min)
 
 
 def _highest(dtype: np.dtype) -> Any:
-    return np.inf if dtype.kind == "f" else (True if dtype == bool else np.iinfo(dtype).max)
+    return np.inf if dtype.kind == "f" else (True if dtype.kind == "b" else np.iinfo(dtype).max)
 
 
 RULES: dict[str, Rule] = {
     **dict.fromkeys(
-        "pjit jit closed_call core_call remat checkpoint remat2 custom_jvp_call custom_vjp_call".split()
-        + ["custom_vjp_call_jaxpr"],
+        "pjit jit closed_call core_call remat checkpoint remat2 custom_jvp_call custom_vjp_call".split(),
         call,
     ),
     "broadcast_in_dim": _broadcast,
