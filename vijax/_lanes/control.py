@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .elements import as_elements, flat, regrouped, shaped
-from .graph import Block, Element, Node, is_known, is_shared, leaf_like
+from .graph import Block, Element, Node, is_known, is_shared, leaf_like, ordered
 from .rules import RULES, Program
 
 
@@ -147,13 +147,35 @@ class Loop(Block):
         needed = {leaf: read(node) for leaf, node in self.inside.needed(self.last).items()}
         shared = [leaf.is_shared for leaf in self.leaves]
 
+        steady = self._steady()
+        found = emit(steady, needed, [node.is_shared for node in steady])
+        known = {**needed, **dict(zip(steady, found, strict=True))}
+
         def turn(carry: list) -> list:
-            values = {**needed, **dict(zip(self.leaves, carry, strict=True))}
-            return emit(self.last, values, shared)
+            return emit(self.last, {**known, **dict(zip(self.leaves, carry, strict=True))}, shared)
 
         first = emit(self.first, {e: read(e) for e in self.first if not is_known(e)}, shared)
         last = jax.lax.while_loop(lambda carry: jnp.any(carry[0]), turn, first)
         return [last[1 + k] for k in used]
+
+    def _steady(self) -> list[Node]:
+        """Nodes that are the same in every turn, and that others need: computed before the loop."""
+        changes = dict.fromkeys(self.leaves, True)
+        found: dict[Node, None] = {}
+        for node in ordered((e for e in self.last if not is_known(e)), _operands):
+            operands = _operands(node)
+            changes.setdefault(node, any(changes[a] for a in operands) or node.block is not None)
+            if changes[node]:
+                found.update(dict.fromkeys(a for a in operands if not changes[a] and a.primitive is not None))
+        last = (e for e in self.last if not is_known(e) and not changes[e] and e.primitive is not None)
+        return list(found | dict.fromkeys(last))
+
+
+def _operands(node: Node) -> list[Node]:
+    if node.block is None:
+        return [a for a in node.args if not is_known(a)]
+    block, place = node.block
+    return block.inputs({place})
 
 
 def loop(program: Program, equation: Any, xs: list[np.ndarray]) -> list[np.ndarray]:

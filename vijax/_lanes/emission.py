@@ -11,7 +11,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from .._jax.xla import compute_once
-from .graph import AnyLane, Block, Element, Node, is_known
+from .graph import AnyLane, Block, Element, Node, is_known, ordered
 
 # Operations from which on a value with several users is a root, and beyond which any value is.
 _CHEAP, _MANY = 3, 200
@@ -64,7 +64,7 @@ def emit(
 def _computation(roots: list[Node], needs: list[Node]) -> Callable[..., list]:
     def compute(*given: Any) -> list:
         values = dict(zip(needs, given, strict=True))
-        for node in _order(roots, lambda n: [] if n in values else [a for a in n.args if not is_known(a)]):
+        for node in ordered(roots, lambda n: [] if n in values else [a for a in n.args if not is_known(a)]):
             if node not in values:
                 values[node] = _apply(node, [a if is_known(a) else values[a] for a in node.args])
         return [values[root] for root in roots]
@@ -83,23 +83,7 @@ def _apply(node: Node, args: list) -> Any:
 def _ends(roots: list[Node], values: dict[Node, Any]) -> list[Node]:
     """Nodes with values that roots are computed from."""
     inner = lambda n: [] if n in values else [a for a in n.args if not is_known(a)]  # noqa: E731
-    return [n for n in _order(roots, inner) if n in values]
-
-
-def _order(outs: Iterable[Any], needs: Callable[[Any], list]) -> list:
-    """All that `outs` need, each after what it needs itself."""
-    done: dict[Any, None] = {}
-    stack = [(v, False) for v in reversed(list(outs))]
-    while stack:
-        vertex, is_ready = stack.pop()
-        if vertex in done:
-            continue
-        if is_ready:
-            done[vertex] = None
-        else:
-            stack.append((vertex, True))
-            stack.extend((v, False) for v in needs(vertex) if v not in done)
-    return list(done)
+    return [n for n in ordered(roots, inner) if n in values]
 
 
 class _Plan:
@@ -117,7 +101,7 @@ class _Plan:
         self.results: dict[tuple[Block, int], Node] = {}
         given = dict.fromkeys(e for e in outs if not is_known(e))
         self._find_used(given)
-        order = _order(given, self._needs)
+        order = ordered(given, self._needs)
         users: dict[Vertex, list[Vertex]] = {v: [] for v in order}
         for vertex in order:
             for need in dict.fromkeys(self._needs(vertex)):

@@ -5,7 +5,7 @@ all lanes share is itself shared, and later computed once instead of once per la
 """
 
 import abc
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any
 
 import jax
@@ -89,6 +89,22 @@ def is_shared(element: Element) -> bool:
 def leaf_like(element: Node, shared: bool | None = None) -> Node:
     """Leaf with the type of an element."""
     return Node(None, (), {}, element.dtype, element.is_shared if shared is None else shared)
+
+
+def ordered(outs: Iterable[Any], needs: Callable[[Any], list]) -> list:
+    """All that `outs` need, each after what it needs itself."""
+    done: dict[Any, None] = {}
+    stack = [(v, False) for v in reversed(list(outs))]
+    while stack:
+        vertex, is_ready = stack.pop()
+        if vertex in done:
+            continue
+        if is_ready:
+            done[vertex] = None
+        else:
+            stack.append((vertex, True))
+            stack.extend((v, False) for v in needs(vertex) if v not in done)
+    return list(done)
 
 
 PRIMITIVES = {p.name: p for p in vars(lax).values() if isinstance(p, Primitive)}
