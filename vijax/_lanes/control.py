@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .elements import as_elements, flat, regrouped, shaped
+from .elements import as_elements, flat, regrouped, rows_of
 from .graph import Block, Element, Node, is_known, is_shared, leaf_like, ordered
 from .rules import RULES, Program
 
@@ -230,10 +230,10 @@ def scan(program: Program, equation: Any, xs: list[np.ndarray]) -> list[np.ndarr
     p = equation.params
     in_consts, in_carry = p["num_consts"], p["num_carry"]
     consts, carry, rows = xs[:in_consts], xs[in_consts : in_consts + in_carry], xs[in_consts + in_carry :]
-    found = []
+    found, given = [], [rows_of(row) for row in rows]
     steps = range(p["length"])
     for k in reversed(steps) if p["reverse"] else steps:
-        out = program.run(p["jaxpr"], [*consts, *carry, *(_row(row, k) for row in rows)])
+        out = program.run(p["jaxpr"], [*consts, *carry, *(row[k] for row in given)])
         carry = out[:in_carry]
         found.append(out[in_carry:])
     found = found[::-1] if p["reverse"] else found
@@ -241,11 +241,6 @@ def scan(program: Program, equation: Any, xs: list[np.ndarray]) -> list[np.ndarr
         avals = [v.aval for v in equation.outvars[in_carry:]]
         return [*carry, *(as_elements(np.zeros(a.shape, a.dtype)) for a in avals)]
     return [*carry, *(np.stack(column) for column in zip(*found, strict=True))]
-
-
-def _row(array: np.ndarray, k: int) -> np.ndarray:
-    row = array[k]
-    return row if isinstance(row, np.ndarray) else shaped([row], ())
 
 
 RULES.update({"cond": choose, "while": loop, "scan": scan})

@@ -35,6 +35,12 @@ def flat(arrays: Sequence[np.ndarray]) -> list[Element]:
     return [element for array in arrays for element in array.flat]
 
 
+def rows_of(array: np.ndarray, axis: int = 0) -> list[np.ndarray]:
+    """Arrays along an axis, arrays without axes too, which NumPy would replace by their elements."""
+    array = np.moveaxis(array, axis, 0)
+    return [array[k : k + 1].reshape(array.shape[1:]) for k in range(len(array))]
+
+
 class Arithmetic:
     """Operations on arrays of elements, made of operations of a graph."""
 
@@ -56,12 +62,11 @@ class Arithmetic:
         rows = rows.reshape(-1, *rows.shape[len(axes) :])
         if not len(rows):
             return as_elements(np.full(rows.shape[1:], empty, dtype))
-        each = [row if isinstance(row, np.ndarray) else shaped([row], ()) for row in rows]
-        return reduce(lambda a, b: self.each(name, (a, b), dtype), each)
+        return reduce(lambda a, b: self.each(name, (a, b), dtype), rows_of(rows))
 
     def accumulate(self, name: str, x: np.ndarray, axis: int, dtype: Any, *, reverse: bool) -> np.ndarray:
         """Combine each element with those before it, or after it."""
-        rows = list(np.moveaxis(x, axis, 0))[:: -1 if reverse else 1]
+        rows = rows_of(x, axis)[:: -1 if reverse else 1]
         for k in range(1, len(rows)):
             rows[k] = self.each(name, (rows[k - 1], rows[k]), dtype)
         return np.moveaxis(np.stack(rows[:: -1 if reverse else 1]), 0, axis) if rows else x
@@ -90,8 +95,8 @@ class Arithmetic:
 
     def extreme(self, x: np.ndarray, axis: int, dtype: Any, *, largest: bool) -> np.ndarray:
         """First place of the largest or smallest number along an axis; that of NaN if there is one."""
-        rows = np.moveaxis(x, axis, 0)
-        best, place = rows[0], as_elements(np.zeros(rows.shape[1:], dtype))
+        rows = rows_of(x, axis)
+        best, place = rows[0], as_elements(np.zeros(rows[0].shape, dtype))
         for k in range(1, len(rows)):
             is_better = self.each("gt" if largest else "lt", (rows[k], best), bool)
             is_nan = self.each("ne", (rows[k], rows[k]), bool)

@@ -48,7 +48,7 @@ def simplified(make: Callable, name: str, args: tuple, dtype: np.dtype, params: 
     return None if rule is None else rule(make, args, dtype, params)
 
 
-def _is(element: Any, number: float) -> bool:
+def _is(element: Any, number: int) -> bool:
     return isinstance(element, np.generic) and bool(element == number)
 
 

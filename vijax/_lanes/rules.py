@@ -8,12 +8,14 @@ from collections.abc import Callable, Sequence
 from itertools import product
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import Literal
 
 from .elements import Arithmetic, as_elements, flat, moved, shaped
 from .folding import EXACT
-from .graph import PRIMITIVES, Graph, is_known
+from .graph import Graph, is_known
 
 _ELEMENTWISE = {
     *EXACT,
@@ -105,7 +107,11 @@ def _dot(program: Program, equation: Any, xs: list[np.ndarray]) -> list[np.ndarr
 def _reduction(name: str, empty: Callable[[np.dtype], Any]) -> Rule:
     def rule(program: Program, equation: Any, xs: list[np.ndarray]) -> list[np.ndarray]:
         dtype = equation.outvars[0].aval.dtype
-        return [program.arithmetic.fold(name, xs[0], equation.params["axes"], dtype, empty(dtype))]
+        return [
+            program.arithmetic.fold(
+                name, xs[0], tuple(map(int, equation.params["axes"])), dtype, empty(dtype)
+            )
+        ]
 
     return rule
 
@@ -120,7 +126,7 @@ def _accumulation(name: str) -> Rule:
 
 def _place_of(largest: bool) -> Rule:
     def rule(program: Program, equation: Any, xs: list[np.ndarray]) -> list[np.ndarray]:
-        (axis,), dtype = equation.params["axes"], equation.outvars[0].aval.dtype
+        axis, dtype = int(equation.params["axes"][0]), equation.outvars[0].aval.dtype
         return [program.arithmetic.extreme(xs[0], axis, dtype, largest=largest)]
 
     return rule
@@ -157,24 +163,25 @@ def _put_at_unknown(program: Program, equation: Any, xs: list[np.ndarray]) -> np
     return out
 
 
-def _scatter_combined(name: str) -> Rule:
+def _scatter_combined(name: str, neutral: int) -> Rule:
     def rule(program: Program, equation: Any, xs: list[np.ndarray]) -> list[np.ndarray]:
         x, at, new = xs
         if not all(map(is_known, at.flat)):
+            whom = equation.primitive.name
             raise NotImplementedError(
-                f"`lanes_last` has no rule for the primitive `{equation.primitive.name}` with unknown indices."
+                f"`lanes_last` has no rule for the primitive `{whom}` with unknown indices."
             )
-        dtype, params = equation.outvars[0].aval.dtype, {**equation.params, "update_jaxpr": None}
-        out = x
+        dtype, out = equation.outvars[0].aval.dtype, x
+        places = np.asarray(at.tolist(), equation.invars[1].aval.dtype).reshape(at.shape)
         # One update at a time: several may share a place.
         for k in range(new.size):
-            marks = as_elements(np.arange(new.size) == k).reshape(new.shape)
-            off = as_elements(np.zeros(x.shape, bool))
-            hit = moved(PRIMITIVES["scatter"], params, [off, at, marks], lambda k: k != 1, bool)
-            if not any(hit.flat):
-                continue
-            both = program.arithmetic.each(name, (out, shaped([new.flat[k]], ())), dtype)
-            out = np.where(hit.astype(bool), both, out)
+            marks = np.where(np.arange(new.size) == k, 2, neutral).astype(dtype).reshape(new.shape)
+            with jax.ensure_compile_time_eval():
+                given = map(jnp.asarray, (np.full(x.shape, neutral, dtype), places, marks))
+                is_hit = np.asarray(equation.primitive.bind(*given, **equation.params)) != neutral
+            if np.any(is_hit):
+                both = program.arithmetic.each(name, (out, shaped([new.flat[k]], ())), dtype)
+                out = np.where(is_hit, both, out)
         return [out]
 
     return rule
@@ -266,10 +273,10 @@ RULES: dict[str, Rule] = {
     "gather": _rearranged(lambda k: k == 1),
     "scatter": _rearranged(lambda k: k == 1),
     "pad": _rearranged(lambda k: False),
-    "scatter-add": _scatter_combined("add"),
-    "scatter_add": _scatter_combined("add"),
-    "scatter_mul": _scatter_combined("mul"),
-    "scatter-mul": _scatter_combined("mul"),
+    "scatter-add": _scatter_combined("add", 0),
+    "scatter_add": _scatter_combined("add", 0),
+    "scatter_mul": _scatter_combined("mul", 1),
+    "scatter-mul": _scatter_combined("mul", 1),
     "dynamic_slice": _dynamic_slice,
     "dynamic_update_slice": _dynamic_update,
     "unvmap_any": _any_lane,
