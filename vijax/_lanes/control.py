@@ -92,7 +92,8 @@ class Choice(Block):
 
 def choose(program: Program, equation: Any, xs: list[np.ndarray]) -> list[np.ndarray]:
     """`cond` and `switch`: a choice if the index is shared, else selections among all cases."""
-    index, branches = xs[0][()], equation.params["branches"]
+    index: Any = xs[0][()]
+    branches = equation.params["branches"]
     if is_known(index):
         return program.run(branches[min(max(int(index), 0), len(branches) - 1)], xs[1:])
     avals = [v.aval for v in equation.outvars]

@@ -97,14 +97,17 @@ def _div(make: Callable, args: tuple, dtype: np.dtype, params: dict) -> Any:
         return None
     if _is(a, 0):
         return dtype.type(0)
-    if (
-        isinstance(b, np.generic)
-        and np.isfinite(b)
-        and abs(np.frexp(b)[0]) == 0.5
-        and abs(np.log2(abs(b))) < 64
-    ):
+    if _is_power_of_two(b):
         return make("mul", (a, dtype.type(1 / b)), dtype)
     return make("neg", (make("div", (a.args[0], b), dtype),), dtype) if _name(a) == "neg" else None
+
+
+def _is_power_of_two(number: Any) -> bool:
+    """True for known powers of two, of either sign, far from the ends of the range: their reciprocal is exact."""
+    if not isinstance(number, np.floating):
+        return False
+    mantissa, exponent = np.frexp(number)
+    return bool(abs(mantissa) == 0.5 and abs(exponent) < 64)
 
 
 def _neg(make: Callable, args: tuple, dtype: np.dtype, params: dict) -> Any:

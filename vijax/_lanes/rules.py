@@ -40,7 +40,7 @@ class Program:
 
         def read(variable: Any) -> np.ndarray:
             if isinstance(variable, Literal):
-                return as_elements(np.asarray(variable.val, variable.aval.dtype))
+                return as_elements(np.asarray(variable.val, getattr(variable.aval, "dtype", None)))
             return values[variable]
 
         for equation in jaxpr.eqns:
@@ -88,14 +88,13 @@ def _slice(program: Program, equation: Any, xs: list[np.ndarray]) -> list[np.nda
 
 
 def _split(program: Program, equation: Any, xs: list[np.ndarray]) -> list[np.ndarray]:
-    return np.split(xs[0], np.cumsum(equation.params["sizes"])[:-1].tolist(), axis=equation.params["axis"])
+    return np.split(xs[0], np.cumsum(equation.params["sizes"])[:-1], axis=equation.params["axis"])
 
 
 def _iota(program: Program, equation: Any, xs: list[np.ndarray]) -> list[np.ndarray]:
     p = equation.params
-    line = np.arange(p["shape"][p["dimension"]], dtype=p["dtype"])
-    own = [1] * len(p["shape"])
-    own[p["dimension"]] = len(line)
+    line = np.arange(int(p["shape"][p["dimension"]])).astype(p["dtype"])
+    own = [len(line) if axis == p["dimension"] else 1 for axis in range(len(p["shape"]))]
     return [as_elements(np.broadcast_to(line.reshape(own), p["shape"]))]
 
 
@@ -104,7 +103,7 @@ def _dot(program: Program, equation: Any, xs: list[np.ndarray]) -> list[np.ndarr
     return [program.arithmetic.dot(*xs, equation.params["dimension_numbers"], dtype)]
 
 
-def _reduction(name: str, empty: Callable[[np.dtype], Any]) -> Rule:
+def _reduction(name: str, empty: Callable[[Any], Any]) -> Rule:
     def rule(program: Program, equation: Any, xs: list[np.ndarray]) -> list[np.ndarray]:
         dtype = equation.outvars[0].aval.dtype
         return [
@@ -248,7 +247,7 @@ RULES: dict[str, Rule] = {
     ),
     "broadcast_in_dim": _broadcast,
     **dict.fromkeys(("reshape", "squeeze", "expand_dims"), _reshape),
-    "transpose": lambda program, e, xs: [xs[0].transpose(e.params["permutation"])],
+    "transpose": lambda program, e, xs: [np.transpose(xs[0], e.params["permutation"])],
     "slice": _slice,
     "rev": lambda program, e, xs: [np.flip(xs[0], e.params["dimensions"])],
     "concatenate": lambda program, e, xs: [np.concatenate(xs, axis=e.params["dimension"])],
