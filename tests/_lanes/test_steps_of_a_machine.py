@@ -32,7 +32,8 @@ def test_steps_and_impacts_are_those_of_the_engine(name):
     frequencies = jnp.linspace(0.6, 1.2, LANES)
     system = jax.tree.map(lambda a: jnp.asarray(a)[..., None], machine)
     system = eqx.tree_at(lambda s: s.forcing.frequency, system, frequencies)
-    flow, still = choose_flow(system, can_stick=can_stick), jnp.zeros((2, LANES))
+    with jax.numpy_rank_promotion("allow"):
+        flow, still = choose_flow(system, can_stick=can_stick), jnp.zeros((2, LANES))
 
     @eqx.filter_jit
     def run(system):
@@ -48,7 +49,8 @@ def test_steps_and_impacts_are_those_of_the_engine(name):
 
         return many(turn), many(lanes_last(turn))
 
-    (state, hits), (found, found_hits) = run(system)
+    with jax.numpy_rank_promotion("allow"):  # lanes that share numbers are broadcast
+        (state, hits), (found, found_hits) = run(system)
     assert int(jnp.sum(hits)) > LANES
     np.testing.assert_array_equal(found_hits, hits)
     for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(state), strict=True):

@@ -100,7 +100,7 @@ def _iota(program: Program, equation: Any, xs: list[np.ndarray]) -> list[np.ndar
 
 def _dot(program: Program, equation: Any, xs: list[np.ndarray]) -> list[np.ndarray]:
     dtype = equation.outvars[0].aval.dtype
-    return [program.arithmetic.dot(*xs, equation.params["dimension_numbers"], dtype)]
+    return [program.arithmetic.dot(xs[0], xs[1], equation.params["dimension_numbers"], dtype)]
 
 
 def _reduction(name: str, empty: Callable[[Any], Any]) -> Rule:
