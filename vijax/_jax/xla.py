@@ -169,7 +169,21 @@ def _call(function: Callable, args: tuple, **attributes: str):
             return function(*eqx.combine(arrays, empty))
 
     with annotate(**attributes):
-        return jax.jit(called)(arrays)
+        return _not_whole(jax.jit(called)(arrays))
+
+
+def _not_whole(results: PyTree) -> PyTree:
+    """Results of a call, of which XLA cannot see that they are all that a loop carries.
+
+    Otherwise the call itself becomes the root of the loop's body, and XLA takes its arguments for results: one that is
+    carried at the same place as it is read counts as unchanged, and the call is moved out of the loop
+    (`GetInvariantGTEsForWhileBody`, JAX 0.10). The barrier is gone before anything is fused.
+    """
+    leaves, structure = jax.tree.flatten(results)
+    arrays = [k for k, leaf in enumerate(leaves) if isinstance(leaf, jax.Array)]
+    if len(arrays) > 1:
+        leaves[arrays[0]] = jax.lax.optimization_barrier(leaves[arrays[0]])
+    return jax.tree.unflatten(structure, leaves)
 
 
 def is_any(flags: Bool[Array, "..."]) -> Bool[Array, ""]:
