@@ -1,19 +1,23 @@
 """Turns of the loop over lanes: a step of every lane, and the record of its impacts.
 
-The loop is one kernel (see `in_one_kernel`). It ends when enough lanes are done and can take new points. A turn of 96
-lanes takes 5 to 7 microseconds, where 115 separate kernels took 17. Arithmetic is then the only cost. These measures
-reduce it:
+The loop is one kernel (see `in_one_kernel`). It ends when enough lanes are done and can take new points. A turn takes 70
+to 90 nanoseconds a lane. These measures reduce it:
 
 - Fences (`compute_once`) at every result that several others share: 1700 operations a step where XLA made 2300.
 - Conditionals over all lanes skip what no lane needs: sticking is a quarter of the work. (A second kernel without it,
   which hands over lanes that come near sticking, gains no more and takes seconds to compile.)
-- A division takes as long as ten multiplications: 20 of 62 divisions and roots are left.
-- The impacts of a turn are written in a loop, because they are few and a kernel cannot contain a scatter.
+- A division takes as long as ten multiplications: 14 of 62 divisions and roots are left.
+- The impacts of a turn are written in a loop, because they are few and a kernel cannot contain a scatter. Their places
+  are bits of words: to look for each among all lanes took a third of a turn.
 
-Fewer lanes leave the vector units idle (the chains of operations are long), more do not fit into the cache: from 64
-to 192 the time per lane hardly changes. Steps longer than 3 / rate save none: with limits of 3, 4, 6 and 9 a period
-of case (a) takes 8.3, 8.3, 8.9 and 9.8 steps, as the proof that no event occurs ends most of them.
+Every loop of XLA over the lanes has a fixed cost, some 2 microseconds a turn together, so few lanes are slow; many do
+not fit into the cache, and idle at the end of a queue: from 64 to 128 the time per lane hardly changes. The turn
+written out element by element, by `lanes_last`, took as long and compiled longer. Steps longer than 3 / rate save
+none: with limits of 3, 4, 6 and 9 a period of case (a) takes 8.3, 8.3, 8.9 and 9.8 steps, as the proof that no event
+occurs ends most of them.
 """
+
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -22,6 +26,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
 from .._hybrid.transition import Instant
+from .._jax.arrays import append_axes
 from .._jax.xla import compute_once
 from .._machine.machine import Machine
 from .._machine.state import State, start_period
@@ -138,8 +143,35 @@ def has_room(progress: Progress) -> Bool[Array, ""]:
     return has_room_for_impacts & progress.marks.has_room(lanes.steps.size)
 
 
+class Recorded(NamedTuple):
+    """What a step leaves in the log, lanes last.
+
+    Attributes:
+        is_impact: flags of impacts to be logged, (stops,).
+        impact: the impacts.
+        is_end: whether a recorded period ends, ().
+        end: the end of the period.
+    """
+
+    is_impact: Bool[Array, "stops ..."]
+    impact: Impact
+    is_end: Bool[Array, "..."]
+    end: PeriodEnd
+
+
 def _turn(task: LaneTask, progress: Progress) -> Progress:
-    lanes, machine, work = progress.lanes, task.machine, task.work
+    lanes, found = _step(task, progress.lanes)
+    return Progress(
+        lanes,
+        append(progress.impacts, found.is_impact, found.impact),
+        append(progress.marks, found.is_end, found.end),
+        progress.turns + 1,
+    )
+
+
+def _step(task: LaneTask, lanes: EndStates) -> tuple[EndStates, Recorded]:
+    """A step of every lane, and its records."""
+    machine, work = task.machine, task.work
     state, live = lanes.state, compute_once(is_live, work, lanes, task.point)
     resolution = 4 * jnp.finfo(state.x.dtype).eps * machine.period
     step = task.flow, machine, state, machine.period, resolution
@@ -153,11 +185,16 @@ def _turn(task: LaneTask, progress: Progress) -> Progress:
     hit = instant.hit & counted
     after = start_period(after, task.phase0, instant.arrived)
     number = jnp.sum(lanes.num_impacts, axis=0) + jnp.cumsum(hit, axis=0) - hit
-    stop, velocity = jnp.arange(len(hit))[:, None], machine.contacts.signed(instant.velocity_minus)
+    stop, velocity = jnp.arange(len(hit)), machine.contacts.signed(instant.velocity_minus)
     if (of_stops := machine.velocity_of_stops(after.phase)) is not None:
         velocity += of_stops
     impact = Impact(
-        time=passed, velocity=velocity, chatter=instant.chatter, stop=stop, point=task.point, number=number
+        time=passed,
+        velocity=velocity,
+        chatter=instant.chatter,
+        stop=append_axes(stop, hit),
+        point=task.point,
+        number=number,
     )
     kept = None if tangents is None else tangents.start_period(instant.arrived)
     moved = EndStates(
@@ -170,7 +207,7 @@ def _turn(task: LaneTask, progress: Progress) -> Progress:
         tangents=jax.tree.map(lambda new, old: jnp.where(live, new, old), kept, lanes.tangents),
     )
     x, v = machine.in_space(moved.state)
-    mark = PeriodEnd(
+    end = PeriodEnd(
         point=task.point,
         period=state.periods - work.transient,
         x=x,
@@ -178,9 +215,8 @@ def _turn(task: LaneTask, progress: Progress) -> Progress:
         held_time=moved.held_time,
         growth=None if tangents is None else tangents.growth,
     )
-    impacts = append(progress.impacts, hit & (number < work.max_impacts), impact)
-    marks = append(progress.marks, counted & instant.arrived, mark)
-    return Progress(moved, impacts, marks, progress.turns + 1)
+    is_impact, is_end = hit & (number < work.max_impacts), counted & instant.arrived
+    return moved, Recorded(is_impact, impact, is_end, end)
 
 
 def _held(state: State, instant: Instant) -> Float[Array, "stops lanes"]:

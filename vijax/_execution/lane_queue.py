@@ -13,7 +13,7 @@ does not depend on their number, and the transient writes nothing.
 
 from collections.abc import Callable
 from functools import cache, lru_cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -42,12 +42,14 @@ class Queue(eqx.Module):
     Attributes:
         progress: lanes and their log.
         point: point of each lane; the number of points, if it has none.
+        is_new: whether a lane has not begun with its point.
         ends: results of the points that are done.
         following: next waiting point, among those that start a chain.
     """
 
     progress: Progress
     point: Int[Array, " lanes"]
+    is_new: Bool[Array, " lanes"]
     ends: EndStates
     following: Int[Array, ""]
 
@@ -92,16 +94,21 @@ def new_queue(
 
     Only the room for records matters of the `settings`. With `has_tangents` small changes evolve with the motions.
     """
-    shapes = _shapes(program.layout, width, num_lanes, settings, has_tangents)
-    queue = jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), shapes)
-    return eqx.tree_at(lambda q: q.point, queue, np.full_like(queue.point, width))
+    structure, shapes, place = _shapes(program.layout, width, num_lanes, settings, has_tangents)
+    arrays = [np.zeros(shape, dtype) for shape, dtype in shapes]
+    arrays[place].fill(width)
+    return jax.tree.unflatten(structure, arrays)
 
 
 @lru_cache
 def _shapes(
     layout: Layout, width: int, num_lanes: int, settings: ExecutionSettings, has_tangents: bool
-) -> Queue:
-    return jax.eval_shape(partial(_zeros, layout, width, num_lanes, settings, has_tangents))
+) -> tuple[Any, list[tuple[tuple[int, ...], Any]], int]:
+    """Structure of a queue, shapes and types of its arrays, and the place of `Queue.point` among them."""
+    queue = jax.eval_shape(partial(_zeros, layout, width, num_lanes, settings, has_tangents))
+    leaves, structure = jax.tree.flatten(queue)
+    place = next(k for k, leaf in enumerate(leaves) if leaf is queue.point)
+    return structure, [(leaf.shape, leaf.dtype) for leaf in leaves], place
 
 
 def _zeros(
@@ -135,7 +142,8 @@ def _zeros(
     if has_tangents:
         lanes = _with_tangents(lanes, first_tangents(lanes.state.x))
     whole = jnp.zeros((), int)
-    return Queue(Progress(lanes, impacts, marks, whole), jnp.zeros(num_lanes, int), nothing(width), whole)
+    point = jnp.zeros(num_lanes, int)
+    return Queue(Progress(lanes, impacts, marks, whole), point, point.astype(bool), nothing(width), whole)
 
 
 def run_lanes(
@@ -166,55 +174,33 @@ def compiled_lanes() -> Callable:
 def _run_lanes(
     program: Program, packed: Packed, counts: Int[Array, " counts"], queue: Queue
 ) -> tuple[Queue, Bool[Array, ""]]:
-    given = unpack(program.layout, packed)
-    numbers, flow, x0, v0 = given
     work = Work(*counts)
-    period = 2 * jnp.pi / numbers.frequency
-    machine = prepare(numbers, period, (jnp.zeros(1, x0.dtype), x0, v0), can_stick=program.can_stick)
-    is_one_kernel = fits_one_kernel(numbers, flow)
-    flow, work = flow.prepare(machine), _bounded(work, machine, x0.shape[1])
-    num_points, num_lanes = x0.shape[1], queue.point.size
-    zeros = jnp.zeros((machine.waves.num_harmonics, num_points), x0.dtype)
-    phase0 = jnp.stack([zeros + 1, zeros])
-    first = initial_state(flow, machine, phase0, x0, v0)
     last_turn = queue.progress.turns + work.max_turns
-    run = partial(in_one_kernel, run_turns) if is_one_kernel else run_turns
-
-    def carried(point: Int[Array, " lanes"], before: EndStates) -> State:
-        own, motion, numbers = (_gather(tree, point, num_points) for tree in (given, flow, machine))
-        starts = own.x0, own.v0
-        ends = carried_start(own.numbers, (before.state.x, before.state.v), before.state.held, starts)
-        has_before = point >= work.num_chains
-        x, v = (jnp.where(has_before, a, own) for a, own in zip(ends, starts, strict=True))
-        phase = jnp.broadcast_to(phase0[..., :1], (*phase0.shape[:2], num_lanes))
-        return initial_state(motion, numbers, phase, x, v)
-
-    def start(point: Int[Array, " lanes"], before: EndStates) -> State:
-        return jax.lax.cond(
-            work.num_chains < work.num_points,
-            lambda: carried(point, before),
-            lambda: _gather(first, point, num_points),
-        )
+    rows = jnp.asarray(packed.own).T  # those of a point side by side: a lane takes them at once
 
     def feed(queue: Queue) -> Queue:
-        motion, numbers = (_gather(tree, queue.point, num_points) for tree in (flow, machine))
-        is_waiting = _is_waiting(work, queue)
-        num_busy = jnp.sum(queue.point < work.num_points)
-        enough = jnp.where(is_waiting, jnp.maximum(num_busy - max(num_lanes // 16, 1), 0), 0)
-        inputs = _of_lanes(work, queue.point)
-        task = LaneTask(motion, numbers, phase0[..., :1], inputs, queue.point, enough, last_turn)
-        progress, _ = run((queue.progress, task))
-        return _refill(inputs, start, numbers, eqx.tree_at(lambda q: q.progress, queue, progress))
-
-    def is_left(queue: Queue) -> Bool[Array, ""]:
-        live = is_live(_of_lanes(work, queue.point), queue.progress.lanes, queue.point)
-        return _is_waiting(work, queue) | jnp.any(live)
+        own = rows[jnp.minimum(queue.point, len(rows) - 1)].T
+        points = unpack(program.layout, Packed(own, packed.shared))
+        task = _task(points, program, work, queue, last_turn)
+        lanes = _started(points, task, queue)
+        run = run_turns
+        if fits_one_kernel(points.numbers, points.flow):
+            run = partial(in_one_kernel, run_turns)
+        progress, _ = run((eqx.tree_at(lambda p: p.lanes, queue.progress, lanes), task))
+        return _refilled(task, eqx.tree_at(lambda q: q.progress, queue, progress))
 
     def goes_on(queue: Queue) -> Bool[Array, ""]:
-        return is_left(queue) & has_room(queue.progress) & (queue.progress.turns < last_turn)
+        return _is_left(work, queue) & has_room(queue.progress) & (queue.progress.turns < last_turn)
 
-    queue = jax.lax.while_loop(goes_on, feed, queue)
-    return queue, is_left(queue)
+    # The host has taken what was written.
+    written = lambda q: (q.progress.impacts.size, q.progress.marks.size)  # noqa: E731
+    queue = jax.lax.while_loop(goes_on, feed, eqx.tree_at(written, queue, replace_fn=jnp.zeros_like))
+    return queue, _is_left(work, queue)
+
+
+def _is_left(work: Work, queue: Queue) -> Bool[Array, ""]:
+    """True where any work is left."""
+    return _is_waiting(work, queue) | jnp.any(queue.point < work.num_points)
 
 
 def _is_waiting(work: Work, queue: Queue) -> Bool[Array, ""]:
@@ -223,48 +209,47 @@ def _is_waiting(work: Work, queue: Queue) -> Bool[Array, ""]:
     return (queue.following < work.num_chains) | jnp.any(goes_on)
 
 
-def _bounded(work: Work, machine: Machine, num_points: int) -> Work:
-    """The request with a bound on the steps of every point: as given, or far more than a sound motion takes.
+def _task(points: Points, program: Program, work: Work, queue: Queue, last_turn: Int[Array, ""]) -> LaneTask:
+    """Constants of the loop: the points of the lanes, prepared."""
+    numbers, x0, v0 = points.numbers, points.x0, points.v0
+    period = 2 * jnp.pi / numbers.frequency
+    machine = prepare(numbers, period, (jnp.zeros(1, x0.dtype), x0, v0), can_stick=program.can_stick)
+    zeros = jnp.zeros((machine.waves.num_harmonics, 1), x0.dtype)
+    num_lanes = queue.point.size
+    num_busy = jnp.sum(queue.point < work.num_points)
+    enough = jnp.where(_is_waiting(work, queue), jnp.maximum(num_busy - max(num_lanes // 16, 1), 0), 0)
+    return LaneTask(
+        flow=points.flow.prepare(machine),
+        machine=machine,
+        phase0=jnp.stack([zeros + 1, zeros]),
+        work=_bounded(work, machine, num_lanes),
+        point=queue.point,
+        enough=enough,
+        last_turn=last_turn,
+    )
+
+
+def _bounded(work: Work, machine: Machine, num_lanes: int) -> Work:
+    """The request with a bound on the steps of every lane: as given, or far more than a sound motion takes.
 
     Impacts add steps in every period to those of the motion itself.
     """
     least = 100_000 + 10_000 * work.num_periods.astype(machine.rate.dtype)
     ample = default_max_steps(machine, work.num_periods * machine.period, least)
     bound = jnp.where(work.max_steps == AUTOMATIC_MAX_STEPS, ample, work.max_steps)
-    return eqx.tree_at(lambda w: w.max_steps, work, jnp.broadcast_to(bound, num_points))
+    return eqx.tree_at(lambda w: w.max_steps, work, jnp.broadcast_to(bound, num_lanes))
 
 
-def _of_lanes(work: Work, point: Int[Array, " lanes"]) -> Work:
-    """The request, with the bound on steps of each lane's point."""
-    return eqx.tree_at(lambda w: w.max_steps, work, work.max_steps[point])
-
-
-def _gather(tree, point: Int[Array, " lanes"], num_points: int):
-    """Numbers of each lane's point; those shared by all points stay single."""
-
-    def take(a: Reals) -> Reals:
-        return a[..., point] if a.ndim and a.shape[-1] == num_points > 1 else a
-
-    return jax.tree.map(take, tree)
-
-
-def _refill(work: Work, start: Callable[[Array, EndStates], State], machine: Machine, queue: Queue) -> Queue:
-    """Store the results of finished lanes and give these lanes new points."""
-    lanes, num_points = queue.progress.lanes, queue.ends.steps.size
-    free = ~is_live(work, lanes, queue.point)
-    done = jnp.where(free, queue.point, num_points)
-    ended = eqx.tree_at(lambda e: (e.state.x, e.state.v), lanes, machine.in_space(lanes.state))
-    ended = _with_tangents(ended, None)
-    ends = jax.tree.map(lambda all_, a: all_.at[..., done].set(a, mode="drop"), queue.ends, ended)
-    on = queue.point + work.num_chains
-    goes_on = free & (on < work.num_points)
-    begins = free & ~goes_on
-    candidate = queue.following + jnp.cumsum(begins) - begins
-    begins = begins & (candidate < work.num_chains)
-    is_new = goes_on | begins
-    point = jnp.where(goes_on, on, jnp.where(begins, candidate, jnp.where(free, num_points, queue.point)))
+def _started(points: Points, task: LaneTask, queue: Queue) -> EndStates:
+    """The lanes, those with a new point at its start: its own, or where the point before it ended."""
+    lanes, before = queue.progress.lanes, queue.progress.lanes.state
+    starts = points.x0, points.v0
+    carried = carried_start(points.numbers, (before.x, before.v), before.held, starts)
+    has_before = task.point >= task.work.num_chains
+    x, v = (jnp.where(has_before, a, own) for a, own in zip(carried, starts, strict=True))
+    phase = jnp.broadcast_to(task.phase0, before.phase.shape)
     fresh = EndStates(
-        state=start(point, ended),
+        state=initial_state(task.flow, task.machine, phase, x, v),
         num_impacts=jnp.zeros_like(lanes.num_impacts),
         num_sticks=jnp.zeros_like(lanes.num_sticks),
         held_time=jnp.zeros_like(lanes.held_time),
@@ -272,9 +257,34 @@ def _refill(work: Work, start: Callable[[Array, EndStates], State], machine: Mac
         is_finite=jnp.ones_like(lanes.is_finite),
         tangents=None if lanes.tangents is None else first_tangents(lanes.state.x),
     )
-    lanes = jax.tree.map(lambda new, old: jnp.where(is_new, new, old), fresh, lanes)
-    progress = eqx.tree_at(lambda p: p.lanes, queue.progress, lanes)
-    return Queue(progress, point, ends, queue.following + jnp.sum(begins))
+    return jax.tree.map(lambda new, old: jnp.where(queue.is_new, new, old), fresh, lanes)
+
+
+def _refilled(task: LaneTask, queue: Queue) -> Queue:
+    """Store the results of finished lanes and give these lanes new points."""
+    work, lanes, num_points = task.work, queue.progress.lanes, queue.ends.steps.size
+    free = ~is_live(work, lanes, queue.point)
+    in_space = [
+        jnp.where(free, of, own)
+        for of, own in zip(task.machine.in_space(lanes.state), (lanes.state.x, lanes.state.v), strict=True)
+    ]
+    lanes = eqx.tree_at(lambda e: (e.state.x, e.state.v), lanes, in_space)
+    done = jnp.where(free, queue.point, num_points)
+    ended = _with_tangents(lanes, None)
+    ends = jax.tree.map(lambda all_, a: all_.at[..., done].set(a, mode="drop"), queue.ends, ended)
+    on = queue.point + work.num_chains
+    goes_on = free & (on < work.num_points)
+    begins = free & ~goes_on
+    candidate = queue.following + jnp.cumsum(begins) - begins
+    begins = begins & (candidate < work.num_chains)
+    point = jnp.where(goes_on, on, jnp.where(begins, candidate, jnp.where(free, num_points, queue.point)))
+    return Queue(
+        progress=eqx.tree_at(lambda p: p.lanes, queue.progress, lanes),
+        point=point,
+        is_new=goes_on | begins,
+        ends=ends,
+        following=queue.following + jnp.sum(begins),
+    )
 
 
 def _with_tangents(ends: EndStates, tangents: Tangents | None) -> EndStates:

@@ -1,5 +1,6 @@
 """Numbers of many points as the rows of one array: a call of a program takes two arrays instead of a hundred."""
 
+import math
 from collections.abc import Hashable
 from typing import Any, NamedTuple
 
@@ -27,7 +28,7 @@ class Leaf(NamedTuple):
     @property
     def size(self) -> int:
         """Number of rows."""
-        return int(np.prod(self.shape))
+        return math.prod(self.shape)
 
 
 class Layout(NamedTuple):

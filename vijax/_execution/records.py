@@ -110,16 +110,19 @@ def append(rows: RecordBatch, kept: Bool[Array, "*stops lanes"], record: Impact 
     if kept.size == 0:
         return rows
 
-    def flat(room: Array, a: Array) -> Array:
-        own = room.shape[1:]
-        return jnp.broadcast_to(a, (*own, *kept.shape)).reshape(*own, kept.size).astype(room.dtype)
-
-    columns = jax.tree.map(flat, rows.room, record)
-
     def put(place: Int[Array, ""], carry: tuple) -> tuple:
         room, size = carry
-        write = lambda a, new: jax.lax.dynamic_update_index_in_dim(a, new[..., place], size, 0)  # noqa: E731
-        return jax.tree.map(write, room, columns), size + 1
+        at = jnp.unravel_index(place, kept.shape)
+
+        def write(room: Array, column: Array) -> Array:
+            own = room.ndim - 1
+            for k, index in zip(range(own - column.ndim, 0), at[own - column.ndim :], strict=True):
+                index = index if column.shape[k] > 1 else 0
+                column = jax.lax.dynamic_slice_in_dim(column, index, 1, axis=k)
+            row = column.reshape(1, *room.shape[1:]).astype(room.dtype)
+            return jax.lax.dynamic_update_slice_in_dim(room, row, size, 0)
+
+        return jax.tree.map(write, room, record), size + 1
 
     return RecordBatch(*for_each(kept.ravel(), put, (rows.room, rows.size)))
 

@@ -23,7 +23,7 @@ class ExecutionSettings:
         visits: points of a carried chain that are run in one go; a store keeps them together.
     """
 
-    lanes: int = 96
+    lanes: int = 80
     points: int = 2048
     turns: int = 1 << 14
     impact_rows: int = 1 << 15

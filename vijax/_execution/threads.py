@@ -121,8 +121,6 @@ def _run_queue(
             is_left, progress = bool(more), queue.progress
             impacts.append(written_rows(progress.impacts))
             marks.append(written_rows(progress.marks))
-            zeros = np.zeros((2,), jax.dtypes.canonicalize_dtype(int))
-            queue = eqx.tree_at(lambda q: (q.progress.impacts.size, q.progress.marks.size), queue, zeros)
             done = int(np.sum(np.asarray(queue.ends.steps)[: share.size] > 0))
             tell(done - reported)
             reported = done

@@ -262,9 +262,11 @@ def _delays(
     root = jnp.sqrt(jnp.where(is_simple, square, 1))
     delay = 2 * value / (root - jnp.where(is_simple, slope, 0))
     is_simple = is_simple & (jnp.abs(bend) * delay * delay <= 1e-3 * root)
-    for _ in range(2):
-        rate = jnp.where(is_simple, horner(derivative(h), delay), -1)
-        delay = delay - horner(h, delay) / rate
+    # Two steps of Newton's method with one division: the parabola has the slope -root at its zero, and the reciprocal
+    # of the slope after the first step follows from that of the root.
+    inverse = 1 / root
+    delay = delay + horner(h, delay) * inverse
+    delay = delay + horner(h, delay) * inverse * (2 + horner(derivative(h), delay) * inverse)
     dtype = str(state.x.dtype)
     near = select_active(limits, state, lambda limit: limit.near[dtype]) * machine.timescale
     is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))

@@ -67,6 +67,24 @@ class SteadyResponse(eqx.Module):
     waves: Waves
 
 
+class Rests(eqx.Module):
+    """Bounds of derivatives, for one set of held masses, or with a leading axis over all sets.
+
+    |x''''| / 24 <= x . root + x_load, with the roots of the energies q'^2 + w^2 q^2 of the modes; |force'''| / 6 likewise.
+
+    Attributes:
+        x: (n, modes).
+        x_load: part of the steady response, (n,).
+        force: (n, modes).
+        force_load: (n,).
+    """
+
+    x: Float[Array, "..."]
+    x_load: Float[Array, "..."]
+    force: Float[Array, "..."]
+    force_load: Float[Array, "..."]
+
+
 class ModalFlow(ExpandingFlow):
     """Exact motion of a linear machine with proportional damping. Made by `modal_flow`.
 
@@ -81,13 +99,15 @@ class ModalFlow(ExpandingFlow):
 
     def prepare(self, machine: Machine) -> "PreparedModalFlow":
         """Add the steady response to the load, and the longest step."""
-        sets = range(len(self.sets))
-        each = [_response(machine, jax.tree.map(lambda a, k=k: a[k], self.modes)) for k in sets]
+        modes = [jax.tree.map(lambda a, k=k: a[k], self.modes) for k in range(len(self.sets))]
+        responses = [_response(machine, own) for own in modes]
+        rests = [_rests(machine, *own) for own in zip(modes, responses, strict=True)]
+        response, rests = (jax.tree.map(lambda *a: stack(a), *each) for each in (responses, rests))
         trust, _ = LONGEST_STEP_AND_TERMS[str(machine.mean.dtype)]
         # Overdamped modes are differences of growing terms and take half the step.
         excess = jnp.max(self.modes.decay**2 - self.modes.squared_frequency, axis=(0, 1))
         limit = trust / jnp.maximum(machine.rate, 2 * jnp.sqrt(jnp.maximum(excess, 0)))
-        return PreparedModalFlow(self.modes, jax.tree.map(lambda *a: stack(a), *each), limit, self.sets)
+        return PreparedModalFlow(self.modes, response, rests, limit, self.sets)
 
     def expand(self, machine: Machine, state: State, hold: Held) -> "ModalExpansion":
         """Prepare the modes and expand."""
@@ -109,22 +129,42 @@ def _response(machine: Machine, modes: Modes) -> SteadyResponse:
     return SteadyResponse(offset, Waves(stack(cosine), stack(sine)))
 
 
+def _rests(machine: Machine, modes: Modes, response: SteadyResponse) -> Rests:
+    """The energy of a mode never grows, and q''' and q'''' are linear in q and q'."""
+    w2, a = modes.squared_frequency, modes.decay
+    w = jnp.sqrt(w2)
+    third = jnp.abs(4 * a * a - w2) + 2 * a * w
+    fourth = w * jnp.abs(4 * a * a - w2) + 4 * a * jnp.abs(w2 - 2 * a * a)
+    damping, stiffness, shape = (jnp.abs(b) for b in (machine.damping, machine.stiffness, modes.shape))
+    x3, x4 = shape * third[None], shape * fourth[None]
+    x3_load = machine.frequency**3 * response.waves.bound(3)
+    x4_load = machine.frequency**4 * response.waves.bound(4)
+    columns = [matvec(damping, x4[:, j]) + matvec(stiffness, x3[:, j]) for j in range(len(w2))]
+    force_load = machine.frequency**3 * machine.waves.bound(3)
+    force_load = force_load + matvec(damping, x4_load) + matvec(stiffness, x3_load)
+    force = jnp.stack(columns, axis=1)
+    return Rests(x4 * (1 / 24), x4_load * (1 / 24), force * (1 / 6), force_load * (1 / 6))
+
+
 class PreparedModalFlow(ExpandingFlow):
-    """Modes of a machine with its steady response to the load."""
+    """Modes of a machine with its steady response to the load, and bounds of derivatives."""
 
     has_flow_map: ClassVar[bool] = True
     flow_map_reaches_far: ClassVar[bool] = True
 
     modes: Modes
     response: SteadyResponse
+    rests: Rests
     limit: Scalar
     sets: Bool[Array, "sets n ..."]
 
     def expand(self, machine: Machine, state: State, hold: Held) -> "ModalExpansion":
         """Compute the modal coordinates of the free motion."""
-        modes, response, q, q_rate = self._coordinates(machine, state, hold)
+        (modes, response, rests), q, q_rate = self._coordinates(machine, state, hold)
         now = derivatives(machine, state, hold)
-        return ModalExpansion(modes=modes, response=response, q=q, q_rate=q_rate, now=now, limit=self.limit)
+        return ModalExpansion(
+            modes=modes, response=response, rests=rests, q=q, q_rate=q_rate, now=now, limit=self.limit
+        )
 
     def flow_map(
         self,
@@ -135,33 +175,33 @@ class PreparedModalFlow(ExpandingFlow):
         change: Float[Array, "2 harmonics ..."],
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Evaluate the modes at any time."""
-        modes, response, q, q_rate = self._coordinates(machine, state, hold)
+        (modes, response, _), q, q_rate = self._coordinates(machine, state, hold)
         increments = _increments(modes.squared_frequency, modes.decay, span)
         return _gone(machine, modes, response, (q, q_rate), increments, change)
 
     def _coordinates(
         self, machine: Machine, state: State, hold: Held
-    ) -> tuple[Modes, SteadyResponse, Float[Array, "modes ..."], Float[Array, "modes ..."]]:
-        """Modes and steady response of the set held now, and q and q' of the free motion."""
-        modes, response = self._of_set(hold)
+    ) -> tuple[tuple[Modes, SteadyResponse, Rests], Float[Array, "modes ..."], Float[Array, "modes ..."]]:
+        """Tables of the set held now, and q and q' of the free motion."""
+        tables = modes, response, _ = self._of_set(hold)
         steady = response.offset + response.waves.at(state.phase)
         if len(self.sets) > 1:
             steady = steady + matvec(modes.anchor, state.x)
         steady_v = response.waves.at(machine.phase_rate(state.phase))
         q, q_rate = matvec(modes.inverse, state.x - steady), matvec(modes.inverse, state.v - steady_v)
-        return modes, response, q, q_rate
+        return tables, q, q_rate
 
-    def _of_set(self, hold: Held) -> tuple[Modes, SteadyResponse]:
+    def _of_set(self, hold: Held) -> tuple[Modes, SteadyResponse, Rests]:
         """Tables of the set of masses held now."""
-        free = jax.tree.map(lambda a: a[0], (self.modes, self.response))
+        free = jax.tree.map(lambda a: a[0], (self.modes, self.response, self.rests))
         if len(self.sets) == 1:
             return free
         full = lambda a: jnp.broadcast_to(a, jnp.broadcast_shapes(a.shape, hold.shape[1:]))  # noqa: E731
         return jax.lax.cond(is_any(hold), lambda: self._select(hold), lambda: jax.tree.map(full, free))
 
-    def _select(self, hold: Held) -> tuple[Modes, SteadyResponse]:
+    def _select(self, hold: Held) -> tuple[Modes, SteadyResponse, Rests]:
         """Tables of the set of each lane, by a chain of selections, cheaper than a gather."""
-        tables = (self.modes, self.response)
+        tables = (self.modes, self.response, self.rests)
         chosen = jax.tree.map(lambda a: a[0], tables)
         for k in range(1, len(self.sets)):
             is_this = reduce(operator.and_, list(hold == self.sets[k]))
@@ -174,28 +214,18 @@ class ModalExpansion(Expansion):
 
     modes: Modes
     response: SteadyResponse
+    rests: Rests
     q: Float[Array, "modes ..."]
     q_rate: Float[Array, "modes ..."]
     now: Derivatives
     limit: Scalar
 
     def rest(self, machine: Machine, limit: Scalar) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
-        """Bound |x''''| / 24 and |force'''| / 6 for all later times.
-
-        The energy q'^2 + w^2 q^2 of a mode never grows, and q''' and q'''' are linear in q and q'.
-        """
-        del limit
-        w2, a = self.modes.squared_frequency, self.modes.decay
-        w = jnp.sqrt(w2)
-        energy = jnp.sqrt(self.q_rate**2 + w2 * self.q**2)
-        third = energy * (jnp.abs(4 * a * a - w2) + 2 * a * w)
-        fourth = energy * (w * jnp.abs(4 * a * a - w2) + 4 * a * jnp.abs(w2 - 2 * a * a))
-        shape = jnp.abs(self.modes.shape)
-        x3 = matvec(shape, third) + machine.frequency**3 * self.response.waves.bound(3)
-        x4 = matvec(shape, fourth) + machine.frequency**4 * self.response.waves.bound(4)
-        load3 = machine.frequency**3 * machine.waves.bound(3)
-        force3 = load3 + matvec(jnp.abs(machine.damping), x4) + matvec(jnp.abs(machine.stiffness), x3)
-        return x4 * (1 / 24), force3 * (1 / 6)
+        """Bound |x''''| / 24 and |force'''| / 6 for all later times."""
+        del machine, limit
+        root = jnp.sqrt(self.q_rate**2 + self.modes.squared_frequency * self.q**2)
+        rests = self.rests
+        return matvec(rests.x, root) + rests.x_load, matvec(rests.force, root) + rests.force_load
 
     def move(
         self, machine: Machine, state: State, step: Scalar

@@ -5,12 +5,14 @@ that the modes do not diagonalise; a mode without stiffness, at resonance withou
 than 8 sets of held masses. `TaylorFlow` serves these machines.
 """
 
+from functools import lru_cache
 from itertools import combinations
+from typing import NamedTuple
 
 import jax
 import numpy as np
 
-from .._jax.concrete import concrete
+from .._jax.concrete import concrete, concrete_evaluation
 from .._machine.numbers import num_harmonics
 from .._system.system import ImpactSystem
 from .modal import ModalFlow, Modes
@@ -33,32 +35,71 @@ def modal_flow(
     """
     if system.is_coupled:
         return None
-    dtype = system.mass.dtype
     mass, damping, stiffness = (concrete(a) for a in (system.mass, system.damping, system.stiffness))
     holdable = sorted({stop.slot[0] for stop in system.stops if stop.slot}) if can_stick else []
     if mass is None or damping is None or stiffness is None or 2 ** len(holdable) > _MAX_SETS:
         return None
     has_lanes = mass.ndim == 2
-    mass, damping, stiffness = (
-        np.moveaxis(a, -1, 0) if has_lanes else a[None] for a in (mass, damping, stiffness)
-    )
-    speeds = _speeds(system, band)
+    most = min(len(system.stops), mass.shape[0]) if can_stick else 0
+    with concrete_evaluation():
+        matrices = [_Matrix.of(a) for a in (mass, damping, stiffness)]
+        tables = _tables(*matrices, tuple(holdable), most, has_lanes)
+    if tables is None or not all(_are_modes_accurate(*own, _speeds(system, band)) for own in tables.of_sets):
+        return None
+    return tables.flow
+
+
+class _Matrix(NamedTuple):
+    """Numbers of an array, hashable."""
+
+    numbers: bytes
+    shape: tuple[int, ...]
+    dtype: np.dtype
+
+    @classmethod
+    def of(cls, array: np.ndarray) -> "_Matrix":
+        return cls(array.tobytes(), array.shape, array.dtype)
+
+    def lanes_first(self, *, has_lanes: bool) -> np.ndarray:
+        array = np.frombuffer(self.numbers, self.dtype).reshape(self.shape)
+        return np.moveaxis(array, -1, 0) if has_lanes else array[None]
+
+
+class _Tables(NamedTuple):
+    """Modes of a machine, and squared frequencies and decay rates of each set of held masses."""
+
+    flow: ModalFlow
+    of_sets: list[tuple[np.ndarray, np.ndarray]]
+
+
+@lru_cache(16)
+def _tables(
+    mass: _Matrix,
+    damping: _Matrix,
+    stiffness: _Matrix,
+    holdable: tuple[int, ...],
+    most: int,
+    has_lanes: bool,
+) -> _Tables | None:
+    """Tabulate all sets of the masses `holdable`; None where a set has no accurate modes at any load."""
+    matrices = [a.lanes_first(has_lanes=has_lanes) for a in (mass, damping, stiffness)]
+    n, dtype = matrices[0].shape[1], matrices[0].dtype
     sets = [s for k in range(len(holdable) + 1) for s in combinations(holdable, k)]
     tables = []
     for held in sets:
-        table = _modes_of_set(mass, damping, stiffness, held)
-        if table is None or not _are_modes_accurate(table[0], table[1], speeds):
+        table = _modes_of_set(matrices[0], matrices[1], matrices[2], held)
+        if table is None:
             return None
         tables.append(table)
+    of_sets = [(table[0], table[1]) for table in tables]
     # Copies of the first set pad the tables to the size of machines with stops on other masses: one program serves all.
-    most = min(len(system.stops), mass.shape[-1]) if can_stick else 0
     missing = min(2**most, _MAX_SETS) - len(sets)
     sets, tables = sets + sets[:1] * missing, tables + tables[:1] * missing
     arrays = [np.moveaxis(np.stack(column), 1, -1).astype(dtype) for column in zip(*tables, strict=True)]
-    members = np.array([[i in held for i in range(mass.shape[-1])] for held in sets])[..., None]
+    members = np.array([[i in held for i in range(n)] for held in sets])[..., None]
     if not has_lanes:
         arrays, members = [a[..., 0] for a in arrays], members[..., 0]
-    return ModalFlow(Modes(*map(jax.device_put, arrays)), jax.device_put(members))
+    return _Tables(ModalFlow(Modes(*map(jax.device_put, arrays)), jax.device_put(members)), of_sets)
 
 
 def _speeds(system: ImpactSystem, band: tuple[float, float] | None) -> tuple[np.ndarray, np.ndarray] | None:
