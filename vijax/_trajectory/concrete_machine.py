@@ -13,6 +13,7 @@ from .._hybrid.sticking import can_any_stick
 from .._jax.arrays import Reals, as_numpy_float
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.system import ImpactSystem, with_args
+from .one_call import PackedMachine, packed_machine
 
 _MOST = 64
 
@@ -26,12 +27,14 @@ class ConcreteMachine:
         system: the machine in NumPy numbers, its force bound to its `args`.
         numbers: the same as `MachineNumbers`, on the device.
         flows: flows chosen so far, by whether a stop may hold its mass.
+        calls: the machine packed with each of these flows.
     """
 
     leaves: list
     system: ImpactSystem
     numbers: MachineNumbers
     flows: dict[bool, AbstractFlow] = field(default_factory=dict)
+    calls: dict[bool, PackedMachine] = field(default_factory=dict)
 
     @cached_property
     def can_always_stick(self) -> bool:
@@ -60,6 +63,15 @@ class ConcreteMachine:
         if can_stick not in self.flows:
             self.flows[can_stick] = choose_flow(self.system, can_stick=can_stick)
         return self.flows[can_stick]
+
+    def packed(self, wanted: AbstractFlow | None, *, can_stick: bool) -> PackedMachine:
+        """The machine packed with the given flow, or with the chosen one and cached."""
+        if wanted is not None:
+            return packed_machine(self.numbers, self.flow(wanted, can_stick=can_stick), can_stick=can_stick)
+        if can_stick not in self.calls:
+            flow = self.flow(None, can_stick=can_stick)
+            self.calls[can_stick] = packed_machine(self.numbers, flow, can_stick=can_stick)
+        return self.calls[can_stick]
 
 
 _kept: OrderedDict = OrderedDict()

@@ -152,8 +152,7 @@ def simulate_with(
         is_sound=none_true(doubts),
     )
     if known:
-        motion = known.flow(flow, can_stick=can_stick)
-        solution = follow_known(known.numbers, motion, request, can_stick=can_stick)
+        solution = follow_known(known.packed(flow, can_stick=can_stick), request)
     else:
         solution = run_single_call(
             system,

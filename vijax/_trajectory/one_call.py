@@ -1,0 +1,251 @@
+"""One call of the program for all machines of a size, which goes on from the call before.
+
+What goes in and out is packed into few arrays: the machine, once for all calls, the request, and the progress. Of its
+results the machine and the flow stay packed too, see `prepared.py`.
+"""
+
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import Array
+
+from .._flow.interface import AbstractFlow
+from .._jax.arrays import UNROLLED_ALONE, Reals
+from .._jax.packing import Layout, Packed, layout_of
+from .._jax.xla import jit_lightly
+from .._machine.numbers import MachineNumbers
+from .._machine.state import State, with_memory
+from .grazing import Grazing
+from .loop import (
+    Carry,
+    Choices,
+    LoopArguments,
+    LoopTask,
+    finish,
+    fits_one_kernel,
+    is_over,
+    prepare_loop,
+    run_loop,
+)
+from .prepared import Prepared
+from .solution import Solution
+
+# Bounds of one call: logged events, saved states, and steps, which take less than a second.
+EVENTS, GOALS, STEPS = 1024, 256, 1 << 18
+
+
+class CallProgress(eqx.Module):
+    """Progress of a trajectory, from which the next call continues.
+
+    Attributes:
+        state: the motion.
+        goals: number of goals reached by this call, including the end.
+        steps: number of steps so far.
+        rows: number of instants logged by this call, in the first call including the start.
+        num_events: number of events so far.
+        known_until: time of the last logged instant.
+        is_finite: whether the motion stayed finite.
+        is_paused: whether another call is needed.
+        grazing: closest approach to grazing.
+    """
+
+    state: State
+    goals: Reals
+    steps: Reals
+    rows: Reals
+    num_events: Reals
+    known_until: Reals
+    is_finite: Reals
+    is_paused: Reals
+    grazing: Grazing
+
+
+class Found(NamedTuple):
+    """Results of one call.
+
+    Attributes:
+        solution: the trajectory, with the events of this call and the first saved state: most requests have no more.
+        xs: saved positions, (goals, n), padded.
+        vs: saved velocities, likewise.
+        is_paused: whether another call is needed.
+        left: progress, packed.
+    """
+
+    solution: Solution
+    xs: Array
+    vs: Array
+    is_paused: Array
+    left: Packed
+
+
+class Program:
+    """Compiled call for all machines of a size.
+
+    Attributes:
+        progress: layout of the progress of a call.
+    """
+
+    def __init__(self, machine: Layout, progress: Layout, choices: Choices):
+        """Make the program, which is compiled when it is first called.
+
+        Args:
+            machine: layout of `MachineNumbers` and a flow.
+            progress: layout of `CallProgress`.
+            choices: the static choices.
+        """
+        self.progress = progress
+        self._machine, self._choices = machine, choices
+        self._compiled = jit_lightly(self._traced)
+
+    def __call__(self, machine: Packed, request: LoopArguments, left: Packed) -> Found:
+        """Follow a trajectory from its start, or from the progress `left` of the call before."""
+        layout = _layout_of_request(len(request.x0), request.x0.dtype)
+        leaves, prepared, *others = self._compiled(machine, layout.pack(request), left)
+        place, of_prepared, structure = self._results
+        leaves.insert(place, Prepared.from_packed(of_prepared, prepared))
+        return Found(jax.tree.unflatten(structure, leaves), *others)
+
+    def _traced(self, machine: Packed, request: Packed, left: Packed) -> tuple[Any, ...]:
+        numbers, flow = self._machine.shapes()
+        layout = _layout_of_request(len(numbers.stiffness), numbers.stiffness.dtype)
+        asked = layout.unpack(request)
+        # Unpacked inside, or each of fifty arrays would be the result of a kernel.
+        task, last = run_loop(
+            partial(self._begin, layout),
+            (machine, request, left),
+            in_kernel=fits_one_kernel(numbers, flow, UNROLLED_ALONE),
+        )
+        solution, reached = finish(task, last, asked, self._choices), _progress(task, last, asked)
+        names = lambda s: (s.ts, s.xs, s.vs)  # noqa: E731
+        first = eqx.tree_at(names, solution, [a[:1] for a in names(solution)])
+        leaves, structure = jax.tree.flatten(first, is_leaf=_is_prepared)
+        place = next(k for k, leaf in enumerate(leaves) if _is_prepared(leaf))
+        prepared = tuple(leaves.pop(place).parts)
+        of_prepared = layout_of(prepared)
+        self._results = place, of_prepared, structure
+        packed = of_prepared.pack(prepared), self.progress.pack(reached)
+        return leaves, packed[0], solution.xs, solution.vs, reached.is_paused, packed[1]
+
+    def _begin(
+        self, of_request: Layout, machine: Packed, request: Packed, left: Packed
+    ) -> tuple[LoopTask, Carry]:
+        """Loop and carry of a request, from the start or from where the call before stopped."""
+        numbers, flow = self._machine.unpack(machine)
+        asked = of_request.unpack(request)
+        task, carry = prepare_loop(numbers, flow, asked, self._choices)
+        carry = _gone_on(carry, self.progress.unpack(left))
+        return eqx.tree_at(lambda t: t.last_step, task, carry.steps + asked.max_turns), carry
+
+
+def _is_prepared(node: Any) -> bool:
+    return isinstance(node, Prepared)
+
+
+def _progress(task: LoopTask, last: Carry, request: LoopArguments) -> CallProgress:
+    """Progress of a trajectory at the end of a call."""
+    return CallProgress(
+        state=last.state,
+        goals=last.goal,
+        steps=last.steps,
+        rows=last.log.rows,
+        num_events=last.log.num_events,
+        known_until=last.log.known_until,
+        is_finite=last.is_finite,
+        is_paused=last.is_finite & (last.steps < task.max_steps) & ~is_over(task, last, request),
+        grazing=last.grazing,
+    )
+
+
+def _gone_on(carry: Carry, left: CallProgress) -> Carry:
+    """Initial carry of a call: that of the start, or continued from the call before."""
+    goes_on = left.steps > 0
+    log = eqx.tree_at(
+        lambda log: (log.rows, log.num_events, log.events_before, log.known_until),
+        carry.log,
+        (jnp.zeros_like(carry.log.rows), left.num_events, left.num_events, left.known_until),
+    )
+    before = eqx.tree_at(
+        lambda c: (c.state, c.log, c.steps, c.is_finite, c.grazing),
+        carry,
+        (left.state, log, left.steps, left.is_finite, left.grazing),
+    )
+    # Empty arrays for events and saved states are the same in both.
+    return jax.tree.map(lambda a, b: b if a is b else jnp.where(goes_on, a, b), before, carry)
+
+
+class PackedMachine(NamedTuple):
+    """A machine of concrete numbers in few arrays, with its program.
+
+    Attributes:
+        program: the program of its size.
+        numbers: its `MachineNumbers` and its flow, packed.
+        nothing: progress before the first call, packed.
+    """
+
+    program: Program
+    numbers: Packed
+    nothing: Packed
+
+
+def packed_machine(numbers: MachineNumbers, flow: AbstractFlow, *, can_stick: bool) -> PackedMachine:
+    """Pack a machine of concrete numbers for the program of its size."""
+    machine, nothing = (numbers, flow), empty_progress(numbers, flow)
+    layouts = layout_of(machine), layout_of(nothing)
+    packed = jax.device_put([layout.pack(tree) for layout, tree in zip(layouts, (machine, nothing), strict=True)])
+    return PackedMachine(_program(*layouts, Choices(can_stick, EVENTS, is_whole=False)), *packed)
+
+
+_program = lru_cache(maxsize=256)(Program)
+
+
+@lru_cache
+def _layout_of_request(n: int, dtype: np.dtype) -> Layout:
+    count, real, flag = np.zeros((), int), np.zeros((), dtype), np.zeros((), bool)
+    start, goals = np.zeros(n, dtype), np.zeros(GOALS, dtype)
+    return layout_of(LoopArguments(real, real, start, start, goals, count, flag, count, count, count, flag))
+
+
+def empty_progress(numbers: MachineNumbers, flow: AbstractFlow) -> CallProgress:
+    """Input of the first call, in the shapes of the progress of a call."""
+    left = _nothing(*numbers.rows.shape, numbers.waves.num_harmonics, numbers.mass.dtype)
+    if type(flow).memory is AbstractFlow.memory:  # no memory, not asked of the flow to save time
+        return left
+    memory = flow.memory(left.known_until)
+    return eqx.tree_at(lambda left: left.state, left, with_memory(left.state, memory))
+
+
+@lru_cache
+def _nothing(num_contacts: int, n: int, num_harmonics: int, dtype: np.dtype) -> CallProgress:
+    def zeros(dtype: DTypeLike, *shape: int) -> Array:
+        return jax.device_put(np.zeros(shape, dtype))
+
+    count, real, flag = zeros(int), zeros(dtype), zeros(bool)
+    state = State(
+        periods=count,
+        time=real,
+        time_low=real,
+        phase=zeros(dtype, 2, num_harmonics),
+        x=zeros(dtype, n),
+        v=zeros(dtype, n),
+        gap=zeros(dtype, num_contacts),
+        held=zeros(bool, num_contacts),
+        contact=zeros(np.int8, num_contacts),
+    )
+    return CallProgress(
+        state=state,
+        goals=count,
+        steps=count,
+        rows=count,
+        num_events=count,
+        known_until=real,
+        is_finite=flag,
+        is_paused=flag,
+        grazing=Grazing(real, real, flag),
+    )
+
+
