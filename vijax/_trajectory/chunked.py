@@ -11,27 +11,26 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from .._jax.packing import Packed
 from .event_log import EventLog, Restarts
 from .loop import LoopArguments
-from .one_call import EVENTS, GOALS, STEPS, CallProgress, Found, PackedMachine
+from .one_call import EVENTS, GOALS, STEPS, CallProgress, Found, KnownMachine, call, pack_request
 from .solution import Solution
 
 Rows = TypeVar("Rows", EventLog, Restarts)
 
 
-def follow_known(known: PackedMachine, request: LoopArguments) -> Solution:
+def follow_known(known: KnownMachine, request: LoopArguments) -> Solution:
     """Follow a trajectory of NumPy numbers, with any number of `request.goals`."""
-    program, ts, left = known.program, request.goals, known.nothing
+    ts, left = request.goals, known.nothing
     calls: list[_Taken] = []
     num_reached = 0
     while True:
         window = _window(request, num_reached)
-        found = program(known.numbers, window, left)
+        found = call(known, pack_request(window), left)
         left, is_done = found.left, not np.asarray(found.is_paused)
         if is_done and not calls and len(ts) == 1 and request.max_events == EVENTS:
             return found.solution
-        calls.append(_taken(found, program.progress.unpack(Packed(*map(np.asarray, left))), int(window.num_goals)))
+        calls.append(_taken(found, left.in_numpy().unpacked(), int(window.num_goals)))
         num_reached += len(calls[-1].xs)
         if is_done:
             return _joined(found.solution, ts, calls, int(request.max_events))

@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED_ALONE, Reals, Scalar
+from .._jax.packing import pack
 from .._jax.xla import AbstractTask, in_one_kernel, while_any
 from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, in_periods, prepare
 from .._machine.numbers import MachineNumbers
@@ -25,7 +26,6 @@ from .._machine.state import State, start_period
 from .batched import Writing, put, row_of_lane, to_all
 from .event_log import Log, empty_log, event_log, log_row
 from .grazing import Grazing, no_grazing, update_grazing
-from .prepared import Prepared
 from .solution import RESULTS, Solution
 from .step import advance, initial_state
 
@@ -272,7 +272,7 @@ def finish(task: LoopTask, last: Carry, request: LoopArguments, choices: Choices
         result=result,
         t0=t0,
         t1=t1,
-        prepared=Prepared(machine, task.flow),
+        prepared=pack((machine, task.flow)),
         restarts=log.kept(),
         max_steps=task.max_steps,
         known_until=jnp.where(is_full, log.known_until, jnp.where(is_done, t1, time)),

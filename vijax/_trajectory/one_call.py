@@ -1,11 +1,10 @@
 """One call of the program for all machines of a size, which goes on from the call before.
 
-What goes in and out is packed into few arrays: the machine, once for all calls, the request, and the progress. Of its
-results the machine and the flow stay packed too, see `prepared.py`.
+What goes in and out is packed into few arrays: the machine, once for all calls, the request, and the progress.
 """
 
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -16,7 +15,7 @@ from jaxtyping import Array
 
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED_ALONE, Reals
-from .._jax.packing import Layout, Packed, layout_of
+from .._jax.packing import Layout, Packed, layout_of, pack
 from .._jax.xla import jit_lightly
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State, with_memory
@@ -32,7 +31,6 @@ from .loop import (
     prepare_loop,
     run_loop,
 )
-from .prepared import Prepared
 from .solution import Solution
 
 # Bounds of one call: logged events, saved states, and steps, which take less than a second.
@@ -83,67 +81,59 @@ class Found(NamedTuple):
     left: Packed
 
 
-class Program:
-    """Compiled call for all machines of a size.
+class KnownMachine(eqx.Module):
+    """A machine of concrete numbers as calls take it.
 
     Attributes:
-        progress: layout of the progress of a call.
+        machine: its `MachineNumbers` and its flow, packed.
+        nothing: progress before the first call, packed.
+        choices: the static choices.
     """
 
-    def __init__(self, machine: Layout, progress: Layout, choices: Choices):
-        """Make the program, which is compiled when it is first called.
-
-        Args:
-            machine: layout of `MachineNumbers` and a flow.
-            progress: layout of `CallProgress`.
-            choices: the static choices.
-        """
-        self.progress = progress
-        self._machine, self._choices = machine, choices
-        self._compiled = jit_lightly(self._traced)
-
-    def __call__(self, machine: Packed, request: LoopArguments, left: Packed) -> Found:
-        """Follow a trajectory from its start, or from the progress `left` of the call before."""
-        layout = _layout_of_request(len(request.x0), request.x0.dtype)
-        leaves, prepared, *others = self._compiled(machine, layout.pack(request), left)
-        place, of_prepared, structure = self._results
-        leaves.insert(place, Prepared.from_packed(of_prepared, prepared))
-        return Found(jax.tree.unflatten(structure, leaves), *others)
-
-    def _traced(self, machine: Packed, request: Packed, left: Packed) -> tuple[Any, ...]:
-        numbers, flow = self._machine.shapes()
-        layout = _layout_of_request(len(numbers.stiffness), numbers.stiffness.dtype)
-        asked = layout.unpack(request)
-        # Unpacked inside, or each of fifty arrays would be the result of a kernel.
-        task, last = run_loop(
-            partial(self._begin, layout),
-            (machine, request, left),
-            in_kernel=fits_one_kernel(numbers, flow, UNROLLED_ALONE),
-        )
-        solution, reached = finish(task, last, asked, self._choices), _progress(task, last, asked)
-        names = lambda s: (s.ts, s.xs, s.vs)  # noqa: E731
-        first = eqx.tree_at(names, solution, [a[:1] for a in names(solution)])
-        leaves, structure = jax.tree.flatten(first, is_leaf=_is_prepared)
-        place = next(k for k, leaf in enumerate(leaves) if _is_prepared(leaf))
-        prepared = tuple(leaves.pop(place).parts)
-        of_prepared = layout_of(prepared)
-        self._results = place, of_prepared, structure
-        packed = of_prepared.pack(prepared), self.progress.pack(reached)
-        return leaves, packed[0], solution.xs, solution.vs, reached.is_paused, packed[1]
-
-    def _begin(
-        self, of_request: Layout, machine: Packed, request: Packed, left: Packed
-    ) -> tuple[LoopTask, Carry]:
-        """Loop and carry of a request, from the start or from where the call before stopped."""
-        numbers, flow = self._machine.unpack(machine)
-        asked = of_request.unpack(request)
-        task, carry = prepare_loop(numbers, flow, asked, self._choices)
-        carry = _gone_on(carry, self.progress.unpack(left))
-        return eqx.tree_at(lambda t: t.last_step, task, carry.steps + asked.max_turns), carry
+    machine: Packed
+    nothing: Packed
+    choices: Choices = eqx.field(static=True)
 
 
-def _is_prepared(node: Any) -> bool:
-    return isinstance(node, Prepared)
+def known_to_calls(numbers: MachineNumbers, flow: AbstractFlow, *, can_stick: bool) -> KnownMachine:
+    """Pack a machine of concrete numbers."""
+    machine = jax.device_put(pack((numbers, flow)))
+    return KnownMachine(machine, _packed_nothing(numbers, flow), Choices(can_stick, EVENTS, is_whole=False))
+
+
+def _packed_nothing(numbers: MachineNumbers, flow: AbstractFlow) -> Packed:
+    if _has_memory(flow):
+        return jax.device_put(pack(empty_progress(numbers, flow)))
+    return _packed_of_shape(*numbers.rows.shape, numbers.waves.num_harmonics, numbers.mass.dtype)
+
+
+@lru_cache
+def _packed_of_shape(num_contacts: int, n: int, num_harmonics: int, dtype: np.dtype) -> Packed:
+    return jax.device_put(pack(_nothing(num_contacts, n, num_harmonics, dtype)))
+
+
+@jit_lightly
+def call(known: KnownMachine, request: Packed, left: Packed) -> Found:
+    """Follow a trajectory, from its start or from the progress `left` of the call before."""
+    (numbers, flow), asked = known.machine.layout.shapes(), request.unpacked()
+    # Unpacked inside of the kernel: before it, each of fifty arrays would be the result of another.
+    task, last = run_loop(
+        partial(_begin, choices=known.choices),
+        (known.machine, request, left),
+        in_kernel=fits_one_kernel(numbers, flow, UNROLLED_ALONE),
+    )
+    solution, reached = finish(task, last, asked, known.choices), _progress(task, last, asked)
+    names = lambda s: (s.ts, s.xs, s.vs)  # noqa: E731
+    first = eqx.tree_at(names, solution, [a[:1] for a in names(solution)])
+    return Found(first, solution.xs, solution.vs, reached.is_paused, pack(reached))
+
+
+def _begin(machine: Packed, request: Packed, left: Packed, choices: Choices) -> tuple[LoopTask, Carry]:
+    """Loop and carry of a request, from its start or from where the call before stopped."""
+    (numbers, flow), asked = machine.unpacked(), request.unpacked()
+    task, carry = prepare_loop(numbers, flow, asked, choices)
+    carry = _gone_on(carry, left.unpacked())
+    return eqx.tree_at(lambda t: t.last_step, task, carry.steps + asked.max_turns), carry
 
 
 def _progress(task: LoopTask, last: Carry, request: LoopArguments) -> CallProgress:
@@ -178,29 +168,9 @@ def _gone_on(carry: Carry, left: CallProgress) -> Carry:
     return jax.tree.map(lambda a, b: b if a is b else jnp.where(goes_on, a, b), before, carry)
 
 
-class PackedMachine(NamedTuple):
-    """A machine of concrete numbers in few arrays, with its program.
-
-    Attributes:
-        program: the program of its size.
-        numbers: its `MachineNumbers` and its flow, packed.
-        nothing: progress before the first call, packed.
-    """
-
-    program: Program
-    numbers: Packed
-    nothing: Packed
-
-
-def packed_machine(numbers: MachineNumbers, flow: AbstractFlow, *, can_stick: bool) -> PackedMachine:
-    """Pack a machine of concrete numbers for the program of its size."""
-    machine, nothing = (numbers, flow), empty_progress(numbers, flow)
-    layouts = layout_of(machine), layout_of(nothing)
-    packed = jax.device_put([layout.pack(tree) for layout, tree in zip(layouts, (machine, nothing), strict=True)])
-    return PackedMachine(_program(*layouts, Choices(can_stick, EVENTS, is_whole=False)), *packed)
-
-
-_program = lru_cache(maxsize=256)(Program)
+def pack_request(request: LoopArguments) -> Packed:
+    """Pack a request of NumPy numbers with `GOALS` goals."""
+    return pack(request, _layout_of_request(len(request.x0), request.x0.dtype))
 
 
 @lru_cache
@@ -213,10 +183,14 @@ def _layout_of_request(n: int, dtype: np.dtype) -> Layout:
 def empty_progress(numbers: MachineNumbers, flow: AbstractFlow) -> CallProgress:
     """Input of the first call, in the shapes of the progress of a call."""
     left = _nothing(*numbers.rows.shape, numbers.waves.num_harmonics, numbers.mass.dtype)
-    if type(flow).memory is AbstractFlow.memory:  # no memory, not asked of the flow to save time
+    if not _has_memory(flow):
         return left
     memory = flow.memory(left.known_until)
     return eqx.tree_at(lambda left: left.state, left, with_memory(left.state, memory))
+
+
+def _has_memory(flow: AbstractFlow) -> bool:
+    return type(flow).memory is not AbstractFlow.memory  # not asked of the flow to save time
 
 
 @lru_cache
@@ -247,5 +221,3 @@ def _nothing(num_contacts: int, n: int, num_harmonics: int, dtype: np.dtype) -> 
         is_paused=flag,
         grazing=Grazing(real, real, flag),
     )
-
-

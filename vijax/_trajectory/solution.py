@@ -1,7 +1,7 @@
 """Result of `simulate`, and its evaluation at any time."""
 
-from collections.abc import Callable, Sequence
-from functools import cache, lru_cache
+from collections.abc import Sequence
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
@@ -18,14 +18,13 @@ from .._hybrid.limits import EVENT_NAMES
 from .._jax.arrays import Flag, Numbers, Reals, Scalar, array_namespace
 from .._jax.concrete import concrete, is_traced
 from .._jax.errors import checked
-from .._jax.packing import Layout, Packed, layout_of
+from .._jax.packing import Packed
 from .._jax.xla import compile_lightly, jit_lightly, padding_allowed
 from .._machine.machine import Machine, in_periods, state_before_contact
 from .._machine.state import with_memory
 from .._printing import as_html, as_text, describe_solution
 from .event_log import EventLog, Restarts
 from .grazing import Grazing
-from .prepared import Prepared
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -114,7 +113,7 @@ class Solution(eqx.Module):
     result: RESULTS
     t0: Scalar
     t1: Scalar
-    prepared: Prepared
+    prepared: Packed
     restarts: Restarts
     max_steps: Int[Array, ""]
     known_until: Scalar
@@ -122,12 +121,12 @@ class Solution(eqx.Module):
     @property
     def machine(self) -> Machine:
         """The prepared machine."""
-        return self.prepared.machine
+        return self.prepared.unpacked()[0]
 
     @property
     def flow(self) -> AbstractFlow:
         """The prepared flow."""
-        return self.prepared.flow
+        return self.prepared.unpacked()[1]
 
     def evaluate(self, t: Numbers) -> tuple[Float[Array, "... n"], Float[Array, "... n"]]:
         """Evaluate position and velocity at any time, as exactly as the trajectory itself.
@@ -282,7 +281,7 @@ def _evaluate_known(solution: Solution, times: np.ndarray) -> tuple[Array, Array
     for k in range(0, t.size, _TIMES):
         starts = jax.tree.map(lambda a, k=k: a[row[k : k + _TIMES]], rows)
         request = _Times(rows.phase[0], starts, t[k : k + _TIMES], t0, np.asarray(solution.max_steps))
-        parts.append(_coasted(*solution.prepared.packed, request))
+        parts.append(_coasted(solution.prepared, request))
     is_known = (t <= known_until)[:, None]
     whole = (np.where(is_known, np.concatenate(columns), np.nan) for columns in zip(*parts, strict=True))
     x, v, force = (jax.device_put(a[: times.size].reshape(*times.shape, a.shape[-1])) for a in whole)
@@ -307,26 +306,15 @@ class _Times(NamedTuple):
     max_steps: Reals
 
 
-def _coasted(machine: Layout, numbers: Packed, request: _Times) -> list[np.ndarray]:
+@jit_lightly
+def _coasted(prepared: Packed, request: _Times) -> tuple[Array, Array, Array]:
     """Positions, velocities and contact forces at the times of a request."""
-    layout = layout_of(request)
-    found = _coasting(machine, layout)(numbers, layout.pack(request))
-    return [np.asarray(a) for a in found]
+    machine, flow = prepared.unpacked()
 
+    def at(start: Restarts, t: Scalar) -> tuple[Array, Array, Array]:
+        return _from_restart(machine, flow, request.phase0, start, t, request.t0, request.max_steps)
 
-@lru_cache(maxsize=256)
-def _coasting(machine: Layout, layout: Layout) -> Callable[[Packed, Packed], tuple[Array, Array, Array]]:
-    """Program of `_coasted` for all machines of a size."""
-
-    def coast_to(numbers: Packed, request: Packed) -> tuple[Array, Array, Array]:
-        motion, asked = machine.unpack(numbers), layout.unpack(request)
-
-        def at(start: Restarts, t: Scalar) -> tuple[Array, Array, Array]:
-            return _from_restart(*motion, asked.phase0, start, t, asked.t0, asked.max_steps)
-
-        return jax.vmap(at)(asked.starts, asked.times)
-
-    return jit_lightly(coast_to)
+    return jax.vmap(at)(request.starts, request.times)
 
 
 @compile_lightly
@@ -348,9 +336,8 @@ def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
     is_known = t <= solution.known_until
     row = jnp.clip(jnp.searchsorted(rows.t, t, side="right") - 1, 0)
     start = jax.tree.map(lambda a: a[row], rows)
-    found = _from_restart(
-        solution.machine, solution.flow, rows.phase[0], start, t, solution.t0, solution.max_steps
-    )
+    machine, flow = solution.prepared.unpacked()
+    found = _from_restart(machine, flow, rows.phase[0], start, t, solution.t0, solution.max_steps)
     x, v, force = (jnp.where(is_known, a, jnp.nan) for a in found)
     return x, v, force
 
