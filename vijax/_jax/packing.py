@@ -13,10 +13,12 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import PyTree
+from jax.dtypes import canonicalize_dtype
+from jaxtyping import Array, PyTree
 
 from .arrays import Reals
 from .concrete import concrete_evaluation
+from .xla import in_one_kernel
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,11 @@ class Layout:
     def __repr__(self) -> str:
         return f"Layout({len(self.leaves)} leaves)"
 
+    @property
+    def places(self) -> list[Place]:
+        """Places of all arrays."""
+        return [at for at in self.leaves if _is_place(at)]
+
     def shapes(self) -> PyTree:
         """The tree, with shapes and types in place of its arrays."""
         leaves = [jax.ShapeDtypeStruct(at.shape, at.dtype) if _is_place(at) else at for at in self.leaves]
@@ -110,6 +117,17 @@ class Packed:
         with concrete_evaluation():
             return jax.tree.map(lambda a: jax.device_put(a) if isinstance(a, np.ndarray) else a, cut)
 
+    def unpacked_by_kernel(self) -> PyTree:
+        """`unpacked` in a program, by one kernel and not by one for each array."""
+        places = self.layout.places
+
+        def cut(reals: Array, wholes: Array) -> list[Array]:
+            return [_at(reals if at.is_real else wholes, at) for at in places]
+
+        parts = iter(in_one_kernel(cut, self.reals, self.wholes))
+        leaves = [next(parts) if _is_place(at) else at for at in self.layout.leaves]
+        return jax.tree.unflatten(self.layout.structure, leaves)
+
     def in_numpy(self) -> "Packed":
         """The same in NumPy arrays."""
         return Packed(np.asarray(self.reals), np.asarray(self.wholes), self.layout)
@@ -147,7 +165,7 @@ def pack(tree: PyTree, layout: Layout | None = None) -> Packed:
 
 
 def layout_of(tree: PyTree) -> Layout:
-    """Layout of a tree, see `pack`."""
+    """Layout of a tree in the precision in which JAX computes, see `pack`."""
     leaves, structure = jax.tree.flatten(tree)
     ends, places, floats = [0, 0], [], []
     for leaf in leaves:
@@ -156,8 +174,9 @@ def layout_of(tree: PyTree) -> Layout:
             continue
         kind = int(jnp.issubdtype(leaf.dtype, jnp.floating))
         begin, ends[kind] = ends[kind], ends[kind] + math.prod(leaf.shape)
-        places.append(Place(bool(kind), begin, ends[kind], leaf.shape, np.dtype(leaf.dtype)))
-        floats += [leaf.dtype] * kind
+        dtype = np.dtype(canonicalize_dtype(leaf.dtype))
+        places.append(Place(bool(kind), begin, ends[kind], leaf.shape, dtype))
+        floats += [dtype] * kind
     return _one_layout(structure, tuple(places), (jnp.result_type(int), jnp.result_type(float, *floats)))
 
 

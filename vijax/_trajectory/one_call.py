@@ -3,8 +3,9 @@
 What goes in and out is packed into few arrays: the machine, once for all calls, the request, and the progress.
 """
 
+from collections.abc import Callable
 from functools import lru_cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -116,23 +117,24 @@ def _packed_of_shape(num_contacts: int, n: int, num_harmonics: int, dtype: np.dt
 def call(known: KnownMachine, request: Packed, left: Packed) -> Found:
     """Follow a trajectory, from its start or from the progress `left` of the call before."""
     (numbers, flow), asked = known.machine.layout.shapes(), request.unpacked()
-    # Unpacked inside of the kernel: before it, each of fifty arrays would be the result of another.
-    task, last = run_loop(
-        partial(_begin, choices=known.choices),
-        (known.machine, request, left),
-        in_kernel=fits_one_kernel(numbers, flow, UNROLLED_ALONE),
-    )
+    in_kernel = fits_one_kernel(numbers, flow, UNROLLED_ALONE)
+    # Otherwise each of fifty arrays would be the result of a kernel.
+    unpack = Packed.unpacked if in_kernel else Packed.unpacked_by_kernel
+    begin = partial(_begin, unpack=unpack, choices=known.choices)
+    task, last = run_loop(begin, (known.machine, request, left), in_kernel=in_kernel)
     solution, reached = finish(task, last, asked, known.choices), _progress(task, last, asked)
     names = lambda s: (s.ts, s.xs, s.vs)  # noqa: E731
     first = eqx.tree_at(names, solution, [a[:1] for a in names(solution)])
     return Found(first, solution.xs, solution.vs, reached.is_paused, pack(reached))
 
 
-def _begin(machine: Packed, request: Packed, left: Packed, choices: Choices) -> tuple[LoopTask, Carry]:
+def _begin(
+    machine: Packed, request: Packed, left: Packed, unpack: Callable[[Packed], Any], choices: Choices
+) -> tuple[LoopTask, Carry]:
     """Loop and carry of a request, from its start or from where the call before stopped."""
-    (numbers, flow), asked = machine.unpacked(), request.unpacked()
+    (numbers, flow), asked = unpack(machine), unpack(request)
     task, carry = prepare_loop(numbers, flow, asked, choices)
-    carry = _gone_on(carry, left.unpacked())
+    carry = _gone_on(carry, unpack(left))
     return eqx.tree_at(lambda t: t.last_step, task, carry.steps + asked.max_turns), carry
 
 

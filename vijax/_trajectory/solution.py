@@ -309,7 +309,7 @@ class _Times(NamedTuple):
 @jit_lightly
 def _coasted(prepared: Packed, request: _Times) -> tuple[Array, Array, Array]:
     """Positions, velocities and contact forces at the times of a request."""
-    machine, flow = prepared.unpacked()
+    machine, flow = prepared.unpacked_by_kernel()
 
     def at(start: Restarts, t: Scalar) -> tuple[Array, Array, Array]:
         return _from_restart(machine, flow, request.phase0, start, t, request.t0, request.max_steps)
