@@ -3,6 +3,9 @@
 from collections import OrderedDict
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import isfinite
+from typing import NamedTuple
+from weakref import ref
 
 import jax
 import numpy as np
@@ -13,6 +16,7 @@ from .._hybrid.sticking import can_any_stick
 from .._jax.arrays import Reals, as_numpy_float
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.system import ImpactSystem, with_args
+from .one_call import KnownMachine, known_to_calls
 
 _MOST = 64
 
@@ -24,14 +28,21 @@ class ConcreteMachine:
     Attributes:
         leaves: leaves of the machine as given, kept alive so that no other object gets their `id`.
         system: the machine in NumPy numbers, its force bound to its `args`.
-        numbers: the same as `MachineNumbers`, on the device.
+        in_numpy: the same as `MachineNumbers`.
         flows: flows chosen so far, by whether a stop may hold its mass.
+        calls: the machine packed with each of these flows.
     """
 
     leaves: list
     system: ImpactSystem
-    numbers: MachineNumbers
+    in_numpy: MachineNumbers
     flows: dict[bool, AbstractFlow] = field(default_factory=dict)
+    calls: dict[bool, KnownMachine] = field(default_factory=dict)
+
+    @cached_property
+    def numbers(self) -> MachineNumbers:
+        """Numbers of the machine, on the device."""
+        return jax.device_put(self.in_numpy)
 
     @cached_property
     def can_always_stick(self) -> bool:
@@ -42,16 +53,16 @@ class ConcreteMachine:
     @cached_property
     def fixed_stops(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Rows and limits of the stops; None if any stop moves."""
-        if self.numbers.travel is not None:
-            return None
-        return np.asarray(self.numbers.rows), np.asarray(self.numbers.limit)
+        numbers = self.in_numpy
+        return None if numbers.travel is not None else (numbers.rows, numbers.limit)
 
-    def is_inside(self, x: Reals) -> bool:
-        """True if all masses lie between stops that stand still; otherwise `validate_start` decides."""
+    def admits(self, t0: Reals, t1: Reals, x: Reals, v: Reals) -> bool:
+        """True if a start is valid, between stops that stand still; otherwise `validate_start` decides."""
         if self.fixed_stops is None:
             return False
         rows, limit = self.fixed_stops
-        return bool((rows @ x <= limit).all())
+        is_finite = isfinite(t0) and isfinite(t1) and np.isfinite(x).all() and np.isfinite(v).all()
+        return bool(is_finite and t0 <= t1 and (rows @ x <= limit).all())
 
     def flow(self, wanted: AbstractFlow | None, *, can_stick: bool) -> AbstractFlow:
         """Return the given flow, or choose one and cache it."""
@@ -61,8 +72,46 @@ class ConcreteMachine:
             self.flows[can_stick] = choose_flow(self.system, can_stick=can_stick)
         return self.flows[can_stick]
 
+    def packed(self, wanted: AbstractFlow | None, *, can_stick: bool) -> KnownMachine:
+        """The machine packed with the given flow, or with the chosen one and cached."""
+        if wanted is not None:
+            return known_to_calls(self.in_numpy, self.flow(wanted, can_stick=can_stick), can_stick=can_stick)
+        if can_stick not in self.calls:
+            flow = self.flow(None, can_stick=can_stick)
+            self.calls[can_stick] = known_to_calls(self.in_numpy, flow, can_stick=can_stick)
+        return self.calls[can_stick]
+
 
 _kept: OrderedDict = OrderedDict()
+
+
+class _Seen(NamedTuple):
+    """A machine object that was known before; weak, and dropped with it."""
+
+    system: ref
+    has_64_bits: bool
+    found: ConcreteMachine
+
+
+_seen: dict[int, _Seen] = {}
+
+
+def remembered(system: ImpactSystem, args: object) -> ConcreteMachine | None:
+    """Concrete numbers of a machine object that `known_machine` was asked for; None if they are not cached.
+
+    To compare the leaves of a machine takes longer than to follow it. Objects are enough where none can be changed: all
+    arrays are of JAX, and a `force`, whose own fields may be lists, is none.
+    """
+    seen = _seen.get(id(system))
+    if seen is None or args is not None or seen.system() is not system:
+        return None
+    return seen.found if seen.has_64_bits == jax.config.read("jax_enable_x64") else None
+
+
+def _remember(system: ImpactSystem, found: ConcreteMachine) -> None:
+    key = id(system)
+    weak = ref(system, lambda _: _seen.pop(key, None))
+    _seen[key] = _Seen(weak, jax.config.read("jax_enable_x64"), found)
 
 
 def known_machine(system: ImpactSystem, args: object) -> ConcreteMachine:
@@ -74,9 +123,11 @@ def known_machine(system: ImpactSystem, args: object) -> ConcreteMachine:
         bound, others = jax.tree.flatten(with_args(system, args))
         dtype = as_numpy_float(0.0).dtype
         in_numpy = jax.tree.unflatten(others, [np.asarray(a).astype(dtype) for a in bound])
-        found = ConcreteMachine(leaves, in_numpy, jax.device_put(numbers_of(in_numpy)))
-        if all(isinstance(a, jax.Array) for a in leaves):
-            _kept[key] = found
-        while len(_kept) > _MOST:
-            _kept.popitem(last=False)
+        found = ConcreteMachine(leaves, in_numpy, numbers_of(in_numpy))
+    if all(isinstance(a, jax.Array) for a in leaves):
+        _kept[key] = found
+        if args is None and system.force is None:
+            _remember(system, found)
+    while len(_kept) > _MOST:
+        _kept.popitem(last=False)
     return found

@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED_ALONE, Reals, Scalar
+from .._jax.packing import pack
 from .._jax.xla import AbstractTask, in_one_kernel, while_any
 from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, in_periods, prepare
 from .._machine.numbers import MachineNumbers
@@ -159,17 +160,28 @@ def run_without_derivatives(
 
     Both form one kernel where possible, the preparation too because constants cannot be passed to a kernel.
     """
+    numbers, flow, *_ = arguments
+    return run_loop(prepare, arguments, in_kernel=fits_one_kernel(numbers, flow, most))
+
+
+def run_loop(
+    prepare: Callable[..., tuple[AbstractTask, Any]], arguments: tuple, *, in_kernel: bool
+) -> tuple[Any, Any]:
+    """`run_without_derivatives` with arguments in any form, for instance packed."""
 
     def loop(arguments: tuple) -> tuple[AbstractTask, Any, tuple]:
         task, carry = prepare(*arguments)
         return task, while_any(task, carry), arguments
 
-    numbers, flow, *_ = arguments
+    run = partial(in_one_kernel, loop) if in_kernel else loop
+    return run(arguments)[:2]
+
+
+def fits_one_kernel(numbers: MachineNumbers, flow: AbstractFlow, most: int) -> bool:
+    """True if the loop of a machine with at most so many masses, contacts and harmonics can be one kernel."""
     is_small = max(*numbers.rows.shape[:2], numbers.waves.num_harmonics) <= most
     # Coordinates of a full mass matrix are computed by LAPACK, which no kernel can call.
-    is_small = is_small and numbers.mass.ndim < numbers.stiffness.ndim
-    run = partial(in_one_kernel, loop) if is_small and flow.fits_one_kernel else loop
-    return run(arguments)[:2]
+    return is_small and numbers.mass.ndim < numbers.stiffness.ndim and flow.fits_one_kernel
 
 
 def run_prepared(task: LoopTask, carry: Carry, most: int) -> tuple[LoopTask, Carry]:
@@ -273,8 +285,7 @@ def finish(task: LoopTask, last: Carry, request: LoopArguments, choices: Choices
         result=result,
         t0=t0,
         t1=t1,
-        machine=machine,
-        flow=task.flow,
+        prepared=pack((machine, task.flow)),
         restarts=log.kept(),
         max_steps=task.max_steps,
         known_until=jnp.where(is_full, log.known_until, jnp.where(is_done, t1, time)),

@@ -12,8 +12,8 @@ from .._jax.xla import AbstractTask, compile_lightly, while_any
 from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, prepare
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State, start_period
-from .chunked import empty_progress
 from .loop import run_without_derivatives
+from .one_call import empty_progress
 from .solution import RESULTS
 from .step import initial_state
 from .tangent_frame import Tangents, advance_with, first_tangents

@@ -17,7 +17,7 @@ from .._machine.machine import AUTOMATIC_MAX_STEPS
 from .._system.checks import validate_start
 from .._system.system import ImpactSystem, with_args
 from .chunked import follow_known
-from .concrete_machine import known_machine
+from .concrete_machine import known_machine, remembered
 from .loop import UNLIMITED_STEPS, Choices, LoopArguments
 from .single_call import run_single_call
 from .solution import RESULTS, Solution, result_sentences
@@ -119,11 +119,12 @@ def simulate_with(
     max_events = whole_number("max_events", settings.max_events)
     max_reverse_steps = whole_number("max_reverse_steps", settings.max_reverse_steps, 1)
     max_steps = bound_of_steps(settings.max_steps)
-    if is_traced((system, args, flow, [t0, t1, ts, x0, v0], max_steps)):
+    known, given = remembered(system, args), (flow, [t0, t1, ts, x0, v0], max_steps)
+    if is_traced(given if known else (system, args, given)):
         convert, known, system = as_float, None, with_args(system, args)
         system = jax.tree.map(evaluate_eagerly(lambda a: a.astype(system.mass.dtype)), system)
     else:
-        convert, known = as_numpy_float, known_machine(system, args)
+        convert, known = as_numpy_float, known or known_machine(system, args)
         system = known.system
     zeros = np.zeros(system.num_masses)
     begin, end = convert(t0, "t0"), convert(t1, "t1")
@@ -134,9 +135,11 @@ def simulate_with(
             raise ValueError(f"Argument `{name}` must have shape {zeros.shape}, but has shape {value.shape}.")
     if times.ndim != 1:
         raise ValueError(f"Argument `ts` must have shape (times,), but has shape {times.shape}.")
-    stops = () if known and known.is_inside(x) else system.stops
-    start = stops, system.forcing.frequency, begin, end, times, x, v
-    doubts = validate_start(*(start if known else check_values(start)))
+    if known and ts is None and known.admits(begin, end, x, v):
+        doubts = []
+    else:
+        start = system.stops, system.forcing.frequency, begin, end, times, x, v
+        doubts = validate_start(*(start if known else check_values(start)))
     can_stick = (known is not None and known.can_always_stick) or can_any_stick(system, x, v)
     request = LoopArguments(
         t0=begin,
@@ -152,8 +155,7 @@ def simulate_with(
         is_sound=none_true(doubts),
     )
     if known:
-        motion = known.flow(flow, can_stick=can_stick)
-        solution = follow_known(known.numbers, motion, request, can_stick=can_stick)
+        solution = follow_known(known.packed(flow, can_stick=can_stick), request)
     else:
         solution = run_single_call(
             system,
@@ -166,8 +168,8 @@ def simulate_with(
                 raises=settings.allowed is not None,
             ),
         )
-    if settings.allowed is None:
-        return solution
+    if settings.allowed is None or (known and not np.asarray(solution.result._value)):
+        return solution  # the first result is `successful`
     return checked(solution, *number_of_doubts(doubts, *result_sentences(solution.result, settings.allowed)))
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -18,7 +18,8 @@ from .._hybrid.limits import EVENT_NAMES
 from .._jax.arrays import Flag, Numbers, Reals, Scalar, array_namespace
 from .._jax.concrete import concrete, is_traced
 from .._jax.errors import checked
-from .._jax.xla import compile_lightly, padding_allowed
+from .._jax.packing import Packed
+from .._jax.xla import compile_lightly, jit_lightly, padding_allowed
 from .._machine.machine import Machine, in_periods, state_before_contact
 from .._machine.state import with_memory
 from .._printing import as_html, as_text, describe_solution
@@ -112,11 +113,20 @@ class Solution(eqx.Module):
     result: RESULTS
     t0: Scalar
     t1: Scalar
-    machine: Machine
-    flow: AbstractFlow
+    prepared: Packed
     restarts: Restarts
     max_steps: Int[Array, ""]
     known_until: Scalar
+
+    @property
+    def machine(self) -> Machine:
+        """The prepared machine."""
+        return self.prepared.unpacked()[0]
+
+    @property
+    def flow(self) -> AbstractFlow:
+        """The prepared flow."""
+        return self.prepared.unpacked()[1]
 
     def evaluate(self, t: Numbers) -> tuple[Float[Array, "... n"], Float[Array, "... n"]]:
         """Evaluate position and velocity at any time, as exactly as the trajectory itself.
@@ -267,33 +277,44 @@ def _evaluate_known(solution: Solution, times: np.ndarray) -> tuple[Array, Array
     t[: times.size] = np.clip(times.ravel(), t0, t1)
     rows = jax.tree.map(np.asarray, solution.restarts)
     row = np.maximum(np.searchsorted(rows.t, t, side="right") - 1, 0)
-    starts = jax.tree.map(lambda a: a[row], rows)
     parts = []
-    for k in range(num_parts):
-        at, start = jax.tree.map(lambda a, k=k: a[k * _TIMES : (k + 1) * _TIMES], (t, starts))
-        found = _coasted(
-            solution.machine, solution.flow, rows.phase[0], start, at, solution.t0, solution.max_steps
-        )
-        parts.append(found)
+    for k in range(0, t.size, _TIMES):
+        starts = jax.tree.map(lambda a, k=k: a[row[k : k + _TIMES]], rows)
+        request = _Times(rows.phase[0], starts, t[k : k + _TIMES], t0, np.asarray(solution.max_steps))
+        parts.append(_coasted(solution.prepared, request))
     is_known = (t <= known_until)[:, None]
     whole = (np.where(is_known, np.concatenate(columns), np.nan) for columns in zip(*parts, strict=True))
     x, v, force = (jax.device_put(a[: times.size].reshape(*times.shape, a.shape[-1])) for a in whole)
     return x, v, force
 
 
-@compile_lightly
-def _coasted(
-    machine: Machine,
-    flow: AbstractFlow,
-    phase0: Reals,
-    start: Restarts,
-    times: Reals,
-    t0: Reals,
-    max_steps: Reals,
-) -> tuple[Array, Array, Array]:
-    return jax.vmap(lambda start, t: _from_restart(machine, flow, phase0, start, t, t0, max_steps))(
-        start, times
-    )
+class _Times(NamedTuple):
+    """Times of an evaluation, with the restart before each.
+
+    Attributes:
+        phase0: phase of the load at the start of the trajectory, (2, harmonics).
+        starts: the restarts, (times, ...).
+        times: the times, (times,).
+        t0: start of the trajectory.
+        max_steps: bound on its steps.
+    """
+
+    phase0: Reals
+    starts: Restarts
+    times: Reals
+    t0: Reals
+    max_steps: Reals
+
+
+@jit_lightly
+def _coasted(prepared: Packed, request: _Times) -> tuple[Array, Array, Array]:
+    """Positions, velocities and contact forces at the times of a request."""
+    machine, flow = prepared.unpacked_by_kernel()
+
+    def at(start: Restarts, t: Scalar) -> tuple[Array, Array, Array]:
+        return _from_restart(machine, flow, request.phase0, start, t, request.t0, request.max_steps)
+
+    return jax.vmap(at)(request.starts, request.times)
 
 
 @compile_lightly
@@ -315,9 +336,8 @@ def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
     is_known = t <= solution.known_until
     row = jnp.clip(jnp.searchsorted(rows.t, t, side="right") - 1, 0)
     start = jax.tree.map(lambda a: a[row], rows)
-    found = _from_restart(
-        solution.machine, solution.flow, rows.phase[0], start, t, solution.t0, solution.max_steps
-    )
+    machine, flow = solution.prepared.unpacked()
+    found = _from_restart(machine, flow, rows.phase[0], start, t, solution.t0, solution.max_steps)
     x, v, force = (jnp.where(is_known, a, jnp.nan) for a in found)
     return x, v, force
 

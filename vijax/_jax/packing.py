@@ -1,0 +1,190 @@
+"""Trees packed into two arrays, one of reals and one of whole numbers.
+
+A call of a compiled program costs one to two microseconds for every array that goes in or comes out: a hundred of them
+take longer than most trajectories.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from typing import Any
+
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+from jax.dtypes import canonicalize_dtype
+from jaxtyping import Array, PyTree
+
+from .arrays import Reals
+from .concrete import concrete_evaluation
+from .xla import in_one_kernel
+
+
+@dataclass(frozen=True)
+class Place:
+    """Place of an array in a packed tree.
+
+    Attributes:
+        is_real: whether it lies among the reals.
+        begin: index of its first number.
+        end: index behind its last.
+        shape: its shape.
+        dtype: its type.
+    """
+
+    is_real: bool
+    begin: int
+    end: int
+    shape: tuple[int, ...]
+    dtype: np.dtype
+
+
+class Layout:
+    """All of a tree but its numbers, as part of the structure of a packed one. Immutable.
+
+    Attributes:
+        structure: structure of the tree.
+        leaves: for every array its `Place`, for any other leaf the leaf itself.
+        dtypes: types of the packed integers and of the packed reals.
+    """
+
+    def __init__(self, structure: Any, leaves: tuple[Any, ...], dtypes: tuple[np.dtype, np.dtype]):
+        self.structure, self.leaves, self.dtypes = structure, leaves, dtypes
+        # Every call of a program asks for it.
+        self._hash = hash((structure, leaves, dtypes))
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        if self is other or not isinstance(other, Layout):
+            return self is other
+        ours, others = ((a.structure, a.leaves, a.dtypes) for a in (self, other))
+        return self._hash == other._hash and ours == others
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # JAX pickles no structure with nodes that it does not know, but a tree of places is like any other.
+        return _layout_of_places, (jax.tree.unflatten(self.structure, self.leaves), self.dtypes)
+
+    def __repr__(self) -> str:
+        return f"Layout({len(self.leaves)} leaves)"
+
+    @property
+    def places(self) -> list[Place]:
+        """Places of all arrays."""
+        return [at for at in self.leaves if _is_place(at)]
+
+    def shapes(self) -> PyTree:
+        """The tree, with shapes and types in place of its arrays."""
+        leaves = [jax.ShapeDtypeStruct(at.shape, at.dtype) if _is_place(at) else at for at in self.leaves]
+        return jax.tree.unflatten(self.structure, leaves)
+
+
+# One object for equal layouts, because programs compare them at every call.
+_one_layout = lru_cache(maxsize=1024)(Layout)
+
+
+def _layout_of_places(tree: PyTree, dtypes: tuple[np.dtype, np.dtype]) -> Layout:
+    leaves, structure = jax.tree.flatten(tree)
+    return _one_layout(structure, tuple(leaves), dtypes)
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=("reals", "wholes"), meta_fields=("layout",))
+@dataclass(frozen=True, eq=False)
+class Packed:
+    """A packed tree, made by `pack`; a batch of them has its axes first.
+
+    This is no module of Equinox, because every call makes some and a module takes 50 microseconds.
+
+    Attributes:
+        reals: its floating-point numbers, (reals,).
+        wholes: its integers and flags, (wholes,).
+        layout: all else.
+    """
+
+    reals: Reals
+    wholes: Reals
+    layout: Layout
+
+    def unpacked(self) -> PyTree:
+        """The tree: parts of the packed arrays if these are of NumPy or traced, otherwise JAX arrays of their own."""
+        arrays = self.reals, self.wholes
+        if isinstance(self.reals, np.ndarray) or any(isinstance(a, jax.core.Tracer) for a in arrays):
+            return self._cut(*arrays)
+        # Slices by JAX would each be compiled, and traced where `jit` traces.
+        cut = self._cut(*map(np.asarray, arrays))
+        with concrete_evaluation():
+            return jax.tree.map(lambda a: jax.device_put(a) if isinstance(a, np.ndarray) else a, cut)
+
+    def unpacked_by_kernel(self) -> PyTree:
+        """`unpacked` in a program, by one kernel and not by one for each array."""
+        places = self.layout.places
+
+        def cut(reals: Array, wholes: Array) -> list[Array]:
+            return [_at(reals if at.is_real else wholes, at) for at in places]
+
+        parts = iter(in_one_kernel(cut, self.reals, self.wholes))
+        leaves = [next(parts) if _is_place(at) else at for at in self.layout.leaves]
+        return jax.tree.unflatten(self.layout.structure, leaves)
+
+    def in_numpy(self) -> "Packed":
+        """The same in NumPy arrays."""
+        return Packed(np.asarray(self.reals), np.asarray(self.wholes), self.layout)
+
+    def _cut(self, reals: Reals, wholes: Reals) -> PyTree:
+        leaves = [
+            _at(reals if at.is_real else wholes, at) if _is_place(at) else at for at in self.layout.leaves
+        ]
+        return jax.tree.unflatten(self.layout.structure, leaves)
+
+
+def _at(numbers: Reals, place: Place) -> Reals:
+    lead = numbers.shape[:-1]
+    if isinstance(numbers, np.ndarray):
+        part = numbers[..., place.begin : place.end]
+        return part.reshape((*lead, *place.shape)).astype(place.dtype, copy=False)
+    part = jax.lax.slice_in_dim(numbers, place.begin, place.end, axis=len(lead))
+    return part.reshape(*lead, *place.shape).astype(place.dtype)
+
+
+def pack(tree: PyTree, layout: Layout | None = None) -> Packed:
+    """Pack a tree: by NumPy, or by JAX where an array is traced.
+
+    Args:
+        tree: the tree; leaves that are no arrays must be hashable.
+        layout: its layout, to save the time to find it.
+    """
+    layout = layout_of(tree) if layout is None else layout
+    parts: tuple[list, list] = ([], [])
+    for leaf, at in zip(jax.tree.leaves(tree), layout.leaves, strict=True):
+        if _is_place(at):
+            parts[at.is_real].append(leaf)
+    wholes, reals = (_joined(own, dtype) for own, dtype in zip(parts, layout.dtypes, strict=True))
+    return Packed(reals, wholes, layout)
+
+
+def layout_of(tree: PyTree) -> Layout:
+    """Layout of a tree in the precision in which JAX computes, see `pack`."""
+    leaves, structure = jax.tree.flatten(tree)
+    ends, places, floats = [0, 0], [], []
+    for leaf in leaves:
+        if not isinstance(leaf, jax.Array | np.ndarray | np.generic):
+            places.append(leaf)
+            continue
+        kind = int(jnp.issubdtype(leaf.dtype, jnp.floating))
+        begin, ends[kind] = ends[kind], ends[kind] + math.prod(leaf.shape)
+        dtype = np.dtype(canonicalize_dtype(leaf.dtype))
+        places.append(Place(bool(kind), begin, ends[kind], leaf.shape, dtype))
+        floats += [dtype] * kind
+    return _one_layout(structure, tuple(places), (jnp.result_type(int), jnp.result_type(float, *floats)))
+
+
+def _joined(arrays: list[Reals], dtype: np.dtype) -> Reals:
+    if any(isinstance(a, jax.core.Tracer) for a in arrays):
+        return jnp.concatenate([jnp.zeros(0, dtype), *map(jnp.ravel, arrays)], dtype=dtype)
+    return np.concatenate([np.zeros(0, dtype), *(np.asarray(a).reshape(-1) for a in arrays)], dtype=dtype)
+
+
+def _is_place(leaf: Any) -> bool:
+    return isinstance(leaf, Place)

@@ -1,0 +1,225 @@
+"""One call of the program for all machines of a size, which goes on from the call before.
+
+What goes in and out is packed into few arrays: the machine, once for all calls, the request, and the progress.
+"""
+
+from collections.abc import Callable
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import Array
+
+from .._flow.interface import AbstractFlow
+from .._jax.arrays import UNROLLED_ALONE, Reals
+from .._jax.packing import Layout, Packed, layout_of, pack
+from .._jax.xla import jit_lightly
+from .._machine.numbers import MachineNumbers
+from .._machine.state import State, with_memory
+from .grazing import Grazing
+from .loop import (
+    Carry,
+    Choices,
+    LoopArguments,
+    LoopTask,
+    finish,
+    fits_one_kernel,
+    is_over,
+    prepare_loop,
+    run_loop,
+)
+from .solution import Solution
+
+# Bounds of one call: logged events, saved states, and steps, which take less than a second.
+EVENTS, GOALS, STEPS = 1024, 256, 1 << 18
+
+
+class CallProgress(eqx.Module):
+    """Progress of a trajectory, from which the next call continues.
+
+    Attributes:
+        state: the motion.
+        goals: number of goals reached by this call, including the end.
+        steps: number of steps so far.
+        rows: number of instants logged by this call, in the first call including the start.
+        num_events: number of events so far.
+        known_until: time of the last logged instant.
+        is_finite: whether the motion stayed finite.
+        is_paused: whether another call is needed.
+        grazing: closest approach to grazing.
+    """
+
+    state: State
+    goals: Reals
+    steps: Reals
+    rows: Reals
+    num_events: Reals
+    known_until: Reals
+    is_finite: Reals
+    is_paused: Reals
+    grazing: Grazing
+
+
+class Found(NamedTuple):
+    """Results of one call.
+
+    Attributes:
+        solution: the trajectory, with the events of this call and the first saved state: most requests have no more.
+        xs: saved positions, (goals, n), padded.
+        vs: saved velocities, likewise.
+        is_paused: whether another call is needed.
+        left: progress, packed.
+    """
+
+    solution: Solution
+    xs: Array
+    vs: Array
+    is_paused: Array
+    left: Packed
+
+
+class KnownMachine(eqx.Module):
+    """A machine of concrete numbers as calls take it.
+
+    Attributes:
+        machine: its `MachineNumbers` and its flow, packed.
+        nothing: progress before the first call, packed.
+        choices: the static choices.
+    """
+
+    machine: Packed
+    nothing: Packed
+    choices: Choices = eqx.field(static=True)
+
+
+def known_to_calls(numbers: MachineNumbers, flow: AbstractFlow, *, can_stick: bool) -> KnownMachine:
+    """Pack a machine of concrete numbers."""
+    machine = jax.device_put(pack((numbers, flow)))
+    return KnownMachine(machine, _packed_nothing(numbers, flow), Choices(can_stick, EVENTS, is_whole=False))
+
+
+def _packed_nothing(numbers: MachineNumbers, flow: AbstractFlow) -> Packed:
+    if _has_memory(flow):
+        return jax.device_put(pack(empty_progress(numbers, flow)))
+    return _packed_of_shape(*numbers.rows.shape, numbers.waves.num_harmonics, numbers.mass.dtype)
+
+
+@lru_cache
+def _packed_of_shape(num_contacts: int, n: int, num_harmonics: int, dtype: np.dtype) -> Packed:
+    return jax.device_put(pack(_nothing(num_contacts, n, num_harmonics, dtype)))
+
+
+@jit_lightly
+def call(known: KnownMachine, request: Packed, left: Packed) -> Found:
+    """Follow a trajectory, from its start or from the progress `left` of the call before."""
+    (numbers, flow), asked = known.machine.layout.shapes(), request.unpacked()
+    in_kernel = fits_one_kernel(numbers, flow, UNROLLED_ALONE)
+    # Otherwise each of fifty arrays would be the result of a kernel.
+    unpack = Packed.unpacked if in_kernel else Packed.unpacked_by_kernel
+    begin = partial(_begin, unpack=unpack, choices=known.choices)
+    task, last = run_loop(begin, (known.machine, request, left), in_kernel=in_kernel)
+    solution, reached = finish(task, last, asked, known.choices), _progress(task, last, asked)
+    names = lambda s: (s.ts, s.xs, s.vs)  # noqa: E731
+    first = eqx.tree_at(names, solution, [a[:1] for a in names(solution)])
+    return Found(first, solution.xs, solution.vs, reached.is_paused, pack(reached))
+
+
+def _begin(
+    machine: Packed, request: Packed, left: Packed, unpack: Callable[[Packed], Any], choices: Choices
+) -> tuple[LoopTask, Carry]:
+    """Loop and carry of a request, from its start or from where the call before stopped."""
+    (numbers, flow), asked = unpack(machine), unpack(request)
+    task, carry = prepare_loop(numbers, flow, asked, choices)
+    carry = _gone_on(carry, unpack(left))
+    return eqx.tree_at(lambda t: t.last_step, task, carry.steps + asked.max_turns), carry
+
+
+def _progress(task: LoopTask, last: Carry, request: LoopArguments) -> CallProgress:
+    """Progress of a trajectory at the end of a call."""
+    return CallProgress(
+        state=last.state,
+        goals=last.goal,
+        steps=last.steps,
+        rows=last.log.rows,
+        num_events=last.log.num_events,
+        known_until=last.log.known_until,
+        is_finite=last.is_finite,
+        is_paused=last.is_finite & (last.steps < task.max_steps) & ~is_over(task, last, request),
+        grazing=last.grazing,
+    )
+
+
+def _gone_on(carry: Carry, left: CallProgress) -> Carry:
+    """Initial carry of a call: that of the start, or continued from the call before."""
+    goes_on = left.steps > 0
+    log = eqx.tree_at(
+        lambda log: (log.rows, log.num_events, log.events_before, log.known_until),
+        carry.log,
+        (jnp.zeros_like(carry.log.rows), left.num_events, left.num_events, left.known_until),
+    )
+    before = eqx.tree_at(
+        lambda c: (c.state, c.log, c.steps, c.is_finite, c.grazing),
+        carry,
+        (left.state, log, left.steps, left.is_finite, left.grazing),
+    )
+    # Empty arrays for events and saved states are the same in both.
+    return jax.tree.map(lambda a, b: b if a is b else jnp.where(goes_on, a, b), before, carry)
+
+
+def pack_request(request: LoopArguments) -> Packed:
+    """Pack a request of NumPy numbers with `GOALS` goals."""
+    return pack(request, _layout_of_request(len(request.x0), request.x0.dtype))
+
+
+@lru_cache
+def _layout_of_request(n: int, dtype: np.dtype) -> Layout:
+    count, real, flag = np.zeros((), int), np.zeros((), dtype), np.zeros((), bool)
+    start, goals = np.zeros(n, dtype), np.zeros(GOALS, dtype)
+    return layout_of(LoopArguments(real, real, start, start, goals, count, flag, count, count, count, flag))
+
+
+def empty_progress(numbers: MachineNumbers, flow: AbstractFlow) -> CallProgress:
+    """Input of the first call, in the shapes of the progress of a call."""
+    left = _nothing(*numbers.rows.shape, numbers.waves.num_harmonics, numbers.mass.dtype)
+    if not _has_memory(flow):
+        return left
+    memory = flow.memory(left.known_until)
+    return eqx.tree_at(lambda left: left.state, left, with_memory(left.state, memory))
+
+
+def _has_memory(flow: AbstractFlow) -> bool:
+    return type(flow).memory is not AbstractFlow.memory  # not asked of the flow to save time
+
+
+@lru_cache
+def _nothing(num_contacts: int, n: int, num_harmonics: int, dtype: np.dtype) -> CallProgress:
+    def zeros(dtype: DTypeLike, *shape: int) -> Array:
+        return jax.device_put(np.zeros(shape, dtype))
+
+    count, real, flag = zeros(int), zeros(dtype), zeros(bool)
+    state = State(
+        periods=count,
+        time=real,
+        time_low=real,
+        phase=zeros(dtype, 2, num_harmonics),
+        x=zeros(dtype, n),
+        v=zeros(dtype, n),
+        gap=zeros(dtype, num_contacts),
+        held=zeros(bool, num_contacts),
+        contact=zeros(np.int8, num_contacts),
+    )
+    return CallProgress(
+        state=state,
+        goals=count,
+        steps=count,
+        rows=count,
+        num_events=count,
+        known_until=real,
+        is_finite=flag,
+        is_paused=flag,
+        grazing=Grazing(real, real, flag),
+    )
