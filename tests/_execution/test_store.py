@@ -252,7 +252,7 @@ OTHERS = {
     "bound": ({"max_steps": 1000}, "`max_steps` is default there, but 1000 here"),
     "settings": (
         {"settings": ExecutionSettings(lanes=48)},
-        "`settings.lanes` is 96 there, but 48 here",
+        "`settings.lanes` is 80 there, but 48 here",
     ),
     "flow": ({"flow": vx.TaylorFlow()}, "`flow` is ModalFlow there, but TaylorFlow() here"),
 }

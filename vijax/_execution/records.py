@@ -115,12 +115,11 @@ def append(rows: RecordBatch, kept: Bool[Array, "*stops lanes"], record: Impact 
         at = jnp.unravel_index(place, kept.shape)
 
         def write(room: Array, column: Array) -> Array:
-            own = room.ndim - 1
-            for k, index in zip(range(own - column.ndim, 0), at[own - column.ndim :], strict=True):
-                index = index if column.shape[k] > 1 else 0
-                column = jax.lax.dynamic_slice_in_dim(column, index, 1, axis=k)
-            row = column.reshape(1, *room.shape[1:]).astype(room.dtype)
-            return jax.lax.dynamic_update_slice_in_dim(room, row, size, 0)
+            for k in range(max(-column.ndim, -kept.ndim), 0):
+                if column.shape[k] > 1 and column.shape[k] == kept.shape[k]:
+                    column = jax.lax.dynamic_slice_in_dim(column, at[k], 1, axis=k)
+            row = jnp.broadcast_to(column, (*room.shape[1:], *[1] * kept.ndim)).reshape(1, *room.shape[1:])
+            return jax.lax.dynamic_update_slice_in_dim(room, row.astype(room.dtype), size, 0)
 
         return jax.tree.map(write, room, record), size + 1
 
