@@ -85,7 +85,7 @@ KINDS = [
     pytest.param(case_a, CASE_A, "gr", marks=pytest.mark.slow),
     (case_a, CASE_A, "double_impact"),
     pytest.param(pair, UNEQUAL, "ns", marks=pytest.mark.slow),
-    pytest.param(pair, UNEQUAL, "pd", marks=pytest.mark.thorough),
+    pytest.param(pair, UNEQUAL, "pd", marks=pytest.mark.slow),
     pytest.param(alone, ALONE, "gr", marks=pytest.mark.slow),  # in closed form below
     pytest.param(pressed, PRESSED, "force_zero", marks=pytest.mark.slow),
 ]
@@ -96,6 +96,7 @@ def value_of(make, kind):
     return lambda numbers: vx.bifurcation_value(points_of(make)[kind], make(numbers))
 
 
+@pytest.mark.slow
 def test_published_derivatives_of_a_fold():
     # Case (a), one impact of each mass a period.
     slopes = jax.grad(value_of(case_a, "fold"))(CASE_A)

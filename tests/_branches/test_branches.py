@@ -318,6 +318,7 @@ def test_published_points_at_other_frequencies(doubled, frequency, kind, amplitu
     assert np.nanmin(np.abs(point.orbit.events.velocity_minus - speed)) < 1e-10
 
 
+@pytest.mark.slow
 def test_case_a_through_all_its_changes():
     orbit = vx.periodic_orbit(vx.models.wagg_bishop_a(0.8), [0.18, 0.09], [0.33, 0.52])
     branch = follow(orbit, FREQUENCY, 0.4, 2.0)
@@ -340,6 +341,7 @@ def test_case_b_a_fold_and_a_doubling_close_together():
     assert 4.5e-6 < doubling.value - fold.value < 5.5e-6
 
 
+@pytest.mark.slow
 def test_sticking_orbits_to_where_their_sticks_vanish():
     system = vx.models.wagg_bishop_b(0.65)
     sol = vx.simulate(system, 0.0, 200 * system.forcing.period, max_events=40_000)

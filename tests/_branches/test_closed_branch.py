@@ -70,6 +70,7 @@ def test_a_closed_branch_is_gone_round_once_between_its_folds():
     assert not is_faster[is_inside].all()
 
 
+@pytest.mark.slow
 def test_period_doublings_of_a_closed_branch_are_those_in_closed_form_wherever_it_is_begun():
     numbers, n = one_impact.Numbers(0.57, 0.9, 0.0255), 3
 

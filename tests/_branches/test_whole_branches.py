@@ -121,7 +121,7 @@ def test_orbits_with_sticks_without_rebound_have_all_their_events(plastic):
     assert abs(float(sol.x1[0] - orbit.x0[0])) < 1e-14
 
 
-@pytest.mark.parametrize("position", [0.0, 0.1])
+@pytest.mark.parametrize("position", [0.0, pytest.param(0.1, marks=pytest.mark.slow)])
 def test_a_bound_without_rebound_is_reached_and_nothing_is_told_beyond(position):
     system = oscillator(2.8, position=position, restitution=0.3)
     sol = vx.simulate(system, 0.0, 400 * system.forcing.period, [-0.3], max_events=0, throw=False)
@@ -140,7 +140,7 @@ def test_without_damping_multipliers_on_the_circle_do_not_cross_it():
     assert not {"ns", "pd", "bp", "fold"} & {kind for kind, value in told(branch) if value < np.sqrt(2 / 3)}
 
 
-@pytest.mark.parametrize("share", [0.7, 0.995])
+@pytest.mark.parametrize("share", [0.7, pytest.param(0.995, marks=pytest.mark.slow)])
 def test_a_window_of_a_narrow_resonance_is_found(share):
     """Two uncoupled masses; the second, of quality 5000, reaches its stop only near its resonance."""
     quality, natural, load = 5000.0, 1.3, 1e-3
@@ -159,6 +159,7 @@ def test_a_window_of_a_narrow_resonance_is_found(share):
     np.testing.assert_allclose(grazings, np.sort(np.sqrt(square)), rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_three_grazings_at_once_are_passed_by_an_orbit_gone_round_three_times():
     once = follow(orbit_of(undamped(-0.1), -0.257294, 0.0), MEAN, -0.3, 0.3)
     thrice = follow(orbit_of(undamped(-0.1), -0.257294, 0.0, 3), MEAN, -0.3, 0.3)
@@ -167,6 +168,7 @@ def test_three_grazings_at_once_are_passed_by_an_orbit_gone_round_three_times():
     np.testing.assert_allclose([a for _, a in told(thrice)], [a for _, a in told(once)], rtol=0, atol=LOCATED)
 
 
+@pytest.mark.slow
 def test_an_orbit_gone_round_twice_crosses_the_doubled_ones_at_the_doubling():
     orbit = follow(orbit_of(undamped(0.05), -0.44067815, 0.00474863), MEAN, 0.0, 0.12)
     (doubling,) = [point for point in orbit.bifurcations if point.kind == "pd" and point.value > 0.1]
@@ -220,7 +222,7 @@ def test_an_impact_that_passes_the_start_of_the_cycle_is_no_grazing():
     np.testing.assert_allclose(values[0], values[1], rtol=0, atol=LOCATED)
 
 
-@pytest.mark.parametrize("restitution", [0.0, 0.5])
+@pytest.mark.parametrize("restitution", [0.0, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_a_hop_between_two_holds_vanishes_where_the_force_touches_zero(restitution):
     """A load stronger than 0.31 pulls the mass off the stop on which the spring presses it."""
     found = []
@@ -319,7 +321,9 @@ def test_multipliers_do_not_depend_on_how_a_cycle_is_cut():
     np.testing.assert_allclose(np.sort_complex(twice.multipliers), squares, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(("position", "num_impacts"), [(-1.2, 0), (-0.5, 28)])
+@pytest.mark.parametrize(
+    ("position", "num_impacts"), [(-1.2, 0), pytest.param(-0.5, 28, marks=pytest.mark.slow)]
+)
 def test_a_mass_that_a_stop_holds_as_the_cycle_begins_has_no_impacts_there(position, num_impacts):
     system = vx.models.impact_oscillator(0.3, position=position, restitution=0.6)
     orbit = vx.periodic_orbit(system, [position - 0.1], [0.3])

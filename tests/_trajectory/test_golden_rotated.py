@@ -21,7 +21,7 @@ def _size(name: str) -> int:
     return SMALL if load_scene(name).system.num_masses <= SMALL else LARGE
 
 
-_MARKS = {SMALL: pytest.mark.thorough, LARGE: pytest.mark.thorough}
+_MARKS = {SMALL: pytest.mark.thorough, LARGE: pytest.mark.slow}
 SCENES = [pytest.param(k, name, marks=_MARKS[_size(name)], id=name) for k, name in enumerate(golden_names())]
 
 
