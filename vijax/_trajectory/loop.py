@@ -41,14 +41,12 @@ class Choices:
         can_stick: whether any stop may hold its mass.
         room: bound on the logged events.
         is_whole: whether the log of this call is the only one.
-        max_reverse_steps: see `simulate`.
-        raises: whether derivatives over too many steps raise; else they are NaN.
+        raises: whether results that are not successful raise.
     """
 
     can_stick: bool
     room: int
     is_whole: bool = True
-    max_reverse_steps: int = 65_536
     raises: bool = False
 
 

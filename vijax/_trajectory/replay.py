@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._flow.interface import AbstractFlow, Flight
 from .._jax.arrays import Scalar
 from .._jax.concrete import stop_gradients
-from .._jax.xla import AbstractTask, is_any, while_any
+from .._jax.xla import AbstractTask, compute_once, in_one_kernel, is_any, while_any
 from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
@@ -177,7 +177,29 @@ class Repetition(NamedTuple):
     saved: tuple[Array, Array] | None
 
 
+@eqx.filter_custom_jvp
 def _repeat(task: LoopTask, carry: Repetition, row: Record, live: Bool[Array, "..."]) -> Repetition:
+    return _repeat_once(task, carry, row, live)
+
+
+@_repeat.def_jvp
+def _repeat_jvp(primals, tangents):
+    moving, still = eqx.partition(primals, jax.tree.map(lambda t: t is not None, tangents, is_leaf=lambda t: t is None))
+
+    def linearized(moving, still):
+        def of_moving(moving):
+            found = _repeat_once(*eqx.combine(moving, still))
+            return eqx.partition(found, eqx.is_inexact_array)
+
+        out, lin, rest = jax.linearize(of_moving, moving, has_aux=True)
+        return (out, rest), lin
+
+    (out, rest), lin = compute_once(linearized, moving, still)
+    change = compute_once(lambda lin, tangents: lin(tangents), lin, eqx.filter(tangents, lambda a: a is not None))
+    return eqx.combine(out, rest), change
+
+
+def _repeat_once(task: LoopTask, carry: Repetition, row: Record, live: Bool[Array, "..."]) -> Repetition:
     """Repeat one recorded flight and the transition at its end."""
     state = carry.state
     names = lambda s: (s.periods, s.time)  # noqa: E731
@@ -217,7 +239,7 @@ def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bo
 
     def turn(both: tuple[_Recording, Repetition, Bool[Array, "..."]]):
         recording, repeated, _ = both
-        recording = while_any(recorder, recording._replace(rows=jnp.zeros_like(recording.rows)))
+        recording = _record_on(recorder, recording)
         repeated = _repeat_all(task, repeated, recording.record, recording.rows)
         return recording, repeated, is_any(recorder.goes_on(recording))
 
@@ -235,6 +257,16 @@ def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bo
         is_finite=recording.is_finite,
         grazing=carry.grazing,
     )
+
+
+def _record_on(recorder: _Recorder, recording: _Recording) -> _Recording:
+    """Record flights until there is no more room, or the motion ends; in one kernel where possible."""
+
+    def run(recorder: _Recorder, recording: _Recording) -> tuple[_Recording, tuple[_Recorder, _Recording]]:
+        first = recording._replace(rows=jnp.zeros_like(recording.rows))
+        return while_any(recorder, first), (recorder, recording)
+
+    return in_one_kernel(run, recorder, recording)[0]
 
 
 def _repeat_all(task: LoopTask, repeated: Repetition, record: Record, rows: Int[Array, "..."]) -> Repetition:
