@@ -148,7 +148,9 @@ def not_constant(tree: PyTree) -> PyTree:
     """The same numbers, hidden from the compiler if they are constants: constants cannot be passed to a kernel."""
     is_so = jax.lax.linalg.cholesky(jnp.ones((1, 1)))[0, 0] > 0  # the compiler does not look into LAPACK
     is_array = lambda a: isinstance(a, jax.Array | np.ndarray)  # noqa: E731
-    return jax.tree.map(lambda a: jnp.where(is_so, a, jnp.zeros_like(a)) if is_array(a) else a, tree)
+    # Between two equal constants, of zeros for instance, the compiler would not have to choose.
+    hidden = lambda a: jnp.where(is_so, a, (a == 0).astype(a.dtype))  # noqa: E731
+    return jax.tree.map(lambda a: hidden(a) if is_array(a) else a, tree)
 
 
 def _call(function: Callable, args: tuple, **attributes: str):

@@ -195,11 +195,16 @@ def run_without_derivatives(
         return task, while_any(task, carry), arguments
 
     numbers, flow, *_ = arguments
-    is_small = max(*numbers.rows.shape[:2], numbers.waves.num_harmonics) <= most
     # Coordinates of a full mass matrix are computed by LAPACK, which no kernel can call.
-    is_small = is_small and numbers.mass.ndim < numbers.stiffness.ndim
-    run = partial(in_one_kernel, loop) if is_small and flow.fits_one_kernel else loop
+    is_diagonal = numbers.mass.ndim < numbers.stiffness.ndim
+    run = partial(in_one_kernel, loop) if is_diagonal and fits_one_kernel(numbers, flow, most) else loop
     return run(arguments)[:2]
+
+
+def fits_one_kernel(numbers: MachineNumbers, flow: AbstractFlow, most: int) -> bool:
+    """Test whether steps fit one kernel: those of a machine of up to `most` masses, contacts and harmonics."""
+    size = max(*numbers.rows.shape[:2], numbers.waves.num_harmonics)
+    return size <= most and flow.fits_one_kernel
 
 
 def prepare_loop(

@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._flow.interface import AbstractFlow, Flight
 from .._jax.arrays import Scalar
 from .._jax.concrete import stop_gradients
-from .._jax.xla import AbstractTask, compute_once, in_one_kernel, is_any, while_any
+from .._jax.xla import AbstractTask, compute_once, in_one_kernel, is_any, not_constant, while_any
 from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
@@ -219,7 +219,9 @@ def _repeat_once(task: LoopTask, carry: Repetition, row: Record, live: Bool[Arra
     return Repetition(state, carry.goal + is_saved, log, saved)
 
 
-def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bool) -> Carry:
+def repeat_flights(
+    task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bool, in_kernel: bool
+) -> Carry:
     """Follow a trajectory, differentiably in forward mode.
 
     Args:
@@ -227,19 +229,24 @@ def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bo
         carry: its first carry.
         has_log: whether to log events; otherwise the log stays empty.
         has_saved: whether to save states; otherwise they stay zero.
+        in_kernel: whether the recording fits one kernel.
 
     Returns:
         Last carry, in which only derivatives and what they belong to are of use: neither counts of steps nor grazing.
     """
     recorder = _Recorder(stop_gradients(task))
     begun = _blank_recording(stop_gradients(carry))
+    record = _record_on
+    if in_kernel:
+        recorder, begun = not_constant((recorder, begun))
+        record = _record_in_kernel
     first = Repetition(
         carry.state, carry.goal, carry.log if has_log else None, (carry.xs, carry.vs) if has_saved else None
     )
 
     def turn(both: tuple[_Recording, Repetition, Bool[Array, "..."]]):
         recording, repeated, _ = both
-        recording = _record_on(recorder, recording)
+        recording = record(recorder, recording)
         repeated = _repeat_all(task, repeated, recording.record, recording.rows)
         return recording, repeated, is_any(recorder.goes_on(recording))
 
@@ -260,13 +267,14 @@ def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bo
 
 
 def _record_on(recorder: _Recorder, recording: _Recording) -> _Recording:
-    """Record flights until there is no more room, or the motion ends; in one kernel where possible."""
+    """Record flights until there is no more room, or the motion ends."""
+    return while_any(recorder, recording._replace(rows=jnp.zeros_like(recording.rows)))
 
-    def run(recorder: _Recorder, recording: _Recording) -> tuple[_Recording, tuple[_Recorder, _Recording]]:
-        first = recording._replace(rows=jnp.zeros_like(recording.rows))
-        return while_any(recorder, first), (recorder, recording)
 
-    return in_one_kernel(run, recorder, recording)[0]
+def _record_in_kernel(recorder: _Recorder, recording: _Recording) -> _Recording:
+    """`_record_on` as one kernel."""
+    read_all = lambda *given: (_record_on(*given), given)  # noqa: E731
+    return in_one_kernel(read_all, recorder, recording)[0]
 
 
 def _repeat_all(task: LoopTask, repeated: Repetition, record: Record, rows: Int[Array, "..."]) -> Repetition:

@@ -9,14 +9,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import UNROLLED
+from .._jax.arrays import UNROLLED, UNROLLED_ALONE
 from .._jax.xla import differentiable, not_constant, while_any
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.system import ImpactSystem
 from .batched import in_groups, one_by_one, to_all
 from .derivative_growth import warn_if_large, watch_closely
 from .event_log import Log
-from .loop import Carry, Choices, LoopArguments, LoopTask, finish, prepare_loop, run_without_derivatives
+from .loop import Carry, Choices, LoopArguments, LoopTask, finish, fits_one_kernel, prepare_loop, run_without_derivatives
 from .replay import repeat_flights
 from .solution import RESULTS, Solution
 
@@ -47,8 +47,11 @@ def _run_whole(whole: _Whole) -> Solution:
 
 def _repeat_whole(whole: _Whole, wanted: Solution) -> Solution:
     machine, flow, request, choices = whole
-    task, carry = prepare_loop(_in_numbers(machine), flow, request, choices)
-    return finish(task, repeat_flights(task, carry, **_needs(wanted)), request, choices)
+    numbers = _in_numbers(machine)
+    task, carry = prepare_loop(numbers, flow, request, choices)
+    in_kernel = fits_one_kernel(numbers, flow, UNROLLED_ALONE)
+    last = repeat_flights(task, carry, **_needs(wanted), in_kernel=in_kernel)
+    return finish(task, last, request, choices)
 
 
 def _needs(wanted: Solution) -> dict[str, bool]:
@@ -75,7 +78,8 @@ def _repeat_many(whole: _Whole, wanted: Solution, num_lanes: int) -> Solution:
 
     def run(numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, choices: Choices) -> tuple:
         task, carry = prepare_loop(numbers, flow, request, choices)
-        return task, repeat_flights(task, carry, **_needs(wanted))
+        in_kernel = fits_one_kernel(numbers, flow, UNROLLED)
+        return task, repeat_flights(task, carry, **_needs(wanted), in_kernel=in_kernel)
 
     return _follow_many(run, whole, num_lanes)
 
