@@ -32,6 +32,9 @@ from .loop import Carry, LoopTask, is_finite
 
 # Flights of a trajectory that are recorded before they are repeated. So many of a group of lanes fit the cache.
 _ROOM = 32
+# Longest flight, in time scales of the motion and by a period more, that is repeated at once by a flow map that loses
+# digits.
+_LONG = 64
 
 
 class Record(NamedTuple):
@@ -95,10 +98,12 @@ class _Recorder(AbstractTask):
         leg = self.task.fly_on(carry.state, carry.goal)
         after, instant, finite = self.task.next_period(leg), leg.instant, is_finite(leg.after)
         happened = jnp.any(instant.hit | instant.stuck | instant.released, axis=0)
-        # A motion that is cut ends with a flight too.
-        is_cut = (carry.steps + 1 >= self.most_steps) | ~finite
-        is_row = live & (happened | leg.is_goal | is_cut)
         duration = carry.duration + leg.flight.duration
+        # A motion that is cut ends with a flight too, and so does a period where a flow map would lose digits.
+        is_cut = (carry.steps + 1 >= self.most_steps) | ~finite
+        if not self.task.flow.flow_map_reaches_far:
+            is_cut = is_cut | (instant.arrived & (duration * self.task.machine.rate > _LONG))
+        is_row = live & (happened | leg.is_goal | is_cut)
         flight = eqx.tree_at(lambda f: f.duration, leg.flight, duration)
         row = jax.tree.map(lambda a: a[None], Record(flight, carry.periods))
         record, *_ = put(is_row, Writing(carry.record, row, carry.rows))
@@ -110,8 +115,7 @@ class _Recorder(AbstractTask):
             record=record,
             rows=carry.rows + is_row,
             duration=jnp.where(live, jnp.where(is_row, 0, duration), carry.duration),
-            periods=jnp.where(live, jnp.where(is_row, 0, carry.periods), carry.periods)
-            + (live & instant.arrived & ~leg.is_goal & ~is_row),
+            periods=jnp.where(is_row, 0, carry.periods + (live & instant.arrived & ~leg.is_goal)),
         )
 
 
