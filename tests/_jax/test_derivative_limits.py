@@ -90,7 +90,10 @@ def own(has_many: bool):
 
     def function(x, y, k):
         return with_derivatives(
-            _plain_of_tree, (x, y, k), smooth=lambda tree, wanted: plain(*tree), **(of_many if has_many else {})
+            _plain_of_tree,
+            (x, y, k),
+            smooth=lambda tree, wanted: plain(*tree),
+            **(of_many if has_many else {}),
         )
 
     return function

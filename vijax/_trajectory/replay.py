@@ -9,7 +9,6 @@ differentiable forward any number of times. Its cost is that of the events, not 
 The record has room for `_ROOM` flights: both alternate until the motion ends, so there is no bound on the events.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -27,7 +26,6 @@ from .._machine.state import State
 from .._system.waves import speeds, turned
 from .batched import Writing, put
 from .event_log import Log, log_row
-from .grazing import no_grazing
 from .loop import Carry, LoopTask, is_finite
 
 # Flights of a trajectory that are recorded before they are repeated. So many of a group of lanes fit the cache.
@@ -188,7 +186,9 @@ def _repeat(task: LoopTask, carry: Repetition, row: Record, live: Bool[Array, ".
 
 @_repeat.def_jvp
 def _repeat_jvp(primals, tangents):
-    moving, still = eqx.partition(primals, jax.tree.map(lambda t: t is not None, tangents, is_leaf=lambda t: t is None))
+    moving, still = eqx.partition(
+        primals, jax.tree.map(lambda t: t is not None, tangents, is_leaf=lambda t: t is None)
+    )
 
     def linearized(moving, still):
         def of_moving(moving):
@@ -199,7 +199,9 @@ def _repeat_jvp(primals, tangents):
         return (out, rest), lin
 
     (out, rest), lin = compute_once(linearized, moving, still)
-    change = compute_once(lambda lin, tangents: lin(tangents), lin, eqx.filter(tangents, lambda a: a is not None))
+    change = compute_once(
+        lambda lin, tangents: lin(tangents), lin, eqx.filter(tangents, lambda a: a is not None)
+    )
     return eqx.combine(out, rest), change
 
 
@@ -223,9 +225,7 @@ def _repeat_once(task: LoopTask, carry: Repetition, row: Record, live: Bool[Arra
     return Repetition(state, carry.goal + is_saved, log, saved)
 
 
-def repeat_flights(
-    task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bool, in_kernel: bool
-) -> Carry:
+def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bool, in_kernel: bool) -> Carry:
     """Follow a trajectory, differentiably in forward mode.
 
     Args:

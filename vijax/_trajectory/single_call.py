@@ -16,7 +16,16 @@ from .._system.system import ImpactSystem
 from .batched import in_groups, one_by_one, to_all
 from .derivative_growth import warn_if_large, watch_closely
 from .event_log import Log
-from .loop import Carry, Choices, LoopArguments, LoopTask, finish, fits_one_kernel, prepare_loop, run_without_derivatives
+from .loop import (
+    Carry,
+    Choices,
+    LoopArguments,
+    LoopTask,
+    finish,
+    fits_one_kernel,
+    prepare_loop,
+    run_without_derivatives,
+)
 from .replay import repeat_flights
 from .solution import RESULTS, Solution
 
