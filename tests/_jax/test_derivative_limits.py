@@ -1,15 +1,12 @@
 """Derivatives of motions of very many steps are right, or an error."""
 
-import logging
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import vijax as vx
-from vijax._jax import ways
-from vijax._jax.both_ways import both_ways
+from vijax._jax.differentiable import with_derivatives
 
 # A light machine with a stop that it never reaches: x = cos(sqrt(k) t), some steps per unit of time.
 LONG = 1e5
@@ -39,54 +36,39 @@ def test_forward_derivatives_have_no_bound_on_steps():
     assert float(slope) == pytest.approx(-np.sin(LONG) * LONG / 2, rel=1e-9)
 
 
-@pytest.fixture
-def by_many(monkeypatch):
-    """Derivatives backwards by any number go backwards through the steps, as else only those by many."""
-    monkeypatch.setattr(ways, "MAX_FORWARD_INPUTS", 0)
-
-
-@pytest.mark.thorough
-def test_reverse_derivatives_by_few_numbers_have_no_bound_on_steps():
-    slope = jax.jit(jax.grad(lambda k: light(k, 200.0, (), max_reverse_steps=1)))
+def test_reverse_derivatives_have_no_bound_on_steps():
+    slope = jax.jit(jax.grad(lambda k: light(k, 200.0, ())))
     assert float(slope(1.0)) == pytest.approx(-np.sin(200.0) * 100.0, rel=1e-11)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("max_reverse_steps", [100, pytest.param(1000, marks=pytest.mark.slow)])
-@pytest.mark.usefixtures("by_many")
-def test_reverse_derivatives_by_many_numbers_are_right_or_refused(max_reverse_steps):
-    logging.disable(logging.CRITICAL)
-    # Without a stop it compiles in half the time, where the value is not tested.
-    stops = (STOP,) if max_reverse_steps == 1000 else ()
-    slope = jax.jit(jax.grad(lambda k: light(k, 200.0, stops, max_reverse_steps=max_reverse_steps)))
-    if max_reverse_steps == 1000:
-        assert float(slope(1.0)) == pytest.approx(-np.sin(200.0) * 100.0, rel=1e-11)
-    else:
-        with pytest.raises((RuntimeError, ValueError), match=r"max_reverse_steps_reached: .*jax\.jacfwd"):
-            jax.block_until_ready(slope(1.0))
-    logging.disable(logging.NOTSET)
+def test_a_bound_on_reverse_steps_has_no_effect_and_warns():
+    def both(k):
+        with pytest.warns(DeprecationWarning, match="`max_reverse_steps` has no effect"):
+            return light(k, 20.0, (), max_reverse_steps=1)
+
+    found = jax.jit(jax.grad(both))(1.0)
+    np.testing.assert_allclose(found, -np.sin(20.0) * 10.0, rtol=1e-12)
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("by_many")
-def test_without_throw_reverse_derivatives_of_too_many_steps_are_nan_in_their_lane_alone():
-    def end(stiffness, t1):
-        return light(stiffness, t1, max_reverse_steps=100, throw=False)
+def test_derivatives_of_more_flights_than_are_recorded_at_once():
+    """A ball of restitution 1 that bounces a few hundred times: its period grows with its height."""
 
-    short, long = jax.vmap(jax.grad(end), (None, 0))(1.0, jnp.array([20.0, 200.0]))
-    assert float(short) == pytest.approx(-np.sin(20.0) * 10.0, rel=1e-12)
-    assert np.isnan(long)
+    def height(h, end):
+        ball = vx.models.bouncing_ball(1.0, gravity=10.0)
+        return vx.simulate(ball, 0.0, end, h[None], jnp.zeros(1), max_events=4, throw=False).x1[0]
+
+    # x = v s - g s^2 / 2 with v = sqrt(2 g h) and the time s = t - (2 k - 1) T since the last of k impacts, T = sqrt(2 h / g).
+    h, g, num_impacts = 5.0, 10.0, 300
+    fall, speed = np.sqrt(2 * h / g), np.sqrt(2 * g * h)
+    since = fall / 2
+    end = (2 * num_impacts - 1) * fall + since
+    expected = g / speed * since - (speed - g * since) * (2 * num_impacts - 1) * fall / (2 * h)
+    for derivative in (jax.jacfwd, jax.grad):
+        assert float(derivative(height)(jnp.asarray(h), end)) == pytest.approx(expected, rel=1e-9)
 
 
-def test_a_bound_on_reverse_steps_does_not_touch_values_or_forward_derivatives():
-    both = jax.jit(
-        lambda k: jax.jvp(lambda k: light(k, 200.0, (), max_reverse_steps=1), (k,), (jnp.ones(()),))
-    )
-    found = both(jnp.asarray(1.0))
-    np.testing.assert_allclose(found, [np.cos(200.0), -np.sin(200.0) * 100.0], rtol=1e-11)
-
-
-# `both_ways`
+# `with_derivatives`
 
 
 def plain(x, y, k):
@@ -94,8 +76,31 @@ def plain(x, y, k):
     return y * jnp.sin(x) + x**3 * y**2, k + 1
 
 
-def either_way(x, y, k):
-    return both_ways(lambda tree: plain(*tree), lambda tree: plain(*tree), (x, y, k))
+def plain_of_many(tree, size):
+    full = jax.tree.map(lambda a: jnp.broadcast_to(a, (*a.shape[:-1], size)), tree)
+    return jax.vmap(lambda tree: plain(*tree), in_axes=-1)(full)
+
+
+def own(has_many: bool):
+    """The same function with derivatives of its own, and with functions of a batch if `has_many`."""
+    of_many = {
+        "many": plain_of_many,
+        "smooth_many": lambda tree, wanted, size: plain_of_many(tree, size),
+    }
+
+    def function(x, y, k):
+        return with_derivatives(
+            _plain_of_tree,
+            (x, y, k),
+            smooth=lambda tree, wanted: plain(*tree),
+            **(of_many if has_many else {}),
+        )
+
+    return function
+
+
+def _plain_of_tree(tree):
+    return plain(*tree)
 
 
 def _first(function):
@@ -130,51 +135,44 @@ DERIVATIVES = {
 
 @pytest.mark.parametrize("derivative", DERIVATIVES)
 @pytest.mark.parametrize("is_compiled", [False, True])
-@pytest.mark.parametrize("few", [0, 32])
-def test_a_function_of_two_ways_has_the_derivatives_of_the_plain_one(
-    derivative, is_compiled, few, monkeypatch
-):
-    monkeypatch.setattr(ways, "MAX_FORWARD_INPUTS", few)
+@pytest.mark.parametrize("has_many", [False, True])
+def test_a_function_has_the_derivatives_of_the_plain_one(derivative, is_compiled, has_many):
     x, y, k = jnp.asarray(0.3), jnp.asarray(0.7), jnp.asarray(2)
-    ours, theirs = (DERIVATIVES[derivative](_first(f)) for f in (either_way, plain))
+    ours, theirs = (DERIVATIVES[derivative](_first(f)) for f in (own(has_many), plain))
     found = (jax.jit(ours) if is_compiled else ours)(x, y, k)
     for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(jax.jit(theirs)(x, y, k)), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-14)
 
 
-@pytest.mark.usefixtures("by_many")
-def test_each_way_is_gone_where_it_is_asked_for():
-    """Forward gives twice the derivative, reverse three times: this shows which function is used."""
-    function = lambda x: both_ways(lambda x: 2.0 * x, lambda x: 3.0 * x, x)  # noqa: E731
+def test_values_are_those_of_one_function_and_derivatives_of_the_other():
+    """Derivatives are three times as large: this shows which function is used."""
+    function = lambda x: with_derivatives(lambda x: 2.0 * x, x, smooth=lambda x, _: 3.0 * x)  # noqa: E731
     x = jnp.asarray(1.0)
     assert function(x) == 2.0
-    assert jax.jacfwd(function)(x) == 2.0
-    assert jax.grad(function)(x) == 3.0
+    assert jax.jacfwd(function)(x) == 3.0
     assert jax.jit(jax.value_and_grad(function))(x) == (2.0, 3.0)
-    assert jax.jit(jax.linearize(function, x)[1])(x) == 2.0
+    assert jax.jit(jax.linearize(function, x)[1])(x) == 3.0
 
 
-def test_backwards_by_few_numbers_is_forwards_by_each():
-    function = lambda x: both_ways(lambda x: 2.0 * x, lambda x: 3.0 * x, x)  # noqa: E731
-    np.testing.assert_array_equal(
-        jax.jacrev(function)(jnp.ones(ways.MAX_FORWARD_INPUTS)), 2 * np.eye(ways.MAX_FORWARD_INPUTS)
-    )
-    np.testing.assert_array_equal(
-        jax.jacrev(function)(jnp.ones(ways.MAX_FORWARD_INPUTS + 1)), 3 * np.eye(ways.MAX_FORWARD_INPUTS + 1)
-    )
+def test_derivatives_that_are_not_used_are_not_computed():
+    seen = []
+
+    def smooth(tree, wanted):
+        seen.append(wanted)
+        return tree, jnp.sin(tree)
+
+    function = lambda x: with_derivatives(lambda x: (x, jnp.sin(x)), x, smooth=smooth)  # noqa: E731
+    assert jax.jit(jax.jacfwd(lambda x: function(x)[1]))(0.3) == pytest.approx(np.cos(0.3))
+    assert seen[-1] == (False, True)
 
 
 def root(x, y):
     """A function with infinite derivative at x = 0, and NaN below."""
-    return both_ways(lambda xy: xy[1] * jnp.sqrt(xy[0]), lambda xy: xy[1] * jnp.sqrt(xy[0]), (x, y))
+    return with_derivatives(lambda xy: xy[1] * jnp.sqrt(xy[0]), (x, y))
 
 
 @pytest.mark.parametrize("is_compiled", [False, True])
-@pytest.mark.parametrize("few", [0, 32])
-def test_a_lane_that_a_sum_leaves_out_spoils_no_derivative_by_what_the_lanes_share(
-    is_compiled, few, monkeypatch
-):
-    monkeypatch.setattr(ways, "MAX_FORWARD_INPUTS", few)
+def test_a_lane_that_a_sum_leaves_out_spoils_no_derivative_by_what_the_lanes_share(is_compiled):
     x, y = jnp.array([[4.0, 0.0], [-1.0, 9.0]]), jnp.asarray(1.0)
 
     def total(x, y):

@@ -4,7 +4,6 @@ import os
 import pickle
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
 import jax
@@ -49,12 +48,10 @@ class Growth(xla.AbstractTask):
 
 
 def grown(factor):
-    def by(loop, factor):
-        return loop(Growth(factor), (jnp.ones(()), jnp.zeros((), int)))
+    def by(factor):
+        return xla.while_any(Growth(factor), (jnp.ones(()), jnp.zeros((), int)))
 
-    refuse = lambda cut: jnp.where(cut, jnp.nan, 1.0)  # noqa: E731
-    bounded = partial(xla.bounded_while_any, max_steps=16, refuse=refuse)
-    x, _ = xla.differentiable(partial(by, xla.while_any), partial(by, bounded), factor)
+    x, _ = xla.differentiable(by, factor)
     return xla.compute_once(jnp.sin, x)
 
 

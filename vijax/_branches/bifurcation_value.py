@@ -79,7 +79,7 @@ def bifurcation_value(point: Bifurcation, system: ImpactSystem, *, throw: bool =
     condition, y, number = _solved(stop_gradients(defining), guess)
     solved = replace(defining, condition=condition), y
     # JAX cannot transpose its derivative of an ODE solver; exact flows compile faster without `differentiable`.
-    found = _value(solved) if system.force is None else differentiable(_value, _value, solved)
+    found = _value(solved) if system.force is None else differentiable(_value, solved)
     return checked(found, number, _SENTENCES) if throw else known_or_nan(number == 0, found)
 
 

@@ -102,7 +102,8 @@ def _matrix(machine: Machine, hold: Held) -> Float[Array, "y y ..."]:
         load = machine.mean * y[-1:] + machine.waves.at(phase)
         force = load - matvec(machine.damping, v) - matvec(machine.stiffness, x)
         a = machine.contacts.accelerations(force, hold, phase)
-        turned = machine.phase_rate(phase).reshape(-1, *y.shape[1:])
+        turned = machine.phase_rate(phase)
+        turned = turned.reshape(-1, *turned.shape[2:])  # a frequency may have lanes where nothing else has
         parts = jnp.broadcast_arrays(*v, *a, *turned, jnp.zeros_like(a[0]))
         return jnp.stack(parts)
 

@@ -16,7 +16,7 @@ def known_or_nan(is_known: Reals, tree: PyTree) -> PyTree:
     with respect to numbers that the lanes share. By JAX's own product rule its NaN, times zero, would.
     """
     both = jnp.asarray(is_known), tree
-    return differentiable(_known_or_nan, _known_or_nan, both) if is_traced(both) else _known_or_nan(both)
+    return differentiable(_known_or_nan, both) if is_traced(both) else _known_or_nan(both)
 
 
 def _known_or_nan(both: tuple[Bool[Array, ""], PyTree]) -> PyTree:

@@ -15,7 +15,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from equinox.internal import unvmap_any, while_loop
+from equinox.internal import unvmap_any
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, PyTree
 
 from .concrete import is_traced
@@ -26,9 +27,9 @@ try:
 except ImportError:
     set_xla_metadata = None
 try:
-    from .both_ways import both_ways
+    from .differentiable import with_derivatives
 except (ImportError, AttributeError):  # it uses internals of JAX that may change
-    both_ways = None
+    with_derivatives = None
 
 PLAIN = os.environ.get("VIJAX_PLAIN", "0") not in ("", "0")
 
@@ -152,7 +153,9 @@ def not_constant(tree: PyTree) -> PyTree:
     """The same numbers, hidden from the compiler if they are constants: constants cannot be passed to a kernel."""
     is_so = jax.lax.linalg.cholesky(jnp.ones((1, 1)))[0, 0] > 0  # the compiler does not look into LAPACK
     is_array = lambda a: isinstance(a, jax.Array | np.ndarray)  # noqa: E731
-    return jax.tree.map(lambda a: jnp.where(is_so, a, jnp.zeros_like(a)) if is_array(a) else a, tree)
+    # Between two equal constants, of zeros for instance, the compiler would not have to choose.
+    hidden = lambda a: jnp.where(is_so, a, (a == 0).astype(a.dtype))  # noqa: E731
+    return jax.tree.map(lambda a: hidden(a) if is_array(a) else a, tree)
 
 
 def _call(function: Callable, args: tuple, **attributes: str):
@@ -240,44 +243,18 @@ def while_any(task: AbstractTask, carry: Any) -> Any:
     return jax.lax.while_loop(lambda c: is_any(task.is_live(c)), lambda c: task.step(c), carry)
 
 
-def bounded_while_any(task: AbstractTask, carry, max_steps: int, refuse: Callable):
-    """Step as `while_any` does, by a loop with checkpoints and a bound, which JAX can transpose.
-
-    Args:
-        task: body of the loop.
-        carry: first carry.
-        max_steps: the bound.
-        refuse: takes flags of the lanes that had work left; returns the factor by which all numbers are multiplied.
-    """
-    last = while_loop(
-        lambda c: is_any(task.is_live(c)),
-        lambda c: task.step(c),
-        carry,
-        max_steps=max_steps,
-        base=16,
-        kind="bounded",
-    )
-    factor = refuse(task.is_live(last))
-    return jax.tree.map(lambda a: a * factor if eqx.is_inexact_array(a) else a, last)
-
-
-def differentiable(
-    forwards: Callable,
-    backwards: Callable,
-    tree: Any,
-    of_many: Callable | None = None,
-    watch: Callable | None = None,
-):
-    """Return `forwards(tree)`, differentiated backwards as `backwards`, and for a batch `of_many`: see `both_ways`.
+def differentiable(function: Callable, tree: Any, **derivatives: Any) -> Any:
+    """Return `function(tree)`, with `derivatives` as `with_derivatives` takes them.
 
     Outside of a larger program it is compiled lightly, see `compile_lightly`.
     """
     # NumPy arrays would be compiled into the program.
     tree = jax.tree.map(lambda a: jnp.asarray(a) if isinstance(a, np.ndarray | np.generic) else a, tree)
-    if PLAIN or both_ways is None:
-        return _plainly_both_ways(forwards, backwards, tree)
-    of_many = of_many if jax.default_backend() == "cpu" else None
-    return both_ways(forwards, backwards, tree, jit_lightly, of_many, watch)
+    if PLAIN or with_derivatives is None:
+        return _plainly_differentiable(function, derivatives.get("smooth"), tree)
+    if jax.default_backend() != "cpu":
+        derivatives = derivatives | {"many": None, "smooth_many": None}
+    return with_derivatives(function, tree, compiled=jit_lightly, **derivatives)
 
 
 def jit_lightly(function: Callable) -> Callable:
@@ -296,16 +273,45 @@ def jit_lightly(function: Callable) -> Callable:
 
 
 @eqx.filter_jit
-def _plainly_both_ways(forwards: Callable, backwards: Callable, tree):
-    """`both_ways` from public JAX alone: every derivative, forward ones too, goes through `backwards`."""
-    arrays, static = eqx.partition(tree, lambda a: isinstance(a, jax.Array))
+def _plainly_differentiable(function: Callable, smooth: Callable | None, tree: Any) -> Any:
+    """`differentiable` from public JAX alone: every derivative is a product with all derivatives, taken forwards."""
+    moving, still = eqx.partition(tree, eqx.is_inexact_array)
+    flat, rebuild = ravel_pytree(moving)
+    whole = lambda x: function(eqx.combine(rebuild(x), still))  # noqa: E731
+    found = eqx.filter_eval_shape(whole, flat)
+    y, rest = eqx.partition(found, lambda a: isinstance(a, jax.ShapeDtypeStruct))
+    wanted = jax.tree.map(lambda a: jnp.issubdtype(a.dtype, jnp.inexact), y)
+
+    def values(x: Array) -> Any:
+        return eqx.filter(whole(x), eqx.is_array)
+
+    def again(x: Array) -> Any:
+        tree = eqx.combine(rebuild(x), still)
+        return eqx.filter(function(tree) if smooth is None else smooth(tree, wanted), eqx.is_array)
+
+    return eqx.combine(_by_jacobian(values, again)(flat), rest)
+
+
+def _by_jacobian(values: Callable, again: Callable) -> Callable:
+    """Function of a vector whose tangents are products with the derivatives of `again`, which are such a function too."""
+
+    def jacobian(x: Array) -> Any:
+        inexact = lambda x: eqx.filter(again(x), eqx.is_inexact_array)  # noqa: E731
+        return jax.jacfwd(inexact)(x)
 
     @jax.custom_jvp
-    def function(arrays):
-        return forwards(eqx.combine(arrays, static))
+    def found(x: Array) -> Any:
+        return values(x)
 
-    @function.defjvp
+    @found.defjvp
     def _(primals, tangents):
-        return jax.jvp(lambda arrays: backwards(eqx.combine(arrays, static)), primals, tangents)
+        y = found(*primals)
+        slopes = _by_jacobian(jacobian, jacobian)(*primals)
+        along = lambda a, slope: _no_tangent(a) if slope is None else slope @ tangents[0]  # noqa: E731
+        return y, jax.tree.map(along, y, slopes)
 
-    return function(arrays)
+    return found
+
+
+def _no_tangent(a: Array) -> np.ndarray:
+    return np.zeros(a.shape, jax.dtypes.float0)

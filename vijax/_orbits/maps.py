@@ -18,7 +18,7 @@ from .._machine.state import State
 from .._system.checks import FINITE, check_number, not_finite, refuse
 from .._system.periodicity import check_period
 from .._system.system import ImpactSystem, with_args
-from .._trajectory.simulate import Settings, simulate_with
+from .._trajectory.simulate import Settings, simulate_with, warn_about_reverse_steps
 from .._trajectory.solution import RESULTS, result_sentences
 
 
@@ -33,7 +33,7 @@ def stroboscopic_map(
     flow: AbstractFlow | None = None,
     args: object = None,
     max_steps: Count | None = None,
-    max_reverse_steps: Count = 65_536,
+    max_reverse_steps: Count | None = None,
     throw: bool = True,
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     """Return the state a number of forcing periods later, as a differentiable function.
@@ -76,7 +76,8 @@ def stroboscopic_map(
     begin = angle_of(phase) / system.forcing.frequency
     end = begin + whole_number("num_periods", num_periods) * system.forcing.period
     allowed = (RESULTS.max_events_reached,)  # nothing is logged
-    settings = Settings(0, max_steps, max_reverse_steps, allowed if throw else None)
+    warn_about_reverse_steps(max_reverse_steps)
+    settings = Settings(0, max_steps, allowed if throw else None)
     sol = simulate_with(system, begin, end, x0, v0, settings, flow=flow, args=args)
     state = sol.x1, sol.v1
     return state if throw else known_or_nan(result_sentences(sol.result, allowed)[0] == 0, state)
@@ -203,7 +204,7 @@ def saltation_matrix(
     impact = {"t": as_float(t), "x": as_float(x), "v": as_float(v)}
     bound = with_args(system, args)
     doubts = refuse([wrong_stop(bound, stop), *not_finite(impact)])
-    matrix = differentiable(_saltation, _saltation, (numbers_of(bound), *impact.values(), jnp.asarray(stop)))
+    matrix = differentiable(_saltation, (numbers_of(bound), *impact.values(), jnp.asarray(stop)))
     number, sentences = number_of_doubts(doubts)
     return checked(matrix, number, sentences) if throw else known_or_nan(number == 0, matrix)
 

@@ -24,8 +24,8 @@ from .._system.checks import FINITE, check_one, check_shape, validate_start
 from .._system.contact import Contact
 from .._system.restitution import restitution_of_contacts
 from .._system.system import ImpactSystem, with_args
-from .._trajectory.impact_loop import ImpactRequest, Reverse, follow_to_impact
-from .._trajectory.simulate import bound_of_steps
+from .._trajectory.impact_loop import ImpactRequest, follow_to_impact
+from .._trajectory.simulate import bound_of_steps, warn_about_reverse_steps
 from .._trajectory.solution import RESULTS, result_sentences
 from .next_impact import default_end_time
 
@@ -50,7 +50,7 @@ def next_crossing(
     flow: AbstractFlow | None = None,
     args: object = None,
     max_steps: Count | None = None,
-    max_reverse_steps: Count = 65_536,
+    max_reverse_steps: Count | None = None,
     throw: bool = True,
 ) -> tuple[Float[Array, ""], Float[Array, " n"], Float[Array, " n"]]:
     """Return time and state where a mass next passes a position, as a differentiable function.
@@ -92,6 +92,7 @@ def next_crossing(
     References:
         M. di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), Sec. 2.4.
     """
+    warn_about_reverse_steps(max_reverse_steps)
     bound, n = with_args(system, args), system.num_masses
     index = whole_number("mass", mass)
     if index >= n:
@@ -113,7 +114,6 @@ def next_crossing(
         place,
         end,
         bound_of_steps(max_steps),
-        Reverse(whole_number("max_reverse_steps", max_reverse_steps, 1), throw),
     )
     is_sound = none_true(doubts)
     beyond = side * (x[index] - place)
@@ -150,7 +150,6 @@ class _Search(NamedTuple):
     place: Scalar
     end: Scalar
     max_steps: Array | np.ndarray
-    reverse: Reverse
 
     def passage(self, start: _Passage, side: float, is_sound: Reals) -> _Passage:
         """The next passage towards a side, from a start on the other side."""
@@ -180,7 +179,7 @@ class _Search(NamedTuple):
             is_sound=is_sound,
         )
         numbers = _with_contact(self.system, self.mass, side, place)
-        found = follow_to_impact(numbers, self.flow, wanted, self.reverse)
+        found = follow_to_impact(numbers, self.flow, wanted)
         x = jnp.where(found.is_there, found.x.at[self.mass].set(place), found.x)
         return _Passage(found.t, x, found.v, found.is_there, found.result)
 

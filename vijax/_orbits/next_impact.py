@@ -15,8 +15,8 @@ from .._machine.numbers import numbers_of
 from .._system.checks import check_shape, refuse, validate_start
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.concrete_machine import known_machine
-from .._trajectory.impact_loop import ImpactRequest, Reverse, follow_to_impact
-from .._trajectory.simulate import bound_of_steps
+from .._trajectory.impact_loop import ImpactRequest, follow_to_impact
+from .._trajectory.simulate import bound_of_steps, warn_about_reverse_steps
 from .._trajectory.solution import RESULTS, result_sentences
 from .maps import wrong_stop
 
@@ -41,7 +41,7 @@ def next_impact(
     flow: AbstractFlow | None = None,
     args: object = None,
     max_steps: Count | None = None,
-    max_reverse_steps: Count = 65_536,
+    max_reverse_steps: Count | None = None,
     throw: bool = True,
 ) -> tuple[Float[Array, ""], Float[Array, " n"], Float[Array, " n"]]:
     """Return time and state just before the next impact with a stop, as a differentiable function.
@@ -91,7 +91,7 @@ def next_impact(
         Wagg & Bishop (2004), Sec. 2.2; S. Foale & S. R. Bishop, Phil. Trans. R. Soc. A 338 (1992).
     """
     bound, n = with_args(system, args), system.num_masses
-    reverse = Reverse(whole_number("max_reverse_steps", max_reverse_steps, 1), throw)
+    warn_about_reverse_steps(max_reverse_steps)
     begin, x, v = (as_float(a) for a in (t0, x0, v0))
     end = default_end_time(bound, begin) if t1 is None else as_float(t1)
     for name, value, shape in (("t0", begin, ()), ("t1", end, ()), ("x0", x, (n,)), ("v0", v, (n,))):
@@ -113,7 +113,7 @@ def next_impact(
     else:
         known = known_machine(system, args)
         numbers, motion = known.numbers, known.flow(flow, can_stick=True)
-    found = follow_to_impact(numbers, motion, wanted, reverse)
+    found = follow_to_impact(numbers, motion, wanted)
     impact = found.t, found.x, found.v
     if not throw:
         return known_or_nan(found.is_there, impact)

@@ -4,8 +4,6 @@ The loop ends at the impact. A search in the log of a trajectory would need a bo
 the impact, and would follow, and differentiate, the motion up to that bound.
 """
 
-from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -15,11 +13,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Reals, Scalar
-from .._jax.xla import AbstractTask, bounded_while_any, differentiable, while_any
+from .._jax.xla import AbstractTask, differentiable, while_any
 from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, in_periods, prepare
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State, start_period
-from .single_call import factor_in_reverse
 from .solution import RESULTS
 from .step import flight_to, initial_state, outcome
 
@@ -120,33 +117,15 @@ class _Task(AbstractTask):
         )
 
 
-class Reverse(NamedTuple):
-    """Settings of reverse-mode derivatives, see `simulate` and `factor_in_reverse`."""
-
-    max_steps: int
-    raises: bool
-
-
-def follow_to_impact(
-    numbers: MachineNumbers, flow: AbstractFlow, wanted: ImpactRequest, reverse: Reverse
-) -> Arrival:
+def follow_to_impact(numbers: MachineNumbers, flow: AbstractFlow, wanted: ImpactRequest) -> Arrival:
     """Follow a motion to the requested impact, differentiably."""
-    return differentiable(_forwards, _backwards, (numbers, flow, wanted, reverse))
+    return differentiable(_follow, (numbers, flow, wanted))
 
 
-def _forwards(whole: tuple[MachineNumbers, AbstractFlow, ImpactRequest, Reverse]) -> Arrival:
-    return _follow(*whole[:3], while_any)
-
-
-def _backwards(whole: tuple[MachineNumbers, AbstractFlow, ImpactRequest, Reverse]) -> Arrival:
-    reverse = whole[3]
-    refuse = partial(factor_in_reverse, raises=reverse.raises)
-    return _follow(*whole[:3], partial(bounded_while_any, max_steps=reverse.max_steps, refuse=refuse))
-
-
-def _follow(numbers: MachineNumbers, flow: AbstractFlow, wanted: ImpactRequest, loop: Callable) -> Arrival:
+def _follow(whole: tuple[MachineNumbers, AbstractFlow, ImpactRequest]) -> Arrival:
+    numbers, flow, wanted = whole
     task, carry = _begin(numbers, flow, wanted)
-    last = loop(task, carry)
+    last = while_any(task, carry)
     is_there = task.is_there(last)
     result = RESULTS.where(is_there | last.is_over, RESULTS.successful, RESULTS.max_steps_reached)
     result = RESULTS.where(last.is_finite, result, RESULTS.non_finite)

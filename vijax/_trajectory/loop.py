@@ -16,10 +16,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._flow.interface import AbstractFlow
+from .._flow.interface import AbstractFlow, Flight
+from .._hybrid.transition import Instant
 from .._jax.arrays import UNROLLED_ALONE, Reals, Scalar
 from .._jax.packing import pack
-from .._jax.xla import AbstractTask, in_one_kernel, while_any
+from .._jax.xla import AbstractTask, in_one_kernel, not_constant, while_any
 from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, in_periods, prepare
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State, start_period
@@ -27,7 +28,7 @@ from .batched import Writing, put, row_of_lane, to_all
 from .event_log import Log, empty_log, event_log, log_row
 from .grazing import Grazing, no_grazing, update_grazing
 from .solution import RESULTS, Solution
-from .step import advance, initial_state
+from .step import flight_to, initial_state, outcome
 
 # `max_turns` of a call without a pause: the largest 32-bit integer, as JAX may have no 64-bit ones.
 UNLIMITED_STEPS = np.iinfo(np.int32).max
@@ -41,14 +42,12 @@ class Choices:
         can_stick: whether any stop may hold its mass.
         room: bound on the logged events.
         is_whole: whether the log of this call is the only one.
-        max_reverse_steps: see `simulate`.
-        raises: whether derivatives over too many steps raise; else they are NaN.
+        raises: whether results that are not successful raise.
     """
 
     can_stick: bool
     room: int
     is_whole: bool = True
-    max_reverse_steps: int = 65_536
     raises: bool = False
 
 
@@ -106,6 +105,22 @@ class Carry(eqx.Module):
     grazing: Grazing
 
 
+class Leg(NamedTuple):
+    """One step of the loop.
+
+    Attributes:
+        flight: the flight.
+        after: state after the transition at its end.
+        instant: the transition.
+        is_goal: whether it ends at a goal.
+    """
+
+    flight: Flight
+    after: State
+    instant: Instant
+    is_goal: Bool[Array, "..."]
+
+
 class LoopTask(AbstractTask):
     """Loop body with everything it depends on, so that derivatives see it."""
 
@@ -129,15 +144,11 @@ class LoopTask(AbstractTask):
     def step(self, carry: Carry) -> Carry:
         """Take one step, log its events, and save the state at a goal."""
         state, live = carry.state, self.is_live(carry)
-        goal = jnp.minimum(carry.goal, len(self.goal_times) - 1)
-        goal_periods, goal_time = (row_of_lane(a, goal) for a in (self.goal_periods, self.goal_times))
-        is_last_period = state.periods >= goal_periods
-        target = jnp.where(is_last_period, goal_time, self.machine.period)
-        after, instant = advance(self.flow, self.machine, state, target, self.resolution)
-        is_saved = live & instant.arrived & is_last_period
-        is_finite = jnp.all(jnp.isfinite(after.x + after.v), axis=0) & jnp.isfinite(after.time)
+        leg = self.fly_on(state, carry.goal)
+        after, instant = leg.after, leg.instant
+        is_saved = live & leg.is_goal
         grazing = update_grazing(self.machine, state, after, instant, carry.grazing, live)
-        after = start_period(after, self.phase0, instant.arrived & ~is_last_period)
+        after = self.next_period(leg)
         x, v = self.machine.in_space(after)
         time = self.t0 + state.periods * self.machine.period + instant.time
         (xs, vs), *_ = put(is_saved, Writing((carry.xs, carry.vs), (x[None], v[None]), carry.goal))
@@ -148,9 +159,28 @@ class LoopTask(AbstractTask):
             vs=vs,
             goal=carry.goal + is_saved,
             steps=carry.steps + live,
-            is_finite=carry.is_finite & (is_finite | ~live),
+            is_finite=carry.is_finite & (is_finite(leg.after) | ~live),
             grazing=grazing,
         )
+
+    def fly_on(self, state: State, goal: Int[Array, "..."]) -> Leg:
+        """Fly towards the goal, at most to the end of the period."""
+        goal = jnp.minimum(goal, len(self.goal_times) - 1)
+        goal_periods, goal_time = (row_of_lane(a, goal) for a in (self.goal_periods, self.goal_times))
+        is_last_period = state.periods >= goal_periods
+        target = jnp.where(is_last_period, goal_time, self.machine.period)
+        flight = flight_to(self.flow, self.machine, state, target, self.resolution)
+        after, instant = outcome(self.machine, flight)
+        return Leg(flight, after, instant, instant.arrived & is_last_period)
+
+    def next_period(self, leg: Leg) -> State:
+        """State after a step, with a new period begun where one is over."""
+        return start_period(leg.after, self.phase0, leg.instant.arrived & ~leg.is_goal)
+
+
+def is_finite(state: State) -> Bool[Array, "..."]:
+    """True where a motion is finite."""
+    return jnp.all(jnp.isfinite(state.x + state.v), axis=0) & jnp.isfinite(state.time)
 
 
 def run_without_derivatives(
@@ -178,23 +208,26 @@ def run_loop(
 
 
 def fits_one_kernel(numbers: MachineNumbers, flow: AbstractFlow, most: int) -> bool:
-    """True if the loop of a machine with at most so many masses, contacts and harmonics can be one kernel."""
-    is_small = max(*numbers.rows.shape[:2], numbers.waves.num_harmonics) <= most
+    """True if preparation and loop of a machine with at most so many masses, contacts and harmonics can be one kernel."""
     # Coordinates of a full mass matrix are computed by LAPACK, which no kernel can call.
-    return is_small and numbers.mass.ndim < numbers.stiffness.ndim and flow.fits_one_kernel
+    return numbers.mass.ndim < numbers.stiffness.ndim and steps_fit_one_kernel(numbers, flow, most)
 
 
-def run_prepared(task: LoopTask, carry: Carry, most: int) -> tuple[LoopTask, Carry]:
+def steps_fit_one_kernel(numbers: MachineNumbers, flow: AbstractFlow, most: int) -> bool:
+    """True if the loop alone can be one kernel, after its preparation."""
+    size = max(*numbers.rows.shape[:2], numbers.waves.num_harmonics)
+    return size <= most and flow.fits_one_kernel
+
+
+def run_prepared(task: LoopTask, carry: Carry, *, in_kernel: bool) -> tuple[LoopTask, Carry]:
     """Run a loop after its preparation; the task and the last carry."""
 
     def loop(pair: tuple[LoopTask, Carry]) -> tuple[LoopTask, Carry]:
         task, carry = pair
         return task, while_any(task, carry)
 
-    machine = task.machine
-    is_small = max(machine.contacts.num, *machine.waves.cosine.shape[:2]) <= most
-    run = partial(in_one_kernel, loop) if is_small and task.flow.fits_one_kernel else loop
-    return run((task, carry))
+    run = partial(in_one_kernel, loop) if in_kernel else loop
+    return run(not_constant((task, carry)) if in_kernel else (task, carry))
 
 
 def prepare_loop(

@@ -1,5 +1,6 @@
 """Simulation of one trajectory."""
 
+import warnings
 from typing import Any, NamedTuple
 
 import jax
@@ -36,7 +37,7 @@ def simulate(
     args: object = None,
     max_events: Count = 1024,
     max_steps: Count | None = None,
-    max_reverse_steps: Count = 65_536,
+    max_reverse_steps: Count | None = None,
     throw: bool = True,
 ) -> Solution:
     """Follow one trajectory from t0 to t1, through every impact, chatter, stick and release.
@@ -62,11 +63,9 @@ def simulate(
         max_events: length of the event log.
         max_steps: bound on the number of steps. If left out, far more than a sound motion takes: 100 000, plus 100 per
             unit of (t1 - t0) * (highest frequency or decay rate).
-        max_reverse_steps: bound on the steps that reverse-mode derivatives (`jax.grad`, `jax.jacrev`) by more than 32
-            numbers go back through; memory grows with its logarithm. Derivatives by fewer numbers are built from
-            forward mode (`jax.jacfwd`), which has no such limit.
+        max_reverse_steps: without effect, deprecated: derivatives have no bound on the steps.
         throw: raise if the result is not `successful`, whichever part of it is used, under `jax.jit` too; otherwise
-            return the code. Derivatives refused because of `max_reverse_steps` raise too, and are NaN without `throw`.
+            return the code.
 
     Returns:
         The trajectory, see `vx.Solution`.
@@ -86,7 +85,8 @@ def simulate(
     References:
         Wagg & Bishop (2004), Sec. 3.
     """
-    settings = Settings(max_events, max_steps, max_reverse_steps, () if throw else None)
+    warn_about_reverse_steps(max_reverse_steps)
+    settings = Settings(max_events, max_steps, () if throw else None)
     return simulate_with(system, t0, t1, x0, v0, settings, ts=ts, flow=flow, args=args)
 
 
@@ -99,7 +99,6 @@ class Settings(NamedTuple):
 
     max_events: Count
     max_steps: Count | None
-    max_reverse_steps: Count
     allowed: tuple[RESULTS, ...] | None
 
 
@@ -117,7 +116,6 @@ def simulate_with(
 ) -> Solution:
     """`simulate` with its options as `Settings`."""
     max_events = whole_number("max_events", settings.max_events)
-    max_reverse_steps = whole_number("max_reverse_steps", settings.max_reverse_steps, 1)
     max_steps = bound_of_steps(settings.max_steps)
     known, given = remembered(system, args), (flow, [t0, t1, ts, x0, v0], max_steps)
     if is_traced(given if known else (system, args, given)):
@@ -161,16 +159,24 @@ def simulate_with(
             system,
             choose_flow(system, can_stick=can_stick, wanted=flow),
             request,
-            Choices(
-                can_stick,
-                max_events,
-                max_reverse_steps=max_reverse_steps,
-                raises=settings.allowed is not None,
-            ),
+            Choices(can_stick, max_events, raises=settings.allowed is not None),
         )
     if settings.allowed is None or (known and not np.asarray(solution.result._value)):
         return solution  # the first result is `successful`
     return checked(solution, *number_of_doubts(doubts, *result_sentences(solution.result, settings.allowed)))
+
+
+def warn_about_reverse_steps(max_reverse_steps: Count | None) -> None:
+    """Warn of an argument that has no effect any more."""
+    if max_reverse_steps is None:
+        return
+    whole_number("max_reverse_steps", max_reverse_steps, 1)
+    warnings.warn(
+        "Argument `max_reverse_steps` has no effect any more, and will go: derivatives have no bound on the steps. Leave it "
+        "out.",
+        DeprecationWarning,
+        stacklevel=4,
+    )
 
 
 def bound_of_steps(max_steps: Any) -> Array | np.ndarray:

@@ -6,19 +6,30 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import UNROLLED, Scalar
-from .._jax.errors import checked_one
-from .._jax.xla import bounded_while_any, differentiable, not_constant, while_any
+from .._jax.arrays import UNROLLED, UNROLLED_ALONE
+from .._jax.xla import differentiable, not_constant, while_any
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.system import ImpactSystem
 from .batched import in_groups, lanes_of_machine, one_by_one, to_all
 from .derivative_growth import warn_if_large, watch_closely
 from .event_log import Log
-from .loop import Carry, Choices, LoopArguments, LoopTask, finish, prepare_loop, run_prepared
-from .solution import RESULTS, Solution, result_sentences
+from .loop import (
+    Carry,
+    Choices,
+    LoopArguments,
+    LoopTask,
+    finish,
+    prepare_loop,
+    run_prepared,
+    steps_fit_one_kernel,
+)
+from .replay import repeat_flights
+from .solution import RESULTS, Solution
+
+_Whole = tuple[ImpactSystem | MachineNumbers, AbstractFlow, LoopArguments, Choices]
 
 
 def run_single_call(
@@ -27,42 +38,79 @@ def run_single_call(
     """Follow a trajectory in one call, differentiably."""
     # A program with `throw` calls back into Python anyway.
     watched = watch_closely if choices.raises else warn_if_large
-    return differentiable(_forwards, _backwards, (machine, flow, request, choices), _side_by_side, watched)
+    whole = machine, flow, request, choices
+    # Without a flow map, derivatives go along with the steps.
+    again = {"smooth": _repeat_whole, "smooth_many": _repeat_many} if flow.has_flow_map else {}
+    return differentiable(_run_whole, whole, many=_run_many, watch=watched, always=_end_of, **again)
 
 
-def _forwards(
-    whole: tuple[ImpactSystem | MachineNumbers, AbstractFlow, LoopArguments, Choices],
-) -> Solution:
-    return _run_whole(*whole, while_any)
+def _end_of(solution: Solution) -> tuple:
+    return solution.x1, solution.v1
 
 
-def _backwards(
-    whole: tuple[ImpactSystem | MachineNumbers, AbstractFlow, LoopArguments, Choices],
-) -> Solution:
-    choices = whole[3]
-    refuse = partial(factor_in_reverse, raises=choices.raises)
-    return _run_whole(*whole, partial(bounded_while_any, max_steps=choices.max_reverse_steps, refuse=refuse))
+def _run_whole(whole: _Whole) -> Solution:
+    machine, flow, request, choices = whole
+    task, carry = prepare_loop(_in_numbers(machine), flow, request, choices)
+    return finish(task, while_any(task, carry), request, choices)
 
 
-def _side_by_side(
-    whole: tuple[ImpactSystem | MachineNumbers, AbstractFlow, LoopArguments, Choices], num_lanes: int
-) -> Solution:
+def _repeat_whole(whole: _Whole, wanted: Solution) -> Solution:
+    machine, flow, request, choices = whole
+    numbers = _in_numbers(machine)
+    task, carry = prepare_loop(numbers, flow, request, choices)
+    in_kernel = steps_fit_one_kernel(numbers, flow, UNROLLED_ALONE)
+    last = repeat_flights(task, carry, **_needs(wanted), in_kernel=in_kernel)
+    return finish(task, last, request, choices)
+
+
+def _needs(wanted: Solution) -> dict[str, bool]:
+    """Parts of a trajectory whose derivatives are wanted."""
+    is_any_wanted = lambda part: any(jax.tree.leaves(part))  # noqa: E731
+    return {
+        "has_log": is_any_wanted((wanted.events, wanted.restarts, wanted.known_until)),
+        "has_saved": is_any_wanted((wanted.xs, wanted.vs)),
+    }
+
+
+def _run_many(whole: _Whole, num_lanes: int) -> Solution:
     """Follow trajectories with lanes last; the results have lanes first."""
+
+    def run(numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, choices: Choices) -> tuple:
+        task, carry = prepare_loop(numbers, flow, request, choices)
+        return run_prepared(task, carry, in_kernel=steps_fit_one_kernel(numbers, flow, UNROLLED))
+
+    return _follow_many(run, whole, num_lanes)
+
+
+def _repeat_many(whole: _Whole, wanted: Solution, num_lanes: int) -> Solution:
+    """Follow trajectories as `_run_many` does, differentiably in forward mode."""
+
+    def run(numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, choices: Choices) -> tuple:
+        task, carry = prepare_loop(numbers, flow, request, choices)
+        in_kernel = steps_fit_one_kernel(numbers, flow, UNROLLED)
+        return task, repeat_flights(task, carry, **_needs(wanted), in_kernel=in_kernel)
+
+    return _follow_many(run, whole, num_lanes)
+
+
+def _follow_many(run: Callable, whole: _Whole, num_lanes: int) -> Solution:
     machine, flow, request, choices = whole
     arguments = not_constant((_in_numbers(machine), flow, request))
     num_contacts, n = arguments[0].rows.shape[:2]
     with jax.numpy_rank_promotion("allow"):  # shared values are broadcast to the lanes
-        follow = partial(_follow_group, choices)
+        follow = partial(_follow_group, run, choices)
         return in_groups(follow, arguments, num_lanes, lanes_of_machine(n, num_contacts))
 
 
 def _follow_group(
-    choices: Choices, arguments: tuple[MachineNumbers, AbstractFlow, LoopArguments], num_lanes: int
+    run: Callable,
+    choices: Choices,
+    arguments: tuple[MachineNumbers, AbstractFlow, LoopArguments],
+    num_lanes: int,
 ) -> Solution:
     numbers, flow, request = arguments
     request = to_all(request, num_lanes)
-    task, carry = not_constant(prepare_loop(numbers, flow, request, choices))
-    task, last = run_prepared(task, carry, most=UNROLLED)
+    task, last = run(numbers, flow, request, choices)
     written = lambda carry: (carry.log, carry.xs, carry.vs)  # noqa: E731
 
     def finish_one(lane: tuple[LoopTask, Carry, LoopArguments], rows: tuple[Log, Array, Array]) -> Solution:
@@ -72,17 +120,6 @@ def _follow_group(
 
     rest = eqx.tree_at(written, last, (None, None, None))
     return one_by_one(finish_one, num_lanes, (task, rest, request), written(last))
-
-
-def _run_whole(
-    machine: ImpactSystem | MachineNumbers,
-    flow: AbstractFlow,
-    request: LoopArguments,
-    choices: Choices,
-    loop: Callable,
-) -> Solution:
-    task, carry = prepare_loop(_in_numbers(machine), flow, request, choices)
-    return finish(task, loop(task, carry), request, choices)
 
 
 def _in_numbers(machine: ImpactSystem | MachineNumbers) -> MachineNumbers:
@@ -98,14 +135,3 @@ def run_for_log(
     last = while_any(task, carry)
     solution = finish(task, last, request, choices)
     return last.log, solution.result, jnp.concatenate([solution.x1, solution.v1])
-
-
-def factor_in_reverse(is_cut: Bool[Array, ""], *, raises: bool) -> Scalar:
-    """Factor of reverse-mode derivatives: 1, or NaN or an error if the loop back was too short."""
-    factor = jnp.where(is_cut, jnp.nan, 1.0)
-    if raises:
-        number, sentences = result_sentences(
-            RESULTS.where(is_cut, RESULTS.max_reverse_steps_reached, RESULTS.successful)
-        )
-        factor = factor * checked_one(number, sentences)
-    return factor

@@ -58,8 +58,8 @@ class RESULTS(eqx.Enumeration):
         "order, or a number is not finite. Start every mass between its stops, with t0 <= ts <= t1."
     )
     max_reverse_steps_reached = (
-        "max_reverse_steps_reached: the motion took more steps than derivatives in reverse mode go back "
-        "through. Increase `max_reverse_steps`, or use forward mode (`jax.jacfwd`), which has no such limit."
+        "max_reverse_steps_reached: no longer used, as derivatives in reverse mode have no bound on the steps any more. "
+        "Leave out `max_reverse_steps`."
     )
 
 

@@ -1,0 +1,295 @@
+"""A trajectory once more, flight by flight, for its derivatives.
+
+Derivatives are those of a motion with given events in a given order. Where the flow between events has a closed form,
+its `flow_map`, steps are of no interest to them. The motion is followed without derivatives first, which records its
+flights from event to event; then it is repeated with one evaluation of the flow map for each flight, by the same
+transitions. Values come from the record, so nothing drifts, and derivatives from the repetition, which is
+differentiable forward any number of times. Its cost is that of the events, not of the steps, for every direction.
+
+The record has room for `_ROOM` flights: both alternate until the motion ends, so there is no bound on the events.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .._flow.interface import AbstractFlow, Flight
+from .._jax.arrays import Scalar
+from .._jax.concrete import stop_gradients
+from .._jax.xla import AbstractTask, compute_once, in_one_kernel, is_any, not_constant, while_any
+from .._machine.contacts import Held
+from .._machine.machine import Machine
+from .._machine.state import State
+from .._system.waves import speeds, turned
+from .batched import Writing, put
+from .event_log import Log, log_row
+from .loop import Carry, LoopTask, is_finite
+
+# Flights of a trajectory that are recorded before they are repeated. So many of a group of lanes fit the cache.
+_ROOM = 32
+# Longest flight, in time scales of the motion and by a period more, that is repeated at once by a flow map that loses
+# digits.
+_LONG = 64
+
+
+class Record(NamedTuple):
+    """Flights from event to event, (rows, ...).
+
+    Attributes:
+        flight: the whole flight.
+        periods: forcing periods that ended during it.
+    """
+
+    flight: Flight
+    periods: Int[Array, "..."]
+
+
+class _Recording(NamedTuple):
+    """Carry of the recording.
+
+    Attributes:
+        state: the motion.
+        goal: number of goals reached.
+        steps: number of steps.
+        is_finite: whether the motion stayed finite.
+        record: the flights, (rows + 1, ...); the last row takes what is not kept.
+        rows: number of flights recorded.
+        duration: time since the last of them.
+        periods: forcing periods that ended since.
+    """
+
+    state: State
+    goal: Int[Array, "..."]
+    steps: Int[Array, "..."]
+    is_finite: Bool[Array, "..."]
+    record: Record
+    rows: Int[Array, "..."]
+    duration: Scalar
+    periods: Int[Array, "..."]
+
+
+class _Recorder(AbstractTask):
+    """Loop body that records flights."""
+
+    task: LoopTask
+
+    def is_live(self, carry: _Recording) -> Bool[Array, "..."]:
+        """True where the motion goes on and there is room."""
+        return self.goes_on(carry) & (carry.rows < _ROOM)
+
+    def goes_on(self, carry: _Recording) -> Bool[Array, "..."]:
+        """True where the motion goes on."""
+        is_on = carry.is_finite & (carry.steps < self.most_steps) & (carry.goal < self.task.num_goals)
+        return is_on
+
+    @property
+    def most_steps(self) -> Int[Array, "..."]:
+        """Bound on the steps."""
+        return jnp.minimum(self.task.max_steps, self.task.last_step)
+
+    def step(self, carry: _Recording) -> _Recording:
+        """Take one step; record the flight that ends with it, if one does."""
+        live = self.is_live(carry)
+        leg = self.task.fly_on(carry.state, carry.goal)
+        after, instant, finite = self.task.next_period(leg), leg.instant, is_finite(leg.after)
+        happened = jnp.any(instant.hit | instant.stuck | instant.released, axis=0)
+        duration = carry.duration + leg.flight.duration
+        # A motion that is cut ends with a flight too, and so does a period where a flow map would lose digits.
+        is_cut = (carry.steps + 1 >= self.most_steps) | ~finite
+        if not self.task.flow.flow_map_reaches_far:
+            is_cut = is_cut | (instant.arrived & (duration * self.task.machine.rate > _LONG))
+        is_row = live & (happened | leg.is_goal | is_cut)
+        flight = eqx.tree_at(lambda f: f.duration, leg.flight, duration)
+        row = jax.tree.map(lambda a: a[None], Record(flight, carry.periods))
+        record, *_ = put(is_row, Writing(carry.record, row, carry.rows))
+        return _Recording(
+            state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, carry.state),
+            goal=carry.goal + (live & leg.is_goal),
+            steps=carry.steps + live,
+            is_finite=carry.is_finite & (finite | ~live),
+            record=record,
+            rows=carry.rows + is_row,
+            duration=jnp.where(live, jnp.where(is_row, 0, duration), carry.duration),
+            periods=jnp.where(is_row, 0, carry.periods + (live & instant.arrived & ~leg.is_goal)),
+        )
+
+
+def _blank_recording(carry: Carry) -> _Recording:
+    """Recording before the first step."""
+    state, lanes = carry.state, carry.steps.shape
+    nothing = jnp.zeros_like(state.time)
+    flags = jnp.zeros(lanes, bool)
+    flight = Flight(state, nothing, jnp.zeros_like(state.held), flags)
+    count = jnp.zeros(lanes, int)
+
+    def rows(a: Array) -> Array:
+        blank = jnp.zeros((_ROOM + 1, *a.shape), a.dtype)
+        return jnp.moveaxis(blank, -1, 0) if lanes else blank
+
+    record = jax.tree.map(rows, Record(flight, count))
+    return _Recording(state, carry.goal, carry.steps, carry.is_finite, record, count, nothing, count)
+
+
+class RecordedFlow(AbstractFlow):
+    """Flow that repeats one recorded flight, with the derivatives of its flow map."""
+
+    flow: AbstractFlow
+    flight: Flight
+
+    def fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
+        """Return the flight."""
+        del machine, state, remaining, resolution
+        return self.flight
+
+    def propagate(
+        self, machine: Machine, state: State, hold: Held, step: Scalar
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+        """Evaluate the flow map."""
+        angle = speeds(state.phase, machine.frequency) * step
+        change = turned(state.phase, (-2 * jnp.sin(angle / 2) ** 2, jnp.sin(angle)))
+        displacement, gain = self.flow.flow_map(machine, state, hold, step, change)
+        v = state.v + gain
+        contacts = machine.contacts
+        if not (contacts.is_coupled and machine.can_stick):
+            return displacement, v, change
+        displacement, v = contacts.kept(state.x, displacement, v, hold, state.phase + change)
+        return displacement, v, change
+
+    def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
+        """Coast as the flow does."""
+        return self.flow.coast(machine, state, remaining)
+
+
+class Repetition(NamedTuple):
+    """Carry of the repetition.
+
+    Attributes:
+        state: the motion.
+        goal: number of goals reached.
+        log: the events; None if not requested.
+        saved: saved positions and velocities; None if not requested.
+    """
+
+    state: State
+    goal: Int[Array, "..."]
+    log: Log | None
+    saved: tuple[Array, Array] | None
+
+
+@eqx.filter_custom_jvp
+def _repeat(task: LoopTask, carry: Repetition, row: Record, live: Bool[Array, "..."]) -> Repetition:
+    return _repeat_once(task, carry, row, live)
+
+
+@_repeat.def_jvp
+def _repeat_jvp(primals, tangents):
+    moving, still = eqx.partition(
+        primals, jax.tree.map(lambda t: t is not None, tangents, is_leaf=lambda t: t is None)
+    )
+
+    def linearized(moving, still):
+        def of_moving(moving):
+            found = _repeat_once(*eqx.combine(moving, still))
+            return eqx.partition(found, eqx.is_inexact_array)
+
+        out, lin, rest = jax.linearize(of_moving, moving, has_aux=True)
+        return (out, rest), lin
+
+    (out, rest), lin = compute_once(linearized, moving, still)
+    change = compute_once(
+        lambda lin, tangents: lin(tangents), lin, eqx.filter(tangents, lambda a: a is not None)
+    )
+    return eqx.combine(out, rest), change
+
+
+def _repeat_once(task: LoopTask, carry: Repetition, row: Record, live: Bool[Array, "..."]) -> Repetition:
+    """Repeat one recorded flight and the transition at its end."""
+    state = carry.state
+    names = lambda s: (s.periods, s.time)  # noqa: E731
+    there = state.periods + row.periods, state.time - row.periods * task.machine.period
+    begin = eqx.tree_at(names, state, there)
+    own = eqx.tree_at(lambda t: t.flow, task, RecordedFlow(task.flow, row.flight))
+    leg = own.fly_on(begin, carry.goal)
+    is_saved, log, saved = live & leg.is_goal, carry.log, carry.saved
+    after = task.next_period(leg)
+    if log is not None:
+        time = task.t0 + begin.periods * task.machine.period + leg.instant.time
+        log = log_row(log, after, leg.instant, time, live, task.max_events)
+    if saved is not None:
+        x, v = task.machine.in_space(after)
+        (saved,) = put(is_saved, Writing(saved, (x[None], v[None]), carry.goal))
+    state = jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state)
+    return Repetition(state, carry.goal + is_saved, log, saved)
+
+
+def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bool, in_kernel: bool) -> Carry:
+    """Follow a trajectory, differentiably in forward mode.
+
+    Args:
+        task: loop body with everything it depends on.
+        carry: its first carry.
+        has_log: whether to log events; otherwise the log stays empty.
+        has_saved: whether to save states; otherwise they stay zero.
+        in_kernel: whether the recording fits one kernel.
+
+    Returns:
+        Last carry, in which only derivatives and what they belong to are of use: neither counts of steps nor grazing.
+    """
+    recorder = _Recorder(stop_gradients(task))
+    begun = _blank_recording(stop_gradients(carry))
+    record = _record_on
+    if in_kernel:
+        recorder, begun = not_constant((recorder, begun))
+        record = _record_in_kernel
+    first = Repetition(
+        carry.state, carry.goal, carry.log if has_log else None, (carry.xs, carry.vs) if has_saved else None
+    )
+
+    def turn(both: tuple[_Recording, Repetition, Bool[Array, "..."]]):
+        recording, repeated, _ = both
+        recording = record(recorder, recording)
+        repeated = _repeat_all(task, repeated, recording.record, recording.rows)
+        return recording, repeated, is_any(recorder.goes_on(recording))
+
+    start = begun, first, is_any(recorder.goes_on(begun))
+    recording, last, _ = jax.lax.while_loop(lambda both: both[2], turn, start)
+    log = carry.log if last.log is None else last.log
+    xs, vs = (carry.xs, carry.vs) if last.saved is None else last.saved
+    return Carry(
+        state=last.state,
+        log=log,
+        xs=xs,
+        vs=vs,
+        goal=last.goal,
+        steps=recording.steps,
+        is_finite=recording.is_finite,
+        grazing=carry.grazing,
+    )
+
+
+def _record_on(recorder: _Recorder, recording: _Recording) -> _Recording:
+    """Record flights until there is no more room, or the motion ends."""
+    return while_any(recorder, recording._replace(rows=jnp.zeros_like(recording.rows)))
+
+
+def _record_in_kernel(recorder: _Recorder, recording: _Recording) -> _Recording:
+    """`_record_on` as one kernel."""
+    read_all = lambda *given: (_record_on(*given), given)  # noqa: E731
+    return in_one_kernel(read_all, recorder, recording)[0]
+
+
+def _repeat_all(task: LoopTask, repeated: Repetition, record: Record, rows: Int[Array, "..."]) -> Repetition:
+    """Repeat all recorded flights, the lanes together."""
+    if rows.ndim:
+        record = jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), record)
+
+    def one(now: tuple[Int[Array, ""], Repetition]) -> tuple[Int[Array, ""], Repetition]:
+        k, repeated = now
+        row = jax.tree.map(lambda a: jax.lax.dynamic_index_in_dim(a, k, 0, keepdims=False), record)
+        return k + 1, _repeat(task, repeated, row, k < rows)
+
+    is_on = lambda now: is_any(now[0] < rows)  # noqa: E731
+    return jax.lax.while_loop(is_on, one, (jnp.zeros_like(rows, shape=()), repeated))[1]
