@@ -44,7 +44,7 @@ from .settings import ExecutionSettings
 from .threads import count_cores
 
 # Version of the format, raised with every change of `PointResults` or of its format: older stores are refused.
-_LAYOUT = 4
+_LAYOUT = 5
 _MANIFEST = "sweep.json"
 # Prefix of the columns of the impacts, which share a file with the ends of the points.
 _OF_IMPACTS = "impacts."

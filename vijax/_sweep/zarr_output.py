@@ -36,7 +36,7 @@ from .outcomes import warn_of_endings
 from .provenance import name_of_flow, origin
 
 # Version of the format, raised with every change of what is written.
-_LAYOUT = "Zarr 2"
+_LAYOUT = "Zarr 3"
 # Points that are checked in one task, before any is run.
 _LOOKED_AT = 1 << 16
 
