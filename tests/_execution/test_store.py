@@ -212,7 +212,7 @@ def test_the_number_of_the_layout_stands_for_what_a_chunk_holds(full):
     with np.load(chunks_of(full)[0]) as arrays:
         layout = {name: a.shape[:-1] for name, a in arrays.items()}
         columns = {name: a.dtype.kind for name, a in arrays.items() if name.startswith("impacts.")}
-    assert stores._LAYOUT == 4
+    assert stores._LAYOUT == 5
     assert columns == {
         "impacts.time": "f",
         "impacts.velocity": "f",
@@ -275,10 +275,10 @@ def test_going_on_from_other_ends_is_refused(plain, tmp_path, ran):
 
 
 def test_a_store_of_other_versions_is_refused(full, monkeypatch):
-    monkeypatch.setattr(stores, "_LAYOUT", 5)
-    with pytest.raises(ValueError, match="`layout` is 4 there, but 5 here"):
+    monkeypatch.setattr(stores, "_LAYOUT", 6)
+    with pytest.raises(ValueError, match="`layout` is 5 there, but 6 here"):
         sweep(full)
-    monkeypatch.setattr(stores, "_LAYOUT", 4)
+    monkeypatch.setattr(stores, "_LAYOUT", 5)
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     with pytest.raises(ValueError, match="`device` is cpu there, but gpu here"):
         sweep(full)
