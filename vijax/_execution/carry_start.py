@@ -13,7 +13,7 @@ def carried_start(
     numbers: MachineNumbers,
     end: tuple[Float[Column, "n points"], Float[Column, "n points"]],
     held: Bool[Column, "stops points"],
-    otherwise: tuple[Float[Column, "n points"], Float[Column, "n points"]],
+    otherwise: tuple[Reals, Reals],
 ) -> tuple[Float[Column, "n points"], Float[Column, "n points"]]:
     """Positions and velocities at which points start, pushed back by stops that moved in.
 
@@ -23,7 +23,7 @@ def carried_start(
         numbers: machines of the points.
         end: final positions and velocities, in space, of the points before them.
         held: flags of the stops that held their mass there.
-        otherwise: starts of points before which a motion did not stay finite.
+        otherwise: starts of points before which a motion did not stay finite, (n, points) or shared, (n, 1).
     """
     x, v = end
     library = array_namespace(x)
