@@ -34,7 +34,7 @@ def compiled() -> str:
     start = np.zeros((2, POINTS))
     given = lane_queue.Points(numbers_of(points.system), flow, start, start)
     layout, packed = pack(given, np.arange(POINTS), all_own=True)
-    program = lane_queue.Program(layout, can_stick=True)
+    program = lane_queue.LaneProgram(layout, can_stick=True)
     counts = np.array([POINTS, POINTS, 1, 2, 1000, 16, 1000])
     with jax.numpy_rank_promotion("allow"):
         queue = lane_queue.new_queue(program, POINTS, LANES, DEFAULT_SETTINGS, has_tangents=False)

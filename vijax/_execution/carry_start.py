@@ -1,11 +1,9 @@
 """Start of a point of a carried sweep: the end of the point before it."""
 
-import numpy as np
 from jaxtyping import Bool, Float
 
-from .._jax.arrays import Reals, add_up, append_axes, array_namespace, matvec
+from .._jax.arrays import Reals, add_up, array_namespace, matvec
 from .._machine.numbers import MachineNumbers
-from .._system.waves import phase_rate
 from .records import Column
 
 
@@ -41,10 +39,7 @@ def _stops_at_start(numbers: MachineNumbers) -> tuple[Reals, Reals]:
     """Positions and velocities of stops along their rows at phase 0, (stops, points)."""
     if numbers.travel is None:
         return numbers.limit, 0 * numbers.limit
-    cosine = numbers.travel.cosine
-    one = np.ones((cosine.shape[0], 1), cosine.dtype)
-    phase = append_axes(np.stack([one[:, 0], 0 * one[:, 0]]), cosine)
-    moved, rate = numbers.travel.at(phase), numbers.travel.at(phase_rate(phase, numbers.frequency))
+    moved, rate = numbers.travel.at_angle(0.0), numbers.frequency * numbers.travel.slope_at_angle(0.0)
     if numbers.signs is None:  # the motion of masses
         moved, rate = matvec(numbers.rows, moved), matvec(numbers.rows, rate)
     return numbers.limit + moved, rate
@@ -53,9 +48,8 @@ def _stops_at_start(numbers: MachineNumbers) -> tuple[Reals, Reals]:
 def _put(numbers: MachineNumbers, j: int, of_masses: Reals, along: Reals, which: Reals) -> Reals:
     """Positions or velocities, corrected where `which` is true so that their value along row j is `along`."""
     library, row = array_namespace(of_masses), numbers.rows[j]
-    assigned = library.where(
-        row != 0, row * along, of_masses
-    )  # exact for a stop, whose row is 1 or -1 at one mass
+    # Exact for a stop, whose row is 1 or -1 at one mass.
+    assigned = library.where(row != 0, row * along, of_masses)
     if numbers.signs is not None:
         lack = along - add_up(row * of_masses)
         nearest = of_masses + row * lack / add_up(row * row)

@@ -30,6 +30,7 @@ from .._jax.arrays import append_axes
 from .._jax.xla import compute_once
 from .._machine.machine import Machine
 from .._machine.state import State, start_period
+from .._trajectory.loop import is_finite
 from .._trajectory.step import advance
 from .._trajectory.tangent_frame import Tangents, advance_with
 from .records import Impact, PeriodEnd, RecordBatch, append
@@ -144,7 +145,7 @@ def has_room(progress: Progress) -> Bool[Array, ""]:
 
 
 class Recorded(NamedTuple):
-    """What a step leaves in the log, lanes last.
+    """Records of a step, lanes last.
 
     Attributes:
         is_impact: flags of impacts to be logged, (stops,).
@@ -179,7 +180,7 @@ def _step(task: LaneTask, lanes: EndStates) -> tuple[EndStates, Recorded]:
         (after, instant), tangents = advance(*step), None
     else:
         after, instant, tangents = advance_with(lanes.tangents, *step)
-    is_finite = jnp.isfinite(after.time) & jnp.all(jnp.isfinite(after.x + after.v), axis=0)
+    finite = is_finite(after)
     counted = live & (state.periods >= work.transient)
     passed = (state.periods - work.transient) * machine.period + instant.time
     hit = instant.hit & counted
@@ -203,7 +204,7 @@ def _step(task: LaneTask, lanes: EndStates) -> tuple[EndStates, Recorded]:
         num_sticks=lanes.num_sticks + (instant.stuck & counted),
         held_time=lanes.held_time + jnp.where(counted, _held(state, instant), 0),
         steps=lanes.steps + live,
-        is_finite=lanes.is_finite & (is_finite | ~live),
+        is_finite=lanes.is_finite & (finite | ~live),
         tangents=jax.tree.map(lambda new, old: jnp.where(live, new, old), kept, lanes.tangents),
     )
     x, v = machine.in_space(moved.state)

@@ -27,11 +27,12 @@ from .._jax.xla import in_one_kernel, options_for_lanes
 from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, prepare
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State
+from .._trajectory.loop import steps_fit_one_kernel
 from .._trajectory.step import initial_state
 from .._trajectory.tangent_frame import Tangents, first_tangents
 from .carry_start import carried_start
 from .lane_loop import EndStates, LaneTask, Progress, Work, has_room, is_live, run_turns
-from .packed import Layout, Packed, unpack
+from .packed import PackedPoints, PointLayout, unpack
 from .records import impact_rows, mark_rows
 from .settings import ExecutionSettings
 
@@ -70,7 +71,7 @@ class Points(NamedTuple):
     v0: Reals
 
 
-class Program(NamedTuple):
+class LaneProgram(NamedTuple):
     """Static choices of the loop over lanes: its program is compiled for these, and for shapes.
 
     Attributes:
@@ -78,17 +79,17 @@ class Program(NamedTuple):
         can_stick: whether any stop of any point may hold its mass.
     """
 
-    layout: Layout
+    layout: PointLayout
     can_stick: bool
 
 
-def fits_one_kernel(numbers: MachineNumbers, flow: AbstractFlow) -> bool:
+def are_small(points: Points) -> bool:
     """True for machines small enough that the loop over lanes is one kernel."""
-    return flow.fits_one_kernel and max(*numbers.rows.shape[:2], numbers.waves.num_harmonics) <= UNROLLED
+    return steps_fit_one_kernel(points.numbers, points.flow, UNROLLED)
 
 
 def new_queue(
-    program: Program, width: int, num_lanes: int, settings: ExecutionSettings, *, has_tangents: bool
+    program: LaneProgram, width: int, num_lanes: int, settings: ExecutionSettings, *, has_tangents: bool
 ) -> Queue:
     """A queue with all lanes idle and room for `width` points, made by NumPy, which compiles nothing.
 
@@ -102,7 +103,7 @@ def new_queue(
 
 @lru_cache
 def _shapes(
-    layout: Layout, width: int, num_lanes: int, settings: ExecutionSettings, has_tangents: bool
+    layout: PointLayout, width: int, num_lanes: int, settings: ExecutionSettings, has_tangents: bool
 ) -> tuple[Any, list[tuple[tuple[int, ...], Any]], int]:
     """Structure of a queue, shapes and types of its arrays, and the place of `Queue.point` among them."""
     queue = jax.eval_shape(partial(_zeros, layout, width, num_lanes, settings, has_tangents))
@@ -112,7 +113,7 @@ def _shapes(
 
 
 def _zeros(
-    layout: Layout, width: int, num_lanes: int, settings: ExecutionSettings, has_tangents: bool
+    layout: PointLayout, width: int, num_lanes: int, settings: ExecutionSettings, has_tangents: bool
 ) -> Queue:
     points: Points = unpack(layout, layout.empty(width))
     (stops, n), dtype = points.numbers.rows.shape[:2], points.x0.dtype
@@ -147,7 +148,7 @@ def _zeros(
 
 
 def run_lanes(
-    program: Program, packed: Packed, counts: Int[np.ndarray, " counts"], queue: Queue
+    program: LaneProgram, packed: PackedPoints, counts: Int[np.ndarray, " counts"], queue: Queue
 ) -> tuple[Queue, Bool[Array, ""]]:
     """Work on the queue until it is empty, the log full, or a number of turns done.
 
@@ -172,7 +173,7 @@ def compiled_lanes() -> Callable:
 
 
 def _run_lanes(
-    program: Program, packed: Packed, counts: Int[Array, " counts"], queue: Queue
+    program: LaneProgram, packed: PackedPoints, counts: Int[Array, " counts"], queue: Queue
 ) -> tuple[Queue, Bool[Array, ""]]:
     work = Work(*counts)
     last_turn = queue.progress.turns + work.max_turns
@@ -180,11 +181,11 @@ def _run_lanes(
 
     def feed(queue: Queue) -> Queue:
         own = rows[jnp.minimum(queue.point, len(rows) - 1)].T
-        points = unpack(program.layout, Packed(own, packed.shared))
+        points = unpack(program.layout, PackedPoints(own, packed.shared))
         task = _task(points, program, work, queue, last_turn)
         lanes = _started(points, task, queue)
         run = run_turns
-        if fits_one_kernel(points.numbers, points.flow):
+        if are_small(points):
             run = partial(in_one_kernel, run_turns)
         progress, _ = run((eqx.tree_at(lambda p: p.lanes, queue.progress, lanes), task))
         return _refilled(task, eqx.tree_at(lambda q: q.progress, queue, progress))
@@ -209,7 +210,9 @@ def _is_waiting(work: Work, queue: Queue) -> Bool[Array, ""]:
     return (queue.following < work.num_chains) | jnp.any(goes_on)
 
 
-def _task(points: Points, program: Program, work: Work, queue: Queue, last_turn: Int[Array, ""]) -> LaneTask:
+def _task(
+    points: Points, program: LaneProgram, work: Work, queue: Queue, last_turn: Int[Array, ""]
+) -> LaneTask:
     """Constants of the loop: the points of the lanes, prepared."""
     numbers, x0, v0 = points.numbers, points.x0, points.v0
     period = 2 * jnp.pi / numbers.frequency

@@ -31,8 +31,8 @@ class Leaf(NamedTuple):
         return math.prod(self.shape)
 
 
-class Layout(NamedTuple):
-    """Places of the arrays of a tree in a `Packed`; hashable.
+class PointLayout(NamedTuple):
+    """Places of the arrays of a tree in a `PackedPoints`; hashable.
 
     Attributes:
         structure: structure of the tree, with all that is no array.
@@ -59,13 +59,13 @@ class Layout(NamedTuple):
             end[leaf.is_own] += leaf.size
         return places
 
-    def empty(self, num_points: int) -> "Packed":
+    def empty(self, num_points: int) -> "PackedPoints":
         """Room for the numbers of some points."""
         own = np.empty((self.num_rows(is_own=True), num_points), self.dtype)
-        return Packed(own, np.empty(self.num_rows(is_own=False), self.dtype))
+        return PackedPoints(own, np.empty(self.num_rows(is_own=False), self.dtype))
 
 
-class Packed(NamedTuple):
+class PackedPoints(NamedTuple):
     """Numbers of some points.
 
     Attributes:
@@ -77,7 +77,9 @@ class Packed(NamedTuple):
     shared: Float[Column, " rows"]
 
 
-def pack(tree: PyTree, which: Int[np.ndarray, " points"], *, all_own: bool) -> tuple[Layout, Packed]:
+def pack(
+    tree: PyTree, which: Int[np.ndarray, " points"], *, all_own: bool
+) -> tuple[PointLayout, PackedPoints]:
     """Pack arrays, points last, for some points.
 
     Args:
@@ -87,7 +89,9 @@ def pack(tree: PyTree, which: Int[np.ndarray, " points"], *, all_own: bool) -> t
     """
     arrays, structure = jax.tree.flatten(tree)
     arrays = [np.asarray(a) for a in arrays]
-    layout = Layout(structure, tuple(Leaf(a.shape[:-1], a.dtype, all_own or a.shape[-1] > 1) for a in arrays))
+    layout = PointLayout(
+        structure, tuple(Leaf(a.shape[:-1], a.dtype, all_own or a.shape[-1] > 1) for a in arrays)
+    )
     packed = layout.empty(which.size)
     rows = {True: packed.own, False: packed.shared[:, None]}
     for leaf, place, a in zip(layout.leaves, layout.places(), arrays, strict=True):
@@ -96,7 +100,7 @@ def pack(tree: PyTree, which: Int[np.ndarray, " points"], *, all_own: bool) -> t
     return layout, packed
 
 
-def unpack(layout: Layout, packed: Packed) -> Any:
+def unpack(layout: PointLayout, packed: PackedPoints) -> Any:
     """Tree that was packed; arrays have points last, or an axis of length one."""
     own, shared = jnp.asarray(packed.own), jnp.asarray(packed.shared)[:, None]
     arrays = []

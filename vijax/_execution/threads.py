@@ -17,7 +17,7 @@ from .._jax.memory_maps import make_room
 from .._jax.xla import padding_allowed
 from .._machine.machine import AUTOMATIC_MAX_STEPS
 from .._machine.numbers import numbers_of
-from .lane_queue import Points, Program, Queue, fits_one_kernel, new_queue, run_lanes
+from .lane_queue import LaneProgram, Points, Queue, are_small, new_queue, run_lanes
 from .packed import pack
 from .points import LaneInput
 from .records import PeriodEnd, joined, written_rows
@@ -76,7 +76,7 @@ class Threads(AbstractRunner):
         """
         in_all = points.x0.shape[-1] if self.in_all is None else self.in_all
         num_lanes = self.settings.lanes
-        is_wide = in_all > num_lanes or fits_one_kernel(points.numbers, points.flow)
+        is_wide = in_all > num_lanes or are_small(points)
         width = max(self.settings.points, num_lanes) if is_wide else num_lanes
         cores = self.settings.cores or count_cores()
         num_queues = max(-(-which.size // width), min(cores, -(-which.shape[-1] // num_lanes)))
@@ -153,7 +153,7 @@ def _start(
     counts, settings, (width, num_lanes) = runner.counts, runner.settings, shape
     filled = np.append(share, np.zeros(width - share.size, int))
     layout, packed = pack(points, filled, all_own=_are_all_own(points))
-    program = Program(layout, counts.can_stick)
+    program = LaneProgram(layout, counts.can_stick)
     periods = (counts.transient, counts.transient + counts.record)
     max_steps = AUTOMATIC_MAX_STEPS if counts.max_steps is None else counts.max_steps
     work = np.array(
@@ -165,9 +165,8 @@ def _start(
     key = program, shape, packed.own.dtype, counts.lyapunov, settings
     with _COMPILING if key not in _COMPILED else nullcontext():
         if key not in _COMPILED:
-            queue, _ = run_lanes(
-                program, packed, work * _ALL_BUT_TURNS, queue
-            )  # compiles, and takes no turn yet
+            # Compiles, and takes no turn yet.
+            queue, _ = run_lanes(program, packed, work * _ALL_BUT_TURNS, queue)
             _COMPILED.add(key)
     return call, queue
 
@@ -178,7 +177,7 @@ def _are_all_own(points: Points) -> bool:
     So it is for small machines. The numbers of a large one are many, and two programs serve: one where all points
     share all numbers but the frequency, one where they share none.
     """
-    if fits_one_kernel(points.numbers, points.flow):
+    if are_small(points):
         return True
     rest = eqx.tree_at(lambda p: (p.numbers.frequency, p.x0, p.v0), points, [np.zeros(1)] * 3)
     return any(np.shape(a)[-1] > 1 for a in jax.tree.leaves(rest))

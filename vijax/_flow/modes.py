@@ -43,10 +43,14 @@ def modal_flow(
     most = min(len(system.stops), mass.shape[0]) if can_stick else 0
     with concrete_evaluation():
         matrices = [_Matrix.of(a) for a in (mass, damping, stiffness)]
-        tables = _tables(*matrices, tuple(holdable), most, has_lanes)
-    if tables is None or not all(_are_modes_accurate(*own, _speeds(system, band)) for own in tables.of_sets):
+        # Tables of many lanes would fill the memory.
+        is_kept = not has_lanes or max(a.shape[-1] for a in (mass, damping, stiffness)) == 1
+        tabulate = _tables if is_kept else _tables.__wrapped__
+        tables = tabulate(*matrices, tuple(holdable), most, has_lanes)
+    if tables is None:
         return None
-    return tables.flow
+    speeds = _speeds(system, band)
+    return tables.flow if all(_are_modes_accurate(*own, speeds) for own in tables.of_sets) else None
 
 
 class _Matrix(NamedTuple):

@@ -60,7 +60,7 @@ class Functions(NamedTuple):
 
 
 class Derivation(NamedTuple):
-    """A function, the axes of a batch from the inside out, and which of its inputs move and results are wanted."""
+    """A function, the axes of a batch from the inside out, and flags of the inputs that move and of the wanted results."""
 
     functions: Functions
     layers: tuple[Layer, ...] = ()

@@ -194,6 +194,10 @@ def is_any(flags: Bool[Array, "..."]) -> Bool[Array, ""]:
     return unvmap_any(flags)
 
 
+# Flags in a word of `for_each`.
+_BITS = 32
+
+
 def for_each(flags: Bool[Array, " places"], step: Callable[[Array, R], R], carry: R) -> R:
     """Apply `step(place, carry)` for each flag that is set, one after another: few are.
 
@@ -216,10 +220,6 @@ def for_each(flags: Bool[Array, " places"], step: Callable[[Array, R], R], carry
 
     first = next_word(jnp.int32(0), words[0])
     return jax.lax.while_loop(lambda now: now[1] < len(words), one, (carry, *first))[0]
-
-
-# Flags in a word of `for_each`.
-_BITS = 32
 
 
 class AbstractTask(eqx.Module):

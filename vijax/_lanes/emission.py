@@ -137,7 +137,7 @@ class _Plan:
         return isinstance(vertex, Node) and vertex.block is None and vertex not in self._values
 
     def _heavy(self, order: list, users: dict) -> tuple[dict, set]:
-        """What each value costs from the heavy ones before it, and those that would be worth a root."""
+        """Cost of each value from the heavy ones before it, and the values worth a root."""
         cost, heavy = {}, set()
         for v in order:
             cost[v] = 0

@@ -92,7 +92,7 @@ def _is_single(array: Any, lanes: int) -> bool:
 
 
 def _one(array: Any) -> jax.ShapeDtypeStruct:
-    """What one trajectory sees of an array."""
+    """Shape and type of an array for one trajectory."""
     return jax.ShapeDtypeStruct(array.shape[:-1], array.dtype, weak_type=getattr(array, "weak_type", False))
 
 

@@ -17,6 +17,7 @@ from .._jax.xla import AbstractTask, differentiable, while_any
 from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, in_periods, prepare
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State, start_period
+from .loop import is_finite
 from .solution import RESULTS
 from .step import flight_to, initial_state, outcome
 
@@ -106,14 +107,14 @@ class _Task(AbstractTask):
         # An impact at the start does not count.
         is_later = (state.periods > 0) | (instant.time > 0)
         after = start_period(after, self.phase0, instant.arrived & ~is_last_period)
-        is_finite = jnp.all(jnp.isfinite(after.x + after.v)) & jnp.isfinite(after.time)
+        finite = is_finite(after)
         return _Carry(
             state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),
             v=jnp.where(live, flight.end.v, carry.v),
             impacts=carry.impacts + (live & instant.hit[self.stop] & is_later),
             steps=carry.steps + live,
             is_over=carry.is_over | (live & instant.arrived & is_last_period),
-            is_finite=carry.is_finite & (is_finite | ~live),
+            is_finite=carry.is_finite & (finite | ~live),
         )
 
 

@@ -138,8 +138,16 @@ class LoopTask(AbstractTask):
 
     def is_live(self, carry: Carry) -> Bool[Array, "..."]:
         """True where this call has work left: a finite motion, steps, goals, and room in the log."""
-        is_on = carry.is_finite & (carry.steps < jnp.minimum(self.max_steps, self.last_step))
-        return is_on & (carry.goal < self.num_goals) & carry.log.has_room(self.max_events)
+        return self.goes_on(carry) & carry.log.has_room(self.max_events)
+
+    def goes_on(self, carry: Any) -> Bool[Array, "..."]:
+        """True where the motion is finite, and has steps and goals left."""
+        return carry.is_finite & (carry.steps < self.most_steps) & (carry.goal < self.num_goals)
+
+    @property
+    def most_steps(self) -> Int[Array, "..."]:
+        """Bound on the steps of this call."""
+        return jnp.minimum(self.max_steps, self.last_step)
 
     def step(self, carry: Carry) -> Carry:
         """Take one step, log its events, and save the state at a goal."""
@@ -184,14 +192,14 @@ def is_finite(state: State) -> Bool[Array, "..."]:
 
 
 def run_without_derivatives(
-    prepare: Callable[..., tuple[AbstractTask, Any]], arguments: tuple, most: int = UNROLLED_ALONE
+    prepare: Callable[..., tuple[AbstractTask, Any]], arguments: tuple
 ) -> tuple[Any, Any]:
     """Run a loop without derivatives after its preparation; the task and the last carry.
 
     Both form one kernel where possible, the preparation too because constants cannot be passed to a kernel.
     """
     numbers, flow, *_ = arguments
-    return run_loop(prepare, arguments, in_kernel=fits_one_kernel(numbers, flow, most))
+    return run_loop(prepare, arguments, in_kernel=fits_one_kernel(numbers, flow, UNROLLED_ALONE))
 
 
 def run_loop(

@@ -12,7 +12,7 @@ from .._jax.xla import AbstractTask, compile_lightly, while_any
 from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, prepare
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State, start_period
-from .loop import run_without_derivatives
+from .loop import is_finite, run_without_derivatives
 from .one_call import empty_progress
 from .solution import RESULTS
 from .step import initial_state
@@ -85,7 +85,7 @@ class _Task(AbstractTask):
         number = state.periods - self.transient
         is_counted = live & instant.arrived & (number >= 0)
         is_ours = is_counted & (jnp.arange(BLOCKS) == number * BLOCKS // jnp.maximum(self.num_periods, 1))
-        is_finite = jnp.all(jnp.isfinite(after.x + after.v)) & jnp.isfinite(after.time)
+        finite = is_finite(after)
         moved = start_period(after, self.phase0, instant.arrived), tangents.start_period(instant.arrived)
         state, kept = jax.tree.map(lambda new, old: jnp.where(live, new, old), moved, (state, carry.tangents))
         return Growth(
@@ -93,7 +93,7 @@ class _Task(AbstractTask):
             tangents=kept,
             totals=carry.totals + jnp.where(is_ours[:, None], tangents.growth, 0),
             steps=carry.steps + live,
-            is_finite=carry.is_finite & (is_finite | ~live),
+            is_finite=carry.is_finite & (finite | ~live),
         )
 
 

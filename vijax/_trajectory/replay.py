@@ -78,17 +78,7 @@ class _Recorder(AbstractTask):
 
     def is_live(self, carry: _Recording) -> Bool[Array, "..."]:
         """True where the motion goes on and there is room."""
-        return self.goes_on(carry) & (carry.rows < _ROOM)
-
-    def goes_on(self, carry: _Recording) -> Bool[Array, "..."]:
-        """True where the motion goes on."""
-        is_on = carry.is_finite & (carry.steps < self.most_steps) & (carry.goal < self.task.num_goals)
-        return is_on
-
-    @property
-    def most_steps(self) -> Int[Array, "..."]:
-        """Bound on the steps."""
-        return jnp.minimum(self.task.max_steps, self.task.last_step)
+        return self.task.goes_on(carry) & (carry.rows < _ROOM)
 
     def step(self, carry: _Recording) -> _Recording:
         """Take one step; record the flight that ends with it, if one does."""
@@ -98,7 +88,7 @@ class _Recorder(AbstractTask):
         happened = jnp.any(instant.hit | instant.stuck | instant.released, axis=0)
         duration = carry.duration + leg.flight.duration
         # A motion that is cut ends with a flight too, and so does a period where a flow map would lose digits.
-        is_cut = (carry.steps + 1 >= self.most_steps) | ~finite
+        is_cut = (carry.steps + 1 >= self.task.most_steps) | ~finite
         if not self.task.flow.flow_map_reaches_far:
             is_cut = is_cut | (instant.arrived & (duration * self.task.machine.rate > _LONG))
         is_row = live & (happened | leg.is_goal | is_cut)
@@ -252,9 +242,9 @@ def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bo
         recording, repeated, _ = both
         recording = record(recorder, recording)
         repeated = _repeat_all(task, repeated, recording.record, recording.rows)
-        return recording, repeated, is_any(recorder.goes_on(recording))
+        return recording, repeated, is_any(recorder.task.goes_on(recording))
 
-    start = begun, first, is_any(recorder.goes_on(begun))
+    start = begun, first, is_any(recorder.task.goes_on(begun))
     recording, last, _ = jax.lax.while_loop(lambda both: both[2], turn, start)
     log = carry.log if last.log is None else last.log
     xs, vs = (carry.xs, carry.vs) if last.saved is None else last.saved

@@ -64,7 +64,7 @@ def _repeat_whole(whole: _Whole, wanted: Solution) -> Solution:
 
 
 def _needs(wanted: Solution) -> dict[str, bool]:
-    """Parts of a trajectory whose derivatives are wanted."""
+    """Flags of the log and of the saved states: true where their derivatives are wanted."""
     is_any_wanted = lambda part: any(jax.tree.leaves(part))  # noqa: E731
     return {
         "has_log": is_any_wanted((wanted.events, wanted.restarts, wanted.known_until)),
@@ -74,23 +74,16 @@ def _needs(wanted: Solution) -> dict[str, bool]:
 
 def _run_many(whole: _Whole, num_lanes: int) -> Solution:
     """Follow trajectories with lanes last; the results have lanes first."""
-
-    def run(numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, choices: Choices) -> tuple:
-        task, carry = prepare_loop(numbers, flow, request, choices)
-        return run_prepared(task, carry, in_kernel=steps_fit_one_kernel(numbers, flow, UNROLLED))
-
-    return _follow_many(run, whole, num_lanes)
+    return _follow_many(run_prepared, whole, num_lanes)
 
 
 def _repeat_many(whole: _Whole, wanted: Solution, num_lanes: int) -> Solution:
     """Follow trajectories as `_run_many` does, differentiably in forward mode."""
 
-    def run(numbers: MachineNumbers, flow: AbstractFlow, request: LoopArguments, choices: Choices) -> tuple:
-        task, carry = prepare_loop(numbers, flow, request, choices)
-        in_kernel = steps_fit_one_kernel(numbers, flow, UNROLLED)
+    def repeat(task: LoopTask, carry: Carry, *, in_kernel: bool) -> tuple[LoopTask, Carry]:
         return task, repeat_flights(task, carry, **_needs(wanted), in_kernel=in_kernel)
 
-    return _follow_many(run, whole, num_lanes)
+    return _follow_many(repeat, whole, num_lanes)
 
 
 def _follow_many(run: Callable, whole: _Whole, num_lanes: int) -> Solution:
@@ -110,7 +103,8 @@ def _follow_group(
 ) -> Solution:
     numbers, flow, request = arguments
     request = to_all(request, num_lanes)
-    task, last = run(numbers, flow, request, choices)
+    task, carry = prepare_loop(numbers, flow, request, choices)
+    task, last = run(task, carry, in_kernel=steps_fit_one_kernel(numbers, flow, UNROLLED))
     written = lambda carry: (carry.log, carry.xs, carry.vs)  # noqa: E731
 
     def finish_one(lane: tuple[LoopTask, Carry, LoopArguments], rows: tuple[Log, Array, Array]) -> Solution:
