@@ -42,6 +42,7 @@ def pytest_configure(config: pytest.Config) -> None:
         for name, value in settings.items():
             jax.config.update(name, value)
             os.environ[name.upper()] = str(value)  # for the processes that tests start
+        os.environ["VIJAX_PROGRAMS"] = str(config.cache.mkdir("programs"))
 
 
 @pytest.fixture(scope="module", autouse=True)

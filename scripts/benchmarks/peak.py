@@ -83,7 +83,7 @@ def recorded_call() -> Iterator[list[tuple]]:
 def operations_per_step(args: tuple) -> float:
     """Floating-point operations of one step of one lane, of a recorded call."""
     with jax.numpy_rank_promotion("allow"):
-        program = lane_queue.compiled_lanes().lower(*args).compile()
+        program = lane_queue.lane_programs.compiled(*args)
     return operations_per_turn(program.as_text()) / args[-1].point.size
 
 

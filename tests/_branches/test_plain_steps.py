@@ -9,12 +9,12 @@ from vijax._branches import test_functions as tests
 from vijax._branches.admissibility import LeastMargins, Margins
 from vijax._branches.corrector import Corrected
 from vijax._branches.kernels import MOST_EVENTS, CorrectedCycle, KernelCall, corrected_cycle, padded
-from vijax._branches.packing import pack
 from vijax._branches.parameter_family import ExtendedCycle
 from vijax._branches.point import BranchPoint, PlainPoint, TooManyEvents, stacked_cycles
 from vijax._branches.scheduler import _next_request
 from vijax._branches.test_functions import TESTS_OF_NEIGHBOURS, crossings, margins, num_unstable
 from vijax._hybrid.limits import IMPACT, RELEASE
+from vijax._jax.packing import pack
 from vijax._orbits.sequence import Sequence
 
 ROOM, STOPS = 16, 2
@@ -68,24 +68,6 @@ def test_functions_of_multipliers_are_those_of_each_branch():
         np.testing.assert_allclose(of(together), [of(one) for one in alone], rtol=1e-14)
 
 
-def test_packed_trees_are_unpacked_as_they_were():
-    rng = np.random.default_rng(0)
-    tree = {
-        "matrix": rng.normal(size=(3, 2, 2)),
-        "number": rng.normal(size=3),
-        "nothing": np.zeros((3, 0)),
-        "flags": rng.random((3, 4)) < 0.5,
-        "roots": rng.normal(size=(3, 2)) + 1j,
-    }
-    rows = pack(tree, has_rows=True)
-    assert len(rows.arrays) == 3
-    again, second = rows.tree(), rows.at(1).tree()
-    for name, a in tree.items():
-        np.testing.assert_array_equal(again[name], a)
-        np.testing.assert_array_equal(second[name], a[1])
-        assert again[name].dtype == a.dtype
-
-
 def test_points_side_by_side_are_what_each_is_alone():
     rng = np.random.default_rng(0)
     sequence = sequence_of(rng, 3)
@@ -95,7 +77,7 @@ def test_points_side_by_side_are_what_each_is_alone():
     points = [BranchPoint.of(sequence, few, 0.0), plain[0], BranchPoint.of(sequence, many, 1.0), plain[1]]
     together = stacked_cycles(points)
     assert together.found.speeds.shape == (4, 2 * ROOM)
-    for k, seen_alone in enumerate([few, rows.at(2).tree(), many, rows.at(0).tree()]):
+    for k, seen_alone in enumerate([few, rows.at(2).unpacked(), many, rows.at(0).unpacked()]):
         for a, b in zip(jax.tree.leaves(together), jax.tree.leaves(seen_alone), strict=True):
             own = a[k][tuple(slice(size) for size in np.shape(b))]
             np.testing.assert_array_equal(own, b)

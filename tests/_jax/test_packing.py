@@ -73,3 +73,25 @@ def test_a_packed_machine_is_copied_and_pickled(through):
     assert isinstance(other, Packed)
     assert other.layout == packed.layout
     np.testing.assert_array_equal(other.reals, packed.reals)
+
+
+def test_a_batch_of_trees_is_packed_row_by_row():
+    rng = np.random.default_rng(0)
+    tree = {
+        "matrix": rng.normal(size=(3, 2, 2)),
+        "number": rng.normal(size=3),
+        "nothing": np.zeros((3, 0)),
+        "flags": rng.random((3, 4)) < 0.5,
+        "roots": rng.normal(size=(3, 2)) + 1j,
+    }
+    tree["roots"][0, 0] = complex(np.inf, -np.inf)
+    rows = pack(tree, has_rows=True)
+    assert (rows.reals.shape, rows.wholes.shape) == ((3, 9), (3, 4))
+    again, second = rows.unpacked(), rows.at(1).unpacked()
+    for name, a in tree.items():
+        np.testing.assert_array_equal(again[name], a)
+        np.testing.assert_array_equal(second[name], a[1])
+        assert again[name].dtype == a.dtype
+    traced = jax.jit(jax.vmap(lambda row: row.unpacked()))(rows)
+    for name, a in tree.items():
+        np.testing.assert_array_equal(traced[name], a)

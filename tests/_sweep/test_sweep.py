@@ -281,7 +281,7 @@ def test_the_steps_of_a_call_bound_no_motion():
 def test_one_program_serves_every_sweep_of_a_size():
     """Another number of points, other quantities, starts, masses and sides of stops, and what is carried compile nothing."""
     sweep(SYSTEM, {"forcing.frequency": FREQUENCIES})
-    size = lane_queue.compiled_lanes()._cache_size()
+    size = lane_queue.lane_programs.count()
     sweep(SYSTEM, {"forcing.frequency": np.linspace(0.8, 1.2, 130)})
     place = float(SYSTEM.stops[0].position)
     sweep(
@@ -292,7 +292,7 @@ def test_one_program_serves_every_sweep_of_a_size():
     sides = {"upper": "lower", "lower": "upper"}
     others = tuple(vx.Stop(1 - s.mass, -s.position, sides[s.side], s.restitution) for s in SYSTEM.stops)
     sweep(eqx.tree_at(lambda s: s.stops, SYSTEM, others), {"stops[0].position": [-place, -2 * place]})
-    assert lane_queue.compiled_lanes()._cache_size() == size
+    assert lane_queue.lane_programs.count() == size
 
 
 def test_an_interrupt_is_heard_in_a_long_sweep(monkeypatch):

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +12,7 @@ import xarray as xr
 from .._dataset_attributes import variable_attributes, versions
 from .._flow.choose import choose_flow
 from .._hybrid.limits import IMPACT
+from .._jax.xla import compile_lightly
 from .._machine.numbers import numbers_of
 from .._orbits.cycle import Problem, Unknowns, log_of_cycle, prepared
 from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
@@ -231,7 +231,7 @@ def _orbit(system: ImpactSystem, point: xr.Dataset) -> PeriodicOrbit:
     flow = choose_flow(system, can_stick=True)
     n, phase = int(point.attrs["num_periods"]), 2 * np.pi * point.attrs["phase"]
     unknowns = Unknowns(jnp.asarray(point["start"].values), jnp.asarray(point["flight"].values))
-    cycle = jax.tree.map(jnp.asarray, sequence), unknowns, float(n), phase
+    cycle = jax.tree.map(jnp.asarray, sequence), unknowns, np.asarray(float(n)), np.asarray(phase)
     events = _log(numbers_of(system), flow, *cycle, room=_room_of_log(sequence))
     multipliers = jnp.asarray(point["multipliers"].values)
     return PeriodicOrbit(
@@ -265,7 +265,7 @@ def _room_of_log(sequence: Sequence) -> int:
     return _STEP_OF_ROOM * -(-count // _STEP_OF_ROOM)
 
 
-@partial(jax.jit, static_argnames="room")
+@compile_lightly
 def _log(numbers, flow, sequence, unknowns, num_periods, phase, *, room):
     machine = prepared(numbers, flow, num_periods)
     problem = Problem(*machine, sequence, num_periods, phase / (2 * jnp.pi), free_shifts(numbers))

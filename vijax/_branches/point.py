@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from .._jax.packing import Packed
 from .._orbits.sequence import Sequence
 from .kernels import CorrectedCycle, KernelCall, SimulatedMotion, corrected_cycle, simulate_cycle, trimmed
 from .kinds import End
-from .packing import Packed
 from .parameter_family import ExtendedCycle
 
 # Largest multiplier of a cycle up to which a simulation decides whether the machine follows it.
@@ -83,7 +83,7 @@ class PlainPoint(NamedTuple):
 
     def alone(self) -> BranchPoint:
         """The same point, unpacked."""
-        return BranchPoint.of(self.sequence, self.rows.at(self.row).tree(), self.arc)
+        return BranchPoint.of(self.sequence, self.rows.at(self.row).unpacked(), self.arc)
 
 
 def stacked_cycles(points: list[BranchPoint | PlainPoint]) -> CorrectedCycle:
@@ -107,8 +107,9 @@ def _stacked(points: list) -> CorrectedCycle:
     """`stacked_cycles` for points of one class and room."""
     if not isinstance(points[0], PlainPoint):
         return jax.tree.map(lambda *a: np.stack(a), *(point.seen for point in points))
-    rows = zip(*([a[point.row] for a in point.rows.arrays] for point in points), strict=True)
-    return Packed(tuple(np.stack(row) for row in rows), points[0].rows.layout).tree()
+    rows = [point.rows.at(point.row) for point in points]
+    reals, wholes = (np.stack(own) for own in zip(*((row.reals, row.wholes) for row in rows), strict=True))
+    return Packed(reals, wholes, points[0].rows.layout).unpacked()
 
 
 @dataclass

@@ -7,6 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from .._jax.packing import Packed, pack
 from .._jax.xla import jit_lightly
 from .batched_steps import (
     SHORTEST,
@@ -30,7 +31,6 @@ from .kernels import (
     room_for,
     simulate_cycle,
 )
-from .packing import Layout, Packed, pack
 from .parameter_family import Family
 from .point import BranchPoint, PlainPoint, TooManyEvents
 
@@ -117,7 +117,7 @@ class _Calls:
         tasks = [task for task, _ in now]
         rows = _stack([padded(request.sequence, request.arguments, self.room) for _, request in now])
         found = _call(self.program, self.stock.of(tasks, size), *_filled(rows, size))
-        return {task: found.at(k).tree() for k, task in enumerate(tasks)}
+        return {task: found.at(k).unpacked() for k, task in enumerate(tasks)}
 
 
 class _PlainStepBatch:
@@ -149,14 +149,14 @@ class _PlainStepBatch:
         rows = _call(corrected_cycle, families, sequences, *_filled((guess, weights, targets), size)).at(
             slice(num)
         )
-        seen: CorrectedCycle = rows.tree()
+        seen: CorrectedCycle = rows.unpacked()
         new = step_state_of(known.sequence, seen.found.place, seen)
         sound = is_accepted(seen.found, inner_products(new.tangent, known.tangent), ways.ds)
         sound &= is_resolved(known, new, ways.ds)
         taken = sound & is_plain(known, new, ways)
         if taken.any():
             followed = (
-                _call(simulate_cycle, families, sequences, _filled(new.place, size)).at(slice(num)).tree()
+                _call(simulate_cycle, families, sequences, _filled(new.place, size)).at(slice(num)).unpacked()
             )
             taken &= follows_cycle(known, seen, followed)
         length = next_length(seen.found, known, new, ways.ds)
@@ -227,25 +227,21 @@ def _size_for(num: int, room: int) -> int:
 
 def _call(program: Callable, families: Packed, *rows: Any) -> Packed:
     """Packed results of a kernel for rows of families and of its other arguments."""
-    arguments = pack(rows, has_rows=True)
-    compiled, layouts = _compiled(program, families.layout, arguments.layout)
-    found = compiled(families.arrays, arguments.arrays)
-    return Packed(tuple(np.asarray(a) for a in found), layouts[0])
+    return _compiled(program)(families, pack(rows, has_rows=True)).in_numpy()
 
 
 @cache
-def _compiled(program: Callable, of_family: Layout, of_arguments: Layout) -> tuple[Callable, list[Layout]]:
-    """A compiled kernel of packed rows, and a list that holds the layout of its results once it is traced."""
-    layouts = []
+def _compiled(program: Callable) -> Callable:
+    """A compiled kernel of packed rows."""
 
-    def of_row(family: tuple, arguments: tuple) -> tuple:
-        found = program(Packed(family, of_family).tree(), *Packed(arguments, of_arguments).tree())
-        arrays, layout = pack(found, has_rows=False)
-        layouts.append(layout)
-        return arrays
+    def of_rows(families: Packed, arguments: Packed) -> Packed:
+        def of_row(family: Packed, arguments: Packed) -> Packed:
+            return pack(program(family.unpacked(), *arguments.unpacked()))
 
-    of_row.__name__ = program.__name__  # its name in profiles
-    return jit_lightly(jax.vmap(of_row)), layouts
+        return jax.vmap(of_row)(families, arguments)
+
+    of_rows.__name__ = program.__name__  # its name in profiles
+    return jit_lightly(of_rows, name=(program.__module__, program.__qualname__))
 
 
 def _stack(trees: list) -> Any:

@@ -11,8 +11,7 @@ Impacts and states at the ends of recorded periods are appended to rows that the
 does not depend on their number, and the transient writes nothing.
 """
 
-from collections.abc import Callable
-from functools import cache, lru_cache, partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -23,6 +22,7 @@ from jaxtyping import Array, Bool, Int
 
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED, Reals
+from .._jax.programs import Programs
 from .._jax.xla import in_one_kernel, options_for_lanes
 from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, prepare
 from .._machine.numbers import MachineNumbers
@@ -161,15 +161,7 @@ def run_lanes(
     Returns:
         The queue after that, and a flag that work is left.
     """
-    return compiled_lanes()(program, packed, counts, queue)
-
-
-@cache
-def compiled_lanes() -> Callable:
-    """`run_lanes` as a program."""
-    # Made late: the options depend on the backend, which no import may start.
-    # The queue is donated: its buffers, a few MB, are written in place instead of copied.
-    return jax.jit(_run_lanes, static_argnums=0, donate_argnums=3, compiler_options=options_for_lanes())
+    return lane_programs(program, packed, counts, queue)
 
 
 def _run_lanes(
@@ -197,6 +189,10 @@ def _run_lanes(
     written = lambda q: (q.progress.impacts.size, q.progress.marks.size)  # noqa: E731
     queue = jax.lax.while_loop(goes_on, feed, eqx.tree_at(written, queue, replace_fn=jnp.zeros_like))
     return queue, _is_left(work, queue)
+
+
+# The queue is donated: its buffers, a few MB, are written in place instead of copied.
+lane_programs = Programs(_run_lanes, options_for_lanes, donates_last=True)
 
 
 def _is_left(work: Work, queue: Queue) -> Bool[Array, ""]:

@@ -1,4 +1,4 @@
-"""Compiled programs kept from one process to the next."""
+"""Where compiled programs are kept from one process to the next."""
 
 import os
 from pathlib import Path
@@ -7,6 +7,7 @@ import jax
 from platformdirs import user_cache_path
 
 from .._writing import naming_argument
+from .program_store import store_programs
 
 try:
     from jax.experimental.compilation_cache.compilation_cache import reset_cache
@@ -15,15 +16,20 @@ except ImportError:  # without it, the cache works only if nothing was compiled 
 
 
 def keep_compiled(folder: str | os.PathLike[str] | None = None) -> Path:
-    """Keep compiled programs in a folder, where later processes that make the same call find them.
+    """Keep all compiled programs in a folder, where later processes that make the same call find them.
 
-    The first `simulate` or `sweep` of a kind of machine then takes a fraction of the time. This is JAX's own
-    persistent cache, for all programs of the process, including those that compile quickly. Functions that call back
-    into Python are not kept, for example those under your own `jax.jit` in which `simulate` may raise.
+    The library keeps its own programs in any case, in `~/.cache/vijax/programs` on Linux, so that a second process
+    starts a branch in seconds. This function chooses another folder for them, and also keeps the programs of your own
+    functions under `jax.jit`, by JAX's persistent cache. The environment variable `VIJAX_PROGRAMS` names another folder
+    for the programs of the library, or turns that off: `VIJAX_PROGRAMS=off`.
+
+    At most 1 GiB of the library's programs is kept; those not used for longest are removed. A program serves one kind
+    of processor, one release of each library and one state of the source. A program that depends on a function or a
+    class of yours, a `force=` for instance, is made in every process, as is one that calls back into Python.
 
     Args:
         folder: the folder; if left out, the user's folder for caches, `~/.cache/vijax` on Linux. It may be deleted at
-            any time. Each program in it serves one kind of processor and one release of JAX.
+            any time. Programs are machine code, which runs when it is found: name no folder that others can write.
 
     Returns:
         The folder.
@@ -41,6 +47,7 @@ def keep_compiled(folder: str | os.PathLike[str] | None = None) -> Path:
     place = user_cache_path("vijax") if folder is None else Path(folder)
     with naming_argument("folder", place):
         place.mkdir(parents=True, exist_ok=True)
+    store_programs(place / "programs")
     jax.config.update("jax_compilation_cache_dir", str(place))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

@@ -6,6 +6,7 @@ is left, XLA fails or hangs. All programs are therefore dropped before that, and
 """
 
 import logging
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -40,6 +41,17 @@ class _MapCounts:
 
 
 _taken = _MapCounts()
+_droppers: list[Callable[[], object]] = []
+
+
+def when_dropped(drop: Callable[[], object]) -> None:
+    """Register a function that drops programs which JAX does not know."""
+    _droppers.append(drop)
+
+
+def note_program() -> None:
+    """Count a program that was loaded instead of compiled."""
+    _taken.new += 1
 
 
 def make_room() -> None:
@@ -50,6 +62,8 @@ def make_room() -> None:
     # Where the rest of the process takes the room, programs are not dropped again and again.
     if now > max(_FULL * most, _taken.others + _GROWTH * most):
         _log.info("%d of %d memory maps are taken: all compiled programs are dropped.", now, most)
+        for drop in _droppers:
+            drop()
         jax.clear_caches()
         _taken.others = num_maps()
 

@@ -5,7 +5,7 @@ take longer than most trajectories.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
 
@@ -26,7 +26,7 @@ class Place:
     """Place of an array in a packed tree.
 
     Attributes:
-        is_real: whether it lies among the reals.
+        is_real: whether it lies among the reals; complex numbers do, all real parts first.
         begin: index of its first number.
         end: index behind its last.
         shape: its shape.
@@ -115,7 +115,9 @@ class Packed:
         # Slices by JAX would each be compiled, and traced where `jit` traces.
         cut = self._cut(*map(np.asarray, arrays))
         with concrete_evaluation():
-            return jax.tree.map(lambda a: jax.device_put(a) if isinstance(a, np.ndarray) else a, cut)
+            return jax.tree.map(
+                lambda a: jax.device_put(a) if isinstance(a, np.ndarray | np.generic) else a, cut
+            )
 
     def unpacked_by_kernel(self) -> PyTree:
         """`unpacked` in a program, by one kernel and not by one for each array."""
@@ -127,6 +129,10 @@ class Packed:
         parts = iter(in_one_kernel(cut, self.reals, self.wholes))
         leaves = [next(parts) if _is_place(at) else at for at in self.layout.leaves]
         return jax.tree.unflatten(self.layout.structure, leaves)
+
+    def at(self, rows: Any) -> "Packed":
+        """One tree of a batch, or several."""
+        return Packed(self.reals[rows], self.wholes[rows], self.layout)
 
     def in_numpy(self) -> "Packed":
         """The same in NumPy arrays."""
@@ -140,31 +146,47 @@ class Packed:
 
 
 def _at(numbers: Reals, place: Place) -> Reals:
+    if np.issubdtype(place.dtype, np.complexfloating):
+        middle = (place.begin + place.end) // 2
+        of_part = replace(place, dtype=numbers.dtype)
+        real, imaginary = replace(of_part, end=middle), replace(of_part, begin=middle)
+        return _complex(_at(numbers, real), _at(numbers, imaginary)).astype(place.dtype)
     lead = numbers.shape[:-1]
     if isinstance(numbers, np.ndarray):
         part = numbers[..., place.begin : place.end]
-        return part.reshape((*lead, *place.shape)).astype(place.dtype, copy=False)
+        # `[()]` turns an array without axes into a number.
+        return part.reshape((*lead, *place.shape)).astype(place.dtype, copy=False)[()]
     part = jax.lax.slice_in_dim(numbers, place.begin, place.end, axis=len(lead))
     return part.reshape(*lead, *place.shape).astype(place.dtype)
 
 
-def pack(tree: PyTree, layout: Layout | None = None) -> Packed:
+def _complex(real: Reals, imaginary: Reals) -> Reals:
+    """Numbers with these parts, infinite ones too, which `real + 1j * imaginary` would spoil."""
+    if not isinstance(real, np.ndarray | np.generic):
+        return jax.lax.complex(real, imaginary)
+    whole = np.empty(np.shape(real), np.result_type(real, np.complex64))
+    whole.real, whole.imag = real, imaginary
+    return whole[()]
+
+
+def pack(tree: PyTree, layout: Layout | None = None, *, has_rows: bool = False) -> Packed:
     """Pack a tree: by NumPy, or by JAX where an array is traced.
 
     Args:
         tree: the tree; leaves that are no arrays must be hashable.
         layout: its layout, to save the time to find it.
+        has_rows: whether it is a batch of trees, whose arrays have it as their first axis.
     """
-    layout = layout_of(tree) if layout is None else layout
+    layout = layout_of(tree, has_rows=has_rows) if layout is None else layout
     parts: tuple[list, list] = ([], [])
     for leaf, at in zip(jax.tree.leaves(tree), layout.leaves, strict=True):
         if _is_place(at):
-            parts[at.is_real].append(leaf)
-    wholes, reals = (_joined(own, dtype) for own, dtype in zip(parts, layout.dtypes, strict=True))
+            parts[at.is_real].extend(_real_parts(leaf))
+    wholes, reals = (_joined(own, dtype, has_rows) for own, dtype in zip(parts, layout.dtypes, strict=True))
     return Packed(reals, wholes, layout)
 
 
-def layout_of(tree: PyTree) -> Layout:
+def layout_of(tree: PyTree, *, has_rows: bool = False) -> Layout:
     """Layout of a tree in the precision in which JAX computes, see `pack`."""
     leaves, structure = jax.tree.flatten(tree)
     ends, places, floats = [0, 0], [], []
@@ -172,18 +194,24 @@ def layout_of(tree: PyTree) -> Layout:
         if not isinstance(leaf, jax.Array | np.ndarray | np.generic):
             places.append(leaf)
             continue
-        kind = int(jnp.issubdtype(leaf.dtype, jnp.floating))
-        begin, ends[kind] = ends[kind], ends[kind] + math.prod(leaf.shape)
-        dtype = np.dtype(canonicalize_dtype(leaf.dtype))
-        places.append(Place(bool(kind), begin, ends[kind], leaf.shape, dtype))
-        floats += [dtype] * kind
+        dtype, shape = np.dtype(canonicalize_dtype(leaf.dtype)), leaf.shape[int(has_rows) :]
+        is_complex = bool(jnp.issubdtype(dtype, jnp.complexfloating))
+        kind = int(is_complex or jnp.issubdtype(dtype, jnp.floating))
+        begin, ends[kind] = ends[kind], ends[kind] + math.prod(shape) * (1 + is_complex)
+        places.append(Place(bool(kind), begin, ends[kind], shape, dtype))
+        floats += [np.zeros(0, dtype).real.dtype] * kind
     return _one_layout(structure, tuple(places), (jnp.result_type(int), jnp.result_type(float, *floats)))
 
 
-def _joined(arrays: list[Reals], dtype: np.dtype) -> Reals:
-    if any(isinstance(a, jax.core.Tracer) for a in arrays):
-        return jnp.concatenate([jnp.zeros(0, dtype), *map(jnp.ravel, arrays)], dtype=dtype)
-    return np.concatenate([np.zeros(0, dtype), *(np.asarray(a).reshape(-1) for a in arrays)], dtype=dtype)
+def _real_parts(a: Reals) -> list[Reals]:
+    return [a.real, a.imag] if jnp.issubdtype(a.dtype, jnp.complexfloating) else [a]
+
+
+def _joined(arrays: list[Reals], dtype: np.dtype, has_rows: bool) -> Reals:
+    lead = np.shape(arrays[0])[:1] if has_rows and arrays else ()
+    xp = jnp if any(isinstance(a, jax.core.Tracer) for a in arrays) else np
+    flat = [xp.reshape(xp.asarray(a), (*lead, math.prod(a.shape[len(lead) :]))) for a in arrays]
+    return xp.concatenate([xp.zeros((*lead, 0), dtype), *flat], axis=-1, dtype=dtype)
 
 
 def _is_place(leaf: Any) -> bool:

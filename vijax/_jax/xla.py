@@ -6,7 +6,7 @@ JAX that lacks them has the same effect.
 
 import abc
 import os
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from functools import cache, wraps
 from operator import attrgetter
 from typing import Any, ParamSpec, TypeVar
@@ -20,7 +20,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, PyTree
 
 from .concrete import is_traced
-from .memory_maps import make_room
+from .programs import Programs
 
 try:
     from jax.experimental.xla_metadata import set_xla_metadata
@@ -67,48 +67,17 @@ def compile_lightly(function: Callable[P, R]) -> Callable[P, R]:
 
     Non-array leaves are static, including Python numbers. The static leaves determine the structure of the result. As
     part of a larger program, under `jax.jit` or derivatives, the function does not affect how that is compiled.
+    Programs are stored for later processes, see `program_store.py`.
     """
     part = eqx.filter_jit(function)
-    structures: dict[Hashable, tuple[Any, list]] = {}
-
-    def of_arrays(static: tuple[Any, tuple], arrays: list) -> list:
-        structure, others = static
-        given = iter(arrays)
-        leaves = [next(given) if other is _ARRAY else other for other in others]
-        args, kwargs = jax.tree.unflatten(structure, leaves)
-        leaves, structure = jax.tree.flatten(function(*args, **kwargs))  # pyright: ignore[reportCallIssue]
-        arrays, others = _split(leaves)
-        structures[static] = structure, others
-        return arrays
-
-    @cache
-    def compiled() -> Callable:
-        return jax.jit(of_arrays, static_argnums=0, compiler_options=_options())
+    programs = Programs(function, _options)
 
     @wraps(function)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
-        leaves, structure = jax.tree.flatten((args, kwargs))
-        if is_traced(leaves):
-            return part(*args, **kwargs)
-        make_room()
-        arrays, others = _split(leaves)
-        static = structure, tuple(others)
-        found = iter(compiled()(static, arrays))
-        structure, others = structures[static]
-        return jax.tree.unflatten(structure, [next(found) if other is _ARRAY else other for other in others])
+        is_part = is_traced((args, kwargs))
+        return part(*args, **kwargs) if is_part else programs(*args, **kwargs)
 
     return wrapped
-
-
-# Placeholder of an array among static leaves.
-_ARRAY = object()
-
-
-def _split(leaves: list) -> tuple[list, list]:
-    """Arrays among leaves, and all leaves with `_ARRAY` in place of arrays."""
-    is_array = [isinstance(leaf, jax.Array | np.ndarray | np.generic) for leaf in leaves]
-    arrays = [leaf for leaf, yes in zip(leaves, is_array, strict=True) if yes]
-    return arrays, [_ARRAY if yes else leaf for leaf, yes in zip(leaves, is_array, strict=True)]
 
 
 def _options() -> dict | None:
@@ -257,19 +226,14 @@ def differentiable(function: Callable, tree: Any, **derivatives: Any) -> Any:
     return with_derivatives(function, tree, compiled=jit_lightly, **derivatives)
 
 
-def jit_lightly(function: Callable) -> Callable:
-    """`jax.jit` with the options of `compile_lightly`."""
+def jit_lightly(function: Callable, name: Any = None) -> Callable:
+    """`compile_lightly` for functions that are never part of a larger program.
 
-    @cache
-    def compiled() -> Callable:  # the options depend on the backend, which no import may start
-        return jax.jit(function, compiler_options=_options())
-
-    @wraps(function)
-    def wrapped(*args: Any) -> Any:
-        make_room()
-        return compiled()(*args)
-
-    return wrapped
+    Args:
+        function: the function.
+        name: names all that a local function depends on, so that its programs can be stored, see `Programs`.
+    """
+    return wraps(function)(Programs(function, _options, name=name, static_numbers=False))
 
 
 @eqx.filter_jit

@@ -10,6 +10,7 @@ import jax
 import numpy as np
 
 from .._hybrid.limits import IMPACT
+from .._jax.xla import jit_lightly
 from .search import Search, StroboscopicMap, begin_search
 from .search_workers import SearchWorkers
 
@@ -135,4 +136,5 @@ def lanes_first(tree: Any) -> tuple[Any, list[int | None]]:
 
 @cache
 def _begin(num_stops: int, room: int) -> Callable:
-    return jax.jit(jax.vmap(lambda guess: begin_search(guess, num_stops, room)))
+    begin = jax.vmap(lambda guess: begin_search(guess, num_stops, room))
+    return jit_lightly(begin, name=("begin_search", num_stops, room))

@@ -92,4 +92,4 @@ def _advance(structure: Any, axes: Axes) -> Callable:
     def one(leaves: list, search: Search) -> Search:
         return search_step(jax.tree.unflatten(structure, leaves), search)
 
-    return jit_lightly(jax.vmap(one, in_axes=([*axes], 0)))
+    return jit_lightly(jax.vmap(one, in_axes=([*axes], 0)), name=("search_step", structure, axes))

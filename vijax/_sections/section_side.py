@@ -11,12 +11,13 @@ from jaxtyping import ArrayLike
 
 from .._hybrid.law import before, rebound
 from .._jax.arrays import Reals
+from .._jax.xla import compile_lightly
 from .._machine.machine import Machine, prepare, state_before_contact
 from .._machine.numbers import numbers_of
 from .._machine.state import State
 from .._system.system import ImpactSystem
 
-_prepared = eqx.filter_jit(prepare)  # compiling it operation by operation would take seconds
+_prepared = compile_lightly(prepare)  # compiling it operation by operation would take seconds
 
 
 def machines_of_lanes(system: ImpactSystem) -> Machine:
@@ -64,7 +65,7 @@ def before_impact(
         return np.asarray(_before(machine, angle, v.T, stop, velocity)).T
 
 
-@eqx.filter_jit
+@compile_lightly
 def _after(machine: Machine, angle: ArrayLike, x: Reals, v: Reals, closed: Reals) -> tuple[Reals, Reals]:
     state = _state(machine, angle, x, v)
     hit = closed & (machine.approach(state) > 0)
@@ -72,7 +73,7 @@ def _after(machine: Machine, angle: ArrayLike, x: Reals, v: Reals, closed: Reals
     return machine.in_space(after)
 
 
-@eqx.filter_jit
+@compile_lightly
 def _before(machine: Machine, angle: ArrayLike, v: Reals, stop: Reals, velocity: Reals) -> Reals:
     state = _state(machine, angle, jnp.zeros_like(v), v)
     own = machine.velocity_of_stops(state.phase)

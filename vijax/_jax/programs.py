@@ -1,0 +1,180 @@
+"""Functions compiled once for each kind of arguments, in this process or in one before it."""
+
+import enum
+import threading
+import weakref
+from collections.abc import Callable
+from functools import cached_property
+from importlib.metadata import version
+from operator import attrgetter
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from .memory_maps import make_room, note_program, when_dropped
+from .program_store import ProgramStore, StoredProgram, key_of, program_store
+
+
+class _Leaf(enum.Enum):
+    """Placeholder of an array among static leaves."""
+
+    ARRAY = enum.auto()
+
+
+_ARRAY = _Leaf.ARRAY
+
+
+class _Static(NamedTuple):
+    """All of a tree but its arrays.
+
+    Attributes:
+        structure: its structure.
+        leaves: its leaves, with a placeholder for each array.
+    """
+
+    structure: Any
+    leaves: tuple
+
+    def joined(self, arrays: Any) -> Any:
+        """The tree with these arrays."""
+        given = iter(arrays)
+        leaves = [next(given) if leaf is _ARRAY else leaf for leaf in self.leaves]
+        return jax.tree.unflatten(self.structure, leaves)
+
+
+class _Key(NamedTuple):
+    """Kind of arguments: static part, shapes and types of the arrays that are kept and donated, settings of JAX."""
+
+    static: _Static
+    kept: tuple
+    donated: tuple
+    settings: tuple
+
+
+_RELEASE = version("vijax").replace(".", "_")
+# `_SETTINGS`: settings of JAX that change a program.
+# `_UNUSUAL`: settings in which JAX must see each call.
+_SETTINGS = attrgetter("jax_enable_x64", "jax_default_matmul_precision")
+_UNUSUAL = attrgetter("jax_debug_nans", "jax_debug_infs", "jax_disable_jit")
+
+
+class Programs:
+    """Compiled programs of a function, one for each kind of arguments.
+
+    Non-array leaves are static. They determine the structure of the result.
+
+    Args:
+        function: the function; its arguments must be concrete.
+        options: returns the compiler's options; called late, as they depend on the backend, which no import may start.
+        name: names all that the function depends on besides its arguments, see `key_of`. By default its module and
+            name, if these determine it. Programs without a name are not stored.
+        donates_last: whether the arrays of the last argument are used up.
+        static_numbers: whether Python numbers are static; if not, they are arrays.
+    """
+
+    def __init__(
+        self,
+        function: Callable,
+        options: Callable[[], dict | None],
+        *,
+        name: Any = None,
+        donates_last: bool = False,
+        static_numbers: bool = True,
+    ):
+        self._function, self._options = function, options
+        self._donates_last, self._static_numbers = donates_last, static_numbers
+        self._name = _name_of(function) if name is None else name
+        self._results: dict[_Static, _Static] = {}
+        self._made: dict[_Key, tuple[Callable, _Static]] = {}
+        drop = weakref.WeakMethod(self._drop)
+        when_dropped(lambda: (own := drop()) and own())
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        static, *parts = self._parts(args, kwargs)
+        store = None if any(_UNUSUAL(jax.config)) else program_store()
+        if store is None:
+            make_room()
+            found = self._plain(static, *parts)
+            return self._results[static].joined(found)
+        kinds = [tuple([(a.shape, a.dtype) for a in part]) for part in parts]
+        key = _Key(static, *kinds, _SETTINGS(jax.config))
+        run, results = self._made.get(key) or self._make(key, store)
+        return results.joined(run(*parts))
+
+    def compiled(self, *args: Any, **kwargs: Any) -> Any:
+        """The program for these arguments, compiled anew, for tests and benchmarks."""
+        return self._plain.lower(*self._parts(args, kwargs)).compile()
+
+    def count(self) -> int:
+        """Number of programs of this process."""
+        return len(self._made) + self._plain._cache_size()
+
+    def _parts(self, args: tuple, kwargs: dict) -> tuple[_Static, list, list]:
+        """Static part of the arguments, arrays that are kept, arrays that are donated."""
+        arrays, static = self._split((args, kwargs))
+        donated = len(self._split(args[-1])[0]) if self._donates_last else 0
+        num = len(arrays) - donated
+        return static, arrays[:num], arrays[num:]
+
+    def _split(self, tree: Any) -> tuple[list, _Static]:
+        """Arrays of a tree, and all else."""
+        leaves, structure = jax.tree.flatten(tree)
+        if not self._static_numbers:
+            leaves = [np.asarray(a) if isinstance(a, int | float | complex) else a for a in leaves]
+        is_array = [isinstance(leaf, jax.Array | np.ndarray | np.generic) for leaf in leaves]
+        arrays = [leaf for leaf, yes in zip(leaves, is_array, strict=True) if yes]
+        others = [_ARRAY if yes else leaf for leaf, yes in zip(leaves, is_array, strict=True)]
+        return arrays, _Static(structure, tuple(others))
+
+    def _make(self, key: _Key, store: ProgramStore) -> tuple[Callable, _Static]:
+        """Load a program, or compile and store it."""
+        make_room()
+        name = None if self._name is None else key_of(self._name, self._options(), *key)
+        found = None if name is None else store.load(name)
+        if found is None:
+            parts = [[jax.ShapeDtypeStruct(*kind) for kind in part] for part in (key.kept, key.donated)]
+            lowered, hits = self._plain.lower(key.static, *parts), _hits.count
+            found = StoredProgram(lowered.compile(), self._results[key.static])
+            # What JAX itself has loaded from disk cannot be written again.
+            if name is not None and _hits.count == hits:
+                store.save(name, *found)
+        else:
+            note_program()
+        self._made[key] = found.run, found.results
+        return self._made[key]
+
+    @cached_property
+    def _plain(self) -> Any:
+        return jax.jit(self._of_arrays, static_argnums=0, donate_argnums=2, compiler_options=self._options())
+
+    def _of_arrays(self, static: _Static, given: list, donated: list) -> list:
+        args, kwargs = static.joined([*given, *donated])
+        arrays, self._results[static] = self._split(self._function(*args, **kwargs))
+        return arrays
+
+    def _drop(self) -> None:
+        self._made.clear()
+
+
+class _Hits(threading.local):
+    """Number of programs that JAX has loaded from its own cache, in this thread."""
+
+    count = 0
+
+
+_hits = _Hits()
+
+
+def _note_hit(event: str, **_: str | int) -> None:
+    _hits.count += event == "/jax/compilation_cache/cache_hits"
+
+
+jax.monitoring.register_event_listener(_note_hit)
+
+
+def _name_of(function: Callable) -> tuple[str, str] | None:
+    """Module and name of a function of this package; None if they do not determine it."""
+    module, name = getattr(function, "__module__", None), getattr(function, "__qualname__", "<locals>")
+    is_ours = str(module).partition(".")[0] == __name__.partition(".")[0]
+    return (module, name) if is_ours and "<" not in name else None
