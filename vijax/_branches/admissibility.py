@@ -1,7 +1,6 @@
 """Admissibility of a cycle between its events: least gaps of free masses, least contact forces of held ones."""
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +12,7 @@ from .._jax.arrays import Scalar
 from .._jax.xla import is_any
 from .._machine.derivatives import derivatives
 from .._machine.machine import Machine, state_before_contact
-from .._orbits.cycle import Moment, Problem, Unknowns, events_of, flow_map, fly_to_event, initial_moment
+from .._orbits.cycle import Moment, Problem, Unknowns, flow_map, traverse
 from .._orbits.sequence import NOTHING, Sequence as CycleEvents
 from .minima import dip
 
@@ -21,6 +20,10 @@ from .minima import dip
 # `_MOST`: largest number of samples on a flight.
 # `_STEPS`: Newton steps from a sampled minimum to the minimum.
 _DENSITY, _MOST, _STEPS = 0.7, 10_000, 6
+
+
+# Number of time derivatives of gaps and of contact forces in a reading, the value included.
+NUM_OF_GAP, NUM_OF_FORCE = 4, 3
 
 
 class LeastMargins(NamedTuple):
@@ -100,31 +103,36 @@ class _Minima(NamedTuple):
 
 
 class _Scan(NamedTuple):
-    """State of the scan: flight, sample on it, beginning of the flight, last reading, lowest minima so far."""
+    """State of the scan: flight, sample on it, last reading, lowest minima so far."""
 
     flight: Array
     sample: Array
-    begin: Moment
     before: _GapsAndForces
     gaps: _Minima
     forces: _Minima
     rises: _Minima
 
 
-def margins_of_cycle(problem: Problem, unknowns: Unknowns) -> LeastMargins:
-    """Scan a cycle between its events for the least gap and contact force of each stop."""
+def margins_of_cycle(problem: Problem, unknowns: Unknowns, begins: Moment | None = None) -> LeastMargins:
+    """Scan a cycle between its events for the least gap and contact force of each stop.
+
+    Args:
+        problem: the equations of the cycle.
+        unknowns: the cycle.
+        begins: moments at which its flights begin, see `traverse`, if they are known.
+    """
     machine, flow, sequence = problem.machine, problem.flow, problem.sequence
     count, room = jnp.sum(sequence.is_event), len(sequence.kind)
+    begins = traverse(problem, unknowns, count)[0] if begins is None else begins
     radians = machine.rate * machine.period
     last = problem.num_periods - jnp.sum(unknowns.flights)
     # The event of a negative first flight lies before the start, hence ends the last flight before the cycle ends.
     early = jnp.minimum(unknowns.flights[0], 0) if room else 0.0
     flights = jnp.append(unknowns.flights, 0).at[count].set(last + early)
-    events = jax.tree.map(lambda a: jnp.concatenate([a, a[-1:]]) if room else None, events_of(sequence))
 
     def one(scan: _Scan) -> _Scan:
-        k, i, begin, before = scan[:4]
-        held, duration = sequence.held[k], flights[k]
+        k, i, before = scan[:3]
+        begin, held, duration = _at(begins, k), sequence.held[k], flights[k]
         skipped = jnp.where(k == 0, jnp.clip(-last, 0), 0)
         longest = jnp.clip(duration - skipped, 0, problem.num_periods)
         # A rejected Newton iterate may have zero forcing frequency, hence an infinite period.
@@ -143,29 +151,21 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns) -> LeastMargins:
         least = jnp.where(is_first, now.force[0], force.value)
         at = jnp.where(is_first, since, force.times(since, step))
         # A release before the start of the cycle leaves a first flight of no length, on which the stop does not hold.
-        begins = is_first & ((k > 0) | (longest > 0))
-        is_least = held & (begins | (has_length & force.is_there))
+        is_begun = is_first & ((k > 0) | (longest > 0))
+        is_least = held & (is_begun | (has_length & force.is_there))
         forces = scan.forces.lowered(is_least, _lowest(least, at, held, begin, k))
         # After an impact without rebound gap and speed are zero: only the acceleration can separate the mass.
         rests = is_first & ~held & _is_after_plastic(machine, sequence, k)
         rises = scan.rises.lowered(rests, _lowest(now.gap[2], since, held, begin, k))
-        if room:
-            event = jax.tree.map(lambda a: a[k], events)
-            after = lambda: fly_to_event(machine, flow, begin, event, duration)[0]  # noqa: E731
-            there = jax.lax.cond(is_any(is_last), after, lambda: begin)
-            begin = jax.tree.map(lambda a, b: jnp.where(is_last, a, b), there, begin)
-        return _Scan(
-            jnp.where(is_last, k + 1, k), jnp.where(is_last, 0, i + 1), begin, now, gaps, forces, rises
-        )
+        return _Scan(jnp.where(is_last, k + 1, k), jnp.where(is_last, 0, i + 1), now, gaps, forces, rises)
 
-    begin = initial_moment(problem, machine, unknowns.z)
+    begin = _at(begins, 0)
     none = jnp.full(machine.contacts.num, jnp.inf)
     nothing = _lowest(none, 0 * begin.time, sequence.held[0], begin, jnp.array(0))
-    first = _read(machine, flow, begin, sequence.held[0], 0 * begin.time)
-    scan = _Scan(jnp.array(0), jnp.array(0), begin, first, nothing, nothing, nothing)
+    unread = _GapsAndForces([0 * none] * NUM_OF_GAP, [0 * none] * NUM_OF_FORCE)
+    scan = _Scan(jnp.array(0), jnp.array(0), unread, nothing, nothing, nothing)
     scan = jax.lax.while_loop(lambda scan: scan.flight <= count, one, scan)
-    gap, gap_time = _refined(machine, flow, scan.gaps, lambda reading: reading.gap)
-    force, force_time = _refined(machine, flow, scan.forces, lambda reading: reading.force)
+    (gap, force), (gap_time, force_time) = _refined(machine, flow, scan.gaps, scan.forces)
     return LeastMargins(
         gap=gap,
         gap_time=gap_time - problem.phase,
@@ -180,36 +180,32 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns) -> LeastMargins:
     )
 
 
-def margins_at(problem: Problem, unknowns: Unknowns, watched: LeastMargins) -> Margins:
+def margins_at(problem: Problem, begins: Moment, speeds: Array, watched: LeastMargins) -> Margins:
     """Margins at the times of `watched`, to be differentiated: to first order the time of a minimum has no effect."""
     machine, flow, sequence = problem.machine, problem.flow, problem.sequence
-    first = initial_moment(problem, machine, unknowns.z)
+    stops = jnp.arange(machine.contacts.num)
 
-    def one(begin: Moment, flight: tuple) -> tuple[Moment, tuple[Moment, Array]]:
-        there, (_, speed), _ = fly_to_event(machine, flow, begin, *flight)
-        return there, (there, speed)
+    def read(flight: Array, time: Array) -> _GapsAndForces:
+        begin = _at(begins, flight)
+        since = jnp.maximum(time + problem.phase - jax.lax.stop_gradient(begin.time), 0)
+        return _read(machine, flow, begin, sequence.held[flight], since)
 
-    begins, speeds = first, jnp.zeros_like(unknowns.flights)
-    begins = jax.tree.map(lambda a: a[None], begins)
-    if len(sequence.kind):
-        later, speeds = jax.lax.scan(one, first, (events_of(sequence), unknowns.flights))[1]
-        begins = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), begins, later)
-
-    def read(flight: Array, since: Array, stop: Array) -> _GapsAndForces:
-        begin = jax.tree.map(lambda a: a[flight], begins)
-        since = jnp.maximum(since - jax.lax.stop_gradient(begin.time), 0)
-        return jax.tree.map(lambda a: a[stop], _read(machine, flow, begin, sequence.held[flight], since))
-
-    def of_stops(flights: Array, times: Array) -> _GapsAndForces:
-        return jax.vmap(read)(flights, times + problem.phase, jnp.arange(machine.contacts.num))
-
-    return Margins(
-        speeds=speeds,
-        gap=of_stops(watched.gap_flight, watched.gap_time).gap[0],
-        force=of_stops(watched.force_flight, watched.force_time).force[0],
-        # At the beginning of these flights: earlier times are clipped to it.
-        rise=of_stops(watched.rise_flight, jnp.full_like(watched.gap_time, -jnp.inf)).gap[2],
+    flights = jnp.concatenate([watched.gap_flight, watched.force_flight, watched.rise_flight])
+    # Rises at the beginning of their flights: earlier times are clipped to it.
+    times = jnp.concatenate([watched.gap_time, watched.force_time, jnp.full_like(watched.gap_time, -jnp.inf)])
+    gap, force, rise = (
+        jax.tree.map(lambda a: a[stops, stops], part)
+        for part in _split_in_three(jax.vmap(read)(flights, times))
     )
+    return Margins(speeds=speeds, gap=gap.gap[0], force=force.force[0], rise=rise.gap[2])
+
+
+def _split_in_three(readings: _GapsAndForces) -> list[_GapsAndForces]:
+    return [jax.tree.map(lambda a, k=k: jnp.split(a, 3)[k], readings) for k in range(3)]
+
+
+def _at(begins: Moment, flight: Array | int) -> Moment:
+    return jax.tree.map(lambda a: a[flight], begins)
 
 
 def _leaving_stops(sequence: CycleEvents, flight: Array, passed: Array) -> Array:
@@ -244,32 +240,40 @@ def _lowest(value: Array, since: Array, held: Array, begin: Moment, flight: Arra
     return _Minima(value, since, rows(held), rows(begin.z), rows(begin.time), rows(flight))
 
 
-def _refined(
-    machine: Machine, flow: AbstractFlow, lowest: _Minima, of: Callable[[_GapsAndForces], Sequence[Array]]
-) -> tuple[Array, Array]:
-    """Values and times of the minima, by Newton's method on the slope within each bracket; others stay unrefined."""
+def _refined(machine: Machine, flow: AbstractFlow, gaps: _Minima, forces: _Minima) -> tuple[Array, Array]:
+    """Values and times of the minima, (2, stops), by Newton's method on the slope within each bracket.
 
-    def one(low: _Minima, stop: Array) -> tuple[Array, Array]:
-        begin = Moment(low.z, low.start, jnp.zeros_like(lowest.value))
+    Others stay unrefined.
+    """
+    lowest = jax.tree.map(lambda *a: jnp.concatenate(a), gaps, forces)
 
-        def nearer(_: Any, at: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-            since, lower, upper = at
-            _, slope, rate = (a[stop] for a in of(_read(machine, flow, begin, low.held, since))[:3])
+    def one(low: _Minima, row: Array) -> tuple[Array, Array]:
+        begin = Moment(low.z, low.start, jnp.zeros_like(gaps.value))
+
+        def nearer(step: Array, at: tuple[Array, ...]) -> tuple[Array, ...]:
+            since, lower, upper, _ = at
+            reading = _read(machine, flow, begin, low.held, since)
+            value, slope, rate = (
+                jnp.concatenate(own)[row] for own in zip(reading.gap[:3], reading.force[:3], strict=True)
+            )
             lower, upper = jnp.where(slope < 0, since, lower), jnp.where(slope < 0, upper, since)
             newton = since - slope / jnp.where(rate > 0, rate, 1)
             is_inside = (rate > 0) & (newton >= lower) & (newton <= upper)
-            return jnp.where(is_inside, newton, (lower + upper) / 2), lower, upper
+            following = jnp.where(is_inside, newton, (lower + upper) / 2)
+            return jnp.where(step < _STEPS, following, since), lower, upper, value
 
         first, lower, upper = low.since
-        since, *_ = jax.lax.fori_loop(0, _STEPS, nearer, (first, lower, upper))
-        value = of(_read(machine, flow, begin, low.held, since))[0][stop]
-        is_minimum = jnp.isfinite(low.value) & (lower < upper)
+        since, lower, upper, value = jax.lax.fori_loop(
+            0, _STEPS + 1, nearer, (first, lower, upper, low.value)
+        )
+        is_minimum = jnp.isfinite(low.value) & (low.since[1] < low.since[2])
         since = jnp.where(is_minimum, since, first)
         return jnp.where(is_minimum, value, low.value), low.start + since
 
     is_found = is_any(jnp.isfinite(lowest.value))
     refined = lambda: jax.vmap(one)(lowest, jnp.arange(len(lowest.value)))  # noqa: E731
-    return jax.lax.cond(is_found, refined, lambda: (lowest.value, lowest.start + lowest.since[:, 0]))
+    values, times = jax.lax.cond(is_found, refined, lambda: (lowest.value, lowest.start + lowest.since[:, 0]))
+    return values.reshape(2, -1), times.reshape(2, -1)
 
 
 def _read(machine: Machine, flow: AbstractFlow, begin: Moment, held: Array, since: Array) -> _GapsAndForces:

@@ -4,7 +4,7 @@ import numpy as np
 
 from .._orbits.sequence import Sequence
 from .batched_steps import MIN_TANGENT_COSINE
-from .kernels import KernelCall, locate_start, trimmed
+from .kernels import LocatedState, location_on, trimmed
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, DirectedBranch, KernelRequests, on_plane
 
@@ -18,8 +18,8 @@ def repetitions_of(sequence: Sequence, place: ExtendedCycle, num_periods: int) -
     for n in (n for n in range(1, num_periods) if num_periods % n == 0):
         if len(sequence.kind) % (num_periods // n):
             continue
-        z = yield KernelCall(locate_start, sequence, (place, np.asarray(float(n))))
-        if np.abs(z - place.z).max() < _SAME:
+        located: LocatedState = yield location_on(sequence, place, n)
+        if np.abs(located.z - place.z).max() < _SAME:
             return num_periods // n
     return 1
 
@@ -55,8 +55,8 @@ def first_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
         if not isinstance(old, BranchPoint) or not _may_be_same(old, last):
             continue
         for n in range(int(walk.num_periods)):
-            z = yield KernelCall(locate_start, last.sequence, (last.place, np.asarray(float(n))))
-            if np.abs(z - old.place.z).max() < _AGAIN and (n > 0 or _is_same_way(old, last)):
+            located: LocatedState = yield location_on(last.sequence, last.place, n)
+            if np.abs(located.z - old.place.z).max() < _AGAIN and (n > 0 or _is_same_way(old, last)):
                 # The last `place` + 1 bifurcations are the first ones again.
                 return [*numbers, len(before)][-place - 1]
     return None

@@ -13,7 +13,7 @@ from .bracket import Bracket, next_trial
 from .codim1_point import CurvePoint, correct_in_plane, neighbours
 from .codim2_tests import CurveNeighbourhood, CurveTest, curve_tests, faces_of, special_point_name
 from .defining_systems import AtEvent, DefiningSystem, Plane
-from .kernels import KernelCall, locate_start, padded, simulate_cycle, trimmed
+from .kernels import KernelCall, location_on, padded, simulation_of, trimmed
 from .kinds import End
 from .parameter_family import ExtendedCycle
 from .point import TRUSTED
@@ -202,7 +202,7 @@ def _is_followed(here: CurveState) -> bool:
     if isinstance(here.defining.condition, AtEvent) or np.abs(here.seen.faces[0].multipliers[0]) > TRUSTED:
         return True
     place = trimmed(here.at.place, len(here.sequence.kind))
-    return bool(_answer(here, KernelCall(simulate_cycle, here.sequence, (place,))).is_alike)
+    return bool(_answer(here, simulation_of(here.sequence, place)).is_alike)
 
 
 def _is_back(begun: CurvePoint, here: CurvePoint, new: CurvePoint) -> bool:
@@ -221,8 +221,7 @@ def _in_section(here: CurveState) -> CurveState:
     by = passed_section(place, num_periods)
     if by == 0:
         return here
-    time = np.asarray(0.0 if by > 0 else num_periods)
-    z = _answer(here, KernelCall(locate_start, sequence, (place, time)))
+    z = _answer(here, location_on(sequence, place, 0.0 if by > 0 else num_periods)).z
     sequence, place = shifted(sequence, place, by, num_periods, z)
     condition = replace(here.defining.condition, own=here.at.own)
     if isinstance(condition, AtEvent):

@@ -22,7 +22,7 @@ from .batched_steps import (
 from .closing import first_repeated, is_at_start, repetitions_of
 from .degenerate_grazing import grazing_of_shorter_cycle
 from .grazing_cascade import FEW, MANY, cycle_behind_limit, is_limit, limit_of, shortest_stick
-from .kernels import KernelCall, SimulatedMotion, cycle_of_motion, simulate_cycle, trimmed
+from .kernels import SimulatedMotion, simulation_from, simulation_of, trimmed
 from .kinds import End, Kind
 from .locate import first_event, special_points
 from .parameter_family import ExtendedCycle
@@ -67,9 +67,10 @@ def point_at_orbit(sequence: Sequence, start: np.ndarray, p: float) -> KernelReq
 
     `sequence` is padding with room for the events of the orbit.
     """
-    place, followed = yield KernelCall(cycle_of_motion, sequence, (start, np.asarray(p)))
+    followed: SimulatedMotion = yield simulation_from(sequence, start, p)
     num_events = int(np.count_nonzero(followed.sequence.kind >= 0))
-    sequence, place = trimmed(followed.sequence, num_events), trimmed(place, num_events)
+    sequence = trimmed(followed.sequence, num_events)
+    place = trimmed(ExtendedCycle(followed.z, followed.flights, np.asarray(p)), num_events)
     # At a fold a fixed parameter does not determine the cycle, so `correct_with_free_parameter` leaves it free.
     for ask in (at_parameter(sequence, place, p), correct_with_free_parameter(sequence, place)):
         seen = yield from ask
@@ -237,7 +238,7 @@ def _predicted_and_checked(point: BranchPoint, ds: float) -> KernelRequests:
 def _confirmed_point(walk: DirectedBranch, point: BranchPoint) -> KernelRequests:
     """The point with its events inside the cycle and its admissibility set, and the motion of the machine from it."""
     point = yield from in_section(point, walk.num_periods)
-    followed: SimulatedMotion = yield KernelCall(simulate_cycle, point.sequence, (point.place,))
+    followed: SimulatedMotion = yield simulation_of(point.sequence, point.place)
     is_trusted = np.abs(point.seen.found.multipliers[0]) < TRUSTED
     return point._replace(is_admissible=bool(followed.is_alike or not is_trusted)), followed
 

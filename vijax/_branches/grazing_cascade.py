@@ -9,7 +9,7 @@ import numpy as np
 
 from .._hybrid.limits import RELEASE
 from .._orbits.sequence import Sequence
-from .kernels import SPARE, KernelCall, SimulatedMotion, padded, room_for, simulate_cycle, trimmed
+from .kernels import SPARE, SimulatedMotion, padded, room_for, simulation_of, trimmed
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, KernelRequests, at_parameter
 
@@ -67,7 +67,7 @@ def _with_stick(limit: ExtendedCycle, last: BranchPoint, p: float) -> KernelRequ
     longer = padded(last.sequence, (), room)[0]
     for _ in range(_TRIALS):
         wide = place._replace(flights=np.zeros(room))
-        followed: SimulatedMotion = yield KernelCall(simulate_cycle, longer, (wide,))
+        followed: SimulatedMotion = yield simulation_of(longer, wide)
         sequence: Sequence = trimmed(followed.sequence, int(np.count_nonzero(followed.sequence.kind >= 0)))
         if RELEASE not in sequence.kind:
             return None
@@ -76,7 +76,7 @@ def _with_stick(limit: ExtendedCycle, last: BranchPoint, p: float) -> KernelRequ
         if not seen.found.is_converged:
             return None
         found = BranchPoint.of(sequence, seen, last.arc)
-        simulated: SimulatedMotion = yield KernelCall(simulate_cycle, sequence, (found.place,))
+        simulated: SimulatedMotion = yield simulation_of(sequence, found.place)
         if simulated.is_alike:
             return found
         place = found.place

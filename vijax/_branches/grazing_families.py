@@ -13,7 +13,6 @@ import numpy as np
 from .._hybrid.limits import IMPACT
 from .._orbits.sequence import Sequence
 from .closing import repetitions_of
-from .kernels import BranchRates, KernelCall, rates_along
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, KernelRequests, correct_with_free_parameter, first_followed
 from .sequence_edits import in_a_row, with_event, without_event
@@ -85,8 +84,7 @@ def leave(
     if not seen.found.is_converged:
         return None
     at = BranchPoint.of(sequence, seen, 0.0)
-    rates: BranchRates = yield KernelCall(rates_along, sequence, (at.place, at.tangent, np.asarray(0.0)))
-    is_ahead = rates.speeds[hits] > 0
+    is_ahead = seen.rates.speeds[hits] > 0
     if is_ahead.any() != is_ahead.all():
         return None
     tangent = at.tangent if is_ahead.all() else at.tangent.turned()

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._jax.arrays import Scalar
 from .._machine.numbers import numbers_of
-from .._orbits.cycle import Unknowns, residual, state_at
+from .._orbits.cycle import Moment, Problem, Unknowns, moved_by, residual, state_at, traverse
 from .._orbits.search import StroboscopicMap, frame_offset
 from .._orbits.sequence import NOTHING, Sequence, is_same_sequence, sequence_of
 from .._system.waves import phase_at
@@ -23,6 +24,8 @@ from .parameter_family import ExtendedCycle, Family
 
 # Padded numbers of events for which kernels are compiled.
 _ROOMS = 16, 64, 256, 1024
+# ROOM_OF_SIMULATION: least padded number of events of a simulation of few branches, so that one program serves most.
+ROOM_OF_SIMULATION = _ROOMS[1]
 # SPARE: room for bounces that a simulation has and its cycle has not.
 # _STICKS: room for sticks in the log of a simulation, as a share of that for events.
 SPARE, _STICKS = 4, 0.5
@@ -45,18 +48,20 @@ class SimulatedMotion(NamedTuple):
         is_alike: True if it has the events of the cycle at the same times, except for the last bounces of a chatter.
         sequence: its events.
         flights: durations, in forcing periods.
+        z: its start, scaled, relative to the stops, (2 n,).
     """
 
     is_alike: Bool[Array, ""]
     sequence: Sequence
     flights: Float[Array, " events"]
+    z: Float[Array, " state"]
 
 
-class BranchRates(NamedTuple):
-    """Rates along a branch of the impact speeds, (events,), and of the gaps at a given time, (stops,)."""
+class LocatedState(NamedTuple):
+    """Scaled state at a time of a cycle, (2 n,), and the rates of the gaps there along a branch, (stops,)."""
 
-    speeds: Float[Array, " events"]
-    gaps: Float[Array, " stops"]
+    z: Float[Array, " state"]
+    gap_rates: Float[Array, " stops"]
 
 
 def corrected_cycle(
@@ -76,36 +81,33 @@ def as_corrected_cycle(
 
 
 def _seen(family: Family, sequence: Sequence, found: Corrected, place: ExtendedCycle) -> CorrectedCycle:
-    problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
-    watched = margins_of_cycle(problem, unknowns)
+    problem, change = family.linear_problem(sequence, place.p)
 
-    def levels_at(place: ExtendedCycle) -> Margins:
-        return margins_at(family.problem(sequence, place.p), family.unknowns(place), watched)
+    def problem_at(p: Scalar) -> Problem:
+        machine, flow = moved_by((problem.machine, problem.flow), change, p - place.p)
+        return eqx.tree_at(lambda own: (own.machine, own.flow), problem, (machine, flow))
 
-    rates = jax.jvp(levels_at, (place,), (found.tangent,))[1]
-    return CorrectedCycle(found, watched, rates, unknowns.z - frame_offset(problem))
+    def moments_at(at: ExtendedCycle) -> tuple[Moment, Array]:
+        return traverse(problem_at(at.p), family.unknowns(at), jnp.sum(sequence.is_event))
 
+    moments, rates = jax.jvp(moments_at, (place,), (found.tangent,))
+    watched = margins_of_cycle(problem, family.unknowns(place), moments[0])
 
-def simulate_cycle(family: Family, sequence: Sequence, place: ExtendedCycle) -> SimulatedMotion:
-    """Simulate the machine from the start of a cycle."""
-    away = frame_offset(family.problem(sequence, place.p))
-    return _run(family, sequence, place, family.unknowns(place).z - away)
+    def levels_at(moments: tuple[Moment, Array], p: Scalar) -> Margins:
+        return margins_at(problem_at(p), *moments, watched)
 
-
-def cycle_of_motion(
-    family: Family, sequence: Sequence, start: Float[Array, " state"], p: Scalar
-) -> tuple[ExtendedCycle, SimulatedMotion]:
-    """Simulate the machine from a start in space: its cycle and its events, with the room of a sequence."""
-    z = (start + frame_offset(family.problem(sequence, p))) / family.scale
-    place = ExtendedCycle(z, jnp.zeros(len(sequence.kind)), p)
-    followed = _run(family, sequence, place, start)
-    return place._replace(flights=followed.flights), followed
+    rates = jax.jvp(levels_at, (moments, place.p), (rates, found.tangent.p))[1]
+    start = family.unknowns(place).z - frame_offset(problem)
+    return CorrectedCycle(found, watched, rates, start)
 
 
-def _run(
+def simulate_motion(
     family: Family, sequence: Sequence, place: ExtendedCycle, start: Float[Array, " state"]
 ) -> SimulatedMotion:
+    """Simulate the machine from a start in space, or from the start of a cycle where that is NaN."""
     room = len(sequence.kind)
+    away = frame_offset(family.problem(sequence, place.p))
+    start = jnp.where(jnp.isnan(start), family.unknowns(place).z - away, start)
     numbers = numbers_of(family.system_at(place.p))
     room_of_log = room + int(_STICKS * room)
     strobe = StroboscopicMap(numbers, family.flow, family.num_periods, family.phase, room_of_log)
@@ -118,29 +120,24 @@ def _run(
     )
     is_whole = (result == RESULTS.successful) & (jnp.sum(whole.is_event) <= room)
     is_alike = is_whole & is_same_sequence(sequence, place.flights, other, flights)
-    return SimulatedMotion(is_alike, other, flights)
+    return SimulatedMotion(is_alike, other, flights, (start + away) / family.scale)
 
 
-def locate_start(
-    family: Family, sequence: Sequence, place: ExtendedCycle, time: Scalar
-) -> Float[Array, " state"]:
-    """Scaled state of a cycle, `time` forcing periods after its start."""
-    return state_at(family.problem(sequence, place.p), family.unknowns(place), time) / family.scale
-
-
-def rates_along(
+def locate_state(
     family: Family, sequence: Sequence, place: ExtendedCycle, direction: ExtendedCycle, time: Scalar
-) -> BranchRates:
-    """Derivatives of the impact speeds, and of the gaps at `time`, in a direction."""
+) -> LocatedState:
+    """State of a cycle `time` forcing periods after its start, and the rates of the gaps there in a direction."""
 
-    def of(place: ExtendedCycle) -> BranchRates:
+    def of(place: ExtendedCycle) -> LocatedState:
         problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
-        x, _ = jnp.split(state_at(problem, unknowns, time), 2)
+        z = state_at(problem, unknowns, time)
         machine, turns = problem.machine, problem.phase + time
         phase = phase_at(2 * jnp.pi * turns, machine.waves.num_harmonics)
-        return BranchRates(residual(problem, unknowns).speed, machine.contacts.gaps(x, phase))
+        gaps = machine.contacts.gaps(jnp.split(z, 2)[0], phase)
+        return LocatedState(z / family.scale, gaps)
 
-    return jax.jvp(of, (place,), (direction,))[1]
+    located, rates = jax.jvp(of, (place,), (direction,))
+    return LocatedState(located.z, rates.gap_rates)
 
 
 def jacobian(family: Family, sequence: Sequence, place: ExtendedCycle) -> Float[Array, "equations unknowns"]:
@@ -161,6 +158,22 @@ class KernelCall(NamedTuple):
     program: Callable
     sequence: Sequence
     arguments: tuple
+
+
+def simulation_of(sequence: Sequence, place: ExtendedCycle) -> KernelCall:
+    """Request for a simulation from the start of a cycle."""
+    return KernelCall(simulate_motion, sequence, (place, np.full(np.shape(place.z), np.nan)))
+
+
+def simulation_from(sequence: Sequence, start: np.ndarray, p: float) -> KernelCall:
+    """Request for a simulation from a start in space, at a scaled parameter, with the room of a sequence."""
+    nowhere = ExtendedCycle(0 * start, np.zeros(len(sequence.kind)), np.asarray(p))
+    return KernelCall(simulate_motion, sequence, (nowhere, start))
+
+
+def location_on(sequence: Sequence, place: ExtendedCycle, time: float) -> KernelCall:
+    """Request for the `LocatedState` of a cycle, `time` forcing periods after its start."""
+    return KernelCall(locate_state, sequence, (place, place, np.asarray(time, float)))
 
 
 def room_for(num_events: int) -> int:

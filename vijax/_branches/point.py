@@ -9,7 +9,7 @@ import numpy as np
 
 from .._jax.packing import Packed
 from .._orbits.sequence import Sequence
-from .kernels import CorrectedCycle, KernelCall, SimulatedMotion, corrected_cycle, simulate_cycle, trimmed
+from .kernels import CorrectedCycle, KernelCall, SimulatedMotion, corrected_cycle, simulation_of, trimmed
 from .kinds import End
 from .parameter_family import ExtendedCycle
 
@@ -205,5 +205,5 @@ def first_followed(
 
 def is_followed(point: BranchPoint) -> KernelRequests:
     """True if the machine follows the cycle."""
-    followed: SimulatedMotion = yield KernelCall(simulate_cycle, point.sequence, (point.place,))
+    followed: SimulatedMotion = yield simulation_of(point.sequence, point.place)
     return bool(followed.is_alike)

@@ -9,6 +9,7 @@ import numpy as np
 
 from .._jax.packing import Packed, pack
 from .._jax.xla import jit_lightly
+from .._orbits.sequence import NOTHING, Sequence
 from .batched_steps import (
     SHORTEST,
     PlainSteps,
@@ -24,14 +25,16 @@ from .batched_steps import (
 )
 from .kernels import (
     MOST_EVENTS,
+    ROOM_OF_SIMULATION,
     CorrectedCycle,
     KernelCall,
+    SimulatedMotion,
     corrected_cycle,
     padded,
     room_for,
-    simulate_cycle,
+    simulate_motion,
 )
-from .parameter_family import Family
+from .parameter_family import ExtendedCycle, Family
 from .point import BranchPoint, PlainPoint, TooManyEvents
 
 # _SIZES: batch sizes for which kernels are compiled, each with the least number of branches that is worth it.
@@ -56,6 +59,8 @@ def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callabl
                 results[k] = end.value
                 continue
             room, program = room_for(len(requests.sequence.kind)), getattr(requests, "program", None)
+            if program is simulate_motion:
+                room = max(room, ROOM_OF_SIMULATION)
             key = program, room, makes[k]
             if key not in groups:
                 stock = stocks[makes[k]]
@@ -78,7 +83,10 @@ def _next_request(task: Generator, reply: Any) -> Any:
 
 def answer(family: Family, request: KernelCall) -> Any:
     """Answer a single request."""
-    calls = _Calls(_Stock({0: family}), room_for(len(request.sequence.kind)), request.program)
+    room = room_for(len(request.sequence.kind))
+    if request.program is simulate_motion:
+        room = max(room, ROOM_OF_SIMULATION)
+    calls = _Calls(_Stock({0: family}), room, request.program)
     calls.add(0, request)
     return calls.answer()[0]
 
@@ -155,9 +163,12 @@ class _PlainStepBatch:
         sound &= is_resolved(known, new, ways.ds)
         taken = sound & is_plain(known, new, ways)
         if taken.any():
-            followed = (
-                _call(simulate_cycle, families, sequences, _filled(new.place, size)).at(slice(num)).unpacked()
-            )
+            places = _filled(new.place, size)
+            if size == _SIZES[0][0]:
+                sequences, places = _widened(sequences, places, max(self.room, ROOM_OF_SIMULATION))
+            own_start = np.full_like(places.z, np.nan)
+            rows_of_motions = _call(simulate_motion, families, sequences, places, own_start)
+            followed: SimulatedMotion = rows_of_motions.at(slice(num)).unpacked()
             taken &= follows_cycle(known, seen, followed)
         length = next_length(seen.found, known, new, ways.ds)
         known = new if taken.all() else jax.tree.map(lambda a, b: _where(taken, a, b), new, known)
@@ -257,6 +268,17 @@ def _filled(tree: Any, size: int) -> Any:
     num = len(jax.tree.leaves(tree)[0])
     rows = np.append(np.arange(num), np.zeros(size - num, int))
     return tree if num == size else _taken(tree, rows)
+
+
+def _widened(sequences: Sequence, places: ExtendedCycle, room: int) -> tuple[Sequence, ExtendedCycle]:
+    """A batch of padded cycles with more padding."""
+    more = ((0, 0), (0, room - sequences.kind.shape[1]))
+    wide = Sequence(
+        kind=np.pad(sequences.kind, more, constant_values=NOTHING),
+        stop=np.pad(sequences.stop, more),
+        held=np.pad(sequences.held, (*more, (0, 0)), mode="edge"),
+    )
+    return wide, places._replace(flights=np.pad(places.flights, more))
 
 
 def _where(is_new: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:

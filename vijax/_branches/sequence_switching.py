@@ -5,16 +5,15 @@ from collections.abc import Callable
 import numpy as np
 
 from .._hybrid.limits import IMPACT
-from .._jax.arrays import Reals
-from .._orbits.sequence import Sequence
+from .._orbits.sequence import NOTHING, Sequence
 from .kernels import (
-    BranchRates,
     KernelCall,
+    LocatedState,
     SimulatedMotion,
-    locate_start,
+    locate_state,
+    location_on,
     padded,
-    rates_along,
-    simulate_cycle,
+    simulation_of,
     trimmed,
 )
 from .kinds import End, Kind, public_kind
@@ -48,7 +47,7 @@ _OFF = 1e-7, 1e-8, 1e-9, 1e-10
 # Shortest flight, in forcing periods, of a cycle to whose chatters bounces are added: the rest of them is rounding.
 _LIGHTEST = 1e-7
 # Room for new events: an interrupted stick ends in another chatter.
-_MORE = 64
+_MORE = 40, 200
 # Distances at which the machine is simulated where no step leads off.
 _TRIALS = 1e-6, 1e-5, 1e-4, 1e-3
 
@@ -76,7 +75,7 @@ def _with_impact(event: BranchPoint, stop: int, how: Rounds) -> KernelRequests:
     watched = event.seen.watched
     at = int(watched.gap_flight[stop]), float(watched.gap_time[stop])
     sequence, place, first = with_events(event.sequence, event.place, IMPACT, stop, at, how)
-    return (yield from _going_on(sequence, place, event, lambda rates: rates.speeds[first]))
+    return (yield from _with_growing_speed(sequence, place, event, first))
 
 
 def _without_impact(event: BranchPoint, k: int, how: Rounds) -> KernelRequests:
@@ -85,7 +84,10 @@ def _without_impact(event: BranchPoint, k: int, how: Rounds) -> KernelRequests:
     stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
     for number in in_rounds(k, len(sequence.kind), how)[::-1]:
         sequence, place = without_event(sequence, place, number)
-    return (yield from _going_on(sequence, place, event, lambda rates: rates.gaps[stop], time))
+    at = yield from _corrected_on_sequence(sequence, place, event)
+    request = KernelCall(locate_state, sequence, (at.place, at.tangent, np.asarray(time)))
+    located: LocatedState = yield request
+    return (yield from step_off(at, float(located.gap_rates[stop]) > 0))
 
 
 def _in_other_order(event: BranchPoint, k: int, how: Rounds) -> KernelRequests:
@@ -137,7 +139,7 @@ def continue_by_simulation(event: BranchPoint, kind: str) -> KernelRequests:
         guess = event.place.moved(event.tangent, ds)
         followed = yield from _followed(event.sequence, guess)
         new = yield from with_simulated_bounces(event._replace(place=guess), followed._replace(is_alike=True))
-        simulated: SimulatedMotion = yield KernelCall(simulate_cycle, new.sequence, (new.place,))
+        simulated: SimulatedMotion = yield simulation_of(new.sequence, new.place)
         if simulated.is_alike and np.abs(new.place.z - guess.z).max() < 10 * ds:
             return new._replace(kind="", arc=event.arc + ds)
     raise BranchEnd(public_kind(kind))
@@ -153,14 +155,17 @@ def cycle_of_simulation(point: BranchPoint, guess: ExtendedCycle) -> KernelReque
     if not seen.found.is_converged:
         return None
     found = BranchPoint.of(sequence, seen, point.arc)
-    simulated: SimulatedMotion = yield KernelCall(simulate_cycle, sequence, (found.place,))
+    simulated: SimulatedMotion = yield simulation_of(sequence, found.place)
     return found if simulated.is_alike else None
 
 
 def _followed(sequence: Sequence, place: ExtendedCycle) -> KernelRequests:
-    """Simulate the machine from a cycle, with room for new events."""
-    longer, wide = padded(sequence, (place,), len(sequence.kind) + _MORE)
-    followed: SimulatedMotion = yield KernelCall(simulate_cycle, longer, (wide,))
+    """Simulate the machine from a cycle, with room for new events: few at first, as a program has that room anyway."""
+    for more in _MORE:
+        longer, wide = padded(sequence, (place,), len(sequence.kind) + more)
+        followed: SimulatedMotion = yield simulation_of(longer, wide)
+        if np.any(followed.sequence.kind[: len(longer.kind)] == NOTHING):
+            break
     return followed
 
 
@@ -170,8 +175,8 @@ def in_section(point: BranchPoint, num_periods: float) -> KernelRequests:
     if by == 0:
         return point
     time = 0.0 if by > 0 else num_periods
-    z = yield KernelCall(locate_start, point.sequence, (point.place, np.asarray(time)))
-    sequence, place = shifted(point.sequence, point.place, by, num_periods, z)
+    located: LocatedState = yield location_on(point.sequence, point.place, time)
+    sequence, place = shifted(point.sequence, point.place, by, num_periods, located.z)
     at = yield from _corrected_on_sequence(sequence, place, point)
     # The tangent keeps its direction: event times and parameter change as before.
     before, after = np.cumsum(point.tangent.flights), np.cumsum(at.tangent.flights)
@@ -199,17 +204,15 @@ def _are_impacts(sequence: Sequence, k: int) -> bool:
     return bool(is_free and sequence.kind[k] == IMPACT and sequence.kind[k - 1] == IMPACT)
 
 
-def _going_on(
+def _with_growing_speed(
     sequence: Sequence,
     place: ExtendedCycle,
     event: BranchPoint,
-    rate: Callable[[BranchRates], Reals],
-    time: float = 0.0,
+    impact: int,
 ) -> KernelRequests:
-    """The point on the new sequence, in the direction in which a speed or a gap grows."""
+    """The point on the new sequence, in the direction in which the speed of an impact grows."""
     at = yield from _corrected_on_sequence(sequence, place, event)
-    rates: BranchRates = yield KernelCall(rates_along, sequence, (at.place, at.tangent, np.asarray(time)))
-    return (yield from step_off(at, float(rate(rates)) > 0))
+    return (yield from step_off(at, float(at.seen.rates.speeds[impact]) > 0))
 
 
 def _oriented(

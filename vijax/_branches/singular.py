@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool
 
 from .._orbits.sequence import Sequence
 from .defining_systems import AtBranchPoint, AtMultiplier, DefiningSystem, solve
-from .kernels import CorrectedCycle, KernelCall, as_corrected_cycle, locate_start, trimmed
+from .kernels import CorrectedCycle, KernelCall, LocatedState, as_corrected_cycle, location_on, trimmed
 from .kinds import End, Kind
 from .parameter_family import ExtendedCycle, Family
 from .point import BranchEnd, BranchPoint, KernelRequests, between, on_plane
@@ -73,8 +73,8 @@ def end_of_doubled(num_periods: float, point: BranchPoint) -> KernelRequests:
     sequence, place, half = point.sequence, point.place, num_periods / 2
     if num_periods % 2 or len(sequence.kind) % 2:
         return None
-    z = yield KernelCall(locate_start, sequence, (place, np.asarray(half)))
-    if not np.abs(z - place.z).max() < CLOSE:
+    located: LocatedState = yield location_on(sequence, place, half)
+    if not np.abs(located.z - place.z).max() < CLOSE:
         return None
     num = len(sequence.kind) // 2
     once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.held[: num + 1])

@@ -146,7 +146,12 @@ class Programs:
 
     @cached_property
     def _plain(self) -> Any:
-        return jax.jit(self._of_arrays, static_argnums=0, donate_argnums=2, compiler_options=self._options())
+        def of_arrays(static: _Static, given: list, donated: list) -> list:
+            return self._of_arrays(static, given, donated)
+
+        # The release in the name keeps JAX's own cache from finding programs of another, see `_make`.
+        of_arrays.__name__ = f"{getattr(self._function, '__name__', 'call')}_{_RELEASE}"
+        return jax.jit(of_arrays, static_argnums=0, donate_argnums=2, compiler_options=self._options())
 
     def _of_arrays(self, static: _Static, given: list, donated: list) -> list:
         args, kwargs = static.joined([*given, *donated])

@@ -103,18 +103,42 @@ def prepared(
     return machine, flow.prepare(machine)
 
 
+class Flight(NamedTuple):
+    """A flight, the event at its end, and whether it is the one after the last event, which closes the cycle."""
+
+    event: Event
+    duration: Scalar
+    closes: Bool[Array, ""]
+
+
 def residual(problem: Problem, unknowns: Unknowns) -> Residual:
     """Traverse the sequence once."""
     machine, flow = problem.machine, problem.flow
     place = initial_moment(problem, machine, unknowns.z)
 
-    def one(place: Moment, flight: tuple[Event, Scalar]) -> tuple[Moment, tuple[Array, Array]]:
-        return fly_to_event(machine, flow, place, *flight)[:2]
+    def one(place: Moment, flight: Flight) -> tuple[Moment, tuple[Array, Array]]:
+        return fly_to_event(machine, flow, place, flight.event, _duration(problem, place, flight))[:2]
 
-    flights = events_of(problem.sequence), unknowns.flights
-    place, (values, speeds) = jax.lax.scan(one, place, flights)
-    end = _close(problem, machine, flow, place)
-    return Residual(values, end - unknowns.z, speeds)
+    place, (values, speeds) = jax.lax.scan(one, place, _flights_of(problem, unknowns))
+    return Residual(values[:-1], place.z - unknowns.z, speeds[:-1])
+
+
+def traverse(
+    problem: Problem, unknowns: Unknowns, count: Int[Array, ""]
+) -> tuple[Moment, Float[Array, " events"]]:
+    """Moments at which the flights begin, (events + 1, ...) each, and the approach speeds at the events.
+
+    Only the first `count` events are traversed, see `over_flights`.
+    """
+    machine, flow = problem.machine, problem.flow
+
+    def one(place: Moment, flight: Flight) -> tuple[Moment, tuple[Moment, Array]]:
+        there, (_, speed), _ = fly_to_event(machine, flow, place, flight.event, flight.duration)
+        return there, (place, speed)
+
+    first = initial_moment(problem, machine, unknowns.z)
+    _, (begins, speeds) = over_flights(one, first, _flights_of(problem, unknowns, count), count + 1)
+    return begins, speeds[:-1]
 
 
 def linearise(
@@ -130,23 +154,22 @@ def linearise(
         problem: the equations of the cycle.
         unknowns: where to linearise.
         scale: sizes of positions and velocities, by which `z` is divided, (2 n,).
-        count: number of flights, see `over_flights`.
+        count: number of flights that end with an event, see `over_flights`.
         change: derivatives of the machine and its flow by a parameter, which is then one of the unknowns.
     """
     size, p = len(scale), jnp.zeros(0 if change is None else 1, scale.dtype)
 
     def at(p: Array) -> tuple[Machine, AbstractFlow]:
         here = problem.machine, problem.flow
-        return here if change is None else _moved(here, change, p[0])
+        return here if change is None else moved_by(here, change, p[0])
 
-    def one(place: Moment, flight: tuple[Event, Scalar]):
-        event, duration = flight
-
+    def one(place: Moment, flight: Flight):
         def moved(y: Array):
             here, p = place._replace(z=y[:size] * scale, time=y[size]), y[size + 1 : -1]
-            there, (value, speed), _ = fly_to_event(*at(p), here, event, y[-1])
+            there, (value, speed), _ = fly_to_event(*at(p), here, flight.event, y[-1])
             return (jnp.concatenate([there.z / scale, there.time[None], p]), value), (there, value, speed)
 
+        duration = _duration(problem, place, flight)
         y = jnp.concatenate([place.z / scale, place.time[None], p, duration[None]])
         (forward, normal), (there, value, speed) = jax.jacfwd(moved, has_aux=True)(y)
         return there, (forward, normal, value, speed)
@@ -156,16 +179,33 @@ def linearise(
         return jnp.concatenate([place.z / scale, place.time[None], y[size:]]), place
 
     begin, place = jax.jacfwd(begun, has_aux=True)(jnp.concatenate([unknowns.z / scale, p]))
-    flights = events_of(problem.sequence), unknowns.flights
-    place, (forward, normal, values, speeds) = over_flights(one, place, flights, count)
+    flights = _flights_of(problem, unknowns, count)
+    num = None if count is None else count + 1
+    place, (forward, normal, values, speeds) = over_flights(one, place, flights, num)
+    # The flight that closes the cycle lasts as long as the others leave.
+    last = forward[-1 if count is None else count]
+    close = last[:size, :-1].at[:, size].add(-last[:size, -1])
+    found = Residual(values[:-1], place.z - unknowns.z, speeds[:-1])
+    return found, Flights(begin, forward[:-1], normal[:-1], close, closing_pin(problem.shifts))
 
-    def closed(y: Array):
-        end = _close(problem, *at(y[size + 1 :]), place._replace(z=y[:size] * scale, time=y[size]))
-        return end / scale, end
 
-    close, end = jax.jacfwd(closed, has_aux=True)(jnp.concatenate([place.z / scale, place.time[None], p]))
-    pin = closing_pin(problem.shifts)
-    return Residual(values, end - unknowns.z, speeds), Flights(begin, forward, normal, close, pin)
+def _flights_of(problem: Problem, unknowns: Unknowns, count: Int[Array, ""] | None = None) -> Flight:
+    """All flights of a cycle; the one that closes it comes after `count` others, or after the padding."""
+    sequence, room = problem.sequence, len(unknowns.flights)
+    held = jnp.asarray(sequence.held)
+    event = Event(
+        kind=jnp.append(sequence.kind, NOTHING),
+        stop=jnp.append(sequence.stop, 0),
+        held=held,
+        held_after=jnp.concatenate([held[1:], held[-1:]]),
+    )
+    return Flight(
+        event, jnp.append(unknowns.flights, 0), jnp.arange(room + 1) == (room if count is None else count)
+    )
+
+
+def _duration(problem: Problem, place: Moment, flight: Flight) -> Scalar:
+    return jnp.where(flight.closes, problem.phase + problem.num_periods - place.time, flight.duration)
 
 
 def log_of_cycle(problem: Problem, unknowns: Unknowns, room: int) -> EventLog:
@@ -228,7 +268,7 @@ def state_at(problem: Problem, unknowns: Unknowns, time: Scalar) -> Float[Array,
     return jnp.concatenate([jnp.split(moment.z, 2)[0] + x, v])
 
 
-def _moved(tree: Any, change: Any, by: Scalar) -> Any:
+def moved_by(tree: Any, change: Any, by: Scalar) -> Any:
     """The tree with `by` times its change added to every number that has one."""
     return jax.tree.map(lambda a, da: a if da is None else a + by * da, tree, change)
 
@@ -290,10 +330,3 @@ def flow_map(
     hold = machine.hold(held)
     displacement, gain = flow.flow_map(machine, state, hold, duration * machine.period, change)
     return displacement, v + gain, phase + change, change
-
-
-def _close(problem: Problem, machine: Machine, flow: AbstractFlow, place: Moment) -> Array:
-    """State at the end of the last flight."""
-    left = problem.phase + problem.num_periods - place.time
-    x, v, *_ = flow_map(machine, flow, place, problem.sequence.held[-1], left)
-    return jnp.concatenate([jnp.split(place.z, 2)[0] + x, v])

@@ -11,7 +11,7 @@ from .._jax.concrete import stop_gradients
 from .._jax.xla import compile_lightly
 from .._trajectory.event_log import EventLog
 from .condensation import Pencil
-from .cycle import Problem, log_of_cycle, prepared
+from .cycle import Problem, Unknowns, log_of_cycle, prepared
 from .floquet import floquet_multipliers
 from .newton import implicit_orbit, pencil_of
 from .orbit import ORBIT_RESULTS
@@ -75,12 +75,31 @@ def _by_sequence(strobe: StroboscopicMap, search: Search) -> tuple[Array, Array,
     machine = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
     problem = Problem(*machine, sequence, strobe.num_periods, strobe.phase, free_shifts(strobe.numbers))
     unknowns = implicit_orbit(problem, search.cycle.unknowns)
-    multipliers = floquet_multipliers(pencil_of(problem, unknowns), sequence.most_held, problem.shifts)
     return (
         unknowns.z - frame_offset(problem),
-        multipliers,
+        _multipliers(problem, unknowns, search.cycle.multipliers),
         log_of_cycle(problem, unknowns, len(unknowns.flights)),
     )
+
+
+@eqx.filter_custom_jvp
+def _multipliers(problem: Problem, unknowns: Unknowns, known: Complex[Array, " state"]) -> Array:
+    """Multipliers of an orbit, as the search has them, as a function of its machine and its unknowns."""
+    del problem, unknowns
+    return known
+
+
+@_multipliers.def_jvp
+def _multipliers_jvp(primals, tangents):
+    problem, unknowns, _ = primals
+
+    def of(problem: Problem, unknowns: Unknowns) -> Array:
+        pencil = pencil_of(problem, unknowns)
+        return floquet_multipliers(pencil, problem.sequence.most_held, problem.shifts)
+
+    # The value is that of the same function, so that second derivatives see all of it.
+    values, moved = eqx.filter_jvp(of, (problem, unknowns), tuple(tangents[:2]))
+    return values, moved
 
 
 def _by_map(strobe: StroboscopicMap, search: Search) -> tuple[Array, Array, EventLog]:
