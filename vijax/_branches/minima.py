@@ -6,7 +6,6 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
-from scipy.interpolate import BPoly
 
 # Largest slope at the first sample that counts as zero, in rounding errors of the largest value or derivative.
 _NO_SLOPE = 8.0
@@ -73,5 +72,7 @@ def _minimum(first: Array, last: Array, rise: Array) -> tuple[Array, Array]:
 @cache
 def _at_nodes(num: int) -> tuple[np.ndarray, np.ndarray]:
     """Matrices from `num` values and derivatives at 0 and at 1 to the polynomial and its slope at `_NODES`."""
+    from scipy.interpolate import BPoly  # it takes a third of a second, and stored programs do not need it
+
     by_each = BPoly.from_derivatives([0.0, 1.0], np.eye(2 * num).reshape(2, num, 2 * num))
     return by_each(_NODES), by_each(_NODES, nu=1)

@@ -6,7 +6,7 @@ from jaxtyping import ArrayLike
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_float, refuse_single_precision, whole_number
-from .._jax.concrete import is_traced
+from .._jax.concrete import check_values, is_traced
 from .._jax.errors import checked, number_of_doubts
 from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
@@ -85,7 +85,8 @@ def periodic_orbit(
     angle, bound = angle_of(phase), with_args(system, args)
     t0 = angle / bound.forcing.frequency
     t1 = t0 + n * bound.forcing.period
-    doubts = validate_start(bound.stops, bound.forcing.frequency, t0, t1, t1[None], x, v)
+    start = bound.stops, bound.forcing.frequency, t0, t1, t1[None], x, v
+    doubts = validate_start(*check_values(start))
     if is_traced((bound, flow, x, v, angle)):
         numbers, motion = numbers_of(bound), choose_flow(bound, can_stick=True, wanted=flow)
     else:
