@@ -30,13 +30,12 @@ MPGOS = 4.1e3
 
 @contextmanager
 def first_device() -> Iterator[None]:
-    """Work on the device that JAX takes first. The setting must be global: a sweep works in threads."""
-    before = jax.config.jax_default_device
+    """Work on the device that JAX takes first, not on the processor. The setting must be global: a sweep works in threads."""
     jax.config.update("jax_default_device", jax.devices()[0])
     try:
         yield
     finally:
-        jax.config.update("jax_default_device", before)
+        jax.config.update("jax_default_device", jax.devices("cpu")[0])
 
 
 def accelerator(full: bool) -> list[dict]:
