@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 
 from benchmarks import (
+    accelerator,
     attractors,
     branches,
     cluster,
@@ -36,7 +37,7 @@ PARTS = {
         single.work_precision, many.sweeps, many.carried_sweeps, many.solver_sweeps, many.work, many.throughput,
         sizes.masses, sizes.stops, first.first_results, many.chattering_point, single.derivatives, orbits.periodic_orbits,
         branches.branches, attractors.exponents, attractors.basins, contacts.contacts, convergence.convergence,
-        convergence.batch_cost, cluster.executors, many.accelerator,
+        convergence.batch_cost, cluster.executors, accelerator.accelerator,
     )
 }  # fmt: skip
 

@@ -6,9 +6,9 @@ from functools import partial
 
 import vijax as vx
 
-from .many import LIGHT_SCENE, ROOM, frequencies, run_sweep
+from .many import run_sweep
 from .report import say
-from .scenes import load, machine, sweep_error
+from .scenes import LIGHT_SCENE, ROOM, frequencies_around, load, machine, sweep_error
 from .timing import in_turns, num_cores, repeated, summary, times
 
 # Forcing periods of each point, as in the paper's sweeps.
@@ -26,7 +26,7 @@ def executors(full: bool) -> list[dict]:
     scene, rows, cores = load(LIGHT_SCENE), [], num_cores()
     with ProcessPoolExecutor(cores, multiprocessing.get_context("spawn")) as pool:
         for points in (8192, 65536) if full else (8192,):
-            values = frequencies(scene, points)
+            values = frequencies_around(scene, points)
             run = partial(run_sweep, machine(scene), values, transient=0, record=PERIODS, max_impacts=ROOM)
             runs = {"threads": partial(run, executor=None), "processes": partial(run, executor=pool)}
             errors = {name: sweep_error(one(), scene) for name, one in runs.items()}
@@ -46,7 +46,7 @@ def of_a_chunk(executor: Executor, cores: int) -> dict:
     scene = load(LIGHT_SCENE)
     asked = {"transient": 0, "record": 1, "max_impacts": ROOM, "executor": executor}
     small = vx.ExecutionSettings(max_chunk=1, min_chunk=1, cores=cores)
-    run = partial(run_sweep, machine(scene), frequencies(scene, CHUNKS), **asked, settings=small)
+    run = partial(run_sweep, machine(scene), frequencies_around(scene, CHUNKS), **asked, settings=small)
     run()
     timed = summary(times(run, 5))
     return {

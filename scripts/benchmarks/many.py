@@ -5,10 +5,7 @@ import warnings
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import peers
 import xarray as xr
@@ -20,17 +17,21 @@ from .peak import floating_point_peak, operations_per_step, recorded_call
 from .report import say
 from .scenes import (
     FREQUENCY,
+    LIGHT_SCENE,
     RECORD,
+    ROOM,
+    SHORT,
     TRANSIENT,
     Program,
     Scene,
+    frequencies_around,
     judge,
     load,
     machine,
     scenes_of_case,
     sweep_error,
 )
-from .single import installed, side_by_side
+from .single import installed
 from .timing import Compilations, in_turns, memory_high_water, num_cores, repeated, summary, times
 
 # Machine, frequencies, and the two stops and the amplitude, of each case of the paper.
@@ -42,9 +43,7 @@ PERIODS = TRANSIENT + RECORD
 HEYOKA_TOLERANCE = 1e-13
 # Points from which on a size is run in a process of its own, to know its memory.
 LARGE = 100_000
-# Forcing periods and room for impacts where the number of points grows.
-SHORT, ROOM = 20, 16
-LIGHT_SCENE, CHATTERING_SCENE, QUIET_SCENE = "paper_a_om080", "paper_b_om020", "paper_b_om140"
+CHATTERING_SCENE, QUIET_SCENE = "paper_b_om020", "paper_b_om140"
 
 # Logs are cut on purpose, where impacts are not what is measured.
 warnings.filterwarnings("ignore", ".* ended with max_impacts_reached", UserWarning)
@@ -182,7 +181,12 @@ def throughput_row(points: int) -> dict:
     """One size. The first point is a scene."""
     scene = load(LIGHT_SCENE)
     run = partial(
-        run_sweep, machine(scene), frequencies(scene, points), transient=0, record=SHORT, max_impacts=ROOM
+        run_sweep,
+        machine(scene),
+        frequencies_around(scene, points),
+        transient=0,
+        record=SHORT,
+        max_impacts=ROOM,
     )
     with Compilations() as compiling:
         ds = run() if points < LARGE else warm_up()
@@ -202,7 +206,7 @@ def throughput_row(points: int) -> dict:
 def warm_up() -> xr.Dataset:
     """A sweep of the shape of all large ones."""
     scene = load(LIGHT_SCENE)
-    values = frequencies(scene, 4096)
+    values = frequencies_around(scene, 4096)
     return run_sweep(machine(scene), values, transient=0, record=1, max_impacts=ROOM)
 
 
@@ -212,15 +216,10 @@ def in_fresh_process(points: int) -> dict:
         return pool.submit(throughput_row, points).result()
 
 
-def frequencies(scene: Scene, points: int, low: float = 0.75, high: float = 1.75) -> dict[str, np.ndarray]:
-    """Values for a sweep: the frequency of a scene, and others in a range around it."""
-    return {FREQUENCY: scene["Omega"] * np.append(1.0, np.linspace(low, high, points - 1))}
-
-
 def chattering_point(full: bool) -> list[dict]:
     """What a point that chatters costs among 999 that do not. It, or else the first of them, is a scene."""
     rows, quiet = [], load(QUIET_SCENE)
-    others = frequencies(quiet, 1000, 1.5, 1.8)[FREQUENCY]
+    others = frequencies_around(quiet, 1000, 1.5, 1.8)[FREQUENCY]
     runs, errors = {}, {}
     for name, scene in (("quiet", quiet), ("one chatters", load(CHATTERING_SCENE))):
         values = {FREQUENCY: np.append(scene["Omega"], others[1:])}
@@ -233,41 +232,3 @@ def chattering_point(full: bool) -> list[dict]:
         rows.append(row)
         say(row)
     return rows
-
-
-def accelerator(full: bool) -> list[dict]:
-    """Throughput on the accelerator, if JAX sees one: `sweep` as it is, and `simulate` under `jax.vmap`."""
-    device = jax.devices()[0]
-    if device.platform == "cpu":
-        print("JAX sees no accelerator.")
-        return []
-    return on_device(device, [1000, 10_000, *([100_000] if full else [])])
-
-
-def on_device(device: Any, sizes: list[int]) -> list[dict]:
-    """Throughput on a device. The setting must be global: a sweep works in threads."""
-    rows = []
-    jax.config.update("jax_default_device", device)
-    try:
-        for points in sizes:
-            for row in (throughput_row(points), batch_row(points)):
-                rows.append({"device": device.device_kind, **row})
-                say(rows[-1])
-    finally:
-        jax.config.update("jax_default_device", jax.devices("cpu")[0])
-    return rows
-
-
-def batch_row(points: int) -> dict:
-    """Many starts of a scene by `simulate` under `jax.vmap`."""
-    scene = load(LIGHT_SCENE)
-    starts = jnp.linspace(0.0, -0.5, points)[:, None] * jnp.ones(2)
-    run = partial(side_by_side(machine(scene), scene["t0"], scene["t1"], jnp.zeros(2)), starts)
-    with Compilations() as compiling:
-        sol = jax.block_until_ready(run())
-    end = np.concatenate([sol.x1[0], sol.v1[0]])
-    error = float(np.max(np.abs(end - np.array([*scene["x1"], *scene["v1"]]))))
-    timed = summary(times(run, 5))
-    row = {"points": points, "by": "vmap of simulate", "state error": error, **timed}
-    row["microseconds per point"] = 1e6 * timed["min / s"] / points
-    return row | {"compiling / s": compiling.seconds}

@@ -52,14 +52,14 @@ def surroundings() -> dict[str, Any]:
     }
 
 
-def write(results: dict[str, Any], folder: Path) -> None:
-    """Everything as JSON, and every part as CSV."""
-    (folder / "benchmark.json").write_text(json.dumps(results, indent=1, allow_nan=False))
-    for name, rows in results.items():
+def write(results: dict[str, Any], folder: Path, name: str = "benchmark") -> None:
+    """Everything as JSON, and every part as CSV, in files of a name."""
+    (folder / f"{name}.json").write_text(json.dumps(results, indent=1, allow_nan=False))
+    for part, rows in results.items():
         if not isinstance(rows, list) or not rows:
             continue
         columns = list(dict.fromkeys(k for row in rows for k in row))
-        with (folder / f"benchmark_{name}.csv").open("w", newline="") as file:
+        with (folder / f"{name}_{part}.csv").open("w", newline="") as file:
             writer = csv.DictWriter(file, columns)
             writer.writeheader()
             writer.writerows(rows)

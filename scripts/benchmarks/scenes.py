@@ -21,6 +21,9 @@ _LOOKS = 50
 FREQUENCY = "forcing.frequency"
 # Forcing periods of the paper's sweeps: discarded, recorded.
 TRANSIENT, RECORD = 100, 20
+# Forcing periods and room for impacts where the number of points grows, about a scene.
+SHORT, ROOM = 20, 16
+LIGHT_SCENE = "paper_a_om080"
 
 Impacts = list[tuple[float, int, float]]
 Scene = dict[str, Any]
@@ -68,6 +71,13 @@ def machine(scene: Scene) -> vx.ImpactSystem:
     load_ = vx.Harmonic(scene["A"], scene["Omega"], scene["phase"])
     stops = [vx.Stop(s["mass"], s["position"], s["side"], s["restitution"]) for s in scene["stops"]]
     return vx.ImpactSystem(scene["M"], scene["C"], scene["K"], load_, stops)
+
+
+def frequencies_around(
+    scene: Scene, points: int, low: float = 0.75, high: float = 1.75
+) -> dict[str, np.ndarray]:
+    """Values for a sweep: the frequency of a scene, and others in a range around it."""
+    return {FREQUENCY: scene["Omega"] * np.append(1.0, np.linspace(low, high, points - 1))}
 
 
 def judge(outcome: Outcome, scene: Scene) -> dict[str, Any]:

@@ -11,9 +11,9 @@ import numpy as np
 
 import vijax as vx
 
-from .many import frequencies, run_sweep
+from .many import run_sweep
 from .report import say
-from .scenes import Scene, load, machine, sweep_error
+from .scenes import Scene, frequencies_around, load, machine, sweep_error
 from .timing import Compilations, summary, times
 
 ONE_MASS, TWO_MASSES = "n1_both_r07", "paper_a_om080"
@@ -48,7 +48,9 @@ def stops(full: bool) -> list[dict]:
 def measure(scene: Scene, rest: int, more: list[vx.Stop]) -> dict:
     """A sweep of a scene's machine and `rest` masses in a chain beside it, with stops of their own."""
     system = beside(scene, rest, more)
-    run = partial(run_sweep, system, frequencies(scene, POINTS, 0.75, 1.25), transient=0, record=PERIODS)
+    run = partial(
+        run_sweep, system, frequencies_around(scene, POINTS, 0.75, 1.25), transient=0, record=PERIODS
+    )
     with Compilations() as compiling:
         ds = run()
     until = min(scene["t1"], PERIODS * 2 * np.pi / scene["Omega"])

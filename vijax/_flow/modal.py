@@ -16,7 +16,7 @@ also says where they do not apply.
 import operator
 from functools import reduce
 from math import factorial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -160,11 +160,25 @@ class PreparedModalFlow(ExpandingFlow):
 
     def expand(self, machine: Machine, state: State, hold: Held) -> "ModalExpansion":
         """Compute the modal coordinates of the free motion."""
-        (modes, response, rests), q, q_rate = self._coordinates(machine, state, hold)
+        modes, response, rests = self._of_set(hold, (self.modes, self.response, self.rests))
+        q, q_rate = self._coordinates(machine, state, modes, response)
         now = derivatives(machine, state, hold)
         return ModalExpansion(
             modes=modes, response=response, rests=rests, q=q, q_rate=q_rate, now=now, limit=self.limit
         )
+
+    def propagate(
+        self, machine: Machine, state: State, hold: Held, step: Scalar
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
+        """Advance the modes, without what only `fly` needs of an expansion: derivatives would be taken of that too."""
+        return compute_once(self._advanced, machine, state, hold, step)
+
+    def _advanced(
+        self, machine: Machine, state: State, hold: Held, step: Scalar
+    ) -> tuple[Array, Array, Array]:
+        modes, response = self._of_set(hold, (self.modes, self.response))
+        free = self._coordinates(machine, state, modes, response)
+        return _moved(machine, modes, response, free, state, step)
 
     def flow_map(
         self,
@@ -175,33 +189,33 @@ class PreparedModalFlow(ExpandingFlow):
         change: Float[Array, "2 harmonics ..."],
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Evaluate the modes at any time."""
-        (modes, response, _), q, q_rate = self._coordinates(machine, state, hold)
+        modes, response = self._of_set(hold, (self.modes, self.response))
+        free = self._coordinates(machine, state, modes, response)
         increments = _increments(modes.squared_frequency, modes.decay, span)
-        return _gone(machine, modes, response, (q, q_rate), increments, change)
+        return _gone(machine, modes, response, free, increments, change)
 
     def _coordinates(
-        self, machine: Machine, state: State, hold: Held
-    ) -> tuple[tuple[Modes, SteadyResponse, Rests], Float[Array, "modes ..."], Float[Array, "modes ..."]]:
-        """Tables of the set held now, and q and q' of the free motion."""
-        tables = modes, response, _ = self._of_set(hold)
+        self, machine: Machine, state: State, modes: Modes, response: SteadyResponse
+    ) -> tuple[Float[Array, "modes ..."], Float[Array, "modes ..."]]:
+        """Free motion, as q and q' of the modes, by the tables of the set held now."""
         steady = response.offset + response.waves.at(state.phase)
         if len(self.sets) > 1:
             steady = steady + matvec(modes.anchor, state.x)
         steady_v = response.waves.at(machine.phase_rate(state.phase))
-        q, q_rate = matvec(modes.inverse, state.x - steady), matvec(modes.inverse, state.v - steady_v)
-        return tables, q, q_rate
+        return matvec(modes.inverse, state.x - steady), matvec(modes.inverse, state.v - steady_v)
 
-    def _of_set(self, hold: Held) -> tuple[Modes, SteadyResponse, Rests]:
+    def _of_set(self, hold: Held, tables: tuple[Any, ...]) -> tuple[Any, ...]:
         """Tables of the set of masses held now."""
-        free = jax.tree.map(lambda a: a[0], (self.modes, self.response, self.rests))
+        free = jax.tree.map(lambda a: a[0], tables)
         if len(self.sets) == 1:
             return free
         full = lambda a: jnp.broadcast_to(a, jnp.broadcast_shapes(a.shape, hold.shape[1:]))  # noqa: E731
-        return jax.lax.cond(is_any(hold), lambda: self._select(hold), lambda: jax.tree.map(full, free))
+        return jax.lax.cond(
+            is_any(hold), lambda: self._select(hold, tables), lambda: jax.tree.map(full, free)
+        )
 
-    def _select(self, hold: Held) -> tuple[Modes, SteadyResponse, Rests]:
+    def _select(self, hold: Held, tables: tuple[Any, ...]) -> tuple[Any, ...]:
         """Tables of the set of each lane, by a chain of selections, cheaper than a gather."""
-        tables = (self.modes, self.response, self.rests)
         chosen = jax.tree.map(lambda a: a[0], tables)
         for k in range(1, len(self.sets)):
             is_this = reduce(operator.and_, list(hold == self.sets[k]))
@@ -231,16 +245,24 @@ class ModalExpansion(Expansion):
         self, machine: Machine, state: State, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Advance every mode and the forcing phase."""
-        speed = speeds(state.phase, machine.frequency)
-        fade, wave, arc, turn, slide = compute_once(
-            _factors, self.modes.squared_frequency, self.modes.decay, speed, step
-        )
-        increments = _faded(self.modes.decay, fade, wave, arc)
-        change = turned(state.phase, (turn, slide))
-        displacement, gain = _gone(
-            machine, self.modes, self.response, (self.q, self.q_rate), increments, change
-        )
-        return displacement, state.v + gain, change
+        return _moved(machine, self.modes, self.response, (self.q, self.q_rate), state, step)
+
+
+def _moved(
+    machine: Machine,
+    modes: Modes,
+    response: SteadyResponse,
+    free: tuple[Array, Array],
+    state: State,
+    step: Scalar,
+) -> tuple[Array, Array, Array]:
+    """Displacement, velocity and change of the phase after a step, from the free motion (q, q')."""
+    speed = speeds(state.phase, machine.frequency)
+    fade, wave, arc, turn, slide = compute_once(_factors, modes.squared_frequency, modes.decay, speed, step)
+    increments = _faded(modes.decay, fade, wave, arc)
+    change = turned(state.phase, (turn, slide))
+    displacement, gain = _gone(machine, modes, response, free, increments, change)
+    return displacement, state.v + gain, change
 
 
 def _gone(

@@ -141,7 +141,9 @@ def _section_table(counts: Counts, found: PointResults) -> dict[str, np.ndarray]
         np.where(is_reached[..., None], found.ends.pop(f"section_{name}").T, np.nan)
         for name in ("x", "v", "held_time")
     )
-    return {"section_x": x, "section_v": v, "held_time": np.diff(held_time, axis=1, prepend=0)}
+    for k in range(counts.record - 1, 0, -1):  # in place: `np.diff` takes memory for two more tables
+        held_time[:, k] -= held_time[:, k - 1]
+    return {"section_x": x, "section_v": v, "held_time": held_time}
 
 
 def _exponents_table(counts: Counts, found: PointResults, period: np.ndarray) -> dict[str, np.ndarray]:

@@ -237,6 +237,7 @@ def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bo
     first = Repetition(
         carry.state, carry.goal, carry.log if has_log else None, (carry.xs, carry.vs) if has_saved else None
     )
+    first = _with_tangents(first)
 
     def turn(both: tuple[_Recording, Repetition, Bool[Array, "..."]]):
         recording, repeated, _ = both
@@ -258,6 +259,25 @@ def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bo
         is_finite=recording.is_finite,
         grazing=carry.grazing,
     )
+
+
+def _with_tangents(carry: Repetition) -> Repetition:
+    """The same with a tangent of every number, zero or not.
+
+    Otherwise JAX traces the derivative of a loop once more for every set of tangents that turns out not to stay zero.
+    """
+    floats, rest = eqx.partition(carry, eqx.is_inexact_array)
+    return eqx.combine(_same(floats), rest)
+
+
+@jax.custom_jvp
+def _same(tree: Repetition) -> Repetition:
+    return tree
+
+
+@_same.defjvp
+def _same_jvp(primals, tangents):
+    return primals[0], tangents[0]  # JAX replaces zeros that it knows by arrays of zeros
 
 
 def _record_on(recorder: _Recorder, recording: _Recording) -> _Recording:

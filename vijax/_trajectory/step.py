@@ -6,6 +6,8 @@ and `sweep` call them and need no knowledge of contacts; these functions need no
     fly (`_flow`) -> impacts -> sticks and releases (`_hybrid`)
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -64,10 +66,12 @@ def flight_to(
     return fly(flow, machine, state, remaining, resolution)
 
 
-def outcome(machine: Machine, flight: Flight) -> tuple[State, Instant]:
-    """Second half of `advance`: the state after the step, and the transition there."""
+def outcome(
+    machine: Machine, flight: Flight, call: Callable[..., tuple[State, Instant]] = compute_once
+) -> tuple[State, Instant]:
+    """Second half of `advance`: the state after the step, and the transition there; `call` calls the law of impacts."""
     law = coupled_impacts if machine.contacts.is_coupled else diagonal_impacts
-    after, instant = compute_once(law.resolve, machine, flight.end, flight.is_event)
+    after, instant = call(law.resolve, machine, flight.end, flight.is_event)
     # Not by `is_event`: by rounding, a mass that has just left may seem to return at once, in every step anew.
     happened = instant.hit | instant.stuck | instant.released
     arrived = flight.is_last & ~jnp.any(happened, axis=0)

@@ -12,14 +12,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._flow.interface import AbstractFlow
+from .._flow.interface import AbstractFlow, Flight
 from .._hybrid.transition import Instant
 from .._jax.arrays import Scalar, add_up
 from .._jax.xla import compute_once
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.state import State
-from .step import advance
+from .step import flight_to, outcome
 
 
 class Tangents(eqx.Module):
@@ -50,26 +50,49 @@ def advance_with(
     """`advance`, with the tangents carried along."""
     n = machine.num_masses
 
-    def along(vector: Float[Array, "state ..."]):
-        def step(x: Array, v: Array, gap: Array):
+    def fly_along(vector: Float[Array, "state ..."]) -> tuple[tuple[Array, ...], Flight]:
+        def end(x: Array, v: Array, gap: Array) -> tuple[tuple[Array, ...], Flight]:
             here = eqx.tree_at(lambda s: (s.x, s.v, s.gap), state, (x, v, gap))
-            after, instant = advance(flow, machine, here, target, resolution)
-            return (after.x, after.v, after.time), (after, instant)
+            flight = flight_to(flow, machine, here, target, resolution)
+            return (flight.end.x, flight.end.v, flight.end.gap, flight.end.phase, flight.end.time), flight
 
         change = vector[:n] / machine.frequency, vector[n:]
         change = *change, -machine.contacts.along(change[0])
-        _, (x, v, delay), found = jax.jvp(step, (state.x, state.v, state.gap), change, has_aux=True)
-        # A step to an event ends later, or earlier, by `delay`: refer the perturbation to one time.
-        after = found[0]
-        now = compute_once(rates, machine, after, machine.hold(after.held))
-        x, v = x - after.v * delay, v - now.acceleration * delay
-        return jnp.concatenate([x * machine.frequency, v]), found
+        _, moved, flight = jax.jvp(end, (state.x, state.v, state.gap), change, has_aux=True)
+        return moved, flight
 
-    frame, (after, instant) = jax.vmap(along, out_axes=(0, None))(tangents.frame)
+    moved, flight = jax.vmap(fly_along, out_axes=(0, None))(tangents.frame)
+    after, instant, (x, v, delay) = compute_once(_resolved, machine, flight, moved)
+    # A step to an event ends later, or earlier, by `delay`: refer the perturbation to one time.
+    now = compute_once(rates, machine, after, machine.hold(after.held))
+    x, v = x - after.v[None] * delay[:, None], v - now.acceleration[None] * delay[:, None]
+    frame = jnp.concatenate([x * machine.frequency, v], axis=1)
     is_plastic = instant.hit & machine.contacts.is_plastic
     erases = jnp.any(instant.stuck | is_plastic, axis=0)
     frame, growth = compute_once(orthonormal, frame, erases)
     return after, instant, Tangents(frame, tangents.growth + growth)
+
+
+def _resolved(
+    machine: Machine, flight: Flight, moved: tuple[Array, ...]
+) -> tuple[State, Instant, tuple[Array, ...]]:
+    """`outcome` of a flight, and perturbations of positions, velocities and time after it, from those before.
+
+    Nothing else is differentiated, and what the differentiation of the outcome needs of it is computed once.
+    """
+    names = lambda s: (s.x, s.v, s.gap, s.phase, s.time)  # noqa: E731
+
+    def along(moved: tuple[Array, ...]) -> tuple[tuple[Array, ...], tuple[State, Instant]]:
+        def result(*end: Array) -> tuple[tuple[Array, ...], tuple[State, Instant]]:
+            moved = eqx.tree_at(lambda f: names(f.end), flight, end)
+            after, instant = outcome(machine, moved, call=lambda law, *args: law(*args))
+            return (after.x, after.v, after.time), (after, instant)
+
+        _, found, both = jax.jvp(result, names(flight.end), moved, has_aux=True)
+        return found, both
+
+    found, both = jax.vmap(along, out_axes=(0, None))(moved)
+    return *both, found
 
 
 def orthonormal(
@@ -84,14 +107,30 @@ def orthonormal(
     least, rest = jnp.where(erases, jnp.finfo(frame.dtype).eps, 0), frame
     vectors, growth = [], []
     for _ in range(len(frame)):
-        first, rest = rest[0], rest[1:]
-        square = add_up(first * first)
-        is_left = square > least
-        unit = jnp.where(is_left, first * jax.lax.rsqrt(jnp.where(is_left, square, 1)), 0)
-        rest = [a - unit * add_up(unit * a) for a in rest]
+        unit, grown, rest = compute_once(_next_unit, rest, least)
         vectors.append(unit)
-        growth.append(jnp.where(is_left, jnp.log(jnp.where(is_left, square, 1)) / 2, -jnp.inf))
+        growth.append(grown)
     return jnp.stack(vectors), jnp.stack(growth)
+
+
+def _next_unit(
+    vectors: Float[Array, "vectors state ..."], least: Scalar
+) -> tuple[Float[Array, "state ..."], Scalar, Float[Array, "rest state ..."]]:
+    """Unit vector along the first of some vectors, the logarithm of its length, and the others perpendicular to it."""
+    first, rest = vectors[0], vectors[1:]
+    unit, grown = compute_once(_normalized, first, least)
+    if not len(rest):
+        return unit, grown, rest
+    along = compute_once(lambda unit, rest: jnp.stack([add_up(unit * a) for a in rest]), unit, rest)
+    return unit, grown, rest - unit[None] * along[:, None]
+
+
+def _normalized(vector: Float[Array, "state ..."], least: Scalar) -> tuple[Float[Array, "state ..."], Scalar]:
+    square = add_up(vector * vector)
+    is_left = square > least
+    square = jnp.where(is_left, square, 1)
+    unit = jnp.where(is_left, vector * jax.lax.rsqrt(square), 0)
+    return unit, jnp.where(is_left, jnp.log(square) / 2, -jnp.inf)
 
 
 def first_tangents(x: Float[Array, "n ..."]) -> Tangents:
