@@ -61,38 +61,72 @@ def settle(machine: Machine, state: State, at_rest: AtRest) -> Settled:
     """Decide which elements at rest hold; in `state.mode` they have no part."""
     machine, state = stop_gradients((machine, state))
     force = machine.in_mode(state).total_force(state)
-    released = at_rest.released & ~_taken_over(machine, state, force, at_rest)
-    holds, push = at_rest.elements & ~released, jnp.where(released, at_rest.push, jnp.int8(0))
-    fixed = released & ~at_rest.may_return
 
-    def goes_on(carry: tuple) -> Array:
-        return is_any(jnp.any(carry[2], axis=0)) & (carry[3] < _PIVOTS)
+    def goes_on(choice: _Choice) -> Array:
+        return is_any(jnp.any(choice.is_wrong, axis=0)) & (choice.count < _PIVOTS)
 
-    def pivot(carry: tuple) -> tuple:
-        holds, push, _, count = carry
-        found = _beyond(machine, state, force, holds, push)
-        too_far, back = found.too_far, at_rest.elements & ~fixed & found.returns
-        is_single = count >= _JOINT_PIVOTS
-        wrong = too_far | back
-        many = jnp.where(jnp.any(too_far, axis=0), too_far, _first(back))
-        changed = jnp.where(is_single, _first(wrong), many)
-        push = jnp.where(changed, jnp.where(holds, found.push, 0), push)
-        return holds ^ changed, push, wrong, count + 1
+    def pivot(choice: _Choice) -> _Choice:
+        found = _beyond(machine, state, force, choice.holds, choice.push)
+        first, later = _begun(machine, at_rest, found), _exchanged(at_rest, choice, found)
+        is_first = choice.count == 0
+        return jax.tree.map(lambda a, b: jnp.where(is_first, a, b), first, later)
 
-    start = holds, push, at_rest.elements, jnp.array(0)
-    holds, push, _, _ = jax.lax.while_loop(goes_on, pivot, start)
-    return _decision(machine, state, force, at_rest.elements, holds, push)
-
-
-def _taken_over(
-    machine: Machine, state: State, force: Float[Array, "n ..."], at_rest: AtRest
-) -> Bool[Array, "contacts ..."]:
-    """Flags of released elements that others hold in their place: friction beyond its grip, pressed onto a rigid contact."""
+    # The first turn, with all of them holding, tells who takes over from released ones.
+    like = force[0] + state.gap[0]
+    zeros = jnp.zeros((len(at_rest.push), *like.shape), like.dtype)
     none = jnp.zeros_like(at_rest.push)
-    found = _beyond(machine, state, force, at_rest.elements, none)
+    start = _Choice(
+        at_rest.elements, none, at_rest.released, at_rest.elements, jnp.array(0), zeros, zeros > 0
+    )
+    return _decision(machine, at_rest.elements, state, jax.lax.while_loop(goes_on, pivot, start))
+
+
+class _Choice(NamedTuple):
+    """Choice of the elements that hold, (contacts,) each.
+
+    Attributes:
+        holds: flags of elements that hold.
+        push: what the others do, see `AtRest`.
+        released: flags of elements whose hold ended and that nothing else holds.
+        is_wrong: flags of elements in conflict with the choice before.
+        count: number of turns.
+        along: acceleration of every element along its row, as `_Beyond.along`.
+        idle: flags of elements that hold without a force.
+    """
+
+    holds: Bool[Array, "contacts ..."]
+    push: Int[Array, "contacts ..."]
+    released: Bool[Array, "contacts ..."]
+    is_wrong: Bool[Array, "contacts ..."]
+    count: Int[Array, ""]
+    along: Float[Array, "contacts ..."]
+    idle: Bool[Array, "contacts ..."]
+
+
+def _begun(machine: Machine, at_rest: AtRest, found: "_Beyond") -> _Choice:
+    """Choice in which all hold but those released at this instant, unless others hold in their place.
+
+    So friction beyond its grip stays at rest that is pressed onto a rigid contact.
+    """
     is_linked = machine.contacts.compliance != 0
     fails = jnp.any(is_linked & found.too_far[None], axis=1)
-    return at_rest.released & found.idle & ~fails
+    released = at_rest.released & ~(found.idle & ~fails)
+    push = jnp.where(released, at_rest.push, jnp.int8(0))
+    holds = at_rest.elements & ~released
+    return _Choice(holds, push, released, at_rest.elements, jnp.array(1), found.along, found.idle)
+
+
+def _exchanged(at_rest: AtRest, choice: _Choice, found: "_Beyond") -> _Choice:
+    """Choice after a pivot; unchanged if none is in conflict."""
+    fixed = choice.released & ~at_rest.may_return
+    too_far, back = found.too_far, at_rest.elements & ~fixed & found.returns
+    wrong = too_far | back
+    many = jnp.where(jnp.any(too_far, axis=0), too_far, _first(back))
+    changed = jnp.where(choice.count > _JOINT_PIVOTS, _first(wrong), many)
+    push = jnp.where(changed, jnp.where(choice.holds, found.push, jnp.int8(0)), choice.push)
+    return _Choice(
+        choice.holds ^ changed, push, choice.released, wrong, choice.count + 1, found.along, found.idle
+    )
 
 
 class _Beyond(NamedTuple):
@@ -146,26 +180,18 @@ def _beyond(
 
 
 def _decision(
-    machine: Machine,
-    state: State,
-    force: Float[Array, "n ..."],
-    elements: Bool[Array, "contacts ..."],
-    holds: Bool[Array, "contacts ..."],
-    push: Int[Array, "contacts ..."],
+    machine: Machine, elements: Bool[Array, "contacts ..."], state: State, choice: _Choice
 ) -> Settled:
     contacts = machine.contacts
-    found = _beyond(machine, state, force, holds, push)
-    held = holds & ~found.idle
-    is_beside = elements & ~held & (push == 0)
+    held = choice.holds & ~choice.idle
+    is_beside = elements & ~held & (choice.push == 0)
     depends = jax.lax.cond(is_any(is_beside), lambda: contacts.depend_on(held), lambda: jnp.zeros_like(held))
-    is_kept = is_beside & depends & ~contacts.are(COMPLIANT)
-    moves = jnp.where(found.along != 0, jnp.int8(2), jnp.int8(3))
+    is_kept = (is_beside & depends & ~contacts.are(COMPLIANT)) | (choice.holds & choice.idle)
+    moves = jnp.where(choice.along != 0, jnp.int8(2), jnp.int8(3))
     # The guard of friction is a velocity, and vanishes to one order less.
     moves = jnp.where(contacts.are(FRICTION), moves - jnp.int8(1), moves)
-    contact = jnp.where(
-        held, jnp.int8(0), jnp.where(is_kept | (holds & found.idle), jnp.int8(KEPT_CLOSED), moves)
-    )
-    return Settled(held, push, jnp.where(elements, contact, state.contact))
+    contact = jnp.where(held, jnp.int8(0), jnp.where(is_kept, jnp.int8(KEPT_CLOSED), moves))
+    return Settled(held, choice.push, jnp.where(elements, contact, state.contact))
 
 
 def _first(flags: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:

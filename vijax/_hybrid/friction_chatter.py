@@ -12,9 +12,11 @@ u the speed after the first. With F >= p the mass stops at an apex.
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._machine.contacts import Held
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.state import State
@@ -52,9 +54,13 @@ def complete_chatter(machine: Machine, state: State, instant: Instant) -> Chatte
     is_linked = jnp.any((contacts.compliance != 0) & bouncing[None], axis=1)
     direction = state.mode.direction
     turns = contacts.are(FRICTION) & (direction != 0) & is_light(sliding_velocity(machine, state)) & is_linked
-    back = eqx.tree_at(lambda s: s.mode.direction, state, jnp.where(turns, -direction, direction))
-    away, _ = _pulls(machine, state, bouncing)
-    fall, fall_rate = _pulls(machine, back, bouncing)
+    both = jnp.stack([direction, jnp.where(turns, -direction, direction)])
+    hold = machine.hold(state.held | bouncing)
+
+    def pulls(_: None, direction: Array) -> tuple[None, tuple[Array, Array]]:
+        return None, _pulls(machine, eqx.tree_at(lambda s: s.mode.direction, state, direction), hold)
+
+    _, ((away, fall), (_, fall_rate)) = jax.lax.scan(pulls, None, both)
     speed, restitution = jnp.abs(instant.velocity_plus), contacts.light_restitution
     is_falling = (fall > 0) & (away > 0)
     up, down = (jnp.where(is_falling, a, 1) for a in (away, fall))
@@ -71,11 +77,10 @@ def complete_chatter(machine: Machine, state: State, instant: Instant) -> Chatte
 
 
 def _pulls(
-    machine: Machine, state: State, bouncing: Bool[Array, "contacts ..."]
+    machine: Machine, state: State, hold: Held
 ) -> tuple[Float[Array, "contacts ..."], Float[Array, "contacts ..."]]:
-    """Acceleration towards each contact while the others of `bouncing` are closed, and its rate."""
-    machine, contacts = machine.in_mode(state), machine.contacts
-    hold = contacts.hold(state.held | bouncing)
-    now = rates(machine, state, hold)
-    pull = contacts.pull(now.force, hold, state.phase)
-    return pull, contacts.pull(now.force_rate, hold, machine.phase_rate(state.phase))
+    """Acceleration towards each contact while the others of `hold` are closed, and its rate."""
+    machine = machine.in_mode(state)
+    now, pull = rates(machine, state, hold), machine.contacts.pull
+    phase_rate = machine.phase_rate(state.phase)
+    return pull(now.force, hold, state.phase), pull(now.force_rate, hold, phase_rate)
