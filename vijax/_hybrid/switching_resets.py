@@ -41,7 +41,9 @@ def first_state(
     x = contacts.with_closed_gaps(x, touching, phase)
     speeds = contacts.speeds(v, machine.phase_rate(phase))
     size = speed_size + contacts.size(jnp.abs(v)) + jnp.abs(contacts.laws.velocity)
-    at_rest = (touching | friction) & is_touching(speeds, 4 * size)
+    # Where masses rest, their velocities are rounding errors of those that the machine has elsewhere.
+    usual = jnp.where(friction, machine.rate * contacts.size(jnp.abs(x)), 0)
+    at_rest = (touching | friction) & is_touching(speeds, 4 * (size + usual))
     v = contacts.without_speeds(v, at_rest, phase)
     state = state_before_contact(machine, phase, x, v, jnp.zeros(touching.shape, bool))
     gap, speeds = jnp.where(touching, 0, state.gap), jnp.where(at_rest, 0, speeds)

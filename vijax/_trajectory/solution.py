@@ -410,6 +410,7 @@ def _dataset(solution: Solution) -> "xr.Dataset":
         "x1": (("mass",), solution.x1),
         "v1": (("mass",), solution.v1),
         "stuck1": (("stop",), solution.stuck1),
+        **({"sticking1": (("friction",), solution.sticking1)} if solution.sticking1.shape[-1] else {}),
         "result": ((), solution.result._value),
         **{
             name: ((), getattr(solution, name))
