@@ -145,10 +145,14 @@ def _section_table(counts: Counts, found: PointResults, num_stops: int) -> dict[
         for name in ("x", "v", "held_time")
     )
     held = np.diff(held_time, axis=1, prepend=0)
-    return {"section_x": x, "section_v": v} | of_stops_and_friction(num_stops, "held_time", "sticking_time", held)
+    return {"section_x": x, "section_v": v} | of_stops_and_friction(
+        num_stops, "held_time", "sticking_time", held
+    )
 
 
-def of_stops_and_friction(num_stops: int, name: str, of_friction: str, both: np.ndarray) -> dict[str, np.ndarray]:
+def of_stops_and_friction(
+    num_stops: int, name: str, of_friction: str, both: np.ndarray
+) -> dict[str, np.ndarray]:
     """Variables of the stops, and of the friction elements if there are any, from one with stops first, (..., elements)."""
     parts = {name: both[..., :num_stops]}
     return parts if both.shape[-1] == num_stops else parts | {of_friction: both[..., num_stops:]}
@@ -171,7 +175,9 @@ def _end_table(points: LaneInput, counts: Counts, found: PointResults) -> dict[s
     code = np.where(is_done, code, code_of("max_steps_reached"))
     code = np.where(ends["is_finite"], code, code_of("non_finite"))
     num_stops = points.system.num_stops
-    kept = {name: ends[name].T for name in ("x", "v", "steps")} | {"num_impacts": ends["num_impacts"][:num_stops].T}
+    kept = {name: ends[name].T for name in ("x", "v", "steps")} | {
+        "num_impacts": ends["num_impacts"][:num_stops].T
+    }
     kept |= of_stops_and_friction(num_stops, "num_sticks", "num_friction_sticks", ends["num_sticks"].T)
     kept |= of_stops_and_friction(num_stops, "stuck", "sticking", ends["held"].T)
     period = 2 * np.pi / np.broadcast_to(points.system.forcing.frequency, code.shape)

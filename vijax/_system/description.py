@@ -134,7 +134,9 @@ def _compliant_stop(
     name: str, lists: dict[str, Any], own: tuple[str, ...], dtype: DTypeLike
 ) -> CompliantStop | CompliantContact:
     _check_names(f"`{name}`", lists, (*own, "position", "stiffness"), ("damping", "preload"))
-    numbers = {a: _array(f"{name}.{a}", lists[a], dtype) for a in ("position", *LAW_OF_COMPLIANCE) if a in lists}
+    numbers = {
+        a: _array(f"{name}.{a}", lists[a], dtype) for a in ("position", *LAW_OF_COMPLIANCE) if a in lists
+    }
     try:
         if "row" not in lists:
             return CompliantStop(lists["mass"], side=lists["side"], **numbers)
@@ -145,7 +147,9 @@ def _compliant_stop(
 
 def _friction(name: str, lists: Any, dtype: DTypeLike) -> Friction:
     _check_names(f"`{name}`", lists, ("row", "force"), ("static", "velocity"))
-    numbers = {a: _array(f"{name}.{a}", lists[a], dtype) for a in ("force", "static", "velocity") if a in lists}
+    numbers = {
+        a: _array(f"{name}.{a}", lists[a], dtype) for a in ("force", "static", "velocity") if a in lists
+    }
     try:
         return Friction(_row(f"{name}.row", lists["row"], dtype), **numbers)
     except ValueError as error:

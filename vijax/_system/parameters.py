@@ -185,7 +185,9 @@ def _names_nothing(whole: eqx.Module, path: str) -> str:
     every = [re.sub(r"^(stops|friction)\[\d+\]", r"\1[*]", name) for name in names]
     meant = did_you_mean(path, dict.fromkeys([*every, *names]))
     for part in ("stops", "friction"):
-        own = dict.fromkeys(re.sub(part + r"\[\d+\]", "", name) for name in names if name.startswith(f"{part}["))
+        own = dict.fromkeys(
+            re.sub(part + r"\[\d+\]", "", name) for name in names if name.startswith(f"{part}[")
+        )
         names = [name for name in names if not name.startswith(f"{part}[")]
         names += [f"{part}[{j}]{name}" for j in ("j", "*") for name in own]
     sentence = (

@@ -218,6 +218,15 @@ def _of_one_frequency(forcing: Harmonic, stops: Sequence[AnyStop]) -> tuple[Harm
     return forcing, tuple(same)
 
 
+def refuse_switching(who: str, system: ImpactSystem) -> None:
+    """Raise ValueError for a machine with friction or compliant stops, where only rigid contacts are supported."""
+    if system.is_switching:
+        raise ValueError(
+            f"`{who}` is for machines with rigid contacts alone, but this one has friction or compliant stops: follow it by "
+            "`vx.simulate`, `vx.sweep`, `vx.monodromy_matrix` and `vx.lyapunov_exponents`."
+        )
+
+
 def check_again(system: ImpactSystem) -> None:
     """Reject a machine whose numbers were replaced by invalid ones after it was built."""
     for part in (system.forcing, *system.stops, *system.friction, system):

@@ -351,7 +351,8 @@ def evaluate_all(solution: Solution, times: Float[Array, " times"]) -> tuple[Arr
 
 @compile_lightly
 def _evaluate_stops(machine: Machine, times: Float[Array, "..."]) -> tuple[Array, Array]:
-    of_one = lambda t: machine.stops_at(machine.phase_at(t))  # noqa: E731
+    num = machine.contacts.num_stops
+    of_one = lambda t: tuple(a[:num] for a in machine.stops_at(machine.phase_at(t)))  # noqa: E731
     return jnp.vectorize(of_one, signature="()->(stops),(stops)")(times)
 
 
