@@ -20,7 +20,15 @@ from ._hybrid.law import (
     modal_restitution_matrix as modal_restitution_matrix,
     restitution_matrix as restitution_matrix,
 )
-from ._hybrid.limits import IMPACT as IMPACT, RELEASE as RELEASE, STICK as STICK
+from ._hybrid.limits import (
+    CLOSE as CLOSE,
+    IMPACT as IMPACT,
+    OPEN as OPEN,
+    RELEASE as RELEASE,
+    SLIP as SLIP,
+    STICK as STICK,
+    TURN as TURN,
+)
 from ._hybrid.sticking_region import (
     StickingRegion as StickingRegion,
     sticking_region as sticking_region,
@@ -47,9 +55,11 @@ from ._sweep.combine import combine as combine
 from ._sweep.provenance import system_of as system_of
 from ._sweep.sweep import sweep as sweep
 from ._system.base import base_excitation as base_excitation
+from ._system.compliant import CompliantContact as CompliantContact, CompliantStop as CompliantStop
 from ._system.contact import Contact as Contact
 from ._system.files import load as load, save as save
 from ._system.forcing import Harmonic as Harmonic
+from ._system.friction import Friction as Friction
 from ._system.restitution import (
     AbstractRestitution as AbstractRestitution,
     FallingRestitution as FallingRestitution,

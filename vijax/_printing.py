@@ -89,10 +89,25 @@ def describe_contact(contact: Any) -> Description:
     return Description(f"Contact: {_wall(contact)}{_beside(contact.position, batch)}", [])
 
 
+def describe_compliant(stop: Any) -> Description:
+    """Describe a compliant stop or contact on one line."""
+    batch = _batch((stop.position, 0), (stop.stiffness, 0))
+    who = f"Compliant stop of mass {stop.mass}" if stop.slot else "Compliant contact"
+    return Description(f"{who}: {_wall(stop)}{_beside(stop.position, batch)}", [])
+
+
+def describe_friction(element: Any) -> Description:
+    """Describe a friction element on one line."""
+    batch = _batch((element.force, 0), (element.velocity, 0))
+    return Description(f"Friction: {_rubbing(element)}{_beside(element.force, batch)}", [])
+
+
 def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Description:
     """Describe a machine: its matrices, load, stops and force."""
     forcing, stops = system.forcing, system.stops
-    walls = [(value, 0) for stop in stops for value in (stop.position, stop.light_restitution)]
+    laws = [stop.stiffness if stop.is_compliant else stop.light_restitution for stop in stops]
+    walls = [(value, 0) for stop, law in zip(stops, laws, strict=True) for value in (stop.position, law)]
+    walls += [(element.force, 0) for element in system.friction]
     batch = _batch((system.damping, 2), (forcing.frequency, 0), *walls)
     masses = _count(system.stiffness.shape[-1], "mass", "masses")
     load = describe_harmonic(forcing).rows
@@ -108,9 +123,15 @@ def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Descrip
         rows.append((f"{name} {j}", f"{whose}{_wall(stop)}"))
     if len(stops) > _STOPS:
         rows.append(("...", _count(len(stops) - _STOPS, "more stop")))
+    for k, element in enumerate(system.friction[:_STOPS]):
+        rows.append((f"friction {k}", _rubbing(element)))
+    if len(system.friction) > _STOPS:
+        rows.append(("...", f"{len(system.friction) - _STOPS} more of friction"))
     if system.force is not None:
         rows.append(("force", _short(name_of_force(jax.tree.map(_as_number, system.force)))))
     count = _count(len(stops), "stop")
+    if system.friction:
+        count = f"{count}, with friction"
     return Description(f"ImpactSystem of {masses} and {count}{_beside(system.mass, batch)}", rows)
 
 
@@ -199,7 +220,23 @@ def _wall(stop: Any) -> str:
     motion, side = stop.motion, "<=" if stop.sign > 0 else ">="
     row = "x" if stop.slot else _sum(stop)
     moving = "" if motion is None else f" + motion of amplitude {_numbers(motion.amplitude, 1)}"
-    return f"{row} {side} {_numbers(stop.position, 0)}{moving}, restitution {_restitution(stop.restitution)}"
+    law = _compliance(stop) if stop.is_compliant else f"restitution {_restitution(stop.restitution)}"
+    return f"{row} {side} {_numbers(stop.position, 0)}{moving}, {law}"
+
+
+def _compliance(stop: Any) -> str:
+    others = (
+        f"{name} {_numbers(getattr(stop, name), 0)}"
+        for name in ("damping", "preload")
+        if not _is_zero(getattr(stop, name))
+    )
+    return ", ".join([f"stiffness {_numbers(stop.stiffness, 0)}", *others])
+
+
+def _rubbing(element: Any) -> str:
+    static = "" if element.static is None else f", static {_numbers(element.static, 0)}"
+    belt = "" if _is_zero(element.velocity) else f", surface of velocity {_numbers(element.velocity, 0)}"
+    return f"of {_sum(element)}, force {_numbers(element.force, 0)}{static}{belt}"
 
 
 def _restitution(value: Any) -> str:

@@ -4,6 +4,7 @@ from jaxtyping import Bool, Float
 
 from .._jax.arrays import Reals, add_up, array_namespace, matvec
 from .._machine.numbers import MachineNumbers
+from .._machine.switching import RIGID
 from .records import Column
 
 
@@ -26,7 +27,10 @@ def carried_start(
     x, v = end
     library = array_namespace(x)
     place, speed = _stops_at_start(numbers)
-    for j in range(len(held)):
+    laws = numbers.laws
+    # Compliant contacts may be passed, and friction has no place.
+    rigid = [j for j in range(len(held)) if laws is None or laws.kinds[j] == RIGID]
+    for j in rigid:
         goes_with = held[j] & (numbers.travel is not None)
         along = add_up(numbers.rows[j] * x)
         x = _put(numbers, j, x, place[j], goes_with | (along > place[j]))

@@ -26,7 +26,7 @@ from .._jax.programs import Programs
 from .._jax.xla import in_one_kernel, options_for_lanes
 from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, prepare
 from .._machine.numbers import MachineNumbers
-from .._machine.state import State
+from .._machine.state import State, idle_mode
 from .._trajectory.loop import steps_fit_one_kernel
 from .._trajectory.step import initial_state
 from .._trajectory.tangent_frame import Tangents, first_tangents
@@ -133,6 +133,7 @@ def _zeros(
             held=of_stops.astype(bool),
             contact=of_stops.astype(jnp.int8),
             memory=points.flow.memory(real),
+            mode=None if points.numbers.laws is None else idle_mode(of_stops),
         )
         counts = of_stops.astype(int), of_stops.astype(int)
         return EndStates(state, *counts, of_stops, whole, whole.astype(bool))

@@ -16,7 +16,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._hybrid.limits import GAP, Limit, limits_of, select_active
+from .._hybrid.guards import is_idle, leading_zeros, select_active
+from .._hybrid.limits import GAP, Limit
 from .._jax.arrays import Scalar, rounding_step, smallest
 from .._jax.xla import compute_once, is_any
 from .._machine.contacts import Held
@@ -24,7 +25,7 @@ from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.state import State
 from .interface import AbstractFlow, Expansion, Flight
-from .safe_step import Bound, divided_bound, safe_step
+from .safe_step import Bound, divided_bound, divided_bound_of_two, safe_step
 from .series import derivative, horner, sum_series, taylor_series
 
 # Taylor terms by which an event is reached that is `Limit.near`.
@@ -47,32 +48,32 @@ def _fly(
     resolution: Scalar,
     machine_of: Callable[[Machine], Machine],
 ) -> Flight:
-    return flow.fly(machine_of(numbers), state, remaining, resolution)
+    return flow.fly(machine_of(numbers).in_mode(state), state, remaining, resolution)
 
 
 @_fly.def_jvp
 def _fly_jvp(primals, tangents):
     _, numbers, state, remaining, _, machine_of = primals
-    flight, machine = _fly(*primals), machine_of(numbers)
-    end, limits = flight.end, limits_of(machine)
+    flight, machine = _fly(*primals), machine_of(numbers).in_mode(state)
+    end = flight.end
 
     def after_the_same_time(flow: AbstractFlow, numbers: Machine, state: State):
-        machine = machine_of(numbers)
+        machine = machine_of(numbers).in_mode(state)
         hold = machine.hold(state.held)
         moved = flow.propagate(machine, state, hold, flight.duration)
         end = state_after_step(machine, state, *moved, flight.duration)
-        value = select_active(limits, state, lambda limit: limit.value(machine, end, hold))
+        value = select_active(machine, state, lambda limit: limit.value(machine, end, hold))
         return end.x, end.v, end.phase, end.gap, value
 
     _, (x, v, phase, gap, value) = eqx.filter_jvp(after_the_same_time, primals[:3], tangents[:3])
     hold, phase_rate = machine.hold(state.held), machine.phase_rate(end.phase)
     now = rates(machine, end, hold)
     gap_rate = GAP.slope(machine, end, hold, now)
-    slope = select_active(limits, state, lambda limit: limit.slope(machine, end, hold, now))
+    slope = select_active(machine, state, lambda limit: limit.slope(machine, end, hold, now))
     is_crossing = flight.is_event & (slope < 0)
     delays = -_plus(value, jnp.zeros_like(slope)) / jnp.where(is_crossing, slope, -1)
     later = jnp.where(flight.is_last, _plus(tangents[3], jnp.zeros_like(remaining)), 0)
-    for j in range(machine.contacts.num):
+    for j in range(len(delays)):
         later = jnp.where(is_crossing[j], delays[j], later)
     moved = (
         _plus(tangents[2].time, later),
@@ -145,8 +146,10 @@ def _safe_step(
     """Longest step proved free of events, and flags of the stops on whose event it ends."""
     limit = jnp.minimum(limit, motion.limit)
     if not machine.contacts.num:
-        return limit, state.held
-    if machine.can_stick:
+        return limit, state.no_events
+    if machine.contacts.is_switching:
+        bound = compute_once(_bound, machine, state, motion, limit, hold)
+    elif machine.can_stick:
         is_any_held = is_any(state.held)
         now = machine, state, motion, limit
         bound = jax.lax.cond(is_any_held, lambda: _bound(*now, hold), lambda: _bound_of_gap(*now))
@@ -155,9 +158,9 @@ def _safe_step(
     nearly = rounding_step(state.x.dtype) * machine.timescale
     steps, is_root = safe_step(bound, limit, nearly)
     # A mass that has just left returns later, never at once: a root at zero is a leading coefficient lost in rounding.
-    is_root = is_root & (steps <= nearly) & ((state.contact == 0) | (steps > 0))
+    is_root = is_root & (steps <= nearly) & ((leading_zeros(state) == 0) | (steps > 0))
     if machine.contacts.is_coupled:
-        steps, is_root = jnp.where(state.is_kept_closed, limit, steps), is_root & ~state.is_kept_closed
+        steps, is_root = jnp.where(is_idle(state), limit, steps), is_root & ~is_idle(state)
     # With a leading coefficient lost in rounding the bound allows no step, although the motion does.
     steps = jnp.where(is_root, steps, jnp.maximum(steps, jnp.minimum(nearly, limit)))
     step = jnp.minimum(limit, smallest(steps))
@@ -172,8 +175,10 @@ def simultaneity_tolerance(machine: Machine) -> Scalar:
 def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar, hold: Held) -> Bound:
     """Bound the guard of every contact from below."""
     rests = compute_once(motion.rest, machine, limit)
+    if machine.contacts.is_switching:  # the third Taylor coefficient of the positions over the step
+        rests = *rests, jnp.abs(motion.now.jerk) / 6 + 4 * rests[0] * limit
     of = lambda guard: _bound_of(guard, rests, machine, state, motion, limit, hold)  # noqa: E731
-    return select_active(limits_of(machine), state, of)
+    return select_active(machine, state, of)
 
 
 def _bound_of_gap(machine: Machine, state: State, motion: Expansion, limit: Scalar) -> Bound:
@@ -198,8 +203,11 @@ def _bound_of(
     """Bound a guard by its Taylor coefficients and their remainder."""
     value, slope, curvature, *third = guard.derivatives(machine, state, hold, motion.now)
     rest = guard.rest(machine, rests, hold)
-    if guard.begins_at_zero:
-        return divided_bound((value, slope, curvature / 2, third[0] * (1 / 6)), rest, state.contact, limit)
+    if guard.leading_zeros is not None and third:
+        order = guard.leading_zeros(state)
+        return divided_bound((value, slope, curvature / 2, third[0] * (1 / 6)), rest, order, limit)
+    if guard.leading_zeros is not None:
+        return divided_bound_of_two((value, slope, curvature / 2), rest, guard.leading_zeros(state))
     return Bound(jnp.maximum(value, 0), slope, curvature / 2, rest)
 
 
@@ -249,13 +257,13 @@ def _delays(
         is_root: stops on whose event the step ended, to rounding.
         ahead: longest time to an event.
     """
-    limits, num_terms = limits_of(machine), len(series[0])
+    num_terms = len(series[0])
 
     def padded(limit: Limit) -> list[Any]:
         guard = limit.series(machine, state, hold, series)
         return [*guard, *[0.0] * (num_terms - len(guard))]
 
-    h = select_active(limits, state, padded)
+    h = select_active(machine, state, padded)
     value, slope, curve, bend = h[:4]
     square = slope * slope - 4 * curve * value
     is_simple = (slope < 0) & (4 * square > slope * slope)
@@ -268,9 +276,9 @@ def _delays(
     delay = delay + horner(h, delay) * inverse
     delay = delay + horner(h, delay) * inverse * (2 + horner(derivative(h), delay) * inverse)
     dtype = str(state.x.dtype)
-    near = select_active(limits, state, lambda limit: limit.near[dtype]) * machine.timescale
+    near = select_active(machine, state, lambda limit: limit.near[dtype]) * machine.timescale
     is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
-    is_near = is_near & ~state.is_kept_closed if machine.contacts.is_coupled else is_near
+    is_near = is_near & ~is_idle(state) if machine.contacts.is_coupled else is_near
     return jnp.where(is_near, delay, jnp.where(is_root, 0, jnp.inf))
 
 
@@ -292,6 +300,9 @@ def state_after_step(
     kept, closed = jnp.int8(0), state.held
     if machine.contacts.is_coupled:
         kept, closed = jnp.where(state.is_kept_closed, state.contact, kept), closed | state.is_kept_closed
+    if state.mode is not None:
+        begins = jnp.where(step > 0, jnp.int8(0), state.mode.begins)
+        state = eqx.tree_at(lambda s: s.mode.begins, state, begins)
     return eqx.tree_at(
         lambda s: (s.time, s.time_low, s.phase, s.x, s.v, s.gap, s.contact),
         state,

@@ -51,6 +51,15 @@ def divided_bound(gap: tuple[Scalar, ...], rest: Scalar, order: Int[Array, "..."
     return chosen
 
 
+def divided_bound_of_two(h: tuple[Scalar, ...], rest: Scalar, order: Int[Array, "..."]) -> Bound:
+    """Bound h0 + h1 u + h2 u^2 -+ rest u^3, divided by u^order, for order 0 to 2."""
+    h0, h1, h2 = h
+    zero = jnp.zeros_like(rest)
+    chosen = Bound(jnp.maximum(h0, 0), h1, h2, rest)
+    chosen = either(order == 1, Bound(h1, h2, -rest, zero), chosen)
+    return either(order == 2, Bound(h2, -rest, zero, zero), chosen)
+
+
 def either(condition: Flag, a: Bound, b: Bound) -> Bound:
     """Select elementwise between two bounds."""
     return jax.tree.map(lambda new, old: jnp.where(condition, new, old), a, b)

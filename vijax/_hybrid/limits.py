@@ -1,21 +1,22 @@
 """Registry of limits: the modes of a contact, the guard of each, and the event that ends it.
 
 In every mode a function of time, its guard, stays positive: the gap of an open contact, the contact force of a closed
-one. An event is a zero of the guard; a reset (`diagonal_impacts.py`, `coupled_impacts.py`) then gives the next modes.
-Exact flows, their derivative rule, the equations of periodic orbits, the event log and branches read guards and events
-from here. A section x_i = c is the gap of one more contact, see `next_crossing.py`.
+one. An event is a zero of the guard; a reset (`diagonal_impacts.py`, `coupled_impacts.py`, `switching.py`) then gives the
+next modes. Exact flows, their derivative rule, the equations of periodic orbits, the event log and branches read guards
+and events from here. A section x_i = c is the gap of one more contact, see `next_crossing.py`.
 
-To add a limit, add its guard as a `Limit` in `limits_of`, its events in `EVENTS`, their flags in `transition.py`, and
-its reset.
+Some modes end in two ways: friction sticks while its force stays between two bounds. Machines with such elements have
+two guards for each element, in two groups: `guards_of`. Arrays over guards are those of the first group, then those of the
+second.
+
+To add a limit, add its guard as a `Limit` to a group of `guards_of`, its events in `EVENTS`, their flags in
+`transition.py`, and its reset.
 """
 
 from collections.abc import Callable
-from functools import reduce
 from typing import Any, Final, NamedTuple
 
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Int
 
 from .._machine.contacts import Held
 from .._machine.derivatives import Derivatives, Rates, approaches, contact_forces
@@ -25,6 +26,10 @@ from .._machine.state import State
 IMPACT: Final = 0
 STICK: Final = 1
 RELEASE: Final = 2
+CLOSE: Final = 3
+OPEN: Final = 4
+SLIP: Final = 5
+TURN: Final = 6
 
 
 class EventKind(NamedTuple):
@@ -32,7 +37,7 @@ class EventKind(NamedTuple):
 
     Attributes:
         name: name in the event log.
-        flag: field of `Instant` with the contacts at which it happens.
+        flag: field of `Instant`, or of its `switched`, with the contacts at which it happens.
         has_speed: True if the velocities before and after are logged.
     """
 
@@ -47,7 +52,14 @@ EVENTS = (
     EventKind("stick", "stuck"),
     EventKind("release", "released"),
 )
-EVENT_NAMES: Final = tuple(event.name for event in EVENTS)
+# Of friction and compliant contacts alone.
+SWITCHING_EVENTS = (
+    EventKind("close", "switched.closed", has_speed=True),
+    EventKind("open", "switched.opened", has_speed=True),
+    EventKind("slip", "switched.slipped"),
+    EventKind("turn", "switched.turned"),
+)
+EVENT_NAMES: Final = tuple(event.name for event in EVENTS + SWITCHING_EVENTS)
 
 
 class Limit(NamedTuple):
@@ -61,19 +73,20 @@ class Limit(NamedTuple):
         derivatives: the guard and its first time derivatives, as many as are exact.
         rest: bound of the next Taylor coefficient over a step, from bounds for positions and forces, see `Expansion.rest`.
         series: Taylor coefficients of the guard, from those of positions, forces and phase.
+        leading_zeros: number of leading coefficients of the guard that vanish exactly in a mode that has just begun, as
+            `State.contact` for gaps; None if none ever does.
         near: time to the event below which `series` locates it to rounding, in time scales of the motion, by dtype.
-        begins_at_zero: True if a mode that has just begun has vanishing leading coefficients, `State.contact` of them.
     """
 
     event: int
-    is_active: Callable[[State], Bool[Array, "contacts ..."]]
+    is_active: Callable[[Machine, State], Bool[Array, "contacts ..."]]
     value: Callable[[Machine, State, Held], Array]
     slope: Callable[[Machine, State, Held, Rates], Array]
     derivatives: Callable[[Machine, State, Held, Derivatives], list[Array]]
     rest: Callable[[Machine, tuple[Array, ...], Held], Array]
     series: Callable[[Machine, State, Held, tuple[Array, ...]], list[Any]]
     near: dict[str, float]
-    begins_at_zero: bool
+    leading_zeros: Callable[[State], Int[Array, "contacts ..."]] | None
 
 
 def _gap_derivatives(machine: Machine, state: State, hold: Held, now: Rates) -> list[Array]:
@@ -97,7 +110,7 @@ def _force_series(machine: Machine, state: State, hold: Held, series: tuple[Arra
 # force has two terms fewer, so its zero must be nearer.
 GAP = Limit(
     event=IMPACT,
-    is_active=lambda state: ~state.held,
+    is_active=lambda machine, state: ~state.held,
     value=lambda machine, state, hold: state.gap,
     slope=lambda machine, state, hold, now: (
         -machine.contacts.towards(state.v, machine.phase_rate(state.phase))
@@ -106,11 +119,11 @@ GAP = Limit(
     rest=lambda machine, rests, hold: machine.contacts.rest(rests[0]),
     series=_gap_series,
     near={"float64": 1e-3, "float32": 1e-2},
-    begins_at_zero=True,
+    leading_zeros=lambda state: state.contact,
 )
 FORCE = Limit(
     event=RELEASE,
-    is_active=lambda state: state.held,
+    is_active=lambda machine, state: state.held,
     value=lambda machine, state, hold: machine.contacts.contact_force(
         machine.total_force(state), hold, state.phase
     ),
@@ -121,7 +134,7 @@ FORCE = Limit(
     rest=lambda machine, rests, hold: machine.contacts.contact_force_remainder(rests[1], hold),
     series=_force_series,
     near={"float64": 1e-4, "float32": 1e-3},
-    begins_at_zero=False,
+    leading_zeros=None,
 )
 LIMITS = (GAP, FORCE)
 
@@ -129,13 +142,3 @@ LIMITS = (GAP, FORCE)
 def limits_of(machine: Machine) -> tuple[Limit, ...]:
     """Limits of the contacts of a machine."""
     return LIMITS if machine.can_stick else (GAP,)
-
-
-def select_active(limits: tuple[Limit, ...], state: State, of: Callable[[Limit], Any]) -> Any:
-    """Tree of quantities, for each contact that of its active limit."""
-
-    def chosen(found: Any, limit: Limit) -> Any:
-        is_active = limit.is_active(state)
-        return jax.tree.map(lambda own, other: jnp.where(is_active, own, other), of(limit), found)
-
-    return reduce(chosen, limits[1:], of(limits[0]))

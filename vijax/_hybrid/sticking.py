@@ -18,6 +18,8 @@ def can_any_stick(system: ImpactSystem, x0: Array | np.ndarray, v0: Array | np.n
 
     Traced values give True. Lanes may stand last.
     """
+    if system.is_switching:
+        return True  # friction sticks
     for stop in system.stops:
         if stop.motion is not None:
             return True  # the start time decides whether the mass rests on it

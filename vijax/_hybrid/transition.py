@@ -1,9 +1,34 @@
 """Record of the events at the end of a step."""
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._jax.arrays import Flag, Scalar
+
+
+class Switches(eqx.Module):
+    """Events of friction and compliant contacts, (contacts,) each.
+
+    Attributes:
+        closed: flags of compliant contacts that begin to push.
+        opened: flags of compliant contacts that push no more.
+        slipped: flags of friction elements that begin to slip.
+        turned: flags of friction elements that go on to slip in the other direction.
+        unlogged: flags of other changes: of the elements that carry a load at rest, or a mass that leaves a compliant contact
+            which pushed it no more.
+    """
+
+    closed: Bool[Array, "stops ..."]
+    opened: Bool[Array, "stops ..."]
+    slipped: Bool[Array, "stops ..."]
+    turned: Bool[Array, "stops ..."]
+    unlogged: Bool[Array, "stops ..."]
+
+    @property
+    def any(self) -> Bool[Array, "stops ..."]:
+        """Flags of elements with an event, logged or not."""
+        return self.closed | self.opened | self.slipped | self.turned | self.unlogged
 
 
 class Instant(eqx.Module):
@@ -19,6 +44,7 @@ class Instant(eqx.Module):
         arrived: True where the step ends at the target time.
         time: local time of the instant.
         impulse: of each impact, along its row, (stops,); None where it follows from the velocities alone.
+        switched: events of friction and compliant contacts; None if all contacts are rigid.
     """
 
     hit: Bool[Array, "stops ..."]
@@ -30,3 +56,10 @@ class Instant(eqx.Module):
     arrived: Flag
     time: Scalar
     impulse: Float[Array, "stops ..."] | None = None
+    switched: Switches | None = None
+
+    @property
+    def happened(self) -> Bool[Array, "..."]:
+        """True where any event happened."""
+        flags = self.hit | self.stuck | self.released
+        return jnp.any(flags if self.switched is None else flags | self.switched.any, axis=0)

@@ -60,6 +60,7 @@ class Contacts(eqx.Module):
 
     Attributes:
         is_coupled: True if contacts may share inertia.
+        is_switching: True with friction or compliant contacts, see `SwitchingContacts`.
         rows: A, (contacts, n).
         limit: mean of s, (contacts,).
         restitution: law of impacts, r(speed of approach), (contacts,).
@@ -71,6 +72,7 @@ class Contacts(eqx.Module):
     """
 
     is_coupled: ClassVar[bool] = True
+    is_switching: ClassVar[bool] = False
 
     rows: Reals
     limit: Float[Array, "contacts ..."]
@@ -103,6 +105,11 @@ class Contacts(eqx.Module):
     def num(self) -> int:
         """Number of contacts."""
         return len(self.rows)
+
+    @property
+    def num_stops(self) -> int:
+        """Number of contacts that limit positions: all but friction."""
+        return self.num
 
     @property
     def masses(self) -> tuple[int, ...]:

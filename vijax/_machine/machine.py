@@ -8,21 +8,23 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._jax.arrays import Scalar, clip_to_zero, matvec, over_lanes
+from .._jax.arrays import Reals, Scalar, clip_to_zero, matvec, over_lanes
 from .._system.waves import Waves, phase_at, phase_rate
 from .contacts import Contacts, Held
 from .extra_force import ExtraForce
 from .frame import Frame
 from .numbers import MachineNumbers
-from .state import State
+from .state import State, idle_mode
 from .stops import Stops
+from .switching import SwitchingContacts
 
 
 class Machine(eqx.Module):
     """`ImpactSystem` as arrays over masses, stops and harmonics, lanes last.
 
     The load is `mean` plus `waves` of the angular frequency `frequency`. `rate` bounds every frequency and decay rate
-    of the linear motion, for any set of held masses; `timescale` is its inverse. `extra` is None for a linear
+    of the linear motion, for any set of held masses; `timescale` is its inverse; `closed_rate` is the rate with compliant
+    contacts closed, None if there are none. `extra` is None for a linear
     machine. `frame` is None where all stops stand still or contacts are coupled. Otherwise everything, the load
     included, is relative to it: positions and velocities are relative to the stops of their mass.
     """
@@ -39,6 +41,7 @@ class Machine(eqx.Module):
     can_stick: bool = eqx.field(static=True)
     extra: ExtraForce | None = None
     frame: Frame | None = None
+    closed_rate: Scalar | None = None
 
     @property
     def num_masses(self) -> int:
@@ -148,6 +151,24 @@ class Machine(eqx.Module):
         """Effect on the motion of the flagged stops that hold; none holds if the machine cannot stick."""
         return self.contacts.hold(held if self.can_stick else jnp.zeros_like(held))
 
+    def in_mode(self, state: State) -> "Machine":
+        """Machine with the forces of friction and compliant contacts in the mode of a state; itself if there are none."""
+        if state.mode is None or not isinstance(self.contacts, SwitchingContacts):
+            return self
+        stiffness, damping = self.contacts.matrices_of(state.mode.closed)
+        rate = jnp.where(jnp.any(state.mode.closed, axis=0), self.closed_rate, self.rate)
+        return eqx.tree_at(
+            lambda m: (m.mean, m.damping, m.stiffness, m.rate, m.timescale),
+            self,
+            (
+                self.mean + self.contacts.load_of(state.mode),
+                self.damping + damping,
+                self.stiffness + stiffness,
+                rate,
+                1 / rate,
+            ),
+        )
+
     def approach(self, state: State) -> Float[Array, "stops ..."]:
         """Speeds of approach to the contacts."""
         return self.contacts.towards(state.v, self.phase_rate(state.phase))
@@ -161,7 +182,7 @@ def state_before_contact(
     held: Bool[Array, "stops ..."],
     time: Scalar | None = None,
 ) -> State:
-    """State at a local time, 0 if left out, with no contact just left."""
+    """State at a local time, 0 if left out, with no contact just left, and all friction and compliant contacts idle."""
     gap = machine.contacts.gaps(x, phase)
     zero = jnp.zeros(x.shape[1:], x.dtype)
     return State(
@@ -174,6 +195,7 @@ def state_before_contact(
         gap=gap,
         held=held,
         contact=jnp.zeros(gap.shape, jnp.int8),
+        mode=idle_mode(gap) if machine.contacts.is_switching else None,
     )
 
 
@@ -218,6 +240,7 @@ def prepare(
         extra = ExtraForce(numbers.force, start[0], frame)
         rate = rate + extra.rate(*start, numbers.mass)
     rate = jnp.maximum(rate, 1 / span)
+    contacts = _contacts(numbers, rows, inverse_mass, walls)
     return Machine(
         damping=numbers.damping,
         stiffness=numbers.stiffness,
@@ -225,17 +248,38 @@ def prepare(
         waves=waves,
         frequency=frequency,
         period=period,
-        contacts=Stops(rows, numbers.limit, numbers.restitution, inverse_mass)
-        if numbers.signs is None
-        else Contacts(
-            numbers.rows, numbers.limit, numbers.restitution, inverse_mass, numbers.signs, walls, frequency
-        ),
+        contacts=contacts,
         rate=rate,
         timescale=1 / rate,
         can_stick=can_stick,
         extra=extra,
         frame=frame,
+        closed_rate=_closed_rate(numbers, contacts, rate) if numbers.laws is not None else None,
     )
+
+
+def _contacts(numbers: MachineNumbers, rows: Reals, inverse_mass: Array, walls: Waves | None) -> Contacts:
+    if numbers.signs is None:
+        return Stops(rows, numbers.limit, numbers.restitution, inverse_mass)
+    own = (
+        numbers.rows,
+        numbers.limit,
+        numbers.restitution,
+        inverse_mass,
+        numbers.signs,
+        walls,
+        numbers.frequency,
+    )
+    return Contacts(*own) if numbers.laws is None else SwitchingContacts(*own, numbers.laws)
+
+
+def _closed_rate(numbers: MachineNumbers, contacts: SwitchingContacts, rate: Scalar) -> Scalar:
+    """Bound on the rate with any compliant contacts closed: that with all of them."""
+    stiffness, damping = contacts.matrices_of(jnp.ones_like(contacts.limit, bool))
+    names = lambda a: (a.stiffness, a.damping)  # noqa: E731
+    closed = eqx.tree_at(names, numbers, (numbers.stiffness + stiffness, numbers.damping + damping))
+    unit = _of_unit_mass(closed) if numbers.mass.ndim == numbers.stiffness.ndim else None
+    return jnp.maximum(rate, _decay_and_frequency(closed, unit))
 
 
 class _UnitMass(NamedTuple):

@@ -13,6 +13,7 @@ from .._system.force import BoundForce
 from .._system.restitution import Restitution, restitution_of_contacts
 from .._system.system import ImpactSystem
 from .._system.waves import Waves
+from .switching import Laws, laws_of
 
 
 class MachineNumbers(eqx.Module):
@@ -33,6 +34,8 @@ class MachineNumbers(eqx.Module):
         travel: the motions of the stops, but for their means, as their masses follow them, (harmonics, n), or for
             coupled contacts that of each along its row, (harmonics, contacts); None where all stand still.
         force: what else acts on the masses, bound to its `args`; None for a linear machine.
+        laws: of friction and compliant contacts; None if all contacts are rigid. Friction has rows behind those of the
+            contacts, and everything over contacts has entries for it.
     """
 
     mass: Reals
@@ -48,6 +51,7 @@ class MachineNumbers(eqx.Module):
     signs: Reals | None
     travel: Waves | None
     force: BoundForce | None
+    laws: Laws | None = None
 
 
 def numbers_of(system: ImpactSystem) -> MachineNumbers:
@@ -59,6 +63,8 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
     def of_contacts(values: list) -> Reals:
         return stack([value + zero for value in values]) if values else np.zeros((0, *zero.shape), zero.dtype)
 
+    none, one = [0.0] * len(system.friction), np.ones((), zero.dtype)
+    restitutions = [one if stop.is_compliant else stop.restitution for stop in stops]
     return MachineNumbers(
         mass=system.mass,
         damping=system.damping,
@@ -68,11 +74,12 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
         frequency=forcing.frequency,
         highest=np.full([1] * num_lane_axes, _highest(system), zero.dtype),
         rows=_rows(system),
-        limit=of_contacts([stop.sign * stop.centre for stop in stops]),
-        restitution=restitution_of_contacts([stop.restitution for stop in stops], zero),
-        signs=of_contacts([stop.sign if stop.slot else 0 for stop in stops]) if is_coupled else None,
+        limit=of_contacts([stop.sign * stop.centre for stop in stops] + none),
+        restitution=restitution_of_contacts(restitutions + [one for _ in none], zero),
+        signs=of_contacts([stop.sign if stop.slot else 0 for stop in stops] + none) if is_coupled else None,
         travel=(_travel_of_contacts if is_coupled else _travel_of_masses)(system, size),
         force=system.force if isinstance(system.force, BoundForce) else None,
+        laws=laws_of(system, of_contacts),
     )
 
 
@@ -89,7 +96,10 @@ def _highest(system: ImpactSystem) -> int:
 def _rows(system: ImpactSystem) -> Reals:
     """Matrix A; concrete for stops alone."""
     n, zero = len(system.mass), np.zeros([1] * (system.stiffness.ndim - 2), system.stiffness.dtype)
-    rows = [stack([stop.coefficients.get(i, 0) + zero for i in range(n)]) for stop in system.stops]
+    rows = [
+        stack([stop.coefficients.get(i, 0) + zero for i in range(n)])
+        for stop in (*system.stops, *system.friction)
+    ]
     return stack(rows) if rows else np.zeros((0, n, *zero.shape), zero.dtype)
 
 
@@ -105,6 +115,7 @@ def _travel_of_contacts(system: ImpactSystem, size: int) -> Waves | None:
         else jax.tree.map(lambda a, sign=stop.sign: sign * a, stop.motion.waves(num_lane_axes).padded(size))
         for stop in system.stops
     ]
+    waves += [Waves(still, still) for _ in system.friction]
     return jax.tree.map(_side_by_side, *waves)
 
 

@@ -10,6 +10,25 @@ from .._jax.arrays import Scalar
 KEPT_CLOSED = 4
 
 
+class Mode(eqx.Module):
+    """Laws that the elements of a machine with friction or compliant contacts follow now, (contacts,) each.
+
+    Elements that hold are flagged in `State.held`: rigid contacts, friction that sticks, and preloaded compliant contacts
+    on which a mass rests.
+
+    Attributes:
+        closed: compliant contacts that push.
+        inside: compliant contacts past their position that do not push, as their damper lags behind.
+        direction: sign of the sliding velocity of friction that slips; 0 for all else.
+        begins: as `State.contact`, for the second guard of an element.
+    """
+
+    closed: Bool[Array, "contacts ..."]
+    inside: Bool[Array, "contacts ..."]
+    direction: Int[Array, "contacts ..."]
+    begins: Int[Array, "contacts ..."]
+
+
 class State(eqx.Module):
     """Hybrid state of one trajectory: everything that determines its continuation.
 
@@ -22,7 +41,7 @@ class State(eqx.Module):
     step only. All of them vanish, `KEPT_CLOSED`, where the row of a contact depends on those of others that hold: it stays
     closed without a force, until one of them releases.
 
-    `memory` is the memory of the flow from step to step; exact flows have none.
+    `memory` is the memory of the flow from step to step; exact flows have none. `mode` is None if all contacts are rigid.
     """
 
     periods: Int[Array, "..."]
@@ -35,11 +54,24 @@ class State(eqx.Module):
     held: Bool[Array, "stops ..."]
     contact: Int[Array, "stops ..."]
     memory: PyTree = None
+    mode: Mode | None = None
 
     @property
     def is_kept_closed(self) -> Bool[Array, "stops ..."]:
         """Flags of the contacts that others keep closed."""
         return self.contact == KEPT_CLOSED
+
+    @property
+    def no_events(self) -> Bool[Array, "guards ..."]:
+        """No flags, one for each guard: one guard a contact, two where forces switch."""
+        none = jnp.zeros_like(self.held)
+        return none if self.mode is None else jnp.concatenate([none, none])
+
+
+def idle_mode(like: Float[Array, "contacts ..."]) -> Mode:
+    """Mode in which no element acts on the masses."""
+    none, zero = jnp.zeros(like.shape, bool), jnp.zeros(like.shape, jnp.int8)
+    return Mode(none, none, zero, zero)
 
 
 def with_memory(state: State, memory: PyTree) -> State:

@@ -17,7 +17,7 @@ from .._machine.numbers import MachineNumbers, numbers_of
 from .._machine.state import State
 from .._system.checks import FINITE, check_number, not_finite, refuse
 from .._system.periodicity import check_period
-from .._system.system import ImpactSystem, with_args
+from .._system.system import ImpactSystem, refuse_switching, with_args
 from .._trajectory.simulate import Settings, simulate_with, warn_about_reverse_steps
 from .._trajectory.solution import RESULTS, result_sentences
 
@@ -201,6 +201,7 @@ def saltation_matrix(
     References:
         M. di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), Sec. 2.5.
     """
+    refuse_switching("saltation_matrix", system)
     impact = {"t": as_float(t), "x": as_float(x), "v": as_float(v)}
     bound = with_args(system, args)
     doubts = refuse([wrong_stop(bound, stop), *not_finite(impact)])

@@ -17,7 +17,7 @@ from .._progress import tqdm
 from .._sections.classify import MOTIONS, classify
 from .._sections.record import dims_of, flattened_points, labelled
 from .._sweep.provenance import machines_of
-from .._system.system import ImpactSystem
+from .._system.system import ImpactSystem, refuse_switching
 from .many import Orbits, lanes_first, search_many
 from .search import StroboscopicMap
 
@@ -72,6 +72,7 @@ def periodic_orbits(
     found = None
     if which.size:
         machines = machines_of(ds, [*dims_of(ds)], which)
+        refuse_switching("periodic_orbits", machines)
         with tqdm(total=len(which), unit="orbit", disable=not progress) as bar:
             found = search_orbits(
                 machines, num_periods[which], states[which], room, bar.update, executor=workers

@@ -7,12 +7,15 @@ import jax
 import numpy as np
 import xarray as xr
 
-from .._hybrid.limits import IMPACT, RELEASE, STICK
+from .._hybrid.limits import CLOSE, IMPACT, OPEN, RELEASE, SLIP, STICK
 from .._machine.machine import Machine
 from .._sweep.provenance import machines_of
 from .._system.force_description import NAMED_FORCE
 from .._trajectory.solution import Solution
 from .section_side import machines_of_lanes
+
+# Events at which an element begins to hold, or a compliant one to push, and at which it ends.
+_BEGIN, _END = (STICK, CLOSE), (RELEASE, SLIP, OPEN)
 
 
 class Impacts(NamedTuple):
@@ -70,7 +73,8 @@ def labelled(
 def stop_masses(source: Solution | xr.Dataset) -> np.ndarray:
     """Mass of each stop, (stops,)."""
     if isinstance(source, Solution):
-        return np.array(source.machine.contacts.masses, int)
+        contacts = source.machine.contacts
+        return np.array(contacts.masses[: contacts.num_stops], int)
     return source["stop_mass"].values
 
 
@@ -111,26 +115,38 @@ def has_full_mass(source: Solution | xr.Dataset) -> bool:
 
 
 def is_linear(source: Solution | xr.Dataset) -> bool:
-    """True if the machine is stored and has no force."""
+    """True if the machine is stored and linear between impacts: without a force, friction and compliant stops."""
     if isinstance(source, Solution):
-        return source.machine.extra is None
+        return source.machine.extra is None and not source.machine.contacts.is_switching
     try:
-        return machines_of(source, force=NAMED_FORCE).force is None
+        system = machines_of(source, force=NAMED_FORCE)
+        return system.force is None and not system.is_switching
     except ValueError:  # as in `machines`
         return False
 
 
 def held_intervals(sol: Solution, stop: int) -> tuple[np.ndarray, np.ndarray]:
-    """Starts and ends of the intervals in which a stop holds its mass, as far as they are logged."""
+    """Starts and ends of the intervals in which a stop holds its mass, as far as they are logged.
+
+    For a compliant stop those in which it pushes; for friction, numbered after the stops, those in which it sticks.
+    """
     is_ours = np.asarray(sol.events.stop) == stop
     t, kind = np.asarray(sol.events.t)[is_ours], np.asarray(sol.events.kind)[is_ours]
-    starts, ends = t[kind == STICK], t[kind == RELEASE]
-    turns = kind[(kind == STICK) | (kind == RELEASE)]
-    if turns[0] == RELEASE if turns.size else bool(sol.stuck1[stop]):
+    begins, finishes = np.isin(kind, _BEGIN), np.isin(kind, _END)
+    starts, ends, turns = t[begins], t[finishes], finishes[begins | finishes]
+    if turns[0] if turns.size else _is_always_held(sol, stop):
         starts = np.append(float(sol.t0), starts)
     if len(starts) > len(ends):
         ends = np.append(ends, min(float(sol.t1), float(sol.known_until)))
     return starts, ends
+
+
+def _is_always_held(sol: Solution, stop: int) -> bool:
+    """Whether an element without events holds from the start."""
+    is_at_rest = bool(np.concatenate([sol.stuck1, sol.sticking1])[stop])
+    if is_at_rest or stop >= sol.stuck1.size or not sol.machine.contacts.is_switching:
+        return is_at_rest
+    return bool(np.asarray(sol.contact_force(sol.t1))[stop] > 0)
 
 
 def _of_sweep(ds: xr.Dataset) -> Impacts:

@@ -28,6 +28,9 @@ _DIMS = dict.fromkeys(_OF_STOPS, ("stop",)) | {
     "section_x": ("period", "mass"),
     "section_v": ("period", "mass"),
     "held_time": ("period", "stop"),
+    "num_friction_sticks": ("friction",),
+    "sticking": ("friction",),
+    "sticking_time": ("period", "friction"),
     "lyapunov_exponents": ("exponent",),
     "lyapunov_error": ("exponent",),
 }
@@ -55,7 +58,7 @@ def dataset(
     names = np.array(["up", "down"], np.dtypes.StringDType())
     directions = {"direction": names} if len(shape) > len(axes) else {}
     dims = (*directions, *axes)
-    sections = _section_table(counts, found)
+    sections = _section_table(counts, found, points.system.num_stops)
     impacts = _impact_table(points, counts, found)
     own = dict.fromkeys(impacts, ("impact",)) | _DIMS
     variables = {}
@@ -134,7 +137,7 @@ def _of_points(point: Column, a: np.ndarray) -> np.ndarray:
     return a[..., point] if a.shape[-1] > 1 else a
 
 
-def _section_table(counts: Counts, found: PointResults) -> dict[str, np.ndarray]:
+def _section_table(counts: Counts, found: PointResults, num_stops: int) -> dict[str, np.ndarray]:
     """State of every point at the end of each recorded period; NaN for periods that it did not reach."""
     is_reached = np.arange(counts.record) < (found.ends["periods"] - counts.transient)[:, None]
     x, v, held_time = (
@@ -143,7 +146,17 @@ def _section_table(counts: Counts, found: PointResults) -> dict[str, np.ndarray]
     )
     for k in range(counts.record - 1, 0, -1):  # in place: `np.diff` takes memory for two more tables
         held_time[:, k] -= held_time[:, k - 1]
-    return {"section_x": x, "section_v": v, "held_time": held_time}
+    return {"section_x": x, "section_v": v} | of_stops_and_friction(
+        num_stops, "held_time", "sticking_time", held_time
+    )
+
+
+def of_stops_and_friction(
+    num_stops: int, name: str, of_friction: str, both: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Variables of the stops, and of the friction elements if there are any, from one with stops first, (..., elements)."""
+    parts = {name: both[..., :num_stops]}
+    return parts if both.shape[-1] == num_stops else parts | {of_friction: both[..., num_stops:]}
 
 
 def _exponents_table(counts: Counts, found: PointResults, period: np.ndarray) -> dict[str, np.ndarray]:
@@ -162,6 +175,11 @@ def _end_table(points: LaneInput, counts: Counts, found: PointResults) -> dict[s
     code = np.where(is_full, code_of("max_impacts_reached"), code_of("successful"))
     code = np.where(is_done, code, code_of("max_steps_reached"))
     code = np.where(ends["is_finite"], code, code_of("non_finite"))
-    kept = {name: ends[name].T for name in ("num_impacts", "num_sticks", "x", "v", "steps")}
+    num_stops = points.system.num_stops
+    kept = {name: ends[name].T for name in ("x", "v", "steps")} | {
+        "num_impacts": ends["num_impacts"][:num_stops].T
+    }
+    kept |= of_stops_and_friction(num_stops, "num_sticks", "num_friction_sticks", ends["num_sticks"].T)
+    kept |= of_stops_and_friction(num_stops, "stuck", "sticking", ends["held"].T)
     period = 2 * np.pi / np.broadcast_to(points.system.forcing.frequency, code.shape)
-    return kept | {"stuck": ends["held"].T, "result": code.astype(np.int8), "forcing_period": period}
+    return kept | {"result": code.astype(np.int8), "forcing_period": period}

@@ -138,7 +138,9 @@ def check_machines(system: Any, x0: Array | np.ndarray) -> None:
     for name in ("damping", "stiffness"):
         check_semidefinite(name, np.moveaxis(np.asarray(getattr(system, name)), -1, 0))
     for j, stop in enumerate(system.stops):
-        stop.check_restitution(f"stops[{j}].restitution", check_every)
+        stop.check_law(f"stops[{j}].", check_every)
+    for k, element in enumerate(system.friction):
+        element.check_law(f"friction[{k}].", check_every)
     refuse(_beyond(system.stops, x0, 0.0, "Some points start"))
     check_slots(system.stops)
 
@@ -199,6 +201,7 @@ def _beyond(stops: Sequence[Any], x: Any, angle: Any, who: str) -> list[tuple[An
     return [
         (is_past(stop, x, angle), f"{who} beyond a stop: {stop.remedy.format(j=j)}")
         for j, stop in enumerate(stops)
+        if not stop.is_compliant
     ]
 
 
@@ -212,7 +215,7 @@ def move_alike(stops: Sequence[Any]) -> bool:
 
 def _slots(stops: Sequence[Any]) -> Iterator[tuple[Any, Any]]:
     """Pairs of the lower and the upper stop of every mass that has both."""
-    places = {stop.slot: stop for stop in stops if stop.slot is not None}
+    places = {stop.slot: stop for stop in stops if stop.slot is not None and not stop.is_compliant}
     for (mass, side), stop in places.items():
         if side == "lower" and (mass, "upper") in places:
             yield stop, places[mass, "upper"]

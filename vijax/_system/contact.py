@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import numpy as np
@@ -23,14 +23,38 @@ from .restitution import (
 from .waves import Waves
 
 
-class AbstractLimit(eqx.Module):
-    """A unilateral constraint: `coefficients . x <= sign * at(W t)`.
+def row_of(who: str, row: Any) -> tuple[tuple[int, ...], Array]:
+    """Masses and coefficients of a row, `{mass: coefficient}`; an error names `who` it belongs to."""
+    if not isinstance(row, Mapping) or not row:
+        raise ValueError(
+            f"Argument `row` must give the coefficient of each mass that {who} concerns, as "
+            f"{{0: 1.0, 1: -1.0}}, but is {row!r}."
+        )
+    return tuple(whole_number("row", mass) for mass in row), as_float(list(row.values()), "row")
 
-    Subclasses define `coefficients`, `sign` and `remedy`; all else follows.
+
+def check_row(masses: tuple[int, ...], row: Array) -> None:
+    """Reject a row whose coefficients are not one finite number for each mass, or are all zero."""
+    if row.shape != (len(masses),):
+        raise ValueError(
+            f"Argument `row` must give one number for each mass, but its numbers have shape {row.shape}."
+        )
+    check_one("row", row, FINITE)
+    known = concrete(row)
+    if known is not None and not known.any():
+        raise ValueError("Argument `row` must have a coefficient that is not zero.")
+
+
+class AbstractLimit(eqx.Module):
+    """A limit of the motion, `coefficients . x <= sign * at(W t)`, that a rigid contact keeps and a compliant one resists.
+
+    Attributes:
+        is_compliant: True if the limit yields, with a spring and a damper.
     """
 
+    is_compliant: ClassVar[bool] = False
+
     position: eqx.AbstractVar[Float[Array, "..."]]
-    restitution: eqx.AbstractVar[Restitution]
     motion: eqx.AbstractVar[Harmonic | None]
 
     @property
@@ -44,23 +68,12 @@ class AbstractLimit(eqx.Module):
         """Sign of the position in the gap, `sign * position - coefficients . x`."""
 
     @property
-    def light_restitution(self) -> Reals:
-        """Its coefficient at light impacts."""
-        return light_coefficient(self.restitution)
-
-    @property
     def slot(self) -> tuple[int, str] | None:
         """The mass and the side of it that this limits; None unless it acts on one mass alone."""
         return None
 
-    @property
-    @abc.abstractmethod
-    def remedy(self) -> str:
-        """Advice for a start beyond it, with a placeholder `{j}` for its number."""
-
     def __check_init__(self):
         check_number("position", self.position, FINITE)
-        self.check_restitution("restitution", check_number)
         if not isinstance(self.motion, Harmonic | None):
             raise ValueError(f"Argument `motion` must be a `vx.Harmonic` or None, but is {self.motion!r}.")
         if self.motion is not None and self.motion.amplitude.shape[-1] != 1:
@@ -69,9 +82,9 @@ class AbstractLimit(eqx.Module):
                 f"but its amplitude has shape {self.motion.amplitude.shape}."
             )
 
-    def check_restitution(self, name: str, check: Callable[[str, Any, Rule], None]) -> None:
-        """Check its restitution, by `check_number`, or by `check_every` where lanes are last."""
-        check_restitution(self.restitution, name, check)
+    @abc.abstractmethod
+    def check_law(self, name: str, check: Callable[[str, Any, Rule], None]) -> None:
+        """Check the numbers of its law, by `check_number`, or by `check_every` where lanes are last; `name` is a prefix."""
 
     def along(self, x: Reals) -> Reals:
         """Positions or velocities of the masses along the row, positive towards the constraint; lanes may be last."""
@@ -123,7 +136,33 @@ class AbstractLimit(eqx.Module):
         return self.motion.waves(self.position.ndim)
 
 
-class Contact(AbstractLimit):
+class AbstractRigidLimit(AbstractLimit):
+    """A unilateral constraint.
+
+    Subclasses define `coefficients`, `sign` and `remedy`; all else follows.
+    """
+
+    restitution: eqx.AbstractVar[Restitution]
+
+    @property
+    def light_restitution(self) -> Reals:
+        """Its coefficient at light impacts."""
+        return light_coefficient(self.restitution)
+
+    @property
+    @abc.abstractmethod
+    def remedy(self) -> str:
+        """Advice for a start beyond it, with a placeholder `{j}` for its number."""
+
+    def __check_init__(self):
+        self.check_law("", check_number)
+
+    def check_law(self, name: str, check: Callable[[str, Any, Rule], None]) -> None:
+        """Check its restitution."""
+        check_restitution(self.restitution, f"{name}restitution", check)
+
+
+class Contact(AbstractRigidLimit):
     """A contact between masses, or of masses with a wall: it keeps `row . x <= position`.
 
     A row with the entries 1 of mass i and -1 of mass k keeps x_i - x_k below the position: a free mass in a
@@ -173,26 +212,13 @@ class Contact(AbstractLimit):
         restitution: ArrayLike | AbstractRestitution = 1.0,
         motion: Harmonic | None = None,
     ):
-        if not isinstance(row, Mapping) or not row:
-            raise ValueError(
-                "Argument `row` must give the coefficient of each mass that the contact concerns, as "
-                f"{{0: 1.0, 1: -1.0}}, but is {row!r}."
-            )
-        self.masses = tuple(whole_number("row", mass) for mass in row)
-        self.row = as_float(list(row.values()), "row")
+        self.masses, self.row = row_of("the contact", row)
         self.position = as_float(position, "position")
         self.restitution = as_restitution(restitution)
         self.motion = motion
 
     def __check_init__(self):
-        if self.row.shape != (len(self.masses),):
-            raise ValueError(
-                f"Argument `row` must give one number for each mass, but its numbers have shape {self.row.shape}."
-            )
-        check_one("row", self.row, FINITE)
-        known = concrete(self.row)
-        if known is not None and not known.any():
-            raise ValueError("Argument `row` must have a coefficient that is not zero.")
+        check_row(self.masses, self.row)
 
     def __repr__(self) -> str:
         return as_text(describe_contact, self)

@@ -7,14 +7,16 @@ import jax
 import numpy as np
 from jax.typing import DTypeLike
 
+from .compliant import LAW_OF_COMPLIANCE, CompliantContact, CompliantStop
 from .contact import Contact
 from .force_description import build_force, describe_force
 from .forces_by_path import Allowed
 from .forcing import Harmonic
+from .friction import Friction
 from .restitution import AbstractRestitution, describe_restitution, laws_by_name
 from .spelling import did_you_mean
 from .stop import Stop
-from .system import ImpactSystem
+from .system import AnyStop, ImpactSystem
 from .tables import array_of, table_of
 
 _ARRAYS, _OF_FORCING = ("mass", "damping", "stiffness"), ("amplitude", "frequency", "phase", "mean")
@@ -32,15 +34,8 @@ def describe(system: ImpactSystem) -> dict[str, Any]:
         **{name: np.asarray(getattr(system, name)).tolist() for name in _ARRAYS},
         **describe_force(system.force),
         "forcing": _lists(system.forcing),
-        "stops": [
-            _place(stop)
-            | {
-                "position": float(stop.position),
-                "restitution": describe_restitution(stop.restitution),
-                "motion": None if stop.motion is None else _lists(stop.motion),
-            }
-            for stop in system.stops
-        ],
+        "stops": [_place(stop) | {"position": float(stop.position)} | _law(stop) for stop in system.stops],
+        **({"friction": [_rubbing(element) for element in system.friction]} if system.friction else {}),
     }
 
 
@@ -62,15 +57,19 @@ def build(
     Raises:
         ValueError: for a description that makes no machine, or a force that is not allowed or cannot be imported.
     """
-    _check_names("The machine", description, (*_ARRAYS, "forcing"), ("stops", "force", "args"))
+    _check_names("The machine", description, (*_ARRAYS, "forcing"), ("stops", "friction", "force", "args"))
     arrays = {name: _array(name, description[name], dtype) for name in _ARRAYS}
     forcing = Harmonic(**_numbers("forcing", description["forcing"], ("amplitude", "frequency"), dtype))
     given = description.get("stops", [])
     if not isinstance(given, list):
         raise ValueError(f"`stops` must be a list of tables, but is {given!r}.")
     stops = [_stop(f"stops[{j}]", lists, forcing, dtype) for j, lists in enumerate(given)]
+    rubbing = description.get("friction", [])
+    if not isinstance(rubbing, list):
+        raise ValueError(f"`friction` must be a list of tables, but is {rubbing!r}.")
+    friction = [_friction(f"friction[{k}]", lists, dtype) for k, lists in enumerate(rubbing)]
     own = build_force(description, allow_forces, force)
-    system = ImpactSystem(**arrays, forcing=forcing, stops=stops, force=own)
+    system = ImpactSystem(**arrays, forcing=forcing, stops=stops, force=own, friction=friction)
     # Built in JAX's precision, which holds every number of a narrower one.
     narrow = jax.dtypes.canonicalize_dtype(dtype)
     return jax.tree.map(lambda a: a.astype(narrow), system)
@@ -89,15 +88,36 @@ def build_from(
     return build(table_of(text, "JSON", name), dtype, allow_forces=allow_forces, force=force)
 
 
-def _place(stop: Stop | Contact) -> dict[str, Any]:
+def _place(stop: AnyStop) -> dict[str, Any]:
     """Mass and side of a stop, or row of a contact."""
-    if isinstance(stop, Stop):
+    if isinstance(stop, Stop | CompliantStop):
         return {"mass": stop.mass, "side": stop.side}
-    return {"row": {str(i): float(a) for i, a in stop.coefficients.items()}}
+    return _described_row(stop)
 
 
-def _stop(name: str, lists: Any, forcing: Harmonic, dtype: DTypeLike) -> Stop | Contact:
+def _described_row(element: Contact | CompliantContact | Friction) -> dict[str, Any]:
+    return {"row": {str(i): float(a) for i, a in element.coefficients.items()}}
+
+
+def _law(stop: AnyStop) -> dict[str, Any]:
+    """Law of a stop: its restitution and its motion, or its spring and damper."""
+    if isinstance(stop, CompliantStop | CompliantContact):
+        return {name: float(getattr(stop, name)) for name in LAW_OF_COMPLIANCE}
+    return {
+        "restitution": describe_restitution(stop.restitution),
+        "motion": None if stop.motion is None else _lists(stop.motion),
+    }
+
+
+def _rubbing(element: Friction) -> dict[str, Any]:
+    numbers = {"force": element.force, "static": element.static, "velocity": element.velocity}
+    return _described_row(element) | {name: float(a) for name, a in numbers.items() if a is not None}
+
+
+def _stop(name: str, lists: Any, forcing: Harmonic, dtype: DTypeLike) -> AnyStop:
     own = ("row",) if isinstance(lists, dict) and "row" in lists else ("mass", "side")
+    if isinstance(lists, dict) and "stiffness" in lists:
+        return _compliant_stop(name, lists, own, dtype)
     _check_names(f"`{name}`", lists, (*own, *_OF_LIMIT), ("motion",))
     position = _array(f"{name}.position", lists["position"], dtype)
     restitution = _restitution(f"{name}.restitution", lists["restitution"], dtype)
@@ -106,6 +126,32 @@ def _stop(name: str, lists: Any, forcing: Harmonic, dtype: DTypeLike) -> Stop | 
         if "row" not in lists:
             return Stop(lists["mass"], position, lists["side"], restitution, motion)
         return Contact(_row(f"{name}.row", lists["row"], dtype), position, restitution, motion)
+    except ValueError as error:
+        raise ValueError(f"In `{name}`: {error}") from error
+
+
+def _compliant_stop(
+    name: str, lists: dict[str, Any], own: tuple[str, ...], dtype: DTypeLike
+) -> CompliantStop | CompliantContact:
+    _check_names(f"`{name}`", lists, (*own, "position", "stiffness"), ("damping", "preload"))
+    numbers = {
+        a: _array(f"{name}.{a}", lists[a], dtype) for a in ("position", *LAW_OF_COMPLIANCE) if a in lists
+    }
+    try:
+        if "row" not in lists:
+            return CompliantStop(lists["mass"], side=lists["side"], **numbers)
+        return CompliantContact(_row(f"{name}.row", lists["row"], dtype), **numbers)
+    except ValueError as error:
+        raise ValueError(f"In `{name}`: {error}") from error
+
+
+def _friction(name: str, lists: Any, dtype: DTypeLike) -> Friction:
+    _check_names(f"`{name}`", lists, ("row", "force"), ("static", "velocity"))
+    numbers = {
+        a: _array(f"{name}.{a}", lists[a], dtype) for a in ("force", "static", "velocity") if a in lists
+    }
+    try:
+        return Friction(_row(f"{name}.row", lists["row"], dtype), **numbers)
     except ValueError as error:
         raise ValueError(f"In `{name}`: {error}") from error
 

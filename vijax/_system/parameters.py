@@ -1,4 +1,4 @@
-"""Parameters of a machine by path: "forcing.frequency", "stops[*].restitution", "damping[0][1]", "force.k3".
+"""Parameters of a machine by path: "forcing.frequency", "stops[*].restitution", "friction[0].force".
 
 Paths are written as in Python: fields after a dot, entries in brackets, `*` for every entry. A path names a whole
 array or one of its entries. Sweeps, continuation and fits all find parameters here.
@@ -112,7 +112,7 @@ def set_parameter(whole: Whole, path: str, value: Numbers) -> Whole:
 
 def axis_names(path: str, ndim: int) -> list[str]:
     """Names of the axes of a parameter."""
-    if is_of_force(path) or path.startswith("stops"):
+    if is_of_force(path) or path.startswith(("stops", "friction")):
         return [f"{path}.axis{k}" for k in range(ndim)]
     return ["harmonic" if path.startswith("forcing") else "row", "mass"][-ndim:]
 
@@ -182,11 +182,14 @@ def _check_alike(path: str, values: Iterable[Array]) -> None:
 
 def _names_nothing(whole: eqx.Module, path: str) -> str:
     names, system = parameter_names(whole), _machine_of(whole)
-    every = [re.sub(r"^stops\[\d+\]", "stops[*]", name) for name in names]
+    every = [re.sub(r"^(stops|friction)\[\d+\]", r"\1[*]", name) for name in names]
     meant = did_you_mean(path, dict.fromkeys([*every, *names]))
-    of_stops = dict.fromkeys(re.sub(r"stops\[\d+\]", "", name) for name in names if name.startswith("stops["))
-    names = [name for name in names if not name.startswith("stops[")]
-    names += [f"stops[{j}]{name}" for j in ("j", "*") for name in of_stops]
+    for part in ("stops", "friction"):
+        own = dict.fromkeys(
+            re.sub(part + r"\[\d+\]", "", name) for name in names if name.startswith(f"{part}[")
+        )
+        names = [name for name in names if not name.startswith(f"{part}[")]
+        names += [f"{part}[{j}]{name}" for j in ("j", "*") for name in own]
     sentence = (
         f"The path `{path}` names nothing that can be swept. There are {', '.join(names)}, and entries of "
         f"them as in `x0[1]` or `damping[0][1]`; the machine has {system.num_masses} masses and "

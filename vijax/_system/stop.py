@@ -1,18 +1,26 @@
 """Stops: rigid walls on one side of one mass."""
 
-from typing import Literal
+from typing import Any, Literal
 
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
 from .._jax.arrays import Count, Reals, as_float, whole_number
 from .._printing import as_html, as_text, describe_stop
-from .contact import AbstractLimit
+from .contact import AbstractRigidLimit
 from .forcing import Harmonic
 from .restitution import AbstractRestitution, Restitution, as_restitution
 
 
-class Stop(AbstractLimit):
+def check_side(side: Any) -> None:
+    """Reject a side that is neither of both."""
+    if side not in ("upper", "lower"):
+        raise ValueError(
+            f'Argument `side` must be "upper" (x <= position) or "lower" (x >= position), but is {side!r}.'
+        )
+
+
+class Stop(AbstractRigidLimit):
     """A rigid stop that limits the travel of one mass from one side.
 
     An `"upper"` stop keeps `x <= position`, a `"lower"` one `x >= position`. On contact the velocity of the mass is
@@ -70,11 +78,7 @@ class Stop(AbstractLimit):
         self.motion = motion
 
     def __check_init__(self):
-        if self.side not in ("upper", "lower"):
-            raise ValueError(
-                f'Argument `side` must be "upper" (x <= position) or "lower" (x >= position), '
-                f"but is {self.side!r}."
-            )
+        check_side(self.side)
 
     def __repr__(self) -> str:
         return as_text(describe_stop, self)

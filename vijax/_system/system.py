@@ -13,10 +13,14 @@ from .._jax.concrete import concrete
 from .._jax.errors import checked
 from .._printing import as_html, as_text, describe_system
 from .checks import POSITIVE, check_mass_matrices, check_one, check_semidefinite, check_slots, move_alike
+from .compliant import CompliantContact, CompliantStop
 from .contact import Contact
 from .force import BoundForce, as_force, bind_args, name_of_force
 from .forcing import Harmonic
+from .friction import Friction
 from .stop import Stop
+
+AnyStop = Stop | Contact | CompliantStop | CompliantContact
 
 
 class ImpactSystem(eqx.Module):
@@ -28,13 +32,14 @@ class ImpactSystem(eqx.Module):
         damping: C, shape (n, n), symmetric positive semi-definite.
         stiffness: K, shape (n, n), symmetric positive semi-definite.
         forcing: the periodic load f(t).
-        stops: any number of `vx.Stop`, at most one on each side of a mass, and `vx.Contact`; results number them in
-            this order.
+        stops: any number of `vx.Stop`, at most one on each side of a mass, `vx.Contact`, `vx.CompliantStop` and
+            `vx.CompliantContact`, in any mixture; results number them in this order.
         force: any other force on the masses, a smooth JAX function of the time (a number), positions and velocities
             (n,) and the `args` given to `simulate` or `sweep`, which returns (n,): an `eqx.Module`, whose numbers are
             parameters of the machine, or a plain function. A machine with a force is nonlinear, and is simulated by
             `DiffraxFlow`. Stroboscopic maps and sweeps need a force that depends on t with the period of the load, or
-            not at all.
+            not at all. A machine with a force has no friction and no compliant stops: these belong into the force.
+        friction: any number of `vx.Friction`; event logs number them in this order after the stops.
 
     Raises:
         ValueError: with the argument and the remedy, for wrong shapes or values. Traced values are not checked.
@@ -55,8 +60,9 @@ class ImpactSystem(eqx.Module):
     damping: Float[Array, "n n"]
     stiffness: Float[Array, "n n"]
     forcing: Harmonic
-    stops: tuple[Stop | Contact, ...]
+    stops: tuple[AnyStop, ...]
     force: Callable | None
+    friction: tuple[Friction, ...]
 
     def __init__(
         self,
@@ -64,15 +70,17 @@ class ImpactSystem(eqx.Module):
         damping: Numbers,
         stiffness: Numbers,
         forcing: Harmonic,
-        stops: Sequence[Stop | Contact] = (),
+        stops: Sequence[AnyStop] = (),
         force: Any = None,
+        friction: Sequence[Friction] = (),
     ):
         self.mass = as_float(mass, "mass")
         self.damping = as_float(damping, "damping")
         self.stiffness = as_float(stiffness, "stiffness")
-        _check_parts(forcing, stops)
+        _check_parts(forcing, stops, friction)
         self.forcing, self.stops = _of_one_frequency(*in_full_precision((forcing, tuple(stops))))
         self.force = as_force(force)
+        self.friction = in_full_precision(tuple(friction))
 
     def __check_init__(self):
         n = len(self.mass) if self.mass.ndim else 0
@@ -90,6 +98,7 @@ class ImpactSystem(eqx.Module):
                 f"but has shape {self.forcing.amplitude.shape}."
             )
         self._check_stops()
+        self._check_friction()
         self._check_values()
 
     def _check_stops(self):
@@ -101,6 +110,8 @@ class ImpactSystem(eqx.Module):
                 raise ValueError(
                     f"{name} {unknown[0]}, but the machine has masses 0 to {self.num_masses - 1}."
                 )
+            if stop.is_compliant:
+                continue
             if stop.slot in places:
                 mass, side = stop.slot
                 raise ValueError(
@@ -110,6 +121,19 @@ class ImpactSystem(eqx.Module):
             if stop.slot is not None:
                 places[stop.slot] = j
         check_slots(self.stops)
+
+    def _check_friction(self):
+        for k, element in enumerate(self.friction):
+            unknown = [mass for mass in element.coefficients if mass >= self.num_masses]
+            if unknown:
+                raise ValueError(
+                    f"`friction[{k}].row` names mass {unknown[0]}, but the machine has masses 0 to {self.num_masses - 1}."
+                )
+        if self.is_switching and self.force is not None:
+            raise ValueError(
+                "A machine with `friction` or compliant stops is followed exactly, and cannot have a `force` besides: leave "
+                "`force` out, or put friction and compliant stops into it, as smooth functions."
+            )
 
     def _check_values(self):
         if self.mass.ndim == 1:
@@ -145,7 +169,12 @@ class ImpactSystem(eqx.Module):
         in a frame that moves with its stops, and all is simpler and faster.
         """
         has_contacts = any(isinstance(stop, Contact) for stop in self.stops)
-        return has_contacts or self.has_full_mass or not move_alike(self.stops)
+        return has_contacts or self.is_switching or self.has_full_mass or not move_alike(self.stops)
+
+    @property
+    def is_switching(self) -> bool:
+        """True with friction or compliant stops: forces switch between laws, each linear."""
+        return bool(self.friction) or any(stop.is_compliant for stop in self.stops)
 
     @property
     def num_stops(self) -> int:
@@ -153,22 +182,25 @@ class ImpactSystem(eqx.Module):
         return len(self.stops)
 
 
-def _check_parts(forcing: Any, stops: Any) -> None:
-    """Reject a `forcing` that is not a load, or `stops` that are not a list of stops."""
+def _check_parts(forcing: Any, stops: Any, friction: Any) -> None:
+    """Reject a `forcing` that is not a load, or `stops` or `friction` that are not lists of such."""
     if not isinstance(forcing, Harmonic):
         raise ValueError(
             "Argument `forcing` must be a `vx.Harmonic`, one whose amplitudes are 0 if nothing drives the machine, but is "
             f"{forcing!r}."
         )
-    if not isinstance(stops, list | tuple) or not all(isinstance(stop, Stop | Contact) for stop in stops):
+    if not isinstance(stops, list | tuple) or not all(isinstance(stop, AnyStop) for stop in stops):
         raise ValueError(
-            f"Argument `stops` must be a list of `vx.Stop` and `vx.Contact`, also where there is one, but is {stops!r}."
+            "Argument `stops` must be a list of `vx.Stop`, `vx.Contact`, `vx.CompliantStop` and `vx.CompliantContact`, also "
+            f"where there is one, but is {stops!r}."
+        )
+    if not isinstance(friction, list | tuple) or not all(isinstance(one, Friction) for one in friction):
+        raise ValueError(
+            f"Argument `friction` must be a list of `vx.Friction`, also where there is one, but is {friction!r}."
         )
 
 
-def _of_one_frequency(
-    forcing: Harmonic, stops: Sequence[Stop | Contact]
-) -> tuple[Harmonic, tuple[Stop | Contact, ...]]:
+def _of_one_frequency(forcing: Harmonic, stops: Sequence[AnyStop]) -> tuple[Harmonic, tuple[AnyStop, ...]]:
     """Keep the frequency in the load alone, so that a change there applies everywhere."""
     same = []
     for j, stop in enumerate(stops):
@@ -186,9 +218,18 @@ def _of_one_frequency(
     return forcing, tuple(same)
 
 
+def refuse_switching(who: str, system: ImpactSystem) -> None:
+    """Raise ValueError for a machine with friction or compliant stops, where only rigid contacts are supported."""
+    if system.is_switching:
+        raise ValueError(
+            f"`{who}` is for machines with rigid contacts alone, but this one has friction or compliant stops: follow it by "
+            "`vx.simulate`, `vx.sweep`, `vx.monodromy_matrix` and `vx.lyapunov_exponents`."
+        )
+
+
 def check_again(system: ImpactSystem) -> None:
     """Reject a machine whose numbers were replaced by invalid ones after it was built."""
-    for part in (system.forcing, *system.stops, system):
+    for part in (system.forcing, *system.stops, *system.friction, system):
         for kind in type(part).__mro__:  # as Equinox does at construction
             if "__check_init__" in vars(kind):
                 vars(kind)["__check_init__"](part)
@@ -225,8 +266,9 @@ def chain(
     dampings: Numbers,
     stiffnesses: Numbers,
     forcing: Harmonic,
-    stops: Sequence[Stop | Contact] = (),
+    stops: Sequence[AnyStop] = (),
     force: Any = None,
+    friction: Sequence[Friction] = (),
 ) -> ImpactSystem:
     """Build a chain of masses: wall, spring and damper, mass, spring and damper, mass, ...
 
@@ -240,6 +282,7 @@ def chain(
         forcing: the periodic load.
         stops: the stops.
         force: any other force on the masses, see `ImpactSystem`.
+        friction: the friction elements.
 
     Returns:
         The machine, with the matrices of Eqs. 1 and 2.
@@ -265,7 +308,9 @@ def chain(
                 f"Argument `{name}` must have one entry per mass, shape ({mass.size},), "
                 f"but has shape {values.shape}."
             )
-    return ImpactSystem(mass, _chain_matrix(damping), _chain_matrix(stiffness), forcing, stops, force)
+    return ImpactSystem(
+        mass, _chain_matrix(damping), _chain_matrix(stiffness), forcing, stops, force, friction
+    )
 
 
 def _chain_matrix(links: Float[Array, " n"]) -> Float[Array, "n n"]:

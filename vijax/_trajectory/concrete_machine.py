@@ -52,9 +52,10 @@ class ConcreteMachine:
 
     @cached_property
     def fixed_stops(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Rows and limits of the stops; None if any stop moves."""
+        """Rows and limits of the stops; None if any stop moves or yields."""
         numbers = self.in_numpy
-        return None if numbers.travel is not None else (numbers.rows, numbers.limit)
+        is_fixed = numbers.travel is None and numbers.laws is None
+        return (numbers.rows, numbers.limit) if is_fixed else None
 
     def admits(self, t0: Reals, t1: Reals, x: Reals, v: Reals) -> bool:
         """True if a start is valid, between stops that stand still; otherwise `validate_start` decides."""

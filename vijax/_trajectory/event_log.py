@@ -1,18 +1,19 @@
 """Event log: written instant by instant, read event by event."""
 
 from itertools import accumulate
+from operator import attrgetter
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._hybrid.limits import EVENT_NAMES, EVENTS, STICK
-from .._hybrid.transition import Instant
+from .._hybrid.limits import EVENT_NAMES, EVENTS, STICK, SWITCHING_EVENTS, EventKind
+from .._hybrid.transition import Instant, Switches
 from .._jax.arrays import UNROLLED, Flag, Reals, Scalar, add_up, append_axes
 from .._jax.xla import is_any
 from .._machine.machine import Machine
-from .._machine.state import State
+from .._machine.state import Mode, State
 from .._printing import as_html, as_text, describe_events
 from .._system.waves import turned
 from .batched import Writing, put
@@ -23,11 +24,12 @@ class EventLog(eqx.Module):
 
     Attributes:
         t: time, (events,). A stick has the time at which the chatter it completes ends.
-        stop: index of the stop, (events,).
-        kind: `vx.IMPACT`, `vx.STICK` or `vx.RELEASE`, (events,).
+        stop: index of the stop, (events,); for friction element k the number of stops plus k.
+        kind: `vx.IMPACT`, `vx.STICK` or `vx.RELEASE`, (events,); of compliant stops `vx.CLOSE` or `vx.OPEN`, of friction
+            `vx.STICK`, `vx.SLIP` or `vx.TURN`.
         velocity_minus: signed velocity of the mass just before an impact, (events,); for other events that of the stop,
             0 where it stands still. For a `vx.Contact` the speed of approach, `row . v` less its own velocity; 0 for
-            other events.
+            other events. A compliant stop that closes or opens has the velocity at which it does.
         velocity_plus: velocity just after, likewise.
         impulse: m (velocity_plus - velocity_minus) for a stop; for a contact the impulse along its row that opens its
             gap, not negative, (events,).
@@ -61,6 +63,7 @@ class Restarts(eqx.Module):
     x: Float[Array, "..."]
     v: Float[Array, "..."]
     held: Bool[Array, "..."]
+    mode: Mode | None = None
 
 
 class Log(eqx.Module):
@@ -91,7 +94,7 @@ class Log(eqx.Module):
         if self.is_whole:
             return jnp.array(True)
         size, num_stops = self.instants.hit.shape
-        most = _most_events(num_stops)
+        most = _most_events(self.instants, num_stops)
         return (self.num_events - self.events_before + most <= size - 2) | (self.num_events >= max_events)
 
     def kept(self) -> Restarts:
@@ -103,19 +106,24 @@ class Log(eqx.Module):
         return jax.tree.map(lambda a: a[:-1], self.instants)
 
 
-def _most_events(num_stops: int) -> int:
+def _kinds_of(instants: Instant) -> tuple[EventKind, ...]:
+    """Kinds of events that may happen."""
+    return EVENTS if instants.switched is None else EVENTS + SWITCHING_EVENTS
+
+
+def _most_events(instants: Instant, num_stops: int) -> int:
     """The most events of one instant."""
-    return len(EVENTS) * num_stops
+    return len(_kinds_of(instants)) * num_stops
 
 
-def _joined(row: Reals, number: Reals, num_stops: int) -> Reals:
+def _joined(row: Reals, number: Reals, most: int) -> Reals:
     """Row and number of an event in that row, packed into one integer by shifts, because divisions are slow."""
-    return (row << _most_events(num_stops).bit_length()) + number
+    return (row << most.bit_length()) + number
 
 
-def _split(both: Reals, num_stops: int) -> tuple[Reals, Reals]:
+def _split(both: Reals, most: int) -> tuple[Reals, Reals]:
     """Inverse of `_joined`."""
-    bits = _most_events(num_stops).bit_length()
+    bits = most.bit_length()
     return both >> bits, both & ((1 << bits) - 1)
 
 
@@ -128,7 +136,8 @@ def empty_log(first: State, t0: Scalar, room: int, *, is_whole: bool, has_impuls
     gap, held = first.gap, first.held
     none, zeros = jnp.zeros_like(held), jnp.zeros_like(gap)
     impulse = zeros if has_impulses else None
-    nothing = Instant(none, none, none, zeros, zeros, zeros, jnp.array(False), t0, impulse)
+    switched = None if first.mode is None else Switches(none, none, none, none, none)
+    nothing = Instant(none, none, none, zeros, zeros, zeros, jnp.array(False), t0, impulse, switched)
     return Log(
         restarts=Restarts(
             t=rows(t0, jnp.inf),
@@ -138,9 +147,10 @@ def empty_log(first: State, t0: Scalar, room: int, *, is_whole: bool, has_impuls
             x=rows(first.x, 0.0),
             v=rows(first.v, 0.0),
             held=rows(held, False),
+            mode=jax.tree.map(lambda a: rows(a, 0), first.mode),
         ),
         instants=jax.tree.map(lambda a: rows(a, 0), nothing),
-        places=jnp.zeros(room + 2 * _most_events(held.size), int),
+        places=jnp.zeros(room + 2 * _most_events(nothing, held.size), int),
         rows=jnp.array(1),
         num_events=jnp.array(0),
         events_before=jnp.array(0),
@@ -155,9 +165,10 @@ def log_row(
     """Write one row if the instant has an event, unless so many are logged already."""
     count = add_up([jnp.sum(a, axis=0) for a in _flags_by_kind(instant)])
     is_row = live & (count > 0) & (log.num_events < max_events)
-    restart = Restarts(time, after.periods, after.time, after.phase, after.x, after.v, after.held)
+    restart = Restarts(time, after.periods, after.time, after.phase, after.x, after.v, after.held, after.mode)
     instant = eqx.tree_at(lambda i: i.time, instant, time)
-    numbers = jnp.arange(_most_events(len(instant.hit)))
+    most = _most_events(instant, len(instant.hit))
+    numbers = jnp.arange(most)
     restarts, instants, places = put(
         is_row,
         Writing(log.restarts, jax.tree.map(lambda a: a[None], restart), log.rows),
@@ -165,7 +176,7 @@ def log_row(
         # The next instant overwrites surplus entries.
         Writing(
             log.places,
-            _joined(log.rows, append_axes(numbers, count[None]), len(instant.hit)),
+            _joined(log.rows, append_axes(numbers, count[None]), most),
             log.num_events - log.events_before,
         ),
     )
@@ -198,18 +209,19 @@ def event_log(
         places: row and number of every event, see `Log`; counted if left out.
     """
     happened = _flags_of(instants)
-    num_stops = happened.shape[1] // len(EVENTS)
+    kinds, num_stops = _kinds_of(instants), instants.hit.shape[1]
+    most = _most_events(instants, num_stops)
     if num_stops == 0:
         none, nan = jnp.full(max_events, -1), jnp.full(max_events, jnp.nan, instants.time.dtype)
         return EventLog(nan, none, none, nan, nan, nan)
     if places is None:
         places = _count_places(happened, max_events + num_stops)
-    row, number = _split(places[: max_events + num_stops], num_stops)
-    event = _joined(row, _flag_of_number(happened[row], number), num_stops)
+    row, number = _split(places[: max_events + num_stops], most)
+    event = _joined(row, _flag_of_number(happened[row], number), most)
 
     def read_off(event: Int[Array, " room"]) -> tuple[Array, ...]:
-        row, flag = _split(event, num_stops)
-        kind = add_up([(flag >= k * num_stops).astype(int) for k in range(1, len(EVENTS))])
+        row, flag = _split(event, most)
+        kind = add_up([(flag >= k * num_stops).astype(int) for k in range(1, len(kinds))])
         stop = flag - kind * num_stops
         t = instants.time[row]
         if machine.can_stick:
@@ -224,7 +236,7 @@ def event_log(
     of_stops = _velocities_of_stops(machine, instants, phases)
     of_stop = 0.0 if of_stops is None else of_stops[row, kind, stop]
     signed = jax.vmap(machine.contacts.signed)
-    has_speed = jnp.asarray([event.has_speed for event in EVENTS])[kind]
+    has_speed = jnp.asarray([event.has_speed for event in kinds])[kind]
     read = lambda a: jnp.where(has_speed, signed(a)[row, stop], 0) + of_stop  # noqa: E731
     minus, plus = read(instants.velocity_minus), read(instants.velocity_plus)
     if instants.impulse is not None:
@@ -243,7 +255,7 @@ def _flags_of(instants: Instant) -> Bool[Array, "rows flags"]:
 
 
 def _flags_by_kind(instants: Instant) -> list[Bool[Array, "..."]]:
-    return [getattr(instants, event.flag) for event in EVENTS]
+    return [attrgetter(event.flag)(instants) for event in _kinds_of(instants)]
 
 
 def _count_places(flags: Bool[Array, "rows flags"], room: int) -> Int[Array, " room"]:
@@ -252,7 +264,7 @@ def _count_places(flags: Bool[Array, "rows flags"], room: int) -> Int[Array, " r
     until = jnp.cumsum(num)  # flags up to the end of each row
     event = jnp.arange(room)
     row = jnp.minimum(jnp.sum(until[None] <= event[:, None], axis=1), len(flags) - 1)
-    return _joined(row, event - (until - num)[row], flags.shape[1] // len(EVENTS))
+    return _joined(row, event - (until - num)[row], flags.shape[1])
 
 
 def _flag_of_number(flags: Bool[Array, "room flags"], number: Int[Array, " room"]) -> Int[Array, " room"]:
@@ -298,4 +310,4 @@ def _velocities_of_stops(
     if now is None or at_sticks is None:
         return None
     at_stick = jnp.diagonal(at_sticks, axis1=1, axis2=2)
-    return jnp.stack([now, at_stick, now], axis=1)
+    return jnp.stack([now, at_stick, *[now] * (len(_kinds_of(instants)) - 2)], axis=1)

@@ -18,6 +18,7 @@ from .._jax.xla import is_any
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.state import State
+from .._machine.switching import RIGID
 
 
 class Grazing(eqx.Module):
@@ -48,6 +49,8 @@ def update_grazing(
     machine, before, after, instant = stop_gradients((machine, before, after, instant))
     turned = (machine.approach(before) > 0) & (machine.approach(after) <= 0)
     turned = turned & ~instant.hit & ~before.held & ~after.held
+    if machine.contacts.is_switching:
+        turned = turned & machine.contacts.are(RIGID)
     # Most steps have neither an impact nor a turn.
     return jax.lax.cond(
         is_any(live & jnp.any(turned | instant.hit, axis=0)),
@@ -91,7 +94,7 @@ def _lowest(
     machine: Machine, state: State
 ) -> tuple[Float[Array, "stops ..."], Float[Array, "stops ..."], Float[Array, "stops ..."]]:
     """Second derivative of every gap, the minimum of its cubic from this state, and the time to the minimum."""
-    hold = machine.hold(state.held)
+    machine, hold = machine.in_mode(state), machine.hold(state.held)
     now, slope = rates(machine, state, hold), -machine.approach(state)
     curvature = -machine.contacts.pull(now.force, hold, state.phase)
     third = -machine.contacts.pull(now.force_rate, hold, machine.phase_rate(state.phase))

@@ -310,6 +310,9 @@ def finish(task: LoopTask, last: Carry, request: LoopArguments, choices: Choices
     result = RESULTS.where(last.is_finite, result, RESULTS.non_finite)
     result = RESULTS.where(request.is_sound, result, RESULTS.unsound_start)
     x1, v1 = machine.in_space(state)
+    num_stops = machine.contacts.num_stops
+    # A contact that friction keeps closed holds too, without a force.
+    at_rest = state.held if state.mode is None else state.held | state.is_kept_closed
     time = t0 + state.periods * machine.period + state.time
     return Solution(
         ts=ts,
@@ -317,7 +320,8 @@ def finish(task: LoopTask, last: Carry, request: LoopArguments, choices: Choices
         vs=jnp.where(is_reached, last.vs[: ts.size], v1),
         x1=x1,
         v1=v1,
-        stuck1=state.held,
+        stuck1=at_rest[:num_stops],
+        sticking1=at_rest[num_stops:],
         events=event_log(machine, log.kept_instants(), log.kept().phase, choices.room, log.places),
         num_events=jnp.minimum(log.num_events, request.max_events),
         num_steps=last.steps,

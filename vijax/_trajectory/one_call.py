@@ -19,7 +19,7 @@ from .._jax.arrays import UNROLLED_ALONE, Reals
 from .._jax.packing import Layout, Packed, layout_of, pack
 from .._jax.xla import jit_lightly
 from .._machine.numbers import MachineNumbers
-from .._machine.state import State, with_memory
+from .._machine.state import State, idle_mode, with_memory
 from .grazing import Grazing
 from .loop import (
     Carry,
@@ -105,12 +105,27 @@ def known_to_calls(numbers: MachineNumbers, flow: AbstractFlow, *, can_stick: bo
 def _packed_nothing(numbers: MachineNumbers, flow: AbstractFlow) -> Packed:
     if _has_memory(flow):
         return jax.device_put(pack(empty_progress(numbers, flow)))
-    return _packed_of_shape(*numbers.rows.shape, numbers.waves.num_harmonics, numbers.mass.dtype)
+    return _packed_of_shape(*_sizes(numbers))
+
+
+class _Sizes(NamedTuple):
+    """Sizes of the state of a machine."""
+
+    num_contacts: int
+    n: int
+    num_harmonics: int
+    dtype: np.dtype
+    is_switching: bool
+
+
+def _sizes(numbers: MachineNumbers) -> _Sizes:
+    is_switching = numbers.laws is not None
+    return _Sizes(*numbers.rows.shape, numbers.waves.num_harmonics, numbers.mass.dtype, is_switching)
 
 
 @lru_cache
-def _packed_of_shape(num_contacts: int, n: int, num_harmonics: int, dtype: np.dtype) -> Packed:
-    return jax.device_put(pack(_nothing(num_contacts, n, num_harmonics, dtype)))
+def _packed_of_shape(*sizes: Any) -> Packed:
+    return jax.device_put(pack(_nothing(_Sizes(*sizes))))
 
 
 @jit_lightly
@@ -184,7 +199,7 @@ def _layout_of_request(n: int, dtype: np.dtype) -> Layout:
 
 def empty_progress(numbers: MachineNumbers, flow: AbstractFlow) -> CallProgress:
     """Input of the first call, in the shapes of the progress of a call."""
-    left = _nothing(*numbers.rows.shape, numbers.waves.num_harmonics, numbers.mass.dtype)
+    left = _nothing(_sizes(numbers))
     if not _has_memory(flow):
         return left
     memory = flow.memory(left.known_until)
@@ -196,21 +211,24 @@ def _has_memory(flow: AbstractFlow) -> bool:
 
 
 @lru_cache
-def _nothing(num_contacts: int, n: int, num_harmonics: int, dtype: np.dtype) -> CallProgress:
+def _nothing(sizes: _Sizes) -> CallProgress:
+    num_contacts, n, num_harmonics, real_type, is_switching = sizes
+
     def zeros(dtype: DTypeLike, *shape: int) -> Array:
         return jax.device_put(np.zeros(shape, dtype))
 
-    count, real, flag = zeros(int), zeros(dtype), zeros(bool)
+    count, real, flag = zeros(int), zeros(real_type), zeros(bool)
     state = State(
         periods=count,
         time=real,
         time_low=real,
-        phase=zeros(dtype, 2, num_harmonics),
-        x=zeros(dtype, n),
-        v=zeros(dtype, n),
-        gap=zeros(dtype, num_contacts),
+        phase=zeros(real_type, 2, num_harmonics),
+        x=zeros(real_type, n),
+        v=zeros(real_type, n),
+        gap=zeros(real_type, num_contacts),
         held=zeros(bool, num_contacts),
         contact=zeros(np.int8, num_contacts),
+        mode=idle_mode(zeros(real_type, num_contacts)) if is_switching else None,
     )
     return CallProgress(
         state=state,

@@ -85,7 +85,7 @@ class _Recorder(AbstractTask):
         live = self.is_live(carry)
         leg = self.task.fly_on(carry.state, carry.goal)
         after, instant, finite = self.task.next_period(leg), leg.instant, is_finite(leg.after)
-        happened = jnp.any(instant.hit | instant.stuck | instant.released, axis=0)
+        happened = instant.happened
         duration = carry.duration + leg.flight.duration
         # A motion that is cut ends with a flight too, and so does a period where a flow map would lose digits.
         is_cut = (carry.steps + 1 >= self.task.most_steps) | ~finite
@@ -112,7 +112,7 @@ def _blank_recording(carry: Carry) -> _Recording:
     state, lanes = carry.state, carry.steps.shape
     nothing = jnp.zeros_like(state.time)
     flags = jnp.zeros(lanes, bool)
-    flight = Flight(state, nothing, jnp.zeros_like(state.held), flags)
+    flight = Flight(state, nothing, state.no_events, flags)
     count = jnp.zeros(lanes, int)
 
     def rows(a: Array) -> Array:

@@ -87,6 +87,7 @@ class Solution(eqx.Module):
         x1: position at t1, (n,).
         v1: velocity at t1, (n,).
         stuck1: flags of the stops that hold their mass at t1, (stops,).
+        sticking1: flags of the friction elements that stick at t1, (friction,).
         events: event log.
         num_events: number of logged events.
         num_steps: number of steps, including trials that were not taken.
@@ -105,6 +106,7 @@ class Solution(eqx.Module):
     x1: Float[Array, " n"]
     v1: Float[Array, " n"]
     stuck1: Bool[Array, " stops"]
+    sticking1: Bool[Array, " friction"]
     events: EventLog
     num_events: Int[Array, ""]
     num_steps: Int[Array, ""]
@@ -154,7 +156,8 @@ class Solution(eqx.Module):
     def contact_force(self, t: Numbers) -> Float[Array, "... stops"]:
         """Evaluate the contact force of each stop while it holds its mass; 0 while it does not.
 
-        It does not include impacts, which are impulses: see `events.impulse`.
+        It does not include impacts, which are impulses: see `events.impulse`. Of a compliant stop it is the force with
+        which it pushes, N.
 
         Args:
             t: times in [t0, t1], any shape.
@@ -175,7 +178,30 @@ class Solution(eqx.Module):
         References:
             Wagg & Bishop (2004), Eqs. 19-20.
         """
-        return self._at(t)[2]
+        return self._at(t)[2][..., : self.stuck1.shape[-1]]
+
+    def friction_force(self, t: Numbers) -> Float[Array, "... friction"]:
+        """Evaluate the force T of each friction element, which acts on the masses with -row T.
+
+        Args:
+            t: times in [t0, t1], any shape.
+
+        Returns:
+            Force, of the shape of `t` and then (friction,), behind the axes of a batch; NaN where `evaluate` is. At rest
+            beside a stop that presses on the same mass, the stop carries the load and T is 0.
+
+        Raises:
+            ValueError: as for `evaluate`.
+
+        Example:
+            ```python
+            import vijax as vx
+            load = vx.Harmonic(amplitude=[1.5], frequency=0.6)
+            system = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, friction=[vx.Friction(0, 1.0)])
+            force = vx.simulate(system, 0.0, 50.0).friction_force(50.0)
+            ```
+        """
+        return self._at(t)[2][..., self.stuck1.shape[-1] :]
 
     def evaluate_stops(self, t: Numbers) -> tuple[Float[Array, "... stops"], Float[Array, "... stops"]]:
         """Evaluate positions and velocities of the stops at any time.
@@ -325,7 +351,8 @@ def evaluate_all(solution: Solution, times: Float[Array, " times"]) -> tuple[Arr
 
 @compile_lightly
 def _evaluate_stops(machine: Machine, times: Float[Array, "..."]) -> tuple[Array, Array]:
-    of_one = lambda t: machine.stops_at(machine.phase_at(t))  # noqa: E731
+    num = machine.contacts.num_stops
+    of_one = lambda t: tuple(a[:num] for a in machine.stops_at(machine.phase_at(t)))  # noqa: E731
     return jnp.vectorize(of_one, signature="()->(stops),(stops)")(times)
 
 
@@ -354,14 +381,20 @@ def _from_restart(
     """Follow the smooth motion from an event to a time before the next."""
     state = state_before_contact(machine, start.phase, start.x, start.v, start.held)
     state = eqx.tree_at(lambda s: (s.periods, s.time), state, (start.periods, start.time))
+    if start.mode is not None:
+        state = eqx.tree_at(lambda s: s.mode, state, start.mode)
     state = with_memory(state, flow.memory(state.time))
     # At a logged event time the state is the logged one to the last bit.
     then, here = in_periods(machine, t - t0), (start.periods, start.time)
     periods, time = (jnp.where(t == start.t, a, b) for a, b in zip(here, then, strict=True))
-    state = coast(flow, machine, state, phase0, periods, time, max_steps)
-    hold = machine.hold(state.held)
-    pressing = machine.contacts.contact_force(machine.total_force(state), hold, state.phase)
-    return *machine.in_space(state), jnp.where(state.held, pressing, 0)
+    now = machine.in_mode(state)
+    state = coast(flow, now, state, phase0, periods, time, max_steps)
+    hold = now.hold(state.held)
+    pressing = now.contacts.contact_force(now.total_force(state), hold, state.phase)
+    force = jnp.where(state.held, pressing, 0)
+    if state.mode is not None:
+        force = force + now.contacts.forces_of(state)
+    return *machine.in_space(state), force
 
 
 @padding_allowed
@@ -378,6 +411,7 @@ def _dataset(solution: Solution) -> "xr.Dataset":
         "x1": (("mass",), solution.x1),
         "v1": (("mass",), solution.v1),
         "stuck1": (("stop",), solution.stuck1),
+        **({"sticking1": (("friction",), solution.sticking1)} if solution.sticking1.shape[-1] else {}),
         "result": ((), solution.result._value),
         **{
             name: ((), getattr(solution, name))

@@ -7,14 +7,14 @@ and `sweep` call them and need no knowledge of contacts; these functions need no
 """
 
 from collections.abc import Callable
+from types import ModuleType
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._flow.exact_step import fly
 from .._flow.interface import AbstractFlow, Flight
-from .._hybrid import coupled_impacts, diagonal_impacts
+from .._hybrid import coupled_impacts, diagonal_impacts, switching_resets
 from .._hybrid.transition import Instant
 from .._jax.arrays import Scalar, clip_to_zero
 from .._jax.xla import compute_once
@@ -31,7 +31,7 @@ def initial_state(
     t0: Scalar | float = 0.0,
 ) -> State:
     """State of a trajectory before its first step."""
-    law = coupled_impacts if machine.contacts.is_coupled else diagonal_impacts
+    law = _resets_of(machine)
     first = law.first_state(machine, phase, x, v, t0)
     return with_memory(first, flow.memory(first.time))
 
@@ -70,9 +70,15 @@ def outcome(
     machine: Machine, flight: Flight, call: Callable[..., tuple[State, Instant]] = compute_once
 ) -> tuple[State, Instant]:
     """Second half of `advance`: the state after the step, and the transition there; `call` calls the law of impacts."""
-    law = coupled_impacts if machine.contacts.is_coupled else diagonal_impacts
+    law = _resets_of(machine)
     after, instant = call(law.resolve, machine, flight.end, flight.is_event)
     # Not by `is_event`: by rounding, a mass that has just left may seem to return at once, in every step anew.
-    happened = instant.hit | instant.stuck | instant.released
-    arrived = flight.is_last & ~jnp.any(happened, axis=0)
+    arrived = flight.is_last & ~instant.happened
     return after, eqx.tree_at(lambda i: i.arrived, instant, arrived)
+
+
+def _resets_of(machine: Machine) -> ModuleType:
+    """Resets of the contacts of a machine: stops alone, contacts that share inertia, or friction and compliant ones too."""
+    if machine.contacts.is_switching:
+        return switching_resets
+    return coupled_impacts if machine.contacts.is_coupled else diagonal_impacts

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
+from .._machine.switching import RIGID, SwitchingContacts
 from .._system.system import ImpactSystem
 from .._trajectory.solution import Solution
 
@@ -20,8 +21,17 @@ def name_of(number: int, stop_masses: StopMasses) -> str:
 
 
 def name_in(sol: Solution, number: int) -> str:
-    """Legend label of a stop or contact of a trajectory."""
+    """Legend label of a stop, contact or friction element of a trajectory."""
+    num_stops = sol.machine.contacts.num_stops
+    if number >= num_stops:
+        return f"friction {number - num_stops}"
     return name_of(number, sol.machine.contacts.masses)
+
+
+def is_rigid(sol: Solution, number: int) -> bool:
+    """True for a rigid stop or contact."""
+    contacts = sol.machine.contacts
+    return not isinstance(contacts, SwitchingContacts) or contacts.laws.kinds[number] == RIGID
 
 
 def row_of(sol: Solution, number: int) -> np.ndarray:
@@ -45,7 +55,7 @@ def masses_with_jump(sol: Solution, number: int) -> list[int]:
 def place_on_axis(sol: Solution, number: int, t: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Position and velocity of a stop on the axis of its mass; None if it acts on several masses."""
     row, masses = row_of(sol, number), masses_of(sol, number)
-    if len(masses) > 1:
+    if len(masses) > 1 or number >= sol.machine.contacts.num_stops:
         return None
     x, v = (np.asarray(a)[:, number] / row[masses[0]] for a in sol.evaluate_stops(t))
     return x, v

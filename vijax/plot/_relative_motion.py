@@ -57,7 +57,7 @@ def relative_motion(
         S. F. Masri, "General motion of impact dampers", J. Acoustical Society of America 47 (1970) 229-237.
     """
     sol = solution_of(sol)
-    check_index("contact", contact, sol.machine.contacts.num)
+    check_index("contact", contact, sol.machine.contacts.num_stops)
     drawn = span_of(sol, span)
     t = sample_times(sol, drawn, num_samples)
     row, name = row_of(sol, contact), name_in(sol, contact)

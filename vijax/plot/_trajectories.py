@@ -20,7 +20,7 @@ from ._axes import (
     legend_beside,
 )
 from ._colors import curve_colors, curve_styles, ink, merge_style
-from ._contacts import masses_of, masses_with_jump, name_in, place_on_axis
+from ._contacts import is_rigid, masses_of, masses_with_jump, name_in, place_on_axis
 from ._labels import LENGTH, TIME, Units, with_unit
 from ._orbits import solution_of
 
@@ -41,7 +41,8 @@ def time_series(
     """Draw the positions of all masses against time, with their stops.
 
     A dotted line is a stop, in the colour of its mass; a disc is an impact. A line is thick where a stop holds the
-    mass, both lines where a contact of two masses holds. Contacts have no line of their own: see `relative_motion`.
+    mass, a compliant stop pushes it, or friction makes it stick, both lines where a contact of two masses does. Contacts
+    have no line of their own: see `relative_motion`.
 
     Args:
         sol: one trajectory, or one periodic orbit, drawn over one cycle.
@@ -100,9 +101,16 @@ def _draw_limit(ax: Axes, sol: Solution, number: int, t: np.ndarray, x: np.ndarr
         ax.plot(t, place[0], color=colors[masses[0]], linestyle=":", linewidth=1.0, label=words)
     is_held = is_held_at(sol, number, t)
     if is_held.any():
-        words = ", ".join(f"$x_{{{i}}}$" for i in masses) + " held"
+        words = f"{', '.join(f'$x_{{{i}}}$' for i in masses)} {_hold_in_words(sol, number)}"
         for i in masses:
             draw_held(ax, t, x[:, i], is_held, colors[i], label_if_new(ax, words))
+
+
+def _hold_in_words(sol: Solution, number: int) -> str:
+    """What a stop, contact or friction element does to its masses while it holds."""
+    if number >= sol.machine.contacts.num_stops:
+        return "sticks"
+    return "held" if is_rigid(sol, number) else "pushed"
 
 
 def _mark_impacts(ax: Axes, sol: Solution, t: np.ndarray, x: np.ndarray) -> None:
@@ -247,13 +255,18 @@ def _draw_contact(ax: Axes, sol: Solution, number: int, mass: int, t: np.ndarray
     is_held, place = is_held_at(sol, number, t), place_on_axis(sol, number, t)
     x, v = place if place is not None else (np.asarray(a)[:, mass] for a in sol.evaluate(t))
     is_fixed = place is not None and not v.any()
+    if is_held.any() and place is not None and not is_rigid(sol, number):
+        # A compliant stop is passed: its line stands still, and what it pushes lies on the motion.
+        ax.axvline(x[0], color=grey, linewidth=4, zorder=0, label=label_if_new(ax, name))
+        is_fixed, place, (x, v) = False, None, (np.asarray(a)[:, mass] for a in sol.evaluate(t))
     if is_fixed:
         ax.axvline(x[0], color=grey, linewidth=4, zorder=0, label=label_if_new(ax, name))
     elif place is not None:
         ax.plot(x, v, color=grey, linewidth=4, zorder=0, label=label_if_new(ax, name))
     if is_held.any():
         mark = (x[0], 0, "o") if is_fixed else (np.where(is_held, x, np.nan), v, "-")
-        ax.plot(*mark, color=HELD, linewidth=4, zorder=4, label=label_if_new(ax, f"held by {name}"))
+        words = f"held by {name}" if is_rigid(sol, number) else f"at {name}"
+        ax.plot(*mark, color=HELD, linewidth=4, zorder=4, label=label_if_new(ax, words))
 
 
 def _draw_ends(ax: Axes, sol: Solution, mass: int, span: Span) -> None:

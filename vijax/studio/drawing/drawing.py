@@ -25,6 +25,8 @@ _SPRING, _DAMPER, _WALL, _PLATE, _WHEEL = 0.82, 0.56, 0.2, 0.32, 0.1
 _FLOOR = -2 * _WHEEL
 # Ground ends of springs: height above boxes, distance of walls from the outermost middles; thickness of a hatch.
 _CEILING, _END, _HATCHED = 1.55, 1.75, 0.14
+# Length of the spring of a compliant stop at rest, and height of the spring; width and height of a friction pad.
+_YIELDING, _CUSHION, _PAD = 0.35, 0.0, (0.5, 0.07)
 # Visible floor beside the outermost boxes without a wall.
 _BESIDE = 1.25
 # Load arrows: height, and start relative to the middle of the box. Height of the double arrows of moving stops.
@@ -87,6 +89,7 @@ def draw(
     boxes, moves = _boxes(ax, scheme, home, thin, style)
     moves += [_link(ax, home, link, thin, is_spring=is_spring) for link, is_spring in scheme.links]
     moves += [_limit(ax, scheme, home, limit) for limit in scheme.limits]
+    moves += [_pad(ax, home, mass) for mass in scheme.pads]
     for mass in scheme.grounded:
         _ground(ax, home, mass)
     loads = {i: text for i in range(scheme.num_masses) if (text := scheme.load_in_words(i))}
@@ -249,13 +252,33 @@ def _limit(ax: Axes, scheme: Scheme, home: np.ndarray, limit: DrawnLimit) -> Mov
     arrow = _double_arrow(ax) if scheme.is_moving[limit.number] else []
     under = -0.06 - 0.07 * (limit.number % 2)
 
+    is_cushion = wall is not None and bool(scheme.is_compliant[limit.number])
+    coil = ax.plot([], [], color=ink(), linewidth=1.0, zorder=2)[0] if is_cushion else None
+
     def move(pose: Pose) -> None:
         x = place_of_limit(home, pose, limit)
+        back = x + limit.side * _YIELDING if is_cushion else x
         if wall is not None:
-            wall.set_x(x if limit.side > 0 else x - _HATCHED)
+            wall.set_x(back if limit.side > 0 else back - _HATCHED)
+        if coil is not None:  # the face of a compliant stop goes with the mass that pushes it
+            x = side_position(home, pose, limit.mass, limit.side) + limit.side * max(
+                0.0, float(pose.gap[limit.number])
+            )
+            coil.set_data(*spring((x, _CUSHION), (back, _CUSHION)))
         line.set_data(*_plate(home, pose, limit, x, under))
         for part in arrow:
             part.set_data([x - 0.25, x + 0.25], [_TRAVEL, _TRAVEL])
+
+    return move
+
+
+def _pad(ax: Axes, home: np.ndarray, mass: int) -> Move:
+    """Draw the pad of friction between a box and the floor."""
+    width, height = _PAD
+    pad = _rectangle(ax, 0.0, _FLOOR, width, height, facecolor=ink(), linewidth=0, gid=f"friction {mass}")
+
+    def move(pose: Pose) -> None:
+        pad.set_x(side_position(home, pose, mass, 0) - width / 2)
 
     return move
 

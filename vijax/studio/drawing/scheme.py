@@ -1,11 +1,13 @@
 """Content of a drawing, taken from an `ImpactSystem` or from the machine of a trajectory."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
 from ..._machine.machine import Machine
+from ..._machine.switching import COMPLIANT, SwitchingContacts
+from ..._system.compliant import CompliantContact, CompliantStop
 from ..._system.force import name_of_force
 from ..._system.restitution import (
     AbstractRestitution,
@@ -13,7 +15,7 @@ from ..._system.restitution import (
     light_coefficient,
     restitution_of_contacts,
 )
-from ..._system.system import ImpactSystem
+from ..._system.system import AnyStop, ImpactSystem
 from ..._system.waves import Waves
 from ..._trajectory.solution import Solution
 from ...plot._contacts import in_symbols, masses_of_stops, name_of
@@ -60,10 +62,13 @@ class Scheme(NamedTuple):
         rows: coefficients of stops and contacts, positive towards them, (stops, n).
         masses: the mass of each stop, -1 for a contact.
         limit: where they stand along their rows in the mean, (stops,).
-        restitution: the coefficient of each stop in words, that of light impacts for a law, (stops,).
+        restitution: the coefficient of each stop in words, that of light impacts for a law, or the stiffness of a compliant
+            one, (stops,).
         is_moving: which of them move, (stops,).
         is_lumped: whether the mass matrix is diagonal; else the boxes are coordinates.
         force: the name of the force that is not linear, if there is one.
+        is_compliant: which of the stops and contacts yield, (stops,).
+        friction: coefficients of friction elements and their forces.
     """
 
     stiffness: np.ndarray
@@ -78,6 +83,8 @@ class Scheme(NamedTuple):
     is_moving: np.ndarray
     is_lumped: bool
     force: str | None
+    is_compliant: np.ndarray
+    friction: tuple[tuple[np.ndarray, float], ...] = ()
 
     @property
     def num_masses(self) -> int:
@@ -100,6 +107,11 @@ class Scheme(NamedTuple):
                 support, mass = [None, *own.tolist()][-2:]
                 found.append(DrawnLimit(j, mass, int(np.sign(row[mass])), support, abs(float(row[mass]))))
         return found
+
+    @property
+    def pads(self) -> list[int]:
+        """Masses that friction rubs on the ground."""
+        return [int(np.flatnonzero(row)[0]) for row, _ in self.friction if np.count_nonzero(row) == 1]
 
     @property
     def grounded(self) -> list[int]:
@@ -133,7 +145,11 @@ class Scheme(NamedTuple):
         is_negative = any(link.strength < 0 for link, _ in self.links)
         negative = ["dashed: negative stiffness or damping"] if is_negative else []
         inertia = [] if self.is_lumped else ["full mass matrix: boxes are coordinates"]
-        return [*rows, *inertia, *([f"force: {self.force}"] if self.force else []), *negative]
+        rubbing = [
+            f"friction {k}: of ${in_symbols(row)}$, $F$ = {force:.3g}"
+            for k, (row, force) in enumerate(self.friction)
+        ]
+        return [*rows, *rubbing, *inertia, *([f"force: {self.force}"] if self.force else []), *negative]
 
     def load_at(self, t: float) -> np.ndarray:
         """The load on every mass at a time, (n,)."""
@@ -169,10 +185,8 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         raise ValueError(
             f"Machines are drawn one by one, but this is a batch of shape {system.stiffness.shape[2:]}: draw its parts."
         )
-    rows = np.zeros((system.num_stops, system.num_masses))
-    for j, stop in enumerate(system.stops):
-        for i, a in stop.coefficients.items():
-            rows[j, i] = float(a)
+    n = system.num_masses
+    rows = np.array([_row(n, stop.coefficients) for stop in system.stops]).reshape(-1, n)
     moving = [stop.motion is not None and bool(np.any(stop.motion.amplitude)) for stop in system.stops]
     return Scheme(
         *(np.asarray(a) for a in (system.stiffness, system.damping, system.forcing.mean)),
@@ -181,13 +195,29 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         rows=rows,
         masses=masses_of_stops(system),
         limit=np.array([float(stop.sign * stop.centre) for stop in system.stops]),
-        restitution=_coefficients(
-            restitution_of_contacts([stop.restitution for stop in system.stops], np.zeros(()))
-        ),
+        restitution=tuple(map(_law_in_words, system.stops)),
         is_moving=np.array(moving, bool),
         is_lumped=not system.has_full_mass,
         force=None if system.force is None else _name(system.force),
+        is_compliant=np.array([stop.is_compliant for stop in system.stops], bool),
+        friction=tuple(
+            (_row(system.num_masses, one.coefficients), float(one.force)) for one in system.friction
+        ),
     )
+
+
+def _row(num_masses: int, coefficients: dict[int, Any]) -> np.ndarray:
+    row = np.zeros(num_masses)
+    for i, a in coefficients.items():
+        row[i] = float(a)
+    return row
+
+
+def _law_in_words(stop: AnyStop) -> str:
+    if isinstance(stop, CompliantStop | CompliantContact):
+        return f"$k$ = {float(stop.stiffness):.3g}"
+    (words,) = _coefficients(restitution_of_contacts([stop.restitution], np.zeros(())))
+    return words
 
 
 def _coefficients(restitution: Restitution) -> tuple[str, ...]:
@@ -198,18 +228,27 @@ def _coefficients(restitution: Restitution) -> tuple[str, ...]:
 def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
     """Scheme of the machine of a trajectory; `places` are the positions of its stops, (times, stops)."""
     machine = sol.machine
-    rows, num_stops = np.asarray(machine.contacts.rows), machine.contacts.num
+    contacts, n = machine.contacts, machine.num_masses
+    rows, num_stops = np.asarray(contacts.rows).reshape(contacts.num, n), contacts.num_stops
+    words, is_compliant, friction = _coefficients(contacts.restitution), np.zeros(num_stops, bool), ()
+    if isinstance(contacts, SwitchingContacts):
+        laws, is_compliant = contacts.laws, np.array(contacts.laws.kinds[:num_stops]) == COMPLIANT
+        stiffness, force = np.asarray(laws.stiffness), np.asarray(laws.force)
+        words = tuple(f"$k$ = {stiffness[j]:.3g}" if is_compliant[j] else words[j] for j in range(num_stops))
+        friction = tuple((rows[j], float(force[j])) for j in range(num_stops, contacts.num))
     return Scheme(
         *(np.asarray(a) for a in (machine.stiffness, machine.damping, machine.mean)),
         waves=_load_in_space(machine),
         frequency=float(machine.frequency),
-        rows=rows.reshape(num_stops, machine.num_masses),
-        masses=machine.contacts.masses,
-        limit=np.asarray(machine.contacts.limit),
-        restitution=_coefficients(machine.contacts.restitution),
+        rows=rows[:num_stops],
+        masses=contacts.masses[:num_stops],
+        limit=np.asarray(contacts.limit)[:num_stops],
+        restitution=words,
         is_moving=np.ptp(places, axis=0) > 0,
         is_lumped=machine.inverse_mass.ndim == 1,
         force=None if machine.extra is None else _name(machine.extra.force),
+        is_compliant=is_compliant,
+        friction=friction,
     )
 
 

@@ -1,0 +1,122 @@
+"""Golden scenes of dry friction and compliant stops, see data/golden_switching/README.md."""
+
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from helpers import CHATTER_END, ROUNDING
+
+import vijax as vx
+
+_FOLDER = Path(__file__).parent / "data" / "golden_switching"
+_KINDS = {
+    getattr(vx, kind.upper()): kind
+    for kind in ("impact", "stick", "release", "close", "open", "slip", "turn")
+}
+# A chatter has light impacts for a far shorter time than this.
+_LONGEST_END = 0.05
+
+
+class Happening(NamedTuple):
+    """One line of a log: time, element (stops first, then friction), kind, velocity before."""
+
+    t: float
+    element: int
+    kind: str
+    velocity: float
+
+
+class SwitchingScene(NamedTuple):
+    """A machine, a start, and the exact results."""
+
+    name: str
+    data: dict
+    system: vx.ImpactSystem
+
+    def simulate(self) -> vx.Solution:
+        """Trajectory by vijax."""
+        data = self.data
+        return vx.simulate(self.system, data["t0"], data["t1"], data["x0"], data["v0"])
+
+    @property
+    def num_stops(self) -> int:
+        """Number of stops, rigid and compliant."""
+        return len(self.system.stops)
+
+    @property
+    def expected(self) -> list[Happening]:
+        """Events of the scene."""
+        rigid = len(self.data["contacts"])
+        first = {"contact": 0, "compliant": rigid, "friction": self.num_stops}
+        return [
+            Happening(e["t"], first[e["element"]] + e["index"], e["kind"], e["v_before"])
+            for e in self.data["events"]
+        ]
+
+    def found(self, solution: vx.Solution) -> list[Happening]:
+        """Events of a solution, without the ends of chatters, as in the scene."""
+        log, n = solution.events, int(solution.num_events)
+        columns = (np.asarray(a)[:n].tolist() for a in (log.t, log.stop, log.kind, log.velocity_minus))
+        events = [Happening(t, stop, _KINDS[kind], v) for t, stop, kind, v in zip(*columns, strict=True)]
+        for chatter in self.data["chatters"]:
+            events = _without_end(events, chatter, self.num_stops)
+        return events
+
+    @property
+    def state_tolerance(self) -> float:
+        """Tolerance of the end state."""
+        return ROUNDING * max(1.0, self.data["amplification_worst_restart"])
+
+    def time_tolerance(self, t: float) -> float:
+        """Tolerance of the time of an event."""
+        return ROUNDING * max(1.0, t) * max(1.0, self.data["amplification_worst_restart_events"])
+
+
+def scene_names() -> list[str]:
+    """Names of all scenes."""
+    return sorted(path.stem for path in _FOLDER.glob("*.json"))
+
+
+def switching_scene(name: str) -> SwitchingScene:
+    """A scene from its file."""
+    data = json.loads((_FOLDER / f"{name}.json").read_text())
+    stops = [vx.Contact(_row(c), c["position"], c["restitution"]) for c in data["contacts"]]
+    stops += [
+        vx.CompliantContact(_row(c), c["position"], c["stiffness"], c["damping"], c["preload"])
+        for c in data["compliant"]
+    ]
+    friction = [vx.Friction(_row(c), c["force"], c["static"], c["belt"]) for c in data["friction"]]
+    load = vx.Harmonic(data["A"], data["Omega"], data["phase"], data["mean"])
+    mass = np.array(data["M"])
+    mass = mass if np.any(mass - np.diag(np.diag(mass))) else np.diag(mass)
+    system = vx.ImpactSystem(mass, data["C"], data["K"], load, stops, friction=friction)
+    return SwitchingScene(name, data, system)
+
+
+def shape_of(name: str) -> tuple:
+    """Properties for which a program is compiled."""
+    data = json.loads((_FOLDER / f"{name}.json").read_text())
+    is_full = np.any(np.array(data["M"]) - np.diag(np.diag(data["M"])))
+    return data["n"], *(len(data[kind]) for kind in ("contacts", "compliant", "friction")), bool(is_full)
+
+
+def _row(element: dict) -> dict[int, float]:
+    return {i: a for i, a in enumerate(element["row"]) if a}
+
+
+def _without_end(events: list[Happening], chatter: dict, num_stops: int) -> list[Happening]:
+    """Drop the light impacts of a contact before the end of its chatter, and the turns of friction between them."""
+    end, contact = chatter["end"], chatter["contact"]
+    rubbing = [num_stops + k for k in chatter["friction"]]
+    is_before = lambda t: end - _LONGEST_END < t < end + 1e-6  # noqa: E731
+    light = [
+        e.t
+        for e in events
+        if (e.element, e.kind) == (contact, "impact") and is_before(e.t) and abs(e.velocity) < CHATTER_END
+    ]
+    if not light:
+        return events
+    is_end = lambda e: is_before(e.t) and e.t >= min(light)  # noqa: E731
+    dropped = [(contact, "impact"), *((k, "turn") for k in rubbing)]
+    return [e for e in events if not (is_end(e) and (e.element, e.kind) in dropped)]

@@ -1,0 +1,113 @@
+"""Limits of compliant contacts.
+
+| mode | first guard | second guard |
+| --- | --- | --- |
+| apart | gap | none |
+| closed | depth d | spring force N = F0 + k d + c d' |
+| inside | depth d | -N |
+| at rest at d = 0 | reaction | F0 - reaction |
+
+A closed contact opens where N falls through zero, or, with a preload, at d = 0 with N left. Without a damper N > 0
+follows from d > 0.
+"""
+
+from typing import Any
+
+from jaxtyping import Array, Bool
+
+from .._machine.contacts import Held
+from .._machine.derivatives import Rates, approaches, contact_forces
+from .._machine.machine import Machine
+from .._machine.state import State
+from .._machine.switching import COMPLIANT
+from .limits import CLOSE, FORCE, GAP, OPEN, Limit
+
+
+def is_resting(machine: Machine, state: State) -> Bool[Array, "contacts ..."]:
+    """Flags of compliant contacts on which a mass rests at d = 0."""
+    return state.held & machine.contacts.are(COMPLIANT)
+
+
+def _spring_derivatives(machine: Machine, state: State, hold: Held, now: Rates) -> list[Array]:
+    del hold
+    laws = machine.contacts.laws
+    speed, acceleration, jerk = approaches(machine, state, now)
+    return [
+        machine.contacts.spring_force(state.gap, speed),
+        laws.stiffness * speed + laws.damping * acceleration,
+        laws.stiffness * acceleration + laws.damping * jerk,
+    ]
+
+
+def _spring_rest(machine: Machine, rests: tuple[Array, ...], hold: Held) -> Array:
+    """Bound of the third Taylor coefficient of N: that of d is a part of the jerk, that of d' of its rate."""
+    del hold
+    x_rest, _, third = rests
+    contacts, laws = machine.contacts, machine.contacts.laws
+    return laws.stiffness * contacts.third_rest(third) + 4 * laws.damping * contacts.rest(x_rest)
+
+
+def _spring_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> list[Any]:
+    gap, laws = GAP.series(machine, state, hold, series), machine.contacts.laws
+    towards = [-a for a in gap[1:]]
+    depth = [-state.gap, *towards]
+    force = [laws.stiffness * d + laws.damping * (k + 1) * towards[k] for k, d in enumerate(depth[:-1])]
+    return [laws.preload + force[0], *force[1:]]
+
+
+DEPTH = Limit(
+    event=OPEN,
+    is_active=lambda machine, state: state.mode.closed | state.mode.inside,
+    value=lambda machine, state, hold: -state.gap,
+    slope=lambda machine, state, hold, now: -GAP.slope(machine, state, hold, now),
+    derivatives=lambda machine, state, hold, now: [-a for a in GAP.derivatives(machine, state, hold, now)],
+    rest=GAP.rest,
+    series=lambda machine, state, hold, series: [-a for a in GAP.series(machine, state, hold, series)],
+    leading_zeros=GAP.leading_zeros,
+    near=GAP.near,
+)
+SPRING = Limit(
+    event=OPEN,
+    # Without a damper, depth says the same at fewer digits lost.
+    is_active=lambda machine, state: state.mode.closed & (machine.contacts.laws.damping > 0),
+    value=lambda machine, state, hold: machine.contacts.spring_force(state.gap, machine.approach(state)),
+    slope=lambda machine, state, hold, now: _spring_derivatives(machine, state, hold, now)[1],
+    derivatives=_spring_derivatives,
+    rest=_spring_rest,
+    series=_spring_series,
+    leading_zeros=lambda state: state.mode.begins,
+    near=GAP.near,
+)
+LAG = Limit(
+    event=CLOSE,
+    is_active=lambda machine, state: state.mode.inside,
+    value=lambda machine, state, hold: -SPRING.value(machine, state, hold),
+    slope=lambda machine, state, hold, now: -SPRING.slope(machine, state, hold, now),
+    derivatives=lambda machine, state, hold, now: [
+        -a for a in _spring_derivatives(machine, state, hold, now)
+    ],
+    rest=_spring_rest,
+    series=lambda machine, state, hold, series: [-a for a in _spring_series(machine, state, hold, series)],
+    leading_zeros=lambda state: state.mode.begins,
+    near=GAP.near,
+)
+LOAD = Limit(
+    event=CLOSE,
+    is_active=is_resting,
+    value=lambda machine, state, hold: machine.contacts.laws.preload - FORCE.value(machine, state, hold),
+    slope=lambda machine, state, hold, now: -FORCE.slope(machine, state, hold, now),
+    derivatives=lambda machine, state, hold, now: _under_preload(
+        machine, contact_forces(machine, state, hold, now)
+    ),
+    rest=FORCE.rest,
+    series=lambda machine, state, hold, series: _under_preload(
+        machine, FORCE.series(machine, state, hold, series)
+    ),
+    leading_zeros=None,
+    near=FORCE.near,
+)
+
+
+def _under_preload(machine: Machine, reaction: list[Any]) -> list[Any]:
+    """Coefficients of the preload less the reaction."""
+    return [machine.contacts.laws.preload - reaction[0], *(-a for a in reaction[1:])]

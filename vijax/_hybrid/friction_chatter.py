@@ -1,0 +1,86 @@
+"""Chatter of rigid contacts in machines with friction or compliant contacts.
+
+Friction along the row of a bouncing mass turns at every apex. With p the pull towards the contact without friction, the
+mass flies away with the deceleration p + F and falls back with p - F, so that each bounce is slower than the one before
+by the factor r q, q = sqrt((p - F) / (p + F)), and all of them last
+
+    T = u (1 / (p + F) + 1 / sqrt((p + F) (p - F))) / (1 - r q),
+
+u the speed after the first. With F >= p the mass stops at an apex.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .._machine.contacts import Held
+from .._machine.derivatives import rates
+from .._machine.machine import Machine
+from .._machine.state import State
+from .._machine.switching import FRICTION
+from .friction_limits import sliding_velocity
+from .sticking import chatter_is_complete, is_light
+from .transition import Instant
+
+
+class Chatter(NamedTuple):
+    """Bounces that are completed at once, (contacts,) each.
+
+    Attributes:
+        completed: flags of contacts whose bounces are.
+        comes_to_rest: flags of friction elements that come to rest with them.
+        duration: time to the end of the bounces, also of these friction elements.
+    """
+
+    completed: Bool[Array, "contacts ..."]
+    comes_to_rest: Bool[Array, "contacts ..."]
+    duration: Float[Array, "contacts ..."]
+
+
+def no_chatter(state: State) -> Chatter:
+    """No bounces."""
+    none = jnp.zeros_like(state.held)
+    return Chatter(none, none, jnp.zeros_like(state.gap))
+
+
+def complete_chatter(machine: Machine, state: State, instant: Instant) -> Chatter:
+    """Find light bounces that are sure to end."""
+    contacts = machine.contacts
+    bouncing = instant.hit & is_light(instant.velocity_plus)
+    # Friction that the bounces turn: as light as they are, and of the same masses.
+    is_linked = jnp.any((contacts.compliance != 0) & bouncing[None], axis=1)
+    direction = state.mode.direction
+    turns = contacts.are(FRICTION) & (direction != 0) & is_light(sliding_velocity(machine, state)) & is_linked
+    both = jnp.stack([direction, jnp.where(turns, -direction, direction)])
+    hold = machine.hold(state.held | bouncing)
+
+    def pulls(_: None, direction: Array) -> tuple[None, tuple[Array, Array]]:
+        return None, _pulls(machine, eqx.tree_at(lambda s: s.mode.direction, state, direction), hold)
+
+    _, ((away, fall), (_, fall_rate)) = jax.lax.scan(pulls, None, both)
+    speed, restitution = jnp.abs(instant.velocity_plus), contacts.light_restitution
+    is_falling = (fall > 0) & (away > 0)
+    up, down = (jnp.where(is_falling, a, 1) for a in (away, fall))
+    loss = 1 - restitution * jnp.sqrt(down / up)
+    is_ending = is_falling & (loss > 0)
+    duration = speed * (1 / up + 1 / jnp.sqrt(up * down)) / jnp.where(is_ending, loss, 1)
+    duration = jnp.where(is_ending, duration, jnp.inf)
+    is_complete = chatter_is_complete(speed, fall, fall_rate, duration, machine.in_mode(state).rate)
+    completed = bouncing & is_complete
+    duration = jnp.where(completed, duration, 0)
+    stops = turns & jnp.any((contacts.compliance != 0) & completed[None], axis=1)
+    longest = jnp.max(duration, axis=0, initial=0.0)
+    return Chatter(completed, stops, jnp.where(stops, longest, duration))
+
+
+def _pulls(
+    machine: Machine, state: State, hold: Held
+) -> tuple[Float[Array, "contacts ..."], Float[Array, "contacts ..."]]:
+    """Acceleration towards each contact while the others of `hold` are closed, and its rate."""
+    machine = machine.in_mode(state)
+    now, pull = rates(machine, state, hold), machine.contacts.pull
+    phase_rate = machine.phase_rate(state.phase)
+    return pull(now.force, hold, state.phase), pull(now.force_rate, hold, phase_rate)

@@ -1,0 +1,82 @@
+"""Limits of friction elements.
+
+| mode | first guard | second guard |
+| --- | --- | --- |
+| slip | sliding velocity, in the direction of slip | none |
+| stick | Fs - T | Fs + T |
+
+The Taylor coefficients of the sliding velocity are those of the velocities, so a zero is proved absent as for gaps.
+"""
+
+from typing import Any
+
+from jaxtyping import Array, Bool
+
+from .._machine.contacts import Held
+from .._machine.derivatives import Rates, approaches, contact_forces
+from .._machine.machine import Machine
+from .._machine.state import State
+from .._machine.switching import FRICTION
+from .limits import FORCE, GAP, SLIP, STICK, Limit
+
+
+def is_sticking(machine: Machine, state: State) -> Bool[Array, "contacts ..."]:
+    """Flags of friction elements that stick and carry a force."""
+    return state.held & machine.contacts.are(FRICTION)
+
+
+def sliding_velocity(machine: Machine, state: State) -> Array:
+    """Velocity w of friction elements, and the speeds of approach to contacts."""
+    return machine.contacts.speeds(state.v, machine.phase_rate(state.phase))
+
+
+def _slip_derivatives(machine: Machine, state: State, hold: Held, now: Rates) -> list[Array]:
+    del hold
+    _, *later = approaches(machine, state, now)
+    return [state.mode.direction * a for a in (sliding_velocity(machine, state), *later)]
+
+
+def _slip_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> list[Any]:
+    del hold
+    x, _, _ = series
+    later = [(k + 1) * machine.contacts.along(x[k + 1]) for k in range(1, len(x) - 1)]
+    return [state.mode.direction * a for a in (sliding_velocity(machine, state), *later)]
+
+
+def _grip(sign: int) -> Limit:
+    """Limit of the friction force on one side: Fs - sign T."""
+
+    def below(machine: Machine, forces: list[Any]) -> list[Any]:
+        return [machine.contacts.laws.grip - sign * forces[0], *(-sign * a for a in forces[1:])]
+
+    return Limit(
+        event=SLIP,
+        is_active=is_sticking,
+        value=lambda machine, state, hold: (
+            machine.contacts.laws.grip - sign * FORCE.value(machine, state, hold)
+        ),
+        slope=lambda machine, state, hold, now: -sign * FORCE.slope(machine, state, hold, now),
+        derivatives=lambda machine, state, hold, now: below(
+            machine, contact_forces(machine, state, hold, now)
+        ),
+        rest=FORCE.rest,
+        series=lambda machine, state, hold, series: below(
+            machine, FORCE.series(machine, state, hold, series)
+        ),
+        leading_zeros=None,
+        near=FORCE.near,
+    )
+
+
+SLIDING = Limit(
+    event=STICK,
+    is_active=lambda machine, state: state.mode.direction != 0,
+    value=lambda machine, state, hold: state.mode.direction * sliding_velocity(machine, state),
+    slope=lambda machine, state, hold, now: _slip_derivatives(machine, state, hold, now)[1],
+    derivatives=_slip_derivatives,
+    rest=lambda machine, rests, hold: 4 * machine.contacts.rest(rests[0]),
+    series=_slip_series,
+    leading_zeros=lambda state: state.contact,
+    near=GAP.near,
+)
+GRIP_AHEAD, GRIP_BEHIND = _grip(1), _grip(-1)

@@ -1,0 +1,63 @@
+"""Guards of all elements of a machine, group by group."""
+
+from collections.abc import Callable
+from functools import reduce
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from .._machine.machine import Machine
+from .._machine.state import State
+from .compliant_limits import DEPTH, LAG, LOAD, SPRING
+from .friction_limits import GRIP_AHEAD, GRIP_BEHIND, SLIDING
+from .limits import FORCE, GAP, Limit, limits_of
+
+# Second guard of an element whose mode ends in one way only.
+_NONE = Limit(
+    event=GAP.event,
+    is_active=lambda machine, state: jnp.ones_like(state.held),
+    value=lambda machine, state, hold: jnp.ones_like(state.gap),
+    slope=lambda machine, state, hold, now: jnp.zeros_like(state.gap),
+    derivatives=lambda machine, state, hold, now: _one_and_no_more(state),
+    rest=lambda machine, rests, hold: 0 * machine.contacts.rest(rests[0]),
+    series=lambda machine, state, hold, series: _one_and_no_more(state),
+    leading_zeros=None,
+    near=GAP.near,
+)
+_FIRST, _SECOND = (GAP, FORCE, DEPTH, SLIDING, GRIP_AHEAD), (_NONE, SPRING, LAG, LOAD, GRIP_BEHIND)
+
+
+def _one_and_no_more(state: State) -> list[Array]:
+    one = jnp.ones_like(state.gap)
+    return [one, 0 * one, 0 * one]
+
+
+def guards_of(machine: Machine) -> tuple[tuple[Limit, ...], ...]:
+    """Limits of a machine in groups; an element has one active limit in each, the first of a group if no other is."""
+    return (_FIRST, _SECOND) if machine.contacts.is_switching else (limits_of(machine),)
+
+
+def select_active(machine: Machine, state: State, of: Callable[[Limit], Any]) -> Any:
+    """Tree of quantities, for each guard that of its active limit."""
+    groups = []
+    for first, *others in guards_of(machine):
+
+        def chosen(found: Any, limit: Limit) -> Any:
+            is_active = limit.is_active(machine, state)
+            return jax.tree.map(lambda own, other: jnp.where(is_active, own, other), of(limit), found)
+
+        groups.append(reduce(chosen, others, of(first)))
+    return groups[0] if len(groups) == 1 else jax.tree.map(lambda *a: jnp.concatenate(a), *groups)
+
+
+def leading_zeros(state: State) -> Int[Array, "guards ..."]:
+    """Number of leading coefficients that vanish exactly, of every guard."""
+    return state.contact if state.mode is None else jnp.concatenate([state.contact, state.mode.begins])
+
+
+def is_idle(state: State) -> Bool[Array, "guards ..."]:
+    """Flags of guards of contacts that others keep closed: they have no event."""
+    idle = state.is_kept_closed
+    return idle if state.mode is None else jnp.concatenate([idle, idle])

@@ -1,0 +1,259 @@
+"""Resets of machines with friction or compliant contacts, at events and at the start.
+
+Impacts come first, by the law of `coupled_impacts.py` among rigid contacts: friction and springs give no impulse. Then
+compliant contacts close and open, and friction arrives at rest or is torn off. At last all elements at rest are decided
+together, see `equilibrium.py`.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .._jax.arrays import Scalar, matvec
+from .._jax.xla import compute_once, is_any
+from .._machine.machine import Machine, state_before_contact
+from .._machine.state import Mode, State
+from .._machine.switching import COMPLIANT, FRICTION, RIGID
+from .._system.checks import is_touching
+from .complementarity import solve_complementarity
+from .equilibrium import AtRest, settle
+from .friction_chatter import complete_chatter, no_chatter
+from .friction_limits import sliding_velocity
+from .transition import Instant, Switches
+
+
+def first_state(
+    machine: Machine,
+    phase: Float[Array, "2 harmonics ..."],
+    x: Float[Array, "n ..."],
+    v: Float[Array, "n ..."],
+    t0: Scalar | float = 0.0,
+) -> State:
+    """State at t0. Contacts hit at t0 are hit by the first step; elements at rest that can hold do so from t0."""
+    contacts = machine.contacts
+    compliant, friction = contacts.are(COMPLIANT), contacts.are(FRICTION)
+    position, speed_size = contacts.rounded(t0)
+    gaps = contacts.gaps(x, phase)
+    touching = ~friction & is_touching(gaps, 4 * (position + contacts.size(jnp.abs(x))))
+    x = contacts.with_closed_gaps(x, touching, phase)
+    speeds = contacts.speeds(v, machine.phase_rate(phase))
+    size = speed_size + contacts.size(jnp.abs(v)) + jnp.abs(contacts.laws.velocity)
+    # Where masses rest, their velocities are rounding errors of those that the machine has elsewhere.
+    usual = jnp.where(friction, machine.rate * contacts.size(jnp.abs(x)), 0)
+    at_rest = (touching | friction) & is_touching(speeds, 4 * (size + usual))
+    v = contacts.without_speeds(v, at_rest, phase)
+    state = state_before_contact(machine, phase, x, v, jnp.zeros(touching.shape, bool))
+    gap, speeds = jnp.where(touching, 0, state.gap), jnp.where(at_rest, 0, speeds)
+    past = compliant & ((gap < 0) | (touching & (speeds > 0)))
+    closed = past & (_spring_force(machine, gap, speeds) > 0) | (past & touching)
+    direction = jnp.where(friction & ~at_rest, jnp.sign(speeds), 0).astype(jnp.int8)
+    contact = jnp.where(touching & ~at_rest & ((speeds < 0) | compliant), jnp.int8(1), state.contact)
+    mode = Mode(closed, past & ~closed, direction, state.mode.begins)
+    state = eqx.tree_at(lambda s: (s.gap, s.contact, s.mode), state, (gap, contact, mode))
+    none = jnp.zeros_like(at_rest)
+    return _settled(machine, state, AtRest(at_rest, none, direction, none))
+
+
+def resolve(machine: Machine, state: State, is_event: Bool[Array, "guards ..."]) -> tuple[State, Instant]:
+    """Apply the impacts of this instant, then switch the laws of elements, and decide which hold."""
+    num = machine.contacts.num
+    events = _Events(is_event[:num], is_event[num:])
+    speed = sliding_velocity(machine, state)
+    hit = events.first & machine.contacts.are(RIGID) & ~state.held & ~state.is_kept_closed & (speed > 0)
+    none, zeros = jnp.zeros_like(hit), jnp.zeros_like(state.gap)
+    arrived = jnp.zeros_like(state.time, bool)
+    nothing = Switches(none, none, none, none, none)
+    instant = Instant(hit, none, none, speed, speed, zeros, arrived, state.time, zeros, nothing)
+    after, instant, torn = jax.lax.cond(
+        is_any(hit),
+        lambda: compute_once(_impact, machine, state, instant),
+        lambda: (state, instant, none),
+    )
+    return jax.lax.cond(
+        is_any(is_event),
+        lambda: compute_once(_switch, machine, state, after, instant, events, torn),
+        lambda: (after, instant),
+    )
+
+
+class _Events(NamedTuple):
+    """Zeros of the first and of the second guards, (contacts,) each."""
+
+    first: Bool[Array, "contacts ..."]
+    second: Bool[Array, "contacts ..."]
+
+
+def _spring_force(machine: Machine, gap: Array, speed: Array) -> Float[Array, "contacts ..."]:
+    return machine.contacts.spring_force(gap, speed)
+
+
+def _impact(
+    machine: Machine, state: State, instant: Instant
+) -> tuple[State, Instant, Bool[Array, "stops ..."]]:
+    """State after the impacts, their velocities and impulses, and the held contacts that they tear open."""
+    contacts, hit, rigid = machine.contacts, instant.hit, machine.contacts.are(RIGID)
+    speed = jnp.where(hit, instant.velocity_minus, 0)
+    restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution_at(speed), 0)
+    closed = rigid & (state.held | state.is_kept_closed)
+    _, impulse, rest = solve_complementarity(contacts.compliance, -(1 + restitution) * speed, hit | closed)
+    v = state.v - contacts.inverse_mass_times(contacts.back(impulse))
+    torn = closed & (rest > 0)
+    plus = jnp.where(hit, -restitution * speed - rest, instant.velocity_plus)
+    x = contacts.with_closed_gaps(state.x, hit | closed, state.phase)
+    # Updated by the displacement, not recomputed: a nearly closed contact keeps the digits of its gap.
+    is_closed = hit | closed | (state.gap == 0)
+    gap = jnp.where(is_closed, 0, contacts.gap_after(state.gap, is_closed, x - state.x, 0 * state.phase))
+    # Other contacts with zero gap may open, or be hit at the same instant, as these impacts change velocities.
+    approach, noise = contacts.speeds(v, machine.phase_rate(state.phase)), contacts.noise(v)
+    is_left = rigid & ~hit & ~closed & (state.contact > 0)
+    contact = jnp.where(is_left, jnp.where(approach > noise, jnp.int8(0), jnp.int8(2)), state.contact)
+    contact = jnp.where(hit | torn | (is_left & (approach < -noise)), jnp.int8(1), contact)
+    after = eqx.tree_at(lambda s: (s.x, s.v, s.gap, s.contact), state, (x, v, gap, contact))
+    instant = eqx.tree_at(lambda i: (i.velocity_plus, i.impulse), instant, (plus, jnp.where(hit, impulse, 0)))
+    return after, instant, torn
+
+
+def _switch(
+    machine: Machine,
+    before: State,
+    state: State,
+    instant: Instant,
+    events: _Events,
+    torn: Bool[Array, "stops ..."],
+) -> tuple[State, Instant]:
+    """Switch the laws of elements after all impacts of this instant, and decide which elements at rest hold."""
+    contacts, hit = machine.contacts, instant.hit
+    rigid, compliant, friction = (contacts.are(kind) for kind in (RIGID, COMPLIANT, FRICTION))
+    is_jump = jnp.any(hit, axis=0)
+    speed = sliding_velocity(machine, state)
+    was_at_rest = before.held | before.is_kept_closed
+    # Elements whose speed this instant's impacts change.
+    is_struck = ~rigid & _is_struck(machine, instant)
+    is_set_off = was_at_rest & is_struck
+    stays = was_at_rest & ~torn & ~is_set_off
+
+    state, at_limit = _compliant_switched(machine, state, events, is_set_off, speed)
+    direction = state.mode.direction
+    arrives = friction & (direction != 0) & events.first & ~is_struck
+    new = jnp.where(friction & is_struck, jnp.sign(speed), direction)
+    direction = jnp.where(arrives, 0, new).astype(jnp.int8)
+    state = eqx.tree_at(lambda s: (s.mode.direction, s.held), state, (direction, stays & before.held))
+
+    chatter = jax.lax.cond(
+        is_any(hit),
+        lambda: compute_once(complete_chatter, machine, state, instant),
+        lambda: no_chatter(state),
+    )
+    is_plastic = hit & (instant.velocity_plus == 0)
+    let_go = stays & before.held & (events.first | events.second)
+    settles = stays | arrives | chatter.completed | chatter.comes_to_rest | is_plastic
+    settles = settles | (compliant & at_limit & (speed == 0) & ~was_at_rest)
+    settles = settles | (is_jump & rigid & ~hit & ~torn & (state.contact >= 2))
+    ahead = jnp.where(friction, events.first, events.second)
+    push = jnp.where(ahead, jnp.int8(1), jnp.where(friction, jnp.int8(-1), jnp.int8(0)))
+    at_rest = AtRest(settles, let_go, push, let_go & is_jump)
+    state = _without(state, settles)
+    after = jax.lax.cond(
+        is_any(settles), lambda: compute_once(_settled, machine, state, at_rest), lambda: state
+    )
+    return after, _logged(machine, before, after, instant, events, chatter.duration)
+
+
+def _is_struck(machine: Machine, instant: Instant) -> Bool[Array, "contacts ..."]:
+    """Flags of elements whose speed the impacts change, by more than rounding."""
+    compliance, impulse = machine.contacts.compliance, instant.impulse
+    change = matvec(compliance, impulse)
+    size = matvec(jnp.abs(compliance), jnp.abs(impulse))
+    return jnp.abs(change) > 64 * len(compliance) * float(jnp.finfo(size.dtype).eps) * size
+
+
+def _compliant_switched(
+    machine: Machine,
+    state: State,
+    events: _Events,
+    is_set_off: Bool[Array, "contacts ..."],
+    speed: Float[Array, "contacts ..."],
+) -> tuple[State, Bool[Array, "contacts ..."]]:
+    """State with compliant contacts closed and opened, and flags of those now at d = 0."""
+    compliant, mode = machine.contacts.are(COMPLIANT), state.mode
+    is_free = compliant & (~state.held | is_set_off)
+    at_limit = is_free & (events.first | is_set_off | (state.gap == 0))
+    gap = jnp.where(at_limit, 0, state.gap)
+    enters = at_limit & (speed > 0)
+    past = jnp.where(at_limit, enters, mode.closed | mode.inside)
+    changes = is_free & events.second & ~at_limit
+    pushes = _spring_force(machine, gap, speed) > 0
+    closed = jnp.where(changes, mode.inside, pushes)
+    closed = compliant & past & (enters | closed)
+    begins = jnp.where(changes, jnp.int8(1), jnp.int8(0))
+    is_new = at_limit & (speed != 0)
+    contact = jnp.where(is_new, jnp.int8(1), state.contact)
+    mode = Mode(closed, compliant & past & ~closed, mode.direction, begins)
+    return eqx.tree_at(lambda s: (s.gap, s.contact, s.mode), state, (gap, contact, mode)), at_limit
+
+
+def _without(state: State, elements: Bool[Array, "contacts ..."]) -> State:
+    """State in whose mode some elements have no part."""
+    mode = state.mode
+    without = Mode(
+        mode.closed & ~elements,
+        mode.inside & ~elements,
+        jnp.where(elements, jnp.int8(0), mode.direction),
+        mode.begins,
+    )
+    return eqx.tree_at(lambda s: (s.mode, s.held), state, (without, state.held & ~elements))
+
+
+def _settled(machine: Machine, state: State, at_rest: AtRest) -> State:
+    """State with the elements at rest decided."""
+    contacts, found = machine.contacts, settle(machine, state, at_rest)
+    friction, mode = contacts.are(FRICTION), state.mode
+    yields = at_rest.elements & ~friction & (found.push == 1)
+    direction = jnp.where(at_rest.elements & friction, found.push, mode.direction).astype(jnp.int8)
+    mode = Mode(mode.closed | yields, mode.inside, direction, mode.begins)
+    state = eqx.tree_at(lambda s: s.mode, state, mode)
+    held = state.held | found.held
+    x, v = jax.lax.cond(
+        is_any(held),
+        lambda: contacts.brought_to_rest(state.x, state.v, held, state.phase, machine.in_mode(state).damping),
+        lambda: (state.x, state.v),
+    )
+    gap = jnp.where(held & ~friction, 0, state.gap)
+    names = lambda s: (s.x, s.v, s.gap, s.held, s.contact)  # noqa: E731
+    return eqx.tree_at(names, state, (x, v, gap, held, found.contact))
+
+
+def _logged(
+    machine: Machine,
+    before: State,
+    after: State,
+    instant: Instant,
+    events: _Events,
+    duration: Float[Array, "contacts ..."],
+) -> Instant:
+    """Events of this instant, from the modes before and after it."""
+    contacts = machine.contacts
+    rigid, compliant, friction = (contacts.are(kind) for kind in (RIGID, COMPLIANT, FRICTION))
+    rests = lambda s: s.held | s.is_kept_closed  # noqa: E731
+    pushes = lambda s: compliant & (s.mode.closed | s.held)  # noqa: E731
+    comes, goes = ~rests(before) & rests(after), rests(before) & ~rests(after)
+    old, new = before.mode.direction, after.mode.direction
+    # The direction after an impact is no event of its own: only that at a zero of the sliding velocity is.
+    turned = friction & events.first & (old * new < 0)
+    unlogged = (before.held != after.held) | (before.mode.inside != after.mode.inside)
+    switched = Switches(
+        closed=pushes(after) & ~pushes(before),
+        opened=pushes(before) & ~pushes(after),
+        slipped=friction & goes,
+        turned=turned,
+        unlogged=unlogged,
+    )
+    stuck = comes & ~compliant
+    return eqx.tree_at(
+        lambda i: (i.stuck, i.released, i.chatter, i.switched),
+        instant,
+        (stuck, rigid & goes, jnp.where(stuck, duration, 0), switched),
+    )

@@ -1,0 +1,194 @@
+"""Contacts of machines whose forces switch: rigid and compliant contacts, and dry friction, in one numbering.
+
+Each element has a row: a contact rigid or compliant keeps or resists `a . x <= s`, friction resists the sliding velocity
+`w = a . v - velocity`. Stops come first in the order of the user, then friction elements. So an element is one entry of
+every array over contacts, and what holds is a `Hold` for all: a rigid contact holds at its position, friction at its
+velocity, a preloaded compliant stop at d = 0. Their accelerations along the row vanish alike.
+
+Between events the forces of the elements that do not hold are linear in the state (`Laws`): a closed compliant contact
+adds a k a^T to the stiffness and a c a^T to the damping, slip adds a constant load. `Machine.in_mode` returns the machine with
+them, so that no flow needs to know of elements.
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .._jax.arrays import Reals, append_axes, matvec
+from .._system.restitution import Restitution
+from .._system.system import ImpactSystem
+from .._system.waves import Waves, phase_rate
+from .contacts import Contacts, Hold
+from .small_matrices import inverse_among, product
+from .state import Mode, State
+
+RIGID, COMPLIANT, FRICTION = 0, 1, 2
+
+
+class Laws(eqx.Module):
+    """Force laws of all elements, (contacts,) each; zero where a number is not of the kind of an element.
+
+    Attributes:
+        kinds: kind of every element.
+        stiffness: k of compliant contacts.
+        damping: c of compliant contacts.
+        preload: F0 of compliant contacts.
+        force: F of friction.
+        grip: Fs of friction.
+        velocity: velocity of the surface under friction.
+    """
+
+    kinds: tuple[int, ...] = eqx.field(static=True)
+    stiffness: Reals
+    damping: Reals
+    preload: Reals
+    force: Reals
+    grip: Reals
+    velocity: Reals
+
+
+def laws_of(system: ImpactSystem, of_contacts) -> Laws | None:
+    """Laws of the elements of a machine, None if all its contacts are rigid; `of_contacts` makes an array of a list."""
+    if not system.is_switching:
+        return None
+    stops, friction = system.stops, system.friction
+
+    def of_stops(name: str) -> Reals:
+        values = [getattr(stop, name) if stop.is_compliant else 0.0 for stop in stops]
+        return of_contacts([*values, *[0.0] * len(friction)])
+
+    def of_friction(name: str) -> Reals:
+        return of_contacts([*[0.0] * len(stops), *(getattr(element, name) for element in friction)])
+
+    kinds = [COMPLIANT if stop.is_compliant else RIGID for stop in stops] + [FRICTION] * len(friction)
+    return Laws(
+        kinds=tuple(kinds),
+        **{name: of_stops(name) for name in ("stiffness", "damping", "preload")},
+        **{name: of_friction(name) for name in ("force", "grip", "velocity")},
+    )
+
+
+class SwitchingContacts(Contacts):
+    """Contacts and friction elements of a machine whose forces switch, lanes last."""
+
+    is_switching: ClassVar[bool] = True
+
+    laws: Laws
+
+    def __init__(
+        self,
+        rows: Reals,
+        limit: Array,
+        restitution: Restitution,
+        inverse_mass: Array,
+        signs: Array,
+        walls: Waves | None,
+        frequency: Array,
+        laws: Laws,
+    ):
+        Contacts.__init__(self, rows, limit, restitution, inverse_mass, signs, walls, frequency)
+        self.laws = laws
+
+    @property
+    def num_stops(self) -> int:
+        """Number of contacts, rigid and compliant, which come before friction."""
+        return sum(kind != FRICTION for kind in self.laws.kinds)
+
+    def are(self, kind: int) -> Bool[Array, "contacts ..."]:
+        """Flags of the elements of a kind."""
+        return append_axes(jnp.asarray(np.array(self.laws.kinds) == kind), self.limit)
+
+    def speeds(self, v: Float[Array, "n ..."], phase_rate: Array) -> Float[Array, "contacts ..."]:
+        """Speeds of approach to contacts, and sliding velocities of friction."""
+        return self.towards(v, phase_rate) - self.laws.velocity
+
+    def gaps(self, x: Float[Array, "n ..."], phase: Float[Array, "2 harmonics ..."]) -> Array:
+        """Gaps of contacts; 1 for friction, which is never closed."""
+        return jnp.where(self.are(FRICTION), 1, self.limit - self.towards(x, phase))
+
+    def gap_after(self, gap: Array, held: Array, displacement: Array, change: Array) -> Array:
+        """Gaps after a displacement, without those of friction."""
+        return jnp.where(held | self.are(FRICTION), gap, gap - self.towards(displacement, change))
+
+    def kept(
+        self,
+        x: Float[Array, "n ..."],
+        displacement: Float[Array, "n ..."],
+        v: Float[Array, "n ..."],
+        hold: Hold,
+        phase: Array,
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+        """Displacement and velocities corrected: contacts neither open nor close, friction does not creep."""
+        at_place = hold.held & ~self.are(FRICTION)
+        lack = jnp.where(at_place, self.gaps(x + displacement, phase), 0)
+        way = self._by(inverse_among(self.compliance, at_place), lack)
+        speeds = jnp.where(hold.held, self.speeds(v, phase_rate(phase, self.frequency)), 0)
+        return displacement + way, v - self._by(hold.inertia, speeds)
+
+    def brought_to_rest(
+        self,
+        x: Float[Array, "n ..."],
+        v: Float[Array, "n ..."],
+        held: Bool[Array, "contacts ..."],
+        phase: Array,
+        damping: Float[Array, "n n ..."],
+    ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
+        """Positions with closed gaps and velocities without approach or sliding, with the impulse of dampers."""
+        at_place, rate = held & ~self.are(FRICTION), phase_rate(phase, self.frequency)
+        lack = jnp.where(at_place, self.gaps(x, phase), 0)
+        way = self._by(inverse_among(self.compliance, at_place), lack)
+        v = v - self.inverse_mass_times(jnp.sum(damping * way[None], axis=1))
+        lack = jnp.where(held, self.speeds(v, rate), 0)
+        return x + way, v - self._by(inverse_among(self.compliance, held), lack)
+
+    def relative_acceleration(
+        self, acceleration: Float[Array, "n ..."], phase: Float[Array, "2 harmonics ..."]
+    ) -> Float[Array, "contacts ..."]:
+        """Accelerations along the rows, relative to those of the contacts."""
+        return self._accelerated_towards(acceleration, phase)
+
+    def inverse_mass_size(self, force: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
+        """|M^-1| . y: bounds of accelerations, from those of forces."""
+        return matvec(jnp.abs(self.inverse_mass), force) if self._has_full_mass else self.inverse_mass * force
+
+    def without_speeds(
+        self, v: Float[Array, "n ..."], flags: Bool[Array, "contacts ..."], phase: Array
+    ) -> Float[Array, "n ..."]:
+        """Velocities without approach or sliding of flagged elements, nearest to v in the metric of M."""
+        lack = jnp.where(flags, self.speeds(v, phase_rate(phase, self.frequency)), 0)
+        return v - self._by(inverse_among(self.compliance, flags), lack)
+
+    def third_rest(self, of_masses: Float[Array, "n ..."]) -> Float[Array, "contacts ..."]:
+        """Bound of the third Taylor coefficient of the gaps, from that of the positions."""
+        rest = self.size(of_masses)
+        return rest if self.walls is None else rest + self.frequency**3 / 6 * self.walls.bound(3)
+
+    def spring_force(
+        self, gap: Float[Array, "contacts ..."], speed: Float[Array, "contacts ..."]
+    ) -> Float[Array, "contacts ..."]:
+        """F0 + k d + c d' of compliant contacts, negative where they would have to pull."""
+        return self.laws.preload - self.laws.stiffness * gap + self.laws.damping * speed
+
+    def forces_of(self, state: State) -> Float[Array, "contacts ..."]:
+        """Forces N and T of elements that do not hold, in the mode of a state."""
+        mode = state.mode
+        assert mode is not None
+        speed = self.speeds(state.v, phase_rate(state.phase, self.frequency))
+        pushing = self.spring_force(self.gaps(state.x, state.phase), speed)
+        return jnp.where(mode.closed, pushing, mode.direction * self.laws.force)
+
+    def load_of(self, mode: Mode) -> Float[Array, "n ..."]:
+        """Constant part of the forces of the elements on the masses, in a mode."""
+        laws = self.laws
+        spring = jnp.where(mode.closed, laws.stiffness * self.limit - laws.preload, 0)
+        return self.back(spring - mode.direction * laws.force)
+
+    def matrices_of(self, closed: Bool[Array, "contacts ..."]) -> tuple[Array, Array]:
+        """Stiffness and damping that closed compliant contacts add, (n, n) each."""
+        back = jnp.swapaxes(self.rows, 0, 1)
+        weights = (jnp.where(closed, a, 0) for a in (self.laws.stiffness, self.laws.damping))
+        stiffness, damping = (product(back, a[:, None] * self.rows) for a in weights)
+        return stiffness, damping
