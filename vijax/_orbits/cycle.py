@@ -185,8 +185,14 @@ def linearise(
     # The flight that closes the cycle lasts as long as the others leave.
     last = forward[-1 if count is None else count]
     close = last[:size, :-1].at[:, size].add(-last[:size, -1])
-    found = Residual(values[:-1], place.z - unknowns.z, speeds[:-1])
-    return found, Flights(begin, forward[:-1], normal[:-1], close, closing_pin(problem.shifts))
+    # Its place among the others is padding, which lanes with fewer events than another traverse.
+    padding = jnp.eye(*forward.shape[1:]), jnp.eye(forward.shape[-1])[-1], jnp.zeros(())
+    forward, normal, values = (
+        jnp.where(flights.closes.reshape(-1, *[1] * pad.ndim), pad, a)[:-1]
+        for pad, a in zip(padding, (forward, normal, values), strict=True)
+    )
+    found = Residual(values, place.z - unknowns.z, speeds[:-1])
+    return found, Flights(begin, forward, normal, close, closing_pin(problem.shifts))
 
 
 def _flights_of(problem: Problem, unknowns: Unknowns, count: Int[Array, ""] | None = None) -> Flight:
