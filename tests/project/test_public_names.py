@@ -27,8 +27,8 @@ def in_a_new_process(program: str, **where) -> str:
 
 PUBLIC = {
     "vijax": """
-        Bifurcation Branch Contact DiffraxFlow EventLog ExecutionSettings Harmonic IMPACT
-        ImpactSystem Interrupted ModalFlow ORBIT_RESULTS PeriodicOrbit RELEASE RESULTS STICK
+        Bifurcation Branch CLOSE CompliantContact CompliantStop Contact DiffraxFlow EventLog
+        ExecutionSettings Friction Harmonic IMPACT OPEN SLIP TURN ImpactSystem Interrupted ModalFlow ORBIT_RESULTS PeriodicOrbit RELEASE RESULTS STICK
         SimulationError Solution StickingRegion Stop TaylorFlow attractors base_excitation basins
         bifurcation_curve bifurcation_value branches chain chart classify combine continuation
         explore find_periodic_orbits follow_attractors impact_configurations impact_map

@@ -299,7 +299,7 @@ def state_after_step(
     time, low = _two_sum(state.time, step)
     kept, closed = jnp.int8(0), state.held
     if machine.contacts.is_coupled:
-        kept, closed = jnp.where(state.is_kept_closed, state.contact, kept), closed | state.is_kept_closed
+        kept, closed = jnp.where(state.is_frozen, state.contact, kept), closed | state.is_frozen
     if state.mode is not None:
         begins = jnp.where(step > 0, jnp.int8(0), state.mode.begins)
         state = eqx.tree_at(lambda s: s.mode.begins, state, begins)

@@ -20,7 +20,8 @@ from .._jax.arrays import matvec
 from .._jax.concrete import stop_gradients
 from .._jax.xla import is_any
 from .._machine.machine import Machine
-from .._machine.state import KEPT_CLOSED, State
+from .._machine.small_matrices import product
+from .._machine.state import FROZEN, KEPT_CLOSED, State
 from .._machine.switching import COMPLIANT, FRICTION, RIGID
 
 # Maximum number of pivots, and number of those that exchange several elements at once.
@@ -34,12 +35,14 @@ class AtRest(NamedTuple):
         elements: flags of the elements at rest; all others keep their mode.
         released: flags of those among them whose hold ended at this instant.
         push: what released elements do: direction of slip, 1 for a compliant contact that yields, 0 for one that opens.
+        saturated: flags of friction elements that others kept at rest while they slipped as `push` tells.
         may_return: flags of released ones that hold again if they would move against their force.
     """
 
     elements: Bool[Array, "contacts ..."]
     released: Bool[Array, "contacts ..."]
     push: Int[Array, "contacts ..."]
+    saturated: Bool[Array, "contacts ..."]
     may_return: Bool[Array, "contacts ..."]
 
 
@@ -67,7 +70,7 @@ def settle(machine: Machine, state: State, at_rest: AtRest) -> Settled:
 
     def pivot(choice: _Choice) -> _Choice:
         found = _beyond(machine, state, force, choice.holds, choice.push)
-        first, later = _begun(machine, at_rest, found), _exchanged(at_rest, choice, found)
+        first, later = _begun(at_rest, found), _exchanged(at_rest, choice, found)
         is_first = choice.count == 0
         return jax.tree.map(lambda a, b: jnp.where(is_first, a, b), first, later)
 
@@ -103,14 +106,14 @@ class _Choice(NamedTuple):
     idle: Bool[Array, "contacts ..."]
 
 
-def _begun(machine: Machine, at_rest: AtRest, found: "_Beyond") -> _Choice:
+def _begun(at_rest: AtRest, found: "_Beyond") -> _Choice:
     """Choice in which all hold but those released at this instant, unless others hold in their place.
 
     So friction beyond its grip stays at rest that is pressed onto a rigid contact.
     """
-    is_linked = machine.contacts.compliance != 0
-    fails = jnp.any(is_linked & found.too_far[None], axis=1)
-    released = at_rest.released & ~(found.idle & ~fails)
+    # With more elements than the masses can tell apart, their forces may be shared otherwise.
+    is_relieved = (found.idle & ~found.is_let_down) | (found.is_inside & at_rest.saturated)
+    released = (at_rest.released | at_rest.saturated) & ~is_relieved
     push = jnp.where(released, at_rest.push, jnp.int8(0))
     holds = at_rest.elements & ~released
     return _Choice(holds, push, released, at_rest.elements, jnp.array(1), found.along, found.idle)
@@ -138,6 +141,8 @@ class _Beyond(NamedTuple):
         returns: flags of elements that move against their force.
         along: acceleration of every element along its row, 0 where it is a rounding error.
         idle: flags of elements that hold without a force.
+        is_inside: flags of elements that hold within their limits by more than rounding.
+        is_let_down: flags of those without a force that depend on elements not inside.
     """
 
     too_far: Bool[Array, "contacts ..."]
@@ -145,6 +150,8 @@ class _Beyond(NamedTuple):
     returns: Bool[Array, "contacts ..."]
     along: Float[Array, "contacts ..."]
     idle: Bool[Array, "contacts ..."]
+    is_inside: Bool[Array, "contacts ..."]
+    is_let_down: Bool[Array, "contacts ..."]
 
 
 def _beyond(
@@ -169,6 +176,7 @@ def _beyond(
     most = jnp.where(are(RIGID), jnp.inf, jnp.where(are(FRICTION), laws.grip, laws.preload))
     least = jnp.where(are(FRICTION), -laws.grip, 0)
     idle = contacts.is_redundant(hold)
+    is_inside = holds & ~idle & (reaction < most - slack) & (reaction > least + slack)
     # Rounding errors open no contact. Friction beyond its grip slips, by however little.
     slack = jnp.where(are(FRICTION), 0, slack)
     above, below = reaction > most + slack, reaction < least - slack
@@ -176,7 +184,10 @@ def _beyond(
     turned = jnp.where(above, jnp.int8(1), jnp.where(are(FRICTION), jnp.int8(-1), jnp.int8(0)))
     # An open contact that closes; friction, or a contact that yields, that moves against its push.
     returns = ~holds & jnp.where(push == 0, along > 0, push * along < 0)
-    return _Beyond(too_far, turned, returns, along, idle)
+    share = product(contacts.compliance, hold.inertia)
+    is_doubtful = holds & ~idle & ~is_inside
+    is_let_down = jnp.any((jnp.abs(share) > noise) & is_doubtful[None], axis=1)
+    return _Beyond(too_far, turned, returns, along, idle, is_inside, is_let_down)
 
 
 def _decision(
@@ -184,14 +195,16 @@ def _decision(
 ) -> Settled:
     contacts = machine.contacts
     held = choice.holds & ~choice.idle
-    is_beside = elements & ~held & (choice.push == 0)
-    depends = jax.lax.cond(is_any(is_beside), lambda: contacts.depend_on(held), lambda: jnp.zeros_like(held))
+    # Friction at its bound that others keep at rest holds with a constant force.
+    is_beside = elements & ~held & ((choice.push == 0) | contacts.are(FRICTION))
+    depends = jax.lax.cond(is_any(held), lambda: contacts.depend_on(held), lambda: jnp.zeros_like(held))
     is_kept = (is_beside & depends & ~contacts.are(COMPLIANT)) | (choice.holds & choice.idle)
     moves = jnp.where(choice.along != 0, jnp.int8(2), jnp.int8(3))
     # The guard of friction is a velocity, and vanishes to one order less.
     moves = jnp.where(contacts.are(FRICTION), moves - jnp.int8(1), moves)
     contact = jnp.where(held, jnp.int8(0), jnp.where(is_kept, jnp.int8(KEPT_CLOSED), moves))
-    return Settled(held, choice.push, jnp.where(elements, contact, state.contact))
+    others = jnp.where(depends & ~state.held, jnp.int8(FROZEN), state.contact)
+    return Settled(held, choice.push, jnp.where(elements, contact, others))
 
 
 def _first(flags: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:

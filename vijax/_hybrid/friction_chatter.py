@@ -7,6 +7,9 @@ by the factor r q, q = sqrt((p - F) / (p + F)), and all of them last
     T = u (1 / (p + F) + 1 / sqrt((p + F) (p - F))) / (1 - r q),
 
 u the speed after the first. With F >= p the mass stops at an apex.
+
+A preloaded compliant contact has no restitution, but friction lets light bounces at d = 0 die out all the same, if p is
+between F and the preload less F.
 """
 
 from typing import NamedTuple
@@ -19,6 +22,7 @@ from jaxtyping import Array, Bool, Float
 from .._machine.contacts import Held
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
+from .._machine.small_matrices import diagonal
 from .._machine.state import State
 from .._machine.switching import FRICTION
 from .friction_limits import sliding_velocity
@@ -74,6 +78,30 @@ def complete_chatter(machine: Machine, state: State, instant: Instant) -> Chatte
     stops = turns & jnp.any((contacts.compliance != 0) & completed[None], axis=1)
     longest = jnp.max(duration, axis=0, initial=0.0)
     return Chatter(completed, stops, jnp.where(stops, longest, duration))
+
+
+def comes_to_rest(
+    machine: Machine, state: State, at_limit: Bool[Array, "contacts ..."]
+) -> tuple[Bool[Array, "contacts ..."], Bool[Array, "contacts ..."]]:
+    """Find preloaded contacts at d = 0 whose light bounces die out by friction, and that friction."""
+    contacts, laws, direction = machine.contacts, machine.contacts.laws, state.mode.direction
+    still = float(jnp.finfo(state.x.dtype).eps) ** 0.5
+    is_still = jnp.abs(sliding_velocity(machine, state)) <= still
+    is_linked = contacts.compliance != 0
+    bouncing = at_limit & is_still & (laws.preload > 0)
+    rubs = (direction != 0) & is_still & (laws.force > 0) & jnp.any(is_linked & bouncing[None], axis=1)
+    bouncing = bouncing & jnp.any(is_linked & rubs[None], axis=1)
+    hold = machine.hold(state.held | bouncing)
+    free = eqx.tree_at(lambda s: s.mode.closed, state, state.mode.closed & ~bouncing)
+
+    def pulls(_: None, direction: Array) -> tuple[None, Array]:
+        return None, _pulls(machine, eqx.tree_at(lambda s: s.mode.direction, free, direction), hold)[0]
+
+    both = jnp.stack([direction, jnp.where(rubs, -direction, direction)])
+    _, pull = jax.lax.scan(pulls, None, both)
+    load = diagonal(hold.inertia)[None] * pull
+    is_ending = bouncing & (jnp.min(load, axis=0) > 0) & (jnp.max(load, axis=0) < laws.preload)
+    return is_ending, rubs & jnp.any(is_linked & is_ending[None], axis=1)
 
 
 def _pulls(

@@ -58,6 +58,6 @@ def leading_zeros(state: State) -> Int[Array, "guards ..."]:
 
 
 def is_idle(state: State) -> Bool[Array, "guards ..."]:
-    """Flags of guards of contacts that others keep closed: they have no event."""
-    idle = state.is_kept_closed
+    """Flags of guards of elements whose gap, or sliding velocity, is constant: they have no event."""
+    idle = state.is_frozen
     return idle if state.mode is None else jnp.concatenate([idle, idle])

@@ -15,12 +15,12 @@ from jaxtyping import Array, Bool, Float
 from .._jax.arrays import Scalar, matvec
 from .._jax.xla import compute_once, is_any
 from .._machine.machine import Machine, state_before_contact
-from .._machine.state import Mode, State
+from .._machine.state import FROZEN, Mode, State
 from .._machine.switching import COMPLIANT, FRICTION, RIGID
 from .._system.checks import is_touching
 from .complementarity import solve_complementarity
 from .equilibrium import AtRest, settle
-from .friction_chatter import complete_chatter, no_chatter
+from .friction_chatter import comes_to_rest, complete_chatter, no_chatter
 from .friction_limits import sliding_velocity
 from .transition import Instant, Switches
 
@@ -54,7 +54,7 @@ def first_state(
     mode = Mode(closed, past & ~closed, direction, state.mode.begins)
     state = eqx.tree_at(lambda s: (s.gap, s.contact, s.mode), state, (gap, contact, mode))
     none = jnp.zeros_like(at_rest)
-    return _settled(machine, state, AtRest(at_rest, none, direction, none))
+    return _settled(machine, state, AtRest(at_rest, none, direction, none, none))
 
 
 def resolve(machine: Machine, state: State, is_event: Bool[Array, "guards ..."]) -> tuple[State, Instant]:
@@ -77,6 +77,17 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "guards ..."])
         lambda: compute_once(_switch, machine, state, after, instant, events, torn),
         lambda: (after, instant),
     )
+
+
+def forces_between_events(machine: Machine, state: State) -> Float[Array, "contacts ..."]:
+    """Forces of all elements: which of those at rest carry a load may change between events."""
+    rests = state.held | state.is_kept_closed
+    none, nothing = jnp.zeros_like(rests), jnp.zeros_like(state.mode.direction)
+    state = _settled(machine, _without(state, rests), AtRest(rests, none, nothing, none, none))
+    now = machine.in_mode(state)
+    hold = now.hold(state.held)
+    reaction = now.contacts.contact_force(now.total_force(state), hold, state.phase)
+    return jnp.where(state.held, reaction, now.contacts.forces_of(state))
 
 
 class _Events(NamedTuple):
@@ -135,6 +146,8 @@ def _switch(
     is_set_off = was_at_rest & is_struck
     stays = was_at_rest & ~torn & ~is_set_off
 
+    is_open = state.contact == FROZEN
+    state = eqx.tree_at(lambda s: s.contact, state, jnp.where(is_open, jnp.int8(0), state.contact))
     state, at_limit = _compliant_switched(machine, state, events, is_set_off, speed)
     direction = state.mode.direction
     arrives = friction & (direction != 0) & events.first & ~is_struck
@@ -147,14 +160,22 @@ def _switch(
         lambda: compute_once(complete_chatter, machine, state, instant),
         lambda: no_chatter(state),
     )
+    none = jnp.zeros_like(hit)
+    ends, rubbed = jax.lax.cond(
+        is_any(at_limit),
+        lambda: compute_once(comes_to_rest, machine, state, at_limit),
+        lambda: (none, none),
+    )
     is_plastic = hit & (instant.velocity_plus == 0)
     let_go = stays & before.held & (events.first | events.second)
-    settles = stays | arrives | chatter.completed | chatter.comes_to_rest | is_plastic
+    settles = stays | arrives | chatter.completed | chatter.comes_to_rest | is_plastic | ends | rubbed
     settles = settles | (compliant & at_limit & (speed == 0) & ~was_at_rest)
     settles = settles | (is_jump & rigid & ~hit & ~torn & (state.contact >= 2))
     ahead = jnp.where(friction, events.first, events.second)
     push = jnp.where(ahead, jnp.int8(1), jnp.where(friction, jnp.int8(-1), jnp.int8(0)))
-    at_rest = AtRest(settles, let_go, push, let_go & is_jump)
+    saturated = stays & friction & before.is_kept_closed & (direction != 0)
+    push = jnp.where(saturated, direction, push)
+    at_rest = AtRest(settles, let_go, push, saturated, (let_go & is_jump) | saturated)
     state = _without(state, settles)
     after = jax.lax.cond(
         is_any(settles), lambda: compute_once(_settled, machine, state, at_rest), lambda: state

@@ -8,6 +8,8 @@ from .._jax.arrays import Scalar
 
 # Value of `State.contact` for a contact that others keep closed.
 KEPT_CLOSED = 4
+# Value of `State.contact` for an open element whose gap, or sliding velocity, is constant, as others hold its row.
+FROZEN = 5
 
 
 class Mode(eqx.Module):
@@ -60,6 +62,11 @@ class State(eqx.Module):
     def is_kept_closed(self) -> Bool[Array, "stops ..."]:
         """Flags of the contacts that others keep closed."""
         return self.contact == KEPT_CLOSED
+
+    @property
+    def is_frozen(self) -> Bool[Array, "contacts ..."]:
+        """Flags of elements without events: kept closed, or open with a constant gap."""
+        return self.contact >= KEPT_CLOSED
 
     @property
     def no_events(self) -> Bool[Array, "guards ..."]:

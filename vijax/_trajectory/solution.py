@@ -15,6 +15,7 @@ from .._dataset_attributes import flags, variable_attributes, versions
 from .._flow.interface import AbstractFlow
 from .._flow.smooth_flow import coast
 from .._hybrid.limits import EVENT_NAMES
+from .._hybrid.switching_resets import forces_between_events
 from .._jax.arrays import Flag, Numbers, Reals, Scalar, array_namespace
 from .._jax.concrete import concrete, is_traced
 from .._jax.errors import checked
@@ -390,11 +391,10 @@ def _from_restart(
     now = machine.in_mode(state)
     state = coast(flow, now, state, phase0, periods, time, max_steps)
     hold = now.hold(state.held)
-    pressing = now.contacts.contact_force(now.total_force(state), hold, state.phase)
-    force = jnp.where(state.held, pressing, 0)
     if state.mode is not None:
-        force = force + now.contacts.forces_of(state)
-    return *machine.in_space(state), force
+        return *machine.in_space(state), forces_between_events(machine, state)
+    pressing = now.contacts.contact_force(now.total_force(state), hold, state.phase)
+    return *machine.in_space(state), jnp.where(state.held, pressing, 0)
 
 
 @padding_allowed
