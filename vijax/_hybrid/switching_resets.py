@@ -187,6 +187,7 @@ def _switch(
 def _is_struck(machine: Machine, instant: Instant) -> Bool[Array, "contacts ..."]:
     """Flags of elements whose speed the impacts change, by more than rounding."""
     compliance, impulse = machine.contacts.compliance, instant.impulse
+    assert impulse is not None
     change = matvec(compliance, impulse)
     size = matvec(jnp.abs(compliance), jnp.abs(impulse))
     return jnp.abs(change) > 64 * len(compliance) * float(jnp.finfo(size.dtype).eps) * size
