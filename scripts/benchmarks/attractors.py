@@ -57,7 +57,7 @@ def exponents(full: bool) -> list[dict]:
 
 def _volume_error(system: vx.ImpactSystem, ds: xr.Dataset) -> float:
     """The largest error of the sum of exponents, relative to the loss of volume."""
-    logs = np.log([float(stop.restitution) for stop in system.stops])
+    logs = np.log([float(stop.restitution) for stop in system.stops])  # pyright: ignore[reportAttributeAccessIssue]
     damping = np.trace(np.asarray(system.damping) / np.asarray(system.mass)[:, None])
     exact = -damping + 2 * (ds.num_impacts.values @ logs) / (20 * ds.forcing_period.values)
     found = ds.lyapunov_exponents.values.sum(axis=1)
@@ -99,7 +99,7 @@ def _by_scipy() -> dict:
     start = time.perf_counter()
     growth, impacts, duration = _variational(system, FEW)
     seconds = time.perf_counter() - start
-    logs = np.log([float(stop.restitution) for stop in system.stops])
+    logs = np.log([float(stop.restitution) for stop in system.stops])  # pyright: ignore[reportAttributeAccessIssue]
     damping = np.trace(np.asarray(system.damping) / np.asarray(system.mass)[:, None])
     exact = -damping + 2 * (impacts @ logs) / duration
     return {
@@ -206,6 +206,6 @@ def _section(system: vx.ImpactSystem, y: np.ndarray, num_periods: int) -> np.nda
                 if len(times):
                     (mass,) = stop.coefficients
                     y[mass] = float(stop.position)
-                    y[n + mass] *= -float(stop.restitution)
+                    y[n + mass] *= -float(stop.restitution)  # pyright: ignore[reportAttributeAccessIssue]
         section.append(y)
     return np.array(section)

@@ -21,7 +21,7 @@ from .._jax.concrete import stop_gradients
 from .._jax.xla import is_any
 from .._machine.machine import Machine
 from .._machine.small_matrices import product
-from .._machine.state import FROZEN, KEPT_CLOSED, State
+from .._machine.state import KEPT_CLOSED, State
 from .._machine.switching import COMPLIANT, FRICTION, RIGID
 
 # Maximum number of pivots, and number of those that exchange several elements at once.
@@ -53,11 +53,13 @@ class Settled(NamedTuple):
         held: flags of elements that hold and carry a force.
         push: direction of slip, 1 for a compliant contact that yields; 0 for all else.
         contact: their new `State.contact`.
+        depends: flags of all other elements whose rows depend on those held.
     """
 
     held: Bool[Array, "contacts ..."]
     push: Int[Array, "contacts ..."]
     contact: Int[Array, "contacts ..."]
+    depends: Bool[Array, "contacts ..."]
 
 
 def settle(machine: Machine, state: State, at_rest: AtRest) -> Settled:
@@ -203,8 +205,9 @@ def _decision(
     # The guard of friction is a velocity, and vanishes to one order less.
     moves = jnp.where(contacts.are(FRICTION), moves - jnp.int8(1), moves)
     contact = jnp.where(held, jnp.int8(0), jnp.where(is_kept, jnp.int8(KEPT_CLOSED), moves))
-    others = jnp.where(depends & ~state.held, jnp.int8(FROZEN), state.contact)
-    return Settled(held, choice.push, jnp.where(elements, contact, others))
+    return Settled(
+        held, choice.push, jnp.where(elements, contact, state.contact), depends & ~held & ~elements
+    )
 
 
 def _first(flags: Bool[Array, "contacts ..."]) -> Bool[Array, "contacts ..."]:

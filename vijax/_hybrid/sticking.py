@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._jax.arrays import Scalar, rounding_step
 from .._jax.concrete import concrete
+from .._system.contact import AbstractRigidLimit
 from .._system.system import ImpactSystem
 
 
@@ -21,7 +22,7 @@ def can_any_stick(system: ImpactSystem, x0: Array | np.ndarray, v0: Array | np.n
     if system.is_switching:
         return True  # friction sticks
     for stop in system.stops:
-        if stop.motion is not None:
+        if not isinstance(stop, AbstractRigidLimit) or stop.motion is not None:
             return True  # the start time decides whether the mass rests on it
         r, position, x, v = (concrete(a) for a in (stop.light_restitution, stop.position, x0, v0))
         if r is None or (r < 1).any():

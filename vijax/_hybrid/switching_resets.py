@@ -60,6 +60,9 @@ def first_state(
 def resolve(machine: Machine, state: State, is_event: Bool[Array, "guards ..."]) -> tuple[State, Instant]:
     """Apply the impacts of this instant, then switch the laws of elements, and decide which hold."""
     num = machine.contacts.num
+    # What is frozen is decided anew at every event.
+    is_open = jnp.any(is_event, axis=0) & (state.contact == FROZEN)
+    state = eqx.tree_at(lambda s: s.contact, state, jnp.where(is_open, jnp.int8(0), state.contact))
     events = _Events(is_event[:num], is_event[num:])
     speed = sliding_velocity(machine, state)
     hit = events.first & machine.contacts.are(RIGID) & ~state.held & ~state.is_kept_closed & (speed > 0)
@@ -146,8 +149,6 @@ def _switch(
     is_set_off = was_at_rest & is_struck
     stays = was_at_rest & ~torn & ~is_set_off
 
-    is_open = state.contact == FROZEN
-    state = eqx.tree_at(lambda s: s.contact, state, jnp.where(is_open, jnp.int8(0), state.contact))
     state, at_limit = _compliant_switched(machine, state, events, is_set_off, speed)
     direction = state.mode.direction
     arrives = friction & (direction != 0) & events.first & ~is_struck
@@ -186,6 +187,7 @@ def _switch(
 def _is_struck(machine: Machine, instant: Instant) -> Bool[Array, "contacts ..."]:
     """Flags of elements whose speed the impacts change, by more than rounding."""
     compliance, impulse = machine.contacts.compliance, instant.impulse
+    assert impulse is not None
     change = matvec(compliance, impulse)
     size = matvec(jnp.abs(compliance), jnp.abs(impulse))
     return jnp.abs(change) > 64 * len(compliance) * float(jnp.finfo(size.dtype).eps) * size
@@ -244,7 +246,12 @@ def _settled(machine: Machine, state: State, at_rest: AtRest) -> State:
     )
     gap = jnp.where(held & ~friction, 0, state.gap)
     names = lambda s: (s.x, s.v, s.gap, s.held, s.contact)  # noqa: E731
-    return eqx.tree_at(names, state, (x, v, gap, held, found.contact))
+    # On a belt a gap goes on to change.
+    speed = jnp.abs(contacts.speeds(v, machine.phase_rate(state.phase)))
+    is_still = speed <= 64 * float(jnp.finfo(v.dtype).eps) * contacts.size(jnp.abs(v))
+    is_frozen = found.depends & ~state.held & (is_still | friction)
+    contact = jnp.where(is_frozen, jnp.int8(FROZEN), found.contact)
+    return eqx.tree_at(names, state, (x, v, gap, held, contact))
 
 
 def _logged(

@@ -1,6 +1,6 @@
 """Machine as arrays, as the engine computes with it."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -35,13 +35,13 @@ class Machine(eqx.Module):
     waves: Waves
     frequency: Scalar
     period: Scalar
-    contacts: Contacts
+    contacts: Any  # `Contacts`, of which type checkers do not see the kind
     rate: Scalar
     timescale: Scalar
     can_stick: bool = eqx.field(static=True)
     extra: ExtraForce | None = None
     frame: Frame | None = None
-    closed_rate: Scalar | None = None
+    closed_rate: Any = None
 
     @property
     def num_masses(self) -> int:
@@ -241,6 +241,7 @@ def prepare(
         rate = rate + extra.rate(*start, numbers.mass)
     rate = jnp.maximum(rate, 1 / span)
     contacts = _contacts(numbers, rows, inverse_mass, walls)
+    is_switching = isinstance(contacts, SwitchingContacts)
     return Machine(
         damping=numbers.damping,
         stiffness=numbers.stiffness,
@@ -254,7 +255,7 @@ def prepare(
         can_stick=can_stick,
         extra=extra,
         frame=frame,
-        closed_rate=_closed_rate(numbers, contacts, rate) if numbers.laws is not None else None,
+        closed_rate=_closed_rate(numbers, contacts, rate) if is_switching else None,
     )
 
 

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from .._jax.arrays import Reals, add_up, array_namespace, stack
+from .._system.contact import AbstractRigidLimit
 from .._system.force import BoundForce
 from .._system.restitution import Restitution, restitution_of_contacts
 from .._system.system import ImpactSystem
@@ -64,7 +65,7 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
         return stack([value + zero for value in values]) if values else np.zeros((0, *zero.shape), zero.dtype)
 
     none, one = [0.0] * len(system.friction), np.ones((), zero.dtype)
-    restitutions = [one if stop.is_compliant else stop.restitution for stop in stops]
+    restitutions = [stop.restitution if isinstance(stop, AbstractRigidLimit) else one for stop in stops]
     return MachineNumbers(
         mass=system.mass,
         damping=system.damping,

@@ -1,5 +1,7 @@
 """Hybrid state of a motion."""
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
@@ -56,7 +58,7 @@ class State(eqx.Module):
     held: Bool[Array, "stops ..."]
     contact: Int[Array, "stops ..."]
     memory: PyTree = None
-    mode: Mode | None = None
+    mode: Any = None  # `Mode` or None; type checkers would ask for a test of None at every use
 
     @property
     def is_kept_closed(self) -> Bool[Array, "stops ..."]:

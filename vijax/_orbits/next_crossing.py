@@ -21,7 +21,7 @@ from .._jax.nan_mask import known_or_nan
 from .._jax.xla import padding_allowed
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.checks import FINITE, check_one, check_shape, validate_start
-from .._system.contact import Contact
+from .._system.contact import AbstractRigidLimit, Contact
 from .._system.restitution import restitution_of_contacts
 from .._system.system import ImpactSystem, refuse_switching, with_args
 from .._trajectory.impact_loop import ImpactRequest, follow_to_impact
@@ -198,6 +198,10 @@ def _with_contact(system: ImpactSystem, mass: int, side: float, place: Scalar) -
         for a, b in zip(names(numbers), (row, side * place), strict=True)
     ]
     restitution = restitution_of_contacts(
-        [*(stop.restitution for stop in system.stops), jnp.ones_like(place)], 0 * place
+        [
+            *(stop.restitution for stop in system.stops if isinstance(stop, AbstractRigidLimit)),
+            jnp.ones_like(place),
+        ],
+        0 * place,
     )
     return eqx.tree_at(lambda n: (*names(n), n.restitution), numbers, (*longer, restitution))

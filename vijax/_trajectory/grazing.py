@@ -18,7 +18,7 @@ from .._jax.xla import is_any
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
 from .._machine.state import State
-from .._machine.switching import RIGID
+from .._machine.switching import RIGID, SwitchingContacts
 
 
 class Grazing(eqx.Module):
@@ -49,7 +49,7 @@ def update_grazing(
     machine, before, after, instant = stop_gradients((machine, before, after, instant))
     turned = (machine.approach(before) > 0) & (machine.approach(after) <= 0)
     turned = turned & ~instant.hit & ~before.held & ~after.held
-    if machine.contacts.is_switching:
+    if isinstance(machine.contacts, SwitchingContacts):
         turned = turned & machine.contacts.are(RIGID)
     # Most steps have neither an impact nor a turn.
     return jax.lax.cond(

@@ -120,7 +120,8 @@ class _Sizes(NamedTuple):
 
 def _sizes(numbers: MachineNumbers) -> _Sizes:
     is_switching = numbers.laws is not None
-    return _Sizes(*numbers.rows.shape, numbers.waves.num_harmonics, numbers.mass.dtype, is_switching)
+    num_contacts, n = numbers.rows.shape
+    return _Sizes(num_contacts, n, numbers.waves.num_harmonics, numbers.mass.dtype, is_switching)
 
 
 @lru_cache
