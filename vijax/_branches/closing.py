@@ -18,7 +18,7 @@ def repetitions_of(sequence: Sequence, place: ExtendedCycle, num_periods: int) -
     for n in (n for n in range(1, num_periods) if num_periods % n == 0):
         if len(sequence.kind) % (num_periods // n):
             continue
-        located: LocatedState = yield location_on(sequence, place, n)
+        located: LocatedState = yield location_on(sequence, place, float(n))
         if np.abs(located.z - place.z).max() < _SAME:
             return num_periods // n
     return 1
@@ -55,7 +55,7 @@ def first_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
         if not isinstance(old, BranchPoint) or not _may_be_same(old, last):
             continue
         for n in range(int(walk.num_periods)):
-            located: LocatedState = yield location_on(last.sequence, last.place, n)
+            located: LocatedState = yield location_on(last.sequence, last.place, float(n))
             if np.abs(located.z - old.place.z).max() < _AGAIN and (n > 0 or _is_same_way(old, last)):
                 # The last `place` + 1 bifurcations are the first ones again.
                 return [*numbers, len(before)][-place - 1]
