@@ -176,7 +176,7 @@ def in_section(point: BranchPoint, num_periods: float) -> KernelRequests:
         return point
     time = 0.0 if by > 0 else num_periods
     located: LocatedState = yield location_on(point.sequence, point.place, time)
-    sequence, place = shifted(point.sequence, point.place, by, num_periods, located.z)
+    sequence, place = shifted(point.sequence, point.place, by, num_periods, np.asarray(located.z))
     at = yield from _corrected_on_sequence(sequence, place, point)
     # The tangent keeps its direction: event times and parameter change as before.
     before, after = np.cumsum(point.tangent.flights), np.cumsum(at.tangent.flights)

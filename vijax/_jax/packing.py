@@ -199,7 +199,7 @@ def layout_of(tree: PyTree, *, has_rows: bool = False) -> Layout:
         kind = int(is_complex or jnp.issubdtype(dtype, jnp.floating))
         begin, ends[kind] = ends[kind], ends[kind] + math.prod(shape) * (1 + is_complex)
         places.append(Place(bool(kind), begin, ends[kind], shape, dtype))
-        floats += [np.zeros(0, dtype).real.dtype] * kind
+        floats += [jnp.finfo(dtype).dtype] if kind else []
     return _one_layout(structure, tuple(places), (jnp.result_type(int), jnp.result_type(float, *floats)))
 
 

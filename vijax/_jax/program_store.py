@@ -71,6 +71,7 @@ class ProgramStore:
 
     def load(self, key: str) -> StoredProgram | None:
         """Program of a key; None if there is none that can be used."""
+        assert deserialize_and_load is not None
         file = self._file(key)
         try:
             data = file.read_bytes()
@@ -93,6 +94,7 @@ class ProgramStore:
 
     def save(self, key: str, compiled: Any, results: Any) -> None:
         """Store a compiled program; does nothing if that is impossible."""
+        assert serialize is not None
         try:
             if _calls_python(compiled):
                 return
@@ -136,7 +138,8 @@ class _Active:
     """The store of this process, and whether it has been chosen."""
 
     def __init__(self):
-        self.is_chosen, self.store = False, None
+        self.is_chosen = False
+        self.store: ProgramStore | None = None
 
 
 _active = _Active()

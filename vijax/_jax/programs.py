@@ -97,8 +97,8 @@ class Programs:
             make_room()
             found = self._plain(static, *parts)
             return self._results[static].joined(found)
-        kinds = [tuple([(a.shape, a.dtype) for a in part]) for part in parts]
-        key = _Key(static, *kinds, _SETTINGS(jax.config))
+        kept, donated = (tuple([(a.shape, a.dtype) for a in part]) for part in parts)
+        key = _Key(static, kept, donated, _SETTINGS(jax.config))
         run, results = self._made.get(key) or self._make(key, store)
         return results.joined(run(*parts))
 
@@ -180,6 +180,9 @@ jax.monitoring.register_event_listener(_note_hit)
 
 def _name_of(function: Callable) -> tuple[str, str] | None:
     """Module and name of a function of this package; None if they do not determine it."""
-    module, name = getattr(function, "__module__", None), getattr(function, "__qualname__", "<locals>")
-    is_ours = str(module).partition(".")[0] == __name__.partition(".")[0]
+    module, name = (
+        str(getattr(function, "__module__", "")),
+        str(getattr(function, "__qualname__", "<locals>")),
+    )
+    is_ours = module.partition(".")[0] == __name__.partition(".")[0]
     return (module, name) if is_ours and "<" not in name else None
