@@ -95,3 +95,9 @@ def test_a_batch_of_trees_is_packed_row_by_row():
     traced = jax.jit(jax.vmap(lambda row: row.unpacked()))(rows)
     for name, a in tree.items():
         np.testing.assert_array_equal(traced[name], a)
+
+
+def test_a_batch_without_whole_numbers_has_rows_all_the_same():
+    rows = pack({"a": np.ones((3, 2))}, has_rows=True)
+    assert rows.wholes.shape == (3, 0)
+    np.testing.assert_array_equal(rows.at(np.array([0, 2])).unpacked()["a"], np.ones((2, 2)))

@@ -182,7 +182,8 @@ def pack(tree: PyTree, layout: Layout | None = None, *, has_rows: bool = False) 
     for leaf, at in zip(jax.tree.leaves(tree), layout.leaves, strict=True):
         if _is_place(at):
             parts[at.is_real].extend(_real_parts(leaf))
-    wholes, reals = (_joined(own, dtype, has_rows) for own, dtype in zip(parts, layout.dtypes, strict=True))
+    lead = next((np.shape(a)[:1] for own in parts for a in own), ()) if has_rows else ()
+    wholes, reals = (_joined(own, dtype, lead) for own, dtype in zip(parts, layout.dtypes, strict=True))
     return Packed(reals, wholes, layout)
 
 
@@ -207,8 +208,8 @@ def _real_parts(a: Reals) -> list[Reals]:
     return [a.real, a.imag] if jnp.issubdtype(a.dtype, jnp.complexfloating) else [a]
 
 
-def _joined(arrays: list[Reals], dtype: np.dtype, has_rows: bool) -> Reals:
-    lead = np.shape(arrays[0])[:1] if has_rows and arrays else ()
+def _joined(arrays: list[Reals], dtype: np.dtype, lead: tuple[int, ...]) -> Reals:
+    """The numbers of some arrays, behind their first axes `lead`."""
     xp = jnp if any(isinstance(a, jax.core.Tracer) for a in arrays) else np
     flat = [xp.reshape(xp.asarray(a), (*lead, math.prod(a.shape[len(lead) :]))) for a in arrays]
     return xp.concatenate([xp.zeros((*lead, 0), dtype), *flat], axis=-1, dtype=dtype)

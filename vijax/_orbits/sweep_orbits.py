@@ -62,6 +62,7 @@ def periodic_orbits(
     refuse_single_precision("periodic_orbits", ds.get("x"))
     room = whole_number("max_events", max_events, 1)
     workers = None if executor is None else as_executor(executor)
+    refuse_switching("periodic_orbits", machines_of(ds, [*dims_of(ds)], np.arange(1)))
     kinds = classify(ds)
     num_periods = flattened_points(ds, kinds["num_periods"])
     which = np.flatnonzero(np.isin(flattened_points(ds, kinds["motion"]), _REPEATS) & (num_periods > 0))
@@ -72,7 +73,6 @@ def periodic_orbits(
     found = None
     if which.size:
         machines = machines_of(ds, [*dims_of(ds)], which)
-        refuse_switching("periodic_orbits", machines)
         with tqdm(total=len(which), unit="orbit", disable=not progress) as bar:
             found = search_orbits(
                 machines, num_periods[which], states[which], room, bar.update, executor=workers
