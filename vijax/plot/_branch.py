@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from .._branches.branch import Branch
 from .._branches.kinds import End, Kind
 from .._hybrid.limits import IMPACT
+from .._sweep.short_names import with_paths
 from .._system.description import build_from
 from .._system.force_description import NAMED_FORCE
 from .._system.parameters import is_of_force, set_parameter
@@ -101,6 +102,7 @@ def branch(
         Y. A. Kuznetsov, Elements of Applied Bifurcation Theory, Sec. 10.2.
     """
     several = [branches] if isinstance(branches, Branch) else list(branches)
+    ds = None if ds is None else with_paths(ds)
     path, num_stops = _common(several, ds)
     stops = stops_to_draw(stop, num_stops)
     masses = masses_of_stops(_system(several[0].points))
