@@ -1,5 +1,9 @@
 """Pictures of datasets with short names are those of datasets by path."""
 
+import matplotlib as mpl
+
+mpl.use("Agg")
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
