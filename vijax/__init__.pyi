@@ -48,6 +48,7 @@ from ._orbits.periodic_orbit import periodic_orbit as periodic_orbit
 from ._orbits.sweep_orbits import periodic_orbits as periodic_orbits
 from ._progress import Interrupted as Interrupted
 from ._sections.classify import classify as classify
+from ._sections.impact_table import impacts as impacts
 from ._sections.lyapunov import lyapunov_exponents as lyapunov_exponents
 from ._sections.sections import impact_map as impact_map, stroboscopic_section as stroboscopic_section
 from ._sections.spectrum import power_spectrum as power_spectrum

@@ -112,6 +112,11 @@ _MEANINGS = {
     "t0": "start time",
     "t1": "end time",
 }
+# Dimensions that no variable is named after.
+_DIMENSIONS = (
+    *("stop", "impact", "exponent", "friction", "row", "harmonic", "multiplier", "attractor", "point"),
+    *("event", "lane", "distance"),
+)
 _UNITS = {
     "impact_phase": "rad",
     "forcing.phase": "rad",
@@ -126,6 +131,11 @@ def variable_attributes(name: str) -> dict[str, str]:
     name = re.sub(r"^(force|args)\..*", r"\1", name)
     units = {"units": _UNITS[name]} if name in _UNITS else {}
     return ({"long_name": _MEANINGS[name]} if name in _MEANINGS else {}) | units
+
+
+def is_taken(name: str) -> bool:
+    """True for the name of a variable or a dimension of a dataset."""
+    return name in _MEANINGS or name in _DIMENSIONS
 
 
 def flags(names: Sequence[str]) -> dict[str, str | np.ndarray]:

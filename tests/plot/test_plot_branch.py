@@ -174,6 +174,21 @@ def test_each_kind_of_bifurcation_has_its_mark_on_every_line():
     assert len({mark.get_marker() for mark in marks}) == len(kinds)
 
 
+def test_a_dict_names_branches_in_the_legend():
+    one, other = branch_of([[(0.2, 1, 0.5)]] * 3), branch_of([[(0.2, 1, 0.25)]] * 3)
+    ax = vx.plot.branch({"1 in 2": one, "2 in 2": other}, stop=1)
+    assert words_of_legend(ax) == ["1 in 2", "2 in 2", "stable"]
+    unnamed = vx.plot.branch([one, other], stop=1)
+    assert words_of_legend(unnamed) == ["branch 0", "branch 1", "stable"]
+    for a, b in zip(ax.lines, unnamed.lines, strict=True):
+        np.testing.assert_array_equal(a.get_xydata(), b.get_xydata())
+        assert same_color(a.get_color(), b.get_color())
+    single = vx.plot.branch({"1 in 2": one}, stop=1, label="r = 0.7")
+    assert words_of_legend(single) == ["r = 0.7, 1 in 2", "stable"]
+    with pytest.raises(ValueError, match="empty"):
+        vx.plot.branch({})
+
+
 def test_several_branches_are_told_apart():
     other = branch_of([[(0.5, 1, 0.6)]] * 2, stable=[False, False], values=[0.5, 2.0])
     ax = vx.plot.branch([branch_of(QUIET), other], stop=1)

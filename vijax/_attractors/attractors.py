@@ -14,6 +14,7 @@ from .._jax.concrete import is_traced
 from .._jax.xla import padding_allowed
 from .._sections.classify import TOLERANCES
 from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
+from .._sweep.short_names import with_names
 from .._system.periodicity import check_period
 from .._system.system import ImpactSystem, refuse_switching, with_args
 from .coexisting import coexisting, lasting
@@ -25,7 +26,7 @@ from .table import attractor_dataset, attributes_of, sorted_by_share
 @padding_allowed
 def attractors(
     system: ImpactSystem,
-    starts: Count | tuple[Numbers, Numbers] | Numbers | Mapping[str, Numbers],
+    starts: Count | tuple[Numbers, Numbers] | Numbers | Mapping[str, Numbers | tuple[str, Numbers]],
     *,
     transient: Count = 100,
     record: Count = 20,
@@ -149,7 +150,7 @@ def machines_of_one(
 
 def requested_starts(
     machines: Machines,
-    starts: Count | tuple[Numbers, Numbers] | Numbers | Mapping[str, Numbers],
+    starts: Count | tuple[Numbers, Numbers] | Numbers | Mapping[str, Numbers | tuple[str, Numbers]],
     bounds: Numbers | None,
     seed: Count,
     x0: Numbers | None = None,
@@ -183,4 +184,5 @@ def _found(machines: Machines, starts: Starts, *, progress: bool) -> xr.Dataset:
     columns = {name: (dims, a.reshape(shape), variable_attributes(name)) for name, a in of_starts.items()}
     table = table.assign(columns)
     coordinates = {path: (path, a) for path, a in starts.axes.items()} | {"stop_mass": ds["stop_mass"]}
-    return table.assign_coords(coordinates).assign_attrs(attributes_of(ds))
+    table = table.assign_coords(coordinates).assign_attrs(attributes_of(ds))
+    return with_names(table, starts.names)

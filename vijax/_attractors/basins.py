@@ -18,7 +18,7 @@ _LEAST_DISTANCES, _FARTHEST = 3, 8
 
 def basins(
     system: ImpactSystem,
-    grid: Mapping[str, Numbers],
+    grid: Mapping[str, Numbers | tuple[str, Numbers]],
     *,
     transient: Count = 100,
     record: Count = 20,
@@ -39,7 +39,8 @@ def basins(
 
     Args:
         system: the machine.
-        grid: the values of each start quantity by its path, as `{"x0[0]": values, "v0[0]": values}`.
+        grid: the values of each start quantity by its path, as `{"x0[0]": values, "v0[0]": values}`; with short
+            names, as for `vx.sweep`, `{"x": ("x0[0]", values), "v": ("v0[0]", values)}`.
         transient: forcing periods before a motion is recorded.
         record: forcing periods that are recorded.
         x0: positions that the grid does not name, (n,); zero if left out.

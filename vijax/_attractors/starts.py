@@ -8,6 +8,7 @@ import numpy as np
 from .._execution.points import LaneInput
 from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, whole_number
 from .._orbits.find_many import given_states
+from .._sweep.short_names import without_names
 from .._sweep.zipped import START
 from .._system.checks import is_past
 from .._system.parameters import find_parameter
@@ -24,14 +25,19 @@ class Starts(NamedTuple):
     Attributes:
         states: (starts, 2 n).
         axes: values along each dimension; their product is all starts, the last varying fastest.
+        names: short names of dimensions that have one.
     """
 
     states: np.ndarray
     axes: dict[str, np.ndarray]
+    names: dict[str, str]
 
 
 def grid_of_starts(
-    system: ImpactSystem, values: Mapping[str, Numbers], x0: Numbers | None, v0: Numbers | None
+    system: ImpactSystem,
+    values: Mapping[str, Numbers | tuple[str, Numbers]],
+    x0: Numbers | None,
+    v0: Numbers | None,
 ) -> Starts:
     """Product of the values of some start quantities; the others are those of `x0` and `v0`."""
     n = system.num_masses
@@ -42,18 +48,19 @@ def grid_of_starts(
             if known.shape != (n,):
                 raise ValueError(f"Argument `{name}` must have shape ({n},), but has {known.shape}.")
             row[:] = known
-    axes = {path: as_numpy_float(a) for path, a in values.items()}
+    whole = LaneInput(system, as_float(np.zeros(n)), as_float(np.zeros(n)))
+    by_path, names = without_names(values, whole, free=("x", "v"))
+    axes = {path: as_numpy_float(a) for path, a in by_path.items()}
     if not axes:
         raise ValueError('The starts are empty: name start quantities, as in {"x0[0]": values}.')
     shape = tuple(len(a) if a.ndim == 1 else 0 for a in axes.values())
     grid = np.indices(shape).reshape(len(axes), -1)
     states = np.tile(base.reshape(-1), (grid.shape[1], 1))
-    whole = LaneInput(system, as_float(np.zeros(n)), as_float(np.zeros(n)))
     for (path, a), place in zip(axes.items(), grid, strict=True):
         if a.ndim != 1 or not a.size:
             raise ValueError(f"The values of `{path}` must have shape (points,), but have {a.shape}.")
         states[:, _column(whole, path, n)] = a[place]
-    return Starts(states, axes)
+    return Starts(states, axes, names)
 
 
 def _column(whole: LaneInput, path: str, n: int) -> int:
@@ -71,7 +78,7 @@ def listed_starts(system: ImpactSystem, starts: tuple[Numbers, Numbers] | Number
     """Starts given one by one."""
     or_else = "a mapping of paths to values, or how many to draw, "
     states = given_states(starts, system.num_masses, or_else)
-    return Starts(states, {START: np.arange(len(states))})
+    return Starts(states, {START: np.arange(len(states))}, {})
 
 
 def drawn_starts(system: ImpactSystem, count: int, bounds: np.ndarray, seed: Count) -> Starts:
@@ -83,7 +90,7 @@ def drawn_starts(system: ImpactSystem, count: int, bounds: np.ndarray, seed: Cou
         states[left] = rng.uniform(low, high, (len(left), len(bounds)))
         left = left[is_beyond(system, states[left])]
         if not left.size:
-            return Starts(states, {START: np.arange(count)})
+            return Starts(states, {START: np.arange(count)}, {})
     raise ValueError("Between the bounds hardly any start lies between the stops: name others in `bounds`.")
 
 

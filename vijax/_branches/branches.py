@@ -10,6 +10,7 @@ from .._jax.arrays import Count, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._orbits.sweep_orbits import periodic_orbits
 from .._progress import Interrupted, interrupt_with_result, tqdm
+from .._sweep.short_names import with_paths
 from .branch import Branch
 from .continuation import follow_branches
 from .kinds import Kind
@@ -56,12 +57,13 @@ def branches(
     refuse_single_precision("branches", ds.get("x0", ds.get("x")))
     num_doublings = whole_number("depth", depth)
     orbits = ds if "converged" in ds else periodic_orbits(ds, progress=progress)
+    orbits = with_paths(orbits)
     paths = [str(dim) for dim in orbits["converged"].dims if dim != "direction"]
     if len(paths) != 1:
         raise ValueError(
             f"Branches need one swept quantity, but there are {paths}: select one value of the others."
         )
-    (path,), (low, high) = paths, bounds or (float(ds[paths[0]].min()), float(ds[paths[0]].max()))
+    (path,), (low, high) = paths, bounds or (float(orbits[paths[0]].min()), float(orbits[paths[0]].max()))
     waiting = [start for start in starting_orbits(orbits) if low <= _value(start, path) <= high]
     found: list[Branch] = []
     with (

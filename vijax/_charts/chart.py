@@ -27,6 +27,7 @@ from .._progress import tqdm
 from .._sections.classify import MOTIONS, classified
 from .._sweep.grid import base_of, values_of
 from .._sweep.outcomes import warn_of_endings
+from .._sweep.short_names import with_names, without_names
 from .._sweep.zipped import START, sweep_zipped
 from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem
@@ -40,7 +41,7 @@ _KIND = ("motion", "num_periods", "num_impacts")
 @padding_allowed
 def chart(
     system: ImpactSystem,
-    values: Mapping[str, Numbers],
+    values: Mapping[str, Numbers | tuple[str, Numbers]],
     *,
     stride: Count = 8,
     transient: Count = 100,
@@ -112,19 +113,21 @@ def chart(
         ```
     """
     stride = whole_number("stride", stride, 1)
-    axes = values_of(values)
+    room = whole_number("max_impacts", max_impacts)
+    if multipliers or starts is not None:
+        refuse_single_precision("chart` with `multipliers` or `starts", system)
+    one = machines_of_one("chart", system, args, transient, record, tolerance, flow, None, settings, executor)
+    base = base_of(one.system, x0, v0)
+    by_path, names = without_names(values, base, free=("x", "v"))
+    axes = values_of(by_path)
     if len(axes) != 2 or any(axis.ndim != 1 or len(axis) < 2 for axis in axes.values()):
         raise ValueError(
             "A chart needs two paths with two numbers or more each, but has "
             + ", ".join(f"`{path}` of shape {axis.shape}" for path, axis in axes.items())
             + ": use `vx.sweep` for others."
         )
-    room = whole_number("max_impacts", max_impacts)
-    if multipliers or starts is not None:
-        refuse_single_precision("chart` with `multipliers` or `starts", system)
-    one = machines_of_one("chart", system, args, transient, record, tolerance, flow, None, settings, executor)
     counts = Counts(one.transient, one.record, room, None, can_stick=True, lyapunov=bool(lyapunov))
-    plan = _PointSettings(base_of(one.system, x0, v0), counts, one, tolerance, bool(multipliers), None)
+    plan = _PointSettings(base, counts, one, tolerance, bool(multipliers), None)
     if starts is not None:
         plan = plan._replace(starts=_starts(one, axes, starts, bounds, seed))
     together = _TOGETHER if plan.starts is None else max(_TOGETHER // len(plan.starts), 1)
@@ -144,7 +147,7 @@ def chart(
     ds = refined(axes, stride, run, _KIND if plan.starts is None else (*_KIND, "num_attractors"))
     whole = xr.Dataset({"result": (START, np.concatenate(results))}, attrs={"max_impacts": room})
     warn_of_endings(whole, "max_impacts_reached", "max_steps_reached", "non_finite")
-    return ds
+    return with_names(ds, names)
 
 
 class _PointSettings(NamedTuple):

@@ -8,6 +8,7 @@ import xarray as xr
 
 from .._execution.store import difference
 from .dataset import FILL
+from .short_names import path_of
 
 # Attributes that affect no bit of the results.
 _OF_NO_WEIGHT = ("numpy_version", "python_version")
@@ -81,7 +82,10 @@ def _provenance_of(ds: xr.Dataset, number: int) -> dict[str, Any]:
 
 def _other_variables(first: xr.Dataset, ds: xr.Dataset) -> str | None:
     """The first difference of two datasets in their variables or dimensions, as a clause."""
-    there, here = ({str(name): str(a.dims) for name, a in one.variables.items()} for one in (first, ds))
+    there, here = (
+        {str(name): f"{a.dims}{path_of(one, name)}" for name, a in one.variables.items()}
+        for one in (first, ds)
+    )
     return difference(there, here)
 
 

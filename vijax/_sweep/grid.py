@@ -12,11 +12,6 @@ from .._system.system import ImpactSystem
 
 def values_of(values: Mapping[str, Numbers]) -> dict[str, np.ndarray]:
     """Values of every swept quantity, at least one, (points, ...)."""
-    if not isinstance(values, Mapping):
-        raise ValueError(
-            "Argument `values` must give the values of each quantity by its path, as {'forcing.frequency': [0.8, 0.9]}, but is "
-            f"{values!r}."
-        )
     axes = {path: np.asarray(as_float(v, path)) for path, v in values.items()}
     if not axes:
         raise ValueError("Argument `values` is empty: name a quantity to sweep, or use `simulate`.")

@@ -22,6 +22,7 @@ from .._system.force_description import NAMED_FORCE
 from .._system.forces_by_path import Allowed
 from .._system.parameters import axis_names, force_parameters, is_of_force, is_parameter
 from .._system.system import ImpactSystem, bound, unbound
+from .short_names import path_of
 
 
 def origin(
@@ -160,10 +161,10 @@ def _swept_values(
     """Dimensions and values of every path that varies along `dims` alone; the values have these dimensions first."""
     found = {}
     for name, values in ds.coords.items():
-        path = str(name).removesuffix(".values")
+        path = path_of(ds, name)
         own = [dim for dim in axis_names(path, values.ndim) if dim in values.dims]
         along = [dim for dim in values.dims if dim not in own]
-        is_counter = name == path and f"{path}.values" in ds.coords  # indices of the arrays in `PATH.values`
+        is_counter = f"{name}.values" in ds.coords  # indices of the arrays in `NAME.values`
         # Labels of a parameter's own dimension, `mass` for instance, are not values.
         if dims.issuperset(along) and not is_counter and name not in own:
             found[path] = along, values.transpose(*along, *own)

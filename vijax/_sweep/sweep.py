@@ -23,12 +23,13 @@ from .dataset import dataset
 from .grid import base_of, grid_points, values_of
 from .outcomes import warn_of_endings
 from .provenance import name_of_flow, origin
+from .short_names import with_names, without_names
 from .zarr_output import write_sweep
 
 
 def sweep(
     system: ImpactSystem,
-    values: Mapping[str, Numbers],
+    values: Mapping[str, Numbers | tuple[str, Numbers]],
     *,
     transient: Count = 100,
     record: Count = 20,
@@ -58,7 +59,8 @@ def sweep(
             "forcing.amplitude[0]", "stops[1].position", "stops[*].restitution" (all stops at once), "mass[0]",
             "x0[1]", ..., shape (points,); a whole array such as "damping" takes (points, n, n). Numbers of the force
             are named by its fields, "force.cubic", those of `args` by "args.cubic" or "args[0]". Several quantities
-            make a product grid, a dimension each.
+            make a product grid, a dimension each. A pair of path and values gives the quantity a short name,
+            `{"A": ("forcing.amplitude[0]", values)}`: its dimension and coordinate are then `A`, as in `ds.A`.
         transient: forcing periods before recording.
         record: forcing periods that are recorded.
         carry: None runs every point from the same start. "up" lets every point start where the one before it along
@@ -96,7 +98,7 @@ def sweep(
         settings: sizes of queues, lanes and chunks, which affect speed; results change by rounding only.
 
     Returns:
-        A dataset with a dimension for every path, named by it, and `stop`, `mass`, `impact`: `impact_velocity`
+        A dataset with a dimension for every quantity, named by its short name or its path, and `stop`, `mass`, `impact`: `impact_velocity`
         (signed, before the impact; where stops move `impact_relative_velocity` too), `impact_time` (since the
         transient), `impact_phase` (W t mod 2 pi), `impact_stop`, all padded with NaN or -1 to the longest, and
         `impact_sticks`, whether a complete chatter ends there; `num_impacts` and `num_sticks` per stop, complete even
@@ -108,8 +110,9 @@ def sweep(
         may be written to NetCDF and Zarr.
 
     Raises:
-        ValueError: for a path that names nothing, values that make no valid machine, a start beyond a stop, a store
-            of another sweep, or an executor that cannot run it.
+        ValueError: for a path that names nothing, a short name that is no identifier or names something else, values
+            that make no valid machine, a start beyond a stop, a store of another sweep, or an executor that cannot run
+            it.
         RuntimeError: if an executor takes no more tasks, or loses one again and again.
         KeyboardInterrupt: after Ctrl-C; the content of `store` or `out` is kept, and the same call resumes there.
 
@@ -124,15 +127,16 @@ def sweep(
         Wagg & Bishop (2004), Secs. 4.4-4.5.
     """
     counts = _counts(transient, record, max_impacts, max_steps, carry, lyapunov=lyapunov)
-    axes = values_of(values)
     base = base_of(with_args(system, args), x0, v0)
+    by_path, names = without_names(values, base)
+    axes = values_of(by_path)
     if out is not None:
         if store is not None or carry is not None or carry_from is not None:
             raise ValueError(
                 "Argument `out` is for points that start by themselves: leave out `store`, `carry` and `carry_from`. Parts of a carried "
                 "sweep may be run one by one, each with a `store`, and joined by `combine`."
             )
-        return write_sweep(out, base, axes, counts, flow, executor, settings, progress=progress)
+        return write_sweep(out, base, axes, names, counts, flow, executor, settings, progress=progress)
     points = grid_points(base, axes, twice=carry == "both")
     shape = ((2,) if carry == "both" else ()) + tuple(len(axis) for axis in axes.values())
     chain = _chain(shape, carry)
@@ -159,7 +163,7 @@ def sweep(
             found = runner.run(points, all_points, bar.update)
         else:
             found = run_chains(points, chain, runner, bar.update, settings)
-    ds = dataset(points, axes, shape, counts, found, attributes)
+    ds = with_names(dataset(points, axes, shape, counts, found, attributes), names)
     warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite")
     return ds
 

@@ -34,6 +34,7 @@ from .folder import Folder, open_folder
 from .grid import grid_points
 from .outcomes import warn_of_endings
 from .provenance import name_of_flow, origin
+from .short_names import with_names
 
 # Version of the format, raised with every change of what is written.
 _LAYOUT = "Zarr 3"
@@ -50,6 +51,7 @@ class _Sweep(eqx.Module):
         flow: the requested flow between events.
         settings: sizes of lanes and queues.
         in_all: number of points.
+        names: short names of swept quantities by path.
     """
 
     base: LaneInput
@@ -57,6 +59,7 @@ class _Sweep(eqx.Module):
     flow: AbstractFlow | None
     settings: ExecutionSettings
     in_all: int
+    names: dict[str, str]
 
     def points(self, axes: dict[str, np.ndarray]) -> LaneInput:
         """Points of a block, two at least: an axis of length one means shared by all."""
@@ -69,13 +72,15 @@ class _Sweep(eqx.Module):
         which = np.arange(math.prod(shape))
         motion = choose_flow(points.system, can_stick=self.counts.can_stick, wanted=self.flow)
         found = Threads(motion, self.counts, self.settings, self.in_all).run(points, which, lambda _: None)
-        return dataset(grid_points(self.base, axes), axes, shape, self.counts, found, {})
+        ds = dataset(grid_points(self.base, axes), axes, shape, self.counts, found, {})
+        return with_names(ds, self.names)
 
 
 def write_sweep(
     out: str | os.PathLike[str],
     base: LaneInput,
     axes: dict[str, np.ndarray],
+    names: dict[str, str],
     counts: Counts,
     flow: AbstractFlow | None,
     executor: object,
@@ -86,7 +91,7 @@ def write_sweep(
     """Run a sweep into a folder, or continue one there, and open it.
 
     The folder is made if missing. `base` is the machine and start where nothing is swept, `axes` the values of every
-    swept quantity.
+    swept quantity, `names` the short names of some.
 
     Raises:
         ValueError: if the folder holds something else, or Zarr is not installed.
@@ -96,7 +101,7 @@ def write_sweep(
     workers = None if executor is None else as_executor(executor)
     shape = tuple(len(axis) for axis in axes.values())
     cores = (settings.cores or count_cores()) if workers is None else 1
-    sweep = _Sweep(base, counts, flow, replace(settings, cores=cores), math.prod(shape))
+    sweep = _Sweep(base, counts, flow, replace(settings, cores=cores), math.prod(shape), names)
     sweep = _checked_sweep(sweep, axes, workers)
     block = _block_of(shape, cores * settings.chunk_of(counts.transient + counts.record))
     folder = _open_or_begin(Folder(Path(out).absolute(), shape, block, counts.max_impacts), sweep, axes, flow)
@@ -172,5 +177,7 @@ def _open_or_begin(
     attributes = origin(sweep.base, sweep.counts, flow=name_of_flow(motion, flow), carry=None, goes_on=False)
     one = with_values(sweep.base, {})
     manifest = describe_sweep(attributes, axes, one, flow, sweep.settings) | {"layout": _LAYOUT}
+    if sweep.names:
+        manifest["short names"] = sweep.names
     coordinates = labelled(xr.Dataset(coords=coordinates_of(one.system, axes), attrs=attributes))
-    return open_folder(folder, coordinates, manifest)
+    return open_folder(folder, with_names(coordinates, sweep.names), manifest)

@@ -2,21 +2,27 @@
 
 from itertools import accumulate
 from operator import attrgetter
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._hybrid.limits import EVENT_NAMES, EVENTS, STICK, SWITCHING_EVENTS, EventKind
 from .._hybrid.transition import Instant, Switches
 from .._jax.arrays import UNROLLED, Flag, Reals, Scalar, add_up, append_axes
+from .._jax.concrete import concrete
 from .._jax.xla import is_any
 from .._machine.machine import Machine
 from .._machine.state import Mode, State
 from .._printing import as_html, as_text, describe_events
 from .._system.waves import turned
 from .batched import Writing, put
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class EventLog(eqx.Module):
@@ -41,6 +47,38 @@ class EventLog(eqx.Module):
     velocity_minus: Float[Array, " events"]
     velocity_plus: Float[Array, " events"]
     impulse: Float[Array, " events"]
+
+    def to_dataframe(self) -> "pd.DataFrame":
+        """Convert to a table with one row per event, in time order, without padding.
+
+        Returns:
+            `pandas.DataFrame` with the columns `t`, `stop`, `kind`, `velocity_minus`, `velocity_plus` and `impulse`, as
+            the attributes have them, in the units of the machine. Kinds are words: "impact", "stick", "release",
+            "close", "open", "slip" or "turn". A log without events has no rows.
+
+        Raises:
+            ValueError: for traced values, or for the logs of a batch.
+
+        Example:
+            ```python
+            import vijax as vx
+            events = vx.simulate(vx.models.wagg_bishop_b(0.2), 0.0, 80.0).events.to_dataframe()
+            hardest = events[events.kind == "impact"].nlargest(5, "impulse")
+            ```
+        """
+        import pandas as pd  # slow to import, and a simulation does not need it
+
+        if concrete(self.stop) is None:
+            raise ValueError("`to_dataframe` needs numbers: call it outside of `jax.jit` and `jax.vmap`.")
+        if self.t.ndim > 1:
+            raise ValueError(
+                f"`to_dataframe` lists the events of one trajectory, but this is a batch of shape {self.t.shape[:-1]}: "
+                "take its trajectories one by one, as in `jax.tree.map(lambda a: a[0], sol.events)`."
+            )
+        is_event = np.asarray(self.kind) >= 0
+        names = ("t", "stop", "kind", "velocity_minus", "velocity_plus", "impulse")
+        columns = {name: np.asarray(getattr(self, name))[is_event] for name in names}
+        return pd.DataFrame(columns | {"kind": [EVENT_NAMES[kind] for kind in columns["kind"]]})
 
     def __repr__(self) -> str:
         return as_text(describe_events, self, EVENT_NAMES)

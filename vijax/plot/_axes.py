@@ -10,6 +10,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from .._sweep.short_names import with_paths
 from ._labels import LENGTH, VELOCITY, Units, with_unit
 
 Sweeps = xr.Dataset | Mapping[str, xr.Dataset]
@@ -37,11 +38,11 @@ def column_of_axes(ax: Axes | Sequence[Axes] | np.ndarray | None, rows: int) -> 
 
 
 def named_datasets(ds: Sweeps, style: dict[str, Any]) -> dict[str, xr.Dataset]:
-    """The datasets to draw by name; a single one is named by the `label` of the style, if any."""
+    """The datasets to draw by name, their quantities by path; a single one is named by the `label` of the style."""
     named = {style.pop("label", ""): ds} if isinstance(ds, xr.Dataset) else dict(ds)
     if not named:
         raise ValueError("There is no dataset to draw: give one, or several by their names.")
-    return named
+    return {name: with_paths(one) for name, one in named.items()}
 
 
 def label_if_new(ax: Axes, words: str) -> str | None:

@@ -8,6 +8,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
+from .._sweep.short_names import with_paths
 from ._attractors import COLORS, HATCH, add_legend, check_count, draw_marks
 from ._axes import create_axes
 from ._labels import Units
@@ -60,6 +61,7 @@ def basins(
         J. M. T. Thompson & H. B. Stewart, Nonlinear Dynamics and Chaos, 2nd ed. (2002).
     """
     _check(basins, max_attractors)
+    basins = with_paths(basins)
     right, up = map(str, basins["label"].dims)
     basins = basins.sortby([right, up])
     ax = create_axes() if ax is None else ax

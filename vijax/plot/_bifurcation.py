@@ -8,6 +8,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from .._sweep.outcomes import warn_of_endings
+from .._sweep.short_names import with_paths
 from ._axes import (
     Sweeps,
     column_of_axes,
@@ -189,7 +190,7 @@ def _layers(sweeps: dict[str, xr.Dataset], path: str, orbits: OrbitsLike) -> lis
                 "Argument `orbits` is of one sweep, but several are drawn: mark them one by one."
             )
         ((name, ds),) = sweeps.items()
-        sweeps, over = {name: ds.assign(stability=stability_of(ds, orbits))}, []
+        sweeps, over = {name: ds.assign(stability=stability_of(ds, with_paths(orbits)))}, []
     else:
         found = list_of_orbits(orbits)
         num_stops = next(iter(sweeps.values())).sizes["stop"]

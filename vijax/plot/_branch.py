@@ -1,6 +1,6 @@
 """Branches of periodic orbits: the velocities of their impacts against the parameter."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, overload
 
 import jax
@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from .._branches.branch import Branch
 from .._branches.kinds import End, Kind
 from .._hybrid.limits import IMPACT
+from .._sweep.short_names import with_paths
 from .._system.description import build_from
 from .._system.force_description import NAMED_FORCE
 from .._system.parameters import is_of_force, set_parameter
@@ -40,7 +41,7 @@ _LIGHT, _LARGER = 0.6, 1.4
 
 @overload
 def branch(
-    branches: Branch | Sequence[Branch],
+    branches: Branch | Sequence[Branch] | Mapping[str, Branch],
     ds: xr.Dataset | None = None,
     stop: int = 0,
     *,
@@ -50,7 +51,7 @@ def branch(
 ) -> Axes: ...
 @overload
 def branch(
-    branches: Branch | Sequence[Branch],
+    branches: Branch | Sequence[Branch] | Mapping[str, Branch],
     ds: xr.Dataset | None = None,
     *,
     stop: None,
@@ -59,7 +60,7 @@ def branch(
     **style: Any,
 ) -> np.ndarray: ...
 def branch(
-    branches: Branch | Sequence[Branch],
+    branches: Branch | Sequence[Branch] | Mapping[str, Branch],
     ds: xr.Dataset | None = None,
     stop: int | None = 0,
     *,
@@ -75,7 +76,7 @@ def branch(
 
     Args:
         branches: what `vx.continuation` returned, one or several along one parameter; several are told apart by their
-            colours.
+            colours. Their names in the legend are those of a dict, as in `{"1 in 2": one, "2 in 2": other}`.
         ds: what `vx.sweep` returned for the same parameter, to draw its impacts under the branches, light.
         stop: the stop whose impacts are drawn; None for all, one panel a stop.
         units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
@@ -100,7 +101,8 @@ def branch(
     References:
         Y. A. Kuznetsov, Elements of Applied Bifurcation Theory, Sec. 10.2.
     """
-    several = [branches] if isinstance(branches, Branch) else list(branches)
+    several, names = _named(branches)
+    ds = None if ds is None else with_paths(ds)
     path, num_stops = _common(several, ds)
     stops = stops_to_draw(stop, num_stops)
     masses = masses_of_stops(_system(several[0].points))
@@ -115,13 +117,23 @@ def branch(
         panel.axhline(0, color="0.7", linewidth=0.8, zorder=0)
         if ds is not None:
             _draw_light(ds, j, panel)
-        _draw_curves(curves[j], panel, style)
+        _draw_curves(curves[j], names, panel, style)
         _draw_marks(curves[j], panel)
         extend_xlim(panel, np.concatenate(values), so_far)
         panel.set_xlabel(axis_label(path, units) if panel is column[-1] else "")
         panel.set_ylabel(label_of_impacts("velocity", j, masses, units))
     _draw_legend(column)
     return column if stop is None else column[0]
+
+
+def _named(
+    branches: Branch | Sequence[Branch] | Mapping[str, Branch],
+) -> tuple[list[Branch], list[str]]:
+    """The branches and their names; a single one that is not named has none."""
+    if isinstance(branches, Mapping):
+        return list(branches.values()), list(branches)
+    several = [branches] if isinstance(branches, Branch) else list(branches)
+    return several, [f"branch {k}" if len(several) > 1 else "" for k in range(len(several))]
 
 
 def label_of_kind(kind: str) -> str:
@@ -217,14 +229,14 @@ def _joined(curves: _Curves, is_stable: bool) -> tuple[np.ndarray, np.ndarray]:
     return x, y
 
 
-def _draw_curves(curves: list[_Curves], ax: Axes, style: dict[str, Any]) -> None:
+def _draw_curves(curves: list[_Curves], names: list[str], ax: Axes, style: dict[str, Any]) -> None:
     """Draw all lines, solid where orbits are stable, and their legend entries."""
     colors = curve_colors(len(curves)) if len(curves) > 1 else [ink()]
-    name = style.get("label", "")
+    label = style.get("label", "")
     style = {key: value for key, value in style.items() if key != "label"}
-    for k, (one, color) in enumerate(zip(curves, colors, strict=True)):
+    for one, name, color in zip(curves, names, colors, strict=True):
         look = merge_style(style, color=color, linewidth=1.2)
-        words = ", ".join(filter(None, (name, f"branch {k}" if len(curves) > 1 else "")))
+        words = ", ".join(filter(None, (label, name)))
         if words:
             ax.plot([], [], label=words, **look)
         for is_stable, (stroke, _) in _STABILITY.items():

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from .._hybrid.limits import IMPACT
 from .._orbits.orbit import PeriodicOrbit
 from .._sweep.outcomes import warn_of_endings
+from .._sweep.short_names import with_paths
 from .._trajectory.solution import Solution
 from ._axes import check_one_machine, create_axes, set_phase_axis, stops_to_draw
 from ._cloud import Cloud, draw_clouds
@@ -125,7 +126,7 @@ def _origin(phase: np.ndarray) -> float:
 def _impacts(motion: MotionLike) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Mass of each stop, and phase, velocity and stop of each impact."""
     if isinstance(motion, xr.Dataset):
-        check_one_machine(dict(motion.result.sizes), "An impact map", ("direction",))
+        check_one_machine(dict(with_paths(motion.result).sizes), "An impact map", ("direction",))
         columns = (motion.impact_phase, motion.impact_velocity, motion.impact_stop)
         return motion["stop_mass"].values, *(column.values.ravel() for column in columns)
     sol = solution_of(motion)

@@ -12,6 +12,7 @@ from matplotlib.markers import MarkerStyle
 from matplotlib.patches import Circle
 
 from .._orbits.orbit import PeriodicOrbit
+from .._sweep.short_names import with_paths
 from ._axes import create_axes, legend_above, legend_beside
 from ._cloud import MARKERS
 from ._colors import ink, merge_style, ordered_colors
@@ -118,6 +119,7 @@ def _of_list(orbits: list[PeriodicOrbit]) -> list[_Group]:
 
 def _of_sweep(orbits: xr.Dataset) -> tuple[list[_Group], tuple[str, ScalarMappable]]:
     """A group for each direction of the sweep; the path of the swept quantity, and its colours."""
+    orbits = with_paths(orbits)
     path = swept_quantity(orbits["converged"], "A picture of multipliers")
     swept = orbits[path].values
     colors = ScalarMappable(Normalize(swept.min(), swept.max()), ListedColormap(ordered_colors(256)))

@@ -8,6 +8,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, TwoSlopeNorm
 
+from .._sweep.short_names import with_paths
 from ._axes import create_axes, figure_of
 from ._colors import ordered_colors
 from ._labels import Units
@@ -56,6 +57,7 @@ def plane(
     check_plane(values, "A picture of a plane")
     if np.iscomplexobj(values):
         raise ValueError("The values are complex: draw their magnitude, as `abs(values)`.")
+    values = with_paths(values)
     values = values.sortby(list(values.dims))
     ax = create_axes() if ax is None else ax
     numbers = np.ma.masked_invalid(values.values)

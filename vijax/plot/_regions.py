@@ -10,6 +10,7 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from scipy import ndimage
 
+from .._sweep.short_names import with_paths
 from ._axes import create_axes, figure_of, legend_beside
 from ._colors import is_dark, lightness_of
 from ._labels import Units
@@ -67,6 +68,7 @@ def regions(
         Wagg & Bishop (2004), Fig. 6.
     """
     check_motions(classes, max_classes)
+    classes = with_paths(classes)
     classes = classes.sortby(list(classes.motion.dims))
     drawn, numbers = legend_entries(motions_of(classes), max_classes)
     code = numbers.reshape(classes.motion.shape).T

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 
 from .._orbits.orbit import PeriodicOrbit
 from .._sections.sections import stroboscopic_section
+from .._sweep.short_names import with_paths
 from .._trajectory.solution import Solution
 from ._axes import check_index, check_one_machine, create_axes, label_phase_plane
 from ._cloud import Cloud, draw_clouds
@@ -96,7 +97,7 @@ def _clouds(name: str, states: States, mass: int) -> list[Cloud]:
         )
     check_index("mass", mass, ds.sizes["mass"])
     x, v = (ds[one].isel(mass=mass) for one in names)
-    check_one_machine(dict(x.sizes), "A section", _OWN)
+    check_one_machine(dict(with_paths(x).sizes), "A section", _OWN)
     if "attractor" not in x.dims:
         return [_finite_cloud(name, x.values.ravel(), v.transpose(*x.dims).values.ravel())]
     found = []

@@ -9,6 +9,7 @@ import xarray as xr
 from holoviews.streams import Pipe, Tap
 
 from ..._sweep.provenance import system_of
+from ..._sweep.short_names import with_paths
 from ...plot._labels import swept_paths
 from .diagram import chart_image, direction_near, impacts, marker, plain_label
 from .film import film_of, frames_of
@@ -44,6 +45,7 @@ class Explorer:
     """
 
     def __init__(self, ds: xr.Dataset, look: PageStyle):
+        ds = with_paths(ds)
         self.ds, self.look, self.swept = ds, look, swept_paths(ds["result"])
         self.drawn, self.is_fitting = self.swept[:2], False
         self.place: dict[str, Any] = {dim: ds[dim].values[ds.sizes[dim] // 2] for dim in self.swept}
