@@ -236,3 +236,11 @@ def test_the_environment_turns_storing_off(monkeypatch):
     monkeypatch.setattr(program_store, "_active", program_store._Active())
     monkeypatch.setenv("VIJAX_PROGRAMS", "off")
     assert program_store.program_store() is None
+
+
+def test_programs_that_were_dropped_are_made_again(tmp_path, monkeypatch):
+    double = programs_in(tmp_path, monkeypatch, lambda x: 2 * x)
+    double(np.ones(2))
+    double.drop()
+    assert double.count() == 0
+    np.testing.assert_array_equal(double(np.ones(2)), [2, 2])

@@ -6,9 +6,10 @@ is left, XLA fails or hangs. All programs are therefore dropped before that, and
 """
 
 import logging
-from collections.abc import Callable
+import weakref
 from functools import cache
 from pathlib import Path
+from typing import Protocol
 
 import jax
 
@@ -41,12 +42,22 @@ class _MapCounts:
 
 
 _taken = _MapCounts()
-_droppers: list[Callable[[], object]] = []
 
 
-def when_dropped(drop: Callable[[], object]) -> None:
-    """Register a function that drops programs which JAX does not know."""
-    _droppers.append(drop)
+class HoldsPrograms(Protocol):
+    """Holder of compiled programs that JAX does not know."""
+
+    def drop(self) -> None:
+        """Drop them."""
+        ...
+
+
+_holders: "weakref.WeakSet[HoldsPrograms]" = weakref.WeakSet()
+
+
+def note_holder(holder: HoldsPrograms) -> None:
+    """Register a holder of programs, as long as it lives."""
+    _holders.add(holder)
 
 
 def note_program() -> None:
@@ -62,8 +73,8 @@ def make_room() -> None:
     # Where the rest of the process takes the room, programs are not dropped again and again.
     if now > max(_FULL * most, _taken.others + _GROWTH * most):
         _log.info("%d of %d memory maps are taken: all compiled programs are dropped.", now, most)
-        for drop in _droppers:
-            drop()
+        for holder in list(_holders):
+            holder.drop()
         jax.clear_caches()
         _taken.others = num_maps()
 

@@ -157,7 +157,7 @@ def program_store() -> ProgramStore | None:
         if named.lower() in _OFF:
             store_programs(None)
         else:
-            store_programs(Path(named) if named else user_cache_path("vijax") / "programs")
+            store_programs(Path(named).expanduser() if named else user_cache_path("vijax") / "programs")
     is_usual = serialize is not None and jax.default_backend() == "cpu" and jax.local_device_count() == 1
     return _active.store if is_usual else None
 

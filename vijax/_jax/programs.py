@@ -2,7 +2,6 @@
 
 import enum
 import threading
-import weakref
 from collections.abc import Callable
 from functools import cached_property
 from importlib.metadata import version
@@ -12,7 +11,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from .memory_maps import make_room, note_program, when_dropped
+from .memory_maps import make_room, note_holder, note_program
 from .program_store import ProgramStore, StoredProgram, key_of, program_store
 
 
@@ -87,8 +86,7 @@ class Programs:
         self._name = _name_of(function) if name is None else name
         self._results: dict[_Static, _Static] = {}
         self._made: dict[_Key, tuple[Callable, _Static]] = {}
-        drop = weakref.WeakMethod(self._drop)
-        when_dropped(lambda: (own := drop()) and own())
+        note_holder(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         static, *parts = self._parts(args, kwargs)
@@ -105,6 +103,10 @@ class Programs:
     def compiled(self, *args: Any, **kwargs: Any) -> Any:
         """The program for these arguments, compiled anew, for tests and benchmarks."""
         return self._plain.lower(*self._parts(args, kwargs)).compile()
+
+    def drop(self) -> None:
+        """Drop the programs of this process."""
+        self._made.clear()
 
     def count(self) -> int:
         """Number of programs of this process."""
@@ -157,9 +159,6 @@ class Programs:
         args, kwargs = static.joined([*given, *donated])
         arrays, self._results[static] = self._split(self._function(*args, **kwargs))
         return arrays
-
-    def _drop(self) -> None:
-        self._made.clear()
 
 
 class _Hits(threading.local):

@@ -173,7 +173,7 @@ class ImpactSystem(eqx.Module):
 
     @property
     def is_switching(self) -> bool:
-        """True with friction or compliant stops: forces switch between laws, each linear."""
+        """True if there are friction elements or compliant stops, so that forces switch between linear laws."""
         return bool(self.friction) or any(stop.is_compliant for stop in self.stops)
 
     @property
