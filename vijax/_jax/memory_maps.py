@@ -9,7 +9,7 @@ import logging
 import weakref
 from functools import cache
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import jax
 
@@ -44,6 +44,7 @@ class _MapCounts:
 _taken = _MapCounts()
 
 
+@runtime_checkable
 class HoldsPrograms(Protocol):
     """Holder of compiled programs that JAX does not know."""
 
