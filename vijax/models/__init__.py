@@ -13,6 +13,11 @@ from ._chains import (
     wagg_bishop_b as wagg_bishop_b,
 )
 from ._dampers import impact_damper as impact_damper
+from ._friction import (
+    capsule_robot as capsule_robot,
+    friction_oscillator as friction_oscillator,
+    soft_impact_oscillator as soft_impact_oscillator,
+)
 from ._gears import gear_pair as gear_pair
 from ._nonlinear import (
     CubicSpring as CubicSpring,
