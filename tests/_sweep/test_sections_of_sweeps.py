@@ -29,7 +29,7 @@ def counts() -> Counts:
 def test_held_times_are_those_of_each_period():
     periods = np.full(POINTS, TRANSIENT + RECORD)
     periods[7] = TRANSIENT + 3  # its motion ended early
-    held = _section_table(counts(), found(periods))["held_time"]
+    held = _section_table(counts(), found(periods), OF_EACH)["held_time"]
     expected = 2 * np.arange(1.0, RECORD + 1) - 1
     np.testing.assert_array_equal(held[0], np.repeat(expected[:, None], OF_EACH, axis=1))
     np.testing.assert_array_equal(held[7, :3], held[0, :3])
@@ -43,7 +43,7 @@ def test_tables_of_sections_take_no_more_memory_than_one_of_them_beside_themselv
         results = found(periods)
         size = results.ends["section_x"].nbytes
         tracemalloc.reset_peak()
-        _section_table(counts(), results)
+        _section_table(counts(), results, OF_EACH)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
