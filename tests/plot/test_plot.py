@@ -142,12 +142,50 @@ def test_a_bifurcation_diagram_tells_up_from_down_in_grey_too(both_ways, swept):
     assert {text.get_text() for text in ax.get_legend().get_texts()} == {"swept up", "swept down"}
 
 
+@pytest.mark.parametrize("mass", [0, 1])
+@pytest.mark.parametrize(
+    ("ordinate", "variable"), [("section_position", "section_x"), ("section_velocity", "section_v")]
+)
+def test_a_bifurcation_diagram_can_show_the_section_of_a_mass(swept, mass, ordinate, variable):
+    ax = vx.plot.bifurcation(swept, ordinate=ordinate, mass=mass, units={"length": "mm", "time": "s"})
+    values = swept[variable].isel(mass=mass).values
+    expected = {(f, a) for f, row in zip(FREQUENCIES, values, strict=True) for a in row}
+    assert points(ax.lines[0]) == expected
+    assert f"_{{{mass}}}" in ax.get_ylabel()
+    assert ax.get_ylabel().endswith("(mm/s)" if variable == "section_v" else "(mm)")
+    # Periods that were not reached have no points.
+    partly = swept.assign({variable: swept[variable].where(swept.period < 2)})
+    assert len(vx.plot.bifurcation(partly, ordinate=ordinate, mass=mass).lines[0].get_xdata()) == 2 * 3
+
+
+def test_a_section_against_a_quantity_has_one_panel_and_marks_its_orbits(swept, both_ways):
+    column = vx.plot.bifurcation(swept, None, ordinate="section_position")
+    assert column.shape == (1,)
+    orbits = vx.periodic_orbits(swept, progress=False)
+    ax = vx.plot.bifurcation(swept, ordinate="section_velocity", orbits=orbits)
+    assert len(points(ax.lines[0])) == 4 * int((~orbits.converged).sum())
+    assert set(words_of_legend(vx.plot.bifurcation(both_ways, ordinate="section_position"))) == {
+        "swept up",
+        "swept down",
+    }
+
+
+def test_a_section_that_cannot_be_drawn_is_refused(swept):
+    with pytest.raises(ValueError, match="`mass` must lie in 0 to 1, but is 2"):
+        vx.plot.bifurcation(swept, ordinate="section_position", mass=2)
+    orbit = vx.periodic_orbit(vx.models.wagg_bishop_a(0.8), [0.18, 0.09], [0.33, 0.52])
+    with pytest.raises(ValueError, match="at their impacts only"):
+        vx.plot.bifurcation(swept, ordinate="section_position", orbits=orbit)
+
+
 def test_a_bifurcation_diagram_can_show_phases(swept):
     ax = vx.plot.bifurcation(swept, 1, ordinate="phase")
     expected = swept.impact_phase.values[swept.impact_stop.values == 1]
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), expected)
     assert ax.get_ylim() == (0, 2 * np.pi)
-    with pytest.raises(ValueError, match='"velocity" or "relative velocity" or "phase", but is "time"'):
+    with pytest.raises(
+        ValueError, match=r'"velocity" or "relative velocity" or "phase" or "section_.*, but is "time"'
+    ):
         vx.plot.bifurcation(swept, ordinate="time")
 
 

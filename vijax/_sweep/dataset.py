@@ -1,5 +1,6 @@
 """Results of a sweep as a labelled dataset."""
 
+from collections.abc import Sequence
 from functools import partial
 
 import jax
@@ -16,6 +17,7 @@ from .._system.system import ImpactSystem
 from .._trajectory.lyapunov_loop import exponents, in_blocks
 from .._trajectory.solution import RESULTS
 from .outcomes import code_of
+from .quantities import DIMS, of_points, quantity_tables
 
 # Padding of variables along `impact`; the others are padded with NaN.
 FILL = {"impact_stop": -1, "impact_sticks": False}
@@ -33,6 +35,7 @@ _DIMS = dict.fromkeys(_OF_STOPS, ("stop",)) | {
     "sticking_time": ("period", "friction"),
     "lyapunov_exponents": ("exponent",),
     "lyapunov_error": ("exponent",),
+    **DIMS,
 }
 
 
@@ -43,6 +46,7 @@ def dataset(
     counts: Counts,
     found: PointResults,
     attributes: dict[str, str | int],
+    quantities: Sequence[str] = (),
 ) -> xr.Dataset:
     """Label the results of a sweep.
 
@@ -53,6 +57,7 @@ def dataset(
         counts: arguments of `sweep` for every point.
         found: results of the points; its sections are removed, so that memory does not hold them twice.
         attributes: attributes of the dataset, see `origin`.
+        quantities: names of quantities to add, see `quantity_tables`.
     """
     # Text of variable length: Zarr has no standard form of NumPy's text of fixed length.
     names = np.array(["up", "down"], np.dtypes.StringDType())
@@ -65,6 +70,7 @@ def dataset(
     tables = impacts | sections | _end_table(points, counts, found)
     if counts.lyapunov:
         tables |= _exponents_table(counts, found, tables["forcing_period"])
+    tables |= quantity_tables(quantities, points.system, counts, tables)
     for name, a in tables.items():
         variables[name] = ((*dims, *own.get(name, ())), a.reshape(*shape, *a.shape[1:]))
     coordinates = directions | coordinates_of(points.system, axes)
@@ -128,13 +134,8 @@ def _slopes(stops: tuple[AbstractLimit, ...], stop: Column, point: Column, phase
     for j, one in enumerate(stops):
         if one.motion is not None and one.slot:
             ours = stop == j
-            of_points = partial(_of_points, point[ours])
-            slopes[ours] = jax.tree.map(of_points, one).slope_at(phase[ours])
+            slopes[ours] = jax.tree.map(partial(of_points, point[ours]), one).slope_at(phase[ours])
     return slopes
-
-
-def _of_points(point: Column, a: np.ndarray) -> np.ndarray:
-    return a[..., point] if a.shape[-1] > 1 else a
 
 
 def _section_table(counts: Counts, found: PointResults, num_stops: int) -> dict[str, np.ndarray]:

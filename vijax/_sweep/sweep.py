@@ -1,7 +1,7 @@
 """Sweeps: a machine over a grid of parameter values, as a labelled dataset."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +23,7 @@ from .dataset import dataset
 from .grid import base_of, grid_points, values_of
 from .outcomes import warn_of_endings
 from .provenance import name_of_flow, origin
+from .quantities import checked_quantities
 from .short_names import with_names, without_names
 from .zarr_output import write_sweep
 
@@ -40,6 +41,7 @@ def sweep(
     flow: AbstractFlow | None = None,
     args: object = None,
     lyapunov: bool = False,
+    quantities: Sequence[str] = (),
     max_impacts: Count = 2048,
     max_steps: Count | None = None,
     store: str | os.PathLike[str] | None = None,
@@ -76,6 +78,11 @@ def sweep(
         args: passed to the `force` of the machine.
         lyapunov: compute all Lyapunov exponents of each motion too, see `vx.lyapunov_exponents`; this takes two to
             three times as long. They are averaged over the recorded periods, of which there should then be many.
+        quantities: names of more variables, all exact: "section_position" and "section_velocity", which equal `section_x`
+            and `section_v`; "impact_rate" (..., stop), recorded impacts per unit of time; "impulse" (..., period, stop),
+            the sum of m |v+ - v-| over the impacts of a period, those of complete chatters included;
+            "dissipated_energy", the energy that they lose in the frame of the stop, likewise; and "mean_velocity"
+            (..., mass), from the end of the first recorded period to that of the last. NaN where unknown.
         max_impacts: room for the recorded impacts of one point.
         max_steps: bound on the steps of one point. If left out, every point has its own, far more than any sound
             motion takes: 100 000, 10 000 a forcing period, and 100 per unit of the time that is simulated * (highest
@@ -111,8 +118,8 @@ def sweep(
 
     Raises:
         ValueError: for a path that names nothing, a short name that is no identifier or names something else, values
-            that make no valid machine, a start beyond a stop, a store of another sweep, or an executor that cannot run
-            it.
+            that make no valid machine, quantities that are unknown or do not follow from the record, a start beyond a
+            stop, a store of another sweep, or an executor that cannot run it.
         RuntimeError: if an executor takes no more tasks, or loses one again and again.
         KeyboardInterrupt: after Ctrl-C; the content of `store` or `out` is kept, and the same call resumes there.
 
@@ -130,13 +137,14 @@ def sweep(
     base = base_of(with_args(system, args), x0, v0)
     by_path, names = without_names(values, base)
     axes = values_of(by_path)
+    added = checked_quantities(quantities, base.system, counts)
     if out is not None:
         if store is not None or carry is not None or carry_from is not None:
             raise ValueError(
                 "Argument `out` is for points that start by themselves: leave out `store`, `carry` and `carry_from`. Parts of a carried "
                 "sweep may be run one by one, each with a `store`, and joined by `combine`."
             )
-        return write_sweep(out, base, axes, names, counts, flow, executor, settings, progress=progress)
+        return write_sweep(out, base, axes, names, added, counts, flow, executor, settings, progress=progress)
     points = grid_points(base, axes, twice=carry == "both")
     shape = ((2,) if carry == "both" else ()) + tuple(len(axis) for axis in axes.values())
     chain = _chain(shape, carry)
@@ -163,7 +171,7 @@ def sweep(
             found = runner.run(points, all_points, bar.update)
         else:
             found = run_chains(points, chain, runner, bar.update, settings)
-    ds = with_names(dataset(points, axes, shape, counts, found, attributes), names)
+    ds = with_names(dataset(points, axes, shape, counts, found, attributes, added), names)
     warn_of_endings(ds, "max_impacts_reached", "max_steps_reached", "non_finite")
     return ds
 

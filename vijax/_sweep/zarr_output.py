@@ -52,6 +52,7 @@ class _Sweep(eqx.Module):
         settings: sizes of lanes and queues.
         in_all: number of points.
         names: short names of swept quantities by path.
+        quantities: names of quantities to add.
     """
 
     base: LaneInput
@@ -60,6 +61,7 @@ class _Sweep(eqx.Module):
     settings: ExecutionSettings
     in_all: int
     names: dict[str, str]
+    quantities: tuple[str, ...]
 
     def points(self, axes: dict[str, np.ndarray]) -> LaneInput:
         """Points of a block, two at least: an axis of length one means shared by all."""
@@ -72,7 +74,7 @@ class _Sweep(eqx.Module):
         which = np.arange(math.prod(shape))
         motion = choose_flow(points.system, can_stick=self.counts.can_stick, wanted=self.flow)
         found = Threads(motion, self.counts, self.settings, self.in_all).run(points, which, lambda _: None)
-        ds = dataset(grid_points(self.base, axes), axes, shape, self.counts, found, {})
+        ds = dataset(grid_points(self.base, axes), axes, shape, self.counts, found, {}, self.quantities)
         return with_names(ds, self.names)
 
 
@@ -81,6 +83,7 @@ def write_sweep(
     base: LaneInput,
     axes: dict[str, np.ndarray],
     names: dict[str, str],
+    quantities: tuple[str, ...],
     counts: Counts,
     flow: AbstractFlow | None,
     executor: object,
@@ -91,7 +94,7 @@ def write_sweep(
     """Run a sweep into a folder, or continue one there, and open it.
 
     The folder is made if missing. `base` is the machine and start where nothing is swept, `axes` the values of every
-    swept quantity, `names` the short names of some.
+    swept quantity, `names` the short names of some, `quantities` what is added to the dataset.
 
     Raises:
         ValueError: if the folder holds something else, or Zarr is not installed.
@@ -101,7 +104,7 @@ def write_sweep(
     workers = None if executor is None else as_executor(executor)
     shape = tuple(len(axis) for axis in axes.values())
     cores = (settings.cores or count_cores()) if workers is None else 1
-    sweep = _Sweep(base, counts, flow, replace(settings, cores=cores), math.prod(shape), names)
+    sweep = _Sweep(base, counts, flow, replace(settings, cores=cores), math.prod(shape), names, quantities)
     sweep = _checked_sweep(sweep, axes, workers)
     block = _block_of(shape, cores * settings.chunk_of(counts.transient + counts.record))
     folder = _open_or_begin(Folder(Path(out).absolute(), shape, block, counts.max_impacts), sweep, axes, flow)
@@ -179,5 +182,7 @@ def _open_or_begin(
     manifest = describe_sweep(attributes, axes, one, flow, sweep.settings) | {"layout": _LAYOUT}
     if sweep.names:
         manifest["short names"] = sweep.names
+    if sweep.quantities:
+        manifest["quantities"] = list(sweep.quantities)
     coordinates = labelled(xr.Dataset(coords=coordinates_of(one.system, axes), attrs=attributes))
     return open_folder(folder, with_names(coordinates, sweep.names), manifest)

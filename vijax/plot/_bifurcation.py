@@ -11,6 +11,7 @@ from .._sweep.outcomes import warn_of_endings
 from .._sweep.short_names import with_paths
 from ._axes import (
     Sweeps,
+    check_index,
     column_of_axes,
     current_xlim,
     extend_xlim,
@@ -22,7 +23,7 @@ from ._axes import (
 )
 from ._colors import curve_colors, faded, ink, lightness_of, merge_style, point_colors
 from ._contacts import StopMasses, name_of
-from ._labels import ANGLE, VELOCITY, Units, axis_label, swept_quantity, with_unit
+from ._labels import ANGLE, LENGTH, VELOCITY, Units, axis_label, swept_quantity, with_unit
 from ._orbits import STABLE, UNKNOWN, UNSTABLE, OrbitsLike, as_sweep, list_of_orbits, stability_of
 
 ORDINATES = {
@@ -33,6 +34,11 @@ ORDINATES = {
         VELOCITY,
     ),
     "phase": ("impact_phase", "Phase $\\varphi$ of impact\nat {}", ANGLE),
+}
+# Of the states at the ends of periods, by mass instead of by stop.
+SECTIONS = {
+    "section_position": ("section_x", "Position $x_{{{}}}$\nat the end of each period", LENGTH),
+    "section_velocity": ("section_v", "Velocity $\\dot x_{{{}}}$\nat the end of each period", VELOCITY),
 }
 _OF_CONTACT = "Speed of approach before impact\nat {}"
 # Marker sizes: sweep down, single sweep, sweep up, separate orbits.
@@ -57,6 +63,7 @@ def bifurcation(
     stop: int = 0,
     *,
     ordinate: str = "velocity",
+    mass: int = 0,
     orbits: OrbitsLike | None = None,
     units: Units | None = None,
     ax: Axes | None = None,
@@ -68,6 +75,7 @@ def bifurcation(
     stop: None,
     *,
     ordinate: str = "velocity",
+    mass: int = 0,
     orbits: OrbitsLike | None = None,
     units: Units | None = None,
     ax: Sequence[Axes] | np.ndarray | None = None,
@@ -78,6 +86,7 @@ def bifurcation(
     stop: int | None = 0,
     *,
     ordinate: str = "velocity",
+    mass: int = 0,
     orbits: OrbitsLike | None = None,
     units: Units | None = None,
     ax: Axes | Sequence[Axes] | np.ndarray | None = None,
@@ -97,7 +106,9 @@ def bifurcation(
             quantity by their names, as in `{"r = 0.7": one, "r = 0.8": other}`, are told apart by their colours.
         stop: the stop whose impacts are drawn; None for all, one panel a stop.
         ordinate: "velocity" before the impacts, "relative velocity" where stops move, counted from theirs, or
-            the "phase" of the impacts in the forcing period.
+            the "phase" of the impacts in the forcing period; or "section_position" or "section_velocity" of a mass at the
+            end of each recorded period, one panel whatever the stop.
+        mass: the mass whose section is drawn.
         orbits: what `vx.periodic_orbits(ds)` returned, to mark the points of the sweep that it polished; or orbits of the
             machine at any values of the swept quantity, as from `vx.find_periodic_orbits`, to draw over them.
         units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
@@ -108,7 +119,8 @@ def bifurcation(
         The axes; an array of them for `stop=None`.
 
     Raises:
-        ValueError: unless one quantity is swept, the stop exists, and the orbits belong to the sweep or its machine.
+        ValueError: unless one quantity is swept, the stop or the mass exists, and the orbits belong to the sweep or its
+            machine; for single orbits over a section.
 
     Example:
         ```python
@@ -124,15 +136,19 @@ def bifurcation(
     """
     sweeps = named_datasets(ds, style)
     path, num_stops = _common(list(sweeps.values()), ordinate)
-    stops = stops_to_draw(stop, num_stops)
+    one = next(iter(sweeps.values()))
+    if ordinate in SECTIONS:
+        _check_section(min(ds.sizes["mass"] for ds in sweeps.values()), mass, orbits)
+        numbers = [mass]
+    else:
+        numbers = stops_to_draw(stop, num_stops)
     layers = _layers(sweeps, path, [] if orbits is None else orbits)
-    column = column_of_axes(ax, len(stops))
-    masses = next(iter(sweeps.values()))["stop_mass"].values
-    for j, panel in zip(stops, column, strict=True):
+    column = column_of_axes(ax, len(numbers))
+    for j, panel in zip(numbers, column, strict=True):
         so_far = current_xlim(panel)
         for layer in layers:
-            _draw_impacts(layer, path, j, ordinate, panel, style)
-        panel.set_ylabel(label_of_impacts(ordinate, j, masses, units))
+            _draw_layer(layer, path, j, ordinate, panel, style)
+        panel.set_ylabel(_label(ordinate, j, one["stop_mass"].values, units))
         if ordinate == "phase":
             set_phase_axis(panel.set_ylim, panel.set_yticks)
         else:
@@ -153,9 +169,11 @@ def _common(sweeps: list[xr.Dataset], ordinate: str) -> tuple[str, int]:
             f"Sweeps are drawn together that sweep one quantity of machines with as many stops, but these sweep "
             f"{sorted(paths)} of machines with {sorted(counts)} stops."
         )
-    if ordinate not in ORDINATES:
-        names = " or ".join(f'"{name}"' for name in ORDINATES)
+    if ordinate not in ORDINATES | SECTIONS:
+        names = " or ".join(f'"{name}"' for name in ORDINATES | SECTIONS)
         raise ValueError(f'Argument `ordinate` must be {names}, but is "{ordinate}".')
+    if ordinate in SECTIONS:
+        return paths.pop(), counts.pop()
     if any(ORDINATES[ordinate][0] not in ds for ds in sweeps):
         raise ValueError(
             'Argument `ordinate` must be "velocity" where no stop moves: there it is the relative one.'
@@ -163,6 +181,23 @@ def _common(sweeps: list[xr.Dataset], ordinate: str) -> tuple[str, int]:
     for ds in sweeps:
         warn_of_endings(ds, "max_impacts_reached")
     return paths.pop(), counts.pop()
+
+
+def _check_section(num_masses: int, mass: int, orbits: OrbitsLike | None) -> None:
+    check_index("mass", mass, num_masses)
+    if orbits is not None and not isinstance(orbits, xr.Dataset):
+        raise ValueError(
+            "Argument `orbits` marks the points of a section if it is what `vx.periodic_orbits(ds)` returned; single orbits "
+            "are drawn at their impacts only: leave them out, or choose another `ordinate`."
+        )
+
+
+def _label(ordinate: str, number: int, stop_masses: StopMasses, units: Units | None) -> str:
+    """Label of the y axis, for a stop or the mass of a section."""
+    if ordinate not in SECTIONS:
+        return label_of_impacts(ordinate, number, stop_masses, units)
+    _, words, unit = SECTIONS[ordinate]
+    return with_unit(words.format(number), unit, units)
 
 
 def label_of_impacts(ordinate: str, stop: int, stop_masses: StopMasses, units: Units | None) -> str:
@@ -222,14 +257,20 @@ def _beside_ink() -> str:
     return faded(color, 1.0 if far else _LEFT)
 
 
-def _draw_impacts(
-    layer: _Layer, path: str, stop: int, ordinate: str, ax: Axes, style: dict[str, Any]
+def _draw_layer(
+    layer: _Layer, path: str, number: int, ordinate: str, ax: Axes, style: dict[str, Any]
 ) -> None:
-    """Draw the impacts of a layer at a stop."""
-    names = (path, ORDINATES[ordinate][0], "impact_stop", "stability")
-    swept, drawn, of_stop, stability = (a.values for a in xr.broadcast(*(layer.ds[name] for name in names)))
+    """Draw the impacts of a layer at a stop, or the section of a mass."""
+    if ordinate in SECTIONS:
+        shown = layer.ds[SECTIONS[ordinate][0]].isel(mass=number)
+        is_ours = shown.notnull()
+    else:
+        shown = layer.ds[ORDINATES[ordinate][0]]
+        is_ours = layer.ds["impact_stop"] == number
+    together = xr.broadcast(layer.ds[path], shown, is_ours, layer.ds["stability"])
+    swept, drawn, is_ours, stability = (a.values for a in together)
     for known in _MARKS:
-        is_it = (of_stop == stop) & (stability == known)
+        is_it = is_ours & (stability == known)
         if known == UNKNOWN or is_it.any():
             words = layer.words if known == UNKNOWN else ""
             look = style if layer.is_swept else {}

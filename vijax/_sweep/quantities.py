@@ -1,0 +1,186 @@
+"""Quantities of the motions of a sweep that follow exactly from what is recorded anyway.
+
+They are computed from the finished tables of a part of the sweep: no program changes, and sweeps without them take no
+longer. To add one that the record determines, write a function of `_Recorded` and list it in `_QUANTITIES`, its dimensions
+in `DIMS` and its meaning in `_dataset_attributes.py`.
+
+An impact on a stop changes the velocity of its mass alone if the mass matrix is diagonal, by -(1 + r(u)) u, u the speed of
+approach. So the recorded u determines its impulse and its loss of energy. Stops that share inertia, as contacts between
+masses do, may be hit at the same instant, which the record does not resolve.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from .._execution.records import Column
+from .._execution.runner import Counts
+from .._system.restitution import coefficient
+from .._system.stop import Stop
+from .._system.system import ImpactSystem
+
+
+class _Recorded(NamedTuple):
+    """Machines of the points, lanes last; the arguments of their sweep; its variables, points first."""
+
+    system: ImpactSystem
+    counts: Counts
+    tables: dict[str, np.ndarray]
+
+    @property
+    def is_done(self) -> np.ndarray:
+        """Flags of the points whose motion is known to the end, (points, 1)."""
+        return np.asarray(np.isfinite(self.tables["section_x"][:, -1]).all(axis=-1))[:, None]
+
+    @property
+    def period(self) -> np.ndarray:
+        """Forcing period, (points, 1)."""
+        return self.tables["forcing_period"][:, None]
+
+
+class _Impact(NamedTuple):
+    """Impacts at one stop, (impacts,) each.
+
+    Attributes:
+        mass: the mass that hits.
+        speed: speed of approach u.
+        rebound: speed r(u) u after the impact.
+        chatter: speed with which a complete chatter goes on, whose lighter impacts are not recorded; 0 elsewhere.
+        light: coefficient r(0) of these.
+    """
+
+    mass: np.ndarray
+    speed: np.ndarray
+    rebound: np.ndarray
+    chatter: np.ndarray
+    light: np.ndarray
+
+
+def checked_quantities(wanted: Sequence[str], system: ImpactSystem, counts: Counts) -> tuple[str, ...]:
+    """Names of quantities without repetitions; refuse those that the record of these machines does not determine."""
+    names = () if isinstance(wanted, str) else tuple(dict.fromkeys(wanted))
+    unknown = [name for name in names if name not in _QUANTITIES]
+    if unknown or isinstance(wanted, str):
+        available = ", ".join(f'"{name}"' for name in _QUANTITIES)
+        given = repr(wanted) if isinstance(wanted, str) else ", ".join(f'"{name}"' for name in unknown)
+        raise ValueError(f"Argument `quantities` must be a list of some of {available}, but has {given}.")
+    least = 2 if "mean_velocity" in names else 1
+    if names and counts.record < least:
+        raise ValueError(
+            f"Argument `record` must be {least} or more for these `quantities`, but is {counts.record}."
+        )
+    of_impacts = [name for name in names if name in ("impulse", "dissipated_energy")]
+    if of_impacts:
+        _check_impacts(of_impacts[0], system, counts)
+    return names
+
+
+def _check_impacts(name: str, system: ImpactSystem, counts: Counts) -> None:
+    if system.has_full_mass or not all(isinstance(stop, Stop) for stop in system.stops):
+        raise ValueError(
+            f'The quantity "{name}" follows from the recorded impacts if every stop is a `vx.Stop` and `mass` has shape (n,), '
+            "which this machine does not fulfil: add up `sol.events.impulse` of `vx.simulate` instead."
+        )
+    if counts.max_impacts == 0:
+        raise ValueError(f'The quantity "{name}" needs the impacts: let `max_impacts` be more than 0.')
+
+
+def quantity_tables(
+    wanted: Sequence[str], system: ImpactSystem, counts: Counts, tables: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """The wanted quantities, points first.
+
+    Args:
+        wanted: their names, checked.
+        system: machines of the points, lanes last.
+        counts: arguments of `sweep` for every point.
+        tables: variables of the sweep, points first.
+    """
+    recorded = _Recorded(system, counts, tables)
+    return {name: _QUANTITIES[name](recorded) for name in wanted}
+
+
+def of_points(point: Column, a: np.ndarray) -> np.ndarray:
+    """The numbers of some points, which one lane stands for if it is alone."""
+    return a[..., point] if a.shape[-1] > 1 else a
+
+
+def _impact_rate(recorded: _Recorded) -> np.ndarray:
+    rate = recorded.tables["num_impacts"] / (recorded.counts.record * recorded.period)
+    return np.where(recorded.is_done, rate, np.nan).astype(recorded.period.dtype)
+
+
+def _mean_velocity(recorded: _Recorded) -> np.ndarray:
+    x = recorded.tables["section_x"]
+    return (x[:, -1] - x[:, 0]) / ((recorded.counts.record - 1) * recorded.period)
+
+
+def _impulse(impact: _Impact) -> np.ndarray:
+    """Impulse m (1 + r) u, and that of the rest of a chatter, m (1 + r) (u + r u + r^2 u + ...)."""
+    rest = impact.chatter * (1 + impact.light) / (1 - np.where(impact.chatter > 0, impact.light, 0))
+    return impact.mass * (impact.speed + impact.rebound + rest)
+
+
+def _dissipated_energy(impact: _Impact) -> np.ndarray:
+    """Energy m (1 - r^2) u^2 / 2 in the frame of the stop, and all that is left where a chatter ends."""
+    # A difference of squares as a product: near r = 1 the squares would cancel.
+    lost = (impact.speed - impact.rebound) * (impact.speed + impact.rebound)
+    return impact.mass * (lost + impact.chatter**2) / 2
+
+
+def _summed(of_impact: Callable[[_Impact], np.ndarray], recorded: _Recorded) -> np.ndarray:
+    """Sum over the impacts of each period at each stop, (points, periods, stops); NaN where some are not recorded."""
+    system, counts, tables = recorded.system, recorded.counts, recorded.tables
+    stops, period = tables["impact_stop"], recorded.period
+    num_points, num_stops, num_periods = len(stops), system.num_stops, counts.record
+    x = tables["section_x"]
+    found = np.zeros((num_points, num_periods, num_stops), x.dtype)
+    for j in range(num_stops):
+        point, column = np.nonzero(stops == j)
+        value = of_impact(_impacts_at(recorded, j, point, column))
+        number = np.floor(tables["impact_time"][point, column] / period[point, 0]).astype(int)
+        cell = point * num_periods + np.clip(number, 0, num_periods - 1)
+        sums = np.bincount(cell, value, num_points * num_periods)
+        found[..., j] = sums.reshape(num_points, num_periods)
+    is_cut = tables["num_impacts"].sum(axis=1) > counts.max_impacts
+    is_known = np.isfinite(x).all(axis=-1) & ~is_cut[:, None]
+    return np.where(is_known[..., None], found, np.nan)
+
+
+def _impacts_at(recorded: _Recorded, stop: int, point: np.ndarray, column: np.ndarray) -> _Impact:
+    """Recorded impacts at a stop."""
+    system, tables = recorded.system, recorded.tables
+    velocity = tables.get("impact_relative_velocity", tables["impact_velocity"])
+    one = system.stops[stop]
+    assert isinstance(one, Stop)
+    law = jax.tree.map(partial(of_points, point), one.restitution)
+    speed = np.abs(velocity[point, column])
+    rebound = np.asarray(coefficient(law, speed)) * speed
+    goes_on = tables["impact_sticks"][point, column]
+    # Friction slows a chatter down, by how much is not recorded.
+    chatter = np.where(goes_on, np.nan if system.friction else rebound, 0)
+    light = np.broadcast_to(np.asarray(of_points(point, np.asarray(one.light_restitution))), speed.shape)
+    mass = np.broadcast_to(of_points(point, np.asarray(system.mass[one.mass])), speed.shape)
+    return _Impact(mass, speed, rebound, chatter, light)
+
+
+_QUANTITIES: dict[str, Callable[[_Recorded], np.ndarray]] = {
+    "section_position": lambda recorded: recorded.tables["section_x"],
+    "section_velocity": lambda recorded: recorded.tables["section_v"],
+    "impact_rate": _impact_rate,
+    "impulse": partial(_summed, _impulse),
+    "dissipated_energy": partial(_summed, _dissipated_energy),
+    "mean_velocity": _mean_velocity,
+}
+# Dimensions besides those of the points.
+DIMS = {
+    "section_position": ("period", "mass"),
+    "section_velocity": ("period", "mass"),
+    "impact_rate": ("stop",),
+    "impulse": ("period", "stop"),
+    "dissipated_energy": ("period", "stop"),
+    "mean_velocity": ("mass",),
+}
