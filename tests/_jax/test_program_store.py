@@ -244,3 +244,14 @@ def test_programs_that_were_dropped_are_made_again(tmp_path, monkeypatch):
     double.drop()
     assert double.count() == 0
     np.testing.assert_array_equal(double(np.ones(2)), [2, 2])
+
+
+def test_a_folder_in_which_all_can_write_is_not_used(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(program_store, "_active", program_store._Active())
+    tmp_path.chmod(0o777)
+    program_store.store_programs(tmp_path)
+    assert program_store.program_store() is None
+    assert "choose a private folder" in caplog.text
+    tmp_path.chmod(0o700)
+    program_store.store_programs(tmp_path)
+    assert program_store.program_store() is not None

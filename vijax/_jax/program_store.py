@@ -146,8 +146,21 @@ _active = _Active()
 
 
 def store_programs(folder: Path | None) -> None:
-    """Choose the folder for programs; None: do not store any."""
+    """Choose the folder for programs; None: do not store any, nor use a folder in which anybody could place some."""
+    if folder is not None and _is_open_to_all(folder):
+        _log.warning(
+            "Programs are not stored in %s, as others can write there: choose a private folder.", folder
+        )
+        folder = None
     _active.is_chosen, _active.store = True, None if folder is None else ProgramStore(folder)
+
+
+def _is_open_to_all(folder: Path) -> bool:
+    """True if a folder belongs to another user, or all users can write there; where users have no numbers, False."""
+    if not folder.exists() or not hasattr(os, "getuid"):
+        return False
+    stat = folder.stat()
+    return stat.st_uid != os.getuid() or bool(stat.st_mode & 0o002)
 
 
 def program_store() -> ProgramStore | None:

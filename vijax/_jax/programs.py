@@ -29,7 +29,7 @@ class _Static(NamedTuple):
 
     Attributes:
         structure: its structure.
-        leaves: its leaves, with a placeholder for each array.
+        leaves: its leaves, with a placeholder for each array; empty if all are arrays.
     """
 
     structure: Any
@@ -37,6 +37,8 @@ class _Static(NamedTuple):
 
     def joined(self, arrays: Any) -> Any:
         """The tree with these arrays."""
+        if not self.leaves:
+            return jax.tree.unflatten(self.structure, arrays)
         given = iter(arrays)
         leaves = [next(given) if leaf is _ARRAY else leaf for leaf in self.leaves]
         return jax.tree.unflatten(self.structure, leaves)
@@ -122,12 +124,15 @@ class Programs:
     def _split(self, tree: Any) -> tuple[list, _Static]:
         """Arrays of a tree, and all else."""
         leaves, structure = jax.tree.flatten(tree)
+        is_array = [_is_array(leaf) for leaf in leaves]
+        if all(is_array):
+            return leaves, _Static(structure, ())
         if not self._static_numbers:
             leaves = [np.asarray(a) if isinstance(a, int | float | complex) else a for a in leaves]
-        is_array = [isinstance(leaf, jax.Array | np.ndarray | np.generic) for leaf in leaves]
+            is_array = [_is_array(leaf) for leaf in leaves]
         arrays = [leaf for leaf, yes in zip(leaves, is_array, strict=True) if yes]
         others = [_ARRAY if yes else leaf for leaf, yes in zip(leaves, is_array, strict=True)]
-        return arrays, _Static(structure, tuple(others))
+        return arrays, _Static(structure, tuple(others) if len(arrays) < len(leaves) else ())
 
     def _make(self, key: _Key, store: ProgramStore) -> tuple[Callable, _Static]:
         """Load a program, or compile and store it."""
@@ -159,6 +164,17 @@ class Programs:
         args, kwargs = static.joined([*given, *donated])
         arrays, self._results[static] = self._split(self._function(*args, **kwargs))
         return arrays
+
+
+# Whether values of a type are arrays: to ask JAX takes longer than all else that is done with a leaf.
+_are_arrays: dict[type, bool] = {}
+
+
+def _is_array(leaf: Any) -> bool:
+    found = _are_arrays.get(type(leaf))
+    if found is None:
+        found = _are_arrays[type(leaf)] = isinstance(leaf, jax.Array | np.ndarray | np.generic)
+    return found
 
 
 class _Hits(threading.local):
