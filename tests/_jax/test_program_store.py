@@ -255,3 +255,10 @@ def test_a_folder_in_which_all_can_write_is_not_used(tmp_path, monkeypatch, capl
     tmp_path.chmod(0o700)
     program_store.store_programs(tmp_path)
     assert program_store.program_store() is not None
+
+
+def test_transformations_see_the_function(tmp_path, monkeypatch):
+    double = programs_in(tmp_path, monkeypatch, lambda x: 2 * x)
+    np.testing.assert_array_equal(jax.vmap(double)(jnp.arange(3.0)), [0, 2, 4])
+    assert jax.grad(double)(1.5) == 2.0
+    assert jax.jit(double)(1.5) == 3.0

@@ -9,6 +9,7 @@ from operator import attrgetter
 from typing import Any, NamedTuple
 
 import jax
+import jax.core
 import numpy as np
 
 from .memory_maps import make_room, note_holder, note_program
@@ -66,7 +67,7 @@ class Programs:
     Non-array leaves are static. They determine the structure of the result.
 
     Args:
-        function: the function; its arguments must be concrete.
+        function: the function.
         options: returns the compiler's options; called late, as they depend on the backend, which no import may start.
         name: names all that the function depends on besides its arguments, see `key_of`. By default its module and
             name, if these determine it. Programs without a name are not stored.
@@ -92,7 +93,9 @@ class Programs:
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         static, *parts = self._parts(args, kwargs)
-        store = None if any(_UNUSUAL(jax.config)) else program_store()
+        # Under `vmap` or `grad` alone JAX must transform the function.
+        is_traced = any([_is_tracer(a) for part in parts for a in part])
+        store = None if is_traced or any(_UNUSUAL(jax.config)) else program_store()
         if store is None:
             make_room()
             found = self._plain(static, *parts)
@@ -166,14 +169,22 @@ class Programs:
         return arrays
 
 
-# Whether values of a type are arrays: to ask JAX takes longer than all else that is done with a leaf.
+# Whether values of a type are arrays, or traced: to ask JAX takes longer than all else that is done with a leaf.
 _are_arrays: dict[type, bool] = {}
+_are_tracers: dict[type, bool] = {}
 
 
 def _is_array(leaf: Any) -> bool:
     found = _are_arrays.get(type(leaf))
     if found is None:
         found = _are_arrays[type(leaf)] = isinstance(leaf, jax.Array | np.ndarray | np.generic)
+    return found
+
+
+def _is_tracer(leaf: Any) -> bool:
+    found = _are_tracers.get(type(leaf))
+    if found is None:
+        found = _are_tracers[type(leaf)] = isinstance(leaf, jax.core.Tracer)
     return found
 
 
