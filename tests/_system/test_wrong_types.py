@@ -15,7 +15,10 @@ import pytest
 import vijax as vx
 
 NUMBERS = "must be made of real numbers, but is"
-LIST = "Argument `stops` must be a list of `vx.Stop` and `vx.Contact`, also where there is one, but is"
+LIST = (
+    "Argument `stops` must be a list of `vx.Stop`, `vx.Contact`, `vx.CompliantStop` and `vx.CompliantContact`, "
+    "also where there is one, but is"
+)
 LOAD = "vx.Harmonic([0.4], 0.8)"
 ONE = f"vx.chain([1.0], [0.1], [1.0], {LOAD}, [vx.Stop(0, 0.3)])"
 # The call, and the message.

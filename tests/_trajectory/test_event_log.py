@@ -13,7 +13,7 @@ from vijax._trajectory.event_log import _count_places, _flag_of_number, _in_orde
 def test_flags_are_found_row_by_row(shape, room):
     flags = np.random.default_rng(0).random(shape) < 0.3
     expected = np.argwhere(flags)[:room]
-    row, number = _split(jax.jit(_count_places, static_argnums=1)(jnp.asarray(flags), room), shape[1] // 3)
+    row, number = _split(jax.jit(_count_places, static_argnums=1)(jnp.asarray(flags), room), shape[1])
     found = np.stack([row, _flag_of_number(jnp.asarray(flags)[row], number)], axis=1)
     np.testing.assert_array_equal(found[: len(expected)], expected)
 
