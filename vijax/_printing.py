@@ -261,8 +261,15 @@ def _results(code: np.ndarray, results: Sequence[str]) -> str:
     return ", ".join(f"{count} {name}" if code.ndim else name for name, count in found if count)
 
 
+# Kinds of events of rigid contacts, the first of all.
+_RIGID = 3
+
+
 def _kinds(kind: np.ndarray, kinds: Sequence[str]) -> str:
-    return ", ".join(_count(int(np.count_nonzero(kind == k)), name) for k, name in enumerate(kinds))
+    """Numbers of events: of impacts, sticks and releases always, of other kinds where there are any."""
+    counts = [int(np.count_nonzero(kind == k)) for k in range(len(kinds))]
+    named = zip(counts, kinds, strict=True)
+    return ", ".join(_count(count, name) for k, (count, name) in enumerate(named) if count or k < _RIGID)
 
 
 def _held(held: np.ndarray) -> str:
