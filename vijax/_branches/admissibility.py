@@ -20,10 +20,8 @@ from .minima import dip
 # `_MOST`: largest number of samples on a flight.
 # `_STEPS`: Newton steps from a sampled minimum to the minimum.
 _DENSITY, _MOST, _STEPS = 0.7, 10_000, 6
-
-
-# Number of time derivatives of gaps and of contact forces in a reading, the value included.
-NUM_OF_GAP, NUM_OF_FORCE = 4, 3
+# `_OF_GAP`, `_OF_FORCE`: number of time derivatives of gaps and of contact forces in a reading, the value included.
+_OF_GAP, _OF_FORCE = 4, 3
 
 
 class LeastMargins(NamedTuple):
@@ -162,7 +160,7 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns, begins: Moment | None
     begin = _at(begins, 0)
     none = jnp.full(machine.contacts.num, jnp.inf)
     nothing = _lowest(none, 0 * begin.time, sequence.held[0], begin, jnp.array(0))
-    unread = _GapsAndForces([0 * none] * NUM_OF_GAP, [0 * none] * NUM_OF_FORCE)
+    unread = _GapsAndForces([0 * none] * _OF_GAP, [0 * none] * _OF_FORCE)
     scan = _Scan(jnp.array(0), jnp.array(0), unread, nothing, nothing, nothing)
     scan = jax.lax.while_loop(lambda scan: scan.flight <= count, one, scan)
     (gap, force), (gap_time, force_time) = _refined(machine, flow, scan.gaps, scan.forces)

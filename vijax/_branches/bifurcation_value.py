@@ -11,7 +11,7 @@ from .._jax.concrete import concrete_evaluation, stop_gradients
 from .._jax.errors import checked
 from .._jax.nan_mask import known_or_nan
 from .._jax.xla import compile_lightly, differentiable, padding_allowed
-from .._orbits.cycle import residual
+from .._orbits.cycle import traverse
 from .._system.system import ImpactSystem, with_args
 from .admissibility import margins_of_cycle
 from .bifurcation_setup import defining_system_of
@@ -122,7 +122,8 @@ def _is_admissible(defining: DefiningSystem, place: ExtendedCycle) -> Array:
     """True if no stop is penetrated, no held mass is pulled, and the events are in order."""
     family, sequence = defining.family, defining.sequence
     problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
-    watched, speeds = margins_of_cycle(problem, unknowns), residual(problem, unknowns).speed
+    begins, speeds = traverse(problem, unknowns, jnp.sum(sequence.is_event))
+    watched = margins_of_cycle(problem, unknowns, begins)
     length, speed = family.scale[0], family.scale[-1]
     force = speed * problem.machine.frequency * jnp.max(family.system.mass)
     least = [

@@ -58,9 +58,8 @@ def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callabl
             except StopIteration as end:
                 results[k] = end.value
                 continue
-            room, program = room_for(len(requests.sequence.kind)), getattr(requests, "program", None)
-            if program is simulate_motion:
-                room = max(room, ROOM_OF_SIMULATION)
+            program = getattr(requests, "program", None)
+            room = _room_for(program, requests.sequence)
             key = program, room, makes[k]
             if key not in groups:
                 stock = stocks[makes[k]]
@@ -83,12 +82,16 @@ def _next_request(task: Generator, reply: Any) -> Any:
 
 def answer(family: Family, request: KernelCall) -> Any:
     """Answer a single request."""
-    room = room_for(len(request.sequence.kind))
-    if request.program is simulate_motion:
-        room = max(room, ROOM_OF_SIMULATION)
+    room = _room_for(request.program, request.sequence)
     calls = _Calls(_Stock({0: family}), room, request.program)
     calls.add(0, request)
     return calls.answer()[0]
+
+
+def _room_for(program: Callable | None, sequence: Sequence) -> int:
+    """Padded number of events for a request."""
+    room = room_for(len(sequence.kind))
+    return max(room, ROOM_OF_SIMULATION) if program is simulate_motion else room
 
 
 class _Stock:

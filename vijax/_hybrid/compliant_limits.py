@@ -16,11 +16,11 @@ from typing import Any
 from jaxtyping import Array, Bool
 
 from .._machine.contacts import Held
-from .._machine.derivatives import Rates, approaches, contact_forces
+from .._machine.derivatives import Rates, approaches
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._machine.switching import COMPLIANT
-from .limits import CLOSE, FORCE, GAP, OPEN, Limit
+from .limits import CLOSE, GAP, OPEN, Limit, force_below
 
 
 def is_resting(machine: Machine, state: State) -> Bool[Array, "contacts ..."]:
@@ -91,23 +91,4 @@ LAG = Limit(
     leading_zeros=lambda state: state.mode.begins,
     near=GAP.near,
 )
-LOAD = Limit(
-    event=CLOSE,
-    is_active=is_resting,
-    value=lambda machine, state, hold: machine.contacts.laws.preload - FORCE.value(machine, state, hold),
-    slope=lambda machine, state, hold, now: -FORCE.slope(machine, state, hold, now),
-    derivatives=lambda machine, state, hold, now: _under_preload(
-        machine, contact_forces(machine, state, hold, now)
-    ),
-    rest=FORCE.rest,
-    series=lambda machine, state, hold, series: _under_preload(
-        machine, FORCE.series(machine, state, hold, series)
-    ),
-    leading_zeros=None,
-    near=FORCE.near,
-)
-
-
-def _under_preload(machine: Machine, reaction: list[Any]) -> list[Any]:
-    """Coefficients of the preload less the reaction."""
-    return [machine.contacts.laws.preload - reaction[0], *(-a for a in reaction[1:])]
+LOAD = force_below(CLOSE, is_resting, lambda machine: machine.contacts.laws.preload)

@@ -74,7 +74,7 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) 
     instant = Instant(hit, none, none, v_minus, v_minus, zeros, arrived, state.time, zeros)
     after, instant, torn = jax.lax.cond(
         is_any(hit),
-        lambda: compute_once(_impact, machine, state, instant),
+        lambda: compute_once(impact, machine, state, instant),
         lambda: (state, instant, none),
     )
     if not machine.can_stick:
@@ -87,33 +87,31 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "stops ..."]) 
     )
 
 
-def _impact(
+def impact(
     machine: Machine, state: State, instant: Instant
 ) -> tuple[State, Instant, Bool[Array, "stops ..."]]:
-    """State after the impacts, their velocities and impulses, and the held contacts that they tear open."""
+    """State after the impacts, their velocities and impulses, and the closed contacts that they tear open."""
     contacts, hit = machine.contacts, instant.hit
     speed = jnp.where(hit, instant.velocity_minus, 0)
     restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution_at(speed), 0)
     q = -(1 + restitution) * speed
-    closed = state.held | state.is_kept_closed
+    closed = contacts.is_rigid & (state.held | state.is_kept_closed)
     _, impulse, rest = solve_complementarity(contacts.compliance, q, hit | closed)
     v = state.v - contacts.inverse_mass_times(contacts.back(impulse))
     is_open = closed & (rest > 0)
-    torn = state.held & is_open
     plus = jnp.where(hit, -restitution * speed - rest, instant.velocity_plus)
     x = contacts.with_closed_gaps(state.x, hit | closed, state.phase)
     # Updated by the displacement, not recomputed: a nearly closed contact keeps the digits of its gap.
     is_closed = hit | closed | (state.gap == 0)
-    gap = jnp.where(is_closed, 0, state.gap - contacts.along(x - state.x))
+    gap = contacts.gap_moved(state.gap, is_closed, x - state.x)
     # Other contacts with zero gap may open, or be hit at the same instant, as these impacts change velocities.
-    approach = contacts.towards(v, machine.phase_rate(state.phase))
-    noise = contacts.noise(v)
-    is_left = ~hit & ~closed & (state.contact > 0)
+    approach, noise = contacts.speeds(v, machine.phase_rate(state.phase)), contacts.noise(v)
+    is_left = contacts.is_rigid & ~hit & ~closed & (state.contact > 0)
     contact = jnp.where(is_left, jnp.where(approach > noise, jnp.int8(0), jnp.int8(2)), state.contact)
     contact = jnp.where(hit | is_open | (is_left & (approach < -noise)), jnp.int8(1), contact)
     after = eqx.tree_at(lambda s: (s.x, s.v, s.gap, s.contact), state, (x, v, gap, contact))
     instant = eqx.tree_at(lambda i: (i.velocity_plus, i.impulse), instant, (plus, jnp.where(hit, impulse, 0)))
-    return after, instant, torn
+    return after, instant, is_open
 
 
 def _stick_and_release(
@@ -126,7 +124,7 @@ def _stick_and_release(
     """Stick and release contacts, after all impacts of this instant."""
     contacts, hit = machine.contacts, instant.hit
     is_jump = jnp.any(hit, axis=0)
-    was_held = state.held & ~torn
+    torn, was_held = state.held & torn, state.held & ~torn
     let_go = is_event & was_held
     held = was_held & ~let_go
     state = eqx.tree_at(lambda s: s.held, state, held)

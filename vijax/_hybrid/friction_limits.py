@@ -13,11 +13,11 @@ from typing import Any
 from jaxtyping import Array, Bool
 
 from .._machine.contacts import Held
-from .._machine.derivatives import Rates, approaches, contact_forces
+from .._machine.derivatives import Rates, approaches
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._machine.switching import FRICTION
-from .limits import FORCE, GAP, SLIP, STICK, Limit
+from .limits import GAP, SLIP, STICK, Limit, force_below
 
 
 def is_sticking(machine: Machine, state: State) -> Bool[Array, "contacts ..."]:
@@ -43,31 +43,6 @@ def _slip_series(machine: Machine, state: State, hold: Held, series: tuple[Array
     return [state.mode.direction * a for a in (sliding_velocity(machine, state), *later)]
 
 
-def _grip(sign: int) -> Limit:
-    """Limit of the friction force on one side: Fs - sign T."""
-
-    def below(machine: Machine, forces: list[Any]) -> list[Any]:
-        return [machine.contacts.laws.grip - sign * forces[0], *(-sign * a for a in forces[1:])]
-
-    return Limit(
-        event=SLIP,
-        is_active=is_sticking,
-        value=lambda machine, state, hold: (
-            machine.contacts.laws.grip - sign * FORCE.value(machine, state, hold)
-        ),
-        slope=lambda machine, state, hold, now: -sign * FORCE.slope(machine, state, hold, now),
-        derivatives=lambda machine, state, hold, now: below(
-            machine, contact_forces(machine, state, hold, now)
-        ),
-        rest=FORCE.rest,
-        series=lambda machine, state, hold, series: below(
-            machine, FORCE.series(machine, state, hold, series)
-        ),
-        leading_zeros=None,
-        near=FORCE.near,
-    )
-
-
 SLIDING = Limit(
     event=STICK,
     is_active=lambda machine, state: state.mode.direction != 0,
@@ -79,4 +54,6 @@ SLIDING = Limit(
     leading_zeros=lambda state: state.contact,
     near=GAP.near,
 )
-GRIP_AHEAD, GRIP_BEHIND = _grip(1), _grip(-1)
+GRIP_AHEAD, GRIP_BEHIND = (
+    force_below(SLIP, is_sticking, lambda machine: machine.contacts.laws.grip, sign) for sign in (1, -1)
+)

@@ -1,8 +1,8 @@
 """Registry of limits: the modes of a contact, the guard of each, and the event that ends it.
 
 In every mode a function of time, its guard, stays positive: the gap of an open contact, the contact force of a closed
-one. An event is a zero of the guard; a reset (`diagonal_impacts.py`, `coupled_impacts.py`, `switching.py`) then gives the
-next modes. Exact flows, their derivative rule, the equations of periodic orbits, the event log and branches read guards
+one. An event is a zero of the guard; a reset (`diagonal_impacts.py`, `coupled_impacts.py`, `switching_resets.py`) then
+gives the next modes. Exact flows, their derivative rule, the equations of periodic orbits, the event log and branches read guards
 and events from here. A section x_i = c is the gap of one more contact, see `next_crossing.py`.
 
 Some modes end in two ways: friction sticks while its force stays between two bounds. Machines with such elements have
@@ -137,6 +137,34 @@ FORCE = Limit(
     leading_zeros=None,
 )
 LIMITS = (GAP, FORCE)
+
+
+def force_below(
+    event: int,
+    is_active: Callable[[Machine, State], Bool[Array, "contacts ..."]],
+    most: Callable[[Machine], Array],
+    sign: int = 1,
+) -> Limit:
+    """Limit of the force of a contact that holds, on one side: most - sign force."""
+
+    def below(machine: Machine, forces: list[Any]) -> list[Any]:
+        return [most(machine) - sign * forces[0], *(-sign * a for a in forces[1:])]
+
+    return Limit(
+        event=event,
+        is_active=is_active,
+        value=lambda machine, state, hold: most(machine) - sign * FORCE.value(machine, state, hold),
+        slope=lambda machine, state, hold, now: -sign * FORCE.slope(machine, state, hold, now),
+        derivatives=lambda machine, state, hold, now: below(
+            machine, FORCE.derivatives(machine, state, hold, now)
+        ),
+        rest=FORCE.rest,
+        series=lambda machine, state, hold, series: below(
+            machine, FORCE.series(machine, state, hold, series)
+        ),
+        leading_zeros=None,
+        near=FORCE.near,
+    )
 
 
 def limits_of(machine: Machine) -> tuple[Limit, ...]:

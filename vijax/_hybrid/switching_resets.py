@@ -18,7 +18,7 @@ from .._machine.machine import Machine, state_before_contact
 from .._machine.state import FROZEN, Mode, State
 from .._machine.switching import COMPLIANT, FRICTION, RIGID
 from .._system.checks import is_touching
-from .complementarity import solve_complementarity
+from .coupled_impacts import impact
 from .equilibrium import AtRest, settle
 from .friction_chatter import comes_to_rest, complete_chatter, no_chatter
 from .friction_limits import sliding_velocity
@@ -72,7 +72,7 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "guards ..."])
     instant = Instant(hit, none, none, speed, speed, zeros, arrived, state.time, zeros, nothing)
     after, instant, torn = jax.lax.cond(
         is_any(hit),
-        lambda: compute_once(_impact, machine, state, instant),
+        lambda: compute_once(impact, machine, state, instant),
         lambda: (state, instant, none),
     )
     return jax.lax.cond(
@@ -102,32 +102,6 @@ class _Events(NamedTuple):
 
 def _spring_force(machine: Machine, gap: Array, speed: Array) -> Float[Array, "contacts ..."]:
     return machine.contacts.spring_force(gap, speed)
-
-
-def _impact(
-    machine: Machine, state: State, instant: Instant
-) -> tuple[State, Instant, Bool[Array, "stops ..."]]:
-    """State after the impacts, their velocities and impulses, and the held contacts that they tear open."""
-    contacts, hit, rigid = machine.contacts, instant.hit, machine.contacts.are(RIGID)
-    speed = jnp.where(hit, instant.velocity_minus, 0)
-    restitution = jnp.where(speed > contacts.noise(state.v), contacts.restitution_at(speed), 0)
-    closed = rigid & (state.held | state.is_kept_closed)
-    _, impulse, rest = solve_complementarity(contacts.compliance, -(1 + restitution) * speed, hit | closed)
-    v = state.v - contacts.inverse_mass_times(contacts.back(impulse))
-    torn = closed & (rest > 0)
-    plus = jnp.where(hit, -restitution * speed - rest, instant.velocity_plus)
-    x = contacts.with_closed_gaps(state.x, hit | closed, state.phase)
-    # Updated by the displacement, not recomputed: a nearly closed contact keeps the digits of its gap.
-    is_closed = hit | closed | (state.gap == 0)
-    gap = jnp.where(is_closed, 0, contacts.gap_after(state.gap, is_closed, x - state.x, 0 * state.phase))
-    # Other contacts with zero gap may open, or be hit at the same instant, as these impacts change velocities.
-    approach, noise = contacts.speeds(v, machine.phase_rate(state.phase)), contacts.noise(v)
-    is_left = rigid & ~hit & ~closed & (state.contact > 0)
-    contact = jnp.where(is_left, jnp.where(approach > noise, jnp.int8(0), jnp.int8(2)), state.contact)
-    contact = jnp.where(hit | torn | (is_left & (approach < -noise)), jnp.int8(1), contact)
-    after = eqx.tree_at(lambda s: (s.x, s.v, s.gap, s.contact), state, (x, v, gap, contact))
-    instant = eqx.tree_at(lambda i: (i.velocity_plus, i.impulse), instant, (plus, jnp.where(hit, impulse, 0)))
-    return after, instant, torn
 
 
 def _switch(

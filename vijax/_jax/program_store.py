@@ -228,7 +228,7 @@ def _find_lapack() -> None:
 
 @cache
 def _environment() -> bytes:
-    """What a program depends on besides its parts: source, releases, processor, and settings of the compiler."""
+    """Digest of all that a program depends on besides its parts: source, releases, processor, compiler settings."""
     digest = hashlib.sha256()
     package = Path(__file__).parents[1]
     for file in sorted(package.rglob("*.py")):

@@ -206,9 +206,6 @@ jax.monitoring.register_event_listener(_note_hit)
 
 def _name_of(function: Callable) -> tuple[str, str] | None:
     """Module and name of a function of this package; None if they do not determine it."""
-    module, name = (
-        str(getattr(function, "__module__", "")),
-        str(getattr(function, "__qualname__", "<locals>")),
-    )
+    module, name = (str(getattr(function, key, "<none>")) for key in ("__module__", "__qualname__"))
     is_ours = module.partition(".")[0] == __name__.partition(".")[0]
     return (module, name) if is_ours and "<" not in name else None

@@ -190,6 +190,19 @@ class Contacts(eqx.Module):
         """Gaps s - a . x, positive while open, (contacts, ...)."""
         return self.limit - self.towards(x, phase)
 
+    @property
+    def is_rigid(self) -> Bool[Array, "contacts ..."] | bool:
+        """Flags of rigid contacts, or True if all are."""
+        return True
+
+    def speeds(self, v: Float[Array, "n ..."], phase_rate: Array) -> Float[Array, "contacts ..."]:
+        """Speeds of approach."""
+        return self.towards(v, phase_rate)
+
+    def gap_moved(self, gap: Array, closed: Array, displacement: Array) -> Array:
+        """Gaps after a displacement at one instant; those of closed contacts are zero."""
+        return jnp.where(closed, 0, gap - self.along(displacement))
+
     def gap_after(self, gap: Array, held: Array, displacement: Array, change: Array) -> Array:
         """Gaps after a displacement and a change of phase, rounded relative to that change; held gaps stay closed."""
         return jnp.where(held, gap, gap - self.towards(displacement, change))

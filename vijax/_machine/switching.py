@@ -101,6 +101,15 @@ class SwitchingContacts(Contacts):
         """Flags of the elements of a kind."""
         return append_axes(jnp.asarray(np.array(self.laws.kinds) == kind), self.limit)
 
+    @property
+    def is_rigid(self) -> Bool[Array, "contacts ..."]:
+        """Flags of rigid contacts."""
+        return self.are(RIGID)
+
+    def gap_moved(self, gap: Array, closed: Array, displacement: Array) -> Array:
+        """Gaps after a displacement at one instant, without those of friction."""
+        return jnp.where(self.are(FRICTION) & ~closed, gap, super().gap_moved(gap, closed, displacement))
+
     def speeds(self, v: Float[Array, "n ..."], phase_rate: Array) -> Float[Array, "contacts ..."]:
         """Speeds of approach to contacts, and sliding velocities of friction."""
         return self.towards(v, phase_rate) - self.laws.velocity

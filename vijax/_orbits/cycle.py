@@ -103,7 +103,7 @@ def prepared(
     return machine, flow.prepare(machine)
 
 
-class Flight(NamedTuple):
+class CycleFlight(NamedTuple):
     """A flight, the event at its end, and whether it is the one after the last event, which closes the cycle."""
 
     event: Event
@@ -116,7 +116,7 @@ def residual(problem: Problem, unknowns: Unknowns) -> Residual:
     machine, flow = problem.machine, problem.flow
     place = initial_moment(problem, machine, unknowns.z)
 
-    def one(place: Moment, flight: Flight) -> tuple[Moment, tuple[Array, Array]]:
+    def one(place: Moment, flight: CycleFlight) -> tuple[Moment, tuple[Array, Array]]:
         return fly_to_event(machine, flow, place, flight.event, _duration(problem, place, flight))[:2]
 
     place, (values, speeds) = jax.lax.scan(one, place, _flights_of(problem, unknowns))
@@ -132,7 +132,7 @@ def traverse(
     """
     machine, flow = problem.machine, problem.flow
 
-    def one(place: Moment, flight: Flight) -> tuple[Moment, tuple[Moment, Array]]:
+    def one(place: Moment, flight: CycleFlight) -> tuple[Moment, tuple[Moment, Array]]:
         there, (_, speed), _ = fly_to_event(machine, flow, place, flight.event, flight.duration)
         return there, (place, speed)
 
@@ -163,7 +163,7 @@ def linearise(
         here = problem.machine, problem.flow
         return here if change is None else moved_by(here, change, p[0])
 
-    def one(place: Moment, flight: Flight):
+    def one(place: Moment, flight: CycleFlight):
         def moved(y: Array):
             here, p = place._replace(z=y[:size] * scale, time=y[size]), y[size + 1 : -1]
             there, (value, speed), _ = fly_to_event(*at(p), here, flight.event, y[-1])
@@ -195,7 +195,7 @@ def linearise(
     return found, Flights(begin, forward, normal, close, closing_pin(problem.shifts))
 
 
-def _flights_of(problem: Problem, unknowns: Unknowns, count: Int[Array, ""] | None = None) -> Flight:
+def _flights_of(problem: Problem, unknowns: Unknowns, count: Int[Array, ""] | None = None) -> CycleFlight:
     """All flights of a cycle; the one that closes it comes after `count` others, or after the padding."""
     sequence, room = problem.sequence, len(unknowns.flights)
     held = jnp.asarray(sequence.held)
@@ -205,12 +205,12 @@ def _flights_of(problem: Problem, unknowns: Unknowns, count: Int[Array, ""] | No
         held=held,
         held_after=jnp.concatenate([held[1:], held[-1:]]),
     )
-    return Flight(
+    return CycleFlight(
         event, jnp.append(unknowns.flights, 0), jnp.arange(room + 1) == (room if count is None else count)
     )
 
 
-def _duration(problem: Problem, place: Moment, flight: Flight) -> Scalar:
+def _duration(problem: Problem, place: Moment, flight: CycleFlight) -> Scalar:
     return jnp.where(flight.closes, problem.phase + problem.num_periods - place.time, flight.duration)
 
 

@@ -107,7 +107,7 @@ def _draw_limit(ax: Axes, sol: Solution, number: int, t: np.ndarray, x: np.ndarr
 
 
 def _hold_in_words(sol: Solution, number: int) -> str:
-    """What a stop, contact or friction element does to its masses while it holds."""
+    """Effect of a stop, contact or friction element on its masses while it holds, in a word."""
     if number >= sol.machine.contacts.num_stops:
         return "sticks"
     return "held" if is_rigid(sol, number) else "pushed"
