@@ -175,12 +175,6 @@ BAD = {
         lambda: vx.ImpactSystem([1.0], [[0.1]], [[1.0]], LOAD, friction=[vx.Friction(3, 1.0)]),
         r"`friction\[0\].row` names mass 3",
     ),
-    "a force besides": (
-        lambda: vx.ImpactSystem(
-            [1.0], [[0.1]], [[1.0]], LOAD, force=lambda t, x, v, args: -(x**3), friction=[vx.Friction(0, 1.0)]
-        ),
-        "cannot have a `force` besides",
-    ),
 }
 
 

@@ -32,12 +32,12 @@ from .event_margins import (
     event_margins_at,
     is_due,
     phase_change,
-    series_radius,
     times_to_events,
 )
 from .exact_step import simultaneity_tolerance, state_after_step
 from .interface import AbstractFlow, Flight
 from .modal import LONGEST_STEP_AND_TERMS
+from .switching_margins import guard_margins_at, guards_crossed_in_step
 
 # Fraction of the accurate step length below which a step is taken whatever its polynomial shows.
 _SHORTEST = 1e-9
@@ -140,9 +140,10 @@ class SteppingFlow(AbstractFlow):
         hold = machine.hold(state.held)
         trial = self._try(machine, state, hold, remaining)
         arrived = _moved(machine, state, trial, hold)
-        now, end = event_margins_at(machine, state, hold), event_margins_at(machine, arrived, hold)
-        due, late = is_due(now, state), times_to_events(end, state.held, trial.wanted)
-        is_clear, cut = _clearance(machine, state, now, end, late, trial)
+        margins_at = guard_margins_at if machine.contacts.is_switching else event_margins_at
+        now, end = margins_at(machine, state, hold), margins_at(machine, arrived, hold)
+        due, late = is_due(now, state), times_to_events(end, trial.wanted)
+        is_clear, cut = _clearance(machine, state, hold, now, end, late, trial)
         is_taken = trial.attempt.is_good & is_clear & ~jnp.any(due)
         is_near = is_taken & (late <= remaining + resolution - trial.step)
         late = jnp.where(due, 0, jnp.where(is_near, late, jnp.inf))
@@ -182,9 +183,10 @@ def longest_step(machine: Machine) -> Scalar:
 def _clearance(
     machine: Machine,
     state: State,
+    hold: Held,
     now: EventMargins,
     end: EventMargins,
-    late: Float[Array, " stops"],
+    late: Float[Array, " guards"],
     trial: Trial,
 ) -> tuple[Flag, Scalar]:
     """Test whether a step is free of events up to its end; the length to try instead if it is not."""
@@ -192,9 +194,10 @@ def _clearance(
     if not machine.contacts.num:
         return jnp.array(True), jnp.full_like(step, jnp.inf)
     is_near = late < jnp.inf
-    proof = crossings_in_step(machine, state, now, end, trial.attempt.inside, step, is_near)
+    prove = guards_crossed_in_step if machine.contacts.is_switching else crossings_in_step
+    proof = prove(machine, state, hold, now, end, trial.attempt.inside, step, is_near)
     free = step * proof.free
-    window = jnp.where(is_near, wanted * series_radius(state.held, step.dtype), 0)
+    window = jnp.where(is_near, wanted * end.radius, 0)
     # Time before arrival in which an approaching mass is nearer to its stop than the error.
     before = jnp.where(end.slope < 0, 2 * proof.error / jnp.where(end.slope < 0, -end.slope, 1), 0)
     is_open = ~proof.is_crossed & (free >= step - window - before)

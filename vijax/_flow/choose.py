@@ -21,10 +21,10 @@ def choose_flow(
         raise ValueError(
             f"Argument `flow` must be a motion, as `vx.DiffraxFlow(diffrax.Tsit5())` makes of a solver, but is {wanted!r}."
         )
-    if system.is_switching and not isinstance(wanted, TaylorFlow | None):
+    if system.is_switching and isinstance(wanted, ExpandingFlow) and not isinstance(wanted, TaylorFlow):
         raise ValueError(
-            f"Argument `flow` is {type(wanted).__name__}, but machines with friction or compliant stops move by `TaylorFlow` "
-            "alone, which is exact for them: leave it out."
+            f"Argument `flow` is {type(wanted).__name__}, but among exact flows `TaylorFlow` alone serves machines with friction "
+            "or compliant stops: leave it out."
         )
     if system.force is None:
         return wanted or modal_flow(system, can_stick=can_stick, band=band) or TaylorFlow()

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from .._hybrid.guards import leading_zeros
 from .._jax.arrays import Flag, Scalar, smallest
 from .._jax.xla import compute_once, in_one_kernel
 from .._machine.contacts import Held
@@ -38,18 +39,20 @@ class EventMargins(eqx.Module):
     """Event margins at one instant, and the motion there.
 
     Attributes:
-        value: gap of a free contact, pull of one that holds, (stops,).
+        value: gap of a free contact, pull of one that holds, (guards,).
         slope: its time derivative.
+        curve: its second Taylor coefficient, as far as it is known, else 0.
+        bend: its third, likewise.
+        radius: time at which the first omitted power is below rounding, as a fraction of the time scale.
         motion: forces, accelerations and their rates.
-        approach: first to third derivatives of the position relative to each contact.
-        pull: acceleration towards each contact, as if it alone did not hold.
     """
 
-    value: Float[Array, " stops"]
-    slope: Float[Array, " stops"]
+    value: Float[Array, " guards"]
+    slope: Float[Array, " guards"]
+    curve: Float[Array, " guards"]
+    bend: Float[Array, " guards"]
+    radius: Float[Array, " guards"]
     motion: Rates
-    approach: list[Float[Array, " stops"]]
-    pull: Float[Array, " stops"]
 
 
 def event_margins_at(machine: Machine, state: State, hold: Held) -> EventMargins:
@@ -62,39 +65,42 @@ def event_margins_at(machine: Machine, state: State, hold: Held) -> EventMargins
     slope = jnp.where(state.held, pull_rate, -approach[0])
     # A contact that others keep closed has no event.
     value, slope = jnp.where(state.is_kept_closed, 1, value), jnp.where(state.is_kept_closed, 0, slope)
-    return EventMargins(value, slope, motion, approach, pull)
+    return EventMargins(
+        value=value,
+        slope=slope,
+        curve=jnp.where(state.held, 0, -approach[1] / 2),
+        bend=jnp.where(state.held, 0, -approach[2] / 6),
+        radius=jnp.where(state.held, series_radius(2, value.dtype), series_radius(3, value.dtype)),
+        motion=motion,
+    )
 
 
-def is_due(now: EventMargins, state: State) -> Bool[Array, " stops"]:
+def series_radius(num_terms: int, dtype: jnp.dtype) -> float:
+    """Time at which so many powers leave out no more than rounding, as a fraction of the time scale."""
+    return float(jnp.finfo(dtype).eps) ** (1 / num_terms)
+
+
+def is_due(now: EventMargins, state: State) -> Bool[Array, " guards"]:
     """True where an event is due at the start of a step: the gap, or the contact force, is zero and falls."""
-    return (state.contact == 0) & (now.value <= 0) & (now.slope < 0)
+    return (leading_zeros(state) == 0) & (now.value <= 0) & (now.slope < 0)
 
 
-def times_to_events(end: EventMargins, held: Bool[Array, " stops"], scale: Scalar) -> Float[Array, " stops"]:
-    """Time from the end of a step to the event of every stop, if near enough for the known terms; else infinite.
+def times_to_events(end: EventMargins, scale: Scalar) -> Float[Array, " guards"]:
+    """Time from the end of a step to the event of every guard, if near enough for the known terms; else infinite.
 
     Args:
         end: event margins at the end of the step.
-        held: stops that hold their mass.
         scale: time scale of the motion.
     """
-    curve = jnp.where(held, 0, -end.approach[1] / 2)
-    bend = jnp.where(held, 0, -end.approach[2] / 6)
-    square = end.slope * end.slope - 4 * curve * end.value
+    square = end.slope * end.slope - 4 * end.curve * end.value
     is_simple = (end.slope < 0) & (4 * square > end.slope * end.slope)
     root = jnp.sqrt(jnp.where(is_simple, square, 1))
     delay = 2 * end.value / (root - jnp.where(is_simple, end.slope, 0))
     for _ in range(2):
-        value = end.value + delay * (end.slope + delay * (curve + delay * bend))
-        rate = end.slope + delay * (2 * curve + 3 * delay * bend)
+        value = end.value + delay * (end.slope + delay * (end.curve + delay * end.bend))
+        rate = end.slope + delay * (2 * end.curve + 3 * delay * end.bend)
         delay = delay - value / jnp.where(is_simple & (rate < 0), rate, -1)
-    return jnp.where(is_simple & (jnp.abs(delay) <= scale * series_radius(held, delay.dtype)), delay, jnp.inf)
-
-
-def series_radius(held: Bool[Array, " stops"], dtype: jnp.dtype) -> Float[Array, " stops"]:
-    """Times, as fractions of the time scale, at which the first omitted power is below rounding."""
-    eps = float(jnp.finfo(dtype).eps)
-    return jnp.where(held, eps**0.5, eps ** (1 / 3))
+    return jnp.where(is_simple & (jnp.abs(delay) <= scale * end.radius), delay, jnp.inf)
 
 
 class StopView(eqx.Module):
@@ -128,7 +134,7 @@ class StopView(eqx.Module):
 
 
 class EventFreeProof(eqx.Module):
-    """Part of a step that its polynomial proves free of events of one stop.
+    """Part of a step that its polynomial proves free of events of one guard.
 
     Attributes:
         free: part of the step without an event: up to the event, if there is one, else as far as is proved.
@@ -144,6 +150,7 @@ class EventFreeProof(eqx.Module):
 def crossings_in_step(
     machine: Machine,
     state: State,
+    hold: Held,
     now: EventMargins,
     end: EventMargins,
     inside: StepInterior,
@@ -151,17 +158,17 @@ def crossings_in_step(
     is_expected: Bool[Array, " stops"],
 ) -> EventFreeProof:
     """Test every stop during a step; an event that `is_expected` at its end does not count as crossed."""
-    contacts, times = machine.contacts, step * nodes(len(inside.gain) - 1)
-    changes = jax.vmap(lambda time: phase_change(machine, state.phase, time))(times)
+    contacts, changes = machine.contacts, phase_changes(machine, state, inside, step)
+    approach = approaches(machine, state, now.motion)
     view = StopView(
         held=state.held,
         contact=state.contact,
         gap=state.gap,
-        v=now.approach[0],
-        a=now.approach[1],
-        jerk=now.approach[2],
-        pull=now.pull,
-        last_pull=end.pull,
+        v=approach[0],
+        a=approach[1],
+        jerk=approach[2],
+        pull=contacts.pull(now.motion.force, hold, state.phase),
+        last_pull=contacts.pull(end.motion.force, hold, state.phase + changes[-1]),
         last=end.value,
         displacement=jax.vmap(contacts.towards, out_axes=1)(inside.displacement, changes),
         gain=jax.vmap(contacts.integrated_pull, out_axes=1)(inside.gain, inside.pushes),
@@ -180,16 +187,27 @@ def _prove(view: StopView, step: Scalar, is_expected: Flag) -> EventFreeProof:
     error = compute_once(_error, view, displacement, gain, step)
     likely = compute_once(_likely, view, displacement, gain, step)
     nearest = view.gap + smallest([-view.displacement[j] for j in range(1, len(displacement))]) + error
-    is_crossed = (jnp.where(view.held, smallest(likely), nearest) < 0) | (view.last < 0)
-    is_kept_closed = view.contact == KEPT_CLOSED
-    is_crossed = is_crossed & ~is_expected & ~is_kept_closed
-    degree = len(likely) - 1
-    share = [jnp.where(view.contact == 0, k / degree, min(k, 1)) for k in range(degree + 1)]
+    is_below = (jnp.where(view.held, smallest(likely), nearest) < 0) | (view.last < 0)
+    return proof_of(likely, is_below & ~is_expected, view.contact, view.contact == KEPT_CLOSED, error)
+
+
+def proof_of(
+    likely: list[Scalar], is_crossed: Flag, leading_zeros: Int[Array, "..."], is_idle: Flag, error: Scalar
+) -> EventFreeProof:
+    """Prove as much of a step as possible free of events of one guard.
+
+    Args:
+        likely: Bernstein coefficients of the guard, divided by the power of time with which it begins.
+        is_crossed: whether an event happens even with the largest error.
+        leading_zeros: that power.
+        is_idle: whether the guard has no event at all.
+        error: bound of the error of the guard inside the step.
+    """
+    degree, is_crossed = len(likely) - 1, is_crossed & ~is_idle
+    share = [jnp.where(leading_zeros == 0, k / degree, min(k, 1)) for k in range(degree + 1)]
     doubt = jnp.where(is_crossed, 0, error)
     reduced = [c - part * doubt for c, part in zip(likely, share, strict=True)]
-    return EventFreeProof(
-        jnp.where(is_kept_closed, 1, compute_once(first_crossing, reduced)), is_crossed, error
-    )
+    return EventFreeProof(jnp.where(is_idle, 1, compute_once(first_crossing, reduced)), is_crossed, error)
 
 
 def _error(view: StopView, displacement: list[Scalar], gain: list[Scalar], step: Scalar) -> Scalar:
@@ -201,11 +219,30 @@ def _error(view: StopView, displacement: list[Scalar], gain: list[Scalar], step:
 def _likely(view: StopView, displacement: list[Scalar], gain: list[Scalar], step: Scalar) -> list[Scalar]:
     """Bernstein coefficients of the contact force, or of the gap divided by the power of time with which it begins."""
     gap = [view.gap, *(view.gap - d for d in displacement[1:])]
-    for order, start in ((1, -step * view.v), (2, -(step**2) * view.a / 2), (3, -(step**3) * view.jerk / 6)):
-        shorter = divided(gap, start)
-        gap = [jnp.where(view.contact >= order, s, g) for s, g in zip(shorter, gap, strict=True)]
+    starts = -step * view.v, -(step**2) * view.a / 2, -(step**3) * view.jerk / 6
+    gap = without_leading_zeros(gap, starts, view.contact)
     force = [step * view.pull, *derivative_coefficients(gain)[1:-1], step * view.last_pull]
     return [jnp.where(view.held, f, g) for f, g in zip(force, gap, strict=True)]
+
+
+def without_leading_zeros(
+    coefficients: list[Scalar], starts: tuple[Scalar, ...], leading_zeros: Int[Array, "..."]
+) -> list[Scalar]:
+    """Bernstein coefficients divided by the power of time with which the polynomial begins; `starts` are its derivatives."""
+    for order, start in enumerate(starts, 1):
+        shorter = divided(coefficients, start)
+        coefficients = [
+            jnp.where(leading_zeros >= order, a, b) for a, b in zip(shorter, coefficients, strict=True)
+        ]
+    return coefficients
+
+
+def phase_changes(
+    machine: Machine, state: State, inside: StepInterior, step: Scalar
+) -> Float[Array, "nodes 2 harmonics"]:
+    """Changes of the forcing phase at the nodes inside a step."""
+    times = step * nodes(len(inside.gain) - 1)
+    return jax.vmap(lambda time: phase_change(machine, state.phase, time))(times)
 
 
 def phase_change(machine: Machine, phase: Float[Array, "2 harmonics ..."], time: Scalar) -> Array:

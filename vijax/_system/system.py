@@ -38,7 +38,7 @@ class ImpactSystem(eqx.Module):
             (n,) and the `args` given to `simulate` or `sweep`, which returns (n,): an `eqx.Module`, whose numbers are
             parameters of the machine, or a plain function. A machine with a force is nonlinear, and is simulated by
             `DiffraxFlow`. Stroboscopic maps and sweeps need a force that depends on t with the period of the load, or
-            not at all. A machine with a force has no friction and no compliant stops: these belong into the force.
+            not at all.
         friction: any number of `vx.Friction`; event logs number them in this order after the stops.
 
     Raises:
@@ -129,11 +129,6 @@ class ImpactSystem(eqx.Module):
                 raise ValueError(
                     f"`friction[{k}].row` names mass {unknown[0]}, but the machine has masses 0 to {self.num_masses - 1}."
                 )
-        if self.is_switching and self.force is not None:
-            raise ValueError(
-                "A machine with `friction` or compliant stops is followed exactly, and cannot have a `force` besides: leave "
-                "`force` out, or put friction and compliant stops into it, as smooth functions."
-            )
 
     def _check_values(self):
         if self.mass.ndim == 1:
