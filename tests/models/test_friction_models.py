@@ -38,6 +38,50 @@ def test_the_damped_friction_oscillator_has_the_known_amplitude():
     np.testing.assert_allclose(np.abs(at_events(sol, vx.TURN)[1]), 2.145852589884217, rtol=ORBIT)
 
 
+@pytest.mark.thorough
+def test_a_friction_that_weakens_oscillates_with_the_period_of_leine_and_others():
+    system = vx.models.friction_oscillator(1.0, 0.0, velocity=0.2, weakening=3.0)
+    times, *_ = at_events(vx.simulate(system, 0.0, 60.0, [0.5], [0.2]), vx.STICK)
+    np.testing.assert_allclose(np.diff(times), 12.0010312948, atol=6e-11)
+
+
+def test_a_friction_damped_pair_driven_in_opposite_phases_is_two_masses_on_the_ground():
+    sol = settled(vx.models.friction_damped_pair(0.8, 1.5, damping_ratio=0.05), 100)
+    np.testing.assert_allclose(np.abs(at_events(sol, vx.TURN)[1]), 2.145852589884217, rtol=ORBIT)
+    np.testing.assert_allclose(sol.x1[0], -sol.x1[1], rtol=ORBIT)
+
+
+def test_a_blow_drives_the_bit_of_a_drill_as_far_as_its_energy_lasts():
+    m, thrust, resistance, r, speed = 2.0, 0.3, 1.0, 0.6, 1.5
+    system = vx.models.percussive_drill(
+        1.0, 0.0, mass=m, thrust=thrust, resistance=resistance, restitution=r, stiffness=0.0, damping_ratio=0.0
+    )
+    sol = vx.simulate(system, 0.0, 10.0, v0=[speed, 0.0])
+    begin = (1 + r) * speed / (1 + m)
+    np.testing.assert_allclose(sol.x1[1], m * begin**2 / (2 * (resistance - thrust)), rtol=ORBIT)
+    assert sol.sticking1[0]
+
+
+def test_a_drill_advances_while_it_vibrates():
+    sol = vx.simulate(vx.models.percussive_drill(0.9, 0.8), 0.0, 200.0)
+    assert sol.x1[1] > 1.0
+
+
+def test_a_harvester_hits_its_ends_as_an_impact_pair_and_bears_the_weight_of_its_ball():
+    w, a, r, half, slope, g = 2.0, 0.4, 0.6, 1.0, 0.1, 9.81
+    flat = vx.models.vibro_impact_harvester(w, a, restitution=r, travel=2 * half)
+    q = np.pi * (1 + r) / (2 * (1 - r))
+    hits = vx.simulate(flat, 0.0, 500.0, v0=[1.0], max_events=2048).events
+    angle = w * np.asarray(hits.t)[np.asarray(hits.stop) == 0][-3:]
+    np.testing.assert_allclose(a * (q * np.sin(angle) - np.cos(angle)), half, rtol=1e-9)
+    steep = vx.models.vibro_impact_harvester(w, a, restitution=r, travel=2 * half, inclination=slope)
+    periods = 20 * steep.forcing.period
+    sol = vx.simulate(steep, 0.0, periods, v0=[1.0], max_events=2048)
+    impulses = np.asarray(sol.events.impulse)[: int(sol.num_events)]
+    # Over whole periods the shaking gives no momentum.
+    np.testing.assert_allclose(impulses.sum(), sol.v1[0] - 1.0 + g * np.sin(slope) * periods, atol=1e-11)
+
+
 def test_a_mass_on_a_belt_sticks_to_it():
     system = vx.models.friction_oscillator(0.5, 0.0, force=0.5, static=1.0, velocity=0.2)
     sol = vx.simulate(system, 0.0, 60.0)

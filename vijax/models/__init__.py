@@ -14,7 +14,9 @@ from ._chains import (
 )
 from ._dampers import impact_damper as impact_damper
 from ._friction import (
+    FrictionLoss as FrictionLoss,
     capsule_robot as capsule_robot,
+    friction_damped_pair as friction_damped_pair,
     friction_oscillator as friction_oscillator,
     soft_impact_oscillator as soft_impact_oscillator,
 )
@@ -29,5 +31,9 @@ from ._oscillators import (
     impact_oscillator as impact_oscillator,
     impact_pair as impact_pair,
     two_sided_oscillator as two_sided_oscillator,
+)
+from ._percussion import (
+    percussive_drill as percussive_drill,
+    vibro_impact_harvester as vibro_impact_harvester,
 )
 from ._pistons import multi_piston as multi_piston

@@ -1,7 +1,10 @@
 """Machines with dry friction or compliant stops."""
 
+import math
+
+import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import ArrayLike
+from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from .._jax.arrays import as_float
 from .._system.base import base_excitation
@@ -9,6 +12,38 @@ from .._system.compliant import CompliantContact, CompliantStop
 from .._system.forcing import Harmonic
 from .._system.friction import Friction
 from .._system.system import ImpactSystem
+
+
+class FrictionLoss(eqx.Module):
+    """What a friction that falls with the sliding velocity w lacks of a constant one: F d w / (1 + d |w|).
+
+    Added to a `vx.Friction` of the force F, it makes the force F / (1 + d |w|). It vanishes while the mass sticks.
+
+    Args:
+        force: F.
+        weakening: d, the inverse of a velocity.
+        velocity: of the surface.
+
+    Example:
+        ```python
+        import vijax as vx
+        load = vx.Harmonic([0.0], frequency=1.0)
+        loss = vx.models.FrictionLoss(1.0, weakening=3.0, velocity=0.2)
+        friction = [vx.Friction(0, 1.0, velocity=0.2)]
+        system = vx.ImpactSystem([1.0], [[0.0]], [[1.0]], load, [], loss, friction)
+        ```
+    """
+
+    force: Float[Array, "..."] = eqx.field(converter=as_float)
+    weakening: Float[Array, "..."] = eqx.field(converter=as_float)
+    velocity: Float[Array, "..."] = eqx.field(converter=as_float)
+
+    def __call__(
+        self, t: Float[Array, ""], x: Float[Array, " n"], v: Float[Array, " n"], args: PyTree
+    ) -> Float[Array, " n"]:
+        """Return the forces on the masses at one instant."""
+        sliding = self.weakening * (v - self.velocity)
+        return self.force * sliding / (1 + jnp.abs(sliding))
 
 
 def friction_oscillator(
@@ -19,11 +54,13 @@ def friction_oscillator(
     force: ArrayLike = 1.0,
     static: ArrayLike | None = None,
     velocity: ArrayLike = 0.0,
+    weakening: ArrayLike | None = None,
     damping_ratio: ArrayLike = 0.0,
 ) -> ImpactSystem:
     """Build a driven mass on a spring that rubs: x'' + 2 zeta x' + x = A cos(W t + phase) - F sgn(x' - velocity).
 
-    Mass and stiffness are 1. With a belt (`velocity`) it is the model of stick-slip. On the ground, without damping,
+    Mass and stiffness are 1. With a belt (`velocity`) it is the model of stick-slip. With `weakening` the friction falls
+    with the sliding velocity w as F / (1 + d |w|), and the machine moves by `DiffraxFlow`. On the ground, without damping,
     motions without sticks have the amplitude sqrt((A V)^2 - (F U)^2), V = 1 / (1 - W^2),
     U = sin(pi/W) / (W (1 + cos(pi/W))).
 
@@ -34,6 +71,8 @@ def friction_oscillator(
         force: F, the friction force while the mass slips.
         static: largest friction force while it sticks; F if left out.
         velocity: of the belt; 0 for the ground.
+        weakening: d, the inverse of a velocity; a constant friction if left out. F and the velocity then stand in two
+            places of the machine, `friction[0]` and `force`.
         damping_ratio: zeta, a fraction of the critical damping.
 
     Returns:
@@ -49,11 +88,57 @@ def friction_oscillator(
     References:
         J. P. Den Hartog, "Forced vibrations with combined Coulomb and viscous friction", Trans. ASME APM-53-9 (1931)
         107-115; S. W. Shaw, "On the dynamic response of a system with dry friction", J. Sound and Vibration 108
-        (1986) 305-325.
+        (1986) 305-325; with weakening: R. I. Leine, D. H. van Campen, A. de Kraker and L. van den Steen, "Stick-slip
+        vibrations induced by alternate friction models", Nonlinear Dynamics 16 (1998) 41-54.
     """
     load = Harmonic([amplitude], frequency, [phase])
     rubbing = Friction(0, force, static, velocity)
-    return ImpactSystem([1.0], [[2 * as_float(damping_ratio)]], [[1.0]], load, friction=[rubbing])
+    loss = None if weakening is None else FrictionLoss(force, weakening, velocity)
+    return ImpactSystem([1.0], [[2 * as_float(damping_ratio)]], [[1.0]], load, [], loss, [rubbing])
+
+
+def friction_damped_pair(
+    frequency: ArrayLike,
+    amplitude: ArrayLike,
+    *,
+    phases: tuple[ArrayLike, ArrayLike] = (0.0, math.pi),
+    force: ArrayLike = 1.0,
+    damping_ratio: ArrayLike = 0.0,
+    tuning: ArrayLike = 1.0,
+) -> ImpactSystem:
+    """Build two masses on springs with a friction damper between them, as under the platforms of turbine blades.
+
+    x_i'' + 2 zeta x_i' + k_i x_i = A cos(W t + phase_i) -+ F sgn(x_0' - x_1'), with k_0 = 1 and k_1 = tuning. Equal masses
+    driven in phase move as one and lose nothing. Driven in opposite phases, each rubs as on the ground with F: it is
+    `friction_oscillator`.
+
+    Args:
+        frequency: angular frequency W of the loads; the natural one is 1.
+        amplitude: A, a force.
+        phases: of both loads, radians.
+        force: F of the damper.
+        damping_ratio: zeta, a fraction of the critical damping of mass 0.
+        tuning: stiffness of the spring of mass 1.
+
+    Returns:
+        The machine.
+
+    Example:
+        ```python
+        import vijax as vx
+        system = vx.models.friction_damped_pair(0.8, 1.5, damping_ratio=0.05)
+        sol = vx.simulate(system, 0.0, 100.0)
+        ```
+
+    References:
+        J. H. Griffin, "Friction damping of resonant stresses in gas turbine engine airfoils", ASME J. Engineering for
+        Power 102 (1980) 329-333.
+    """
+    load = Harmonic([amplitude, amplitude], frequency, [*phases])
+    springs = jnp.diag(jnp.stack([jnp.ones_like(as_float(tuning)), as_float(tuning)]))
+    damping = 2 * as_float(damping_ratio) * jnp.eye(2)
+    damper = Friction({0: 1.0, 1: -1.0}, force)
+    return ImpactSystem([1.0, 1.0], damping, springs, load, friction=[damper])
 
 
 def soft_impact_oscillator(
