@@ -54,7 +54,14 @@ def test_a_friction_damped_pair_driven_in_opposite_phases_is_two_masses_on_the_g
 def test_a_blow_drives_the_bit_of_a_drill_as_far_as_its_energy_lasts():
     m, thrust, resistance, r, speed = 2.0, 0.3, 1.0, 0.6, 1.5
     system = vx.models.percussive_drill(
-        1.0, 0.0, mass=m, thrust=thrust, resistance=resistance, restitution=r, stiffness=0.0, damping_ratio=0.0
+        1.0,
+        0.0,
+        mass=m,
+        thrust=thrust,
+        resistance=resistance,
+        restitution=r,
+        stiffness=0.0,
+        damping_ratio=0.0,
     )
     sol = vx.simulate(system, 0.0, 10.0, v0=[speed, 0.0])
     begin = (1 + r) * speed / (1 + m)

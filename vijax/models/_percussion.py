@@ -1,7 +1,5 @@
 """Machines that work by blows: drills, energy harvesters."""
 
-import math
-
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 

@@ -89,7 +89,7 @@ def draw(
     boxes, moves = _boxes(ax, scheme, home, thin, style)
     moves += [_link(ax, home, link, thin, is_spring=is_spring) for link, is_spring in scheme.links]
     moves += [_limit(ax, scheme, home, limit) for limit in scheme.limits]
-    moves += [_pad(ax, home, mass) for mass in scheme.pads]
+    moves += [_pad(ax, home, mass, velocity) for mass, velocity in scheme.pads]
     for mass in scheme.grounded:
         _ground(ax, home, mass)
     loads = {i: text for i in range(scheme.num_masses) if (text := scheme.load_in_words(i))}
@@ -106,7 +106,8 @@ def draw(
         below=[_name_of_limit(scheme, home, pose, limit, gaps) for limit in scheme.limits],
         notes=scheme.notes,
     )
-    below = _TRAVEL - 0.12 if scheme.is_moving.any() else _FLOOR - 0.08
+    has_arrows = scheme.is_moving.any() or any(velocity for _, velocity in scheme.pads)
+    below = _TRAVEL - 0.12 if has_arrows else _FLOOR - 0.08
     size = write_words(ax, words, ends, (below, _LOAD + 0.15, _top(scheme, home)), scale, fits_axes=fits_axes)
     return Drawing(move, size, boxes)
 
@@ -253,18 +254,23 @@ def _limit(ax: Axes, scheme: Scheme, home: np.ndarray, limit: DrawnLimit) -> Mov
     under = -0.06 - 0.07 * (limit.number % 2)
 
     is_cushion = wall is not None and bool(scheme.is_compliant[limit.number])
-    coil = ax.plot([], [], color=ink(), linewidth=1.0, zorder=2)[0] if is_cushion else None
+    inside = [spring] if is_cushion else []
+    heights = [_CUSHION]
+    if is_cushion and scheme.is_damped[limit.number]:
+        inside, heights = [spring, damper], [_CUSHION + 0.12, _CUSHION - 0.12]
+    parts = [ax.plot([], [], color=ink(), linewidth=1.0, zorder=2)[0] for _ in inside]
 
     def move(pose: Pose) -> None:
         x = place_of_limit(home, pose, limit)
         back = x + limit.side * _YIELDING if is_cushion else x
         if wall is not None:
             wall.set_x(back if limit.side > 0 else back - _HATCHED)
-        if coil is not None:  # the face of a compliant stop goes with the mass that pushes it
+        if is_cushion:  # the face of a compliant stop goes with the mass that pushes it
             x = side_position(home, pose, limit.mass, limit.side) + limit.side * max(
                 0.0, float(pose.gap[limit.number])
             )
-            coil.set_data(*spring((x, _CUSHION), (back, _CUSHION)))
+        for symbol, height, part in zip(inside, heights, parts, strict=True):
+            part.set_data(*symbol((x, height), (back, height)))
         line.set_data(*_plate(home, pose, limit, x, under))
         for part in arrow:
             part.set_data([x - 0.25, x + 0.25], [_TRAVEL, _TRAVEL])
@@ -272,13 +278,19 @@ def _limit(ax: Axes, scheme: Scheme, home: np.ndarray, limit: DrawnLimit) -> Mov
     return move
 
 
-def _pad(ax: Axes, home: np.ndarray, mass: int) -> Move:
-    """Draw the pad of friction between a box and the floor."""
+def _pad(ax: Axes, home: np.ndarray, mass: int, velocity: float) -> Move:
+    """Draw the pad of friction between a box and the floor, with an arrow below it for a floor that moves."""
     width, height = _PAD
     pad = _rectangle(ax, 0.0, _FLOOR, width, height, facecolor=ink(), linewidth=0, gid=f"friction {mass}")
+    marker, end = (">", 1) if velocity > 0 else ("<", 0)
+    style = {"color": ink(), "linewidth": 1, "marker": marker, "markersize": 5, "markevery": [end]}
+    belt = ax.plot([], [], gid=f"belt {mass}", **style)[0] if velocity else None
 
     def move(pose: Pose) -> None:
-        pad.set_x(side_position(home, pose, mass, 0) - width / 2)
+        x = side_position(home, pose, mass, 0)
+        pad.set_x(x - width / 2)
+        if belt is not None:
+            belt.set_data([x - 0.25, x + 0.25], [_TRAVEL, _TRAVEL])
 
     return move
 

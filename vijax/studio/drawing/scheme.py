@@ -50,6 +50,14 @@ class Link(NamedTuple):
     strength: float
 
 
+class Rubbing(NamedTuple):
+    """Friction element: coefficients of the masses, force, and velocity of the surface."""
+
+    row: np.ndarray
+    force: float
+    velocity: float
+
+
 class Scheme(NamedTuple):
     """Data of the drawing of a machine.
 
@@ -68,7 +76,8 @@ class Scheme(NamedTuple):
         is_lumped: whether the mass matrix is diagonal; else the boxes are coordinates.
         force: the name of the force that is not linear, if there is one.
         is_compliant: which of the stops and contacts yield, (stops,).
-        friction: coefficients of friction elements and their forces.
+        is_damped: which of those have a damper, (stops,).
+        friction: the friction elements.
     """
 
     stiffness: np.ndarray
@@ -84,7 +93,8 @@ class Scheme(NamedTuple):
     is_lumped: bool
     force: str | None
     is_compliant: np.ndarray
-    friction: tuple[tuple[np.ndarray, float], ...] = ()
+    is_damped: np.ndarray
+    friction: tuple["Rubbing", ...] = ()
 
     @property
     def num_masses(self) -> int:
@@ -109,9 +119,13 @@ class Scheme(NamedTuple):
         return found
 
     @property
-    def pads(self) -> list[int]:
-        """Masses that friction rubs on the ground."""
-        return [int(np.flatnonzero(row)[0]) for row, _ in self.friction if np.count_nonzero(row) == 1]
+    def pads(self) -> list[tuple[int, float]]:
+        """Masses that rub on the ground or on a belt, and the velocity of that."""
+        return [
+            (int(np.flatnonzero(one.row)[0]), one.velocity / float(one.row.sum()))
+            for one in self.friction
+            if np.count_nonzero(one.row) == 1
+        ]
 
     @property
     def grounded(self) -> list[int]:
@@ -146,8 +160,8 @@ class Scheme(NamedTuple):
         negative = ["dashed: negative stiffness or damping"] if is_negative else []
         inertia = [] if self.is_lumped else ["full mass matrix: boxes are coordinates"]
         rubbing = [
-            f"friction {k}: of ${in_symbols(row)}$, $F$ = {force:.3g}"
-            for k, (row, force) in enumerate(self.friction)
+            f"friction {k}: of ${in_symbols(one.row)}$, $F$ = {one.force:.3g}"
+            for k, one in enumerate(self.friction)
         ]
         return [*rows, *rubbing, *inertia, *([f"force: {self.force}"] if self.force else []), *negative]
 
@@ -200,8 +214,10 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         is_lumped=not system.has_full_mass,
         force=None if system.force is None else _name(system.force),
         is_compliant=np.array([stop.is_compliant for stop in system.stops], bool),
+        is_damped=np.array([stop.is_compliant and bool(stop.damping > 0) for stop in system.stops], bool),
         friction=tuple(
-            (_row(system.num_masses, one.coefficients), float(one.force)) for one in system.friction
+            Rubbing(_row(n, one.coefficients), float(one.force), float(one.velocity))
+            for one in system.friction
         ),
     )
 
@@ -230,12 +246,16 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
     machine = sol.machine
     contacts, n = machine.contacts, machine.num_masses
     rows, num_stops = np.asarray(contacts.rows).reshape(contacts.num, n), contacts.num_stops
-    words, is_compliant, friction = _coefficients(contacts.restitution), np.zeros(num_stops, bool), ()
+    words, friction = _coefficients(contacts.restitution), ()
+    is_compliant = is_damped = np.zeros(num_stops, bool)
     if isinstance(contacts, SwitchingContacts):
         laws, is_compliant = contacts.laws, np.array(contacts.laws.kinds[:num_stops]) == COMPLIANT
-        stiffness, force = np.asarray(laws.stiffness), np.asarray(laws.force)
+        stiffness, force, velocity = (np.asarray(a) for a in (laws.stiffness, laws.force, laws.velocity))
+        is_damped = np.asarray(laws.damping)[:num_stops] > 0
         words = tuple(f"$k$ = {stiffness[j]:.3g}" if is_compliant[j] else words[j] for j in range(num_stops))
-        friction = tuple((rows[j], float(force[j])) for j in range(num_stops, contacts.num))
+        friction = tuple(
+            Rubbing(rows[j], float(force[j]), float(velocity[j])) for j in range(num_stops, contacts.num)
+        )
     return Scheme(
         *(np.asarray(a) for a in (machine.stiffness, machine.damping, machine.mean)),
         waves=_load_in_space(machine),
@@ -248,6 +268,7 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
         is_lumped=machine.inverse_mass.ndim == 1,
         force=None if machine.extra is None else _name(machine.extra.force),
         is_compliant=is_compliant,
+        is_damped=is_damped,
         friction=friction,
     )
 
