@@ -254,11 +254,10 @@ def _limit(ax: Axes, scheme: Scheme, home: np.ndarray, limit: DrawnLimit) -> Mov
     under = -0.06 - 0.07 * (limit.number % 2)
 
     is_cushion = wall is not None and bool(scheme.is_compliant[limit.number])
-    inside = [spring] if is_cushion else []
-    heights = [_CUSHION]
+    symbols = [(spring, _CUSHION)] if is_cushion else []
     if is_cushion and scheme.is_damped[limit.number]:
-        inside, heights = [spring, damper], [_CUSHION + 0.12, _CUSHION - 0.12]
-    parts = [ax.plot([], [], color=ink(), linewidth=1.0, zorder=2)[0] for _ in inside]
+        symbols = [(spring, _CUSHION + 0.12), (damper, _CUSHION - 0.12)]
+    parts = [ax.plot([], [], color=ink(), linewidth=1.0, zorder=2)[0] for _ in symbols]
 
     def move(pose: Pose) -> None:
         x = place_of_limit(home, pose, limit)
@@ -269,7 +268,7 @@ def _limit(ax: Axes, scheme: Scheme, home: np.ndarray, limit: DrawnLimit) -> Mov
             x = side_position(home, pose, limit.mass, limit.side) + limit.side * max(
                 0.0, float(pose.gap[limit.number])
             )
-        for symbol, height, part in zip(inside, heights, parts, strict=True):
+        for (symbol, height), part in zip(symbols, parts, strict=True):
             part.set_data(*symbol((x, height), (back, height)))
         line.set_data(*_plate(home, pose, limit, x, under))
         for part in arrow:
