@@ -296,7 +296,7 @@ def test_a_force_that_is_given_has_the_args_and_the_swept_values_of_the_dataset(
     found = vx.system_of(ds, force=force)
     assert eqx.tree_equal(found, with_args(system, {"k": 1.5}), typematch=True)
     assert found.force.force.rest is force
-    with pytest.raises(ValueError, match="Argument `force` stands in for the force of a machine"):
+    with pytest.raises(ValueError, match="Argument `force` replaces the force of a machine"):
         vx.system_of(dataset(None), force=force)
 
 

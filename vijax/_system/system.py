@@ -38,7 +38,7 @@ class ImpactSystem(eqx.Module):
             (n,) and the `args` given to `simulate` or `sweep`, which returns (n,): an `eqx.Module`, whose numbers are
             parameters of the machine, or a plain function. A machine with a force is nonlinear, and is simulated by
             `DiffraxFlow`. Stroboscopic maps and sweeps need a force that depends on t with the period of the load, or
-            not at all. A machine with a force has no friction and no compliant stops: these belong into the force.
+            not at all. A machine with a force has no friction and no compliant stops: write them into the force, as smooth functions.
         friction: any number of `vx.Friction`; event logs number them in this order after the stops.
 
     Raises:
