@@ -63,4 +63,6 @@ html_title = f"vijax {version}"
 html_show_sourcelink = False
 html_static_path = ["static"]
 html_css_files = ["vijax.css"]
-html_sidebars = {"gallery": [], "changes": [], "contributing": []}  # pages without others beside them
+html_sidebars = {
+    page: [] for page in ("overview", "faq", "gallery", "changes", "contributing")
+}  # pages without others beside them

@@ -15,7 +15,11 @@ import matplotlib.pyplot as plt
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.append(str(ROOT / "tests"))
 
-from documents import documents, pictures_of, python_of  # noqa: E402
+from documents import (  # noqa: E402  # pyright: ignore[reportMissingImports]
+    documents,
+    pictures_of,
+    python_of,
+)
 
 
 def draw(document: str) -> list[str]:
