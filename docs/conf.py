@@ -19,13 +19,16 @@ extensions = [
     "myst_nb",
     "sphinx_copybutton",
     "sphinx_design",
+    "all_names",
     "docstrings",
+    "mathml",
     "notebooks",
 ]
 exclude_patterns = ["extensions", "templates"]
 templates_path = ["templates"]
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3  # links to headings, as they work in the repository
+html_math_renderer = "mathml"
 nb_execution_mode = "off"  # notebooks are stored with their outputs
 
 autosummary_ignore_module_all = False
@@ -60,4 +63,6 @@ html_title = f"vijax {version}"
 html_show_sourcelink = False
 html_static_path = ["static"]
 html_css_files = ["vijax.css"]
-html_sidebars = {"gallery": [], "changes": [], "contributing": []}  # pages without others beside them
+html_sidebars = {
+    page: [] for page in ("overview", "faq", "gallery", "changes", "contributing")
+}  # pages without others beside them

@@ -27,6 +27,11 @@ def python_of(document: str) -> str:
     return "\n".join(re.findall(r"^```python\n(.*?)^```", (ROOT / document).read_text(), re.M | re.S))
 
 
+def pictures_of(document: str) -> list[str]:
+    """Names of the pictures in `docs/pictures` that a page shows; its own code draws them."""
+    return re.findall(r"\]\((?:\.\./)?pictures/([\w.]+)\)", (ROOT / document).read_text())
+
+
 if __name__ == "__main__":
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)

@@ -113,7 +113,7 @@ _MEANINGS = {
     "is_found": "whether the attractor is found there",
     "birth": "first value at which the attractor is found, NaN if that is the first of all",
     "death": "first value at which the attractor is found no more, NaN if it is found at the last",
-    "successor": "attractor to which the motion goes on where its own ends, -1 if not known",
+    "successor": "attractor that the motion reaches where its own ends, -1 if unknown",
     "converged": "whether an orbit was found that the machine follows",
     "t0": "start time",
     "t1": "end time",

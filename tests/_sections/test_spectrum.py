@@ -77,7 +77,7 @@ def test_what_is_held_adds_its_place_and_a_window_keeps_the_mean_of_a_line():
 def test_bad_input_is_refused_in_a_sentence():
     system = vx.models.wagg_bishop_b(0.25)
     sol = vx.simulate(system, 0.0, 2.5 * float(system.forcing.period), max_events=2048)
-    with pytest.raises(ValueError, match="Of the 2 whole forcing periods of the motion 3 are asked for"):
+    with pytest.raises(ValueError, match="Of the 2 whole forcing periods of the motion 3 are requested"):
         vx.power_spectrum(sol, last=3)
     with pytest.raises(ValueError, match="`window` must be 'hann' or 'none'"):
         vx.power_spectrum(sol, window="flat")

@@ -6,7 +6,7 @@ import jax
 import matplotlib
 import matplotlib.pyplot as plt
 import pytest
-from documents import ROOT, documents, pages, python_of
+from documents import ROOT, documents, pages, pictures_of, python_of
 
 import vijax as vx
 
@@ -44,6 +44,7 @@ def test_the_code_of_a_document_runs_and_prints_what_it_says(document, elsewhere
     assert said
     assert len(said) == len(printed)
     assert [line for pair in zip(said, printed, strict=True) if not agree(*pair) for line in pair] == []
+    assert [name for name in pictures_of(document) if not (elsewhere / name).exists()] == []
 
 
 def test_what_is_printed_is_compared_to_its_last_digit():

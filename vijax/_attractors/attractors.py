@@ -156,7 +156,7 @@ def requested_starts(
     x0: Numbers | None = None,
     v0: Numbers | None = None,
 ) -> Starts:
-    """The starts, in whichever form they are given."""
+    """The starts, given in any form."""
     if isinstance(starts, Mapping):
         return grid_of_starts(machines.system, starts, x0, v0)
     if isinstance(starts, tuple) or np.ndim(cast(Any, starts)):

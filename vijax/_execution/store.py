@@ -124,13 +124,13 @@ def open_store(
 def read_manifest(
     folder: Path, name: str, manifest: dict[str, Any], size: Callable[[Any], Any], *within: str
 ) -> Any:
-    """Read the size of chunks that stands beside a manifest, if that manifest is the given one.
+    """Read the size of chunks stored beside a manifest, if that manifest is the given one.
 
     Args:
         folder: folder of the store.
         name: name of the JSON file in it.
         manifest: description of the sweep.
-        size: takes the size of chunks from what stands beside the manifest.
+        size: takes the size of chunks stored beside the manifest.
         within: keys in the file under which both stand.
     """
     file = folder / name

@@ -68,7 +68,7 @@ DEPTH = Limit(
 )
 SPRING = Limit(
     event=OPEN,
-    # Without a damper, depth says the same at fewer digits lost.
+    # Without a damper the depth is equivalent, and loses fewer digits.
     is_active=lambda machine, state: state.mode.closed & (machine.contacts.laws.damping > 0),
     value=lambda machine, state, hold: machine.contacts.spring_force(state.gap, machine.approach(state)),
     slope=lambda machine, state, hold, now: _spring_derivatives(machine, state, hold, now)[1],

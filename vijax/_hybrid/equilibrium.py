@@ -35,7 +35,7 @@ class AtRest(NamedTuple):
         elements: flags of the elements at rest; all others keep their mode.
         released: flags of those among them whose hold ended at this instant.
         push: what released elements do: direction of slip, 1 for a compliant contact that yields, 0 for one that opens.
-        saturated: flags of friction elements that others kept at rest while they slipped as `push` tells.
+        saturated: flags of slipping friction elements, with the directions of `push`, that others kept at rest.
         may_return: flags of released ones that hold again if they would move against their force.
     """
 
@@ -76,7 +76,7 @@ def settle(machine: Machine, state: State, at_rest: AtRest) -> Settled:
         is_first = choice.count == 0
         return jax.tree.map(lambda a, b: jnp.where(is_first, a, b), first, later)
 
-    # The first turn, with all of them holding, tells who takes over from released ones.
+    # The first turn, with all of them holding, shows which elements take over from released ones.
     like = force[0] + state.gap[0]
     zeros = jnp.zeros((len(at_rest.push), *like.shape), like.dtype)
     none = jnp.zeros_like(at_rest.push)
@@ -113,7 +113,7 @@ def _begun(at_rest: AtRest, found: "_Beyond") -> _Choice:
 
     So friction beyond its grip stays at rest that is pressed onto a rigid contact.
     """
-    # With more elements than the masses can tell apart, their forces may be shared otherwise.
+    # With more elements than the masses can distinguish, their forces are not unique.
     is_relieved = (found.idle & ~found.is_let_down) | (found.is_inside & at_rest.saturated)
     released = (at_rest.released | at_rest.saturated) & ~is_relieved
     push = jnp.where(released, at_rest.push, jnp.int8(0))

@@ -226,7 +226,7 @@ def sticking_region(system: ImpactSystem, held: int | Sequence[int]) -> Sticking
             "The sticking region lies in the phase space of masses that stay free while others rest on their stops. In "
             "this machine, with contacts, a full mass matrix, or two stops of one mass that move differently, what is "
             "held may be a combination of masses, all of which go on moving: no positions and velocities of single masses "
-            "are left to describe it in. `Solution.contact_force` tells the forces along any motion."
+            "are left to describe it in. `Solution.contact_force` has the forces along any motion."
         )
     masses = [slot[0] for slot in (system.stops[j].slot for j in stops) if slot]
     if len(set(masses)) < len(masses):

@@ -60,7 +60,7 @@ def first_state(
 def resolve(machine: Machine, state: State, is_event: Bool[Array, "guards ..."]) -> tuple[State, Instant]:
     """Apply the impacts of this instant, then switch the laws of elements, and decide which hold."""
     num = machine.contacts.num
-    # What is frozen is decided anew at every event.
+    # The frozen elements are decided anew at every event.
     is_open = jnp.any(is_event, axis=0) & (state.contact == FROZEN)
     state = eqx.tree_at(lambda s: s.contact, state, jnp.where(is_open, jnp.int8(0), state.contact))
     events = _Events(is_event[:num], is_event[num:])
@@ -220,7 +220,7 @@ def _settled(machine: Machine, state: State, at_rest: AtRest) -> State:
     )
     gap = jnp.where(held & ~friction, 0, state.gap)
     names = lambda s: (s.x, s.v, s.gap, s.held, s.contact)  # noqa: E731
-    # On a belt a gap goes on to change.
+    # On a belt a gap still changes.
     speed = jnp.abs(contacts.speeds(v, machine.phase_rate(state.phase)))
     is_still = speed <= 64 * float(jnp.finfo(v.dtype).eps) * contacts.size(jnp.abs(v))
     is_frozen = found.depends & ~state.held & (is_still | friction)

@@ -1,4 +1,4 @@
-"""What the primitives of `differentiable.py` compute: values, tangents and their transpose, for any batch."""
+"""Values, tangents and their transpose for the primitives of `differentiable.py`, for any batch."""
 
 from collections.abc import Callable
 from functools import lru_cache, partial

@@ -51,7 +51,7 @@ class Layout:
 
     def __init__(self, structure: Any, leaves: tuple[Any, ...], dtypes: tuple[np.dtype, np.dtype]):
         self.structure, self.leaves, self.dtypes = structure, leaves, dtypes
-        # Every call of a program asks for it.
+        # Every call of a program needs it.
         self._hash = hash((structure, leaves, dtypes))
 
     def __hash__(self) -> int:

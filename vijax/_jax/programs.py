@@ -146,7 +146,7 @@ class Programs:
             parts = [[jax.ShapeDtypeStruct(*kind) for kind in part] for part in (key.kept, key.donated)]
             lowered, hits = self._plain.lower(key.static, *parts), _hits.count
             found = StoredProgram(lowered.compile(), self._results[key.static])
-            # What JAX itself has loaded from disk cannot be written again.
+            # A program that JAX itself loaded from disk cannot be written again.
             if name is not None and _hits.count == hits:
                 store.save(name, *found)
         else:

@@ -1,4 +1,4 @@
-"""What is known of a result before any number is: exact rules, and zeros that are known.
+"""Results known before any number is: exact rules and known zeros.
 
 0 * x is 0 and x + 0 is x whatever x is, NaN, infinity and the sign of zero included: the zeros are those of literals
 and derivatives. A division stays one, unless by a power of two.

@@ -1,4 +1,4 @@
-"""Coordinates that move with the stops, in which every stop stands still.
+"""Coordinates that move with the stops, in which every stop is at rest.
 
 A mass whose stops move by w(t) has the coordinate z = x - w, with M z'' + C z' + K z = f - M w'' - C w' - K w. This
 is a machine with another periodic load and fixed stops: impacts, chatter, sticking and their derivatives are

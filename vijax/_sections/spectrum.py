@@ -60,7 +60,7 @@ def power_spectrum(
     num = whole if last is None else whole_number("last", last, 1)
     if not 1 <= num <= whole:
         raise ValueError(
-            f"Of the {whole} whole forcing periods of the motion {num} are asked for: simulate a longer one."
+            f"Of the {whole} whole forcing periods of the motion {num} are requested: simulate a longer motion."
         )
     if window not in _WINDOWS:
         raise ValueError(f"Argument `window` must be {' or '.join(map(repr, _WINDOWS))}, but is {window!r}.")

@@ -59,8 +59,9 @@ def dataset(
         attributes: attributes of the dataset, see `origin`.
         quantities: names of quantities to add, see `quantity_tables`.
     """
-    # Text of variable length: Zarr has no standard form of NumPy's text of fixed length.
-    names = np.array(["up", "down"], np.dtypes.StringDType())
+    # Text of variable length: Zarr has no standard form of NumPy's text of fixed length, and xarray before 2026.9 does not
+    # write NumPy's own type of variable length.
+    names = np.array(["up", "down"], object)
     directions = {"direction": names} if len(shape) > len(axes) else {}
     dims = (*directions, *axes)
     sections = _section_table(counts, found, points.system.num_stops)

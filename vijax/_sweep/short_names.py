@@ -1,6 +1,6 @@
 """Short names of swept quantities: `A` for "forcing.amplitude[0]", the path in an attribute of the coordinate.
 
-All computations refer to quantities by their paths. Names are taken off where values are given, and given to the
+All computations refer to quantities by their paths. Names are removed where values are given, and added to the
 dimensions of the dataset at the end; what reads a dataset takes the paths back.
 """
 
@@ -59,7 +59,7 @@ def without_names(
 
 
 def with_names(ds: xr.Dataset, names: Mapping[str, str]) -> xr.Dataset:
-    """The dataset with short names for some of its paths, which their coordinates tell."""
+    """The dataset with short names for some of its paths, from the attributes of their coordinates."""
     pairs = [(path, name) for path, name in names.items() if path in ds.coords]
     found = ds.rename({path + end: name + end for path, name in pairs for end in _ends(ds, path)})
     for path, name in pairs:
@@ -99,7 +99,7 @@ def _pair(name: str, given: tuple[Any, ...]) -> tuple[str, Any]:
 
 
 def _check_name(name: str, whole: eqx.Module, free: Collection[str]) -> None:
-    """Refuse a short name that is none, or that stands for something else."""
+    """Refuse an invalid short name, or one with another meaning."""
     if not name.isidentifier() or keyword.iskeyword(name):
         trouble = "is no identifier: use letters, digits and underscores, as `A` or `gap_1`"
     elif is_parameter(whole, name) or name in _PARTS:

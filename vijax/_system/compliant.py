@@ -27,7 +27,7 @@ class AbstractCompliantLimit(AbstractLimit):
 
     @property
     def motion(self) -> None:
-        """None: it stands still."""
+        """None: the limit does not move."""
         return None
 
     def __check_init__(self):
@@ -129,7 +129,7 @@ class CompliantContact(AbstractCompliantLimit):
 
     Args:
         row: the coefficient of each mass that it concerns, `{mass: coefficient}`, counted from 0.
-        position: where it stands along the row.
+        position: its position along the row.
         stiffness: k, force per length, not negative.
         damping: c, force per velocity, not negative.
         preload: force at d = 0, not negative.

@@ -177,10 +177,10 @@ class Contact(AbstractRigidLimit):
 
     Args:
         row: the coefficient of each mass that it concerns, `{mass: coefficient}`, counted from 0.
-        position: where it stands along the row; the middle of its motion, if it moves.
+        position: its position along the row; the middle of its motion, if it moves.
         restitution: coefficient of restitution, from 0 (plastic) to 1 (elastic), or a `vx.AbstractRestitution`.
         motion: how the contact moves along its row, a length: one column, of the frequency of the load, as for
-            `vx.Stop`. It stands still, if left out.
+            `vx.Stop`. It does not move if left out.
 
     Raises:
         ValueError: for a row without entries or of zeros, a negative mass, a restitution outside [0, 1], or a

@@ -65,7 +65,7 @@ def load(file: str | os.PathLike[str], *, allow_forces: Allowed = False) -> Impa
     Importing a `force` runs its module. So a file may name only forces of `vijax.models`, forces that this process
     itself has saved or swept, or was allowed to import before, and forces that `allow_forces` allows. A force is made
     of functions and classes of `eqx.Module`, and nothing else is called. If the file holds `args` too, the machine
-    has them, and `simulate`, `sweep` and all others use them unless they are given others.
+    has them, and `simulate`, `sweep` and all others use them unless you pass others.
 
     Args:
         file: the file, TOML or JSON by its suffix.

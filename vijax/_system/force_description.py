@@ -86,7 +86,7 @@ def _refuse_without_force(args: Any, force: Callable | None) -> None:
         raise ValueError("`args` are passed to `force`, but there is no `force`.")
     if force is not None and not isinstance(force, NamedForce):
         raise ValueError(
-            "Argument `force` stands in for the force of a machine, but this one has none: leave it out."
+            "Argument `force` replaces the force of a machine, but this machine has none: leave it out."
         )
 
 

@@ -132,7 +132,7 @@ def _stands_at(path: str, module_named: Callable[[str], Any]) -> Any:
         for k, part in enumerate(name.split(".")):
             names = vars(found) if k == 0 or isinstance(found, type) else {}
             if part not in names:
-                raise AttributeError(f"there is no {part}, or it stands neither in a module nor in a class")
+                raise AttributeError(f"there is no {part} in a module or a class")
             found = names[part]
     except Exception as error:  # an imported module may raise anything
         raise ValueError(

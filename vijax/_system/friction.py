@@ -22,7 +22,7 @@ class Friction(eqx.Module):
 
     The log numbers friction elements after the stops: element k is `len(stops) + k`. It has a `vx.STICK` where an
     element comes to rest and stays, a `vx.SLIP` where it starts to slip, and a `vx.TURN` where w passes zero and slip
-    goes on the other way.
+    continues in the other direction.
 
     Args:
         row: the coefficient of each mass that it concerns, `{mass: coefficient}`, counted from 0; or the number of a

@@ -39,7 +39,7 @@ class Stop(AbstractRigidLimit):
             faster, and `simulate` ends with `max_steps_reached`.
         motion: how the stop moves, a length: one column, amplitude (1,) or (harmonics, 1), of the frequency
             of the load. The machine has one frequency, `forcing.frequency`, and keeps no other. The stop
-            stands still, if left out.
+            does not move if left out.
 
     Raises:
         ValueError: for an unknown side, a negative index, a restitution outside [0, 1], or a motion

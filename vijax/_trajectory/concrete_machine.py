@@ -98,7 +98,7 @@ _seen: dict[int, _Seen] = {}
 
 
 def remembered(system: ImpactSystem, args: object) -> ConcreteMachine | None:
-    """Concrete numbers of a machine object that `known_machine` was asked for; None if they are not cached.
+    """Cached concrete numbers of a machine object, by `known_machine`; None if there are none.
 
     To compare the leaves of a machine takes longer than to follow it. Objects are enough where none can be changed: all
     arrays are of JAX, and a `force`, whose own fields may be lists, is none.

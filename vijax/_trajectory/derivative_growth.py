@@ -71,8 +71,8 @@ def _told(largest: ArrayLike) -> bool:
 @cache
 def _warn() -> None:
     warnings.warn(
-        f"Derivatives through a trajectory have grown to {_MOST:.0e} and more: over so long a span the motion is chaotic, or very "
-        "unstable, and what happens there depends on no number in a way that could be used. Differentiate over shorter "
+        f"Derivatives through a trajectory have grown to {_MOST:.0e} and more: over this span the motion is chaotic or very "
+        "unstable, and its derivatives are useless. Differentiate over shorter "
         "spans, join several by multiple shooting, or take the derivatives of a periodic orbit by `vx.periodic_orbit`.",
         stacklevel=2,
     )

@@ -1,6 +1,6 @@
-"""One call of the program for all machines of a size, which goes on from the call before.
+"""One call of the program for all machines of a size, which continues the call before.
 
-What goes in and out is packed into few arrays: the machine, once for all calls, the request, and the progress.
+Arguments and results are packed into few arrays: the machine, once for all calls, the request, and the progress.
 """
 
 from collections.abc import Callable

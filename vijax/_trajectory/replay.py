@@ -77,7 +77,7 @@ class _Recorder(AbstractTask):
     task: LoopTask
 
     def is_live(self, carry: _Recording) -> Bool[Array, "..."]:
-        """True where the motion goes on and there is room."""
+        """True where the motion continues and there is room."""
         return self.task.goes_on(carry) & (carry.rows < _ROOM)
 
     def step(self, carry: _Recording) -> _Recording:
