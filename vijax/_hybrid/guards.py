@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Int
 
 from .._machine.machine import Machine
 from .._machine.state import State
+from .._machine.switching import COMPLIANT, FRICTION, RIGID
 from .compliant_limits import DEPTH, LAG, LOAD, SPRING
 from .friction_limits import GRIP_AHEAD, GRIP_BEHIND, SLIDING
 from .limits import FORCE, GAP, Limit, limits_of
@@ -26,7 +27,12 @@ _NONE = Limit(
     leading_zeros=None,
     near=GAP.near,
 )
-_FIRST, _SECOND = (GAP, FORCE, DEPTH, SLIDING, GRIP_AHEAD), (_NONE, SPRING, LAG, LOAD, GRIP_BEHIND)
+# Guards of the elements of each kind, in the two groups; elements of a kind share the first of theirs with those of others.
+_GUARDS = {
+    RIGID: ((GAP, FORCE), (_NONE,)),
+    COMPLIANT: ((GAP, FORCE, DEPTH), (_NONE, SPRING, LAG, LOAD)),
+    FRICTION: ((SLIDING, GRIP_AHEAD), (_NONE, GRIP_BEHIND)),
+}
 
 
 def _one_and_no_more(state: State) -> list[Array]:
@@ -36,7 +42,16 @@ def _one_and_no_more(state: State) -> list[Array]:
 
 def guards_of(machine: Machine) -> tuple[tuple[Limit, ...], ...]:
     """Limits of a machine in groups; an element has one active limit in each, the first of a group if no other is."""
-    return (_FIRST, _SECOND) if machine.contacts.is_switching else (limits_of(machine),)
+    if not machine.contacts.is_switching:
+        return (limits_of(machine),)
+    kinds = sorted(set(machine.contacts.laws.kinds))
+    first, second = ([limit for kind in kinds for limit in _GUARDS[kind][group]] for group in (0, 1))
+    return tuple(_once(first)), tuple(_once(second))
+
+
+def _once(limits: list[Limit]) -> list[Limit]:
+    """The limits without repetition; they have no hash."""
+    return [limit for k, limit in enumerate(limits) if not any(limit is other for other in limits[:k])]
 
 
 def select_active(machine: Machine, state: State, of: Callable[[Limit], Any]) -> Any:
