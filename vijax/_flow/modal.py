@@ -83,12 +83,16 @@ class Rests(eqx.Module):
         x_load: part of the steady response, (n,).
         force: (n, modes).
         force_load: (n,).
+        fifth: likewise for |v^(4)| / 24, (n, modes); None where forces do not switch.
+        fifth_load: (n,).
     """
 
     x: Float[Array, "..."]
     x_load: Float[Array, "..."]
     force: Float[Array, "..."]
     force_load: Float[Array, "..."]
+    fifth: Float[Array, "..."] | None = None
+    fifth_load: Float[Array, "..."] | None = None
 
 
 class ModalFlow(ExpandingFlow):
@@ -158,7 +162,12 @@ def _rests(machine: Machine, modes: Modes, response: SteadyResponse) -> Rests:
     force_load = machine.frequency**3 * machine.waves.bound(3)
     force_load = force_load + matvec(damping, x4_load) + matvec(stiffness, x3_load)
     force = jnp.stack(columns, axis=1)
-    return Rests(x4 * (1 / 24), x4_load * (1 / 24), force * (1 / 6), force_load * (1 / 6))
+    rests = x4 * (1 / 24), x4_load * (1 / 24), force * (1 / 6), force_load * (1 / 6)
+    if not machine.contacts.is_switching:
+        return Rests(*rests)
+    x5 = shape * (2 * a * fourth + w2 * third)[None]
+    x5_load = machine.frequency**5 * response.waves.bound(5)
+    return Rests(*rests, x5 * (1 / 24), x5_load * (1 / 24))
 
 
 class PreparedModalFlow(ExpandingFlow):
@@ -263,9 +272,18 @@ class ModalExpansion(Expansion):
     def rest(self, machine: Machine, limit: Scalar) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Bound |x''''| / 24 and |force'''| / 6 for all later times."""
         del machine, limit
-        root = jnp.sqrt(self.q_rate**2 + self.modes.squared_frequency * self.q**2)
-        rests = self.rests
+        root, rests = self._roots_of_energies(), self.rests
         return matvec(rests.x, root) + rests.x_load, matvec(rests.force, root) + rests.force_load
+
+    def velocity_rest(self, machine: Machine, limit: Scalar) -> Float[Array, "n ..."]:
+        """Bound |v^(4)| / 24 for all later times."""
+        del machine, limit
+        assert self.rests.fifth is not None
+        assert self.rests.fifth_load is not None
+        return matvec(self.rests.fifth, self._roots_of_energies()) + self.rests.fifth_load
+
+    def _roots_of_energies(self) -> Float[Array, "modes ..."]:
+        return jnp.sqrt(self.q_rate**2 + self.modes.squared_frequency * self.q**2)
 
     def move(
         self, machine: Machine, state: State, step: Scalar

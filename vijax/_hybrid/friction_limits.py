@@ -13,7 +13,7 @@ from typing import Any
 from jaxtyping import Array, Bool
 
 from .._machine.contacts import Held
-from .._machine.derivatives import Rates, approaches
+from .._machine.derivatives import Derivatives, Rates, approach_snap, approaches
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._machine.switching import FRICTION
@@ -30,10 +30,15 @@ def sliding_velocity(machine: Machine, state: State) -> Array:
     return machine.contacts.speeds(state.v, machine.phase_rate(state.phase))
 
 
-def _slip_derivatives(machine: Machine, state: State, hold: Held, now: Rates) -> list[Array]:
+def _slip_rates(machine: Machine, state: State, hold: Held, now: Rates) -> list[Array]:
     del hold
     _, *later = approaches(machine, state, now)
     return [state.mode.direction * a for a in (sliding_velocity(machine, state), *later)]
+
+
+def _slip_derivatives(machine: Machine, state: State, hold: Held, now: Derivatives) -> list[Array]:
+    last = state.mode.direction * approach_snap(machine, state, hold, now)
+    return [*_slip_rates(machine, state, hold, now), last]
 
 
 def _slip_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> list[Any]:
@@ -47,9 +52,9 @@ SLIDING = Limit(
     event=STICK,
     is_active=lambda machine, state: state.mode.direction != 0,
     value=lambda machine, state, hold: state.mode.direction * sliding_velocity(machine, state),
-    slope=lambda machine, state, hold, now: _slip_derivatives(machine, state, hold, now)[1],
+    slope=lambda machine, state, hold, now: _slip_rates(machine, state, hold, now)[1],
     derivatives=_slip_derivatives,
-    rest=lambda machine, rests, hold: 4 * machine.contacts.rest(rests[0]),
+    rest=lambda machine, rests, hold: machine.contacts.size(rests[3]),
     series=_slip_series,
     leading_zeros=lambda state: state.contact,
     near=GAP.near,
