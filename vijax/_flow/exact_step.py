@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._hybrid.guards import is_idle, leading_zeros, select_active
+from .._hybrid.guards import events_of_steps, guards_of_steps, is_idle, leading_zeros, select_active
 from .._hybrid.limits import GAP, Limit
 from .._jax.arrays import Scalar, rounding_step, smallest
 from .._jax.xla import compute_once, is_any
@@ -125,7 +125,7 @@ class ExpandingFlow(AbstractFlow):
         # Not before the start of the step: events of one instant come in causal order.
         delay = jnp.where(delay < jnp.inf, jnp.maximum(delay, -step), 0)
         landed = compute_once(_land, machine, moved, series, delay)
-        return Flight(landed, step + delay, is_event, is_last)
+        return Flight(landed, step + delay, events_of_steps(machine, landed, is_event), is_last)
 
     def propagate(
         self, machine: Machine, state: State, hold: Held, step: Scalar
@@ -261,27 +261,26 @@ def _delays(
         guard = limit.series(machine, state, hold, series)
         return [*guard, *[0.0] * (num_terms - len(guard))]
 
-    h = select_active(machine, state, padded)
+    h = select_active(machine, state, padded, guards_of_steps)
     value, slope, curve, bend = h[:4]
     square = slope * slope - 4 * curve * value
     is_simple = (slope < 0) & (4 * square > slope * slope)
     root = jnp.sqrt(jnp.where(is_simple, square, 1))
     delay = 2 * value / (root - jnp.where(is_simple, slope, 0))
-    is_simple = is_simple & (jnp.abs(bend) * delay * delay <= 1e-3 * root)
+    is_switching = machine.contacts.is_switching
+    # From farther away the parabola must be better.
+    is_simple = is_simple & (jnp.abs(bend) * delay * delay <= (1e-4 if is_switching else 1e-3) * root)
     # Two steps of Newton's method with one division: the parabola has the slope -root at its zero, and the reciprocal
     # of the slope after the first step follows from that of the root.
     inverse = 1 / root
     delay = delay + horner(h, delay) * inverse
-    better = inverse * (2 + horner(derivative(h), delay) * inverse)
-    delay = delay + horner(h, delay) * better
-    if machine.contacts.is_switching:
-        delay = delay + horner(h, delay) * better  # it may come from farther away
-        near = select_active(machine, state, lambda limit: near_of(limit, state))
-    else:
-        near = select_active(machine, state, lambda limit: limit.near[str(state.x.dtype)])
+    delay = delay + horner(h, delay) * inverse * (2 + horner(derivative(h), delay) * inverse)
+    near_of_limit = near_of if is_switching else lambda limit, dtype: limit.near[dtype]
+    dtype = str(state.x.dtype)
+    near = select_active(machine, state, lambda limit: near_of_limit(limit, dtype), guards_of_steps)
     near = near * machine.timescale
     is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
-    is_near = is_near & ~is_idle(state) if machine.contacts.is_coupled else is_near
+    is_near = is_near & ~is_idle(state, machine) if machine.contacts.is_coupled else is_near
     return jnp.where(is_near, delay, jnp.where(is_root, 0, jnp.inf))
 
 

@@ -17,9 +17,10 @@ right to the estimated zero u of h where it is certain that
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
-from .._hybrid.guards import is_idle, leading_zeros, select_active
+from .._hybrid.friction_limits import is_sticking
+from .._hybrid.guards import guards_of_steps, has_one_guard, is_idle, leading_zeros, select_active
 from .._hybrid.limits import Limit
 from .._jax.arrays import Flag, Scalar, rounding_step, smallest
 from .._jax.xla import compute_once
@@ -47,11 +48,15 @@ def switching_step(
 ) -> tuple[Scalar, Flag]:
     """Longest step known to have no event but close to its end, and flags of the guards on whose event it ends."""
     ahead = compute_once(_ahead, machine, state, motion, limit, hold)
-    order, idle = leading_zeros(state), is_idle(state)
+    order, idle = leading_zeros(state, machine), is_idle(state, machine)
     nearly = rounding_step(state.x.dtype) * machine.timescale
     most = 2 if set(machine.contacts.laws.kinds) == {FRICTION} else 3
+    if has_one_guard(machine):
+        limit = jnp.minimum(limit, smallest(_before_other_end(machine, state, ahead, limit, nearly)))
     steps, is_root = compute_once(_safe_steps, ahead, order, limit, nearly, most)
-    near = select_active(machine, state, lambda guard: near_of(guard, state)) * machine.timescale
+    dtype = str(state.x.dtype)
+    near = select_active(machine, state, lambda guard: near_of(guard, dtype), guards_of_steps)
+    near = near * machine.timescale
     zero, is_certain = compute_once(_certain_zero, ahead, steps, near)
     is_certain = is_certain & (order == 0) & ~idle & (zero > steps)
     steps = jnp.where(is_certain, jnp.minimum(zero, limit), jnp.where(idle, limit, steps))
@@ -62,14 +67,14 @@ def switching_step(
 
 
 # Taylor terms by which an event is reached, and the time to it, in time scales of the motion, below which they leave less
-# than rounding: 0.03^8 / 8! for velocities and depths; forces have one term fewer.
-TERMS = 8
-_NEAR = {"float64": (3e-2, 1e-2), "float32": (1e-1, 5e-2)}
+# than rounding: 0.01^7 / 7! for velocities and depths; forces have one term fewer.
+TERMS = 7
+_NEAR = {"float64": (1e-2, 4e-3), "float32": (5e-2, 3e-2)}
 
 
-def near_of(guard: Limit, state: State) -> float:
+def near_of(guard: Limit, dtype: str) -> float:
     """Time to the event below which the series locates it to rounding, in time scales of the motion."""
-    of_motion, of_force = _NEAR[str(state.x.dtype)]
+    of_motion, of_force = _NEAR[dtype]
     return of_force if guard.leading_zeros is None else of_motion
 
 
@@ -84,9 +89,20 @@ def _ahead(machine: Machine, state: State, motion: Expansion, limit: Scalar, hol
         bend, q3, q4 = (bend[0] * (1 / 6), nothing, rest) if bend else (nothing, rest, nothing)
         return Ahead(value, slope, curvature * 0.5, bend, q3, q4)
 
-    ahead = select_active(machine, state, of)
+    ahead = select_active(machine, state, of, guards_of_steps)
     like = ahead.h0 + 0 * limit
     return jax.tree.map(lambda a: jnp.broadcast_to(a, like.shape), ahead)
+
+
+def _before_other_end(
+    machine: Machine, state: State, ahead: Ahead, limit: Scalar, nearly: Scalar
+) -> Float[Array, "contacts ..."]:
+    """Steps in which friction that sticks does not reach the other end of its grip, from which its force moves away."""
+    value = jnp.maximum(2 * machine.contacts.laws.grip - ahead.h0, 0)
+    fall, slope = ahead.q3 * limit + ahead.h2, -ahead.h1
+    square = slope * slope + 4 * jnp.maximum(fall, 0) * value
+    step = (slope + jnp.sqrt(square)) / jnp.maximum(2 * fall, jnp.finfo(value.dtype).tiny)
+    return jnp.where(is_sticking(machine, state) & (fall > 0), jnp.maximum(step, nearly), limit)
 
 
 def _safe_steps(
@@ -114,9 +130,8 @@ def _certain_zero(ahead: Ahead, safe: Scalar, near: Scalar) -> tuple[Scalar, Fla
     square = h1 * h1 - 4 * h2 * h0
     root = jnp.sqrt(jnp.maximum(square, 0))
     u = 2 * h0 / jnp.maximum(root - h1, tiny)
-    for _ in range(2):
-        slope = h1 + u * (2 * h2 + u * (3 * h3))
-        u = u - (h0 + u * (h1 + u * (h2 + u * h3))) / jnp.minimum(slope, -tiny)
+    slope = h1 + u * (2 * h2 + u * (3 * h3))
+    u = u - (h0 + u * (h1 + u * (h2 + u * h3))) / jnp.minimum(slope, -tiny)
     value = jnp.abs(h0 + u * (h1 + u * (h2 + u * h3)))
     end = u + near
     rate = lambda u: h1 + u * (2 * h2 + u * (3 * h3))  # noqa: E731
@@ -127,4 +142,5 @@ def _certain_zero(ahead: Ahead, safe: Scalar, near: Scalar) -> tuple[Scalar, Fla
     off = value + end * end * end * (ahead.q3 + ahead.q4 * end)
     curvature = jnp.abs(h2) + 3 * end * (jnp.abs(h3) + ahead.q3 + 2 * ahead.q4 * end)
     is_certain = (u > 0) & (least > 0) & (4 * off < least * near) & (8 * curvature * near < least)
-    return u, is_certain
+    bend = jnp.abs(h3) + ahead.q3 + 4 * ahead.q4 * end
+    return u, is_certain & (1e4 * bend * near * near < 4 * least)

@@ -10,6 +10,7 @@ The Taylor coefficients of the sliding velocity are those of the velocities, so 
 
 from typing import Any
 
+import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from .._machine.contacts import Held
@@ -17,7 +18,7 @@ from .._machine.derivatives import Derivatives, Rates, approach_snap, approaches
 from .._machine.machine import Machine
 from .._machine.state import State
 from .._machine.switching import FRICTION
-from .limits import GAP, SLIP, STICK, Limit, force_below
+from .limits import FORCE, GAP, SLIP, STICK, Limit, force_below
 
 
 def is_sticking(machine: Machine, state: State) -> Bool[Array, "contacts ..."]:
@@ -59,6 +60,30 @@ SLIDING = Limit(
     leading_zeros=lambda state: state.contact,
     near=GAP.near,
 )
+
+
+def _grip(machine: Machine, forces: list[Any], side: Array) -> list[Array]:
+    return [machine.contacts.laws.grip - side * forces[0], *(-side * a for a in forces[1:])]
+
+
+def _grip_derivatives(machine: Machine, state: State, hold: Held, now: Derivatives) -> list[Array]:
+    forces = FORCE.derivatives(machine, state, hold, now)
+    return _grip(machine, forces, jnp.where(forces[1] < 0, -1, 1))
+
+
+def _grip_series(machine: Machine, state: State, hold: Held, series: tuple[Array, ...]) -> list[Any]:
+    forces = FORCE.series(machine, state, hold, series)
+    return _grip(machine, forces, jnp.where(forces[0] < 0, -1, 1))
+
+
 GRIP_AHEAD, GRIP_BEHIND = (
     force_below(SLIP, is_sticking, lambda machine: machine.contacts.laws.grip, sign) for sign in (1, -1)
+)
+# Both in one, for exact steps: Fs - |T|, and ahead of a step the end towards which T moves, see `switching_step.py`.
+GRIP = GRIP_AHEAD._replace(
+    value=lambda machine, state, hold: (
+        machine.contacts.laws.grip - jnp.abs(FORCE.value(machine, state, hold))
+    ),
+    derivatives=_grip_derivatives,
+    series=_grip_series,
 )

@@ -12,7 +12,7 @@ from .._machine.machine import Machine
 from .._machine.state import State
 from .._machine.switching import COMPLIANT, FRICTION, RIGID
 from .compliant_limits import DEPTH, LAG, LOAD, SPRING
-from .friction_limits import GRIP_AHEAD, GRIP_BEHIND, SLIDING
+from .friction_limits import GRIP, GRIP_AHEAD, GRIP_BEHIND, SLIDING, is_sticking
 from .limits import FORCE, GAP, Limit, limits_of
 
 # Second guard of an element whose mode ends in one way only.
@@ -54,10 +54,37 @@ def _once(limits: list[Limit]) -> list[Limit]:
     return [limit for k, limit in enumerate(limits) if not any(limit is other for other in limits[:k])]
 
 
-def select_active(machine: Machine, state: State, of: Callable[[Limit], Any]) -> Any:
+def has_one_guard(machine: Machine) -> bool:
+    """True for machines whose elements all have one guard in exact steps: both ends of a grip are one there."""
+    contacts = machine.contacts
+    return not contacts.is_switching or COMPLIANT not in contacts.laws.kinds
+
+
+def guards_of_steps(machine: Machine) -> tuple[tuple[Limit, ...], ...]:
+    """Limits in groups as `guards_of`, in one group where `has_one_guard`."""
+    if not machine.contacts.is_switching or not has_one_guard(machine):
+        return guards_of(machine)
+    rigid = (GAP, FORCE) if RIGID in machine.contacts.laws.kinds else ()
+    return ((*rigid, SLIDING, GRIP),)
+
+
+def events_of_steps(
+    machine: Machine, state: State, is_event: Bool[Array, "guards ..."]
+) -> Bool[Array, "guards ..."]:
+    """Flags over all guards, from those over guards of steps, at the state at the end of the step."""
+    if not machine.contacts.is_switching or not has_one_guard(machine):
+        return is_event
+    hold = machine.hold(state.held)
+    is_behind = is_sticking(machine, state) & (FORCE.value(machine, state, hold) < 0)
+    return jnp.concatenate([is_event & ~is_behind, is_event & is_behind])
+
+
+def select_active(
+    machine: Machine, state: State, of: Callable[[Limit], Any], groups_of: Callable = guards_of
+) -> Any:
     """Tree of quantities, for each guard that of its active limit."""
     groups = []
-    for first, *others in guards_of(machine):
+    for first, *others in groups_of(machine):
 
         def chosen(found: Any, limit: Limit) -> Any:
             is_active = limit.is_active(machine, state)
@@ -67,12 +94,16 @@ def select_active(machine: Machine, state: State, of: Callable[[Limit], Any]) ->
     return groups[0] if len(groups) == 1 else jax.tree.map(lambda *a: jnp.concatenate(a), *groups)
 
 
-def leading_zeros(state: State) -> Int[Array, "guards ..."]:
-    """Number of leading coefficients that vanish exactly, of every guard."""
-    return state.contact if state.mode is None else jnp.concatenate([state.contact, state.mode.begins])
+def leading_zeros(state: State, machine: Machine | None = None) -> Int[Array, "guards ..."]:
+    """Number of leading coefficients that vanish exactly, of every guard; of steps if the machine is given."""
+    if state.mode is None or (machine is not None and has_one_guard(machine)):
+        return state.contact
+    return jnp.concatenate([state.contact, state.mode.begins])
 
 
-def is_idle(state: State) -> Bool[Array, "guards ..."]:
-    """Flags of guards of elements whose gap, or sliding velocity, is constant: they have no event."""
+def is_idle(state: State, machine: Machine | None = None) -> Bool[Array, "guards ..."]:
+    """Flags of guards of elements whose gap, or sliding velocity, is constant: they have no event; as `leading_zeros`."""
     idle = state.is_frozen
-    return idle if state.mode is None else jnp.concatenate([idle, idle])
+    if state.mode is None or (machine is not None and has_one_guard(machine)):
+        return idle
+    return jnp.concatenate([idle, idle])
