@@ -3,7 +3,7 @@
 //     m x'' + c x' + k x = A cos(W t) - F sgn(x')
 //
 //     friction_reference sweep m c k A F Fs W0 W1 points transient record
-//     friction_reference trajectory m c k A F Fs W t1 repeats
+//     friction_reference trajectory m c k A F Fs W t1 x0 v0 repeats
 //
 // `sweep` starts every frequency from rest and prints the turns, sticks and slips of the recorded periods, all counted
 // together, and the sums of |x| and |v| at the ends. `ends` in its place prints for each frequency its three counts and its
@@ -211,11 +211,11 @@ struct Run {
     Machine machine;
     State state;
     Log log;
-    Run(char** a, double W)
+    Run(char** a, double W, double x = 0, double v = 0)
         : machine(atof(a[0]), atof(a[1]), atof(a[2]), atof(a[3]), atof(a[4]), atof(a[5]), W), state{}, log{} {
-        double pull = machine.load;
-        state.direction = pull > machine.grip ? 1 : 0;
-        state.begins = BY_ACCELERATION;
+        double pull = machine.load - machine.w2 * x;
+        int torn = pull > machine.grip ? 1 : pull < -machine.grip ? -1 : 0;
+        state = {x, v, v > 0 ? 1 : v < 0 ? -1 : torn, v == 0 ? BY_ACCELERATION : MOVING};
     }
     void one_period(double longest) { advance(machine, state, min(machine.period, longest), log); }
 };
@@ -241,9 +241,9 @@ static void sweep(char** a, bool ends) {
 
 static void trajectory(char** a) {
     double t1 = atof(a[7]);
-    for (int repeat = 0; repeat < atoi(a[8]); repeat++) {
+    for (int repeat = 0; repeat < atoi(a[10]); repeat++) {
         auto start = std::chrono::steady_clock::now();
-        Run run(a, atof(a[6]));
+        Run run(a, atof(a[6]), atof(a[8]), atof(a[9]));
         run.log.is_on = run.log.is_full = true;
         for (int q = 0; q * run.machine.period < t1; q++) {
             run.log.start = q * run.machine.period;
@@ -261,7 +261,7 @@ static void trajectory(char** a) {
 int main(int argc, char** argv) {
     std::string what = argc > 1 ? argv[1] : "";
     if ((what == "sweep" || what == "ends") && argc == 13) return sweep(argv + 2, what == "ends"), 0;
-    if (what == "trajectory" && argc == 11) return trajectory(argv + 2), 0;
+    if (what == "trajectory" && argc == 13) return trajectory(argv + 2), 0;
     fprintf(stderr, "See the head of friction_reference.cpp for the arguments.\n");
     return 2;
 }

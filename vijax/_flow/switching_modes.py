@@ -4,7 +4,7 @@ Slip is a constant load and leaves the modes. Friction that sticks, a rigid cont
 preloaded compliant contact hold a mass. A closed compliant contact on a mass that moves adds its spring and damper.
 
 `switching_modal_flow` returns None where this does not apply: traced numbers of matrices and springs; rows that name several
-masses; belts and contacts that move; more than 8 sets; or where the modes of a set lose digits, see `modes.py`. `TaylorFlow`
+masses; belts and contacts that move; more than 8 sets or 2 elements; or where the modes of a set lose digits, see `modes.py`. `TaylorFlow`
 serves these machines.
 """
 
@@ -32,7 +32,7 @@ def switching_modal_flow(
         has_lanes = matrices[0].ndim == 2
         mass, damping, stiffness = (np.moveaxis(a, -1, 0) if has_lanes else a[None] for a in matrices)
         sets = _sets(elements)
-        if len(sets) > MAX_SETS:
+        if len(sets) > MAX_SETS or len(elements) > _MAX_ELEMENTS:
             return None
         tables, speeds = [], speeds_of(system, band)
         for held, closed in sets:
@@ -49,6 +49,9 @@ def switching_modal_flow(
             tables.append(table)
         return _flow(sets, tables, mass.shape[1], len(elements), mass.dtype, has_lanes=has_lanes)
 
+
+# With more elements the loop over lanes takes minutes to compile, which modes do not win back.
+_MAX_ELEMENTS = 2
 
 # Mass of an element, its stiffness and damping over lanes, and whether it may hold the mass.
 _Element = tuple[int, np.ndarray, np.ndarray, bool]

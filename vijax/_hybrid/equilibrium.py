@@ -110,9 +110,7 @@ class _Choice(NamedTuple):
     idle: Bool[Array, "contacts ..."]
 
 
-def _single_choice(
-    machine: Machine, state: State, force: Float[Array, "n ..."], at_rest: AtRest
-) -> _Choice:
+def _single_choice(machine: Machine, state: State, force: Float[Array, "n ..."], at_rest: AtRest) -> _Choice:
     """Choice of the only element: what exceeds its limits lets go, and then moves as it is pushed."""
     none = jnp.zeros_like(at_rest.push)
     found = _beyond(machine, state, force, at_rest.elements, none)

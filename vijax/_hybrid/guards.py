@@ -69,7 +69,7 @@ def guards_of_steps(machine: Machine) -> tuple[tuple[Limit, ...], ...]:
 
 
 def events_of_steps(
-    machine: Machine, state: State, is_event: Bool[Array, "guards ..."]
+    machine: Machine, state: State, is_event: Bool[Array, "guards_of_steps ..."]
 ) -> Bool[Array, "guards ..."]:
     """Flags over all guards, from those over guards of steps, at the state at the end of the step."""
     if not machine.contacts.is_switching or not has_one_guard(machine):

@@ -165,7 +165,9 @@ def _look_at(sweep: _Sweep, axes: dict[str, np.ndarray]) -> tuple[bool, tuple[bo
     points = sweep.points(axes)
     can_stick = can_any_stick(points.system, points.x0, points.v0)
     fits = tuple(
-        not isinstance(choose_flow(points.system, can_stick=can, wanted=sweep.flow, for_many=True), TaylorFlow)
+        not isinstance(
+            choose_flow(points.system, can_stick=can, wanted=sweep.flow, for_many=True), TaylorFlow
+        )
         for can in (False, True)
     )
     return can_stick, fits
