@@ -7,7 +7,6 @@ period. Regularised friction is F tanh(x' / eps), as users write it: it never st
 import json
 import resource
 import subprocess
-import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
