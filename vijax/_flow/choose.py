@@ -6,6 +6,7 @@ from .._system.system import ImpactSystem
 from .exact_step import ExpandingFlow
 from .interface import AbstractFlow
 from .modes import modal_flow
+from .switching_modes import switching_modal_flow
 from .taylor import TaylorFlow
 
 
@@ -15,8 +16,12 @@ def choose_flow(
     can_stick: bool,
     wanted: AbstractFlow | None = None,
     band: tuple[float, float] | None = None,
+    for_many: bool = False,
 ) -> AbstractFlow:
-    """Return `wanted`, else modes, Taylor series, or diffrax for a machine with a force; `band` as in `modal_flow`."""
+    """Return `wanted`, else modes, Taylor series, or diffrax for a machine with a force; `band` as in `modal_flow`.
+
+    Modes of machines whose forces switch serve sweeps, `for_many` trajectories.
+    """
     if not isinstance(wanted, AbstractFlow | None):
         raise ValueError(
             f"Argument `flow` must be a motion, as `vx.DiffraxFlow(diffrax.Tsit5())` makes of a solver, but is {wanted!r}."
@@ -26,6 +31,8 @@ def choose_flow(
             f"Argument `flow` is {type(wanted).__name__}, but among exact flows `TaylorFlow` alone serves machines with friction "
             "or compliant stops: leave it out."
         )
+    if system.force is None and system.is_switching:
+        return wanted or (switching_modal_flow(system, band=band) if for_many else None) or TaylorFlow()
     if system.force is None:
         return wanted or modal_flow(system, can_stick=can_stick, band=band) or TaylorFlow()
     if isinstance(wanted, ExpandingFlow):

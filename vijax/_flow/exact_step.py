@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._hybrid.guards import is_idle, leading_zeros, select_active
+from .._hybrid.guards import events_of_steps, guards_of_steps, is_idle, leading_zeros, select_active
 from .._hybrid.limits import GAP, Limit
 from .._jax.arrays import Scalar, rounding_step, smallest
 from .._jax.xla import compute_once, is_any
@@ -27,6 +27,7 @@ from .._machine.state import State
 from .interface import AbstractFlow, Expansion, Flight
 from .safe_step import Bound, divided_bound, divided_bound_of_two, safe_step
 from .series import derivative, horner, sum_series, taylor_series
+from .switching_step import TERMS, near_of, switching_step
 
 # Taylor terms by which an event is reached that is `Limit.near`.
 _TERMS = 5
@@ -112,7 +113,8 @@ class ExpandingFlow(AbstractFlow):
         hold = machine.hold(state.held)
         ahead = remaining + resolution
         motion = compute_once(self.expand, machine, state, hold)
-        step, is_root = compute_once(_safe_step, machine, state, motion, hold, ahead)
+        find = switching_step if machine.contacts.is_switching else _safe_step
+        step, is_root = compute_once(find, machine, state, motion, hold, jnp.minimum(ahead, motion.limit))
         is_last = step >= remaining
         step = jnp.where(is_last, remaining, step)
         moved = compute_once(_move, machine, state, motion, hold, step)
@@ -123,7 +125,7 @@ class ExpandingFlow(AbstractFlow):
         # Not before the start of the step: events of one instant come in causal order.
         delay = jnp.where(delay < jnp.inf, jnp.maximum(delay, -step), 0)
         landed = compute_once(_land, machine, moved, series, delay)
-        return Flight(landed, step + delay, is_event, is_last)
+        return Flight(landed, step + delay, events_of_steps(machine, landed, is_event), is_last)
 
     def propagate(
         self, machine: Machine, state: State, hold: Held, step: Scalar
@@ -144,12 +146,9 @@ def _safe_step(
     machine: Machine, state: State, motion: Expansion, hold: Held, limit: Scalar
 ) -> tuple[Scalar, Bool[Array, "stops ..."]]:
     """Longest step proved free of events, and flags of the stops on whose event it ends."""
-    limit = jnp.minimum(limit, motion.limit)
     if not machine.contacts.num:
         return limit, state.no_events
-    if machine.contacts.is_switching:
-        bound = compute_once(_bound, machine, state, motion, limit, hold)
-    elif machine.can_stick:
+    if machine.can_stick:
         is_any_held = is_any(state.held)
         now = machine, state, motion, limit
         bound = jax.lax.cond(is_any_held, lambda: _bound(*now, hold), lambda: _bound_of_gap(*now))
@@ -175,8 +174,6 @@ def simultaneity_tolerance(machine: Machine) -> Scalar:
 def _bound(machine: Machine, state: State, motion: Expansion, limit: Scalar, hold: Held) -> Bound:
     """Bound the guard of every contact from below."""
     rests = compute_once(motion.rest, machine, limit)
-    if machine.contacts.is_switching:  # the third Taylor coefficient of the positions over the step
-        rests = *rests, jnp.abs(motion.now.jerk) / 6 + 4 * rests[0] * limit
     of = lambda guard: _bound_of(guard, rests, machine, state, motion, limit, hold)  # noqa: E731
     return select_active(machine, state, of)
 
@@ -233,7 +230,8 @@ def _moved(
 
 
 def _near_future(machine: Machine, state: State, hold: Held) -> tuple[Array, ...]:
-    return taylor_series(machine, state, hold, _TERMS, unroll=True)
+    terms = TERMS if machine.contacts.is_switching else _TERMS
+    return taylor_series(machine, state, hold, terms, unroll=True)
 
 
 def _delays(
@@ -263,22 +261,26 @@ def _delays(
         guard = limit.series(machine, state, hold, series)
         return [*guard, *[0.0] * (num_terms - len(guard))]
 
-    h = select_active(machine, state, padded)
+    h = select_active(machine, state, padded, guards_of_steps)
     value, slope, curve, bend = h[:4]
     square = slope * slope - 4 * curve * value
     is_simple = (slope < 0) & (4 * square > slope * slope)
     root = jnp.sqrt(jnp.where(is_simple, square, 1))
     delay = 2 * value / (root - jnp.where(is_simple, slope, 0))
-    is_simple = is_simple & (jnp.abs(bend) * delay * delay <= 1e-3 * root)
+    is_switching = machine.contacts.is_switching
+    # From farther away the parabola must be better.
+    is_simple = is_simple & (jnp.abs(bend) * delay * delay <= (1e-4 if is_switching else 1e-3) * root)
     # Two steps of Newton's method with one division: the parabola has the slope -root at its zero, and the reciprocal
     # of the slope after the first step follows from that of the root.
     inverse = 1 / root
     delay = delay + horner(h, delay) * inverse
     delay = delay + horner(h, delay) * inverse * (2 + horner(derivative(h), delay) * inverse)
+    near_of_limit = near_of if is_switching else lambda limit, dtype: limit.near[dtype]
     dtype = str(state.x.dtype)
-    near = select_active(machine, state, lambda limit: limit.near[dtype]) * machine.timescale
+    near = select_active(machine, state, lambda limit: near_of_limit(limit, dtype), guards_of_steps)
+    near = near * machine.timescale
     is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
-    is_near = is_near & ~is_idle(state) if machine.contacts.is_coupled else is_near
+    is_near = is_near & ~is_idle(state, machine) if machine.contacts.is_coupled else is_near
     return jnp.where(is_near, delay, jnp.where(is_root, 0, jnp.inf))
 
 

@@ -30,6 +30,10 @@ class Expansion(eqx.Module):
         """Bound |x''''| / 24 and |force'''| / 6 on [0, limit], both (n,)."""
 
     @abc.abstractmethod
+    def velocity_rest(self, machine: Machine, limit: Scalar) -> Float[Array, "n ..."]:
+        """Bound |v^(4)| / 24 on [0, limit], (n,)."""
+
+    @abc.abstractmethod
     def move(
         self, machine: Machine, state: State, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:

@@ -10,7 +10,8 @@ of b t^2 (a step is never long against the motion). The series vectorise, which 
 increments c - 1 and exp(-a t) - 1 to full relative accuracy.
 
 Every set of held masses has its own modes, computed once before the loop from concrete values: see `modes.py`, which
-also says where they do not apply.
+also says where they do not apply. So has every set of closed compliant contacts. The slip of friction is a constant
+load: it displaces the mean of the steady response and leaves the modes.
 """
 
 import operator
@@ -28,6 +29,7 @@ from .._jax.xla import compute_once, is_any
 from .._machine.contacts import Held
 from .._machine.derivatives import Derivatives, derivatives
 from .._machine.machine import Machine
+from .._machine.small_matrices import product
 from .._machine.state import State
 from .._system.waves import Waves, speeds, turned
 from .exact_step import ExpandingFlow
@@ -59,12 +61,16 @@ class SteadyResponse(eqx.Module):
     """Steady response to the load, for one set of held masses, or with a leading axis over all sets.
 
     Attributes:
-        offset: its mean, (n,).
+        mean: its mean, (n,); where forces switch, the matrix that makes it of the mean load, (n, n).
         waves: its harmonics.
     """
 
-    offset: Float[Array, "..."]
+    mean: Float[Array, "..."]
     waves: Waves
+
+    def offset(self, machine: Machine) -> Float[Array, "n ..."]:
+        """Mean of the response, in the mode of the machine."""
+        return matvec(self.mean, machine.mean) if machine.contacts.is_switching else self.mean
 
 
 class Rests(eqx.Module):
@@ -77,37 +83,47 @@ class Rests(eqx.Module):
         x_load: part of the steady response, (n,).
         force: (n, modes).
         force_load: (n,).
+        fifth: likewise for |v^(4)| / 24, (n, modes); None where forces do not switch.
+        fifth_load: (n,).
     """
 
     x: Float[Array, "..."]
     x_load: Float[Array, "..."]
     force: Float[Array, "..."]
     force_load: Float[Array, "..."]
+    fifth: Float[Array, "..."] | None = None
+    fifth_load: Float[Array, "..."] | None = None
 
 
 class ModalFlow(ExpandingFlow):
     """Exact motion of a linear machine with proportional damping. Made by `modal_flow`.
 
     The first axis of arrays is the set of held masses, the last the lanes. `sets` flags the masses held in each set,
-    none in the first.
+    none in the first. `closed` flags the compliant contacts that are closed, for machines whose forces switch.
     """
 
     has_flow_map: ClassVar[bool] = True
 
     modes: Modes
     sets: Bool[Array, "sets n ..."]
+    closed: Bool[Array, "sets contacts ..."] | None = None
 
     def prepare(self, machine: Machine) -> "PreparedModalFlow":
         """Add the steady response to the load, and the longest step."""
         modes = [jax.tree.map(lambda a, k=k: a[k], self.modes) for k in range(len(self.sets))]
+        machines = [machine] * len(modes)
+        if self.closed is not None:
+            machines = [machine.with_closed(closed) for closed in self.closed]
         responses = [_response(machine, own) for own in modes]
-        rests = [_rests(machine, *own) for own in zip(modes, responses, strict=True)]
-        response, rests = (jax.tree.map(lambda *a: stack(a), *each) for each in (responses, rests))
+        rests = [_rests(*own) for own in zip(machines, modes, responses, strict=True)]
         trust, _ = LONGEST_STEP_AND_TERMS[str(machine.mean.dtype)]
         # Overdamped modes are differences of growing terms and take half the step.
         excess = jnp.max(self.modes.decay**2 - self.modes.squared_frequency, axis=(0, 1))
-        limit = trust / jnp.maximum(machine.rate, 2 * jnp.sqrt(jnp.maximum(excess, 0)))
-        return PreparedModalFlow(self.modes, response, rests, limit, self.sets)
+        least = 2 * jnp.sqrt(jnp.maximum(excess, 0))
+        limits = [trust / jnp.maximum(own.rate, least) for own in machines]
+        limit = limits[0] if self.closed is None else stack(limits)
+        response, rests = (jax.tree.map(lambda *a: stack(a), *each) for each in (responses, rests))
+        return PreparedModalFlow(self.modes, response, rests, limit, self.sets, self.closed)
 
     def expand(self, machine: Machine, state: State, hold: Held) -> "ModalExpansion":
         """Prepare the modes and expand."""
@@ -125,8 +141,11 @@ def _response(machine: Machine, modes: Modes) -> SteadyResponse:
         c, s = (matvec(transposed, part) for part in load)
         cosine.append(matvec(shape, (stiff * c - drag * s) / scale))
         sine.append(matvec(shape, (stiff * s + drag * c) / scale))
-    offset = matvec(shape, matvec(transposed, machine.mean) / w2)
-    return SteadyResponse(offset, Waves(stack(cosine), stack(sine)))
+    if machine.contacts.is_switching:
+        mean = product(shape / w2[None], transposed)
+    else:
+        mean = matvec(shape, matvec(transposed, machine.mean) / w2)
+    return SteadyResponse(mean, Waves(stack(cosine), stack(sine)))
 
 
 def _rests(machine: Machine, modes: Modes, response: SteadyResponse) -> Rests:
@@ -143,7 +162,12 @@ def _rests(machine: Machine, modes: Modes, response: SteadyResponse) -> Rests:
     force_load = machine.frequency**3 * machine.waves.bound(3)
     force_load = force_load + matvec(damping, x4_load) + matvec(stiffness, x3_load)
     force = jnp.stack(columns, axis=1)
-    return Rests(x4 * (1 / 24), x4_load * (1 / 24), force * (1 / 6), force_load * (1 / 6))
+    rests = x4 * (1 / 24), x4_load * (1 / 24), force * (1 / 6), force_load * (1 / 6)
+    if not machine.contacts.is_switching:
+        return Rests(*rests)
+    x5 = shape * (2 * a * fourth + w2 * third)[None]
+    x5_load = machine.frequency**5 * response.waves.bound(5)
+    return Rests(*rests, x5 * (1 / 24), x5_load * (1 / 24))
 
 
 class PreparedModalFlow(ExpandingFlow):
@@ -155,16 +179,22 @@ class PreparedModalFlow(ExpandingFlow):
     modes: Modes
     response: SteadyResponse
     rests: Rests
-    limit: Scalar
+    limit: Float[Array, "..."]
     sets: Bool[Array, "sets n ..."]
+    closed: Bool[Array, "sets contacts ..."] | None
 
     def expand(self, machine: Machine, state: State, hold: Held) -> "ModalExpansion":
         """Compute the modal coordinates of the free motion."""
-        modes, response, rests = self._of_set(hold, (self.modes, self.response, self.rests))
+        tables = self.modes, self.response, self.rests
+        if self.closed is None:
+            (modes, response, rests), limit = self._of_set(machine, state, hold, tables), self.limit
+        else:
+            tables = *tables, self.limit
+            modes, response, rests, limit = self._of_set(machine, state, hold, tables)
         q, q_rate = self._coordinates(machine, state, modes, response)
         now = derivatives(machine, state, hold)
         return ModalExpansion(
-            modes=modes, response=response, rests=rests, q=q, q_rate=q_rate, now=now, limit=self.limit
+            modes=modes, response=response, rests=rests, q=q, q_rate=q_rate, now=now, limit=limit
         )
 
     def propagate(
@@ -176,7 +206,7 @@ class PreparedModalFlow(ExpandingFlow):
     def _advanced(
         self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Array, Array, Array]:
-        modes, response = self._of_set(hold, (self.modes, self.response))
+        modes, response = self._of_set(machine, state, hold, (self.modes, self.response))
         free = self._coordinates(machine, state, modes, response)
         return _moved(machine, modes, response, free, state, step)
 
@@ -189,7 +219,7 @@ class PreparedModalFlow(ExpandingFlow):
         change: Float[Array, "2 harmonics ..."],
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Evaluate the modes at any time."""
-        modes, response = self._of_set(hold, (self.modes, self.response))
+        modes, response = self._of_set(machine, state, hold, (self.modes, self.response))
         free = self._coordinates(machine, state, modes, response)
         increments = _increments(modes.squared_frequency, modes.decay, span)
         return _gone(machine, modes, response, free, increments, change)
@@ -198,27 +228,32 @@ class PreparedModalFlow(ExpandingFlow):
         self, machine: Machine, state: State, modes: Modes, response: SteadyResponse
     ) -> tuple[Float[Array, "modes ..."], Float[Array, "modes ..."]]:
         """Free motion, as q and q' of the modes, by the tables of the set held now."""
-        steady = response.offset + response.waves.at(state.phase)
+        steady = response.offset(machine) + response.waves.at(state.phase)
         if len(self.sets) > 1:
             steady = steady + matvec(modes.anchor, state.x)
         steady_v = response.waves.at(machine.phase_rate(state.phase))
         return matvec(modes.inverse, state.x - steady), matvec(modes.inverse, state.v - steady_v)
 
-    def _of_set(self, hold: Held, tables: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Tables of the set of masses held now."""
+    def _of_set(self, machine: Machine, state: State, hold: Held, tables: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Tables of the set of masses held now, and of the compliant contacts closed now."""
         free = jax.tree.map(lambda a: a[0], tables)
         if len(self.sets) == 1:
             return free
-        full = lambda a: jnp.broadcast_to(a, jnp.broadcast_shapes(a.shape, hold.shape[1:]))  # noqa: E731
+        held, closed = hold, None
+        if self.closed is not None:
+            held, closed = machine.contacts.held_and_closed(hold, state.mode.closed)
+        flags = held if closed is None else jnp.concatenate([held, closed])
+        full = lambda a: jnp.broadcast_to(a, jnp.broadcast_shapes(a.shape, flags.shape[1:]))  # noqa: E731
         return jax.lax.cond(
-            is_any(hold), lambda: self._select(hold, tables), lambda: jax.tree.map(full, free)
+            is_any(flags), lambda: self._select(flags, tables), lambda: jax.tree.map(full, free)
         )
 
-    def _select(self, hold: Held, tables: tuple[Any, ...]) -> tuple[Any, ...]:
+    def _select(self, flags: Bool[Array, "flags ..."], tables: tuple[Any, ...]) -> tuple[Any, ...]:
         """Tables of the set of each lane, by a chain of selections, cheaper than a gather."""
         chosen = jax.tree.map(lambda a: a[0], tables)
-        for k in range(1, len(self.sets)):
-            is_this = reduce(operator.and_, list(hold == self.sets[k]))
+        sets = self.sets if self.closed is None else jnp.concatenate([self.sets, self.closed], axis=1)
+        for k in range(1, len(sets)):
+            is_this = reduce(operator.and_, list(flags == sets[k]))
             chosen = jax.tree.map(lambda a, old, k=k, yes=is_this: jnp.where(yes, a[k], old), tables, chosen)
         return chosen
 
@@ -237,9 +272,18 @@ class ModalExpansion(Expansion):
     def rest(self, machine: Machine, limit: Scalar) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Bound |x''''| / 24 and |force'''| / 6 for all later times."""
         del machine, limit
-        root = jnp.sqrt(self.q_rate**2 + self.modes.squared_frequency * self.q**2)
-        rests = self.rests
+        root, rests = self._roots_of_energies(), self.rests
         return matvec(rests.x, root) + rests.x_load, matvec(rests.force, root) + rests.force_load
+
+    def velocity_rest(self, machine: Machine, limit: Scalar) -> Float[Array, "n ..."]:
+        """Bound |v^(4)| / 24 for all later times."""
+        del machine, limit
+        assert self.rests.fifth is not None
+        assert self.rests.fifth_load is not None
+        return matvec(self.rests.fifth, self._roots_of_energies()) + self.rests.fifth_load
+
+    def _roots_of_energies(self) -> Float[Array, "modes ..."]:
+        return jnp.sqrt(self.q_rate**2 + self.modes.squared_frequency * self.q**2)
 
     def move(
         self, machine: Machine, state: State, step: Scalar

@@ -17,7 +17,7 @@ from .._machine.numbers import num_harmonics
 from .._system.system import ImpactSystem
 from .modal import ModalFlow, Modes
 
-_MAX_SETS = 8
+MAX_SETS = 8
 
 
 def modal_flow(
@@ -37,7 +37,7 @@ def modal_flow(
         return None
     mass, damping, stiffness = (concrete(a) for a in (system.mass, system.damping, system.stiffness))
     holdable = sorted({stop.slot[0] for stop in system.stops if stop.slot}) if can_stick else []
-    if mass is None or damping is None or stiffness is None or 2 ** len(holdable) > _MAX_SETS:
+    if mass is None or damping is None or stiffness is None or 2 ** len(holdable) > MAX_SETS:
         return None
     has_lanes = mass.ndim == 2
     most = min(len(system.stops), mass.shape[0]) if can_stick else 0
@@ -49,8 +49,8 @@ def modal_flow(
         tables = tabulate(*matrices, tuple(holdable), most, has_lanes)
     if tables is None:
         return None
-    speeds = _speeds(system, band)
-    return tables.flow if all(_are_modes_accurate(*own, speeds) for own in tables.of_sets) else None
+    speeds = speeds_of(system, band)
+    return tables.flow if all(are_modes_accurate(*own, speeds) for own in tables.of_sets) else None
 
 
 class _Matrix(NamedTuple):
@@ -91,13 +91,13 @@ def _tables(
     sets = [s for k in range(len(holdable) + 1) for s in combinations(holdable, k)]
     tables = []
     for held in sets:
-        table = _modes_of_set(matrices[0], matrices[1], matrices[2], held)
+        table = modes_of_set(matrices[0], matrices[1], matrices[2], held)
         if table is None:
             return None
         tables.append(table)
     of_sets = [(table[0], table[1]) for table in tables]
     # Copies of the first set pad the tables to the size of machines with stops on other masses: one program serves all.
-    missing = min(2**most, _MAX_SETS) - len(sets)
+    missing = min(2**most, MAX_SETS) - len(sets)
     sets, tables = sets + sets[:1] * missing, tables + tables[:1] * missing
     arrays = [np.moveaxis(np.stack(column), 1, -1).astype(dtype) for column in zip(*tables, strict=True)]
     members = np.array([[i in held for i in range(n)] for held in sets])[..., None]
@@ -106,7 +106,7 @@ def _tables(
     return _Tables(ModalFlow(Modes(*map(jax.device_put, arrays)), jax.device_put(members)), of_sets)
 
 
-def _speeds(system: ImpactSystem, band: tuple[float, float] | None) -> tuple[np.ndarray, np.ndarray] | None:
+def speeds_of(system: ImpactSystem, band: tuple[float, float] | None) -> tuple[np.ndarray, np.ndarray] | None:
     """Lowest and highest frequency of every harmonic of load and moving stops, (lanes, harmonics); None if traced."""
     frequency = concrete(system.forcing.frequency)
     if frequency is None:
@@ -116,7 +116,7 @@ def _speeds(system: ImpactSystem, band: tuple[float, float] | None) -> tuple[np.
     return low, high
 
 
-def _modes_of_set(
+def modes_of_set(
     mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, held: tuple[int, ...]
 ) -> tuple[np.ndarray, ...] | None:
     """Modes with the masses `held` at rest, lanes first; None where they lose digits or do not apply."""
@@ -152,7 +152,7 @@ def _modes_of_set(
     return w2, decay, shape, inverse, anchor
 
 
-def _are_modes_accurate(
+def are_modes_accurate(
     w2: np.ndarray, decay: np.ndarray, speeds: tuple[np.ndarray, np.ndarray] | None
 ) -> bool:
     """Test whether the modes are accurate: none heavily overdamped, none driven near resonance without damping.

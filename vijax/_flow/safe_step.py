@@ -27,12 +27,13 @@ from .._jax.arrays import Flag, Scalar
 
 
 class Bound(eqx.Module):
-    """Lower bound of an event function on [0, limit]: h(u) >= a0 + a1 u + a2 u^2 - rest u^3."""
+    """Lower bound of an event function on [0, limit]: h(u) >= a0 + a1 u + a2 u^2 - rest u^3 - later u^4, later None for 0."""
 
     a0: Scalar
     a1: Scalar
     a2: Scalar
     rest: Scalar
+    later: Scalar | None = None
 
 
 def divided_bound(gap: tuple[Scalar, ...], rest: Scalar, order: Int[Array, "..."], limit: Scalar) -> Bound:
@@ -83,7 +84,8 @@ def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]
     # A bound that falls by its remainder alone shows no event: a mass leaving with a jerk would seem to return.
     least = jnp.where(8 * bound.rest * short < -bound.a2, short, 0)
     for _ in range(2):  # the second step is never shorter than the first: its bound is tighter
-        fall = bound.rest * trial - bound.a2
+        rest = bound.rest if bound.later is None else bound.rest + bound.later * trial
+        fall = rest * trial - bound.a2
         under_root = a1 * a1 + 4 * fall * a0
         root = jnp.sqrt(jnp.maximum(under_root, 0))
         # Form of the root without cancellation; one division, as divisions are slow.

@@ -18,6 +18,7 @@ that matters it is faster, and `ModalFlow` is used instead.
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +26,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._jax.arrays import Scalar, add_up, matvec
+from .._jax.xla import compute_once
 from .._machine.contacts import Held
 from .._machine.machine import Machine
 from .._machine.state import State
@@ -37,6 +39,8 @@ def taylor_series(
 ) -> tuple[Float[Array, "_ n ..."], Float[Array, "_ n ..."], Float[Array, "_ 2 harmonics ..."]]:
     """Taylor coefficients of positions, up to `order`, of forces, and of the forcing phase."""
     extend, start = next_coefficients(machine, hold), rows_of_state(state)
+    if unroll and machine.contacts.is_switching:  # more terms, which would all begin anew
+        extend = partial(compute_once, extend)
     _, coefficients = jax.lax.scan(extend, start, orders(order, state), unroll=unroll)
     x, force = (vector(rows, len(state.x), axis=1) for rows in coefficients[:2])
     phase = jnp.stack(coefficients[2], axis=1).reshape(len(x), *state.phase.shape)

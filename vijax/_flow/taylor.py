@@ -85,6 +85,11 @@ class TaylorExpansion(Expansion):
         del machine
         return horner(jnp.abs(self.x[4:]), limit), horner(jnp.abs(self.forces[3:]), limit)
 
+    def velocity_rest(self, machine: Machine, limit: Scalar) -> Float[Array, "n ..."]:
+        """Bound |v^(4)| / 24 by the sum of absolute coefficients."""
+        del machine
+        return horner([(k + 1) * jnp.abs(self.x[k + 1]) for k in range(4, len(self.x) - 1)], limit)
+
     def move(
         self, machine: Machine, state: State, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:

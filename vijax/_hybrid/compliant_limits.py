@@ -42,7 +42,7 @@ def _spring_derivatives(machine: Machine, state: State, hold: Held, now: Rates) 
 def _spring_rest(machine: Machine, rests: tuple[Array, ...], hold: Held) -> Array:
     """Bound of the third Taylor coefficient of N: that of d is a part of the jerk, that of d' of its rate."""
     del hold
-    x_rest, _, third = rests
+    x_rest, _, third, _ = rests
     contacts, laws = machine.contacts, machine.contacts.laws
     return laws.stiffness * contacts.third_rest(third) + 4 * laws.damping * contacts.rest(x_rest)
 

@@ -66,6 +66,8 @@ def settle(machine: Machine, state: State, at_rest: AtRest) -> Settled:
     """Decide which elements at rest hold; in `state.mode` they have no part."""
     machine, state = stop_gradients((machine, state))
     force = machine.in_mode(state).total_force(state)
+    if machine.contacts.num == 1:
+        return _decision(machine, at_rest.elements, state, _single_choice(machine, state, force, at_rest))
 
     def goes_on(choice: _Choice) -> Array:
         return is_any(jnp.any(choice.is_wrong, axis=0)) & (choice.count < _PIVOTS)
@@ -106,6 +108,17 @@ class _Choice(NamedTuple):
     count: Int[Array, ""]
     along: Float[Array, "contacts ..."]
     idle: Bool[Array, "contacts ..."]
+
+
+def _single_choice(machine: Machine, state: State, force: Float[Array, "n ..."], at_rest: AtRest) -> _Choice:
+    """Choice of the only element: what exceeds its limits lets go, and then moves as it is pushed."""
+    none = jnp.zeros_like(at_rest.push)
+    found = _beyond(machine, state, force, at_rest.elements, none)
+    lets_go = at_rest.released | found.too_far
+    push = jnp.where(at_rest.released, at_rest.push, jnp.where(found.too_far, found.push, none))
+    holds = at_rest.elements & ~lets_go
+    along = _beyond(machine, state, force, holds, push).along
+    return _Choice(holds, push, at_rest.released, lets_go, jnp.array(2), along, found.idle)
 
 
 def _begun(at_rest: AtRest, found: "_Beyond") -> _Choice:

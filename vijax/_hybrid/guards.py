@@ -10,8 +10,9 @@ from jaxtyping import Array, Bool, Int
 
 from .._machine.machine import Machine
 from .._machine.state import State
+from .._machine.switching import COMPLIANT, FRICTION, RIGID
 from .compliant_limits import DEPTH, LAG, LOAD, SPRING
-from .friction_limits import GRIP_AHEAD, GRIP_BEHIND, SLIDING
+from .friction_limits import GRIP, GRIP_AHEAD, GRIP_BEHIND, SLIDING, is_sticking
 from .limits import FORCE, GAP, Limit, limits_of
 
 # Second guard of an element whose mode ends in one way only.
@@ -26,7 +27,12 @@ _NONE = Limit(
     leading_zeros=None,
     near=GAP.near,
 )
-_FIRST, _SECOND = (GAP, FORCE, DEPTH, SLIDING, GRIP_AHEAD), (_NONE, SPRING, LAG, LOAD, GRIP_BEHIND)
+# Guards of the elements of each kind, in the two groups; elements of a kind share the first of theirs with those of others.
+_GUARDS = {
+    RIGID: ((GAP, FORCE), (_NONE,)),
+    COMPLIANT: ((GAP, FORCE, DEPTH), (_NONE, SPRING, LAG, LOAD)),
+    FRICTION: ((SLIDING, GRIP_AHEAD), (_NONE, GRIP_BEHIND)),
+}
 
 
 def _one_and_no_more(state: State) -> list[Array]:
@@ -36,13 +42,49 @@ def _one_and_no_more(state: State) -> list[Array]:
 
 def guards_of(machine: Machine) -> tuple[tuple[Limit, ...], ...]:
     """Limits of a machine in groups; an element has one active limit in each, the first of a group if no other is."""
-    return (_FIRST, _SECOND) if machine.contacts.is_switching else (limits_of(machine),)
+    if not machine.contacts.is_switching:
+        return (limits_of(machine),)
+    kinds = sorted(set(machine.contacts.laws.kinds))
+    first, second = ([limit for kind in kinds for limit in _GUARDS[kind][group]] for group in (0, 1))
+    return tuple(_once(first)), tuple(_once(second))
 
 
-def select_active(machine: Machine, state: State, of: Callable[[Limit], Any]) -> Any:
+def _once(limits: list[Limit]) -> list[Limit]:
+    """The limits without repetition; they have no hash."""
+    return [limit for k, limit in enumerate(limits) if not any(limit is other for other in limits[:k])]
+
+
+def has_one_guard(machine: Machine) -> bool:
+    """True for machines whose elements all have one guard in exact steps: both ends of a grip are one there."""
+    contacts = machine.contacts
+    return not contacts.is_switching or COMPLIANT not in contacts.laws.kinds
+
+
+def guards_of_steps(machine: Machine) -> tuple[tuple[Limit, ...], ...]:
+    """Limits in groups as `guards_of`, in one group where `has_one_guard`."""
+    if not machine.contacts.is_switching or not has_one_guard(machine):
+        return guards_of(machine)
+    rigid = (GAP, FORCE) if RIGID in machine.contacts.laws.kinds else ()
+    return ((*rigid, SLIDING, GRIP),)
+
+
+def events_of_steps(
+    machine: Machine, state: State, is_event: Bool[Array, "guards_of_steps ..."]
+) -> Bool[Array, "guards ..."]:
+    """Flags over all guards, from those over guards of steps, at the state at the end of the step."""
+    if not machine.contacts.is_switching or not has_one_guard(machine):
+        return is_event
+    hold = machine.hold(state.held)
+    is_behind = is_sticking(machine, state) & (FORCE.value(machine, state, hold) < 0)
+    return jnp.concatenate([is_event & ~is_behind, is_event & is_behind])
+
+
+def select_active(
+    machine: Machine, state: State, of: Callable[[Limit], Any], groups_of: Callable = guards_of
+) -> Any:
     """Tree of quantities, for each guard that of its active limit."""
     groups = []
-    for first, *others in guards_of(machine):
+    for first, *others in groups_of(machine):
 
         def chosen(found: Any, limit: Limit) -> Any:
             is_active = limit.is_active(machine, state)
@@ -52,12 +94,16 @@ def select_active(machine: Machine, state: State, of: Callable[[Limit], Any]) ->
     return groups[0] if len(groups) == 1 else jax.tree.map(lambda *a: jnp.concatenate(a), *groups)
 
 
-def leading_zeros(state: State) -> Int[Array, "guards ..."]:
-    """Number of leading coefficients that vanish exactly, of every guard."""
-    return state.contact if state.mode is None else jnp.concatenate([state.contact, state.mode.begins])
+def leading_zeros(state: State, machine: Machine | None = None) -> Int[Array, "guards ..."]:
+    """Number of leading coefficients that vanish exactly, of every guard; of steps if the machine is given."""
+    if state.mode is None or (machine is not None and has_one_guard(machine)):
+        return state.contact
+    return jnp.concatenate([state.contact, state.mode.begins])
 
 
-def is_idle(state: State) -> Bool[Array, "guards ..."]:
-    """Flags of guards of elements whose gap, or sliding velocity, is constant: they have no event."""
+def is_idle(state: State, machine: Machine | None = None) -> Bool[Array, "guards ..."]:
+    """Flags of guards of elements whose gap, or sliding velocity, is constant: they have no event; as `leading_zeros`."""
     idle = state.is_frozen
-    return idle if state.mode is None else jnp.concatenate([idle, idle])
+    if state.mode is None or (machine is not None and has_one_guard(machine)):
+        return idle
+    return jnp.concatenate([idle, idle])

@@ -70,11 +70,13 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "guards ..."])
     arrived = jnp.zeros_like(state.time, bool)
     nothing = Switches(none, none, none, none, none)
     instant = Instant(hit, none, none, speed, speed, zeros, arrived, state.time, zeros, nothing)
-    after, instant, torn = jax.lax.cond(
-        is_any(hit),
-        lambda: compute_once(impact, machine, state, instant),
-        lambda: (state, instant, none),
-    )
+    after, torn = state, none
+    if RIGID in machine.contacts.laws.kinds:
+        after, instant, torn = jax.lax.cond(
+            is_any(hit),
+            lambda: compute_once(impact, machine, state, instant),
+            lambda: (state, instant, none),
+        )
     return jax.lax.cond(
         is_any(is_event),
         lambda: compute_once(_switch, machine, state, after, instant, events, torn),
@@ -123,24 +125,29 @@ def _switch(
     is_set_off = was_at_rest & is_struck
     stays = was_at_rest & ~torn & ~is_set_off
 
-    state, at_limit = _compliant_switched(machine, state, events, is_set_off, speed)
+    at_limit = jnp.zeros_like(hit)
+    if COMPLIANT in contacts.laws.kinds:
+        state, at_limit = _compliant_switched(machine, state, events, is_set_off, speed)
     direction = state.mode.direction
     arrives = friction & (direction != 0) & events.first & ~is_struck
     new = jnp.where(friction & is_struck, jnp.sign(speed), direction)
     direction = jnp.where(arrives, 0, new).astype(jnp.int8)
     state = eqx.tree_at(lambda s: (s.mode.direction, s.held), state, (direction, stays & before.held))
 
-    chatter = jax.lax.cond(
-        is_any(hit),
-        lambda: compute_once(complete_chatter, machine, state, instant),
-        lambda: no_chatter(state),
-    )
-    none = jnp.zeros_like(hit)
-    ends, rubbed = jax.lax.cond(
-        is_any(at_limit),
-        lambda: compute_once(comes_to_rest, machine, state, at_limit),
-        lambda: (none, none),
-    )
+    chatter, none = no_chatter(state), jnp.zeros_like(hit)
+    if RIGID in contacts.laws.kinds:
+        chatter = jax.lax.cond(
+            is_any(hit),
+            lambda: compute_once(complete_chatter, machine, state, instant),
+            lambda: no_chatter(state),
+        )
+    ends = rubbed = none
+    if {COMPLIANT, FRICTION} <= set(contacts.laws.kinds):
+        ends, rubbed = jax.lax.cond(
+            is_any(at_limit),
+            lambda: compute_once(comes_to_rest, machine, state, at_limit),
+            lambda: (none, none),
+        )
     is_plastic = hit & (instant.velocity_plus == 0)
     let_go = stays & before.held & (events.first | events.second)
     settles = stays | arrives | chatter.completed | chatter.comes_to_rest | is_plastic | ends | rubbed
@@ -160,6 +167,8 @@ def _switch(
 
 def _is_struck(machine: Machine, instant: Instant) -> Bool[Array, "contacts ..."]:
     """Flags of elements whose speed the impacts change, by more than rounding."""
+    if RIGID not in machine.contacts.laws.kinds:
+        return jnp.zeros_like(instant.hit)
     compliance, impulse = machine.contacts.compliance, instant.impulse
     assert impulse is not None
     change = matvec(compliance, impulse)

@@ -66,6 +66,13 @@ def approaches(machine: Machine, state: State, now: Rates) -> list[Array]:
     return [machine.contacts.towards(a, p) for a, p in zip(moves, phases, strict=True)]
 
 
+def approach_snap(machine: Machine, state: State, hold: Held, now: Derivatives) -> Array:
+    """Third derivative of the speeds of approach to the contacts, (contacts, ...)."""
+    phases = _phases(machine, state, 5)
+    snap = machine.contacts.accelerations(now.force_curvature, hold, phases[2])
+    return machine.contacts.towards(snap, phases[4])
+
+
 def _phases(machine: Machine, state: State, count: int) -> list[Array]:
     """Phase of the load and its derivatives, `count` in all."""
     steps = repeat(None, count - 1)

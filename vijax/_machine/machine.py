@@ -16,7 +16,7 @@ from .frame import Frame
 from .numbers import MachineNumbers
 from .state import State, idle_mode
 from .stops import Stops
-from .switching import SwitchingContacts
+from .switching import COMPLIANT, SwitchingContacts
 
 
 class Machine(eqx.Module):
@@ -155,18 +155,19 @@ class Machine(eqx.Module):
         """Machine with the forces of friction and compliant contacts in the mode of a state; itself if there are none."""
         if state.mode is None or not isinstance(self.contacts, SwitchingContacts):
             return self
-        stiffness, damping = self.contacts.matrices_of(state.mode.closed)
-        rate = jnp.where(jnp.any(state.mode.closed, axis=0), self.closed_rate, self.rate)
+        machine = eqx.tree_at(lambda m: m.mean, self, self.mean + self.contacts.load_of(state.mode))
+        return machine.with_closed(state.mode.closed)
+
+    def with_closed(self, closed: Bool[Array, "contacts ..."]) -> "Machine":
+        """Machine with the springs and dampers of closed compliant contacts."""
+        if COMPLIANT not in self.contacts.laws.kinds:
+            return self
+        stiffness, damping = self.contacts.matrices_of(closed)
+        rate = jnp.where(jnp.any(closed, axis=0), self.closed_rate, self.rate)
         return eqx.tree_at(
-            lambda m: (m.mean, m.damping, m.stiffness, m.rate, m.timescale),
+            lambda m: (m.damping, m.stiffness, m.rate, m.timescale),
             self,
-            (
-                self.mean + self.contacts.load_of(state.mode),
-                self.damping + damping,
-                self.stiffness + stiffness,
-                rate,
-                1 / rate,
-            ),
+            (self.damping + damping, self.stiffness + stiffness, rate, 1 / rate),
         )
 
     def approach(self, state: State) -> Float[Array, "stops ..."]:

@@ -201,3 +201,11 @@ class SwitchingContacts(Contacts):
         weights = (jnp.where(closed, a, 0) for a in (self.laws.stiffness, self.laws.damping))
         stiffness, damping = (product(back, a[:, None] * self.rows) for a in weights)
         return stiffness, damping
+
+    def held_and_closed(
+        self, hold: Hold, closed: Bool[Array, "contacts ..."]
+    ) -> tuple[Bool[Array, "n ..."], Bool[Array, "contacts ..."]]:
+        """Flags of masses at rest, where rows name one mass each, and of closed contacts on all other masses."""
+        acts_on = self.rows != 0
+        held = jnp.any(acts_on & hold.held[:, None], axis=0)
+        return held, closed & ~jnp.any(acts_on & held[None], axis=1)

@@ -152,7 +152,7 @@ def sweep(
         points = _start_from(points, carry_from, chain, shape, carry)
     can_stick = carry is not None or can_any_stick(points.system, points.x0, points.v0)
     counts = replace(counts, can_stick=can_stick)
-    motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
+    motion = choose_flow(points.system, can_stick=can_stick, wanted=flow, for_many=True)
     if chain is not None:
         lanes = lanes_of_chains(settings, chain, counts.transient + counts.record)
         settings = replace(settings, lanes=lanes)

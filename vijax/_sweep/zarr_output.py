@@ -72,7 +72,7 @@ class _Sweep(eqx.Module):
         """Run a block as a part of the whole."""
         points, shape = self.points(axes), tuple(len(axis) for axis in axes.values())
         which = np.arange(math.prod(shape))
-        motion = choose_flow(points.system, can_stick=self.counts.can_stick, wanted=self.flow)
+        motion = choose_flow(points.system, can_stick=self.counts.can_stick, wanted=self.flow, for_many=True)
         found = Threads(motion, self.counts, self.settings, self.in_all).run(points, which, lambda _: None)
         ds = dataset(grid_points(self.base, axes), axes, shape, self.counts, found, {}, self.quantities)
         return with_names(ds, self.names)
@@ -165,7 +165,9 @@ def _look_at(sweep: _Sweep, axes: dict[str, np.ndarray]) -> tuple[bool, tuple[bo
     points = sweep.points(axes)
     can_stick = can_any_stick(points.system, points.x0, points.v0)
     fits = tuple(
-        not isinstance(choose_flow(points.system, can_stick=can, wanted=sweep.flow), TaylorFlow)
+        not isinstance(
+            choose_flow(points.system, can_stick=can, wanted=sweep.flow, for_many=True), TaylorFlow
+        )
         for can in (False, True)
     )
     return can_stick, fits
@@ -176,7 +178,7 @@ def _open_or_begin(
 ) -> Folder:
     """The folder, with the blocks that it has if it was begun before."""
     first = sweep.points(_part(axes, folder, 0))
-    motion = choose_flow(first.system, can_stick=sweep.counts.can_stick, wanted=sweep.flow)
+    motion = choose_flow(first.system, can_stick=sweep.counts.can_stick, wanted=sweep.flow, for_many=True)
     attributes = origin(sweep.base, sweep.counts, flow=name_of_flow(motion, flow), carry=None, goes_on=False)
     one = with_values(sweep.base, {})
     manifest = describe_sweep(attributes, axes, one, flow, sweep.settings) | {"layout": _LAYOUT}

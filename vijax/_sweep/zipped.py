@@ -60,7 +60,7 @@ def sweep_zipped(
     points = points_of_lanes(base, given)
     can_stick = can_any_stick(points.system, points.x0, points.v0)
     own_counts = replace(counts, can_stick=can_stick)
-    motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
+    motion = choose_flow(points.system, can_stick=can_stick, wanted=flow, for_many=True)
     attributes = origin(base, own_counts, flow=name_of_flow(motion, flow), carry=None, goes_on=False)
     runner = choose_runner(motion, own_counts, settings, executor)
     filled = np.resize(np.arange(len(states)), max(len(states), beside))
