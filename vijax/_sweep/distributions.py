@@ -54,9 +54,10 @@ def uncertain(given: Distributions, whole: eqx.Module, correlation: Numbers | No
             f'{{"stops[*].restitution": scipy.stats.uniform(0.6, 0.2)}}, but is {given!r}.'
         )
     # Names are checked without the distributions, which stand where a sweep has numbers.
-    numbers = {name: (a[0], *[0.0] * (len(a) - 1)) if _is_pair(a) else 0.0 for name, a in given.items()}
+    entries = {name: a if isinstance(a, tuple) and a else (None, a) for name, a in given.items()}
+    numbers = {name: 0.0 if a[0] is None else (a[0], *[0.0] * (len(a) - 1)) for name, a in entries.items()}
     paths, names = without_names(numbers, whole)
-    by_path = {path: a[1] if _is_pair(a) else a for path, a in zip(paths, given.values(), strict=True)}
+    by_path = {path: a[-1] for path, a in zip(paths, entries.values(), strict=True)}
     for path, distribution in by_path.items():
         if not isinstance(distribution, Distribution):
             raise ValueError(
@@ -72,7 +73,9 @@ def drawn(uncertain: Uncertain, samples: Count, seed: Count) -> dict[str, np.nda
     """Quasi-random values of all quantities at once, (samples,) each."""
     count = whole_number("samples", samples, 1)
     rng = np.random.default_rng(whole_number("seed", seed))
-    points = qmc.Sobol(len(uncertain.by_path), seed=rng).random_base2(max(count - 1, 0).bit_length())[:count]
+    # SciPy has renamed `seed`, which it still takes, to `rng`.
+    sobol: Any = qmc.Sobol
+    points = sobol(len(uncertain.by_path), seed=rng).random_base2(max(count - 1, 0).bit_length())[:count]
     points = points + _HALF_CELL
     if not np.array_equal(uncertain.correlation, np.eye(len(uncertain.correlation))):
         points = norm.cdf(norm.ppf(points) @ np.linalg.cholesky(uncertain.correlation).T)
@@ -94,10 +97,6 @@ def moments(uncertain: Uncertain) -> tuple[np.ndarray, np.ndarray]:
         if not np.isfinite(known).all():
             raise ValueError(f"The distribution of `{path}` must have a finite mean and standard deviation.")
     return mean, std
-
-
-def _is_pair(given: Any) -> bool:
-    return isinstance(given, tuple) and bool(given) and isinstance(given[0], str)
 
 
 def _correlation(given: Numbers | None, count: int) -> np.ndarray:
