@@ -92,7 +92,8 @@ def critical_shock(
             raise ValueError(f"Argument `{name}` must be positive, but is {value}.")
     count = whole_number("rays", rays, 2)
     units = _directions(shocks, direction, count)
-    sizes = largest * np.arange(1, whole_number("steps", steps, 1) + 1) / steps
+    parts = whole_number("steps", steps, 1)
+    sizes = largest * np.arange(1, parts + 1) / parts
     with tqdm(unit="run", disable=not progress) as bar:
         search = _Search(shocks, tolerance * largest, bar)
         best = search.smallest(units, np.concatenate([[0.0], sizes]))
