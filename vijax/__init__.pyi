@@ -3,7 +3,10 @@
 from . import models as models, plot as plot
 from ._attractors.attractors import attractors as attractors
 from ._attractors.basins import basins as basins, uncertainty_exponent as uncertainty_exponent
+from ._attractors.critical_shock import critical_shock as critical_shock
 from ._attractors.follow import follow_attractors as follow_attractors
+from ._attractors.integrity import integrity as integrity
+from ._attractors.tipping import tipping_probability as tipping_probability
 from ._branches.bifurcation_value import bifurcation_value as bifurcation_value
 from ._branches.branch import Bifurcation as Bifurcation, Branch as Branch
 from ._branches.branches import branches as branches
@@ -53,7 +56,9 @@ from ._sections.lyapunov import lyapunov_exponents as lyapunov_exponents
 from ._sections.sections import impact_map as impact_map, stroboscopic_section as stroboscopic_section
 from ._sections.spectrum import power_spectrum as power_spectrum
 from ._sweep.combine import combine as combine
+from ._sweep.ensemble import ensemble as ensemble
 from ._sweep.provenance import system_of as system_of
+from ._sweep.sensitivity import sensitivity as sensitivity
 from ._sweep.sweep import sweep as sweep
 from ._system.base import base_excitation as base_excitation
 from ._system.compliant import CompliantContact as CompliantContact, CompliantStop as CompliantStop

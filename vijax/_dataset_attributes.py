@@ -121,7 +121,7 @@ _MEANINGS = {
 # Dimensions that no variable is named after.
 _DIMENSIONS = (
     *("stop", "impact", "exponent", "friction", "row", "harmonic", "multiplier", "attractor", "point"),
-    *("event", "lane", "distance"),
+    *("event", "lane", "distance", "sample", "quantity"),
 )
 _UNITS = {
     "impact_phase": "rad",

@@ -30,15 +30,16 @@ PUBLIC = {
         Bifurcation Branch CLOSE CompliantContact CompliantStop Contact DiffraxFlow EventLog
         ExecutionSettings Friction Harmonic IMPACT OPEN SLIP TURN ImpactSystem Interrupted ModalFlow ORBIT_RESULTS PeriodicOrbit RELEASE RESULTS STICK
         SimulationError Solution StickingRegion Stop TaylorFlow attractors base_excitation basins
-        bifurcation_curve bifurcation_value branches chain chart classify combine continuation
-        explore find_periodic_orbits follow_attractors impact_configurations impact_map impacts
+        bifurcation_curve bifurcation_value branches chain chart classify combine continuation critical_shock
+        ensemble explore find_periodic_orbits follow_attractors impact_configurations impact_map impacts integrity
         keep_compiled load lyapunov_exponents modal_restitution_matrix models monodromy_matrix
         next_crossing next_impact periodic_orbit periodic_orbits plot power_spectrum
-        restitution_matrix saltation_matrix save simulate sticking_region stroboscopic_map
-        stroboscopic_section sweep switch_branch system_of uncertainty_exponent
+        restitution_matrix saltation_matrix save sensitivity simulate sticking_region stroboscopic_map
+        stroboscopic_section sweep switch_branch system_of
+        tipping_probability uncertainty_exponent
     """,
     "vijax.plot": """
-        animate basins bifurcation branch curves impact_map lyapunov machine multipliers
+        animate basins bifurcation branch curves erosion impact_map lyapunov machine multipliers
         phase_portrait plane regions relative_motion section shares sticking_region time_series
     """,
     "vijax.models": """

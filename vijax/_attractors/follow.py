@@ -16,6 +16,7 @@ from .attractor_matching import branch_numbers, seeded
 from .attractors import machines_of_one, requested_starts
 from .coexisting import coexisting, lasting
 from .ensemble import FREQUENCY
+from .erosion import check_grid, erosion_columns
 from .table import attributes_of, table_along
 
 
@@ -31,6 +32,7 @@ def follow_attractors(
     bounds: Numbers | None = None,
     seed: Count = 0,
     threshold: float = 0.2,
+    integrity: bool = False,
     tolerance: float | None = None,
     args: object = None,
     flow: AbstractFlow | None = None,
@@ -58,6 +60,7 @@ def follow_attractors(
         bounds: likewise.
         seed: likewise.
         threshold: the largest distance of an attractor from its continuation, relative to their size.
+        integrity: measure how the basins are eroded, too. The starts must then be a grid, as for `vx.basins`.
         tolerance: as for `attractors`.
         args: as for `simulate`.
         flow: likewise.
@@ -71,10 +74,13 @@ def follow_attractors(
         variables of `vx.attractors` for each, NaN, False and 0 where it is not found. Along `attractor`: `birth`, the
         first value at which it is found, NaN if it is there from the first value on; `death`, the first value at which
         it is no longer found, NaN if it is there to the last; `successor`, the attractor on which its motion then
-        ends, -1 if that is unknown. Along the path `num_not_settled` and `num_failed`.
+        ends, -1 if that is unknown. Along the path `num_not_settled` and `num_failed`. With `integrity` the measures of
+        `vx.integrity` too, radii in widths of the grid: `local_integrity`, `integrity_factor` and their errors, NaN where
+        the attractor is not found, and along the path `basin_entropy` and `boundary_basin_entropy`.
 
     Raises:
-        ValueError: if the path names no number of the machine; and as `attractors`.
+        ValueError: if the path names no number of the machine, or the starts are no grid with `integrity`; and as
+            `attractors`.
         KeyboardInterrupt: after Ctrl-C; nothing is kept.
 
     Example:
@@ -99,7 +105,10 @@ def follow_attractors(
     )
     along, rate = _values(one.system, path, values)
     first = replace(one, system=set_parameter(one.system, path, as_float(along[0])), rate=rate[:1])
-    states = requested_starts(first, starts, bounds, seed).states
+    given = requested_starts(first, starts, bounds, seed)
+    if integrity:
+        check_grid(given)
+    states = given.states
     machines = replace(one, values={path: along}, rate=rate).for_sweep_of(len(along) * len(states))
     machine = np.repeat(np.arange(len(along)), len(states))
     states = np.tile(states, (len(along), 1)) * machines.scale(machine)
@@ -111,7 +120,10 @@ def follow_attractors(
     motions, number = lasting(motions)
     goes_to = {int(number[k]): int(number[j]) for k, j in goes_to.items() if number[k] >= 0}
     begun = branch_numbers(motions, len(along), threshold)
-    table = table_along(machines, motions, begun, goes_to, number[found.label], ends)
+    labels = number[found.label]
+    table = table_along(machines, motions, begun, goes_to, labels, ends)
+    if integrity:
+        table = table.assign(erosion_columns(machines, motions, begun, labels, given))
     warn_of_unsettled(int(table["num_not_settled"].sum()), len(states), machines.transient)
     coordinates = {path: (path, along), "stop_mass": ds["stop_mass"]}
     return table.assign_coords(coordinates).assign_attrs(attributes_of(ds))

@@ -114,7 +114,7 @@ def bounds_of(machines: Machines, bounds: Numbers | None) -> np.ndarray:
                 f"lowest first, but has shape {given.shape} or is not in order."
             )
         return given
-    low, high = _slots(system)
+    low, high = slots(system)
     rest = np.concatenate([np.clip(np.zeros(n), low, high), np.zeros(n)])[None]
     zero = np.zeros(1, int)
     ds = machines.run(
@@ -136,7 +136,7 @@ def is_beyond(system: ImpactSystem, states: np.ndarray) -> np.ndarray:
     return beyond
 
 
-def _slots(system: ImpactSystem) -> tuple[np.ndarray, np.ndarray]:
+def slots(system: ImpactSystem) -> tuple[np.ndarray, np.ndarray]:
     """Positions of the stops of each mass at phase 0, infinite where there are none, (n,) each."""
     ends = {side: np.full(system.num_masses, far) for side, far in (("lower", -np.inf), ("upper", np.inf))}
     for stop in system.stops:

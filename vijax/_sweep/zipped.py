@@ -1,6 +1,6 @@
 """Sweeps over a list of machines and starts, instead of a product grid."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -31,6 +31,8 @@ def sweep_zipped(
     executor: object,
     tell: Callable[[int], Any],
     beside: int = 0,
+    along: str = START,
+    quantities: Sequence[str] = (),
 ) -> xr.Dataset:
     """Run machines from starts, one of each to every point.
 
@@ -45,9 +47,11 @@ def sweep_zipped(
         tell: called with the number of points done since the last call.
         beside: number of points of another such sweep. Sweeps of many and of few points are two programs: to save a
             compilation this one is run as a part of as many, if they are more.
+        along: name of the dimension of the points.
+        quantities: as for `vx.sweep`, checked.
 
     Returns:
-        The dataset of `vx.sweep`, with the points along `start`.
+        The dataset of `vx.sweep`, with the points along one dimension.
 
     Raises:
         ValueError: for a path that names nothing, values that make no valid machine, or a start beyond a stop.
@@ -66,7 +70,8 @@ def sweep_zipped(
     filled = np.resize(np.arange(len(states)), max(len(states), beside))
     whole = points_of_lanes(base, {path: np.asarray(a)[filled] for path, a in given.items()})
     found = runner.run(whole, np.arange(len(states)), tell)
-    ds = dataset(points, {START: np.arange(len(states))}, (len(states),), own_counts, found, attributes)
-    coordinates = {path: ((START,), a) for path, a in values.items()}
-    coordinates |= {path: ((START, "mass"), a) for path, a in starts.items()}
+    numbers = {along: np.arange(len(states))}
+    ds = dataset(points, numbers, (len(states),), own_counts, found, attributes, quantities)
+    coordinates = {path: ((along,), a) for path, a in values.items()}
+    coordinates |= {path: ((along, "mass"), a) for path, a in starts.items()}
     return ds.assign_coords(coordinates)

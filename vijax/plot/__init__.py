@@ -15,6 +15,7 @@ _PLACES = {
     "bifurcation": "plot._bifurcation",
     "branch": "plot._branch",
     "curves": "plot._curves",
+    "erosion": "plot._erosion",
     "impact_map": "plot._impact_map",
     "lyapunov": "plot._lyapunov",
     "machine": "studio.drawing.machine",

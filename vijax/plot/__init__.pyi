@@ -6,6 +6,7 @@ from ._basins import basins as basins
 from ._bifurcation import bifurcation as bifurcation
 from ._branch import branch as branch
 from ._curves import curves as curves
+from ._erosion import erosion as erosion
 from ._impact_map import impact_map as impact_map
 from ._lyapunov import lyapunov as lyapunov
 from ._multipliers import multipliers as multipliers
