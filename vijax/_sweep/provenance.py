@@ -34,7 +34,8 @@ def origin(
     True where the sweep starts from the end states of an earlier one.
     """
     of_force = {} if base.system.force is None else {"force_parameters": json.dumps(force_parameters(base))}
-    return of_force | {
+    observed = {"observed": ", ".join(counts.observed)} if counts.observed else {}
+    return of_force | observed | {
         "system": json.dumps(describe(base.system)),
         "x0": json.dumps(np.asarray(base.x0).tolist()),
         "v0": json.dumps(np.asarray(base.v0).tolist()),
