@@ -12,16 +12,18 @@ they differ by less than 1e-5 of the amplitude.
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
 from .._flow.exact_step import state_after_step
 from .._flow.interface import AbstractFlow
-from .._jax.arrays import Scalar, add_up, clip_to_zero
+from .._jax.arrays import Scalar, append_axes, clip_to_zero, stack
 from .._jax.xla import compute_once, is_any
 from .._machine.contacts import Held
 from .._machine.derivatives import rates
@@ -94,65 +96,129 @@ def _joined(name: str, so_far: Array, found: Array, is_counted: Array) -> Array:
 
 
 def _of_step(
-    names: tuple[str, ...], flow: AbstractFlow, machine: Machine, state: State, step: Scalar
+    names: tuple[str, ...], flow: AbstractFlow, machine: Machine, state: State, length: Scalar
 ) -> Observed:
     """What some names stand for in one step."""
     machine = machine.in_mode(state)
     hold = machine.hold(state.held)
+    move = flow.inside(machine, state, hold)
     extremes, squares = ([name for name in names if name in of] for of in (EXTREMES, SQUARES))
+    seen = partial(_seen, extremes, squares, machine, hold)
+    shapes = jax.eval_shape(seen, state, length)
+    zero, least = jnp.zeros(shapes.values.shape, length.dtype), jnp.full(shapes.values.shape, -jnp.inf)
+    place = _Place(zero, zero, least, least)
+    numbers = append_axes(jnp.arange(len(zero)), zero)
 
-    def at(time: Scalar) -> State:
-        moved = flow.propagate(machine, state, hold, time)
-        return state_after_step(machine, state, *moved, time)
+    # Nodes and refinements are turns of one loop: two would compile twice as long.
+    def look(carry: tuple[_Sight, _Place, Array], turn: tuple[Array, Array, Array]):
+        before, place, sums = carry
+        node, weight, number = turn
+        is_own = numbers == number
+        own = jnp.sum(jnp.where(is_own, place.time, 0), axis=0)
+        time = jnp.where(number < 0, length * node, own)
+        there = compute_once(state_after_step, machine, state, *compute_once(move, time), time)
+        here = compute_once(seen, there, time)
+        place = compute_once(_better_place, place, before, here, number < 0)
+        place = compute_once(_newton, place, here, is_own, length)
+        return (here, place, sums + weight * here.squares), None
 
-    nodes, weights = _lobatto(_NODES)
-    shape = (_NODES,) + (1,) * step.ndim
-    times = step * jnp.asarray(nodes, step.dtype).reshape(shape)
-    states = jax.vmap(at)(times)
-    found: Observed = {}
+    start = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), shapes), place, jnp.zeros(shapes.squares.shape)
+    (_, place, sums), _ = jax.lax.scan(look, start, _turns(len(zero), length.dtype))
+    rows, sums = list(place.largest), list(length * sums)
+    found, num_stops = {}, machine.contacts.num_stops
+    for name in extremes:
+        size = num_stops if name == "max_force" else machine.num_masses
+        own, rows = rows[:size], rows[size:]
+        found[name] = EXTREMES[name][1] * stack(own) if own else jnp.zeros((0, *length.shape), length.dtype)
     for name in squares:
-        rows = jax.vmap(lambda s, name=name: _signals(machine, s, hold)[SQUARES[name]])(states)
-        found[name] = step * add_up([float(w) * row * row for w, row in zip(weights, rows, strict=True)])
-    if extremes:
-        found |= _extremes(extremes, machine, hold, at, (times, states))
+        own, sums = sums[: machine.num_masses], sums[machine.num_masses :]
+        found[name] = stack(own)
     return found
 
 
-def _extremes(
-    names: list[str], machine: Machine, hold: Held, at: Callable[[Scalar], State], inside: tuple[Array, State]
-) -> Observed:
-    """Extremes of some signals in a step, from its nodes and refined."""
+class _Sight(NamedTuple):
+    """What is seen at an instant.
 
-    def signs_and_slopes(state: State) -> tuple[Array, Array]:
-        """All signals with the signs of their extremes, and their slopes along the motion, (signals, ...) each."""
-        now = rates(machine, state, hold)
-        along = jnp.ones_like(state.time), state.v, now.acceleration, machine.phase_rate(state.phase)
+    Attributes:
+        time: since the beginning of the step.
+        values: signals with the signs of their extremes, (signals, ...).
+        slopes: their derivatives along the motion.
+        squares: squares of signals, (squares, ...).
+    """
 
-        def signed(moving: tuple[Array, ...]) -> Array:
-            signals = _signals(machine, eqx.tree_at(_moving, state, moving), hold)
-            return jnp.concatenate([EXTREMES[name][1] * signals[EXTREMES[name][0]] for name in names])
+    time: Scalar
+    values: Array
+    slopes: Array
+    squares: Array
 
-        return jax.jvp(signed, (_moving(state),), (along,))
 
-    times, states = inside
-    values, slopes = jax.vmap(signs_and_slopes)(states)
-    place, curvature = compute_once(_best_place, values, slopes, times)
-    best = jnp.max(values, axis=0)
-    numbers = jnp.arange(len(best))
+class _Place(NamedTuple):
+    """Where signals seem to be largest within a step, (signals, ...) each.
 
-    def own(time: Scalar, number: Array) -> tuple[Array, Array]:
-        found = signs_and_slopes(at(time))
-        is_own = (numbers == number).reshape(-1, *(1,) * time.ndim)
-        return tuple(jnp.sum(jnp.where(is_own, a, 0), axis=0) for a in found)
+    Attributes:
+        time: since the beginning of the step; 0 where no maximum lies inside.
+        curvature: second derivative there; 0 where no maximum lies inside.
+        height: value of the cubic there.
+        largest: largest value of the motion seen.
+    """
 
-    for _ in range(_REFINEMENTS + 1):
-        value, slope = compute_once(jax.vmap(own), place, numbers)
-        best = jnp.maximum(best, value)
-        moved = jnp.clip(place - slope / curvature, 0, times[-1])
-        place = jnp.where(jnp.isfinite(moved), moved, place)
-    sizes = [len(machine.mean) if name != "max_force" else machine.contacts.num_stops for name in names]
-    parts = jnp.split(best, np.cumsum(sizes)[:-1])
-    return {name: EXTREMES[name][1] * part for name, part in zip(names, parts, strict=True)}
+    time: Array
+    curvature: Array
+    height: Array
+    largest: Array
+
+
+def _seen(
+    extremes: list[str], squares: list[str], machine: Machine, hold: Held, state: State, time: Scalar
+) -> _Sight:
+    def signals(moving: tuple[Array, ...]) -> Array:
+        found = _signals(machine, eqx.tree_at(_moving, state, moving), hold)
+        rows = [EXTREMES[name][1] * found[EXTREMES[name][0]] for name in extremes]
+        return jnp.concatenate([jnp.zeros_like(state.x[:0]), *rows])
+
+    acceleration = rates(machine, state, hold).acceleration
+    along = jnp.ones_like(state.time), state.v, acceleration, machine.phase_rate(state.phase)
+    values, slopes = jax.jvp(signals, (_moving(state),), (along,))
+    found = _signals(machine, state, hold)
+    rows = [found[SQUARES[name]] for name in squares]
+    squared = jnp.concatenate([jnp.zeros_like(state.x[:0]), *rows]) ** 2
+    return _Sight(time, values, slopes, squared)
+
+
+def _better_place(place: _Place, left: _Sight, right: _Sight, is_node: Array) -> _Place:
+    """Look for a maximum of the cubics between two nodes."""
+    width = (right.time - left.time)[None]
+    rise, begin, end = right.values - left.values, left.slopes * width, right.slopes * width
+    b, c = 3 * rise - 2 * begin - end, begin + end - 2 * rise
+    square = b * b - 3 * c * begin
+    root = jnp.sqrt(jnp.where(square > 0, square, 1))
+    under = root - b
+    t = begin / jnp.where(under > 0, under, 1)
+    height = left.values + t * (begin + t * (b + t * c))
+    is_inside = is_node & (square > 0) & (under > 0) & (t > 0) & (t < 1)
+    is_better = is_inside & (height > place.height)
+    return _Place(
+        time=jnp.where(is_better, left.time + t * width, place.time),
+        curvature=jnp.where(is_better, -2 * root / jnp.where(width > 0, width * width, 1), place.curvature),
+        height=jnp.where(is_better, height, place.height),
+        largest=jnp.maximum(place.largest, right.values),
+    )
+
+
+def _newton(place: _Place, here: _Sight, is_own: Array, length: Scalar) -> _Place:
+    """Move the place of a signal by its slope there."""
+    bend = jnp.where(place.curvature < 0, place.curvature, -jnp.inf)
+    moved = jnp.clip(place.time - here.slopes / bend, 0, length)
+    return place._replace(time=jnp.where(is_own, moved, place.time))
+
+
+def _turns(num_signals: int, dtype: DTypeLike) -> tuple[Array, Array, Array]:
+    """Node, weight and number of the signal of each turn: first the nodes, of no signal, then refinements of every signal."""
+    nodes, weights = _lobatto(_NODES)
+    later = np.tile(np.arange(num_signals), _REFINEMENTS + 1)
+    numbers = np.append(np.full(_NODES, -1), later)
+    nodes, weights = (np.append(a, np.zeros(len(later))) for a in (nodes, weights))
+    return jnp.asarray(nodes, dtype), jnp.asarray(weights, dtype), jnp.asarray(numbers)
 
 
 def _moving(state: State) -> tuple[Array, ...]:
