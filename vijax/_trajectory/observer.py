@@ -171,14 +171,16 @@ class _Place(NamedTuple):
 def _seen(
     extremes: list[str], squares: list[str], machine: Machine, hold: Held, state: State, time: Scalar
 ) -> _Sight:
-    def signals(moving: tuple[Array, ...]) -> Array:
-        found = _signals(machine, eqx.tree_at(_moving, state, moving), hold)
+    names = lambda s: (s.time, s.x, s.v, s.phase)  # noqa: E731
+
+    def signals(*moving: Array) -> Array:
+        found = _signals(machine, eqx.tree_at(names, state, moving), hold)
         rows = [EXTREMES[name][1] * found[EXTREMES[name][0]] for name in extremes]
         return jnp.concatenate([jnp.zeros_like(state.x[:0]), *rows])
 
     acceleration = rates(machine, state, hold).acceleration
     along = jnp.ones_like(state.time), state.v, acceleration, machine.phase_rate(state.phase)
-    values, slopes = jax.jvp(signals, (_moving(state),), (along,))
+    values, slopes = jax.jvp(signals, names(state), along)
     found = _signals(machine, state, hold)
     rows = [found[SQUARES[name]] for name in squares]
     squared = jnp.concatenate([jnp.zeros_like(state.x[:0]), *rows]) ** 2
@@ -219,10 +221,6 @@ def _turns(num_signals: int, dtype: DTypeLike) -> tuple[Array, Array, Array]:
     numbers = np.append(np.full(_NODES, -1), later)
     nodes, weights = (np.append(a, np.zeros(len(later))) for a in (nodes, weights))
     return jnp.asarray(nodes, dtype), jnp.asarray(weights, dtype), jnp.asarray(numbers)
-
-
-def _moving(state: State) -> tuple[Array, ...]:
-    return state.time, state.x, state.v, state.phase
 
 
 def _signals(machine: Machine, state: State, hold: Held) -> dict[str, Array]:
