@@ -128,7 +128,7 @@ def _impact_rate(recorded: _Recorded) -> np.ndarray:
 
 def _mean_velocity(recorded: _Recorded) -> np.ndarray:
     x = recorded.tables["section_x"]
-    return (x[:, -1] - x[:, 0]) / ((recorded.counts.record - 1) * recorded.period)
+    return (x[:, -1] - x[:, 0]) / (max(recorded.counts.record - 1, 1) * recorded.period)
 
 
 def _extreme(name: str, recorded: _Recorded) -> np.ndarray:

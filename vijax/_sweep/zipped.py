@@ -1,6 +1,6 @@
 """Sweeps over a list of machines and starts, instead of a product grid."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +17,7 @@ from .._hybrid.sticking import can_any_stick
 from .._system.system import ImpactSystem
 from .dataset import dataset
 from .provenance import name_of_flow, origin
+from .quantities import observed_for
 
 START = "start"
 
@@ -31,6 +32,7 @@ def sweep_zipped(
     executor: object,
     tell: Callable[[int], Any],
     beside: int = 0,
+    quantities: Sequence[str] = (),
 ) -> xr.Dataset:
     """Run machines from starts, one of each to every point.
 
@@ -45,6 +47,7 @@ def sweep_zipped(
         tell: called with the number of points done since the last call.
         beside: number of points of another such sweep. Sweeps of many and of few points are two programs: to save a
             compilation this one is run as a part of as many, if they are more.
+        quantities: names of more variables, checked.
 
     Returns:
         The dataset of `vx.sweep`, with the points along `start`.
@@ -59,14 +62,15 @@ def sweep_zipped(
     given = dict(values) | starts
     points = points_of_lanes(base, given)
     can_stick = can_any_stick(points.system, points.x0, points.v0)
-    own_counts = replace(counts, can_stick=can_stick)
+    own_counts = replace(counts, can_stick=can_stick, observed=observed_for(quantities))
     motion = choose_flow(points.system, can_stick=can_stick, wanted=flow)
     attributes = origin(base, own_counts, flow=name_of_flow(motion, flow), carry=None, goes_on=False)
     runner = choose_runner(motion, own_counts, settings, executor)
     filled = np.resize(np.arange(len(states)), max(len(states), beside))
     whole = points_of_lanes(base, {path: np.asarray(a)[filled] for path, a in given.items()})
     found = runner.run(whole, np.arange(len(states)), tell)
-    ds = dataset(points, {START: np.arange(len(states))}, (len(states),), own_counts, found, attributes)
+    numbers = {START: np.arange(len(states))}
+    ds = dataset(points, numbers, (len(states),), own_counts, found, attributes, quantities)
     coordinates = {path: ((START,), a) for path, a in values.items()}
     coordinates |= {path: ((START, "mass"), a) for path, a in starts.items()}
     return ds.assign_coords(coordinates)
