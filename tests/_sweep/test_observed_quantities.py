@@ -1,5 +1,7 @@
 """Extremes, root mean squares and contact forces of sweeps: against closed forms, and against single runs searched by brute force."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -113,7 +115,7 @@ class Run:
         times = self.sol.events.to_dataframe().t.to_numpy()
         inside = times[(times > self.first) & (times < self.last)]
         ends = np.unique([self.first, *inside, self.last])
-        self.flights = [(a, np.nextafter(b, a)) for a, b in zip(ends[:-1], ends[1:], strict=True) if b - a > 1e-12]
+        self.flights = [(a, np.nextafter(b, a)) for a, b in pairwise(ends) if b - a > 1e-12]
 
     def at(self, times: np.ndarray) -> dict[str, np.ndarray]:
         x, v = map(np.asarray, self.sol.evaluate(times))
@@ -138,7 +140,7 @@ class Run:
         total = 0.0
         for a, b in self.flights:
             parts = np.linspace(a, b, 5)
-            for p, q in zip(parts[:-1], parts[1:], strict=True):
+            for p, q in pairwise(parts):
                 values = self.at((p + q) / 2 + nodes * (q - p) / 2)[signal]
                 total += (q - p) / 2 * (weights @ values**2)
         return np.sqrt(total / (self.last - self.first))

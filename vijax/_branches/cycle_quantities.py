@@ -5,8 +5,7 @@ there, and the program of a sweep serves. Orbits that it does not follow have Na
 run leaves it within its period.
 """
 
-from collections.abc import Callable, Mapping
-from collections.abc import Sequence as Many
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -30,7 +29,7 @@ from .branch import Branch
 
 # A quantity: one by its name, or a function of one cycle.
 Quantity = str | Callable[[Solution], Any]
-Quantities = Many[str] | Mapping[str, Quantity]
+Quantities = Sequence[str] | Mapping[str, Quantity]
 # Distance of a run from its start after the cycle, relative to the motion, beyond which it has left the orbit.
 _LEFT = 1e-6
 # Room for events in a cycle beside those of the branch: a run may have other bounces of a chatter.
@@ -43,12 +42,12 @@ def checked_cycle_quantities(wanted: Quantities, system: ImpactSystem) -> dict[s
     Raises:
         ValueError: for a name that is unknown or does not follow for this machine, or one that a column has already.
     """
-    pairs = dict(wanted) if isinstance(wanted, Mapping) else None
-    known = [one for one in pairs.values() if isinstance(one, str)] if pairs is not None else wanted
     # The start of a cycle is known too, so one period has a mean velocity.
-    names = checked_quantities(known, system, _counts(2, 1))
-    if pairs is None:
-        return {name: name for name in names}
+    counts = _counts(2, 1)
+    if not isinstance(wanted, Mapping):
+        return {name: name for name in checked_quantities(wanted, system, counts)}
+    pairs = dict(wanted)
+    checked_quantities([one for one in pairs.values() if isinstance(one, str)], system, counts)
     for name, one in pairs.items():
         if not isinstance(one, str) and not callable(one):
             raise ValueError(
@@ -80,7 +79,7 @@ def with_quantities(branch: Branch, wanted: Mapping[str, Quantity], flow: Abstra
     own = branch.points.isel(point=which)
     cycles = _Cycles(branch.system, own, flow)
     named = {name: one for name, one in wanted.items() if isinstance(one, str)}
-    found: dict[str, tuple[tuple[str, ...], np.ndarray]] = {}
+    found: dict[str, tuple[tuple[Any, ...], np.ndarray]] = {}
     if named and len(which):
         run = cycles.run(list(dict.fromkeys(named.values())))
         found = {name: (run[one].dims[1:], run[one].values) for name, one in named.items()}
@@ -100,7 +99,9 @@ def _attributes(name: str) -> dict[str, str]:
     """Attributes of a quantity, whose sweep has recorded the cycle."""
     found = variable_attributes(name)
     words = found.get("long_name", "").replace(" in the recorded periods", " in the cycle")
-    return found | ({"long_name": words.replace(" over the recorded periods", " over the cycle")} if words else {})
+    return found | (
+        {"long_name": words.replace(" over the recorded periods", " over the cycle")} if words else {}
+    )
 
 
 class _Cycles:
@@ -118,7 +119,15 @@ class _Cycles:
         values = {self.path: self.points[self.path].values}
         counts = _counts(self.num_periods, self.num_events)
         run = sweep_zipped(
-            self.system, values, starts, counts, self.flow, DEFAULT_SETTINGS, None, lambda _: None, quantities=names
+            self.system,
+            values,
+            starts,
+            counts,
+            self.flow,
+            DEFAULT_SETTINGS,
+            None,
+            lambda _: None,
+            quantities=names,
         )
         ends = np.concatenate([run["section_x"][:, -1], run["section_v"][:, -1]], axis=1)
         n = self.system.num_masses

@@ -133,7 +133,9 @@ class ExpandingFlow(AbstractFlow):
         motion = compute_once(self.expand, machine, state, hold)
         return compute_once(_moved, machine, state, motion, hold, step)
 
-    def inside(self, machine: Machine, state: State, hold: Held) -> Callable[[Scalar], tuple[Array, Array, Array]]:
+    def inside(
+        self, machine: Machine, state: State, hold: Held
+    ) -> Callable[[Scalar], tuple[Array, Array, Array]]:
         """Expand the motion once."""
         motion = compute_once(self.expand, machine, state, hold)
         return partial(_moved, machine, state, motion, hold)

@@ -100,7 +100,9 @@ class AbstractFlow(eqx.Module):
 
     def inside(
         self, machine: Machine, state: State, hold: Held
-    ) -> Callable[[Scalar], tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]]:
+    ) -> Callable[
+        [Scalar], tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]
+    ]:
         """`propagate` as a function of the duration alone, for many durations of one step."""
         return partial(self.propagate, machine, state, hold)
 

@@ -78,15 +78,15 @@ def sweep(
         args: passed to the `force` of the machine.
         lyapunov: compute all Lyapunov exponents of each motion too, see `vx.lyapunov_exponents`; this takes two to
             three times as long. They are averaged over the recorded periods, of which there should then be many.
-        quantities: names of more variables, to rounding. Of the motion in all recorded periods, between impacts and at
-            them: "max_position", "min_position", their difference "peak_to_peak", "max_velocity", "min_velocity",
-            "rms_position" and "rms_velocity" (..., mass), and "max_force" (..., stop), the largest contact force at a
-            stop that holds its mass or is compliant, without impacts. These take two to four times as long. Of the record, which takes no time:
-            "section_position" and "section_velocity", which equal `section_x` and `section_v`; "impact_rate" (..., stop),
-            recorded impacts per unit of time; "impulse" (..., period, stop), the sum of m |v+ - v-| over the impacts of
-            a period, those of complete chatters included; "dissipated_energy", the energy that they lose in the frame of
-            the stop, likewise; and "mean_velocity" (..., mass), from the end of the first recorded period to that of the
-            last. NaN where unknown.
+        quantities: names of more variables, to rounding, NaN where unknown. Of the motion in all recorded periods, between
+            impacts and at them: "max_position", "min_position", their difference "peak_to_peak", "max_velocity",
+            "min_velocity", "rms_position" and "rms_velocity" (..., mass), and "max_force" (..., stop), the largest
+            contact force at a stop that holds its mass or is compliant, without impacts. A sweep with one of these takes
+            two to three times as long, with all of them ten times. Of the record, at no cost: "section_position" and
+            "section_velocity", which equal `section_x` and `section_v`; "impact_rate" (..., stop), recorded impacts per
+            unit of time; "impulse" (..., period, stop), the sum of m |v+ - v-| over the impacts of a period, those of
+            complete chatters included; "dissipated_energy", the energy that they lose in the frame of the stop,
+            likewise; and "mean_velocity" (..., mass), from the end of the first recorded period to that of the last.
         max_impacts: room for the recorded impacts of one point.
         max_steps: bound on the steps of one point. If left out, every point has its own, far more than any sound
             motion takes: 100 000, 10 000 a forcing period, and 100 per unit of the time that is simulated * (highest

@@ -6,11 +6,11 @@ be largest, even where its slope vanishes twice. The best place of the step is t
 slope of the motion itself. What is kept are values of the motion, never those of a polynomial. (A guard at every
 zero of the slope would shorten the steps: the motion would have other bits where its extremes are requested.)
 
-Limit: of two local maxima within one step, a third of a period of the fastest mode at most, the lower one may be taken if
-they differ by less than 1e-5 of the amplitude.
+Limit: of two local maxima within one step, half a period of the fastest mode at most, the lower one may be taken if they
+differ by less than 1e-4 of the amplitude.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
 from .._flow.exact_step import state_after_step
 from .._flow.interface import AbstractFlow
@@ -105,8 +105,9 @@ def _of_step(
     extremes, squares = ([name for name in names if name in of] for of in (EXTREMES, SQUARES))
     seen = partial(_seen, extremes, squares, machine, hold)
     shapes = jax.eval_shape(seen, state, length)
-    zero, least = jnp.zeros(shapes.values.shape, length.dtype), jnp.full(shapes.values.shape, -jnp.inf)
-    place = _Place(zero, zero, least, least)
+    unseen = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), shapes)
+    zero = unseen.values
+    place = _Place(zero, zero, zero - jnp.inf, zero - jnp.inf)
     numbers = append_axes(jnp.arange(len(zero)), zero)
 
     # Nodes and refinements are turns of one loop: two would compile twice as long.
@@ -122,7 +123,7 @@ def _of_step(
         place = compute_once(_newton, place, here, is_own, length)
         return (here, place, sums + weight * here.squares), None
 
-    start = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), shapes), place, jnp.zeros(shapes.squares.shape)
+    start = unseen, place, unseen.squares
     (_, place, sums), _ = jax.lax.scan(look, start, _turns(len(zero), length.dtype))
     rows, sums = list(place.largest), list(length * sums)
     found, num_stops = {}, machine.contacts.num_stops
@@ -231,35 +232,6 @@ def _signals(machine: Machine, state: State, hold: Held) -> dict[str, Array]:
     free = jnp.zeros_like(pressing) if state.mode is None else contacts.forces_of(state)
     force = jnp.where(state.held, pressing, free)[: contacts.num_stops]
     return {"position": x, "velocity": v, "force": force}
-
-
-def _best_place(values: Array, slopes: Array, times: Array) -> tuple[Array, Array]:
-    """Time of the largest interior maximum of the cubics between nodes, and the curvature there, (signals, ...) each.
-
-    The first node, and a curvature of -1, where there is none.
-
-    Args:
-        values: at the nodes, (nodes, signals, ...).
-        slopes: likewise.
-        times: of the nodes, (nodes, ...).
-    """
-    times = times[:, None]
-    width = times[1:] - times[:-1]
-    rise, begin, end = values[1:] - values[:-1], slopes[:-1] * width, slopes[1:] * width
-    b, c = 3 * rise - 2 * begin - end, begin + end - 2 * rise
-    square = b * b - 3 * c * begin
-    root = jnp.sqrt(jnp.where(square > 0, square, 1))
-    under = root - b
-    t = begin / jnp.where(under > 0, under, 1)
-    is_inside = (square > 0) & (under > 0) & (t > 0) & (t < 1)
-    height = jnp.where(is_inside, values[:-1] + t * (begin + t * (b + t * c)), -jnp.inf)
-    place, curvature = times[:-1] + t * width, -2 * root / jnp.where(width > 0, width * width, 1)
-    highest, found = jnp.full_like(height[0], -jnp.inf), (jnp.zeros_like(t[0]), jnp.full_like(t[0], -1))
-    for k in range(len(height)):
-        is_better = height[k] > highest
-        highest = jnp.where(is_better, height[k], highest)
-        found = tuple(jnp.where(is_better, a[k], old) for a, old in zip((place, curvature), found, strict=True))
-    return found
 
 
 def _lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
