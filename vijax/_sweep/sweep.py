@@ -21,6 +21,7 @@ from .._system.system import ImpactSystem, with_args
 from .carry import lanes_of_chains, run_chains
 from .dataset import dataset
 from .grid import base_of, grid_points, values_of
+from .literals import Carry, Quantity
 from .outcomes import warn_of_endings
 from .provenance import name_of_flow, origin
 from .quantities import checked_quantities, observed_for
@@ -34,14 +35,14 @@ def sweep(
     *,
     transient: Count = 100,
     record: Count = 20,
-    carry: str | None = None,
+    carry: Carry | None = None,
     carry_from: xr.Dataset | None = None,
     x0: Numbers | None = None,
     v0: Numbers | None = None,
     flow: AbstractFlow | None = None,
     args: object = None,
     lyapunov: bool = False,
-    quantities: Sequence[str] = (),
+    quantities: Sequence[Quantity] = (),
     max_impacts: Count = 2048,
     max_steps: Count | None = None,
     store: str | os.PathLike[str] | None = None,

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
+from .._sweep.literals import ImpactOrdinate, Quantity
 from .._sweep.outcomes import warn_of_endings
 from .._sweep.short_names import with_paths
 from ._axes import (
@@ -58,7 +59,7 @@ def bifurcation(
     ds: Sweeps,
     stop: int = 0,
     *,
-    ordinate: str = "velocity",
+    ordinate: ImpactOrdinate | Quantity = "velocity",
     mass: int = 0,
     orbits: OrbitsLike | None = None,
     units: Units | None = None,
@@ -72,7 +73,7 @@ def bifurcation(
     ds: Sweeps,
     stop: None,
     *,
-    ordinate: str = "velocity",
+    ordinate: ImpactOrdinate | Quantity = "velocity",
     mass: int = 0,
     orbits: OrbitsLike | None = None,
     units: Units | None = None,
@@ -85,7 +86,7 @@ def bifurcation(
     ds: Sweeps,
     stop: int | None = 0,
     *,
-    ordinate: str = "velocity",
+    ordinate: ImpactOrdinate | Quantity = "velocity",
     mass: int = 0,
     orbits: OrbitsLike | None = None,
     units: Units | None = None,

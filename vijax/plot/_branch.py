@@ -1,7 +1,7 @@
 """Branches of periodic orbits: the velocities of their impacts against the parameter."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, overload
+from typing import Any, NamedTuple, cast, overload
 
 import jax
 import numpy as np
@@ -317,7 +317,7 @@ def _draw_light(ds: xr.Dataset, number: int, quantity: Ordinate | None, ordinate
     others = list(ax.lines)
     is_of_mass = quantity is not None and quantity.axis == "mass"
     stop, mass = (0, number) if is_of_mass else (number, 0)
-    bifurcation(ds, stop, ordinate=ordinate, mass=mass, ax=ax)
+    bifurcation(ds, stop, ordinate=cast(Any, ordinate), mass=mass, ax=ax)
     # Pale instead of transparent: many overlapping transparent points would be dark again.
     for line in ax.lines:
         if line not in others:
