@@ -46,7 +46,7 @@ WRONG = {
     f"vx.ImpactSystem([1.0], [[0.1]], [[1.0]], {LOAD}, vx.Contact({{0: 1.0}}))": f"{LIST} Contact",
     f"vx.chain([1.0], [0.1], [1.0], {LOAD}, None)": f"{LIST} None",
     f"vx.chain([1.0], [0.1], [1.0], {LOAD}, [0.3])": f"{LIST} [0.3]",
-    "vx.chain([1.0], [0.1], [1.0], None)": "Argument `forcing` must be a `vx.Harmonic`, one whose amplitudes are 0",
+    "vx.chain([1.0], [0.1], [1.0], 0.5)": "Argument `forcing` must be a `vx.Harmonic`, or None",
     f'vx.simulate({ONE}, "0", 1.0)': f"Argument `t0` {NUMBERS} '0'.",
     f'vx.simulate({ONE}, 0.0, "1")': f"Argument `t1` {NUMBERS} '1'.",
     f'vx.simulate({ONE}, 0.0, 1.0, ["0"])': f"Argument `x0` {NUMBERS} ['0'].",
@@ -135,3 +135,13 @@ def test_a_path_that_is_like_no_other_is_told_no_more_than_what_there_is(path):
     with pytest.raises(ValueError, match="names nothing that can be swept") as refusal:
         vx.sweep(SYSTEM, {path: [0.5]}, progress=False)
     assert "did you mean" not in str(refusal.value)
+
+
+def test_a_machine_without_a_load_moves_freely_and_has_no_forcing_period():
+    system = vx.ImpactSystem([1.0], [[0.0]], [[4.0]])
+    sol = vx.simulate(system, 0.0, 1.0, x0=[0.5])
+    assert float(sol.x1[0]) == pytest.approx(0.5 * np.cos(2.0), rel=1e-14)
+    with pytest.raises(ValueError, match=r"`forcing\.frequency` must be positive"):
+        vx.sweep(system, {"x0[0]": [0.5]}, progress=False)
+    with pytest.raises(ValueError, match="no forcing period"):
+        vx.periodic_orbit(system, [0.5], [0.0])

@@ -37,7 +37,7 @@ def compiled() -> str:
     program = lane_queue.LaneProgram(layout, can_stick=True)
     counts = np.array([POINTS, POINTS, 1, 2, 1000, 16, 1000])
     with jax.numpy_rank_promotion("allow"):
-        queue = lane_queue.new_queue(program, POINTS, LANES, DEFAULT_SETTINGS, has_tangents=False)
+        queue = lane_queue.new_queue(program, POINTS, LANES, DEFAULT_SETTINGS)
         return lane_queue.lane_programs.compiled(program, packed, counts, queue).as_text()
 
 

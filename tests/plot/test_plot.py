@@ -184,7 +184,7 @@ def test_a_bifurcation_diagram_can_show_phases(swept):
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), expected)
     assert ax.get_ylim() == (0, 2 * np.pi)
     with pytest.raises(
-        ValueError, match=r'"velocity" or "relative velocity" or "phase" or "section_.*, but is "time"'
+        ValueError, match=r'"velocity", "relative velocity", "phase", "section_.*, but is "time"'
     ):
         vx.plot.bifurcation(swept, ordinate="time")
 

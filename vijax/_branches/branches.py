@@ -13,6 +13,7 @@ from .._progress import Interrupted, interrupt_with_result, tqdm
 from .._sweep.short_names import with_paths
 from .branch import Branch
 from .continuation import follow_branches
+from .cycle_quantities import Quantities, checked_cycle_quantities, with_quantities
 from .kinds import Kind
 from .membership import not_on
 from .starts import Start, starting_orbits, value_of
@@ -26,6 +27,7 @@ def branches(
     *,
     depth: Count = 1,
     max_points: Count = 1000,
+    quantities: Quantities = (),
     progress: bool = True,
 ) -> list[Branch]:
     """Follow all branches through the orbits of a sweep along the swept quantity, each branch once.
@@ -35,6 +37,7 @@ def branches(
         bounds: lowest and highest value of the quantity; those of the sweep if left out.
         depth: number of successive period doublings that are followed from these branches.
         max_points: as for `vx.continuation`.
+        quantities: as for `vx.continuation`.
         progress: show a bar, which counts the orbits that lie on a branch found.
 
     Returns:
@@ -65,6 +68,9 @@ def branches(
         )
     (path,), (low, high) = paths, bounds or (float(orbits[paths[0]].min()), float(orbits[paths[0]].max()))
     waiting = [start for start in starting_orbits(orbits) if low <= _value(start, path) <= high]
+    wanted = {}
+    for start in waiting[:1]:
+        wanted = checked_cycle_quantities(quantities, start.system)
     found: list[Branch] = []
     with (
         tqdm(total=len(waiting), unit="orbit", disable=not progress) as bar,
@@ -82,7 +88,7 @@ def branches(
             ]
             doubled = [start for point in points for start in starting_orbits(switch_branch(point))]
             last = _follow_each_branch_once(doubled, found, follow, bar)
-    return found
+    return [with_quantities(branch, wanted, waiting[0].flow) for branch in found] if wanted else found
 
 
 def _follow_each_branch_once(

@@ -13,6 +13,7 @@ from .._orbits.orbit import PeriodicOrbit
 from .._progress import Interrupted, interrupt_with_result, tqdm
 from .._system.parameters import set_parameter
 from .branch import Branch, branch_of
+from .cycle_quantities import Quantities, Quantity, checked_cycle_quantities, with_quantities
 from .follow import follow_branch
 from .parameter_family import Family
 from .point import BranchPoint, DirectedBranch
@@ -27,6 +28,7 @@ def continuation(
     bounds: tuple[float, float],
     *,
     max_points: Count = 1000,
+    quantities: Quantities = (),
     progress: bool = True,
 ) -> Branch: ...
 @overload
@@ -36,6 +38,7 @@ def continuation(
     bounds: tuple[float, float],
     *,
     max_points: Count = 1000,
+    quantities: Quantities = (),
     progress: bool = True,
 ) -> list[Branch]: ...
 @padding_allowed
@@ -45,6 +48,7 @@ def continuation(
     bounds: tuple[float, float],
     *,
     max_points: Count = 1000,
+    quantities: Quantities = (),
     progress: bool = True,
 ) -> Branch | list[Branch]:
     """Follow a periodic orbit along a parameter in both directions, through bifurcations and changes of its events.
@@ -63,6 +67,10 @@ def continuation(
         path: the parameter, as in `vx.sweep`; a path with a star sets all that it names to one value.
         bounds: its lowest and highest value.
         max_points: largest number of points in each direction.
+        quantities: names as in `vx.sweep`, whose recorded periods are here the cycle, or a dict of names and functions of
+            one cycle, a `vx.Solution`, that return a number or an array, as in `{"energy": f, "x": "max_position"}`. They
+            become columns of `branch.points`, NaN where the machine does not follow the orbit, or a run of one cycle
+            leaves it because it is too unstable.
         progress: show a bar.
 
     Returns:
@@ -70,8 +78,9 @@ def continuation(
 
     Raises:
         ValueError: if the orbit is no periodic orbit of its machine, or not isolated, as at a resonance without
-            damping; if its value of the parameter lies outside the bounds; if a bound gives no valid machine; or if
-            64-bit numbers are off, or were when the orbit was found.
+            damping; if its value of the parameter lies outside the bounds; if a bound gives no valid machine; for
+            quantities that are unknown, or do not follow for this machine; or if 64-bit numbers are off, or were when the
+            orbit was found.
         Interrupted: after Ctrl-C, a `KeyboardInterrupt` whose `result` is the part followed so far.
 
     Example:
@@ -91,14 +100,23 @@ def continuation(
     starts = starting_orbits(orbit)
     refuse_single_precision("continuation", [(start.system, start.state) for start in starts])
 
+    wanted = {}
+    for start in starts:
+        wanted = checked_cycle_quantities(quantities, start.system)
+
     def as_asked(followed: list[Branch | None]) -> Branch | list[Branch]:
-        branches = [branch for branch in followed if branch is not None]
+        whole = zip(followed, starts, strict=True)
+        branches = [_with(branch, wanted, start) for branch, start in whole if branch is not None]
         return branches[0] if isinstance(orbit, PeriodicOrbit) else branches
 
     try:
         return as_asked(follow_branches(starts, path, bounds, max_points, progress=progress))
     except Interrupted as stopped:
         raise Interrupted(as_asked(stopped.result)) from None
+
+
+def _with(branch: Branch, wanted: dict[str, Quantity], start: Start) -> Branch:
+    return with_quantities(branch, wanted, start.flow) if wanted else branch
 
 
 def follow_branches(

@@ -34,6 +34,7 @@ from .._lanes.transform import lanes_last
 from .._machine.machine import Machine
 from .._machine.state import State, start_period
 from .._trajectory.loop import is_finite
+from .._trajectory.observer import Observed, observe
 from .._trajectory.step import advance
 from .._trajectory.tangent_frame import Tangents, advance_with
 from .records import Impact, PeriodEnd, RecordBatch, append
@@ -51,6 +52,7 @@ class EndStates(eqx.Module):
         is_finite: flags of trajectories that stayed finite, (points,).
         tangents: small changes that evolve with the motion, and their growth since the last end of a period. None
             where not requested, and once a point is done.
+        observed: extremes and integrals over the recorded periods, see `observer.py`; empty where none is requested.
     """
 
     state: State
@@ -60,6 +62,7 @@ class EndStates(eqx.Module):
     steps: Int[Array, " points"]
     is_finite: Bool[Array, " points"]
     tangents: Tangents | None = None
+    observed: Observed = eqx.field(default_factory=dict)
 
 
 class Work(eqx.Module):
@@ -202,6 +205,9 @@ def _step(task: LaneTask, lanes: EndStates) -> tuple[EndStates, Recorded]:
         number=number,
     )
     kept = None if tangents is None else tangents.start_period(instant.arrived)
+    observed = lanes.observed
+    if observed:
+        observed = observe(observed, task.flow, machine, state, instant.time, counted)
     moved = EndStates(
         state=jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state),
         num_impacts=lanes.num_impacts + hit,
@@ -210,6 +216,7 @@ def _step(task: LaneTask, lanes: EndStates) -> tuple[EndStates, Recorded]:
         steps=lanes.steps + live,
         is_finite=lanes.is_finite & (finite | ~live),
         tangents=jax.tree.map(lambda new, old: jnp.where(live, new, old), kept, lanes.tangents),
+        observed=observed,
     )
     x, v = machine.in_space(moved.state)
     end = PeriodEnd(

@@ -28,6 +28,7 @@ from .._machine.machine import AUTOMATIC_MAX_STEPS, Machine, default_max_steps, 
 from .._machine.numbers import MachineNumbers
 from .._machine.state import State, idle_mode
 from .._trajectory.loop import steps_fit_one_kernel
+from .._trajectory.observer import nothing_observed
 from .._trajectory.step import initial_state
 from .._trajectory.tangent_frame import Tangents, first_tangents
 from .carry_start import carried_start
@@ -77,10 +78,14 @@ class LaneProgram(NamedTuple):
     Attributes:
         layout: places of the `Points` in what is packed.
         can_stick: whether any stop of any point may hold its mass.
+        has_tangents: whether small changes evolve with the motions.
+        observed: names of what is observed, see `observer.py`.
     """
 
     layout: PointLayout
     can_stick: bool
+    has_tangents: bool = False
+    observed: tuple[str, ...] = ()
 
 
 def are_small(points: Points) -> bool:
@@ -88,14 +93,12 @@ def are_small(points: Points) -> bool:
     return steps_fit_one_kernel(points.numbers, points.flow, UNROLLED)
 
 
-def new_queue(
-    program: LaneProgram, width: int, num_lanes: int, settings: ExecutionSettings, *, has_tangents: bool
-) -> Queue:
+def new_queue(program: LaneProgram, width: int, num_lanes: int, settings: ExecutionSettings) -> Queue:
     """A queue with all lanes idle and room for `width` points, made by NumPy, which compiles nothing.
 
-    Only the room for records matters of the `settings`. With `has_tangents` small changes evolve with the motions.
+    Only the room for records matters of the `settings`.
     """
-    structure, shapes, place = _shapes(program.layout, width, num_lanes, settings, has_tangents)
+    structure, shapes, place = _shapes(program, width, num_lanes, settings)
     arrays = [np.zeros(shape, dtype) for shape, dtype in shapes]
     arrays[place].fill(width)
     return jax.tree.unflatten(structure, arrays)
@@ -103,19 +106,18 @@ def new_queue(
 
 @lru_cache
 def _shapes(
-    layout: PointLayout, width: int, num_lanes: int, settings: ExecutionSettings, has_tangents: bool
+    program: LaneProgram, width: int, num_lanes: int, settings: ExecutionSettings
 ) -> tuple[Any, list[tuple[tuple[int, ...], Any]], int]:
     """Structure of a queue, shapes and types of its arrays, and the place of `Queue.point` among them."""
-    queue = jax.eval_shape(partial(_zeros, layout, width, num_lanes, settings, has_tangents))
+    queue = jax.eval_shape(partial(_zeros, program, width, num_lanes, settings))
     leaves, structure = jax.tree.flatten(queue)
     place = next(k for k, leaf in enumerate(leaves) if leaf is queue.point)
     return structure, [(leaf.shape, leaf.dtype) for leaf in leaves], place
 
 
-def _zeros(
-    layout: PointLayout, width: int, num_lanes: int, settings: ExecutionSettings, has_tangents: bool
-) -> Queue:
-    points: Points = unpack(layout, layout.empty(width))
+def _zeros(program: LaneProgram, width: int, num_lanes: int, settings: ExecutionSettings) -> Queue:
+    points: Points = unpack(program.layout, program.layout.empty(width))
+    num_stops, has_tangents = points.numbers.num_stops, program.has_tangents
     (stops, n), dtype = points.numbers.rows.shape[:2], points.x0.dtype
     harmonics = points.numbers.waves.num_harmonics
 
@@ -136,7 +138,8 @@ def _zeros(
             mode=None if points.numbers.laws is None else idle_mode(of_stops),
         )
         counts = of_stops.astype(int), of_stops.astype(int)
-        return EndStates(state, *counts, of_stops, whole, whole.astype(bool))
+        observed = nothing_observed(program.observed, state, num_stops)
+        return EndStates(state, *counts, of_stops, whole, whole.astype(bool), observed=observed)
 
     impacts = impact_rows(max(settings.impact_rows, stops * num_lanes), dtype)  # room for one turn at least
     marks = mark_rows(max(settings.mark_rows, num_lanes), n, stops, dtype, has_growth=has_tangents)
@@ -256,6 +259,7 @@ def _started(points: Points, task: LaneTask, queue: Queue) -> EndStates:
         steps=jnp.zeros_like(lanes.steps),
         is_finite=jnp.ones_like(lanes.is_finite),
         tangents=None if lanes.tangents is None else first_tangents(lanes.state.x),
+        observed=nothing_observed(tuple(lanes.observed), lanes.state, task.machine.contacts.num_stops),
     )
     return jax.tree.map(lambda new, old: jnp.where(queue.is_new, new, old), fresh, lanes)
 

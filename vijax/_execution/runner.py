@@ -13,7 +13,10 @@ from .records import Impact, joined
 
 @dataclass(frozen=True)
 class Counts:
-    """Arguments of `sweep` for every point; `max_steps` is None where every point has its own bound."""
+    """Arguments of `sweep` for every point.
+
+    `max_steps` is None where every point has its own bound, `observed` names what is observed besides, see `observer.py`.
+    """
 
     transient: int
     record: int
@@ -21,6 +24,7 @@ class Counts:
     max_steps: int | None
     can_stick: bool
     lyapunov: bool = False
+    observed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,7 @@ class PointResults:
     Attributes:
         ends: `x`, `v`, `held`, `periods`, `num_impacts`, `num_sticks`, `steps`, `is_finite`, and for the end of each
             recorded period `section_x`, `section_v`, `section_held_time`, `section_growth` (see `Mark`), (...,
-            periods, points). Points are the last axis of all.
+            periods, points), and what is observed, by its names. Points are the last axis of all.
         impacts: recorded impacts, in any order.
         lane_steps: steps of all lanes, idle ones included.
     """

@@ -128,6 +128,7 @@ def _run_queue(
     columns = {"x": state.x, "v": state.v, "held": state.held, "periods": state.periods} | {
         name: getattr(ends, name) for name in ("num_impacts", "num_sticks", "steps", "is_finite")
     }
+    columns |= ends.observed
     kept = {name: np.asarray(a)[..., : share.size] for name, a in columns.items()}
     kept |= _sections(joined(marks), runner.counts.record, share.size)
     return PointResults(kept, joined(impacts), int(queue.progress.turns) * shape[1]).numbered(share)
@@ -153,16 +154,16 @@ def _start(
     counts, settings, (width, num_lanes) = runner.counts, runner.settings, shape
     filled = np.append(share, np.zeros(width - share.size, int))
     layout, packed = pack(points, filled, all_own=_are_all_own(points))
-    program = LaneProgram(layout, counts.can_stick)
+    program = LaneProgram(layout, counts.can_stick, counts.lyapunov, counts.observed)
     periods = (counts.transient, counts.transient + counts.record)
     max_steps = AUTOMATIC_MAX_STEPS if counts.max_steps is None else counts.max_steps
     work = np.array(
         [share.size, share.shape[-1], *periods, max_steps, counts.max_impacts, settings.turns],
         jax.dtypes.canonicalize_dtype(int),
     )
-    queue = new_queue(program, width, num_lanes, settings, has_tangents=counts.lyapunov)
+    queue = new_queue(program, width, num_lanes, settings)
     call = partial(run_lanes, program, packed, work)
-    key = program, shape, packed.own.dtype, counts.lyapunov, settings
+    key = program, shape, packed.own.dtype, settings
     with _COMPILING if key not in _COMPILED else nullcontext():
         if key not in _COMPILED:
             # Compiles, and takes no turn yet.

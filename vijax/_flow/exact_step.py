@@ -9,6 +9,7 @@ there. This is the differentiation rule of `fly`. It consists of differentiable 
 
 import abc
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -133,6 +134,13 @@ class ExpandingFlow(AbstractFlow):
         """Expand the motion, then move."""
         motion = compute_once(self.expand, machine, state, hold)
         return compute_once(_moved, machine, state, motion, hold, step)
+
+    def inside(
+        self, machine: Machine, state: State, hold: Held
+    ) -> Callable[[Scalar], tuple[Array, Array, Array]]:
+        """Expand the motion once."""
+        motion = compute_once(self.expand, machine, state, hold)
+        return partial(_moved, machine, state, motion, hold)
 
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
         """Step as far as the expansion is valid."""

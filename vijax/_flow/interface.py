@@ -1,6 +1,8 @@
 """Interface between the engine and the smooth motion between events."""
 
 import abc
+from collections.abc import Callable
+from functools import partial
 from typing import ClassVar
 
 import equinox as eqx
@@ -99,6 +101,14 @@ class AbstractFlow(eqx.Module):
         self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Displacement x(step) - x(0), velocity v(step), and change of the forcing phase over `step`."""
+
+    def inside(
+        self, machine: Machine, state: State, hold: Held
+    ) -> Callable[
+        [Scalar], tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]
+    ]:
+        """`propagate` as a function of the duration alone, for many durations of one step."""
+        return partial(self.propagate, machine, state, hold)
 
     @abc.abstractmethod
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:

@@ -54,6 +54,11 @@ class MachineNumbers(eqx.Module):
     force: BoundForce | None
     laws: Laws | None = None
 
+    @property
+    def num_stops(self) -> int:
+        """Number of contacts without friction."""
+        return len(self.rows) if self.laws is None else self.laws.num_stops
+
 
 def numbers_of(system: ImpactSystem) -> MachineNumbers:
     """Numbers of a machine, its force bound to its `args`; leaves may have lanes as last axis."""

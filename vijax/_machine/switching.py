@@ -49,6 +49,11 @@ class Laws(eqx.Module):
     grip: Reals
     velocity: Reals
 
+    @property
+    def num_stops(self) -> int:
+        """Number of contacts, rigid and compliant, which come before friction."""
+        return sum(kind != FRICTION for kind in self.kinds)
+
 
 def laws_of(system: ImpactSystem, of_contacts) -> Laws | None:
     """Laws of the elements of a machine, None if all its contacts are rigid; `of_contacts` makes an array of a list."""
@@ -95,7 +100,7 @@ class SwitchingContacts(Contacts):
     @property
     def num_stops(self) -> int:
         """Number of contacts, rigid and compliant, which come before friction."""
-        return sum(kind != FRICTION for kind in self.laws.kinds)
+        return self.laws.num_stops
 
     def are(self, kind: int) -> Bool[Array, "contacts ..."]:
         """Flags of the elements of a kind."""

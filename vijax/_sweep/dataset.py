@@ -71,7 +71,8 @@ def dataset(
     tables = impacts | sections | _end_table(points, counts, found)
     if counts.lyapunov:
         tables |= _exponents_table(counts, found, tables["forcing_period"])
-    tables |= quantity_tables(quantities, points.system, counts, tables)
+    observed = {name: found.ends[name].T for name in counts.observed}
+    tables |= quantity_tables(quantities, points.system, counts, tables, observed)
     for name, a in tables.items():
         variables[name] = ((*dims, *own.get(name, ())), a.reshape(*shape, *a.shape[1:]))
     coordinates = directions | coordinates_of(points.system, axes)

@@ -34,22 +34,27 @@ def origin(
     True where the sweep starts from the end states of an earlier one.
     """
     of_force = {} if base.system.force is None else {"force_parameters": json.dumps(force_parameters(base))}
-    return of_force | {
-        "system": json.dumps(describe(base.system)),
-        "x0": json.dumps(np.asarray(base.x0).tolist()),
-        "v0": json.dumps(np.asarray(base.v0).tolist()),
-        "transient": int(counts.transient),
-        "record": int(counts.record),
-        "lyapunov": int(counts.lyapunov),
-        "carry": carry or "none",
-        "carry_from": "an earlier sweep" if goes_on else "none",
-        "max_impacts": int(counts.max_impacts),
-        "max_steps": "default" if counts.max_steps is None else int(counts.max_steps),
-        "flow": flow,
-        "dtype": str(base.system.mass.dtype),
-        "device": jax.default_backend(),
-        **versions(),
-    }
+    observed = {"observed": ", ".join(counts.observed)} if counts.observed else {}
+    return (
+        of_force
+        | observed
+        | {
+            "system": json.dumps(describe(base.system)),
+            "x0": json.dumps(np.asarray(base.x0).tolist()),
+            "v0": json.dumps(np.asarray(base.v0).tolist()),
+            "transient": int(counts.transient),
+            "record": int(counts.record),
+            "lyapunov": int(counts.lyapunov),
+            "carry": carry or "none",
+            "carry_from": "an earlier sweep" if goes_on else "none",
+            "max_impacts": int(counts.max_impacts),
+            "max_steps": "default" if counts.max_steps is None else int(counts.max_steps),
+            "flow": flow,
+            "dtype": str(base.system.mass.dtype),
+            "device": jax.default_backend(),
+            **versions(),
+        }
+    )
 
 
 def name_of_flow(motion: AbstractFlow, wanted: AbstractFlow | None) -> str:

@@ -1,8 +1,9 @@
-"""Quantities of the motions of a sweep that follow exactly from what is recorded anyway.
+"""Quantities of the motions of a sweep, computed from the finished tables of a part of it.
 
-They are computed from the finished tables of a part of the sweep: no program changes, and sweeps without them take no
-longer. To add one that the record determines, write a function of `_Recorded` and list it in `_QUANTITIES`, its dimensions
-in `DIMS` and its meaning in `_dataset_attributes.py`.
+Most follow exactly from what is recorded anyway. Extremes and means of squares are observed while the motions are followed
+(`observer.py`), by a program of its own: sweeps without them take no longer. To add a quantity, write a function of
+`_Recorded` and list it in `_QUANTITIES`, its dimensions in `DIMS`, its meaning in `_dataset_attributes.py`, and what must
+be observed for it in `_OBSERVED`.
 
 An impact on a stop changes the velocity of its mass alone if the mass matrix is diagonal, by -(1 + r(u)) u, u the speed of
 approach. So the recorded u determines its impulse and its loss of energy. Stops that share inertia, as contacts between
@@ -21,14 +22,16 @@ from .._execution.runner import Counts
 from .._system.restitution import coefficient
 from .._system.stop import Stop
 from .._system.system import ImpactSystem
+from .._trajectory.observer import EXTREMES
 
 
 class _Recorded(NamedTuple):
-    """Machines of the points, lanes last; the arguments of their sweep; its variables, points first."""
+    """Machines of the points, lanes last; the arguments of their sweep; its variables, and what is observed, points first."""
 
     system: ImpactSystem
     counts: Counts
     tables: dict[str, np.ndarray]
+    observed: dict[str, np.ndarray]
 
     @property
     def is_done(self) -> np.ndarray:
@@ -88,8 +91,17 @@ def _check_impacts(name: str, system: ImpactSystem, counts: Counts) -> None:
         raise ValueError(f'The quantity "{name}" needs the impacts: let `max_impacts` be more than 0.')
 
 
+def observed_for(wanted: Sequence[str]) -> tuple[str, ...]:
+    """What must be observed for some quantities."""
+    return tuple(sorted({one for name in wanted for one in _OBSERVED.get(name, ())}))
+
+
 def quantity_tables(
-    wanted: Sequence[str], system: ImpactSystem, counts: Counts, tables: dict[str, np.ndarray]
+    wanted: Sequence[str],
+    system: ImpactSystem,
+    counts: Counts,
+    tables: dict[str, np.ndarray],
+    observed: dict[str, np.ndarray],
 ) -> dict[str, np.ndarray]:
     """The wanted quantities, points first.
 
@@ -98,8 +110,9 @@ def quantity_tables(
         system: machines of the points, lanes last.
         counts: arguments of `sweep` for every point.
         tables: variables of the sweep, points first.
+        observed: what was observed, points first, see `observed_for`.
     """
-    recorded = _Recorded(system, counts, tables)
+    recorded = _Recorded(system, counts, tables, observed)
     return {name: _QUANTITIES[name](recorded) for name in wanted}
 
 
@@ -115,7 +128,20 @@ def _impact_rate(recorded: _Recorded) -> np.ndarray:
 
 def _mean_velocity(recorded: _Recorded) -> np.ndarray:
     x = recorded.tables["section_x"]
-    return (x[:, -1] - x[:, 0]) / ((recorded.counts.record - 1) * recorded.period)
+    return (x[:, -1] - x[:, 0]) / (max(recorded.counts.record - 1, 1) * recorded.period)
+
+
+def _extreme(name: str, recorded: _Recorded) -> np.ndarray:
+    return np.where(recorded.is_done, recorded.observed[name], np.nan)
+
+
+def _peak_to_peak(recorded: _Recorded) -> np.ndarray:
+    return _extreme("max_position", recorded) - _extreme("min_position", recorded)
+
+
+def _rms(square: str, recorded: _Recorded) -> np.ndarray:
+    mean = recorded.observed[square] / (recorded.counts.record * recorded.period)
+    return np.where(recorded.is_done, np.sqrt(mean), np.nan)
 
 
 def _impulse(impact: _Impact) -> np.ndarray:
@@ -170,13 +196,24 @@ def _impacts_at(recorded: _Recorded, stop: int, point: np.ndarray, column: np.nd
 _QUANTITIES: dict[str, Callable[[_Recorded], np.ndarray]] = {
     "section_position": lambda recorded: recorded.tables["section_x"],
     "section_velocity": lambda recorded: recorded.tables["section_v"],
+    **{name: partial(_extreme, name) for name in EXTREMES},
+    "peak_to_peak": _peak_to_peak,
+    "rms_position": partial(_rms, "square_position"),
+    "rms_velocity": partial(_rms, "square_velocity"),
     "impact_rate": _impact_rate,
     "impulse": partial(_summed, _impulse),
     "dissipated_energy": partial(_summed, _dissipated_energy),
     "mean_velocity": _mean_velocity,
 }
+# What is observed for a quantity, see `observer.py`.
+_OBSERVED = {name: (name,) for name in EXTREMES} | {
+    "peak_to_peak": ("max_position", "min_position"),
+    "rms_position": ("square_position",),
+    "rms_velocity": ("square_velocity",),
+}
 # Dimensions besides those of the points.
-DIMS = {
+DIMS: dict[str, tuple[str, ...]] = {
+    **{name: ("stop",) if name == "max_force" else ("mass",) for name in _OBSERVED},
     "section_position": ("period", "mass"),
     "section_velocity": ("period", "mass"),
     "impact_rate": ("stop",),

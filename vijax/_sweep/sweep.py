@@ -21,9 +21,10 @@ from .._system.system import ImpactSystem, with_args
 from .carry import lanes_of_chains, run_chains
 from .dataset import dataset
 from .grid import base_of, grid_points, values_of
+from .literals import Carry, Quantity
 from .outcomes import warn_of_endings
 from .provenance import name_of_flow, origin
-from .quantities import checked_quantities
+from .quantities import checked_quantities, observed_for
 from .short_names import with_names, without_names
 from .zarr_output import write_sweep
 
@@ -34,14 +35,14 @@ def sweep(
     *,
     transient: Count = 100,
     record: Count = 20,
-    carry: str | None = None,
+    carry: Carry | None = None,
     carry_from: xr.Dataset | None = None,
     x0: Numbers | None = None,
     v0: Numbers | None = None,
     flow: AbstractFlow | None = None,
     args: object = None,
     lyapunov: bool = False,
-    quantities: Sequence[str] = (),
+    quantities: Sequence[Quantity] = (),
     max_impacts: Count = 2048,
     max_steps: Count | None = None,
     store: str | os.PathLike[str] | None = None,
@@ -78,11 +79,15 @@ def sweep(
         args: passed to the `force` of the machine.
         lyapunov: compute all Lyapunov exponents of each motion too, see `vx.lyapunov_exponents`; this takes two to
             three times as long. They are averaged over the recorded periods, of which there should then be many.
-        quantities: names of more variables, all exact: "section_position" and "section_velocity", which equal `section_x`
-            and `section_v`; "impact_rate" (..., stop), recorded impacts per unit of time; "impulse" (..., period, stop),
-            the sum of m |v+ - v-| over the impacts of a period, those of complete chatters included;
-            "dissipated_energy", the energy that they lose in the frame of the stop, likewise; and "mean_velocity"
-            (..., mass), from the end of the first recorded period to that of the last. NaN where unknown.
+        quantities: names of more variables, to rounding, NaN where unknown. Of the motion in all recorded periods, between
+            impacts and at them: "max_position", "min_position", their difference "peak_to_peak", "max_velocity",
+            "min_velocity", "rms_position" and "rms_velocity" (..., mass), and "max_force" (..., stop), the largest
+            contact force at a stop that holds its mass or is compliant, without impacts. A sweep with one of these takes
+            two to three times as long, with all of them ten times. Of the record, at no cost: "section_position" and
+            "section_velocity", which equal `section_x` and `section_v`; "impact_rate" (..., stop), recorded impacts per
+            unit of time; "impulse" (..., period, stop), the sum of m |v+ - v-| over the impacts of a period, those of
+            complete chatters included; "dissipated_energy", the energy that they lose in the frame of the stop,
+            likewise; and "mean_velocity" (..., mass), from the end of the first recorded period to that of the last.
         max_impacts: room for the recorded impacts of one point.
         max_steps: bound on the steps of one point. If left out, every point has its own, far more than any sound
             motion takes: 100 000, 10 000 a forcing period, and 100 per unit of the time that is simulated * (highest
@@ -138,6 +143,7 @@ def sweep(
     by_path, names = without_names(values, base)
     axes = values_of(by_path)
     added = checked_quantities(quantities, base.system, counts)
+    counts = replace(counts, observed=observed_for(added))
     if out is not None:
         if store is not None or carry is not None or carry_from is not None:
             raise ValueError(

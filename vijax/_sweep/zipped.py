@@ -17,6 +17,7 @@ from .._hybrid.sticking import can_any_stick
 from .._system.system import ImpactSystem
 from .dataset import dataset
 from .provenance import name_of_flow, origin
+from .quantities import observed_for
 
 START = "start"
 
@@ -63,7 +64,7 @@ def sweep_zipped(
     given = dict(values) | starts
     points = points_of_lanes(base, given)
     can_stick = can_any_stick(points.system, points.x0, points.v0)
-    own_counts = replace(counts, can_stick=can_stick)
+    own_counts = replace(counts, can_stick=can_stick, observed=observed_for(quantities))
     motion = choose_flow(points.system, can_stick=can_stick, wanted=flow, for_many=True)
     attributes = origin(base, own_counts, flow=name_of_flow(motion, flow), carry=None, goes_on=False)
     runner = choose_runner(motion, own_counts, settings, executor)

@@ -31,7 +31,8 @@ class ImpactSystem(eqx.Module):
             positive definite.
         damping: C, shape (n, n), symmetric positive semi-definite.
         stiffness: K, shape (n, n), symmetric positive semi-definite.
-        forcing: the periodic load f(t).
+        forcing: the periodic load f(t); None if there is none. Such a machine has no forcing period, which sweeps,
+            orbits and maps need: give it a load whose amplitudes are 0 to choose one.
         stops: any number of `vx.Stop`, at most one on each side of a mass, `vx.Contact`, `vx.CompliantStop` and
             `vx.CompliantContact`, in any mixture; results number them in this order.
         force: any other force on the masses, a smooth JAX function of the time (a number), positions and velocities
@@ -69,7 +70,7 @@ class ImpactSystem(eqx.Module):
         mass: Numbers,
         damping: Numbers,
         stiffness: Numbers,
-        forcing: Harmonic,
+        forcing: Harmonic | None = None,
         stops: Sequence[AnyStop] = (),
         force: Any = None,
         friction: Sequence[Friction] = (),
@@ -77,6 +78,7 @@ class ImpactSystem(eqx.Module):
         self.mass = as_float(mass, "mass")
         self.damping = as_float(damping, "damping")
         self.stiffness = as_float(stiffness, "stiffness")
+        forcing = Harmonic(np.zeros(self.mass.shape[:1]), 0.0) if forcing is None else forcing
         _check_parts(forcing, stops, friction)
         self.forcing, self.stops = _of_one_frequency(*in_full_precision((forcing, tuple(stops))))
         self.force = as_force(force)
@@ -181,7 +183,7 @@ def _check_parts(forcing: Any, stops: Any, friction: Any) -> None:
     """Reject a `forcing` that is not a load, or `stops` or `friction` that are not lists of such."""
     if not isinstance(forcing, Harmonic):
         raise ValueError(
-            "Argument `forcing` must be a `vx.Harmonic`, one whose amplitudes are 0 if nothing drives the machine, but is "
+            "Argument `forcing` must be a `vx.Harmonic`, or None if nothing drives the machine, but is "
             f"{forcing!r}."
         )
     if not isinstance(stops, list | tuple) or not all(isinstance(stop, AnyStop) for stop in stops):
@@ -260,7 +262,7 @@ def chain(
     masses: Numbers,
     dampings: Numbers,
     stiffnesses: Numbers,
-    forcing: Harmonic,
+    forcing: Harmonic | None = None,
     stops: Sequence[AnyStop] = (),
     force: Any = None,
     friction: Sequence[Friction] = (),

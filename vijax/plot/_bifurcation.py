@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
+from .._sweep.literals import ImpactOrdinate, Quantity
 from .._sweep.outcomes import warn_of_endings
 from .._sweep.short_names import with_paths
 from ._axes import (
@@ -23,8 +24,9 @@ from ._axes import (
 )
 from ._colors import curve_colors, faded, ink, lightness_of, merge_style, point_colors
 from ._contacts import StopMasses, name_of
-from ._labels import ANGLE, LENGTH, VELOCITY, Units, axis_label, swept_quantity, with_unit
+from ._labels import ANGLE, VELOCITY, Units, swept_quantity, with_unit
 from ._orbits import STABLE, UNKNOWN, UNSTABLE, OrbitsLike, as_sweep, list_of_orbits, stability_of
+from ._ordinates import Labels, Ordinate, label_of, ordinate_of, ordinates
 
 ORDINATES = {
     "velocity": ("impact_velocity", "Velocity $v^-$ before impact\nat {}", VELOCITY),
@@ -34,11 +36,6 @@ ORDINATES = {
         VELOCITY,
     ),
     "phase": ("impact_phase", "Phase $\\varphi$ of impact\nat {}", ANGLE),
-}
-# Of the states at the ends of periods, by mass instead of by stop.
-SECTIONS = {
-    "section_position": ("section_x", "Position $x_{{{}}}$\nat the end of each period", LENGTH),
-    "section_velocity": ("section_v", "Velocity $\\dot x_{{{}}}$\nat the end of each period", VELOCITY),
 }
 _OF_CONTACT = "Speed of approach before impact\nat {}"
 # Marker sizes: sweep down, single sweep, sweep up, separate orbits.
@@ -62,10 +59,12 @@ def bifurcation(
     ds: Sweeps,
     stop: int = 0,
     *,
-    ordinate: str = "velocity",
+    ordinate: ImpactOrdinate | Quantity = "velocity",
     mass: int = 0,
     orbits: OrbitsLike | None = None,
     units: Units | None = None,
+    labels: Labels | None = None,
+    xlim: tuple[float, float] | None = None,
     ax: Axes | None = None,
     **style: Any,
 ) -> Axes: ...
@@ -74,10 +73,12 @@ def bifurcation(
     ds: Sweeps,
     stop: None,
     *,
-    ordinate: str = "velocity",
+    ordinate: ImpactOrdinate | Quantity = "velocity",
     mass: int = 0,
     orbits: OrbitsLike | None = None,
     units: Units | None = None,
+    labels: Labels | None = None,
+    xlim: tuple[float, float] | None = None,
     ax: Sequence[Axes] | np.ndarray | None = None,
     **style: Any,
 ) -> np.ndarray: ...
@@ -85,10 +86,12 @@ def bifurcation(
     ds: Sweeps,
     stop: int | None = 0,
     *,
-    ordinate: str = "velocity",
+    ordinate: ImpactOrdinate | Quantity = "velocity",
     mass: int = 0,
     orbits: OrbitsLike | None = None,
     units: Units | None = None,
+    labels: Labels | None = None,
+    xlim: tuple[float, float] | None = None,
     ax: Axes | Sequence[Axes] | np.ndarray | None = None,
     **style: Any,
 ) -> Axes | np.ndarray:
@@ -106,12 +109,16 @@ def bifurcation(
             quantity by their names, as in `{"r = 0.7": one, "r = 0.8": other}`, are told apart by their colours.
         stop: the stop whose impacts are drawn; None for all, one panel a stop.
         ordinate: "velocity" before the impacts, "relative velocity" where stops move, counted from theirs, or
-            the "phase" of the impacts in the forcing period; or "section_position" or "section_velocity" of a mass at the
-            end of each recorded period, one panel whatever the stop.
-        mass: the mass whose section is drawn.
+            the "phase" of the impacts in the forcing period; or a quantity by its name in `vx.sweep`, as "max_position",
+            for which the sweep was asked: of a mass, one panel whatever the stop, or of the stop. "section_position" and
+            "section_velocity" are known always.
+        mass: the mass whose quantity is drawn.
         orbits: what `vx.periodic_orbits(ds)` returned, to mark the points of the sweep that it polished; or orbits of the
             machine at any values of the swept quantity, as from `vx.find_periodic_orbits`, to draw over them.
         units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
+        labels: words of the axes, by the path of the swept quantity and the name of the ordinate, as in
+            `{"force.mu": "Friction", "max_position": "Amplitude"}`.
+        xlim: ends of the x axis; those of the swept values if left out.
         ax: where to draw, also over what is there; for `stop=None` one axes for each stop; new axes if left out.
         **style: of the points of the sweep, as matplotlib's `plot` takes them: `color`, `marker`, `markersize`, `label`, ...
 
@@ -119,8 +126,8 @@ def bifurcation(
         The axes; an array of them for `stop=None`.
 
     Raises:
-        ValueError: unless one quantity is swept, the stop or the mass exists, and the orbits belong to the sweep or its
-            machine; for single orbits over a section.
+        ValueError: unless one quantity is swept, the stop or the mass exists, the sweep has the ordinate, and the orbits
+            belong to the sweep or its machine; for single orbits over a quantity.
 
     Example:
         ```python
@@ -137,26 +144,31 @@ def bifurcation(
     sweeps = named_datasets(ds, style)
     path, num_stops = _common(list(sweeps.values()), ordinate)
     one = next(iter(sweeps.values()))
-    if ordinate in SECTIONS:
-        _check_section(min(ds.sizes["mass"] for ds in sweeps.values()), mass, orbits)
-        numbers = [mass]
-    else:
+    quantity = None if ordinate in ORDINATES else ordinate_of(ordinate, one)
+    if quantity is None:
         numbers = stops_to_draw(stop, num_stops)
+    else:
+        _check_quantity(quantity, mass, min(ds.sizes["mass"] for ds in sweeps.values()), orbits)
+        numbers = stops_to_draw(stop, num_stops) if quantity.axis == "stop" else [mass]
     layers = _layers(sweeps, path, [] if orbits is None else orbits)
     column = column_of_axes(ax, len(numbers))
     for j, panel in zip(numbers, column, strict=True):
         so_far = current_xlim(panel)
         for layer in layers:
-            _draw_layer(layer, path, j, ordinate, panel, style)
-        panel.set_ylabel(_label(ordinate, j, one["stop_mass"].values, units))
+            _draw_layer(layer, path, j, quantity or ordinate, panel, style)
+        panel.set_ylabel(
+            (labels or {}).get(ordinate) or _label(ordinate, quantity, j, one["stop_mass"].values, units)
+        )
         if ordinate == "phase":
             set_phase_axis(panel.set_ylim, panel.set_yticks)
-        else:
+        elif quantity is None or quantity.has_sign:
             panel.axhline(0, color="0.7", linewidth=0.8, zorder=0)
         values = np.concatenate([layer.ds[path].values.ravel() for layer in layers])
         extend_xlim(panel, values, so_far)
+        if xlim is not None:
+            panel.set_xlim(xlim)
     _draw_legend(layers, column[0])
-    column[-1].set_xlabel(axis_label(path, units))
+    column[-1].set_xlabel(label_of(path, labels, units))
     return column if stop is None else column[0]
 
 
@@ -169,35 +181,50 @@ def _common(sweeps: list[xr.Dataset], ordinate: str) -> tuple[str, int]:
             f"Sweeps are drawn together that sweep one quantity of machines with as many stops, but these sweep "
             f"{sorted(paths)} of machines with {sorted(counts)} stops."
         )
-    if ordinate not in ORDINATES | SECTIONS:
-        names = " or ".join(f'"{name}"' for name in ORDINATES | SECTIONS)
-        raise ValueError(f'Argument `ordinate` must be {names}, but is "{ordinate}".')
-    if ordinate in SECTIONS:
-        return paths.pop(), counts.pop()
+    path, num_stops = paths.pop(), counts.pop()
+    if ordinate not in ORDINATES:
+        _check_known(sweeps, ordinate)
+        return path, num_stops
     if any(ORDINATES[ordinate][0] not in ds for ds in sweeps):
         raise ValueError(
             'Argument `ordinate` must be "velocity" where no stop moves: there it is the relative one.'
         )
     for ds in sweeps:
         warn_of_endings(ds, "max_impacts_reached")
-    return paths.pop(), counts.pop()
+    return path, num_stops
 
 
-def _check_section(num_masses: int, mass: int, orbits: OrbitsLike | None) -> None:
-    check_index("mass", mass, num_masses)
-    if orbits is not None and not isinstance(orbits, xr.Dataset):
+def _check_known(sweeps: list[xr.Dataset], ordinate: str) -> None:
+    """Refuse an ordinate that is none, or that a sweep does not have."""
+    if ordinate not in ordinates():
+        names = ", ".join(f'"{name}"' for name in (*ORDINATES, *ordinates()))
+        raise ValueError(f'Argument `ordinate` must be one of {names}, but is "{ordinate}".')
+    quantity = ordinate_of(ordinate, sweeps[0])
+    if quantity is None or any(quantity.variable not in ds for ds in sweeps):
         raise ValueError(
-            "Argument `orbits` marks the points of a section if it is what `vx.periodic_orbits(ds)` returned; single orbits "
-            "are drawn at their impacts only: leave them out, or choose another `ordinate`."
+            f'Argument `ordinate` is "{ordinate}", which the sweep does not have: give `vx.sweep` '
+            f'`quantities=["{ordinate}"]`.'
         )
 
 
-def _label(ordinate: str, number: int, stop_masses: StopMasses, units: Units | None) -> str:
-    """Label of the y axis, for a stop or the mass of a section."""
-    if ordinate not in SECTIONS:
+def _check_quantity(quantity: Ordinate, mass: int, num_masses: int, orbits: OrbitsLike | None) -> None:
+    if quantity.axis == "mass":
+        check_index("mass", mass, num_masses)
+    if orbits is not None and not isinstance(orbits, xr.Dataset):
+        raise ValueError(
+            "Argument `orbits` marks the points of a section or of another quantity if it is what "
+            "`vx.periodic_orbits(ds)` returned; single orbits are drawn at their impacts only: leave them out, or choose "
+            "another `ordinate`."
+        )
+
+
+def _label(
+    ordinate: str, quantity: Ordinate | None, number: int, stop_masses: StopMasses, units: Units | None
+) -> str:
+    """Label of the y axis, for a stop or a mass."""
+    if quantity is None:
         return label_of_impacts(ordinate, number, stop_masses, units)
-    _, words, unit = SECTIONS[ordinate]
-    return with_unit(words.format(number), unit, units)
+    return quantity.label(number, stop_masses, units)
 
 
 def label_of_impacts(ordinate: str, stop: int, stop_masses: StopMasses, units: Units | None) -> str:
@@ -258,11 +285,12 @@ def _beside_ink() -> str:
 
 
 def _draw_layer(
-    layer: _Layer, path: str, number: int, ordinate: str, ax: Axes, style: dict[str, Any]
+    layer: _Layer, path: str, number: int, ordinate: Ordinate | str, ax: Axes, style: dict[str, Any]
 ) -> None:
-    """Draw the impacts of a layer at a stop, or the section of a mass."""
-    if ordinate in SECTIONS:
-        shown = layer.ds[SECTIONS[ordinate][0]].isel(mass=number)
+    """Draw the impacts of a layer at a stop, or a quantity of a stop or a mass."""
+    if isinstance(ordinate, Ordinate):
+        shown = layer.ds[ordinate.variable]
+        shown = shown.isel({ordinate.axis: number}) if ordinate.axis else shown
         is_ours = shown.notnull()
     else:
         shown = layer.ds[ORDINATES[ordinate][0]]

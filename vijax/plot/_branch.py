@@ -1,7 +1,7 @@
 """Branches of periodic orbits: the velocities of their impacts against the parameter."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, overload
+from typing import Any, NamedTuple, cast, overload
 
 import jax
 import numpy as np
@@ -16,12 +16,22 @@ from .._system.description import build_from
 from .._system.force_description import NAMED_FORCE
 from .._system.parameters import is_of_force, set_parameter
 from .._system.system import ImpactSystem
-from ._axes import column_of_axes, current_xlim, extend_xlim, label_if_new, legend_beside, stops_to_draw
+from ._axes import (
+    check_index,
+    column_of_axes,
+    current_xlim,
+    extend_xlim,
+    label_if_new,
+    legend_beside,
+    stops_to_draw,
+)
 from ._bifurcation import bifurcation, label_of_impacts
+from ._branch_names import checked_ordinate, named_branches, quantity_lines
 from ._colors import curve_colors, faded, ink, merge_style
 from ._contacts import masses_of_stops, name_of
 from ._impact_lines import OrbitImpacts, impact_lines
-from ._labels import Units, axis_label, swept_paths
+from ._labels import Units, swept_paths
+from ._ordinates import Labels, Ordinate, label_of
 
 _STABILITY = {True: ("-", "stable"), False: ((0, (3.0, 1.5)), "unstable")}
 MARKERS: dict[str, str] = {
@@ -37,6 +47,8 @@ MARKERS: dict[str, str] = {
 OTHER = "h"
 # Sweep under the branches: remaining share of its colours, and factor of its marker size.
 _LIGHT, _LARGER = 0.6, 1.4
+# Number of markers in a panel above which they are half as large.
+_MANY_MARKS = 60
 
 
 @overload
@@ -45,7 +57,11 @@ def branch(
     ds: xr.Dataset | None = None,
     stop: int = 0,
     *,
+    ordinate: str = "velocity",
+    mass: int = 0,
     units: Units | None = None,
+    labels: Labels | None = None,
+    xlim: tuple[float, float] | None = None,
     ax: Axes | None = None,
     **style: Any,
 ) -> Axes: ...
@@ -55,7 +71,11 @@ def branch(
     ds: xr.Dataset | None = None,
     *,
     stop: None,
+    ordinate: str = "velocity",
+    mass: int = 0,
     units: Units | None = None,
+    labels: Labels | None = None,
+    xlim: tuple[float, float] | None = None,
     ax: Sequence[Axes] | np.ndarray | None = None,
     **style: Any,
 ) -> np.ndarray: ...
@@ -64,11 +84,15 @@ def branch(
     ds: xr.Dataset | None = None,
     stop: int | None = 0,
     *,
+    ordinate: str = "velocity",
+    mass: int = 0,
     units: Units | None = None,
+    labels: Labels | None = None,
+    xlim: tuple[float, float] | None = None,
     ax: Axes | Sequence[Axes] | np.ndarray | None = None,
     **style: Any,
 ) -> Axes | np.ndarray:
-    """Draw branches of periodic orbits: the velocities before the impacts of their orbits against the parameter.
+    """Draw branches of periodic orbits: the velocities before their impacts, or a quantity, against the parameter.
 
     Each impact of the cycle is a line from the grazing at which it appears to the grazing at which it disappears, solid
     where the orbits are stable and dashed where they are unstable. Bifurcations are marked on every line. Orbits
@@ -76,10 +100,17 @@ def branch(
 
     Args:
         branches: what `vx.continuation` returned, one or several along one parameter; several are told apart by their
-            colours. Their names in the legend are those of a dict, as in `{"1 in 2": one, "2 in 2": other}`.
-        ds: what `vx.sweep` returned for the same parameter, to draw its impacts under the branches, light.
+            colours. Their names in the legend are those of a dict, as in `{"1 in 2": one, "2 in 2": other}`. Of more than
+            eight without names, those of one motion share a colour: "2 in 3" has two impacts in three periods.
+        ds: what `vx.sweep` returned for the same parameter, to draw the same of it under the branches, light.
         stop: the stop whose impacts are drawn; None for all, one panel a stop.
+        ordinate: "velocity" of the impacts, or a column that `vx.continuation` was asked for by `quantities`: of a mass, as
+            "max_position", one panel whatever the stop; of the stop; or a number of the user's own.
+        mass: the mass whose quantity is drawn.
         units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
+        labels: words of the axes, by the path of the parameter and the name of the ordinate, as in
+            `{"force.mu": "Friction", "max_position": "Amplitude"}`.
+        xlim: ends of the x axis; those of the branches if left out.
         ax: where to draw, also over what is there; for `stop=None` one axes for each stop; new axes if left out.
         **style: of the lines, as matplotlib's `plot` takes them: `color`, `linewidth`, `label`, ...
 
@@ -87,8 +118,8 @@ def branch(
         The axes; an array of them for `stop=None`.
 
     Raises:
-        ValueError: if there is no branch, the stop does not exist, no orbit has an impact there, or branches and sweep
-            do not follow one parameter of one machine.
+        ValueError: if there is no branch, the stop or the mass does not exist, no orbit has an impact there, a branch lacks
+            the ordinate, or branches and sweep do not follow one parameter of one machine.
 
     Example:
         ```python
@@ -101,39 +132,46 @@ def branch(
     References:
         Y. A. Kuznetsov, Elements of Applied Bifurcation Theory, Sec. 10.2.
     """
-    several, names = _named(branches)
+    several, names = named_branches(branches)
     ds = None if ds is None else with_paths(ds)
-    path, num_stops = _common(several, ds)
-    stops = stops_to_draw(stop, num_stops)
+    path = _common(several, ds)
+    quantity = checked_ordinate(several, ordinate, "velocity")
+    numbers = _numbers(quantity, stop, mass, several[0].points.sizes)
     masses = masses_of_stops(_system(several[0].points))
-    curves = {j: [_curves(one, j) for one in several] for j in stops}
-    if not any(one.lines for of_stop in curves.values() for one in of_stop):
+    curves = {j: [_curves(one, j, ordinate, quantity) for one in several] for j in numbers}
+    if not any(one.lines for of_number in curves.values() for one in of_number):
         where = "any stop" if stop is None else name_of(stop, masses)
-        raise ValueError(f"There are no impacts at {where} to draw.")
-    column = column_of_axes(ax, len(stops))
+        what = (
+            f"There are no impacts at {where}" if quantity is None else f'There are no values of "{ordinate}"'
+        )
+        raise ValueError(f"{what} to draw.")
+    column = column_of_axes(ax, len(numbers))
     values = [one.values for one in several] + ([] if ds is None else [ds[path].values.ravel()])
-    for j, panel in zip(stops, column, strict=True):
+    for j, panel in zip(numbers, column, strict=True):
         so_far = current_xlim(panel)
-        panel.axhline(0, color="0.7", linewidth=0.8, zorder=0)
+        if quantity is None or quantity.has_sign:
+            panel.axhline(0, color="0.7", linewidth=0.8, zorder=0)
         if ds is not None:
-            _draw_light(ds, j, panel)
+            _draw_light(ds, j, quantity, ordinate, panel)
         _draw_curves(curves[j], names, panel, style)
         _draw_marks(curves[j], panel)
         extend_xlim(panel, np.concatenate(values), so_far)
-        panel.set_xlabel(axis_label(path, units) if panel is column[-1] else "")
-        panel.set_ylabel(label_of_impacts("velocity", j, masses, units))
+        if xlim is not None:
+            panel.set_xlim(xlim)
+        panel.set_xlabel(label_of(path, labels, units) if panel is column[-1] else "")
+        own = quantity.label(j, masses, units) if quantity else label_of_impacts("velocity", j, masses, units)
+        panel.set_ylabel((labels or {}).get(ordinate) or own)
     _draw_legend(column)
     return column if stop is None else column[0]
 
 
-def _named(
-    branches: Branch | Sequence[Branch] | Mapping[str, Branch],
-) -> tuple[list[Branch], list[str]]:
-    """The branches and their names; a single one that is not named has none."""
-    if isinstance(branches, Mapping):
-        return list(branches.values()), list(branches)
-    several = [branches] if isinstance(branches, Branch) else list(branches)
-    return several, [f"branch {k}" if len(several) > 1 else "" for k in range(len(several))]
+def _numbers(quantity: Ordinate | None, stop: int | None, mass: int, sizes: Mapping[Any, int]) -> list[int]:
+    """The stops to draw, or the mass."""
+    if quantity is None or quantity.axis == "stop":
+        return stops_to_draw(stop, sizes["stop"])
+    if quantity.axis == "mass":
+        check_index("mass", mass, sizes["mass"])
+    return [mass]
 
 
 def label_of_kind(kind: str) -> str:
@@ -141,8 +179,8 @@ def label_of_kind(kind: str) -> str:
     return Kind(kind).words if kind in MARKERS else kind.replace("_", " ").replace("+", " and ")
 
 
-def _common(branches: list[Branch], ds: xr.Dataset | None) -> tuple[str, int]:
-    """The path of the common parameter, and the number of stops."""
+def _common(branches: list[Branch], ds: xr.Dataset | None) -> str:
+    """The path of the common parameter."""
     if not branches:
         raise ValueError("Argument `branches` is empty: give one or more.")
     paths = {one.path for one in branches}
@@ -158,7 +196,7 @@ def _common(branches: list[Branch], ds: xr.Dataset | None) -> tuple[str, int]:
     counts = {one.sizes["stop"] for one in drawn}
     if len(counts) > 1:
         raise ValueError(f"Branches and sweep must be of one machine, but have {sorted(counts)} stops.")
-    return path, counts.pop()
+    return path
 
 
 def _system(points: xr.Dataset) -> ImpactSystem:
@@ -167,13 +205,13 @@ def _system(points: xr.Dataset) -> ImpactSystem:
 
 
 class _Curves(NamedTuple):
-    """The lines of a branch at one stop.
+    """The lines of a branch at one stop, or of one quantity.
 
     Attributes:
         values: parameter at the points of the branch, (points,).
         kinds: bifurcation at each point, empty for none, (points,).
         is_stable: whether the branch is stable up to the next point, (points - 1,).
-        lines: of each impact, the point numbers and its velocities there.
+        lines: of each impact or quantity, the point numbers and its values there.
     """
 
     values: np.ndarray
@@ -182,17 +220,20 @@ class _Curves(NamedTuple):
     lines: list[tuple[np.ndarray, np.ndarray]]
 
 
-def _curves(branch: Branch, stop: int) -> _Curves:
-    """The lines of a branch at a stop."""
+def _curves(branch: Branch, number: int, ordinate: str, quantity: Ordinate | None) -> _Curves:
+    """The lines of the impacts of a branch at a stop, or of a quantity of a stop or a mass."""
     points = branch.points
     if branch.ends == (End.CLOSED, End.CLOSED):  # repeat the first point at the end
         points = points.isel(point=[*range(len(branch)), 0])
     kinds = points["bifurcation"].values.astype(str)
     # At a multiplier on the unit circle `is_stable` is decided by rounding: the other end of the segment decides.
     is_stable = points["is_stable"].values | np.isin(kinds, [str(kind) for kind in Kind if kind.is_critical])
-    sign = _system(points).stops[stop].sign
-    found = impact_lines(_impacts(points, stop), kinds, points.attrs["num_periods"])
-    lines = [(np.array(numbers), sign * np.array(velocities)) for numbers, velocities in found]
+    if quantity is None:
+        sign = _system(points).stops[number].sign
+        found = impact_lines(_impacts(points, number), kinds, points.attrs["num_periods"])
+        lines = [(np.array(numbers), sign * np.array(velocities)) for numbers, velocities in found]
+    else:
+        lines = quantity_lines(points, ordinate, quantity, number)
     return _Curves(points[branch.path].values, kinds, is_stable[:-1] & is_stable[1:], lines)
 
 
@@ -231,12 +272,14 @@ def _joined(curves: _Curves, is_stable: bool) -> tuple[np.ndarray, np.ndarray]:
 
 def _draw_curves(curves: list[_Curves], names: list[str], ax: Axes, style: dict[str, Any]) -> None:
     """Draw all lines, solid where orbits are stable, and their legend entries."""
-    colors = curve_colors(len(curves)) if len(curves) > 1 else [ink()]
+    kinds = list(dict.fromkeys(names)) if any(names) else range(len(curves))
+    colors = curve_colors(len(kinds)) if len(curves) > 1 else [ink()]
+    color_of = dict(zip(kinds, colors, strict=True))
     label = style.get("label", "")
     style = {key: value for key, value in style.items() if key != "label"}
-    for one, name, color in zip(curves, names, colors, strict=True):
-        look = merge_style(style, color=color, linewidth=1.2)
-        words = ", ".join(filter(None, (label, name)))
+    for k, (one, name) in enumerate(zip(curves, names, strict=True)):
+        look = merge_style(style, color=color_of[name if any(names) else k], linewidth=1.2)
+        words = label_if_new(ax, ", ".join(filter(None, (label, name))))
         if words:
             ax.plot([], [], label=words, **look)
         for is_stable, (stroke, _) in _STABILITY.items():
@@ -256,10 +299,11 @@ def _draw_marks(curves: list[_Curves], ax: Axes) -> None:
             ):
                 if kind:
                     found.setdefault(str(kind), []).append((float(value), float(velocity)))
+    size = 6.0 if sum(map(len, found.values())) <= _MANY_MARKS else 3.0
     for kind, places in found.items():
         if places:
             marker = MARKERS.get(kind, OTHER)
-            draw_special(ax, np.array(places), kind, marker=marker, markersize=6.0, markeredgewidth=1.0)
+            draw_special(ax, np.array(places), kind, marker=marker, markersize=size, markeredgewidth=size / 6)
 
 
 def draw_special(ax: Axes, places: np.ndarray, kind: str, **look: Any) -> None:
@@ -268,10 +312,12 @@ def draw_special(ax: Axes, places: np.ndarray, kind: str, **look: Any) -> None:
     ax.plot(*places.T, label=label_if_new(ax, label_of_kind(kind)), **own, **look)
 
 
-def _draw_light(ds: xr.Dataset, stop: int, ax: Axes) -> None:
-    """Draw the impacts of a sweep below everything else."""
+def _draw_light(ds: xr.Dataset, number: int, quantity: Ordinate | None, ordinate: str, ax: Axes) -> None:
+    """Draw the impacts or the quantity of a sweep below everything else."""
     others = list(ax.lines)
-    bifurcation(ds, stop, ax=ax)
+    is_of_mass = quantity is not None and quantity.axis == "mass"
+    stop, mass = (0, number) if is_of_mass else (number, 0)
+    bifurcation(ds, stop, ordinate=cast(Any, ordinate), mass=mass, ax=ax)
     # Pale instead of transparent: many overlapping transparent points would be dark again.
     for line in ax.lines:
         if line not in others:

@@ -10,13 +10,16 @@ from matplotlib.axes import Axes
 from ._axes import create_axes, label_if_new, legend_beside
 from ._branch import MARKERS, OTHER, draw_special, label_of_kind
 from ._colors import curve_styles, merge_style
-from ._labels import Units, axis_label
+from ._labels import Units
+from ._ordinates import Labels, label_of
 
 
 def curves(
     curves: xr.Dataset | Sequence[xr.Dataset],
     *,
     units: Units | None = None,
+    labels: Labels | None = None,
+    xlim: tuple[float, float] | None = None,
     ax: Axes | None = None,
     **style: Any,
 ) -> Axes:
@@ -25,6 +28,8 @@ def curves(
     Args:
         curves: result of `vx.bifurcation_curve`, one or several in one plane; curves of one kind have one colour.
         units: units of the parameters, as in `{"time": "s"}`; labels show none if omitted.
+        labels: words of the parameters by their paths, as in `{"force.mu": "Friction"}`.
+        xlim: ends of the x axis; those of the curves if omitted.
         ax: the axes to draw into, over their content, such as a chart of motions; new axes if omitted.
         **style: properties of the lines for matplotlib's `plot`: `color`, `linewidth`, ...
 
@@ -56,7 +61,9 @@ def curves(
         look = merge_style(style, color=color, linestyle=stroke, linewidth=1.4, label=words)
         ax.plot(one[right].values, one[up].values, **look)
     _mark(several, right, up, ax)
-    ax.set(xlabel=axis_label(right, units), ylabel=axis_label(up, units))
+    ax.set(xlabel=label_of(right, labels, units), ylabel=label_of(up, labels, units))
+    if xlim is not None:
+        ax.set_xlim(xlim)
     legend_beside(ax)
     return ax
 

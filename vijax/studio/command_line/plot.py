@@ -29,7 +29,9 @@ def add_to(commands: Any) -> None:
     add("--out", type=Path, required=True, metavar="PICTURE", help="the picture: .png, .svg or .pdf")
     add("--kind", choices=_KINDS, help="the picture of vx.plot (what fits the dataset)")
     add("--stop", type=int, metavar="J", help="the stop whose impacts are drawn (all, a panel each)")
-    add("--ordinate", choices=("velocity", "relative velocity", "phase"), default="velocity")
+    add("--ordinate", default="velocity", metavar="NAME", help="velocity, relative velocity or phase of the impacts, "
+        "or a quantity that the file has, as max_position")  # fmt: skip
+    add("--mass", type=int, default=0, metavar="I", help="the mass whose quantity is drawn (0)")
     add(
         "--at",
         metavar="PATH=VALUE",
@@ -77,11 +79,13 @@ def figure_of_file(args: argparse.Namespace) -> None:
         ds = ds.sel({path: numbers(path, value)[0]}, method="nearest")
     kind = args.kind or _kind_of(ds)
     pictures = {
-        "bifurcation": lambda: plot.bifurcation(ds, stop=args.stop, ordinate=args.ordinate),
+        "bifurcation": lambda: plot.bifurcation(ds, stop=args.stop, ordinate=args.ordinate, mass=args.mass),
         "regions": lambda: plot.regions(classify(ds)),
         "lyapunov": lambda: plot.lyapunov(ds),
         "impact_map": lambda: plot.impact_map(ds, args.stop),
-        "branch": lambda: plot.branch(Branch(ds.load()), stop=args.stop or 0),
+        "branch": lambda: plot.branch(
+            Branch(ds.load()), stop=args.stop or 0, ordinate=args.ordinate, mass=args.mass
+        ),
         "basins": lambda: plot.basins(ds),
         "shares": lambda: plot.shares(ds),
     }

@@ -68,6 +68,7 @@ def add_to(commands: Any) -> None:
     add("--x0", metavar="X,X,...", help="positions at the start (0); --x0=-0.1,0 if the first is negative")
     add("--v0", metavar="V,V,...", help="velocities at the start (0)")
     add("--lyapunov", action="store_true", help="compute all Lyapunov exponents too")
+    add("--quantities", metavar="NAME,...", help="more variables, as max_position,rms_velocity")
     add("--max-impacts", type=int, metavar="N", help="room for the recorded impacts of one point (2048)")
     add("--max-steps", type=int, metavar="N", help="bound on the steps of one point")
     add("--store", metavar="FOLDER", help="keep finished points there: the same command goes on from them, and "
@@ -117,6 +118,7 @@ def _options(table: Any, typed: dict[str, Any], file: str) -> dict[str, Any]:
         "carry",
         *_STARTS,
         "lyapunov",
+        "quantities",
         "max_impacts",
         "max_steps",
         "out",
@@ -143,6 +145,8 @@ def _options(table: Any, typed: dict[str, Any], file: str) -> dict[str, Any]:
         if name in options:
             given = options[name]
             options[name] = numbers(name, given) if isinstance(given, str) else swept_values(name, given)
+    if isinstance(options.get("quantities"), str):
+        options["quantities"] = options["quantities"].split(",")
     if "carry_from" in options:
         options["carry_from"] = open_dataset(Path(options["carry_from"]))
     if not isinstance(options.get("lyapunov", False), bool):

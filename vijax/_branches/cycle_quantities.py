@@ -1,0 +1,174 @@
+"""Quantities of the orbits of a branch, as columns of its points.
+
+The machine runs once through every orbit that it follows, all of them as lanes of a sweep: so names mean what they mean
+there, and the program of a sweep serves. Orbits that it does not follow have NaN. So has an orbit so unstable that the
+run leaves it within its period.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+
+from .._dataset_attributes import is_taken, variable_attributes
+from .._execution.runner import Counts
+from .._execution.settings import DEFAULT_SETTINGS
+from .._flow.interface import AbstractFlow
+from .._jax.xla import padding_allowed
+from .._sweep.quantities import checked_quantities
+from .._sweep.zipped import START, sweep_zipped
+from .._system.parameters import set_parameter
+from .._system.system import ImpactSystem
+from .._trajectory.simulate import simulate
+from .._trajectory.solution import Solution
+from .branch import Branch
+
+# A quantity: one by its name, or a function of one cycle.
+Quantity = str | Callable[[Solution], Any]
+Quantities = Sequence[str] | Mapping[str, Quantity]
+# Distance of a run from its start after the cycle, relative to the motion, beyond which it has left the orbit.
+_LEFT = 1e-6
+# Room for events in a cycle beside those of the branch: a run may have other bounces of a chatter.
+_SPARE = 64
+
+
+def checked_cycle_quantities(wanted: Quantities, system: ImpactSystem) -> dict[str, Quantity]:
+    """The wanted quantities by the names of their columns.
+
+    Raises:
+        ValueError: for a name that is unknown or does not follow for this machine, or one that a column has already.
+    """
+    # The start of a cycle is known too, so one period has a mean velocity.
+    counts = _counts(2, 1)
+    if not isinstance(wanted, Mapping):
+        return {name: name for name in checked_quantities(wanted, system, counts)}
+    pairs = dict(wanted)
+    checked_quantities([one for one in pairs.values() if isinstance(one, str)], system, counts)
+    for name, one in pairs.items():
+        if not isinstance(one, str) and not callable(one):
+            raise ValueError(
+                f"Argument `quantities` must give for `{name}` the name of a quantity or a function of one cycle, "
+                f"but gives {one!r}."
+            )
+        if (not name.isidentifier() or is_taken(name)) and name != one:
+            raise ValueError(
+                f"Argument `quantities` must have names of its own, but points of a branch have a `{name}`."
+            )
+    return pairs
+
+
+def _counts(num_periods: int, num_events: int) -> Counts:
+    return Counts(0, num_periods, max_impacts=num_events + _SPARE, max_steps=None, can_stick=True)
+
+
+@padding_allowed
+def with_quantities(branch: Branch, wanted: Mapping[str, Quantity], flow: AbstractFlow | None) -> Branch:
+    """The branch with columns for some quantities.
+
+    Args:
+        branch: the branch, with its machine.
+        wanted: quantities by the names of their columns, checked.
+        flow: requested motion between events, or None.
+    """
+    assert branch.system is not None
+    which = np.flatnonzero(branch.points["is_admissible"].values)
+    own = branch.points.isel(point=which)
+    cycles = _Cycles(branch.system, own, flow)
+    named = {name: one for name, one in wanted.items() if isinstance(one, str)}
+    found: dict[str, tuple[tuple[Any, ...], np.ndarray]] = {}
+    if named and len(which):
+        run = cycles.run(list(dict.fromkeys(named.values())))
+        found = {name: (run[one].dims[1:], run[one].values) for name, one in named.items()}
+    for name, one in wanted.items():
+        if not isinstance(one, str) and len(which):
+            values = np.stack([np.asarray(one(cycles.solution(k)), float) for k in range(len(which))])
+            found[name] = tuple(f"{name}_axis{k}" for k in range(values.ndim - 1)), values
+    columns = {}
+    for name, (dims, values) in found.items():
+        whole = np.full((len(branch), *values.shape[1:]), np.nan)
+        whole[which] = values
+        columns[name] = (("point", *dims), whole, _attributes(str(wanted[name])))
+    return Branch(branch.points.assign(columns), branch.system)
+
+
+def _attributes(name: str) -> dict[str, str]:
+    """Attributes of a quantity, whose sweep has recorded the cycle."""
+    found = variable_attributes(name)
+    words = found.get("long_name", "").replace(" in the recorded periods", " in the cycle")
+    return found | (
+        {"long_name": words.replace(" over the recorded periods", " over the cycle")} if words else {}
+    )
+
+
+class _Cycles:
+    """Orbits at the points of a branch that the machine follows."""
+
+    def __init__(self, system: ImpactSystem, points: xr.Dataset, flow: AbstractFlow | None):
+        self.system, self.points, self.flow = system, points, flow
+        self.path, self.num_periods = points.attrs["path"], int(points.attrs["num_periods"])
+        self.phase = 2 * np.pi * float(points.attrs["phase"])
+        self.num_events = points.sizes["event"]
+
+    def run(self, names: list[str]) -> xr.Dataset:
+        """Quantities of all cycles, points first; NaN where the run leaves the orbit."""
+        starts = self._starts()
+        values = {self.path: self.points[self.path].values}
+        counts = _counts(self.num_periods, self.num_events)
+        run = sweep_zipped(
+            self.system,
+            values,
+            starts,
+            counts,
+            self.flow,
+            DEFAULT_SETTINGS,
+            None,
+            lambda _: None,
+            quantities=names,
+        )
+        ends = np.concatenate([run["section_x"][:, -1], run["section_v"][:, -1]], axis=1)
+        n = self.system.num_masses
+        gap, size = np.abs(ends - starts), np.abs(starts).max(axis=1, keepdims=True)
+        drifts = self.system.num_masses - np.linalg.matrix_rank(np.asarray(self.system.stiffness))
+        if drifts:  # masses without a spring to the ground may move on by the same distance in every cycle
+            gap = gap[:, n:]
+        stays = (gap <= _LEFT * np.maximum(size, np.finfo(float).tiny)).all(axis=1)
+        span = self.num_periods * run["forcing_period"].values[:, None]
+        if "mean_velocity" in names:
+            run["mean_velocity"].values[:] = (ends[:, :n] - starts[:, :n]) / span
+        return xr.Dataset({name: run[name].where(xr.DataArray(stays, dims=START)) for name in names})
+
+    def solution(self, k: int) -> Solution:
+        """Solution of one cycle."""
+        point = self.points.isel(point=k)
+        system = self._machine(point[self.path].values)
+        t0 = self.phase / system.forcing.frequency
+        return simulate(
+            system,
+            t0,
+            t0 + self.num_periods * system.forcing.period,
+            point["x0"].values,
+            point["v0"].values,
+            flow=self.flow,
+            max_events=4 * self.num_events + _SPARE,
+        )
+
+    def _machine(self, value: Any) -> ImpactSystem:
+        return set_parameter(jax.tree.map(jnp.asarray, self.system), self.path, value)
+
+    def _starts(self) -> np.ndarray:
+        """States of the cycles at the beginning of a forcing period, (points, 2 n)."""
+        x, v = self.points["x0"].values, self.points["v0"].values
+        if self.phase == 0:
+            return np.concatenate([x, v], axis=1)
+
+        def at_begin(value: Any, x: Any, v: Any) -> Any:
+            system = self._machine(value)
+            t0, t1 = self.phase / system.forcing.frequency, system.forcing.period
+            sol = simulate(system, t0, t1, x, v, flow=self.flow, max_events=1, throw=False)
+            return jnp.concatenate([sol.x1, sol.v1])
+
+        return np.asarray(eqx.filter_jit(jax.vmap(at_begin))(self.points[self.path].values, x, v))

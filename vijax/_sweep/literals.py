@@ -1,0 +1,25 @@
+"""Words that arguments take, for type checkers and editors; at run time wrong words are refused in sentences."""
+
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    Carry = Literal["up", "down", "both"]
+    Quantity = Literal[
+        "section_position",
+        "section_velocity",
+        "max_position",
+        "min_position",
+        "peak_to_peak",
+        "max_velocity",
+        "min_velocity",
+        "rms_position",
+        "rms_velocity",
+        "max_force",
+        "impulse",
+        "dissipated_energy",
+        "impact_rate",
+        "mean_velocity",
+    ]
+    ImpactOrdinate = Literal["velocity", "relative velocity", "phase"]
+else:
+    Carry = Quantity = ImpactOrdinate = str
