@@ -47,7 +47,9 @@ def cycle_by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, 
         start=z,
         unknowns=polished.unknowns,
         sequence=sequence,
-        multipliers=floquet_multipliers(polished.pencil, sequence.most_held, problem.shifts),
+        multipliers=floquet_multipliers(
+            polished.pencil, sequence.most_erased(problem.machine.contacts), problem.shifts
+        ),
         residual=jnp.max(jnp.abs(polished.residual.closing) / size),
     )
     return cycle, _entry(problem, polished.unknowns), polished.first, polished.is_converged
@@ -69,8 +71,8 @@ def _entry(problem: Problem, cycle: Unknowns) -> Array:
         end = jnp.where(is_early, 0, num_periods)
         is_kept = jnp.cumsum(sequence.is_event & (times <= end)) == 1 + jnp.arange(len(times))
         last = jnp.sum(is_kept)
-        held = sequence.held[jnp.minimum(jnp.arange(len(times) + 1), last)]
-        kept = Sequence(jnp.where(is_kept, sequence.kind, NOTHING), sequence.stop, held)
+        mode = sequence.mode[jnp.minimum(jnp.arange(len(times) + 1), last)]
+        kept = Sequence(jnp.where(is_kept, sequence.kind, NOTHING), sequence.stop, mode)
         part = eqx.tree_at(lambda p: (p.sequence, p.num_periods), problem, (kept, end))
         return cycle.z + residual(part, Unknowns(cycle.z, jnp.where(is_kept, cycle.flights, 0))).closing
 
@@ -89,7 +91,9 @@ def cycle_by_map(
         unknowns=Unknowns(z + step, guess.flights),
         sequence=problem.sequence,
         multipliers=floquet_multipliers(
-            Pencil(jacobian, identity), problem.sequence.most_held, problem.shifts
+            Pencil(jacobian, identity),
+            problem.sequence.most_erased(problem.machine.contacts),
+            problem.shifts,
         ),
         residual=jnp.max(jnp.abs(end - z) / size),
     )

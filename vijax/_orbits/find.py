@@ -16,6 +16,7 @@ from .floquet import floquet_multipliers
 from .newton import implicit_orbit, pencil_of
 from .orbit import ORBIT_RESULTS
 from .rigid_modes import closing_pin, drifts, free_shifts
+from .sequence import num_stops_of
 from .search import Search, StroboscopicMap, begin_search, frame_offset, search_step
 
 
@@ -39,7 +40,8 @@ def find(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> OrbitSolutio
     """Search from a guess until an orbit is found, or nothing is left to try."""
     # The search itself is not differentiated: derivatives come from the implicit function theorem.
     still, guess = stop_gradients((strobe, guess))
-    search = begin_search(guess, strobe.numbers.rows.shape[0], strobe.room)
+    numbers = strobe.numbers
+    search = begin_search(guess, len(numbers.rows), strobe.room, is_switching=numbers.laws is not None)
     search = jax.lax.while_loop(
         lambda search: search.is_on, lambda search: search_step(still, search), search
     )
@@ -50,7 +52,7 @@ def solution_of_search(strobe: StroboscopicMap, search: Search) -> OrbitSolution
     """Result of a finished search, as a function of the machine."""
     start, multipliers, events = (_by_sequence if strobe.flow.has_flow_map else _by_map)(strobe, search)
     is_impact = (events.kind == IMPACT)[:, None]
-    stops = jnp.arange(strobe.numbers.rows.shape[0])[None]
+    stops = jnp.arange(num_stops_of(strobe.numbers))[None]
     x0, v0 = jnp.split(jnp.where(search.has_cycle, start, search.base), 2)
     return OrbitSolution(
         x0=x0,
@@ -95,7 +97,7 @@ def _multipliers_jvp(primals, tangents):
 
     def of(problem: Problem, unknowns: Unknowns) -> Array:
         pencil = pencil_of(problem, unknowns)
-        return floquet_multipliers(pencil, problem.sequence.most_held, problem.shifts)
+        return floquet_multipliers(pencil, problem.sequence.most_erased(problem.machine.contacts), problem.shifts)
 
     # The value is that of the same function, so that second derivatives see all of it.
     values, moved = eqx.filter_jvp(of, (problem, unknowns), tuple(tangents[:2]))
@@ -106,7 +108,9 @@ def _by_map(strobe: StroboscopicMap, search: Search) -> tuple[Array, Array, Even
     """As `_by_sequence`, by the stroboscopic map, for a flow that advances step by step."""
     start = fixed_point(strobe, search.cycle.start)
     pencil = Pencil(jax.jacfwd(strobe.end)(start), jnp.eye(len(start)))
-    multipliers = floquet_multipliers(pencil, search.cycle.sequence.most_held, free_shifts(strobe.numbers))
+    machine, _ = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
+    erased = search.cycle.sequence.most_erased(machine.contacts)
+    multipliers = floquet_multipliers(pencil, erased, free_shifts(strobe.numbers))
     return start, multipliers, strobe.follow(start).events
 
 

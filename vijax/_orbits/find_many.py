@@ -11,7 +11,7 @@ from .._jax.xla import padding_allowed
 from .._progress import tqdm
 from .._system.checks import validate_start
 from .._system.periodicity import check_period
-from .._system.system import ImpactSystem, refuse_switching
+from .._system.system import ImpactSystem
 from .._trajectory.concrete_machine import known_machine
 from .._trajectory.simulate import simulate
 from .find import tell_of_search
@@ -65,7 +65,6 @@ def find_periodic_orbits(
         ```
     """
     refuse_single_precision("find_periodic_orbits", system)
-    refuse_switching("find_periodic_orbits", system)
     n, room = whole_number("num_periods", num_periods, 1), whole_number("max_events", max_events, 1)
     states = given_states(starts, system.num_masses)
     if is_traced((system, args, flow)):
