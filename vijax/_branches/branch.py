@@ -150,8 +150,8 @@ def branch_of(family: Family, start: BranchPoint, back: DirectedBranch, forth: D
     columns = {
         family.path: (("point",), seen.found.place.p * family.span),
         "arclength": (("point",), np.array(arcs)),
-        **_columns_of_orbits(points, seen),
-        **_columns_of_events(points, seen),
+        **_columns_of_orbits(points, seen, family.system.num_stops),
+        **_columns_of_events(points, seen, family.system.num_stops),
         "start": (("point", "state"), seen.found.place.z * family.scale),
     }
     attrs = {
@@ -169,7 +169,9 @@ def branch_of(family: Family, start: BranchPoint, back: DirectedBranch, forth: D
     return Branch(ds, family.system)
 
 
-def _columns_of_orbits(points: list[BranchPoint | PlainPoint], seen: CorrectedCycle) -> dict[str, tuple]:
+def _columns_of_orbits(
+    points: list[BranchPoint | PlainPoint], seen: CorrectedCycle, num_stops: int
+) -> dict[str, tuple]:
     """Columns with one entry for each point."""
     x0, v0 = np.split(seen.start, 2, axis=1)
     multipliers = seen.found.multipliers
@@ -179,7 +181,7 @@ def _columns_of_orbits(points: list[BranchPoint | PlainPoint], seen: CorrectedCy
         "multipliers": (("point", "multiplier"), multipliers),
         "is_stable": (("point",), np.abs(multipliers[:, 0]) < 1),
         "is_admissible": (("point",), np.array([point.is_admissible for point in points])),
-        "closest_gap": (("point", "stop"), seen.watched.gap),
+        "closest_gap": (("point", "stop"), seen.watched.gap[:, :num_stops]),
         "residual": (("point",), seen.found.residual),
         "bifurcation": (
             ("point",),
@@ -188,7 +190,9 @@ def _columns_of_orbits(points: list[BranchPoint | PlainPoint], seen: CorrectedCy
     }
 
 
-def _columns_of_events(points: list[BranchPoint | PlainPoint], seen: CorrectedCycle) -> dict[str, tuple]:
+def _columns_of_events(
+    points: list[BranchPoint | PlainPoint], seen: CorrectedCycle, num_stops: int
+) -> dict[str, tuple]:
     """Columns with one entry for each event of each point, padded."""
     # Most points share the sequence of the one before, as the same object.
     sequences = {id(point.sequence): point.sequence for point in points}
@@ -196,20 +200,23 @@ def _columns_of_events(points: list[BranchPoint | PlainPoint], seen: CorrectedCy
     which = np.array([numbers[id(point.sequence)] for point in points])
     own = list(sequences.values())
     # A log has at least one entry, be it padding.
-    room, num_stops = max(1, *(len(one.kind) for one in own)), own[0].held.shape[1]
+    room = max(1, *(len(one.kind) for one in own))
     kind = _rows([one.kind for one in own], room, NOTHING)[which]
     stop = _rows([one.stop for one in own], room, -1)[which]
     held = _rows([one.held for one in own], room + 1, False)[which]
     is_impact = kind == IMPACT
     events, found = ("point", "event"), seen.found
     impacts = is_impact[..., None] & (stop[..., None] == np.arange(num_stops))
-    return {
+    mode = {}
+    if own[0].is_switching:
+        mode["mode"] = (("point", "flight_number", "element"), _rows([one.mode for one in own], room + 1, 0)[which])
+    return mode | {
         "num_impacts": (("point", "stop"), np.count_nonzero(impacts, axis=1)),
         "impact_speed": (events, np.where(is_impact, found.speeds[:, :room], np.nan)),
         "event_kind": (events, kind),
         "event_stop": (events, stop),
         "flight": (events, np.where(kind != NOTHING, found.place.flights[:, :room], 0.0)),
-        "held": (("point", "flight_number", "stop"), held),
+        "held": (("point", "flight_number", "stop"), held[..., :num_stops]),
     }
 
 
@@ -225,9 +232,7 @@ def _rows(values: list, room: int, fill: float | int) -> np.ndarray:
 def _orbit(system: ImpactSystem, point: xr.Dataset) -> PeriodicOrbit:
     """Orbit of one point of a branch."""
     system = set_parameter(system, point.attrs["path"], point[point.attrs["path"]].values)
-    sequence = Sequence(
-        point["event_kind"].values, np.maximum(point["event_stop"].values, 0), point["held"].values
-    )
+    sequence = _sequence_at(point, point.sizes["event"])
     flow = choose_flow(system, can_stick=True)
     n, phase = int(point.attrs["num_periods"]), 2 * np.pi * point.attrs["phase"]
     unknowns = Unknowns(jnp.asarray(point["start"].values), jnp.asarray(point["flight"].values))
@@ -259,7 +264,7 @@ def _room_of_log(sequence: Sequence) -> int:
 
     Some is spare: a run may have other bounces of a chatter, or an impact where the orbit grazes.
     """
-    num_changes = np.abs(np.diff(sequence.held.astype(int), axis=0)).sum()
+    num_changes = np.count_nonzero(np.diff(sequence.mode.astype(int), axis=0))
     spare = _OF_CHATTER if num_changes else _SPARE
     count = int(np.count_nonzero(sequence.kind == IMPACT) + num_changes) + spare
     return _STEP_OF_ROOM * -(-count // _STEP_OF_ROOM)
@@ -276,8 +281,12 @@ def cycle_of(point: Bifurcation, scale: np.ndarray, p: float) -> tuple[Sequence,
     """Sequence and extended cycle of a bifurcation, its state divided by `scale`, its parameter set to `p`."""
     at = point.branch.points.isel(point=point.index)
     num_events = int(np.count_nonzero(at["event_kind"].values >= 0))
-    events = slice(num_events)
-    sequence = Sequence(
-        at["event_kind"].values[events], at["event_stop"].values[events], at["held"].values[: num_events + 1]
-    )
-    return sequence, ExtendedCycle(at["start"].values / scale, at["flight"].values[events], np.asarray(p))
+    flights = at["flight"].values[:num_events]
+    return _sequence_at(at, num_events), ExtendedCycle(at["start"].values / scale, flights, np.asarray(p))
+
+
+def _sequence_at(point: xr.Dataset, num_events: int) -> Sequence:
+    """Sequence of one point of a branch."""
+    kind, stop = (point[name].values[:num_events] for name in ("event_kind", "event_stop"))
+    mode = point["mode"] if "mode" in point else point["held"]
+    return Sequence(kind, np.maximum(stop, 0), mode.values[: num_events + 1])

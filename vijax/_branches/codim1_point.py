@@ -102,7 +102,7 @@ def neighbours(family: Family, sequence: Sequence, place: ExtendedCycle) -> Line
     problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
     pencil = condense(linearise(problem, unknowns, family.scale)[1]).pencil
     return LinearisedReturn(
-        floquet_multipliers(pencil, sequence.most_held, problem.shifts),
+        floquet_multipliers(pencil, sequence.most_erased, problem.shifts),
         jnp.linalg.det(jacobian(family, sequence, place)),
         jnp.linalg.svd(jnp.hstack([pencil.end, pencil.start]), compute_uv=False)[-1],
     )

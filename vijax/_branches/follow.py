@@ -175,7 +175,8 @@ def _end(walk: DirectedBranch, point: BranchPoint) -> KernelRequests:
         raise BranchEnd(Kind.CHATTER_COMPLETION)
     yield from _end_at_cascade_limit(walk, FEW)
     # The light impacts of a cascade belong to a chatter, not to a shorter cycle that grazes.
-    grazing = None if walk.cascade else (yield from grazing_of_shorter_cycle(point))
+    is_alone = bool(walk.cascade) or point.sequence.is_switching
+    grazing = None if is_alone else (yield from grazing_of_shorter_cycle(point))
     if grazing is not None:
         yield from _add(walk, grazing)
         raise BranchEnd(Kind.GRAZING)
@@ -257,7 +258,8 @@ def _continue_behind_event(walk: DirectedBranch, test: TestFunction, event: Bran
         return (yield from _add_and_release_hold(walk, event, hop))
     yield from _end_if_repeated(walk, (yield from _add(walk, event)))
     same = [entry for entry in walk.cascade if entry[0] == test.index]
-    walk.cascade = [*same, (test.index, event)] if test.kind == Kind.TOUCH else []
+    is_touch = test.kind == Kind.TOUCH and not event.sequence.is_switching
+    walk.cascade = [*same, (test.index, event)] if is_touch else []
     yield from _end_at_cascade_limit(walk, MANY)
     try:
         return (yield from by_sequence(walk, test, event))

@@ -182,7 +182,8 @@ def points_of(starts: list[Start], families: list[Family]) -> list[BranchPoint |
     tasks, which = [], [k for k, start in enumerate(starts) if is_isolated(start, families[k])]
     for start, family in ((starts[k], families[k]) for k in which):
         room_for(start.num_events)  # raises if there are too many
-        room = empty_sequence(start.num_events, start.system.num_stops)
+        size = len(start.system.stops) + len(start.system.friction)
+        room = empty_sequence(start.num_events, size, is_switching=start.system.is_switching)
         p = float(value_of(family.system, family.path) / family.span)
         tasks.append(point_at_orbit(jax.tree.map(np.asarray, room), start.state, p))
     found = dict(zip(which, drive([families[k] for k in which], tasks, lambda: None), strict=True))

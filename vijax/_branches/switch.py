@@ -85,7 +85,7 @@ def _ends_doubled(point: Bifurcation) -> bool:
 def _half_cycle_orbit(sequence: Sequence, place: ExtendedCycle) -> KernelRequests:
     """An orbit on the branch of half as many periods, from a cycle that traverses it twice."""
     num = len(sequence.kind) // 2
-    once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.held[: num + 1])
+    once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
     seen = yield from correct_with_free_parameter(once, place._replace(flights=place.flights[:num]))
     at = BranchPoint.of(once, seen, 0.0)
     return (yield from first_followed(once, at.place, at.tangent, _TRIALS))

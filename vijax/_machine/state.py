@@ -83,8 +83,9 @@ def idle_mode(like: Float[Array, "contacts ..."]) -> Mode:
     return Mode(none, none, zero, zero)
 
 
-# What an element does, as one number. Rigid contacts are free, held or kept closed by others.
-FREE, HELD, CLOSED, INSIDE, AHEAD, BEHIND, KEPT, KEPT_AHEAD, KEPT_BEHIND = range(9)
+# What an element does, as one number. Rigid contacts are free, held or kept closed by others. Sequences of cycles tell
+# friction that sticks from contacts that hold; `laws_as_numbers` does not.
+FREE, HELD, CLOSED, INSIDE, AHEAD, BEHIND, KEPT, KEPT_AHEAD, KEPT_BEHIND, STICKING = range(10)
 
 
 def laws_as_numbers(state: State) -> Int[Array, "contacts ..."]:
@@ -101,8 +102,9 @@ def with_laws(state: State, numbers: Int[Array, "contacts ..."]) -> State:
     ahead, behind = (numbers == AHEAD) | (numbers == KEPT_AHEAD), (numbers == BEHIND) | (numbers == KEPT_BEHIND)
     direction = ahead.astype(jnp.int8) - behind.astype(jnp.int8)
     mode = Mode(numbers == CLOSED, numbers == INSIDE, direction, jnp.zeros_like(direction))
-    contact = jnp.where(numbers >= KEPT, jnp.int8(KEPT_CLOSED), jnp.int8(0))
-    return eqx.tree_at(lambda s: (s.held, s.contact, s.mode), state, (numbers == HELD, contact, mode))
+    contact = jnp.where((numbers >= KEPT) & (numbers < STICKING), jnp.int8(KEPT_CLOSED), jnp.int8(0))
+    held = (numbers == HELD) | (numbers == STICKING)
+    return eqx.tree_at(lambda s: (s.held, s.contact, s.mode), state, (held, contact, mode))
 
 
 def with_memory(state: State, memory: PyTree) -> State:

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float
 
+from .._hybrid.limits import TURN
 from .._jax.arrays import Scalar
 from .._jax.xla import is_any
 from .condensation import Pencil
@@ -41,14 +42,16 @@ def cycle_by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, 
     polished = polish(problem, guess)
     z, sequence, size = polished.unknowns.z, problem.sequence, scale_of(problem, polished.unknowns.z)
     # A cycle that begins within a chatter is faster elsewhere: the speeds of its impacts count in its size.
-    fastest = jnp.max(jnp.abs(polished.residual.speed), initial=0)
+    speeds = polished.residual.speed
+    speeds = jnp.where(sequence.kind == TURN, 0, speeds) if sequence.is_switching else speeds
+    fastest = jnp.max(jnp.abs(speeds), initial=0)
     size = size * jnp.maximum(1, fastest / size[-1])
     cycle = Cycle(
         start=z,
         unknowns=polished.unknowns,
         sequence=sequence,
         multipliers=floquet_multipliers(
-            polished.pencil, sequence.most_erased(problem.machine.contacts), problem.shifts
+            polished.pencil, sequence.most_erased, problem.shifts
         ),
         residual=jnp.max(jnp.abs(polished.residual.closing) / size),
     )
@@ -92,7 +95,7 @@ def cycle_by_map(
         sequence=problem.sequence,
         multipliers=floquet_multipliers(
             Pencil(jacobian, identity),
-            problem.sequence.most_erased(problem.machine.contacts),
+            problem.sequence.most_erased,
             problem.shifts,
         ),
         residual=jnp.max(jnp.abs(end - z) / size),

@@ -30,7 +30,10 @@ from .._trajectory.event_log import EventLog, event_log
 from .condensation import Flights, over_flights
 from .rigid_modes import closing_pin
 from .sequence import NOTHING, Sequence, held_in
-from .switching_events import switched_end, switched_instant
+from .switching_events import leading_zeros_of, switched_end, switched_instant
+
+# Duration, in forcing periods, below which a flight has none when residuals are divided by it.
+_MOMENT = 1e-12
 
 
 class Unknowns(NamedTuple):
@@ -88,12 +91,13 @@ class Moment(NamedTuple):
 
 
 class Event(NamedTuple):
-    """The event at the end of a flight, and the modes before and after it, see `Sequence`."""
+    """The event at the end of a flight, and the modes before and after it, see `Sequence`; for `zeros` `leading_zeros_of`."""
 
     kind: Int[Array, ""]
     stop: Int[Array, ""]
     mode: Int[Array, " stops"] | Bool[Array, " stops"]
     mode_after: Int[Array, " stops"] | Bool[Array, " stops"]
+    zeros: Any = None
 
 
 def prepared(
@@ -206,6 +210,7 @@ def _flights_of(problem: Problem, unknowns: Unknowns, count: Int[Array, ""] | No
         stop=jnp.append(sequence.stop, 0),
         mode=mode,
         mode_after=jnp.concatenate([mode[1:], mode[-1:]]),
+        zeros=jnp.append(leading_zeros_of(sequence), 0) if sequence.is_switching else None,
     )
     return CycleFlight(
         event, jnp.append(unknowns.flights, 0), jnp.arange(room + 1) == (room if count is None else count)
@@ -297,7 +302,8 @@ def initial_moment(problem: Problem, machine: Machine, z: Array) -> Moment:
 
 
 def events_of(sequence: Sequence) -> Event:
-    return Event(sequence.kind, sequence.stop, sequence.mode[:-1], sequence.mode[1:])
+    zeros = leading_zeros_of(sequence) if sequence.is_switching else None
+    return Event(sequence.kind, sequence.stop, sequence.mode[:-1], sequence.mode[1:], zeros)
 
 
 def fly_to_event(
@@ -316,7 +322,9 @@ def fly_to_event(
     if contacts.is_switching:
         gap = jnp.where(contacts.are(FRICTION), 1, gap)
         after = switched_end(machine, end, gap, (event.kind, event.stop), event.mode_after)
-        value = jnp.where(event.kind == NOTHING, duration, after.value)
+        divisor = jnp.where(event.zeros > 0, jnp.where(jnp.abs(duration) < _MOMENT, _MOMENT, duration), 1)
+        value = after.value / jnp.where(event.zeros == 2, divisor * divisor, divisor)
+        value = jnp.where(event.kind == NOTHING, duration, value)
         moment = Moment(jnp.concatenate([after.x, after.v]), time, jax.lax.stop_gradient(after.gap))
         return moment, (value, after.speed), end
     held, held_after = event.mode, event.mode_after

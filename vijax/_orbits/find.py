@@ -97,7 +97,7 @@ def _multipliers_jvp(primals, tangents):
 
     def of(problem: Problem, unknowns: Unknowns) -> Array:
         pencil = pencil_of(problem, unknowns)
-        return floquet_multipliers(pencil, problem.sequence.most_erased(problem.machine.contacts), problem.shifts)
+        return floquet_multipliers(pencil, problem.sequence.most_erased, problem.shifts)
 
     # The value is that of the same function, so that second derivatives see all of it.
     values, moved = eqx.filter_jvp(of, (problem, unknowns), tuple(tangents[:2]))
@@ -108,8 +108,7 @@ def _by_map(strobe: StroboscopicMap, search: Search) -> tuple[Array, Array, Even
     """As `_by_sequence`, by the stroboscopic map, for a flow that advances step by step."""
     start = fixed_point(strobe, search.cycle.start)
     pencil = Pencil(jax.jacfwd(strobe.end)(start), jnp.eye(len(start)))
-    machine, _ = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
-    erased = search.cycle.sequence.most_erased(machine.contacts)
+    erased = search.cycle.sequence.most_erased
     multipliers = floquet_multipliers(pencil, erased, free_shifts(strobe.numbers))
     return start, multipliers, strobe.follow(start).events
 

@@ -29,7 +29,15 @@ from .candidate_cycle import Cycle, cycle_by_map, cycle_by_sequence
 from .cycle import Problem, Unknowns, prepared
 from .newton import scale_of
 from .rigid_modes import free_shifts
-from .sequence import NOTHING, Sequence, effective, empty_sequence, is_same_sequence, sequence_of
+from .sequence import (
+    NOTHING,
+    Sequence,
+    effective,
+    empty_sequence,
+    friction_of,
+    is_same_sequence,
+    sequence_of,
+)
 
 MAX_RUNS = 40  # runs of a search
 _LEAST = 0.05  # smallest fraction of a step that is tried
@@ -177,7 +185,7 @@ def search_step(strobe: StroboscopicMap, search: Search) -> Search:
     choices = Choices(can_stick=True, room=strobe.room)
     log, result, end = run_for_log(strobe.numbers, strobe.flow, strobe.request(search.trial), choices)
     machine, flow = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
-    sequence, flights = sequence_of(log, strobe.t0, machine.period)
+    sequence, flights = sequence_of(log, strobe.t0, machine.period, friction_of(strobe.numbers))
     problem = Problem(machine, flow, sequence, strobe.num_periods, strobe.phase, free_shifts(strobe.numbers))
     size = scale_of(problem, search.trial)
     is_whole = result == RESULTS.successful

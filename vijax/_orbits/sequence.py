@@ -3,15 +3,15 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._hybrid.limits import CLOSE, EVENT_NAMES, IMPACT, OPEN, RELEASE, SLIP, STICK, TURN
 from .._hybrid.transition import Instant
 from .._jax.arrays import Reals, Scalar
-from .._machine.contacts import Contacts
 from .._machine.numbers import MachineNumbers
-from .._machine.state import HELD, INSIDE, KEPT
-from .._machine.switching import FRICTION, SwitchingContacts
+from .._machine.state import FREE, HELD, INSIDE, KEPT, STICKING
+from .._machine.switching import FRICTION
 from .._trajectory.event_log import Log
 
 NOTHING = -1
@@ -58,29 +58,35 @@ class Sequence(eqx.Module):
         """Flags of the events that are not padding."""
         return self.kind != NOTHING
 
-    def most_erased(self, contacts: Contacts) -> Int[Array, ""]:
+    @property
+    def most_erased(self) -> Int[Array, ""]:
         """The most directions of the state that a flight has lost: a held mass two, friction that sticks one."""
-        if isinstance(contacts, SwitchingContacts):
-            return jnp.max(self.held @ jnp.where(contacts.are(FRICTION), 1, 2), initial=0)
+        if self.is_switching:
+            lost = 2 * (self.mode == HELD) + (self.mode == STICKING)
+            return jnp.max(jnp.sum(lost, axis=1), initial=0)
         return 2 * jnp.max(jnp.sum(self.held, axis=1), initial=0)
 
 
 def num_stops_of(numbers: MachineNumbers) -> int:
     """Number of stops of a machine, without friction elements."""
-    kinds = () if numbers.laws is None else numbers.laws.kinds
-    return numbers.rows.shape[-2] - kinds.count(FRICTION)
+    return numbers.rows.shape[-2] - np.count_nonzero(friction_of(numbers))
+
+
+def friction_of(numbers: MachineNumbers) -> np.ndarray:
+    """Flags of the friction elements of a machine, (elements,); empty if all its contacts are rigid."""
+    return np.array(() if numbers.laws is None else numbers.laws.kinds) == FRICTION
 
 
 def held_in(mode: Reals) -> Reals:
     """Flags of the stops that hold in a mode of `Sequence`."""
-    return mode if mode.dtype == bool else mode == HELD
+    return mode if mode.dtype == bool else (mode == HELD) | (mode == STICKING)
 
 
 def effective(mode: Reals) -> Reals:
     """Mode in which laws with the same motion are one: at rest by whatever, and without touching on whichever side."""
     if mode.dtype == bool:
         return mode
-    return jnp.where(mode >= KEPT, HELD, jnp.where(mode == INSIDE, 0, mode))
+    return jnp.where(mode >= KEPT, HELD, jnp.where(mode == INSIDE, FREE, mode))
 
 
 def public_kind_of(kind: Reals) -> Reals:
@@ -95,8 +101,13 @@ def empty_sequence(num_events: int, num_stops: int, *, is_switching: bool) -> Se
     return Sequence(whole + NOTHING, whole, mode)
 
 
-def sequence_of(log: Log, t0: Scalar, period: Scalar) -> tuple[Sequence, Float[Array, " events"]]:
-    """The sequence of a trajectory from its log, and the durations of its flights in forcing periods."""
+def sequence_of(
+    log: Log, t0: Scalar, period: Scalar, is_friction: np.ndarray
+) -> tuple[Sequence, Float[Array, " events"]]:
+    """The sequence of a trajectory from its log, and the durations of its flights in forcing periods.
+
+    For `is_friction` see `friction_of`.
+    """
     instants, held = log.instants, log.restarts.held
     size, num_stops = instants.hit.shape
     is_row = (jnp.arange(size) < log.rows)[:, None]
@@ -126,6 +137,7 @@ def sequence_of(log: Log, t0: Scalar, period: Scalar) -> tuple[Sequence, Float[A
         # The mode at the end of each flight: between events others may take over the load of an element.
         before, after = instants.switched.before[row], instants.switched.after[row[-1:]]
         mode = jnp.concatenate([jnp.where(is_real[:, None], before, after), after])
+        mode = jnp.where(is_friction & (mode == HELD), jnp.int8(STICKING), mode)
         return Sequence(kind, stop, mode), flights
     after = held[jnp.where(is_followed, row - 1, row)]
     return Sequence(kind, stop, jnp.concatenate([held[:1], after])), flights
