@@ -14,9 +14,9 @@ from .._flow.choose import choose_flow
 from .._hybrid.limits import IMPACT
 from .._jax.xla import compile_lightly
 from .._machine.numbers import numbers_of
-from .._orbits.cycle import Problem, Unknowns, log_of_cycle, prepared
+from .._orbits.cycle import Problem, Unknowns, log_of_cycle, prepared, progression_of
 from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
-from .._orbits.rigid_modes import free_shifts
+from .._orbits.rigid_modes import free_drifts, free_shifts
 from .._orbits.sequence import NOTHING, Sequence
 from .._system.description import build_from, describe
 from .._system.forces_by_path import Allowed
@@ -237,7 +237,7 @@ def _orbit(system: ImpactSystem, point: xr.Dataset) -> PeriodicOrbit:
     n, phase = int(point.attrs["num_periods"]), 2 * np.pi * point.attrs["phase"]
     unknowns = Unknowns(jnp.asarray(point["start"].values), jnp.asarray(point["flight"].values))
     cycle = jax.tree.map(jnp.asarray, sequence), unknowns, np.asarray(float(n)), np.asarray(phase)
-    events = _log(numbers_of(system), flow, *cycle, room=_room_of_log(sequence))
+    events, progression = _log(numbers_of(system), flow, *cycle, room=_room_of_log(sequence))
     multipliers = jnp.asarray(point["multipliers"].values)
     return PeriodicOrbit(
         system=system,
@@ -247,6 +247,7 @@ def _orbit(system: ImpactSystem, point: xr.Dataset) -> PeriodicOrbit:
         x0=jnp.asarray(point["x0"].values),
         v0=jnp.asarray(point["v0"].values),
         events=events,
+        progression=progression,
         num_impacts=jnp.asarray(point["num_impacts"].values),
         multipliers=multipliers,
         is_stable=jnp.abs(multipliers[0]) < 1,
@@ -273,8 +274,9 @@ def _room_of_log(sequence: Sequence) -> int:
 @compile_lightly
 def _log(numbers, flow, sequence, unknowns, num_periods, phase, *, room):
     machine = prepared(numbers, flow, num_periods)
-    problem = Problem(*machine, sequence, num_periods, phase / (2 * jnp.pi), free_shifts(numbers))
-    return log_of_cycle(problem, unknowns, room)
+    shifts = free_shifts(numbers), free_drifts(numbers)
+    problem = Problem(*machine, sequence, num_periods, phase / (2 * jnp.pi), *shifts)
+    return log_of_cycle(problem, unknowns, room), progression_of(problem, unknowns)
 
 
 def cycle_of(point: Bifurcation, scale: np.ndarray, p: float) -> tuple[Sequence, ExtendedCycle]:

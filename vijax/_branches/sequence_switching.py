@@ -58,7 +58,8 @@ def by_sequence(walk: DirectedBranch, test: TestFunction, event: BranchPoint) ->
 
     On a cycle that traverses a shorter one several times, the change may happen in one round or in all rounds.
     """
-    if event.sequence.is_switching and event.sequence.kind[test.index : test.index + 1] != IMPACT:
+    loses_impact = test.kind == Kind.GRAZING and event.sequence.kind[test.index] == IMPACT
+    if event.sequence.is_switching and not loses_impact:
         return (yield from _with_merged_events(event, test))
     if test.kind not in _CHANGES:
         raise BranchEnd(test.kind)
@@ -130,7 +131,7 @@ def _with_merged_events(event: BranchPoint, test: TestFunction) -> KernelRequest
     """Continue behind two events of one element that meet, without them, or with one event in their place."""
     sequence, k = event.sequence, test.index
     if test.kind == Kind.GRAZING:
-        k = _later_of_meeting(event, k)
+        k = later_of_meeting(event, k)
     elif not test.of_flight:
         raise BranchEnd(test.kind)  # an event appears
     elif test.kind == Kind.DOUBLE_IMPACT:
@@ -147,7 +148,7 @@ def _with_merged_events(event: BranchPoint, test: TestFunction) -> KernelRequest
     return (yield from step_off(at, float(rate) > 0))
 
 
-def _later_of_meeting(event: BranchPoint, k: int) -> int:
+def later_of_meeting(event: BranchPoint, k: int) -> int:
     """Number of the later of two events of one compliant contact of which `k` is one, with no time between."""
     flights, stop = np.append(event.place.flights, np.inf), np.append(event.sequence.stop, -1)
     pairs = [i for i in (k, k + 1) if i and stop[i] == stop[i - 1]]

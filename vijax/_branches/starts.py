@@ -13,7 +13,7 @@ from .._flow.taylor import TaylorFlow
 from .._jax.concrete import is_traced
 from .._machine.numbers import numbers_of
 from .._orbits.orbit import PeriodicOrbit
-from .._orbits.rigid_modes import free_shifts
+from .._orbits.rigid_modes import free_drifts, free_shifts
 from .._orbits.sequence import empty_sequence
 from .._sweep.provenance import machines_of
 from .._system.parameters import get_parameter
@@ -156,6 +156,7 @@ def family_of(start: Start, path: str, low: float, high: float) -> Family:
         scale=np.repeat(length * np.array([1.0, float(numbers.frequency)]), len(x)).astype(x.dtype),
         span=np.asarray(high - low, x.dtype),
         shifts=np.asarray(free_shifts(numbers)),
+        drift=jax.tree.map(np.asarray, free_drifts(numbers)),
         path=path,
     )
 
@@ -197,7 +198,8 @@ def is_isolated(start: Start, family: Family) -> bool:
     losses, Newton's method converges to any of the neighbours.
     """
     num_ones = np.count_nonzero(np.abs(start.multipliers - 1) < _ONE)
-    return bool(num_ones < 2 + 2 * np.trace(family.shifts))
+    drift = 0 if family.drift is None else np.trace(family.drift)
+    return bool(num_ones < 2 + 2 * np.trace(family.shifts) + drift)
 
 
 def refuse_start(number: int, start: Start, family: Family) -> None:

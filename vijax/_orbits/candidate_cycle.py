@@ -12,7 +12,7 @@ from .condensation import Pencil
 from .cycle import Problem, Unknowns, residual
 from .floquet import floquet_multipliers
 from .newton import polish, scale_of
-from .rigid_modes import closing_pin
+from .rigid_modes import all_shifts, closing_pin
 from .sequence import NOTHING, Sequence
 
 # Newton step of the map, relative to the size of the motion, below which the next iterate is exact to rounding.
@@ -51,7 +51,7 @@ def cycle_by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, 
         unknowns=polished.unknowns,
         sequence=sequence,
         multipliers=floquet_multipliers(
-            polished.pencil, sequence.most_erased, problem.shifts
+            polished.pencil, sequence.most_erased, all_shifts(problem.shifts, problem.drift)
         ),
         residual=jnp.max(jnp.abs(polished.residual.closing) / size),
     )

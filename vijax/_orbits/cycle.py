@@ -28,7 +28,7 @@ from .._machine.switching import FRICTION
 from .._system.waves import phase_at, turned
 from .._trajectory.event_log import EventLog, event_log
 from .condensation import Flights, over_flights
-from .rigid_modes import closing_pin
+from .rigid_modes import closing_pin, of_positions
 from .sequence import NOTHING, Sequence, held_in
 from .switching_events import leading_zeros_of, switched_end, switched_instant
 
@@ -72,6 +72,7 @@ class Problem(eqx.Module):
         num_periods: n, forcing periods.
         phase: phase where the cycle begins, in forcing periods.
         shifts: projection onto the shifts that the equations leave free, see `rigid_modes.py`, (n, n).
+        drift: projection onto the shifts by which a cycle may come back displaced, (n, n); None without friction.
     """
 
     machine: Machine
@@ -80,6 +81,7 @@ class Problem(eqx.Module):
     num_periods: Scalar
     phase: Scalar
     shifts: Float[Array, "n n"]
+    drift: Any = None
 
 
 class Moment(NamedTuple):
@@ -126,7 +128,20 @@ def residual(problem: Problem, unknowns: Unknowns) -> Residual:
         return fly_to_event(machine, flow, place, flight.event, _duration(problem, place, flight))[:2]
 
     place, (values, speeds) = jax.lax.scan(one, place, _flights_of(problem, unknowns))
-    return Residual(values[:-1], place.z - unknowns.z, speeds[:-1])
+    return Residual(values[:-1], _closing(problem, place.z - unknowns.z), speeds[:-1])
+
+
+def _closing(problem: Problem, gone: Array) -> Array:
+    """What vanishes on a cycle, from the change of the state over it."""
+    return gone if problem.drift is None else gone - of_positions(problem.drift) @ gone
+
+
+def progression_of(problem: Problem, unknowns: Unknowns) -> Float[Array, " n"]:
+    """Displacement over a cycle, zero where springs or contacts hold every mass."""
+    if problem.drift is None:
+        return jnp.zeros_like(problem.machine.mean)
+    whole = eqx.tree_at(lambda own: own.drift, problem, None)
+    return problem.drift @ jnp.split(residual(whole, unknowns).closing, 2)[0]
 
 
 def traverse(
@@ -197,8 +212,9 @@ def linearise(
         jnp.where(flights.closes.reshape(-1, *[1] * pad.ndim), pad, a)[:-1]
         for pad, a in zip(padding, (forward, normal, values), strict=True)
     )
-    found = Residual(values, place.z - unknowns.z, speeds[:-1])
-    return found, Flights(begin, forward, normal, close, closing_pin(problem.shifts))
+    found = Residual(values, _closing(problem, place.z - unknowns.z), speeds[:-1])
+    drift = None if problem.drift is None else of_positions(problem.drift)
+    return found, Flights(begin, forward, normal, close, closing_pin(problem.shifts), drift)
 
 
 def _flights_of(problem: Problem, unknowns: Unknowns, count: Int[Array, ""] | None = None) -> CycleFlight:

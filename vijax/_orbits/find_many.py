@@ -17,7 +17,7 @@ from .._trajectory.simulate import simulate
 from .find import tell_of_search
 from .many import search_each
 from .orbit import PeriodicOrbit
-from .rigid_modes import free_shifts
+from .rigid_modes import all_shifts, free_drifts, free_shifts
 from .search import StroboscopicMap, with_room
 
 # States closer than this, relative to the size of the orbit, belong to one orbit.
@@ -91,7 +91,7 @@ def find_periodic_orbits(
         lane: np.asarray(part.cycle.start[k]) for lane, (part, k) in searches.items() if part.is_orbit[k]
     }
     lanes = sorted(starts_of, key=lambda lane: tuple(starts_of[lane]))
-    felt = np.eye(system.num_masses) - np.asarray(free_shifts(numbers))
+    felt = np.eye(system.num_masses) - np.asarray(all_shifts(free_shifts(numbers), free_drifts(numbers)))
     different = _distinct_orbits(system, [starts_of[lane] for lane in lanes], felt, n, args, flow)
     orbits = []
     for part, k in (searches[lanes[i]] for i in different):

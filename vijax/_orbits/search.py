@@ -28,7 +28,7 @@ from .._trajectory.solution import RESULTS, Solution
 from .candidate_cycle import Cycle, cycle_by_map, cycle_by_sequence
 from .cycle import Problem, Unknowns, prepared
 from .newton import scale_of
-from .rigid_modes import free_shifts
+from .rigid_modes import free_drifts, free_shifts, of_positions
 from .sequence import (
     NOTHING,
     Sequence,
@@ -186,8 +186,11 @@ def search_step(strobe: StroboscopicMap, search: Search) -> Search:
     log, result, end = run_for_log(strobe.numbers, strobe.flow, strobe.request(search.trial), choices)
     machine, flow = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
     sequence, flights = sequence_of(log, strobe.t0, machine.period, friction_of(strobe.numbers))
-    problem = Problem(machine, flow, sequence, strobe.num_periods, strobe.phase, free_shifts(strobe.numbers))
+    shifts = free_shifts(strobe.numbers), free_drifts(strobe.numbers)
+    problem = Problem(machine, flow, sequence, strobe.num_periods, strobe.phase, *shifts)
     size = scale_of(problem, search.trial)
+    if problem.drift is not None:  # ends are told up to a displacement
+        end = end - of_positions(problem.drift) @ (end - search.trial)
     is_whole = result == RESULTS.successful
     closing = jnp.where(is_whole, jnp.max(jnp.abs(end - search.trial) / size), jnp.inf)
     run = Run(problem, search.trial, flights, closing, end)
