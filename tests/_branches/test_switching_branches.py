@@ -16,9 +16,7 @@ DIFFERENCES = 1e-8
 def rubbing(frequency: float, force: float | jax.Array = 1.0, static: float | None = None) -> vx.ImpactSystem:
     """J. P. den Hartog, Trans. ASME 53 (1931): x'' + 0.1 x' + x = 1.5 cos wt - F sgn x'."""
     load = vx.Harmonic(amplitude=[1.5], frequency=frequency)
-    return vx.ImpactSystem(
-        [1.0], [[0.1]], [[1.0]], load, friction=[vx.Friction(0, force, static=static)]
-    )
+    return vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, friction=[vx.Friction(0, force, static=static)])
 
 
 def cushioned(frequency: float, amplitude: float | jax.Array) -> vx.ImpactSystem:

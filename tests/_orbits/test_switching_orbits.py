@@ -138,9 +138,7 @@ def test_a_capsule_robot_repeats_up_to_its_progression():
 @pytest.mark.slow
 def test_orbits_with_and_without_contact_are_found_side_by_side():
     load = vx.Harmonic(amplitude=[0.7 * 0.85**2], frequency=0.81, phase=[-np.pi / 2])
-    system = vx.ImpactSystem(
-        [1.0], [[0.02]], [[1.0]], load, [vx.CompliantStop(0, 1.26, "upper", 5.0)]
-    )
+    system = vx.ImpactSystem([1.0], [[0.02]], [[1.0]], load, [vx.CompliantStop(0, 1.26, "upper", 5.0)])
     starts = np.random.default_rng(0).uniform(-1.2, 1.2, (24, 2))
     orbits = vx.find_periodic_orbits(system, 1, starts, progress=False)
     for orbit in orbits:

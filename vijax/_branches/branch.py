@@ -16,7 +16,7 @@ from .._jax.xla import compile_lightly
 from .._machine.numbers import numbers_of
 from .._orbits.cycle import Problem, Unknowns, log_of_cycle, prepared, progression_of
 from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
-from .._orbits.rigid_modes import free_drifts, free_shifts
+from .._orbits.rigid_modes import free_drifts, free_shifts, num_of
 from .._orbits.sequence import NOTHING, Sequence
 from .._system.description import build_from, describe
 from .._system.forces_by_path import Allowed
@@ -150,7 +150,7 @@ def branch_of(family: Family, start: BranchPoint, back: DirectedBranch, forth: D
     columns = {
         family.path: (("point",), seen.found.place.p * family.span),
         "arclength": (("point",), np.array(arcs)),
-        **_columns_of_orbits(points, seen, family.system.num_stops),
+        **_columns_of_orbits(points, seen, family),
         **_columns_of_events(points, seen, family.system.num_stops),
         "start": (("point", "state"), seen.found.place.z * family.scale),
     }
@@ -170,7 +170,7 @@ def branch_of(family: Family, start: BranchPoint, back: DirectedBranch, forth: D
 
 
 def _columns_of_orbits(
-    points: list[BranchPoint | PlainPoint], seen: CorrectedCycle, num_stops: int
+    points: list[BranchPoint | PlainPoint], seen: CorrectedCycle, family: Family
 ) -> dict[str, tuple]:
     """Columns with one entry for each point."""
     x0, v0 = np.split(seen.start, 2, axis=1)
@@ -179,9 +179,12 @@ def _columns_of_orbits(
         "x0": (("point", "mass"), x0),
         "v0": (("point", "mass"), v0),
         "multipliers": (("point", "multiplier"), multipliers),
-        "is_stable": (("point",), np.abs(multipliers[:, 0]) < 1),
+        "is_stable": (
+            ("point",),
+            np.count_nonzero(~(np.abs(multipliers) < 1), axis=1) == num_of(family.drift),
+        ),
         "is_admissible": (("point",), np.array([point.is_admissible for point in points])),
-        "closest_gap": (("point", "stop"), seen.watched.gap[:, :num_stops]),
+        "closest_gap": (("point", "stop"), seen.watched.gap[:, : family.system.num_stops]),
         "residual": (("point",), seen.found.residual),
         "bifurcation": (
             ("point",),
@@ -209,7 +212,10 @@ def _columns_of_events(
     impacts = is_impact[..., None] & (stop[..., None] == np.arange(num_stops))
     mode = {}
     if own[0].is_switching:
-        mode["mode"] = (("point", "flight_number", "element"), _rows([one.mode for one in own], room + 1, 0)[which])
+        mode["mode"] = (
+            ("point", "flight_number", "element"),
+            _rows([one.mode for one in own], room + 1, 0)[which],
+        )
     return mode | {
         "num_impacts": (("point", "stop"), np.count_nonzero(impacts, axis=1)),
         "impact_speed": (events, np.where(is_impact, found.speeds[:, :room], np.nan)),
@@ -250,7 +256,7 @@ def _orbit(system: ImpactSystem, point: xr.Dataset) -> PeriodicOrbit:
         progression=progression,
         num_impacts=jnp.asarray(point["num_impacts"].values),
         multipliers=multipliers,
-        is_stable=jnp.abs(multipliers[0]) < 1,
+        is_stable=jnp.asarray(point["is_stable"].values),
         is_admissible=jnp.asarray(point["is_admissible"].values),
         residual=jnp.asarray(point["residual"].values),
         num_runs=jnp.array(0),

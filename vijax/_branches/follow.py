@@ -46,7 +46,7 @@ from .sequence_switching import (
     step_off,
     with_simulated_bounces,
 )
-from .test_functions import TestFunction, crossings, tests_of
+from .test_functions import TestFunction, crossings, tests_of, without_echoes
 from .vanishing_flights import end_of_vanishing_flight, hop_that_ends
 
 # Longest step on which several events are accepted; a longer one is halved to separate them.
@@ -211,7 +211,7 @@ def _step(walk: DirectedBranch, point: BranchPoint, ds: float) -> KernelRequests
     before, after = step_state_of_point(point), step_state_of_point(new)
     if not is_resolved(before, after, ds)[0]:
         return None
-    met = crossings(tests_of(point.sequence), point.seen, new.seen)
+    met = without_echoes(point.sequence, crossings(tests_of(point.sequence), point.seen, new.seen))
     if any(test.kind == Kind.CHATTER_COMPLETION and not _is_plastic(point, test) for test in met):
         return None  # ever more bounces accumulate on the step
     confirmed, followed = yield from _confirmed_point(walk, new)

@@ -97,7 +97,7 @@ class Family(eqx.Module):
         """Equations of a cycle of one of the machines."""
         known = self.num_periods, self.phase, self.shifts
         drift = None if self.drift is None else jnp.asarray(self.drift)
-        return Problem(machine, flow, sequence, *map(jnp.asarray, known), drift)
+        return Problem(machine, flow, sequence, *map(jnp.asarray, known), drift=drift)
 
     def unknowns(self, place: ExtendedCycle) -> Unknowns:
         """Unknowns of a cycle, `z` without its scale."""

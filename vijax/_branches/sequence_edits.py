@@ -79,9 +79,7 @@ def without_event(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Seq
     )
 
 
-def with_events_merged(
-    sequence: Sequence, place: ExtendedCycle, k: int
-) -> tuple[Sequence, ExtendedCycle]:
+def with_events_merged(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
     """Replace event `k` and the one before, of one element and at one time, by one event, or by none if both cancel."""
     stop, flights = sequence.stop[k], np.delete(place.flights, k)
     before, after = sequence.mode[k - 1, stop], sequence.mode[k + 1, stop]

@@ -140,11 +140,12 @@ def _with_merged_events(event: BranchPoint, test: TestFunction) -> KernelRequest
     at = yield from _corrected_on_sequence(*with_events_merged(sequence, event.place, k), event)
     rates, least = at.seen.rates, at.seen.watched.force
     guard = min((stop, stop + num), key=lambda j: abs(least[j]))
-    rate = {
+    rates_of: dict[str, np.ndarray] = {
         Kind.CROSSING_SLIDING: rates.speeds[k - 1],
         Kind.SWITCHING_SLIDING: rates.force[guard],
         Kind.ADDING_SLIDING: rates.force[guard],
-    }.get(test.kind, rates.gap[stop])
+    }
+    rate = rates_of.get(test.kind, rates.gap[stop])
     return (yield from step_off(at, float(rate) > 0))
 
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._hybrid.limits import CLOSE, IMPACT, OPEN, RELEASE, TURN
+from .._hybrid.limits import CLOSE as CLOSING, IMPACT, OPEN, RELEASE, TURN
 from .._machine.state import AHEAD, BEHIND, STICKING
 from .._orbits.sequence import NOTHING, Sequence
 from .kernels import CorrectedCycle
@@ -153,8 +153,8 @@ def _kind_of_meeting(sequence: Sequence, k: int) -> Kind:
 def _has_speed(sequence: Sequence) -> np.ndarray:
     """True for events with a test function of their own: an impact, a compliant contact that closes at its gap, a turn."""
     if not sequence.is_switching:
-        return sequence.kind == IMPACT
-    return np.isin(sequence.kind, (IMPACT, CLOSE, TURN))
+        return np.asarray(sequence.kind == IMPACT)
+    return np.isin(sequence.kind, (IMPACT, CLOSING, TURN))
 
 
 def margins(sequence: Sequence, seen: CorrectedCycle) -> np.ndarray:
@@ -188,7 +188,7 @@ def _follows_another(sequence: Sequence) -> np.ndarray:
     is_same = stop[..., 1:] == stop[..., :-1]
     if sequence.is_switching:
         # Where a compliant contact has no duration, it closes at no speed; where a turn has none, friction would stick.
-        alike = (IMPACT, CLOSE, OPEN, TURN)
+        alike = (IMPACT, CLOSING, OPEN, TURN)
         is_same = is_same & np.isin(kind[..., 1:], alike) & np.isin(kind[..., :-1], alike)
     else:
         is_same = is_same & (kind[..., 1:] == kind[..., :-1])
@@ -200,6 +200,16 @@ def _follows_another(sequence: Sequence) -> np.ndarray:
 def crossings(tests: list[TestFunction], before: CorrectedCycle, after: CorrectedCycle) -> list[TestFunction]:
     """Test functions that change from positive to not positive."""
     return [test for test in tests if test.of(before) > 0 >= test.of(after)]
+
+
+def without_echoes(sequence: Sequence, met: list[TestFunction]) -> list[TestFunction]:
+    """Test functions of a step without those of guards of an element whose events meet there: these vanish with them."""
+    if not sequence.is_switching:
+        return met
+    num = sequence.mode.shape[1]
+    is_of_event = lambda test: test.of_flight or test.kind in (Kind.GRAZING, Kind.CROSSING_SLIDING)  # noqa: E731
+    meeting = {int(sequence.stop[test.index]) for test in met if is_of_event(test)}
+    return [test for test in met if is_of_event(test) or test.index % num not in meeting]
 
 
 def num_unstable(seen: CorrectedCycle) -> Any:

@@ -99,7 +99,10 @@ def laws_as_numbers(state: State) -> Int[Array, "contacts ..."]:
 
 def with_laws(state: State, numbers: Int[Array, "contacts ..."]) -> State:
     """State in which the elements do what `laws_as_numbers` tells."""
-    ahead, behind = (numbers == AHEAD) | (numbers == KEPT_AHEAD), (numbers == BEHIND) | (numbers == KEPT_BEHIND)
+    ahead, behind = (
+        (numbers == AHEAD) | (numbers == KEPT_AHEAD),
+        (numbers == BEHIND) | (numbers == KEPT_BEHIND),
+    )
     direction = ahead.astype(jnp.int8) - behind.astype(jnp.int8)
     mode = Mode(numbers == CLOSED, numbers == INSIDE, direction, jnp.zeros_like(direction))
     contact = jnp.where((numbers >= KEPT) & (numbers < STICKING), jnp.int8(KEPT_CLOSED), jnp.int8(0))

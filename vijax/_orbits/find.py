@@ -15,9 +15,9 @@ from .cycle import Problem, Unknowns, log_of_cycle, prepared, progression_of
 from .floquet import floquet_multipliers
 from .newton import implicit_orbit, pencil_of
 from .orbit import ORBIT_RESULTS
-from .rigid_modes import all_shifts, closing_pin, drifts, free_drifts, free_shifts
-from .sequence import num_stops_of
+from .rigid_modes import all_shifts, closing_pin, drifts, free_drifts, free_shifts, num_of
 from .search import Search, StroboscopicMap, begin_search, frame_offset, search_step
+from .sequence import num_stops_of
 
 
 class OrbitSolution(eqx.Module):
@@ -51,7 +51,9 @@ def find(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> OrbitSolutio
 
 def solution_of_search(strobe: StroboscopicMap, search: Search) -> OrbitSolution:
     """Result of a finished search, as a function of the machine."""
-    start, multipliers, events, progression = (_by_sequence if strobe.flow.has_flow_map else _by_map)(strobe, search)
+    start, multipliers, events, progression = (_by_sequence if strobe.flow.has_flow_map else _by_map)(
+        strobe, search
+    )
     is_impact = (events.kind == IMPACT)[:, None]
     stops = jnp.arange(num_stops_of(strobe.numbers))[None]
     x0, v0 = jnp.split(jnp.where(search.has_cycle, start, search.base), 2)
@@ -62,12 +64,19 @@ def solution_of_search(strobe: StroboscopicMap, search: Search) -> OrbitSolution
         progression=progression,
         num_impacts=jnp.sum(is_impact & (events.stop[:, None] == stops), axis=0),
         multipliers=jnp.where(search.has_cycle, multipliers, jnp.nan),
-        is_stable=search.has_cycle & (jnp.abs(multipliers[0]) < 1),
+        is_stable=search.has_cycle & _is_stable(strobe, multipliers),
         is_admissible=search.is_orbit,
         residual=jnp.where(search.has_cycle, search.cycle.residual, search.closing),
         num_runs=search.num_runs,
         result=_result(strobe, search),
     )
+
+
+def _is_stable(strobe: StroboscopicMap, multipliers: Complex[Array, " state"]) -> Bool[Array, ""]:
+    drift = free_drifts(strobe.numbers)
+    if drift is None:
+        return jnp.abs(multipliers[0]) < 1
+    return jnp.sum(~(jnp.abs(multipliers) < 1)) == num_of(drift)
 
 
 tell_of_search = compile_lightly(solution_of_search)

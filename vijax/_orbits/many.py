@@ -12,8 +12,8 @@ import numpy as np
 from .._hybrid.limits import IMPACT
 from .._jax.xla import jit_lightly
 from .search import Search, StroboscopicMap, begin_search
-from .sequence import num_stops_of
 from .search_workers import SearchWorkers
+from .sequence import num_stops_of
 
 # `_LANES`: lanes of the one compiled program. A lane costs the same among 32 as among 128; fewer wait for the longest.
 # `_FEW`: room for events at first. Most cycles have fewer; the others are searched for again with room for all.
@@ -120,9 +120,7 @@ def _search(
 
 def _orbits_of_search(search: Search, num_stops: int) -> Orbits:
     cycle, sequence = search.cycle, search.cycle.sequence
-    is_hit = (sequence.kind == IMPACT)[..., None] & (
-        sequence.stop[..., None] == np.arange(num_stops)
-    )
+    is_hit = (sequence.kind == IMPACT)[..., None] & (sequence.stop[..., None] == np.arange(num_stops))
     columns = cycle.start, cycle.multipliers, cycle.residual, is_hit.sum(axis=1), search.is_orbit
     return Orbits(*map(np.asarray, columns))
 
@@ -139,6 +137,6 @@ def lanes_first(tree: Any) -> tuple[Any, list[int | None]]:
 
 
 @cache
-def _begin(num_stops: int, room: int, is_switching: bool) -> Callable:  # noqa: FBT001
+def _begin(num_stops: int, room: int, is_switching: bool) -> Callable:
     begin = jax.vmap(lambda guess: begin_search(guess, num_stops, room, is_switching=is_switching))
     return jit_lightly(begin, name=("begin_search", num_stops, room, is_switching))

@@ -54,9 +54,9 @@ class PeriodicOrbit(eqx.Module):
             capsule robot, which then repeats up to it.
         num_impacts: impacts in one cycle, (stops,); of a chatter all that were followed.
         multipliers: Floquet multipliers, (2 n,), complex, the largest magnitude first. Two are zero for every mass that
-            sticks; one is infinite where the orbit grazes; one is 1 for every shift of the masses that no spring and no
+            sticks, one where friction does; one is infinite where the orbit grazes; one is 1 for every shift of the masses that no spring and no
             contact resists.
-        is_stable: whether all multipliers lie inside the unit circle.
+        is_stable: whether all multipliers lie inside the unit circle, but for those of shifts by which the orbit progresses.
         is_admissible: whether the machine follows it: run from x0 and v0, it shows the same events.
         residual: closing error of the cycle, relative to the size of the motion.
         num_runs: number of runs of the motion in the search.

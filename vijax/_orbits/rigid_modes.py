@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._jax.arrays import array_namespace
+from .._jax.arrays import Reals, array_namespace
 from .._jax.concrete import stop_gradients
 from .._machine.numbers import MachineNumbers
 from .._machine.small_matrices import inverse_among
@@ -65,6 +65,11 @@ def free_drifts(numbers: MachineNumbers) -> Float[Array, "n n"] | None:
 def all_shifts(shifts: Float[Array, "n n"], drift: Float[Array, "n n"] | None) -> Float[Array, "n n"]:
     """The projection onto all shifts whose multiplier is 1."""
     return shifts if drift is None else shifts + drift
+
+
+def num_of(drift: Reals | None) -> Reals:
+    """Number of independent shifts of a projection, each of which has a multiplier 1 that tells nothing of stability."""
+    return 0 if drift is None else array_namespace(drift).round(array_namespace(drift).trace(drift))
 
 
 def of_positions(drift: Float[Array, "n n"]) -> Float[Array, "state state"]:

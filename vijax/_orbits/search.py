@@ -81,13 +81,17 @@ class Search(eqx.Module):
         return ~(self.is_orbit | self.is_full) & (self.num_runs < MAX_RUNS) & (self.factor > 0)
 
 
-def begin_search(
-    guess: Float[Array, " state"], num_stops: int, room: int, *, is_switching: bool
-) -> Search:
+def begin_search(guess: Float[Array, " state"], num_stops: int, room: int, *, is_switching: bool) -> Search:
     """A search from a guess, with room for `room` events."""
     zero, no = jnp.zeros((), guess.dtype), jnp.array(False)
     unknowns = Unknowns(guess, jnp.zeros(room, guess.dtype))
-    cycle = Cycle(guess, unknowns, empty_sequence(room, num_stops, is_switching=is_switching), guess + 0j, zero + jnp.inf)
+    cycle = Cycle(
+        guess,
+        unknowns,
+        empty_sequence(room, num_stops, is_switching=is_switching),
+        guess + 0j,
+        zero + jnp.inf,
+    )
     start, still = (guess, guess), (jnp.zeros_like(guess), guess)
     return Search(*start, *still, zero + 1, zero + jnp.inf, cycle, no, no, no, jnp.array(0))
 

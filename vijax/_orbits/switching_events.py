@@ -140,9 +140,7 @@ def switched_instant(
     direction = jnp.where(end.mode.direction != 0, jnp.sign(now), 0).astype(jnp.int8)
     struck = eqx.tree_at(lambda s: s.mode.direction, struck, direction)
     impulse = jnp.where(hit, contacts.impulses(end.v - v), 0)
-    instant = Instant(
-        hit, none, none, speed, plus, zeros, jnp.array(False), time, impulse, no_switches(end)
-    )
+    instant = Instant(hit, none, none, speed, plus, zeros, jnp.array(False), time, impulse, no_switches(end))
     duration = jax.lax.stop_gradient(complete_chatter(machine, struck, instant).duration)
     zero = Zeros(at_event & ~is_second(kind), at_event & is_second(kind))
     return logged(machine, end, with_laws(struck, after), instant, zero, duration)
