@@ -122,7 +122,9 @@ class Bifurcation:
 
         One of "fold", "pd" (period doubling), "ns" (Neimark-Sacker), "bp" (branch point, also where a doubled branch
         meets the orbit of half its period), "gr" (grazing), "double_impact" (at two stops at once), "force_zero" (the
-        contact force of a held mass touches zero), "chatter_completion" (a stick appears or disappears).
+        contact force of a held mass touches zero), "chatter_completion" (a stick appears or disappears); of friction
+        "crossing_sliding" (a turn becomes a stick), "grazing_sliding" (a slide touches velocity zero, and sticks),
+        "switching_sliding" (a stick begins at its other bound), "adding_sliding" (a stick is split by a slip).
         """
         return str(self.branch.points["bifurcation"].values[self.index])
 

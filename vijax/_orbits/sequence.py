@@ -69,7 +69,7 @@ class Sequence(eqx.Module):
 
 def num_stops_of(numbers: MachineNumbers) -> int:
     """Number of stops of a machine, without friction elements."""
-    return numbers.rows.shape[-2] - np.count_nonzero(friction_of(numbers))
+    return numbers.rows.shape[-2] - int(np.count_nonzero(friction_of(numbers)))
 
 
 def friction_of(numbers: MachineNumbers) -> np.ndarray:
@@ -137,7 +137,7 @@ def sequence_of(
         # The mode at the end of each flight: between events others may take over the load of an element.
         before, after = instants.switched.before[row], instants.switched.after[row[-1:]]
         mode = jnp.concatenate([jnp.where(is_real[:, None], before, after), after])
-        mode = jnp.where(is_friction & (mode == HELD), jnp.int8(STICKING), mode)
+        mode = jnp.where(is_friction[None] & (mode == HELD), jnp.int8(STICKING), mode)
         return Sequence(kind, stop, mode), flights
     after = held[jnp.where(is_followed, row - 1, row)]
     return Sequence(kind, stop, jnp.concatenate([held[:1], after])), flights
