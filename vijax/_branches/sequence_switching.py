@@ -40,6 +40,8 @@ from .sequence_edits import (
 )
 from .test_functions import TestFunction, tests_of
 
+# Bifurcations at which a stick, or a slip between two, has no duration.
+_OF_STICKS = (Kind.CROSSING_SLIDING, Kind.GRAZING_SLIDING, Kind.SWITCHING_SLIDING, Kind.ADDING_SLIDING)
 # Number of rounds of a cycle that change at once, and of forcing periods of all rounds.
 Rounds = tuple[int, float]
 
@@ -132,10 +134,8 @@ def _with_merged_events(event: BranchPoint, test: TestFunction) -> KernelRequest
     sequence, k = event.sequence, test.index
     if test.kind == Kind.GRAZING:
         k = later_of_meeting(event, k)
-    elif not test.of_flight:
-        raise BranchEnd(test.kind)  # an event appears
-    elif test.kind == Kind.DOUBLE_IMPACT:
-        raise BranchEnd(test.kind)
+    elif not (test.of_flight and test.kind in _OF_STICKS):
+        raise BranchEnd(test.kind)  # an event appears, or two elements switch at once
     stop, num = int(sequence.stop[k]), sequence.mode.shape[1]
     at = yield from _corrected_on_sequence(*with_events_merged(sequence, event.place, k), event)
     rates, least = at.seen.rates, at.seen.watched.force

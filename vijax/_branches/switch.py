@@ -37,7 +37,8 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
         The orbits, from which `vx.continuation` continues; none where there are no other branches.
 
     Raises:
-        ValueError: for a Neimark-Sacker point, where no periodic orbit branches off, or if 64-bit numbers are off.
+        ValueError: for a Neimark-Sacker point, where no periodic orbit branches off, for a grazing of a machine with friction
+            or compliant stops, or if 64-bit numbers are off.
 
     Example:
         ```python
@@ -58,6 +59,11 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
             "A torus leaves at a Neimark-Sacker point, no periodic orbit: run `vx.simulate` beside it."
         )
     if point.kind == Kind.GRAZING:
+        if "mode" in point.branch.points:
+            raise ValueError(
+                "The orbits that leave a grazing are found for machines with rigid contacts alone: in a machine with friction or "
+                "compliant stops search beside it by `vx.find_periodic_orbits`."
+            )
         return _at_grazing(point)
     if point.kind not in (Kind.PERIOD_DOUBLING, Kind.BRANCH_POINT):
         return []
