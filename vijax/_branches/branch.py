@@ -17,7 +17,7 @@ from .._machine.numbers import numbers_of
 from .._orbits.cycle import Problem, Unknowns, log_of_cycle, prepared, progression_of
 from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
 from .._orbits.rigid_modes import free_drifts, free_shifts, num_of
-from .._orbits.sequence import NOTHING, Sequence
+from .._orbits.sequence import NOTHING, SECOND, Sequence
 from .._system.description import build_from, describe
 from .._system.forces_by_path import Allowed
 from .._system.parameters import set_parameter
@@ -212,13 +212,18 @@ def _columns_of_events(
     is_impact = kind == IMPACT
     events, found = ("point", "event"), seen.found
     impacts = is_impact[..., None] & (stop[..., None] == np.arange(num_stops))
-    mode = {}
+    switching = {}
     if own[0].is_switching:
-        mode["mode"] = (
-            ("point", "flight_number", "element"),
-            _rows([one.mode for one in own], room + 1, 0)[which],
+        modes = _rows([one.mode for one in own], room + 1, 0)[which]
+        guard, kind = (
+            np.where(kind == NOTHING, 0, kind // SECOND),
+            np.where(kind == NOTHING, kind, kind % SECOND),
         )
-    return mode | {
+        switching = {
+            "event_guard": (events, guard),
+            "mode": (("point", "flight_number", "element"), modes),
+        }
+    return switching | {
         "num_impacts": (("point", "stop"), np.count_nonzero(impacts, axis=1)),
         "impact_speed": (events, np.where(is_impact, found.speeds[:, :room], np.nan)),
         "event_kind": (events, kind),
@@ -298,5 +303,9 @@ def cycle_of(point: Bifurcation, scale: np.ndarray, p: float) -> tuple[Sequence,
 def _sequence_at(point: xr.Dataset, num_events: int) -> Sequence:
     """Sequence of one point of a branch."""
     kind, stop = (point[name].values[:num_events] for name in ("event_kind", "event_stop"))
-    mode = point["mode"] if "mode" in point else point["held"]
-    return Sequence(kind, np.maximum(stop, 0), mode.values[: num_events + 1])
+    if "mode" not in point:
+        return Sequence(kind, np.maximum(stop, 0), point["held"].values[: num_events + 1])
+    mode = point["mode"].values[: num_events + 1].astype(np.int8)
+    last = np.count_nonzero(kind != NOTHING)
+    mode[last:] = mode[last]
+    return Sequence(kind + SECOND * point["event_guard"].values[:num_events], np.maximum(stop, 0), mode)
