@@ -3,6 +3,8 @@
 import jax
 import numpy as np
 import pytest
+import scipy.integrate
+import scipy.optimize
 
 import vijax as vx
 
@@ -48,6 +50,31 @@ def test_a_branch_passes_the_onset_of_sticking_from_either_side(start, static, o
     sticks = np.count_nonzero(branch.points["event_kind"] == vx.STICK, axis=1)
     np.testing.assert_array_equal(sticks[branch.values < onset - 1e-6], 2)
     np.testing.assert_array_equal(sticks[branch.values > onset + 1e-6], 0)
+
+
+def overshoot(frequency: float) -> float:
+    """How far a mass slides that leaves a rest at -0.5, beyond 0.5."""
+    begin = -np.arccos(0.5 / 1.5)  # there the load on it is the friction force
+
+    def rate(t: float, y: np.ndarray) -> list[float]:
+        return [y[1], 1.5 * np.cos(frequency * t + begin) - 1.0 - 0.1 * y[1] - y[0]]
+
+    def stops(t: float, y: np.ndarray) -> float:
+        return y[1]
+
+    stops.terminal, stops.direction = True, -1
+    sol = scipy.integrate.solve_ivp(
+        rate, (0, 60), [-0.5, 0.0], "DOP853", events=stops, rtol=1e-12, atol=1e-14
+    )
+    return float(sol.y_events[0][0][0]) - 0.5
+
+
+@pytest.mark.slow
+def test_a_stick_is_split_where_the_load_at_its_peak_moves_the_mass():
+    (point,) = branch_of(rubbing(0.16), 30, (0.14, 0.17)).bifurcations
+    assert point.kind == "adding_sliding"
+    split = scipy.optimize.brentq(overshoot, 0.14, 0.15, xtol=1e-14)
+    assert point.value == pytest.approx(split, rel=LOCATED)
 
 
 @pytest.mark.slow
