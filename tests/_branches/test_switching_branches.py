@@ -78,6 +78,26 @@ def test_a_stick_is_split_where_the_load_at_its_peak_moves_the_mass():
 
 
 @pytest.mark.slow
+def test_a_vibration_on_a_belt_begins_to_stick_where_its_velocity_reaches_that_of_the_belt():
+    frequency, velocity = 0.8, 0.5
+    load = vx.Harmonic(amplitude=[0.2], frequency=frequency)
+    belt = vx.Friction(0, 0.1, velocity=velocity)
+    system = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, friction=[belt])
+    bounds = 0.2, 0.26
+    orbit = vx.periodic_orbit(system, [0.4], [0.0])
+    branch = vx.continuation(orbit, "forcing.amplitude[0]", bounds, progress=False)
+    back = vx.continuation(branch.orbit(len(branch) - 1), "forcing.amplitude[0]", bounds, progress=False)
+    reached = velocity * np.hypot(1 - frequency**2, 0.1 * frequency) / frequency
+    for one in (branch, back):
+        grazing, switching = one.bifurcations
+        assert grazing.kind == "grazing_sliding"
+        assert grazing.value == pytest.approx(reached, rel=LOCATED)
+        assert switching.kind == "switching_sliding"
+        assert switching.value == pytest.approx(branch.bifurcations[1].value, rel=LOCATED)
+        assert all_are_followed(one)
+
+
+@pytest.mark.slow
 def test_the_onset_of_sticking_is_a_differentiable_function_of_the_machine():
     (point,) = branch_of(rubbing(0.8), 60, (0.65, 0.85)).bifurcations
     onset = lambda force: vx.bifurcation_value(point, rubbing(0.8, force))  # noqa: E731
