@@ -150,10 +150,6 @@ def test_a_mass_rests_on_a_preloaded_stop_until_its_load_leaves_the_range():
 
 
 REFUSED = {
-    "periodic_orbit": lambda system: vx.periodic_orbit(system, [0.0], [1.0]),
-    "find_periodic_orbits": lambda system: vx.find_periodic_orbits(system, 1, np.zeros((1, 2))),
-    "attractors": lambda system: vx.attractors(system, {"x0[0]": [0.0, 0.1]}),
-    "basins": lambda system: vx.basins(system, {"x0[0]": [0.0], "v0[0]": [1.0]}),
     "next_crossing": lambda system: vx.next_crossing(system, 0.0, [0.0], [1.0], 0, 0.1),
     "saltation_matrix": lambda system: vx.saltation_matrix(system, 0.0, [0.0], [1.0], 0),
 }

@@ -16,7 +16,7 @@ from .._sections.classify import TOLERANCES
 from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
 from .._sweep.short_names import with_names
 from .._system.periodicity import check_period
-from .._system.system import ImpactSystem, refuse_switching, with_args
+from .._system.system import ImpactSystem, with_args
 from .coexisting import coexisting, lasting
 from .ensemble import Machines
 from .starts import Starts, bounds_of, drawn_starts, grid_of_starts, listed_starts
@@ -104,7 +104,6 @@ def attractors(
         M. F. Schilling, Multivariate two-sample tests based on nearest neighbors, J. Am. Stat. Assoc. 81 (1986) 799.
     """
     refuse_single_precision("attractors", system)
-    refuse_switching("attractors", system)
     machines = machines_of_one(
         "attractors", system, args, transient, record, tolerance, flow, max_steps, settings, executor
     )

@@ -8,7 +8,7 @@ import xarray as xr
 from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, refuse_single_precision
-from .._system.system import ImpactSystem, refuse_switching
+from .._system.system import ImpactSystem
 from .attractors import attractors
 
 # `_LEAST_DISTANCES`: distances to neighbours that a slope and its error need.
@@ -74,7 +74,6 @@ def basins(
         G. Datseris & A. Wagemakers, Effortless estimation of basins of attraction, Chaos 32 (2022) 023104.
     """
     refuse_single_precision("basins", system)
-    refuse_switching("basins", system)
     if not isinstance(grid, Mapping) or len(grid) < 2:
         raise ValueError(
             'Argument `grid` must name two start quantities or more, as {"x0[0]": values, "v0[0]": values}; '

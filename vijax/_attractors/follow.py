@@ -11,7 +11,7 @@ from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, refuse_singl
 from .._jax.xla import padding_allowed
 from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
 from .._system.parameters import find_parameter, set_parameter
-from .._system.system import ImpactSystem, refuse_switching
+from .._system.system import ImpactSystem
 from .attractor_matching import branch_numbers, seeded
 from .attractors import machines_of_one, requested_starts
 from .coexisting import coexisting, lasting
@@ -97,7 +97,6 @@ def follow_attractors(
         Proc. ICPR (1994) 566.
     """
     refuse_single_precision("follow_attractors", system)
-    refuse_switching("follow_attractors", system)
     if not threshold > 0:
         raise ValueError(f"Argument `threshold` must be positive, but is {threshold}.")
     one = machines_of_one(

@@ -7,25 +7,31 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow
+from .._hybrid.guards import select_active
 from .._hybrid.limits import FORCE, GAP, IMPACT
 from .._jax.arrays import Scalar
 from .._jax.xla import is_any
 from .._machine.derivatives import derivatives
-from .._machine.machine import Machine, state_before_contact
-from .._orbits.cycle import Moment, Problem, Unknowns, flow_map, traverse
-from .._orbits.sequence import NOTHING, Sequence as CycleEvents
+from .._machine.machine import Machine
+from .._machine.state import KEPT, STICKING
+from .._orbits.cycle import Moment, Problem, Unknowns, flow_map, state_in_mode, traverse
+from .._orbits.sequence import NOTHING, Sequence as CycleEvents, held_in
 from .minima import dip
 
 # `_DENSITY`: samples per radian of the fastest part of the motion.
 # `_MOST`: largest number of samples on a flight.
 # `_STEPS`: Newton steps from a sampled minimum to the minimum.
 _DENSITY, _MOST, _STEPS = 0.7, 10_000, 6
-# `_OF_GAP`, `_OF_FORCE`: number of time derivatives of gaps and of contact forces in a reading, the value included.
+# `_OF_GAP`, `_OF_FORCE`: number of time derivatives of gaps and of contact forces in a reading, the value included; of
+# machines with friction or compliant contacts as many of all guards as of forces.
 _OF_GAP, _OF_FORCE = 4, 3
 
 
 class LeastMargins(NamedTuple):
     """Least gap of each stop while its mass is free, least contact force while the stop holds.
+
+    Of machines with friction or compliant contacts the least value of each guard instead, (guards,), see `guards_of`: as
+    `gap` while its element does not hold, as `force` while it does.
 
     Attributes:
         gap: lowest minimum of the gap, where a mass turns back without impact, negative beyond the stop, (stops,);
@@ -76,7 +82,7 @@ class _Minima(NamedTuple):
     Attributes:
         value: value at the minimum.
         since: time of the minimum since the beginning of its flight, and the two ends of its bracket, (stops, 3).
-        held: stops that hold on this flight, (stops, stops).
+        mode: mode of this flight, see `Sequence`, (stops, stops).
         z: state at the beginning of this flight, (stops, 2 n).
         start: time of this beginning.
         flight: number of this flight.
@@ -84,7 +90,7 @@ class _Minima(NamedTuple):
 
     value: Array
     since: Array
-    held: Array
+    mode: Array
     z: Array
     start: Array
     flight: Array
@@ -130,37 +136,41 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns, begins: Moment | None
 
     def one(scan: _Scan) -> _Scan:
         k, i, before = scan[:3]
-        begin, held, duration = _at(begins, k), sequence.held[k], flights[k]
+        begin, mode, duration = _at(begins, k), jnp.asarray(sequence.mode)[k], flights[k]
+        held, idle = _of_guards(machine, held_in(mode)), _idle_guards(machine, mode)
         skipped = jnp.where(k == 0, jnp.clip(-last, 0), 0)
         longest = jnp.clip(duration - skipped, 0, problem.num_periods)
         # A rejected Newton iterate may have zero forcing frequency, hence an infinite period.
         num = jnp.clip(jnp.ceil(longest * radians * _DENSITY), 1, _MOST)
         step = longest / num
         since = skipped + step * i
-        now = _read(machine, flow, begin, held, since)
+        now = _read(machine, flow, begin, mode, since)
         is_first, is_last = i == 0, ~(i < num)  # True for NaN, which ends the scan of the flight
         # The gap is least at an interior minimum, the contact force there or where a stick begins.
-        has_left = (i == 1) & _leaving_stops(sequence, k, jnp.where(last < 0, count, 0))
+        left = _of_guards(machine, _leaving_stops(sequence, k, jnp.where(last < 0, count, 0)))
+        has_left = (i == 1) & left
         gap = dip(before.gap, now.gap, step, has_left)
         force = dip(before.force, now.force, step, jnp.zeros_like(held))
         has_length = ~is_first & (longest > 0)
         turns = has_length & ~held & gap.is_there
-        gaps = scan.gaps.lowered(turns, _lowest(gap.value, gap.times(since, step), held, begin, k))
+        turns = turns if idle is None else turns & ~idle
+        gaps = scan.gaps.lowered(turns, _lowest(gap.value, gap.times(since, step), mode, begin, k))
         least = jnp.where(is_first, now.force[0], force.value)
         at = jnp.where(is_first, since, force.times(since, step))
         # A release before the start of the cycle leaves a first flight of no length, on which the stop does not hold.
         is_begun = is_first & ((k > 0) | (longest > 0))
         is_least = held & (is_begun | (has_length & force.is_there))
-        forces = scan.forces.lowered(is_least, _lowest(least, at, held, begin, k))
+        forces = scan.forces.lowered(is_least, _lowest(least, at, mode, begin, k))
         # After an impact without rebound gap and speed are zero: only the acceleration can separate the mass.
-        rests = is_first & ~held & _is_after_plastic(machine, sequence, k)
-        rises = scan.rises.lowered(rests, _lowest(now.gap[2], since, held, begin, k))
+        rests = is_first & ~held & _of_guards(machine, _is_after_plastic(machine, sequence, k))
+        rises = scan.rises.lowered(rests, _lowest(now.gap[2], since, mode, begin, k))
         return _Scan(jnp.where(is_last, k + 1, k), jnp.where(is_last, 0, i + 1), now, gaps, forces, rises)
 
     begin = _at(begins, 0)
-    none = jnp.full(machine.contacts.num, jnp.inf)
-    nothing = _lowest(none, 0 * begin.time, sequence.held[0], begin, jnp.array(0))
-    unread = _GapsAndForces([0 * none] * _OF_GAP, [0 * none] * _OF_FORCE)
+    is_switching = machine.contacts.is_switching
+    none = jnp.full(machine.contacts.num * (2 if is_switching else 1), jnp.inf)
+    nothing = _lowest(none, 0 * begin.time, jnp.asarray(sequence.mode)[0], begin, jnp.array(0))
+    unread = _GapsAndForces([0 * none] * (_OF_FORCE if is_switching else _OF_GAP), [0 * none] * _OF_FORCE)
     scan = _Scan(jnp.array(0), jnp.array(0), unread, nothing, nothing, nothing)
     scan = jax.lax.while_loop(lambda scan: scan.flight <= count, one, scan)
     (gap, force), (gap_time, force_time) = _refined(machine, flow, scan.gaps, scan.forces)
@@ -181,12 +191,12 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns, begins: Moment | None
 def margins_at(problem: Problem, begins: Moment, speeds: Array, watched: LeastMargins) -> Margins:
     """Margins at the times of `watched`, to be differentiated: to first order the time of a minimum has no effect."""
     machine, flow, sequence = problem.machine, problem.flow, problem.sequence
-    stops = jnp.arange(machine.contacts.num)
+    stops = jnp.arange(len(watched.gap))
 
     def read(flight: Array, time: Array) -> _GapsAndForces:
         begin = _at(begins, flight)
         since = jnp.maximum(time + problem.phase - jax.lax.stop_gradient(begin.time), 0)
-        return _read(machine, flow, begin, sequence.held[flight], since)
+        return _read(machine, flow, begin, jnp.asarray(sequence.mode)[flight], since)
 
     flights = jnp.concatenate([watched.gap_flight, watched.force_flight, watched.rise_flight])
     # Rises at the beginning of their flights: earlier times are clipped to it.
@@ -231,11 +241,23 @@ def _is_after_plastic(machine: Machine, sequence: CycleEvents, flight: Array) ->
     return is_impact & is_own & machine.contacts.is_plastic
 
 
-def _lowest(value: Array, since: Array, held: Array, begin: Moment, flight: Array) -> _Minima:
+def _of_guards(machine: Machine, of_stops: Array) -> Array:
+    """Flags of guards from those of their contacts: one guard a contact, two where forces switch."""
+    return jnp.concatenate([of_stops, of_stops]) if machine.contacts.is_switching else of_stops
+
+
+def _idle_guards(machine: Machine, mode: Array) -> Array | None:
+    """Flags of guards of elements that others keep at rest; None if there are none."""
+    if not machine.contacts.is_switching:
+        return None
+    return _of_guards(machine, (mode >= KEPT) & (mode < STICKING))
+
+
+def _lowest(value: Array, since: Array, mode: Array, begin: Moment, flight: Array) -> _Minima:
     """Minimum of each stop on one flight."""
     rows = lambda a: jnp.broadcast_to(a, (len(value), *a.shape))  # noqa: E731
     since = jnp.broadcast_to(since, (3, len(value))).T
-    return _Minima(value, since, rows(held), rows(begin.z), rows(begin.time), rows(flight))
+    return _Minima(value, since, rows(mode), rows(begin.z), rows(begin.time), rows(flight))
 
 
 def _refined(machine: Machine, flow: AbstractFlow, gaps: _Minima, forces: _Minima) -> tuple[Array, Array]:
@@ -246,11 +268,11 @@ def _refined(machine: Machine, flow: AbstractFlow, gaps: _Minima, forces: _Minim
     lowest = jax.tree.map(lambda *a: jnp.concatenate(a), gaps, forces)
 
     def one(low: _Minima, row: Array) -> tuple[Array, Array]:
-        begin = Moment(low.z, low.start, jnp.zeros_like(gaps.value))
+        begin = Moment(low.z, low.start, jnp.zeros(machine.contacts.num, gaps.value.dtype))
 
         def nearer(step: Array, at: tuple[Array, ...]) -> tuple[Array, ...]:
             since, lower, upper, _ = at
-            reading = _read(machine, flow, begin, low.held, since)
+            reading = _read(machine, flow, begin, low.mode, since)
             value, slope, rate = (
                 jnp.concatenate(own)[row] for own in zip(reading.gap[:3], reading.force[:3], strict=True)
             )
@@ -274,13 +296,17 @@ def _refined(machine: Machine, flow: AbstractFlow, gaps: _Minima, forces: _Minim
     return values.reshape(2, -1), times.reshape(2, -1)
 
 
-def _read(machine: Machine, flow: AbstractFlow, begin: Moment, held: Array, since: Array) -> _GapsAndForces:
-    """Gaps and contact forces `since` forcing periods after the beginning of a flight."""
-    x, v, phase, _ = flow_map(machine, flow, begin, held, since)
+def _read(machine: Machine, flow: AbstractFlow, begin: Moment, mode: Array, since: Array) -> _GapsAndForces:
+    """Gaps and contact forces, or all guards, `since` forcing periods after the beginning of a flight."""
+    x, v, phase, _ = flow_map(machine, flow, begin, mode, since)
     x, time = jnp.split(begin.z, 2)[0] + x, (begin.time + since) * machine.period
-    state = state_before_contact(machine, phase, x, v, held, time)
-    hold = machine.hold(held)
+    state = state_in_mode(machine, phase, x, v, mode, time)
+    machine, hold = machine.in_mode(state), machine.hold(state.held)
     now = derivatives(machine, state, hold)
+    if machine.contacts.is_switching:
+        of = lambda limit: limit.derivatives(machine, state, hold, now)[:_OF_FORCE]  # noqa: E731
+        guards = [a * machine.period**order for order, a in enumerate(select_active(machine, state, of))]
+        return _GapsAndForces(guards, guards)
     in_periods = lambda limit: [  # noqa: E731
         a * machine.period**order for order, a in enumerate(limit.derivatives(machine, state, hold, now))
     ]

@@ -2,18 +2,19 @@
 
 import numpy as np
 
-from .._hybrid.limits import IMPACT, RELEASE
-from .._orbits.sequence import Sequence
+from .._hybrid.limits import CLOSE, IMPACT, RELEASE, SLIP
+from .._orbits.sequence import SECOND, Sequence
 from .branch import Bifurcation, cycle_of
-from .defining_systems import AbstractCondition, AtBranchPoint, AtEvent, AtMultiplier, DefiningSystem
+from .defining_systems import AbstractCondition, AtBranchPoint, AtEvent, AtMultiplier, AtTurn, DefiningSystem
 from .kernels import CorrectedCycle, padded, room_for
 from .kinds import Kind
 from .parameter_family import ExtendedCycle, Family
-from .point import correct_with_free_parameter
+from .point import BranchPoint, correct_with_free_parameter
 from .scheduler import drive
-from .sequence_edits import with_event
+from .sequence_edits import with_event, with_events_merged
+from .sequence_switching import later_of_meeting
 from .starts import Start, family_of, starting_orbits
-from .test_functions import CLOSE, TestFunction, tests_of
+from .test_functions import CLOSE as NEAR, TestFunction, kind_at, tests_of
 
 _NO_SYSTEM: dict[str, str] = {
     Kind.CHATTER_COMPLETION: 'Where a chatter is completed infinitely many changes meet: take one of them, of a kind "gr" '
@@ -29,7 +30,7 @@ def defining_system_of(point: Bifurcation, low: float, high: float) -> tuple[Def
     """Padded defining system of a bifurcation, and its cycle; the scale of the parameter is `high - low`.
 
     Raises:
-        ValueError: unless the kind is "fold", "pd", "ns", "bp", "gr", "double_impact" or "force_zero".
+        ValueError: for the kind "chatter_completion".
     """
     if point.kind in _NO_SYSTEM:
         raise ValueError(_NO_SYSTEM[point.kind])
@@ -56,7 +57,7 @@ def family_at(point: Bifurcation, low: float, high: float) -> tuple[Start, Famil
 def _at_multiplier(point: Bifurcation) -> AbstractCondition:
     multipliers = point.branch.points["multipliers"].values[point.index]
     away = np.abs(multipliers + 1) if point.kind == Kind.PERIOD_DOUBLING else np.abs(np.abs(multipliers) - 1)
-    if point.kind == Kind.PERIOD_DOUBLING and not away.min() < CLOSE:
+    if point.kind == Kind.PERIOD_DOUBLING and not away.min() < NEAR:
         raise ValueError(
             "The orbit of this point is another one twice: take the period doubling on the branch of that one."
         )
@@ -70,7 +71,12 @@ def _at_multiplier(point: Bifurcation) -> AbstractCondition:
 def _at_event(
     family: Family, kind: str, sequence: Sequence, place: ExtendedCycle
 ) -> tuple[AbstractCondition, Sequence, ExtendedCycle]:
-    sequence, place, k, is_tangent = with_bifurcation_event(family, kind, sequence, place)
+    if sequence.is_switching:
+        sequence, place, k, is_tangent = _with_switching_event(family, kind, sequence, place)
+        if kind == Kind.CROSSING_SLIDING:
+            return AtTurn(np.zeros(0), np.asarray(k)), sequence, place
+    else:
+        sequence, place, k, is_tangent = with_bifurcation_event(family, kind, sequence, place)
     return AtEvent(np.zeros(0), np.asarray(k), np.asarray(is_tangent)), sequence, place
 
 
@@ -90,6 +96,36 @@ def with_bifurcation_event(
         sequence, place = with_event(sequence, place, RELEASE, k, flight, time)
         k, is_tangent = flight, bool(place.flights[flight] > _MOMENT[str(place.flights.dtype)])
     return sequence, place, k, is_tangent
+
+
+def _with_switching_event(
+    family: Family, kind: str, sequence: Sequence, place: ExtendedCycle
+) -> tuple[Sequence, ExtendedCycle, int, bool]:
+    """`with_bifurcation_event` for machines with friction or compliant contacts: with no event that has no duration."""
+    (seen,) = drive([family], [correct_with_free_parameter(sequence, place)], lambda: None)
+    watched, num = seen.watched, sequence.mode.shape[1]
+    wanted = (Kind.GRAZING, Kind.TOUCH) if kind == Kind.GRAZING else (kind,)
+    tests = [test for test in tests_of(sequence) if kind_at(test, sequence, seen) in wanted]
+    test = min(tests, key=lambda test: abs(test.of(seen)))
+    k = test.index
+    if test.kind == Kind.GRAZING and sequence.kind[k] == IMPACT:
+        return sequence, place, k, True
+    if test.of_flight or test.kind == Kind.GRAZING:
+        at = BranchPoint.of(sequence, seen, 0.0)
+        k = k if test.of_flight else later_of_meeting(at, k)
+        if kind == Kind.DOUBLE_IMPACT:
+            return sequence, place, k, False
+        return _with_switching_event(family, kind, *with_events_merged(sequence, place, k))
+    if kind == Kind.CROSSING_SLIDING:
+        return sequence, place, k, False
+    is_force = test.kind in (Kind.ADDING_SLIDING, Kind.FORCE_ZERO) and np.isfinite(watched.force[k])
+    flights, times = (
+        (watched.force_flight, watched.force_time) if is_force else (watched.gap_flight, watched.gap_time)
+    )
+    flight, guard = int(flights[k]), SECOND * (k >= num)
+    of_event = (SLIP if is_force else CLOSE) + guard, k % num, flight, float(times[k])
+    sequence, place = with_event(sequence, place, *of_event)
+    return sequence, place, flight, bool(place.flights[flight] > _MOMENT[str(place.flights.dtype)])
 
 
 def _test_of(kind: str, sequence: Sequence, seen: CorrectedCycle) -> TestFunction:

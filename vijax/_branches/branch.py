@@ -14,10 +14,10 @@ from .._flow.choose import choose_flow
 from .._hybrid.limits import IMPACT
 from .._jax.xla import compile_lightly
 from .._machine.numbers import numbers_of
-from .._orbits.cycle import Problem, Unknowns, log_of_cycle, prepared
+from .._orbits.cycle import Problem, Unknowns, log_of_cycle, prepared, progression_of
 from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
-from .._orbits.rigid_modes import free_shifts
-from .._orbits.sequence import NOTHING, Sequence
+from .._orbits.rigid_modes import free_drifts, free_shifts, num_of
+from .._orbits.sequence import NOTHING, SECOND, Sequence
 from .._system.description import build_from, describe
 from .._system.forces_by_path import Allowed
 from .._system.parameters import set_parameter
@@ -122,7 +122,9 @@ class Bifurcation:
 
         One of "fold", "pd" (period doubling), "ns" (Neimark-Sacker), "bp" (branch point, also where a doubled branch
         meets the orbit of half its period), "gr" (grazing), "double_impact" (at two stops at once), "force_zero" (the
-        contact force of a held mass touches zero), "chatter_completion" (a stick appears or disappears).
+        contact force of a held mass touches zero), "chatter_completion" (a stick appears or disappears); of friction
+        "crossing_sliding" (a turn becomes a stick), "grazing_sliding" (a slide touches velocity zero, and sticks),
+        "switching_sliding" (a stick begins at its other bound), "adding_sliding" (a stick is split by a slip).
         """
         return str(self.branch.points["bifurcation"].values[self.index])
 
@@ -150,8 +152,8 @@ def branch_of(family: Family, start: BranchPoint, back: DirectedBranch, forth: D
     columns = {
         family.path: (("point",), seen.found.place.p * family.span),
         "arclength": (("point",), np.array(arcs)),
-        **_columns_of_orbits(points, seen),
-        **_columns_of_events(points, seen),
+        **_columns_of_orbits(points, seen, family),
+        **_columns_of_events(points, seen, family.system.num_stops),
         "start": (("point", "state"), seen.found.place.z * family.scale),
     }
     attrs = {
@@ -169,7 +171,9 @@ def branch_of(family: Family, start: BranchPoint, back: DirectedBranch, forth: D
     return Branch(ds, family.system)
 
 
-def _columns_of_orbits(points: list[BranchPoint | PlainPoint], seen: CorrectedCycle) -> dict[str, tuple]:
+def _columns_of_orbits(
+    points: list[BranchPoint | PlainPoint], seen: CorrectedCycle, family: Family
+) -> dict[str, tuple]:
     """Columns with one entry for each point."""
     x0, v0 = np.split(seen.start, 2, axis=1)
     multipliers = seen.found.multipliers
@@ -177,9 +181,12 @@ def _columns_of_orbits(points: list[BranchPoint | PlainPoint], seen: CorrectedCy
         "x0": (("point", "mass"), x0),
         "v0": (("point", "mass"), v0),
         "multipliers": (("point", "multiplier"), multipliers),
-        "is_stable": (("point",), np.abs(multipliers[:, 0]) < 1),
+        "is_stable": (
+            ("point",),
+            np.count_nonzero(~(np.abs(multipliers) < 1), axis=1) == num_of(family.drift),
+        ),
         "is_admissible": (("point",), np.array([point.is_admissible for point in points])),
-        "closest_gap": (("point", "stop"), seen.watched.gap),
+        "closest_gap": (("point", "stop"), seen.watched.gap[:, : family.system.num_stops]),
         "residual": (("point",), seen.found.residual),
         "bifurcation": (
             ("point",),
@@ -188,7 +195,9 @@ def _columns_of_orbits(points: list[BranchPoint | PlainPoint], seen: CorrectedCy
     }
 
 
-def _columns_of_events(points: list[BranchPoint | PlainPoint], seen: CorrectedCycle) -> dict[str, tuple]:
+def _columns_of_events(
+    points: list[BranchPoint | PlainPoint], seen: CorrectedCycle, num_stops: int
+) -> dict[str, tuple]:
     """Columns with one entry for each event of each point, padded."""
     # Most points share the sequence of the one before, as the same object.
     sequences = {id(point.sequence): point.sequence for point in points}
@@ -196,20 +205,31 @@ def _columns_of_events(points: list[BranchPoint | PlainPoint], seen: CorrectedCy
     which = np.array([numbers[id(point.sequence)] for point in points])
     own = list(sequences.values())
     # A log has at least one entry, be it padding.
-    room, num_stops = max(1, *(len(one.kind) for one in own)), own[0].held.shape[1]
+    room = max(1, *(len(one.kind) for one in own))
     kind = _rows([one.kind for one in own], room, NOTHING)[which]
     stop = _rows([one.stop for one in own], room, -1)[which]
     held = _rows([one.held for one in own], room + 1, False)[which]
     is_impact = kind == IMPACT
     events, found = ("point", "event"), seen.found
     impacts = is_impact[..., None] & (stop[..., None] == np.arange(num_stops))
-    return {
+    switching = {}
+    if own[0].is_switching:
+        modes = _rows([one.mode for one in own], room + 1, 0)[which]
+        guard, kind = (
+            np.where(kind == NOTHING, 0, kind // SECOND),
+            np.where(kind == NOTHING, kind, kind % SECOND),
+        )
+        switching = {
+            "event_guard": (events, guard),
+            "mode": (("point", "flight_number", "element"), modes),
+        }
+    return switching | {
         "num_impacts": (("point", "stop"), np.count_nonzero(impacts, axis=1)),
         "impact_speed": (events, np.where(is_impact, found.speeds[:, :room], np.nan)),
         "event_kind": (events, kind),
         "event_stop": (events, stop),
         "flight": (events, np.where(kind != NOTHING, found.place.flights[:, :room], 0.0)),
-        "held": (("point", "flight_number", "stop"), held),
+        "held": (("point", "flight_number", "stop"), held[..., :num_stops]),
     }
 
 
@@ -225,14 +245,12 @@ def _rows(values: list, room: int, fill: float | int) -> np.ndarray:
 def _orbit(system: ImpactSystem, point: xr.Dataset) -> PeriodicOrbit:
     """Orbit of one point of a branch."""
     system = set_parameter(system, point.attrs["path"], point[point.attrs["path"]].values)
-    sequence = Sequence(
-        point["event_kind"].values, np.maximum(point["event_stop"].values, 0), point["held"].values
-    )
+    sequence = _sequence_at(point, point.sizes["event"])
     flow = choose_flow(system, can_stick=True)
     n, phase = int(point.attrs["num_periods"]), 2 * np.pi * point.attrs["phase"]
     unknowns = Unknowns(jnp.asarray(point["start"].values), jnp.asarray(point["flight"].values))
     cycle = jax.tree.map(jnp.asarray, sequence), unknowns, np.asarray(float(n)), np.asarray(phase)
-    events = _log(numbers_of(system), flow, *cycle, room=_room_of_log(sequence))
+    events, progression = _log(numbers_of(system), flow, *cycle, room=_room_of_log(sequence))
     multipliers = jnp.asarray(point["multipliers"].values)
     return PeriodicOrbit(
         system=system,
@@ -242,9 +260,10 @@ def _orbit(system: ImpactSystem, point: xr.Dataset) -> PeriodicOrbit:
         x0=jnp.asarray(point["x0"].values),
         v0=jnp.asarray(point["v0"].values),
         events=events,
+        progression=progression,
         num_impacts=jnp.asarray(point["num_impacts"].values),
         multipliers=multipliers,
-        is_stable=jnp.abs(multipliers[0]) < 1,
+        is_stable=jnp.asarray(point["is_stable"].values),
         is_admissible=jnp.asarray(point["is_admissible"].values),
         residual=jnp.asarray(point["residual"].values),
         num_runs=jnp.array(0),
@@ -259,7 +278,7 @@ def _room_of_log(sequence: Sequence) -> int:
 
     Some is spare: a run may have other bounces of a chatter, or an impact where the orbit grazes.
     """
-    num_changes = np.abs(np.diff(sequence.held.astype(int), axis=0)).sum()
+    num_changes = np.count_nonzero(np.diff(sequence.mode.astype(int), axis=0))
     spare = _OF_CHATTER if num_changes else _SPARE
     count = int(np.count_nonzero(sequence.kind == IMPACT) + num_changes) + spare
     return _STEP_OF_ROOM * -(-count // _STEP_OF_ROOM)
@@ -268,16 +287,25 @@ def _room_of_log(sequence: Sequence) -> int:
 @compile_lightly
 def _log(numbers, flow, sequence, unknowns, num_periods, phase, *, room):
     machine = prepared(numbers, flow, num_periods)
-    problem = Problem(*machine, sequence, num_periods, phase / (2 * jnp.pi), free_shifts(numbers))
-    return log_of_cycle(problem, unknowns, room)
+    shifts = free_shifts(numbers), free_drifts(numbers)
+    problem = Problem(*machine, sequence, num_periods, phase / (2 * jnp.pi), *shifts)
+    return log_of_cycle(problem, unknowns, room), progression_of(problem, unknowns)
 
 
 def cycle_of(point: Bifurcation, scale: np.ndarray, p: float) -> tuple[Sequence, ExtendedCycle]:
     """Sequence and extended cycle of a bifurcation, its state divided by `scale`, its parameter set to `p`."""
     at = point.branch.points.isel(point=point.index)
     num_events = int(np.count_nonzero(at["event_kind"].values >= 0))
-    events = slice(num_events)
-    sequence = Sequence(
-        at["event_kind"].values[events], at["event_stop"].values[events], at["held"].values[: num_events + 1]
-    )
-    return sequence, ExtendedCycle(at["start"].values / scale, at["flight"].values[events], np.asarray(p))
+    flights = at["flight"].values[:num_events]
+    return _sequence_at(at, num_events), ExtendedCycle(at["start"].values / scale, flights, np.asarray(p))
+
+
+def _sequence_at(point: xr.Dataset, num_events: int) -> Sequence:
+    """Sequence of one point of a branch."""
+    kind, stop = (point[name].values[:num_events] for name in ("event_kind", "event_stop"))
+    if "mode" not in point:
+        return Sequence(kind, np.maximum(stop, 0), point["held"].values[: num_events + 1])
+    mode = point["mode"].values[: num_events + 1].astype(np.int8)
+    last = np.count_nonzero(kind != NOTHING)
+    mode[last:] = mode[last]
+    return Sequence(kind + SECOND * point["event_guard"].values[:num_events], np.maximum(stop, 0), mode)

@@ -10,6 +10,7 @@ from .._jax.xla import jit_lightly
 from .._orbits.condensation import condense
 from .._orbits.cycle import linearise, residual
 from .._orbits.floquet import floquet_multipliers
+from .._orbits.rigid_modes import all_shifts
 from .._orbits.search import frame_offset
 from .._orbits.sequence import Sequence
 from .admissibility import LeastMargins, margins_of_cycle
@@ -102,7 +103,7 @@ def neighbours(family: Family, sequence: Sequence, place: ExtendedCycle) -> Line
     problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
     pencil = condense(linearise(problem, unknowns, family.scale)[1]).pencil
     return LinearisedReturn(
-        floquet_multipliers(pencil, sequence.most_held, problem.shifts),
+        floquet_multipliers(pencil, sequence.most_erased, all_shifts(problem.shifts, problem.drift)),
         jnp.linalg.det(jacobian(family, sequence, place)),
         jnp.linalg.svd(jnp.hstack([pencil.end, pencil.start]), compute_uv=False)[-1],
     )

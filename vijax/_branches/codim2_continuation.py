@@ -12,7 +12,7 @@ from .._progress import tqdm
 from .bracket import Bracket, next_trial
 from .codim1_point import CurvePoint, correct_in_plane, neighbours
 from .codim2_tests import CurveNeighbourhood, CurveTest, curve_tests, faces_of, special_point_name
-from .defining_systems import AtEvent, DefiningSystem, Plane
+from .defining_systems import AtEvent, AtTurn, DefiningSystem, Plane
 from .kernels import KernelCall, location_on, padded, simulation_of, trimmed
 from .kinds import End
 from .parameter_family import ExtendedCycle
@@ -224,7 +224,7 @@ def _in_section(here: CurveState) -> CurveState:
     z = _answer(here, location_on(sequence, place, 0.0 if by > 0 else num_periods)).z
     sequence, place = shifted(sequence, place, by, num_periods, z)
     condition = replace(here.defining.condition, own=here.at.own)
-    if isinstance(condition, AtEvent):
+    if isinstance(condition, AtEvent | AtTurn):
         condition = replace(condition, index=(condition.index - by) % len(sequence.kind))
     (sequence, place) = padded(sequence, (place,), len(here.defining.sequence.kind))
     moved = begin_curve(replace(here.defining, sequence=sequence, condition=condition), place)

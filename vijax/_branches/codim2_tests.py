@@ -71,7 +71,8 @@ def curve_tests(kind: str, defining: DefiningSystem, sequence: Sequence) -> list
     return found + [
         CurveTest(_meeting(kind, test.kind), lambda seen, _, of=test.of: of(seen.at), is_end=True)
         for test in tests_of(sequence)
-        if not _is_own(kind, defining.condition, test.kind, test.index)
+        if not (sequence.is_switching and public_kind(test.kind) == kind)
+        and not _is_own(kind, defining.condition, test.kind, test.index)
     ]
 
 

@@ -104,7 +104,7 @@ def correct(
     return Corrected(
         place=last.place,
         tangent=ExtendedCycle(*(a / size_of_tangent for a in last.tangent)),
-        multipliers=floquet_multipliers(last.pencil, sequence.most_held, jnp.asarray(family.shifts)),
+        multipliers=floquet_multipliers(last.pencil, sequence.most_erased, family.all_shifts),
         speeds=last.speeds,
         residual=last.residual,
         first=last.first,
@@ -123,7 +123,7 @@ def evaluate_at(
     return Corrected(
         place=place,
         tangent=tangent,
-        multipliers=floquet_multipliers(pencil, sequence.most_held, jnp.asarray(family.shifts)),
+        multipliers=floquet_multipliers(pencil, sequence.most_erased, family.all_shifts),
         speeds=found.speed,
         residual=jnp.max(jnp.abs(found.closing / family.scale)),
         first=zero,

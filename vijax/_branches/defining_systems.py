@@ -5,6 +5,7 @@ The equations of a cycle, see `cycle.py`, with the parameter as one more unknown
     fold, period doubling, Neimark-Sacker    Z - e^{i theta} N is singular; theta is one more unknown
     grazing, a force that touches zero       the value that defines the event, a gap or a force, has zero rate
     double impact                            the flight between both impacts has zero duration
+    crossing-sliding                         friction would stick where it turns
     branch point                             Z - N, with the derivative by the parameter as a column, is singular
 
 (Z, N) is the pencil of the neighbours, see `condensation.py`: nothing is divided by the speed of an impact. A matrix A
@@ -150,6 +151,25 @@ class AtEvent(AbstractCondition):
         _, changes = jax.jvp(ending, (unknowns.flights,), (is_event.astype(unknowns.flights.dtype),))
         values = jnp.where(self.is_tangent, changes, unknowns.flights)
         return jnp.sum(jnp.where(is_event, values, 0))[None]
+
+
+class AtTurn(AbstractCondition):
+    """Condition that friction would stick where it turns: the force beyond its grip vanishes, see `SwitchedEnd`.
+
+    Attributes:
+        own: empty, (0,).
+        index: number of the turn.
+    """
+
+    own: Reals
+    index: Reals
+
+    def begun(self, cycle):
+        return self
+
+    def values(self, cycle, own):
+        speed = residual(cycle.problem, cycle.unknowns).speed
+        return jnp.sum(jnp.where(jnp.arange(len(speed)) == self.index, speed, 0))[None]
 
 
 def _singular(cycle: TrialCycle, theta: Scalar) -> Complex[Array, "state state"]:

@@ -46,7 +46,7 @@ from .sequence_switching import (
     step_off,
     with_simulated_bounces,
 )
-from .test_functions import TestFunction, crossings, tests_of
+from .test_functions import TestFunction, crossings, tests_of, without_echoes
 from .vanishing_flights import end_of_vanishing_flight, hop_that_ends
 
 # Longest step on which several events are accepted; a longer one is halved to separate them.
@@ -175,7 +175,8 @@ def _end(walk: DirectedBranch, point: BranchPoint) -> KernelRequests:
         raise BranchEnd(Kind.CHATTER_COMPLETION)
     yield from _end_at_cascade_limit(walk, FEW)
     # The light impacts of a cascade belong to a chatter, not to a shorter cycle that grazes.
-    grazing = None if walk.cascade else (yield from grazing_of_shorter_cycle(point))
+    is_alone = bool(walk.cascade) or point.sequence.is_switching
+    grazing = None if is_alone else (yield from grazing_of_shorter_cycle(point))
     if grazing is not None:
         yield from _add(walk, grazing)
         raise BranchEnd(Kind.GRAZING)
@@ -210,7 +211,7 @@ def _step(walk: DirectedBranch, point: BranchPoint, ds: float) -> KernelRequests
     before, after = step_state_of_point(point), step_state_of_point(new)
     if not is_resolved(before, after, ds)[0]:
         return None
-    met = crossings(tests_of(point.sequence), point.seen, new.seen)
+    met = without_echoes(point.sequence, crossings(tests_of(point.sequence), point.seen, new.seen))
     if any(test.kind == Kind.CHATTER_COMPLETION and not _is_plastic(point, test) for test in met):
         return None  # ever more bounces accumulate on the step
     confirmed, followed = yield from _confirmed_point(walk, new)
@@ -257,7 +258,8 @@ def _continue_behind_event(walk: DirectedBranch, test: TestFunction, event: Bran
         return (yield from _add_and_release_hold(walk, event, hop))
     yield from _end_if_repeated(walk, (yield from _add(walk, event)))
     same = [entry for entry in walk.cascade if entry[0] == test.index]
-    walk.cascade = [*same, (test.index, event)] if test.kind == Kind.TOUCH else []
+    is_touch = test.kind == Kind.TOUCH and not event.sequence.is_switching
+    walk.cascade = [*same, (test.index, event)] if is_touch else []
     yield from _end_at_cascade_limit(walk, MANY)
     try:
         return (yield from by_sequence(walk, test, event))

@@ -51,7 +51,7 @@ def touch_of(sequence: Sequence, place: ExtendedCycle, k: int, num_periods: int)
     sequence, place = without_event(sequence, place, k)
     rounds = yield from repetitions_of(sequence, place, num_periods)
     num = len(sequence.kind) // rounds
-    sequence = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.held[: num + 1])
+    sequence = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
     place, num_periods = place._replace(flights=place.flights[:num]), num_periods // rounds
     time %= num_periods
     flight = int(np.count_nonzero(np.cumsum(place.flights) < time))

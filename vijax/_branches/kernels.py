@@ -13,7 +13,7 @@ from .._jax.arrays import Scalar
 from .._machine.numbers import numbers_of
 from .._orbits.cycle import Moment, Problem, Unknowns, moved_by, residual, state_at, traverse
 from .._orbits.search import StroboscopicMap, frame_offset
-from .._orbits.sequence import NOTHING, Sequence, is_same_sequence, sequence_of
+from .._orbits.sequence import NOTHING, Sequence, friction_of, is_same_sequence, sequence_of
 from .._system.waves import phase_at
 from .._trajectory.loop import Choices
 from .._trajectory.single_call import run_for_log
@@ -113,9 +113,9 @@ def simulate_motion(
     strobe = StroboscopicMap(numbers, family.flow, family.num_periods, family.phase, room_of_log)
     choices = Choices(can_stick=True, room=room_of_log)
     log, result, _ = run_for_log(numbers, family.flow, strobe.request(start), choices)
-    whole, flights = sequence_of(log, strobe.t0, strobe.period)
+    whole, flights = sequence_of(log, strobe.t0, strobe.period, friction_of(numbers))
     other, flights = (
-        Sequence(whole.kind[:room], whole.stop[:room], whole.held[: room + 1]),
+        Sequence(whole.kind[:room], whole.stop[:room], whole.mode[: room + 1]),
         flights[:room],
     )
     is_whole = (result == RESULTS.successful) & (jnp.sum(whole.is_event) <= room)
@@ -190,8 +190,8 @@ def padded(sequence: Sequence, arguments: tuple, room: int) -> tuple:
     if not more:
         return sequence, *arguments
     kind = np.append(sequence.kind, np.full(more, NOTHING))
-    held = np.concatenate([sequence.held, np.repeat(sequence.held[-1:], more, axis=0)])
-    long = Sequence(kind, np.append(sequence.stop, np.zeros(more, int)), held)
+    mode = np.concatenate([sequence.mode, np.repeat(sequence.mode[-1:], more, axis=0)])
+    long = Sequence(kind, np.append(sequence.stop, np.zeros(more, int)), mode)
     return long, *(
         a._replace(flights=np.append(a.flights, np.zeros(more))) if isinstance(a, ExtendedCycle) else a
         for a in arguments
@@ -202,4 +202,4 @@ def trimmed(tree: Any, num_events: int) -> Any:
     """Remove the padding of a sequence or a cycle."""
     if isinstance(tree, ExtendedCycle):
         return tree._replace(flights=tree.flights[:num_events])
-    return Sequence(tree.kind[:num_events], tree.stop[:num_events], tree.held[: num_events + 1])
+    return Sequence(tree.kind[:num_events], tree.stop[:num_events], tree.mode[: num_events + 1])

@@ -21,6 +21,11 @@ class Kind(StrEnum):
     GRAZING = "gr", "grazing", False
     DOUBLE_IMPACT = "double_impact", "double impact", False
     FORCE_ZERO = "force_zero", "force zero", False
+    # Of friction, see M. di Bernardo et al., Piecewise-smooth Dynamical Systems (2008), Ch. 8.
+    CROSSING_SLIDING = "crossing_sliding", "crossing-sliding", False
+    GRAZING_SLIDING = "grazing_sliding", "grazing-sliding", False
+    SWITCHING_SLIDING = "switching_sliding", "switching-sliding", False
+    ADDING_SLIDING = "adding_sliding", "adding-sliding", False
     CHATTER_COMPLETION = "chatter_completion", "chatter completion", False
     # Grazing, seen from one side only: a gap touches zero.
     TOUCH = "touch", "grazing", False

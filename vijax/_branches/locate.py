@@ -7,7 +7,15 @@ from .kernels import CorrectedCycle
 from .kinds import End, Kind
 from .point import BranchEnd, BranchPoint, DirectedBranch, KernelRequests, between, on_plane
 from .singular import branch_point, end_of_doubled
-from .test_functions import CLOSE, TESTS_OF_NEIGHBOURS, TestFunction, is_crossed, num_on_circle, num_unstable
+from .test_functions import (
+    CLOSE,
+    TESTS_OF_NEIGHBOURS,
+    TestFunction,
+    is_crossed,
+    kind_at,
+    num_on_circle,
+    num_unstable,
+)
 
 # Distance of the point just before a change of the sequence.
 _OFF = 1e-7
@@ -35,7 +43,7 @@ def locate(point: BranchPoint, new: BranchPoint, test: TestFunction) -> KernelRe
             raise BranchEnd(End.NOT_CONVERGED)
         best = BranchPoint.of(point.sequence, seen, point.arc + s, kind=test.kind)
         bracket = bracket.narrowed(s, test.of(seen))
-    return best._replace(kind=test.kind)
+    return best._replace(kind=kind_at(test, best.sequence, best.seen))
 
 
 def _just_before(point: BranchPoint, event: BranchPoint) -> KernelRequests:

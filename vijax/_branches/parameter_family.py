@@ -10,6 +10,7 @@ from .._jax.arrays import Reals
 from .._machine.machine import Machine
 from .._machine.numbers import numbers_of
 from .._orbits.cycle import Problem, Unknowns, prepared
+from .._orbits.rigid_modes import all_shifts
 from .._orbits.sequence import Sequence
 from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem
@@ -52,6 +53,7 @@ class Family(eqx.Module):
         scale: sizes of positions and velocities, (2 n,).
         span: size of the parameter, (); of two, (2,).
         shifts: projection onto the shifts that no spring and no contact feels, see `rigid_modes.py`, (n, n).
+        drift: projection onto those that friction alone feels; None without friction.
         path: path of the parameter.
         second: path of the second parameter, or None.
     """
@@ -63,6 +65,7 @@ class Family(eqx.Module):
     scale: Reals
     span: Reals
     shifts: Reals
+    drift: Any
     path: str = eqx.field(static=True)
     second: str | None = eqx.field(static=True, default=None)
 
@@ -72,6 +75,11 @@ class Family(eqx.Module):
             return set_parameter(self.system, self.path, p * self.span)
         first, second = p * self.span
         return set_parameter(set_parameter(self.system, self.path, first), self.second, second)
+
+    @property
+    def all_shifts(self) -> Reals:
+        """The projection onto all shifts whose multiplier is 1."""
+        return jnp.asarray(all_shifts(self.shifts, self.drift))
 
     def problem(self, sequence: Sequence, p: Reals) -> Problem:
         """Equations of a sequence at a parameter."""
@@ -87,9 +95,9 @@ class Family(eqx.Module):
 
     def _asked(self, machine: Machine, flow: AbstractFlow, sequence: Sequence) -> Problem:
         """Equations of a cycle of one of the machines."""
-        return Problem(
-            machine, flow, sequence, *map(jnp.asarray, (self.num_periods, self.phase, self.shifts))
-        )
+        known = self.num_periods, self.phase, self.shifts
+        drift = None if self.drift is None else jnp.asarray(self.drift)
+        return Problem(machine, flow, sequence, *map(jnp.asarray, known), drift=drift)
 
     def unknowns(self, place: ExtendedCycle) -> Unknowns:
         """Unknowns of a cycle, `z` without its scale."""

@@ -279,7 +279,7 @@ def _widened(sequences: Sequence, places: ExtendedCycle, room: int) -> tuple[Seq
     wide = Sequence(
         kind=np.pad(sequences.kind, more, constant_values=NOTHING),
         stop=np.pad(sequences.stop, more),
-        held=np.pad(sequences.held, (*more, (0, 0)), mode="edge"),
+        mode=np.pad(sequences.mode, (*more, (0, 0)), mode="edge"),
     )
     return wide, places._replace(flights=np.pad(places.flights, more))
 

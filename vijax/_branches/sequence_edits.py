@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from .._hybrid.limits import RELEASE
+from .._hybrid.limits import RELEASE, STICK, TURN
+from .._machine.state import STICKING
 from .._orbits.sequence import Sequence
 from .parameter_family import ExtendedCycle
 
@@ -15,12 +16,12 @@ def with_event(
     It is an impact of zero speed, where a gap vanishes, or a release that frees no mass, where a force vanishes.
     """
     since = time - place.flights[:flight].sum()
-    held = np.insert(sequence.held, flight, sequence.held[flight], axis=0)
+    mode = np.insert(sequence.mode, flight, sequence.mode[flight], axis=0)
     flights = np.insert(place.flights, flight, since)
     if flight < len(place.flights):
         flights[flight + 1] -= since
     kinds, stops = np.insert(sequence.kind, flight, kind), np.insert(sequence.stop, flight, stop)
-    return Sequence(kinds, stops, held), place._replace(flights=flights)
+    return Sequence(kinds, stops, mode), place._replace(flights=flights)
 
 
 def in_rounds(k: int, num_events: int, how: tuple[int, float]) -> list[int]:
@@ -55,16 +56,16 @@ def with_stick(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequen
     """Insert a stick of zero duration, and its release, after impact `k`."""
     stop, time = int(sequence.stop[k]), float(place.flights[: k + 1].sum())
     sequence, place = with_event(sequence, place, RELEASE, stop, k + 1, time)
-    held = sequence.held.copy()
-    held[k + 1, stop] = True
-    return Sequence(sequence.kind, sequence.stop, held), place
+    mode = sequence.mode.copy()
+    mode[k + 1, stop] = True
+    return Sequence(sequence.kind, sequence.stop, mode), place
 
 
 def without_stick(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
     """Remove release `k` and the stick of zero duration that it ends."""
-    held = sequence.held.copy()
-    held[k] = held[k + 1]
-    return without_event(Sequence(sequence.kind, sequence.stop, held), place, k)
+    mode = sequence.mode.copy()
+    mode[k] = mode[k + 1]
+    return without_event(Sequence(sequence.kind, sequence.stop, mode), place, k)
 
 
 def without_event(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
@@ -72,17 +73,31 @@ def without_event(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Seq
     flights = np.delete(place.flights, k)
     if k < len(flights):
         flights[k] += place.flights[k]
-    held = np.delete(sequence.held, k + 1, axis=0)
-    return Sequence(np.delete(sequence.kind, k), np.delete(sequence.stop, k), held), place._replace(
+    mode = np.delete(sequence.mode, k + 1, axis=0)
+    return Sequence(np.delete(sequence.kind, k), np.delete(sequence.stop, k), mode), place._replace(
         flights=flights
     )
+
+
+def with_events_merged(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
+    """Replace event `k` and the one before, of one element and at one time, by one event, or by none if both cancel."""
+    stop, flights = sequence.stop[k], np.delete(place.flights, k)
+    before, after = sequence.mode[k - 1, stop], sequence.mode[k + 1, stop]
+    if k < len(flights):
+        flights[k] += place.flights[k]
+    kinds = sequence.kind.copy()
+    kinds[k - 1] = STICK if after == STICKING else TURN
+    kind, stops = np.delete(kinds, k), np.delete(sequence.stop, k)
+    merged = Sequence(kind, stops, np.delete(sequence.mode, k, axis=0))
+    merged_place = place._replace(flights=flights)
+    return without_event(merged, merged_place, k - 1) if before == after else (merged, merged_place)
 
 
 def with_order_exchanged(sequence: Sequence, place: ExtendedCycle, k: int) -> tuple[Sequence, ExtendedCycle]:
     """Exchange impact `k` and the one before it, at the same time."""
     order = np.arange(len(sequence.kind))
     order[[k - 1, k]] = k, k - 1
-    return Sequence(sequence.kind[order], sequence.stop[order], sequence.held), place
+    return Sequence(sequence.kind[order], sequence.stop[order], sequence.mode), place
 
 
 def in_a_row(
@@ -99,7 +114,7 @@ def in_a_row(
     whole = Sequence(
         np.concatenate([sequence.kind for sequence in sequences]),
         np.concatenate([sequence.stop for sequence in sequences]),
-        np.concatenate([*(sequence.held[:-1] for sequence in sequences), sequences[-1].held[-1:]]),
+        np.concatenate([*(sequence.mode[:-1] for sequence in sequences), sequences[-1].mode[-1:]]),
     )
     return whole, rounds[0][1]._replace(flights=np.concatenate(flights))
 
@@ -118,8 +133,8 @@ def shifted(
     order = np.roll(np.arange(len(times)), -by)
     times[: max(by, 0)] += num_periods
     times[len(times) + min(by, 0) :] -= num_periods
-    held = np.concatenate(
-        [np.roll(sequence.held[:-1], -by, axis=0), sequence.held[[by]] if by > 0 else sequence.held[[by - 1]]]
+    mode = np.concatenate(
+        [np.roll(sequence.mode[:-1], -by, axis=0), sequence.mode[[by]] if by > 0 else sequence.mode[[by - 1]]]
     )
     flights = np.diff(times[order], prepend=0)
-    return Sequence(sequence.kind[order], sequence.stop[order], held), place._replace(z=z, flights=flights)
+    return Sequence(sequence.kind[order], sequence.stop[order], mode), place._replace(z=z, flights=flights)

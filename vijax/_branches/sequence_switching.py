@@ -32,6 +32,7 @@ from .sequence_edits import (
     passed_section,
     shifted,
     with_events,
+    with_events_merged,
     with_order_exchanged,
     with_stick,
     without_event,
@@ -39,6 +40,8 @@ from .sequence_edits import (
 )
 from .test_functions import TestFunction, tests_of
 
+# Bifurcations at which a stick, or a slip between two, has no duration.
+_OF_STICKS = (Kind.CROSSING_SLIDING, Kind.GRAZING_SLIDING, Kind.SWITCHING_SLIDING, Kind.ADDING_SLIDING)
 # Number of rounds of a cycle that change at once, and of forcing periods of all rounds.
 Rounds = tuple[int, float]
 
@@ -57,6 +60,9 @@ def by_sequence(walk: DirectedBranch, test: TestFunction, event: BranchPoint) ->
 
     On a cycle that traverses a shorter one several times, the change may happen in one round or in all rounds.
     """
+    loses_impact = test.kind == Kind.GRAZING and event.sequence.kind[test.index] == IMPACT
+    if event.sequence.is_switching and not loses_impact:
+        return (yield from _with_merged_events(event, test))
     if test.kind not in _CHANGES:
         raise BranchEnd(test.kind)
     for rounds in sorted({1, walk.rounds}):
@@ -121,6 +127,35 @@ def _without_stick(event: BranchPoint, k: int, how: Rounds) -> KernelRequests:
         return (yield from step_off(at, True))
     except BranchEnd:
         return (yield from step_off(at, False))
+
+
+def _with_merged_events(event: BranchPoint, test: TestFunction) -> KernelRequests:
+    """Continue behind two events of one element that meet, without them, or with one event in their place."""
+    sequence, k = event.sequence, test.index
+    if test.kind == Kind.GRAZING:
+        k = later_of_meeting(event, k)
+    elif not (test.of_flight and test.kind in _OF_STICKS):
+        raise BranchEnd(test.kind)  # an event appears, or two elements switch at once
+    stop, num = int(sequence.stop[k]), sequence.mode.shape[1]
+    at = yield from _corrected_on_sequence(*with_events_merged(sequence, event.place, k), event)
+    rates, least = at.seen.rates, at.seen.watched.force
+    guard = min((stop, stop + num), key=lambda j: abs(least[j]))
+    rates_of: dict[str, np.ndarray] = {
+        Kind.CROSSING_SLIDING: rates.speeds[k - 1],
+        Kind.SWITCHING_SLIDING: rates.force[guard],
+        Kind.ADDING_SLIDING: rates.force[guard],
+    }
+    rate = rates_of.get(test.kind, rates.gap[stop])
+    return (yield from step_off(at, float(rate) > 0))
+
+
+def later_of_meeting(event: BranchPoint, k: int) -> int:
+    """Number of the later of two events of one compliant contact of which `k` is one, with no time between."""
+    flights, stop = np.append(event.place.flights, np.inf), np.append(event.sequence.stop, -1)
+    pairs = [i for i in (k, k + 1) if i and stop[i] == stop[i - 1]]
+    if not pairs:
+        raise BranchEnd(Kind.GRAZING)
+    return min(pairs, key=lambda i: abs(flights[i]))
 
 
 # Continuation behind each kind of event.
@@ -200,7 +235,7 @@ def with_simulated_bounces(point: BranchPoint, followed: SimulatedMotion) -> Ker
 
 
 def _are_impacts(sequence: Sequence, k: int) -> bool:
-    is_free = np.array_equal(sequence.held[k - 1], sequence.held[k + 1])
+    is_free = np.array_equal(sequence.mode[k - 1], sequence.mode[k + 1])
     return bool(is_free and sequence.kind[k] == IMPACT and sequence.kind[k - 1] == IMPACT)
 
 

@@ -77,7 +77,7 @@ def end_of_doubled(num_periods: float, point: BranchPoint) -> KernelRequests:
     if not np.abs(located.z - place.z).max() < CLOSE:
         return None
     num = len(sequence.kind) // 2
-    once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.held[: num + 1])
+    once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
     found, is_found = yield KernelCall(doubling, once, (place._replace(flights=place.flights[:num]),))
     if not is_found:
         raise BranchEnd(End.NOT_CONVERGED)

@@ -13,7 +13,7 @@ from .._flow.taylor import TaylorFlow
 from .._jax.concrete import is_traced
 from .._machine.numbers import numbers_of
 from .._orbits.orbit import PeriodicOrbit
-from .._orbits.rigid_modes import free_shifts
+from .._orbits.rigid_modes import free_drifts, free_shifts
 from .._orbits.sequence import empty_sequence
 from .._sweep.provenance import machines_of
 from .._system.parameters import get_parameter
@@ -156,6 +156,7 @@ def family_of(start: Start, path: str, low: float, high: float) -> Family:
         scale=np.repeat(length * np.array([1.0, float(numbers.frequency)]), len(x)).astype(x.dtype),
         span=np.asarray(high - low, x.dtype),
         shifts=np.asarray(free_shifts(numbers)),
+        drift=jax.tree.map(np.asarray, free_drifts(numbers)),
         path=path,
     )
 
@@ -182,7 +183,8 @@ def points_of(starts: list[Start], families: list[Family]) -> list[BranchPoint |
     tasks, which = [], [k for k, start in enumerate(starts) if is_isolated(start, families[k])]
     for start, family in ((starts[k], families[k]) for k in which):
         room_for(start.num_events)  # raises if there are too many
-        room = empty_sequence(start.num_events, start.system.num_stops)
+        size = len(start.system.stops) + len(start.system.friction)
+        room = empty_sequence(start.num_events, size, is_switching=start.system.is_switching)
         p = float(value_of(family.system, family.path) / family.span)
         tasks.append(point_at_orbit(jax.tree.map(np.asarray, room), start.state, p))
     found = dict(zip(which, drive([families[k] for k in which], tasks, lambda: None), strict=True))
@@ -196,7 +198,8 @@ def is_isolated(start: Start, family: Family) -> bool:
     losses, Newton's method converges to any of the neighbours.
     """
     num_ones = np.count_nonzero(np.abs(start.multipliers - 1) < _ONE)
-    return bool(num_ones < 2 + 2 * np.trace(family.shifts))
+    drift = 0 if family.drift is None else np.trace(family.drift)
+    return bool(num_ones < 2 + 2 * np.trace(family.shifts) + drift)
 
 
 def refuse_start(number: int, start: Start, family: Family) -> None:

@@ -37,7 +37,8 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
         The orbits, from which `vx.continuation` continues; none where there are no other branches.
 
     Raises:
-        ValueError: for a Neimark-Sacker point, where no periodic orbit branches off, or if 64-bit numbers are off.
+        ValueError: for a Neimark-Sacker point, where no periodic orbit branches off, for a grazing of a machine with friction
+            or compliant stops, or if 64-bit numbers are off.
 
     Example:
         ```python
@@ -58,6 +59,11 @@ def switch_branch(point: Bifurcation) -> list[PeriodicOrbit]:
             "A torus leaves at a Neimark-Sacker point, no periodic orbit: run `vx.simulate` beside it."
         )
     if point.kind == Kind.GRAZING:
+        if "mode" in point.branch.points:
+            raise ValueError(
+                "The orbits that leave a grazing are found for machines with rigid contacts alone: in a machine with friction or "
+                "compliant stops search beside it by `vx.find_periodic_orbits`."
+            )
         return _at_grazing(point)
     if point.kind not in (Kind.PERIOD_DOUBLING, Kind.BRANCH_POINT):
         return []
@@ -85,7 +91,7 @@ def _ends_doubled(point: Bifurcation) -> bool:
 def _half_cycle_orbit(sequence: Sequence, place: ExtendedCycle) -> KernelRequests:
     """An orbit on the branch of half as many periods, from a cycle that traverses it twice."""
     num = len(sequence.kind) // 2
-    once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.held[: num + 1])
+    once = Sequence(sequence.kind[:num], sequence.stop[:num], sequence.mode[: num + 1])
     seen = yield from correct_with_free_parameter(once, place._replace(flights=place.flights[:num]))
     at = BranchPoint.of(once, seen, 0.0)
     return (yield from first_followed(once, at.place, at.tangent, _TRIALS))

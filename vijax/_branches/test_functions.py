@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._hybrid.limits import IMPACT, RELEASE
+from .._hybrid.limits import CLOSE as CLOSING, IMPACT, OPEN, RELEASE, TURN
+from .._machine.state import AHEAD, BEHIND, STICKING
 from .._orbits.sequence import NOTHING, Sequence
 from .kernels import CorrectedCycle
 from .kinds import Kind
@@ -22,11 +23,15 @@ _ON_CIRCLE = 1e-7
 
 
 class TestFunction(NamedTuple):
-    """A test function, the kind of event or bifurcation at its zero, and the number of the event or stop."""
+    """A test function, the kind of event or bifurcation at its zero, and the number of the event or stop.
+
+    `of_flight` is True for the duration of the flight before an event.
+    """
 
     kind: str
     of: Callable[[CorrectedCycle], Any]
     index: int = 0
+    of_flight: bool = False
 
 
 def _ratio(values: Any, of: Any) -> Any:
@@ -81,6 +86,8 @@ def is_crossed(before: Any, after: Any) -> Any:
 
 def tests_of(sequence: Sequence) -> list[TestFunction]:
     """Test functions of a sequence, positive as long as a machine can follow it."""
+    if sequence.is_switching:
+        return tests_of_switching(sequence)
     found, follows_another = [], _follows_another(sequence)
     for k, (kind, stop) in enumerate(zip(sequence.kind, sequence.stop, strict=True)):
         if kind == IMPACT:
@@ -94,6 +101,60 @@ def tests_of(sequence: Sequence) -> list[TestFunction]:
         found.append(TestFunction(Kind.FORCE_ZERO, lambda seen, j=j: float(seen.watched.force[j]), j))
         found.append(TestFunction(Kind.ONSET, lambda seen, j=j: float(seen.watched.rise[j]), j))
     return found
+
+
+def tests_of_switching(sequence: Sequence) -> list[TestFunction]:
+    """`tests_of` for machines with friction or compliant contacts, guard by guard; `index` is that of an event or a guard."""
+    found, follows_another, has_speed = [], _follows_another(sequence), _has_speed(sequence)
+    for k in range(len(sequence.kind)):
+        if has_speed[k]:
+            kind = Kind.CROSSING_SLIDING if sequence.kind[k] == TURN else Kind.GRAZING
+            found.append(TestFunction(kind, lambda seen, k=k: float(seen.found.speeds[k]), k))
+        if follows_another[k]:
+            of_flight = lambda seen, k=k: float(seen.found.place.flights[k])  # noqa: E731
+            found.append(TestFunction(_kind_of_meeting(sequence, k), of_flight, k, of_flight=True))
+    num = sequence.mode.shape[1]
+    slides = np.isin(sequence.mode, (AHEAD, BEHIND, STICKING)).any(axis=0)
+    for j in range(2 * num):
+        is_friction = slides[j % num]
+        kind = Kind.GRAZING_SLIDING if is_friction else Kind.TOUCH if j < num else Kind.FORCE_ZERO
+        found.append(TestFunction(kind, lambda seen, j=j: float(seen.watched.gap[j]), j))
+
+        def of_force(seen: CorrectedCycle, j: int = j) -> float:
+            return float(seen.watched.force[j])
+
+        found.append(TestFunction(Kind.ADDING_SLIDING if is_friction else Kind.FORCE_ZERO, of_force, j))
+        found.append(TestFunction(Kind.ONSET, lambda seen, j=j: float(seen.watched.rise[j]), j))
+    return found
+
+
+def kind_at(test: TestFunction, sequence: Sequence, seen: CorrectedCycle) -> str:
+    """Kind of the bifurcation at the zero of a test function: a stick may touch a bound where it begins, or later."""
+    if test.kind != Kind.ADDING_SLIDING or test.of_flight:
+        return test.kind
+    flight, time = int(seen.watched.force_flight[test.index]), float(seen.watched.force_time[test.index])
+    begin = float(seen.found.place.flights[:flight].sum())
+    return Kind.SWITCHING_SLIDING if flight and abs(time - begin) < CLOSE else Kind.ADDING_SLIDING
+
+
+def _kind_of_meeting(sequence: Sequence, k: int) -> Kind:
+    """Kind of the bifurcation where event `k` meets the one before it."""
+    stop = sequence.stop[k]
+    if k == 0 or stop != sequence.stop[k - 1]:
+        return Kind.DOUBLE_IMPACT
+    before, between, after = (sequence.mode[i, stop] for i in (k - 1, k, k + 1))
+    if between == STICKING:  # a stick of no duration
+        return Kind.GRAZING_SLIDING if before == after else Kind.CROSSING_SLIDING
+    if after == STICKING:
+        return Kind.ADDING_SLIDING if before == STICKING else Kind.SWITCHING_SLIDING
+    return Kind.CHATTER_COMPLETION if sequence.kind[k] == RELEASE else Kind.DOUBLE_IMPACT
+
+
+def _has_speed(sequence: Sequence) -> np.ndarray:
+    """True for events with a test function of their own: an impact, a compliant contact that closes at its gap, a turn."""
+    if not sequence.is_switching:
+        return np.asarray(sequence.kind == IMPACT)
+    return np.isin(sequence.kind, (IMPACT, CLOSING, TURN))
 
 
 def margins(sequence: Sequence, seen: CorrectedCycle) -> np.ndarray:
@@ -116,7 +177,7 @@ def _between_events(watched: Any) -> tuple:
 def _of_tests(sequence: Sequence, values: tuple, none: float) -> np.ndarray:
     """Values of impacts, of flights and of stops, concatenated to one row of tests."""
     speeds, flights, *of_stops = values
-    speeds = np.where(sequence.kind == IMPACT, speeds, none)
+    speeds = np.where(_has_speed(sequence), speeds, none)
     flights = np.where(_follows_another(sequence), flights, none)
     return np.concatenate([speeds, flights, *of_stops], axis=-1)
 
@@ -124,7 +185,13 @@ def _of_tests(sequence: Sequence, values: tuple, none: float) -> np.ndarray:
 def _follows_another(sequence: Sequence) -> np.ndarray:
     """True where an event can meet the one before. Two impacts of one stop are left out: one loses its speed there."""
     kind, stop = sequence.kind, sequence.stop
-    is_same = (kind[..., 1:] == kind[..., :-1]) & (stop[..., 1:] == stop[..., :-1])
+    is_same = stop[..., 1:] == stop[..., :-1]
+    if sequence.is_switching:
+        # Where a compliant contact has no duration, it closes at no speed; where a turn has none, friction would stick.
+        alike = (IMPACT, CLOSING, OPEN, TURN)
+        is_same = is_same & np.isin(kind[..., 1:], alike) & np.isin(kind[..., :-1], alike)
+    else:
+        is_same = is_same & (kind[..., 1:] == kind[..., :-1])
     is_other = np.zeros(kind.shape, bool)
     is_other[..., 1:] = ~is_same & (kind[..., 1:] != NOTHING)
     return is_other
@@ -133,6 +200,24 @@ def _follows_another(sequence: Sequence) -> np.ndarray:
 def crossings(tests: list[TestFunction], before: CorrectedCycle, after: CorrectedCycle) -> list[TestFunction]:
     """Test functions that change from positive to not positive."""
     return [test for test in tests if test.of(before) > 0 >= test.of(after)]
+
+
+def without_echoes(sequence: Sequence, met: list[TestFunction]) -> list[TestFunction]:
+    """Test functions of a step without those of guards of an element whose events meet there: these vanish with them."""
+    if not sequence.is_switching:
+        return met
+    num = sequence.mode.shape[1]
+    # The duration of a slip that begins with a turn is rounded where it vanishes; the force at that turn is not.
+    turns = {test.index: test.of for test in met if test.kind == Kind.CROSSING_SLIDING and not test.of_flight}
+    slips = {test.index for test in met if test.kind == Kind.SWITCHING_SLIDING and test.index - 1 in turns}
+    met = [
+        test._replace(of=turns[test.index - 1]) if test.index in slips and test.of_flight else test
+        for test in met
+    ]
+    met = [test for test in met if test.of_flight or test.index + 1 not in slips or test.index not in turns]
+    is_of_event = lambda test: test.of_flight or test.kind in (Kind.GRAZING, Kind.CROSSING_SLIDING)  # noqa: E731
+    meeting = {int(sequence.stop[test.index]) for test in met if is_of_event(test)}
+    return [test for test in met if is_of_event(test) or test.index % num not in meeting]
 
 
 def num_unstable(seen: CorrectedCycle) -> Any:

@@ -52,8 +52,8 @@ def hop_that_ends(test: TestFunction, event: BranchPoint) -> KernelRequests:
 def _without_hops(point: BranchPoint, flight: int | None) -> Iterator[tuple[int, Sequence, ExtendedCycle]]:
     """Pairs of the stop of each short hop, the shortest first, and the cycle without the hop."""
     sequence, durations = point.sequence, _durations(point)
-    num = len(durations)
-    for k in np.argsort(durations) if flight is None else [flight % max(num, 1)]:
+    num = 0 if sequence.is_switching else len(durations)
+    for k in np.argsort(durations[:num]) if flight is None else [flight % max(num, 1)]:
         last = _end_of_hop(point, int(k)) if num and durations[k] < _SHORT else None
         if last is not None:
             shorter = _held_from_the_start(point, last) if k == 0 else _held(point, int(k), last)
@@ -91,8 +91,8 @@ def _held(point: BranchPoint, k: int, last: int) -> tuple[Sequence, ExtendedCycl
     left = np.delete(flights, gone)
     if last + 1 < len(flights):
         left[gone[0]] += flights[gone].sum()
-    held = np.delete(sequence.held, gone + is_release, axis=0)
-    shorter = Sequence(np.delete(sequence.kind, gone), np.delete(sequence.stop, gone), held)
+    mode = np.delete(sequence.mode, gone + is_release, axis=0)
+    shorter = Sequence(np.delete(sequence.kind, gone), np.delete(sequence.stop, gone), mode)
     return shorter, point.place._replace(flights=left)
 
 
@@ -103,6 +103,6 @@ def _held_from_the_start(point: BranchPoint, last: int) -> tuple[Sequence, Exten
     end = num - int(sequence.kind[-1] == RELEASE)
     kept, left = slice(last + 1, end), flights[last + 1 : end].copy()
     left[:1] += flights[: last + 1].sum()
-    held = sequence.held[last + 1 : end + 1].copy()
-    held[-1] = held[0]
-    return Sequence(sequence.kind[kept], sequence.stop[kept], held), point.place._replace(flights=left)
+    mode = sequence.mode[last + 1 : end + 1].copy()
+    mode[-1] = mode[0]
+    return Sequence(sequence.kind[kept], sequence.stop[kept], mode), point.place._replace(flights=left)

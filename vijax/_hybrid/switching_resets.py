@@ -15,14 +15,14 @@ from jaxtyping import Array, Bool, Float
 from .._jax.arrays import Scalar, matvec
 from .._jax.xla import compute_once, is_any
 from .._machine.machine import Machine, state_before_contact
-from .._machine.state import FROZEN, Mode, State
+from .._machine.state import FROZEN, Mode, State, laws_as_numbers
 from .._machine.switching import COMPLIANT, FRICTION, RIGID
 from .._system.checks import is_touching
 from .coupled_impacts import impact
 from .equilibrium import AtRest, settle
 from .friction_chatter import comes_to_rest, complete_chatter, no_chatter
 from .friction_limits import sliding_velocity
-from .transition import Instant, Switches
+from .transition import Instant, Switches, no_switches
 
 
 def first_state(
@@ -63,13 +63,12 @@ def resolve(machine: Machine, state: State, is_event: Bool[Array, "guards ..."])
     # The frozen elements are decided anew at every event.
     is_open = jnp.any(is_event, axis=0) & (state.contact == FROZEN)
     state = eqx.tree_at(lambda s: s.contact, state, jnp.where(is_open, jnp.int8(0), state.contact))
-    events = _Events(is_event[:num], is_event[num:])
+    events = Zeros(is_event[:num], is_event[num:])
     speed = sliding_velocity(machine, state)
     hit = events.first & machine.contacts.are(RIGID) & ~state.held & ~state.is_kept_closed & (speed > 0)
     none, zeros = jnp.zeros_like(hit), jnp.zeros_like(state.gap)
     arrived = jnp.zeros_like(state.time, bool)
-    nothing = Switches(none, none, none, none, none)
-    instant = Instant(hit, none, none, speed, speed, zeros, arrived, state.time, zeros, nothing)
+    instant = Instant(hit, none, none, speed, speed, zeros, arrived, state.time, zeros, no_switches(state))
     after, torn = state, none
     if RIGID in machine.contacts.laws.kinds:
         after, instant, torn = jax.lax.cond(
@@ -95,7 +94,7 @@ def forces_between_events(machine: Machine, state: State) -> Float[Array, "conta
     return jnp.where(state.held, reaction, now.contacts.forces_of(state))
 
 
-class _Events(NamedTuple):
+class Zeros(NamedTuple):
     """Zeros of the first and of the second guards, (contacts,) each."""
 
     first: Bool[Array, "contacts ..."]
@@ -111,7 +110,7 @@ def _switch(
     before: State,
     state: State,
     instant: Instant,
-    events: _Events,
+    events: Zeros,
     torn: Bool[Array, "stops ..."],
 ) -> tuple[State, Instant]:
     """Switch the laws of elements after all impacts of this instant, and decide which elements at rest hold."""
@@ -162,7 +161,7 @@ def _switch(
     after = jax.lax.cond(
         is_any(settles), lambda: compute_once(_settled, machine, state, at_rest), lambda: state
     )
-    return after, _logged(machine, before, after, instant, events, chatter.duration)
+    return after, logged(machine, before, after, instant, events, chatter.duration)
 
 
 def _is_struck(machine: Machine, instant: Instant) -> Bool[Array, "contacts ..."]:
@@ -179,7 +178,7 @@ def _is_struck(machine: Machine, instant: Instant) -> Bool[Array, "contacts ..."
 def _compliant_switched(
     machine: Machine,
     state: State,
-    events: _Events,
+    events: Zeros,
     is_set_off: Bool[Array, "contacts ..."],
     speed: Float[Array, "contacts ..."],
 ) -> tuple[State, Bool[Array, "contacts ..."]]:
@@ -237,12 +236,12 @@ def _settled(machine: Machine, state: State, at_rest: AtRest) -> State:
     return eqx.tree_at(names, state, (x, v, gap, held, contact))
 
 
-def _logged(
+def logged(
     machine: Machine,
     before: State,
     after: State,
     instant: Instant,
-    events: _Events,
+    events: Zeros,
     duration: Float[Array, "contacts ..."],
 ) -> Instant:
     """Events of this instant, from the modes before and after it."""
@@ -261,6 +260,9 @@ def _logged(
         slipped=friction & goes,
         turned=turned,
         unlogged=unlogged,
+        ended=jnp.where(events.first, jnp.int8(1), 2 * events.second.astype(jnp.int8)),
+        before=laws_as_numbers(before),
+        after=laws_as_numbers(after),
     )
     stuck = comes & ~compliant
     return eqx.tree_at(

@@ -2,9 +2,10 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from .._jax.arrays import Flag, Scalar
+from .._machine.state import State, laws_as_numbers
 
 
 class Switches(eqx.Module):
@@ -15,6 +16,9 @@ class Switches(eqx.Module):
         opened: flags of compliant contacts that push no more.
         slipped: flags of friction elements that begin to slip.
         turned: flags of friction elements that go on to slip in the other direction.
+        ended: number of the guard of each element that is zero, 1 or 2, or 0 for none.
+        before: what the elements did before this instant, see `laws_as_numbers`.
+        after: what they do after it.
         unlogged: flags of other changes: of the elements that carry a load at rest, or a mass that leaves a compliant contact
             which pushed it no more.
     """
@@ -24,11 +28,20 @@ class Switches(eqx.Module):
     slipped: Bool[Array, "stops ..."]
     turned: Bool[Array, "stops ..."]
     unlogged: Bool[Array, "stops ..."]
+    ended: Int[Array, "stops ..."]
+    before: Int[Array, "stops ..."]
+    after: Int[Array, "stops ..."]
 
     @property
     def any(self) -> Bool[Array, "stops ..."]:
         """Flags of elements with an event, logged or not."""
         return self.closed | self.opened | self.slipped | self.turned | self.unlogged
+
+
+def no_switches(state: State) -> Switches:
+    """No events of friction and compliant contacts, in the mode of a state."""
+    none, laws = jnp.zeros_like(state.held), laws_as_numbers(state)
+    return Switches(none, none, none, none, none, jnp.zeros_like(laws), laws, laws)
 
 
 class Instant(eqx.Module):

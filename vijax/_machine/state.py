@@ -83,6 +83,33 @@ def idle_mode(like: Float[Array, "contacts ..."]) -> Mode:
     return Mode(none, none, zero, zero)
 
 
+# What an element does, as one number. Rigid contacts are free, held or kept closed by others. Sequences of cycles tell
+# friction that sticks from contacts that hold; `laws_as_numbers` does not.
+FREE, HELD, CLOSED, INSIDE, AHEAD, BEHIND, KEPT, KEPT_AHEAD, KEPT_BEHIND, STICKING = range(10)
+
+
+def laws_as_numbers(state: State) -> Int[Array, "contacts ..."]:
+    """What the elements of a machine with friction or compliant contacts do, one number each."""
+    mode, kept = state.mode, state.is_kept_closed
+    number = jnp.where(mode.closed, CLOSED, jnp.where(mode.inside, INSIDE, FREE))
+    number = jnp.where(mode.direction > 0, AHEAD, jnp.where(mode.direction < 0, BEHIND, number))
+    at_rest = jnp.where(mode.direction > 0, KEPT_AHEAD, jnp.where(mode.direction < 0, KEPT_BEHIND, KEPT))
+    return jnp.where(state.held, HELD, jnp.where(kept, at_rest, number)).astype(jnp.int8)
+
+
+def with_laws(state: State, numbers: Int[Array, "contacts ..."]) -> State:
+    """State in which the elements do what `laws_as_numbers` tells."""
+    ahead, behind = (
+        (numbers == AHEAD) | (numbers == KEPT_AHEAD),
+        (numbers == BEHIND) | (numbers == KEPT_BEHIND),
+    )
+    direction = ahead.astype(jnp.int8) - behind.astype(jnp.int8)
+    mode = Mode(numbers == CLOSED, numbers == INSIDE, direction, jnp.zeros_like(direction))
+    contact = jnp.where((numbers >= KEPT) & (numbers < STICKING), jnp.int8(KEPT_CLOSED), jnp.int8(0))
+    held = (numbers == HELD) | (numbers == STICKING)
+    return eqx.tree_at(lambda s: (s.held, s.contact, s.mode), state, (held, contact, mode))
+
+
 def with_memory(state: State, memory: PyTree) -> State:
     """State with another memory of the flow."""
     return eqx.tree_at(lambda s: s.memory, state, memory, is_leaf=lambda leaf: leaf is None)

@@ -5,13 +5,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float
 
+from .._hybrid.limits import TURN
 from .._jax.arrays import Scalar
 from .._jax.xla import is_any
 from .condensation import Pencil
 from .cycle import Problem, Unknowns, residual
 from .floquet import floquet_multipliers
 from .newton import polish, scale_of
-from .rigid_modes import closing_pin
+from .rigid_modes import all_shifts, closing_pin
 from .sequence import NOTHING, Sequence
 
 # Newton step of the map, relative to the size of the motion, below which the next iterate is exact to rounding.
@@ -41,13 +42,17 @@ def cycle_by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, 
     polished = polish(problem, guess)
     z, sequence, size = polished.unknowns.z, problem.sequence, scale_of(problem, polished.unknowns.z)
     # A cycle that begins within a chatter is faster elsewhere: the speeds of its impacts count in its size.
-    fastest = jnp.max(jnp.abs(polished.residual.speed), initial=0)
+    speeds = polished.residual.speed
+    speeds = jnp.where(sequence.kind == TURN, 0, speeds) if sequence.is_switching else speeds
+    fastest = jnp.max(jnp.abs(speeds), initial=0)
     size = size * jnp.maximum(1, fastest / size[-1])
     cycle = Cycle(
         start=z,
         unknowns=polished.unknowns,
         sequence=sequence,
-        multipliers=floquet_multipliers(polished.pencil, sequence.most_held, problem.shifts),
+        multipliers=floquet_multipliers(
+            polished.pencil, sequence.most_erased, all_shifts(problem.shifts, problem.drift)
+        ),
         residual=jnp.max(jnp.abs(polished.residual.closing) / size),
     )
     return cycle, _entry(problem, polished.unknowns), polished.first, polished.is_converged
@@ -69,8 +74,8 @@ def _entry(problem: Problem, cycle: Unknowns) -> Array:
         end = jnp.where(is_early, 0, num_periods)
         is_kept = jnp.cumsum(sequence.is_event & (times <= end)) == 1 + jnp.arange(len(times))
         last = jnp.sum(is_kept)
-        held = sequence.held[jnp.minimum(jnp.arange(len(times) + 1), last)]
-        kept = Sequence(jnp.where(is_kept, sequence.kind, NOTHING), sequence.stop, held)
+        mode = sequence.mode[jnp.minimum(jnp.arange(len(times) + 1), last)]
+        kept = Sequence(jnp.where(is_kept, sequence.kind, NOTHING), sequence.stop, mode)
         part = eqx.tree_at(lambda p: (p.sequence, p.num_periods), problem, (kept, end))
         return cycle.z + residual(part, Unknowns(cycle.z, jnp.where(is_kept, cycle.flights, 0))).closing
 
@@ -89,7 +94,9 @@ def cycle_by_map(
         unknowns=Unknowns(z + step, guess.flights),
         sequence=problem.sequence,
         multipliers=floquet_multipliers(
-            Pencil(jacobian, identity), problem.sequence.most_held, problem.shifts
+            Pencil(jacobian, identity),
+            problem.sequence.most_erased,
+            problem.shifts,
         ),
         residual=jnp.max(jnp.abs(end - z) / size),
     )

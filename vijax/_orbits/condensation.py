@@ -66,6 +66,7 @@ class Flights(NamedTuple):
         normal: of the value that vanishes at the event, likewise, (events, next + 1).
         close: of z at the end of the cycle by the state after the last event, (state, next).
         pin: of the closing by the start, added where shifts are left free, see `rigid_modes.py`, (state, state).
+        drift: the projection onto shifts along which the cycle may come back displaced, (state, state); None without.
     """
 
     begin: Float[Array, "next free"]
@@ -73,6 +74,7 @@ class Flights(NamedTuple):
     normal: Float[Array, "events given"]
     close: Float[Array, "state next"]
     pin: Float[Array, "state state"]
+    drift: Any = None
 
 
 class Weights(NamedTuple):
@@ -178,6 +180,10 @@ def solve_condensed(
         end - closed @ start[:size],
         of_closing - flights.close @ change + closed @ of_start[:size],
     )
+    if flights.drift is not None:
+        beside = jnp.eye(size, dtype=end.dtype) - flights.drift
+        matrix = beside @ matrix + flights.drift @ start[:size]
+        value = beside @ value - flights.drift @ of_start[:size]
     if of_weights is not None:
         matrix, value = jnp.vstack([matrix, start[-1]]), jnp.append(value, of_weights - of_start[-1])
     free = jnp.linalg.solve(matrix, value)

@@ -2,7 +2,7 @@
 
 The unknowns are the start z0 = (x, v), in the frame of the stops, at the phase where the cycle begins, and the
 durations of the flights in forcing periods. An impact ends a flight where its gap is zero, a release where the
-contact force is zero. After n forcing periods the state is the start again. The equations do not require that an
+contact force is zero, and so on: the guard of the event vanishes. After n forcing periods the state is the start again. The equations do not require that an
 impact approaches its stop or that a stop is pressed. So a family of orbits is smooth through grazing, and continues
 where it is not admissible. A run from the cycle decides whether it is admissible, see `search.py`.
 """
@@ -23,12 +23,17 @@ from .._jax.arrays import Scalar
 from .._machine.derivatives import rates
 from .._machine.machine import Machine, prepare, state_before_contact
 from .._machine.numbers import MachineNumbers
-from .._machine.state import State
+from .._machine.state import State, with_laws
+from .._machine.switching import FRICTION
 from .._system.waves import phase_at, turned
 from .._trajectory.event_log import EventLog, event_log
 from .condensation import Flights, over_flights
-from .rigid_modes import closing_pin
-from .sequence import NOTHING, Sequence
+from .rigid_modes import closing_pin, of_positions
+from .sequence import NOTHING, Sequence, held_in
+from .switching_events import leading_zeros_of, switched_end, switched_instant
+
+# Duration, in forcing periods, below which a flight has none when residuals are divided by it.
+_MOMENT = 1e-12
 
 
 class Unknowns(NamedTuple):
@@ -67,6 +72,7 @@ class Problem(eqx.Module):
         num_periods: n, forcing periods.
         phase: phase where the cycle begins, in forcing periods.
         shifts: projection onto the shifts that the equations leave free, see `rigid_modes.py`, (n, n).
+        drift: projection onto the shifts by which a cycle may come back displaced, (n, n); None without friction.
     """
 
     machine: Machine
@@ -75,6 +81,7 @@ class Problem(eqx.Module):
     num_periods: Scalar
     phase: Scalar
     shifts: Float[Array, "n n"]
+    drift: Any = None
 
 
 class Moment(NamedTuple):
@@ -86,12 +93,13 @@ class Moment(NamedTuple):
 
 
 class Event(NamedTuple):
-    """The event at the end of a flight, and the stops that hold before and after it."""
+    """The event at the end of a flight, and the modes before and after it, see `Sequence`; for `zeros` `leading_zeros_of`."""
 
     kind: Int[Array, ""]
     stop: Int[Array, ""]
-    held: Bool[Array, " stops"]
-    held_after: Bool[Array, " stops"]
+    mode: Int[Array, " stops"] | Bool[Array, " stops"]
+    mode_after: Int[Array, " stops"] | Bool[Array, " stops"]
+    zeros: Any = None
 
 
 def prepared(
@@ -120,7 +128,20 @@ def residual(problem: Problem, unknowns: Unknowns) -> Residual:
         return fly_to_event(machine, flow, place, flight.event, _duration(problem, place, flight))[:2]
 
     place, (values, speeds) = jax.lax.scan(one, place, _flights_of(problem, unknowns))
-    return Residual(values[:-1], place.z - unknowns.z, speeds[:-1])
+    return Residual(values[:-1], _closing(problem, place.z - unknowns.z), speeds[:-1])
+
+
+def _closing(problem: Problem, gone: Array) -> Array:
+    """What vanishes on a cycle, from the change of the state over it."""
+    return gone if problem.drift is None else gone - of_positions(problem.drift) @ gone
+
+
+def progression_of(problem: Problem, unknowns: Unknowns) -> Float[Array, " n"]:
+    """Displacement over a cycle, zero where springs or contacts hold every mass."""
+    if problem.drift is None:
+        return jnp.zeros_like(problem.machine.mean)
+    whole = eqx.tree_at(lambda own: own.drift, problem, None)
+    return problem.drift @ jnp.split(residual(whole, unknowns).closing, 2)[0]
 
 
 def traverse(
@@ -191,19 +212,21 @@ def linearise(
         jnp.where(flights.closes.reshape(-1, *[1] * pad.ndim), pad, a)[:-1]
         for pad, a in zip(padding, (forward, normal, values), strict=True)
     )
-    found = Residual(values, place.z - unknowns.z, speeds[:-1])
-    return found, Flights(begin, forward, normal, close, closing_pin(problem.shifts))
+    found = Residual(values, _closing(problem, place.z - unknowns.z), speeds[:-1])
+    drift = None if problem.drift is None else of_positions(problem.drift)
+    return found, Flights(begin, forward, normal, close, closing_pin(problem.shifts), drift)
 
 
 def _flights_of(problem: Problem, unknowns: Unknowns, count: Int[Array, ""] | None = None) -> CycleFlight:
     """All flights of a cycle; the one that closes it comes after `count` others, or after the padding."""
     sequence, room = problem.sequence, len(unknowns.flights)
-    held = jnp.asarray(sequence.held)
+    mode = jnp.asarray(sequence.mode)
     event = Event(
         kind=jnp.append(sequence.kind, NOTHING),
         stop=jnp.append(sequence.stop, 0),
-        held=held,
-        held_after=jnp.concatenate([held[1:], held[-1:]]),
+        mode=mode,
+        mode_after=jnp.concatenate([mode[1:], mode[-1:]]),
+        zeros=jnp.append(leading_zeros_of(sequence), 0) if sequence.is_switching else None,
     )
     return CycleFlight(
         event, jnp.append(unknowns.flights, 0), jnp.arange(room + 1) == (room if count is None else count)
@@ -225,13 +248,14 @@ def log_of_cycle(problem: Problem, unknowns: Unknowns, room: int) -> EventLog:
     def one(place: Moment, flight: tuple[Event, Scalar]) -> tuple[Moment, tuple[Instant, Array]]:
         event, duration = flight
         there, _, end = fly_to_event(machine, flow, place, event, duration)
+        if contacts.is_switching:
+            of_event, time = (event.kind, event.stop), there.time * machine.period
+            return there, (switched_instant(machine, end, of_event, event.mode_after, time), end.phase)
+        held, after = event.mode, event.mode_after
         hit = (jnp.arange(contacts.num) == event.stop) & (event.kind == IMPACT)
-        stuck, left = event.held_after & ~event.held, event.held & ~event.held_after
-        x, v = rebound(machine, end, hit, event.held & event.held_after)
-        state, hold = (
-            state_before_contact(machine, end.phase, x, v, event.held, end.time),
-            machine.hold(event.held),
-        )
+        stuck, left = after & ~held, held & ~after
+        x, v = rebound(machine, end, hit, held & after)
+        state, hold = state_before_contact(machine, end.phase, x, v, held, end.time), machine.hold(held)
         now = rates(machine, state, hold)
         pull, speed = contacts.pull(now.force, hold, end.phase), machine.approach(state)
         chatter = jnp.where(stuck, chatter_time(jnp.abs(speed), pull, contacts.light_restitution), 0)
@@ -260,17 +284,17 @@ def state_at(problem: Problem, unknowns: Unknowns, time: Scalar) -> Float[Array,
     until = jnp.cumsum(unknowns.flights)
 
     def one(carry: tuple[Moment, Array], flight: tuple[Event, Scalar, Array, Array]):
-        moment, held = carry
+        moment, mode = carry
         event, duration, ends, is_event = flight
         there = fly_to_event(machine, flow, moment, event, duration)[0]
         is_passed = is_event & (ends <= time)
         moment = jax.tree.map(lambda a, b: jnp.where(is_passed, a, b), there, moment)
-        return (moment, jnp.where(is_passed, event.held_after, held)), None
+        return (moment, jnp.where(is_passed, event.mode_after, mode)), None
 
     flights = events_of(problem.sequence), unknowns.flights, until, jnp.arange(len(until)) < count
-    begin = initial_moment(problem, machine, unknowns.z), problem.sequence.held[0]
-    (moment, held), _ = jax.lax.scan(one, begin, flights)
-    x, v, *_ = flow_map(machine, flow, moment, held, problem.phase + time - moment.time)
+    begin = initial_moment(problem, machine, unknowns.z), jnp.asarray(problem.sequence.mode)[0]
+    (moment, mode), _ = jax.lax.scan(one, begin, flights)
+    x, v, *_ = flow_map(machine, flow, moment, mode, problem.phase + time - moment.time)
     return jnp.concatenate([jnp.split(moment.z, 2)[0] + x, v])
 
 
@@ -281,16 +305,21 @@ def moved_by(tree: Any, change: Any, by: Scalar) -> Any:
 
 def initial_moment(problem: Problem, machine: Machine, z: Array) -> Moment:
     x, v = jnp.split(z, 2)
-    held = problem.sequence.held[0]
+    held, contacts = held_in(problem.sequence.mode[0]), machine.contacts
     phase = phase_at(2 * jnp.pi * problem.phase, machine.waves.num_harmonics)
-    x = machine.contacts.with_closed_gaps(x, held, phase)
-    v = machine.contacts.with_zero_approach(v, held, machine.phase_rate(phase))
-    gap = jax.lax.stop_gradient(machine.contacts.gaps(x, phase))
+    if contacts.is_switching:
+        x = contacts.with_closed_gaps(x, held & ~contacts.are(FRICTION), phase)
+        v = contacts.without_speeds(v, held, phase)
+    else:
+        x = contacts.with_closed_gaps(x, held, phase)
+        v = contacts.with_zero_approach(v, held, machine.phase_rate(phase))
+    gap = jax.lax.stop_gradient(contacts.gaps(x, phase))
     return Moment(jnp.concatenate([x, v]), problem.phase + 0 * x[0], gap)
 
 
 def events_of(sequence: Sequence) -> Event:
-    return Event(sequence.kind, sequence.stop, sequence.held[:-1], sequence.held[1:])
+    zeros = leading_zeros_of(sequence) if sequence.is_switching else None
+    return Event(sequence.kind, sequence.stop, sequence.mode[:-1], sequence.mode[1:], zeros)
 
 
 def fly_to_event(
@@ -298,15 +327,24 @@ def fly_to_event(
 ) -> tuple[Moment, tuple[Array, Array], State]:
     """Moment after a flight and its event; value that vanishes, and approach speed; state at the end of the flight."""
     contacts, before = machine.contacts, jnp.split(place.z, 2)[0]
-    x, v, phase, change = flow_map(machine, flow, place, event.held, duration)
+    x, v, phase, change = flow_map(machine, flow, place, event.mode, duration)
     # Accumulated since the last contact, which keeps all digits of a light bounce; derivatives are the position's.
     start = contacts.gaps(before, phase - change)
     gap = place.gap + start - jax.lax.stop_gradient(start) - contacts.towards(x, change)
     x = before + x
     time = place.time + duration
     at_event = jnp.arange(contacts.num) == event.stop
-    end = state_before_contact(machine, phase, x, v, event.held, time * machine.period)
-    counted, hold = eqx.tree_at(lambda s: s.gap, end, gap), machine.hold(event.held)
+    end = state_in_mode(machine, phase, x, v, event.mode, time * machine.period)
+    if contacts.is_switching:
+        gap = jnp.where(contacts.are(FRICTION), 1, gap)
+        after = switched_end(machine, end, gap, (event.kind, event.stop), event.mode_after)
+        divisor = jnp.where(event.zeros > 0, jnp.where(jnp.abs(duration) < _MOMENT, _MOMENT, duration), 1)
+        value = after.value / jnp.where(event.zeros == 2, divisor * divisor, divisor)
+        value = jnp.where(event.kind == NOTHING, duration, value)
+        moment = Moment(jnp.concatenate([after.x, after.v]), time, jax.lax.stop_gradient(after.gap))
+        return moment, (value, after.speed), end
+    held, held_after = event.mode, event.mode_after
+    counted, hold = eqx.tree_at(lambda s: s.gap, end, gap), machine.hold(held)
     read = lambda of_stops: jnp.sum(jnp.where(at_event, of_stops, 0))  # noqa: E731
     is_impact = event.kind == IMPACT
     value = duration  # of what fills a sequence up
@@ -314,25 +352,33 @@ def fly_to_event(
         value = jnp.where(event.kind == limit.event, read(limit.value(machine, counted, hold)), value)
     speed = jnp.where(is_impact, read(machine.approach(end)), 0)
     hit = at_event & is_impact
-    placed, v = rebound(machine, end, hit, event.held & event.held_after)
+    placed, v = rebound(machine, end, hit, held & held_after)
     # Placing the hit contact at gap zero moves the gaps of others that share its inertia, until the cycle is found.
     counted_on = gap - contacts.along(placed - x)
     gap = jnp.where(hit, 0, jnp.where(contacts.sharing_mass(hit), contacts.gaps(placed, phase), counted_on))
-    v = contacts.with_zero_approach(v, event.held_after, machine.phase_rate(phase))
+    v = contacts.with_zero_approach(v, held_after, machine.phase_rate(phase))
     return Moment(jnp.concatenate([placed, v]), time, jax.lax.stop_gradient(gap)), (value, speed), end
 
 
+def state_in_mode(
+    machine: Machine, phase: Array, x: Array, v: Array, mode: Array, time: Scalar | None = None
+) -> State:
+    """State in a mode of `Sequence`, with no contact just left."""
+    state = state_before_contact(machine, phase, x, v, held_in(mode), time)
+    return with_laws(state, mode) if machine.contacts.is_switching else state
+
+
 def flow_map(
-    machine: Machine, flow: AbstractFlow, place: Moment, held: Array, duration: Scalar
+    machine: Machine, flow: AbstractFlow, place: Moment, mode: Array, duration: Scalar
 ) -> tuple[Array, Array, Array, Array]:
-    """Displacement over a flight, velocity and phase at its end, and the change of the phase."""
+    """Displacement over a flight in a mode, velocity and phase at its end, and the change of the phase."""
     num_harmonics = machine.waves.num_harmonics
     phase, angle = phase_at(2 * jnp.pi * place.time, num_harmonics), 2 * jnp.pi * duration
     half = phase_at(angle / 2, num_harmonics)[1]
     turn, slide = -2 * half**2, phase_at(angle, num_harmonics)[1]
     change = turned(phase, jnp.stack([turn, slide]))
     x, v = jnp.split(place.z, 2)
-    state = state_before_contact(machine, phase, x, v, held, place.time * machine.period)
-    hold = machine.hold(held)
+    state = state_in_mode(machine, phase, x, v, mode, place.time * machine.period)
+    machine, hold = machine.in_mode(state), machine.hold(state.held)
     displacement, gain = flow.flow_map(machine, state, hold, duration * machine.period, change)
     return displacement, v + gain, phase + change, change

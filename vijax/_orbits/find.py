@@ -11,12 +11,13 @@ from .._jax.concrete import stop_gradients
 from .._jax.xla import compile_lightly
 from .._trajectory.event_log import EventLog
 from .condensation import Pencil
-from .cycle import Problem, Unknowns, log_of_cycle, prepared
+from .cycle import Problem, Unknowns, log_of_cycle, prepared, progression_of
 from .floquet import floquet_multipliers
 from .newton import implicit_orbit, pencil_of
 from .orbit import ORBIT_RESULTS
-from .rigid_modes import closing_pin, drifts, free_shifts
+from .rigid_modes import all_shifts, closing_pin, drifts, free_drifts, free_shifts, num_of
 from .search import Search, StroboscopicMap, begin_search, frame_offset, search_step
+from .sequence import num_stops_of
 
 
 class OrbitSolution(eqx.Module):
@@ -25,6 +26,7 @@ class OrbitSolution(eqx.Module):
     x0: Float[Array, " n"]
     v0: Float[Array, " n"]
     events: EventLog
+    progression: Float[Array, " n"]
     num_impacts: Int[Array, " stops"]
     multipliers: Complex[Array, " state"]
     is_stable: Bool[Array, ""]
@@ -39,7 +41,8 @@ def find(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> OrbitSolutio
     """Search from a guess until an orbit is found, or nothing is left to try."""
     # The search itself is not differentiated: derivatives come from the implicit function theorem.
     still, guess = stop_gradients((strobe, guess))
-    search = begin_search(guess, strobe.numbers.rows.shape[0], strobe.room)
+    numbers = strobe.numbers
+    search = begin_search(guess, len(numbers.rows), strobe.room, is_switching=numbers.laws is not None)
     search = jax.lax.while_loop(
         lambda search: search.is_on, lambda search: search_step(still, search), search
     )
@@ -48,17 +51,20 @@ def find(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> OrbitSolutio
 
 def solution_of_search(strobe: StroboscopicMap, search: Search) -> OrbitSolution:
     """Result of a finished search, as a function of the machine."""
-    start, multipliers, events = (_by_sequence if strobe.flow.has_flow_map else _by_map)(strobe, search)
+    start, multipliers, events, progression = (_by_sequence if strobe.flow.has_flow_map else _by_map)(
+        strobe, search
+    )
     is_impact = (events.kind == IMPACT)[:, None]
-    stops = jnp.arange(strobe.numbers.rows.shape[0])[None]
+    stops = jnp.arange(num_stops_of(strobe.numbers))[None]
     x0, v0 = jnp.split(jnp.where(search.has_cycle, start, search.base), 2)
     return OrbitSolution(
         x0=x0,
         v0=v0,
         events=events,
+        progression=progression,
         num_impacts=jnp.sum(is_impact & (events.stop[:, None] == stops), axis=0),
         multipliers=jnp.where(search.has_cycle, multipliers, jnp.nan),
-        is_stable=search.has_cycle & (jnp.abs(multipliers[0]) < 1),
+        is_stable=search.has_cycle & _is_stable(strobe, multipliers),
         is_admissible=search.is_orbit,
         residual=jnp.where(search.has_cycle, search.cycle.residual, search.closing),
         num_runs=search.num_runs,
@@ -66,19 +72,28 @@ def solution_of_search(strobe: StroboscopicMap, search: Search) -> OrbitSolution
     )
 
 
+def _is_stable(strobe: StroboscopicMap, multipliers: Complex[Array, " state"]) -> Bool[Array, ""]:
+    drift = free_drifts(strobe.numbers)
+    if drift is None:
+        return jnp.abs(multipliers[0]) < 1
+    return jnp.sum(~(jnp.abs(multipliers) < 1)) == num_of(drift)
+
+
 tell_of_search = compile_lightly(solution_of_search)
 
 
-def _by_sequence(strobe: StroboscopicMap, search: Search) -> tuple[Array, Array, EventLog]:
-    """Start, multipliers and events of an orbit by the equations of its sequence."""
+def _by_sequence(strobe: StroboscopicMap, search: Search) -> tuple[Array, Array, EventLog, Array]:
+    """Start, multipliers, events and progression of an orbit by the equations of its sequence."""
     sequence = search.cycle.sequence
     machine = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
-    problem = Problem(*machine, sequence, strobe.num_periods, strobe.phase, free_shifts(strobe.numbers))
+    shifts = free_shifts(strobe.numbers), free_drifts(strobe.numbers)
+    problem = Problem(*machine, sequence, strobe.num_periods, strobe.phase, *shifts)
     unknowns = implicit_orbit(problem, search.cycle.unknowns)
     return (
         unknowns.z - frame_offset(problem),
         _multipliers(problem, unknowns, search.cycle.multipliers),
         log_of_cycle(problem, unknowns, len(unknowns.flights)),
+        progression_of(problem, unknowns),
     )
 
 
@@ -95,19 +110,21 @@ def _multipliers_jvp(primals, tangents):
 
     def of(problem: Problem, unknowns: Unknowns) -> Array:
         pencil = pencil_of(problem, unknowns)
-        return floquet_multipliers(pencil, problem.sequence.most_held, problem.shifts)
+        shifts = all_shifts(problem.shifts, problem.drift)
+        return floquet_multipliers(pencil, problem.sequence.most_erased, shifts)
 
     # The value is that of the same function, so that second derivatives see all of it.
     values, moved = eqx.filter_jvp(of, (problem, unknowns), tuple(tangents[:2]))
     return values, moved
 
 
-def _by_map(strobe: StroboscopicMap, search: Search) -> tuple[Array, Array, EventLog]:
+def _by_map(strobe: StroboscopicMap, search: Search) -> tuple[Array, Array, EventLog, Array]:
     """As `_by_sequence`, by the stroboscopic map, for a flow that advances step by step."""
     start = fixed_point(strobe, search.cycle.start)
     pencil = Pencil(jax.jacfwd(strobe.end)(start), jnp.eye(len(start)))
-    multipliers = floquet_multipliers(pencil, search.cycle.sequence.most_held, free_shifts(strobe.numbers))
-    return start, multipliers, strobe.follow(start).events
+    erased = search.cycle.sequence.most_erased
+    multipliers = floquet_multipliers(pencil, erased, free_shifts(strobe.numbers))
+    return start, multipliers, strobe.follow(start).events, jnp.zeros_like(strobe.numbers.mean)
 
 
 @eqx.filter_custom_jvp

@@ -11,13 +11,13 @@ from .._jax.xla import padding_allowed
 from .._progress import tqdm
 from .._system.checks import validate_start
 from .._system.periodicity import check_period
-from .._system.system import ImpactSystem, refuse_switching
+from .._system.system import ImpactSystem
 from .._trajectory.concrete_machine import known_machine
 from .._trajectory.simulate import simulate
 from .find import tell_of_search
 from .many import search_each
 from .orbit import PeriodicOrbit
-from .rigid_modes import free_shifts
+from .rigid_modes import all_shifts, free_drifts, free_shifts
 from .search import StroboscopicMap, with_room
 
 # States closer than this, relative to the size of the orbit, belong to one orbit.
@@ -65,7 +65,6 @@ def find_periodic_orbits(
         ```
     """
     refuse_single_precision("find_periodic_orbits", system)
-    refuse_switching("find_periodic_orbits", system)
     n, room = whole_number("num_periods", num_periods, 1), whole_number("max_events", max_events, 1)
     states = given_states(starts, system.num_masses)
     if is_traced((system, args, flow)):
@@ -92,7 +91,7 @@ def find_periodic_orbits(
         lane: np.asarray(part.cycle.start[k]) for lane, (part, k) in searches.items() if part.is_orbit[k]
     }
     lanes = sorted(starts_of, key=lambda lane: tuple(starts_of[lane]))
-    felt = np.eye(system.num_masses) - np.asarray(free_shifts(numbers))
+    felt = np.eye(system.num_masses) - np.asarray(all_shifts(free_shifts(numbers), free_drifts(numbers)))
     different = _distinct_orbits(system, [starts_of[lane] for lane in lanes], felt, n, args, flow)
     orbits = []
     for part, k in (searches[lanes[i]] for i in different):

@@ -27,14 +27,14 @@ _SECOND_DERIVATIVES: dict[str, Any] = (
 
 
 def floquet_multipliers(
-    pencil: Pencil, num_held: Int[Array, ""], shifts: Float[Array, "n n"]
+    pencil: Pencil, num_erased: Int[Array, ""], shifts: Float[Array, "n n"]
 ) -> Complex[Array, " state"]:
     """The Floquet multipliers, largest magnitude first.
 
     Args:
         pencil: of the orbit's neighbours.
-        num_held: the most masses held at once. The cycle forgets their positions and velocities, so twice as many
-            multipliers are zero; those are set to zero exactly, without rounding errors.
+        num_erased: the most directions of the state that a flight has lost, two for a held mass. The cycle forgets them,
+            so as many multipliers are zero; those are set to zero exactly, without rounding errors.
         shifts: projection onto the rigid shifts, see `rigid_modes.py`: each has a multiplier 1.
 
     Returns:
@@ -49,7 +49,7 @@ def floquet_multipliers(
     mu = jnp.where(is_infinite, jnp.inf, shift * (1 + nu) / jnp.where(is_infinite, 1, 1 - nu))
     num_shifts = jnp.round(jnp.trace(shifts)).astype(int)
     rank = len(mu) - 1 - jnp.arange(len(mu))
-    mu = jnp.where(rank < num_shifts + 2 * num_held, 0, _largest_first(mu))
+    mu = jnp.where(rank < num_shifts + num_erased, 0, _largest_first(mu))
     return _largest_first(jnp.where(rank < num_shifts, 1, mu))
 
 

@@ -13,6 +13,7 @@ from .._hybrid.limits import IMPACT
 from .._jax.xla import jit_lightly
 from .search import Search, StroboscopicMap, begin_search
 from .search_workers import SearchWorkers
+from .sequence import num_stops_of
 
 # `_LANES`: lanes of the one compiled program. A lane costs the same among 32 as among 128; fewer wait for the longest.
 # `_FEW`: room for events at first. Most cycles have fewer; the others are searched for again with room for all.
@@ -55,9 +56,10 @@ def search_many(
         executor: runs the searches; if left out, the cores of this process do, with the same chunks and the same bits.
     """
     (_, first), *others = search_each(strobe, axes, guesses, tell, executor)
-    found = _orbits_of_search(first)
+    num_stops = num_stops_of(strobe.numbers)
+    found = _orbits_of_search(first, num_stops)
     for which, search in others:
-        for a, more in zip(found, _orbits_of_search(search), strict=True):
+        for a, more in zip(found, _orbits_of_search(search, num_stops), strict=True):
             a[which] = more
     return found
 
@@ -89,7 +91,9 @@ def _search(
     executor: Executor | None,
 ) -> Search:
     """The finished searches of the lanes `which`."""
-    whole = jax.tree.map(np.array, _begin(strobe.numbers.rows.shape[-2], strobe.room)(guesses[which]))
+    numbers = strobe.numbers
+    begin = _begin(numbers.rows.shape[-2], strobe.room, numbers.laws is not None)
+    whole = jax.tree.map(np.array, begin(guesses[which]))
     leaves, structure = jax.tree.flatten(strobe)
 
     def chunk_of(lanes: np.ndarray) -> tuple[StroboscopicMap, Search]:
@@ -114,11 +118,9 @@ def _search(
     return whole
 
 
-def _orbits_of_search(search: Search) -> Orbits:
+def _orbits_of_search(search: Search, num_stops: int) -> Orbits:
     cycle, sequence = search.cycle, search.cycle.sequence
-    is_hit = (sequence.kind == IMPACT)[..., None] & (
-        sequence.stop[..., None] == np.arange(sequence.held.shape[-1])
-    )
+    is_hit = (sequence.kind == IMPACT)[..., None] & (sequence.stop[..., None] == np.arange(num_stops))
     columns = cycle.start, cycle.multipliers, cycle.residual, is_hit.sum(axis=1), search.is_orbit
     return Orbits(*map(np.asarray, columns))
 
@@ -135,6 +137,6 @@ def lanes_first(tree: Any) -> tuple[Any, list[int | None]]:
 
 
 @cache
-def _begin(num_stops: int, room: int) -> Callable:
-    begin = jax.vmap(lambda guess: begin_search(guess, num_stops, room))
-    return jit_lightly(begin, name=("begin_search", num_stops, room))
+def _begin(num_stops: int, room: int, is_switching: bool) -> Callable:
+    begin = jax.vmap(lambda guess: begin_search(guess, num_stops, room, is_switching=is_switching))
+    return jit_lightly(begin, name=("begin_search", num_stops, room, is_switching))

@@ -50,11 +50,13 @@ class PeriodicOrbit(eqx.Module):
         x0: positions there, (n,).
         v0: velocities there, (n,).
         events: the events of one cycle.
+        progression: displacement of the masses over one cycle, (n,): zero unless nothing but friction holds them, as in a
+            capsule robot, which then repeats up to it.
         num_impacts: impacts in one cycle, (stops,); of a chatter all that were followed.
         multipliers: Floquet multipliers, (2 n,), complex, the largest magnitude first. Two are zero for every mass that
-            sticks; one is infinite where the orbit grazes; one is 1 for every shift of the masses that no spring and no
+            sticks, one where friction does; one is infinite where the orbit grazes; one is 1 for every shift of the masses that no spring and no
             contact resists.
-        is_stable: whether all multipliers lie inside the unit circle.
+        is_stable: whether all multipliers lie inside the unit circle, but for those of shifts by which the orbit progresses.
         is_admissible: whether the machine follows it: run from x0 and v0, it shows the same events.
         residual: closing error of the cycle, relative to the size of the motion.
         num_runs: number of runs of the motion in the search.
@@ -68,6 +70,7 @@ class PeriodicOrbit(eqx.Module):
     x0: Float[Array, " n"]
     v0: Float[Array, " n"]
     events: EventLog
+    progression: Float[Array, " n"]
     num_impacts: Int[Array, " stops"]
     multipliers: Complex[Array, " state"]
     is_stable: Bool[Array, ""]
@@ -129,6 +132,7 @@ def _dataset(orbit: PeriodicOrbit) -> xr.Dataset:
     columns: dict[str, tuple[tuple[str, ...], Any]] = {
         "x0": (("mass",), orbit.x0),
         "v0": (("mass",), orbit.v0),
+        "progression": (("mass",), orbit.progression),
         "multiplier_real": (("multiplier",), np.real(multipliers)),
         "multiplier_imag": (("multiplier",), np.imag(multipliers)),
         "num_impacts": (("stop",), orbit.num_impacts),

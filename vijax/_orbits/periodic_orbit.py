@@ -12,7 +12,7 @@ from .._jax.xla import padding_allowed
 from .._machine.numbers import numbers_of
 from .._system.checks import check_shape, validate_start
 from .._system.periodicity import check_period
-from .._system.system import ImpactSystem, refuse_switching, with_args
+from .._system.system import ImpactSystem, with_args
 from .._trajectory.concrete_machine import known_machine
 from .._trajectory.solution import result_sentences
 from .find import find
@@ -76,7 +76,6 @@ def periodic_orbit(
         Wagg & Bishop (2004), Sec. 4.4; S. Foale & S. R. Bishop, Phil. Trans. R. Soc. A 338 (1992).
     """
     refuse_single_precision("periodic_orbit", system)
-    refuse_switching("periodic_orbit", system)
     n = whole_number("num_periods", num_periods, 1)
     room = whole_number("max_events", max_events, 1)
     check_period(system, args, x0, v0)

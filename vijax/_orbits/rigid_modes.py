@@ -6,18 +6,24 @@ that of the loads. The projection P onto all e, along some of the coordinates, r
 velocities, P dx0 keeps the cycle where it is along e, and vanishes at the solution, as no other term has a part along
 e. So the step of Newton's method is still exact. P is zero, to the last bit, where springs or contacts hold every mass.
 
+Dry friction resists the speed along a shift, not the shift. Then no closing of velocities follows from the others, and
+along the shift a cycle comes back by a constant displacement: a capsule robot progresses. Its closing along such a
+shift, projected by D, is replaced by D dx0, which keeps the start where it is.
+
 The pencil of the Floquet multipliers has an eigenvalue 1 for every e. Without damping it is double with one
 eigenvector, and rounding keeps half its digits. So it is removed by the exact eigenvector (e, 0): Wielandt's deflation.
 """
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._jax.arrays import array_namespace
+from .._jax.arrays import Reals, array_namespace
 from .._jax.concrete import stop_gradients
 from .._machine.numbers import MachineNumbers
 from .._machine.small_matrices import inverse_among
+from .._machine.switching import FRICTION
 from .condensation import Pencil
 
 # Smallest normalised singular value above which a concrete machine has no rigid mode.
@@ -44,6 +50,33 @@ def free_shifts(numbers: MachineNumbers) -> Float[Array, "n n"]:
     return jnp.where(is_free[None], jnp.eye(len(felt), dtype=felt.dtype) - inverse @ felt, 0)
 
 
+def free_drifts(numbers: MachineNumbers) -> Float[Array, "n n"] | None:
+    """The projection D onto shifts that nothing but friction resists; None for machines without friction."""
+    known = stop_gradients(numbers)
+    if known.laws is None or FRICTION not in known.laws.kinds:
+        return None
+    is_friction = np.array(known.laws.kinds) == FRICTION
+    resisted = free_shifts(known)
+    others = eqx.tree_at(lambda own: own.rows, known, jnp.asarray(known.rows)[~is_friction])
+    beside = jnp.eye(len(resisted), dtype=resisted.dtype) - resisted
+    return beside @ free_shifts(others) @ beside
+
+
+def all_shifts(shifts: Float[Array, "n n"], drift: Float[Array, "n n"] | None) -> Float[Array, "n n"]:
+    """The projection onto all shifts whose multiplier is 1."""
+    return shifts if drift is None else shifts + drift
+
+
+def num_of(drift: Reals | None) -> Reals:
+    """Number of independent shifts of a projection, each of which has a multiplier 1 that tells nothing of stability."""
+    return 0 if drift is None else array_namespace(drift).round(array_namespace(drift).trace(drift))
+
+
+def of_positions(drift: Float[Array, "n n"]) -> Float[Array, "state state"]:
+    """A projection of positions as one of states."""
+    return jnp.kron(jnp.array([[1, 0], [0, 0]], drift.dtype), drift)
+
+
 def closing_pin(shifts: Float[Array, "n n"]) -> Float[Array, "state state"]:
     """The matrix that adds P to the closing, by the state at the start."""
     return jnp.kron(jnp.array([[0, 0], [1, 0]], shifts.dtype), shifts)
@@ -52,8 +85,7 @@ def closing_pin(shifts: Float[Array, "n n"]) -> Float[Array, "state state"]:
 def deflated(pencil: Pencil, shifts: Float[Array, "n n"]) -> Pencil:
     """The pencil with the multiplier of each shift replaced by zero."""
     end, start = pencil
-    of_positions = jnp.kron(jnp.array([[1, 0], [0, 0]], shifts.dtype), shifts)
-    return Pencil(end - of_positions @ start, start)
+    return Pencil(end - of_positions(shifts) @ start, start)
 
 
 def drifts(numbers: MachineNumbers, shifts: Float[Array, "n n"]) -> Array:

@@ -28,8 +28,16 @@ from .._trajectory.solution import RESULTS, Solution
 from .candidate_cycle import Cycle, cycle_by_map, cycle_by_sequence
 from .cycle import Problem, Unknowns, prepared
 from .newton import scale_of
-from .rigid_modes import free_shifts
-from .sequence import NOTHING, Sequence, empty_sequence, is_same_sequence, sequence_of
+from .rigid_modes import free_drifts, free_shifts, of_positions
+from .sequence import (
+    NOTHING,
+    Sequence,
+    effective,
+    empty_sequence,
+    friction_of,
+    is_same_sequence,
+    sequence_of,
+)
 
 MAX_RUNS = 40  # runs of a search
 _LEAST = 0.05  # smallest fraction of a step that is tried
@@ -73,11 +81,17 @@ class Search(eqx.Module):
         return ~(self.is_orbit | self.is_full) & (self.num_runs < MAX_RUNS) & (self.factor > 0)
 
 
-def begin_search(guess: Float[Array, " state"], num_stops: int, room: int) -> Search:
+def begin_search(guess: Float[Array, " state"], num_stops: int, room: int, *, is_switching: bool) -> Search:
     """A search from a guess, with room for `room` events."""
     zero, no = jnp.zeros((), guess.dtype), jnp.array(False)
     unknowns = Unknowns(guess, jnp.zeros(room, guess.dtype))
-    cycle = Cycle(guess, unknowns, empty_sequence(room, num_stops), guess + 0j, zero + jnp.inf)
+    cycle = Cycle(
+        guess,
+        unknowns,
+        empty_sequence(room, num_stops, is_switching=is_switching),
+        guess + 0j,
+        zero + jnp.inf,
+    )
     start, still = (guess, guess), (jnp.zeros_like(guess), guess)
     return Search(*start, *still, zero + 1, zero + jnp.inf, cycle, no, no, no, jnp.array(0))
 
@@ -89,7 +103,7 @@ def with_room(search: Search, room: int) -> Search:
     longer = Sequence(
         kind=jnp.pad(sequence.kind, (0, more), constant_values=NOTHING),
         stop=jnp.pad(sequence.stop, (0, more)),
-        held=jnp.pad(sequence.held, ((0, more), (0, 0)), mode="edge"),
+        mode=jnp.pad(sequence.mode, ((0, more), (0, 0)), mode="edge"),
     )
     flights = jnp.pad(search.cycle.unknowns.flights, (0, more))
     return eqx.tree_at(lambda s: (s.cycle.sequence, s.cycle.unknowns.flights), search, (longer, flights))
@@ -175,9 +189,12 @@ def search_step(strobe: StroboscopicMap, search: Search) -> Search:
     choices = Choices(can_stick=True, room=strobe.room)
     log, result, end = run_for_log(strobe.numbers, strobe.flow, strobe.request(search.trial), choices)
     machine, flow = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
-    sequence, flights = sequence_of(log, strobe.t0, machine.period)
-    problem = Problem(machine, flow, sequence, strobe.num_periods, strobe.phase, free_shifts(strobe.numbers))
+    sequence, flights = sequence_of(log, strobe.t0, machine.period, friction_of(strobe.numbers))
+    shifts = free_shifts(strobe.numbers), free_drifts(strobe.numbers)
+    problem = Problem(machine, flow, sequence, strobe.num_periods, strobe.phase, *shifts)
     size = scale_of(problem, search.trial)
+    if problem.drift is not None:  # ends are told up to a displacement
+        end = end - of_positions(problem.drift) @ (end - search.trial)
     is_whole = result == RESULTS.successful
     closing = jnp.where(is_whole, jnp.max(jnp.abs(end - search.trial) / size), jnp.inf)
     run = Run(problem, search.trial, flights, closing, end)
@@ -206,10 +223,10 @@ def _next(strobe: StroboscopicMap, run: Run, search: Search) -> Search:
         jacobian = jax.jacfwd(strobe.end)(search.trial)
         cycle, entry, first, is_converged = cycle_by_map(problem, guess, end + away, jacobian)
     cycle = eqx.tree_at(lambda c: c.start, cycle, cycle.start - away)
-    # A run with a stop that holds at only one of its ends cannot close: the next run begins where this one ended.
+    # A run with other modes at its ends, such as a stop that holds, cannot close: the next run begins where this one ended.
     # (Its bounces would collapse into the start of the cycle, and stay there as impacts without speed.)
-    held = problem.sequence.held
-    is_open = jnp.any(held[0] != held[-1])
+    mode = effective(problem.sequence.mode)
+    is_open = jnp.any(mode[0] != mode[-1])
     first = jnp.where(is_open, end - search.trial, first)
     is_found = is_nearer & is_converged & ~is_open
     # A run that began on the cycle itself, such as from the settled end of a sweep, needs no second run.
@@ -258,4 +275,6 @@ def _onto_stops(problem: Problem, z: Array) -> Array:
     contacts = problem.machine.contacts
     x, v = jnp.split(z, 2)
     phase = phase_at(2 * jnp.pi * problem.phase, problem.machine.waves.num_harmonics)
-    return jnp.concatenate([contacts.with_closed_gaps(x, contacts.gaps(x, phase) < 0, phase), v])
+    is_beyond = contacts.gaps(x, phase) < 0
+    is_beyond = is_beyond & contacts.is_rigid if contacts.is_switching else is_beyond
+    return jnp.concatenate([contacts.with_closed_gaps(x, is_beyond, phase), v])

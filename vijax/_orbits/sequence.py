@@ -3,13 +3,22 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._hybrid.limits import IMPACT, RELEASE
+from .._hybrid.limits import CLOSE, EVENT_NAMES, IMPACT, OPEN, RELEASE, SLIP, STICK, TURN
+from .._hybrid.transition import Instant
 from .._jax.arrays import Reals, Scalar
+from .._machine.numbers import MachineNumbers
+from .._machine.state import FREE, HELD, INSIDE, KEPT, STICKING
+from .._machine.switching import FRICTION
 from .._trajectory.event_log import Log
 
 NOTHING = -1
+# Internal kind of an event that no log has: a mass leaves a compliant contact that pushed it no more.
+LEAVE = len(EVENT_NAMES)
+# Added to the kind of an event at which the second guard of an element is zero, see `guards_of`.
+SECOND = 8
 
 # `_SAME`: events of two runs within this time, in forcing periods, are the same.
 # `_TAIL`: impacts this close before a stick are last bounces of a chatter; one run may have one more than another.
@@ -19,18 +28,30 @@ _SAME, _TAIL = 1e-6, 1e-4
 class Sequence(eqx.Module):
     """The events that end the flights of a cycle.
 
-    Impacts and releases are events. A stick is none: it is the outcome of an impact. Likewise a release by the jump of
-    a force at the impact of another mass is the outcome of that impact.
+    Each zero of a guard is an event. A stick on a stop is none: it is the outcome of an impact. Likewise a release by the
+    jump of a force at the impact of another mass is the outcome of that impact.
 
     Attributes:
-        kind: `vx.IMPACT`, `vx.RELEASE`, or `NOTHING` for padding, (events,).
+        kind: `vx.IMPACT`, `vx.RELEASE`, or `NOTHING` for padding, (events,); of machines with friction or compliant contacts
+            any kind, with `SECOND` added for a second guard, or `LEAVE`.
         stop: the stop, (events,).
-        held: the stops that hold their masses on each flight, the first and the last included, (events + 1, stops).
+        mode: the stops that hold their masses on each flight, the first and the last included, (events + 1, stops); of
+            machines with friction or compliant contacts what each element does, see `laws_as_numbers`.
     """
 
     kind: Reals
     stop: Reals
-    held: Reals
+    mode: Reals
+
+    @property
+    def is_switching(self) -> bool:
+        """True for machines with friction or compliant contacts."""
+        return self.mode.dtype != bool
+
+    @property
+    def held(self) -> Reals:
+        """Flags of the stops that hold on each flight, (events + 1, stops)."""
+        return held_in(self.mode)
 
     @property
     def is_event(self) -> Bool[Array, " events"]:
@@ -38,42 +59,114 @@ class Sequence(eqx.Module):
         return self.kind != NOTHING
 
     @property
-    def most_held(self) -> Int[Array, ""]:
-        """The most stops that hold at once."""
-        return jnp.max(jnp.sum(self.held, axis=1), initial=0)
+    def most_erased(self) -> Int[Array, ""]:
+        """The most directions of the state that a flight has lost: a held mass two, friction that sticks one."""
+        if self.is_switching:
+            lost = 2 * (self.mode == HELD) + (self.mode == STICKING)
+            return jnp.max(jnp.sum(lost, axis=1), initial=0)
+        return 2 * jnp.max(jnp.sum(self.held, axis=1), initial=0)
 
 
-def empty_sequence(num_events: int, num_stops: int) -> Sequence:
+def num_stops_of(numbers: MachineNumbers) -> int:
+    """Number of stops of a machine, without friction elements."""
+    return numbers.rows.shape[-2] - int(np.count_nonzero(friction_of(numbers)))
+
+
+def friction_of(numbers: MachineNumbers) -> np.ndarray:
+    """Flags of the friction elements of a machine, (elements,); empty if all its contacts are rigid."""
+    return np.array(() if numbers.laws is None else numbers.laws.kinds) == FRICTION
+
+
+def held_in(mode: Reals) -> Reals:
+    """Flags of the stops that hold in a mode of `Sequence`."""
+    return mode if mode.dtype == bool else (mode == HELD) | (mode == STICKING)
+
+
+def effective(mode: Reals) -> Reals:
+    """Mode in which laws with the same motion are one: at rest by whatever, and without touching on whichever side."""
+    if mode.dtype == bool:
+        return mode
+    return jnp.where(mode >= KEPT, HELD, jnp.where(mode == INSIDE, FREE, mode))
+
+
+def public_kind_of(kind: Reals) -> Reals:
+    """Kinds of events as logs have them; `LEAVE` for those without an entry."""
+    return jnp.where(kind == NOTHING, NOTHING, kind % SECOND)
+
+
+def empty_sequence(num_events: int, num_stops: int, *, is_switching: bool) -> Sequence:
     """A sequence without events, with room for `num_events`."""
     whole = jnp.zeros(num_events, int)
-    return Sequence(whole + NOTHING, whole, jnp.zeros((num_events + 1, num_stops), bool))
+    mode = jnp.zeros((num_events + 1, num_stops), jnp.int8 if is_switching else bool)
+    return Sequence(whole + NOTHING, whole, mode)
 
 
-def sequence_of(log: Log, t0: Scalar, period: Scalar) -> tuple[Sequence, Float[Array, " events"]]:
-    """The sequence of a trajectory from its log, and the durations of its flights in forcing periods."""
+def sequence_of(
+    log: Log, t0: Scalar, period: Scalar, is_friction: np.ndarray
+) -> tuple[Sequence, Float[Array, " events"]]:
+    """The sequence of a trajectory from its log, and the durations of its flights in forcing periods.
+
+    For `is_friction` see `friction_of`.
+    """
     instants, held = log.instants, log.restarts.held
     size, num_stops = instants.hit.shape
     is_row = (jnp.arange(size) < log.rows)[:, None]
-    is_impact = instants.hit & is_row
-    # The release of a mass thrown off by an impact at the same instant is no event of its own.
-    is_release = instants.released & is_row & ~jnp.any(is_impact, axis=1, keepdims=True)
-    is_event, room = (is_impact | is_release).ravel(), size - 2
+    if instants.switched is not None:
+        is_event, kinds = _switching_events(instants, is_row)
+    else:
+        is_impact = instants.hit & is_row
+        # The release of a mass thrown off by an impact at the same instant is no event of its own.
+        is_release = instants.released & is_row & ~jnp.any(is_impact, axis=1, keepdims=True)
+        is_event, kinds = is_impact | is_release, jnp.where(is_impact, IMPACT, RELEASE)
+    is_event, room = is_event.ravel(), size - 2
     place = jnp.where(is_event, jnp.cumsum(is_event) - 1, room)
 
     def gathered(a: Array, fill: int) -> Int[Array, " events"]:
-        return jnp.full(room, fill).at[place].set(jnp.broadcast_to(a, is_impact.shape).ravel(), mode="drop")
+        return jnp.full(room, fill).at[place].set(jnp.broadcast_to(a, kinds.shape).ravel(), mode="drop")
 
-    kind = gathered(jnp.where(is_impact, IMPACT, RELEASE), NOTHING)
+    kind = gathered(kinds, NOTHING)
     stop = gathered(jnp.arange(num_stops)[None], 0)
     row = gathered(jnp.arange(size)[:, None], 0)
     is_real = kind != NOTHING
     row = jnp.where(is_real, row, log.rows - 1)
     # The outcome of several events at one instant applies after the last.
     is_followed = jnp.append(row[1:] == row[:-1], False) & jnp.append(is_real[1:], False)
-    after = held[jnp.where(is_followed, row - 1, row)]
     times = jnp.where(is_real, instants.time[row] - t0, 0) / period
     flights = jnp.where(is_real, jnp.diff(times, prepend=0), 0)
+    if instants.switched is not None:
+        # The mode at the end of each flight: between events others may take over the load of an element.
+        before, after = instants.switched.before[row], instants.switched.after[row[-1:]]
+        mode = jnp.concatenate([jnp.where(is_real[:, None], before, after), after])
+        mode = jnp.where(is_friction[None] & (mode == HELD), jnp.int8(STICKING), mode)
+        return Sequence(kind, stop, mode), flights
+    after = held[jnp.where(is_followed, row - 1, row)]
     return Sequence(kind, stop, jnp.concatenate([held[:1], after])), flights
+
+
+def _switching_events(
+    instants: Instant, is_row: Bool[Array, "rows 1"]
+) -> tuple[Bool[Array, "rows elements"], Int[Array, "rows elements"]]:
+    """Flags and kinds of the events of a machine with friction or compliant contacts: the zeros of guards."""
+    switched = instants.switched
+    assert switched is not None
+    ended, before, after = (a.astype(int) for a in (switched.ended, switched.before, switched.after))
+    is_zero = (ended > 0) & is_row
+    is_change = is_zero & (instants.hit | switched.turned | (effective(before) != effective(after)))
+    # A zero without effect on its own element passes the load on to others.
+    is_event = jnp.where(jnp.any(is_change, axis=1, keepdims=True), is_change, is_zero)
+    flags = [
+        (instants.released, RELEASE),
+        (switched.closed, CLOSE),
+        (switched.opened, OPEN),
+        (switched.slipped, SLIP),
+        (instants.stuck, STICK),
+        (switched.turned, TURN),
+        (instants.hit, IMPACT),
+    ]
+    kind = jnp.full(ended.shape, LEAVE)
+    for own, number in flags:
+        kind = jnp.where(own, number, kind)
+    return is_event, kind + SECOND * (ended == 2)
 
 
 def is_same_sequence(
@@ -87,16 +180,21 @@ def is_same_sequence(
 def _times_by_stop(
     sequence: Sequence, flights: Float[Array, " events"]
 ) -> Float[Array, "stops_kinds events"]:
-    """Times of the impacts and releases of each stop in order, padded with -1."""
-    times, held = jnp.cumsum(flights), sequence.held
+    """Times of the events of each stop in order, kind by kind, padded with -1."""
+    times, held = jnp.cumsum(flights), held_in(effective(sequence.mode))
     num_stops = held.shape[1]
     is_stick = held[1:] & ~held[:-1]
     next_stick = jax.lax.cummin(jnp.where(is_stick, times[:, None], jnp.inf), reverse=True)
     is_own = sequence.stop[:, None] == jnp.arange(num_stops)[None]
     is_tail = is_own & (next_stick - times[:, None] < _TAIL)
     kinds = [(IMPACT, is_own & ~is_tail), (RELEASE, is_own)]
-    groups = jnp.concatenate([own & (sequence.kind == kind)[:, None] for kind, own in kinds], axis=1)
+    of_event = sequence.kind
+    if sequence.is_switching:
+        of_event = public_kind_of(sequence.kind)
+        kinds += [(kind, is_own & ~is_tail) for kind in (TURN, CLOSE, OPEN)]
+        kinds += [(kind, is_own) for kind in (STICK, SLIP)]
+    groups = jnp.concatenate([own & (of_event == kind)[:, None] for kind, own in kinds], axis=1)
     rank = jnp.where(groups, jnp.cumsum(groups, axis=0) - 1, len(times))
-    rows = jnp.arange(2 * num_stops)
-    empty = jnp.full((2 * num_stops, len(times)), -1.0, times.dtype)
+    rows = jnp.arange(len(kinds) * num_stops)
+    empty = jnp.full((len(kinds) * num_stops, len(times)), -1.0, times.dtype)
     return empty.at[rows, rank].set(jnp.broadcast_to(times[:, None], rank.shape), mode="drop")

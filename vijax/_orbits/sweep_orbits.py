@@ -17,7 +17,7 @@ from .._progress import tqdm
 from .._sections.classify import MOTIONS, classify
 from .._sections.record import dims_of, flattened_points, labelled
 from .._sweep.provenance import machines_of
-from .._system.system import ImpactSystem, refuse_switching
+from .._system.system import ImpactSystem
 from .many import Orbits, lanes_first, search_many
 from .search import StroboscopicMap
 
@@ -62,7 +62,6 @@ def periodic_orbits(
     refuse_single_precision("periodic_orbits", ds.get("x"))
     room = whole_number("max_events", max_events, 1)
     workers = None if executor is None else as_executor(executor)
-    refuse_switching("periodic_orbits", machines_of(ds, [*dims_of(ds)], np.arange(1)))
     kinds = classify(ds)
     num_periods = flattened_points(ds, kinds["num_periods"])
     which = np.flatnonzero(np.isin(flattened_points(ds, kinds["motion"]), _REPEATS) & (num_periods > 0))

@@ -220,7 +220,7 @@ def refuse_switching(who: str, system: ImpactSystem) -> None:
     if system.is_switching:
         raise ValueError(
             f"`{who}` is for machines with rigid contacts alone, but this one has friction or compliant stops: follow it by "
-            "`vx.simulate`, `vx.sweep`, `vx.monodromy_matrix` and `vx.lyapunov_exponents`."
+            "`vx.simulate`, and its orbits by `vx.periodic_orbit`, `vx.monodromy_matrix` and `vx.continuation`."
         )
 
 

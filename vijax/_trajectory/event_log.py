@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._hybrid.limits import EVENT_NAMES, EVENTS, STICK, SWITCHING_EVENTS, EventKind
-from .._hybrid.transition import Instant, Switches
+from .._hybrid.transition import Instant, no_switches
 from .._jax.arrays import UNROLLED, Flag, Reals, Scalar, add_up, append_axes
 from .._jax.concrete import concrete
 from .._jax.xla import is_any
@@ -174,7 +174,7 @@ def empty_log(first: State, t0: Scalar, room: int, *, is_whole: bool, has_impuls
     gap, held = first.gap, first.held
     none, zeros = jnp.zeros_like(held), jnp.zeros_like(gap)
     impulse = zeros if has_impulses else None
-    switched = None if first.mode is None else Switches(none, none, none, none, none)
+    switched = None if first.mode is None else no_switches(first)
     nothing = Instant(none, none, none, zeros, zeros, zeros, jnp.array(False), t0, impulse, switched)
     return Log(
         restarts=Restarts(

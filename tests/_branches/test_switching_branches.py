@@ -1,0 +1,135 @@
+"""Branches of machines with dry friction and compliant stops: their bifurcations, by figures of independent computations."""
+
+import jax
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.optimize
+
+import vijax as vx
+
+# The figures come from a boundary value problem in 30 digits (mpmath); they are printed to 13 digits or more.
+LOCATED = 1e-10
+PATH = "forcing.frequency"
+# Central differences with steps of 1e-5.
+DIFFERENCES = 1e-8
+
+
+def rubbing(frequency: float, force: float | jax.Array = 1.0, static: float | None = None) -> vx.ImpactSystem:
+    """J. P. den Hartog, Trans. ASME 53 (1931): x'' + 0.1 x' + x = 1.5 cos wt - F sgn x'."""
+    load = vx.Harmonic(amplitude=[1.5], frequency=frequency)
+    return vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, friction=[vx.Friction(0, force, static=static)])
+
+
+def cushioned(frequency: float, amplitude: float | jax.Array) -> vx.ImpactSystem:
+    """J. Ing, E. Pavlovskaia & M. Wiercigroch, Nonlinear Dyn. 46 (2006): a mass and a soft stop."""
+    load = vx.Harmonic(amplitude=[amplitude], frequency=frequency)
+    return vx.ImpactSystem([1.0], [[0.02]], [[1.0]], load, [vx.CompliantStop(0, 1.26, "upper", 5.0)])
+
+
+def branch_of(system: vx.ImpactSystem, periods: int, bounds: tuple[float, float]) -> vx.Branch:
+    sol = vx.simulate(system, 0.0, periods * system.forcing.period, throw=False)
+    return vx.continuation(vx.periodic_orbit(system, sol.x1, sol.v1), PATH, bounds, progress=False)
+
+
+def all_are_followed(branch: vx.Branch) -> bool:
+    return bool(branch.points["is_admissible"].all())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("start", "static", "onset"), [(0.8, None, 0.7226791944381), (0.65, 1.1, 0.7486857316306)]
+)
+def test_a_branch_passes_the_onset_of_sticking_from_either_side(start, static, onset):
+    branch = branch_of(rubbing(start, 1.0, static), 60, (0.6, 0.85))
+    assert branch.ends == ("bounds", "bounds")
+    (point,) = branch.bifurcations
+    assert point.kind == "crossing_sliding"
+    assert point.value == pytest.approx(onset, rel=LOCATED)
+    assert all_are_followed(branch)
+    sticks = np.count_nonzero(branch.points["event_kind"] == vx.STICK, axis=1)
+    np.testing.assert_array_equal(sticks[branch.values < onset - 1e-6], 2)
+    np.testing.assert_array_equal(sticks[branch.values > onset + 1e-6], 0)
+
+
+def overshoot(frequency: float) -> float:
+    """How far a mass slides that leaves a rest at -0.5, beyond 0.5."""
+    begin = -np.arccos(0.5 / 1.5)  # there the load on it is the friction force
+
+    def rate(t: float, y: np.ndarray) -> list[float]:
+        return [y[1], 1.5 * np.cos(frequency * t + begin) - 1.0 - 0.1 * y[1] - y[0]]
+
+    def stops(t: float, y: np.ndarray) -> float:
+        return y[1]
+
+    stops.terminal, stops.direction = True, -1
+    sol = scipy.integrate.solve_ivp(
+        rate, (0, 60), [-0.5, 0.0], "DOP853", events=stops, rtol=1e-12, atol=1e-14
+    )
+    return float(sol.y_events[0][0][0]) - 0.5
+
+
+@pytest.mark.slow
+def test_a_stick_is_split_where_the_load_at_its_peak_moves_the_mass():
+    (point,) = branch_of(rubbing(0.16), 30, (0.14, 0.17)).bifurcations
+    assert point.kind == "adding_sliding"
+    split = scipy.optimize.brentq(overshoot, 0.14, 0.15, xtol=1e-14)
+    assert point.value == pytest.approx(split, rel=LOCATED)
+
+
+@pytest.mark.slow
+def test_a_vibration_on_a_belt_begins_to_stick_where_its_velocity_reaches_that_of_the_belt():
+    frequency, velocity = 0.8, 0.5
+    load = vx.Harmonic(amplitude=[0.2], frequency=frequency)
+    belt = vx.Friction(0, 0.1, velocity=velocity)
+    system = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, friction=[belt])
+    bounds = 0.2, 0.26
+    orbit = vx.periodic_orbit(system, [0.4], [0.0])
+    branch = vx.continuation(orbit, "forcing.amplitude[0]", bounds, progress=False)
+    back = vx.continuation(branch.orbit(len(branch) - 1), "forcing.amplitude[0]", bounds, progress=False)
+    reached = velocity * np.hypot(1 - frequency**2, 0.1 * frequency) / frequency
+    for one in (branch, back):
+        grazing, switching = one.bifurcations
+        assert grazing.kind == "grazing_sliding"
+        assert grazing.value == pytest.approx(reached, rel=LOCATED)
+        assert switching.kind == "switching_sliding"
+        assert switching.value == pytest.approx(branch.bifurcations[1].value, rel=LOCATED)
+        assert all_are_followed(one)
+
+
+@pytest.mark.slow
+def test_the_onset_of_sticking_is_a_differentiable_function_of_the_machine():
+    (point,) = branch_of(rubbing(0.8), 60, (0.65, 0.85)).bifurcations
+    onset = lambda force: vx.bifurcation_value(point, rubbing(0.8, force))  # noqa: E731
+    assert float(onset(1.0)) == pytest.approx(0.7226791944381, rel=LOCATED)
+    step = 1e-5
+    difference = (onset(1.0 + step) - onset(1.0 - step)) / (2 * step)
+    assert float(jax.grad(onset)(1.0)) == pytest.approx(float(difference), rel=DIFFERENCES)
+
+
+@pytest.mark.slow
+def test_a_vibration_that_touches_a_compliant_stop_goes_on_in_contact_and_back():
+    touch = 0.801928106593235
+    amplitude = 0.7 * touch**2
+    branch = branch_of(cushioned(0.79, amplitude), 400, (0.785, 0.803))
+    (point,) = branch.bifurcations
+    assert point.kind == "gr"
+    assert point.value == pytest.approx(touch, rel=LOCATED)
+    assert all_are_followed(branch)
+    closes = np.count_nonzero(branch.points["event_kind"] == vx.CLOSE, axis=1)
+    np.testing.assert_array_equal(closes[branch.values > touch + 1e-6], 1)
+    back = vx.continuation(branch.orbit(len(branch) - 1), PATH, (0.785, 0.803), progress=False)
+    (same,) = back.bifurcations
+    assert (same.kind, same.value) == ("gr", pytest.approx(touch, rel=LOCATED))
+    # The vibration without contact is exact: (1 - w^2)^2 + c^2 w^2 = (A / 1.26)^2.
+    by_amplitude = (2 * amplitude / 1.26**2) / (-4 * touch * (1 - touch**2) + 2 * 0.02**2 * touch)
+    value = lambda amplitude: vx.bifurcation_value(point, cushioned(0.79, amplitude))  # noqa: E731
+    assert float(jax.grad(value)(amplitude)) == pytest.approx(by_amplitude, rel=LOCATED)
+
+
+@pytest.mark.slow
+def test_the_period_of_a_vibration_with_one_contact_doubles():
+    doubling = 0.8182308098822
+    branch = branch_of(cushioned(0.83, 0.7 * doubling**2), 400, (0.81, 0.85))
+    values = [point.value for point in branch.bifurcations if point.kind == "pd"]
+    assert min(abs(np.array(values) - doubling)) < LOCATED

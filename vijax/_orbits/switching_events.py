@@ -1,0 +1,146 @@
+"""Events of cycles of machines with friction or compliant contacts: guards and resets as `_hybrid` has them."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .._hybrid.friction_chatter import complete_chatter
+from .._hybrid.friction_limits import GRIP_AHEAD, GRIP_BEHIND, sliding_velocity
+from .._hybrid.guards import select_active
+from .._hybrid.law import rebound
+from .._hybrid.limits import CLOSE, IMPACT, OPEN, SLIP, STICK, TURN
+from .._hybrid.switching_resets import Zeros, logged
+from .._hybrid.transition import Instant, no_switches
+from .._jax.arrays import Scalar
+from .._machine.derivatives import rates
+from .._machine.machine import Machine
+from .._machine.state import AHEAD, HELD, State, laws_as_numbers, with_laws
+from .._machine.switching import FRICTION
+from .sequence import LEAVE, NOTHING, SECOND, Sequence, effective, held_in
+
+
+class SwitchedEnd(NamedTuple):
+    """End of a flight of a machine with friction or compliant contacts, and the state after its event.
+
+    Attributes:
+        value: of the guard that vanishes.
+        speed: at which it vanishes: of approach to a contact, or of the change of a sliding velocity over a radian of the
+            load; at a turn the force beyond the grip if friction stuck; 0 for guards of forces.
+        x: positions after the event, (n,).
+        v: velocities after it, (n,).
+        gap: gaps after it, (contacts,).
+    """
+
+    value: Scalar
+    speed: Scalar
+    x: Float[Array, " n"]
+    v: Float[Array, " n"]
+    gap: Float[Array, " contacts"]
+
+
+def is_second(kind: Int[Array, ""]) -> Bool[Array, ""]:
+    """True for events at which the second guard of an element vanishes."""
+    return kind >= SECOND
+
+
+def switched_end(
+    machine: Machine,
+    end: State,
+    gap: Float[Array, " contacts"],
+    event: tuple[Int[Array, ""], Int[Array, ""]],
+    after: Int[Array, " contacts"],
+) -> SwitchedEnd:
+    """Value of the guard at the end of a flight, and the state after the event there.
+
+    Args:
+        machine: the machine.
+        end: the end of the flight, in the mode of the flight, with gaps from the positions.
+        gap: gaps accumulated since the last contact.
+        event: kind and element.
+        after: what the elements do after the event.
+    """
+    kind, element = event
+    contacts, here = machine.contacts, machine.in_mode(end)
+    counted, hold = eqx.tree_at(lambda s: s.gap, end, gap), here.hold(end.held)
+    at_event = jnp.arange(contacts.num) == element
+    is_friction = contacts.are(FRICTION)
+    both = jnp.concatenate([at_event & ~is_second(kind), at_event & is_second(kind)])
+    read = lambda of_guards: jnp.sum(jnp.where(both, of_guards, 0))  # noqa: E731
+    value = read(select_active(here, counted, lambda limit: limit.value(here, counted, hold)))
+    now = rates(here, counted, hold)
+    slope = read(select_active(here, counted, lambda limit: limit.slope(here, counted, hold, now)))
+    of_motion = at_event & ~is_second(kind) & ~end.held
+    speed = -slope / jnp.where(jnp.any(is_friction & at_event), machine.frequency, 1)
+    hit = at_event & (kind == IMPACT)
+    x, v = after_event(machine, end, hit, after)
+    moved = contacts.gap_moved(gap, of_motion & ~is_friction, x - end.x)
+    gap = jnp.where((after == HELD) & ~is_friction, 0, jnp.where(is_friction, 1, moved))
+    speed = jnp.where((kind != NOTHING) & jnp.any(of_motion), speed, 0)
+    speed = jnp.where(kind == TURN, _push_beyond_grip(machine, end, at_event, after), speed)
+    return SwitchedEnd(value, speed, x, v, gap)
+
+
+def _push_beyond_grip(
+    machine: Machine, end: State, at_event: Bool[Array, " contacts"], after: Int[Array, " contacts"]
+) -> Scalar:
+    """Force by which friction at a turn would exceed its grip if it stuck, positive where it does not stick."""
+    numbers = jnp.where(end.held, HELD, jnp.where(at_event, HELD, laws_as_numbers(end)))
+    stuck = with_laws(end, numbers)
+    here = machine.in_mode(stuck)
+    hold = here.hold(stuck.held)
+    ahead, behind = (limit.value(here, stuck, hold) for limit in (GRIP_AHEAD, GRIP_BEHIND))
+    return -jnp.sum(jnp.where(at_event, jnp.where(after == AHEAD, ahead, behind), 0))
+
+
+def leading_zeros_of(sequence: Sequence) -> Int[Array, " events"]:
+    """Number of zeros that the guard at the end of a flight has at its beginning, where the event before set it to zero.
+
+    The residual is the guard divided by as many durations, so that a flight of no duration is a regular solution only
+    where it is a limit of others.
+    """
+    kind, stop = sequence.kind, sequence.stop
+    before, own = jnp.roll(kind, 1), (stop == jnp.roll(stop, 1)) & (jnp.arange(len(kind)) > 0)
+    is_among = lambda kind, kinds: jnp.any(kind[:, None] == jnp.array(kinds)[None], axis=1)  # noqa: E731
+    is_motion = own & is_among(kind, (OPEN, CLOSE, STICK, TURN, LEAVE))
+    order = jnp.where(is_among(before, (OPEN, CLOSE, TURN)), 1, jnp.where(before % SECOND == SLIP, 2, 0))
+    return jnp.where(is_motion & (before != NOTHING), order, 0)
+
+
+def after_event(
+    machine: Machine, end: State, hit: Bool[Array, " contacts"], after: Int[Array, " contacts"]
+) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """Positions and velocities after an impact, if one happens, and after the elements that then hold came to rest."""
+    contacts = machine.contacts
+    stays = (end.held | end.is_kept_closed) & (effective(after) == HELD)
+    x, v = rebound(machine, end, hit, stays & contacts.is_rigid)
+    return x, contacts.without_speeds(v, held_in(after), end.phase)
+
+
+def switched_instant(
+    machine: Machine,
+    end: State,
+    event: tuple[Int[Array, ""], Int[Array, ""]],
+    after: Int[Array, " contacts"],
+    time: Scalar,
+) -> Instant:
+    """What the log has of an event."""
+    kind, element = event
+    contacts = machine.contacts
+    at_event = (jnp.arange(contacts.num) == element) & (kind != NOTHING)
+    hit = at_event & (kind == IMPACT)
+    speed, none, zeros = sliding_velocity(machine, end), jnp.zeros_like(hit), jnp.zeros_like(end.gap)
+    x, v = rebound(machine, end, hit, (end.held | end.is_kept_closed) & (effective(after) == HELD))
+    struck = eqx.tree_at(lambda s: (s.x, s.v), end, (x, v))
+    now = sliding_velocity(machine, struck)
+    plus = jnp.where(hit, now, speed)
+    # An impact may turn friction of the same mass.
+    direction = jnp.where(end.mode.direction != 0, jnp.sign(now), 0).astype(jnp.int8)
+    struck = eqx.tree_at(lambda s: s.mode.direction, struck, direction)
+    impulse = jnp.where(hit, contacts.impulses(end.v - v), 0)
+    instant = Instant(hit, none, none, speed, plus, zeros, jnp.array(False), time, impulse, no_switches(end))
+    duration = jax.lax.stop_gradient(complete_chatter(machine, struck, instant).duration)
+    zero = Zeros(at_event & ~is_second(kind), at_event & is_second(kind))
+    return logged(machine, end, with_laws(struck, after), instant, zero, duration)
