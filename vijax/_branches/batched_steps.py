@@ -36,8 +36,22 @@ _TURNED, _PLANNED, _NARROWEST = 0.6, 0.4, 1e-6
 _REAL = 1e-9
 
 
+class Tried(NamedTuple):
+    """A step that is resolved, but not plain.
+
+    Attributes:
+        point: the point at its end.
+        motion: motion of the machine started there, if it was simulated.
+    """
+
+    point: BranchPoint
+    motion: SimulatedMotion | None
+
+
 class PlainSteps(NamedTuple):
-    """Request for plain steps; the answer is the last point and the length of the next step.
+    """Request for plain steps.
+
+    The answer is the last point, the length of the next step, and this step itself if it was tried, or None.
 
     Attributes:
         walk: receives the points.
