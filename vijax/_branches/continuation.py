@@ -17,7 +17,7 @@ from .follow import follow_branch
 from .parameter_family import Family
 from .point import BranchPoint, DirectedBranch
 from .scheduler import drive
-from .starts import Start, family_of, points_of, refuse_start, starting_orbits
+from .starts import Start, families_of, points_of, refuse_start, starting_orbits
 
 
 @overload
@@ -113,7 +113,7 @@ def follow_branches(
     """Branches of several orbits, followed as a batch; with `leaves_out`, None for a start that gives no branch."""
     low, high = _two_numbers(bounds)
     most = whole_number("max_points", max_points, 1)
-    families = [family_of(start, path, low, high) for start in starts]
+    families = families_of(starts, path, low, high)
     for family in families[:1]:  # the same values are valid for the others
         for value in (low, high):
             set_parameter(jax.tree.map(jnp.asarray, family.system), path, value)

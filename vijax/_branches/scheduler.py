@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from .._jax.packing import Packed, pack
-from .._jax.xla import jit_lightly
+from .._jax.xla import jit_for_lanes, jit_lightly
 from .._orbits.sequence import NOTHING, Sequence
 from .batched_steps import (
     SHORTEST,
@@ -16,7 +16,7 @@ from .batched_steps import (
     PlainSteps,
     StepState,
     Tried,
-    batch_row_of,
+    batch_rows_of,
     follows_cycle,
     inner_products,
     is_accepted,
@@ -33,6 +33,7 @@ from .kernels import (
     KernelCall,
     SimulatedMotion,
     corrected_cycle,
+    corrected_cycles,
     padded,
     room_for,
     simulate_motion,
@@ -99,11 +100,13 @@ def _room_for(program: Callable | None, sequence: Sequence) -> int:
 
 
 class _Stock:
-    """Stacked families of one tree structure and shapes."""
+    """Stacked families of one tree structure and shapes; several tasks may share one."""
 
     def __init__(self, families: dict[int, Family]):
-        self.rows = pack(_stack(list(families.values())), has_rows=True)
-        self.place = {k: row for row, k in enumerate(families)}
+        own = {id(family): family for family in families.values()}
+        self.rows = pack(_stack(list(own.values())), has_rows=True)
+        rows = {one: row for row, one in enumerate(own)}
+        self.place = {k: rows[id(family)] for k, family in families.items()}
 
     def of(self, tasks: Many[int]) -> Packed:
         """Families of some tasks."""
@@ -175,7 +178,9 @@ class _PlainStepBatch:
         is_full = np.array([requests.walk.is_full for _, requests in self.members])
         is_left = (sound & ~taken) | (ds < SHORTEST) | is_full
         tried = {
-            k: Tried(PlainPoint(self.points[k].sequence, rows, int(k), arc[k] + ds[k]).alone(), motions.get(k))
+            k: Tried(
+                PlainPoint(self.points[k].sequence, rows, int(k), arc[k] + ds[k]).alone(), motions.get(k)
+            )
             for k in np.flatnonzero(is_left & sound & ~taken)
         }
         return self._moved_on(known, ways._replace(ds=ds, arc=arc), is_left, tried)
@@ -188,7 +193,11 @@ class _PlainStepBatch:
         if not which.size:
             return plain, {}
         sequences, places = _taken((known.sequence, new.place), which)
-        room = max(self.room, ROOM_OF_SIMULATION) if _size_for(simulate_motion, len(which)) == _FEW else self.room
+        room = (
+            max(self.room, ROOM_OF_SIMULATION)
+            if _size_for(simulate_motion, len(which)) == _FEW
+            else self.room
+        )
         sequences, places = _widened(sequences, places, room)
         own_start = np.full_like(places.z, np.nan)
         motions: SimulatedMotion = _call(
@@ -203,7 +212,7 @@ class _PlainStepBatch:
         """Append the new branches to the batch."""
         if not self.new:
             return
-        rows = _stack([batch_row_of(requests) for _, requests in self.new])
+        rows = batch_rows_of([requests for _, requests in self.new])
         self.state = jax.tree.map(lambda *a: np.concatenate(a), self.state, rows) if self.members else rows
         self.members += self.new
         self.points += [requests.point for _, requests in self.new]
@@ -227,9 +236,7 @@ class _PlainStepBatch:
         """Store the new state of the batch, remove the branches that leave it, and return their answers."""
         gone = np.flatnonzero(is_left)
         alone = lambda point: point.alone() if isinstance(point, PlainPoint) else point  # noqa: E731
-        left = {
-            self.members[k][0]: (alone(self.points[k]), float(ways.ds[k]), tried.get(k)) for k in gone
-        }
+        left = {self.members[k][0]: (alone(self.points[k]), float(ways.ds[k]), tried.get(k)) for k in gone}
         self.state = known, ways
         if left:
             order = np.delete(np.arange(len(self.members)), gone)
@@ -242,16 +249,20 @@ class _PlainStepBatch:
 def _stocked(families: Many[Family]) -> tuple[list[Hashable], dict[Hashable, _Stock]]:
     """Make (tree structure and shapes) of each family, and the stacked families of each make."""
     members: dict[Hashable, dict[int, Family]] = {}
-    makes = []
+    makes, known = [], {}
     for k, family in enumerate(families):
-        leaves, structure = jax.tree.flatten(family)
-        makes.append((structure, *(np.shape(a) for a in leaves)))
+        if id(family) not in known:
+            leaves, structure = jax.tree.flatten(family)
+            known[id(family)] = (structure, *(np.shape(a) for a in leaves))
+        makes.append(known[id(family)])
         members.setdefault(makes[-1], {})[k] = family
     return makes, {make: _Stock(own) for make, own in members.items()}
 
 
 # Kernels that were made for the larger batches in this process.
 _made: set[Callable] = set()
+# Forms of kernels for the larger batches.
+_OF_MANY: dict[Callable, Callable] = {corrected_cycle: corrected_cycles}
 
 
 def _size_for(program: Callable, num: int) -> int:
@@ -265,16 +276,19 @@ def _call(program: Callable, families: Packed, rows: Any) -> Packed:
     size = _size_for(program, num)
     if size == _MANY:
         _made.add(program)
+    run = _compiled(_OF_MANY[program]) if size == _MANY and program in _OF_MANY else _compiled_by_row(program)
     # The last batch is filled up with its last row.
     parts = [np.minimum(np.arange(k, k + size), num - 1) for k in range(0, num, size)]
-    found = [_compiled(program)(families.at(part), arguments.at(part)).in_numpy() for part in parts]
-    reals, wholes = (np.concatenate(own)[:num] for own in zip(*((a.reals, a.wholes) for a in found), strict=True))
+    found = [run(families.at(part), arguments.at(part)).in_numpy() for part in parts]
+    reals, wholes = (
+        np.concatenate(own)[:num] for own in zip(*((a.reals, a.wholes) for a in found), strict=True)
+    )
     return Packed(reals, wholes, found[0].layout)
 
 
 @cache
-def _compiled(program: Callable) -> Callable:
-    """A compiled kernel of packed rows."""
+def _compiled_by_row(program: Callable) -> Callable:
+    """A compiled kernel of packed rows, batched by `vmap`."""
 
     def of_rows(families: Packed, arguments: Packed) -> Packed:
         def of_row(family: Packed, arguments: Packed) -> Packed:
@@ -284,6 +298,17 @@ def _compiled(program: Callable) -> Callable:
 
     of_rows.__name__ = program.__name__  # its name in profiles
     return jit_lightly(of_rows, name=(program.__module__, program.__qualname__))
+
+
+@cache
+def _compiled(program: Callable) -> Callable:
+    """A compiled kernel of packed rows that is itself one of many."""
+
+    def of_rows(families: Packed, arguments: Packed) -> Packed:
+        return pack(program(families.unpacked(), *arguments.unpacked()), has_rows=True)
+
+    of_rows.__name__ = program.__name__
+    return jit_for_lanes(of_rows, name=(program.__module__, program.__qualname__))
 
 
 def _stack(trees: list) -> Any:
