@@ -298,10 +298,10 @@ def _log(numbers, flow, sequence, unknowns, num_periods, phase, *, room):
 
 def cycle_of(point: Bifurcation, scale: np.ndarray, p: float) -> tuple[Sequence, ExtendedCycle]:
     """Sequence and extended cycle of a bifurcation, its state divided by `scale`, its parameter set to `p`."""
-    at = point.branch.points.isel(point=point.index)
-    num_events = int(np.count_nonzero(at["event_kind"].values >= 0))
-    events = slice(num_events)
-    sequence = Sequence(
-        at["event_kind"].values[events], at["event_stop"].values[events], at["held"].values[: num_events + 1]
+    points, k = point.branch.points, point.index
+    kind, stop, held, start, flight = (
+        points[name].values[k] for name in ("event_kind", "event_stop", "held", "start", "flight")
     )
-    return sequence, ExtendedCycle(at["start"].values / scale, at["flight"].values[events], np.asarray(p))
+    num_events = int(np.count_nonzero(kind >= 0))
+    sequence = Sequence(kind[:num_events], stop[:num_events], held[: num_events + 1])
+    return sequence, ExtendedCycle(start / scale, flight[:num_events], np.asarray(p))
