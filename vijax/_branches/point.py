@@ -121,7 +121,7 @@ class Budget:
         is_spent: True once none is; checked between steps, each of which adds a point to every branch.
     """
 
-    points: float = np.inf
+    points: int | float = np.inf
     is_spent: bool = False
 
 

@@ -178,8 +178,8 @@ class _PlainStepBatch:
         is_full = np.array([requests.walk.is_full for _, requests in self.members])
         is_left = (sound & ~taken) | (ds < SHORTEST) | is_full
         tried = {
-            k: Tried(
-                PlainPoint(self.points[k].sequence, rows, int(k), arc[k] + ds[k]).alone(), motions.get(k)
+            int(k): Tried(
+                PlainPoint(self.points[k].sequence, rows, int(k), arc[k] + ds[k]).alone(), motions.get(int(k))
             )
             for k in np.flatnonzero(is_left & sound & ~taken)
         }
