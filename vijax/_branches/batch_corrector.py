@@ -381,7 +381,7 @@ def _along(one: ExtendedCycle, other: ExtendedCycle) -> Array:
     return jnp.sum(one.z * other.z, axis=0) + jnp.sum(one.flights * other.flights, axis=0) + one.p * other.p
 
 
-def _at(tree: Any, k: Array) -> Any:
+def _at(tree: Any, k: Array | int) -> Any:
     return jax.tree.map(lambda a: a[k], tree)
 
 

@@ -8,6 +8,8 @@ import numpy as np
 # `_ROUNDING`: of the argument, which is a length in units of the size of a cycle.
 # `_MOST`: largest number of trials.
 _TOLERANCE, _ROUNDING, _MOST = 4e-15, 5e-16, 60
+# `_FLAT`: value, relative to that at the first end, too small for a trial that is `_FAR` from both ends.
+_FLAT, _FAR = 1e-11, 1e-6
 # `_QUADRATIC`: Newton step behind which the next trial is exact to rounding.
 _QUADRATIC = 1e-9
 
@@ -71,11 +73,14 @@ class SlopedBracket(NamedTuple):
         ends: the two ends, each as argument, value and slope; at the first the value is positive.
         next: the next trial; None once the zero is found or the trials are used up.
         trials: number of trials so far.
+        is_flat: True if the function is zero over a whole interval, as where the minimum of a gap becomes an impact:
+            no slope tells where that interval begins.
     """
 
     ends: tuple[tuple[float, float, float], tuple[float, float, float]]
     next: float | None
     trials: int
+    is_flat: bool = False
 
     @classmethod
     def between(
@@ -88,6 +93,8 @@ class SlopedBracket(NamedTuple):
         """Bracket with the value and the slope at its next trial: by Newton's method from there, if that stays inside."""
         s, trials = float(self.next or 0), self.trials + 1
         here, (low, high) = (s, value, slope), self.ends
+        if abs(value) < _FLAT * low[1] and min(abs(s - low[0]), abs(s - high[0])) > _FAR:
+            return self._replace(next=None, is_flat=True)
         low, high = (here, high) if value > 0 else (low, here)
         newton = s - value / slope if slope else np.nan
         length, before = abs(high[0] - low[0]), abs(self.ends[1][0] - self.ends[0][0])

@@ -9,7 +9,15 @@ from .kernels import CorrectedCycle
 from .kinds import End, Kind
 from .point import BranchEnd, BranchPoint, DirectedBranch, KernelRequests, between, on_plane
 from .singular import branch_point, end_of_doubled
-from .test_functions import CLOSE, TESTS_OF_NEIGHBOURS, TestFunction, is_crossed, num_on_circle, num_unstable
+from .test_functions import (
+    CLOSE,
+    OF_STOPS,
+    TESTS_OF_NEIGHBOURS,
+    TestFunction,
+    is_crossed,
+    num_on_circle,
+    num_unstable,
+)
 
 # Distance of the point just before a change of the sequence.
 _OFF = 1e-7
@@ -26,7 +34,9 @@ def first_event(point: BranchPoint, new: BranchPoint, met: list[TestFunction]) -
         BranchEnd: if no zero of a test function is there, where several change sign.
     """
     first, before = None, new
-    for test in sorted(met, key=lambda test: _share(test.of(point.seen), test.of(new.seen))):
+    # Where an impact loses its speed a least gap vanishes as well, over a whole interval: the impact is the event.
+    order = lambda test: (test.kind in OF_STOPS, _share(test.of(point.seen), test.of(new.seen)))  # noqa: E731
+    for test in sorted(met, key=order):
         if test.of(before.seen) <= 0:  # else it comes after the first so far, or with it
             event = yield from locate(point, before, test)
             # The functions of other events may jump behind the first.
@@ -52,7 +62,8 @@ def locate(point: BranchPoint, new: BranchPoint, test: TestFunction) -> KernelRe
             while (s := sloped.next) is not None:
                 best = yield from at(s)
                 sloped = sloped.narrowed(test.of(best.seen), _slope(test, point, best))
-            return best
+            if not sloped.is_flat:
+                return best
     bracket = Bracket.between(test.of(point.seen), test.of(new.seen), length)
     best = new
     while (s := next_trial(bracket)) is not None:

@@ -178,10 +178,8 @@ class _PlainStepBatch:
         is_full = np.array([requests.walk.is_full for _, requests in self.members])
         is_left = (sound & ~taken) | (ds < SHORTEST) | is_full
         tried = {
-            int(k): Tried(
-                PlainPoint(self.points[k].sequence, rows, int(k), arc[k] + ds[k]).alone(), motions.get(int(k))
-            )
-            for k in np.flatnonzero(is_left & sound & ~taken)
+            k: Tried(PlainPoint(self.points[k].sequence, rows, k, arc[k] + ds[k]).alone(), motions.get(k))
+            for k in map(int, np.flatnonzero(is_left & sound & ~taken))
         }
         return self._moved_on(known, ways._replace(ds=ds, arc=arc), is_left, tried)
 
@@ -203,7 +201,8 @@ class _PlainStepBatch:
         motions: SimulatedMotion = _call(
             simulate_motion, families.at(which), (sequences, places, own_start)
         ).unpacked()
-        follows = follows_cycle(*_taken((known, seen), which), motions)
+        known, seen = _taken((known, seen), which)
+        follows = follows_cycle(known, seen, motions)
         taken = plain.copy()
         taken[which] = follows
         return taken, {int(which[k]): _taken(motions, k) for k in np.flatnonzero(~follows)}
@@ -236,7 +235,9 @@ class _PlainStepBatch:
         """Store the new state of the batch, remove the branches that leave it, and return their answers."""
         gone = np.flatnonzero(is_left)
         alone = lambda point: point.alone() if isinstance(point, PlainPoint) else point  # noqa: E731
-        left = {self.members[k][0]: (alone(self.points[k]), float(ways.ds[k]), tried.get(k)) for k in gone}
+        left = {
+            self.members[k][0]: (alone(self.points[k]), float(ways.ds[k]), tried.get(int(k))) for k in gone
+        }
         self.state = known, ways
         if left:
             order = np.delete(np.arange(len(self.members)), gone)

@@ -87,8 +87,8 @@ def is_crossed(before: Any, after: Any) -> Any:
     return (before * after < 0) & (np.maximum(np.abs(before), np.abs(after)) > _NOTHING)
 
 
-# Quantities of each stop that vanish at an event.
-_OF_STOPS = {"gap": Kind.TOUCH, "force": Kind.FORCE_ZERO, "rise": Kind.ONSET}
+# Kinds of events at which the least value of a quantity of a stop vanishes, and these quantities.
+OF_STOPS: dict[str, str] = {Kind.TOUCH: "gap", Kind.FORCE_ZERO: "force", Kind.ONSET: "rise"}
 
 
 def tests_of(sequence: Sequence) -> list[TestFunction]:
@@ -115,7 +115,7 @@ def tests_of(sequence: Sequence) -> list[TestFunction]:
                 )
             )
     for j in range(sequence.held.shape[1]):
-        for name, kind in _OF_STOPS.items():
+        for kind, name in OF_STOPS.items():
             found.append(
                 TestFunction(
                     kind,
