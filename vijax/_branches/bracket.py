@@ -8,10 +8,14 @@ import numpy as np
 # `_ROUNDING`: of the argument, which is a length in units of the size of a cycle.
 # `_MOST`: largest number of trials.
 _TOLERANCE, _ROUNDING, _MOST = 4e-15, 5e-16, 60
-# `_FLAT`: value, relative to that at the first end, too small for a trial that is `_FAR` from both ends.
-_FLAT, _FAR = 1e-11, 1e-6
+# `_FLAT`: value of a zero, relative to that at the end before it.
+# `_LEVEL`: change by the slope on the way from there, likewise, of a function that is zero around it.
+_FLAT, _LEVEL = 1e-11, 1e-3
 # `_QUADRATIC`: Newton step behind which the next trial is exact to rounding.
 _QUADRATIC = 1e-9
+# `_SMOOTH`: trials after which a bracket of a smooth function has shrunk by half in each.
+# `_ON_CUBIC`: Newton steps on a cubic.
+_SMOOTH, _ON_CUBIC = 3, 6
 
 
 class Bracket(NamedTuple):
@@ -93,7 +97,7 @@ class SlopedBracket(NamedTuple):
         """Bracket with the value and the slope at its next trial: by Newton's method from there, if that stays inside."""
         s, trials = float(self.next or 0), self.trials + 1
         here, (low, high) = (s, value, slope), self.ends
-        if abs(value) < _FLAT * low[1] and min(abs(s - low[0]), abs(s - high[0])) > _FAR:
+        if abs(value) < _FLAT * low[1] and abs(slope * (s - low[0])) < _LEVEL * low[1]:
             return self._replace(next=None, is_flat=True)
         low, high = (here, high) if value > 0 else (low, here)
         newton = s - value / slope if slope else np.nan
@@ -109,10 +113,6 @@ class SlopedBracket(NamedTuple):
         # A bracket that hardly shrinks, as where the function is no smooth one, is halved.
         is_slow = trials > _SMOOTH and length > before / 2
         return SlopedBracket((low, high), middle if is_slow else trial, trials)
-
-
-# Trials after which a bracket must have shrunk.
-_SMOOTH = 3
 
 
 def _on_cubic(low: tuple[float, float, float], high: tuple[float, float, float]) -> float:
@@ -131,7 +131,3 @@ def _on_cubic(low: tuple[float, float, float], high: tuple[float, float, float])
             return float(chord)
         x = new
     return float(a + h * x)
-
-
-# Newton steps on a cubic.
-_ON_CUBIC = 6
