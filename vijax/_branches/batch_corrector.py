@@ -84,18 +84,22 @@ class _Kept(NamedTuple):
 
 
 # Most masses of a machine for which all is written out: compilation takes 2 ms an operation.
-_MOST_MASSES = 4
+_MOST_MASSES = 3
 
 
 def can_correct_many(families: Family) -> bool:
-    """True if the flow of families, along the first axis, and the number of masses allow `correct_many`."""
+    """True if `correct_many` may be taken for families, along the first axis: by their flow and number of masses."""
     return isinstance(families.flow, ModalFlow) and families.scale.shape[-1] <= 2 * _MOST_MASSES
 
 
 def correct_many(
     family: Family, sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: Array
 ) -> Corrected:
-    """`correct` of many cycles; all arrays have the lanes as their last axis."""
+    """`correct` of many cycles; all arrays have the lanes as their last axis.
+
+    Raises:
+        NotImplementedError: if a law of the machine is made of what `lanes_last` does not know.
+    """
     count = jnp.sum(sequence.is_event, axis=0)
     begin, past_event = _pruned(family, sequence, guess)
 

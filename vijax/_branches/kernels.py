@@ -81,8 +81,11 @@ def corrected_cycles(
     given = families, sequences, guesses, weights, targets
     if not can_correct_many(families):
         return jax.vmap(corrected_cycle)(*given)
-    found = jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), given)
-    found = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), correct_many(*found))
+    try:
+        found = correct_many(*jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), given))
+    except NotImplementedError:  # a law of restitution may be made of anything
+        return jax.vmap(corrected_cycle)(*given)
+    found = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), found)
 
     def seen(family: Family, sequence: Sequence, guess: ExtendedCycle, found: Corrected) -> CorrectedCycle:
         place = jax.tree.map(lambda a, b: jnp.where(found.is_converged, a, b), found.place, guess)

@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from .._jax.packing import Packed, pack
+from .._jax.packing import Layout, Packed, pack
 from .._jax.xla import jit_for_lanes, jit_lightly
 from .._orbits.sequence import NOTHING, Sequence
 from .batched_steps import (
@@ -163,7 +163,7 @@ class _PlainStepBatch:
         known, ways = self.state
         families = self._families()
         guess, weights, targets = predictions(known, ways.ds)
-        rows = _call(corrected_cycle, families, (known.sequence, guess, weights, targets))
+        rows = _call(corrected_cycle, families, (known.sequence, guess, weights, targets), is_long=True)
         seen: CorrectedCycle = rows.unpacked()
         new = step_state_of(known.sequence, seen.found.place, seen)
         sound = is_accepted(seen.found, inner_products(new.tangent, known.tangent), ways.ds)
@@ -191,16 +191,11 @@ class _PlainStepBatch:
         if not which.size:
             return plain, {}
         sequences, places = _taken((known.sequence, new.place), which)
-        room = (
-            max(self.room, ROOM_OF_SIMULATION)
-            if _size_for(simulate_motion, len(which)) == _FEW
-            else self.room
-        )
-        sequences, places = _widened(sequences, places, room)
+        families = families.at(which)
+        if _size_for(simulate_motion, families) == _FEW:
+            sequences, places = _widened(sequences, places, max(self.room, ROOM_OF_SIMULATION))
         own_start = np.full_like(places.z, np.nan)
-        motions: SimulatedMotion = _call(
-            simulate_motion, families.at(which), (sequences, places, own_start)
-        ).unpacked()
+        motions: SimulatedMotion = _call(simulate_motion, families, (sequences, places, own_start)).unpacked()
         known, seen = _taken((known, seen), which)
         follows = follows_cycle(known, seen, motions)
         taken = plain.copy()
@@ -260,24 +255,33 @@ def _stocked(families: Many[Family]) -> tuple[list[Hashable], dict[Hashable, _St
     return makes, {make: _Stock(own) for make, own in members.items()}
 
 
-# Kernels that were made for the larger batches in this process.
-_made: set[Callable] = set()
-# Forms of kernels for the larger batches.
+# Kernels, with the layout of families, for which the larger batches were compiled in this process.
+_made: set[tuple[Callable, Layout]] = set()
+# Forms of kernels for very many branches; to compile them takes twice as long.
 _OF_MANY: dict[Callable, Callable] = {corrected_cycle: corrected_cycles}
+# `_VERY_MANY`: fewest branches for which these are compiled, and then taken for the same layouts.
+_VERY_MANY, _written_out = 256, set[tuple[Callable, Layout, Layout]]()
 
 
-def _size_for(program: Callable, num: int) -> int:
-    """Batch size in which a number of requests for a kernel is answered."""
-    return _MANY if num >= (_CHEAPER if program in _made else _WORTH_IT) else _FEW
+def _size_for(program: Callable, families: Packed) -> int:
+    """Batch size in which requests for a kernel are answered, one for each family."""
+    least = _CHEAPER if (program, families.layout) in _made else _WORTH_IT
+    return _MANY if len(families.reals) >= least else _FEW
 
 
-def _call(program: Callable, families: Packed, rows: Any) -> Packed:
-    """Packed results of a kernel for rows of families and of its other arguments, computed batch by batch."""
-    arguments, num = pack(rows, has_rows=True), len(families.reals)
-    size = _size_for(program, num)
+def _call(program: Callable, families: Packed, rows: Any, *, is_long: bool = False) -> Packed:
+    """Packed results of a kernel for rows of families and of its other arguments, computed batch by batch.
+
+    `is_long` is True where many more calls follow.
+    """
+    arguments, num, size = pack(rows, has_rows=True), len(families.reals), _size_for(program, families)
+    run = _compiled_by_row(program)
     if size == _MANY:
-        _made.add(program)
-    run = _compiled(_OF_MANY[program]) if size == _MANY and program in _OF_MANY else _compiled_by_row(program)
+        _made.add((program, families.layout))
+        layouts = program, families.layout, arguments.layout
+        if program in _OF_MANY and (layouts in _written_out or (is_long and num >= _VERY_MANY)):
+            _written_out.add(layouts)
+            run = _compiled(_OF_MANY[program])
     # The last batch is filled up with its last row.
     parts = [np.minimum(np.arange(k, k + size), num - 1) for k in range(0, num, size)]
     found = [run(families.at(part), arguments.at(part)).in_numpy() for part in parts]
