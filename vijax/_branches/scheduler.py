@@ -186,7 +186,11 @@ class _PlainStepBatch:
     def _confirmed(
         self, families: Packed, known: StepState, new: StepState, seen: CorrectedCycle, plain: np.ndarray
     ) -> tuple[np.ndarray, dict[int, SimulatedMotion]]:
-        """Flags of the plain steps at whose ends the machine follows the cycle, and its motion where it does not."""
+        """Flags of the plain steps at whose ends the machine follows the cycle with as many events.
+
+        Also its motions where it only has other bounces of a chatter. (Where it seems to leave the cycle there may
+        have been no room for its events.)
+        """
         which = np.flatnonzero(plain)
         if not which.size:
             return plain, {}
@@ -200,7 +204,7 @@ class _PlainStepBatch:
         follows = follows_cycle(known, seen, motions)
         taken = plain.copy()
         taken[which] = follows
-        return taken, {int(which[k]): _taken(motions, k) for k in np.flatnonzero(~follows)}
+        return taken, {int(which[k]): _taken(motions, k) for k in np.flatnonzero(motions.is_alike & ~follows)}
 
     def _join(self) -> None:
         """Append the new branches to the batch."""
