@@ -6,6 +6,7 @@ numbers. The flights themselves are those of `cycle.py`, for one cycle, made int
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -303,17 +304,14 @@ def _past_event(
         of_end=change_here[:size] - forward[:size, -1] * passed.of_here[size],
         closing=(there.z - z * scale) / scale,
     )
-    ends = ("end", "of_end", "closing")
-    return _Pass(
-        **{
-            name: jax.tree.map(
-                lambda a, b, when=flight.closes if name in ends else flight.is_event: jnp.where(when, a, b),
-                getattr(new, name),
-                getattr(passed, name),
-            )
-            for name in _Pass._fields
-        }
-    ), _Kept(axis, factor, own, speed)
+
+    def chosen(when: Array, *names: str) -> dict[str, Any]:
+        either = partial(jnp.where, when)
+        return {name: jax.tree.map(either, getattr(new, name), getattr(passed, name)) for name in names}
+
+    of_event = chosen(flight.is_event, "moment", "start", "here", "of_start", "of_here")
+    of_end = chosen(flight.closes, "end", "of_end", "closing")
+    return _Pass(**of_event, **of_end), _Kept(axis, factor, own, speed)
 
 
 def reflection_of(row: Array, square: Array) -> tuple[Array, Array]:
