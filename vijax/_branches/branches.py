@@ -146,17 +146,20 @@ class _Search:
                 followed, stopped = interrupt.result, interrupt
             own = {k: branch for k, branch in zip(firsts, followed, strict=True) if branch is not None}
             num_none += len(firsts) - len(own)
+            left = self._add(orbits, own, [k for k in left if k not in firsts and not stopped])
             if stopped:
-                self.found += own.values()
                 raise stopped
-            left = self._add(orbits, own, [k for k in left if k not in firsts])
         self._warn(num_none, len(left))
         return self.found[num_known:]
 
     def _add(self, orbits: Orbits, own: dict[int, Branch], others: list[int]) -> list[int]:
         """Add the branches of some orbits, each once; return those of the others that lie on none."""
         branches = list(own.values())
-        on = orbits.on([*own, *others], branches)
+        try:
+            on = orbits.on([*own, *others], branches)
+        except KeyboardInterrupt:
+            self.found += branches
+            raise
         kept: list[int] = []
         for number, k in enumerate(own):
             if not on[k].intersection(kept):

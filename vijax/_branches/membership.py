@@ -46,6 +46,7 @@ class Orbits:
     def __init__(self, starts: list[Start]):
         self._starts = starts
         self._known: dict[int, np.ndarray] = {}
+        self._values: dict[int, float] = {}
 
     def not_on(self, which: list[int], branches: list[Branch]) -> list[int]:
         """Numbers of those orbits, among some, that lie on none of the branches."""
@@ -70,7 +71,9 @@ class Orbits:
         z = np.concatenate([points["x0"].values, points["v0"].values], axis=1)
         num_periods = points.attrs["num_periods"]
         for orbit in (k for k in which if self._starts[k].num_periods == num_periods):
-            p = value_of(self._starts[orbit].system, branch.path)
+            if orbit not in self._values:
+                self._values[orbit] = value_of(self._starts[orbit].system, branch.path)
+            p = self._values[orbit]
             between = np.flatnonzero((values[:-1] - p) * (values[1:] - p) <= 0)
             states = self._states(orbit) if between.size else np.zeros(0)
             size = np.abs(states).max(initial=0)
