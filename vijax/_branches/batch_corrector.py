@@ -22,7 +22,7 @@ from .._orbits.condensation import Pencil, basis_of_kernel
 from .._orbits.cycle import Event, Moment, Problem, fly_to_event, initial_moment, moved_by
 from .._orbits.floquet import floquet_multipliers
 from .._orbits.rigid_modes import closing_pin
-from .._orbits.sequence import Sequence
+from .._orbits.sequence import NOTHING, Sequence
 from .corrector import Corrected, NewtonState, is_converged, is_going_on
 from .parameter_family import ExtendedCycle, Family
 
@@ -101,7 +101,7 @@ def correct_many(
     Raises:
         NotImplementedError: if a law of the machine is made of what `lanes_last` does not know.
     """
-    count = jnp.sum(sequence.is_event, axis=0)
+    count = jnp.sum(sequence.kind != NOTHING, axis=0)
     begin, past_event = _pruned(family, sequence, guess)
 
     def one(now: NewtonState, here: ExtendedCycle) -> tuple[ExtendedCycle, NewtonState]:
@@ -227,11 +227,11 @@ def multipliers_of(pencils: Pencil, num_held: Array, shifts: Array) -> Array:
 
 def flights_of(sequence: Sequence, durations: Array, weights: Array) -> Flight:
     """Flights of many cycles, the last one of each closes it and has no duration yet, (events + 1, ..., lanes)."""
-    room, count = len(durations), jnp.sum(sequence.is_event, axis=0)
+    room, count = len(durations), jnp.sum(sequence.kind != NOTHING, axis=0)
     longer = lambda a, last: jnp.concatenate([a, jnp.full((1, *a.shape[1:]), last, a.dtype)])  # noqa: E731
     numbers = jnp.arange(room + 1)[:, None]
     event = Event(
-        kind=longer(sequence.kind, -1),
+        kind=longer(sequence.kind, NOTHING),
         stop=longer(sequence.stop, 0),
         held=sequence.held,
         held_after=jnp.concatenate([sequence.held[1:], sequence.held[-1:]]),

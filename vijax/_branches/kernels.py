@@ -82,7 +82,8 @@ def corrected_cycles(
     if not can_correct_many(families):
         return jax.vmap(corrected_cycle)(*given)
     try:
-        found = correct_many(*jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), given))
+        with jax.numpy_rank_promotion("allow"):  # numbers of all lanes go with those of each
+            found = correct_many(*jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), given))
     except NotImplementedError:  # a law of restitution may be made of anything
         return jax.vmap(corrected_cycle)(*given)
     found = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), found)
