@@ -19,6 +19,7 @@ from benchmarks import (
     accelerator,
     attractors,
     branches,
+    closed_form,
     cluster,
     contacts,
     convergence,
@@ -37,8 +38,8 @@ PARTS = {
     for part in (
         single.work_precision, many.sweeps, many.carried_sweeps, many.solver_sweeps, many.work, many.throughput,
         sizes.masses, sizes.stops, first.first_results, many.chattering_point, single.derivatives, orbits.periodic_orbits,
-        branches.branches, attractors.exponents, attractors.basins, contacts.contacts, friction.friction_sweeps, friction.friction_precision,
-        convergence.convergence,
+        branches.branches, closed_form.closed_form, attractors.exponents, attractors.basins, contacts.contacts,
+        friction.friction_sweeps, friction.friction_precision, convergence.convergence,
         convergence.batch_cost, cluster.executors, accelerator.accelerator,
     )
 }  # fmt: skip

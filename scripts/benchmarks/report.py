@@ -179,6 +179,18 @@ def of_convergence(rows: list[dict]) -> list[tuple[str, str]]:
     ]
 
 
+def of_closed_form(rows: list[dict]) -> list[tuple[str, str]]:
+    """An orbit and a branch of one mass beside SciPy."""
+    own, *others = rows
+    facts = []
+    for what in ("orbit", "branch"):
+        value = f"{own[f'{what} / ms']:.2g} ms, {size(own[f'{what} error'])}"
+        for row in others:
+            value += f"; {row['method']} {row[f'{what} / ms']:.2g} ms, {size(row[f'{what} error'])}"
+        facts.append((f"{what} of one mass, known in closed form", value))
+    return facts
+
+
 def of_batch_cost(rows: list[dict]) -> list[tuple[str, str]]:
     """A step in a batch, in steps of the smooth motion."""
     return [
@@ -232,6 +244,7 @@ FACTS = {
     "exponents": of_exponents,
     "basins": of_basins,
     "contacts": of_contacts,
+    "closed_form": of_closed_form,
     "convergence": of_convergence,
     "batch_cost": of_batch_cost,
 }

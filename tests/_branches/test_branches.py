@@ -381,6 +381,11 @@ def test_of_many_orbits_what_is_none_is_left_out():
     with pytest.warns(UserWarning, match="Left out 1 orbits"):
         (branch,) = vx.branches(orbits, depth=0, progress=False)
     assert branch.values[[0, -1]] == pytest.approx([0.34, 0.38])
+    # Within a budget of points a branch ends where it is spent.
+    with pytest.warns(UserWarning, match="Left out 2 orbits that lie on no branch found"):
+        (short,) = vx.branches(orbits, depth=0, max_points=2, progress=False)
+    assert "max_points" in short.ends
+    assert len(short) < len(branch)
 
 
 @pytest.mark.thorough

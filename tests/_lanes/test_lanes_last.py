@@ -10,7 +10,7 @@ import pytest
 from jax import lax
 
 from vijax._jax.xla import compute_once, in_one_kernel, is_any
-from vijax._lanes.transform import lanes_last
+from vijax._lanes.transform import arrays_read, lanes_last
 
 # A few operations, in another order.
 ROUNDING = 1e-14
@@ -277,3 +277,12 @@ def test_a_loop_with_one_condition_for_all_lanes_stays_one():
     for _ in range(4):
         expected = jnp.tanh(expected) + (expected if jnp.any(expected > 0) else -expected)
     assert difference(found, expected) <= 10 * ROUNDING
+
+
+def test_arrays_that_matter_are_told():
+    def function(x, y, z, live):
+        a, _ = lax.while_loop(lambda c: c[1] < 3, lambda c: (c[0] + y, c[1] + 1), (x[0] * 0, 0))
+        return a + 0 * z, jnp.where(live, 1.0, 1.0)
+
+    shapes = [jax.ShapeDtypeStruct(shape, float) for shape in ((2,), (), ())]
+    assert arrays_read(function, *shapes, jax.ShapeDtypeStruct((), bool))[1:3] == [True, False]

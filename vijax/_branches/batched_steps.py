@@ -36,8 +36,22 @@ _TURNED, _PLANNED, _NARROWEST = 0.6, 0.4, 1e-6
 _REAL = 1e-9
 
 
+class Tried(NamedTuple):
+    """A step that is resolved, but not plain.
+
+    Attributes:
+        point: the point at its end.
+        motion: motion of the machine started there, if it was simulated.
+    """
+
+    point: BranchPoint
+    motion: SimulatedMotion | None
+
+
 class PlainSteps(NamedTuple):
-    """Request for plain steps; the answer is the last point and the length of the next step.
+    """Request for plain steps.
+
+    The answer is the last point, the length of the next step, and this step itself if it was tried, or None.
 
     Attributes:
         walk: receives the points.
@@ -183,19 +197,25 @@ def step_state_of_point(point: BranchPoint) -> StepState:
     return step_state_of(*jax.tree.map(lambda a: np.asarray(a)[None], (sequence, place, point.seen)))
 
 
-def batch_row_of(plain: PlainSteps) -> tuple[StepState, BranchProgress]:
-    """State of one branch, to be stacked with others."""
+def batch_rows_of(plain: list[PlainSteps]) -> tuple[StepState, BranchProgress]:
+    """State of branches whose cycles have the same room."""
+    rows = [_row_of(one) for one in plain]
+    (sequence, place, seen), ways = jax.tree.map(lambda *a: np.stack(a), *rows)
+    return step_state_of(sequence, place, seen), ways
+
+
+def _row_of(plain: PlainSteps) -> tuple[tuple[Sequence, ExtendedCycle, CorrectedCycle], BranchProgress]:
     walk, start, point, ds = plain
     room = room_for(len(point.sequence.kind))
     sequence, place = padded(point.sequence, (point.place,), room)
     one, other = start.sequence, point.sequence
-    is_same = np.array_equal(one.kind, other.kind) and np.array_equal(one.stop, other.stop)
+    is_same = one is other or (np.array_equal(one.kind, other.kind) and np.array_equal(one.stop, other.stop))
     origin, tangent = place, place.moved(place, -1.0)
     if is_same:
         _, origin, tangent = padded(one, (start.place, start.tangent), room)
     ds, arc, num_periods, bounds = (np.asarray(a) for a in (ds, point.arc, walk.num_periods, walk.bounds))
     ways = BranchProgress(ds, arc, num_periods, bounds, origin, tangent)
-    return step_state_of(sequence, place, point.seen), ways
+    return (sequence, place, point.seen), ways
 
 
 def is_plain(known: StepState, new: StepState, ways: BranchProgress) -> np.ndarray:

@@ -1,12 +1,21 @@
-"""Root bracketing for a function that the caller evaluates, one trial at a time."""
+"""Zeros of functions that the caller evaluates, one trial at a time, within brackets."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 # `_TOLERANCE`: of the zero, relative to the first bracket.
+# `_ROUNDING`: of the argument, which is a length in units of the size of a cycle.
 # `_MOST`: largest number of trials.
-_TOLERANCE, _MOST = 4e-15, 60
+_TOLERANCE, _ROUNDING, _MOST = 4e-15, 5e-16, 60
+# `_FLAT`: value of a zero, relative to that at the end before it.
+# `_LEVEL`: change by the slope on the way from there, likewise, of a function that is zero around it.
+_FLAT, _LEVEL = 1e-11, 1e-3
+# `_QUADRATIC`: Newton step behind which the next trial is exact to rounding.
+_QUADRATIC = 1e-9
+# `_SMOOTH`: trials after which a bracket of a smooth function has shrunk by half in each.
+# `_ON_CUBIC`: Newton steps on a cubic.
+_SMOOTH, _ON_CUBIC = 3, 6
 
 
 class Bracket(NamedTuple):
@@ -55,7 +64,70 @@ class Bracket(NamedTuple):
 def next_trial(bracket: Bracket) -> float | None:
     """Argument of the next trial; None once the zero is found or the trials are used up."""
     a, b = bracket.ends
-    room = _TOLERANCE * bracket.span / max(abs(b - a), 1e-300)
+    room = max(_TOLERANCE * bracket.span, _ROUNDING) / max(abs(b - a), 1e-300)
     if room > 0.5 or bracket.trials >= _MOST or (bracket.trials and bracket.values[0] == 0):
         return None
     return a + min(max(bracket.share, room), 1 - room) * (b - a)
+
+
+class SlopedBracket(NamedTuple):
+    """Bracket of a sign change of a function with known slopes.
+
+    Attributes:
+        ends: the two ends, each as argument, value and slope; at the first the value is positive.
+        next: the next trial; None once the zero is found or the trials are used up.
+        trials: number of trials so far.
+        is_flat: True if the function is zero over a whole interval, as where the minimum of a gap becomes an impact:
+            no slope tells where that interval begins.
+    """
+
+    ends: tuple[tuple[float, float, float], tuple[float, float, float]]
+    next: float | None
+    trials: int
+    is_flat: bool = False
+
+    @classmethod
+    def between(
+        cls, before: tuple[float, float, float], after: tuple[float, float, float]
+    ) -> "SlopedBracket":
+        """Bracket from two ends with values of opposite sign; the first one is positive."""
+        return cls((before, after), _on_cubic(before, after), 0)
+
+    def narrowed(self, value: float, slope: float) -> "SlopedBracket":
+        """Bracket with the value and the slope at its next trial: by Newton's method from there, if that stays inside."""
+        s, trials = float(self.next or 0), self.trials + 1
+        here, (low, high) = (s, value, slope), self.ends
+        if abs(value) < _FLAT * low[1] and abs(slope * (s - low[0])) < _LEVEL * low[1]:
+            return self._replace(next=None, is_flat=True)
+        low, high = (here, high) if value > 0 else (low, here)
+        newton = s - value / slope if slope else np.nan
+        length, before = abs(high[0] - low[0]), abs(self.ends[1][0] - self.ends[0][0])
+        is_inside = min(low[0], high[0]) <= newton <= max(low[0], high[0])
+        step = abs(newton - s) if np.isfinite(newton) else np.inf
+        if value == 0 or length <= _ROUNDING or step <= _ROUNDING or trials >= _MOST:
+            return SlopedBracket((low, high), None, trials)
+        if step < _QUADRATIC and is_inside:
+            return SlopedBracket((low, high), newton, _MOST - 1)
+        middle = (low[0] + high[0]) / 2
+        trial = _on_cubic(low, high)
+        # A bracket that hardly shrinks, as where the function is no smooth one, is halved.
+        is_slow = trials > _SMOOTH and length > before / 2
+        return SlopedBracket((low, high), middle if is_slow else trial, trials)
+
+
+def _on_cubic(low: tuple[float, float, float], high: tuple[float, float, float]) -> float:
+    """Zero of the cubic with the values and slopes of two ends, by its inverse, within them; else of the chord."""
+    (a, fa, ga), (b, fb, gb) = low, high
+    chord = a + (b - a) * fa / (fa - fb) if np.isfinite(fa - fb) and fa != fb else (a + b) / 2
+    h = b - a
+    if not np.all(np.isfinite([fa, fb, ga, gb])):
+        return float(chord)
+    c, d = 3 * (fb - fa) - h * (2 * ga + gb), 2 * (fa - fb) + h * (ga + gb)
+    x = (chord - a) / h
+    for _ in range(_ON_CUBIC):
+        f, g = fa + x * (h * ga + x * (c + x * d)), h * ga + x * (2 * c + 3 * x * d)
+        new = x - f / g if g else np.nan
+        if not 0 <= new <= 1:
+            return float(chord)
+        x = new
+    return float(a + h * x)

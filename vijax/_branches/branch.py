@@ -3,6 +3,8 @@
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -54,6 +56,19 @@ class Branch:
     def __post_init__(self):
         if self.system is not None and self.force is not None:
             raise ValueError("Give `vx.Branch` the machine, or its force, not both.")
+
+    def __getattr__(self, name: str) -> Any:
+        """`points` of a branch just followed: the dataset is made when it is first read, see `branch_of`."""
+        if name != "points" or "_dataset" not in self.__dict__:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        points = self.__dict__["_dataset"]()
+        object.__setattr__(self, "points", points)
+        del self.__dict__["_dataset"]
+        return points
+
+    def __getstate__(self) -> dict[str, Any]:
+        self.points  # noqa: B018
+        return self.__dict__
 
     @property
     def path(self) -> str:
@@ -143,7 +158,16 @@ class Bifurcation:
 
 
 def branch_of(family: Family, start: BranchPoint, back: DirectedBranch, forth: DirectedBranch) -> Branch:
-    """Join the walks backwards and forwards from a point to a branch."""
+    """Join the walks backwards and forwards from a point to a branch, whose dataset is made when it is first read."""
+    branch = object.__new__(Branch)
+    walks = [replace(walk, points=[*walk.points], cascade=[]) for walk in (back, forth)]
+    own = {"system": family.system, "allow_forces": False, "force": None}
+    branch.__dict__.update(own, _dataset=partial(_dataset, family, start, *walks))
+    return branch
+
+
+def _dataset(family: Family, start: BranchPoint, back: DirectedBranch, forth: DirectedBranch) -> xr.Dataset:
+    """Dataset of the points of a branch."""
     if forth.end == End.CLOSED and back.end in (End.CLOSED, End.MAX_POINTS, End.INTERRUPTED):
         back = replace(back, points=[], end=End.CLOSED)
     points = [*back.points[::-1], start, *forth.points]
@@ -168,7 +192,7 @@ def branch_of(family: Family, start: BranchPoint, back: DirectedBranch, forth: D
     ds = xr.Dataset(columns, attrs=attrs).set_coords(family.path)
     for name, variable in ds.variables.items():
         variable.attrs = variable_attributes(str(name))
-    return Branch(ds, family.system)
+    return ds
 
 
 def _columns_of_orbits(

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 import xarray as xr
@@ -15,9 +16,13 @@ from .branch import Branch
 from .continuation import follow_branches
 from .cycle_quantities import Quantities, checked_cycle_quantities, with_quantities
 from .kinds import Kind
-from .membership import not_on
+from .membership import Orbits
+from .point import Budget
 from .starts import Start, starting_orbits, value_of
 from .switch import switch_branch
+
+# Largest number of points of a direction of a branch.
+_MOST_POINTS = 1000
 
 
 @padding_allowed
@@ -26,7 +31,8 @@ def branches(
     bounds: tuple[float, float] | None = None,
     *,
     depth: Count = 1,
-    max_points: Count = 1000,
+    max_points: Count = 100_000,
+    max_branches: Count = 1000,
     quantities: Quantities = (),
     progress: bool = True,
 ) -> list[Branch]:
@@ -36,13 +42,15 @@ def branches(
         ds: a sweep of one quantity, or the result of `vx.periodic_orbits` for it.
         bounds: lowest and highest value of the quantity; those of the sweep if left out.
         depth: number of successive period doublings that are followed from these branches.
-        max_points: as for `vx.continuation`.
+        max_points: number of points of all branches together at which no more are followed. A direction of a branch
+            has no more than 1000.
+        max_branches: largest number of branches.
         quantities: as for `vx.continuation`.
-        progress: show a bar, which counts the orbits that lie on a branch found.
+        progress: show a bar, which counts the points found.
 
     Returns:
         The branches through the sweep, then those of the doubled orbits. Points that are no periodic orbits of their
-        machines, or not isolated, are left out with a warning.
+        machines, or not isolated, are left out with a warning; so are orbits for which a budget does not suffice.
 
     Raises:
         ValueError: if not exactly one quantity was swept, or if 64-bit numbers are off, or were during the sweep.
@@ -59,6 +67,8 @@ def branches(
     """
     refuse_single_precision("branches", ds.get("x0", ds.get("x")))
     num_doublings = whole_number("depth", depth)
+    most = whole_number("max_branches", max_branches, 1)
+    budget = Budget(whole_number("max_points", max_points, 1))
     orbits = ds if "converged" in ds else periodic_orbits(ds, progress=progress)
     orbits = with_paths(orbits)
     paths = [str(dim) for dim in orbits["converged"].dims if dim != "direction"]
@@ -67,18 +77,26 @@ def branches(
             f"Branches need one swept quantity, but there are {paths}: select one value of the others."
         )
     (path,), (low, high) = paths, bounds or (float(orbits[paths[0]].min()), float(orbits[paths[0]].max()))
-    waiting = [start for start in starting_orbits(orbits) if low <= _value(start, path) <= high]
+    waiting = [start for start in starting_orbits(orbits) if low <= value_of(start.system, path) <= high]
     wanted = {}
     for start in waiting[:1]:
         wanted = checked_cycle_quantities(quantities, start.system)
     found: list[Branch] = []
     with (
-        tqdm(total=len(waiting), unit="orbit", disable=not progress) as bar,
+        tqdm(unit="point", disable=not progress) as bar,
         interrupt_with_result(lambda: found),
     ):
-        how = {"path": path, "bounds": (low, high), "max_points": max_points}
-        follow = partial(follow_branches, **how, progress=False, leaves_out=True)
-        last = _follow_each_branch_once(waiting, found, follow, bar)
+        follow = partial(
+            follow_branches,
+            path=path,
+            bounds=(low, high),
+            max_points=_MOST_POINTS,
+            leaves_out=True,
+            budget=budget,
+            tell=bar.update,
+        )
+        search = _Search(found, most, budget, follow, bar)
+        last = search.follow_each_once(waiting)
         for _ in range(num_doublings):
             points = [
                 point
@@ -86,41 +104,83 @@ def branches(
                 for point in branch.bifurcations
                 if point.kind == Kind.PERIOD_DOUBLING
             ]
+            if search.is_over:
+                break
             doubled = [start for point in points for start in starting_orbits(switch_branch(point))]
-            last = _follow_each_branch_once(doubled, found, follow, bar)
+            last = search.follow_each_once(doubled)
     return [with_quantities(branch, wanted, waiting[0].flow) for branch in found] if wanted else found
 
 
-def _follow_each_branch_once(
-    starts: list[Start], found: list[Branch], follow: Callable[[list[Start]], list[Branch | None]], bar: tqdm
-) -> list[Branch]:
-    """Add the branches of all orbits that lie on none found, each branch once; return the added ones."""
-    num_known, left, num_none = len(found), not_on(starts, found), 0
-    while left:
-        # One orbit for each number of periods and events: orbits that differ in these seldom share a branch.
-        kinds: dict[tuple, Start] = {}
-        for start in left:
-            kinds.setdefault((start.num_periods, start.num_events), start)
-        firsts, stopped = list(kinds.values()), None
+@dataclass
+class _Search:
+    """Search for branches.
+
+    Attributes:
+        found: branches so far.
+        most: largest number of them.
+        budget: points of all branches.
+        follow: follows the branches of orbits.
+        bar: shows how far it is.
+    """
+
+    found: list[Branch]
+    most: int
+    budget: Budget
+    follow: Callable[[list[Start]], list[Branch | None]]
+    bar: tqdm
+
+    @property
+    def is_over(self) -> bool:
+        """True if no more branches may be followed."""
+        return self.budget.is_spent or len(self.found) >= self.most
+
+    def follow_each_once(self, starts: list[Start]) -> list[Branch]:
+        """Add the branches of all orbits that lie on none found, each branch once; return the added ones."""
+        num_known, num_none = len(self.found), 0
+        orbits = Orbits(starts)
+        left = orbits.not_on([*range(len(starts))], self.found)
+        while left and not self.is_over:
+            self.bar.set_postfix_str(f"{len(self.found)} branches, {len(left)} orbits left", refresh=False)
+            # One orbit for each number of periods and events: orbits that differ in these seldom share a branch.
+            kinds: dict[tuple, int] = {}
+            for k in left:
+                kinds.setdefault((starts[k].num_periods, starts[k].num_events), k)
+            firsts, stopped = list(kinds.values())[: self.most - len(self.found)], None
+            try:
+                followed = self.follow([starts[k] for k in firsts])
+            except Interrupted as interrupt:
+                followed, stopped = interrupt.result, interrupt
+            own = {k: branch for k, branch in zip(firsts, followed, strict=True) if branch is not None}
+            num_none += len(firsts) - len(own)
+            left = self._add(orbits, own, [k for k in left if k not in firsts and not stopped])
+            if stopped:
+                raise stopped
+        self._warn(num_none, len(left))
+        return self.found[num_known:]
+
+    def _add(self, orbits: Orbits, own: dict[int, Branch], others: list[int]) -> list[int]:
+        """Add the branches of some orbits, each once; return those of the others that lie on none."""
+        branches = list(own.values())
         try:
-            followed = follow(firsts)
-        except Interrupted as interrupt:
-            followed, stopped = interrupt.result, interrupt
-        for start, branch in zip(firsts, followed, strict=True):
-            num_none += branch is None
-            found += [branch] if branch is not None and not_on([start], found[num_known:]) else []
-        if stopped:
-            raise stopped
-        num_left, taken = len(left), {id(start) for start in firsts}
-        left = not_on([start for start in left if id(start) not in taken], found[num_known:])
-        bar.update(num_left - len(left))
-    if num_none:
-        warnings.warn(
-            f"Left out {num_none} orbits that are no periodic orbits of their machines, or not isolated.",
-            stacklevel=4,
-        )
-    return found[num_known:]
+            on = orbits.on([*own, *others], branches)
+        except KeyboardInterrupt:
+            self.found += branches
+            raise
+        kept: list[int] = []
+        for number, k in enumerate(own):
+            if not on[k].intersection(kept):
+                kept.append(number)
+        self.found += [branches[number] for number in kept]
+        return [k for k in others if not on[k].intersection(kept)]
 
-
-def _value(start: Start, path: str) -> float:
-    return value_of(start.system, path)
+    def _warn(self, num_none: int, num_left: int) -> None:
+        if num_none:
+            warnings.warn(
+                f"Left out {num_none} orbits that are no periodic orbits of their machines, or not isolated.",
+                stacklevel=5,
+            )
+        if num_left:
+            warnings.warn(
+                f"Left out {num_left} orbits that lie on no branch found: raise `max_points` or `max_branches`.",
+                stacklevel=5,
+            )

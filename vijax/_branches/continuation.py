@@ -1,7 +1,7 @@
 """Continuation of periodic orbits along a parameter."""
 
-from collections.abc import Sequence as Many
-from typing import overload
+from collections.abc import Callable, Sequence as Many
+from typing import Any, overload
 
 import jax
 import jax.numpy as jnp
@@ -16,9 +16,9 @@ from .branch import Branch, branch_of
 from .cycle_quantities import Quantities, Quantity, checked_cycle_quantities, with_quantities
 from .follow import follow_branch
 from .parameter_family import Family
-from .point import BranchPoint, DirectedBranch
+from .point import BranchPoint, Budget, DirectedBranch
 from .scheduler import drive
-from .starts import Start, family_of, points_of, refuse_start, starting_orbits
+from .starts import Start, families_of, points_of, refuse_start, starting_orbits
 
 
 @overload
@@ -125,13 +125,19 @@ def follow_branches(
     bounds: tuple[float, float],
     max_points: Count,
     *,
-    progress: bool,
+    progress: bool = False,
     leaves_out: bool = False,
+    budget: Budget | None = None,
+    tell: Callable[[int], Any] | None = None,
 ) -> list[Branch | None]:
-    """Branches of several orbits, followed as a batch; with `leaves_out`, None for a start that gives no branch."""
+    """Branches of several orbits, followed as a batch; with `leaves_out`, None for a start that gives no branch.
+
+    `budget` is that of the points of all, of which it is reduced; `tell` is called with the number of new points.
+    """
+    budget = budget or Budget()
     low, high = _two_numbers(bounds)
     most = whole_number("max_points", max_points, 1)
-    families = [family_of(start, path, low, high) for start in starts]
+    families = families_of(starts, path, low, high)
     for family in families[:1]:  # the same values are valid for the others
         for value in (low, high):
             set_parameter(jax.tree.map(jnp.asarray, family.system), path, value)
@@ -142,7 +148,9 @@ def follow_branches(
     families = [family for family, point in zip(families, all_points, strict=True) if point is not None]
     points = [point for point in all_points if point is not None]
     walks = [
-        DirectedBranch(float(family.num_periods), (low / family.span, high / family.span), most)
+        DirectedBranch(
+            float(family.num_periods), (low / family.span, high / family.span), most, budget=budget
+        )
         for family in families
         for _ in "-+"
     ]
@@ -153,22 +161,33 @@ def follow_branches(
         return [None if point is None else next(branches) for point in all_points]
 
     with interrupt_with_result(result_so_far):
-        _follow(walks, [family for family in families for _ in "-+"], _both_ways(points), progress=progress)
+        with tqdm(unit="point", disable=not progress) as bar:
+            told = (tell,) if tell else (bar.update,) if progress else ()
+            _follow(walks, [family for family in families for _ in "-+"], _both_ways(points), budget, told)
     return result_so_far()
 
 
 def _follow(
-    walks: list[DirectedBranch], families: list[Family], starts: list[BranchPoint], *, progress: bool
+    walks: list[DirectedBranch],
+    families: list[Family],
+    starts: list[BranchPoint],
+    budget: Budget,
+    told: tuple[Callable[[int], Any], ...],
 ) -> None:
     """Follow branches from their starts."""
     tasks = [follow_branch(walk, start) for walk, start in zip(walks, starts, strict=True)]
-    with tqdm(unit="point", disable=not progress) as bar:
+    num_told = 0
 
-        def tell() -> None:
-            if progress:
-                bar.update(sum(len(walk.points) for walk in walks) - bar.n)
+    def tell() -> None:
+        nonlocal num_told
+        new = sum(len(walk.points) for walk in walks) - num_told
+        num_told += new
+        budget.points -= new
+        budget.is_spent = budget.points <= 0
+        for one in told:
+            one(new)
 
-        drive(families, tasks, tell)
+    drive(families, tasks, tell)
 
 
 def _two_numbers(bounds: tuple[float, float]) -> tuple[float, float]:

@@ -42,7 +42,9 @@ class Corrected(NamedTuple):
     is_converged: Bool[Array, ""]
 
 
-class _NewtonState(NamedTuple):
+class NewtonState(NamedTuple):
+    """Iterate of Newton's method, of one cycle, or of many with the lanes last."""
+
     place: ExtendedCycle
     pencil: Pencil
     tangent: ExtendedCycle
@@ -54,20 +56,27 @@ class _NewtonState(NamedTuple):
     num_steps: Array
 
 
+def is_going_on(now: NewtonState) -> Array:
+    """True where another Newton step is worth it."""
+    eps, small = jnp.finfo(now.step.dtype).eps, _SMALL[str(now.step.dtype)]
+    is_rounding = (now.step < _ROUNDING * eps) | ((now.step < small) & (now.step >= now.last / 2))
+    return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
+
+
+def is_converged(now: NewtonState) -> Array:
+    """True where the last step is rounding."""
+    return now.step < _SMALL[str(now.step.dtype)]
+
+
 def correct(
     family: Family, sequence: Sequence, guess: ExtendedCycle, weights: ExtendedCycle, target: Scalar
 ) -> Corrected:
     """Solve the equations of a sequence and `weights . place = target`, for instance with a tangent as weights."""
-    eps, small = jnp.finfo(guess.z.dtype).eps, _SMALL[str(guess.z.dtype)]
     count = jnp.sum(sequence.is_event)
     of_start = Weights(jnp.append(weights.z, weights.p), weights.flights)
     size = len(guess.z)
 
-    def is_on(now: _NewtonState) -> Array:
-        is_rounding = (now.step < _ROUNDING * eps) | ((now.step < small) & (now.step >= now.last / 2))
-        return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
-
-    def one(now: tuple[ExtendedCycle, _NewtonState]) -> tuple[ExtendedCycle, _NewtonState]:
+    def one(now: tuple[ExtendedCycle, NewtonState]) -> tuple[ExtendedCycle, NewtonState]:
         here, before = now
         problem, change = family.linear_problem(sequence, here.p)
         found, flights = linearise(problem, family.unknowns(here), family.scale, count, change)
@@ -86,7 +95,7 @@ def correct(
         length = jnp.max(jnp.abs(jnp.concatenate([step.z, step.flights, step.p[None]])))
         first = jnp.where(before.num_steps == 0, length, before.first)
         pencil = _at_fixed_parameter(equations, size)
-        newton = _NewtonState(
+        newton = NewtonState(
             here,
             pencil,
             tangent,
@@ -99,7 +108,7 @@ def correct(
         )
         return here.moved(step, 1.0), newton
 
-    last = jax.lax.while_loop(lambda now: is_on(now[1]), one, (guess, _nothing(guess)))[1]
+    last = jax.lax.while_loop(lambda now: is_going_on(now[1]), one, (guess, _nothing(guess)))[1]
     size_of_tangent = jnp.sqrt(last.tangent.along(last.tangent))
     return Corrected(
         place=last.place,
@@ -109,7 +118,7 @@ def correct(
         residual=last.residual,
         first=last.first,
         num_steps=last.num_steps,
-        is_converged=last.step < small,
+        is_converged=is_converged(last),
     )
 
 
@@ -139,10 +148,10 @@ def _at_fixed_parameter(equations: Condensed, size: int) -> Pencil:
     return Pencil(end @ basis, start[:size] @ basis)
 
 
-def _nothing(guess: ExtendedCycle) -> _NewtonState:
+def _nothing(guess: ExtendedCycle) -> NewtonState:
     z, events, p = guess
     zero, size = jnp.zeros_like(p), len(z)
     big, square = zero + jnp.finfo(z.dtype).max, jnp.zeros((size, size), z.dtype)
-    return _NewtonState(
+    return NewtonState(
         guess, Pencil(square, square), guess, jnp.zeros_like(events), zero, zero, big, big, jnp.array(0)
     )

@@ -14,6 +14,7 @@ from .batched_steps import (
     PROBE,
     SHORTEST,
     PlainSteps,
+    Tried,
     is_accepted,
     is_resolved,
     next_length,
@@ -92,10 +93,10 @@ def _follow(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
     walk.rounds = yield from repetitions_of(start.sequence, start.place, int(walk.num_periods))
     point, ds = start, PROBE
     while not walk.is_full:
-        point, ds = yield PlainSteps(walk, start, point, ds)
+        point, ds, tried = yield PlainSteps(walk, start, point, ds)
         if walk.is_full:
             break
-        step, ds = yield from _resolved_step(walk, point, ds)
+        step, ds = yield from _resolved_step(walk, point, ds, tried)
         if step is None:
             point, ds = (yield from _continue_behind_hop(walk, point)), PROBE
             continue
@@ -118,18 +119,23 @@ def _has_lost_stick(confirmed: BranchPoint, point: BranchPoint) -> bool:
     return bool(after < before and 0 < shortest_stick(confirmed) < _VANISHING_STICK)
 
 
-def _resolved_step(walk: DirectedBranch, point: BranchPoint, ds: float) -> KernelRequests:
-    """A fully resolved step and its length, halved until it is resolved; None if none above `SHORTEST` is."""
+def _resolved_step(
+    walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | None
+) -> KernelRequests:
+    """A fully resolved step and its length, halved until it is resolved; None if none above `SHORTEST` is.
+
+    The first one may have been tried already.
+    """
     while ds >= SHORTEST:
         try:
-            step = yield from _step(walk, point, ds)
+            step = yield from _step(walk, point, ds, tried)
         except TooManyEvents:
             raise
         except BranchEnd:  # an event of the step could not be located
             step = None
         if step is not None:
             return step, ds
-        ds /= 2
+        ds, tried = ds / 2, None
     return None, ds
 
 
@@ -188,35 +194,38 @@ class Step(NamedTuple):
 
     Attributes:
         last: point at its end, or just before the first event.
-        told: point at its end, with all its events between the start and the end of the cycle.
-        followed: motion of the machine started there.
+        confirmed: point at its end, with all its events between the start and the end of the cycle; None behind an
+            event.
+        followed: motion of the machine started there, or None.
         event: first change of the sequence, and the point where it happens; or None.
         special: bifurcations on the step, in order.
         next_length: length of the next step.
     """
 
     last: BranchPoint
-    confirmed: BranchPoint
-    followed: SimulatedMotion
+    confirmed: BranchPoint | None
+    followed: SimulatedMotion | None
     event: tuple[TestFunction, BranchPoint] | None
     special: list[BranchPoint]
     next_length: float
 
 
-def _step(walk: DirectedBranch, point: BranchPoint, ds: float) -> KernelRequests:
+def _step(walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | None) -> KernelRequests:
     """A step from a point; None if it is too long to resolve all that happens on it."""
-    new = yield from _predicted_and_checked(point, ds)
+    new = (yield from _predicted_and_checked(point, ds)) if tried is None else tried.point
     if new is None:
         return None
     before, after = step_state_of_point(point), step_state_of_point(new)
-    if not is_resolved(before, after, ds)[0]:
+    if tried is None and not is_resolved(before, after, ds)[0]:
         return None
     met = without_echoes(point.sequence, crossings(tests_of(point.sequence), point.seen, new.seen))
     if any(test.kind == Kind.CHATTER_COMPLETION and not _is_plastic(point, test) for test in met):
         return None  # ever more bounces accumulate on the step
-    confirmed, followed = yield from _confirmed_point(walk, new)
-    if not (met or confirmed.is_admissible) or (len(met) > 1 and ds > _SEPARATE):
-        return None
+    confirmed = followed = None
+    if not met:
+        confirmed, followed = yield from _confirmed_point(walk, new, tried.motion if tried else None)
+        if not confirmed.is_admissible:
+            return None
     event, last = yield from first_event(point, new, met)
     special = yield from special_points(walk, point, last)
     if special is None and ds > _SEPARATE:
@@ -236,10 +245,18 @@ def _predicted_and_checked(point: BranchPoint, ds: float) -> KernelRequests:
     return new if is_accepted(new.seen.found, new.tangent.along(point.tangent), ds) else None
 
 
-def _confirmed_point(walk: DirectedBranch, point: BranchPoint) -> KernelRequests:
-    """The point with its events inside the cycle and its admissibility set, and the motion of the machine from it."""
-    point = yield from in_section(point, walk.num_periods)
-    followed: SimulatedMotion = yield simulation_of(point.sequence, point.place)
+def _confirmed_point(
+    walk: DirectedBranch, point: BranchPoint, known: SimulatedMotion | None
+) -> KernelRequests:
+    """The point with its events inside the cycle and its admissibility set, and the motion of the machine from it.
+
+    `known` is the motion from the given point, if it was simulated.
+    """
+    within = yield from in_section(point, walk.num_periods)
+    followed = known if within is point else None
+    point = within
+    if followed is None:
+        followed = yield simulation_of(point.sequence, point.place)
     is_trusted = np.abs(point.seen.found.multipliers[0]) < TRUSTED
     return point._replace(is_admissible=bool(followed.is_alike or not is_trusted)), followed
 

@@ -19,6 +19,7 @@ from .._trajectory.loop import Choices
 from .._trajectory.single_call import run_for_log
 from .._trajectory.solution import RESULTS
 from .admissibility import LeastMargins, Margins, margins_at, margins_of_cycle
+from .batch_corrector import can_correct_many, correct_many
 from .corrector import Corrected, correct, evaluate_at
 from .parameter_family import ExtendedCycle, Family
 
@@ -71,6 +72,27 @@ def corrected_cycle(
     found = correct(family, sequence, guess, weights, target)
     place = jax.tree.map(lambda a, b: jnp.where(found.is_converged, a, b), found.place, guess)
     return _seen(family, sequence, found, place)
+
+
+def corrected_cycles(
+    families: Family, sequences: Sequence, guesses: ExtendedCycle, weights: ExtendedCycle, targets: Array
+) -> CorrectedCycle:
+    """`corrected_cycle` of many branches, along the first axis."""
+    given = families, sequences, guesses, weights, targets
+    if not can_correct_many(families):
+        return jax.vmap(corrected_cycle)(*given)
+    try:
+        with jax.numpy_rank_promotion("allow"):  # numbers of all lanes go with those of each
+            found = correct_many(*jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), given))
+    except NotImplementedError:  # a law of restitution may be made of anything
+        return jax.vmap(corrected_cycle)(*given)
+    found = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), found)
+
+    def seen(family: Family, sequence: Sequence, guess: ExtendedCycle, found: Corrected) -> CorrectedCycle:
+        place = jax.tree.map(lambda a, b: jnp.where(found.is_converged, a, b), found.place, guess)
+        return _seen(family, sequence, found, place)
+
+    return jax.vmap(seen)(families, sequences, guesses, found)
 
 
 def as_corrected_cycle(

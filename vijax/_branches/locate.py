@@ -1,14 +1,17 @@
 """Location of the zeros of test functions on a step along a branch."""
 
+from functools import partial
+
 import numpy as np
 
-from .bracket import Bracket, next_trial
+from .bracket import Bracket, SlopedBracket, next_trial
 from .kernels import CorrectedCycle
 from .kinds import End, Kind
 from .point import BranchEnd, BranchPoint, DirectedBranch, KernelRequests, between, on_plane
 from .singular import branch_point, end_of_doubled
 from .test_functions import (
     CLOSE,
+    OF_STOPS,
     TESTS_OF_NEIGHBOURS,
     TestFunction,
     is_crossed,
@@ -19,31 +22,68 @@ from .test_functions import (
 
 # Distance of the point just before a change of the sequence.
 _OFF = 1e-7
+# Size of a test function that is zero, relative to that at the beginning of the step.
+_ZERO = 1e-6
 # Size from which a multiplier that changes sign on a step passes infinity, not zero.
 _LARGE = 1e2
 
 
 def first_event(point: BranchPoint, new: BranchPoint, met: list[TestFunction]) -> KernelRequests:
-    """The first of the events of a step, or None; and the point just before it, or the end of the step."""
+    """The first of the events of a step, or None; and the point just before it, or the end of the step.
+
+    Raises:
+        BranchEnd: if no zero of a test function is there, where several change sign.
+    """
     first, before = None, new
-    for test in met:
+    # Where an impact loses its speed a least gap vanishes as well, over a whole interval: the impact is the event.
+    order = lambda test: (test.kind in OF_STOPS, _share(test.of(point.seen), test.of(new.seen)))  # noqa: E731
+    for test in sorted(met, key=order):
         if test.of(before.seen) <= 0:  # else it comes after the first so far, or with it
             event = yield from locate(point, before, test)
+            # The functions of other events may jump behind the first.
+            if len(met) > 1 and not abs(test.of(event.seen)) < _ZERO * test.of(point.seen):
+                raise BranchEnd(End.NOT_CONVERGED)
             first, before = (test, event), (yield from _just_before(point, event))
     return first, before
 
 
+def _share(before: float, after: float) -> float:
+    return before / (before - after) if np.isfinite(before - after) else 1.0
+
+
 def locate(point: BranchPoint, new: BranchPoint, test: TestFunction) -> KernelRequests:
     """The point between two others at which a test function vanishes."""
-    bracket = Bracket.between(test.of(point.seen), test.of(new.seen), new.arc - point.arc)
+    length, at = new.arc - point.arc, partial(_point_at, point, new, test)
+    if test.rate is not None:
+        ends = [(s, test.of(end.seen), _slope(test, point, end)) for s, end in ((0.0, point), (length, new))]
+        if ends[1][1] == 0:
+            return new._replace(kind=kind_at(test, new.sequence, new.seen))
+        if ends[0][1] > 0:
+            sloped, best = SlopedBracket.between(*ends), new
+            while (s := sloped.next) is not None:
+                best = yield from at(s)
+                sloped = sloped.narrowed(test.of(best.seen), _slope(test, point, best))
+            if not sloped.is_flat:
+                return best._replace(kind=kind_at(test, best.sequence, best.seen))
+    bracket = Bracket.between(test.of(point.seen), test.of(new.seen), length)
     best = new
     while (s := next_trial(bracket)) is not None:
-        seen = yield from on_plane(point, between(point, new, s / (new.arc - point.arc)), s)
-        if not seen.found.is_converged:
-            raise BranchEnd(End.NOT_CONVERGED)
-        best = BranchPoint.of(point.sequence, seen, point.arc + s, kind=test.kind)
-        bracket = bracket.narrowed(s, test.of(seen))
+        best = yield from at(s)
+        bracket = bracket.narrowed(s, test.of(best.seen))
     return best._replace(kind=kind_at(test, best.sequence, best.seen))
+
+
+def _point_at(point: BranchPoint, new: BranchPoint, test: TestFunction, s: float) -> KernelRequests:
+    """The point between two others in the plane at a distance from the first."""
+    seen = yield from on_plane(point, between(point, new, s / (new.arc - point.arc)), s)
+    if not seen.found.is_converged:
+        raise BranchEnd(End.NOT_CONVERGED)
+    return BranchPoint.of(point.sequence, seen, point.arc + s, kind=test.kind)
+
+
+def _slope(test: TestFunction, point: BranchPoint, at: BranchPoint) -> float:
+    """Rate of a test function by the distance from the plane of a point."""
+    return test.rate(at.seen) / at.tangent.along(point.tangent) if test.rate else np.nan
 
 
 def _just_before(point: BranchPoint, event: BranchPoint) -> KernelRequests:

@@ -14,7 +14,7 @@ from .parameter_family import ExtendedCycle, Family
 from .point import BranchPoint, KernelRequests, at_parameter, corrected
 from .scheduler import drive
 from .sequence_switching import in_section
-from .starts import Start, family_of, value_of
+from .starts import Start, families_of, value_of
 
 # _NEAR: largest distance from an orbit to a point, in chords to its neighbour, at which the branch is corrected there.
 # (Rejected: to accept an orbit near a chord. Where an impact passes the start of the cycle the chord leads nowhere, and
@@ -26,46 +26,82 @@ _TRIALS = 40
 
 
 class _Chance(NamedTuple):
-    """An orbit, its states in all its periods, and the points `k` and `k + 1` of a branch between which it may lie."""
+    """An orbit by its number, its states in all its periods, and the points `k` and `k + 1` between which it may lie."""
 
-    start: Start
+    orbit: int
+    value: float
     states: np.ndarray
     branch: Branch
+    number: int
     k: int
 
 
-def not_on(starts: list[Start], branches: list[Branch]) -> list[Start]:
-    """The orbits that lie on none of the branches, each compared from all of its periods."""
-    chances = [chance for start in starts for chance in _chances(start, branches)]
-    families = [_family(chance) for chance in chances]
-    tasks = [_is_met(chance, family) for chance, family in zip(chances, families, strict=True)]
-    answers = zip(chances, drive(families, tasks, lambda: None), strict=True) if tasks else ()
-    met = {id(chance.start) for chance, is_met in answers if is_met}
-    return [start for start in starts if id(start) not in met]
+class Orbits:
+    """Orbits that are compared with branches, from all of their periods.
 
+    Args:
+        starts: the orbits.
+    """
 
-def _chances(start: Start, branches: list[Branch]) -> Iterator[_Chance]:
-    own = [branch for branch in branches if branch.points.attrs["num_periods"] == start.num_periods]
-    states = _states(start) if own else start.state[None]
-    for branch in own:
-        points, size = branch.points, np.abs(states).max()
-        p, values = value_of(start.system, branch.path), branch.values
+    def __init__(self, starts: list[Start]):
+        self._starts = starts
+        self._known: dict[int, np.ndarray] = {}
+        self._values: dict[int, float] = {}
+
+    def not_on(self, which: list[int], branches: list[Branch]) -> list[int]:
+        """Numbers of those orbits, among some, that lie on none of the branches."""
+        found = self.on(which, branches)
+        return [k for k in which if not found[k]]
+
+    def on(self, which: list[int], branches: list[Branch]) -> dict[int, set[int]]:
+        """For each of some orbits the numbers of the branches on which it lies."""
+        found: dict[int, set[int]] = {k: set() for k in which}
+        chances = [chance for j, branch in enumerate(branches) for chance in self._chances(which, j, branch)]
+        if not chances:
+            return found
+        families = self._families(chances)
+        tasks = [_is_met(chance, family) for chance, family in zip(chances, families, strict=True)]
+        for chance, is_met in zip(chances, drive(families, tasks, lambda: None), strict=True):
+            if is_met:
+                found[chance.orbit].add(chance.number)
+        return found
+
+    def _chances(self, which: list[int], number: int, branch: Branch) -> Iterator[_Chance]:
+        values, points = branch.values, branch.points
         z = np.concatenate([points["x0"].values, points["v0"].values], axis=1)
-        for k in np.flatnonzero((values[:-1] - p) * (values[1:] - p) <= 0):
-            chord = np.abs(z[k + 1] - z[k]).max()
-            away = min(np.abs(states - z[end]).max(axis=1).min() for end in (k, k + 1))
-            if away <= _NEAR * chord + _SAME * size:
-                yield _Chance(start, states, branch, int(k))
+        num_periods = points.attrs["num_periods"]
+        for orbit in (k for k in which if self._starts[k].num_periods == num_periods):
+            if orbit not in self._values:
+                self._values[orbit] = value_of(self._starts[orbit].system, branch.path)
+            p = self._values[orbit]
+            between = np.flatnonzero((values[:-1] - p) * (values[1:] - p) <= 0)
+            states = self._states(orbit) if between.size else np.zeros(0)
+            size = np.abs(states).max(initial=0)
+            for k in between:
+                chord = np.abs(z[k + 1] - z[k]).max()
+                away = min(np.abs(states - z[end]).max(axis=1).min() for end in (k, k + 1))
+                if away <= _NEAR * chord + _SAME * size:
+                    yield _Chance(orbit, p, states, branch, number, int(k))
 
+    def _states(self, orbit: int) -> np.ndarray:
+        if orbit not in self._known:
+            self._known[orbit] = _states(self._starts[orbit])
+        return self._known[orbit]
 
-def _family(chance: _Chance) -> Family:
-    value = value_of(chance.start.system, chance.branch.path)
-    return family_of(chance.start, chance.branch.path, value - 1, value + 1)
+    def _families(self, chances: list[_Chance]) -> list[Family]:
+        """Family of each chance; orbits that are compared with several branches have one."""
+        values = np.concatenate([[chance.value for chance in chances], *(c.branch.values for c in chances)])
+        low, high = float(values.min()), float(values.max())
+        room = 0.0 if low < high else 1.0  # for a branch of a single point
+        numbers = list(dict.fromkeys(chance.orbit for chance in chances))
+        starts, path = [self._starts[k] for k in numbers], chances[0].branch.path
+        found = dict(zip(numbers, families_of(starts, path, low - room, high + room), strict=True))
+        return [found[chance.orbit] for chance in chances]
 
 
 def _is_met(chance: _Chance, family: Family) -> KernelRequests:
     """True if the branch has the orbit between its two points."""
-    p, span = value_of(chance.start.system, chance.branch.path) / float(family.span), float(family.span)
+    p, span = chance.value / float(family.span), float(family.span)
     at = [Bifurcation(chance.branch, end) for end in (chance.k, chance.k + 1)]
     ends = [cycle_of(point, family.scale, point.value / span) for point in at]
     seen = yield from _between(ends, p)

@@ -113,6 +113,19 @@ def _stacked(points: list) -> CorrectedCycle:
 
 
 @dataclass
+class Budget:
+    """Budget of points of all branches of a call.
+
+    Attributes:
+        points: number of points that are left.
+        is_spent: True once none is; checked between steps, each of which adds a point to every branch.
+    """
+
+    points: int | float = np.inf
+    is_spent: bool = False
+
+
+@dataclass
 class DirectedBranch:
     """A branch in one direction, as far as it was followed.
 
@@ -124,6 +137,7 @@ class DirectedBranch:
         cascade: stop and point of the last grazings, if all added an impact of one stop without other events between.
         rounds: number of times that its cycles traverse a shorter one.
         end: reason for its end.
+        budget: points that all branches together may have.
     """
 
     num_periods: float
@@ -133,11 +147,12 @@ class DirectedBranch:
     cascade: list[tuple[int, BranchPoint]] = field(default_factory=list)
     rounds: int = 1
     end: str = End.INTERRUPTED
+    budget: Budget = field(default_factory=Budget)
 
     @property
     def is_full(self) -> bool:
-        """True if there are `max_points` points."""
-        return len(self.points) >= self.max_points
+        """True if there are `max_points` points, or all branches together have as many as they may."""
+        return self.budget.is_spent or len(self.points) >= self.max_points
 
     def nearest_bound(self, p: float) -> float:
         """The bound nearest to a parameter."""

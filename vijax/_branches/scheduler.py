@@ -7,13 +7,16 @@ from typing import Any
 import jax
 import numpy as np
 
-from .._jax.packing import Packed, pack
-from .._jax.xla import jit_lightly
+from .._jax.packing import Layout, Packed, pack
+from .._jax.xla import jit_for_lanes, jit_lightly
 from .._orbits.sequence import NOTHING, Sequence
 from .batched_steps import (
     SHORTEST,
+    BranchProgress,
     PlainSteps,
-    batch_row_of,
+    StepState,
+    Tried,
+    batch_rows_of,
     follows_cycle,
     inner_products,
     is_accepted,
@@ -30,6 +33,7 @@ from .kernels import (
     KernelCall,
     SimulatedMotion,
     corrected_cycle,
+    corrected_cycles,
     padded,
     room_for,
     simulate_motion,
@@ -37,9 +41,10 @@ from .kernels import (
 from .parameter_family import ExtendedCycle, Family
 from .point import BranchPoint, PlainPoint, TooManyEvents
 
-# _SIZES: batch sizes for which kernels are compiled, each with the least number of branches that is worth it.
-# _MOST_EVENTS: most padded events in a batch of more than 64, as derivatives take memory.
-_SIZES, _MOST_EVENTS = ((2, 1), (64, 17), (1024, 513)), 16_384
+# `_FEW`, `_MANY`: batch sizes for which kernels are compiled; the larger one runs as often as there are branches for it.
+# `_WORTH_IT`: fewest branches for which the larger one is compiled.
+# `_CHEAPER`: fewest branches for which it is taken once it is compiled.
+_FEW, _MANY, _WORTH_IT, _CHEAPER = 2, 64, 17, 5
 
 
 def drive(families: Many[Family], tasks: Many[Generator], tell_progress: Callable[[], Any]) -> list[Any]:
@@ -95,16 +100,17 @@ def _room_for(program: Callable | None, sequence: Sequence) -> int:
 
 
 class _Stock:
-    """Stacked families of one tree structure and shapes."""
+    """Stacked families of one tree structure and shapes; several tasks may share one."""
 
     def __init__(self, families: dict[int, Family]):
-        self.rows = pack(_stack(list(families.values())), has_rows=True)
-        self.place = {k: row for row, k in enumerate(families)}
+        own = {id(family): family for family in families.values()}
+        self.rows = pack(_stack(list(own.values())), has_rows=True)
+        rows = {one: row for row, one in enumerate(own)}
+        self.place = {k: rows[id(family)] for k, family in families.items()}
 
-    def of(self, tasks: Many[int], size: int) -> Packed:
-        """Families of some tasks, padded to a batch size with the first."""
-        rows = [self.place[k] for k in tasks]
-        return self.rows.at(np.array(rows + rows[:1] * (size - len(rows))))
+    def of(self, tasks: Many[int]) -> Packed:
+        """Families of some tasks."""
+        return self.rows.at(np.array([self.place[k] for k in tasks]))
 
 
 class _Calls:
@@ -122,13 +128,15 @@ class _Calls:
         self.waiting.append((task, request))
 
     def answer(self) -> dict[int, Any]:
-        """Answer as many requests as fit into one call."""
-        size = _size_for(len(self), self.room)
-        now, self.waiting = self.waiting[:size], self.waiting[size:]
+        """Answer all requests."""
+        now, self.waiting = self.waiting, []
         tasks = [task for task, _ in now]
         rows = _stack([padded(request.sequence, request.arguments, self.room) for _, request in now])
-        found = _call(self.program, self.stock.of(tasks, size), *_filled(rows, size))
-        return {task: found.at(k).unpacked() for k, task in enumerate(tasks)}
+        found = _call(self.program, self.stock.of(tasks), rows).unpacked()
+        leaves, structure = jax.tree.flatten(found)
+        return {
+            task: jax.tree.unflatten(structure, [leaf[k] for leaf in leaves]) for k, task in enumerate(tasks)
+        }
 
 
 class _PlainStepBatch:
@@ -140,7 +148,7 @@ class _PlainStepBatch:
         self.new: list[tuple[int, PlainSteps]] = []
         self.points: list[BranchPoint | PlainPoint] = []
         self.state: Any = None
-        self.fixed: tuple | None = None
+        self.families: Packed | None = None
 
     def __len__(self) -> int:
         return len(self.members) + len(self.new)
@@ -150,56 +158,69 @@ class _PlainStepBatch:
         self.new.append((task, requests))
 
     def answer(self) -> dict[int, Any]:
-        """Step as many branches as fit into one call; return those whose next step is not plain, or that are full."""
+        """Step all branches; return those whose next step is not plain, or that are full."""
         self._join()
-        size = _size_for(len(self), self.room)
-        num = min(size, len(self))
-        known, ways = _taken(self.state, slice(num))
-        families, sequences = self._fixed(num, size)
+        known, ways = self.state
+        families = self._families()
         guess, weights, targets = predictions(known, ways.ds)
-        rows = _call(corrected_cycle, families, sequences, *_filled((guess, weights, targets), size)).at(
-            slice(num)
-        )
+        rows = _call(corrected_cycle, families, (known.sequence, guess, weights, targets), is_long=True)
         seen: CorrectedCycle = rows.unpacked()
         new = step_state_of(known.sequence, seen.found.place, seen)
         sound = is_accepted(seen.found, inner_products(new.tangent, known.tangent), ways.ds)
         sound &= is_resolved(known, new, ways.ds)
-        taken = sound & is_plain(known, new, ways)
-        if taken.any():
-            places = _filled(new.place, size)
-            if size == _SIZES[0][0]:
-                sequences, places = _widened(sequences, places, max(self.room, ROOM_OF_SIMULATION))
-            own_start = np.full_like(places.z, np.nan)
-            rows_of_motions = _call(simulate_motion, families, sequences, places, own_start)
-            followed: SimulatedMotion = rows_of_motions.at(slice(num)).unpacked()
-            taken &= follows_cycle(known, seen, followed)
+        plain = sound & is_plain(known, new, ways)
+        taken, motions = self._confirmed(families, known, new, seen, plain)
         length = next_length(seen.found, known, new, ways.ds)
         known = new if taken.all() else jax.tree.map(lambda a, b: _where(taken, a, b), new, known)
         arc = np.where(taken, ways.arc + ways.ds, ways.arc)
         ds = np.where(taken, length, np.where(sound, ways.ds, ways.ds / 2))
         self._add_points(taken, rows, arc)
-        is_full = np.array([requests.walk.is_full for _, requests in self.members[:num]])
-        return self._moved_on(
-            known, ways._replace(ds=ds, arc=arc), (sound & ~taken) | (ds < SHORTEST) | is_full
-        )
+        is_full = np.array([requests.walk.is_full for _, requests in self.members])
+        is_left = (sound & ~taken) | (ds < SHORTEST) | is_full
+        tried = {
+            k: Tried(PlainPoint(self.points[k].sequence, rows, k, arc[k] + ds[k]).alone(), motions.get(k))
+            for k in map(int, np.flatnonzero(is_left & sound & ~taken))
+        }
+        return self._moved_on(known, ways._replace(ds=ds, arc=arc), is_left, tried)
+
+    def _confirmed(
+        self, families: Packed, known: StepState, new: StepState, seen: CorrectedCycle, plain: np.ndarray
+    ) -> tuple[np.ndarray, dict[int, SimulatedMotion]]:
+        """Flags of the plain steps at whose ends the machine follows the cycle with as many events.
+
+        Also its motions where it only has other bounces of a chatter. (Where it seems to leave the cycle there may
+        have been no room for its events.)
+        """
+        which = np.flatnonzero(plain)
+        if not which.size:
+            return plain, {}
+        sequences, places = _taken((known.sequence, new.place), which)
+        families = families.at(which)
+        if _size_for(simulate_motion, families) == _FEW:
+            sequences, places = _widened(sequences, places, max(self.room, ROOM_OF_SIMULATION))
+        own_start = np.full_like(places.z, np.nan)
+        motions: SimulatedMotion = _call(simulate_motion, families, (sequences, places, own_start)).unpacked()
+        known, seen = _taken((known, seen), which)
+        follows = follows_cycle(known, seen, motions)
+        taken = plain.copy()
+        taken[which] = follows
+        return taken, {int(which[k]): _taken(motions, k) for k in np.flatnonzero(motions.is_alike & ~follows)}
 
     def _join(self) -> None:
         """Append the new branches to the batch."""
         if not self.new:
             return
-        rows = _stack([batch_row_of(requests) for _, requests in self.new])
+        rows = batch_rows_of([requests for _, requests in self.new])
         self.state = jax.tree.map(lambda *a: np.concatenate(a), self.state, rows) if self.members else rows
         self.members += self.new
         self.points += [requests.point for _, requests in self.new]
-        self.new, self.fixed = [], None
+        self.new, self.families = [], None
 
-    def _fixed(self, num: int, size: int) -> tuple:
-        """Padded families and sequences of the batch, cached because they rarely change from step to step."""
-        if self.fixed is None or self.fixed[0] != (num, size):
-            families = self.stock.of([task for task, _ in self.members[:num]], size)
-            sequences = _filled(_taken(self.state[0].sequence, slice(num)), size)
-            self.fixed = (num, size), (families, sequences)
-        return self.fixed[1]
+    def _families(self) -> Packed:
+        """Families of the batch, cached because they rarely change from step to step."""
+        if self.families is None:
+            self.families = self.stock.of([task for task, _ in self.members])
+        return self.families
 
     def _add_points(self, taken: np.ndarray, rows: Packed, arc: np.ndarray) -> None:
         """Add the points of the branches that have taken a step."""
@@ -207,46 +228,76 @@ class _PlainStepBatch:
             self.points[k] = PlainPoint(self.points[k].sequence, rows, int(k), float(arc[k]))
             self.members[k][1].walk.points.append(self.points[k])
 
-    def _moved_on(self, known: Any, ways: Any, is_left: np.ndarray) -> dict[int, Any]:
+    def _moved_on(
+        self, known: StepState, ways: BranchProgress, is_left: np.ndarray, tried: dict[int, Tried]
+    ) -> dict[int, Any]:
         """Store the new state of the batch, remove the branches that leave it, and return their answers."""
-        num, gone = len(is_left), np.flatnonzero(is_left)
+        gone = np.flatnonzero(is_left)
         alone = lambda point: point.alone() if isinstance(point, PlainPoint) else point  # noqa: E731
-        left = {self.members[k][0]: (alone(self.points[k]), float(ways.ds[k])) for k in gone}
-        for old, new in zip(jax.tree.leaves(self.state), jax.tree.leaves((known, ways)), strict=True):
-            old[:num] = new
+        left = {
+            self.members[k][0]: (alone(self.points[k]), float(ways.ds[k]), tried.get(int(k))) for k in gone
+        }
+        self.state = known, ways
         if left:
             order = np.delete(np.arange(len(self.members)), gone)
             self.state = _taken(self.state, order)
             self.members, self.points = [self.members[k] for k in order], [self.points[k] for k in order]
-            self.fixed = None
+            self.families = None
         return left
 
 
 def _stocked(families: Many[Family]) -> tuple[list[Hashable], dict[Hashable, _Stock]]:
     """Make (tree structure and shapes) of each family, and the stacked families of each make."""
     members: dict[Hashable, dict[int, Family]] = {}
-    makes = []
+    makes, known = [], {}
     for k, family in enumerate(families):
-        leaves, structure = jax.tree.flatten(family)
-        makes.append((structure, *(np.shape(a) for a in leaves)))
+        if id(family) not in known:
+            leaves, structure = jax.tree.flatten(family)
+            known[id(family)] = (structure, *(np.shape(a) for a in leaves))
+        makes.append(known[id(family)])
         members.setdefault(makes[-1], {})[k] = family
     return makes, {make: _Stock(own) for make, own in members.items()}
 
 
-def _size_for(num: int, room: int) -> int:
-    """Batch size for a number of requests."""
-    sizes = [size for size, least in _SIZES if num >= least and (size <= 64 or size * room <= _MOST_EVENTS)]
-    return sizes[-1]
+# Kernels, with the layout of families, for which the larger batches were compiled in this process.
+_made: set[tuple[Callable, Layout]] = set()
+# Forms of kernels for very many branches; to compile them takes twice as long.
+_OF_MANY: dict[Callable, Callable] = {corrected_cycle: corrected_cycles}
+# `_VERY_MANY`: fewest branches for which these are compiled, and then taken for the same layouts.
+_VERY_MANY, _written_out = 256, set[tuple[Callable, Layout, Layout]]()
 
 
-def _call(program: Callable, families: Packed, *rows: Any) -> Packed:
-    """Packed results of a kernel for rows of families and of its other arguments."""
-    return _compiled(program)(families, pack(rows, has_rows=True)).in_numpy()
+def _size_for(program: Callable, families: Packed) -> int:
+    """Batch size in which requests for a kernel are answered, one for each family."""
+    least = _CHEAPER if (program, families.layout) in _made else _WORTH_IT
+    return _MANY if len(families.reals) >= least else _FEW
+
+
+def _call(program: Callable, families: Packed, rows: Any, *, is_long: bool = False) -> Packed:
+    """Packed results of a kernel for rows of families and of its other arguments, computed batch by batch.
+
+    `is_long` is True where many more calls follow.
+    """
+    arguments, num, size = pack(rows, has_rows=True), len(families.reals), _size_for(program, families)
+    run = _compiled_by_row(program)
+    if size == _MANY:
+        _made.add((program, families.layout))
+        layouts = program, families.layout, arguments.layout
+        if program in _OF_MANY and (layouts in _written_out or (is_long and num >= _VERY_MANY)):
+            _written_out.add(layouts)
+            run = _compiled(_OF_MANY[program])
+    # The last batch is filled up with its last row.
+    parts = [np.minimum(np.arange(k, k + size), num - 1) for k in range(0, num, size)]
+    found = [run(families.at(part), arguments.at(part)).in_numpy() for part in parts]
+    reals, wholes = (
+        np.concatenate(own)[:num] for own in zip(*((a.reals, a.wholes) for a in found), strict=True)
+    )
+    return Packed(reals, wholes, found[0].layout)
 
 
 @cache
-def _compiled(program: Callable) -> Callable:
-    """A compiled kernel of packed rows."""
+def _compiled_by_row(program: Callable) -> Callable:
+    """A compiled kernel of packed rows, batched by `vmap`."""
 
     def of_rows(families: Packed, arguments: Packed) -> Packed:
         def of_row(family: Packed, arguments: Packed) -> Packed:
@@ -258,19 +309,23 @@ def _compiled(program: Callable) -> Callable:
     return jit_lightly(of_rows, name=(program.__module__, program.__qualname__))
 
 
+@cache
+def _compiled(program: Callable) -> Callable:
+    """A compiled kernel of packed rows that is itself one of many."""
+
+    def of_rows(families: Packed, arguments: Packed) -> Packed:
+        return pack(program(families.unpacked(), *arguments.unpacked()), has_rows=True)
+
+    of_rows.__name__ = program.__name__
+    return jit_for_lanes(of_rows, name=(program.__module__, program.__qualname__))
+
+
 def _stack(trees: list) -> Any:
     return jax.tree.map(lambda *a: np.stack(a), *trees)
 
 
 def _taken(tree: Any, rows: Any) -> Any:
     return jax.tree.map(lambda a: a[rows], tree)
-
-
-def _filled(tree: Any, size: int) -> Any:
-    """Pad rows to a batch size with the first row."""
-    num = len(jax.tree.leaves(tree)[0])
-    rows = np.append(np.arange(num), np.zeros(size - num, int))
-    return tree if num == size else _taken(tree, rows)
 
 
 def _widened(sequences: Sequence, places: ExtendedCycle, room: int) -> tuple[Sequence, ExtendedCycle]:

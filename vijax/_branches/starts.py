@@ -1,6 +1,7 @@
 """Starts of branches: given orbits, or the orbits found from the points of a sweep, in one form."""
 
-from collections.abc import Iterator, Sequence as Many
+from collections.abc import Hashable, Iterator, Sequence as Many
+from functools import lru_cache
 from typing import NamedTuple
 
 import jax
@@ -14,9 +15,9 @@ from .._jax.concrete import is_traced
 from .._machine.numbers import numbers_of
 from .._orbits.orbit import PeriodicOrbit
 from .._orbits.rigid_modes import free_drifts, free_shifts
-from .._orbits.sequence import empty_sequence
+from .._orbits.sequence import Sequence, empty_sequence
 from .._sweep.provenance import machines_of
-from .._system.parameters import get_parameter
+from .._system.parameters import Location, find_parameter, get_parameter
 from .._system.system import ImpactSystem, unbound, with_args
 from .follow import point_at_orbit
 from .kernels import room_for
@@ -106,13 +107,24 @@ def _of_dataset(ds: xr.Dataset) -> Iterator[Start]:
         )
 
 
+@lru_cache(maxsize=64)
+def _location(structure: Hashable, shapes: tuple[tuple[int, ...], ...], path: str) -> Location:
+    """Location of a parameter in all machines of a structure: to find it takes as long as a step along a branch."""
+    return find_parameter(jax.tree.unflatten(structure, [np.zeros(shape) for shape in shapes]), path)
+
+
 def value_of(system: ImpactSystem, path: str) -> float:
     """Value of a parameter that is one number, or for a path with a star the same number everywhere.
 
     Raises:
         ValueError: for any other parameter.
     """
-    values = np.asarray(get_parameter(system, path))
+    leaves, structure = jax.tree.flatten(system)
+    place = _location(structure, tuple(np.shape(a) for a in leaves), path)
+    if "*" in path:
+        values = np.asarray(get_parameter(system, path))
+    else:
+        values = np.asarray(np.asarray(leaves[place.leaves[0]])[place.index])
     if "*" in path and values.ndim == 1:
         if np.any(values != values[0]):
             raise ValueError(
@@ -127,14 +139,90 @@ def value_of(system: ImpactSystem, path: str) -> float:
     return float(values)
 
 
-def family_of(start: Start, path: str, low: float, high: float) -> Family:
-    """Family of the machine of an orbit along a parameter.
+def families_of(starts: Many[Start], path: str, low: float, high: float) -> list[Family]:
+    """Families of the machines of orbits along a parameter; what machines of one structure share is computed once.
 
     Raises:
-        ValueError: for a path that names no single number, bounds that exclude the orbit, an inadmissible orbit.
+        ValueError: as `family_of`.
     """
-    system = jax.tree.map(np.asarray, with_args(start.system, start.args))
-    value = value_of(system, path)
+    groups: dict[object, list[int]] = {}
+    for k, start in enumerate(starts):
+        leaves, structure = jax.tree.flatten(start.system)
+        is_alone = (
+            "*" in path or start.args is not None or start.flow is not None or start.system.force is not None
+        )
+        make = k if is_alone else (structure, *(np.shape(a) for a in leaves))
+        groups.setdefault(make, []).append(k)
+    found: dict[int, Family] = {}
+    for group in groups.values():
+        own = (
+            _families_side_by_side([starts[k] for k in group], path, (low, high)) if len(group) > 1 else None
+        )
+        found.update(zip(group, own or [family_of(starts[k], path, low, high) for k in group], strict=True))
+    return [found[k] for k in range(len(starts))]
+
+
+def _families_side_by_side(
+    starts: Many[Start], path: str, bounds: tuple[float, float]
+) -> list[Family] | None:
+    """Families of machines of one structure; None if their springs, dampers and masses differ."""
+    value_of(starts[0].system, path)  # raises if the path names no number
+    systems = [jax.tree.map(np.asarray, start.system) for start in starts]
+    whole = jax.tree.map(_lanes_last, *systems)
+    place, num = find_parameter(systems[0], path), len(starts)
+    values = np.broadcast_to(jax.tree.leaves(whole)[place.leaves[0]][place.index], num)
+    for start, value in zip(starts, values, strict=True):
+        _check_start(start, path, float(value), bounds)
+    flow, numbers = _flow_of(whole, path, bounds, None), numbers_of(whole)
+    matrices = numbers.mass, numbers.damping, numbers.stiffness, numbers.rows
+    if any(np.shape(a)[-1] > 1 for a in (*matrices, *jax.tree.leaves(flow))):
+        return None
+    flow = jax.tree.map(lambda a: np.asarray(a)[..., 0], flow)
+    first = numbers_of(systems[0])
+    shifts, drift = np.asarray(free_shifts(first)), jax.tree.map(np.asarray, free_drifts(first))
+    states = np.stack([start.state for start in starts])
+    frequency, limit = (
+        np.asarray(a) for a in (numbers.frequency, np.abs(numbers.limit).max(axis=0, initial=0))
+    )
+    scales = _scales(states, np.broadcast_to(frequency, num), np.broadcast_to(limit, num))
+    return [
+        Family(
+            system=system,
+            flow=flow,
+            num_periods=np.asarray(start.num_periods, states.dtype),
+            phase=np.asarray(start.phase / (2 * np.pi), states.dtype),
+            scale=scale,
+            span=np.asarray(bounds[1] - bounds[0], states.dtype),
+            shifts=shifts,
+            drift=drift,
+            path=path,
+        )
+        for start, system, scale in zip(starts, systems, scales, strict=True)
+    ]
+
+
+def _lanes_last(*arrays: np.ndarray) -> np.ndarray:
+    """Arrays stacked along a last axis of lanes, a single lane if all are equal."""
+    whole = np.stack(arrays, axis=-1)
+    return whole[..., :1] if np.all(whole == whole[..., :1]) else whole
+
+
+def _scales(states: np.ndarray, frequency: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """Sizes of positions and velocities of orbits, (orbits, 2 n)."""
+    x, v = np.split(np.abs(states), 2, axis=1)
+    lengths = np.max([x.max(axis=1), v.max(axis=1) / frequency, limit], axis=0)
+    lengths = np.maximum(lengths, np.finfo(states.dtype).tiny)
+    scales = lengths[:, None] * np.stack([np.ones_like(frequency), frequency], axis=1)
+    return np.repeat(scales, x.shape[1], axis=1).astype(states.dtype)
+
+
+def _check_start(start: Start, path: str, value: float, bounds: tuple[float, float]) -> None:
+    """Check that an orbit, its machine with this value of the parameter, can begin a branch.
+
+    Raises:
+        ValueError: if it cannot.
+    """
+    low, high = bounds
     if not -np.inf < low < high < np.inf:
         raise ValueError(f"Argument `bounds` must be a lower and a higher value, but is ({low}, {high}).")
     if not low <= value <= high:
@@ -145,16 +233,26 @@ def family_of(start: Start, path: str, low: float, high: float) -> Family:
         raise ValueError(
             "A branch begins with an orbit that the machine follows, but this one is not admissible."
         )
-    numbers, (x, v) = numbers_of(system), np.split(start.state, 2)
-    sizes = np.abs(x).max(), np.abs(v).max() / numbers.frequency, np.abs(numbers.limit).max(initial=0)
-    length = max(float(max(sizes)), np.finfo(x.dtype).tiny)
+
+
+def family_of(start: Start, path: str, low: float, high: float) -> Family:
+    """Family of the machine of an orbit along a parameter.
+
+    Raises:
+        ValueError: for a path that names no single number, bounds that exclude the orbit, an inadmissible orbit.
+    """
+    system = jax.tree.map(np.asarray, with_args(start.system, start.args))
+    _check_start(start, path, value_of(system, path), (low, high))
+    numbers, dtype = numbers_of(system), start.state.dtype
+    limit = np.abs(np.asarray(numbers.limit)).max(initial=0)
+    (scale,) = _scales(start.state[None], np.asarray(numbers.frequency)[None], limit[None])
     return Family(
         system=system,
         flow=jax.tree.map(np.asarray, _flow_of(system, path, (low, high), start.flow)),
-        num_periods=np.asarray(start.num_periods, x.dtype),
-        phase=np.asarray(start.phase / (2 * np.pi), x.dtype),
-        scale=np.repeat(length * np.array([1.0, float(numbers.frequency)]), len(x)).astype(x.dtype),
-        span=np.asarray(high - low, x.dtype),
+        num_periods=np.asarray(start.num_periods, dtype),
+        phase=np.asarray(start.phase / (2 * np.pi), dtype),
+        scale=scale,
+        span=np.asarray(high - low, dtype),
         shifts=np.asarray(free_shifts(numbers)),
         drift=jax.tree.map(np.asarray, free_drifts(numbers)),
         path=path,
@@ -181,12 +279,16 @@ def _flow_of(
 def points_of(starts: list[Start], families: list[Family]) -> list[BranchPoint | None]:
     """Points at which the branches begin; None for a start that is no orbit of its machine, or not isolated."""
     tasks, which = [], [k for k, start in enumerate(starts) if is_isolated(start, families[k])]
+    rooms: dict[tuple[int, int, bool], Sequence] = {}
     for start, family in ((starts[k], families[k]) for k in which):
         room_for(start.num_events)  # raises if there are too many
-        size = len(start.system.stops) + len(start.system.friction)
-        room = empty_sequence(start.num_events, size, is_switching=start.system.is_switching)
+        machine = start.system
+        size = start.num_events, len(machine.stops) + len(machine.friction), machine.is_switching
+        if size not in rooms:
+            empty = empty_sequence(*size[:2], is_switching=machine.is_switching)
+            rooms[size] = jax.tree.map(np.asarray, empty)
         p = float(value_of(family.system, family.path) / family.span)
-        tasks.append(point_at_orbit(jax.tree.map(np.asarray, room), start.state, p))
+        tasks.append(point_at_orbit(rooms[size], start.state, p))
     found = dict(zip(which, drive([families[k] for k in which], tasks, lambda: None), strict=True))
     return [found.get(k) for k in range(len(starts))]
 

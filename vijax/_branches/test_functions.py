@@ -23,15 +23,21 @@ _ON_CIRCLE = 1e-7
 
 
 class TestFunction(NamedTuple):
-    """A test function, the kind of event or bifurcation at its zero, and the number of the event or stop.
+    """A test function.
 
-    `of_flight` is True for the duration of the flight before an event.
+    Attributes:
+        kind: kind of the event or bifurcation at its zero.
+        of: its value.
+        index: number of the event or stop.
+        of_flight: True for the duration of the flight before an event.
+        rate: its rate along the branch; None if that is not known.
     """
 
     kind: str
     of: Callable[[CorrectedCycle], Any]
     index: int = 0
     of_flight: bool = False
+    rate: Callable[[CorrectedCycle], Any] | None = None
 
 
 def _ratio(values: Any, of: Any) -> Any:
@@ -84,6 +90,10 @@ def is_crossed(before: Any, after: Any) -> Any:
     return (before * after < 0) & (np.maximum(np.abs(before), np.abs(after)) > _NOTHING)
 
 
+# Kinds of events at which the least value of a quantity of a stop vanishes, and these quantities.
+OF_STOPS: dict[str, str] = {Kind.TOUCH: "gap", Kind.FORCE_ZERO: "force", Kind.ONSET: "rise"}
+
+
 def tests_of(sequence: Sequence) -> list[TestFunction]:
     """Test functions of a sequence, positive as long as a machine can follow it."""
     if sequence.is_switching:
@@ -91,15 +101,34 @@ def tests_of(sequence: Sequence) -> list[TestFunction]:
     found, follows_another = [], _follows_another(sequence)
     for k, (kind, stop) in enumerate(zip(sequence.kind, sequence.stop, strict=True)):
         if kind == IMPACT:
-            found.append(TestFunction(Kind.GRAZING, lambda seen, k=k: float(seen.found.speeds[k]), k))
+            found.append(
+                TestFunction(
+                    Kind.GRAZING,
+                    lambda seen, k=k: float(seen.found.speeds[k]),
+                    k,
+                    lambda seen, k=k: float(seen.rates.speeds[k]),
+                )
+            )
         if follows_another[k]:
             ends_stick = kind == RELEASE and sequence.held[k][stop] and not sequence.held[k - 1][stop]
-            name = Kind.CHATTER_COMPLETION if ends_stick else Kind.DOUBLE_IMPACT
-            found.append(TestFunction(name, lambda seen, k=k: float(seen.found.place.flights[k]), k))
+            found.append(
+                TestFunction(
+                    Kind.CHATTER_COMPLETION if ends_stick else Kind.DOUBLE_IMPACT,
+                    lambda seen, k=k: float(seen.found.place.flights[k]),
+                    k,
+                    lambda seen, k=k: float(seen.found.tangent.flights[k]),
+                )
+            )
     for j in range(sequence.held.shape[1]):
-        found.append(TestFunction(Kind.TOUCH, lambda seen, j=j: float(seen.watched.gap[j]), j))
-        found.append(TestFunction(Kind.FORCE_ZERO, lambda seen, j=j: float(seen.watched.force[j]), j))
-        found.append(TestFunction(Kind.ONSET, lambda seen, j=j: float(seen.watched.rise[j]), j))
+        for kind, name in OF_STOPS.items():
+            found.append(
+                TestFunction(
+                    kind,
+                    lambda seen, j=j, name=name: float(getattr(seen.watched, name)[j]),
+                    j,
+                    lambda seen, j=j, name=name: float(getattr(seen.rates, name)[j]),
+                )
+            )
     return found
 
 

@@ -7,7 +7,7 @@ take longer than most trajectories.
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.core
@@ -146,7 +146,7 @@ class Packed:
 
 
 def _at(numbers: Reals, place: Place) -> Reals:
-    if np.issubdtype(place.dtype, np.complexfloating):
+    if place.dtype.kind == "c":
         middle = (place.begin + place.end) // 2
         of_part = replace(place, dtype=numbers.dtype)
         real, imaginary = replace(of_part, end=middle), replace(of_part, begin=middle)
@@ -154,8 +154,9 @@ def _at(numbers: Reals, place: Place) -> Reals:
     lead = numbers.shape[:-1]
     if isinstance(numbers, np.ndarray):
         part = numbers[..., place.begin : place.end]
+        part = part.reshape((*lead, *place.shape))
         # `[()]` turns an array without axes into a number.
-        return part.reshape((*lead, *place.shape)).astype(place.dtype, copy=False)[()]
+        return (part if part.dtype == place.dtype else part.astype(place.dtype))[()]
     part = jax.lax.slice_in_dim(numbers, place.begin, place.end, axis=len(lead))
     return part.reshape(*lead, *place.shape).astype(place.dtype)
 
@@ -190,12 +191,30 @@ def pack(tree: PyTree, layout: Layout | None = None, *, has_rows: bool = False) 
 def layout_of(tree: PyTree, *, has_rows: bool = False) -> Layout:
     """Layout of a tree in the precision in which JAX computes, see `pack`."""
     leaves, structure = jax.tree.flatten(tree)
+    kinds = tuple(
+        _Kind(leaf.shape[int(has_rows) :], leaf.dtype)
+        if isinstance(leaf, jax.Array | np.ndarray | np.generic)
+        else (type(leaf), leaf)
+        for leaf in leaves
+    )
+    return _layout_of_kinds(structure, kinds, jax.config.read("jax_enable_x64"))
+
+
+class _Kind(NamedTuple):
+    shape: tuple[int, ...]
+    dtype: np.dtype
+
+
+@lru_cache(maxsize=1024)
+def _layout_of_kinds(structure: Any, kinds: tuple, has_doubles: bool) -> Layout:
+    """Layout of a tree with these shapes and types, or types and values of leaves that are no arrays."""
+    del has_doubles  # it decides about types
     ends, places, floats = [0, 0], [], []
-    for leaf in leaves:
-        if not isinstance(leaf, jax.Array | np.ndarray | np.generic):
-            places.append(leaf)
+    for own in kinds:
+        if not isinstance(own, _Kind):
+            places.append(own[1])
             continue
-        dtype, shape = np.dtype(canonicalize_dtype(leaf.dtype)), leaf.shape[int(has_rows) :]
+        dtype, shape = np.dtype(canonicalize_dtype(own.dtype)), own.shape
         is_complex = bool(jnp.issubdtype(dtype, jnp.complexfloating))
         kind = int(is_complex or jnp.issubdtype(dtype, jnp.floating))
         begin, ends[kind] = ends[kind], ends[kind] + math.prod(shape) * (1 + is_complex)
@@ -205,7 +224,7 @@ def layout_of(tree: PyTree, *, has_rows: bool = False) -> Layout:
 
 
 def _real_parts(a: Reals) -> list[Reals]:
-    return [a.real, a.imag] if jnp.issubdtype(a.dtype, jnp.complexfloating) else [a]
+    return [a.real, a.imag] if np.dtype(a.dtype).kind == "c" else [a]
 
 
 def _joined(arrays: list[Reals], dtype: np.dtype, lead: tuple[int, ...]) -> Reals:

@@ -236,6 +236,11 @@ def jit_lightly(function: Callable, name: Any = None) -> Callable:
     return wraps(function)(Programs(function, _options, name=name, static_numbers=False))
 
 
+def jit_for_lanes(function: Callable, name: Any = None) -> Callable:
+    """`jit_lightly` for functions whose arrays have lanes last, with the widest vectors."""
+    return wraps(function)(Programs(function, options_for_lanes, name=name, static_numbers=False))
+
+
 @eqx.filter_jit
 def _plainly_differentiable(function: Callable, smooth: Callable | None, tree: Any) -> Any:
     """`differentiable` from public JAX alone: every derivative is a product with all derivatives, taken forwards."""

@@ -163,8 +163,8 @@ class Loop(Block):
         """Nodes that are the same in every turn, and that others need: computed before the loop."""
         changes = dict.fromkeys(self.leaves, True)
         found: dict[Node, None] = {}
-        for node in ordered((e for e in self.last if not is_known(e)), _operands):
-            operands = _operands(node)
+        for node in ordered((e for e in self.last if not is_known(e)), needs_of):
+            operands = needs_of(node)
             changes.setdefault(node, any(changes[a] for a in operands) or node.block is not None)
             if changes[node]:
                 found.update(dict.fromkeys(a for a in operands if not changes[a] and a.primitive is not None))
@@ -172,7 +172,8 @@ class Loop(Block):
         return list(found | dict.fromkeys(last))
 
 
-def _operands(node: Node) -> list[Node]:
+def needs_of(node: Node) -> list[Node]:
+    """Nodes that a node is computed from."""
     if node.block is None:
         return [a for a in node.args if not is_known(a)]
     block, place = node.block

@@ -9,10 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from . import control as control  # its rules
+from .control import needs_of  # and its rules
 from .elements import as_elements, shaped
 from .emission import emit
-from .graph import Node
+from .graph import Node, is_known
 from .rules import Program
 
 
@@ -76,6 +76,33 @@ def lanes_last(function: Callable, *, fences: bool = True) -> Callable:
         return eqx.combine(jax.tree.unflatten(tree, stacked), others)
 
     return of_lanes
+
+
+def arrays_read(function: Callable, *args: Any) -> list[bool]:
+    """For each array among the arguments, in order, whether a result of a function of one trajectory depends on it.
+
+    Arguments may be shapes. What a result depends on only through a loop or a choice of all lanes counts as read.
+    """
+    arrays, static = eqx.partition(args, lambda a: eqx.is_array(a) or isinstance(a, jax.ShapeDtypeStruct))
+    leaves, structure = jax.tree.flatten(arrays)
+
+    def of_arrays(leaves: list) -> list:
+        found = function(*eqx.combine(jax.tree.unflatten(structure, leaves), static))
+        return jax.tree.leaves(eqx.filter(found, eqx.is_array))
+
+    closed = jax.make_jaxpr(of_arrays)([jax.ShapeDtypeStruct(a.shape, a.dtype) for a in leaves])
+    given = [
+        shaped([Node(None, (), {}, a.dtype, False) for _ in range(int(np.prod(a.shape, dtype=int)))], a.shape)
+        for a in leaves
+    ]
+    waiting = [e for out in Program().run(closed, given) for e in out.flat if not is_known(e)]
+    needed: set[Node] = set()
+    while waiting:
+        node = waiting.pop()
+        if node not in needed:
+            needed.add(node)
+            waiting.extend(needs_of(node))
+    return [any(element in needed for element in own.flat) for own in given]
 
 
 def _num_lanes(leaves: list) -> int:
