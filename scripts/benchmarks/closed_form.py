@@ -107,11 +107,10 @@ def closed_flight(start: float, speed: float, amplitude: float) -> tuple[float, 
 
     ts = start + np.linspace(0.05, 1.5, 60) * PERIOD
     before = np.flatnonzero(np.diff(np.sign([gap(t) for t in ts])) < 0)
-    end = (
-        scipy.optimize.brentq(gap, ts[before[0]], ts[before[0] + 1], xtol=1e-15, rtol=1e-15)
-        if len(before)
-        else ts[-1]
-    )
+    end = float(ts[-1])
+    if len(before):
+        ends = ts[before[0]], ts[before[0] + 1]
+        end = scipy.optimize.root_scalar(gap, bracket=ends, method="brentq", xtol=1e-15, rtol=1e-15).root
     turn = rate * (end - start)
     slope = rate * (sine * np.cos(turn) - x * np.sin(turn)) - decay * (x * np.cos(turn) + sine * np.sin(turn))
     return end, np.exp(-decay * (end - start)) * slope + steady(end)[1]

@@ -193,7 +193,7 @@ _programs: dict[tuple, Callable] = {}
 
 
 def _compiled(solver: diffrax.AbstractSolver, width: float, tolerance: float) -> Callable:
-    key = type(solver).__name__, width
+    key = type(solver).__name__, width, tolerance
     if key not in _programs:
         scene = golden()
         term = diffrax.ODETerm(_rate(scene, width, jnp))
@@ -201,7 +201,8 @@ def _compiled(solver: diffrax.AbstractSolver, width: float, tolerance: float) ->
 
         def end(y):
             options = {"stepsize_controller": controller, "max_steps": 10_000_000}
-            return diffrax.diffeqsolve(term, solver, scene["t0"], scene["t1"], 1e-4, y, **options).ys[-1]
+            solved = diffrax.diffeqsolve(term, solver, scene["t0"], scene["t1"], 1e-4, y, **options)
+            return jnp.asarray(solved.ys)[-1]
 
         _programs[key] = jax.jit(end)
     return _programs[key]

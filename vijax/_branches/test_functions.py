@@ -106,7 +106,7 @@ def tests_of(sequence: Sequence) -> list[TestFunction]:
                     Kind.GRAZING,
                     lambda seen, k=k: float(seen.found.speeds[k]),
                     k,
-                    lambda seen, k=k: float(seen.rates.speeds[k]),
+                    rate=lambda seen, k=k: float(seen.rates.speeds[k]),
                 )
             )
         if follows_another[k]:
@@ -116,7 +116,7 @@ def tests_of(sequence: Sequence) -> list[TestFunction]:
                     Kind.CHATTER_COMPLETION if ends_stick else Kind.DOUBLE_IMPACT,
                     lambda seen, k=k: float(seen.found.place.flights[k]),
                     k,
-                    lambda seen, k=k: float(seen.found.tangent.flights[k]),
+                    rate=lambda seen, k=k: float(seen.found.tangent.flights[k]),
                 )
             )
     for j in range(sequence.held.shape[1]):
@@ -126,7 +126,7 @@ def tests_of(sequence: Sequence) -> list[TestFunction]:
                     kind,
                     lambda seen, j=j, name=name: float(getattr(seen.watched, name)[j]),
                     j,
-                    lambda seen, j=j, name=name: float(getattr(seen.rates, name)[j]),
+                    rate=lambda seen, j=j, name=name: float(getattr(seen.rates, name)[j]),
                 )
             )
     return found
@@ -143,7 +143,7 @@ def tests_of_switching(sequence: Sequence) -> list[TestFunction]:
             of_flight = lambda seen, k=k: float(seen.found.place.flights[k])  # noqa: E731
             found.append(TestFunction(_kind_of_meeting(sequence, k), of_flight, k, of_flight=True))
     num = sequence.mode.shape[1]
-    slides = np.isin(sequence.mode, (AHEAD, BEHIND, STICKING)).any(axis=0)
+    slides: np.ndarray = np.any(np.isin(sequence.mode, (AHEAD, BEHIND, STICKING)), axis=0)
     for j in range(2 * num):
         is_friction = slides[j % num]
         kind = Kind.GRAZING_SLIDING if is_friction else Kind.TOUCH if j < num else Kind.FORCE_ZERO

@@ -14,6 +14,7 @@ import jax
 import numpy as np
 
 from .._jax.concrete import concrete, concrete_evaluation
+from .._system.compliant import CompliantContact, CompliantStop
 from .._system.friction import Friction
 from .._system.system import ImpactSystem
 from .modal import ModalFlow, Modes
@@ -24,9 +25,9 @@ def switching_modal_flow(
     system: ImpactSystem, *, band: tuple[float, float] | None = None
 ) -> ModalFlow | None:
     """Tabulate the modes of all sets, or return None; arguments as `modal_flow` takes them."""
-    matrices = [concrete(a) for a in (system.mass, system.damping, system.stiffness)]
-    elements = _elements(system)
-    if elements is None or any(a is None for a in matrices) or system.has_full_mass:
+    known = [concrete(a) for a in (system.mass, system.damping, system.stiffness)]
+    matrices, elements = [a for a in known if a is not None], _elements(system)
+    if elements is None or len(matrices) < len(known) or system.has_full_mass:
         return None
     with concrete_evaluation():
         has_lanes = matrices[0].ndim == 2
@@ -65,11 +66,11 @@ def _elements(system: ImpactSystem) -> list[_Element] | None:
             return None
         ((mass, coefficient),) = element.coefficients.items()
         numbers = [coefficient, element.velocity] if isinstance(element, Friction) else [coefficient]
-        is_compliant = not isinstance(element, Friction) and element.is_compliant
+        is_compliant = isinstance(element, CompliantStop | CompliantContact)
         if is_compliant:
             numbers += [element.stiffness, element.damping, element.preload]
-        known = [concrete(a) for a in numbers]
-        if any(a is None for a in known):
+        known = [a for a in map(concrete, numbers) if a is not None]
+        if len(known) < len(numbers):
             return None
         if isinstance(element, Friction):
             if known[1].any():

@@ -214,7 +214,7 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
         is_lumped=not system.has_full_mass,
         force=None if system.force is None else _name(system.force),
         is_compliant=np.array([stop.is_compliant for stop in system.stops], bool),
-        is_damped=np.array([stop.is_compliant and bool(stop.damping > 0) for stop in system.stops], bool),
+        is_damped=np.array([bool(getattr(stop, "damping", 0) > 0) for stop in system.stops], bool),
         friction=tuple(
             Rubbing(_row(n, one.coefficients), float(one.force), float(one.velocity))
             for one in system.friction
