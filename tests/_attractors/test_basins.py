@@ -31,6 +31,7 @@ def test_two_motions_that_are_mirror_images_are_two_though_their_impacts_are_equ
 
 
 @polishes
+@pytest.mark.slow
 def test_a_cycle_of_three_periods_met_at_any_of_its_phases_is_one():
     three = found(THREE)
     which = three.num_periods.values.tolist().index(3)
@@ -44,6 +45,7 @@ def test_a_cycle_of_three_periods_met_at_any_of_its_phases_is_one():
 
 
 @polishes
+@pytest.mark.slow
 def test_chaotic_motions_of_one_cloud_are_one_and_mirror_images_are_two():
     pair = found(CHAOTIC)
     assert pair.motion.attrs["flag_meanings"].split()[int(pair.motion[0])] == "non_periodic"

@@ -8,6 +8,7 @@ import vijax as vx
 
 
 @pytest.mark.thorough
+@pytest.mark.slow
 def test_case_a_has_two_attractors_at_1_8():
     ds = found(vx.models.wagg_bishop_a(1.8), 90)
     assert ds.num_periods.values.tolist() == [3, 2]

@@ -116,6 +116,7 @@ def test_attractors_of_up_to_64_periods_are_polished_cycles(cascade):
         assert float(ds.exponents[0, 0]) == pytest.approx(float(end.lyapunov_exponents[0]), abs=1e-3)
 
 
+@pytest.mark.slow
 def test_an_impact_at_the_section_itself_splits_no_attractor():
     """The phase of the load is shifted until the one orbit hits the stop at phase 0, up to a few roundings."""
     frequency = 0.79

@@ -131,6 +131,7 @@ def test_grazing_in_closed_form():
     np.testing.assert_allclose(jax.grad(value_of(alone, "gr"))(ALONE), exact, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_force_that_touches_zero_in_closed_form():
     # The driven mass gives the force of the spring and damper on the other one, which the constant load just exceeds.
     constant, amplitude = PRESSED

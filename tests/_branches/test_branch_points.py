@@ -83,6 +83,7 @@ def exact(point):
 
 
 @pytest.mark.thorough
+@pytest.mark.slow
 def test_a_branch_point_has_a_value_and_derivatives(point, exact):
     value = lambda amplitude: vx.bifurcation_value(point, between_stops(amplitude, 2.0))  # noqa: E731
     np.testing.assert_allclose(value(1.0), exact(1.0), rtol=0, atol=1e-13)

@@ -76,6 +76,7 @@ def test_it_ends_on_its_bounds(doubled):
     assert int(doubled.points.num_impacts[0].sum()) == 0
 
 
+@pytest.mark.slow
 def test_a_doubled_branch_ends_where_it_began(doubled):
     (point,) = points_of(doubled, "pd")
     (orbit,) = vx.switch_branch(point)
@@ -332,6 +333,7 @@ def test_case_a_through_all_its_changes():
         assert value == pytest.approx(expected, abs=1e-10)
 
 
+@pytest.mark.slow
 def test_case_b_a_fold_and_a_doubling_close_together():
     system = vx.models.wagg_bishop_b(1.2)
     sol = vx.simulate(system, 0.0, 200 * system.forcing.period, max_events=4000)
@@ -352,6 +354,7 @@ def test_sticking_orbits_to_where_their_sticks_vanish():
     assert doubling.value == pytest.approx(0.6655881174, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_a_cascade_of_grazings_ends_where_the_chatter_is_complete():
     """At the same value as the branch of sticking cycles from the other side."""
     system = vx.models.wagg_bishop_b(0.6272962670434061)

@@ -64,6 +64,7 @@ def test_with_damping_or_beside_the_resonance_the_same_orbit_has_a_branch():
 
 
 @pytest.mark.thorough
+@pytest.mark.slow
 def test_of_a_sweep_orbits_that_are_not_isolated_are_left_out_with_a_warning():
     system = vx.models.impact_oscillator(0.5, position=3.0)
     ds = vx.sweep(system, {FREQUENCY: [0.49, 0.5]}, x0=[0.1], transient=0, record=50, progress=False)

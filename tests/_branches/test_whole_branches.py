@@ -63,6 +63,7 @@ def cascade():
     return orbit, follow(orbit, RESTITUTION, 0.0, 1.0)
 
 
+@pytest.mark.slow
 def test_ever_more_bounces_are_no_return_to_an_earlier_point(cascade):
     orbit, branch = cascade
     assert branch.ends == ("chatter_completion", "bounds")
@@ -271,6 +272,7 @@ def test_no_event_that_passes_the_start_of_the_cycle_is_a_change(numbers, n, sta
     np.testing.assert_allclose(values[0], values[1], rtol=0, atol=LOCATED)
 
 
+@pytest.mark.slow
 def test_a_chatter_has_room_for_its_last_bounces():
     """The cycle has nearly as many events as the capacity of its program."""
     system = vx.models.impact_oscillator(
