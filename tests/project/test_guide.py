@@ -10,6 +10,13 @@ from documents import ROOT, documents, pages, pictures_of, python_of
 
 import vijax as vx
 
+# Pages whose programs take longest to compile.
+LONG = (
+    "docs/how_to/fitting.md",
+    "docs/how_to/optimise_orbit.md",
+    "docs/how_to/curves.md",
+    "docs/how_to/integrity.md",
+)
 NUMBER = r"-?\d+\.?\d*(?:e-?\d+)?"
 
 
@@ -35,7 +42,9 @@ def agree(said: str, printed: str) -> bool:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("document", documents())
+@pytest.mark.parametrize(
+    "document", [pytest.param(a, marks=pytest.mark.slow) if a in LONG else a for a in documents()]
+)
 def test_the_code_of_a_document_runs_and_prints_what_it_says(document, elsewhere, capsys):
     code = python_of(document)
     said = re.findall(r"^print\(.*\)  # (.*)$", code, re.M)
