@@ -1,6 +1,7 @@
 """Continue a branch on another sequence where an event appears, vanishes, or passes another or the cycle's start."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -140,13 +141,13 @@ def _with_merged_events(event: BranchPoint, test: TestFunction) -> KernelRequest
     at = yield from _corrected_on_sequence(*with_events_merged(sequence, event.place, k), event)
     rates, least = at.seen.rates, at.seen.watched.force
     guard = min((stop, stop + num), key=lambda j: abs(least[j]))
-    rates_of: dict[str, float] = {
-        Kind.CROSSING_SLIDING: float(rates.speeds[k - 1]),
-        Kind.SWITCHING_SLIDING: float(rates.force[guard]),
-        Kind.ADDING_SLIDING: float(rates.force[guard]),
+    rates_of: dict[str, Any] = {
+        Kind.CROSSING_SLIDING: rates.speeds[k - 1],
+        Kind.SWITCHING_SLIDING: rates.force[guard],
+        Kind.ADDING_SLIDING: rates.force[guard],
     }
-    rate = rates_of.get(test.kind, float(rates.gap[stop]))
-    return (yield from step_off(at, rate > 0))
+    rate = rates_of[test.kind] if test.kind in rates_of else rates.gap[stop]
+    return (yield from step_off(at, float(rate) > 0))
 
 
 def later_of_meeting(event: BranchPoint, k: int) -> int:

@@ -143,7 +143,7 @@ def tests_of_switching(sequence: Sequence) -> list[TestFunction]:
             of_flight = lambda seen, k=k: float(seen.found.place.flights[k])  # noqa: E731
             found.append(TestFunction(_kind_of_meeting(sequence, k), of_flight, k, of_flight=True))
     num = sequence.mode.shape[1]
-    slides: np.ndarray = np.any(np.isin(sequence.mode, (AHEAD, BEHIND, STICKING)), axis=0)
+    slides = np.any(np.isin(sequence.mode, (AHEAD, BEHIND, STICKING)), axis=0).tolist()
     for j in range(2 * num):
         is_friction = slides[j % num]
         kind = Kind.GRAZING_SLIDING if is_friction else Kind.TOUCH if j < num else Kind.FORCE_ZERO
