@@ -63,6 +63,7 @@ def cycle(system: vx.ImpactSystem, x, v) -> vx.PeriodicOrbit:
         is_stable=yes,
         is_admissible=yes,
         residual=zero,
+        progression=jnp.zeros(system.num_masses),
         num_runs=jnp.array(1),
         result=vx.ORBIT_RESULTS.successful,
         args=None,
