@@ -75,6 +75,7 @@ def test_friction_forces_keep_their_bounds_and_compliant_stops_never_pull():
     assert pushing.max() > 1
 
 
+@pytest.mark.thorough
 def test_derivatives_go_through_sticks_slips_and_contact():
     leaves, structure = jax.tree.flatten(capsule())
     sizes = np.cumsum([0, *(np.size(a) for a in leaves)])

@@ -86,8 +86,8 @@ def vibro_impact_harvester(
     """Build a ball in a shaken cylinder whose ends, membranes, turn its blows into electric energy.
 
     Relative to the cylinder, y(t) = a cos(W t + phase) along its axis: m x'' = -m y'' - m g sin(inclination),
-    |x| <= travel / 2. A blow at the relative velocity u takes m (1 - r^2) u^2 / 2 out of the motion, `sweep(...,
-    quantities=["dissipated_energy"])`. In a horizontal cylinder it is an `impact_pair`, whose docstring has the motion with a
+    abs(x) <= travel / 2. A blow at the relative velocity u takes m (1 - r^2) u^2 / 2 out of the motion, the quantity
+    "dissipated_energy" of a sweep. In a horizontal cylinder it is an `impact_pair`, whose docstring has the motion with a
     blow at each end.
 
     Args:
