@@ -1,0 +1,89 @@
+"""Make random machines over all that the library describes, check each without another code, and keep a tally.
+
+    python scripts/campaign.py --hours 1 --out out/campaign
+
+Rounds are numbered; each draws a shape of machine and the numbers of many machines of it, see `random_machines/`. A round
+that is done is a line of `tally.jsonl` in the folder: the same command goes on where it was stopped or killed, and
+several at once, with other `--first` and `--stride`, share the work. A failure is repeated by `--round K`.
+"""
+
+import argparse
+import json
+import time
+from collections import Counter
+from pathlib import Path
+
+import jax
+import numpy as np
+from random_machines.checks import check, check_alone
+from random_machines.machines import draw_numbers, draw_shape
+
+
+def play(number: int, machines: int, most_masses: int) -> dict:
+    """One round: what it is, and what failed."""
+    rng = np.random.default_rng([20261124, number])
+    shape = draw_shape(rng, most_masses)
+    numbers = draw_numbers(rng, shape, machines)
+    start = time.process_time()
+    failures, compared = check(shape, numbers, rng)
+    if number % 4 == 0:
+        failures += check_alone(shape, numbers, [int(rng.integers(machines))])
+    return {
+        "round": number,
+        "shape": shape._asdict(),
+        "machines": machines,
+        "runs": 7 * machines,
+        "compared": compared,
+        "failures": [failure._asdict() for failure in failures],
+        "cpu_seconds": round(time.process_time() - start, 1),
+    }
+
+
+def summary(lines: list[dict]) -> str:
+    """The tally in words."""
+    kinds = Counter(failure["check"] for line in lines for failure in line["failures"])
+    total = {key: sum(line[key] for line in lines) for key in ("machines", "runs", "compared", "cpu_seconds")}
+    found = ", ".join(f"{kind}: {count}" for kind, count in kinds.most_common()) or "none"
+    return (
+        f"{len(lines)} shapes, {total['machines']} machines, {total['runs']} runs, {total['compared']} compared motions, "
+        f"{total['cpu_seconds'] / 3600:.2f} CPU hours; failures: {found}"
+    )
+
+
+def arguments(words: list[str] | None = None) -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("--hours", type=float, default=0.1, help="time after which no round begins")
+    parser.add_argument("--machines", type=int, default=256, help="machines of a round")
+    parser.add_argument("--masses", type=int, default=6, help="most masses of a machine")
+    parser.add_argument("--first", type=int, default=0, help="number of the first round")
+    parser.add_argument("--stride", type=int, default=1, help="step between the rounds of this process")
+    parser.add_argument("--round", type=int, help="play this round alone, and print it")
+    parser.add_argument("--out", type=Path, default=Path("out/campaign"), help="folder of the tally")
+    return parser.parse_args(words)
+
+
+def main() -> None:
+    """Play rounds until the time is over."""
+    options = arguments()
+    jax.config.update("jax_enable_x64", True)
+    if options.round is not None:
+        print(json.dumps(play(options.round, options.machines, options.masses), indent=1))
+        return
+    options.out.mkdir(parents=True, exist_ok=True)
+    tally = options.out / "tally.jsonl"
+    lines = [json.loads(line) for line in tally.read_text().splitlines()] if tally.exists() else []
+    done, number, until = {line["round"] for line in lines}, options.first, time.time() + 3600 * options.hours
+    while time.time() < until:
+        if number not in done:
+            lines.append(play(number, options.machines, options.masses))
+            with tally.open("a") as file:
+                file.write(json.dumps(lines[-1]) + "\n")
+            print(summary(lines), flush=True)
+            jax.clear_caches()
+        number += options.stride
+    print(summary(lines))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Random machines over all that the library describes, and checks that need no other code. See `scripts/campaign.py`."""

@@ -1,0 +1,215 @@
+"""Checks on random machines that need no other code: laws of mechanics, and the same motion computed in two ways."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import vijax as vx
+
+from .machines import Shape, in_other_units, machine, mirrored
+
+# Number of saved states, room for events, and relative rounding that a step may add.
+SAVED, ROOM, ROUNDING = 33, 256, 1e-11
+# A disturbance by which the growth of errors is measured; motions in which it grows more are compared no further.
+DISTURBANCE, MOST_GROWTH = 1e-8, 1e5
+
+
+class Failure(NamedTuple):
+    """One machine that fails one check, by how much beyond the tolerance."""
+
+    check: str
+    lane: int
+    excess: float
+
+
+class Run(NamedTuple):
+    """Results of a batch, (lanes, ...)."""
+
+    ts: np.ndarray
+    xs: np.ndarray
+    vs: np.ndarray
+    t: np.ndarray
+    stop: np.ndarray
+    kind: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    num_events: np.ndarray
+    result: np.ndarray
+
+
+def run(shape: Shape, a: dict, begin, end, x0=None, v0=None) -> Run:
+    """Simulate the machines one by one: one program serves all of a size, and compiles in a fraction of a batch's time."""
+    x0, v0 = a["x0"] if x0 is None else x0, a["v0"] if v0 is None else v0
+    rows = []
+    for k in range(len(begin)):
+        own = {name: value[k] for name, value in a.items()}
+        ts = begin[k] + (end[k] - begin[k]) * np.linspace(0.0, 1.0, SAVED)
+        sol = vx.simulate(
+            machine(shape, own), begin[k], end[k], x0[k], v0[k], ts=ts, max_events=ROOM, throw=False
+        )
+        log = sol.events
+        own_log = log.t, log.stop, log.kind, log.velocity_minus, log.velocity_plus
+        found = ts, sol.xs, sol.vs, *own_log, sol.num_events, sol.result._value
+        rows.append([np.asarray(a) for a in found])
+    return Run(*(np.stack(column) for column in zip(*rows, strict=True)))
+
+
+def check(shape: Shape, a: dict, rng: np.random.Generator) -> tuple[list[Failure], int]:
+    """All checks of a batch; what failed, and the number of compared motions."""
+    count = len(a["frequency"])
+    begin = np.zeros(count)
+    end = 12 * 2 * np.pi / a["frequency"]
+    whole = run(shape, a, begin, end)
+    failures = _codes(whole)
+    is_sound = (whole.result == _code("successful")) & np.isfinite(whole.xs).all(axis=(1, 2))
+    failures += _penetration(shape, a, whole, is_sound)
+    failures += _impact_law(shape, a, whole, is_sound)
+    failures += _order(whole, is_sound)
+    if not shape.is_driven:
+        failures += _energy(shape, a, whole, is_sound)
+    growth = _growth(shape, a, whole, begin, end, is_sound)
+    fair = is_sound & (growth < MOST_GROWTH)
+    scale = np.abs(whole.xs).max(axis=(1, 2)) + 1e-3, np.abs(whole.vs).max(axis=(1, 2)) + 1e-3
+
+    def compare(name: str, xs: np.ndarray, vs: np.ndarray, like: Run = whole, part: slice = slice(None)):
+        error = np.maximum(
+            np.abs(xs - like.xs[:, part]).max(axis=(1, 2)) / scale[0],
+            np.abs(vs - like.vs[:, part]).max(axis=(1, 2)) / scale[1],
+        )
+        bound = ROUNDING * np.maximum(growth, 1)
+        return [
+            Failure(name, int(k), float(error[k] / bound[k]))
+            for k in np.flatnonzero(fair & ~(error <= bound))
+        ]
+
+    middle = SAVED // 2
+    half = run(shape, a, whole.ts[:, middle], end, whole.xs[:, middle], whole.vs[:, middle])
+    failures += compare("cut", half.xs[:, ::2], half.vs[:, ::2], part=slice(middle, None))
+    shift = rng.uniform(0, 1, count) * 2 * np.pi / a["frequency"]
+    orders = 1 + np.arange(shape.harmonics)[:, None]
+    if not shape.is_moving:
+        later = {**a, "phase": a["phase"] - orders * (a["frequency"] * shift)[:, None, None]}
+        moved = run(shape, later, begin + shift, end + shift)
+        failures += compare("phase", moved.xs, moved.vs)
+    mass, length, time = 2.0**5, 2.0**-7, 2.0**3
+    other = run(shape, in_other_units(a, mass, length, time), begin * time, end * time)
+    failures += compare("units", other.xs / length, other.vs * (time / length))
+    glass = run(*mirrored(shape, a), begin, end)
+    failures += compare("mirror", -glass.xs, -glass.vs)
+    return failures, int(fair.sum())
+
+
+def check_alone(shape: Shape, a: dict, lanes: list[int]) -> list[Failure]:
+    """Single runs, and derivatives forward and reverse, of a few lanes."""
+    failures = []
+    for k in lanes:
+        own = {name: value[k] for name, value in a.items()}
+        end = 6 * 2 * np.pi / own["frequency"]
+
+        def last(x0, v0, own=own, end=end):
+            sol = vx.simulate(machine(shape, own), 0.0, end, x0, v0, max_events=ROOM, throw=False)
+            return jnp.concatenate([sol.x1, sol.v1])
+
+        start, way = (own["x0"], own["v0"]), (np.cos(1.0 + own["x0"]), np.sin(2.0 + own["v0"]))
+        alone = last(*start)
+        forward = jax.jvp(last, start, way)[1]
+        weights = jnp.cos(jnp.arange(len(alone)))
+        back = jax.vjp(last, *start)[1](weights)
+        pair = float(forward @ weights), float(sum(b @ w for b, w in zip(back, way, strict=True)))
+        size = float(jnp.abs(forward).max()) + 1e-6
+        if not abs(pair[0] - pair[1]) <= 1e-9 * size:
+            failures.append(Failure("forward and reverse", k, abs(pair[0] - pair[1]) / (1e-9 * size)))
+    return failures
+
+
+def _code(name: str) -> int:
+    return int(getattr(vx.RESULTS, name)._value)
+
+
+def _codes(whole: Run) -> list[Failure]:
+    allowed = {_code("successful"), _code("max_events_reached")}
+    return [
+        Failure(f"result {code}", int(k), 1.0)
+        for k, code in enumerate(whole.result)
+        if int(code) not in allowed
+    ]
+
+
+def _gaps(shape: Shape, a: dict, ts: np.ndarray, xs: np.ndarray) -> np.ndarray:
+    """Gaps of rigid stops and contacts at saved states, (lanes, times, contacts)."""
+    gaps = []
+    for j, (i, side) in enumerate(shape.stops):
+        sign = 1.0 if side == "upper" else -1.0
+        wall = sign * a["position"][:, None, j] * np.ones_like(ts)
+        if shape.is_moving and j == 0:
+            wall = wall + a["travel"][:, None] * np.cos(a["frequency"][:, None] * ts)
+        gaps.append(sign * (wall - xs[..., i]))
+    for j, (i, k) in enumerate(shape.contacts):
+        gaps.append(a["distance"][:, None, j] - (xs[..., i] - xs[..., k]))
+    return np.stack(gaps, axis=-1) if gaps else np.ones((*ts.shape, 1))
+
+
+def _penetration(shape: Shape, a: dict, whole: Run, is_sound: np.ndarray) -> list[Failure]:
+    scale = 1e-12 * (np.abs(whole.xs).max(axis=(1, 2)) + 1.0)
+    # A start beyond a moving stop is refused or pushed by it: its first instants are its own.
+    least = _gaps(shape, a, whole.ts, whole.xs).min(axis=(1, 2))
+    return [
+        Failure("penetration", int(k), float(-least[k] / scale[k]))
+        for k in np.flatnonzero(is_sound & (least < -scale))
+    ]
+
+
+def _impact_law(shape: Shape, a: dict, whole: Run, is_sound: np.ndarray) -> list[Failure]:
+    """Impacts alone at their instant reverse the velocity relative to the contact, times the restitution."""
+    r = np.concatenate([a["restitution"], a["contact_restitution"]], axis=1)
+    failures = []
+    for j in range(r.shape[1]):
+        if shape.is_moving and j == 0:
+            continue
+        is_own = (whole.stop == j) & (whole.kind == vx.IMPACT) & is_sound[:, None]
+        same = np.abs(whole.t[:, :, None] - whole.t[:, None, :]) < 1e-9
+        is_alone = is_own & ((same & (whole.kind == vx.IMPACT)[:, None, :]).sum(axis=2) == 1)
+        lack = np.abs(whole.after + r[:, j : j + 1] * whole.before)
+        size = 1e-11 * (np.abs(whole.vs).max(axis=(1, 2))[:, None] + 1e-3)
+        wrong = (is_alone & (lack > size)).any(axis=1)
+        failures += [Failure("impact law", int(k), 1.0) for k in np.flatnonzero(wrong)]
+    return failures
+
+
+def _order(whole: Run, is_sound: np.ndarray) -> list[Failure]:
+    t = np.where(np.arange(whole.t.shape[1]) < whole.num_events[:, None], whole.t, np.inf)
+    later = np.diff(np.where(np.isfinite(t), t, whole.ts[:, -1:] + 1.0), axis=1) >= 0
+    is_inside = (whole.t <= whole.ts[:, -1:] * (1 + 1e-12)) | ~np.isfinite(t)
+    wrong = is_sound & ~(later.all(axis=1) & is_inside.all(axis=1))
+    return [Failure("order of the log", int(k), 1.0) for k in np.flatnonzero(wrong)]
+
+
+def _energy(shape: Shape, a: dict, whole: Run, is_sound: np.ndarray) -> list[Failure]:
+    mass = a["mass"] if shape.is_full else np.einsum("bi,ij->bij", a["mass"], np.eye(shape.masses))
+    energy = np.einsum("bti,bij,btj->bt", whole.vs, mass, whole.vs) / 2
+    energy = energy + np.einsum("bti,bij,btj->bt", whole.xs, a["stiffness"], whole.xs) / 2
+    for j, (i, side) in enumerate(shape.cushions):
+        sign = 1.0 if side == "upper" else -1.0
+        depth = np.maximum(sign * whole.xs[..., i] - a["cushion"][:, None, j], 0)
+        energy = energy + depth * (a["preload"][:, None, j] + a["cushion_stiffness"][:, None, j] * depth / 2)
+    rise, size = np.diff(energy, axis=1).max(axis=1), 1e-11 * energy.max(axis=1) + 1e-300
+    return [
+        Failure("energy", int(k), float(rise[k] / size[k])) for k in np.flatnonzero(is_sound & (rise > size))
+    ]
+
+
+def _growth(shape: Shape, a: dict, whole: Run, begin, end, is_sound: np.ndarray) -> np.ndarray:
+    """Growth of a disturbance of the start until the end; infinite where the events change."""
+    growth = np.zeros(len(begin))
+    for sign in (1, -1):
+        v0 = a["v0"] * (1 + sign * DISTURBANCE)
+        near = run(shape, a, begin, end, None, v0)
+        size = DISTURBANCE * (np.abs(a["v0"]).max(axis=1) + 1e-300)
+        away = np.maximum(
+            np.abs(near.xs - whole.xs).max(axis=(1, 2)), np.abs(near.vs - whole.vs).max(axis=(1, 2))
+        )
+        other = (near.num_events != whole.num_events) | (near.kind != whole.kind).any(axis=1)
+        growth = np.maximum(growth, np.where(other | ~is_sound, np.inf, away / size))
+    return growth

@@ -1,0 +1,237 @@
+"""Random machines: a shape, for which programs are compiled, and the numbers of many machines of that shape."""
+
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+import vijax as vx
+
+# A row that names two masses has the coefficients 1 and -1.
+Row = tuple[int, ...]
+Side = Literal["upper", "lower"]
+
+
+class Shape(NamedTuple):
+    """What all machines of a batch have in common.
+
+    Attributes:
+        masses: n.
+        is_full: whether the mass matrix is full.
+        stops: mass and side of each rigid stop.
+        contacts: masses of each rigid contact.
+        cushions: mass and side of each compliant stop.
+        pads: masses of each friction element.
+        harmonics: of the load.
+        is_driven: whether there is a load, a mean load, a moving stop or a belt.
+        is_moving: whether stop 0 moves.
+        is_general: whether the damping is not proportional.
+    """
+
+    masses: int
+    is_full: bool
+    stops: tuple[tuple[int, Side], ...]
+    contacts: tuple[Row, ...]
+    cushions: tuple[tuple[int, Side], ...]
+    pads: tuple[Row, ...]
+    harmonics: int
+    is_driven: bool
+    is_moving: bool
+    is_general: bool
+
+    @property
+    def is_switching(self) -> bool:
+        """Whether forces switch: friction or compliant stops."""
+        return bool(self.cushions or self.pads)
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether all contacts are rigid stops of one mass."""
+        return not (self.contacts or self.is_switching)
+
+
+def draw_shape(rng: np.random.Generator, most_masses: int) -> Shape:
+    """Draw a shape; small machines are the most frequent."""
+    n = min(int(rng.geometric(0.4)), most_masses)
+    sides: tuple[Side, Side] = "lower", "upper"
+    whole = [(i, side) for i in range(n) for side in sides]
+    places = [whole[k] for k in rng.permutation(len(whole))]
+    kind = rng.choice(["stops", "contacts", "friction", "cushions", "all"])
+    stops = places[: rng.integers(1, min(4, 2 * n) + 1)]
+    contacts: list[Row] = []
+    cushions: list[tuple[int, Side]] = []
+    pads: list[Row] = []
+    if kind in ("contacts", "all") and n > 1:
+        contacts = [_pair(rng, n) for _ in range(rng.integers(1, 3))]
+        contacts = list(dict.fromkeys(contacts))
+    if kind in ("cushions", "all"):
+        cushions, stops = stops[:2], stops[2:]
+    if kind in ("friction", "all"):
+        pads = [_row(rng, n) for _ in range(rng.integers(1, 3))]
+        pads = list(dict.fromkeys(pads))
+    is_driven = bool(rng.random() < 0.85)
+    return Shape(
+        masses=n,
+        is_full=bool(n > 1 and rng.random() < 0.2),
+        stops=tuple(stops),
+        contacts=tuple(contacts),
+        cushions=tuple(cushions),
+        pads=tuple(pads),
+        harmonics=int(rng.choice([1, 1, 1, 2, 3])),
+        is_driven=is_driven,
+        is_moving=bool(is_driven and stops and rng.random() < 0.2),
+        is_general=bool(n > 1 and rng.random() < 0.4),
+    )
+
+
+def _pair(rng: np.random.Generator, n: int) -> Row:
+    return tuple(int(i) for i in rng.permutation(n)[:2])
+
+
+def _row(rng: np.random.Generator, n: int) -> Row:
+    return _pair(rng, n) if n > 1 and rng.random() < 0.4 else (int(rng.integers(n)),)
+
+
+def draw_numbers(rng: np.random.Generator, shape: Shape, count: int) -> dict[str, np.ndarray]:
+    """Draw the numbers of many machines, and starts with no stop passed, (count, ...) each."""
+    n = shape.masses
+
+    def spread(low: float, high: float, *size: int) -> np.ndarray:
+        return 10 ** rng.uniform(low, high, (count, *size))
+
+    def sometimes(share: float, value: float, a: np.ndarray) -> np.ndarray:
+        return np.where(rng.random(a.shape) < share, value, a)
+
+    root = rng.normal(size=(count, n, n)) * 0.3 + np.eye(n)
+    mass = spread(-1, 1, n)
+    full = np.einsum("bij,bj,bkj->bik", root, mass, root) if shape.is_full else mass
+    between, ground = sometimes(0.1, 0.0, spread(-1.5, 1.5, max(n - 1, 1))), spread(-1, 1.5, n)
+    ground = sometimes(0.3, 0.0, ground)
+    ground[:, 0] = spread(-1, 1.5)
+    stiffness = _chain(n, ground, between)
+    share = sometimes(0.15, 0.0, spread(-2.5, -0.3))[:, None, None]
+    damping = share * stiffness
+    if shape.is_general:
+        damping = damping + _chain(n, sometimes(0.5, 0.0, spread(-2, 0, n)), spread(-2, 0, max(n - 1, 1)))
+    driven = float(shape.is_driven)
+    size = sometimes(0.3, 0.0, spread(-1, 0.5, shape.harmonics, n))
+    size[:, 0, 0] = spread(-0.5, 0.5)
+    num_stops, num_contacts = len(shape.stops), len(shape.contacts)
+    num_cushions, num_pads = len(shape.cushions), len(shape.pads)
+    force = spread(-1.5, 0.3, num_pads)
+    x0, travel = np.zeros((count, n)), rng.uniform(0.0, 0.2, count)
+    position = sometimes(0.1, 0.0, rng.uniform(0.02, 0.8, (count, num_stops)))
+    if shape.is_moving:  # at the start it may be anywhere on its way
+        position[:, 0] += travel
+    return {
+        "mass": full,
+        "damping": damping,
+        "stiffness": stiffness,
+        "amplitude": driven * size,
+        "phase": rng.uniform(0, 2 * np.pi, (count, shape.harmonics, n)),
+        "mean": driven * sometimes(0.5, 0.0, rng.normal(size=(count, n)) * 0.3),
+        "frequency": spread(-0.5, 0.5),
+        "position": position,
+        "restitution": _restitution(rng, (count, num_stops)),
+        "travel": travel,
+        "distance": sometimes(0.1, 0.0, rng.uniform(0.02, 0.8, (count, num_contacts))),
+        "contact_restitution": np.repeat(_restitution(rng, (count, 1)), num_contacts, axis=1),
+        "cushion": rng.uniform(0.02, 0.8, (count, num_cushions)),
+        "cushion_stiffness": spread(0, 3, num_cushions),
+        "cushion_damping": sometimes(0.4, 0.0, spread(-1.5, 0.5, num_cushions)),
+        "preload": sometimes(0.5, 0.0, spread(-1.5, 0, num_cushions)),
+        "friction": force,
+        "static": force * sometimes(0.5, 1.0, rng.uniform(1, 2, force.shape)),
+        "belt": driven * sometimes(0.7, 0.0, rng.normal(size=(count, num_pads)) * 0.3),
+        "x0": x0,
+        "v0": rng.normal(size=(count, n)),
+    }
+
+
+def _restitution(rng: np.random.Generator, size: tuple[int, ...]) -> np.ndarray:
+    """From 0.2 to 0.95, sometimes plastic or elastic."""
+    r, dice = rng.uniform(0.2, 0.95, size), rng.random(size)
+    return np.where(dice < 0.08, 0.0, np.where(dice > 0.92, 1.0, r))
+
+
+def _chain(n: int, ground: np.ndarray, between: np.ndarray) -> np.ndarray:
+    """Matrix of springs to the ground and between neighbours, (count, n, n)."""
+    matrix = np.einsum("bi,ij->bij", ground, np.eye(n))
+    for i in range(n - 1):
+        row = np.zeros(n)
+        row[i], row[i + 1] = 1.0, -1.0
+        matrix = matrix + between[:, i, None, None] * np.outer(row, row)
+    return matrix
+
+
+def machine(shape: Shape, a: dict[str, Any]) -> vx.ImpactSystem:
+    """Machine of a shape with the numbers of one lane."""
+    load = vx.Harmonic(a["amplitude"], a["frequency"], a["phase"], a["mean"])
+    motion = vx.Harmonic(a["travel"].reshape(1), a["frequency"]) if shape.is_moving else None
+    stops: list[Any] = [
+        vx.Stop(i, _side(side) * a["position"][j], side, a["restitution"][j], motion if j == 0 else None)
+        for j, (i, side) in enumerate(shape.stops)
+    ]
+    stops += [
+        vx.Contact(_coefficients(row), a["distance"][j], a["contact_restitution"][j])
+        for j, row in enumerate(shape.contacts)
+    ]
+    stops += [
+        vx.CompliantStop(
+            i,
+            _side(side) * a["cushion"][j],
+            side,
+            a["cushion_stiffness"][j],
+            a["cushion_damping"][j],
+            a["preload"][j],
+        )
+        for j, (i, side) in enumerate(shape.cushions)
+    ]
+    friction = [
+        vx.Friction(_coefficients(row), a["friction"][j], a["static"][j], a["belt"][j])
+        for j, row in enumerate(shape.pads)
+    ]
+    return vx.ImpactSystem(a["mass"], a["damping"], a["stiffness"], load, stops, friction=friction)
+
+
+def _side(side: str) -> float:
+    return 1.0 if side == "upper" else -1.0
+
+
+def _coefficients(row: Row) -> dict[int, float]:
+    return dict(zip(row, (1.0, -1.0), strict=False))
+
+
+def mirrored(shape: Shape, a: dict) -> tuple[Shape, dict]:
+    """The machine seen in a mirror: all positions change their sign."""
+    other: dict[Side, Side] = {"lower": "upper", "upper": "lower"}
+    stops = tuple((i, other[side]) for i, side in shape.stops)
+    cushions = tuple((i, other[side]) for i, side in shape.cushions)
+    contacts = tuple(row[::-1] for row in shape.contacts)
+    signs = {name: -a[name] for name in ("amplitude", "mean", "belt", "travel", "x0", "v0")}
+    return shape._replace(stops=stops, cushions=cushions, contacts=contacts), {**a, **signs}
+
+
+def in_other_units(a: dict, mass: float, length: float, time: float) -> dict:
+    """The same machine in other units."""
+    force = mass * length / time**2
+    factors = {
+        "mass": mass,
+        "damping": mass / time,
+        "stiffness": mass / time**2,
+        "amplitude": force,
+        "mean": force,
+        "frequency": 1 / time,
+        "position": length,
+        "travel": length,
+        "distance": length,
+        "cushion": length,
+        "cushion_stiffness": mass / time**2,
+        "cushion_damping": mass / time,
+        "preload": force,
+        "friction": force,
+        "static": force,
+        "belt": length / time,
+        "x0": length,
+        "v0": length / time,
+    }
+    return {name: value * factors.get(name, 1.0) for name, value in a.items()}

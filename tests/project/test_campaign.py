@@ -1,0 +1,43 @@
+"""The campaign over random machines: a few of them, and that it goes on where it was stopped."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).parents[2] / "scripts"))
+
+import campaign
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("number", [3])
+def test_a_few_random_machines_obey_all_checks(number):
+    line = campaign.play(number, machines=4, most_masses=2)
+    assert line["compared"] > 0
+    assert line["failures"] == []
+
+
+def test_what_is_done_is_not_played_again(tmp_path, monkeypatch, capsys):
+    played = []
+
+    def play(number, machines, most_masses):
+        played.append(number)
+        sums = {"machines": machines, "runs": 7, "compared": 1, "cpu_seconds": 0.0}
+        if len(played) == 3:
+            raise KeyboardInterrupt
+        return {"round": number, "failures": [], **sums}
+
+    monkeypatch.setattr(campaign, "play", play)
+    monkeypatch.setattr(campaign.jax, "clear_caches", lambda: None)
+    monkeypatch.setattr(sys, "argv", ["campaign.py", "--out", str(tmp_path)])
+    with pytest.raises(KeyboardInterrupt):
+        campaign.main()
+    played.clear()
+    with pytest.raises(KeyboardInterrupt):
+        campaign.main()
+    assert played == [2, 3, 4]
+    rounds = [json.loads(line)["round"] for line in (tmp_path / "tally.jsonl").read_text().splitlines()]
+    assert rounds == [0, 1, 2, 3]
+    assert "failures: none" in capsys.readouterr().out
