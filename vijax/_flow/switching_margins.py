@@ -36,7 +36,6 @@ class GuardView(eqx.Module):
 
     Attributes:
         now: value, slope, and further Taylor coefficients at the start, (4,).
-        last: value at the end.
         values: values at the nodes of `bernstein.py`, (nodes,).
         slopes: time derivatives there, (nodes,).
         leading_zeros: number of leading Taylor coefficients that vanish exactly.
@@ -44,7 +43,6 @@ class GuardView(eqx.Module):
     """
 
     now: Float[Array, "*guards 4"]
-    last: Scalar
     values: Float[Array, "*guards nodes"]
     slopes: Float[Array, "*guards nodes"]
     leading_zeros: Int[Array, "..."]
@@ -93,7 +91,6 @@ def guards_crossed_in_step(
     slopes = slopes.at[:, 0].set(now.slope).at[:, -1].set(end.slope)
     view = GuardView(
         now=jnp.stack([now.value, now.slope, now.curve, now.bend], axis=1),
-        last=end.value,
         values=values,
         slopes=slopes,
         leading_zeros=leading_zeros(state),
@@ -109,5 +106,5 @@ def _prove(view: GuardView, step: Scalar, is_expected: Flag) -> EventFreeProof:
     starts = step * view.now[1], step**2 * view.now[2], step**3 * view.now[3]
     likely = without_leading_zeros(values, starts, view.leading_zeros)
     nearest = smallest([view.values[j] for j in range(1, len(values))]) + error
-    is_crossed = ((nearest < 0) | (view.last < 0)) & ~is_expected
+    is_crossed = ((nearest < 0) | (view.values[-1] < 0)) & ~is_expected
     return proof_of(likely, is_crossed, view.leading_zeros, view.is_idle, error)

@@ -89,7 +89,7 @@ FREE, HELD, CLOSED, INSIDE, AHEAD, BEHIND, KEPT, KEPT_AHEAD, KEPT_BEHIND, STICKI
 
 
 def laws_as_numbers(state: State) -> Int[Array, "contacts ..."]:
-    """What the elements of a machine with friction or compliant contacts do, one number each."""
+    """Laws that the elements of a machine with friction or compliant contacts follow, one number each."""
     mode, kept = state.mode, state.is_kept_closed
     number = jnp.where(mode.closed, CLOSED, jnp.where(mode.inside, INSIDE, FREE))
     number = jnp.where(mode.direction > 0, AHEAD, jnp.where(mode.direction < 0, BEHIND, number))

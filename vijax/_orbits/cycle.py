@@ -132,7 +132,7 @@ def residual(problem: Problem, unknowns: Unknowns) -> Residual:
 
 
 def _closing(problem: Problem, gone: Array) -> Array:
-    """What vanishes on a cycle, from the change of the state over it."""
+    """Residual of the closing of a cycle, from the change of the state over it."""
     return gone if problem.drift is None else gone - of_positions(problem.drift) @ gone
 
 

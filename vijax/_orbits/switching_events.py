@@ -126,7 +126,7 @@ def switched_instant(
     after: Int[Array, " contacts"],
     time: Scalar,
 ) -> Instant:
-    """What the log has of an event."""
+    """Log entry of an event."""
     kind, element = event
     contacts = machine.contacts
     at_event = (jnp.arange(contacts.num) == element) & (kind != NOTHING)

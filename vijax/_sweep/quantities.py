@@ -92,7 +92,7 @@ def _check_impacts(name: str, system: ImpactSystem, counts: Counts) -> None:
 
 
 def observed_for(wanted: Sequence[str]) -> tuple[str, ...]:
-    """What must be observed for some quantities."""
+    """Names of the observations that some quantities need."""
     return tuple(sorted({one for name in wanted for one in _OBSERVED.get(name, ())}))
 
 

@@ -48,7 +48,7 @@ Observed = dict[str, Array]
 
 
 def nothing_observed(names: Sequence[str], like: State, num_stops: int) -> Observed:
-    """What is known before the first step, for a state whose arrays are as those of `like`."""
+    """Observations before the first step, for a state whose arrays are as those of `like`."""
     n, lanes = len(like.x), like.x.shape[1:]
 
     def of(name: str) -> Array:
@@ -68,7 +68,7 @@ def observe(
     end: Scalar,
     is_counted: Bool[Array, "..."],
 ) -> Observed:
-    """What is known after a smooth step.
+    """Observations after a smooth step.
 
     Args:
         observed: what was known before it.
@@ -98,7 +98,7 @@ def _joined(name: str, so_far: Array, found: Array, is_counted: Array) -> Array:
 def _of_step(
     names: tuple[str, ...], flow: AbstractFlow, machine: Machine, state: State, length: Scalar
 ) -> Observed:
-    """What some names stand for in one step."""
+    """Contributions of one step to some observations."""
     machine = machine.in_mode(state)
     hold = machine.hold(state.held)
     move = flow.inside(machine, state, hold)
@@ -138,7 +138,7 @@ def _of_step(
 
 
 class _Sight(NamedTuple):
-    """What is seen at an instant.
+    """Motion at an instant.
 
     Attributes:
         time: since the beginning of the step.
