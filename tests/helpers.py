@@ -5,7 +5,7 @@ magnified by all that follows. The amplification was measured with each scene, a
 """
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -13,6 +13,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import vijax as vx
 
@@ -73,6 +74,11 @@ class Scene(NamedTuple):
     def state_tolerance(self) -> float:
         """Tolerance of the end state."""
         return ROUNDING * self.state_amplification
+
+
+def slow_except(kept: Iterable[str], names: Iterable[str]) -> list:
+    """Cases of a test, all slow but a few that stand for the others."""
+    return [name if name in kept else pytest.param(name, marks=pytest.mark.slow) for name in names]
 
 
 def golden_names() -> list[str]:

@@ -81,7 +81,7 @@ def points_of(make):
 
 
 KINDS = [
-    (case_a, CASE_A, "fold"),
+    pytest.param(case_a, CASE_A, "fold", marks=pytest.mark.slow),
     pytest.param(case_a, CASE_A, "gr", marks=pytest.mark.slow),
     (case_a, CASE_A, "double_impact"),
     pytest.param(pair, UNEQUAL, "ns", marks=pytest.mark.slow),

@@ -391,7 +391,7 @@ def test_of_many_orbits_what_is_none_is_left_out():
     assert len(short) < len(branch)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_all_branches_of_a_sweep_are_found_once():
     swept = {FREQUENCY: np.linspace(0.7, 1.2, 24)}
     ds = vx.sweep(vx.models.wagg_bishop_a(1.0), swept, transient=200, carry="both", progress=False)

@@ -40,7 +40,7 @@ def branch_of(cubic, start, num_periods, bounds):
     return vx.continuation(orbit, AMPLITUDE, bounds, progress=False)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_linear_spring_written_as_a_force_has_the_published_doubling():
     # M. Ghosh & B. Simpson, arXiv 2510.16218: their points with more digits.
     branch = branch_of(0.0, 0.34, 2, (0.28, 0.36))

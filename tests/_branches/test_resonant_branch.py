@@ -23,7 +23,7 @@ def at_resonance(t: float, x: float, v: float, since: float) -> tuple[float, flo
     return x, v
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_it_ends_at_resonance_with_an_orbit_in_closed_form():
     sol = vx.simulate(machine(1.1), 0.0, 400 * np.pi / 1.1)
     orbit = vx.periodic_orbit(machine(1.1), sol.x1, sol.v1)

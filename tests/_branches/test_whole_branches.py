@@ -254,6 +254,7 @@ def test_a_hop_between_two_holds_vanishes_where_the_force_touches_zero(restituti
     ],
     ids=["release", "plastic impact"],
 )
+@pytest.mark.slow
 def test_no_event_that_passes_the_start_of_the_cycle_is_a_change(numbers, n, start):
     frequency, position, damping_ratio, restitution, phase = numbers
     own = {"damping_ratio": damping_ratio, "restitution": restitution, "position": position}

@@ -47,8 +47,8 @@ def chart_of(n: int, **options) -> xr.Dataset:
     return vx.chart(system, values, transient=TRANSIENT, x0=[-0.5], progress=False, **options)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("n", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [1, 2])
 def test_the_period_doubles_along_the_exact_curve_to_a_cell(n):
     chart = chart_of(n)
     assert chart.is_computed.mean() < 0.2

@@ -73,6 +73,7 @@ def test_interrupted_processes_leave_what_is_done(plain, pool, tmp_path):
     assert_same(sweep(tmp_path, executor=pool), plain)
 
 
+@pytest.mark.slow
 def test_the_last_of_a_pool_a_killed_process_ends_it_and_the_store_goes_on(plain, pool, tmp_path):
     with pytest.MonkeyPatch.context() as patch:
         stop_at_chunk(1, patch, lambda: kill(pool.submit(os.getpid).result()))
@@ -88,6 +89,7 @@ def kill(pid: int) -> None:
     time.sleep(0.5)
 
 
+@pytest.mark.slow
 def test_dask_runs_again_what_a_killed_worker_had(plain, tmp_path):
     distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
     killed = []

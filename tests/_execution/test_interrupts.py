@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 import xarray as xr
+from helpers import slow_except
 from test_store import interruptible  # noqa: F401
 
 import vijax as vx
@@ -91,7 +92,7 @@ LONG = {
 }
 
 
-@pytest.mark.parametrize("name", LONG)
+@pytest.mark.parametrize("name", slow_except(["sweep", "periodic_orbits", "continuation"], LONG))
 def test_ctrl_c_is_raised_by_every_long_call(name, monkeypatch):
     for made in (orbit, orbits, doubling):
         made()

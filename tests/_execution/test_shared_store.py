@@ -62,7 +62,7 @@ def run_at_once(folder: Path, store: Path, transients: list[int]) -> list[tuple[
     return [(child.returncode, *rest) for child, *rest in zip(children, told, out, strict=True)]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_two_processes_find_the_same_in_one_store(plain, tmp_path):
     for code, told, out in run_at_once(tmp_path, tmp_path / "store", [10, 10]):
         assert code == 0, told

@@ -43,7 +43,7 @@ def duffing(k3: float, *, r: float = 1.0, c: float = 0.0, amplitude: float = 0.0
 # Linear machines
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper_b_om020", "paper_b_om030", "paper_b_om140"])
 def test_chatter_and_sticking_end_in_the_events_of_the_exact_motion(name):
     scene = load_scene(name)

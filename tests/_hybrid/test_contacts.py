@@ -30,6 +30,7 @@ def energy(system: vx.ImpactSystem, x: np.ndarray, v: np.ndarray) -> np.ndarray:
     return (np.einsum("ti,ij,tj->t", v, mass, v) + np.einsum("ti,ij,tj->t", x, system.stiffness, x)) / 2
 
 
+@pytest.mark.thorough
 def test_a_contact_of_one_mass_is_a_stop():
     stops = vx.models.wagg_bishop_a(0.8)
     rows = [vx.Contact({s.mass: s.sign}, s.sign * s.position, s.restitution) for s in stops.stops]
@@ -254,6 +255,7 @@ def test_orbits_close_and_their_multipliers_obey_liouville():
         np.testing.assert_allclose(np.prod(orbit.multipliers), loss, rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_sweep_is_its_motions_one_by_one_and_keeps_its_machine():
     ds = vx.sweep(
         damper(), {"stops[0].position": [0.1, 0.2, 0.3]}, transient=6, record=2, x0=[0.1, 0.0], progress=False
@@ -283,7 +285,7 @@ def test_a_carried_sweep_starts_on_the_right_side_of_contacts_that_moved():
     assert (gap > -1e-12).all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_simulate_is_batched_and_compiled_like_any_function():
     def end(position):
         system = eqx.tree_at(lambda s: s.stops[0].position, damper(), position)
@@ -294,7 +296,7 @@ def test_simulate_is_batched_and_compiled_like_any_function():
     np.testing.assert_allclose(batch, [end(p) for p in positions], rtol=0, atol=1e-11)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_solver_of_diffrax_meets_the_same_contacts():
     scene = contact_scene("gears_load")
     sol = vx.simulate(scene.system, scene.t0, 10.0, scene.x0, scene.v0, flow=vx.DiffraxFlow())
@@ -305,7 +307,7 @@ def test_a_solver_of_diffrax_meets_the_same_contacts():
     np.testing.assert_allclose(sol.v1, exact.v1, rtol=0, atol=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_force_acts_between_contacts():
     spring = lambda t, x, v, args: jnp.array([-0.5 * x[0], 0.0])  # noqa: E731
     forced = damper(force=spring)

@@ -18,7 +18,7 @@ import vijax as vx
 
 _SHAPES = Counter(shape_of_scene(name) for name in contact_scene_names())
 # Scenes whose shape serves no other, but that are of a kind of their own: a moving wall, a full mass matrix, a stick torn off.
-_ALONE = ("beads3_moving_wall", "beam2_tip", "rest_hit_released")
+_ALONE = ("beam2_tip",)
 
 
 def _marks(name: str) -> list[pytest.MarkDecorator]:
@@ -78,6 +78,7 @@ def test_impulses_agree(solution, scene):
     )
 
 
+@pytest.mark.slow
 def test_contacts_press_while_they_hold_and_no_gap_is_negative(solution, scene):
     t = np.linspace(scene.t0, scene.t1, 512)
     force, gaps = np.asarray(solution.contact_force(t)), gaps_at(solution, scene.system, t)

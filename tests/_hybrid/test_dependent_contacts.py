@@ -45,6 +45,7 @@ def test_it_tips_over_two_legs_once_its_load_is_beyond_them():
     np.testing.assert_allclose(np.abs(x[:, 1]), turned, rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.slow
 def test_a_mass_in_a_slot_without_clearance_rests_however_its_force_turns():
     """The force, cos(2 t), passes from one wall to the other as it changes sign."""
     slot = [vx.Contact({0: 1.0}, 0.0, 0.3), vx.Contact({0: -1.0}, 0.0, 0.6)]
@@ -61,6 +62,7 @@ def test_a_mass_in_a_slot_without_clearance_rests_however_its_force_turns():
     np.testing.assert_allclose([e.t for e in log], np.repeat(turns, 2), rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.slow
 def test_a_contact_that_is_told_thrice_is_that_contact():
     load = vx.Harmonic([0.8, 0.0], 1.1, mean=[0.0, 0.3])
     one = vx.Contact({0: -1.0, 1: 1.0}, 0.1, 0.6)
@@ -75,6 +77,7 @@ def test_a_contact_that_is_told_thrice_is_that_contact():
         np.testing.assert_allclose(times[1], times[0], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_what_is_shut_stays_so_under_a_solver():
     exact, solved = (
         vx.simulate(table(0.7), 0.0, 4.0, max_events=64, flow=flow) for flow in (None, vx.DiffraxFlow())

@@ -132,6 +132,7 @@ def test_sticking_motions_are_those_of_eqs_30_to_38(held):
 
 
 @pytest.mark.parametrize("name", SCENES)
+@pytest.mark.slow
 def test_every_release_happens_on_the_exit_boundary_or_by_an_impact(name):
     _, sol, start = scene(name)
     found = list(releases(sol, start))

@@ -61,6 +61,7 @@ def test_the_log_is_in_the_order_of_time(solution):
     assert (np.diff(np.asarray(solution.events.t)[:n]) >= 0).all()
 
 
+@pytest.mark.slow
 def test_states_read_off_the_solution_agree_with_a_shorter_run(solution, scene):
     data = scene.data
     for share in (0.3, 0.77):

@@ -50,7 +50,7 @@ def test_a_bound_on_reverse_steps_has_no_effect_and_warns():
     np.testing.assert_allclose(found, -np.sin(20.0) * 10.0, rtol=1e-12)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_derivatives_of_more_flights_than_are_recorded_at_once():
     """A ball of restitution 1 that bounces a few hundred times: its period grows with its height."""
 

@@ -26,7 +26,7 @@ print(hits.count("/jax/compilation_cache/cache_hits"), float(sol.x1[0]))
 """
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_next_process_finds_what_was_compiled(tmp_path):
     folder, environment = tmp_path / "not there yet", dict(os.environ)
     environment.pop("JAX_COMPILATION_CACHE_DIR", None)

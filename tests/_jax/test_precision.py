@@ -56,7 +56,7 @@ def outcome():
     return json.loads(done.stdout)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_machine_built_before_is_converted_at_every_door(outcome):
     found, _, restitution = outcome
     assert restitution != 0.7, "it is a machine of single precision"

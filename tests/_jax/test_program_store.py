@@ -68,7 +68,7 @@ x += [float(abs(mu)) for mu in orbit.multipliers]
     assert run_process(tmp_path, more=more) == (0, expected)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_damaged_programs_are_made_again(tmp_path):
     first, expected = run_process(tmp_path)
     assert first >= 1
@@ -80,14 +80,14 @@ def test_damaged_programs_are_made_again(tmp_path):
         assert run_process(tmp_path) == (first, expected)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_precision_and_source_are_part_of_the_name(tmp_path):
     first, _ = run_process(tmp_path)
     assert run_process(tmp_path, bits="32")[0] == first
     assert len(programs(tmp_path)) == 2 * first
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_processes_that_begin_at_once_share_a_folder(tmp_path):
     with ThreadPoolExecutor(4) as threads:
         found = [threads.submit(run_process, tmp_path) for _ in range(4)]

@@ -112,7 +112,7 @@ def test_times_that_are_not_finite_are_refused(wrong, sentence):
         jax.block_until_ready(end_between(*wrong))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("derivative", [jax.grad, jax.value_and_grad, jax.jacfwd])
 def test_derivatives_alone_depend_on_the_check(derivative):
     slope = jax.jit(lambda x, k: jax.tree.leaves(derivative(lambda x: follow(k, x0=x).x1[0])(x))[-1])
@@ -136,6 +136,7 @@ def test_without_throw_nothing_is_raised():
 
 
 @pytest.mark.parametrize("make", [vx.stroboscopic_map, vx.monodromy_matrix])
+@pytest.mark.thorough
 def test_maps_depend_on_the_check_too(make):
     run = jax.jit(lambda k: jax.tree.leaves(make(MACHINE, [0.0], [0.0], 5, flow=FLOW, max_steps=k))[0])
     jax.block_until_ready(run(1000))

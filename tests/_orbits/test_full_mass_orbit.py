@@ -76,7 +76,7 @@ def test_each_orbit_of_its_branch_is_what_a_run_shows_and_loses_volume_as_it_sho
         assert float(found.system.forcing.frequency) == pytest.approx(branch.values[k], rel=1e-15)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_its_sweep_is_kept_in_a_file_with_the_machine_bit_for_bit(swept, tmp_path):
     assert (swept.result == 0).all()
     swept.to_netcdf(tmp_path / "sweep.nc")

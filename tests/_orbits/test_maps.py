@@ -31,7 +31,7 @@ def flight_matrix(system: vx.ImpactSystem, span: float) -> np.ndarray:
     return scipy.linalg.expm(span * np.vstack([upper, lower]))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_monodromy_matrix_is_a_product_of_flights_and_saltations():
     system, periods = vx.models.wagg_bishop_b(1.4), 3
     end = periods * 2 * np.pi / 1.4
@@ -164,7 +164,7 @@ def test_the_multipliers_of_an_orbit_are_the_same_at_every_phase():
 FLOW = vx.TaylorFlow()  # fastest to compile
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_without_throw_a_motion_that_does_not_get_there_is_nan():
     start = [0.0], [0.0]
     for make in (vx.stroboscopic_map, vx.monodromy_matrix):

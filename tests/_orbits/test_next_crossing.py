@@ -65,7 +65,7 @@ def test_its_derivatives_are_differences_and_hold_the_multipliers():
     np.testing.assert_allclose(jax.jacrev(of)(first), jacobian, atol=1e-12)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_contacts_and_stops_that_move_are_gone_through_too():
     for system, mass in ((vx.models.impact_damper(0.7), 1), (vx.models.ball_on_table(60.0, 0.004), 0)):
         period = float(system.forcing.period)

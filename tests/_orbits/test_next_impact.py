@@ -56,6 +56,7 @@ def difference(function, spacing: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("num_impacts", [1, 4])
+@pytest.mark.thorough
 def test_a_ball_comes_back_after_its_time_of_flight_and_so_do_its_derivatives(num_impacts):
     start = jnp.array([0.3, 0.0, -5.0])
     shares = R ** np.arange(1, num_impacts + 1)
@@ -91,6 +92,7 @@ def machine(amplitude=1.0, restitution=0.8, frequency=1.0):
     return vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, [vx.Stop(0, 1.0, "upper", restitution)])
 
 
+@pytest.mark.thorough
 def test_a_published_orbit_is_a_fixed_point_with_the_multipliers_of_the_stroboscopic_map():
     orbit = exact_orbit(0.1, 1.0, 1.0, 1.0, 1.0, 0.8, 2 * np.pi, 1)
     assert orbit.speed == pytest.approx(1.6957329375949, rel=1e-13)
@@ -157,7 +159,7 @@ def test_from_impact_to_impact_it_goes_through_the_log_of_a_trajectory(stop, cha
     np.testing.assert_allclose(packed(last), packed(impact), rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_derivatives_go_through_chatter_sticking_and_release_at_another_stop(chattering):
     log, t0 = chattering.events, 20.0
     start = packed((jnp.asarray(t0), *chattering.evaluate(t0)))

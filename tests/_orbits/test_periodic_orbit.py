@@ -25,7 +25,7 @@ def product(system, num_periods, impacts):
     return np.exp(-loss) * np.prod(r ** (2 * np.asarray(impacts)))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("is_proportional", [True, False])
 def test_multipliers_of_random_machines_multiply_to_their_loss_of_volume(is_proportional):
     rng, found = np.random.default_rng(1), 0
@@ -51,6 +51,7 @@ def sticking():
     return vx.periodic_orbit(system, *settled(system))
 
 
+@pytest.mark.thorough
 def test_an_orbit_that_sticks_has_two_multipliers_of_zero(sticking):
     assert bool(sticking.is_admissible)
     assert float(sticking.residual) < 1e-13
@@ -166,7 +167,7 @@ def test_at_grazing_a_multiplier_is_infinite_and_the_others_are_not():
     np.testing.assert_allclose(found[1], 0.17 / 0.7, rtol=1e-13)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_derivatives_are_those_of_differences():
     start = settled(vx.models.wagg_bishop_a(0.8))
 

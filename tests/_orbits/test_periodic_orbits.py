@@ -28,6 +28,7 @@ def orbits(swept):
     return vx.periodic_orbits(swept, progress=False)
 
 
+@pytest.mark.thorough
 def test_every_periodic_point_becomes_an_orbit(swept, orbits):
     kinds = vx.classify(swept)
     is_periodic = kinds.num_periods.values > 0
@@ -87,7 +88,7 @@ def test_they_are_marked_in_a_bifurcation_diagram(swept, orbits):
     plt.close(ax.figure)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_chattering_motions_become_orbits():
     sweep = vx.sweep(
         vx.models.wagg_bishop_b(1.0),

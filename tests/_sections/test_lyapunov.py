@@ -52,7 +52,7 @@ def test_their_sum_is_the_loss_of_volume_whatever_the_motion(swept):
         assert float(point.lyapunov_exponents.sum()) == pytest.approx(exact, rel=1e-11)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_sticks_forgets_two_directions_for_good(swept):
     point = swept.sel({FREQUENCY: CHATTERING})
     exponents, error = point.lyapunov_exponents.values, point.lyapunov_error.values
@@ -147,7 +147,7 @@ def test_what_loses_nothing_keeps_volume_and_what_loses_all_forgets(restitution)
         assert np.isneginf(found[1])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_it_is_compiled_and_batched_like_any_function(swept):
     def of(frequency):
         system = vx.models.wagg_bishop_b(frequency)
@@ -171,7 +171,7 @@ def test_a_spring_that_hardens_obeys_liouville_as_far_as_its_solver_does():
     )
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_contacts_between_masses_obey_liouville_too():
     system = vx.models.impact_damper(0.7)
     ds = vx.sweep(system, {FREQUENCY: [0.7, 1.2]}, record=50, max_impacts=0, lyapunov=True, progress=False)

@@ -53,7 +53,7 @@ def without_machine(ds: xr.Dataset) -> xr.Dataset:
     return ds.drop_attrs()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_beats_of_a_lightly_damped_chain_are_no_longer_taken_for_something_else(light):
     before, after = kinds(without_machine(light)), kinds(light)
     has_hit = (light.num_impacts.sum("stop") > 0).values
@@ -92,7 +92,7 @@ def test_the_contraction_is_that_of_the_slowest_mode(light):
     np.testing.assert_allclose(found[is_quiet], expected[is_quiet], rtol=ROUNDED)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_will_hit_after_the_record_is_not_quiet():
     # The energy is in the last mass and reaches the first one later; only the beginning is recorded.
     walls = [vx.Stop(i, position, "upper", 0.7) for i, position in enumerate((0.5, 50.0, 50.0))]
@@ -233,7 +233,7 @@ def test_where_the_machine_is_not_known_the_section_decides(light):
 # Moving stops, and single trajectories
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*max_impacts_reached")  # only counts are needed, not the log
 def test_moving_stops_are_swept_as_well():
     motion = vx.Harmonic([[0.2], [0.05]], 1.9)

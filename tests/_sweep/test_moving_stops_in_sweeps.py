@@ -18,7 +18,7 @@ def swept():
     return vx.sweep(system, values, transient=3, record=3, progress=False)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_sweep_tells_of_the_motion_in_space(swept):
     (path,) = swept.result.dims
     point = swept.isel({path: 3})

@@ -43,6 +43,7 @@ MACHINES = {
 
 
 @pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.thorough
 def test_impulses_and_losses_are_those_of_single_runs(name):
     system, path, values = MACHINES[name]
     ds = sweep(system, {path: values}, [IMPULSE, ENERGY])

@@ -74,6 +74,7 @@ def test_swept_matrices_may_have_a_short_name():
         np.testing.assert_array_equal(vx.system_of(ds.isel(C=k)).damping, damping)
 
 
+@pytest.mark.thorough
 def test_motions_orbits_and_branches_are_those_by_path(named, by_path):
     assert_same(vx.classify(named), vx.classify(by_path))
     orbits = vx.periodic_orbits(named, progress=False)
@@ -129,6 +130,7 @@ def test_what_is_written_to_a_folder_has_the_short_names(named, tmp_path):
         sweep(BY_PATH, out=tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_basins_and_charts_take_short_names():
     by_path = {"x0[0]": np.linspace(-0.2, 0.2, 3), "v0[0]": np.linspace(-0.5, 0.5, 2)}
     options = {"transient": 30, "record": 4, "progress": False}

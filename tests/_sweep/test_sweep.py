@@ -259,7 +259,7 @@ def test_points_that_follow_others_in_their_lane_are_what_they_are_alone():
         np.testing.assert_allclose(part[name], few[name], rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("room", ["impact_rows", "mark_rows"])
 def test_nothing_is_lost_where_rows_are_taken_away_on_the_way(room):
     whole = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES})

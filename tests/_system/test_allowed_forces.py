@@ -322,7 +322,7 @@ def test_impacts_of_a_machine_are_known_without_its_force():
     assert machine.contacts.num == 1
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_is_swept_here_is_known_here_and_elsewhere_once_it_is_allowed(place, monkeypatch):
     system = vx.load(written("springs:cubic", {"k": 1.0}), allow_forces=["springs"])
     ds = vx.sweep(system, {"args.k": [0.5, 1.0]}, transient=60, record=10, progress=False)

@@ -57,6 +57,7 @@ def test_without_an_exponent_it_is_newtons_law():
         np.testing.assert_allclose(sol.events.velocity_plus[:8], SPEED * 0.7 ** np.arange(1, 9), rtol=ROUNDED)
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_the_recurrence():
     def time_of_fifth(numbers):
         t, u = 0.0, SPEED
@@ -75,7 +76,7 @@ def test_derivatives_are_those_of_the_recurrence():
     np.testing.assert_allclose(jax.jacrev(by_engine)(numbers), exact, rtol=ROUNDED)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_an_orbit_loses_volume_by_its_damper_and_its_impacts_and_is_followed():
     """Each impact takes phase volume by r d(r u)/du, the damper by exp(-c T)."""
     damping, law = 0.1, vx.FallingRestitution(0.9, 1.0, 0.5)

@@ -67,7 +67,7 @@ def by_force() -> xr.Dataset:
     return sweep(spring(), {"force.cubic": CUBICS})
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_parameter_of_a_force_is_swept_by_its_name(by_force):
     assert by_force.result.dims == ("force.cubic",)
     assert (by_force.result == 0).all()
@@ -242,7 +242,7 @@ def test_a_force_that_cannot_be_called_is_told_how_to_be_written(force):
         vx.simulate(machine(force), 0.0, 1.0)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_force_without_the_period_of_the_load_is_not_swept():
     push = lambda t, x, v, args: 0.1 * jnp.cos(args * t) * jnp.ones_like(x)  # noqa: E731
     w = float(machine(push).forcing.frequency)

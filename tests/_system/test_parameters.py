@@ -181,7 +181,7 @@ def linear(values) -> vx.ImpactSystem:
     return vx.ImpactSystem([1.0], [[0.1]], stiffness[None, None], vx.Harmonic([0.6], frequency), stops)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_derivatives_pass_through_a_parameter_as_through_a_machine_that_is_built():
     machine = linear(jnp.array([0.5, 0.9, 1.0]))
 

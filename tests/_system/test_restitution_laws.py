@@ -43,6 +43,7 @@ MACHINES = {
 
 
 @pytest.mark.parametrize("system", MACHINES.values(), ids=MACHINES)
+@pytest.mark.thorough
 def test_every_impact_has_the_coefficient_of_its_speed(system):
     events = vx.simulate(system, 0.0, 80.0).events
     is_impact = events.kind == vx.IMPACT
@@ -55,6 +56,7 @@ def test_every_impact_has_the_coefficient_of_its_speed(system):
         np.testing.assert_allclose(plus, -r * minus, rtol=ROUNDED, atol=ROUNDED)
 
 
+@pytest.mark.slow
 def test_its_numbers_are_swept_and_differentiated_by_their_paths():
     path, values = "stops[0].restitution.speed", np.array([0.5, 1.0, 2.0])
     ds = vx.sweep(MACHINES["one"], {path: values}, transient=0, record=5, progress=False)

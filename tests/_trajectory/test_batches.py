@@ -165,7 +165,7 @@ def test_a_lane_that_has_ended_takes_no_more_steps():
     assert (lane(batch, 2).result, int(lane(batch, 2).num_steps)) == (vx.RESULTS.non_finite, 1)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [5, 8])
 def test_a_large_batch_of_a_large_machine_is_compiled(n):
     """With so many lanes XLA would divide operations of the kernel among threads, which it cannot compile."""

@@ -32,6 +32,7 @@ MACHINES = {
 
 @pytest.mark.parametrize("name", MACHINES)
 @pytest.mark.parametrize("periods", [3, 1000, 20_000, pytest.param(100_000, marks=pytest.mark.thorough)])
+@pytest.mark.slow
 def test_it_agrees_with_saved_states_long_after_the_last_event(name, periods):
     system = MACHINES[name]
     start = ([0.3, 0.0] if name == "held" else [0.5] * system.num_masses)[: system.num_masses]
@@ -74,7 +75,7 @@ def test_its_cost_does_not_grow_with_the_distance_from_the_last_event():
     assert np.isfinite(v).all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_motion_of_a_solver_goes_on_for_periods_as_well():
     system = vx.models.duffing_oscillator(1.0)
     ts = np.linspace(0.0, 60.0, 7)

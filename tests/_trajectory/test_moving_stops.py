@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import slow_except
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from shaken import GRAVITY, MAGNIFIED, A, R, W, ball, seen_from_the_table, table, two_masses
@@ -153,7 +154,7 @@ def test_two_masses_and_shaken_walls_agree_with_a_general_solver():
     np.testing.assert_allclose(jnp.concatenate([solution.x1, solution.v1]), y, rtol=0, atol=INTEGRATED)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_force_beside_the_springs_is_one_of_positions_and_velocities_in_space():
     exact = vx.simulate(two_masses(), 0.0, 10.0)
     k, c = jnp.asarray([0.5, 0.3]), 0.02
@@ -194,14 +195,14 @@ def derivatives():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", PARAMETERS)
+@pytest.mark.parametrize("name", slow_except(["restitution"], PARAMETERS))
 def test_derivatives_are_those_seen_from_the_table(derivatives, name):
     found, expected = (each[name] for each in derivatives)
     assert np.abs(expected).max() > 1e-2
     np.testing.assert_allclose(found, expected, rtol=DERIVATIVES, atol=DERIVATIVES)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_one_frequency_drives_load_and_stops(derivatives):
     def end(w):
         system = eqx.tree_at(lambda s: s.forcing.frequency, ball(), w)

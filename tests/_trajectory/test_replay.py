@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import slow_except
 from jaxtyping import Array
 
 import vijax as vx
@@ -54,7 +55,7 @@ def assert_alike(found: list[Array], expected: list[Array]) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize("name", slow_except(["sticking"], MACHINES))
 def test_all_derivatives_are_those_of_the_steps(name, monkeypatch):
     system, end, x = MACHINES[name]
     found = slopes(system, end, jnp.asarray(x))
@@ -81,6 +82,7 @@ def test_the_length_of_the_log_does_not_change_derivatives():
     assert_alike(short, long)
 
 
+@pytest.mark.thorough
 def test_a_lane_that_does_not_begin_changes_no_derivative_of_the_others():
     system = vx.models.wagg_bishop_b(1.1)
 

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import slow_except
 
 import vijax as vx
 
@@ -32,6 +33,7 @@ def assert_alike(batch: vx.Solution, index: tuple[int, ...], alone: vx.Solution)
 
 
 @pytest.mark.parametrize("size", [1, 5, 131])
+@pytest.mark.thorough
 def test_batches_of_a_known_machine_of_any_size(size):
     system, starts = vx.models.wagg_bishop_b(1.1), -1e-3 * jnp.arange(size)
     batch = jax.jit(jax.vmap(lambda x: follow(system, x)))(starts)
@@ -42,6 +44,7 @@ def test_batches_of_a_known_machine_of_any_size(size):
 
 
 @pytest.mark.parametrize("max_events", [0, 3])
+@pytest.mark.slow
 def test_logs_that_are_too_short_end_alike(max_events):
     system, starts = vx.models.wagg_bishop_b(1.1), -1e-3 * jnp.arange(131)
     batch = jax.jit(jax.vmap(lambda x: follow(system, x, max_events)))(starts)
@@ -54,6 +57,7 @@ def test_a_batch_of_nothing():
     assert jax.vmap(lambda x: follow(vx.models.wagg_bishop_b(1.1), x))(jnp.zeros(0)).x1.shape == (0, 2)
 
 
+@pytest.mark.slow
 def test_a_batch_of_batches():
     starts, frequencies = -1e-2 * jnp.arange(3), jnp.array([0.9, 1.1])
     of_starts = jax.vmap(lambda x, w: follow(vx.models.wagg_bishop_b(w), x), (0, None))
@@ -71,7 +75,7 @@ def test_a_program_of_constants_alone():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("make", MAKES)
+@pytest.mark.parametrize("make", slow_except(["full mass"], MAKES))
 def test_machines_of_every_make(make):
     system = MAKES[make]()
     starts = jnp.linspace(0.0, 1e-2, 3) * (1 if make == "moving stop" else -1)

@@ -42,6 +42,7 @@ def test_free_decay_ends_where_coulomb_friction_stops_it():
     assert bool(sol.sticking1[0])
 
 
+@pytest.mark.thorough
 def test_multipliers_of_a_slipping_oscillator_agree_with_known_ones():
     system = oscillator(0.05, 1.5, 0.8)
     sol = vx.simulate(system, 0.0, 300 * system.forcing.period)
@@ -61,6 +62,7 @@ def test_an_oscillator_that_sticks_slides_for_the_known_time_and_has_a_zero_mult
     assert np.min(np.abs(multipliers)) < ROUNDING
 
 
+@pytest.mark.thorough
 def test_friction_forces_keep_their_bounds_and_compliant_stops_never_pull():
     sol = vx.simulate(capsule(), 0.0, 60.0)
     t = np.linspace(0, 60, 1001)
@@ -75,7 +77,7 @@ def test_friction_forces_keep_their_bounds_and_compliant_stops_never_pull():
     assert pushing.max() > 1
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_derivatives_go_through_sticks_slips_and_contact():
     leaves, structure = jax.tree.flatten(capsule())
     sizes = np.cumsum([0, *(np.size(a) for a in leaves)])
@@ -108,6 +110,7 @@ def test_derivatives_go_through_sticks_slips_and_contact():
         np.testing.assert_allclose(forward[:, k], (4 * narrow - wide) / 3, rtol=0, atol=DIFFERENCES)
 
 
+@pytest.mark.thorough
 def test_a_batch_equals_its_trajectories():
     amplitudes = np.array([0.9, 1.1, 1.3])
     ends = jax.vmap(lambda a: vx.simulate(capsule(a), 0.0, 40.0, throw=False))(amplitudes)
@@ -118,6 +121,7 @@ def test_a_batch_equals_its_trajectories():
         assert bool(ends.sticking1[k, 0]) == bool(alone.sticking1[0])
 
 
+@pytest.mark.thorough
 def test_a_sweep_by_paths_ends_where_its_trajectories_do():
     system, forces = oscillator(0.05, 1.5, 0.6), np.array([0.8, 1.0])
     ds = vx.sweep(system, {"friction[0].force": forces}, transient=3, record=2, progress=False)

@@ -9,6 +9,7 @@ import vijax as vx
 
 
 @pytest.mark.parametrize(("r", "n", "a"), [(1.0, 1, 0.1), (0.9, 2, 0.02)])
+@pytest.mark.thorough
 def test_a_ball_between_walls_has_the_exact_orbit_of_one_impact_at_each(r, n, a):
     w, d = 1.5, 1.0
     period, k = 2 * np.pi / w, (1 - r**2) / (2 * np.pi * n * r)
@@ -53,7 +54,7 @@ def test_elastic_beads_between_walls_are_points_that_pass_through_each_other_in_
     assert float((sol.v1**2).sum()) == pytest.approx((v**2).sum(), rel=EXACT)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_column_that_is_dropped_lies_still_and_each_contact_carries_what_is_above():
     column = vx.models.bead_column(diameter=0.1, restitution=0.5, mass=[3.0, 2.0, 0.5])
     sol = vx.simulate(column, 0.0, 3.0, x0=[0.5, 0.65, 0.8])
@@ -63,6 +64,7 @@ def test_a_column_that_is_dropped_lies_still_and_each_contact_carries_what_is_ab
     np.testing.assert_allclose(sol.contact_force(3.0), 9.81 * np.array([5.5, 2.5, 0.5]), rtol=EXACT)
 
 
+@pytest.mark.slow
 def test_a_light_ball_on_a_heavy_one_is_thrown_up():
     heavy, light, r = 4.0, 0.5, 0.9
     stack = vx.models.bead_column(num_beads=2, restitution=r, mass=[heavy, light])

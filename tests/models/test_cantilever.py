@@ -76,7 +76,7 @@ def first_impacts(num_elements: int, position: float) -> tuple[np.ndarray, np.nd
     return np.array([event.t for event in events]), np.array([event.velocity for event in events])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_finer_beam_meets_its_stop_as_the_beam_does_and_its_bounces_keep_their_form():
     """The first impact is that of the exact beam, sin(w t) / w = position, to the fourth order.
 

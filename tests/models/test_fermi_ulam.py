@@ -64,7 +64,7 @@ def curve_through(angle: np.ndarray, speed: np.ndarray):
     return lambda angle: waves(angle) @ series
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_ball_between_walls_never_passes_an_invariant_curve(swept):
     assert (swept.result == 0).all()
     first, second = (curve_through(*at_the_moving_wall(swept.isel({"v0[0]": k}))) for k in (0, 1))

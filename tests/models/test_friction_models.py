@@ -45,6 +45,7 @@ def test_a_friction_that_weakens_oscillates_with_the_period_of_leine_and_others(
     np.testing.assert_allclose(np.diff(times), 12.0010312948, atol=6e-11)
 
 
+@pytest.mark.slow
 def test_a_friction_damped_pair_driven_in_opposite_phases_is_two_masses_on_the_ground():
     sol = settled(vx.models.friction_damped_pair(0.8, 1.5, damping_ratio=0.05), 100)
     np.testing.assert_allclose(np.abs(at_events(sol, vx.TURN)[1]), 2.145852589884217, rtol=ORBIT)
@@ -126,7 +127,7 @@ def test_the_capsule_is_that_of_a_golden_scene():
     np.testing.assert_allclose(sol.v1, scene.data["v1"], rtol=0, atol=scene.state_tolerance)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_speed_of_the_capsule_has_a_derivative_by_the_stiffness_of_its_plate():
     def speed(stiffness):
         system = vx.models.capsule_robot(1.05, 1.2, friction=0.6, stiffness=stiffness)

@@ -60,7 +60,7 @@ def rattling() -> vx.PeriodicOrbit:
     return vx.periodic_orbit(system, sol.x1, sol.v1, 2)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_gears_rattle_as_a_ball_between_walls_that_feels_their_relative_force(rattling):
     forcing = vx.Harmonic([1.0], 1.0, mean=[0.3])
     walls = [vx.Stop(position=0.3, restitution=0.9), vx.Stop(position=-0.3, side="lower", restitution=0.9)]

@@ -296,7 +296,7 @@ def test_a_chain_of_one_mass_is_refused():
         vx.models.uniform_chain(0.8, num_masses=1)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_sweep_of_ten_masses_finds_the_grazing_of_either_stop():
     w = 0.8
     system = vx.models.uniform_chain(w, 3.0, position=100.0)

@@ -288,10 +288,8 @@ def slopes(system: vx.ImpactSystem) -> jax.Array:
     return jnp.concatenate([sol.x1, sol.v1, sol.events.t[:2]])
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    "model", [DUFFING, pytest.param(PENDULUM, marks=pytest.mark.slow)], ids=lambda m: m.parameter
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("model", [DUFFING, PENDULUM], ids=lambda m: m.parameter)
 def test_derivatives_of_a_free_machine_are_those_of_elliptic_functions(model):
     case = Case(model, 1.3, 0.2, 0.8, TOP)
     found = slopes(case.system)

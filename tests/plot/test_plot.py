@@ -279,7 +279,7 @@ def test_the_orbits_of_a_sticking_region_are_the_motion_while_the_mass_is_held(s
     assert discs(cut, filled=True) == discs(cut, filled=False) == []
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_boundary_that_depends_on_a_third_mass_is_left_out():
     stops = [vx.Stop(1, 0.0, "upper", 0.5), vx.Stop(2, 0.0, "upper", 0.5)]
     load = vx.Harmonic([0.0, 0.0, 0.0], 1.0, mean=[0.1, 0.5, 1.0])

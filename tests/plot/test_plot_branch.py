@@ -284,7 +284,7 @@ def test_branches_are_seen_on_a_dark_background(swept):
     assert min(grey(line.get_color()) for ax in pictures for line in ax.lines) > SEEN
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_lines_of_a_branch_go_through_the_impacts_of_its_orbits():
     system = vx.models.wagg_bishop_a(0.8)
     orbit = vx.periodic_orbit(system, [0.18, 0.09], [0.33, 0.52])

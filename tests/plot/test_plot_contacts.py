@@ -53,6 +53,7 @@ def drawn_spans(t: np.ndarray, x: np.ndarray) -> list[tuple[float, float]]:
     return [(t[run][0], t[run][-1]) for run in runs]
 
 
+@pytest.mark.thorough
 def test_the_scene_has_impacts_and_holds_of_both_kinds(sol):
     assert all(len(events(sol, vx.IMPACT, j)) > 3 for j in range(3))
     assert len(held_spans(sol, 1)) > 2
@@ -161,7 +162,7 @@ def test_relative_motion_to_a_stop_is_the_position_of_its_mass(sol):
     assert len(hits) > len(impacts.get_xdata()) > 0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_relative_motion_follows_a_contact_that_moves(breathing):
     ax = vx.plot.relative_motion(breathing, 0, num_samples=SAMPLES)
     line, limit, *_ = ax.lines
@@ -190,7 +191,7 @@ def test_an_impact_map_tells_contacts_from_stops(sol):
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), np.asarray(sol.events.velocity_minus)[is_hit])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_bifurcation_diagram_of_a_contact_has_its_speeds_of_approach(breathing):
     system = box(WALL, BREATHING)
     ds = vx.sweep(system, {PATH: [0.7, 0.8, 0.9]}, transient=3, record=2, progress=False)

@@ -63,6 +63,7 @@ def test_bifurcation_diagrams(lines):
     assert drawn[3] == r"Forcing frequency $\Omega$"
 
 
+@pytest.mark.slow
 def test_orbits_of_either_form_mark_either_form(lines):
     orbits = [vx.periodic_orbits(ds, progress=False) for ds in lines]
     assert int(orbits[0].converged.sum()) > 0

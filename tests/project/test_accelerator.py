@@ -39,7 +39,7 @@ def test_lanes_are_no_more_than_points():
     assert (settings.lanes, settings.points, settings.cores) == (100, 100, 1)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_every_figure_has_its_error_and_the_hardware(tmp_path):
     given = ["--sizes", "40", "--lanes", "16", "--scenes", "paper_a_om080", "--out", str(tmp_path)]
     results = accelerator.main(given)

@@ -12,6 +12,7 @@ import vijax as vx
 
 # Pages whose programs take longest to compile.
 LONG = (
+    "docs/tutorials/orbits.md",
     "docs/how_to/fitting.md",
     "docs/how_to/optimise_orbit.md",
     "docs/how_to/curves.md",
