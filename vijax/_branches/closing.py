@@ -3,10 +3,10 @@
 import numpy as np
 
 from .._orbits.sequence import Sequence
-from .batched_steps import MIN_TANGENT_COSINE
 from .kernels import LocatedState, location_on, trimmed
 from .parameter_family import ExtendedCycle
 from .point import BranchPoint, DirectedBranch, KernelRequests, on_plane
+from .steps import MIN_TANGENT_COSINE
 
 # `_AGAIN`: distance within which two cycles are the same.
 # `_SAME`: distance within which a state has returned in a cycle that repeats a shorter one.

@@ -1,6 +1,6 @@
 """Follow one branch in one direction: locate the events of a step, and continue the branch behind them.
 
-Steps without events belong to `batched_steps.py`. `follow_branch` is a generator: it yields requests for corrected
+Steps without events belong to `steps.py`. `follow_branch` is a generator: it yields requests for corrected
 cycles, see `kernels.py`, and receives the answers. So many branches run side by side, while this code treats one alone.
 """
 
@@ -10,16 +10,6 @@ import numpy as np
 
 from .._hybrid.limits import RELEASE
 from .._orbits.sequence import Sequence
-from .batched_steps import (
-    PROBE,
-    SHORTEST,
-    PlainSteps,
-    Tried,
-    is_accepted,
-    is_resolved,
-    next_length,
-    step_state_of_point,
-)
 from .closing import first_repeated, is_at_start, repetitions_of
 from .degenerate_grazing import grazing_of_shorter_cycle
 from .grazing_cascade import FEW, MANY, cycle_behind_limit, is_limit, limit_of, shortest_stick
@@ -37,7 +27,6 @@ from .point import (
     at_parameter,
     between,
     correct_with_free_parameter,
-    predicted_point,
 )
 from .sequence_switching import (
     by_sequence,
@@ -47,6 +36,7 @@ from .sequence_switching import (
     step_off,
     with_simulated_bounces,
 )
+from .steps import PROBE, SHORTEST, PlainSteps, Tried
 from .test_functions import TestFunction, crossings, tests_of, without_echoes
 from .vanishing_flights import end_of_vanishing_flight, hop_that_ends
 
@@ -212,37 +202,29 @@ class Step(NamedTuple):
 
 def _step(walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | None) -> KernelRequests:
     """A step from a point; None if it is too long to resolve all that happens on it."""
-    new = (yield from _predicted_and_checked(point, ds)) if tried is None else tried.point
-    if new is None:
+    if tried is None:
+        _, _, tried = yield PlainSteps(walk, point, point, ds, is_trial=True)
+    if tried is None:
         return None
-    before, after = step_state_of_point(point), step_state_of_point(new)
-    if tried is None and not is_resolved(before, after, ds)[0]:
-        return None
+    new = tried.point
     met = without_echoes(point.sequence, crossings(tests_of(point.sequence), point.seen, new.seen))
     if any(test.kind == Kind.CHATTER_COMPLETION and not _is_plastic(point, test) for test in met):
         return None  # ever more bounces accumulate on the step
     confirmed = followed = None
     if not met:
-        confirmed, followed = yield from _confirmed_point(walk, new, tried.motion if tried else None)
+        confirmed, followed = yield from _confirmed_point(walk, new, tried.motion)
         if not confirmed.is_admissible:
             return None
     event, last = yield from first_event(point, new, met)
     special = yield from special_points(walk, point, last)
     if special is None and ds > _SEPARATE:
         return None
-    length = float(next_length(new.seen.found, before, after, ds)[0])
-    return Step(last, confirmed, followed, event, special or [], length)
+    return Step(last, confirmed, followed, event, special or [], tried.next_length)
 
 
 def _is_plastic(point: BranchPoint, test: TestFunction) -> bool:
     """True if the stop of an event has zero restitution."""
     return bool(point.seen.watched.is_plastic[point.sequence.stop[test.index]])
-
-
-def _predicted_and_checked(point: BranchPoint, ds: float) -> KernelRequests:
-    """The next point; None if the branch is too curved for such a step."""
-    new: BranchPoint = yield from predicted_point(point, ds)
-    return new if is_accepted(new.seen.found, new.tangent.along(point.tangent), ds) else None
 
 
 def _confirmed_point(

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._hybrid.limits import CLOSE as CLOSING, IMPACT, OPEN, RELEASE, TURN
+from .._jax.arrays import array_namespace
 from .._machine.state import AHEAD, BEHIND, STICKING
 from .._orbits.sequence import NOTHING, Sequence
 from .kernels import CorrectedCycle
@@ -42,9 +43,10 @@ class TestFunction(NamedTuple):
 
 def _ratio(values: Any, of: Any) -> Any:
     """Product of values / (1 + |of|), which is finite where a multiplier is not."""
+    xp = array_namespace(values, of)
     with np.errstate(invalid="ignore"):
-        parts = values / (1 + np.abs(of))
-    return np.prod(np.where(np.isfinite(parts), parts, np.sign(of.real)), axis=-1).real
+        parts = values / (1 + xp.abs(of))
+    return xp.prod(xp.where(xp.isfinite(parts), parts, xp.sign(of.real)), axis=-1).real
 
 
 def of_doubling(mu: Multipliers) -> Any:
@@ -67,9 +69,10 @@ def _pairs(size: int) -> tuple[np.ndarray, np.ndarray]:
 def of_pairs(mu: Multipliers) -> Any:
     """Function of multipliers that is zero where the product of two is 1."""
     first, second = _pairs(mu.shape[-1])
+    xp = array_namespace(mu)
     with np.errstate(invalid="ignore"):
         products = mu[..., first] * mu[..., second]
-    return _ratio(products - 1, np.where(np.isnan(products), 0, products))
+    return _ratio(products - 1, xp.where(xp.isnan(products), 0, products))
 
 
 def num_on_circle(mu: Multipliers) -> int:
@@ -85,9 +88,16 @@ TESTS_OF_NEIGHBOURS = (
 )
 
 
+def of_neighbours(seen: CorrectedCycle) -> Any:
+    """Values of `TESTS_OF_NEIGHBOURS`, (4,)."""
+    values = [test.of(seen) for test in TESTS_OF_NEIGHBOURS]
+    return array_namespace(*values).stack(values)
+
+
 def is_crossed(before: Any, after: Any) -> Any:
     """True where a function of multipliers changes sign between two values that are not both rounding."""
-    return (before * after < 0) & (np.maximum(np.abs(before), np.abs(after)) > _NOTHING)
+    xp = array_namespace(before, after)
+    return (before * after < 0) & (xp.maximum(xp.abs(before), xp.abs(after)) > _NOTHING)
 
 
 # Kinds of events at which the least value of a quantity of a stop vanishes, and these quantities.
@@ -179,51 +189,58 @@ def _kind_of_meeting(sequence: Sequence, k: int) -> Kind:
     return Kind.CHATTER_COMPLETION if sequence.kind[k] == RELEASE else Kind.DOUBLE_IMPACT
 
 
-def _has_speed(sequence: Sequence) -> np.ndarray:
+def _has_speed(sequence: Sequence) -> Any:
     """True for events with a test function of their own: an impact, a compliant contact that closes at its gap, a turn."""
     if not sequence.is_switching:
-        return np.asarray(sequence.kind == IMPACT)
-    return np.isin(sequence.kind, (IMPACT, CLOSING, TURN))
+        return sequence.kind == IMPACT
+    return _is_one_of(sequence.kind, (IMPACT, CLOSING, TURN))
 
 
-def margins(sequence: Sequence, seen: CorrectedCycle) -> np.ndarray:
-    """Values of all `tests_of` a padded sequence, of batched cycles, (..., tests); infinite for no test."""
+def _is_one_of(kinds: Any, some: tuple[int, ...]) -> Any:
+    return array_namespace(kinds).isin(kinds, np.array(some))
+
+
+def margins(sequence: Sequence, seen: CorrectedCycle) -> Any:
+    """Values of all `tests_of` a padded sequence, (tests,); infinite for no test."""
     return _of_tests(
         sequence, (seen.found.speeds, seen.found.place.flights, *_between_events(seen.watched)), np.inf
     )
 
 
-def test_slopes(sequence: Sequence, seen: CorrectedCycle) -> np.ndarray:
-    """Rates of `margins` along the branch, (..., tests); 0 for no test."""
+def test_slopes(sequence: Sequence, seen: CorrectedCycle) -> Any:
+    """Rates of `margins` along the branch, (tests,); 0 for no test."""
     rates = (seen.rates.speeds, seen.found.tangent.flights, *_between_events(seen.rates))
-    return np.where(np.isfinite(margins(sequence, seen)), _of_tests(sequence, rates, 0.0), 0.0)
+    values = margins(sequence, seen)
+    xp = array_namespace(values)
+    return xp.where(xp.isfinite(values), _of_tests(sequence, rates, 0.0), 0.0)
 
 
 def _between_events(watched: Any) -> tuple:
     return watched.gap, watched.force, watched.rise
 
 
-def _of_tests(sequence: Sequence, values: tuple, none: float) -> np.ndarray:
+def _of_tests(sequence: Sequence, values: tuple, none: float) -> Any:
     """Values of impacts, of flights and of stops, concatenated to one row of tests."""
     speeds, flights, *of_stops = values
-    speeds = np.where(_has_speed(sequence), speeds, none)
-    flights = np.where(_follows_another(sequence), flights, none)
-    return np.concatenate([speeds, flights, *of_stops], axis=-1)
+    xp = array_namespace(sequence.kind, *values)
+    speeds = xp.where(_has_speed(sequence), speeds, none)
+    flights = xp.where(_follows_another(sequence), flights, none)
+    return xp.concatenate([speeds, flights, *of_stops])
 
 
-def _follows_another(sequence: Sequence) -> np.ndarray:
+def _follows_another(sequence: Sequence) -> Any:
     """True where an event can meet the one before. Two impacts of one stop are left out: one loses its speed there."""
     kind, stop = sequence.kind, sequence.stop
-    is_same = stop[..., 1:] == stop[..., :-1]
+    is_same = stop[1:] == stop[:-1]
     if sequence.is_switching:
         # Where a compliant contact has no duration, it closes at no speed; where a turn has none, friction would stick.
-        alike = (IMPACT, CLOSING, OPEN, TURN)
-        is_same = is_same & np.isin(kind[..., 1:], alike) & np.isin(kind[..., :-1], alike)
+        alike = _is_one_of(kind, (IMPACT, CLOSING, OPEN, TURN))
+        is_same = is_same & alike[1:] & alike[:-1]
     else:
-        is_same = is_same & (kind[..., 1:] == kind[..., :-1])
-    is_other = np.zeros(kind.shape, bool)
-    is_other[..., 1:] = ~is_same & (kind[..., 1:] != NOTHING)
-    return is_other
+        is_same = is_same & (kind[1:] == kind[:-1])
+    # The first event has none before it.
+    xp = array_namespace(kind)
+    return xp.concatenate([xp.zeros_like(kind[:1], dtype=bool), ~is_same & (kind[1:] != NOTHING)])
 
 
 def crossings(tests: list[TestFunction], before: CorrectedCycle, after: CorrectedCycle) -> list[TestFunction]:
@@ -251,4 +268,5 @@ def without_echoes(sequence: Sequence, met: list[TestFunction]) -> list[TestFunc
 
 def num_unstable(seen: CorrectedCycle) -> Any:
     """Number of multipliers outside the unit circle."""
-    return np.count_nonzero(np.abs(seen.found.multipliers) > 1 + _ON_CIRCLE, axis=-1)
+    xp, mu = array_namespace(seen.found.multipliers), seen.found.multipliers
+    return xp.count_nonzero(xp.abs(mu) > 1 + _ON_CIRCLE, axis=-1)

@@ -1,0 +1,171 @@
+"""Kernels called for batches of branches: sizes of batches, families, packed rows."""
+
+from collections.abc import Callable, Hashable, Sequence as Many
+from functools import cache
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from .._jax.packing import Layout, Packed, pack
+from .._jax.xla import jit_for_lanes, jit_lightly
+from .kernels import ROOM_OF_SIMULATION
+from .parameter_family import Family
+from .step_kernel import first_corrections, take_steps
+
+# `_FEW`, `_MANY`: batch sizes for which kernels are compiled; the larger one runs as often as there are branches for it.
+# `_WORTH_IT`: fewest branches for which the larger one is compiled.
+# `_CHEAPER`: fewest branches for which it is taken once it is compiled.
+_FEW, _MANY, _WORTH_IT, _CHEAPER = 2, 64, 17, 5
+# Fewest branches for which the form of `take_steps` for very many is compiled, which takes twice as long.
+_VERY_MANY = 256
+
+# Kernels, with the layout of families, for which the larger batches were compiled in this process; layouts of families,
+# with padded numbers of events, for which the form for very many was.
+_made: set[tuple[Callable, Layout]] = set()
+_written_out: set[tuple[Layout, int]] = set()
+
+
+class Stock:
+    """Stacked families of one tree structure and shapes; several tasks may share one."""
+
+    def __init__(self, families: dict[int, Family]):
+        own = {id(family): family for family in families.values()}
+        self.rows = pack(stacked(list(own.values())), has_rows=True)
+        rows = {one: row for row, one in enumerate(own)}
+        self.place = {k: rows[id(family)] for k, family in families.items()}
+
+    def of(self, tasks: Many[int]) -> Packed:
+        """Families of some tasks."""
+        return self.rows.at(np.array([self.place[k] for k in tasks]))
+
+
+class Form(NamedTuple):
+    """Form in which `take_steps` is compiled; see there. `size` is that of the batch."""
+
+    size: int
+    tries: int
+    room: int
+    is_for_very_many: bool = False
+
+    @property
+    def is_for_few(self) -> bool:
+        """True for the smaller batch."""
+        return self.size == _FEW
+
+
+def stacked(trees: list) -> Any:
+    """Trees stacked along a first axis."""
+    return jax.tree.map(lambda *a: np.stack(a), *trees)
+
+
+def size_for(program: Callable, layout: Layout, num: int) -> int:
+    """Batch size in which requests for a kernel are answered."""
+    least = _CHEAPER if (program, layout) in _made else _WORTH_IT
+    if num < least:
+        return _FEW
+    _made.add((program, layout))
+    return _MANY
+
+
+def form_of_steps(families: Layout, room: int, num: int) -> Form:
+    """Form of `take_steps` for a number of requests for cycles with a padded number of events."""
+    if size_for(take_steps, families, num) == _FEW:
+        # Few branches take many steps, and one program serves most simulations.
+        return Form(_FEW, 16, ROOM_OF_SIMULATION)
+    if num >= _VERY_MANY:
+        _written_out.add((families, room))
+    is_for_very_many = (families, room) in _written_out
+    return Form(_MANY, 1 if is_for_very_many else 8, 0, is_for_very_many)
+
+
+def call(program: Callable, families: Packed, rows: Any) -> Packed:
+    """Packed results of a kernel for rows of families and of its other arguments, computed batch by batch."""
+    size = size_for(program, families.layout, len(families.reals))
+    return in_parts(_compiled(program), size, families, pack(rows, has_rows=True))[0]
+
+
+def answers(tasks: Many[int], found: Packed) -> dict[int, Any]:
+    """Results of a kernel, one for each task."""
+    leaves, structure = jax.tree.flatten(found.unpacked())
+    return {task: jax.tree.unflatten(structure, [leaf[k] for leaf in leaves]) for k, task in enumerate(tasks)}
+
+
+def in_parts(run: Callable, size: int, *arguments: Any) -> tuple[Packed, ...]:
+    """Call a compiled kernel for parts of a batch, each of a size, and join its results."""
+    num = len(arguments[0].reals)
+    # The last part is filled up with its last row.
+    parts = [np.minimum(np.arange(k, k + size), num - 1) for k in range(0, num, size)]
+    found = [run(*(_taken(a, part) for a in arguments)) for part in parts]
+    return tuple(joined([one.in_numpy() for one in own], num) for own in zip(*found, strict=True))
+
+
+def joined(parts: list[Packed], num: int | None = None) -> Packed:
+    """Batches of one layout as one batch, or its first rows."""
+    reals, wholes = (
+        own[0] if len(own) == 1 else np.concatenate(own)
+        for own in zip(*((a.reals, a.wholes) for a in parts), strict=True)
+    )
+    return Packed(reals[:num], wholes[:num], parts[0].layout)
+
+
+def _taken(rows: Packed | np.ndarray, part: np.ndarray) -> Packed | np.ndarray:
+    return rows.at(part) if isinstance(rows, Packed) else rows[part]
+
+
+@cache
+def _compiled(program: Callable) -> Callable:
+    """A compiled kernel of packed rows, batched by `vmap`."""
+
+    def of_rows(families: Packed, arguments: Packed) -> tuple[Packed]:
+        def of_row(family: Packed, arguments: Packed) -> Packed:
+            return pack(program(family.unpacked(), *arguments.unpacked()))
+
+        return (jax.vmap(of_row)(families, arguments),)
+
+    of_rows.__name__ = program.__name__  # its name in profiles
+    return jit_lightly(of_rows, name=(program.__module__, program.__qualname__))
+
+
+@cache
+def compiled_steps(form: Form) -> Callable:
+    """`take_steps` for packed rows: points from which to step on, and the other results."""
+
+    def of_rows(
+        families: Packed, requests: Packed, points: Packed, ds: Any, most: Any, *seen: Packed
+    ) -> tuple[Packed, Packed]:
+        own = families.unpacked(), requests.unpacked(), points, ds, most
+        found = take_steps(*own, tries=form.tries, room=form.room, seen=seen[0] if seen else None)
+        return found.point, pack(found._replace(point=None), has_rows=True)
+
+    of_rows.__name__ = "take_steps"
+    run = jit_lightly(of_rows, name=(take_steps.__module__, *form))
+    if not form.is_for_very_many:
+        return run
+    correct = _compiled_corrections()
+    return lambda *rows: run(*rows, correct(*rows[:4]))
+
+
+@cache
+def _compiled_corrections() -> Callable:
+    """`first_corrections` for packed rows."""
+
+    def of_rows(families: Packed, requests: Packed, points: Packed, ds: Any) -> Packed:
+        found = first_corrections(families.unpacked(), requests.unpacked(), points, ds)
+        return pack(found, points.layout, has_rows=True)
+
+    of_rows.__name__ = "first_corrections"
+    return jit_for_lanes(of_rows, name=(take_steps.__module__, of_rows.__name__))
+
+
+def makes_of(families: Many[Family]) -> tuple[list[Hashable], dict[Hashable, Stock]]:
+    """Make (tree structure and shapes) of each family, and the stacked families of each make."""
+    members: dict[Hashable, dict[int, Family]] = {}
+    makes, known = [], {}
+    for k, family in enumerate(families):
+        if id(family) not in known:
+            leaves, structure = jax.tree.flatten(family)
+            known[id(family)] = (structure, *(np.shape(a) for a in leaves))
+        makes.append(known[id(family)])
+        members.setdefault(makes[-1], {})[k] = family
+    return makes, {make: Stock(own) for make, own in members.items()}

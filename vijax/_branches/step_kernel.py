@@ -1,0 +1,265 @@
+"""The compiled program of branches: plain steps, several in a call, and requests for one of their two parts.
+
+A step corrects a cycle and, if it is plain, simulates the machine from its start. Corrections and simulations alone are
+requested as well, to locate events for instance. They run in the same program, so that a process compiles one.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .._jax.arrays import Flag, Scalar
+from .._jax.packing import Packed, pack
+from .._orbits.sequence import NOTHING, Sequence
+from .admissibility import LeastMargins, Margins
+from .corrector import Corrected
+from .kernels import CorrectedCycle, SimulatedMotion, corrected_cycle, corrected_cycles, simulate_motion
+from .parameter_family import ExtendedCycle, Family
+from .steps import (
+    SHORTEST,
+    StepLimits,
+    StepState,
+    is_accepted,
+    is_followed_or_unstable,
+    is_plain,
+    is_resolved,
+    next_length,
+)
+
+
+class StepRequest(NamedTuple):
+    """A request for plain steps, or for one part of a step, but for the point where it begins.
+
+    Attributes:
+        sequence: events of the cycles, padded.
+        target: of a correction; NaN for steps.
+        start: of a simulation, in space, (2 n,); NaN for that of the cycle.
+        simulates: True for a simulation.
+        limits: of plain steps.
+    """
+
+    sequence: Sequence
+    target: Any
+    start: Any
+    simulates: Any
+    limits: StepLimits
+
+
+class Stepped(NamedTuple):
+    """Result of a call, lanes first.
+
+    Attributes:
+        point: corrected cycle from which to step on, packed.
+        next_ds: length of the step from it.
+        tries: corrected cycles of the tries, (tries, ...), packed.
+        ds: their lengths, (tries,).
+        is_taken: flags of the steps that were taken, (tries,).
+        last: number of the last try.
+        is_sound: True if that is accepted and short enough.
+        has_motion: True if the machine was simulated from its end.
+        next_length: length of the step after it.
+        motion: of the machine from its end, packed.
+    """
+
+    point: Packed
+    next_ds: Array
+    tries: Packed
+    ds: Array
+    is_taken: Array
+    last: Array
+    is_sound: Array
+    has_motion: Array
+    next_length: Array
+    motion: Packed
+
+
+class _Trial(NamedTuple):
+    """A corrected step with its verdicts, and the motion from its end, see `Stepped`."""
+
+    seen: CorrectedCycle
+    is_sound: Flag
+    is_taken: Flag
+    has_motion: Flag
+    next_length: Scalar
+    motion: SimulatedMotion
+
+
+class _State(NamedTuple):
+    """State of the loop: number of the try, lanes that go on, steps that each may still take, result so far."""
+
+    number: Array
+    is_live: Array
+    left: Array
+    found: Stepped
+
+
+def take_steps(
+    families: Family,
+    requests: StepRequest,
+    points: Packed,
+    ds: Array,
+    most: Array,
+    *,
+    tries: int,
+    room: int,
+    seen: Packed | None = None,
+) -> Stepped:
+    """Answer a batch of requests, along the first axis.
+
+    Args:
+        families: of the branches.
+        requests: of the branches.
+        points: corrected cycles from which to step; of a correction its guess and, as tangent, its weights, and of a
+            simulation its cycle, see `blank_cycle`; packed.
+        ds: length of the first step; 0 for a correction, NaN for a simulation.
+        most: most steps that each may take; 0 to try one.
+        tries: most steps that are tried for each branch.
+        room: least padded number of events of a simulation.
+        seen: result of `first_corrections`, if that was computed before; for one try.
+    """
+    known = seen
+
+    def trial_of(state: _State) -> _Trial:
+        point, ds = state.found.point.unpacked(), state.found.next_ds
+        target = jnp.where(state.number == 0, requests.target, jnp.nan)
+        if known is None:
+            guess = jax.vmap(_prediction)(point, ds, target, state.is_live)
+            seen = jax.vmap(corrected_cycle)(families, requests.sequence, *guess)
+        else:
+            seen = known.unpacked()
+        sound, plain, length = jax.vmap(_judged)(requests, point, seen, ds)
+        has_motion = (plain | requests.simulates) & state.is_live
+        simulated = partial(_simulated, room=room)
+        motion = jax.vmap(simulated)(families, requests, point, seen, has_motion)
+        is_followed = jax.vmap(is_followed_or_unstable)(requests.sequence, seen, motion)
+        is_taken = plain & is_followed & (state.left > 0) & state.is_live
+        return _Trial(seen, sound, is_taken, has_motion, length, motion)
+
+    def one(state: _State) -> _State:
+        trial, before, number, is_live = trial_of(state), state.found, state.number, state.is_live
+        row = pack(trial.seen, before.point.layout, has_rows=True)
+        shorter = jnp.where(trial.is_sound, before.next_ds, before.next_ds / 2)
+        following = jnp.where(trial.is_taken, trial.next_length, shorter)
+        left = state.left - trial.is_taken
+        goes_on = is_live & (trial.is_taken | ~trial.is_sound) & (left > 0) & (following >= SHORTEST)
+        found = Stepped(
+            point=_chosen(trial.is_taken, row, before.point),
+            next_ds=jnp.where(is_live, following, before.next_ds),
+            tries=jax.tree.map(lambda all_, one: all_.at[:, number].set(one), before.tries, row),
+            ds=before.ds.at[:, number].set(before.next_ds),
+            is_taken=before.is_taken.at[:, number].set(trial.is_taken),
+            last=jnp.where(is_live, number, before.last),
+            is_sound=jnp.where(is_live, trial.is_sound, before.is_sound),
+            has_motion=jnp.where(is_live, trial.has_motion, before.has_motion),
+            next_length=jnp.where(is_live, trial.next_length, before.next_length),
+            motion=_chosen(is_live, pack(trial.motion, before.motion.layout, has_rows=True), before.motion),
+        )
+        return _State(number + 1, goes_on, left, found)
+
+    def is_going_on(state: _State) -> Array:
+        return (state.number < tries) & jnp.any(state.is_live)
+
+    nothing = _before_the_first(requests, points, ds, tries, room)
+    first = _State(jnp.array(0), jnp.ones(len(ds), bool), jnp.asarray(most), nothing)
+    return jax.lax.while_loop(is_going_on, one, first).found
+
+
+def first_corrections(families: Family, requests: StepRequest, points: Packed, ds: Array) -> CorrectedCycle:
+    """Corrected cycles of the first try of `take_steps`, in the form for very many branches."""
+    all_ = jnp.ones(len(ds), bool)
+    guess = jax.vmap(_prediction)(points.unpacked(), ds, requests.target, all_)
+    return corrected_cycles(families, requests.sequence, *guess)
+
+
+def _before_the_first(requests: StepRequest, points: Packed, ds: Array, tries: int, room: int) -> Stepped:
+    """A result that the first try overwrites."""
+    num, ds = len(ds), jnp.asarray(ds)
+    many = lambda a: jnp.zeros((num, tries, *a.shape[1:]), a.dtype)  # noqa: E731
+    sequence, none, flags = _widened(requests.sequence, room), jnp.zeros(num, int), jnp.zeros(num, bool)
+    flights = jnp.zeros(sequence.kind.shape, ds.dtype)
+    motion = SimulatedMotion(flags, sequence, flights, jnp.asarray(requests.start))
+    return Stepped(
+        point=jax.tree.map(jnp.asarray, points),
+        next_ds=ds,
+        tries=jax.tree.map(many, points),
+        ds=many(ds),
+        is_taken=many(flags),
+        last=none,
+        is_sound=flags,
+        has_motion=flags,
+        next_length=ds,
+        motion=pack(motion, has_rows=True),
+    )
+
+
+def _chosen(flags: Array, one: Packed, other: Packed) -> Packed:
+    """Rows of one batch where flags are set, else of another."""
+    return jax.tree.map(lambda a, b: jnp.where(flags[:, None], a, b), one, other)
+
+
+def _prediction(
+    point: CorrectedCycle, ds: Scalar, target: Scalar, is_live: Flag
+) -> tuple[ExtendedCycle, ExtendedCycle, Scalar]:
+    """Guess, weights and target of the corrector; NaN for a lane that is done, which ends it at once."""
+    place, weights = point.found.place, point.found.tangent
+    guess = place.moved(weights, jnp.where(is_live, ds, jnp.nan))
+    return guess, weights, jnp.where(jnp.isnan(target), place.along(weights) + ds, target)
+
+
+def _judged(
+    request: StepRequest, point: CorrectedCycle, seen: CorrectedCycle, ds: Scalar
+) -> tuple[Flag, Flag, Scalar]:
+    """True for a step that is accepted and short enough, True for one that is plain too, length of the next one."""
+    known, new = (StepState.of(request.sequence, at) for at in (point, seen))
+    sound = is_accepted(known, new, seen, ds) & is_resolved(known, new, ds)
+    plain = sound & is_plain(request.sequence, known, new, request.limits, ds)
+    return sound, plain, next_length(known, new, seen, ds)
+
+
+def _simulated(
+    family: Family,
+    request: StepRequest,
+    point: CorrectedCycle,
+    seen: CorrectedCycle,
+    is_wanted: Flag,
+    *,
+    room: int,
+) -> SimulatedMotion:
+    """Motion of the machine from the end of a step, or as requested; of none that is not wanted."""
+    place = jax.tree.map(lambda a, b: jnp.where(request.simulates, a, b), point.found.place, seen.found.place)
+    sequence = jax.tree.map(lambda a: a[0], _widened(jax.tree.map(lambda a: a[None], request.sequence), room))
+    flights = jnp.pad(place.flights, (0, len(sequence.kind) - len(place.flights)))
+    z = jnp.where(is_wanted, place.z, jnp.nan)
+    return simulate_motion(family, sequence, ExtendedCycle(z, flights, place.p), request.start)
+
+
+def _widened(sequences: Sequence, room: int) -> Sequence:
+    """A batch of sequences with more padding."""
+    more = (0, 0), (0, max(room - sequences.kind.shape[1], 0))
+    return Sequence(
+        kind=jnp.pad(sequences.kind, more, constant_values=NOTHING),
+        stop=jnp.pad(sequences.stop, more),
+        mode=jnp.pad(sequences.mode, (*more, (0, 0)), mode="edge"),
+    )
+
+
+def blank_cycle(sequence: Sequence, place: ExtendedCycle, weights: ExtendedCycle) -> CorrectedCycle:
+    """A cycle of which nothing is known but the weights of its correction."""
+    dtype, size, num = np.asarray(place.z).dtype, len(place.z), sequence.mode.shape[1]
+
+    def zeros(*shape: int, like: Any = dtype) -> Any:
+        return np.zeros(shape, like)
+
+    num_guards = 2 * num if sequence.is_switching else num
+    none, whole, events = zeros(num_guards), zeros(num_guards, like=int), zeros(len(place.flights))
+    multipliers = zeros(size, like=np.result_type(dtype, np.complex64))
+    found = Corrected(
+        place, weights, multipliers, events, zeros(), zeros(), zeros(like=int), zeros(like=bool)
+    )
+    is_plastic = zeros(num, like=bool)
+    watched = LeastMargins(none, none, whole, none, none, whole, none, whole, is_plastic, zeros())
+    return CorrectedCycle(found, watched, Margins(events, none, none, none), zeros(size))

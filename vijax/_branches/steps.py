@@ -1,0 +1,189 @@
+"""Steps along a branch: when one is accepted, short enough, and plain.
+
+On a plain step nothing happens: no test function changes sign, no bound is passed, and the machine follows the cycle.
+Most steps are plain. They are taken one after another in one compiled program, `step_kernel.py`; the first one that is
+not plain is returned to `follow.py`. All functions treat one branch, and are traced.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .._jax.arrays import Flag, Scalar
+from .._orbits.sequence import Sequence
+from .kernels import CorrectedCycle, SimulatedMotion
+from .parameter_family import ExtendedCycle
+from .point import TRUSTED, BranchPoint, DirectedBranch
+from .test_functions import is_crossed, margins, num_unstable, of_neighbours, test_slopes
+
+# `_LONGEST`: longest step, along the scaled parameter or for a cycle of size 1.
+# `SHORTEST`: shortest step.
+_LONGEST, SHORTEST = 5e-2, 1e-9
+# `MIN_TANGENT_COSINE`: cosine of the largest angle between the tangents at the ends of a step.
+# `_FEW`: largest number of Newton iterations after which steps grow by half.
+# `_MANY`: number of Newton iterations from which steps shrink, and the most of an accepted step.
+MIN_TANGENT_COSINE, _FEW, _MANY = 0.98, 4, 7
+# `FIRST`: length of the first step.
+# `PROBE`: length of the probe before it, which measures how fast multipliers move.
+FIRST, PROBE = 2e-3, 1e-5
+# Move of a multiplier on a step, relative to its distance from +1, which a pair passes at a resonance:
+# `_TURNED`: the largest accepted.
+# `_PLANNED`: the one for which the next step is planned.
+# `_NARROWEST`: length of a step from which on these limits do not shorten it.
+_TURNED, _PLANNED, _NARROWEST = 0.6, 0.4, 1e-6
+# Multipliers this close to the real axis are real: folds and branch points have test functions of their own.
+_REAL = 1e-9
+
+
+class Tried(NamedTuple):
+    """A step that is accepted and short enough, and not taken.
+
+    Attributes:
+        point: the point at its end.
+        motion: motion of the machine started there, if it was simulated and is like the cycle; else None.
+        next_length: length of the step after it.
+    """
+
+    point: BranchPoint
+    motion: SimulatedMotion | None
+    next_length: float
+
+
+class PlainSteps(NamedTuple):
+    """Request for plain steps.
+
+    The answer is the last point, the length of the next step, and this step itself if it was tried and not taken, or
+    None.
+
+    Attributes:
+        walk: receives the points.
+        start: first point of the branch.
+        point: point from which to step.
+        ds: length of the first step.
+        is_trial: True to try one step of this length without taking it; None is then the answer for a step that is
+            not accepted, or too long.
+    """
+
+    walk: DirectedBranch
+    start: BranchPoint
+    point: BranchPoint
+    ds: float
+    is_trial: bool = False
+
+    @property
+    def sequence(self) -> Sequence:
+        """Sequence of the cycles."""
+        return self.point.sequence
+
+
+class StepState(NamedTuple):
+    """Quantities by which steps are judged.
+
+    Attributes:
+        place: the point.
+        tangent: of the branch there.
+        margins: values of the test functions of the sequence, (tests,).
+        slopes: derivatives of these along the branch.
+        neighbours: values of the test functions of the multipliers, (4,).
+        num_unstable: number of unstable multipliers.
+        multipliers: (2 n,).
+    """
+
+    place: ExtendedCycle
+    tangent: ExtendedCycle
+    margins: Array
+    slopes: Array
+    neighbours: Array
+    num_unstable: Array
+    multipliers: Array
+
+    @classmethod
+    def of(cls, sequence: Sequence, seen: CorrectedCycle) -> "StepState":
+        """State at a corrected cycle."""
+        return cls(
+            seen.found.place,
+            seen.found.tangent,
+            margins(sequence, seen),
+            test_slopes(sequence, seen),
+            of_neighbours(seen),
+            num_unstable(seen),
+            seen.found.multipliers,
+        )
+
+
+class StepLimits(NamedTuple):
+    """What a plain step must not pass.
+
+    Attributes:
+        num_periods: n.
+        bounds: of the scaled parameter, (2,).
+        start: first point of the branch.
+        tangent: there; zero if the sequence has changed since.
+    """
+
+    num_periods: Any
+    bounds: Any
+    start: ExtendedCycle
+    tangent: ExtendedCycle
+
+
+def is_accepted(known: StepState, new: StepState, seen: CorrectedCycle, ds: Scalar) -> Flag:
+    """True where the corrector converged fast and the tangents at both ends are close."""
+    found = seen.found
+    is_near = found.is_converged & (found.first < 10 * ds) & (found.num_steps <= _MANY)
+    return is_near & (new.tangent.along(known.tangent) > MIN_TANGENT_COSINE)
+
+
+def is_resolved(known: StepState, new: StepState, ds: Scalar) -> Flag:
+    """True where a step is short enough: no pair of multipliers passes +1, and no test function vanishes twice."""
+    is_slow = (_multiplier_motion(known, new) <= _TURNED) | (ds <= _NARROWEST)
+    falls, rises = known.slopes * ds / 3, new.slopes * ds / 3
+    # The Hermite cubic through both ends is positive if these two of its Bernstein coefficients are.
+    dips = (falls < 0) & (rises > 0) & ((known.margins + falls <= 0) | (new.margins - rises <= 0))
+    is_known = (known.margins > 0) & (new.margins > 0)
+    return is_slow & ~jnp.any(dips & is_known)
+
+
+def next_length(known: StepState, new: StepState, seen: CorrectedCycle, ds: Scalar) -> Scalar:
+    """Length of the step after one of length `ds`."""
+    steps = seen.found.num_steps
+    grown = ds * jnp.where(steps <= _FEW, 1.5, jnp.where(steps < _MANY, 1.2, 0.7))
+    # Cycles may grow far beyond the first one; along the parameter no step exceeds `_LONGEST`.
+    size = jnp.maximum(jnp.max(jnp.abs(new.place.z)), 1)
+    along_parameter = _LONGEST / jnp.maximum(jnp.abs(new.tangent.p), _REAL)
+    longest = jnp.minimum(_LONGEST * size, jnp.maximum(along_parameter, _LONGEST))
+    grown = jnp.minimum(jnp.where(ds == PROBE, FIRST, grown), longest)
+    planned = ds * _PLANNED / jnp.maximum(_multiplier_motion(known, new), np.finfo(float).tiny)
+    return jnp.minimum(grown, jnp.maximum(planned, _NARROWEST))
+
+
+def _multiplier_motion(known: StepState, new: StepState) -> Scalar:
+    """Largest move of a complex multiplier, relative to its distance from +1."""
+    mu, before = new.multipliers, known.multipliers
+    is_pair = jnp.isfinite(mu) & (jnp.abs(jnp.imag(mu)) > _REAL)
+    mu = jnp.where(is_pair, mu, 0)
+    ways = jnp.abs(mu[:, None] - before[None, :])
+    way = jnp.min(jnp.where(jnp.isfinite(ways), ways, jnp.inf), axis=1)
+    return jnp.max(jnp.where(is_pair, way / jnp.maximum(jnp.abs(mu - 1), _REAL), 0))
+
+
+def is_plain(sequence: Sequence, known: StepState, new: StepState, limits: StepLimits, ds: Scalar) -> Flag:
+    """True where a step passes no zero of a test function, no bound, no start of a cycle or of the branch."""
+    is_met = jnp.any((known.margins > 0) & (new.margins <= 0))
+    is_special = jnp.any(is_crossed(known.neighbours, new.neighbours))
+    is_odd = (new.num_unstable - known.num_unstable) % 2 != 0
+    is_out = (new.place.p < limits.bounds[0]) | (new.place.p > limits.bounds[1])
+    times = jnp.cumsum(new.place.flights)
+    is_other = jnp.any(sequence.is_event & ((times < 0) | (times > limits.num_periods)))
+    s = limits.start.along(known.tangent) - known.place.along(known.tangent)
+    is_back = (s > 0) & (s <= ds) & (limits.tangent.along(known.tangent) >= MIN_TANGENT_COSINE)
+    return ~(is_met | is_special | is_odd | is_out | is_other | is_back)
+
+
+def is_followed_or_unstable(sequence: Sequence, seen: CorrectedCycle, followed: SimulatedMotion) -> Flag:
+    """True where a run follows the cycle with as many events, or cannot, as a multiplier exceeds `TRUSTED`."""
+    is_same_number = jnp.sum(followed.sequence.is_event) == jnp.sum(sequence.is_event)
+    is_trusted = jnp.abs(seen.found.multipliers[0]) < TRUSTED
+    return jnp.where(followed.is_alike, is_same_number, ~is_trusted)
