@@ -17,9 +17,8 @@ from .parameter_family import ExtendedCycle
 from .point import TRUSTED, BranchPoint, DirectedBranch
 from .test_functions import TESTS_OF_NEIGHBOURS, is_crossed, margins, num_unstable, test_slopes
 
-# `_LONGEST`: longest step, along the scaled parameter or for a cycle of size 1.
-# `SHORTEST`: shortest step.
-_LONGEST, SHORTEST = 5e-2, 1e-9
+# Shortest step, along the scaled parameter or for a cycle of size 1.
+SHORTEST = 1e-9
 # `MIN_TANGENT_COSINE`: cosine of the largest angle between the tangents at the ends of a step.
 # `_FEW`: largest number of Newton iterations after which steps grow by half.
 # `_MANY`: number of Newton iterations from which steps shrink, and the most of an accepted step.
@@ -103,6 +102,7 @@ class BranchProgress(NamedTuple):
         arc: arclengths so far.
         num_periods: n.
         bounds: of the scaled parameter, (branches, 2).
+        longest: longest steps, along the scaled parameter or for a cycle of size 1.
         start: first points.
         tangent: at these; zero for a branch whose sequence has changed since.
     """
@@ -111,6 +111,7 @@ class BranchProgress(NamedTuple):
     arc: np.ndarray
     num_periods: np.ndarray
     bounds: np.ndarray
+    longest: np.ndarray
     start: ExtendedCycle
     tangent: ExtendedCycle
 
@@ -132,15 +133,13 @@ def is_resolved(known: StepState, new: StepState, ds: Any) -> np.ndarray:
     return is_slow & ~np.any(dips & is_known, axis=1)
 
 
-def next_length(found: Corrected, known: StepState, new: StepState, ds: Any) -> Any:
-    """Length of the step after one of length `ds`."""
+def next_length(found: Corrected, known: StepState, new: StepState, ds: Any, most: Any) -> Any:
+    """Length of the step after one of length `ds`, `most` for a cycle of size 1."""
     steps = found.num_steps
     grown = ds * np.where(steps <= _FEW, 1.5, np.where(steps < _MANY, 1.2, 0.7))
-    # Cycles may grow far beyond the first one; along the parameter no step exceeds `_LONGEST`.
+    # Cycles may grow far beyond the first one; along the parameter no step exceeds `most`.
     size = np.maximum(np.max(np.abs(new.place.z), axis=1), 1)
-    longest = np.minimum(
-        _LONGEST * size, np.maximum(_LONGEST / np.maximum(np.abs(new.tangent.p), _REAL), _LONGEST)
-    )
+    longest = np.minimum(most * size, np.maximum(most / np.maximum(np.abs(new.tangent.p), _REAL), most))
     grown = np.minimum(np.where(ds == PROBE, FIRST, grown), longest)
     planned = ds * _PLANNED / np.maximum(_multiplier_motion(known, new), np.finfo(float).tiny)
     return np.minimum(grown, np.maximum(planned, _NARROWEST))
@@ -213,8 +212,8 @@ def _row_of(plain: PlainSteps) -> tuple[tuple[Sequence, ExtendedCycle, Corrected
     origin, tangent = place, place.moved(place, -1.0)
     if is_same:
         _, origin, tangent = padded(one, (start.place, start.tangent), room)
-    ds, arc, num_periods, bounds = (np.asarray(a) for a in (ds, point.arc, walk.num_periods, walk.bounds))
-    ways = BranchProgress(ds, arc, num_periods, bounds, origin, tangent)
+    numbers = ds, point.arc, walk.num_periods, walk.bounds, walk.longest
+    ways = BranchProgress(*map(np.asarray, numbers), origin, tangent)
     return (sequence, place, point.seen), ways
 
 

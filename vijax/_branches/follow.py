@@ -230,7 +230,7 @@ def _step(walk: DirectedBranch, point: BranchPoint, ds: float, tried: Tried | No
     special = yield from special_points(walk, point, last)
     if special is None and ds > _SEPARATE:
         return None
-    length = float(next_length(new.seen.found, before, after, ds)[0])
+    length = float(next_length(new.seen.found, before, after, ds, walk.longest)[0])
     return Step(last, confirmed, followed, event, special or [], length)
 
 

@@ -53,6 +53,10 @@ def public_kind(kind: str) -> str:
     return str(_SHOWN.get(kind, kind))
 
 
+# Prefixes of what users name: the kind of a zero of a monitor, and the end of a branch where a condition holds.
+MONITOR, STOP = "monitor:", "stop:"
+
+
 class End(StrEnum):
     """Reasons for which a branch ends, besides the kinds of bifurcations."""
 

@@ -170,7 +170,7 @@ class _PlainStepBatch:
         sound &= is_resolved(known, new, ways.ds)
         plain = sound & is_plain(known, new, ways)
         taken, motions = self._confirmed(families, known, new, seen, plain)
-        length = next_length(seen.found, known, new, ways.ds)
+        length = next_length(seen.found, known, new, ways.ds, ways.longest)
         known = new if taken.all() else jax.tree.map(lambda a, b: _where(taken, a, b), new, known)
         arc = np.where(taken, ways.arc + ways.ds, ways.arc)
         ds = np.where(taken, length, np.where(sound, ways.ds, ways.ds / 2))

@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from .._branches.branch import Branch
-from .._branches.kinds import End, Kind
+from .._branches.kinds import MONITOR, End, Kind
 from .._hybrid.limits import IMPACT
 from .._sweep.short_names import with_paths
 from .._system.description import build_from
@@ -176,6 +176,8 @@ def _numbers(quantity: Ordinate | None, stop: int | None, mass: int, sizes: Mapp
 
 def label_of_kind(kind: str) -> str:
     """Legend label of a kind of bifurcation or special point."""
+    if kind.startswith(MONITOR):
+        return f"{kind.removeprefix(MONITOR)} = 0"
     return Kind(kind).words if kind in MARKERS else kind.replace("_", " ").replace("+", " and ")
 
 
