@@ -213,7 +213,8 @@ def _row_of(plain: PlainSteps) -> tuple[tuple[Sequence, ExtendedCycle, Corrected
     if is_same:
         _, origin, tangent = padded(one, (start.place, start.tangent), room)
     numbers = ds, point.arc, walk.num_periods, walk.bounds, walk.longest
-    ways = BranchProgress(*map(np.asarray, numbers), origin, tangent)
+    ds, arc, num_periods, bounds, longest = map(np.asarray, numbers)
+    ways = BranchProgress(ds, arc, num_periods, bounds, longest, origin, tangent)
     return (sequence, place, point.seen), ways
 
 

@@ -1,6 +1,26 @@
 """Names of bifurcations and of ends of branches, each defined once, with its label in pictures."""
 
 from enum import StrEnum
+from typing import TYPE_CHECKING, Literal
+
+# Public kinds, for editors, which complete them; at run time a wrong one is refused in a sentence.
+if TYPE_CHECKING:
+    PublicKind = Literal[
+        "fold",
+        "pd",
+        "ns",
+        "bp",
+        "gr",
+        "double_impact",
+        "force_zero",
+        "chatter_completion",
+        "crossing_sliding",
+        "grazing_sliding",
+        "switching_sliding",
+        "adding_sliding",
+    ]
+else:
+    PublicKind = str
 
 
 class Kind(StrEnum):

@@ -22,7 +22,7 @@ from .bracket import Bracket, next_trial
 from .branch import Branch, branch_of
 from .cycle_quantities import checked_names, run_of_cycle
 from .kernels import CorrectedCycle, room_for
-from .kinds import MONITOR, STOP, End, Kind, public_kind
+from .kinds import MONITOR, STOP, End, Kind, PublicKind, public_kind
 from .parameter_family import Family
 from .point import BranchPoint, DirectedBranch, KernelRequests, PlainPoint, between, on_plane
 from .scheduler import drive
@@ -30,7 +30,7 @@ from .sequence_switching import in_section
 
 # Monitors by name, and conditions: kinds of special points, or functions of the branch so far.
 Monitors = Mapping[str, Callable[[Solution], Any]]
-Stop = str | Many[str] | Mapping[str, str | Callable[[Branch], Any]]
+Stop = PublicKind | str | Many[PublicKind | str] | Mapping[str, str | Callable[[Branch], Any]]
 # Value at a zero, relative to those at the ends of its bracket; a function that jumps has a larger one.
 _ZERO = 1e-6
 
@@ -62,7 +62,8 @@ def checked_monitors(monitor: Monitors | None, stop: Stop | None) -> Watched:
             )
     kinds = sorted({public_kind(kind) for kind in Kind}) + [MONITOR + name for name in monitors]
     named = {stop: stop} if isinstance(stop, str) else stop or {}
-    stops = dict(named) if isinstance(named, Mapping) else {str(one): one for one in named}
+    pairs = named.items() if isinstance(named, Mapping) else [(one, one) for one in named]
+    stops: dict[str, str | Callable[[Branch], Any]] = dict(pairs)
     for name, one in stops.items():
         if not callable(one) and one not in kinds:
             raise ValueError(

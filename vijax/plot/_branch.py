@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from .._branches.branch import Branch
 from .._branches.kinds import MONITOR, End, Kind
 from .._hybrid.limits import IMPACT
+from .._sweep.literals import Quantity
 from .._sweep.short_names import with_paths
 from .._system.description import build_from
 from .._system.force_description import NAMED_FORCE
@@ -57,7 +58,7 @@ def branch(
     ds: xr.Dataset | None = None,
     stop: int = 0,
     *,
-    ordinate: str = "velocity",
+    ordinate: Quantity | str = "velocity",
     mass: int = 0,
     units: Units | None = None,
     labels: Labels | None = None,
@@ -71,7 +72,7 @@ def branch(
     ds: xr.Dataset | None = None,
     *,
     stop: None,
-    ordinate: str = "velocity",
+    ordinate: Quantity | str = "velocity",
     mass: int = 0,
     units: Units | None = None,
     labels: Labels | None = None,
@@ -84,7 +85,7 @@ def branch(
     ds: xr.Dataset | None = None,
     stop: int | None = 0,
     *,
-    ordinate: str = "velocity",
+    ordinate: Quantity | str = "velocity",
     mass: int = 0,
     units: Units | None = None,
     labels: Labels | None = None,
