@@ -240,6 +240,12 @@ def _curves(branch: Branch, number: int, ordinate: str, quantity: Ordinate | Non
     return _Curves(points[branch.path].values, kinds, is_stable[:-1] & is_stable[1:], lines)
 
 
+def lines_of_branch(branch: Branch, number: int, ordinate: str) -> dict[bool, tuple[np.ndarray, np.ndarray]]:
+    """Parameters and ordinates of the stable (True) and the unstable segments of a branch, separated by NaN."""
+    curves = _curves(branch, number, ordinate, checked_ordinate([branch], ordinate, "velocity"))
+    return {is_stable: _joined(curves, is_stable) for is_stable in _STABILITY}
+
+
 def _impacts(points: xr.Dataset, stop: int) -> list[OrbitImpacts]:
     """The impacts of each orbit of a branch at a stop."""
     system, path = _system(points), points.attrs["path"]
