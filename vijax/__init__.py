@@ -7,6 +7,11 @@ a simulation of one machine does not wait for xarray, matplotlib or diffrax.
 import lazy_loader as _lazy_loader
 
 from ._dataset_attributes import version as _version
+from ._signatures import with_short_signature as _with_short_signature
 
-__getattr__, __dir__, __all__ = _lazy_loader.attach_stub(__name__, __file__)
+_public, __dir__, __all__ = _lazy_loader.attach_stub(__name__, __file__)
 __version__ = _version("vijax")
+
+
+def __getattr__(name: str):
+    return _with_short_signature(_public(name))

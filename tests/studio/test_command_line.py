@@ -91,6 +91,7 @@ def test_values_are_written_as_ranges_or_with_commas(text, values):
 
 
 SWEEP = ["sweep", "machine.toml", "--out", "kept.nc"]
+BRANCH = ["branch", "machine.toml", "--out", "kept.nc", "--along"]
 
 
 @pytest.mark.parametrize(
@@ -107,6 +108,15 @@ SWEEP = ["sweep", "machine.toml", "--out", "kept.nc"]
         ([*SWEEP, "--over", "omega=1"], "The path `omega` names nothing"),
         ([*SWEEP, "--set", "stops[0].restitution=2"], "must lie between 0"),
         ([*SWEEP, "--x0", "0"], "Argument `x0` must have shape (2,)"),
+        (["orbit", "machine.toml", "--periods", "0"], "--periods must be 1 or more"),
+        (["orbit", "machine.toml", "--x0", "0"], "--x0 must have a number for each of the 2 masses"),
+        (["orbit", "machine.toml", "--picture", "orbit.gif"], "Pictures end in .png, .svg or .pdf"),
+        ([*BRANCH, "forcing.frequency"], "must be PATH=VALUES"),
+        ([*BRANCH, "forcing.frequency=0.7"], "must be LOW:HIGH"),
+        ([*BRANCH, "forcing.frequency=1:0.7"], "a lower and a higher number"),
+        (["attractors", "machine.toml", "--bounds", "0:1"], "must hold the lowest and highest position"),
+        (["attractors", "machine.toml", "--rng", "-1"], "`rng` must be a whole number"),
+        (["basins", "machine.toml", "--over", "x0[0]=0:1:3"], "Say twice or more with --over"),
         (["info", "nowhere.nc"], "There is no nowhere.nc"),
         (["plot", "nowhere.nc", "--out", "kept.png"], "There is no nowhere.nc"),
     ],
@@ -145,12 +155,71 @@ def test_a_sweep_that_is_stopped_says_what_is_kept(machine, capsys, monkeypatch)
     assert "nothing is kept" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", [[], ["sweep"], ["info"], ["plot"], ["explore"]])
+@pytest.mark.parametrize(
+    "command", [[], *([name] for name in "sweep orbit branch attractors basins info plot explore".split())]
+)
 def test_every_command_has_help(command, capsys):
     with pytest.raises(SystemExit) as end:
         main([*command, "--help"])
     assert end.value.code == 0
     assert "usage: vijax" in capsys.readouterr().out
+
+
+@pytest.mark.thorough
+def test_orbits_and_branches_are_those_of_python(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("h5netcdf")
+    monkeypatch.chdir(tmp_path)
+    system = vx.models.impact_oscillator(1.0, 1.0, position=1.0, restitution=0.8, damping_ratio=0.05)
+    vx.save(system, "machine.toml")
+    settled = vx.simulate(system, 0.0, 200 * system.forcing.period)
+    orbit = vx.periodic_orbit(system, settled.x1, settled.v1)
+    path, low = "forcing.amplitude[0]", 0.05
+    assert main(["orbit", "machine.toml", "--out", "orbit.nc", "--picture", "orbit.png"]) == 0
+    assert f"{float(orbit.v0[0]):.6g}" in capsys.readouterr().out
+    kept = xr.load_dataset("orbit.nc", engine="h5netcdf")
+    np.testing.assert_allclose(kept.v0, orbit.v0, rtol=1e-12)
+    typed = ["--along", f"{path}={low}:1", "--out", "branch.nc", "--until", "fold", "--picture", "branch.svg"]
+    assert main(["branch", "machine.toml", *typed, "--no-progress"]) == 0
+    expected = vx.continuation(orbit, path, (low, 1.0), stop="fold", progress=False)
+    told = capsys.readouterr().out
+    assert "ends          stop:fold, bounds" in told
+    branch = vx.Branch(xr.load_dataset("branch.nc", engine="h5netcdf"))
+    np.testing.assert_allclose(branch.values[[0, -1]], expected.values[[0, -1]], rtol=1e-9)
+    assert main(["info", "branch.nc"]) == 0
+    assert capsys.readouterr().out == told
+    assert np.ptp(plt.imread("orbit.png")) > 0
+    assert main(["orbit", "machine.toml", "--set", f"{path}=nan"]) == 2
+
+
+@pytest.mark.thorough
+def test_attractors_and_basins_are_those_of_python(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("h5netcdf")
+    monkeypatch.chdir(tmp_path)
+    system = vx.models.impact_oscillator(1.0, 0.0999, position=1.0, restitution=0.8, damping_ratio=0.05)
+    vx.save(system, "machine.toml")
+    counts = ["--transient", "150", "--record", "4", "--no-progress"]
+    typed = [
+        "--starts",
+        "8",
+        "--rng",
+        "3",
+        "--bounds=-0.9:0.9,-1:1",
+        "--out",
+        "found.nc",
+        "--picture",
+        "s.png",
+    ]
+    assert main(["attractors", "machine.toml", *typed, *counts]) == 0
+    expected = vx.attractors(
+        system, 8, rng=3, bounds=[[-0.9, 0.9], [-1, 1]], transient=150, record=4, progress=False
+    )
+    kept = xr.load_dataset("found.nc", engine="h5netcdf")
+    np.testing.assert_array_equal(kept.label, expected.label)
+    assert re.search(r"1 attractor of 8 starts.*\n +0 +no impact +100 % +stable", capsys.readouterr().out)
+    over = ["--over", "x0[0]=-0.5:0.5:3", "--over", "v0[0]=0,0.5"]
+    assert main(["basins", "machine.toml", *over, *counts, "--picture", "b.png"]) == 0
+    assert "of 3 x 2 starts" in capsys.readouterr().out
+    assert np.ptp(plt.imread("b.png")) > 0
 
 
 @pytest.mark.thorough

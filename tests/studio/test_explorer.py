@@ -1,6 +1,7 @@
 """The explorer: the motion of a point, and the page in a browser."""
 
 import contextlib
+import re
 import shutil
 import socket
 import subprocess
@@ -8,7 +9,9 @@ import sys
 import time
 import urllib.error
 import urllib.request
+import zipfile
 
+import matplotlib
 import numpy as np
 import pytest
 import xarray as xr
@@ -16,7 +19,10 @@ from helpers import counted
 
 import vijax as vx
 from vijax._system.parameters import get_parameter
+from vijax.studio.explorer.address import query_of, shown_by
+from vijax.studio.explorer.code import code_of
 from vijax.studio.explorer.motion import motion_at, scalar_parameters
+from vijax.studio.explorer.orbits import branch_through, orbit_near
 
 FREQUENCY = "forcing.frequency"
 FREQUENCIES = [0.5, 0.8, 1.3]
@@ -77,6 +83,43 @@ def test_what_is_no_sweep_cannot_be_explored():
         vx.explore(xr.Dataset())
 
 
+@pytest.mark.thorough
+def test_the_orbit_in_chaos_and_its_branch_go_through_the_point(sweep):
+    motion = motion_at(sweep, {FREQUENCY: 0.8})
+    assert motion.orbit is None
+    found = orbit_near(motion)
+    assert found.orbit.is_admissible
+    assert float(found.orbit.residual) < ROUNDING
+    end = found.solution.evaluate(np.array([found.shown[1]]))
+    np.testing.assert_allclose(end[0][0], found.orbit.x0, rtol=0, atol=1e-7)
+    branch = branch_through(found.orbit, FREQUENCY, (0.79, 0.81), "max_position")
+    assert branch.values.min() <= 0.8 <= branch.values.max()
+    assert np.isfinite(branch.points.max_position).any()
+
+
+@pytest.mark.thorough
+def test_the_code_of_what_is_shown_makes_the_same_motion(sweep, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    matplotlib.use("Agg")
+    sweep.to_netcdf("sweep.nc", engine="h5netcdf")
+    shown: dict = {}
+    exec(code_of("sweep.nc", {FREQUENCY: 1.3}, {}, 1, 20, 100), shown)
+    point = sweep.sel({FREQUENCY: 1.3})
+    np.testing.assert_array_equal(shown["x0"], point.x)
+    assert (tmp_path / "motion.png").exists()
+    text = code_of("", {FREQUENCY: 1.3}, {"stops[0].restitution": 0.6}, 0, 20, 100)
+    assert "{'stops[0].restitution': [0.6]}, transient=100, record=20" in text
+
+
+def test_an_address_says_what_is_shown_and_nothing_else():
+    query = query_of({FREQUENCY: 1.3, "direction": "down"}, {"mass[0]": 2.0}, {"stop": 1})
+    shown = shown_by(query | {"mass[1]": 5, "transient": 3}, [FREQUENCY], ["mass[0]", "mass[1]"])
+    assert shown.place == {FREQUENCY: 1.3, "direction": "down"}
+    assert shown.changes == {"mass[0]": 2.0}
+    assert shown.chosen == {"stop": 1}
+    assert shown_by({FREQUENCY: "often", "direction": "left"}, [FREQUENCY], []).place == {}
+
+
 @contextlib.contextmanager
 def served(file):
     """Address of the page of a dataset, while it is served."""
@@ -130,15 +173,21 @@ def page(sweep, tmp_path):
 
 @pytest.mark.thorough
 def test_a_click_and_a_slider_show_another_motion(page, sweep):
+    drawn_there = (
+        "const seen = []; const look = node => { for (const one of node.querySelectorAll('*')) {"
+        "if (one.tagName === 'svg' && one.innerHTML.includes('matplotlib')) seen.push(one.innerHTML);"
+        "if (one.shadowRoot) look(one.shadowRoot) } }; look(document);"
+    )
+
     def pictures() -> list[str]:
-        return [image.get_attribute("src") for image in page.locator("img").all()]
+        page.wait_for_function(f"() => {{ {drawn_there} return seen.length === 4 }}")
+        return page.evaluate(f"() => {{ {drawn_there} return seen }}")
 
     def wait_for_others(before: list[str]) -> None:
         """Wait until the first three pictures of every motion have changed."""
         page.wait_for_function(
-            "before => { const seen = []; const look = node => { for (const one of node.querySelectorAll('*')) {"
-            "if (one.tagName === 'IMG') seen.push(one.src); if (one.shadowRoot) look(one.shadowRoot) } };"
-            "look(document); return seen.length === before.length && seen.slice(0, 3).every((a, i) => a !== before[i]) }",
+            f"before => {{ {drawn_there}"
+            "return seen.length === before.length && seen.slice(0, 3).every((a, i) => a !== before[i]) }",
             arg=before,
         )
 
@@ -149,7 +198,6 @@ def test_a_click_and_a_slider_show_another_motion(page, sweep):
     found = page.locator(".found")
     found.filter(has_text="none: no periodic orbit").wait_for()
     before = pictures()
-    assert len(before) == 4
     click(0.14)  # at the left end of the diagram
     found.filter(has_text=words(sweep, 0.5)).wait_for()
     assert "stable" in found.inner_text()
@@ -160,18 +208,31 @@ def test_a_click_and_a_slider_show_another_motion(page, sweep):
     assert film.get_attribute("d") != drawn
 
     before = pictures()
-    page.locator("select").filter(has_text="stops[0].restitution").select_option("stops[0].restitution")
-    handle = page.locator(".noUi-handle")
+    handle = page.locator(".noUi-handle").nth(1)  # the second of the two sliders that are there at first
     handle.focus()
     handle.press("PageDown")
     found.filter(has_text="changed: stops[0].restitution").wait_for()
     wait_for_others(before)
 
-    page.locator("select").filter(has_text="mass[0]").last.select_option("mass[0]")
-    number = page.locator("input[type=text]").last
-    number.fill("-1")
+    number = page.locator("input[type=text]").nth(1)
+    number.fill("2")
     number.press("Enter")
-    page.locator(".trouble").filter(has_text="must be positive").wait_for()
+    page.locator(".trouble").filter(has_text="must lie between 0").wait_for()
     click(0.9)
     found.filter(has_text=words(sweep, 1.3)).wait_for()
     assert page.locator(".trouble").count() == 0
+
+    # The address holds what is shown.
+    page.wait_for_url(re.compile("frequency=1.3"))
+    page.goto(page.url.replace("1.3", "0.5"))
+    found.filter(has_text=words(sweep, 0.5)).wait_for()
+    for width in (800, 1400, 2500):  # nothing is cut off
+        page.set_viewport_size({"width": width, "height": 1000})
+        page.wait_for_timeout(500)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+    with page.expect_download() as download:
+        page.get_by_text("save all").click()
+    names = zipfile.ZipFile(download.value.path()).namelist()
+    assert {"shown.py", "events.csv", "phase_portrait.pdf"} <= set(names)
+    code = zipfile.ZipFile(download.value.path()).read("shown.py").decode()
+    assert "ds.sel({'forcing.frequency': 0.5})" in code

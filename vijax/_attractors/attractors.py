@@ -14,6 +14,7 @@ from .._jax.concrete import is_traced
 from .._jax.xla import padding_allowed
 from .._sections.classify import TOLERANCES
 from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
+from .._sweep.random_numbers import Rng, generator_of
 from .._sweep.short_names import with_names
 from .._system.periodicity import check_period
 from .._system.system import ImpactSystem, with_args
@@ -31,7 +32,8 @@ def attractors(
     transient: Count = 100,
     record: Count = 20,
     bounds: Numbers | None = None,
-    seed: Count = 0,
+    rng: Rng | None = None,
+    seed: Count | None = None,
     x0: Numbers | None = None,
     v0: Numbers | None = None,
     tolerance: float | None = None,
@@ -60,7 +62,9 @@ def attractors(
         record: forcing periods that are recorded.
         bounds: lowest and highest of each position, then of each velocity, between which random starts are drawn,
             (2 n, 2). If left out, twice the motion from rest, as far as the stops let it. None is drawn beyond a stop.
-        seed: of the random starts.
+        rng: of the random starts: a whole number, or a `Generator`, `BitGenerator` or
+            `SeedSequence` of NumPy, as in SPEC 7; 0 if left out, so that a call can be repeated.
+        seed: older name of `rng` for a whole number.
         x0: positions that a grid does not name, (n,); zero if left out.
         v0: velocities, likewise.
         tolerance: largest distance of a motion from the cycle on which it settles, relative to its size; 1e-6 if left
@@ -107,7 +111,7 @@ def attractors(
     machines = machines_of_one(
         "attractors", system, args, transient, record, tolerance, flow, max_steps, settings, executor
     )
-    given = requested_starts(machines, starts, bounds, seed, x0, v0)
+    given = requested_starts(machines, starts, bounds, generator_of(rng, seed), x0, v0)
     return _found(machines, given, progress=progress)
 
 
@@ -151,7 +155,7 @@ def requested_starts(
     machines: Machines,
     starts: Count | tuple[Numbers, Numbers] | Numbers | Mapping[str, Numbers | tuple[str, Numbers]],
     bounds: Numbers | None,
-    seed: Count,
+    rng: np.random.Generator,
     x0: Numbers | None = None,
     v0: Numbers | None = None,
 ) -> Starts:
@@ -162,7 +166,7 @@ def requested_starts(
         return listed_starts(machines.system, cast(Any, starts))
     count = whole_number("starts", starts, 1)
     box = bounds_of(machines.for_sweep_of(count), bounds)
-    return drawn_starts(machines.system, count, box, seed)
+    return drawn_starts(machines.system, count, box, rng)
 
 
 def _found(machines: Machines, starts: Starts, *, progress: bool) -> xr.Dataset:

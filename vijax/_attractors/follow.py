@@ -10,6 +10,7 @@ from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, refuse_single_precision
 from .._jax.xla import padding_allowed
 from .._sweep.outcomes import warn_of_endings, warn_of_unsettled
+from .._sweep.random_numbers import Rng, generator_of
 from .._system.parameters import find_parameter, set_parameter
 from .._system.system import ImpactSystem
 from .attractor_matching import branch_numbers, seeded
@@ -30,7 +31,8 @@ def follow_attractors(
     transient: Count = 100,
     record: Count = 20,
     bounds: Numbers | None = None,
-    seed: Count = 0,
+    rng: Rng | None = None,
+    seed: Count | None = None,
     threshold: float = 0.2,
     integrity: bool = False,
     tolerance: float | None = None,
@@ -58,6 +60,7 @@ def follow_attractors(
         transient: as for `attractors`.
         record: likewise.
         bounds: likewise.
+        rng: likewise.
         seed: likewise.
         threshold: the largest distance of an attractor from its continuation, relative to their size.
         integrity: measure how the basins are eroded, too. The starts must then be a grid, as for `vx.basins`.
@@ -104,7 +107,7 @@ def follow_attractors(
     )
     along, rate = _values(one.system, path, values)
     first = replace(one, system=set_parameter(one.system, path, as_float(along[0])), rate=rate[:1])
-    given = requested_starts(first, starts, bounds, seed)
+    given = requested_starts(first, starts, bounds, generator_of(rng, seed))
     if integrity:
         check_grid(given)
     states = given.states

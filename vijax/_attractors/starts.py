@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._execution.points import LaneInput
-from .._jax.arrays import Count, Numbers, as_float, as_numpy_float, whole_number
+from .._jax.arrays import Numbers, as_float, as_numpy_float
 from .._orbits.find_many import given_states
 from .._sweep.short_names import without_names
 from .._sweep.zipped import START
@@ -81,9 +81,8 @@ def listed_starts(system: ImpactSystem, starts: tuple[Numbers, Numbers] | Number
     return Starts(states, {START: np.arange(len(states))}, {})
 
 
-def drawn_starts(system: ImpactSystem, count: int, bounds: np.ndarray, seed: Count) -> Starts:
+def drawn_starts(system: ImpactSystem, count: int, bounds: np.ndarray, rng: np.random.Generator) -> Starts:
     """Starts drawn uniformly between bounds, (2 n, 2), none of them beyond a stop."""
-    rng = np.random.default_rng(whole_number("seed", seed))
     states = np.empty((count, len(bounds)), as_numpy_float(0.0).dtype)
     left, (low, high) = np.arange(count), bounds.T
     for _ in range(_TRIES):

@@ -7,6 +7,7 @@ from .._execution.settings import DEFAULT_SETTINGS, ExecutionSettings
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Count, Numbers, as_numpy_float, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
+from .._sweep.random_numbers import Rng, generator_of
 from .shocks import Shocks, shocks_of
 from .table import ATTRACTOR, share_statistics
 
@@ -21,7 +22,8 @@ def tipping_probability(
     attractor: Count = 0,
     *,
     samples: Count = 1000,
-    seed: Count = 0,
+    rng: Rng | None = None,
+    seed: Count | None = None,
     period: Count = 0,
     flow: AbstractFlow | None = None,
     executor: object = None,
@@ -38,7 +40,8 @@ def tipping_probability(
         covariance: of the shocks (dx, dv), (2 n, 2 n), or of dv alone, (n, n).
         attractor: index of the attractor.
         samples: number of shocks.
-        seed: of the shocks.
+        rng: of the shocks, as for `vx.attractors`.
+        seed: likewise.
         period: of a cycle of several periods, the number of the one at whose begin the shocks come.
         flow: as for `vx.attractors`.
         executor: likewise.
@@ -69,7 +72,7 @@ def tipping_probability(
     shocks = shocks_of("tipping_probability", found, attractor, period, flow, executor, settings)
     refuse_single_precision("tipping_probability", shocks.machines.system)
     count = whole_number("samples", samples, 1)
-    kicks = _drawn(shocks, _root(covariance, len(shocks.state)), count, whole_number("seed", seed))
+    kicks = _drawn(shocks, _root(covariance, len(shocks.state)), count, generator_of(rng, seed))
     label = shocks.labels(kicks, progress=progress)
     _, share, error = share_statistics(label, len(shocks.motions), count)
     away = float((label != shocks.number).mean())
@@ -105,9 +108,9 @@ def _root(covariance: Numbers, size: int) -> np.ndarray:
     return vectors * np.sqrt(np.maximum(values, 0))
 
 
-def _drawn(shocks: Shocks, root: np.ndarray, count: int, seed: int) -> np.ndarray:
+def _drawn(shocks: Shocks, root: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
     """Shocks (W x, v), (samples, 2 n), none of them beyond a stop."""
-    rng, scale = np.random.default_rng(seed), shocks.machines.scale(np.zeros(1, int))
+    scale = shocks.machines.scale(np.zeros(1, int))
     kicks, left = np.empty((count, len(root))), np.arange(count)
     for _ in range(_TRIES):
         kicks[left] = rng.normal(size=(len(left), len(root))) @ root.T * scale

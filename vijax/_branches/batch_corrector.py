@@ -145,12 +145,12 @@ def correct_many(
 
     def turn(state: tuple[ExtendedCycle, NewtonState]) -> tuple[ExtendedCycle, NewtonState]:
         here, now = state
-        is_on = is_going_on(now)
+        is_on = is_going_on(now, family.tolerance)
         new = one(now, here)
         return jax.tree.map(lambda a, b: jnp.where(is_on, a, b), new, state)
 
     first = guess, _nothing(guess)
-    now = jax.lax.while_loop(lambda state: jnp.any(is_going_on(state[1])), turn, first)[1]
+    now = jax.lax.while_loop(lambda state: jnp.any(is_going_on(state[1], family.tolerance)), turn, first)[1]
     length = jnp.sqrt(_along(now.tangent, now.tangent))
     erased = 2 * jnp.max(jnp.sum(sequence.mode, axis=1), axis=0, initial=0)
     return Corrected(

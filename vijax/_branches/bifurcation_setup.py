@@ -7,7 +7,7 @@ from .._orbits.sequence import SECOND, Sequence
 from .branch import Bifurcation, cycle_of
 from .defining_systems import AbstractCondition, AtBranchPoint, AtEvent, AtMultiplier, AtTurn, DefiningSystem
 from .kernels import CorrectedCycle, padded, room_for
-from .kinds import Kind
+from .kinds import MONITOR, Kind
 from .parameter_family import ExtendedCycle, Family
 from .point import BranchPoint, correct_with_free_parameter
 from .scheduler import drive
@@ -30,10 +30,14 @@ def defining_system_of(point: Bifurcation, low: float, high: float) -> tuple[Def
     """Padded defining system of a bifurcation, and its cycle; the scale of the parameter is `high - low`.
 
     Raises:
-        ValueError: for the kind "chatter_completion".
+        ValueError: for the kind "chatter_completion" and for zeros of monitors.
     """
     if point.kind in _NO_SYSTEM:
         raise ValueError(_NO_SYSTEM[point.kind])
+    if point.kind.startswith(MONITOR):
+        raise ValueError(
+            f"The point is a zero of a monitor, {point.kind!r}, and has no curve or value: take one of `branch.bifurcations`."
+        )
     _, family, sequence, place = family_at(point, low, high)
     if point.kind in (Kind.FOLD, Kind.PERIOD_DOUBLING, Kind.NEIMARK_SACKER):
         condition = _at_multiplier(point)

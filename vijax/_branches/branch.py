@@ -25,7 +25,7 @@ from .._system.forces_by_path import Allowed
 from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem, bound
 from .kernels import CorrectedCycle
-from .kinds import End, public_kind
+from .kinds import MONITOR, End, public_kind
 from .parameter_family import ExtendedCycle, Family
 from .point import BranchPoint, DirectedBranch, PlainPoint, stacked_cycles
 
@@ -89,6 +89,11 @@ class Branch:
     @property
     def bifurcations(self) -> list["Bifurcation"]:
         """Bifurcations of the branch, in their order."""
+        return [point for point in self.special_points if not point.kind.startswith(MONITOR)]
+
+    @property
+    def special_points(self) -> list["Bifurcation"]:
+        """Bifurcations of the branch and zeros of its monitors, in their order."""
         return [Bifurcation(self, int(k)) for k in np.flatnonzero(self.points["bifurcation"].values != "")]
 
     def orbit(self, k: int) -> PeriodicOrbit:
@@ -105,23 +110,21 @@ class Branch:
 
     def __repr__(self) -> str:
         low, high = self.values.min(), self.values.max()
-        kinds = ", ".join(
-            f"{kind} {value:.9g}"
-            for kind, value in zip(self.points["bifurcation"].values, self.values, strict=True)
-            if kind
-        )
+        places = [f"{point.kind} {point.value:.9g}" for point in self.special_points]
+        zeros = [words.removeprefix(MONITOR) for words in places if words.startswith(MONITOR)]
+        kinds = ", ".join(words for words in places if not words.startswith(MONITOR))
         stable = int(self.points["is_stable"].sum())
         return (
             f"Branch of {len(self)} periodic orbits, {stable} stable\n"
             f"  {self.path}  {low:.9g} to {high:.9g}\n"
             f"  ends          {self.ends[0]}, {self.ends[1]}\n"
-            f"  bifurcations  {kinds or 'none'}"
+            f"  bifurcations  {kinds or 'none'}" + (f"\n  monitors      {', '.join(zeros)}" if zeros else "")
         )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Bifurcation:
-    """Bifurcation on a branch.
+    """Bifurcation on a branch, or another special point of it.
 
     Attributes:
         branch: the branch.
@@ -133,7 +136,7 @@ class Bifurcation:
 
     @property
     def kind(self) -> str:
-        """Kind of the bifurcation.
+        """Kind of the bifurcation, or "monitor:" and the name of the monitor that vanishes there.
 
         One of "fold", "pd" (period doubling), "ns" (Neimark-Sacker), "bp" (branch point, also where a doubled branch
         meets the orbit of half its period), "gr" (grazing), "double_impact" (at two stops at once), "force_zero" (the
@@ -160,7 +163,7 @@ class Bifurcation:
 def branch_of(family: Family, start: BranchPoint, back: DirectedBranch, forth: DirectedBranch) -> Branch:
     """Join the walks backwards and forwards from a point to a branch, whose dataset is made when it is first read."""
     branch = object.__new__(Branch)
-    walks = [replace(walk, points=[*walk.points], cascade=[]) for walk in (back, forth)]
+    walks = [replace(walk, points=walk.all_points(), monitored=[], cascade=[]) for walk in (back, forth)]
     own = {"system": family.system, "allow_forces": False, "force": None}
     branch.__dict__.update(own, _dataset=partial(_dataset, family, start, *walks))
     return branch

@@ -13,10 +13,11 @@ from .._orbits.sweep_orbits import periodic_orbits
 from .._progress import Interrupted, interrupt_with_result, tqdm
 from .._sweep.short_names import with_paths
 from .branch import Branch
-from .continuation import follow_branches
+from .continuation import follow_branches, following
 from .cycle_quantities import Quantities, checked_cycle_quantities, with_quantities
 from .kinds import Kind
 from .membership import Orbits
+from .monitors import Monitors, Stop
 from .point import Budget
 from .starts import Start, starting_orbits, value_of
 from .switch import switch_branch
@@ -34,6 +35,10 @@ def branches(
     max_points: Count = 100_000,
     max_branches: Count = 1000,
     quantities: Quantities = (),
+    monitor: Monitors | None = None,
+    stop: Stop | None = None,
+    step: float | None = None,
+    tolerance: float | None = None,
     progress: bool = True,
 ) -> list[Branch]:
     """Follow all branches through the orbits of a sweep along the swept quantity, each branch once.
@@ -46,6 +51,10 @@ def branches(
             has no more than 1000.
         max_branches: largest number of branches.
         quantities: as for `vx.continuation`.
+        monitor: as for `vx.continuation`.
+        stop: as for `vx.continuation`: each branch ends where a condition holds.
+        step: as for `vx.continuation`.
+        tolerance: as for `vx.continuation`.
         progress: show a bar, which counts the points found.
 
     Returns:
@@ -68,6 +77,7 @@ def branches(
     refuse_single_precision("branches", ds.get("x0", ds.get("x")))
     num_doublings = whole_number("depth", depth)
     most = whole_number("max_branches", max_branches, 1)
+    options = following(_MOST_POINTS, monitor, stop, step, tolerance)
     budget = Budget(whole_number("max_points", max_points, 1))
     orbits = ds if "converged" in ds else periodic_orbits(ds, progress=progress)
     orbits = with_paths(orbits)
@@ -80,7 +90,7 @@ def branches(
     waiting = [start for start in starting_orbits(orbits) if low <= value_of(start.system, path) <= high]
     wanted = {}
     for start in waiting[:1]:
-        wanted = checked_cycle_quantities(quantities, start.system)
+        wanted = checked_cycle_quantities(quantities, start.system) | options.watched.monitors
     found: list[Branch] = []
     with (
         tqdm(unit="point", disable=not progress) as bar,
@@ -90,7 +100,7 @@ def branches(
             follow_branches,
             path=path,
             bounds=(low, high),
-            max_points=_MOST_POINTS,
+            options=options,
             leaves_out=True,
             budget=budget,
             tell=bar.update,

@@ -1,22 +1,25 @@
 """Continuation of periodic orbits along a parameter."""
 
 from collections.abc import Callable, Sequence as Many
-from typing import Any, overload
+from typing import Any, NamedTuple, overload
 
 import jax
 import jax.numpy as jnp
 import xarray as xr
 
-from .._jax.arrays import Count, as_numpy_float, refuse_single_precision, whole_number
+from .._jax.arrays import Count, as_numpy_float, real_number, refuse_single_precision, whole_number
 from .._jax.xla import padding_allowed
 from .._orbits.orbit import PeriodicOrbit
 from .._progress import Interrupted, interrupt_with_result, tqdm
 from .._system.parameters import set_parameter
+from .batched_steps import PROBE
 from .branch import Branch, branch_of
+from .corrector import MOST_TOLERANCE
 from .cycle_quantities import Quantities, Quantity, checked_cycle_quantities, with_quantities
 from .follow import follow_branch
+from .monitors import Monitors, Stop, Watched, WatchedWalk, checked_monitors
 from .parameter_family import Family
-from .point import BranchPoint, Budget, DirectedBranch
+from .point import LONGEST, BranchPoint, Budget, DirectedBranch
 from .scheduler import drive
 from .starts import Start, families_of, points_of, refuse_start, starting_orbits
 
@@ -29,6 +32,10 @@ def continuation(
     *,
     max_points: Count = 1000,
     quantities: Quantities = (),
+    monitor: Monitors | None = None,
+    stop: Stop | None = None,
+    step: float | None = None,
+    tolerance: float | None = None,
     progress: bool = True,
 ) -> Branch: ...
 @overload
@@ -39,6 +46,10 @@ def continuation(
     *,
     max_points: Count = 1000,
     quantities: Quantities = (),
+    monitor: Monitors | None = None,
+    stop: Stop | None = None,
+    step: float | None = None,
+    tolerance: float | None = None,
     progress: bool = True,
 ) -> list[Branch]: ...
 @padding_allowed
@@ -49,6 +60,10 @@ def continuation(
     *,
     max_points: Count = 1000,
     quantities: Quantities = (),
+    monitor: Monitors | None = None,
+    stop: Stop | None = None,
+    step: float | None = None,
+    tolerance: float | None = None,
     progress: bool = True,
 ) -> Branch | list[Branch]:
     """Follow a periodic orbit along a parameter in both directions, through bifurcations and changes of its events.
@@ -57,7 +72,7 @@ def continuation(
     order, the branch continues with another sequence of events. Bifurcations are located to rounding, or where the
     machine has a `force` to the accuracy of the `flow` of the orbit, whose motion is solved flight by flight.
 
-    A step is at most 5 % of the bounds long. It is short enough that no pair of multipliers passes +1 unseen, as at a
+    A step is at most `step` long. It is short enough that no pair of multipliers passes +1 unseen, as at a
     resonance, and that no gap, force or impact speed vanishes twice on it: a window of impacts is found if it is
     wider than a millionth of the bounds. Other pairs of changes on one step, such as two close period doublings, may be
     missed: follow the branch again within narrower bounds to find them.
@@ -71,6 +86,16 @@ def continuation(
             one cycle, a `vx.Solution`, that return a number or an array, as in `{"energy": f, "x": "max_position"}`. They
             become columns of `branch.points`, NaN where the machine does not follow the orbit, or a run of one cycle
             leaves it because it is too unstable.
+        monitor: names and functions of one cycle, a `vx.Solution`, that return a number, as in `{"energy": f}`. Where one
+            passes zero, continuously, the branch has a special point of kind "monitor:energy". Their values become
+            columns as well. Two zeros on one step are missed: give a shorter `step`.
+        stop: conditions that end the branch in a direction: a kind of `branch.special_points`, as in "pd" or
+            "monitor:energy", several of these, or a dict of names and kinds or functions of the branch so far, a
+            `vx.Branch` from the orbit to the newest point, that return True or False. `branch.ends` is then "stop:" and
+            the name or the kind.
+        step: longest step, in units of the parameter; 5 % of the bounds if left out. The first one is at most 0.2 %.
+        tolerance: size of a Newton step, relative to the orbit, below which the orbit counts as solved, at most 1e-8; if
+            left out, rounding.
         progress: show a bar.
 
     Returns:
@@ -79,8 +104,8 @@ def continuation(
     Raises:
         ValueError: if the orbit is no periodic orbit of its machine, or not isolated, as at a resonance without
             damping; if its value of the parameter lies outside the bounds; if a bound gives no valid machine; for
-            quantities that are unknown, or do not follow for this machine; or if 64-bit numbers are off, or were when the
-            orbit was found.
+            quantities that are unknown, or do not follow for this machine; for a monitor that returns no number; for
+            unknown kinds in `stop`; or if 64-bit numbers are off, or were when the orbit was found.
         Interrupted: after Ctrl-C, a `KeyboardInterrupt` whose `result` is the part followed so far.
 
     Example:
@@ -100,9 +125,10 @@ def continuation(
     starts = starting_orbits(orbit)
     refuse_single_precision("continuation", [(start.system, start.state) for start in starts])
 
+    options = following(max_points, monitor, stop, step, tolerance)
     wanted = {}
     for start in starts:
-        wanted = checked_cycle_quantities(quantities, start.system)
+        wanted = checked_cycle_quantities(quantities, start.system) | options.watched.monitors
 
     def as_asked(followed: list[Branch | None]) -> Branch | list[Branch]:
         whole = zip(followed, starts, strict=True)
@@ -110,9 +136,63 @@ def continuation(
         return branches[0] if isinstance(orbit, PeriodicOrbit) else branches
 
     try:
-        return as_asked(follow_branches(starts, path, bounds, max_points, progress=progress))
+        return as_asked(follow_branches(starts, path, bounds, options, progress=progress))
     except Interrupted as stopped:
         raise Interrupted(as_asked(stopped.result)) from None
+
+
+class Following(NamedTuple):
+    """How branches are followed.
+
+    Attributes:
+        max_points: largest number of points in each direction.
+        watched: monitors and conditions.
+        step: longest step, in units of the parameter, or None.
+        tolerance: of the corrector.
+    """
+
+    max_points: int
+    watched: Watched
+    step: float | None
+    tolerance: float
+
+    def longest(self, span: float) -> float:
+        """Longest step, along the scaled parameter.
+
+        Raises:
+            ValueError: if it is not between the shortest one and the bounds.
+        """
+        if self.step is None:
+            return LONGEST
+        longest = self.step / span
+        if not PROBE <= longest <= 1:
+            raise ValueError(
+                f"Argument `step` must be between {PROBE * span:g} and {span:g}, a share of {PROBE:g} and all of the bounds, "
+                f"but is {self.step:g}."
+            )
+        return longest
+
+
+def following(
+    max_points: Count,
+    monitor: Monitors | None,
+    stop: Stop | None,
+    step: float | None,
+    tolerance: float | None,
+) -> Following:
+    """Arguments of a call, checked.
+
+    Raises:
+        ValueError: for one that is wrong.
+    """
+    most = whole_number("max_points", max_points, 1)
+    length = None if step is None else real_number("step", step)
+    small = 0.0 if tolerance is None else real_number("tolerance", tolerance)
+    if not 0 <= small <= MOST_TOLERANCE:
+        raise ValueError(
+            f"Argument `tolerance` must be between 0, for rounding, and {MOST_TOLERANCE:g}, but is {small:g}."
+        )
+    return Following(most, checked_monitors(monitor, stop), length, small)
 
 
 def _with(branch: Branch, wanted: dict[str, Quantity], start: Start) -> Branch:
@@ -123,7 +203,7 @@ def follow_branches(
     starts: list[Start],
     path: str,
     bounds: tuple[float, float],
-    max_points: Count,
+    options: Following,
     *,
     progress: bool = False,
     leaves_out: bool = False,
@@ -136,8 +216,7 @@ def follow_branches(
     """
     budget = budget or Budget()
     low, high = _two_numbers(bounds)
-    most = whole_number("max_points", max_points, 1)
-    families = families_of(starts, path, low, high)
+    families = families_of(starts, path, low, high, options.tolerance)
     for family in families[:1]:  # the same values are valid for the others
         for value in (low, high):
             set_parameter(jax.tree.map(jnp.asarray, family.system), path, value)
@@ -145,11 +224,17 @@ def follow_branches(
     if None in all_points and not leaves_out:
         k = all_points.index(None)
         refuse_start(k, starts[k], families[k])
-    families = [family for family, point in zip(families, all_points, strict=True) if point is not None]
+    kept = [k for k, point in enumerate(all_points) if point is not None]
+    families, flows = [families[k] for k in kept], [starts[k].flow for k in kept]
     points = [point for point in all_points if point is not None]
+    longest = options.longest(high - low)
     walks = [
         DirectedBranch(
-            float(family.num_periods), (low / family.span, high / family.span), most, budget=budget
+            float(family.num_periods),
+            (low / family.span, high / family.span),
+            options.max_points,
+            longest=longest,
+            budget=budget,
         )
         for family in families
         for _ in "-+"
@@ -163,7 +248,13 @@ def follow_branches(
     with interrupt_with_result(result_so_far):
         with tqdm(unit="point", disable=not progress) as bar:
             told = (tell,) if tell else (bar.update,) if progress else ()
-            _follow(walks, [family for family in families for _ in "-+"], _both_ways(points), budget, told)
+            both = _both_ways(points)
+            watches = [
+                WatchedWalk(options.watched, walk, families[k // 2], flows[k // 2], start)
+                for k, (walk, start) in enumerate(zip(walks, both, strict=True))
+                if any(options.watched)
+            ]
+            _follow(walks, [family for family in families for _ in "-+"], both, budget, told, watches)
     return result_so_far()
 
 
@@ -173,6 +264,7 @@ def _follow(
     starts: list[BranchPoint],
     budget: Budget,
     told: tuple[Callable[[int], Any], ...],
+    watches: list[WatchedWalk],
 ) -> None:
     """Follow branches from their starts."""
     tasks = [follow_branch(walk, start) for walk, start in zip(walks, starts, strict=True)]
@@ -180,6 +272,8 @@ def _follow(
 
     def tell() -> None:
         nonlocal num_told
+        for watch in watches:
+            watch.update()
         new = sum(len(walk.points) for walk in walks) - num_told
         num_told += new
         budget.points -= new
@@ -188,6 +282,7 @@ def _follow(
             one(new)
 
     drive(families, tasks, tell)
+    tell()  # the last points of all
 
 
 def _two_numbers(bounds: tuple[float, float]) -> tuple[float, float]:

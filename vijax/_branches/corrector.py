@@ -13,9 +13,9 @@ from .._orbits.floquet import floquet_multipliers
 from .._orbits.sequence import Sequence
 from .parameter_family import ExtendedCycle, Family
 
-# Rounding of a step, as in `newton.py`.
+# `_SMALL`: a step below it counts as converged; so no tolerance exceeds `MOST_TOLERANCE`. The rest as in `newton.py`.
 _SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
-_MAX_STEPS = 12
+_MAX_STEPS, MOST_TOLERANCE = 12, 1e-8
 
 
 class Corrected(NamedTuple):
@@ -56,10 +56,12 @@ class NewtonState(NamedTuple):
     num_steps: Array
 
 
-def is_going_on(now: NewtonState) -> Array:
+def is_going_on(now: NewtonState, tolerance: Array) -> Array:
     """True where another Newton step is worth it."""
     eps, small = jnp.finfo(now.step.dtype).eps, _SMALL[str(now.step.dtype)]
-    is_rounding = (now.step < _ROUNDING * eps) | ((now.step < small) & (now.step >= now.last / 2))
+    is_rounding = (now.step < jnp.maximum(_ROUNDING * eps, tolerance)) | (
+        (now.step < small) & (now.step >= now.last / 2)
+    )
     return (now.num_steps < _MAX_STEPS) & ~is_rounding & jnp.isfinite(now.step)
 
 
@@ -108,7 +110,9 @@ def correct(
         )
         return here.moved(step, 1.0), newton
 
-    last = jax.lax.while_loop(lambda now: is_going_on(now[1]), one, (guess, _nothing(guess)))[1]
+    last = jax.lax.while_loop(
+        lambda now: is_going_on(now[1], family.tolerance), one, (guess, _nothing(guess))
+    )[1]
     size_of_tangent = jnp.sqrt(last.tangent.along(last.tangent))
     return Corrected(
         place=last.place,

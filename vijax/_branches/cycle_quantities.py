@@ -5,7 +5,7 @@ there, and the program of a sweep serves. Orbits that it does not follow have Na
 run leaves it within its period.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -24,7 +24,7 @@ from .._sweep.zipped import START, sweep_zipped
 from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem
 from .._trajectory.simulate import simulate
-from .._trajectory.solution import Solution
+from .._trajectory.solution import RESULTS, Solution
 from .branch import Branch
 
 # A quantity: one by its name, or a function of one cycle.
@@ -54,11 +54,25 @@ def checked_cycle_quantities(wanted: Quantities, system: ImpactSystem) -> dict[s
                 f"Argument `quantities` must give for `{name}` the name of a quantity or a function of one cycle, "
                 f"but gives {one!r}."
             )
-        if (not name.isidentifier() or is_taken(name)) and name != one:
-            raise ValueError(
-                f"Argument `quantities` must have names of its own, but points of a branch have a `{name}`."
-            )
+    checked_names("quantities", {name: one for name, one in pairs.items() if name != one})
     return pairs
+
+
+def checked_names(argument: str, named: Iterable[str]) -> None:
+    """Refuse names of columns that are none, or that points of a branch have already.
+
+    Raises:
+        ValueError: for such a name.
+    """
+    for name in named:
+        if not name.isidentifier():
+            raise ValueError(
+                f"Argument `{argument}` must have names like those of variables, but has `{name}`."
+            )
+        if is_taken(name):
+            raise ValueError(
+                f"Argument `{argument}` must have names of its own, but points of a branch have a `{name}`."
+            )
 
 
 def _counts(num_periods: int, num_events: int) -> Counts:
@@ -85,7 +99,7 @@ def with_quantities(branch: Branch, wanted: Mapping[str, Quantity], flow: Abstra
         found = {name: (run[one].dims[1:], run[one].values) for name, one in named.items()}
     for name, one in wanted.items():
         if not isinstance(one, str) and len(which):
-            values = np.stack([np.asarray(one(cycles.solution(k)), float) for k in range(len(which))])
+            values = cycles.values_of(one)
             found[name] = tuple(f"{name}_axis{k}" for k in range(values.ndim - 1)), values
     columns = {}
     for name, (dims, values) in found.items():
@@ -102,6 +116,32 @@ def _attributes(name: str) -> dict[str, str]:
     return found | (
         {"long_name": words.replace(" over the recorded periods", " over the cycle")} if words else {}
     )
+
+
+def run_of_cycle(
+    system: ImpactSystem,
+    num_periods: int,
+    phase: float,
+    start: np.ndarray,
+    flow: AbstractFlow | None,
+    num_events: int,
+) -> Solution | None:
+    """Run of a machine through one cycle from its start, (2 n,); None if it leaves the cycle, or its log is too short."""
+    t0, t1 = phase / system.forcing.frequency, num_periods * system.forcing.period
+    room = 4 * num_events + _SPARE
+    sol = simulate(system, t0, t0 + t1, *np.split(start, 2), flow=flow, max_events=room, throw=False)
+    end = np.concatenate([sol.x1, sol.v1])
+    is_whole = bool(sol.result == RESULTS.successful)
+    return sol if is_whole and _stays(system, start[None], end[None])[0] else None
+
+
+def _stays(system: ImpactSystem, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """True where a run from a start, (cycles, 2 n), has come back to it."""
+    gap, size = np.abs(ends - starts), np.abs(starts).max(axis=1, keepdims=True)
+    drifts = system.num_masses - np.linalg.matrix_rank(np.asarray(system.stiffness))
+    if drifts:  # masses without a spring to the ground may move on by the same distance in every cycle
+        gap = gap[:, system.num_masses :]
+    return (gap <= _LEFT * np.maximum(size, np.finfo(float).tiny)).all(axis=1)
 
 
 class _Cycles:
@@ -130,31 +170,25 @@ class _Cycles:
             quantities=names,
         )
         ends = np.concatenate([run["section_x"][:, -1], run["section_v"][:, -1]], axis=1)
-        n = self.system.num_masses
-        gap, size = np.abs(ends - starts), np.abs(starts).max(axis=1, keepdims=True)
-        drifts = self.system.num_masses - np.linalg.matrix_rank(np.asarray(self.system.stiffness))
-        if drifts:  # masses without a spring to the ground may move on by the same distance in every cycle
-            gap = gap[:, n:]
-        stays = (gap <= _LEFT * np.maximum(size, np.finfo(float).tiny)).all(axis=1)
+        n, stays = self.system.num_masses, _stays(self.system, starts, ends)
         span = self.num_periods * run["forcing_period"].values[:, None]
         if "mean_velocity" in names:
             run["mean_velocity"].values[:] = (ends[:, :n] - starts[:, :n]) / span
         return xr.Dataset({name: run[name].where(xr.DataArray(stays, dims=START)) for name in names})
 
-    def solution(self, k: int) -> Solution:
-        """Solution of one cycle."""
+    def values_of(self, function: Callable[[Solution], Any]) -> np.ndarray:
+        """Values of a function of one cycle, points first; NaN where the run leaves the orbit."""
+        runs = [self._solution(k) for k in range(self.points.sizes["point"])]
+        values = [None if sol is None else np.asarray(function(sol), float) for sol in runs]
+        shape = next((one.shape for one in values if one is not None), ())
+        return np.stack([np.full(shape, np.nan) if one is None else one for one in values])
+
+    def _solution(self, k: int) -> Solution | None:
+        """Solution of one cycle; None where the run leaves the orbit."""
         point = self.points.isel(point=k)
+        start = np.concatenate([point["x0"].values, point["v0"].values])
         system = self._machine(point[self.path].values)
-        t0 = self.phase / system.forcing.frequency
-        return simulate(
-            system,
-            t0,
-            t0 + self.num_periods * system.forcing.period,
-            point["x0"].values,
-            point["v0"].values,
-            flow=self.flow,
-            max_events=4 * self.num_events + _SPARE,
-        )
+        return run_of_cycle(system, self.num_periods, self.phase, start, self.flow, self.num_events)
 
     def _machine(self, value: Any) -> ImpactSystem:
         return set_parameter(jax.tree.map(jnp.asarray, self.system), self.path, value)

@@ -1,6 +1,26 @@
 """Names of bifurcations and of ends of branches, each defined once, with its label in pictures."""
 
 from enum import StrEnum
+from typing import TYPE_CHECKING, Literal
+
+# Public kinds, for editors, which complete them; at run time a wrong one is refused in a sentence.
+if TYPE_CHECKING:
+    PublicKind = Literal[
+        "fold",
+        "pd",
+        "ns",
+        "bp",
+        "gr",
+        "double_impact",
+        "force_zero",
+        "chatter_completion",
+        "crossing_sliding",
+        "grazing_sliding",
+        "switching_sliding",
+        "adding_sliding",
+    ]
+else:
+    PublicKind = str
 
 
 class Kind(StrEnum):
@@ -51,6 +71,10 @@ _SHOWN: dict[str, str] = {
 def public_kind(kind: str) -> str:
     """Public kind: one name for both sides from which a bifurcation is seen."""
     return str(_SHOWN.get(kind, kind))
+
+
+# Prefixes of what users name: the kind of a zero of a monitor, and the end of a branch where a condition holds.
+MONITOR, STOP = "monitor:", "stop:"
 
 
 class End(StrEnum):

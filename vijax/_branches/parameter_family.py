@@ -52,6 +52,7 @@ class Family(eqx.Module):
         phase: start of a cycle, in forcing periods.
         scale: sizes of positions and velocities, (2 n,).
         span: size of the parameter, (); of two, (2,).
+        tolerance: size of a Newton step, relative to the cycle, below which the corrector stops; 0 for rounding.
         shifts: projection onto the shifts that no spring and no contact feels, see `rigid_modes.py`, (n, n).
         drift: projection onto those that friction alone feels; None without friction.
         path: path of the parameter.
@@ -64,6 +65,7 @@ class Family(eqx.Module):
     phase: Reals
     scale: Reals
     span: Reals
+    tolerance: Reals
     shifts: Reals
     drift: Any
     path: str = eqx.field(static=True)

@@ -15,6 +15,8 @@ from .parameter_family import ExtendedCycle
 
 # Largest multiplier of a cycle up to which a simulation decides whether the machine follows it.
 TRUSTED = 1e4
+# Longest step unless another is requested, along the scaled parameter or for a cycle of size 1.
+LONGEST = 5e-2
 
 KernelRequests = Generator[Any, Any, Any]
 
@@ -133,26 +135,40 @@ class DirectedBranch:
         num_periods: n.
         bounds: bounds of the scaled parameter.
         max_points: largest number of points.
+        longest: longest step, along the scaled parameter or for a cycle of size 1.
         points: points so far.
         cascade: stop and point of the last grazings, if all added an impact of one stop without other events between.
         rounds: number of times that its cycles traverse a shorter one.
         end: reason for its end.
+        monitored: zeros of monitors, located between its points.
+        last: arclength at which a requested condition ends it, or None.
         budget: points that all branches together may have.
     """
 
     num_periods: float
     bounds: tuple[float, float]
     max_points: int
+    longest: float = LONGEST
     points: list[BranchPoint | PlainPoint] = field(default_factory=list)
     cascade: list[tuple[int, BranchPoint]] = field(default_factory=list)
     rounds: int = 1
     end: str = End.INTERRUPTED
+    monitored: list[BranchPoint] = field(default_factory=list)
+    last: float | None = None
     budget: Budget = field(default_factory=Budget)
 
     @property
     def is_full(self) -> bool:
-        """True if there are `max_points` points, or all branches together have as many as they may."""
-        return self.budget.is_spent or len(self.points) >= self.max_points
+        """True if there are `max_points` points, or all branches together have as many as they may, or it was ended."""
+        return self.last is not None or self.budget.is_spent or len(self.points) >= self.max_points
+
+    def all_points(self) -> list[BranchPoint | PlainPoint]:
+        """Points up to the requested end, with the zeros of monitors between them."""
+        last = np.inf if self.last is None else self.last
+        points = [point for point in self.points if point.arc <= last]
+        end = points[-1].arc if points and self.last is None else last
+        monitored = [point for point in self.monitored if point.arc <= end]
+        return sorted([*points, *monitored], key=lambda point: point.arc) if monitored else points
 
     def nearest_bound(self, p: float) -> float:
         """The bound nearest to a parameter."""

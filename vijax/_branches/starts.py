@@ -139,7 +139,9 @@ def value_of(system: ImpactSystem, path: str) -> float:
     return float(values)
 
 
-def families_of(starts: Many[Start], path: str, low: float, high: float) -> list[Family]:
+def families_of(
+    starts: Many[Start], path: str, low: float, high: float, tolerance: float = 0.0
+) -> list[Family]:
     """Families of the machines of orbits along a parameter; what machines of one structure share is computed once.
 
     Raises:
@@ -156,14 +158,17 @@ def families_of(starts: Many[Start], path: str, low: float, high: float) -> list
     found: dict[int, Family] = {}
     for group in groups.values():
         own = (
-            _families_side_by_side([starts[k] for k in group], path, (low, high)) if len(group) > 1 else None
+            _families_side_by_side([starts[k] for k in group], path, (low, high), tolerance)
+            if len(group) > 1
+            else None
         )
-        found.update(zip(group, own or [family_of(starts[k], path, low, high) for k in group], strict=True))
+        own = own or [family_of(starts[k], path, low, high, tolerance) for k in group]
+        found.update(zip(group, own, strict=True))
     return [found[k] for k in range(len(starts))]
 
 
 def _families_side_by_side(
-    starts: Many[Start], path: str, bounds: tuple[float, float]
+    starts: Many[Start], path: str, bounds: tuple[float, float], tolerance: float
 ) -> list[Family] | None:
     """Families of machines of one structure; None if their springs, dampers and masses differ."""
     value_of(starts[0].system, path)  # raises if the path names no number
@@ -193,6 +198,7 @@ def _families_side_by_side(
             phase=np.asarray(start.phase / (2 * np.pi), states.dtype),
             scale=scale,
             span=np.asarray(bounds[1] - bounds[0], states.dtype),
+            tolerance=np.asarray(tolerance, states.dtype),
             shifts=shifts,
             drift=drift,
             path=path,
@@ -235,7 +241,7 @@ def _check_start(start: Start, path: str, value: float, bounds: tuple[float, flo
         )
 
 
-def family_of(start: Start, path: str, low: float, high: float) -> Family:
+def family_of(start: Start, path: str, low: float, high: float, tolerance: float = 0.0) -> Family:
     """Family of the machine of an orbit along a parameter.
 
     Raises:
@@ -253,6 +259,7 @@ def family_of(start: Start, path: str, low: float, high: float) -> Family:
         phase=np.asarray(start.phase / (2 * np.pi), dtype),
         scale=scale,
         span=np.asarray(high - low, dtype),
+        tolerance=np.asarray(tolerance, dtype),
         shifts=np.asarray(free_shifts(numbers)),
         drift=jax.tree.map(np.asarray, free_drifts(numbers)),
         path=path,

@@ -171,7 +171,8 @@ class _Stepper:
         origin, tangent = place, place.moved(place, -1.0)
         if is_same:
             _, origin, tangent = padded(one, (start.place, start.tangent), room)
-        limits = StepLimits(np.asarray(walk.num_periods), np.asarray(walk.bounds), origin, tangent)
+        num_periods, bounds, longest = map(np.asarray, (walk.num_periods, walk.bounds, walk.longest))
+        limits = StepLimits(num_periods, bounds, longest, origin, tangent)
         return _request(sequence, place, limits), point.seen, ds
 
     def most_steps(self, tries: int, num: int) -> int:
@@ -224,6 +225,6 @@ def _request(sequence: Sequence, place: ExtendedCycle, limits: StepLimits | None
     """A request for steps; without limits none is plain."""
     if limits is None:
         nowhere: Any = np.array([np.inf, -np.inf])
-        limits = StepLimits(nowhere[0], nowhere, place, place)
+        limits = StepLimits(nowhere[0], nowhere, nowhere[0], place, place)
     start = np.full(np.shape(place.z), np.nan)
     return StepRequest(sequence, np.asarray(np.nan), start, np.asarray(False), limits)

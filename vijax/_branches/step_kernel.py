@@ -217,7 +217,7 @@ def _judged(
     known, new = (StepState.of(request.sequence, at) for at in (point, seen))
     sound = is_accepted(known, new, seen, ds) & is_resolved(known, new, ds)
     plain = sound & is_plain(request.sequence, known, new, request.limits, ds)
-    return sound, plain, next_length(known, new, seen, ds)
+    return sound, plain, next_length(known, new, seen, ds, request.limits.longest)
 
 
 def _simulated(

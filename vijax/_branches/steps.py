@@ -18,9 +18,8 @@ from .parameter_family import ExtendedCycle
 from .point import TRUSTED, BranchPoint, DirectedBranch
 from .test_functions import is_crossed, margins, num_unstable, of_neighbours, test_slopes
 
-# `_LONGEST`: longest step, along the scaled parameter or for a cycle of size 1.
-# `SHORTEST`: shortest step.
-_LONGEST, SHORTEST = 5e-2, 1e-9
+# Shortest step, along the scaled parameter or for a cycle of size 1.
+SHORTEST = 1e-9
 # `MIN_TANGENT_COSINE`: cosine of the largest angle between the tangents at the ends of a step.
 # `_FEW`: largest number of Newton iterations after which steps grow by half.
 # `_MANY`: number of Newton iterations from which steps shrink, and the most of an accepted step.
@@ -114,17 +113,19 @@ class StepState(NamedTuple):
 
 
 class StepLimits(NamedTuple):
-    """What a plain step must not pass.
+    """What a plain step must not pass or exceed.
 
     Attributes:
         num_periods: n.
         bounds: of the scaled parameter, (2,).
+        longest: longest step, along the scaled parameter or for a cycle of size 1.
         start: first point of the branch.
         tangent: there; zero if the sequence has changed since.
     """
 
     num_periods: Any
     bounds: Any
+    longest: Any
     start: ExtendedCycle
     tangent: ExtendedCycle
 
@@ -146,14 +147,14 @@ def is_resolved(known: StepState, new: StepState, ds: Scalar) -> Flag:
     return is_slow & ~jnp.any(dips & is_known)
 
 
-def next_length(known: StepState, new: StepState, seen: CorrectedCycle, ds: Scalar) -> Scalar:
-    """Length of the step after one of length `ds`."""
+def next_length(known: StepState, new: StepState, seen: CorrectedCycle, ds: Scalar, most: Scalar) -> Scalar:
+    """Length of the step after one of length `ds`, at most `most` for a cycle of size 1."""
     steps = seen.found.num_steps
     grown = ds * jnp.where(steps <= _FEW, 1.5, jnp.where(steps < _MANY, 1.2, 0.7))
-    # Cycles may grow far beyond the first one; along the parameter no step exceeds `_LONGEST`.
+    # Cycles may grow far beyond the first one; along the parameter no step exceeds `most`.
     size = jnp.maximum(jnp.max(jnp.abs(new.place.z)), 1)
-    along_parameter = _LONGEST / jnp.maximum(jnp.abs(new.tangent.p), _REAL)
-    longest = jnp.minimum(_LONGEST * size, jnp.maximum(along_parameter, _LONGEST))
+    along_parameter = most / jnp.maximum(jnp.abs(new.tangent.p), _REAL)
+    longest = jnp.minimum(most * size, jnp.maximum(along_parameter, most))
     grown = jnp.minimum(jnp.where(ds == PROBE, FIRST, grown), longest)
     planned = ds * _PLANNED / jnp.maximum(_multiplier_motion(known, new), np.finfo(float).tiny)
     return jnp.minimum(grown, jnp.maximum(planned, _NARROWEST))

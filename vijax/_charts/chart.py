@@ -27,6 +27,7 @@ from .._progress import tqdm
 from .._sections.classify import MOTIONS, classified
 from .._sweep.grid import base_of, values_of
 from .._sweep.outcomes import warn_of_endings
+from .._sweep.random_numbers import Rng, generator_of
 from .._sweep.short_names import with_names, without_names
 from .._sweep.zipped import START, sweep_zipped
 from .._system.parameters import set_parameter
@@ -54,7 +55,8 @@ def chart(
     multipliers: bool = False,
     starts: Count | tuple[Numbers, Numbers] | Numbers | None = None,
     bounds: Numbers | None = None,
-    seed: Count = 0,
+    rng: Rng | None = None,
+    seed: Count | None = None,
     tolerance: float | None = None,
     max_impacts: Count = 2048,
     executor: object = None,
@@ -84,6 +86,7 @@ def chart(
         starts: starts from which attractors are searched for at every point that is run, as for `vx.attractors`;
             random ones are drawn for the machine in the middle of the plane. If left out, none are searched for.
         bounds: bounds of random starts, as for `vx.attractors`.
+        rng: likewise.
         seed: likewise.
         tolerance: as for `vx.classify`.
         max_impacts: as for `vx.sweep`.
@@ -128,8 +131,9 @@ def chart(
         )
     counts = Counts(one.transient, one.record, room, None, can_stick=True, lyapunov=bool(lyapunov))
     plan = _PointSettings(base, counts, one, tolerance, bool(multipliers), None)
+    rng = generator_of(rng, seed)
     if starts is not None:
-        plan = plan._replace(starts=_starts(one, axes, starts, bounds, seed))
+        plan = plan._replace(starts=_starts(one, axes, starts, bounds, rng))
     together = _TOGETHER if plan.starts is None else max(_TOGETHER // len(plan.starts), 1)
     shape, results = tuple(len(axis) for axis in axes.values()), []
 
@@ -175,7 +179,7 @@ def _starts(
     axes: dict[str, np.ndarray],
     starts: Count | tuple[Numbers, Numbers] | Numbers,
     bounds: Numbers | None,
-    seed: Count,
+    rng: np.random.Generator,
 ) -> np.ndarray:
     """The starts that all machines share."""
     if any(_is_start(path) for path in axes):
@@ -186,7 +190,7 @@ def _starts(
     for path, axis in axes.items():
         middle = set_parameter(middle, path, as_float(axis[len(axis) // 2]))
     rate = as_numpy_float(middle.forcing.frequency).reshape(1)
-    return requested_starts(replace(one, system=middle, rate=rate), starts, bounds, seed).states
+    return requested_starts(replace(one, system=middle, rate=rate), starts, bounds, rng).states
 
 
 def _is_start(path: str) -> bool:

@@ -1,6 +1,6 @@
 """Sizes of queues, lanes and chunks."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,15 @@ class ExecutionSettings:
     max_chunk: int = 2048
     long_chain: int = 200_000
     visits: int = 256
+
+    def __repr__(self) -> str:
+        """Only what differs from the default: it stands in the signatures that `help` prints."""
+        own = [
+            f"{one.name}={value!r}"
+            for one in fields(self)
+            if (value := getattr(self, one.name)) != one.default
+        ]
+        return f"{type(self).__name__}({', '.join(own)})"
 
     def chunk_of(self, periods: int) -> int:
         """Number of points of a chunk for one core, each of `periods` forcing periods."""

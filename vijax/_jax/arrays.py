@@ -146,6 +146,14 @@ def whole_number(name: str, value: Any, least: int = 0) -> int:
     return number
 
 
+def real_number(name: str, value: Any) -> float:
+    """Convert one real number to `float`; refuse anything else."""
+    array = as_numpy_float(value, name)
+    if array.ndim:
+        raise ValueError(f"Argument `{name}` must be one number, but has shape {array.shape}.")
+    return float(array)
+
+
 def clip_to_zero(time: Array) -> Array:
     """Clip a time made negative by rounding to 0; the derivative is that of the time in any case."""
     return time - jax.lax.stop_gradient(jnp.minimum(time, 0))

@@ -69,10 +69,9 @@ def uncertain(given: Distributions, whole: eqx.Module, correlation: Numbers | No
     return Uncertain(by_path, names, _correlation(correlation, len(by_path)))
 
 
-def drawn(uncertain: Uncertain, samples: Count, seed: Count) -> dict[str, np.ndarray]:
+def drawn(uncertain: Uncertain, samples: Count, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """Quasi-random values of all quantities at once, (samples,) each."""
     count = whole_number("samples", samples, 1)
-    rng = np.random.default_rng(whole_number("seed", seed))
     # SciPy has renamed `seed`, which it still takes, to `rng`.
     sobol: Any = qmc.Sobol
     points = sobol(len(uncertain.by_path), seed=rng).random_base2(max(count - 1, 0).bit_length())[:count]

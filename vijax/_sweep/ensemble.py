@@ -18,6 +18,7 @@ from .distributions import Distributions, drawn, uncertain
 from .grid import base_of
 from .outcomes import warn_of_endings
 from .quantities import checked_quantities
+from .random_numbers import Rng, generator_of
 from .short_names import with_names
 from .zipped import sweep_zipped
 
@@ -29,7 +30,8 @@ def ensemble(
     distributions: Distributions,
     *,
     samples: Count = 256,
-    seed: Count = 0,
+    rng: Rng | None = None,
+    seed: Count | None = None,
     correlation: Numbers | None = None,
     transient: Count = 100,
     record: Count = 20,
@@ -57,7 +59,9 @@ def ensemble(
             with `ppf`, `mean` and `std`. "stops[*].restitution" is one number for all stops; "x0[0]" is a start. A pair of
             path and distribution gives a short name, `{"r": ("stops[*].restitution", scipy.stats.uniform(0.6, 0.2))}`.
         samples: number of samples.
-        seed: of the scrambling.
+        rng: of the scrambling: a whole number, or a `Generator`, `BitGenerator` or
+            `SeedSequence` of NumPy, as in SPEC 7; 0 if left out, so that a call can be repeated.
+        seed: older name of `rng` for a whole number.
         correlation: correlation matrix of the quantities, in their order, each transformed to a normal distribution
             (a Gaussian copula); of normal distributions their own. Independent if left out.
         transient: as for `vx.sweep`.
@@ -96,7 +100,7 @@ def ensemble(
     """
     base = base_of(with_args(system, args), x0, v0)
     known = uncertain(distributions, base, correlation)
-    values = drawn(known, samples, seed)
+    values = drawn(known, samples, generator_of(rng, seed))
     counts = Counts(
         whole_number("transient", transient),
         whole_number("record", record, 1 if lyapunov else 0),

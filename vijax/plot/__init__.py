@@ -7,6 +7,8 @@ matplotlib style; lightness, line styles, markers or words repeat their informat
 
 from importlib import import_module as _import_module
 
+from .._signatures import with_short_signature as _with_short_signature
+
 # Each is imported when it is first used; `__init__.pyi` lists them for type checkers. Drawings and films of machines stand in
 # `studio/`, which imports from this folder: lazy_loader attaches the names of a package's own modules alone.
 _PLACES = {
@@ -35,7 +37,8 @@ __all__ = [*_PLACES]  # pyright: ignore[reportUnsupportedDunderAll]
 def __getattr__(name: str):
     if name not in _PLACES:
         raise AttributeError(f"No vijax.plot attribute {name}")
-    found = globals()[name] = getattr(_import_module(f"vijax.{_PLACES[name]}"), name)
+    found = getattr(_import_module(f"vijax.{_PLACES[name]}"), name)
+    globals()[name] = _with_short_signature(found)
     return found
 
 

@@ -9,8 +9,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from .._branches.branch import Branch
-from .._branches.kinds import End, Kind
+from .._branches.kinds import MONITOR, End, Kind
 from .._hybrid.limits import IMPACT
+from .._sweep.literals import Quantity
 from .._sweep.short_names import with_paths
 from .._system.description import build_from
 from .._system.force_description import NAMED_FORCE
@@ -57,7 +58,7 @@ def branch(
     ds: xr.Dataset | None = None,
     stop: int = 0,
     *,
-    ordinate: str = "velocity",
+    ordinate: Quantity | str = "velocity",
     mass: int = 0,
     units: Units | None = None,
     labels: Labels | None = None,
@@ -71,7 +72,7 @@ def branch(
     ds: xr.Dataset | None = None,
     *,
     stop: None,
-    ordinate: str = "velocity",
+    ordinate: Quantity | str = "velocity",
     mass: int = 0,
     units: Units | None = None,
     labels: Labels | None = None,
@@ -84,7 +85,7 @@ def branch(
     ds: xr.Dataset | None = None,
     stop: int | None = 0,
     *,
-    ordinate: str = "velocity",
+    ordinate: Quantity | str = "velocity",
     mass: int = 0,
     units: Units | None = None,
     labels: Labels | None = None,
@@ -176,6 +177,8 @@ def _numbers(quantity: Ordinate | None, stop: int | None, mass: int, sizes: Mapp
 
 def label_of_kind(kind: str) -> str:
     """Legend label of a kind of bifurcation or special point."""
+    if kind.startswith(MONITOR):
+        return f"{kind.removeprefix(MONITOR)} = 0"
     return Kind(kind).words if kind in MARKERS else kind.replace("_", " ").replace("+", " and ")
 
 
@@ -235,6 +238,12 @@ def _curves(branch: Branch, number: int, ordinate: str, quantity: Ordinate | Non
     else:
         lines = quantity_lines(points, ordinate, quantity, number)
     return _Curves(points[branch.path].values, kinds, is_stable[:-1] & is_stable[1:], lines)
+
+
+def lines_of_branch(branch: Branch, number: int, ordinate: str) -> dict[bool, tuple[np.ndarray, np.ndarray]]:
+    """Parameters and ordinates of the stable (True) and the unstable segments of a branch, separated by NaN."""
+    curves = _curves(branch, number, ordinate, checked_ordinate([branch], ordinate, "velocity"))
+    return {is_stable: _joined(curves, is_stable) for is_stable in _STABILITY}
 
 
 def _impacts(points: xr.Dataset, stop: int) -> list[OrbitImpacts]:

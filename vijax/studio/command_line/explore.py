@@ -10,8 +10,8 @@ from .datasets import open_dataset
 from .forces import add_allow_forces, allowed
 
 _ABOUT = """
-Look at a sweep in a browser: a click on its bifurcation diagram, or chart, shows the motion there, a slider changes a
-parameter. Needs the extra: pip install 'vijax[studio]'. Ctrl-C ends it.
+Look at a sweep in a browser: a click on its bifurcation diagram, or chart, shows the motion there, sliders change numbers of
+the machine, buttons find the orbit there and follow its branch. The address of the page is printed, and holds what it shows. Needs the extra: pip install 'vijax[studio]'. Ctrl-C ends it.
 """
 
 
@@ -22,6 +22,8 @@ def add_to(commands: Any) -> None:
     add("file", type=Path, help="a dataset, .nc or .zarr")
     add("--port", type=int, default=0, help="of the page, http://localhost:PORT (any that is free)")
     add("--show", action=argparse.BooleanOptionalAction, default=True, help="open the browser")
+    add("--ordinate", default="velocity", metavar="NAME", help="what the diagram shows at first: velocity of the impacts, or "
+        "a quantity that the file has, as max_position")  # fmt: skip
     add("--dark", action="store_true", help="light on dark")
     add("--keep-compiled", action=argparse.BooleanOptionalAction, default=True,
         help="keep compiled programs for later (~/.cache/vijax)")  # fmt: skip
@@ -38,4 +40,4 @@ def run(args: argparse.Namespace) -> None:
     ds = open_dataset(args.file).load()
     if args.allow_forces:
         system_of(ds, allow_forces=allowed(args, args.file))  # allows the force in this process
-    serve(ds, port=args.port, show=args.show, dark=args.dark)
+    serve(ds, port=args.port, show=args.show, dark=args.dark, ordinate=args.ordinate, file=str(args.file))

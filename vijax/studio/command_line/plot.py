@@ -11,7 +11,8 @@ from ..._sections.classify import classify
 from ..._system.files import look_at, read_table
 from ..._system.spelling import did_you_mean
 from ...plot._labels import swept_paths
-from .datasets import check_folder, is_machine, open_dataset
+from .datasets import is_machine, open_dataset
+from .pictures import check_picture, draw_to
 from .values import assignment, numbers
 
 _ABOUT = """
@@ -46,18 +47,8 @@ def add_to(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Draw and write the picture."""
-    check_folder(args.out)
-    import matplotlib as mpl  # imported only for pictures, and used without a window
-
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
-
-    try:
-        with plt.style.context(args.style):
-            figure_of_file(args)
-            plt.savefig(args.out, dpi=args.dpi, bbox_inches="tight")
-    finally:
-        plt.close("all")
+    check_picture(args.out)
+    draw_to(args.out, lambda: figure_of_file(args), style=args.style, dpi=args.dpi)
     print(args.out)  # noqa: T201
 
 

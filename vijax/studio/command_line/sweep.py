@@ -6,15 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from ..._execution.settings import ExecutionSettings
-from ..._jax.compilation_cache import keep_compiled
 from ..._sweep.sweep import sweep
-from ..._system.files import machine_of_table, read_table
-from ..._system.parameters import set_parameter
 from ..._system.spelling import did_you_mean
-from ..._system.system import bound
-from .datasets import check_target, is_machine, open_dataset, write_dataset
-from .forces import add_allow_forces, allowed
-from .values import RANGES, assignment, numbers, one_or_several, swept_values
+from .datasets import check_target, open_dataset, write_dataset
+from .forces import add_allow_forces
+from .machines import machine_of
+from .values import RANGES, assignment, numbers, swept_values
 
 _ABOUT = """
 Run a machine over a grid of parameter values, and keep the dataset in a file: vx.sweep without a program.
@@ -86,20 +83,12 @@ def add_to(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Sweep and write the dataset."""
-    if not is_machine(args.machine):
-        raise ValueError(f"{args.machine} must be a machine, .toml or .json.")
-    table = read_table(args.machine)
-    system = bound(machine_of_table(table, args.machine, allowed(args, args.machine)))
-    for text in getattr(args, "changes", []):
-        path, value = assignment(text)
-        system = set_parameter(system, path, one_or_several(path, value))
+    system, table = machine_of(args, getattr(args, "changes", []))
     options = _options(table.get("sweep", {}), vars(args), str(args.machine))
     if "out" not in options:
         raise ValueError("Say with --out in which file the dataset goes, .nc or .zarr.")
     out = Path(options.pop("out"))
     check_target(out)
-    if getattr(args, "keep_compiled", False):
-        keep_compiled()
     settings = ExecutionSettings(cores=options.pop("cores", None))
     try:
         ds = sweep(system, options.pop("over"), **options, settings=settings, progress=args.progress)

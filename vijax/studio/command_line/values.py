@@ -37,6 +37,17 @@ def numbers(name: str, text: str, wanted: str = _NUMBERS) -> np.ndarray:
         raise ValueError(f"The values of `{name}` must be {wanted}, but are {text!r}.") from error
 
 
+def bounds_of(path: str, text: str) -> tuple[float, float]:
+    """The two numbers of "low:high", the lower one first."""
+    parts = text.split(":")
+    if len(parts) != 2:
+        raise ValueError(f"The bounds of `{path}` must be LOW:HIGH, as 0.7:1.0, but are {text!r}.")
+    low, high = (float(numbers(path, part)[0]) for part in parts)
+    if not low < high:
+        raise ValueError(f"The bounds of `{path}` must be a lower and a higher number, but are {text!r}.")
+    return low, high
+
+
 def one_or_several(name: str, text: str) -> Numbers:
     """A number, or an array if there are commas."""
     found = numbers(name, text)

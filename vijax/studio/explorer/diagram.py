@@ -1,4 +1,4 @@
-"""Clickable diagram of a sweep: impacts over one swept quantity, kinds of motion over two.
+"""Clickable diagram of a sweep: impacts or a quantity over one swept quantity, kinds of motion over two.
 
 Many points are drawn by datashader, as an image of the visible part. A chart is always an image: on an even grid every
 pixel has the motion of the nearest point.
@@ -8,23 +8,25 @@ import re
 from collections.abc import Mapping
 from functools import reduce
 from operator import mul
-from typing import Any
+from typing import Any, NamedTuple
 
 import holoviews as hv
 import numpy as np
 import panel as pn
 import xarray as xr
-from holoviews.operation.datashader import datashade, spread
 from matplotlib.colors import to_hex
 
 from ..._sections.classify import classify
 from ...plot._labels import axis_label
 from ...plot._motions import legend_entries, motions_of
+from ...plot._ordinates import Ordinate, ordinate_of, ordinates
 from .look import PageStyle
 from .motion import nearest_value
 
 hv.extension("bokeh", inline=pn.config.inline)
 
+# Name of the ordinate that every sweep has: impact velocities.
+IMPACTS = "velocity"
 # Number of points above which a browser becomes slow.
 MANY = 20_000
 _PIXELS, _CLASSES = 800, 6
@@ -33,38 +35,102 @@ _SYMBOLS = {r"\Omega": "Ω", r"\varphi": "φ", r"\dot x": "ẋ"}
 
 def plain_label(path: str) -> str:
     """Label of a swept quantity without TeX."""
-    words = axis_label(path)
+    return plain(axis_label(path))
+
+
+def plain(words: str) -> str:
+    """Words without TeX."""
     for tex, sign in _SYMBOLS.items():
         words = words.replace(tex, sign)
-    return re.sub(r"\$|_\{[\d,]*\}", "", words).replace(r"\times", "*")
+    return re.sub(r"\$|_\{[\w, ]*\}", "", words).replace(r"\times", "*")
 
 
-def impacts(ds: xr.Dataset, path: str, stop: int, look: PageStyle) -> Any:
-    """Velocities of the impacts at a stop against the swept quantity.
+class Ordinates(NamedTuple):
+    """What a diagram shows against the swept quantity.
 
-    Args:
-        ds: a sweep over one quantity, possibly up and down.
-        path: path of the quantity.
+    Attributes:
+        name: "velocity" of the impacts, or a quantity of the sweep.
         stop: index of the stop.
-        look: colours.
+        mass: index of the mass.
     """
+
+    name: str
+    stop: int
+    mass: int
+
+    def of(self, ds: xr.Dataset) -> xr.DataArray:
+        """Values at every point, along dimensions of their own, NaN where there are none."""
+        if self.name == IMPACTS:
+            return ds["impact_velocity"].where(ds["impact_stop"] == self.stop)
+        quantity = self._quantity(ds)
+        one = ds[quantity.variable]
+        return one.isel({quantity.axis: self.number(ds)}) if quantity.axis else one
+
+    def number(self, ds: xr.Dataset) -> int:
+        """Index of the stop or the mass that is drawn."""
+        is_of_mass = self.name != IMPACTS and self._quantity(ds).axis == "mass"
+        return self.mass if is_of_mass else self.stop
+
+    def label(self, ds: xr.Dataset) -> str:
+        """Label of the y axis."""
+        if self.name == IMPACTS:
+            return f"Velocity before impact at stop {self.stop}"
+        quantity = self._quantity(ds)
+        words = plain(quantity.words.format(f"stop {self.stop}").replace("\n", " "))
+        return f"{words}, mass {self.mass}" if quantity.axis == "mass" else words
+
+    def _quantity(self, ds: xr.Dataset) -> Ordinate:
+        found = ordinate_of(self.name, ds)
+        assert found is not None
+        return found
+
+
+def ordinates_in(ds: xr.Dataset) -> list[str]:
+    """Names of what can be drawn of a sweep over one quantity."""
+    found = {name: ordinate_of(name, ds) for name in ordinates()}
+    return [IMPACTS, *(name for name, one in found.items() if one is not None and one.variable in ds)]
+
+
+def points_of(ds: xr.Dataset, path: str, ordinate: Ordinates, look: PageStyle) -> Any:
+    """Points of a sweep over one quantity, possibly up and down, against this quantity."""
     axes = [
         hv.Dimension("swept", label=plain_label(path)),
-        hv.Dimension("velocity", label=f"Velocity before impact at stop {stop}"),
+        hv.Dimension("ordinate", label=ordinate.label(ds)),
     ]
     layers = []
     for way, color in {"down": look.down, "up": look.up}.items():
         one = ds if "direction" not in ds["result"].dims else ds.sel(direction=way)
-        swept, velocity, of_stop = xr.broadcast(one[path], one["impact_velocity"], one["impact_stop"])
-        ours = of_stop.values == stop
-        points = hv.Points((swept.values[ours], velocity.values[ours]), axes)
+        swept, values = xr.broadcast(one[path], ordinate.of(one))
+        ours = np.isfinite(values.values)
+        points = hv.Points((swept.values[ours], values.values[ours]), axes)
         if len(points) > MANY:
-            layers.append(spread(datashade(points, cmap=[color], min_alpha=110), px=1))
+            layers.append(_shaded(points, color))
         else:
             layers.append(points.opts(color=color, size=2.5 if way == "up" else 4))
         if one is ds:
             break
     return reduce(mul, layers)
+
+
+def _shaded(points: Any, color: str) -> Any:
+    """Many points as an image of the visible part."""
+    from holoviews.operation.datashader import (
+        datashade,
+        spread,
+    )  # takes seconds to import, few sweeps need it
+
+    return spread(datashade(points, cmap=[color], min_alpha=110), px=1)
+
+
+def branch_curves(lines: Mapping[bool, tuple[np.ndarray, np.ndarray]], look: PageStyle) -> Any:
+    """A branch over the diagram: solid where it is stable, dashed where it is unstable."""
+    drawn: list[Any] = [
+        hv.Curve(xy, "swept", "ordinate").opts(
+            color=look.chosen, line_width=2, line_dash="solid" if is_stable else "dashed"
+        )
+        for is_stable, xy in lines.items()
+    ]
+    return reduce(mul, drawn)
 
 
 def chart_image(ds: xr.Dataset, right: str, up: str, look: PageStyle) -> tuple[Any, dict[str, str]]:
@@ -94,14 +160,11 @@ def marker(x: float, y: float | None, look: PageStyle) -> Any:
     return hv.Points([(x, y)]).opts(**style)
 
 
-def direction_near(ds: xr.Dataset, path: str, stop: int, at: Mapping[str, float]) -> str:
-    """Direction of a sweep up and down whose impacts at a stop are nearer to a place in the diagram."""
+def direction_near(ds: xr.Dataset, path: str, ordinate: Ordinates, at: Mapping[str, float]) -> str:
+    """Direction of a sweep up and down whose points are nearer to a place in the diagram."""
     point = nearest_value(ds, path, at["x"])
-    away = (
-        abs(point["impact_velocity"].where(point["impact_stop"] == stop) - at["y"])
-        .min("impact")
-        .fillna(np.inf)
-    )
+    values = ordinate.of(point)
+    away = abs(values - at["y"]).min([dim for dim in values.dims if dim != "direction"]).fillna(np.inf)
     return str(point["direction"].values[int(away.argmin("direction"))])
 
 

@@ -2,16 +2,18 @@
 
 import xarray as xr
 
+from ..._sweep.literals import Quantity
 from .motion import check
 
 
-def explore(ds: xr.Dataset, *, dark: bool = False):
+def explore(ds: xr.Dataset, *, ordinate: Quantity | str = "velocity", dark: bool = False):
     """Explore a sweep: its diagram, and the motion at the clicked point.
 
     The diagram is the bifurcation diagram over one swept quantity, and the chart of motions over two; sliders set the
     values of further quantities. Beside it is the motion at the point: its kind and Floquet multipliers, time series,
-    phase portrait, impact map, and an animation of the machine. Another slider changes a parameter of the machine, and
-    the motion is at once continued from there. Everything runs in this process. In a notebook, the object as last line
+    phase portrait, impact map, and an animation of the machine. Further sliders change numbers of the machine, and the
+    motion is at once continued from there. "orbit here" finds the periodic orbit near the motion, "continue from here"
+    draws its branch over the diagram, "save all" keeps pictures, events and code. Everything runs in this process. In a notebook, the object as last line
     of a cell shows the page; `python -m vijax explore sweep.nc` opens it in the browser. A notebook loads the
     JavaScript libraries from the internet; with `PANEL_INLINE=1` in the environment it contains them.
 
@@ -19,13 +21,15 @@ def explore(ds: xr.Dataset, *, dark: bool = False):
 
     Args:
         ds: result of `vx.sweep`, or a part of it.
+        ordinate: what the diagram over one quantity shows at first: "velocity" of the impacts, or a quantity that the
+            sweep has, as "max_position".
         dark: whether the page is light on dark.
 
     Returns:
         The page, an object of Panel: `.servable()`, `.show()` serve it.
 
     Raises:
-        ValueError: if the dataset is not a sweep, or its machine is unknown, see `vx.system_of`.
+        ValueError: if the dataset is not a sweep or lacks the ordinate, or its machine is unknown, see `vx.system_of`.
         ImportError: without the extra.
 
     Example:
@@ -35,11 +39,11 @@ def explore(ds: xr.Dataset, *, dark: bool = False):
         page = vx.explore(ds)
         ```
     """
-    check(ds)
+    check(ds, ordinate)
     try:
         from .page import page_of
     except ImportError as error:
         raise ImportError(
             f"The explorer needs Panel, HoloViews and datashader: pip install 'vijax[studio]'. {error}"
         ) from error
-    return page_of(ds, dark=dark)
+    return page_of(ds, dark=dark, ordinate=ordinate)

@@ -5,6 +5,9 @@ from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 
+# Font of the page, that of matplotlib's pictures, or the one from which it was drawn.
+FONT = "'DejaVu Sans', 'Bitstream Vera Sans', Verdana, sans-serif"
+
 
 class PageStyle(NamedTuple):
     """Colours of the page and its pictures.

@@ -19,11 +19,12 @@ from ..._system.system import ImpactSystem, bound
 from ..._trajectory.simulate import simulate
 from ..._trajectory.solution import RESULTS, Solution
 from ...plot._labels import swept_paths
+from ...plot._ordinates import ordinates
 
 # Capacity of the event log of a trajectory, and of one cycle; one size each, so that nothing is compiled twice.
-_EVENTS, _EVENTS_OF_CYCLE = 4096, 256
+_EVENTS, EVENTS_OF_CYCLE = 4096, 256
 # Least number of simulated periods, enough to classify a motion; most shown periods of one that does not repeat.
-_FEWEST, _SHOWN = 8, 8
+RECORD, _SHOWN = 8, 8
 
 
 class PointMotion(NamedTuple):
@@ -60,11 +61,17 @@ class PointMotion(NamedTuple):
         return f"{name}{at_stops} in {self.num_periods} forcing {periods}"
 
 
-def check(ds: xr.Dataset) -> None:
-    """Raise unless the dataset is a sweep with a known machine."""
+def check(ds: xr.Dataset, ordinate: str) -> None:
+    """Raise unless the dataset is a sweep with a known machine and this ordinate."""
     if "result" not in ds or not swept_paths(ds["result"]):
         raise ValueError("The explorer shows what `vx.sweep` returned, over one swept quantity or more.")
     system_of(ds)
+    known = ["velocity", *(name for name in ordinates() if name in ds or name.startswith("section_"))]
+    if ordinate not in known:
+        raise ValueError(
+            f"Argument `ordinate` must be one of {', '.join(known)}, but is {ordinate!r}: `vx.sweep` computes others with "
+            "`quantities`."
+        )
 
 
 def point_at(ds: xr.Dataset, place: Mapping[str, Any]) -> xr.Dataset:
@@ -111,17 +118,17 @@ def motion_at(
         system = set_parameter(system, path, value)
     if changes:
         x, v = _settled(system, int(ds.attrs["transient"]), x, v)
-    return motion_from(system, max(int(ds.attrs["record"]), _FEWEST), x, v)
+    return motion_from(system, max(int(ds.attrs["record"]), RECORD), x, v)
 
 
 def motion_from(system: ImpactSystem, record: int, x: np.ndarray, v: np.ndarray) -> PointMotion:
     """The motion from a state at phase 0, over `record` forcing periods."""
-    period, flow = float(system.forcing.period), _flow_of(system)
-    sol = _simulate(system, record * period, x, v)
+    period, flow = float(system.forcing.period), flow_of(system)
+    sol = simulated(system, record * period, x, v)
     kind = classify(sol, last=record)
     n, orbit = int(kind["num_periods"]), None
     if n and not is_single_precision(system):
-        found = periodic_orbit(system, x, v, n, flow=flow, max_events=_EVENTS_OF_CYCLE, throw=False)
+        found = periodic_orbit(system, x, v, n, flow=flow, max_events=EVENTS_OF_CYCLE, throw=False)
         orbit = found if found.result == ORBIT_RESULTS.successful else None
     known = min(record * period, float(sol.known_until))
     shown = (0.0, min(known, (n or min(_SHOWN, record)) * period))
@@ -143,19 +150,19 @@ def _settled(
     system: ImpactSystem, transient: int, x: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The state after the transient; masses beyond a stop that was moved start on it."""
-    sol = _simulate(system, transient * float(system.forcing.period), _between_stops(system, x), v)
+    sol = simulated(system, transient * float(system.forcing.period), _between_stops(system, x), v)
     return np.asarray(sol.x1), np.asarray(sol.v1)
 
 
-def _simulate(system: ImpactSystem, end: float, x: np.ndarray, v: np.ndarray) -> Solution:
+def simulated(system: ImpactSystem, end: float, x: np.ndarray, v: np.ndarray) -> Solution:
     """The trajectory from a state at phase 0, also one whose log is full; raise if it failed."""
-    sol = simulate(system, 0.0, end, x, v, flow=_flow_of(system), max_events=_EVENTS, throw=False)
+    sol = simulate(system, 0.0, end, x, v, flow=flow_of(system), max_events=_EVENTS, throw=False)
     if not (sol.result == RESULTS.successful or sol.result == RESULTS.max_events_reached):
         raise RuntimeError(RESULTS[sol.result])
     return sol
 
 
-def _flow_of(system: ImpactSystem) -> AbstractFlow | None:
+def flow_of(system: ImpactSystem) -> AbstractFlow | None:
     """The flow: one kind for all linear machines, so that a changed number never needs another compilation.
 
     Rejected: the modal flow, the default of sweeps, which changed dampers would compile again.

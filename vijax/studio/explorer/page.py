@@ -1,38 +1,76 @@
-"""The page: diagram, motion at the clicked point, and the widgets that change it."""
+"""The page: diagram, motion at the clicked point, and what changes them."""
 
-import html
+import socket
+from collections.abc import Callable
 from typing import Any
+from urllib.parse import urlencode
 
 import holoviews as hv
 import panel as pn
 import xarray as xr
 from holoviews.streams import Pipe, Tap
+from matplotlib.figure import Figure
 
+from ..._branches.branch import Branch
 from ..._sweep.provenance import system_of
 from ..._sweep.short_names import with_paths
+from ...plot._branch import lines_of_branch
 from ...plot._labels import swept_paths
-from .diagram import chart_image, direction_near, impacts, marker, plain_label
+from .address import Shown, query_of, shown_by
+from .code import code_of
+from .diagram import (
+    IMPACTS,
+    Ordinates,
+    branch_curves,
+    chart_image,
+    direction_near,
+    marker,
+    ordinates_in,
+    plain_label,
+    points_of,
+)
 from .film import film_of, frames_of
-from .look import DARK, LIGHT, PageStyle
+from .look import DARK, FONT, LIGHT, PageStyle
 from .motion import PointMotion, check, motion_at, nearest_value, point_at, scalar_parameters
-from .pictures import DPI, SIZE, pictures_of, words_of_multipliers
+from .orbits import bounds_of, branch_through, orbit_near
+from .pictures import PICTURES, pictures_of
+from .saved import archive_of
+from .widgets import Changes, button, copy_button, legend, select
+from .words import table_of, words_about
 
 _TITLE = "vijax"
-# Range of the slider to either side, relative to the number that it changes.
-_REACH = 0.5
+# Time after which a browser has drawn that something long is under way, in milliseconds.
+_MOMENT = 60
+# Least width of a column of the page, and least and largest of a picture, in pixels: a wide window has several in a row.
+_COLUMN, _PICTURE = 520, (300, 400)
 
 
-def page_of(ds: xr.Dataset, *, dark: bool) -> pn.viewable.Viewable:
+def page_of(ds: xr.Dataset, *, dark: bool, ordinate: str = IMPACTS, file: str = "") -> pn.viewable.Viewable:
     """Build the page of a sweep, see `vx.explore`."""
     pn.extension(theme="dark" if dark else "default")
-    return Explorer(ds, DARK if dark else LIGHT).view()
+    return Explorer(ds, DARK if dark else LIGHT, ordinate, file).view()
 
 
-def serve(ds: xr.Dataset, *, port: int, show: bool, dark: bool) -> None:
+def serve(ds: xr.Dataset, *, port: int, show: bool, dark: bool, ordinate: str, file: str) -> None:
     """Serve the page of a sweep until Ctrl-C, a separate one for every browser."""
-    check(ds)
-    pn.config.raw_css = [f"body {{ background: {(DARK if dark else LIGHT).page} }}"]
-    pn.serve(lambda: page_of(ds, dark=dark), port=port, show=show, title=_TITLE)
+    check(ds, ordinate)
+    look = DARK if dark else LIGHT
+    pn.config.raw_css = [f"body {{ background: {look.page}; font-family: {FONT}; margin: 0 }}"]
+    port = port or _free_port()
+    print(f"http://localhost:{port}/ shows {file}; Ctrl-C ends it.", flush=True)  # noqa: T201
+    pn.serve(
+        lambda: page_of(ds, dark=dark, ordinate=ordinate, file=file),
+        port=port,
+        show=show,
+        title=_TITLE,
+        verbose=False,
+    )
+
+
+def _free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("localhost", 0))
+        return free.getsockname()[1]
 
 
 class Explorer:
@@ -41,133 +79,234 @@ class Explorer:
     Attributes:
         ds: the sweep.
         place: the chosen value of each dimension.
-        changes: changed parameters of the machine, by path.
+        motion: the shown motion, or None.
+        branches: the branches over the diagram.
     """
 
-    def __init__(self, ds: xr.Dataset, look: PageStyle):
+    def __init__(self, ds: xr.Dataset, look: PageStyle, ordinate: str = IMPACTS, file: str = ""):
         ds = with_paths(ds)
-        self.ds, self.look, self.swept = ds, look, swept_paths(ds["result"])
-        self.drawn, self.is_fitting = self.swept[:2], False
-        self.place: dict[str, Any] = {dim: ds[dim].values[ds.sizes[dim] // 2] for dim in self.swept}
+        self.ds, self.look, self.file, self.swept = ds, look, file, swept_paths(ds["result"])
+        self.drawn = self.swept[:2]
+        self.motion: PointMotion | None = None
+        self.branches: list[Branch] = []
+        self.figures: dict[str, Figure] = {}
+        numbers = scalar_parameters(system_of(ds))
+        shown = self._shown_by_address([*numbers])
+        middle = {dim: ds[dim].values[ds.sizes[dim] // 2] for dim in self.swept}
+        self.place: dict[str, Any] = {
+            dim: self._nearest(dim, shown.place.get(dim, middle[dim])) for dim in self.swept
+        }
         if "direction" in ds["result"].dims:
-            self.place["direction"] = "up"
-        self.changes: dict[str, float] = {}
-        self.numbers = scalar_parameters(system_of(ds))
-        self._make_widgets()
+            self.place["direction"] = shown.place.get("direction", "up")
+        self._make_widgets([*numbers], {"ordinate": ordinate} | shown.chosen)
         self.film = film_of(ds.sizes["mass"], look)
-        self.words, self.pictures = pn.pane.HTML(sizing_mode="stretch_width"), self._panes()
+        self.words = pn.pane.HTML(sizing_mode="stretch_width")
         self.legend = pn.pane.HTML(sizing_mode="stretch_width")
+        self.pictures = self._panes()
         self.diagram = pn.pane.HoloViews(self._diagram(), sizing_mode="stretch_width", height=420)
-        self.go()
-
-    def go(self, *_: object) -> None:
-        """Simulate the chosen motion and show it, or the error message."""
-        motion, trouble = None, ""
-        try:
-            motion = motion_at(self.ds, self.place, self.changes)
-            pictures = pictures_of(motion, self.mass.value, self.look)
-            frames = frames_of(motion)
-        except (ValueError, RuntimeError) as error:
-            trouble, pictures, frames = str(error), pictures_of(None, 0, self.look), {}
-        self.words.object, self.film.frames = self._words(motion, trouble), frames
-        for name, picture in pictures.items():
-            self.pictures[name].object = picture
+        self.changes.reset(shown.changes)
+        self.words.object = self._words("simulating ...")
+        pn.state.onload(self._compute)  # the page is there before its first motion
 
     def view(self) -> pn.viewable.Viewable:
-        """Lay out the whole page."""
-        chosen = pn.Row(*self.sliders, self.stop, self.mass)
-        changed = pn.Row(self.parameter, self.value, self.back)
-        left = pn.Column(chosen, self.diagram, self.legend, changed, self.film, width=620)
-        # Two pictures per row; one in a narrow cell of a notebook.
-        pictures = pn.FlexBox(*self.pictures.values(), max_width=round(2.2 * DPI * SIZE[0]))
-        right = pn.Column(self.words, pictures, sizing_mode="stretch_width")
-        styles = {"background": self.look.page, "color": self.look.ink, "padding": "10px"}
-        return pn.Row(left, right, styles=styles, sizing_mode="stretch_width")
+        """Lay out the whole page: two columns, below each other in a narrow window or cell of a notebook."""
+        column = {"flex": f"1 1 {_COLUMN}px", "min-width": "300px"}
+        wide: dict[str, Any] = {"sizing_mode": "stretch_width"}
+        chosen = pn.FlexBox(*self.sliders, self.ordinate, self.stop, self.mass, **wide)
+        actions = pn.FlexBox(*self.buttons, **wide)
+        code = pn.Card(self.code, copy_button(self.code), title="code", collapsed=True, **wide)
+        left = pn.Column(
+            chosen, self.diagram, self.legend, actions, self.changes.panel, self.film, styles=column, **wide
+        )
+        pictures = pn.FlexBox(*self.pictures.values(), **wide)
+        right = pn.Column(self.words, pictures, code, styles=column, **wide)
+        styles = {
+            "background": self.look.page,
+            "color": self.look.ink,
+            "padding": "10px",
+            "font-family": FONT,
+        }
+        return pn.FlexBox(left, right, styles=styles, **wide)
 
-    def _make_widgets(self) -> None:
-        """Create sliders of the dimensions not in the diagram, and widgets of stop, mass and changed parameter."""
+    def _shown_by_address(self, numbers: list[str]) -> Shown:
+        """What the address of the page says; nothing in a notebook."""
+        query = pn.state.location.query_params if pn.state.location is not None else {}
+        return shown_by(query, self.swept, numbers)
+
+    def _make_widgets(self, numbers: list[str], chosen: dict[str, Any]) -> None:
+        ds, is_line = self.ds, len(self.drawn) == 1
         self.sliders: list[pn.widgets.Widget] = [
             pn.widgets.DiscreteSlider(
-                name=plain_label(dim), options=self.ds[dim].values.tolist(), value=float(self.place[dim])
+                name=plain_label(dim), options=ds[dim].values.tolist(), value=float(self.place[dim])
             )
             for dim in self.swept[2:]
         ]
-        if "direction" in self.place and len(self.drawn) == 2:
-            self.sliders.append(pn.widgets.Select(name="direction", options=["up", "down"]))
-        for dim, slider in zip([*self.swept[2:], "direction"], self.sliders, strict=False):
+        for dim, slider in zip(self.swept[2:], self.sliders, strict=True):
             slider.param.watch(
-                lambda event, dim=dim: self._choose({dim: event.new}, redraw=True),
-                "value_throttled" if dim != "direction" else "value",
+                lambda event, dim=dim: self._choose({dim: event.new}, redraw=True), "value_throttled"
             )
-        stops, masses = range(self.ds.sizes["stop"]), range(self.ds.sizes["mass"])
-        self.stop = pn.widgets.Select(
-            name="stop", options=list(stops), width=80, visible=len(self.drawn) == 1
+        if "direction" in self.place and not is_line:
+            choose = lambda event: self._choose({"direction": event.new}, redraw=True)  # noqa: E731
+            self.sliders.append(select("direction", ["up", "down"], self.place["direction"], choose))
+        redraw = lambda _: (self._redraw(), self._tell_address())  # noqa: E731
+        ordinates = ordinates_in(ds) if is_line else [IMPACTS]
+        self.ordinate = select("ordinate", ordinates, chosen["ordinate"], redraw)
+        stops = [*range(ds.sizes["stop"])] if is_line else [0]
+        self.stop = select("stop", stops, chosen.get("stop"), redraw)
+        self.mass = select(
+            "mass", [*range(ds.sizes["mass"])], chosen.get("mass"), lambda _: self._choose({}, redraw=True)
         )
-        self.mass = pn.widgets.Select(name="mass", options=list(masses), width=80)
-        self.stop.param.watch(lambda _: self._redraw(), "value")
-        self.mass.param.watch(self.go, "value")
-        self.parameter = pn.widgets.Select(name="change", options=list(self.numbers), width=200)
-        self.value = pn.widgets.EditableFloatSlider(name="to", width=300)
-        self.back = pn.widgets.Button(name="back", align="end", width=60)
-        self.parameter.param.watch(lambda _: self._fit_slider(), "value")
-        self.value.param.watch(self._change, "value_throttled")
-        self.back.on_click(lambda _: self._choose({}))
-        self._fit_slider()
+        self.changes = Changes(numbers, self._value_of, lambda: self._later(self._compute))
+        save = pn.widgets.FileDownload(
+            callback=self._archive, filename="vijax.zip", label="save all", width=130
+        )
+        self.buttons = [
+            button("orbit here", self._find_orbit),
+            button("continue from here", self._continue),
+            button("back", self._go_back),
+            save,
+        ]
+        self.buttons[1].visible = is_line
+        self.code = pn.widgets.TextAreaInput(
+            disabled=True, auto_grow=True, rows=8, sizing_mode="stretch_width"
+        )
+
+    def _value_of(self, path: str) -> float:
+        """Value of a number of the machine at the chosen point."""
+        return scalar_parameters(system_of(point_at(self.ds, self.place)))[path]
+
+    def _nearest(self, dim: str, value: Any) -> float:
+        return float(nearest_value(self.ds, dim, value)[dim].values)
+
+    def _later(self, work: Callable[[], None], busy: str = "computing ...") -> None:
+        """Do something long, once the browser has drawn that it is under way."""
+        self.words.object = self._words(busy)
+        document = pn.state.curdoc
+        if document is None or document.session_context is None:
+            work()
+        else:
+            document.add_timeout_callback(work, _MOMENT)
+
+    def _compute(self) -> None:
+        """Simulate the chosen motion and show it, or the error message."""
+        self.motion = None
+        self._show(lambda: motion_at(self.ds, self.place, self.changes.values))
+
+    def _find_orbit(self) -> None:
+        def find() -> PointMotion:
+            if self.motion is None:
+                raise RuntimeError("There is no motion here.")
+            return orbit_near(self.motion)
+
+        self._later(lambda: self._show(find))
+
+    def _continue(self) -> None:
+        """Follow the orbit of the shown motion, and draw the branch over the diagram."""
+
+        def follow() -> PointMotion:
+            if self.motion is None:
+                raise RuntimeError("There is no motion here.")
+            motion = orbit_near(self.motion)
+            assert motion.orbit is not None
+            path, name = self.drawn[0], self.ordinate.value
+            column = "" if name == IMPACTS else name
+            self.branches.append(branch_through(motion.orbit, path, bounds_of(self.ds, path), column))
+            self._redraw()
+            return motion
+
+        self._later(
+            lambda: self._show(follow), "following the branch ... the first one compiles for a minute"
+        )
+
+    def _go_back(self) -> None:
+        self.branches = []
+        self._choose({}, redraw=True)
+
+    def _show(self, find: Callable[[], PointMotion]) -> None:
+        """Show a motion, or why there is none."""
+        trouble = ""
+        try:
+            self.motion = find()
+        except (ValueError, RuntimeError) as error:
+            trouble = str(error)
+        frames = {} if self.motion is None else frames_of(self.motion)
+        self.figures = pictures_of(self.motion, self.mass.value, self.look)
+        self.words.object, self.film.frames = self._words(trouble=trouble), frames
+        for name, picture in self.figures.items():
+            self.pictures[name].object = picture
+        record, transient = int(self.ds.attrs["record"]), int(self.ds.attrs["transient"])
+        self.code.value = code_of(
+            self.file, self.place, self.changes.values, self.mass.value, record, transient
+        )
+        self._tell_address()
+
+    def _tell_address(self) -> None:
+        if pn.state.location is not None:
+            chosen = {"stop": self.stop.value, "mass": self.mass.value, "ordinate": self.ordinate.value}
+            pn.state.location.search = "?" + urlencode(query_of(self.place, self.changes.values, chosen))
 
     def _choose(self, place: dict[str, Any], *, redraw: bool = False) -> None:
         """Go to another point, with its parameters in the sweep."""
         self.place |= place
-        self.changes = {}
-        self._fit_slider()
+        self.changes.reset({})
         if redraw:
             self._redraw()
         self.marker.send(self._chosen())
-        self.go()
+        self._later(self._compute)
 
-    def _fit_slider(self) -> None:
-        """Set the slider to the current value of the parameter."""
-        path = self.parameter.value
-        numbers = scalar_parameters(system_of(point_at(self.ds, self.place)))
-        here = self.changes.get(path, numbers[path])
-        reach = _REACH * abs(here) or 1.0
-        low, high = here - reach, here + reach
-        if path.endswith("restitution"):
-            low, high = 0.0, 1.0
-        self.is_fitting = True
-        self.value.param.update(start=low, end=high, step=(high - low) / 200, value=here)
-        self.is_fitting = False
+    def _archive(self) -> Any:
+        rows = [f"{name}: {words}" for name, words in self._rows().items()]
+        return archive_of(self.motion, self.figures, self.code.value, "\n".join(rows) + "\n", self.branches)
 
-    def _change(self, event: Any) -> None:
-        """Simulate the motion with another value of the parameter."""
-        if self.is_fitting:
-            return
-        self.changes = self.changes | {self.parameter.value: float(event.new)}
-        self.go()
+    def _ordinates(self) -> Ordinates:
+        return Ordinates(self.ordinate.value, self.stop.value, self.mass.value)
 
     def _diagram(self) -> Any:
-        """The diagram with the marker of the chosen point and the listener of clicks."""
-        ds = self.ds
+        """The diagram with branches, the marker of the chosen point and the listener of clicks."""
+        ds, look = self.ds, self.look
         for dim in self.swept[2:]:
             ds = nearest_value(ds, dim, self.place[dim])
         if len(self.drawn) == 1:
-            drawn = impacts(ds, self.drawn[0], self.stop.value, self.look)
+            drawn = points_of(ds, self.drawn[0], self._ordinates(), look)
+            for lines in self._lines():
+                drawn = drawn * branch_curves(lines, look)
+            self.legend.object = self._legend_of_points()
         else:
             ds = ds.sel(direction=self.place["direction"]) if "direction" in self.place else ds
-            right, up = self.drawn
-            drawn, colors = chart_image(ds, right, up, self.look)
-            self.legend.object = _legend(colors, self.look)
+            drawn, colors = chart_image(ds, self.drawn[0], self.drawn[1], look)
+            entries = {words: ("fill", color) for words, color in colors.items()}
+            self.legend.object = legend(entries, "impacts at each stop in forcing periods", look)
         self.marker = Pipe(data=self._chosen())
-        marked = hv.DynamicMap(lambda data: marker(data[0], data[1], self.look), streams=[self.marker])
+        marked = hv.DynamicMap(lambda data: marker(data[0], data[1], look), streams=[self.marker])
         self.tap = Tap(source=marked, x=None, y=None)
         self.tap.add_subscriber(self._click)
         style = {
-            "bgcolor": self.look.page,
+            "bgcolor": look.page,
             "responsive": True,
             "height": 420,
             "show_grid": False,
             "active_tools": [],
         }
-        return (drawn * marked).opts(hv.opts.Overlay(**style, hooks=[self._colour_axes]))
+        return (drawn * marked).opts(hv.opts.Overlay(**style, show_legend=False, hooks=[self._fit_axes]))
+
+    def _lines(self) -> list[Any]:
+        """Lines of the branches that have the ordinate, and an impact where it needs one."""
+        own = self._ordinates()
+        found = []
+        for branch in self.branches:
+            if own.name == IMPACTS or own.name in branch.points:
+                found.append(lines_of_branch(branch, own.number(self.ds), own.name))
+        return found
+
+    def _legend_of_points(self) -> str:
+        look, entries = self.look, {}
+        if "direction" in self.place:
+            entries = {
+                f"swept {way}": ("dotted", color) for way, color in (("up", look.up), ("down", look.down))
+            }
+        if self.branches:
+            entries |= {"branch, stable": ("solid", look.chosen), "unstable": ("dashed", look.chosen)}
+        return legend(entries, "", look) if entries else ""
 
     def _redraw(self) -> None:
         self.diagram.object = self._diagram()
@@ -179,48 +318,38 @@ class Explorer:
     def _click(self, x: float | None, y: float | None) -> None:
         if x is None or y is None:
             return
-        place: dict[str, Any] = {}
-        for dim, value in zip(self.drawn, (x, y), strict=False):
-            place[dim] = nearest_value(self.ds, dim, value)[dim].values
+        place: dict[str, Any] = {
+            dim: self._nearest(dim, value) for dim, value in zip(self.drawn, (x, y), strict=False)
+        }
         if "direction" in self.place and len(self.drawn) == 1:
-            place["direction"] = direction_near(self.ds, self.drawn[0], self.stop.value, {"x": x, "y": y})
+            place["direction"] = direction_near(self.ds, self.drawn[0], self._ordinates(), {"x": x, "y": y})
         self._choose(place)
 
-    def _colour_axes(self, plot: Any, element: Any) -> None:
-        """Set the colours of border and axes of the diagram to those of the page."""
+    def _fit_axes(self, plot: Any, element: Any) -> None:
+        """Set the colours and the font of border and axes of the diagram to those of the page."""
         del element
         own, ink = plot.state, self.look.ink
         own.border_fill_color, own.outline_line_color = self.look.page, self.look.faint
         for axis in own.axis:
             axis.update(axis_label_text_color=ink, major_label_text_color=ink, axis_line_color=ink,
-                major_tick_line_color=ink, minor_tick_line_color=None)  # fmt: skip
+                major_tick_line_color=ink, minor_tick_line_color=None, axis_label_text_font=FONT,
+                major_label_text_font=FONT, axis_label_text_font_style="normal", axis_label_text_font_size="13px",
+                major_label_text_font_size="12px")  # fmt: skip
 
     def _panes(self) -> dict[str, pn.pane.Matplotlib]:
-        return {
-            name: pn.pane.Matplotlib(picture, dpi=DPI, tight=False, width=round(DPI * SIZE[0]))
-            for name, picture in pictures_of(None, 0, self.look).items()
+        # All of one size, also the last one alone in its row.
+        style = {"flex": f"1 1 {_PICTURE[0]}px", "max-width": f"{_PICTURE[1]}px"}
+        how: dict[str, Any] = {
+            "format": "svg",
+            "tight": False,
+            "sizing_mode": "stretch_width",
+            "styles": style,
         }
+        return {name: pn.pane.Matplotlib(None, **how) for name in PICTURES}
 
-    def _words(self, motion: PointMotion | None, trouble: str) -> str:
-        """Table of the point, its kind of motion and multipliers, as HTML."""
-        shown = {plain_label(dim): f"{self.place[dim]:.6g}" for dim in self.swept}
-        shown |= {"direction": str(self.place["direction"])} if "direction" in self.place else {}
-        shown |= {f"changed: {path}": f"{value:.6g}" for path, value in self.changes.items()}
-        if motion is not None:
-            shown |= {"Motion": motion.words, "Multipliers": words_of_multipliers(motion)}
-        rows = [f"<tr><td style='padding-right: 1em; color: {self.look.faint}'>{html.escape(name)}</td>"
-                f"<td><b>{html.escape(words)}</b></td></tr>" for name, words in shown.items()]  # fmt: skip
-        alarm = (
-            f"<p class='trouble' style='color: {self.look.chosen}'>{html.escape(trouble)}</p>"
-            if trouble
-            else ""
-        )
-        return f"<div class='found' style='color: {self.look.ink}; font-size: 14px'><table>{''.join(rows)}</table>{alarm}</div>"
+    def _rows(self) -> dict[str, str]:
+        return words_about(self.place, self.changes.values, self.motion, self.branches)
 
-
-def _legend(colors: dict[str, str], look: PageStyle) -> str:
-    """Legend of coloured squares with words, as HTML."""
-    square = "display: inline-block; width: 0.9em; height: 0.9em; border: 1px solid"
-    entries = [f"<span style='margin-right: 1em; white-space: nowrap'><span style='{square} {look.faint}; "
-               f"background: {color}'></span> {html.escape(words)}</span>" for words, color in colors.items()]  # fmt: skip
-    return f"<div style='color: {look.ink}'>impacts at each stop in forcing periods: {''.join(entries)}</div>"
+    def _words(self, busy: str = "", trouble: str = "") -> str:
+        """What is known of the point, and what is under way or why there is no motion."""
+        return table_of(self._rows(), {"trouble": trouble, "busy": busy}, self.look)

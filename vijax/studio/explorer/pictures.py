@@ -11,20 +11,21 @@ from ..._jax.arrays import is_single_precision
 from .look import PageStyle
 from .motion import PointMotion
 
+PICTURES = ("time series", "phase portrait", "impact map", "multipliers")
 SIZE = (4.4, 2.9)  # inches
-DPI = 100  # also the DPI of the pane: at another one all words would be typeset twice
+DPI = 100
 
 
 def pictures_of(motion: PointMotion | None, mass: int, look: PageStyle) -> dict[str, Figure]:
     """Time series, phase portrait of a mass, impact map and multipliers; empty without a motion."""
-    draws: dict[str, Callable[[PointMotion, Axes], object]] = {
-        "time series": lambda m, ax: plot.time_series(m.solution, span=m.shown, ax=ax),
-        "phase portrait": lambda m, ax: plot.phase_portrait(m.solution, mass, span=m.shown, ax=ax),
-        "impact map": lambda m, ax: plot.impact_map(m.solution, None, ax=ax),
-        "multipliers": _multipliers,
-    }
+    draws: tuple[Callable[[PointMotion, Axes], object], ...] = (
+        lambda m, ax: plot.time_series(m.solution, span=m.shown, ax=ax),
+        lambda m, ax: plot.phase_portrait(m.solution, mass, span=m.shown, ax=ax),
+        lambda m, ax: plot.impact_map(m.solution, None, ax=ax),
+        _multipliers,
+    )
     with look.style():
-        return {name: _figure(motion, draw, look) for name, draw in draws.items()}
+        return {name: _figure(motion, draw, look) for name, draw in zip(PICTURES, draws, strict=True)}
 
 
 def words_of_multipliers(motion: PointMotion) -> str:

@@ -1,0 +1,83 @@
+"""Machines on the command line: the options that all commands share which compute something of one machine."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..._jax.compilation_cache import keep_compiled
+from ..._system.files import machine_of_table, read_table
+from ..._system.parameters import set_parameter
+from ..._system.system import ImpactSystem, bound
+from .datasets import is_machine
+from .forces import add_allow_forces, allowed
+from .values import assignment, numbers, one_or_several
+
+
+def command_with_machine(commands: Any, name: str, words: str, about: str, examples: str) -> Any:
+    """Parser of a command on one machine, with the options of the machine."""
+    parser = commands.add_parser(
+        name,
+        help=words,
+        description=about,
+        epilog=examples,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("machine", type=Path, help="the machine, .toml or .json, as `vijax sweep --help` describes it")
+    add(
+        "--set",
+        metavar="PATH=VALUE",
+        action="append",
+        dest="changes",
+        default=[],
+        help="change the machine first",
+    )
+    add("--picture", type=Path, metavar="PICTURE", help="draw the result too: .png, .svg or .pdf")
+    add("--style", default="default", metavar="NAME", help="a style of matplotlib for it, as dark_background")
+    add(
+        "--keep-compiled",
+        action="store_true",
+        help="keep compiled programs for later commands (~/.cache/vijax)",
+    )
+    add("--progress", action=argparse.BooleanOptionalAction, default=sys.stderr.isatty(),
+        help="show a bar (if a terminal looks on)")  # fmt: skip
+    add_allow_forces(parser)
+    return parser
+
+
+def add_start(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a start."""
+    add = parser.add_argument
+    add("--x0", metavar="X,X,...", help="positions at the start (0); --x0=-0.1,0 if the first is negative")
+    add("--v0", metavar="V,V,...", help="velocities at the start (0)")
+
+
+def machine_of(args: argparse.Namespace, changes: list[str]) -> tuple[ImpactSystem, dict[str, Any]]:
+    """The machine of a file with the changes of `--set`, and the tables of the file."""
+    if not is_machine(args.machine):
+        raise ValueError(f"{args.machine} must be a machine, .toml or .json.")
+    table = read_table(args.machine)
+    system = bound(machine_of_table(table, args.machine, allowed(args, args.machine)))
+    for text in changes:
+        path, value = assignment(text)
+        system = set_parameter(system, path, one_or_several(path, value))
+    if getattr(args, "keep_compiled", False):
+        keep_compiled()
+    return system, table
+
+
+def start_of(args: argparse.Namespace, system: ImpactSystem) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities at the start, (n,) each."""
+    found = []
+    for name in ("x0", "v0"):
+        text = getattr(args, name)
+        values = np.zeros(system.num_masses) if text is None else numbers(name, text)
+        if values.shape != (system.num_masses,):
+            raise ValueError(
+                f"--{name} must have a number for each of the {system.num_masses} masses, but is {text!r}."
+            )
+        found.append(values)
+    return found[0], found[1]
