@@ -70,6 +70,7 @@ from ._system.restitution import (
     AbstractRestitution as AbstractRestitution,
     FallingRestitution as FallingRestitution,
 )
+from ._system.states import with_states as with_states
 from ._system.stop import Stop as Stop
 from ._system.system import ImpactSystem as ImpactSystem, chain as chain
 from ._trajectory.event_log import EventLog as EventLog

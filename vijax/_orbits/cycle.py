@@ -295,7 +295,7 @@ def state_at(problem: Problem, unknowns: Unknowns, time: Scalar) -> Float[Array,
     begin = initial_moment(problem, machine, unknowns.z), jnp.asarray(problem.sequence.mode)[0]
     (moment, mode), _ = jax.lax.scan(one, begin, flights)
     x, v, *_ = flow_map(machine, flow, moment, mode, problem.phase + time - moment.time)
-    return jnp.concatenate([jnp.split(moment.z, 2)[0] + x, v])
+    return jnp.concatenate([machine.moved(jnp.split(moment.z, 2)[0], x), v])
 
 
 def moved_by(tree: Any, change: Any, by: Scalar) -> Any:
@@ -331,7 +331,7 @@ def fly_to_event(
     # Accumulated since the last contact, which keeps all digits of a light bounce; derivatives are the position's.
     start = contacts.gaps(before, phase - change)
     gap = place.gap + start - jax.lax.stop_gradient(start) - contacts.towards(x, change)
-    x = before + x
+    x = machine.moved(before, x)
     time = place.time + duration
     at_event = jnp.arange(contacts.num) == event.stop
     end = state_in_mode(machine, phase, x, v, event.mode, time * machine.period)
