@@ -266,6 +266,8 @@ def _refined(machine: Machine, flow: AbstractFlow, gaps: _Minima, forces: _Minim
     Others stay unrefined.
     """
     lowest = jax.tree.map(lambda *a: jnp.concatenate(a), gaps, forces)
+    if not len(gaps.value):  # no stops
+        return jnp.stack([gaps.value, forces.value]), jnp.stack([gaps.start, forces.start])
 
     def one(low: _Minima, row: Array) -> tuple[Array, Array]:
         begin = Moment(low.z, low.start, jnp.zeros(machine.contacts.num, gaps.value.dtype))
