@@ -293,7 +293,11 @@ def _drawn(stiffness: np.ndarray, damping: np.ndarray, num_states: int) -> tuple
         if np.abs(a - a.T).max() > _NOTHING * np.abs(a).max()
     ]
     if num_states:
-        names.append("links of the last box, a state" if num_states == 1 else f"links of the last {num_states} boxes, states")
+        names.append(
+            "links of the last box, a state"
+            if num_states == 1
+            else f"links of the last {num_states} boxes, states"
+        )
     return [(a + a.T) / 2 for a in between], f"not drawn: {', '.join(names)}" if names else ""
 
 
