@@ -101,6 +101,10 @@ def continuation(
     refuse_single_precision("continuation", [(start.system, start.state) for start in starts])
 
     wanted = {}
+    if quantities and any(start.is_autonomous for start in starts):
+        raise ValueError(
+            "Argument `quantities` is for driven machines: leave it out, and use `branch.orbit(k).solution()`."
+        )
     for start in starts:
         wanted = checked_cycle_quantities(quantities, start.system)
 
@@ -148,9 +152,7 @@ def follow_branches(
     families = [family for family, point in zip(families, all_points, strict=True) if point is not None]
     points = [point for point in all_points if point is not None]
     walks = [
-        DirectedBranch(
-            float(family.num_periods), (low / family.span, high / family.span), most, budget=budget
-        )
+        DirectedBranch(family.last_phase, (low / family.span, high / family.span), most, budget=budget)
         for family in families
         for _ in "-+"
     ]

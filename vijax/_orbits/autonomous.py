@@ -17,7 +17,6 @@ Public orbits begin in the middle of a flight, where no rounding decides which e
 from typing import NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -26,7 +25,7 @@ from .._flow.interface import AbstractFlow
 from .._flow.taylor import TaylorFlow
 from .._hybrid.limits import IMPACT
 from .._jax.arrays import Scalar
-from .._jax.concrete import concrete, is_staged, stop_gradients
+from .._jax.concrete import check_values, concrete, is_staged, stop_gradients
 from .._jax.xla import compile_lightly
 from .._machine.numbers import numbers_of
 from .._system.forcing import Harmonic
@@ -48,7 +47,7 @@ from .sequence import Sequence, friction_of, is_same_sequence, num_stops_of, seq
 # Distance of two states in the middle of flights, relative to the motion, below which the motion nearly repeats.
 _NEARLY = 0.05
 # First span of the run from the guess, in time scales of the machine; it grows by `_LONGER` until the motion repeats.
-_FIRST, _LONGER, _MOST_SPANS = 64.0, 4.0, 9
+_FIRST, _LONGER, _MOST_SPANS = 64.0, 4.0, 7
 _MOST_TRIALS = 6
 # Distance by which a run over one period may miss its start, relative to the motion.
 _CLOSE = 1e-9
@@ -72,7 +71,7 @@ class _Found(NamedTuple):
 
 def is_undriven(system: ImpactSystem) -> bool:
     """True if no load sets a period: its frequency is 0, and known."""
-    frequency = concrete(stop_gradients(system.forcing.frequency))
+    frequency = concrete(check_values(system.forcing.frequency))
     return frequency is not None and not frequency > 0
 
 
@@ -142,14 +141,12 @@ def _repetitions(
     system: ImpactSystem, start: tuple[Array, Array], flow: AbstractFlow | None, room: int
 ) -> list[tuple[Array, float]]:
     """States after which the motion from a guess nearly repeats, and the time until it does."""
-    span = np.inf
-    for k in range(_MOST_SPANS):
-        if not np.isfinite(span):
-            rate = float(simulate(system, 0.0, 0.0, *start, flow=flow).machine.rate)
-            span = _FIRST / rate if np.isfinite(rate) and rate > 0 else _FIRST
+    rate = float(simulate(system, 0.0, 0.0, *start, flow=flow).machine.rate)
+    span = _FIRST / rate if np.isfinite(rate) and rate > 0 else _FIRST
+    for _ in range(_MOST_SPANS):
         sol = simulate(system, 0.0, span, *start, flow=flow, max_events=4 * room, throw=False)
         found = _repetitions_in(sol)
-        if found or sol.result != RESULTS.successful or k == _MOST_SPANS - 1:
+        if found or sol.result != RESULTS.successful:
             return found
         span = span * _LONGER
     return []
@@ -167,8 +164,11 @@ def _repetitions_in(sol: Solution) -> list[tuple[Array, float]]:
         return []
     kinds = np.stack([np.asarray(sol.events.kind), np.asarray(sol.events.stop)])[:, : len(t)]
     middle, length = (t[1:] + t[:-1]) / 2, np.diff(t)
-    z = np.concatenate([np.asarray(a) for a in sol.evaluate(middle)], axis=1)
-    size = np.maximum(np.ptp(z, axis=0), 1e-3 * np.ptp(z, axis=0).max())
+    z = np.concatenate(
+        [np.asarray(a) for a in sol.evaluate(np.concatenate([middle, t[:-1] + length / 4]))], axis=1
+    )
+    size, z = np.ptp(z, axis=0), z[: len(middle)]
+    size = np.maximum(size, 1e-3 * size.max())
     pairs = []
     for i in range(len(middle)):
         is_alike = (kinds[:, i + 1 : -1] == kinds[:, i, None]) & (kinds[:, i + 2 :] == kinds[:, i + 1, None])
@@ -225,11 +225,8 @@ def _newton(strobe: StroboscopicMap, run: _Run) -> _Found:
     """The cycle of the events of a run over one unit, by Newton's method."""
     sequence, flights = run.sequence, run.flights
     count = jnp.sum(sequence.is_event)
-    open_problem = _problem(strobe, sequence, is_autonomous=False)
-    begins = traverse(open_problem, Unknowns(run.start, flights), count)[0]
-    first = flights.at[0].add(1 - jnp.sum(flights))
-    problem = _problem(strobe, sequence, is_autonomous=True)
-    polished = polish(problem, Unknowns(begins.z[count], first))
+    problem = _problem(strobe, sequence)
+    polished = polish(problem, Unknowns(*after_last_event(problem, run.start, flights, jnp.ones(()))))
     durations = polished.unknowns.flights
     is_ordered = jnp.all((durations > -_CLOSE) | ~sequence.is_event) & (jnp.sum(durations) > 0)
     is_cycle = polished.is_converged & is_ordered & (count > 0)
@@ -238,46 +235,73 @@ def _newton(strobe: StroboscopicMap, run: _Run) -> _Found:
 
 @compile_lightly
 def _middle(strobe: StroboscopicMap, found: _Found) -> _Middle:
-    problem, unknowns = _problem(strobe, found.sequence, is_autonomous=True), found.unknowns
+    problem, unknowns = _problem(strobe, found.sequence), found.unknowns
     multipliers = jnp.abs(multipliers_of(problem, pencil_of(problem, unknowns)))
     growth = jnp.max(jnp.where(jnp.isfinite(multipliers), multipliers, 1))
-    z = state_at(problem, unknowns, unknowns.flights[0] / 2)
+    z = start_in_middle(problem, unknowns)
     return _Middle(z, jnp.sum(unknowns.flights), progression_of(problem, unknowns), growth)
 
 
 @compile_lightly
 def _is_followed(strobe: StroboscopicMap, found: _Found, middle: _Middle, run: _Run) -> Bool[Array, ""]:
     """True where a run from the middle of the first flight shows the events of the cycle and closes."""
-    flights = _from_middle(found.unknowns).flights
+    flights = from_middle(found.unknowns).flights
     is_alike = is_same_sequence(found.sequence, flights, run.sequence, run.flights)
     displaced = jnp.concatenate([middle.progression, 0 * middle.progression])
-    size = scale_of(_problem(strobe, found.sequence, is_autonomous=True), middle.z)
+    size = scale_of(_problem(strobe, found.sequence), middle.z)
     closing = jnp.max(jnp.abs(run.end - run.start - displaced) / size)
     return is_alike & (closing < _CLOSE * middle.growth)
 
 
-def _problem(strobe: StroboscopicMap, sequence: Sequence, *, is_autonomous: bool) -> Problem:
+def _problem(strobe: StroboscopicMap, sequence: Sequence) -> Problem:
     machine, flow = prepared(strobe.numbers, strobe.flow, strobe.num_periods)
     shifts = free_shifts(strobe.numbers), free_drifts(strobe.numbers)
-    return Problem(machine, flow, sequence, strobe.num_periods, strobe.phase, *shifts, is_autonomous)
+    return Problem(machine, flow, sequence, strobe.num_periods, strobe.phase, *shifts, is_autonomous=True)
 
 
-def _from_middle(unknowns: Unknowns) -> Unknowns:
-    """The durations of a cycle that begins in the middle of its first flight."""
-    return unknowns._replace(flights=unknowns.flights.at[0].divide(2))
+def start_in_middle(problem: Problem, unknowns: Unknowns) -> Float[Array, " state"]:
+    """State in the middle of the first flight."""
+    return state_at(problem, unknowns, jnp.sum(unknowns.flights[:1]) / 2)
+
+
+def from_middle(unknowns: Unknowns) -> Unknowns:
+    """The cycle with the durations of one that begins in the middle of its first flight."""
+    return unknowns._replace(flights=unknowns.flights.at[:1].divide(2))
+
+
+def after_last_event(
+    problem: Problem, start: Float[Array, " state"], flights: Float[Array, " events"], length: Scalar
+) -> tuple[Float[Array, " state"], Float[Array, " events"]]:
+    """State after the last event of a run from the middle of a flight, and the durations of the flights from there.
+
+    Args:
+        problem: the equations of the events of the run.
+        start: its start.
+        flights: durations of its flights.
+        length: its length, about a period.
+    """
+    count = jnp.sum(problem.sequence.is_event)
+    begins = traverse(problem, Unknowns(start, flights), count)[0]
+    return begins.z[count], flights.at[:1].add(length - jnp.sum(flights))
+
+
+def log_and_progression(
+    problem: Problem, unknowns: Unknowns, room: int
+) -> tuple[EventLog, Float[Array, " n"]]:
+    """Log of a cycle that begins in the middle of its first flight, with room for `room` events, and its progression."""
+    middle = from_middle(unknowns)._replace(z=start_in_middle(problem, unknowns))
+    return log_of_cycle(problem, middle, room), progression_of(problem, unknowns)
 
 
 @compile_lightly
 def _solution_of(strobe: StroboscopicMap, found: _Found) -> tuple[OrbitSolution, Scalar]:
     """Result for a cycle, as a function of the machine, and its period in units."""
-    problem = _problem(strobe, found.sequence, is_autonomous=True)
+    problem = _problem(strobe, found.sequence)
     unknowns = implicit_orbit(problem, found.unknowns)
     periods = jnp.sum(unknowns.flights)
-    begin = state_at(problem, unknowns, unknowns.flights[0] / 2)
-    public = eqx.tree_at(lambda p: p.num_periods, problem, periods)
-    middle = _from_middle(unknowns)._replace(z=begin)
+    begin = start_in_middle(problem, unknowns)
     multipliers = multipliers_of(problem, pencil_of(problem, unknowns))
-    events = log_of_cycle(public, middle, len(middle.flights))
+    events, progression = log_and_progression(problem, unknowns, len(unknowns.flights))
     is_impact = (events.kind == IMPACT)[:, None]
     stops = jnp.arange(num_stops_of(strobe.numbers))[None]
     x0, v0 = jnp.split(begin, 2)
@@ -288,7 +312,7 @@ def _solution_of(strobe: StroboscopicMap, found: _Found) -> tuple[OrbitSolution,
         x0=x0,
         v0=v0,
         events=events,
-        progression=progression_of(problem, unknowns),
+        progression=progression,
         num_impacts=jnp.sum(is_impact & (events.stop[:, None] == stops), axis=0),
         multipliers=jnp.where(found.is_cycle, multipliers, jnp.nan),
         is_stable=found.is_cycle & (jnp.sum(~(jnp.abs(multipliers) < 1)) == num_ones),

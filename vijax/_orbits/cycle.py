@@ -87,6 +87,10 @@ class Problem(eqx.Module):
     drift: Any = None
     is_autonomous: bool = eqx.field(static=True, default=False)
 
+    def length(self, unknowns: Unknowns) -> Scalar:
+        """Period of a cycle, in forcing periods or, without forcing, in units of time."""
+        return jnp.sum(unknowns.flights) if self.is_autonomous else self.num_periods
+
     def rest_of_period(self, time: Scalar) -> Scalar:
         """Duration of the flight that closes the cycle, which begins at a time since phase 0."""
         return 0 * time if self.is_autonomous else self.phase + self.num_periods - time
