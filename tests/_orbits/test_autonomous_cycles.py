@@ -125,7 +125,7 @@ def test_stick_slip_ends_where_the_slip_just_reaches_the_belt():
         speed = -c / 2 * x + fade * w * (b * cos - y * sin)
         return speed - v, x + c * v
 
-    v, _ = fsolve(touch, [0.44, 5.2], xtol=1e-12)
+    v = np.asarray(fsolve(touch, [0.44, 5.2], xtol=1e-12))[0]
     assert abs(end.value - v) < 1e-10
 
 

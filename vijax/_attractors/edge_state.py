@@ -46,7 +46,8 @@ def edge_state(
     """Find the edge state between two attractors, the saddle on the boundary of their basins.
 
     The segment between two starts is bisected for the boundary, and the boundary is followed until the motion on it repeats.
-    Where other basins lie between the starts, the boundary is that of the first start's basin.
+    Where other basins lie between the starts, the boundary is that of the first start's basin. A fractal boundary has
+    several edge states, and the starts decide which one is found.
 
     Args:
         found: result of `vx.attractors` or `vx.basins`.
@@ -163,7 +164,7 @@ class _Tracking:
         ends = self.narrowed(ends)
         middles, num_periods, error = [ends.mean(axis=0)], 0, np.nan
         for _ in range(most):
-            ends = self.narrowed(np.asarray(self.map(ends)))
+            ends = self.narrowed(np.asarray(self.map(jnp.asarray(ends))))
             middles.append(ends.mean(axis=0))
             bar.update()
             away = np.abs(np.array(middles[-2 : -2 - _MOST_PERIODS : -1]) - middles[-1]).max(axis=1)
