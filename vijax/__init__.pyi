@@ -4,6 +4,7 @@ from . import models as models, plot as plot
 from ._attractors.attractors import attractors as attractors
 from ._attractors.basins import basins as basins, uncertainty_exponent as uncertainty_exponent
 from ._attractors.critical_shock import critical_shock as critical_shock
+from ._attractors.edge_state import edge_state as edge_state
 from ._attractors.follow import follow_attractors as follow_attractors
 from ._attractors.integrity import integrity as integrity
 from ._attractors.tipping import tipping_probability as tipping_probability
@@ -70,6 +71,7 @@ from ._system.restitution import (
     AbstractRestitution as AbstractRestitution,
     FallingRestitution as FallingRestitution,
 )
+from ._system.states import with_states as with_states
 from ._system.stop import Stop as Stop
 from ._system.system import ImpactSystem as ImpactSystem, chain as chain
 from ._trajectory.event_log import EventLog as EventLog

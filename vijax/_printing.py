@@ -109,7 +109,9 @@ def describe_system(system: Any, name_of_force: Callable[[Any], str]) -> Descrip
     walls = [(value, 0) for stop, law in zip(stops, laws, strict=True) for value in (stop.position, law)]
     walls += [(element.force, 0) for element in system.friction]
     batch = _batch((system.damping, 2), (forcing.frequency, 0), *walls)
-    masses = _count(system.stiffness.shape[-1], "mass", "masses")
+    masses = _count(system.stiffness.shape[-1] - system.num_states, "mass", "masses")
+    if system.num_states:
+        masses = f"{masses}, {_count(system.num_states, 'first-order state')}"
     load = describe_harmonic(forcing).rows
     rows = [
         ("mass", _numbers(system.mass, 2 if system.has_full_mass else 1)),

@@ -346,7 +346,7 @@ def test_stops_of_one_mass_may_move_differently():
         (lambda: vx.Contact({0: np.nan}), "Argument `row` must be finite"),
         (lambda: vx.Contact({0: 1.0}, restitution=1.5), "must lie between 0"),
         (lambda: _with([vx.Contact({2: 1.0}, 1.0)]), r"`stops\[0\].row` names mass 2, but the machine has"),
-        (lambda: _with([], [[1.0, 2.0], [2.0, 1.0]]), "must be positive semi-definite"),
+        (lambda: _with([], [[1.0, 2.0], [2.0, 1.0]]), "must be positive definite"),
         (lambda: _with([], [[1.0, 1.0], [1.0, 1.0]]), "Argument `mass` must be positive definite"),
         (lambda: _with([], [[1.0, 0.5], [0.0, 1.0]]), "Argument `mass` must be symmetric"),
         (

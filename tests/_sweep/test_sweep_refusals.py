@@ -46,8 +46,6 @@ NO_MACHINES = {
         "Every `stops[1].restitution` must lie between 0 and 1.",
     ),
     "no frequency": ({"forcing.frequency": [0.5, 0.0]}, "Every `forcing.frequency` must be positive"),
-    "negative damping": ({"damping": -np.eye(2)[None]}, "Argument `damping` must be positive semi-definite"),
-    "stiffness not symmetric": ({"stiffness[0][1]": [-0.5]}, "Argument `stiffness` must be symmetric"),
     "scalar": ({"forcing.frequency": 0.5}, "The values of `forcing.frequency` must have shape (points, ...)"),
     "no points": ({"forcing.frequency": []}, "The values of `forcing.frequency` must have shape"),
     "vector for an entry": ({"mass[0]": [[1.0, 2.0]]}, "The values of `mass[0]` must have shape (points)"),

@@ -52,26 +52,25 @@ BAD_MACHINES = {
         lambda: vx.ImpactSystem([1.0, np.nan], EYE, EYE, LOAD),
         "Argument `mass` must be positive and finite",
     ),
-    "damping not symmetric": (
-        lambda: vx.ImpactSystem(MASSES, [[1.0, 0.1], [0.0, 1.0]], EYE, LOAD),
-        "Argument `damping` must be symmetric, but differs from its transpose by 0.1; "
-        "use (damping + damping.T) / 2 if that is rounding.",
+    "columns of a state": (
+        lambda: vx.ImpactSystem(MASSES, EYE, EYE, LOAD, num_states=1),
+        "The last 1 columns of `stiffness` must be zero: of a first-order state the velocity alone counts.",
     ),
-    "stiffness not symmetric": (
-        lambda: vx.ImpactSystem(MASSES, EYE, [[1.0, 0.1], [0.0, 1.0]], LOAD),
-        "Argument `stiffness` must be symmetric",
+    "stop of a state": (
+        lambda: vx.ImpactSystem(MASSES, EYE, [[1.0, 0.0], [1.0, 0.0]], LOAD, [vx.Stop(1, 1.0)], num_states=1),
+        "`stops[0]` acts on coordinate 1, which is a state.",
     ),
-    "damping feeds energy": (
-        lambda: vx.ImpactSystem(MASSES, -0.5 * EYE, EYE, LOAD),
-        "Argument `damping` must be positive semi-definite, but has the eigenvalue -0.5",
+    "states alone": (
+        lambda: vx.ImpactSystem(MASSES, EYE, 0 * EYE, LOAD, num_states=2),
+        "Argument `num_states` is 2, but of 2 coordinates one at least must be a mass.",
     ),
-    "stiffness indefinite": (
-        lambda: vx.ImpactSystem(MASSES, EYE, [[1.0, 2.0], [2.0, 1.0]], LOAD),
-        "Argument `stiffness` must be positive semi-definite, but has the eigenvalue -1",
+    "dynamics of a state": (
+        lambda: vx.with_states(vx.ImpactSystem(MASSES, EYE, EYE, LOAD), [[1.0, 0.0]], [[1.0]]),
+        "Argument `dynamics` must have shape (1, 1), but has shape (1, 2).",
     ),
-    "stiffness barely indefinite": (
-        lambda: vx.ImpactSystem(MASSES, EYE, [[1.0, 0.0], [0.0, -1e-10]], LOAD),
-        "Argument `stiffness` must be positive semi-definite",
+    "feedback of a state": (
+        lambda: vx.with_states(vx.ImpactSystem(MASSES, EYE, EYE, LOAD), [[1.0]], [[1.0]]),
+        "Argument `feedback` must have shape (2, 1), but has shape (1, 1).",
     ),
     "damping of NaN": (
         lambda: vx.ImpactSystem(MASSES, np.nan * EYE, EYE, LOAD),

@@ -31,12 +31,12 @@ PUBLIC = {
         ExecutionSettings Friction Harmonic IMPACT OPEN SLIP TURN ImpactSystem Interrupted ModalFlow ORBIT_RESULTS PeriodicOrbit RELEASE RESULTS STICK
         SimulationError Solution StickingRegion Stop TaylorFlow attractors base_excitation basins
         bifurcation_curve bifurcation_value branches chain chart classify combine continuation critical_shock
-        ensemble explore find_periodic_orbits follow_attractors impact_configurations impact_map impacts integrity
+        edge_state ensemble explore find_periodic_orbits follow_attractors impact_configurations impact_map impacts integrity
         keep_compiled load lyapunov_exponents modal_restitution_matrix models monodromy_matrix
         next_crossing next_impact periodic_orbit periodic_orbits plot power_spectrum
         restitution_matrix saltation_matrix save sensitivity simulate sticking_region stroboscopic_map
         stroboscopic_section sweep switch_branch system_of
-        tipping_probability uncertainty_exponent
+        tipping_probability uncertainty_exponent with_states
     """,
     "vijax.plot": """
         animate basins bifurcation branch curves erosion impact_map lyapunov machine multipliers

@@ -129,7 +129,9 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns, begins: Moment | None
     count, room = jnp.sum(sequence.is_event), len(sequence.kind)
     begins = traverse(problem, unknowns, count)[0] if begins is None else begins
     radians = machine.rate * machine.period
-    last = problem.num_periods - jnp.sum(unknowns.flights)
+    whole = problem.length(unknowns)
+    last = whole - jnp.sum(unknowns.flights)
+    begins_behind = (last < 0) | problem.is_autonomous
     # The event of a negative first flight lies before the start, hence ends the last flight before the cycle ends.
     early = jnp.minimum(unknowns.flights[0], 0) if room else 0.0
     flights = jnp.append(unknowns.flights, 0).at[count].set(last + early)
@@ -139,7 +141,7 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns, begins: Moment | None
         begin, mode, duration = _at(begins, k), jnp.asarray(sequence.mode)[k], flights[k]
         held, idle = _of_guards(machine, held_in(mode)), _idle_guards(machine, mode)
         skipped = jnp.where(k == 0, jnp.clip(-last, 0), 0)
-        longest = jnp.clip(duration - skipped, 0, problem.num_periods)
+        longest = jnp.clip(duration - skipped, 0, whole)
         # A rejected Newton iterate may have zero forcing frequency, hence an infinite period.
         num = jnp.clip(jnp.ceil(longest * radians * _DENSITY), 1, _MOST)
         step = longest / num
@@ -147,7 +149,7 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns, begins: Moment | None
         now = _read(machine, flow, begin, mode, since)
         is_first, is_last = i == 0, ~(i < num)  # True for NaN, which ends the scan of the flight
         # The gap is least at an interior minimum, the contact force there or where a stick begins.
-        left = _of_guards(machine, _leaving_stops(sequence, k, jnp.where(last < 0, count, 0)))
+        left = _of_guards(machine, _leaving_stops(sequence, k, jnp.where(begins_behind, count, 0)))
         has_left = (i == 1) & left
         gap = dip(before.gap, now.gap, step, has_left)
         force = dip(before.force, now.force, step, jnp.zeros_like(held))
@@ -266,6 +268,8 @@ def _refined(machine: Machine, flow: AbstractFlow, gaps: _Minima, forces: _Minim
     Others stay unrefined.
     """
     lowest = jax.tree.map(lambda *a: jnp.concatenate(a), gaps, forces)
+    if not len(gaps.value):  # no stops
+        return jnp.stack([gaps.value, forces.value]), jnp.stack([gaps.start, forces.start])
 
     def one(low: _Minima, row: Array) -> tuple[Array, Array]:
         begin = Moment(low.z, low.start, jnp.zeros(machine.contacts.num, gaps.value.dtype))

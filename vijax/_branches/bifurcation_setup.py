@@ -52,6 +52,11 @@ def defining_system_of(point: Bifurcation, low: float, high: float) -> tuple[Def
 
 def family_at(point: Bifurcation, low: float, high: float) -> tuple[Start, Family, Sequence, ExtendedCycle]:
     """Orbit of a point, the family of its machines between two parameter values, and its cycle in their scale."""
+    if point.branch.points.attrs["num_periods"] == 0:
+        raise ValueError(
+            "Curves, values and other branches of a bifurcation are found for machines with a load: this cycle has none. Follow "
+            "it by `vx.continuation` at several values of a second parameter."
+        )
     (start,) = starting_orbits(point.orbit)
     start = start._replace(is_admissible=True)
     family = family_of(start, point.branch.path, low, high)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,10 +14,13 @@ import xarray as xr
 
 from .._dataset_attributes import variable_attributes, versions
 from .._flow.choose import choose_flow
+from .._flow.taylor import TaylorFlow
 from .._hybrid.limits import IMPACT
 from .._jax.xla import compile_lightly
 from .._machine.numbers import numbers_of
+from .._orbits.autonomous import log_and_progression
 from .._orbits.cycle import Problem, Unknowns, log_of_cycle, prepared, progression_of
+from .._orbits.floquet import with_phase
 from .._orbits.orbit import ORBIT_RESULTS, PeriodicOrbit
 from .._orbits.rigid_modes import free_drifts, free_shifts, num_of
 from .._orbits.sequence import NOTHING, SECOND, Sequence
@@ -187,15 +191,22 @@ def _dataset(family: Family, start: BranchPoint, back: DirectedBranch, forth: Di
         "system": json.dumps(describe(family.system)),
         "dtype": str(columns["x0"][1].dtype),
         "path": family.path,
-        "num_periods": int(family.num_periods),
+        "num_periods": 0 if family.is_autonomous else int(family.num_periods),
         "phase": float(family.phase),
         "ends": json.dumps([back.end, forth.end]),
         **versions(),
     }
+    if family.is_autonomous:
+        unit = 2 * np.pi / float(family.system.forcing.frequency)
+        columns["period"] = (("point",), unit * columns["flight"][1].sum(axis=1))
+        columns["multipliers"] = ("point", "multiplier"), _with_phase(columns["multipliers"][1])
     ds = xr.Dataset(columns, attrs=attrs).set_coords(family.path)
     for name, variable in ds.variables.items():
         variable.attrs = variable_attributes(str(name))
     return ds
+
+
+_with_phase = jax.jit(jax.vmap(with_phase))
 
 
 def _columns_of_orbits(
@@ -273,16 +284,22 @@ def _orbit(system: ImpactSystem, point: xr.Dataset) -> PeriodicOrbit:
     """Orbit of one point of a branch."""
     system = set_parameter(system, point.attrs["path"], point[point.attrs["path"]].values)
     sequence = _sequence_at(point, point.sizes["event"])
-    flow = choose_flow(system, can_stick=True)
     n, phase = int(point.attrs["num_periods"]), 2 * np.pi * point.attrs["phase"]
+    flow = choose_flow(system, can_stick=True) if n else TaylorFlow()
     unknowns = Unknowns(jnp.asarray(point["start"].values), jnp.asarray(point["flight"].values))
-    cycle = jax.tree.map(jnp.asarray, sequence), unknowns, np.asarray(float(n)), np.asarray(phase)
-    events, progression = _log(numbers_of(system), flow, *cycle, room=_room_of_log(sequence))
+    cycle = jax.tree.map(jnp.asarray, sequence), unknowns, np.asarray(float(n or 1)), np.asarray(phase)
+    events, progression = _log(
+        numbers_of(system), flow, *cycle, room=_room_of_log(sequence), is_autonomous=n == 0
+    )
+    period = n * system.forcing.period
+    if n == 0:
+        period, still = point["period"].values, system.forcing
+        system = eqx.tree_at(lambda s: s.forcing.frequency, system, 0 * still.frequency)
     multipliers = jnp.asarray(point["multipliers"].values)
     return PeriodicOrbit(
         system=system,
         num_periods=n,
-        period=jnp.asarray(n * system.forcing.period),
+        period=jnp.asarray(period),
         phase=jnp.asarray(phase),
         x0=jnp.asarray(point["x0"].values),
         v0=jnp.asarray(point["v0"].values),
@@ -312,10 +329,12 @@ def _room_of_log(sequence: Sequence) -> int:
 
 
 @compile_lightly
-def _log(numbers, flow, sequence, unknowns, num_periods, phase, *, room):
+def _log(numbers, flow, sequence, unknowns, num_periods, phase, *, room, is_autonomous):
     machine = prepared(numbers, flow, num_periods)
     shifts = free_shifts(numbers), free_drifts(numbers)
-    problem = Problem(*machine, sequence, num_periods, phase / (2 * jnp.pi), *shifts)
+    problem = Problem(*machine, sequence, num_periods, phase / (2 * jnp.pi), *shifts, is_autonomous)
+    if is_autonomous:
+        return log_and_progression(problem, unknowns, room)
     return log_of_cycle(problem, unknowns, room), progression_of(problem, unknowns)
 
 

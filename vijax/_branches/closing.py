@@ -13,8 +13,9 @@ from .steps import MIN_TANGENT_COSINE
 _AGAIN, _SAME = 1e-8, 1e-6
 
 
-def repetitions_of(sequence: Sequence, place: ExtendedCycle, num_periods: int) -> KernelRequests:
+def repetitions_of(sequence: Sequence, place: ExtendedCycle, num_periods: float) -> KernelRequests:
     """Number of times that a cycle of `num_periods` forcing periods repeats a shorter one."""
+    num_periods = _finite(num_periods)
     for n in (n for n in range(1, num_periods) if num_periods % n == 0):
         if len(sequence.kind) % (num_periods // n):
             continue
@@ -22,6 +23,11 @@ def repetitions_of(sequence: Sequence, place: ExtendedCycle, num_periods: int) -
         if np.abs(located.z - place.z).max() < _SAME:
             return num_periods // n
     return 1
+
+
+def _finite(num_periods: float) -> int:
+    """Number of forcing periods of a cycle; 1 where no load sets the period."""
+    return int(num_periods) if np.isfinite(num_periods) else 1
 
 
 def is_at_start(
@@ -54,7 +60,7 @@ def first_repeated(walk: DirectedBranch, last: BranchPoint) -> KernelRequests:
         old = before[k]
         if not isinstance(old, BranchPoint) or not _may_be_same(old, last):
             continue
-        for n in range(int(walk.num_periods)):
+        for n in range(_finite(walk.num_periods)):
             located: LocatedState = yield location_on(last.sequence, last.place, float(n))
             if np.abs(located.z - old.place.z).max() < _AGAIN and (n > 0 or _is_same_way(old, last)):
                 # The last `place` + 1 bifurcations are the first ones again.

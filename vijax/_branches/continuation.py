@@ -12,7 +12,6 @@ from .._jax.xla import padding_allowed
 from .._orbits.orbit import PeriodicOrbit
 from .._progress import Interrupted, interrupt_with_result, tqdm
 from .._system.parameters import set_parameter
-from .batched_steps import PROBE
 from .branch import Branch, branch_of
 from .corrector import MOST_TOLERANCE
 from .cycle_quantities import Quantities, Quantity, checked_cycle_quantities, with_quantities
@@ -22,6 +21,7 @@ from .parameter_family import Family
 from .point import LONGEST, BranchPoint, Budget, DirectedBranch
 from .scheduler import drive
 from .starts import Start, families_of, points_of, refuse_start, starting_orbits
+from .steps import PROBE
 
 
 @overload
@@ -127,6 +127,10 @@ def continuation(
 
     options = following(max_points, monitor, stop, step, tolerance)
     wanted = {}
+    if quantities and any(start.is_autonomous for start in starts):
+        raise ValueError(
+            "Argument `quantities` is for driven machines: leave it out, and use `branch.orbit(k).solution()`."
+        )
     for start in starts:
         wanted = checked_cycle_quantities(quantities, start.system) | options.watched.monitors
 
@@ -230,7 +234,7 @@ def follow_branches(
     longest = options.longest(high - low)
     walks = [
         DirectedBranch(
-            float(family.num_periods),
+            family.last_phase,
             (low / family.span, high / family.span),
             options.max_points,
             longest=longest,

@@ -80,7 +80,7 @@ def follow_branch(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
 
 
 def _follow(walk: DirectedBranch, start: BranchPoint) -> KernelRequests:
-    walk.rounds = yield from repetitions_of(start.sequence, start.place, int(walk.num_periods))
+    walk.rounds = yield from repetitions_of(start.sequence, start.place, walk.num_periods)
     point, ds = start, PROBE
     while not walk.is_full:
         point, ds, tried = yield PlainSteps(walk, start, point, ds)

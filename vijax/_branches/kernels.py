@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._jax.arrays import Scalar
 from .._machine.numbers import numbers_of
+from .._orbits.autonomous import after_last_event, from_middle, start_in_middle
 from .._orbits.cycle import Moment, Problem, Unknowns, moved_by, residual, state_at, traverse
 from .._orbits.search import StroboscopicMap, frame_offset
 from .._orbits.sequence import NOTHING, Sequence, friction_of, is_same_sequence, sequence_of
@@ -119,7 +120,10 @@ def _seen(family: Family, sequence: Sequence, found: Corrected, place: ExtendedC
         return margins_at(problem_at(p), *moments, watched)
 
     rates = jax.jvp(levels_at, (moments, place.p), (rates, found.tangent.p))[1]
-    start = family.unknowns(place).z - frame_offset(problem)
+    start = (
+        start_in_middle(problem, family.unknowns(place)) if family.is_autonomous else family.unknowns(place).z
+    )
+    start = start - frame_offset(problem)
     return CorrectedCycle(found, watched, rates, start)
 
 
@@ -127,22 +131,45 @@ def simulate_motion(
     family: Family, sequence: Sequence, place: ExtendedCycle, start: Float[Array, " state"]
 ) -> SimulatedMotion:
     """Simulate the machine from a start in space, or from the start of a cycle where that is NaN."""
+    if family.is_autonomous:
+        return _simulate_autonomous(family, sequence, place, start)
     room = len(sequence.kind)
     away = frame_offset(family.problem(sequence, place.p))
     start = jnp.where(jnp.isnan(start), family.unknowns(place).z - away, start)
-    numbers = numbers_of(family.system_at(place.p))
+    other, flights, is_whole = _run(family, place.p, start, family.num_periods, room)
+    is_alike = is_whole & is_same_sequence(sequence, place.flights, other, flights)
+    return SimulatedMotion(is_alike, other, flights, (start + away) / family.scale)
+
+
+def _run(
+    family: Family, p: Scalar, start: Float[Array, " state"], length: Scalar, room: int
+) -> tuple[Sequence, Float[Array, " events"], Bool[Array, ""]]:
+    """Events of a run from a start in space, the durations of its flights, and true if there was room for all."""
+    numbers = numbers_of(family.system_at(p))
     room_of_log = room + int(_STICKS * room)
-    strobe = StroboscopicMap(numbers, family.flow, family.num_periods, family.phase, room_of_log)
+    strobe = StroboscopicMap(numbers, family.flow, length, family.phase, room_of_log)
     choices = Choices(can_stick=True, room=room_of_log)
     log, result, _ = run_for_log(numbers, family.flow, strobe.request(start), choices)
     whole, flights = sequence_of(log, strobe.t0, strobe.period, friction_of(numbers))
-    other, flights = (
-        Sequence(whole.kind[:room], whole.stop[:room], whole.mode[: room + 1]),
-        flights[:room],
-    )
-    is_whole = (result == RESULTS.successful) & (jnp.sum(whole.is_event) <= room)
-    is_alike = is_whole & is_same_sequence(sequence, place.flights, other, flights)
-    return SimulatedMotion(is_alike, other, flights, (start + away) / family.scale)
+    other = Sequence(whole.kind[:room], whole.stop[:room], whole.mode[: room + 1])
+    return other, flights[:room], (result == RESULTS.successful) & (jnp.sum(whole.is_event) <= room)
+
+
+def _simulate_autonomous(
+    family: Family, sequence: Sequence, place: ExtendedCycle, start: Float[Array, " state"]
+) -> SimulatedMotion:
+    """`simulate_motion` where no load sets the period: from the middle of the first flight, over a period of the cycle.
+
+    From a start in space alone over a unit of time.
+    """
+    problem, unknowns = family.problem(sequence, place.p), family.unknowns(place)
+    start = jnp.where(jnp.isnan(start), start_in_middle(problem, unknowns), start)
+    known = jnp.sum(place.flights)
+    length = jnp.where(known > 0, known, family.num_periods)
+    other, flights, is_whole = _run(family, place.p, start, length, len(sequence.kind))
+    is_alike = is_same_sequence(sequence, from_middle(unknowns).flights, other, flights)
+    z, flights = after_last_event(family.problem(other, place.p), start, flights, length)
+    return SimulatedMotion(is_whole & is_alike, other, flights, z / family.scale)
 
 
 def locate_state(

@@ -139,7 +139,7 @@ def _between(ends: list[tuple[Sequence, ExtendedCycle]], p: float) -> KernelRequ
 
 def _is_same(chance: _Chance, family: Family, sequence: Sequence, seen: CorrectedCycle) -> KernelRequests:
     """True if a cycle is the orbit."""
-    point = yield from in_section(BranchPoint.of(sequence, seen, 0.0), float(family.num_periods))
+    point = yield from in_section(BranchPoint.of(sequence, seen, 0.0), family.last_phase)
     away = np.abs(chance.states - point.seen.start).max(axis=1).min()
     return bool(away < _SAME * np.abs(chance.states).max())
 

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import Reals
@@ -57,6 +58,7 @@ class Family(eqx.Module):
         drift: projection onto those that friction alone feels; None without friction.
         path: path of the parameter.
         second: path of the second parameter, or None.
+        is_autonomous: true where no load sets the period, see `Problem`; the unit of time is the period of the first orbit.
     """
 
     system: ImpactSystem
@@ -70,6 +72,7 @@ class Family(eqx.Module):
     drift: Any
     path: str = eqx.field(static=True)
     second: str | None = eqx.field(static=True, default=None)
+    is_autonomous: bool = eqx.field(static=True, default=False)
 
     def system_at(self, p: Reals) -> ImpactSystem:
         """The machine at a value of the scaled parameter, or of both parameters."""
@@ -77,6 +80,11 @@ class Family(eqx.Module):
             return set_parameter(self.system, self.path, p * self.span)
         first, second = p * self.span
         return set_parameter(set_parameter(self.system, self.path, first), self.second, second)
+
+    @property
+    def last_phase(self) -> float:
+        """Forcing periods at which a cycle ends, where events pass to its start; none do where no load sets the period."""
+        return np.inf if self.is_autonomous else float(self.num_periods)
 
     @property
     def all_shifts(self) -> Reals:
@@ -97,9 +105,9 @@ class Family(eqx.Module):
 
     def _asked(self, machine: Machine, flow: AbstractFlow, sequence: Sequence) -> Problem:
         """Equations of a cycle of one of the machines."""
-        known = self.num_periods, self.phase, self.shifts
+        num_periods, phase, shifts = map(jnp.asarray, (self.num_periods, self.phase, self.shifts))
         drift = None if self.drift is None else jnp.asarray(self.drift)
-        return Problem(machine, flow, sequence, *map(jnp.asarray, known), drift=drift)
+        return Problem(machine, flow, sequence, num_periods, phase, shifts, drift, self.is_autonomous)
 
     def unknowns(self, place: ExtendedCycle) -> Unknowns:
         """Unknowns of a cycle, `z` without its scale."""

@@ -210,6 +210,8 @@ def in_section(point: BranchPoint, num_periods: float) -> KernelRequests:
     by = passed_section(point.place, num_periods)
     if by == 0:
         return point
+    if not np.isfinite(num_periods):  # the event that begins the cycle has met the next one
+        raise BranchEnd(End.SEVERAL_EVENTS)
     time = 0.0 if by > 0 else num_periods
     located: LocatedState = yield location_on(point.sequence, point.place, time)
     sequence, place = shifted(point.sequence, point.place, by, num_periods, np.asarray(located.z))

@@ -13,6 +13,7 @@ from .._flow.interface import AbstractFlow
 from .._flow.taylor import TaylorFlow
 from .._jax.concrete import is_traced
 from .._machine.numbers import numbers_of
+from .._orbits.autonomous import with_unit
 from .._orbits.orbit import PeriodicOrbit
 from .._orbits.rigid_modes import free_drifts, free_shifts
 from .._orbits.sequence import Sequence, empty_sequence
@@ -38,12 +39,13 @@ class Start(NamedTuple):
         system: the machine.
         args: arguments of its force.
         flow: requested flow by which it was found, or None.
-        num_periods: n.
+        num_periods: n; 0 where no load sets the period.
         phase: phase of the load at its start, in radians.
         state: positions and velocities at its start, (2 n,).
         num_events: room for its events.
         is_admissible: True if the machine follows it.
-        multipliers: Floquet multipliers, (2 n,).
+        multipliers: Floquet multipliers, (2 n,); where no load sets the period without the 1 along the cycle, but with a 0.
+        period: the period.
     """
 
     system: ImpactSystem
@@ -55,6 +57,12 @@ class Start(NamedTuple):
     num_events: int
     is_admissible: bool
     multipliers: np.ndarray
+    period: float = np.nan
+
+    @property
+    def is_autonomous(self) -> bool:
+        """True where no load sets the period."""
+        return self.num_periods == 0
 
 
 def starting_orbits(source: PeriodicOrbit | Many[PeriodicOrbit] | xr.Dataset) -> list[Start]:
@@ -74,10 +82,19 @@ def starting_orbits(source: PeriodicOrbit | Many[PeriodicOrbit] | xr.Dataset) ->
             state=np.concatenate([np.asarray(orbit.x0), np.asarray(orbit.v0)]),
             num_events=int(np.count_nonzero(np.asarray(orbit.events.kind) >= 0)),
             is_admissible=bool(orbit.is_admissible),
-            multipliers=np.asarray(orbit.multipliers),
+            multipliers=_across(orbit),
+            period=float(orbit.period),
         )
         for orbit in orbits
     ]
+
+
+def _across(orbit: PeriodicOrbit) -> np.ndarray:
+    """Multipliers of an orbit; without load those across it, a 0 in place of the 1 along it."""
+    multipliers = np.array(orbit.multipliers)
+    if orbit.num_periods == 0:
+        multipliers[np.argmin(np.abs(multipliers - 1))] = 0
+    return multipliers
 
 
 def _of_dataset(ds: xr.Dataset) -> Iterator[Start]:
@@ -151,7 +168,11 @@ def families_of(
     for k, start in enumerate(starts):
         leaves, structure = jax.tree.flatten(start.system)
         is_alone = (
-            "*" in path or start.args is not None or start.flow is not None or start.system.force is not None
+            "*" in path
+            or start.args is not None
+            or start.flow is not None
+            or start.system.force is not None
+            or start.is_autonomous
         )
         make = k if is_alone else (structure, *(np.shape(a) for a in leaves))
         groups.setdefault(make, []).append(k)
@@ -247,15 +268,22 @@ def family_of(start: Start, path: str, low: float, high: float, tolerance: float
     Raises:
         ValueError: for a path that names no single number, bounds that exclude the orbit, an inadmissible orbit.
     """
-    system = jax.tree.map(np.asarray, with_args(start.system, start.args))
+    machine = start.system
+    if start.is_autonomous:
+        if path.startswith("forcing") and not path.startswith("forcing.mean"):
+            raise ValueError(f"The path `{path}` names a number of the load, but nothing drives the machine.")
+        machine = with_unit(machine, start.period)
+    system = jax.tree.map(np.asarray, with_args(machine, start.args))
     _check_start(start, path, value_of(system, path), (low, high))
     numbers, dtype = numbers_of(system), start.state.dtype
     limit = np.abs(np.asarray(numbers.limit)).max(initial=0)
     (scale,) = _scales(start.state[None], np.asarray(numbers.frequency)[None], limit[None])
     return Family(
         system=system,
-        flow=jax.tree.map(np.asarray, _flow_of(system, path, (low, high), start.flow)),
-        num_periods=np.asarray(start.num_periods, dtype),
+        flow=TaylorFlow()
+        if start.is_autonomous
+        else jax.tree.map(np.asarray, _flow_of(system, path, (low, high), start.flow)),
+        num_periods=np.asarray(start.num_periods or 1, dtype),
         phase=np.asarray(start.phase / (2 * np.pi), dtype),
         scale=scale,
         span=np.asarray(high - low, dtype),
@@ -263,6 +291,7 @@ def family_of(start: Start, path: str, low: float, high: float, tolerance: float
         shifts=np.asarray(free_shifts(numbers)),
         drift=jax.tree.map(np.asarray, free_drifts(numbers)),
         path=path,
+        is_autonomous=start.is_autonomous,
     )
 
 

@@ -320,7 +320,7 @@ def state_after_step(
             time,
             state.time_low + low,
             state.phase + change,
-            state.x + displacement,
+            machine.moved(state.x, displacement),
             v,
             machine.contacts.gap_after(state.gap, closed, displacement, change),
             jnp.where(step > 0, kept, state.contact),

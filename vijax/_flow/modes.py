@@ -1,7 +1,7 @@
 """Normal modes of a machine, for every set of masses that its stops may hold.
 
 `modal_flow` returns None where modes lose digits or do not apply: traced matrices; contacts that share inertia; damping
-that the modes do not diagonalise; a mode without stiffness, at resonance without damping, or heavily overdamped; more
+that the modes do not diagonalise; asymmetric matrices; a mode without stiffness or with negative damping, at resonance without damping, or heavily overdamped; more
 than 8 sets of held masses. `TaylorFlow` serves these machines.
 """
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from .._jax.concrete import concrete, concrete_evaluation
 from .._machine.numbers import num_harmonics
+from .._system.checks import is_semidefinite, is_symmetric
 from .._system.system import ImpactSystem
 from .modal import ModalFlow, Modes
 
@@ -121,6 +122,9 @@ def modes_of_set(
 ) -> tuple[np.ndarray, ...] | None:
     """Modes with the masses `held` at rest, lanes first; None where they lose digits or do not apply."""
     n = mass.shape[1]
+    # The bounds of `modal.py` need an energy that never grows.
+    if not (is_symmetric(stiffness).all() and is_semidefinite(damping).all()):
+        return None
     free = [i for i in range(n) if i not in held]
     root = np.sqrt(mass[:, free])
     scale = root[:, :, None] * root[:, None]

@@ -59,7 +59,7 @@ def _flow_map(
     phase = turned(phase0, phase_at(machine.frequency * time, machine.waves.num_harmonics))
     displacement, gain = flow.flow_map(machine, state, machine.hold(state.held), span, phase - state.phase)
     names = lambda s: (s.periods, s.time, s.phase, s.x, s.v)  # noqa: E731
-    there = periods, time, phase, state.x + displacement, state.v + gain
+    there = periods, time, phase, machine.moved(state.x, displacement), state.v + gain
     # Over a zero span the state stays the same to the last bit.
     here = [jnp.where(span == 0, a, b) for a, b in zip(names(state), there, strict=True)]
     return eqx.tree_at(names, state, here)

@@ -23,7 +23,7 @@ class Machine(eqx.Module):
     """`ImpactSystem` as arrays over masses, stops and harmonics, lanes last.
 
     The load is `mean` plus `waves` of the angular frequency `frequency`. `rate` bounds every frequency and decay rate
-    of the linear motion, for any set of held masses; `timescale` is its inverse; `closed_rate` is the rate with compliant
+    of the linear motion, for any set of held masses, by its norm; `timescale` is its inverse; `closed_rate` is the rate with compliant
     contacts closed, None if there are none. `extra` is None for a linear
     machine. `frame` is None where all stops stand still or contacts are coupled. Otherwise everything, the load
     included, is relative to it: positions and velocities are relative to the stops of their mass.
@@ -42,6 +42,7 @@ class Machine(eqx.Module):
     extra: ExtraForce | None = None
     frame: Frame | None = None
     closed_rate: Any = None
+    num_states: int = eqx.field(static=True, default=0)
 
     @property
     def num_masses(self) -> int:
@@ -60,6 +61,17 @@ class Machine(eqx.Module):
     def phase_at(self, t: Scalar) -> Float[Array, "2 harmonics ..."]:
         """Phase at a time."""
         return phase_at(self.frequency * t, self.waves.num_harmonics)
+
+    def moved(self, x: Float[Array, "n ..."], displacement: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
+        """Positions after a displacement.
+
+        Those of first-order states are 0: nothing depends on them, and they would drift, a neutral direction of every orbit.
+        """
+        x = x + displacement
+        if not self.num_states:
+            return x
+        is_mass = np.arange(len(x)) < len(x) - self.num_states
+        return jnp.where(is_mass.reshape(-1, *[1] * (x.ndim - 1)), x, 0)
 
     def phase_rate(self, phase: Float[Array, "2 harmonics ..."]) -> Float[Array, "2 harmonics ..."]:
         """Time derivative of the phase."""
@@ -257,6 +269,7 @@ def prepare(
         extra=extra,
         frame=frame,
         closed_rate=_closed_rate(numbers, contacts, rate) if is_switching else None,
+        num_states=numbers.num_states,
     )
 
 
@@ -276,12 +289,23 @@ def _contacts(numbers: MachineNumbers, rows: Reals, inverse_mass: Array, walls: 
 
 
 def _closed_rate(numbers: MachineNumbers, contacts: SwitchingContacts, rate: Scalar) -> Scalar:
-    """Bound on the rate with any compliant contacts closed: that with all of them."""
+    """Bound on the rate with any compliant contacts closed."""
     stiffness, damping = contacts.matrices_of(jnp.ones_like(contacts.limit, bool))
     names = lambda a: (a.stiffness, a.damping)  # noqa: E731
     closed = eqx.tree_at(names, numbers, (numbers.stiffness + stiffness, numbers.damping + damping))
-    unit = _of_unit_mass(closed) if numbers.mass.ndim == numbers.stiffness.ndim else None
-    return jnp.maximum(rate, _decay_and_frequency(closed, unit))
+    has_full_mass = numbers.mass.ndim == numbers.stiffness.ndim
+    pairs = [_unit_matrices(one, _of_unit_mass(one) if has_full_mass else None) for one in (numbers, closed)]
+    w2, d = (_bound_between(*pair) for pair in zip(*pairs, strict=True))
+    return jnp.maximum(rate, _rate_of(w2, d))
+
+
+def _bound_between(a: Float[Array, "n n ..."], b: Float[Array, "n n ..."]) -> Scalar:
+    """Bound the norm of a + c for every c with 0 <= c <= b - a, symmetric.
+
+    Eigenvalues of the symmetric part lie between those of a and b, the skew part is that of a.
+    """
+    halves = [(m + jnp.swapaxes(m, 0, 1)) / 2 for m in (a, b)]
+    return jnp.maximum(*map(_norm, halves)) + _norm(a - halves[0])
 
 
 class _UnitMass(NamedTuple):
@@ -315,25 +339,33 @@ def default_max_steps(machine: Machine, span: Scalar, least: Scalar | int = 100_
 
 
 def _decay_and_frequency(numbers: MachineNumbers, unit: _UnitMass | None) -> Scalar:
-    """Bound the norm of the first-order matrix of the machine, in its energy norm.
+    """Bound the norm of the first-order matrix of the machine, see `_rate_of`; holding masses can only reduce it."""
+    w2, d = map(_norm, _unit_matrices(numbers, unit))
+    return _rate_of(w2, d)
 
-    In this norm the matrix is [[0, S], [-S, -D]] with S^2 = M^-1/2 K M^-1/2 and D likewise from C; holding masses can
-    only reduce it. Its norm is at most (d + sqrt(d^2 + 4 w^2)) / 2.
+
+def _unit_matrices(numbers: MachineNumbers, unit: _UnitMass | None) -> tuple[Array, Array]:
+    """Stiffness and damping in coordinates of unit masses."""
+    if unit is not None:
+        return unit.stiffness, unit.damping
+    root = jnp.sqrt(numbers.mass)
+    scale = root[:, None] * root[None]
+    return numbers.stiffness / scale, numbers.damping / scale
+
+
+def _rate_of(w2: Scalar, d: Scalar) -> Scalar:
+    """Bound the norm of the first-order matrix from the norms w^2 and d of K and C, for unit masses.
+
+    For (w x, x') the matrix is [[0, w], [-K / w, -C]]. The norms of its blocks are at most w, w and d, so its norm is at
+    most that of [[0, w], [w, d]], (d + sqrt(d^2 + 4 w^2)) / 2. No symmetry is needed.
     """
-    if unit is None:
-        root = jnp.sqrt(numbers.mass)
-        scale = root[:, None] * root[None]
-        w2 = _norm(numbers.stiffness / scale)
-        d = _norm(numbers.damping / scale)
-    else:
-        w2, d = _norm(unit.stiffness), _norm(unit.damping)
     return (d + jnp.sqrt(d * d + 4 * w2)) / 2
 
 
 def _norm(matrix: Float[Array, "n n ..."]) -> Scalar:
-    """Bound the largest eigenvalue of a symmetric matrix: the Frobenius norm of A^4, to the 1/4."""
+    """Bound the largest singular value of a matrix A: the Frobenius norm of (A^T A)^2, to the 1/4."""
     largest = jnp.max(jnp.abs(matrix), axis=(0, 1))
     unit = matrix / jnp.where(largest > 0, largest, 1.0)
-    for _ in range(2):
-        unit = jnp.sum(unit[:, :, None] * unit[None], axis=1)
+    unit = jnp.sum(jnp.swapaxes(unit, 0, 1)[:, :, None] * unit[None], axis=1)
+    unit = jnp.sum(unit[:, :, None] * unit[None], axis=1)
     return largest * jnp.sum(unit * unit, axis=(0, 1)) ** 0.125

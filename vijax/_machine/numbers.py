@@ -37,6 +37,7 @@ class MachineNumbers(eqx.Module):
         force: what else acts on the masses, bound to its `args`; None for a linear machine.
         laws: of friction and compliant contacts; None if all contacts are rigid. Friction has rows behind those of the
             contacts, and everything over contacts has entries for it.
+        num_states: number of last coordinates whose positions stay 0.
     """
 
     mass: Reals
@@ -53,6 +54,7 @@ class MachineNumbers(eqx.Module):
     travel: Waves | None
     force: BoundForce | None
     laws: Laws | None = None
+    num_states: int = eqx.field(static=True, default=0)
 
     @property
     def num_stops(self) -> int:
@@ -86,6 +88,7 @@ def numbers_of(system: ImpactSystem) -> MachineNumbers:
         travel=(_travel_of_contacts if is_coupled else _travel_of_masses)(system, size),
         force=system.force if isinstance(system.force, BoundForce) else None,
         laws=laws_of(system, of_contacts),
+        num_states=system.num_states,
     )
 
 

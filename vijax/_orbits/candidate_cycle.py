@@ -10,7 +10,7 @@ from .._jax.arrays import Scalar
 from .._jax.xla import is_any
 from .condensation import Pencil
 from .cycle import Problem, Unknowns, residual
-from .floquet import floquet_multipliers
+from .floquet import floquet_multipliers, with_phase
 from .newton import polish, scale_of
 from .rigid_modes import all_shifts, closing_pin
 from .sequence import NOTHING, Sequence
@@ -50,12 +50,18 @@ def cycle_by_sequence(problem: Problem, guess: Unknowns) -> tuple[Cycle, Array, 
         start=z,
         unknowns=polished.unknowns,
         sequence=sequence,
-        multipliers=floquet_multipliers(
-            polished.pencil, sequence.most_erased, all_shifts(problem.shifts, problem.drift)
-        ),
+        multipliers=multipliers_of(problem, polished.pencil),
         residual=jnp.max(jnp.abs(polished.residual.closing) / size),
     )
     return cycle, _entry(problem, polished.unknowns), polished.first, polished.is_converged
+
+
+def multipliers_of(problem: Problem, pencil: Pencil) -> Complex[Array, " state"]:
+    """Floquet multipliers of a cycle from the pencil of its neighbours."""
+    erased, shifts = problem.sequence.most_erased, all_shifts(problem.shifts, problem.drift)
+    if problem.is_autonomous:
+        return with_phase(floquet_multipliers(pencil, erased + 1, shifts))
+    return floquet_multipliers(pencil, erased, shifts)
 
 
 def _entry(problem: Problem, cycle: Unknowns) -> Array:

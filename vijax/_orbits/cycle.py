@@ -73,6 +73,9 @@ class Problem(eqx.Module):
         phase: phase where the cycle begins, in forcing periods.
         shifts: projection onto the shifts that the equations leave free, see `rigid_modes.py`, (n, n).
         drift: projection onto the shifts by which a cycle may come back displaced, (n, n); None without friction.
+        is_autonomous: true where no load sets the period. The cycle begins right after its last event, so that the flight
+            that closes it has no duration: the durations of the others add up to the period, and the start has no phase to
+            choose. `num_periods` is unused.
     """
 
     machine: Machine
@@ -82,6 +85,15 @@ class Problem(eqx.Module):
     phase: Scalar
     shifts: Float[Array, "n n"]
     drift: Any = None
+    is_autonomous: bool = eqx.field(static=True, default=False)
+
+    def length(self, unknowns: Unknowns) -> Scalar:
+        """Period of a cycle, in forcing periods or, without forcing, in units of time."""
+        return jnp.sum(unknowns.flights) if self.is_autonomous else self.num_periods
+
+    def rest_of_period(self, time: Scalar) -> Scalar:
+        """Duration of the flight that closes the cycle, which begins at a time since phase 0."""
+        return 0 * time if self.is_autonomous else self.phase + self.num_periods - time
 
 
 class Moment(NamedTuple):
@@ -205,7 +217,8 @@ def linearise(
     place, (forward, normal, values, speeds) = over_flights(one, place, flights, num)
     # The flight that closes the cycle lasts as long as the others leave.
     last = forward[-1 if count is None else count]
-    close = last[:size, :-1].at[:, size].add(-last[:size, -1])
+    shortened = 0 if problem.is_autonomous else last[:size, -1]
+    close = last[:size, :-1].at[:, size].add(-shortened)
     # Its place among the others is padding, which lanes with fewer events than another traverse.
     padding = jnp.eye(*forward.shape[1:]), jnp.eye(forward.shape[-1])[-1], jnp.zeros(())
     forward, normal, values = (
@@ -234,7 +247,7 @@ def _flights_of(problem: Problem, unknowns: Unknowns, count: Int[Array, ""] | No
 
 
 def _duration(problem: Problem, place: Moment, flight: CycleFlight) -> Scalar:
-    return jnp.where(flight.closes, problem.phase + problem.num_periods - place.time, flight.duration)
+    return jnp.where(flight.closes, problem.rest_of_period(place.time), flight.duration)
 
 
 def log_of_cycle(problem: Problem, unknowns: Unknowns, room: int) -> EventLog:
@@ -295,7 +308,7 @@ def state_at(problem: Problem, unknowns: Unknowns, time: Scalar) -> Float[Array,
     begin = initial_moment(problem, machine, unknowns.z), jnp.asarray(problem.sequence.mode)[0]
     (moment, mode), _ = jax.lax.scan(one, begin, flights)
     x, v, *_ = flow_map(machine, flow, moment, mode, problem.phase + time - moment.time)
-    return jnp.concatenate([jnp.split(moment.z, 2)[0] + x, v])
+    return jnp.concatenate([machine.moved(jnp.split(moment.z, 2)[0], x), v])
 
 
 def moved_by(tree: Any, change: Any, by: Scalar) -> Any:
@@ -331,7 +344,7 @@ def fly_to_event(
     # Accumulated since the last contact, which keeps all digits of a light bounce; derivatives are the position's.
     start = contacts.gaps(before, phase - change)
     gap = place.gap + start - jax.lax.stop_gradient(start) - contacts.towards(x, change)
-    x = before + x
+    x = machine.moved(before, x)
     time = place.time + duration
     at_event = jnp.arange(contacts.num) == event.stop
     end = state_in_mode(machine, phase, x, v, event.mode, time * machine.period)

@@ -10,12 +10,13 @@ from .._jax.arrays import Scalar
 from .._jax.concrete import stop_gradients
 from .._jax.xla import compile_lightly
 from .._trajectory.event_log import EventLog
+from .candidate_cycle import multipliers_of
 from .condensation import Pencil
 from .cycle import Problem, Unknowns, log_of_cycle, prepared, progression_of
 from .floquet import floquet_multipliers
 from .newton import implicit_orbit, pencil_of
 from .orbit import ORBIT_RESULTS
-from .rigid_modes import all_shifts, closing_pin, drifts, free_drifts, free_shifts, num_of
+from .rigid_modes import closing_pin, drifts, free_drifts, free_shifts, num_of
 from .search import Search, StroboscopicMap, begin_search, frame_offset, search_step
 from .sequence import num_stops_of
 
@@ -109,9 +110,7 @@ def _multipliers_jvp(primals, tangents):
     problem, unknowns, _ = primals
 
     def of(problem: Problem, unknowns: Unknowns) -> Array:
-        pencil = pencil_of(problem, unknowns)
-        shifts = all_shifts(problem.shifts, problem.drift)
-        return floquet_multipliers(pencil, problem.sequence.most_erased, shifts)
+        return multipliers_of(problem, pencil_of(problem, unknowns))
 
     # The value is that of the same function, so that second derivatives see all of it.
     values, moved = eqx.filter_jvp(of, (problem, unknowns), tuple(tangents[:2]))

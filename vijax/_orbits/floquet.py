@@ -53,6 +53,14 @@ def floquet_multipliers(
     return _largest_first(jnp.where(rank < num_shifts, 1, mu))
 
 
+def with_phase(mu: Complex[Array, " state"]) -> Complex[Array, " state"]:
+    """Multipliers of an autonomous cycle from those of its section, where the direction along the cycle has a zero.
+
+    Along the cycle neighbours neither approach nor leave: one multiplier is 1.
+    """
+    return _largest_first(jnp.where(jnp.arange(len(mu)) == len(mu) - 1, 1, mu))
+
+
 def _largest_first(mu: Complex[Array, " state"]) -> Complex[Array, " state"]:
     return mu[jnp.argsort(-jnp.abs(jax.lax.stop_gradient(mu)), stable=True)]
 

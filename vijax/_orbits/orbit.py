@@ -44,8 +44,8 @@ class PeriodicOrbit(eqx.Module):
 
     Attributes:
         system: the machine.
-        num_periods: n.
-        period: n forcing periods as a time.
+        num_periods: n; 0 for the cycle of a machine that nothing drives.
+        period: n forcing periods as a time, or that of such a cycle.
         phase: phase of the load at its start, in radians.
         x0: positions there, (n,).
         v0: velocities there, (n,).
@@ -54,9 +54,10 @@ class PeriodicOrbit(eqx.Module):
             capsule robot, which then repeats up to it.
         num_impacts: impacts in one cycle, (stops,); of a chatter all that were followed.
         multipliers: Floquet multipliers, (2 n,), complex, the largest magnitude first. Two are zero for every mass that
-            sticks, one where friction does; one is infinite where the orbit grazes; one is 1 for every shift of the masses that no spring and no
+            sticks, one where friction does; one is infinite where the orbit grazes; one is 1 along a cycle that nothing drives, and one for every shift of the masses that no spring and no
             contact resists.
-        is_stable: whether all multipliers lie inside the unit circle, but for those of shifts by which the orbit progresses.
+        is_stable: whether all multipliers lie inside the unit circle, but for those of shifts by which the orbit progresses,
+            and the one along a cycle that nothing drives.
         is_admissible: whether the machine follows it: run from x0 and v0, it shows the same events.
         residual: closing error of the cycle, relative to the size of the motion.
         num_runs: number of runs of the motion in the search.
@@ -92,7 +93,7 @@ class PeriodicOrbit(eqx.Module):
             vx.plot.phase_portrait(orbit.solution())
             ```
         """
-        t0 = self.phase / self.system.forcing.frequency
+        t0 = self.phase / self.system.forcing.frequency if self.num_periods else 0 * self.period
         max_events = self.events.t.shape[-1]
         return simulate(
             self.system,

@@ -15,6 +15,7 @@ from .._system.periodicity import check_period
 from .._system.system import ImpactSystem, with_args
 from .._trajectory.concrete_machine import known_machine
 from .._trajectory.solution import result_sentences
+from .autonomous import autonomous_orbit, is_undriven
 from .find import find
 from .maps import angle_of
 from .orbit import PeriodicOrbit
@@ -41,14 +42,19 @@ def periodic_orbit(
     an orbit if the same events happen. Where no spring and no contact resists a shift of the masses, the orbit has the
     shift of the guess.
 
+    Where the load has no frequency the machine sets its own pace: a clock, a mass on a belt. The cycle that the motion from
+    the guess first repeats is found with its period; it begins in the middle of a flight, `num_periods` is 0, and one of its
+    multipliers is 1. This search runs outside of `jax.jit`.
+
     Works under `jax.jit` and `jax.vmap`. Derivatives of the orbit, its events and its multipliers by all numbers of the
     machine, forward and reverse, come from the implicit function theorem; there are none by the guess.
 
     Args:
-        system: the machine; its load must have a frequency, and its `force`, if it has one, the same period.
+        system: the machine; its `force`, if it has one, must have the period of the load.
         x0: positions of the guess, (n,).
         v0: velocities, (n,).
-        num_periods: n, the forcing periods after which the orbit repeats. One that repeats sooner counts as well.
+        num_periods: n, the forcing periods after which the orbit repeats. One that repeats sooner counts as well. Without
+            forcing it has no meaning, nor has `phase`.
         phase: phase W t of the load where the orbit begins, in radians.
         args: as for `simulate`.
         flow: likewise.
@@ -59,7 +65,8 @@ def periodic_orbit(
         The orbit, see `vx.PeriodicOrbit`.
 
     Raises:
-        ValueError: if the load has no frequency, the guess lies beyond a stop, or 64-bit numbers are off.
+        ValueError: if the guess lies beyond a stop, 64-bit numbers are off, or a machine without forcing has a `force`, moving
+            stops, or is traced by `jax.jit`.
         RuntimeError: with `throw`, for every result but `successful`.
 
     Example:
@@ -78,11 +85,18 @@ def periodic_orbit(
     refuse_single_precision("periodic_orbit", system)
     n = whole_number("num_periods", num_periods, 1)
     room = whole_number("max_events", max_events, 1)
-    check_period(system, args, x0, v0)
     x, v = as_float(x0), as_float(v0)
     for name, value in (("x0", x), ("v0", v)):
         check_shape(name, value, (system.num_masses,))
-    angle, bound = angle_of(phase), with_args(system, args)
+    bound = with_args(system, args)
+    if is_undriven(bound):
+        found, period = autonomous_orbit(bound, (x, v), flow, room)
+        orbit = PeriodicOrbit(
+            **vars(found), system=system, num_periods=0, period=period, phase=0 * period, args=args, flow=flow
+        )
+        return checked(orbit, *number_of_doubts([], *result_sentences(orbit.result))) if throw else orbit
+    check_period(system, args, x0, v0)
+    angle = angle_of(phase)
     t0 = angle / bound.forcing.frequency
     t1 = t0 + n * bound.forcing.period
     start = bound.stops, bound.forcing.frequency, t0, t1, t1[None], x, v

@@ -1,6 +1,6 @@
 """Rigid modes: shifts of the masses that no spring and no contact resists.
 
-Along such a shift e, K e = 0 and A e = 0, and every cycle belongs to a family, shifted by a constant along e. The
+Along such a shift e, K e = 0, K^T e = 0 and A e = 0, and every cycle belongs to a family, shifted by a constant along e. The
 equations of the cycle do not determine it, and one of the closing follows from the others, as the momentum along e is
 that of the loads. The projection P onto all e, along some of the coordinates, repairs both. Added to the closing of the
 velocities, P dx0 keeps the cycle where it is along e, and vanishes at the solution, as no other term has a part along
@@ -22,7 +22,6 @@ from jaxtyping import Array, Float
 from .._jax.arrays import Reals, array_namespace
 from .._jax.concrete import stop_gradients
 from .._machine.numbers import MachineNumbers
-from .._machine.small_matrices import inverse_among
 from .._machine.switching import FRICTION
 from .condensation import Pencil
 
@@ -37,17 +36,18 @@ def free_shifts(numbers: MachineNumbers) -> Float[Array, "n n"]:
     if known.force is not None:
         return jnp.zeros_like(stiffness)
     # Normalised: springs and contacts count alike, whatever their units.
-    library = array_namespace(stiffness, rows)
+    library, n = array_namespace(stiffness, rows), len(stiffness)
     stiffest = library.max(library.abs(stiffness))
+    springs = stiffness / library.where(stiffest > 0, stiffest, 1)
     rows = rows / library.sqrt(library.sum(rows * rows, axis=1, keepdims=True))
-    felt = stiffness / library.where(stiffest > 0, stiffest, 1) + rows.T @ rows
+    # The positions of first-order states stay 0.
+    states = np.eye(n, dtype=stiffness.dtype)[n - known.num_states :]
+    felt = library.concatenate([springs, springs.T, rows, states])
     if library is np and np.linalg.svd(felt, compute_uv=False)[-1] > _HELD:
-        return jnp.zeros_like(felt)
-    felt = jnp.asarray(felt)
-    inverse = inverse_among(felt, jnp.ones(len(felt), bool))
-    # Coordinates that depend on the others have no pivot.
-    is_free = jnp.diagonal(inverse) == 0
-    return jnp.where(is_free[None], jnp.eye(len(felt), dtype=felt.dtype) - inverse @ felt, 0)
+        return jnp.zeros_like(jnp.asarray(stiffness))
+    _, sizes, axes = jnp.linalg.svd(jnp.asarray(felt), full_matrices=False)
+    free = jnp.where(sizes <= 64 * n * jnp.finfo(sizes.dtype).eps * sizes[0], 1, 0)[:, None] * axes
+    return free.T @ free
 
 
 def free_drifts(numbers: MachineNumbers) -> Float[Array, "n n"] | None:

@@ -46,7 +46,7 @@ def classify(
 
     Where nothing is hit, and the machine is stored and linear, the section does not decide. Instead the periodic
     response to the load and the remaining free vibration are computed. If the response stays between the stops, every
-    mode is damped, and the energy of the free vibration cannot carry any mass to a stop, the motion is `non_impacting`
+    mode is damped, no force feeds energy in, and the energy of the free vibration cannot carry any mass to a stop, the motion is `non_impacting`
     with n = 1 however slowly it settles, whatever the `tolerance`.
 
     A motion with a long period, up to record / 2, looks like chaos until it repeats. In a sweep with `lyapunov=True`

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._machine.machine import Machine
+from .._system.checks import is_semidefinite, is_symmetric
 from .._system.waves import Waves
 
 # Assumed rounding error of numbers of order 1, in units of n eps.
@@ -27,8 +28,8 @@ class FreeModes(NamedTuple):
         damping: Phi^T C Phi, (lanes, n, n).
         decay: the largest real part of all eigenvalues, (lanes,).
         rounding: a bound of the errors of numbers of order 1 in these coordinates, (lanes,).
-        is_damped: true where K is regular and every mode damped, both by more than rounding, (lanes,); elsewhere the
-            other fields are finite and meaningless.
+        is_damped: true where K is symmetric and regular, every mode damped, both by more than rounding, and the energy
+            never grows, (lanes,); elsewhere the other fields are finite and meaningless.
     """
 
     shapes: np.ndarray
@@ -71,6 +72,8 @@ def modes_of(machine: Machine) -> FreeModes:
     first_order = np.block([[np.zeros_like(damping), diagonal], [-diagonal, -damping]])
     decay = np.linalg.eigvals(first_order).real.max(axis=1)
     is_damped = is_stiff & (decay < -unit * np.linalg.norm(first_order, axis=(1, 2)))
+    # Otherwise the energy may grow, although every mode is damped. Gyroscopic forces do not change it.
+    is_damped = is_damped & is_symmetric(k) & is_semidefinite((c + np.swapaxes(c, 1, 2)) / 2)
     # Low modes are less accurate than high ones.
     rounding = unit * squares[:, -1] / squares[:, 0]
     return FreeModes(root @ vectors / w[:, None], w, damping, decay, rounding, is_damped)

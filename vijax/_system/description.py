@@ -20,6 +20,7 @@ from .system import AnyStop, ImpactSystem
 from .tables import array_of, table_of
 
 _ARRAYS, _OF_FORCING = ("mass", "damping", "stiffness"), ("amplitude", "frequency", "phase", "mean")
+_OPTIONAL = "stops", "friction", "force", "args", "num_states"
 _OF_MOTION = tuple(name for name in _OF_FORCING if name != "frequency")
 _OF_LIMIT = "position", "restitution"
 _TYPES = ("float32", "float64")
@@ -36,6 +37,7 @@ def describe(system: ImpactSystem) -> dict[str, Any]:
         "forcing": _lists(system.forcing),
         "stops": [_place(stop) | {"position": float(stop.position)} | _law(stop) for stop in system.stops],
         **({"friction": [_rubbing(element) for element in system.friction]} if system.friction else {}),
+        **({"num_states": system.num_states} if system.num_states else {}),
     }
 
 
@@ -57,7 +59,7 @@ def build(
     Raises:
         ValueError: for a description that makes no machine, or a force that is not allowed or cannot be imported.
     """
-    _check_names("The machine", description, (*_ARRAYS, "forcing"), ("stops", "friction", "force", "args"))
+    _check_names("The machine", description, (*_ARRAYS, "forcing"), _OPTIONAL)
     arrays = {name: _array(name, description[name], dtype) for name in _ARRAYS}
     forcing = Harmonic(**_numbers("forcing", description["forcing"], ("amplitude", "frequency"), dtype))
     given = description.get("stops", [])
@@ -69,7 +71,10 @@ def build(
         raise ValueError(f"`friction` must be a list of tables, but is {rubbing!r}.")
     friction = [_friction(f"friction[{k}]", lists, dtype) for k, lists in enumerate(rubbing)]
     own = build_force(description, allow_forces, force)
-    system = ImpactSystem(**arrays, forcing=forcing, stops=stops, force=own, friction=friction)
+    num_states = description.get("num_states", 0)
+    system = ImpactSystem(
+        **arrays, forcing=forcing, stops=stops, force=own, friction=friction, num_states=num_states
+    )
     # Built in JAX's precision, which holds every number of a narrower one.
     narrow = jax.dtypes.canonicalize_dtype(dtype)
     return jax.tree.map(lambda a: a.astype(narrow), system)

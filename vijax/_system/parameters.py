@@ -158,7 +158,8 @@ def _numbers_of_leaves(whole: eqx.Module) -> dict[str, int]:
 
 def _named(whole: Any) -> PyTree:
     """All parameters in a tree whose keys are the user's names."""
-    fields = OrderedDict((field.name, getattr(whole, field.name)) for field in dataclasses.fields(whole))
+    own = [field.name for field in dataclasses.fields(whole) if not field.metadata.get("static", False)]
+    fields = OrderedDict((name, getattr(whole, name)) for name in own)
     if not isinstance(whole, ImpactSystem):
         return _named(fields.pop("system")) | fields
     force, args = force_numbers(whole.force)

@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._jax.arrays import Numbers, as_float, in_full_precision
+from .._jax.arrays import Numbers, as_float, in_full_precision, whole_number
 from .._jax.concrete import concrete
 from .._jax.errors import checked
 from .._printing import as_html, as_text, describe_system
-from .checks import POSITIVE, check_mass_matrices, check_one, check_semidefinite, check_slots, move_alike
+from .checks import POSITIVE, check_finite, check_mass_matrices, check_one, check_slots, move_alike
 from .compliant import CompliantContact, CompliantStop
 from .contact import Contact
 from .force import BoundForce, as_force, bind_args, name_of_force
@@ -29,8 +29,9 @@ class ImpactSystem(eqx.Module):
     Args:
         mass: the lumped masses, the diagonal of M, shape (n,), positive; or M itself, shape (n, n), symmetric
             positive definite.
-        damping: C, shape (n, n), symmetric positive semi-definite.
-        stiffness: K, shape (n, n), symmetric positive semi-definite.
+        damping: C, shape (n, n), any matrix: gyroscopic forces make it asymmetric, negative damping indefinite.
+        stiffness: K, shape (n, n), any matrix: follower forces and feedback make it asymmetric, a buckled beam
+            indefinite. Symmetric, positive semi-definite matrices are the fastest.
         forcing: the periodic load f(t); None if there is none. Such a machine has no forcing period, which sweeps,
             orbits and maps need: give it a load whose amplitudes are 0 to choose one.
         stops: any number of `vx.Stop`, at most one on each side of a mass, `vx.Contact`, `vx.CompliantStop` and
@@ -41,6 +42,8 @@ class ImpactSystem(eqx.Module):
             `DiffraxFlow`. Stroboscopic maps and sweeps need a force that depends on t with the period of the load, or
             not at all.
         friction: any number of `vx.Friction`; event logs number them in this order after the stops.
+        num_states: number of last coordinates of which the velocity alone counts: first-order states, such as a voltage,
+            see `vx.with_states`. Their columns of K are zero, their positions are 0 in all results.
 
     Raises:
         ValueError: with the argument and the remedy, for wrong shapes or values. Traced values are not checked.
@@ -64,6 +67,7 @@ class ImpactSystem(eqx.Module):
     stops: tuple[AnyStop, ...]
     force: Callable | None
     friction: tuple[Friction, ...]
+    num_states: int = eqx.field(static=True)
 
     def __init__(
         self,
@@ -74,7 +78,9 @@ class ImpactSystem(eqx.Module):
         stops: Sequence[AnyStop] = (),
         force: Any = None,
         friction: Sequence[Friction] = (),
+        num_states: int = 0,
     ):
+        self.num_states = whole_number("num_states", num_states, 0)
         self.mass = as_float(mass, "mass")
         self.damping = as_float(damping, "damping")
         self.stiffness = as_float(stiffness, "stiffness")
@@ -102,6 +108,8 @@ class ImpactSystem(eqx.Module):
         self._check_stops()
         self._check_friction()
         self._check_values()
+        if self.num_states:
+            self._check_states()
 
     def _check_stops(self):
         places: dict[tuple[int, str], int] = {}
@@ -132,6 +140,24 @@ class ImpactSystem(eqx.Module):
                     f"`friction[{k}].row` names mass {unknown[0]}, but the machine has masses 0 to {self.num_masses - 1}."
                 )
 
+    def _check_states(self):
+        first = self.num_masses - self.num_states
+        if first < 1:
+            raise ValueError(
+                f"Argument `num_states` is {self.num_states}, but of {self.num_masses} coordinates one at least must be a mass."
+            )
+        for name, elements in (("stops", self.stops), ("friction", self.friction)):
+            for j, element in enumerate(elements):
+                if max(element.coefficients) >= first:
+                    raise ValueError(
+                        f"`{name}[{j}]` acts on coordinate {max(element.coefficients)}, which is a state."
+                    )
+        stiffness = concrete(self.stiffness)
+        if stiffness is not None and stiffness[:, first:].any():
+            raise ValueError(
+                f"The last {self.num_states} columns of `stiffness` must be zero: of a first-order state the velocity alone counts."
+            )
+
     def _check_values(self):
         if self.mass.ndim == 1:
             check_one("mass", self.mass, POSITIVE)
@@ -140,7 +166,7 @@ class ImpactSystem(eqx.Module):
         for name in ("damping", "stiffness"):
             matrix = concrete(getattr(self, name))
             if matrix is not None:
-                check_semidefinite(name, matrix)
+                check_finite(name, matrix)
 
     def __repr__(self) -> str:
         return as_text(describe_system, self, name_of_force)
@@ -152,6 +178,11 @@ class ImpactSystem(eqx.Module):
     def num_masses(self) -> int:
         """Number of masses, or of coordinates, n."""
         return self.mass.shape[0]
+
+    @property
+    def is_state(self) -> np.ndarray:
+        """Flags of the coordinates that are first-order states, (n,)."""
+        return np.arange(self.num_masses) >= self.num_masses - self.num_states
 
     @property
     def has_full_mass(self) -> bool:

@@ -62,8 +62,8 @@ class Scheme(NamedTuple):
     """Data of the drawing of a machine.
 
     Attributes:
-        stiffness: (n, n).
-        damping: (n, n).
+        stiffness: its symmetric part, without first-order states, (n, n).
+        damping: likewise, (n, n).
         mean: mean load, (n,).
         waves: harmonics of the load, (harmonics, n).
         frequency: W.
@@ -78,6 +78,7 @@ class Scheme(NamedTuple):
         is_compliant: which of the stops and contacts yield, (stops,).
         is_damped: which of those have a damper, (stops,).
         friction: the friction elements.
+        omitted: what the matrices lack, in words; empty if nothing.
     """
 
     stiffness: np.ndarray
@@ -95,6 +96,7 @@ class Scheme(NamedTuple):
     is_compliant: np.ndarray
     is_damped: np.ndarray
     friction: tuple["Rubbing", ...] = ()
+    omitted: str = ""
 
     @property
     def num_masses(self) -> int:
@@ -159,6 +161,7 @@ class Scheme(NamedTuple):
         is_negative = any(link.strength < 0 for link, _ in self.links)
         negative = ["dashed: negative stiffness or damping"] if is_negative else []
         inertia = [] if self.is_lumped else ["full mass matrix: boxes are coordinates"]
+        negative += [self.omitted] if self.omitted else []
         rubbing = [
             f"friction {k}: of ${in_symbols(one.row)}$, $F$ = {one.force:.3g}"
             for k, one in enumerate(self.friction)
@@ -202,8 +205,13 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
     n = system.num_masses
     rows = np.array([_row(n, stop.coefficients) for stop in system.stops]).reshape(-1, n)
     moving = [stop.motion is not None and bool(np.any(stop.motion.amplitude)) for stop in system.stops]
+    (stiffness, damping), omitted = _drawn(
+        np.asarray(system.stiffness), np.asarray(system.damping), system.num_states
+    )
     return Scheme(
-        *(np.asarray(a) for a in (system.stiffness, system.damping, system.forcing.mean)),
+        stiffness,
+        damping,
+        np.asarray(system.forcing.mean),
         waves=jax.tree.map(np.asarray, system.forcing.waves()),
         frequency=float(system.forcing.frequency),
         rows=rows,
@@ -219,6 +227,7 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
             Rubbing(_row(n, one.coefficients), float(one.force), float(one.velocity))
             for one in system.friction
         ),
+        omitted=omitted,
     )
 
 
@@ -245,19 +254,24 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
     """Scheme of the machine of a trajectory; `places` are the positions of its stops, (times, stops)."""
     machine = sol.machine
     contacts, n = machine.contacts, machine.num_masses
+    (stiffness, damping), omitted = _drawn(
+        np.asarray(machine.stiffness), np.asarray(machine.damping), machine.num_states
+    )
     rows, num_stops = np.asarray(contacts.rows).reshape(contacts.num, n), contacts.num_stops
     words, friction = _coefficients(contacts.restitution), ()
     is_compliant = is_damped = np.zeros(num_stops, bool)
     if isinstance(contacts, SwitchingContacts):
         laws, is_compliant = contacts.laws, np.array(contacts.laws.kinds[:num_stops]) == COMPLIANT
-        stiffness, force, velocity = (np.asarray(a) for a in (laws.stiffness, laws.force, laws.velocity))
+        added, force, velocity = (np.asarray(a) for a in (laws.stiffness, laws.force, laws.velocity))
         is_damped = np.asarray(laws.damping)[:num_stops] > 0
-        words = tuple(f"$k$ = {stiffness[j]:.3g}" if is_compliant[j] else words[j] for j in range(num_stops))
+        words = tuple(f"$k$ = {added[j]:.3g}" if is_compliant[j] else words[j] for j in range(num_stops))
         friction = tuple(
             Rubbing(rows[j], float(force[j]), float(velocity[j])) for j in range(num_stops, contacts.num)
         )
     return Scheme(
-        *(np.asarray(a) for a in (machine.stiffness, machine.damping, machine.mean)),
+        stiffness,
+        damping,
+        np.asarray(machine.mean),
         waves=_load_in_space(machine),
         frequency=float(machine.frequency),
         rows=rows[:num_stops],
@@ -270,7 +284,27 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
         is_compliant=is_compliant,
         is_damped=is_damped,
         friction=friction,
+        omitted=omitted,
     )
+
+
+def _drawn(stiffness: np.ndarray, damping: np.ndarray, num_states: int) -> tuple[list[np.ndarray], str]:
+    """Symmetric parts of the matrices, without the states, and what they lack in words."""
+    first = len(stiffness) - num_states
+    is_mass = np.arange(len(stiffness)) < first
+    between = [np.where(np.outer(is_mass, is_mass), a, 0) for a in (stiffness, damping)]
+    names = [
+        f"asymmetric part of the {name}"
+        for name, a in zip(("stiffness", "damping"), between, strict=True)
+        if np.abs(a - a.T).max() > _NOTHING * np.abs(a).max()
+    ]
+    if num_states:
+        names.append(
+            "links of the last box, a state"
+            if num_states == 1
+            else f"links of the last {num_states} boxes, states"
+        )
+    return [(a + a.T) / 2 for a in between], f"not drawn: {', '.join(names)}" if names else ""
 
 
 def _links(matrix: np.ndarray) -> list[Link]:
