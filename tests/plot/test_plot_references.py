@@ -37,7 +37,7 @@ def test_resonances_are_drawn_on_request_along_the_frequency_alone():
         record=2,
         progress=False,
     )
-    with pytest.raises(ValueError, match="draws natural frequencies along `forcing.frequency`"):
+    with pytest.raises(ValueError, match=r"draws natural frequencies along `forcing\.frequency`"):
         vx.plot.bifurcation(other, resonances=True)
 
 

@@ -109,15 +109,15 @@ def bifurcation(
     For a contact between masses the velocity is the speed of approach, positive.
 
     Args:
-        ds: what `vx.sweep` returned for one swept quantity; of several, select all but one first. Several sweeps of that
-            quantity by their names, as in `{"r = 0.7": one, "r = 0.8": other}`, are told apart by their colours.
+        ds: result of `vx.sweep` over one quantity; of several, select all but one first. Several sweeps of that quantity
+            are given by name, as in `{"r = 0.7": one, "r = 0.8": other}`, and differ in colour.
         stop: the stop whose impacts are drawn; None for all, one panel a stop.
         ordinate: "velocity" before the impacts, "relative velocity" where stops move, counted from theirs, or
             the "phase" of the impacts in the forcing period; or a quantity by its name in `vx.sweep`, as "max_position",
-            for which the sweep was asked: of a mass, one panel whatever the stop, or of the stop. "section_position" and
-            "section_velocity" are known always.
+            that the sweep has: of a mass, in one panel for all stops, or of the stop. Every sweep has "section_position"
+            and "section_velocity".
         mass: the mass whose quantity is drawn.
-        orbits: what `vx.periodic_orbits(ds)` returned, to mark the points of the sweep that it polished; or orbits of the
+        orbits: result of `vx.periodic_orbits(ds)`, to mark the points of the sweep that it polished; or orbits of the
             machine at any values of the swept quantity, as from `vx.find_periodic_orbits`, to draw over them.
         resonances: draw the natural frequencies of the machine without dampers and impacts, along "forcing.frequency".
         units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.

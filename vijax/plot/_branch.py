@@ -104,12 +104,11 @@ def branch(
     without impacts at the stop have no lines.
 
     Args:
-        branches: what `vx.continuation` returned, one or several along one parameter; several are told apart by their
-            colours. Their names in the legend are those of a dict, as in `{"1 in 2": one, "2 in 2": other}`. Of more than
+        branches: result of `vx.continuation`, one or several along one parameter; several differ in colour. Their names in the legend are those of a dict, as in `{"1 in 2": one, "2 in 2": other}`. Of more than
             eight without names, those of one motion share a colour: "2 in 3" has two impacts in three periods.
-        ds: what `vx.sweep` returned for the same parameter, to draw the same of it under the branches, light.
+        ds: result of `vx.sweep` over the same parameter, drawn light under the branches.
         stop: the stop whose impacts are drawn; None for all, one panel a stop.
-        ordinate: "velocity" of the impacts, or a column that `vx.continuation` was asked for by `quantities`: of a mass, as
+        ordinate: "velocity" of the impacts, or a column that `quantities` of `vx.continuation` requested: of a mass, as
             "max_position", one panel whatever the stop; of the stop; or a number of the user's own.
         mass: the mass whose quantity is drawn.
         resonances: draw the natural frequencies of the machine without dampers and impacts, along "forcing.frequency".
