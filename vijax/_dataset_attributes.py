@@ -71,7 +71,7 @@ _MEANINGS = {
     "v": "velocity",
     "steps": "number of steps",
     "stuck": "whether the stop holds its mass at the end",
-    "result": "what became of the trajectory",
+    "result": "end of the run",
     "time": "time",
     "event_time": "time of the event, of a stick the end of its chatter",
     "event_stop": "stop of the event, or number of stops plus friction element, -1 where there is none",

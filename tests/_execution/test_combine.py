@@ -55,7 +55,7 @@ OTHERS = {
     "a part twice": (lambda parts: [parts[0], parts[0]], "must tile a grid without a gap"),
     "another machine": (
         lambda parts: [parts[0], plane(slice(5, 9), [0.0, -0.1], system=vx.models.wagg_bishop_b(1.0, 0.4))],
-        "number 1 is of another than number 0: `system.forcing.amplitude[0]` is 0.5 there, but 0.4 here",
+        "number 1 differs from number 0: `system.forcing.amplitude[0]` is 0.5 there, but 0.4 here",
     ),
     "another record": (
         lambda parts: [parts[0], plane(slice(5, 9), [0.0, -0.1], record=1)],

@@ -72,7 +72,7 @@ def color_of_entry(ax, words: str):
 def test_every_start_has_the_colour_of_its_attractor(style):
     with plt.style.context(style):
         ax = vx.plot.basins(basins(PLANE))
-        names = {0: "1 | 3 in 2, 50 %", 1: "non-periodic, 25 %", 2: "no impact, 16.7 %", -1: "not known"}
+        names = {0: "1 | 3 in 2, 50 %", 1: "non-periodic, 25 %", 2: "no impact, 17 %", -1: "not known"}
         assert words_of_legend(ax) == list(names.values())
         cells = colors_of_cells(ax)
         ds = basins(PLANE)

@@ -378,7 +378,7 @@ def test_films_are_refused_with_what_to_do(sol, monkeypatch):
         vx.plot.animate(sol, speed=1.0, duration=1.0)
     with pytest.raises(ValueError, match="Argument `fps` must be positive, but is 0"):
         vx.plot.animate(sol, fps=0)
-    with pytest.raises(ValueError, match="Argument `t` tells every frame: leave out `speed`"):
+    with pytest.raises(ValueError, match="Argument `t` gives the time of every frame: leave out `speed`"):
         vx.plot.animate(sol, [0.0, 1.0], speed=1.0)
     with pytest.raises(ValueError, match="Argument `t` must be two or more times in order"):
         vx.plot.animate(sol, [1.0, 0.0])

@@ -140,7 +140,7 @@ class Bifurcation:
 
     @property
     def kind(self) -> str:
-        """Kind of the bifurcation, or "monitor:" and the name of the monitor that vanishes there.
+        """Kind of the bifurcation; a zero of a monitor has the prefix "monitor" and the name, with a colon between.
 
         One of "fold", "pd" (period doubling), "ns" (Neimark-Sacker), "bp" (branch point, also where a doubled branch
         meets the orbit of half its period), "gr" (grazing), "double_impact" (at two stops at once), "force_zero" (the

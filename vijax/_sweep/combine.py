@@ -47,7 +47,7 @@ def combine(datasets: Sequence[xr.Dataset]) -> xr.Dataset:
         clause = difference(first, _provenance_of(ds, number)) or _other_variables(datasets[0], ds)
         if clause is not None:
             raise ValueError(
-                f"Argument `datasets` must hold parts of one sweep, but number {number} is of another than number 0: {clause}."
+                f"Argument `datasets` must hold parts of one sweep, but number {number} differs from number 0: {clause}."
             )
     refusal = (
         "Argument `datasets` must tile a grid without a gap: along a swept quantity their values must follow one another, all up or "

@@ -47,7 +47,7 @@ def ensemble(
     progress: bool = True,
     settings: ExecutionSettings = DEFAULT_SETTINGS,
 ) -> xr.Dataset:
-    """Run a machine whose numbers are uncertain: many samples of them, and all that follows.
+    """Run samples of a machine whose numbers are uncertain.
 
     The numbers of all samples are drawn at once, as a scrambled Sobol sequence, which fills the space of the uncertain
     quantities more evenly than random numbers do: the error of a mean falls nearly as 1 / samples where the result is

@@ -110,7 +110,7 @@ def quantity_tables(
         system: machines of the points, lanes last.
         counts: arguments of `sweep` for every point.
         tables: variables of the sweep, points first.
-        observed: what was observed, points first, see `observed_for`.
+        observed: observed values, points first, see `observed_for`.
     """
     recorded = _Recorded(system, counts, tables, observed)
     return {name: _QUANTITIES[name](recorded) for name in wanted}
@@ -205,7 +205,7 @@ _QUANTITIES: dict[str, Callable[[_Recorded], np.ndarray]] = {
     "dissipated_energy": partial(_summed, _dissipated_energy),
     "mean_velocity": _mean_velocity,
 }
-# What is observed for a quantity, see `observer.py`.
+# Observations that a quantity needs, see `observer.py`.
 _OBSERVED = {name: (name,) for name in EXTREMES} | {
     "peak_to_peak": ("max_position", "min_position"),
     "rms_position": ("square_position",),

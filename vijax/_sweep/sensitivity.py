@@ -24,7 +24,7 @@ def sensitivity(
     *,
     correlation: Numbers | None = None,
 ) -> xr.Dataset:
-    """Estimate how uncertain a number of a machine is, to first order, by a single derivative.
+    """Estimate the uncertainty of a result of a machine, to first order, by a single derivative.
 
     At the means m of the uncertain quantities, with their covariance C and the gradient g of the function f there, the
     mean is f(m) and the variance g C g. Exact where f is linear. `vx.ensemble` shows what is left out, above all

@@ -9,6 +9,7 @@ import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from .._sweep.short_names import with_paths
 from ._labels import LENGTH, VELOCITY, Units, with_unit
@@ -89,14 +90,16 @@ def legend_beside(ax: Axes, **options) -> None:
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, **options)
 
 
-def legend_above(ax: Axes, *, markerscale: float) -> None:
-    """Add a legend of points above the axes, with enlarged points."""
+def legend_above(ax: Axes, *, markerscale: float = 1.0, markersize: float | None = None) -> None:
+    """Add a legend of points above the axes, with enlarged points, or points of one size."""
     legend = ax.legend(
         loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, ncols=4, markerscale=markerscale
     )
     for handle in legend.legend_handles:
         if handle is not None:
             handle.set_alpha(1.0)  # clouds of many points are drawn transparent
+        if markersize is not None and isinstance(handle, Line2D):
+            handle.set_markersize(markersize)
 
 
 def check_index(name: str, index: int, count: int) -> None:

@@ -14,6 +14,7 @@ from ._axes import create_axes
 from ._labels import Units
 from ._mesh import check_plane, draw_mesh, hatch
 from ._motions import color_of_other, color_of_unknown, label_of_motion
+from ._percent import percent
 
 # (largest count, marker size): large for the few points of a cycle, small for a cloud.
 _SIZES = ((20, 6.0), (100, 4.0), (np.inf, 2.0))
@@ -30,8 +31,8 @@ def basins(
 ) -> Axes:
     """Draw the basins of attraction over a plane of starts, one colour each, with the sections of their attractors.
 
-    "1 | 2 in 1, 43 %" is a motion that repeats after 1 forcing period, with 1 impact at stop 0 and 2 at stop 1 in it,
-    reached from 43 % of the starts. Starts whose motion has not settled, or failed, are hatched. Markers are the states
+    "1 | 2 in 1, 43 ± 5 %" is a motion that repeats after 1 forcing period, with 1 impact at stop 0 and 2 at stop 1 in it,
+    reached from 43 % of the starts, with its standard error. Starts whose motion has not settled, or failed, are hatched. Markers are the states
     of each attractor at phase 0; they may lie in another's colour, since the plane shows only two coordinates.
 
     Args:
@@ -73,11 +74,17 @@ def basins(
     ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())  # attractors may lie far outside
     named = [basins.isel(attractor=k) for k in range(count)]
     has_mark = [points and _draw_section(ax, one, right, up, k) for k, one in enumerate(named)]
-    words = [f"{label_of_motion(one)}, {100 * float(one.share):.3g} %" for one in named]
+    words = [f"{label_of_motion(one)}, {_share(one)}" for one in named]
     has_other, is_unknown = bool((codes == count).any()), codes < 0
     hatch(ax, mesh, is_unknown.T, HATCH)
     add_legend(ax, basins, words, has_mark, has_other=has_other, has_unknown=bool(is_unknown.any()))
     return ax
+
+
+def _share(attractor: xr.Dataset) -> str:
+    """Share of the starts, with the digits that its standard error leaves."""
+    error = float(attractor.share_error) if "share_error" in attractor else None
+    return percent(float(attractor.share), error)
 
 
 def _check(basins: xr.Dataset, max_attractors: int) -> None:

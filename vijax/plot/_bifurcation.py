@@ -27,6 +27,7 @@ from ._contacts import StopMasses, name_of
 from ._labels import ANGLE, VELOCITY, Units, swept_quantity, with_unit
 from ._orbits import STABLE, UNKNOWN, UNSTABLE, OrbitsLike, as_sweep, list_of_orbits, stability_of
 from ._ordinates import Labels, Ordinate, label_of, ordinate_of, ordinates
+from ._resonances import draw_resonances
 
 ORDINATES = {
     "velocity": ("impact_velocity", "Velocity $v^-$ before impact\nat {}", VELOCITY),
@@ -62,6 +63,7 @@ def bifurcation(
     ordinate: ImpactOrdinate | Quantity = "velocity",
     mass: int = 0,
     orbits: OrbitsLike | None = None,
+    resonances: bool = False,
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
@@ -76,6 +78,7 @@ def bifurcation(
     ordinate: ImpactOrdinate | Quantity = "velocity",
     mass: int = 0,
     orbits: OrbitsLike | None = None,
+    resonances: bool = False,
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
@@ -89,6 +92,7 @@ def bifurcation(
     ordinate: ImpactOrdinate | Quantity = "velocity",
     mass: int = 0,
     orbits: OrbitsLike | None = None,
+    resonances: bool = False,
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
@@ -105,16 +109,17 @@ def bifurcation(
     For a contact between masses the velocity is the speed of approach, positive.
 
     Args:
-        ds: what `vx.sweep` returned for one swept quantity; of several, select all but one first. Several sweeps of that
-            quantity by their names, as in `{"r = 0.7": one, "r = 0.8": other}`, are told apart by their colours.
+        ds: result of `vx.sweep` over one quantity; of several, select all but one first. Several sweeps of that quantity
+            are given by name, as in `{"r = 0.7": one, "r = 0.8": other}`, and differ in colour.
         stop: the stop whose impacts are drawn; None for all, one panel a stop.
         ordinate: "velocity" before the impacts, "relative velocity" where stops move, counted from theirs, or
             the "phase" of the impacts in the forcing period; or a quantity by its name in `vx.sweep`, as "max_position",
-            for which the sweep was asked: of a mass, one panel whatever the stop, or of the stop. "section_position" and
-            "section_velocity" are known always.
+            that the sweep has: of a mass, in one panel for all stops, or of the stop. Every sweep has "section_position"
+            and "section_velocity".
         mass: the mass whose quantity is drawn.
-        orbits: what `vx.periodic_orbits(ds)` returned, to mark the points of the sweep that it polished; or orbits of the
+        orbits: result of `vx.periodic_orbits(ds)`, to mark the points of the sweep that it polished; or orbits of the
             machine at any values of the swept quantity, as from `vx.find_periodic_orbits`, to draw over them.
+        resonances: draw the natural frequencies of the machine without dampers and impacts, along "forcing.frequency".
         units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
         labels: words of the axes, by the path of the swept quantity and the name of the ordinate, as in
             `{"force.mu": "Friction", "max_position": "Amplitude"}`.
@@ -167,7 +172,9 @@ def bifurcation(
         extend_xlim(panel, values, so_far)
         if xlim is not None:
             panel.set_xlim(xlim)
-    _draw_legend(layers, column[0])
+        if resonances:
+            draw_resonances(panel, one, path)
+    _draw_legend(layers, column[0], has_lines=resonances)
     column[-1].set_xlabel(label_of(path, labels, units))
     return column if stop is None else column[0]
 
@@ -322,12 +329,12 @@ def _draw_points(
     ax.plot(x, y, label=words, **merge_style(style, **own))
 
 
-def _draw_legend(layers: list[_Layer], ax: Axes) -> None:
-    """Add the legend of the colours, and of the stability markers present at any stop."""
+def _draw_legend(layers: list[_Layer], ax: Axes, *, has_lines: bool) -> None:
+    """Add the legend of the colours, and of the stability markers present at any stop; `has_lines` if of lines too."""
     present = np.concatenate([layer.ds["stability"].values.ravel() for layer in layers])
     sample = layers[0]._replace(color=ink(), size=min(layer.size for layer in layers if layer.is_swept))
     for stability in (STABLE, UNSTABLE):
         if stability in present and (words := label_if_new(ax, _MARKS[stability][-1])):
             _draw_points(ax, np.empty(0), np.empty(0), stability, sample, {}, words)
-    if len(ax.get_legend_handles_labels()[0]) > 1:
+    if len(ax.get_legend_handles_labels()[0]) > (0 if has_lines else 1):
         legend_above(ax, markerscale=_IN_LEGEND / sample.size)

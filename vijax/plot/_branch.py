@@ -33,6 +33,7 @@ from ._contacts import masses_of_stops, name_of
 from ._impact_lines import OrbitImpacts, impact_lines
 from ._labels import Units, swept_paths
 from ._ordinates import Labels, Ordinate, label_of
+from ._resonances import draw_resonances
 
 _STABILITY = {True: ("-", "stable"), False: ((0, (3.0, 1.5)), "unstable")}
 MARKERS: dict[str, str] = {
@@ -60,6 +61,7 @@ def branch(
     *,
     ordinate: Quantity | str = "velocity",
     mass: int = 0,
+    resonances: bool = False,
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
@@ -74,6 +76,7 @@ def branch(
     stop: None,
     ordinate: Quantity | str = "velocity",
     mass: int = 0,
+    resonances: bool = False,
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
@@ -87,6 +90,7 @@ def branch(
     *,
     ordinate: Quantity | str = "velocity",
     mass: int = 0,
+    resonances: bool = False,
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
@@ -100,14 +104,14 @@ def branch(
     without impacts at the stop have no lines.
 
     Args:
-        branches: what `vx.continuation` returned, one or several along one parameter; several are told apart by their
-            colours. Their names in the legend are those of a dict, as in `{"1 in 2": one, "2 in 2": other}`. Of more than
+        branches: result of `vx.continuation`, one or several along one parameter; several differ in colour. Their names in the legend are those of a dict, as in `{"1 in 2": one, "2 in 2": other}`. Of more than
             eight without names, those of one motion share a colour: "2 in 3" has two impacts in three periods.
-        ds: what `vx.sweep` returned for the same parameter, to draw the same of it under the branches, light.
+        ds: result of `vx.sweep` over the same parameter, drawn light under the branches.
         stop: the stop whose impacts are drawn; None for all, one panel a stop.
-        ordinate: "velocity" of the impacts, or a column that `vx.continuation` was asked for by `quantities`: of a mass, as
+        ordinate: "velocity" of the impacts, or a column that `quantities` of `vx.continuation` requested: of a mass, as
             "max_position", one panel whatever the stop; of the stop; or a number of the user's own.
         mass: the mass whose quantity is drawn.
+        resonances: draw the natural frequencies of the machine without dampers and impacts, along "forcing.frequency".
         units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
         labels: words of the axes, by the path of the parameter and the name of the ordinate, as in
             `{"force.mu": "Friction", "max_position": "Amplitude"}`.
@@ -159,6 +163,8 @@ def branch(
         extend_xlim(panel, np.concatenate(values), so_far)
         if xlim is not None:
             panel.set_xlim(xlim)
+        if resonances:
+            draw_resonances(panel, several[0].points, path)
         panel.set_xlabel(label_of(path, labels, units) if panel is column[-1] else "")
         own = quantity.label(j, masses, units) if quantity else label_of_impacts("velocity", j, masses, units)
         panel.set_ylabel((labels or {}).get(ordinate) or own)

@@ -27,16 +27,17 @@ class Cloud(NamedTuple):
 
 def draw_clouds(ax: Axes, clouds: list[Cloud], style: dict[str, Any]) -> None:
     """Draw clouds, which differ in colour and marker; of thousands of points, overlaps are darker."""
-    count = sum(len(cloud.x) for cloud in clouds)
-    many, size = len(clouds) > 1, next(size for most, size in _SIZES if count <= most)
+    many = len(clouds) > 1
     for (name, x, y), color, marker in zip(
         clouds, curve_colors(len(clouds)), MARKERS * len(clouds), strict=False
     ):
         look = {"color": color, "marker": marker} if many else {"color": ink(), "marker": "o"}
+        # Of its own number of points: one point beside a cloud of thousands is still seen.
+        size = next(size for most, size in _SIZES if len(x) <= most)
         marks = {"linestyle": "none", "markersize": size, "markeredgewidth": 0, "alpha": _alpha(x, y)}
         ax.plot(x, y, **merge_style(style, rasterized=True, label=name, **marks, **look))
     if many or "label" in style:
-        legend_above(ax, markerscale=7 / size)
+        legend_above(ax, markersize=7.0)
 
 
 def _alpha(x: np.ndarray, y: np.ndarray) -> float | None:

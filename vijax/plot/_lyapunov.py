@@ -21,8 +21,8 @@ def lyapunov(ds: Sweeps, *, units: Units | None = None, ax: Axes | None = None, 
     sticking, are not drawn. Bands extend two standard errors to either side.
 
     Args:
-        ds: what `vx.sweep` or `vx.chart` returned with `lyapunov=True`, for one or two swept quantities. Several of one
-            quantity by their names, as in `{"r = 0.7": one, "r = 0.8": other}`, are told apart by their colours, their exponents
+        ds: result of `vx.sweep` or `vx.chart` with `lyapunov=True`, for one or two swept quantities. Several of one
+            quantity by their names, as in `{"r = 0.7": one, "r = 0.8": other}`, differ in colour, their exponents
             by their strokes.
         units: of `time` and swept quantities, as in `{"time": "s"}`; none are written if left out.
         ax: where to draw, also over what is there; new axes if left out.

@@ -28,7 +28,7 @@ class Ordinate(NamedTuple):
 
     @property
     def has_sign(self) -> bool:
-        """Whether zero is of interest, as for a position at one instant; a largest one may lie far from it."""
+        """True if the picture shows zero, as for a position at one instant; a largest position may lie far from it."""
         return self.variable in ("section_x", "section_v")
 
     def label(self, number: int, stop_masses: StopMasses, units: Units | None) -> str:

@@ -12,6 +12,7 @@ from ._axes import create_axes
 from ._colors import ink, merge_style
 from ._labels import Units, axis_label
 from ._motions import color_of_other, color_of_unknown, label_of_motion
+from ._percent import percent
 
 # Share below which a band is rounding.
 _NOTHING = 1e-9
@@ -76,7 +77,7 @@ def shares(
         middle = sum(band[best] for band in bands[:k]) + share[number, best] / 2
         draw_marks(ax, values[best : best + 1], np.array([middle]), k, 6.0)
         motion = followed.isel({path: best, "attractor": int(number)})
-        words.append(f"{label_of_motion(motion)}, up to {100 * share[number, best]:.3g} %")
+        words.append(f"{label_of_motion(motion)}, up to {percent(float(share[number, best]))}")
     has_other, has_unknown = (bool((band > _NOTHING).any()) for band in bands[-2:])
     ax.set(
         xlim=(edges[0], edges[-1]), ylim=(0, 1), xlabel=axis_label(path, units), ylabel="Share of the starts"

@@ -33,7 +33,7 @@ def add_to(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Serve the page until Ctrl-C."""
-    from ..explorer.page import serve  # imports Panel
+    from ..explorer.serve import serve  # imports Panel
 
     if args.keep_compiled:
         keep_compiled()

@@ -19,14 +19,16 @@ _HOW = ("transient", "record", "carry", "carry_from", "flow", "dtype", "vijax_ve
 
 def add_to(commands: Any) -> None:
     """Add the command and its options."""
-    about = "Tell what is in a file: a machine, a sweep and how it was made, a branch of periodic orbits."
-    parser = commands.add_parser("info", help="tell what is in a file", description=about)
+    about = (
+        "Describe the content of a file: a machine, a sweep and its settings, a branch of periodic orbits."
+    )
+    parser = commands.add_parser("info", help="describe the content of a file", description=about)
     parser.add_argument("file", type=Path, help="a machine, .toml or .json, or a dataset, .nc or .zarr")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> None:
-    """Print what is in a file."""
+    """Print a description of a file."""
     words = (
         words_of_machine(args.file) if is_machine(args.file) else words_of_dataset(open_dataset(args.file))
     )

@@ -16,7 +16,7 @@ from .pictures import check_picture, draw_to
 from .values import assignment, numbers
 
 _ABOUT = """
-Draw what is in a file: a machine, the bifurcation diagram of a sweep over one quantity, the chart of one over two, a branch
+Draw the content of a file: a machine, the bifurcation diagram of a sweep over one quantity, the chart of one over two, a branch
 of periodic orbits, basins, shares of them.
 """
 _KINDS = ("bifurcation", "regions", "lyapunov", "impact_map", "branch", "basins", "shares")
@@ -24,7 +24,7 @@ _KINDS = ("bifurcation", "regions", "lyapunov", "impact_map", "branch", "basins"
 
 def add_to(commands: Any) -> None:
     """Add the command and its options."""
-    parser = commands.add_parser("plot", help="draw what is in a file", description=_ABOUT)
+    parser = commands.add_parser("plot", help="draw the content of a file", description=_ABOUT)
     add = parser.add_argument
     add("file", type=Path, help="a machine, .toml or .json, or a dataset, .nc or .zarr")
     add("--out", type=Path, required=True, metavar="PICTURE", help="the picture: .png, .svg or .pdf")

@@ -160,7 +160,7 @@ def _times(
         times = np.asarray(t, float)
         if given:
             raise ValueError(
-                f"Argument `t` tells every frame: leave out {' and '.join(f'`{name}`' for name in given)}."
+                f"Argument `t` gives the time of every frame: leave out {' and '.join(f'`{name}`' for name in given)}."
             )
         if times.ndim != 1 or times.size < 2 or not (np.diff(times) > 0).all():
             raise ValueError("Argument `t` must be two or more times in order, of shape (frames,).")

@@ -8,7 +8,7 @@ _WIDGETS = ("stop", "mass", "ordinate")
 
 
 class Shown(NamedTuple):
-    """What an address says: values of dimensions, changed numbers, and choices of widgets."""
+    """State in an address: values of dimensions, changed numbers, and choices of widgets."""
 
     place: dict[str, Any]
     changes: dict[str, float]
@@ -24,7 +24,7 @@ def query_of(
 
 
 def shown_by(query: Mapping[str, Any], dims: Sequence[str], paths: Sequence[str]) -> Shown:
-    """What the parameters of an address say; what is unknown or no number is left out, since anyone may type them."""
+    """State in the parameters of an address; unknown ones and those that are no numbers are left out."""
     place: dict[str, Any] = {dim: value for dim in dims if (value := _number(query.get(dim))) is not None}
     if query.get("direction") in ("up", "down"):
         place["direction"] = query["direction"]

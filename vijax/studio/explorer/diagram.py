@@ -20,7 +20,7 @@ from ..._sections.classify import classify
 from ...plot._labels import axis_label
 from ...plot._motions import legend_entries, motions_of
 from ...plot._ordinates import Ordinate, ordinate_of, ordinates
-from .look import PageStyle
+from .look import FONT, PageStyle
 from .motion import nearest_value
 
 hv.extension("bokeh", inline=pn.config.inline)
@@ -46,7 +46,7 @@ def plain(words: str) -> str:
 
 
 class Ordinates(NamedTuple):
-    """What a diagram shows against the swept quantity.
+    """Quantity that a diagram shows against the swept one.
 
     Attributes:
         name: "velocity" of the impacts, or a quantity of the sweep.
@@ -150,6 +150,22 @@ def chart_image(ds: xr.Dataset, right: str, up: str, look: PageStyle) -> tuple[A
     )
     legend = {words.replace(r"$\infty$", "∞"): color for words, color in colors.items()}
     return image.opts(cmap=list(colors.values()), colorbar=False), legend
+
+
+def axes_in(look: PageStyle) -> Any:
+    """Hook of a diagram that gives its border and axes the colours and the font of the page."""
+
+    def hook(plot: Any, element: Any) -> None:
+        del element
+        own, ink = plot.state, look.ink
+        own.border_fill_color, own.outline_line_color = look.page, look.faint
+        for axis in own.axis:
+            axis.update(axis_label_text_color=ink, major_label_text_color=ink, axis_line_color=ink,
+                major_tick_line_color=ink, minor_tick_line_color=None, axis_label_text_font=FONT,
+                major_label_text_font=FONT, axis_label_text_font_style="normal", axis_label_text_font_size="13px",
+                major_label_text_font_size="12px")  # fmt: skip
+
+    return hook
 
 
 def marker(x: float, y: float | None, look: PageStyle) -> Any:

@@ -21,7 +21,7 @@ def explore(ds: xr.Dataset, *, ordinate: Quantity | str = "velocity", dark: bool
 
     Args:
         ds: result of `vx.sweep`, or a part of it.
-        ordinate: what the diagram over one quantity shows at first: "velocity" of the impacts, or a quantity that the
+        ordinate: quantity that the diagram over one swept quantity shows at first: "velocity" of the impacts, or a quantity that the
             sweep has, as "max_position".
         dark: whether the page is light on dark.
 
@@ -41,7 +41,7 @@ def explore(ds: xr.Dataset, *, ordinate: Quantity | str = "velocity", dark: bool
     """
     check(ds, ordinate)
     try:
-        from .page import page_of
+        from .serve import page_of
     except ImportError as error:
         raise ImportError(
             f"The explorer needs Panel, HoloViews and datashader: pip install 'vijax[studio]'. {error}"

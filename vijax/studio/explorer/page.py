@@ -1,6 +1,5 @@
 """The page: diagram, motion at the clicked point, and what changes them."""
 
-import socket
 from collections.abc import Callable
 from typing import Any
 from urllib.parse import urlencode
@@ -21,6 +20,7 @@ from .code import code_of
 from .diagram import (
     IMPACTS,
     Ordinates,
+    axes_in,
     branch_curves,
     chart_image,
     direction_near,
@@ -30,47 +30,18 @@ from .diagram import (
     points_of,
 )
 from .film import film_of, frames_of
-from .look import DARK, FONT, LIGHT, PageStyle
-from .motion import PointMotion, check, motion_at, nearest_value, point_at, scalar_parameters
+from .look import FONT, PageStyle
+from .motion import PointMotion, motion_at, nearest_value, point_at, scalar_parameters
 from .orbits import bounds_of, branch_through, orbit_near
 from .pictures import PICTURES, pictures_of
 from .saved import archive_of
-from .widgets import Changes, button, copy_button, legend, select
+from .widgets import Changes, button, copy_button, legend, legend_of_points, select
 from .words import table_of, words_about
 
-_TITLE = "vijax"
 # Time after which a browser has drawn that something long is under way, in milliseconds.
 _MOMENT = 60
 # Least width of a column of the page, and least and largest of a picture, in pixels: a wide window has several in a row.
 _COLUMN, _PICTURE = 520, (300, 400)
-
-
-def page_of(ds: xr.Dataset, *, dark: bool, ordinate: str = IMPACTS, file: str = "") -> pn.viewable.Viewable:
-    """Build the page of a sweep, see `vx.explore`."""
-    pn.extension(theme="dark" if dark else "default")
-    return Explorer(ds, DARK if dark else LIGHT, ordinate, file).view()
-
-
-def serve(ds: xr.Dataset, *, port: int, show: bool, dark: bool, ordinate: str, file: str) -> None:
-    """Serve the page of a sweep until Ctrl-C, a separate one for every browser."""
-    check(ds, ordinate)
-    look = DARK if dark else LIGHT
-    pn.config.raw_css = [f"body {{ background: {look.page}; font-family: {FONT}; margin: 0 }}"]
-    port = port or _free_port()
-    print(f"http://localhost:{port}/ shows {file}; Ctrl-C ends it.", flush=True)  # noqa: T201
-    pn.serve(
-        lambda: page_of(ds, dark=dark, ordinate=ordinate, file=file),
-        port=port,
-        show=show,
-        title=_TITLE,
-        verbose=False,
-    )
-
-
-def _free_port() -> int:
-    with socket.socket() as free:
-        free.bind(("localhost", 0))
-        return free.getsockname()[1]
 
 
 class Explorer:
@@ -129,7 +100,7 @@ class Explorer:
         return pn.FlexBox(left, right, styles=styles, **wide)
 
     def _shown_by_address(self, numbers: list[str]) -> Shown:
-        """What the address of the page says; nothing in a notebook."""
+        """State in the address of the page; none in a notebook."""
         query = pn.state.location.query_params if pn.state.location is not None else {}
         return shown_by(query, self.swept, numbers)
 
@@ -270,7 +241,7 @@ class Explorer:
             drawn = points_of(ds, self.drawn[0], self._ordinates(), look)
             for lines in self._lines():
                 drawn = drawn * branch_curves(lines, look)
-            self.legend.object = self._legend_of_points()
+            self.legend.object = legend_of_points(look, "direction" in self.place, bool(self.branches))
         else:
             ds = ds.sel(direction=self.place["direction"]) if "direction" in self.place else ds
             drawn, colors = chart_image(ds, self.drawn[0], self.drawn[1], look)
@@ -287,7 +258,7 @@ class Explorer:
             "show_grid": False,
             "active_tools": [],
         }
-        return (drawn * marked).opts(hv.opts.Overlay(**style, show_legend=False, hooks=[self._fit_axes]))
+        return (drawn * marked).opts(hv.opts.Overlay(**style, show_legend=False, hooks=[axes_in(look)]))
 
     def _lines(self) -> list[Any]:
         """Lines of the branches that have the ordinate, and an impact where it needs one."""
@@ -297,16 +268,6 @@ class Explorer:
             if own.name == IMPACTS or own.name in branch.points:
                 found.append(lines_of_branch(branch, own.number(self.ds), own.name))
         return found
-
-    def _legend_of_points(self) -> str:
-        look, entries = self.look, {}
-        if "direction" in self.place:
-            entries = {
-                f"swept {way}": ("dotted", color) for way, color in (("up", look.up), ("down", look.down))
-            }
-        if self.branches:
-            entries |= {"branch, stable": ("solid", look.chosen), "unstable": ("dashed", look.chosen)}
-        return legend(entries, "", look) if entries else ""
 
     def _redraw(self) -> None:
         self.diagram.object = self._diagram()
@@ -325,17 +286,6 @@ class Explorer:
             place["direction"] = direction_near(self.ds, self.drawn[0], self._ordinates(), {"x": x, "y": y})
         self._choose(place)
 
-    def _fit_axes(self, plot: Any, element: Any) -> None:
-        """Set the colours and the font of border and axes of the diagram to those of the page."""
-        del element
-        own, ink = plot.state, self.look.ink
-        own.border_fill_color, own.outline_line_color = self.look.page, self.look.faint
-        for axis in own.axis:
-            axis.update(axis_label_text_color=ink, major_label_text_color=ink, axis_line_color=ink,
-                major_tick_line_color=ink, minor_tick_line_color=None, axis_label_text_font=FONT,
-                major_label_text_font=FONT, axis_label_text_font_style="normal", axis_label_text_font_size="13px",
-                major_label_text_font_size="12px")  # fmt: skip
-
     def _panes(self) -> dict[str, pn.pane.Matplotlib]:
         # All of one size, also the last one alone in its row.
         style = {"flex": f"1 1 {_PICTURE[0]}px", "max-width": f"{_PICTURE[1]}px"}
@@ -351,5 +301,5 @@ class Explorer:
         return words_about(self.place, self.changes.values, self.motion, self.branches)
 
     def _words(self, busy: str = "", trouble: str = "") -> str:
-        """What is known of the point, and what is under way or why there is no motion."""
+        """Table about the point, with a note: a computation under way, or the reason why there is no motion."""
         return table_of(self._rows(), {"trouble": trouble, "busy": busy}, self.look)

@@ -1,4 +1,4 @@
-"""Everything that the page shows, as one file."""
+"""Content of the page as one file."""
 
 import io
 import zipfile

@@ -1,5 +1,6 @@
-"""Widgets of the page: what is drawn, which numbers of the machine are changed, and buttons."""
+"""Widgets of the page: choices of the drawn quantity, sliders for numbers of the machine, and buttons."""
 
+import html
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -92,8 +93,6 @@ def copy_button(code: pn.widgets.TextAreaInput) -> pn.widgets.Button:
 
 def legend(entries: Mapping[str, tuple[str, str]], title: str, look: PageStyle) -> str:
     """Legend as HTML: by words a CSS border style, or "fill", and a colour."""
-    import html
-
     parts = []
     for words, (stroke, color) in entries.items():
         look_of = (
@@ -107,3 +106,13 @@ def legend(entries: Mapping[str, tuple[str, str]], title: str, look: PageStyle) 
         )
     head = f"{html.escape(title)}: " if title else ""
     return f"<div class='legend' style='color: {look.ink}'>{head}{' '.join(parts)}</div>"
+
+
+def legend_of_points(look: PageStyle, has_directions: bool, has_branches: bool) -> str:
+    """Legend of a diagram over one quantity; empty where nothing needs words."""
+    entries: dict[str, tuple[str, str]] = {}
+    if has_directions:
+        entries = {f"swept {way}": ("dotted", color) for way, color in (("up", look.up), ("down", look.down))}
+    if has_branches:
+        entries |= {"branch, stable": ("solid", look.chosen), "unstable": ("dashed", look.chosen)}
+    return legend(entries, "", look) if entries else ""

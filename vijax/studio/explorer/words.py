@@ -33,7 +33,7 @@ def words_about(
 
 
 def table_of(words: Mapping[str, str], notes: Mapping[str, str], look: PageStyle) -> str:
-    """Table as HTML, below it notes by their class: what is under way, or why there is no motion."""
+    """Table as HTML, below it notes by their class."""
     rows = [f"<tr><td style='padding-right: 1em; white-space: nowrap; color: {look.faint}'>{html.escape(name)}</td>"
             f"<td><b>{html.escape(text)}</b></td></tr>" for name, text in words.items()]  # fmt: skip
     alarm = "".join(
