@@ -207,8 +207,9 @@ def scheme_of_system(system: ImpactSystem) -> Scheme:
     moving = [stop.motion is not None and bool(np.any(stop.motion.amplitude)) for stop in system.stops]
     matrices, omitted = _drawn(np.asarray(system.stiffness), np.asarray(system.damping), system.num_states)
     return Scheme(
-        *matrices,
-        np.asarray(system.forcing.mean),
+        stiffness=matrices[0],
+        damping=matrices[1],
+        mean=np.asarray(system.forcing.mean),
         waves=jax.tree.map(np.asarray, system.forcing.waves()),
         frequency=float(system.forcing.frequency),
         rows=rows,
@@ -264,8 +265,9 @@ def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
             Rubbing(rows[j], float(force[j]), float(velocity[j])) for j in range(num_stops, contacts.num)
         )
     return Scheme(
-        *matrices,
-        np.asarray(machine.mean),
+        stiffness=matrices[0],
+        damping=matrices[1],
+        mean=np.asarray(machine.mean),
         waves=_load_in_space(machine),
         frequency=float(machine.frequency),
         rows=rows[:num_stops],
