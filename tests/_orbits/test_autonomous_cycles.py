@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve
 
 import vijax as vx
@@ -139,3 +140,24 @@ def test_what_has_no_cycle_says_so():
         vx.continuation(orbit, "forcing.frequency", (0.1, 1.0), progress=False)
     with pytest.raises(ValueError, match="`quantities`"):
         vx.continuation(orbit, "damping[0][0]", (-0.2, -0.1), quantities=["max_velocity"], progress=False)
+
+
+@pytest.mark.thorough
+def test_a_cycle_fed_by_a_controller_repeats_in_an_independent_solver():
+    """x'' + 0.05 x' + x = -0.6 z, z' = x - 0.5 z: the lag of the controller feeds the vibration, a stop bounds it."""
+    mass = vx.ImpactSystem([1.0], [[0.05]], [[1.0]], stops=[vx.Stop(0, 1.0, "upper", 0.5)])
+    system = vx.with_states(mass, [[-0.5]], [[-0.6]], of_positions=[[1.0]])
+    orbit = vx.periodic_orbit(system, [0.5, 0.0], [0.0, 0.0])
+    matrix = np.array([[0.0, 1.0, 0.0], [-1.0, -0.05, -0.6], [1.0, 0.0, -0.5]])
+    start = np.array([orbit.x0[0], *orbit.v0])
+
+    def gap(t, y):
+        return 1 - y[0]
+
+    gap.terminal, gap.direction = True, -1
+    solver = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-13}
+    first = solve_ivp(lambda t, y: matrix @ y, (0, 2 * orbit.period), start, events=gap, **solver)
+    bounced = first.y[:, -1] * [1, -0.5, 1]
+    last = solve_ivp(lambda t, y: matrix @ y, (first.t[-1], float(orbit.period)), bounced, **solver)
+    assert abs(first.t[-1] - float(orbit.events.t[0])) < 1e-11
+    np.testing.assert_allclose(last.y[:, -1], start, rtol=0, atol=1e-11)
