@@ -402,3 +402,12 @@ def test_all_branches_of_a_sweep_are_found_once():
     for one in follow(orbits, FREQUENCY, 0.7, 0.8):
         assert one.values.min() == pytest.approx(0.7)
         assert one.values.max() == pytest.approx(0.8)
+
+
+@pytest.mark.slow
+def test_an_orbit_at_a_bound_begins_no_second_branch():
+    system = vx.models.impact_oscillator(1.0, 1.0, position=1.0, restitution=0.8, damping_ratio=0.05)
+    ds = vx.sweep(system, {AMPLITUDE: np.linspace(0.2, 1.0, 5)}, transient=300, record=10, progress=False)
+    (branch,) = vx.branches(ds, bounds=(0.05, 1.0), progress=False)
+    assert branch.ends == ("bounds", "bounds")
+    np.testing.assert_allclose([branch.values.min(), branch.values.max()], [0.05, 1.0], rtol=1e-15)

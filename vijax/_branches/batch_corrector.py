@@ -34,7 +34,7 @@ class PreparedProblem(NamedTuple):
     change: Any
 
 
-class Flight(NamedTuple):
+class WeightedFlight(NamedTuple):
     """A flight, its weight, and whether it ends with an event of the cycle, or is the one that closes it."""
 
     event: Event
@@ -225,7 +225,7 @@ def multipliers_of(pencils: Pencil, num_erased: Array, shifts: Array) -> Array:
     return jax.vmap(floquet_multipliers, in_axes=-1, out_axes=-1)(pencils, num_erased, shifts)
 
 
-def flights_of(sequence: Sequence, durations: Array, weights: Array) -> Flight:
+def flights_of(sequence: Sequence, durations: Array, weights: Array) -> WeightedFlight:
     """Flights of many cycles, the last one of each closes it and has no duration yet, (events + 1, ..., lanes)."""
     room, count = len(durations), jnp.sum(sequence.kind != NOTHING, axis=0)
     longer = lambda a, last: jnp.concatenate([a, jnp.full((1, *a.shape[1:]), last, a.dtype)])  # noqa: E731
@@ -236,7 +236,7 @@ def flights_of(sequence: Sequence, durations: Array, weights: Array) -> Flight:
         mode=sequence.mode,
         mode_after=jnp.concatenate([sequence.mode[1:], sequence.mode[-1:]]),
     )
-    return Flight(event, longer(durations, 0), longer(weights, 0), numbers < count, numbers == count)
+    return WeightedFlight(event, longer(durations, 0), longer(weights, 0), numbers < count, numbers == count)
 
 
 def _begun(prepared: PreparedProblem, scale: Array, place: ExtendedCycle, weights: ExtendedCycle) -> _Pass:
@@ -265,7 +265,7 @@ def _begun(prepared: PreparedProblem, scale: Array, place: ExtendedCycle, weight
 
 
 def _past_event(
-    prepared: PreparedProblem, scale: Array, z: Array, flight: Flight, passed: _Pass
+    prepared: PreparedProblem, scale: Array, z: Array, flight: WeightedFlight, passed: _Pass
 ) -> tuple[_Pass, _Kept]:
     """The pass behind the next flight and its event, of one cycle, that starts in `z`."""
     problem, change = prepared

@@ -16,7 +16,7 @@ from .branch import Branch
 from .continuation import follow_branches, following
 from .cycle_quantities import Quantities, checked_cycle_quantities, with_quantities
 from .kinds import Kind
-from .membership import Orbits
+from .membership import KnownOrbits
 from .monitors import Monitors, Stop
 from .point import Budget
 from .starts import Start, starting_orbits, value_of
@@ -147,7 +147,7 @@ class _Search:
     def follow_each_once(self, starts: list[Start]) -> list[Branch]:
         """Add the branches of all orbits that lie on none found, each branch once; return the added ones."""
         num_known, num_none = len(self.found), 0
-        orbits = Orbits(starts)
+        orbits = KnownOrbits(starts)
         left = orbits.not_on([*range(len(starts))], self.found)
         while left and not self.is_over:
             self.bar.set_postfix_str(f"{len(self.found)} branches, {len(left)} orbits left", refresh=False)
@@ -168,7 +168,7 @@ class _Search:
         self._warn(num_none, len(left))
         return self.found[num_known:]
 
-    def _add(self, orbits: Orbits, own: dict[int, Branch], others: list[int]) -> list[int]:
+    def _add(self, orbits: KnownOrbits, own: dict[int, Branch], others: list[int]) -> list[int]:
         """Add the branches of some orbits, each once; return those of the others that lie on none."""
         branches = list(own.values())
         try:

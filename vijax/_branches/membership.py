@@ -21,6 +21,8 @@ from .starts import Start, families_of, value_of
 # between two branches it leads to both.)
 # _SAME: relative distance below which two states are equal.
 _NEAR, _SAME = 1.0, 1e-6
+# Relative distance of equal parameters.
+_ROUNDING = 1e-12
 # Most trials to find the cycle at a parameter between two points.
 _TRIALS = 40
 
@@ -36,7 +38,7 @@ class _Chance(NamedTuple):
     k: int
 
 
-class Orbits:
+class KnownOrbits:
     """Orbits that are compared with branches, from all of their periods.
 
     Args:
@@ -74,7 +76,9 @@ class Orbits:
             if orbit not in self._values:
                 self._values[orbit] = value_of(self._starts[orbit].system, branch.path)
             p = self._values[orbit]
-            between = np.flatnonzero((values[:-1] - p) * (values[1:] - p) <= 0)
+            # An orbit at a bound is at the last point of the branch, up to the rounding of the scaled parameter.
+            before = np.where(np.abs(values - p) <= _ROUNDING * abs(p), 0, values - p)
+            between = np.flatnonzero(before[:-1] * before[1:] <= 0)
             states = self._states(orbit) if between.size else np.zeros(0)
             size = np.abs(states).max(initial=0)
             for k in between:
