@@ -14,6 +14,8 @@ from .machines import Shape, in_other_units, machine, mirrored
 SAVED, ROOM, ROUNDING = 33, 256, 1e-11
 # A disturbance by which the growth of errors is measured; motions in which it grows more are compared no further.
 DISTURBANCE, MOST_GROWTH = 1e-8, 1e5
+# Forcing periods after which a motion is taken to be settled, and the relative distance at which it repeats.
+SETTLED, NEARLY = 300, 1e-4
 
 
 class Failure(NamedTuple):
@@ -122,6 +124,51 @@ def check_alone(shape: Shape, a: dict, lanes: list[int]) -> list[Failure]:
         if not abs(pair[0] - pair[1]) <= 1e-9 * size:
             failures.append(Failure("forward and reverse", k, abs(pair[0] - pair[1]) / (1e-9 * size)))
     return failures
+
+
+def check_orbits(shape: Shape, a: dict, lanes: list[int]) -> tuple[list[Failure], int]:
+    """Orbits of those among a few driven machines that settle to a period; what failed, and the number of orbits."""
+    failures, count = [], 0
+    for k in lanes if shape.is_driven else []:
+        system = machine(shape, {name: value[k] for name, value in a.items()})
+        period = 2 * np.pi / float(a["frequency"][k])
+        ts = period * (SETTLED + np.arange(5))
+        sol = vx.simulate(system, 0.0, ts[-1], a["x0"][k], a["v0"][k], ts=ts, max_events=ROOM, throw=False)
+        states = np.concatenate([sol.xs, sol.vs], axis=1)
+        away = np.abs(states[1:] - states[0]).max(axis=1) / (np.abs(states[0]).max() + 1e-12)
+        if not (away < NEARLY).any():
+            continue
+        n = 1 + int(np.argmax(away < NEARLY))
+        orbit = vx.periodic_orbit(
+            system, states[0, : shape.masses], states[0, shape.masses :], n, throw=False
+        )
+        if not (bool(orbit.is_admissible) and float(orbit.residual) < 1e-9):
+            continue
+        count += 1
+        failures += [Failure(name, k, excess) for name, excess in _faults(shape, a, k, orbit)]
+    return failures, count
+
+
+def _faults(shape: Shape, a: dict, k: int, orbit: vx.PeriodicOrbit) -> list[tuple[str, float]]:
+    """Names of the checks that an orbit fails, and by how much."""
+    end = float(orbit.num_periods) * float(orbit.system.forcing.period)
+    sol = vx.simulate(orbit.system, 0.0, end, orbit.x0, orbit.v0, max_events=ROOM, throw=False)
+    start, last = (np.concatenate(pair) for pair in ((orbit.x0, orbit.v0), (sol.x1, sol.v1)))
+    multipliers = np.asarray(orbit.multipliers)
+    largest = max(1.0, float(np.abs(multipliers).max()))
+    moved = np.concatenate([orbit.progression, np.zeros(shape.masses)])
+    lack, size = np.abs(last - start - moved).max(), 1e-9 * largest * (np.abs(start).max() + 1e-3)
+    found = [] if lack <= size else [("closing of an orbit", float(lack / size))]
+    kinds = np.asarray(sol.events.kind[: int(sol.num_events)])
+    if shape.is_switching or shape.is_moving or (kinds != vx.IMPACT).any():
+        return found
+    # Liouville: a flight loses volume by the damper, an impact by the square of its restitution.
+    mass = a["mass"][k] if shape.is_full else np.diag(a["mass"][k])
+    loss = -np.trace(np.linalg.solve(mass, np.asarray(orbit.system.damping))) * end
+    r = np.concatenate([a["restitution"][k], a["contact_restitution"][k]])
+    volume = np.exp(loss) * np.prod(r[np.asarray(sol.events.stop[: len(kinds)])] ** 2)
+    error = abs(np.prod(multipliers) - volume) / (1e-8 * largest ** len(multipliers))
+    return found if error <= 1 else [*found, ("product of the multipliers", float(error))]
 
 
 def _code(name: str) -> int:
