@@ -119,8 +119,11 @@ def stopped_after_rounds(monkeypatch):
     """Send Ctrl-C after some rounds of the scheduler of branches."""
 
     def after(num_rounds: int) -> None:
-        drive = continuation.drive
-        patient = lambda families, tasks, tell: drive(families, tasks, stopping(tell, num_rounds))  # noqa: E731
+        drive, rounds = continuation.drive, stopping(lambda: None, num_rounds)
+
+        def patient(families, tasks, tell):
+            return drive(families, tasks, lambda: (rounds(), tell()))
+
         monkeypatch.setattr(continuation, "drive", patient)
 
     return after
@@ -128,7 +131,7 @@ def stopped_after_rounds(monkeypatch):
 
 def test_a_branch_comes_along_as_far_as_it_was_followed(stopped_after_rounds):
     whole = vx.continuation(orbit(), AMPLITUDE, BOUNDS, progress=False)
-    stopped_after_rounds(6)
+    stopped_after_rounds(3)
     with pytest.raises(vx.Interrupted, match=r"the `result` of this error") as stopped:
         vx.continuation(orbit(), AMPLITUDE, BOUNDS, progress=False)
     branch = stopped.value.result

@@ -13,7 +13,7 @@ from .steps import MIN_TANGENT_COSINE
 _AGAIN, _SAME = 1e-8, 1e-6
 
 
-def repetitions_of(sequence: Sequence, place: ExtendedCycle, num_periods: float) -> KernelRequests:
+def repetitions_of(sequence: Sequence, place: ExtendedCycle, num_periods: int | float) -> KernelRequests:
     """Number of times that a cycle of `num_periods` forcing periods repeats a shorter one."""
     num_periods = _finite(num_periods)
     for n in (n for n in range(1, num_periods) if num_periods % n == 0):
@@ -25,7 +25,7 @@ def repetitions_of(sequence: Sequence, place: ExtendedCycle, num_periods: float)
     return 1
 
 
-def _finite(num_periods: float) -> int:
+def _finite(num_periods: int | float) -> int:
     """Number of forcing periods of a cycle; 1 where no load sets the period."""
     return int(num_periods) if np.isfinite(num_periods) else 1
 
