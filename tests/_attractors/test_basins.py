@@ -103,7 +103,11 @@ def test_cycles_are_compared_up_to_a_shift_alone():
 
 
 @polishes
-@pytest.mark.parametrize("system", [MIRRORED, THREE, QUIET], ids=["mirrored", "three", "quiet"])
+@pytest.mark.parametrize(
+    "system",
+    [pytest.param(MIRRORED, marks=pytest.mark.slow), THREE, QUIET],
+    ids=["mirrored", "three", "quiet"],
+)
 def test_each_start_is_led_where_a_long_run_of_it_goes(system):
     starts = box(40)
     ds = vx.attractors(system, starts, progress=False)

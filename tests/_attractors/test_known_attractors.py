@@ -27,6 +27,7 @@ def around(value: float, by: float) -> list[float]:
     return [value * (1 - by), value * (1 + by)]
 
 
+@pytest.mark.slow
 def test_an_orbit_begins_at_the_published_fold():
     values = np.array(around(FOLDS[0.79], NEAR_FOLD))
     ds = vx.follow_attractors(

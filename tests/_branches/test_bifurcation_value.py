@@ -104,6 +104,7 @@ def test_published_derivatives_of_a_fold():
 
 
 @pytest.mark.parametrize(("make", "numbers", "kind"), KINDS)
+@pytest.mark.slow
 def test_the_value_of_the_same_machine_is_that_of_the_point(make, numbers, kind):
     value = value_of(make, kind)(numbers)
     assert float(value) == pytest.approx(points_of(make)[kind].value, rel=1e-13)

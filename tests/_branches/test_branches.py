@@ -374,6 +374,7 @@ def test_a_cascade_of_grazings_ends_where_the_chatter_is_complete():
         assert np.count_nonzero(orbit.events.kind == vx.STICK) == num_sticks
 
 
+@pytest.mark.slow
 def test_of_many_orbits_what_is_none_is_left_out():
     swept = {AMPLITUDE: [0.34, 0.36, 0.38]}
     ds = vx.sweep(oscillator(0.36, 0.84091), swept, x0=[0.43], v0=[0.15], transient=400, progress=False)

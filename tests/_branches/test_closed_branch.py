@@ -48,6 +48,7 @@ def faster_orbit(w: float) -> vx.PeriodicOrbit:
     return vx.periodic_orbit(system, sol.x1, sol.v1, PERIODS)
 
 
+@pytest.mark.slow
 def test_a_closed_branch_is_gone_round_once_between_its_folds():
     folds = [scipy.optimize.brentq(discriminant, *ends, xtol=1e-15) for ends in ((2.1, 2.4), (2.5, 2.9))]
     branch = vx.continuation(faster_orbit(2.45), "forcing.frequency", (1.8, 3.2), progress=False)

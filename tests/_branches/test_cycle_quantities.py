@@ -88,6 +88,7 @@ def test_an_orbit_that_begins_at_another_phase_has_the_same_quantities(branch):
             )
 
 
+@pytest.mark.thorough
 def test_quantities_that_are_none_are_refused(orbit):
     def follow(quantities):
         vx.continuation(orbit, PATH, (0.79, 0.81), progress=False, quantities=quantities)

@@ -60,6 +60,7 @@ def branch(orbit) -> vx.Branch:
     return follow(orbit, monitor={"hit": hit, "size": size, "jump": jump})
 
 
+@pytest.mark.thorough
 def test_zeros_of_monitors_are_those_of_the_closed_form(branch):
     found = {(point.kind, point.value) for point in branch.special_points if point.kind.startswith("monitor")}
     (at_speed,) = [value for kind, value in found if kind == "monitor:hit"]
@@ -105,6 +106,7 @@ def test_a_branch_ends_where_a_condition_holds(orbit):
     assert one.values[0] < other.values[0]
 
 
+@pytest.mark.slow
 def test_step_and_tolerance_change_no_program(orbit):
     follow(orbit, 0.5, monitor={"hit": hit})
     with counted() as compilations:

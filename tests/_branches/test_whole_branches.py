@@ -74,6 +74,7 @@ def test_ever_more_bounces_are_no_return_to_an_earlier_point(cascade):
     np.testing.assert_allclose([a for _, a in told(narrow)], [a for _, a in shared], rtol=0, atol=LOCATED)
 
 
+@pytest.mark.slow
 def test_a_grazing_after_a_light_bounce_is_where_a_run_grazes(cascade):
     """The gap has a maximum and a minimum between two samples of its motion."""
     grazing = cascade[1].bifurcations[-3]
@@ -142,6 +143,7 @@ def test_without_damping_multipliers_on_the_circle_do_not_cross_it():
 
 
 @pytest.mark.parametrize("share", [0.7, pytest.param(0.995, marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_a_window_of_a_narrow_resonance_is_found(share):
     """Two uncoupled masses; the second, of quality 5000, reaches its stop only near its resonance."""
     quality, natural, load = 5000.0, 1.3, 1e-3

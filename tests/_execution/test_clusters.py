@@ -145,6 +145,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_two_ranks_of_mpi_find_the_same(plain, tmp_path):
     pytest.importorskip("mpi4py", reason="the extra `cluster` is not installed")
     mpiexec = Path(sys.executable).with_name("mpiexec")

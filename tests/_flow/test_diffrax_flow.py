@@ -160,6 +160,7 @@ def test_a_short_push_is_not_stepped_over_where_steps_are_bounded():
     np.testing.assert_allclose(sol.v1, 0.01 * np.sqrt(np.pi), rtol=SOLVER)
 
 
+@pytest.mark.thorough
 def test_a_force_that_is_not_finite_ends_its_own_lane_alone():
     def run(k3):
         sol = vx.simulate(duffing(k3), 0.0, 20.0, [-1.2], [0.0], throw=False)

@@ -33,7 +33,7 @@ MOVING = vx.Stop(
 
 @pytest.mark.parametrize(
     "contact",
-    [STOP, CONTACT, pytest.param(MOVING, marks=pytest.mark.slow)],
+    [pytest.param(STOP, marks=pytest.mark.slow), CONTACT, pytest.param(MOVING, marks=pytest.mark.slow)],
     ids=["stop", "contact", "moving"],
 )
 def test_an_impact_as_periods_end_is_undone_of_all_masses_that_it_sets_in_motion(contact):
@@ -55,6 +55,7 @@ def test_an_impact_as_periods_end_is_undone_of_all_masses_that_it_sets_in_motion
 
 
 @pytest.mark.parametrize("margin", [1e-6, -1e-6])
+@pytest.mark.slow
 def test_a_motion_that_never_reaches_a_moving_contact_is_proved_quiet(margin):
     """The contact is just beyond or just within the response to the load."""
     travel, row = 0.05 * np.exp(0.7j), np.array([1.0, -0.4])

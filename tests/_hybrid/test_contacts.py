@@ -271,6 +271,7 @@ def test_a_sweep_is_its_motions_one_by_one_and_keeps_its_machine():
         np.testing.assert_allclose(velocity, sol.events.velocity_minus[is_recorded], rtol=0, atol=1e-8)
 
 
+@pytest.mark.thorough
 def test_a_carried_sweep_starts_on_the_right_side_of_contacts_that_moved():
     ds = vx.sweep(
         damper(mean=[0.0, 0.1]),
@@ -317,7 +318,7 @@ def test_a_force_acts_between_contacts():
     np.testing.assert_allclose(other.x1, one.x1, rtol=0, atol=1e-7)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_stops_of_one_mass_may_move_differently():
     """A ball between a fixed and a moving wall: elastic, so v -> 2 w' - v at the moving wall."""
     moving = vx.Harmonic([0.1], 2.0, [0.3])

@@ -43,6 +43,7 @@ def solution(scene) -> vx.Solution:
     return scene.simulate()
 
 
+@pytest.mark.slow
 def test_there_are_the_same_events_in_the_same_order_and_none_else(solution, scene):
     assert solution.result == vx.RESULTS.successful
     found = log_of(solution)

@@ -19,6 +19,7 @@ def table(wandering: float, load: float = 0.0, restitution: float = 0.5) -> vx.I
     return vx.ImpactSystem(np.array([1.0, 0.5, 0.5]), np.zeros((3, 3)), np.zeros((3, 3)), forcing, legs)
 
 
+@pytest.mark.slow
 def test_a_table_of_four_legs_stands_while_its_load_wanders_from_leg_to_leg():
     sol = vx.simulate(table(0.7), 0.0, 10.0, max_events=64)
     t = np.linspace(0.0, 10.0, 101)

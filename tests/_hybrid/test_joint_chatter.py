@@ -46,6 +46,7 @@ def test_without_the_impulse_of_dampers_it_would_be_of_the_second():
     assert (errors > FACTOR * np.array(SPEEDS[:-1]) ** ORDER + ROUNDED).any()
 
 
+@pytest.mark.slow
 def test_joint_chatter_ends_as_its_ever_smaller_bounces_do(machine, found):
     *_, limit = found
     sol = vx.simulate(machine.system, 0.0, T1, machine.x0, max_events=512)

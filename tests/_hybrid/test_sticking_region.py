@@ -17,8 +17,8 @@ SAMPLES = 40
 # Fig. 12: frequencies at which the second mass of case (b) sticks.
 FREQUENCIES = [0.1, 0.14, 0.18, 0.22, 0.26, 0.3, 0.36]
 SCENES = [
-    pytest.param("n3_three_held", marks=pytest.mark.thorough),
-    pytest.param("n2_release_by_impact_mix", marks=pytest.mark.thorough),
+    pytest.param("n3_three_held", marks=pytest.mark.slow),
+    pytest.param("n2_release_by_impact_mix", marks=pytest.mark.slow),
     "n2_release_by_impact_chatter",
     "paper_b_om020",
 ]

@@ -64,7 +64,7 @@ def test_a_machine_built_before_is_converted_at_every_door(outcome):
     assert all(dtypes == ["float64"] for dtypes in found.values())
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_it_is_told_once_and_what_to_do(outcome):
     _, messages, _ = outcome
     assert len(messages) == 1

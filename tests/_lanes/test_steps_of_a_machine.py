@@ -27,6 +27,7 @@ def turn(flow, machine, state, phase0):
 
 
 @pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.thorough
 def test_steps_and_impacts_are_those_of_the_engine(name):
     machine, can_stick = MACHINES[name]
     frequencies = jnp.linspace(0.6, 1.2, LANES)

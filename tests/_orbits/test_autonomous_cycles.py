@@ -55,6 +55,7 @@ def test_the_period_is_differentiable_by_the_numbers_of_the_machine():
     assert abs(jax.jacfwd(of)(0.6) - (of(0.6 + h) - of(0.6 - h)) / (2 * h)) < 1e-8
 
 
+@pytest.mark.thorough
 def test_a_branch_of_cycles_is_the_closed_form_at_every_point():
     orbit = vx.periodic_orbit(bouncing(), [0.5], [0.0])
     branch = vx.continuation(orbit, "stops[0].restitution", (0.3, 0.72), progress=False)
@@ -74,7 +75,7 @@ def test_a_branch_of_cycles_is_the_closed_form_at_every_point():
     np.testing.assert_allclose(again.period, last.period, rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_mass_on_a_belt_sticks_and_slips_with_the_exact_period():
     """T = 2 pi - 2 atan(D / V) + 2 D / V, D what static friction exceeds the kinetic one by; a stick forgets its past."""
     gap, kinetic = 0.4, 0.6

@@ -186,6 +186,7 @@ def in_a_row(ds: xr.Dataset) -> xr.Dataset:
     return ds.stack(point=dims).transpose("point", ...)
 
 
+@pytest.mark.slow
 def test_every_periodic_motion_becomes_an_orbit(found):
     orbits, kinds = found.orbits, found.kinds
     is_periodic = kinds.num_periods > 0

@@ -192,7 +192,7 @@ def total(amplitude, starts, bounds):
     return jnp.where(IS_KNOWN[:, None], found, 0).sum(), found
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_it_is_so_in_its_lane_alone():
     slopes = jax.jit(lambda *a: (total(*a)[1], jax.jacfwd(lambda p: total(p, *a[1:]))(a[0])))
     found, (of_total, of_lanes) = slopes(jnp.asarray(A), STARTS, BOUNDS)

@@ -81,7 +81,7 @@ def test_contacts_and_stops_that_move_are_gone_through_too():
         np.testing.assert_allclose(sol.evaluate(found[0])[1], found[2], atol=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_in_a_batch_what_is_not_passed_is_nan():
     system = vx.models.wagg_bishop_a(0.8)
 

@@ -108,7 +108,7 @@ def test_a_published_orbit_is_a_fixed_point_with_the_multipliers_of_the_strobosc
     )
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_ball_on_a_moving_table_comes_back_after_a_period_of_the_table():
     table = Table(1, 0.8, 9.81, 0.6)
     system, span = table.system(0.0), 2 * np.pi / table.frequency
@@ -170,7 +170,7 @@ def test_derivatives_go_through_chatter_sticking_and_release_at_another_stop(cha
     np.testing.assert_allclose(jax.jacfwd(after)(start), np.transpose(expected), rtol=0, atol=DIFFERENCE)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(("system", "stop"), [(vx.models.wagg_bishop_a(0.8), 1), (CHATTERING, 0)])
 def test_on_a_periodic_orbit_its_multipliers_are_those_of_the_orbit(system, stop):
     settled = vx.simulate(system, 0.0, 100 * float(system.forcing.period), max_events=0, throw=False)
@@ -258,7 +258,7 @@ def total(restitution, lanes):
     return jnp.where(IS_KNOWN[:, None], found, 0).sum(), found
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_never_comes_back_is_nan_in_its_lane_alone():
     slopes = jax.jit(lambda *a: (total(*a)[1], jax.jacfwd(lambda r: total(r, *a[1:]))(a[0])))
     found, (of_total, of_lanes) = slopes(R, LANES)

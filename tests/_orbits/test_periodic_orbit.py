@@ -61,6 +61,7 @@ def test_an_orbit_that_sticks_has_two_multipliers_of_zero(sticking):
     assert (kinds == vx.RELEASE).sum() == (kinds == vx.STICK).sum() == 2
 
 
+@pytest.mark.thorough
 def test_an_orbit_that_sticks_is_found_from_afar(sticking):
     rng = np.random.default_rng(0)
     for _ in range(8):

@@ -41,6 +41,7 @@ def test_every_periodic_point_becomes_an_orbit(swept, orbits):
     assert float(orbits.residual.max()) < 1e-13
 
 
+@pytest.mark.thorough
 def test_they_are_those_of_single_searches(swept, orbits):
     for k in np.flatnonzero(orbits.converged)[::9]:
         one, point = orbits.isel({"forcing.frequency": k}), swept.isel({"forcing.frequency": k})

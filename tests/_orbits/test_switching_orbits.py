@@ -57,7 +57,7 @@ def kinds(orbit: vx.PeriodicOrbit) -> list[int]:
     return kind[kind >= 0].tolist()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_motion_that_turns_without_sticks_has_the_amplitude_and_the_multipliers_of_den_hartog():
     orbit = settled(rubbing(0.8), 30)
     assert kinds(orbit) == [vx.TURN, vx.TURN]
@@ -79,7 +79,7 @@ def test_a_motion_with_two_sticks_a_period_has_exactly_one_multiplier_zero():
     np.testing.assert_allclose(orbit.multipliers[0], np.trace(monodromy), rtol=100 * ROUNDING)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_derivatives_of_an_orbit_with_sticks_agree_with_differences():
     orbit = settled(rubbing(0.6), 30)
 

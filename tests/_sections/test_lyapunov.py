@@ -103,7 +103,7 @@ def test_an_undamped_oscillator_has_the_exponent_found_by_others():
     assert abs(float(found[0]) - 0.1415) < 3 * float(error[0]) < 6e-3
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_error_is_the_scatter_of_starts():
     starts = np.linspace(-1.0, -0.5, 200)
     ds = vx.sweep(

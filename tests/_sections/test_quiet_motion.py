@@ -144,7 +144,7 @@ def assert_same(found: xr.Dataset, expected: xr.Dataset):
     xr.testing.assert_allclose(found, expected, rtol=ROUNDED, atol=ROUNDED)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_each_point_is_judged_by_its_own_machine(many):
     after, before = kinds(many), kinds(without_machine(many))
     assert (after != before).any()
@@ -250,7 +250,7 @@ def test_moving_stops_are_swept_as_well():
     assert (later.num_impacts.sum("stop").values[is_quiet] == 0).all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("t0", [0.0, 1.3])
 def test_a_trajectory_is_judged_likewise(t0):
     system = eqx.tree_at(lambda s: s.forcing.frequency, LIGHT, jnp.asarray(2.2))

@@ -79,6 +79,7 @@ def test_correlated_normal_quantities_have_their_correlation():
 
 
 @pytest.mark.thorough  # reverse derivatives of a trajectory
+@pytest.mark.slow
 def test_derivatives_tell_the_spread_that_samples_show_where_it_is_small():
     known = {
         "r": (RESTITUTION, scipy.stats.norm(0.5, 0.002)),

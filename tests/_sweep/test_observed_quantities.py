@@ -72,7 +72,7 @@ def test_a_ball_at_rest_presses_with_its_weight():
     np.testing.assert_array_equal(ds.rms_velocity, 0)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_friction_leaves_the_amplitude_of_den_hartog():
     """X^2 = (A V)^2 - U^2, for motions without sticks."""
     system = vx.models.friction_oscillator(0.8, 4.0, damping_ratio=0.0)

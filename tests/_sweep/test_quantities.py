@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from helpers import slow_except
 
 import vijax as vx
 
@@ -42,7 +43,7 @@ MACHINES = {
 }
 
 
-@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize("name", slow_except(["two masses", "friction"], MACHINES))
 @pytest.mark.thorough
 def test_impulses_and_losses_are_those_of_single_runs(name):
     system, path, values = MACHINES[name]

@@ -83,7 +83,7 @@ def test_motions_orbits_and_branches_are_those_by_path(named, by_path):
     assert_same(orbits, vx.periodic_orbits(by_path, progress=False))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_branches_follow_the_path(named):
     found = vx.branches(named.isel(A=[1]).squeeze("A"), progress=False)
     assert {branch.path for branch in found} == {FREQUENCY}

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import slow_except
 
 import vijax as vx
 
@@ -42,9 +43,10 @@ MACHINES = {
 }
 
 
-@pytest.mark.parametrize("system", MACHINES.values(), ids=MACHINES)
+@pytest.mark.parametrize("name", slow_except(["one", "two"], MACHINES))
 @pytest.mark.thorough
-def test_every_impact_has_the_coefficient_of_its_speed(system):
+def test_every_impact_has_the_coefficient_of_its_speed(name):
+    system = MACHINES[name]
     events = vx.simulate(system, 0.0, 80.0).events
     is_impact = events.kind == vx.IMPACT
     assert is_impact.sum() > 10

@@ -37,7 +37,7 @@ def lane(batch: vx.Solution, k: int) -> vx.Solution:
     return jax.tree.map(lambda a: a[k], batch)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_batch_is_evaluated_lane_by_lane(batch):
     t = np.linspace(0.0, END, 6).reshape(2, 3)
     x, v = batch.evaluate(t)

@@ -69,6 +69,7 @@ def test_a_motion_without_events_has_an_empty_table():
     assert list(table.columns) == COLUMNS
 
 
+@pytest.mark.slow
 def test_a_batch_of_logs_is_refused():
     system = vx.models.wagg_bishop_a(0.8)
     sol = jax.vmap(lambda x: vx.simulate(system, 0.0, 10.0, x0=jnp.zeros(2).at[0].set(x)))(jnp.zeros(2))

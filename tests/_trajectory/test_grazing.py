@@ -158,6 +158,7 @@ simulate_all = jax.jit(jax.vmap(simulate, in_axes=(None, 0, None)))
     "name",
     [pytest.param(m, marks=pytest.mark.slow if m.startswith("two") else ()) for m in MACHINES],
 )
+@pytest.mark.thorough
 def test_a_light_pass_has_the_right_number_of_impacts(name):
     c = case(name)
     machine = Machine(*(jnp.asarray(a) for a in c.machine))

@@ -152,6 +152,7 @@ SCENES = {
 
 
 @pytest.mark.parametrize("name", SCENES)
+@pytest.mark.thorough
 def test_the_motion_agrees_with_taylor_flights_of_40_digits(name):
     system, t1, kinds = SCENES[name]
     rest = np.zeros(system.num_masses)

@@ -194,7 +194,7 @@ def derivatives():
     return jax.jacfwd(in_space)(p), jax.jacfwd(from_table)(p)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", slow_except(["restitution"], PARAMETERS))
 def test_derivatives_are_those_seen_from_the_table(derivatives, name):
     found, expected = (each[name] for each in derivatives)

@@ -74,7 +74,7 @@ def test_derivatives_of_a_batch_are_those_of_its_lanes(name):
         assert_alike(jax.tree.map(lambda a, k=k: a[k], batch), slopes(system, end, start))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_length_of_the_log_does_not_change_derivatives():
     system, end, x = MACHINES["sticking"]
     ends = lambda size: lambda x: described(system, end, x, jnp.asarray(1.0), size)[:4]  # noqa: E731
@@ -82,7 +82,7 @@ def test_the_length_of_the_log_does_not_change_derivatives():
     assert_alike(short, long)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_lane_that_does_not_begin_changes_no_derivative_of_the_others():
     system = vx.models.wagg_bishop_b(1.1)
 

@@ -67,6 +67,7 @@ def test_a_batch_of_batches():
             assert_alike(batch, (i, k), follow(vx.models.wagg_bishop_b(w), x))
 
 
+@pytest.mark.slow
 def test_a_program_of_constants_alone():
     batch = jax.jit(
         lambda: jax.vmap(lambda x: follow(vx.models.wagg_bishop_b(1.1), x))(np.array([0.0, -0.1]))
@@ -74,7 +75,7 @@ def test_a_program_of_constants_alone():
     assert_alike(batch, (1,), follow(vx.models.wagg_bishop_b(1.1), jnp.array(-0.1)))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("make", slow_except(["full mass"], MAKES))
 def test_machines_of_every_make(make):
     system = MAKES[make]()

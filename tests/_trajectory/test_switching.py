@@ -50,6 +50,7 @@ def test_multipliers_of_a_slipping_oscillator_agree_with_known_ones():
     np.testing.assert_allclose(found, [0.0365532703531, 0.2502568051573], rtol=0, atol=FIGURE)
 
 
+@pytest.mark.thorough
 def test_an_oscillator_that_sticks_slides_for_the_known_time_and_has_a_zero_multiplier():
     system = oscillator(0.05, 1.5, 0.6)
     sol = vx.simulate(system, 0.0, 100 * system.forcing.period)
@@ -62,7 +63,7 @@ def test_an_oscillator_that_sticks_slides_for_the_known_time_and_has_a_zero_mult
     assert np.min(np.abs(multipliers)) < ROUNDING
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_friction_forces_keep_their_bounds_and_compliant_stops_never_pull():
     sol = vx.simulate(capsule(), 0.0, 60.0)
     t = np.linspace(0, 60, 1001)
@@ -110,7 +111,7 @@ def test_derivatives_go_through_sticks_slips_and_contact():
         np.testing.assert_allclose(forward[:, k], (4 * narrow - wide) / 3, rtol=0, atol=DIFFERENCES)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_batch_equals_its_trajectories():
     amplitudes = np.array([0.9, 1.1, 1.3])
     ends = jax.vmap(lambda a: vx.simulate(capsule(a), 0.0, 40.0, throw=False))(amplitudes)

@@ -54,7 +54,7 @@ WAYS = {
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("way", slow_except(["reverse", "forward of a batch, compiled"], WAYS))
+@pytest.mark.parametrize("way", slow_except(["reverse"], WAYS))
 def test_they_are_told_of_once_whatever_they_are_taken_by(way):
     told = told_by(WAYS[way], jnp.zeros(3) if "batch" in way else jnp.zeros(()))
     assert len(told) == 1
@@ -62,7 +62,7 @@ def test_they_are_told_of_once_whatever_they_are_taken_by(way):
     assert all(remedy in told[0] for remedy in ("shorter spans", "multiple shooting", "`vx.periodic_orbit`"))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_one_bad_lane_of_a_batch_is_enough():
     by_unit = jax.vmap(jax.grad(end), in_axes=(None, 0))
     assert told_by(by_unit, jnp.zeros(()), jnp.array([1.0, TINY_UNIT, 1.0]))[0].startswith(SENTENCE)
@@ -84,7 +84,7 @@ def test_what_is_infinite_is_not_told_of():
     assert told_by(lambda: derivative_growth.warn_if_large([jnp.array([np.inf, -1e20])])) != []
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_chaotic_motion_over_many_periods_is_told_of():
     system = vx.models.wagg_bishop_b(2.0)
     with pytest.warns(UserWarning, match=SENTENCE):

@@ -49,7 +49,7 @@ def test_the_frequencies_of_a_cantilever_tend_to_those_of_the_beam_from_above():
     np.testing.assert_allclose(np.log2(errors[0] / errors[1]), ORDER, atol=0.1)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_beam_that_loses_nothing_keeps_its_energy_through_impacts():
     beam = vx.models.cantilever(1.0, 0.0, num_elements=2, restitution=1.0, damping_ratio=0.0, position=0.05)
     start = np.array([-0.1, -0.3, -0.3, -0.5])

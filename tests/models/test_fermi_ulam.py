@@ -82,7 +82,7 @@ def test_a_ball_between_walls_never_passes_an_invariant_curve(swept):
         assert (speed < second(angle)).all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_each_of_many_impacts_of_a_ball_between_walls_turns_its_relative_velocity_round(swept):
     speed, relative = swept.impact_velocity.values, swept.impact_relative_velocity.values
     wall, number = speed - relative, np.isfinite(speed).sum(axis=1)

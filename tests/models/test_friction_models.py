@@ -38,7 +38,7 @@ def test_the_damped_friction_oscillator_has_the_known_amplitude():
     np.testing.assert_allclose(np.abs(at_events(sol, vx.TURN)[1]), 2.145852589884217, rtol=ORBIT)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_friction_that_weakens_oscillates_with_the_period_of_leine_and_others():
     system = vx.models.friction_oscillator(1.0, 0.0, velocity=0.2, weakening=3.0)
     times, *_ = at_events(vx.simulate(system, 0.0, 60.0, [0.5], [0.2]), vx.STICK)

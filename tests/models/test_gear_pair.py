@@ -87,6 +87,7 @@ def test_gears_turned_by_an_angle_have_the_same_orbit_once(rattling):
     np.testing.assert_allclose(orbits[0].multipliers, rattling.multipliers, rtol=0, atol=TURNED)
 
 
+@pytest.mark.slow
 def test_gears_with_a_mean_load_in_one_direction_drift():
     system = vx.models.gear_pair(1.0, 1.0, **ROTATING)
     pushed = eqx.tree_at(lambda s: s.forcing.mean, system, jnp.array([0.4, -0.15]))

@@ -12,7 +12,7 @@ import vijax as vx
 
 # ln |mu| of the largest multiplier for g = 0.130, 0.134 and 0.140, with all digits of the program
 # github.com/professionalMachine1/Multi-piston_vibro-impact_mechanism (LD_DMV.txt).
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gravity", "exponent"),
     [
@@ -31,7 +31,7 @@ def test_the_multipliers_of_a_machine_on_two_pistons_are_the_published_ones(grav
     assert np.log(np.abs(orbit.multipliers)).max() == pytest.approx(exponent, abs=2e-10)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_casing_at_rest_on_one_piston_is_thrown_up_by_another():
     # Both rows are equal, and their pistons move differently.
     sol = vx.simulate(vx.models.multi_piston(), 0.0, 60.0, [0.3])

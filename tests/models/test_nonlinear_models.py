@@ -162,6 +162,7 @@ def test_a_free_machine_hits_its_stop_at_the_times_and_speeds_of_elliptic_integr
     np.testing.assert_allclose([*sol.x1, *sol.v1], end[:2], rtol=0, atol=SOLVER)
 
 
+@pytest.mark.thorough
 def test_every_impact_on_a_wall_at_the_bottom_multiplies_the_sine_of_half_the_angle_by_r():
     w, _, r, b = (case := Case(PENDULUM, 1.3, 0.0, 0.8, 2.5))[1:]
     sol = vx.simulate(case.system, 0.0, 20.0, [-b])
@@ -244,6 +245,7 @@ FREQUENCIES = [0.7, 0.9, 1.3]
 
 @pytest.mark.parametrize("frequency", FREQUENCIES)
 @pytest.mark.parametrize("name", DRIVEN)
+@pytest.mark.thorough
 def test_a_driven_machine_moves_as_another_solver_says(name, frequency):
     values = DRIVEN[name] | {"frequency": frequency}
     sol = vx.simulate(getattr(vx.models, name)(**values), 0.0, 20.0, [-1.0])
@@ -310,7 +312,7 @@ def test_derivatives_of_a_free_machine_are_those_of_elliptic_functions(model):
     np.testing.assert_allclose([force, stop.position, stop.restitution], exact, rtol=SLOPES, atol=SLOPES)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_derivative_of_a_driven_machine_by_its_cubic_stiffness_is_that_of_another_solver():
     values = DRIVEN_DUFFING | {"frequency": 0.9}
     found = slopes(vx.models.duffing_oscillator(**values)).force.stiffness

@@ -59,6 +59,7 @@ def test_the_scene_has_impacts_and_holds_of_both_kinds(sol):
     assert len(held_spans(sol, 1)) > 2
 
 
+@pytest.mark.slow
 def test_a_time_series_draws_where_a_contact_holds_on_the_lines_of_both_masses(sol):
     ax = vx.plot.time_series(sol, num_samples=SAMPLES)
     assert words_of_legend(ax) == [

@@ -84,6 +84,7 @@ def test_a_branch_shows_a_quantity_with_gaps_where_it_is_not_known():
     assert own.get_ylabel() == "Energy"
 
 
+@pytest.mark.slow
 def test_many_branches_are_named_by_their_motions():
     once, twice = ([[(0.2, 1, 0.5)]] * 3, [[(0.2, 1, 0.5), (0.6, 0, 0.3)]] * 3)
     several = [branch_of(one, num_periods=n) for n in (1, 2) for one in (twice, once) for _ in range(30)]

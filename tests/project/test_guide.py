@@ -17,6 +17,13 @@ LONG = (
     "docs/how_to/optimise_orbit.md",
     "docs/how_to/curves.md",
     "docs/how_to/integrity.md",
+    "docs/how_to/cycles.md",
+    "docs/how_to/branches.md",
+    "docs/how_to/attractors.md",
+    "docs/how_to/contacts.md",
+    "docs/how_to/ensembles.md",
+    "docs/how_to/design.md",
+    "docs/how_to/control.md",
 )
 NUMBER = r"-?\d+\.?\d*(?:e-?\d+)?"
 

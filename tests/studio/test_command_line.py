@@ -191,7 +191,7 @@ def test_orbits_and_branches_are_those_of_python(tmp_path, monkeypatch, capsys):
     assert main(["orbit", "machine.toml", "--set", f"{path}=nan"]) == 2
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_attractors_and_basins_are_those_of_python(tmp_path, monkeypatch, capsys):
     pytest.importorskip("h5netcdf")
     monkeypatch.chdir(tmp_path)

@@ -83,7 +83,7 @@ def test_what_is_no_sweep_cannot_be_explored():
         vx.explore(xr.Dataset())
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_orbit_in_chaos_and_its_branch_go_through_the_point(sweep):
     motion = motion_at(sweep, {FREQUENCY: 0.8})
     assert motion.orbit is None
@@ -171,7 +171,7 @@ def page(sweep, tmp_path):
         window.close()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_click_and_a_slider_show_another_motion(page, sweep):
     drawn_there = (
         "const seen = []; const look = node => { for (const one of node.querySelectorAll('*')) {"

@@ -353,7 +353,9 @@ def test_what_nothing_ties_to_a_place_is_seen_from_its_middle():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["impact_damper", "gear_pair", "bead_column"])
+@pytest.mark.parametrize(
+    "name", ["impact_damper", "gear_pair", pytest.param("bead_column", marks=pytest.mark.slow)]
+)
 def test_a_film_never_shows_a_contact_passed(name):
     system = MODELS[name]()
     motion = vx.simulate(system, 0.0, 6.0)
