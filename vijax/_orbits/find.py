@@ -37,17 +37,18 @@ class OrbitSolution(eqx.Module):
     result: ORBIT_RESULTS
 
 
-@compile_lightly
 def find(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> OrbitSolution:
     """Search from a guess until an orbit is found, or nothing is left to try."""
-    # The search itself is not differentiated: derivatives come from the implicit function theorem.
-    still, guess = stop_gradients((strobe, guess))
+    # The search itself is not differentiated: derivatives come from the implicit function theorem. Outside of `jit` its
+    # values are known even under derivatives, so that its program serves them too.
+    return tell_of_search(strobe, _search(*stop_gradients((strobe, guess))))
+
+
+@compile_lightly
+def _search(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> Search:
     numbers = strobe.numbers
     search = begin_search(guess, len(numbers.rows), strobe.room, is_switching=numbers.laws is not None)
-    search = jax.lax.while_loop(
-        lambda search: search.is_on, lambda search: search_step(still, search), search
-    )
-    return solution_of_search(strobe, search)
+    return jax.lax.while_loop(lambda search: search.is_on, lambda search: search_step(strobe, search), search)
 
 
 def solution_of_search(strobe: StroboscopicMap, search: Search) -> OrbitSolution:
