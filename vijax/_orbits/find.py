@@ -1,4 +1,4 @@
-"""Search for an orbit from a guess in one program, and the orbit as a function of its machine."""
+"""Search for an orbit from a guess, and the orbit as a function of its machine."""
 
 import equinox as eqx
 import jax
