@@ -111,6 +111,7 @@ def test_the_value_of_the_same_machine_is_that_of_the_point(make, numbers, kind)
 
 
 @pytest.mark.parametrize(("make", "numbers", "kind"), KINDS)
+@pytest.mark.slow
 def test_derivatives_are_those_of_differences(make, numbers, kind):
     value, h = value_of(make, kind), 2e-4
     slopes, direction = jax.grad(value)(numbers), np.linspace(-1, 1, len(numbers))

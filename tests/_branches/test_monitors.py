@@ -125,7 +125,7 @@ def test_step_and_tolerance_change_no_program(orbit):
     np.testing.assert_allclose(speeds, exact, rtol=0, atol=1e-7)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("side", [-1e-9, 1e-9])
 def test_a_closed_branch_has_each_zero_once(side):
     from test_closed_branch import faster_orbit

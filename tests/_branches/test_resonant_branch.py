@@ -53,7 +53,7 @@ def test_an_orbit_all_of_whose_neighbours_repeat_is_refused_as_not_isolated(x0):
             vx.continuation(orbit, path, bounds, progress=False)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_with_damping_or_beside_the_resonance_the_same_orbit_has_a_branch():
     damped = vx.models.impact_oscillator(0.5, position=3.0, damping_ratio=0.01)
     beside = vx.models.impact_oscillator(0.52, position=3.0)

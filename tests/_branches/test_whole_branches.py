@@ -124,6 +124,7 @@ def test_orbits_with_sticks_without_rebound_have_all_their_events(plastic):
 
 
 @pytest.mark.parametrize("position", [0.0, pytest.param(0.1, marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_a_bound_without_rebound_is_reached_and_nothing_is_told_beyond(position):
     system = oscillator(2.8, position=position, restitution=0.3)
     sol = vx.simulate(system, 0.0, 400 * system.forcing.period, [-0.3], max_events=0, throw=False)
@@ -226,6 +227,7 @@ def test_an_impact_that_passes_the_start_of_the_cycle_is_no_grazing():
 
 
 @pytest.mark.parametrize("restitution", [0.0, pytest.param(0.5, marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_a_hop_between_two_holds_vanishes_where_the_force_touches_zero(restitution):
     """A load stronger than 0.31 pulls the mass off the stop on which the spring presses it."""
     found = []

@@ -63,7 +63,7 @@ def test_a_rotor_between_stops_moves_as_an_independent_solver_says():
     np.testing.assert_allclose(np.concatenate([sol.x1, sol.v1]), y, rtol=0, atol=10 * REFERENCE)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_an_orbit_of_a_rotor_closes_with_the_multipliers_of_its_map():
     period = ROTOR.forcing.period
     sol = vx.simulate(ROTOR, 0.0, 60 * period, max_events=2000)

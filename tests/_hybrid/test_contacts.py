@@ -240,7 +240,7 @@ def test_a_saltation_matrix_is_the_derivative_of_an_impact():
     np.testing.assert_allclose(np.linalg.det(matrix), 0.7**2, rtol=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_orbits_close_and_their_multipliers_obey_liouville():
     system = damper(0.6, frequency=1.05, amplitude=0.1)
     end = vx.simulate(system, 0.0, 300 * system.forcing.period, max_events=8192)

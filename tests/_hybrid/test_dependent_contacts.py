@@ -33,6 +33,7 @@ def test_a_table_of_four_legs_stands_while_its_load_wanders_from_leg_to_leg():
     assert {event.kind for event in log_of(sol)} == {"stick", "release"}
 
 
+@pytest.mark.slow
 def test_it_tips_over_two_legs_once_its_load_is_beyond_them():
     sol = vx.simulate(table(-1.25), 0.0, 0.3, max_events=64)
     # The load is 1.25 cos 2t from the middle, at the start beyond the legs at 1: the table tips about these legs.

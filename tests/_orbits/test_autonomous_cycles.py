@@ -55,7 +55,7 @@ def test_the_period_is_differentiable_by_the_numbers_of_the_machine():
     assert abs(jax.jacfwd(of)(0.6) - (of(0.6 + h) - of(0.6 - h)) / (2 * h)) < 1e-8
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_branch_of_cycles_is_the_closed_form_at_every_point():
     orbit = vx.periodic_orbit(bouncing(), [0.5], [0.0])
     branch = vx.continuation(orbit, "stops[0].restitution", (0.3, 0.72), progress=False)
@@ -92,7 +92,7 @@ def test_a_mass_on_a_belt_sticks_and_slips_with_the_exact_period():
     assert abs(slope - (2 * gap / (v**2 + gap**2) - 2 * gap / v**2)) < 1e-12
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_unstable_cycle_of_negative_damping_and_dry_friction_is_that_in_closed_form():
     """A half cycle takes the amplitude A to (A - F) q - F, q = exp(zeta pi / w)."""
     zeta, force = 0.05, 0.2

@@ -203,6 +203,7 @@ def test_every_periodic_motion_becomes_an_orbit(found):
     assert bool(orbits.is_stable[orbits.converged.values].all())
 
 
+@pytest.mark.slow
 def test_they_close_to_rounding(found):
     assert float(found.orbits.residual.max()) < CLOSING
 

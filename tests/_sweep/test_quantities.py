@@ -43,7 +43,7 @@ MACHINES = {
 }
 
 
-@pytest.mark.parametrize("name", slow_except(["two masses", "friction"], MACHINES))
+@pytest.mark.parametrize("name", slow_except(["two masses"], MACHINES))
 @pytest.mark.thorough
 def test_impulses_and_losses_are_those_of_single_runs(name):
     system, path, values = MACHINES[name]

@@ -74,7 +74,7 @@ def test_swept_matrices_may_have_a_short_name():
         np.testing.assert_array_equal(vx.system_of(ds.isel(C=k)).damping, damping)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_motions_orbits_and_branches_are_those_by_path(named, by_path):
     assert_same(vx.classify(named), vx.classify(by_path))
     orbits = vx.periodic_orbits(named, progress=False)

@@ -53,7 +53,7 @@ def drawn_spans(t: np.ndarray, x: np.ndarray) -> list[tuple[float, float]]:
     return [(t[run][0], t[run][-1]) for run in runs]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_scene_has_impacts_and_holds_of_both_kinds(sol):
     assert all(len(events(sol, vx.IMPACT, j)) > 3 for j in range(3))
     assert len(held_spans(sol, 1)) > 2

@@ -89,7 +89,7 @@ def test_basins_and_sections():
     assert_same_picture(vx.plot.section, [vx.sweep(SYSTEM, form, **options) for form in starts])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_branches_over_a_sweep(lines):
     (branch, *_) = vx.branches(lines[1], progress=False)
     assert_same_picture(lambda ds: vx.plot.branch(branch, ds), lines)
