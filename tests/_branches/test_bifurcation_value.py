@@ -81,13 +81,13 @@ def points_of(make):
 
 
 KINDS = [
-    pytest.param(case_a, CASE_A, "fold", marks=pytest.mark.slow),
-    pytest.param(case_a, CASE_A, "gr", marks=pytest.mark.slow),
+    (case_a, CASE_A, "fold"),
+    (case_a, CASE_A, "gr"),
     (case_a, CASE_A, "double_impact"),
-    pytest.param(pair, UNEQUAL, "ns", marks=pytest.mark.slow),
-    pytest.param(pair, UNEQUAL, "pd", marks=pytest.mark.slow),
-    pytest.param(alone, ALONE, "gr", marks=pytest.mark.slow),  # in closed form below
-    pytest.param(pressed, PRESSED, "force_zero", marks=pytest.mark.slow),
+    (pair, UNEQUAL, "ns"),
+    (pair, UNEQUAL, "pd"),
+    (alone, ALONE, "gr"),  # in closed form below
+    (pressed, PRESSED, "force_zero"),
 ]
 
 

@@ -303,8 +303,8 @@ def test_two_curves_meet_in_one_point():
 @pytest.mark.parametrize(
     ("frequency", "kind", "amplitude", "speed"),
     [
-        pytest.param(0.90, "pd", 0.35421999760770, 0.74714667673068, marks=pytest.mark.slow),
-        pytest.param(0.7995, "fold", 0.36218601300675, 0.050393232377, marks=pytest.mark.slow),
+        (0.90, "pd", 0.35421999760770, 0.74714667673068),
+        (0.7995, "fold", 0.36218601300675, 0.050393232377),
         (0.79, "fold", 0.35564119904136, 1.2228091254396),
     ],
 )

@@ -63,7 +63,6 @@ def test_with_damping_or_beside_the_resonance_the_same_orbit_has_a_branch():
         assert branch.ends == ("bounds", "bounds")
 
 
-@pytest.mark.thorough
 @pytest.mark.slow
 def test_of_a_sweep_orbits_that_are_not_isolated_are_left_out_with_a_warning():
     system = vx.models.impact_oscillator(0.5, position=3.0)

@@ -133,7 +133,6 @@ def shaken(t, x, v, args):
     return jnp.stack([amplitude * jnp.cos(frequency * t), 0.0 * t])
 
 
-@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_load_written_as_a_force_chatters_sticks_and_is_let_go_as_the_load():
     linear = vx.models.wagg_bishop_b(0.2)
@@ -198,7 +197,6 @@ def test_derivatives_are_those_of_differences_and_the_same_both_ways():
         np.testing.assert_allclose(reverse[i], jnp.sum(weights * forward[i]), rtol=1e-10, atol=1e-10)
 
 
-@pytest.mark.thorough
 @pytest.mark.slow
 def test_the_monodromy_matrix_of_a_cubic_spring_is_a_saltation_between_two_flights():
     system = duffing(1.5, r=0.7, c=0.1, amplitude=0.6)
@@ -250,7 +248,6 @@ def solved(t, x, v, args):
     return -jnp.linalg.solve(args["compliance"] * jnp.eye(1), jnp.sort(x**3))
 
 
-@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_sweep_with_a_force_that_calls_libraries_is_carried_along_and_kept(tmp_path):
     plain = duffing(1.5, r=0.7, c=0.1, amplitude=0.6)

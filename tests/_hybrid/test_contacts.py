@@ -183,7 +183,6 @@ def test_the_law_of_several_contacts_is_the_one_solution_of_its_conditions():
         assert solutions == 1
 
 
-@pytest.mark.thorough
 @pytest.mark.slow
 def test_two_contacts_that_say_the_same_are_one():
     system = damper(mean=[0.0, -0.1])

@@ -43,7 +43,6 @@ def test_all_passages_of_a_trajectory_are_found(direction):
 
 
 @pytest.mark.slow
-@pytest.mark.thorough
 def test_its_derivatives_are_differences_and_hold_the_multipliers():
     system = vx.models.wagg_bishop_a(0.8)
     end = vx.simulate(system, 0.0, 100 * float(system.forcing.period), max_events=1024)

@@ -73,7 +73,6 @@ def test_beats_of_a_lightly_damped_chain_are_no_longer_taken_for_something_else(
     assert (found.recurrence_error.values[is_quiet] > 1e-6).any()
 
 
-@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore:.*max_impacts_reached")  # only counts are needed, not the log
 @pytest.mark.slow
 def test_no_impact_comes_in_a_much_longer_run(light):

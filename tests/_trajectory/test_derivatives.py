@@ -186,7 +186,7 @@ def pulled_back(start: Start, t0, t1, weights_x, weights_v) -> Start:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["n1_lowfreq_r07", pytest.param("paper_b_om140", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["n1_lowfreq_r07", "paper_b_om140"])
 def test_reverse_mode_equals_forward_mode(name):
     scene = reference(name)
     directions = [direction(scene.start, parameter) for parameter in scene.derivatives]

@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from helpers import slow_except
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from shaken import GRAVITY, MAGNIFIED, A, R, W, ball, seen_from_the_table, table, two_masses
@@ -195,7 +194,7 @@ def derivatives():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", slow_except(["restitution"], PARAMETERS))
+@pytest.mark.parametrize("name", PARAMETERS)
 def test_derivatives_are_those_seen_from_the_table(derivatives, name):
     found, expected = (each[name] for each in derivatives)
     assert np.abs(expected).max() > 1e-2

@@ -64,7 +64,6 @@ def test_all_derivatives_are_those_of_the_steps(name, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["sticking", "moving stop", "contacts"])
 def test_derivatives_of_a_batch_are_those_of_its_lanes(name):
     system, end, x = MACHINES[name]

@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from helpers import slow_except
 
 import vijax as vx
 
@@ -76,7 +75,7 @@ def test_a_program_of_constants_alone():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", slow_except(["full mass"], MAKES))
+@pytest.mark.parametrize("make", MAKES)
 def test_machines_of_every_make(make):
     system = MAKES[make]()
     starts = jnp.linspace(0.0, 1e-2, 3) * (1 if make == "moving stop" else -1)

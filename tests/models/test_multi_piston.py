@@ -17,8 +17,8 @@ import vijax as vx
     ("gravity", "exponent"),
     [
         (0.130, -0.2963060962),
-        pytest.param(0.134, -0.7793959414, marks=pytest.mark.slow),
-        pytest.param(0.140, -1.3862943611, marks=pytest.mark.slow),
+        (0.134, -0.7793959414),
+        (0.140, -1.3862943611),
     ],
 )
 def test_the_multipliers_of_a_machine_on_two_pistons_are_the_published_ones(gravity, exponent):
