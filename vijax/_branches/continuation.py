@@ -146,7 +146,7 @@ def continuation(
 
 
 class Following(NamedTuple):
-    """How branches are followed.
+    """Settings of a continuation.
 
     Attributes:
         max_points: largest number of points in each direction.

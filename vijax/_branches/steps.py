@@ -113,7 +113,7 @@ class StepState(NamedTuple):
 
 
 class StepLimits(NamedTuple):
-    """What a plain step must not pass or exceed.
+    """Limits that a plain step neither passes nor exceeds.
 
     Attributes:
         num_periods: n.

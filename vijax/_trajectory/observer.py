@@ -154,7 +154,7 @@ class _Sight(NamedTuple):
 
 
 class _Place(NamedTuple):
-    """Where signals seem to be largest within a step, (signals, ...) each.
+    """Estimated maxima of signals within a step, (signals, ...) each.
 
     Attributes:
         time: since the beginning of the step; 0 where no maximum lies inside.

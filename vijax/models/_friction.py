@@ -15,7 +15,7 @@ from .._system.system import ImpactSystem
 
 
 class FrictionLoss(eqx.Module):
-    """What a friction that falls with the sliding velocity w lacks of a constant one: F d w / (1 + d |w|).
+    """Constant friction less one that falls with the sliding velocity w: F d w / (1 + d |w|).
 
     Added to a `vx.Friction` of the force F, it makes the force F / (1 + d |w|). It vanishes while the mass sticks.
 
