@@ -10,7 +10,7 @@ from .._flow.interface import AbstractFlow
 from .._hybrid.guards import select_active
 from .._hybrid.limits import FORCE, GAP, IMPACT
 from .._jax.arrays import Scalar
-from .._jax.xla import is_any
+from .._jax.xla import in_lanes_of, is_any
 from .._machine.derivatives import derivatives
 from .._machine.machine import Machine
 from .._machine.state import KEPT, STICKING
@@ -174,6 +174,7 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns, begins: Moment | None
     nothing = _lowest(none, 0 * begin.time, jnp.asarray(sequence.mode)[0], begin, jnp.array(0))
     unread = _GapsAndForces([0 * none] * (_OF_FORCE if is_switching else _OF_GAP), [0 * none] * _OF_FORCE)
     scan = _Scan(jnp.array(0), jnp.array(0), unread, nothing, nothing, nothing)
+    scan = in_lanes_of(begin.time, scan)
     scan = jax.lax.while_loop(lambda scan: scan.flight <= count, one, scan)
     (gap, force), (gap_time, force_time) = _refined(machine, flow, scan.gaps, scan.forces)
     return LeastMargins(

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .._jax.arrays import Scalar
+from .._jax.xla import in_lanes_of
 from .._orbits.condensation import Condensed, Pencil, Weights, basis_of_kernel, condense, solve_condensed
 from .._orbits.cycle import linearise
 from .._orbits.floquet import floquet_multipliers
@@ -110,9 +111,8 @@ def correct(
         )
         return here.moved(step, 1.0), newton
 
-    last = jax.lax.while_loop(
-        lambda now: is_going_on(now[1], family.tolerance), one, (guess, _nothing(guess))
-    )[1]
+    begun = in_lanes_of(target, (guess, _nothing(guess)))
+    last = jax.lax.while_loop(lambda now: is_going_on(now[1], family.tolerance), one, begun)[1]
     size_of_tangent = jnp.sqrt(last.tangent.along(last.tangent))
     return Corrected(
         place=last.place,

@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._jax.arrays import Scalar, matvec, stack
+from .._jax.arrays import Scalar, append_axes, matvec
 from .._jax.xla import compute_once, is_any
 from .._machine.contacts import Held
 from .._machine.derivatives import Derivatives, derivatives
@@ -110,19 +110,18 @@ class ModalFlow(ExpandingFlow):
 
     def prepare(self, machine: Machine) -> "PreparedModalFlow":
         """Add the steady response to the load, and the longest step."""
-        modes = [jax.tree.map(lambda a, k=k: a[k], self.modes) for k in range(len(self.sets))]
-        machines = [machine] * len(modes)
-        if self.closed is not None:
-            machines = [machine.with_closed(closed) for closed in self.closed]
-        responses = [_response(machine, own) for own in modes]
-        rests = [_rests(*own) for own in zip(machines, modes, responses, strict=True)]
+
+        def of_set(modes: Modes, closed: Array | None) -> tuple[SteadyResponse, Rests, Scalar]:
+            own = machine if closed is None else machine.with_closed(closed)
+            response = _response(own, modes)
+            return response, _rests(own, modes, response), own.rate
+
+        response, rests, rates = jax.vmap(of_set)(self.modes, self.closed)
         trust, _ = LONGEST_STEP_AND_TERMS[str(machine.mean.dtype)]
         # Overdamped modes are differences of growing terms and take half the step.
         excess = jnp.max(self.modes.decay**2 - self.modes.squared_frequency, axis=(0, 1))
         least = 2 * jnp.sqrt(jnp.maximum(excess, 0))
-        limits = [trust / jnp.maximum(own.rate, least) for own in machines]
-        limit = limits[0] if self.closed is None else stack(limits)
-        response, rests = (jax.tree.map(lambda *a: stack(a), *each) for each in (responses, rests))
+        limit = trust / jnp.maximum(machine.rate if self.closed is None else rates, least)
         return PreparedModalFlow(self.modes, response, rests, limit, self.sets, self.closed)
 
     def expand(self, machine: Machine, state: State, hold: Held) -> "ModalExpansion":
@@ -131,21 +130,18 @@ class ModalFlow(ExpandingFlow):
 
 
 def _response(machine: Machine, modes: Modes) -> SteadyResponse:
-    w2, a, shape = modes.squared_frequency, modes.decay, modes.shape
+    w2, a, shape, waves = modes.squared_frequency, modes.decay, modes.shape, machine.waves
+    speed = waves.speeds(machine.frequency)
+    stiff, drag = w2[None] - speed * speed, 2 * a[None] * speed
+    scale = stiff * stiff + drag * drag
+    c, s = (jnp.sum(shape[None] * part[:, :, None], axis=1) for part in (waves.cosine, waves.sine))
+    moved = (stiff * c - drag * s) / scale, (stiff * s + drag * c) / scale
+    response = Waves(*(jnp.sum(shape[None] * part[:, None], axis=2) for part in moved))
     transposed = jnp.swapaxes(shape, 0, 1)
-    cosine, sine = [], []
-    for h, load in enumerate(zip(machine.waves.cosine, machine.waves.sine, strict=True), 1):
-        speed = h * machine.frequency
-        stiff, drag = w2 - speed * speed, 2 * a * speed
-        scale = stiff * stiff + drag * drag
-        c, s = (matvec(transposed, part) for part in load)
-        cosine.append(matvec(shape, (stiff * c - drag * s) / scale))
-        sine.append(matvec(shape, (stiff * s + drag * c) / scale))
     if machine.contacts.is_switching:
-        mean = product(shape / w2[None], transposed)
-    else:
-        mean = matvec(shape, matvec(transposed, machine.mean) / w2)
-    return SteadyResponse(mean, Waves(stack(cosine), stack(sine)))
+        return SteadyResponse(product(shape / w2[None], transposed), response)
+    load = jnp.sum(shape * machine.mean[:, None], axis=0)
+    return SteadyResponse(jnp.sum(shape * (load / w2)[None], axis=1), response)
 
 
 def _rests(machine: Machine, modes: Modes, response: SteadyResponse) -> Rests:
@@ -158,10 +154,9 @@ def _rests(machine: Machine, modes: Modes, response: SteadyResponse) -> Rests:
     x3, x4 = shape * third[None], shape * fourth[None]
     x3_load = machine.frequency**3 * response.waves.bound(3)
     x4_load = machine.frequency**4 * response.waves.bound(4)
-    columns = [matvec(damping, x4[:, j]) + matvec(stiffness, x3[:, j]) for j in range(len(w2))]
+    force = product(damping, x4) + product(stiffness, x3)
     force_load = machine.frequency**3 * machine.waves.bound(3)
-    force_load = force_load + matvec(damping, x4_load) + matvec(stiffness, x3_load)
-    force = jnp.stack(columns, axis=1)
+    force_load = force_load + jnp.sum(damping * x4_load[None] + stiffness * x3_load[None], axis=1)
     rests = x4 * (1 / 24), x4_load * (1 / 24), force * (1 / 6), force_load * (1 / 6)
     if not machine.contacts.is_switching:
         return Rests(*rests)
@@ -219,7 +214,7 @@ class PreparedModalFlow(ExpandingFlow):
         change: Float[Array, "2 harmonics ..."],
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."]]:
         """Evaluate the modes at any time."""
-        modes, response = self._of_set(machine, state, hold, (self.modes, self.response))
+        modes, response = self._of_set(machine, state, hold, (self.modes, self.response), skips=False)
         free = self._coordinates(machine, state, modes, response)
         increments = _increments(modes.squared_frequency, modes.decay, span)
         return _gone(machine, modes, response, free, increments, change)
@@ -234,8 +229,18 @@ class PreparedModalFlow(ExpandingFlow):
         steady_v = response.waves.at(machine.phase_rate(state.phase))
         return matvec(modes.inverse, state.x - steady), matvec(modes.inverse, state.v - steady_v)
 
-    def _of_set(self, machine: Machine, state: State, hold: Held, tables: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Tables of the set of masses held now, and of the compliant contacts closed now."""
+    def _of_set(
+        self, machine: Machine, state: State, hold: Held, tables: tuple[Any, ...], *, skips: bool = True
+    ) -> tuple[Any, ...]:
+        """Tables of the set of masses held now, and of the compliant contacts closed now.
+
+        Args:
+            machine: the machine.
+            state: its state.
+            hold: the contacts held now.
+            tables: rows for every set.
+            skips: whether the selection is skipped where no mass is held; for a loop of very many steps.
+        """
         free = jax.tree.map(lambda a: a[0], tables)
         if len(self.sets) == 1:
             return free
@@ -243,6 +248,8 @@ class PreparedModalFlow(ExpandingFlow):
         if self.closed is not None:
             held, closed = machine.contacts.held_and_closed(hold, state.mode.closed)
         flags = held if closed is None else jnp.concatenate([held, closed])
+        if not skips and flags.ndim == 1:
+            return self._pick(flags, tables)
         full = lambda a: jnp.broadcast_to(a, jnp.broadcast_shapes(a.shape, flags.shape[1:]))  # noqa: E731
         return jax.lax.cond(
             is_any(flags), lambda: self._select(flags, tables), lambda: jax.tree.map(full, free)
@@ -250,12 +257,20 @@ class PreparedModalFlow(ExpandingFlow):
 
     def _select(self, flags: Bool[Array, "flags ..."], tables: tuple[Any, ...]) -> tuple[Any, ...]:
         """Tables of the set of each lane, by a chain of selections, cheaper than a gather."""
-        chosen = jax.tree.map(lambda a: a[0], tables)
-        sets = self.sets if self.closed is None else jnp.concatenate([self.sets, self.closed], axis=1)
+        chosen, sets = jax.tree.map(lambda a: a[0], tables), self._flags_of_sets()
         for k in range(1, len(sets)):
             is_this = reduce(operator.and_, list(flags == sets[k]))
             chosen = jax.tree.map(lambda a, old, k=k, yes=is_this: jnp.where(yes, a[k], old), tables, chosen)
         return chosen
+
+    def _pick(self, flags: Bool[Array, " flags"], tables: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Tables of the set of a single trajectory, by fewer operations than `_select`: they compile faster."""
+        sets = self._flags_of_sets()
+        is_this = jnp.arange(len(sets)) == jnp.argmax(jnp.all(sets == flags[None], axis=1))
+        return jax.tree.map(lambda a: jnp.sum(jnp.where(append_axes(is_this, a), a, 0), axis=0), tables)
+
+    def _flags_of_sets(self) -> Bool[Array, "sets flags ..."]:
+        return self.sets if self.closed is None else jnp.concatenate([self.sets, self.closed], axis=1)
 
 
 class ModalExpansion(Expansion):

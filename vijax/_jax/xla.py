@@ -191,6 +191,15 @@ def for_each(flags: Bool[Array, " places"], step: Callable[[Array, R], R], carry
     return jax.lax.while_loop(lambda now: now[1] < len(words), one, (carry, *first))[0]
 
 
+def in_lanes_of(like: Array, tree: PyTree) -> PyTree:
+    """The same tree, each array of which differs between the lanes of a `vmap` if `like` does.
+
+    `vmap` traces a loop's body again after it has found an array that lanes come to differ in, though they began alike.
+    """
+    is_so = jnp.ravel(like)[0] == 0
+    return jax.tree.map(lambda a: jnp.where(is_so, a, a), tree)
+
+
 class AbstractTask(eqx.Module):
     """Body of `while_any` and all that it depends on."""
 

@@ -22,6 +22,8 @@ import jax.numpy as jnp
 from equinox.internal import unvmap_max
 from jaxtyping import Array, Float, Int
 
+from .._jax.xla import in_lanes_of
+
 
 def over_flights(
     one: Callable[[Any, Any], tuple[Any, Any]],
@@ -41,8 +43,10 @@ def over_flights(
     count = unvmap_max(count)
     at = lambda k: jax.tree.map(lambda a: a[k], rows)  # noqa: E731
     size = len(jax.tree.leaves(rows)[0])
+    one = jax.jit(one, inline=True)  # traced once
     results = jax.eval_shape(one, carry, at(0))[1]
     room = jax.tree.map(lambda a: jnp.zeros((size, *a.shape), a.dtype), results)
+    carry, room = in_lanes_of(jax.tree.leaves(carry)[0], (carry, room))
 
     def step(state: tuple[Array, Any, Any]) -> tuple[Array, Any, Any]:
         done, carry, room = state

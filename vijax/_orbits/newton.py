@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._jax.arrays import Scalar
+from .._jax.xla import in_lanes_of
 from .condensation import Pencil, condense, solve_condensed
 from .cycle import Problem, Residual, Unknowns, linearise, residual
 
@@ -77,7 +78,7 @@ def polish(problem: Problem, guess: Unknowns) -> Polished:
         now = Polished(here, found, equations.pencil, first, step, before.step, before.num_steps + 1)
         return Unknowns(here.z + dz * scale, here.flights + dflights), now
 
-    return jax.lax.while_loop(is_on, one, (guess, _nothing(guess)))[1]
+    return jax.lax.while_loop(is_on, one, in_lanes_of(guess.z, (guess, _nothing(guess))))[1]
 
 
 def _nothing(guess: Unknowns) -> Polished:

@@ -30,6 +30,10 @@ class Waves(eqx.Module):
         """Number of harmonics."""
         return len(self.cosine)
 
+    def speeds(self, frequency: Reals) -> Reals:
+        """Angular frequencies of all harmonics, (harmonics, 1)."""
+        return _orders(self.num_harmonics, self.cosine) * frequency
+
     def at(self, phase: Reals) -> Reals:
         """Sum at a phase, (rows,)."""
         return add_up(self.cosine * phase[0][:, None] + self.sine * phase[1][:, None])
@@ -70,6 +74,9 @@ def phase_at(angle: Reals, num_harmonics: int) -> Reals:
 
 def phase_rate(phase: Reals, frequency: Reals) -> Reals:
     """Time derivative of a phase, at which a series gives its own; derivative by the angle if `frequency` is 1."""
+    if np.ndim(phase) == 2:  # fewer operations; a kernel of many lanes is slower by it
+        orders = _orders(len(phase[0]), phase[0])
+        return np.stack([-orders, orders]) * frequency * phase[::-1]
     speed = speeds(phase, frequency)
     return stack([-speed * phase[1], speed * phase[0]])
 

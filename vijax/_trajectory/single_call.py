@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from .._flow.interface import AbstractFlow
 from .._jax.arrays import UNROLLED, UNROLLED_ALONE
-from .._jax.xla import differentiable, not_constant, while_any
+from .._jax.xla import differentiable, in_lanes_of, not_constant, while_any
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.system import ImpactSystem
 from .batched import in_groups, lanes_of_machine, one_by_one, to_all
@@ -126,6 +126,6 @@ def run_for_log(
     """Follow a trajectory without derivatives; its log, result code and end (x, v)."""
     request = jax.tree.map(jnp.asarray, request)
     task, carry = prepare_loop(numbers, flow, request, choices)
-    last = while_any(task, carry)
+    last = while_any(task, in_lanes_of(request.x0, carry))
     solution = finish(task, last, request, choices)
     return last.log, solution.result, jnp.concatenate([solution.x1, solution.v1])
