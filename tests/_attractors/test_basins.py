@@ -105,7 +105,7 @@ def test_cycles_are_compared_up_to_a_shift_alone():
 @polishes
 @pytest.mark.parametrize(
     "system",
-    [pytest.param(MIRRORED, marks=pytest.mark.slow), THREE, QUIET],
+    [pytest.param(MIRRORED, marks=pytest.mark.slow), pytest.param(THREE, marks=pytest.mark.slow), QUIET],
     ids=["mirrored", "three", "quiet"],
 )
 def test_each_start_is_led_where_a_long_run_of_it_goes(system):

@@ -13,7 +13,7 @@ def found():
     return vx.attractors(SYSTEM, 60, progress=False)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_edge_state_is_the_saddle_between_the_attractors(found):
     edge = vx.edge_state(found, progress=False)
     assert edge["num_periods"] > 0

@@ -50,6 +50,7 @@ def test_an_attractor_is_not_lost_where_no_start_leads_to_it_any_more():
 
 
 @polishes
+@pytest.mark.slow
 def test_an_attractor_dies_where_a_stop_comes_to_graze_it_and_leads_to_the_one_that_is_left():
     """At phase 0 the motion without impacts is at its highest, beyond the moved stop."""
     response = 1 / (1 - 3.0**2 + 0.05j * 3.0)

@@ -41,6 +41,7 @@ def test_an_orbit_begins_at_the_published_fold():
     assert 0.99 < float(ds.multipliers[1, born].real.max()) < 1
 
 
+@pytest.mark.slow
 def test_a_motion_doubles_at_the_published_value_and_goes_on_as_one_attractor():
     frequency, doubling = DOUBLING
     values = around(doubling, NEAR_DOUBLING)

@@ -64,6 +64,7 @@ def test_no_smaller_shock_of_all_states_leads_elsewhere(number):
     assert norm[is_away].min() > size * (1 - LAYERS)
 
 
+@pytest.mark.slow
 @WHICH
 def test_the_probability_of_tipping_is_that_of_the_quantiles_that_lead_elsewhere(number):
     ds, deviation = found(QUIET), 0.4

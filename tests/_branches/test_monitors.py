@@ -8,6 +8,8 @@ from helpers import counted
 
 import vijax as vx
 
+pytestmark = pytest.mark.thorough
+
 PATH, POSITION, RESTITUTION, DAMPING, FREQUENCY = "forcing.amplitude[0]", 1.0, 0.8, 0.05, 1.0
 # The free response of unit load has this amplitude at its resonance.
 GAIN = 1 / (2 * DAMPING)
@@ -60,7 +62,7 @@ def branch(orbit) -> vx.Branch:
     return follow(orbit, monitor={"hit": hit, "size": size, "jump": jump})
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_zeros_of_monitors_are_those_of_the_closed_form(branch):
     found = {(point.kind, point.value) for point in branch.special_points if point.kind.startswith("monitor")}
     (at_speed,) = [value for kind, value in found if kind == "monitor:hit"]

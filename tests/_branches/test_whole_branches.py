@@ -103,6 +103,7 @@ def plastic():
     return follow(orbit, FREQUENCY, 1.5, 4.0)
 
 
+@pytest.mark.slow
 def test_without_rebound_sticks_begin_where_an_impact_is_not_pulled_away(plastic):
     assert plastic.ends == ("bounds", "bounds")
     onset, doubling = plastic.bifurcations
@@ -202,6 +203,7 @@ def check_point(point):
         assert np.abs(orbit.multipliers - where[point.kind]).min() < 1e-6
 
 
+@pytest.mark.slow
 def test_orbits_of_all_bifurcations_are_what_the_branch_says(cascade, plastic):
     for branch in (cascade[1], plastic):
         for point in branch.bifurcations:

@@ -73,7 +73,7 @@ def test_two_processes_find_the_same_in_one_store(plain, tmp_path):
     assert len(list((tmp_path / "store").iterdir())) == NUM_CHUNKS + 1
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_of_two_processes_with_different_sweeps_one_is_refused(tmp_path):
     ends = run_at_once(tmp_path, tmp_path / "store", [10, 11])
     assert sorted(code for code, _, _ in ends) == [0, 1]

@@ -17,6 +17,8 @@ from problems import one_mass
 import vijax as vx
 from vijax._hybrid.sticking_region import StickingRegion
 
+pytestmark = pytest.mark.thorough
+
 # Some hundred steps of 1e-10 each.
 SOLVER = 1e-8
 # An error of 1e-11 in position moves a light impact, or the zero of a slowly falling force, by more.
@@ -159,7 +161,7 @@ def test_a_short_push_is_not_stepped_over_where_steps_are_bounded():
     np.testing.assert_allclose(sol.v1, 0.01 * np.sqrt(np.pi), rtol=SOLVER)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_force_that_is_not_finite_ends_its_own_lane_alone():
     def run(k3):
         sol = vx.simulate(duffing(k3), 0.0, 20.0, [-1.2], [0.0], throw=False)
@@ -226,7 +228,6 @@ def test_the_monodromy_matrix_of_a_cubic_spring_is_a_saltation_between_two_fligh
 # Sweeps
 
 
-@pytest.mark.thorough
 def test_a_sweep_of_a_machine_with_a_force_is_its_trajectories():
     system = duffing(1.5, r=0.7, c=0.1, amplitude=0.6)
     frequencies = np.array([0.8, 0.9, 1.3])

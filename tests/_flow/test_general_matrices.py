@@ -14,6 +14,8 @@ from vijax._orbits.rigid_modes import free_shifts
 from vijax._sections.non_impacting_proof import never_hits
 from vijax._sections.section_side import machines_of_lanes
 
+pytestmark = pytest.mark.thorough
+
 LOAD = vx.Harmonic([1.0, 0.5], 1.3, [0.0, -np.pi / 2])
 STOPS = [vx.Stop(0, 0.4, "upper", 0.8), vx.Stop(1, -0.3, "lower", 0.6)]
 # A damped rotor: gyroscopic forces in C, circulatory ones of internal damping in K.

@@ -31,6 +31,7 @@ def _on_a_belt(velocity: float = 0.2) -> vx.ImpactSystem:
     return vx.ImpactSystem([1.0], [[0.0]], [[1.0]], load, [], force=_weaker_when_sliding, friction=[friction])
 
 
+@pytest.mark.slow
 def test_a_friction_that_falls_with_the_sliding_velocity_oscillates_with_the_known_period():
     sol = vx.simulate(_on_a_belt(), 0.0, 60.0, [0.5], [0.2], args=0.2)
     sticks = np.asarray(sol.events.t)[np.asarray(sol.events.kind) == vx.STICK]

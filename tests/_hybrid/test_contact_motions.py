@@ -31,11 +31,8 @@ MOVING = vx.Stop(
 )
 
 
-@pytest.mark.parametrize(
-    "contact",
-    [pytest.param(STOP, marks=pytest.mark.slow), CONTACT, pytest.param(MOVING, marks=pytest.mark.slow)],
-    ids=["stop", "contact", "moving"],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("contact", [STOP, CONTACT, MOVING], ids=["stop", "contact", "moving"])
 def test_an_impact_as_periods_end_is_undone_of_all_masses_that_it_sets_in_motion(contact):
     period = 2 * np.pi / FREQUENCY
     orbit = exact_orbit(DAMPING, 1.0, 1.0, FREQUENCY, POSITION, RESTITUTION, period, 1)

@@ -30,7 +30,7 @@ def energy(system: vx.ImpactSystem, x: np.ndarray, v: np.ndarray) -> np.ndarray:
     return (np.einsum("ti,ij,tj->t", v, mass, v) + np.einsum("ti,ij,tj->t", x, system.stiffness, x)) / 2
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_contact_of_one_mass_is_a_stop():
     stops = vx.models.wagg_bishop_a(0.8)
     rows = [vx.Contact({s.mass: s.sign}, s.sign * s.position, s.restitution) for s in stops.stops]

@@ -90,6 +90,7 @@ def test_what_is_shut_stays_so_under_a_solver():
     assert releases[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coupling", [0.1, -0.1])
 def test_two_contacts_that_lose_their_force_at_one_instant_are_let_go_together_or_one_holds(coupling):
     """A force on the outer mass presses both on a wall until it reverses; inertia then acts on the inner one."""

@@ -21,7 +21,10 @@ def _marks(name: str) -> list:
     """Marks of a scene: shapes that serve few scenes, and take seconds to compile, belong to the long runs."""
     if name in _TIES:
         return [pytest.mark.xfail(reason="the tie is decided by rounding", strict=False)]
-    return [pytest.mark.slow] if _SHAPES[shape_of(name)] < 3 and name not in _ALONE else []
+    count = _SHAPES[shape_of(name)]
+    if count < 3 and name not in _ALONE:
+        return [pytest.mark.slow]
+    return [pytest.mark.thorough] if count < 4 else []
 
 
 @pytest.fixture(scope="module", params=[pytest.param(a, marks=_marks(a)) for a in scene_names()])

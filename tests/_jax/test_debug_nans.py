@@ -62,7 +62,7 @@ def test_other_programs_are_still_checked(checks):
         jax.numpy.log(-1.0)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_in_a_jit_of_the_user_a_log_is_found_but_an_end_state_is_not(checks):
     def run(x):
         return vx.simulate(MACHINE, 0.0, 20.0, x, max_events=128)

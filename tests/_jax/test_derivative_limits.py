@@ -8,6 +8,8 @@ import pytest
 import vijax as vx
 from vijax._jax.differentiable import with_derivatives
 
+pytestmark = pytest.mark.thorough
+
 # A light machine with a stop that it never reaches: x = cos(sqrt(k) t), some steps per unit of time.
 LONG = 1e5
 STOP = vx.Stop(0, 100.0, "upper", 0.7)
@@ -20,7 +22,7 @@ def light(stiffness, t1=LONG, stops=(STOP,), **options) -> jax.Array:
     return vx.simulate(system, 0.0, t1, [1.0], [0.0], **options).x1[0]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_forward_derivatives_have_no_bound_on_steps():
     sol = vx.simulate(
         vx.ImpactSystem([1.0], [[0.0]], [[1.0]], vx.Harmonic([0.0], 1.0), [STOP]),

@@ -64,6 +64,7 @@ def outcome(pytestconfig):
     return json.loads(done.stdout)
 
 
+@pytest.mark.slow
 def test_it_warns_exactly_once_and_says_what_to_do(outcome):
     _, messages = outcome
     about = [m for m in messages if "float32" in m]

@@ -97,7 +97,7 @@ def test_processes_that_begin_at_once_share_a_folder(tmp_path):
     assert run_process(tmp_path)[0] == 0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_depends_on_a_class_of_the_user_is_not_stored(tmp_path):
     machine = """
 import equinox as eqx

@@ -136,7 +136,7 @@ def test_without_throw_nothing_is_raised():
 
 
 @pytest.mark.parametrize("make", [vx.stroboscopic_map, vx.monodromy_matrix])
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_maps_depend_on_the_check_too(make):
     run = jax.jit(lambda k: jax.tree.leaves(make(MACHINE, [0.0], [0.0], 5, flow=FLOW, max_steps=k))[0])
     jax.block_until_ready(run(1000))

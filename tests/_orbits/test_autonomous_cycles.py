@@ -9,6 +9,8 @@ from scipy.optimize import brentq, fsolve
 
 import vijax as vx
 
+pytestmark = pytest.mark.thorough
+
 # Closed forms lose some roundings.
 ROUNDING = 1e-13
 
@@ -143,7 +145,7 @@ def test_what_has_no_cycle_says_so():
         vx.continuation(orbit, "damping[0][0]", (-0.2, -0.1), quantities=["max_velocity"], progress=False)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_cycle_fed_by_a_controller_repeats_in_an_independent_solver():
     """x'' + 0.05 x' + x = -0.6 z, z' = x - 0.5 z: the lag of the controller feeds the vibration, a stop bounds it."""
     mass = vx.ImpactSystem([1.0], [[0.05]], [[1.0]], stops=[vx.Stop(0, 1.0, "upper", 0.5)])

@@ -125,7 +125,7 @@ FAMILIES: list[Callable[[np.random.Generator], Family]] = [
 ]
 # Larger machines, and those with a long chatter, take long to compile.
 CHOSEN = [
-    pytest.param((between_two_stops, FEW), id="between_two_stops"),
+    pytest.param((between_two_stops, FEW), id="between_two_stops", marks=pytest.mark.slow),
     pytest.param((with_a_shaken_slot, FEW), id="with_a_shaken_slot", marks=pytest.mark.slow),
     *(pytest.param((f, MANY), id=f"{f.__name__}_of_all_chatters", marks=pytest.mark.slow) for f in FAMILIES),
 ]

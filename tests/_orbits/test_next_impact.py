@@ -92,7 +92,7 @@ def machine(amplitude=1.0, restitution=0.8, frequency=1.0):
     return vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, [vx.Stop(0, 1.0, "upper", restitution)])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_published_orbit_is_a_fixed_point_with_the_multipliers_of_the_stroboscopic_map():
     orbit = exact_orbit(0.1, 1.0, 1.0, 1.0, 1.0, 0.8, 2 * np.pi, 1)
     assert orbit.speed == pytest.approx(1.6957329375949, rel=1e-13)
@@ -295,7 +295,7 @@ def test_backwards_derivatives_are_those_forwards_and_lanes_that_are_left_out_sp
     np.testing.assert_allclose(of_lanes[0][IS_KNOWN], by_start[IS_KNOWN], rtol=OF_DERIVATIVES)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_in_a_shaken_slot_it_goes_through_the_log_of_a_trajectory():
     system = two_masses()
     sol = vx.simulate(system, 0.0, 20.0)

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from exact_orbits import Table, exact_orbit
-from helpers import CHATTER_END
+from helpers import CHATTER_END, slow_except
 from one_impact import Numbers, clearance, discriminant, speed
 from problems import sticking_orbit
 
@@ -98,7 +98,7 @@ def drawn(n, num):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("n", [1, 2, 3, 4])
+@pytest.mark.parametrize("n", slow_except([1], [1, 2, 3, 4]))
 def test_all_orbits_of_one_impact_are_found_and_no_others(n):
     for numbers, w, exact in drawn(n, 4):
         found = orbits_of(numbers.machine(w), n, starts=200)
@@ -116,6 +116,7 @@ def test_of_two_orbits_one_is_a_saddle():
 
 
 # From Budd and Dux (1994), except the first and the last, a damped one in three periods.
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("n", "w", "stop", "r", "damping", "stiffness"),
     [

@@ -36,6 +36,7 @@ def test_an_orbit_has_the_digits_of_an_independent_solver(name):
         assert abs(v - float(expected["v_before"])) < EXACT
 
 
+@pytest.mark.slow
 def test_the_digits_are_those_that_their_script_finds():
     name = "a_080_one_impact_of_each"
     assert digits_of(name) == stored()[name]

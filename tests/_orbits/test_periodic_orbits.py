@@ -15,6 +15,8 @@ from drawings import named, points
 import vijax as vx
 from vijax._orbits import search_workers
 
+pytestmark = pytest.mark.thorough
+
 SWEPT = {"forcing.frequency": np.linspace(0.7, 1.0, 40)}
 
 
@@ -28,7 +30,6 @@ def orbits(swept):
     return vx.periodic_orbits(swept, progress=False)
 
 
-@pytest.mark.thorough
 def test_every_periodic_point_becomes_an_orbit(swept, orbits):
     kinds = vx.classify(swept)
     is_periodic = kinds.num_periods.values > 0
@@ -41,7 +42,6 @@ def test_every_periodic_point_becomes_an_orbit(swept, orbits):
     assert float(orbits.residual.max()) < 1e-13
 
 
-@pytest.mark.thorough
 def test_they_are_those_of_single_searches(swept, orbits):
     for k in np.flatnonzero(orbits.converged)[::9]:
         one, point = orbits.isel({"forcing.frequency": k}), swept.isel({"forcing.frequency": k})

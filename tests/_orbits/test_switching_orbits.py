@@ -65,7 +65,7 @@ def test_a_motion_that_turns_without_sticks_has_the_amplitude_and_the_multiplier
     np.testing.assert_allclose(orbit.multipliers, [0.2502568051573, 0.0365532703531], rtol=PRINTED)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_motion_with_two_sticks_a_period_has_exactly_one_multiplier_zero():
     orbit = settled(rubbing(0.6), 30)
     assert kinds(orbit) == [vx.STICK, vx.SLIP] * 2

@@ -118,7 +118,7 @@ def test_the_error_is_the_scatter_of_starts():
     assert float(exponents.std()) == pytest.approx(float(ds.lyapunov_error[:, 0].mean()), rel=0.25)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_long_period_is_told_from_chaos_before_it_repeats():
     """At 2.73325 the motion repeats after 42 periods, too few of which are in a record of 60; at 2.8 it never does."""
     ds = vx.sweep(

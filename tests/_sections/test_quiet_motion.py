@@ -14,6 +14,8 @@ import vijax as vx
 from vijax._sections import non_impacting_proof
 from vijax._sweep.provenance import machines_of
 
+pytestmark = pytest.mark.thorough
+
 FREQUENCY, POSITION = "forcing.frequency", "stops[*].position"
 # Some hundred roundings of numbers of about 1.
 ROUNDED = 1e-12
@@ -105,7 +107,7 @@ def test_what_will_hit_after_the_record_is_not_quiet():
     assert kinds(early)[1] != "non_impacting"
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_an_undamped_sweep_is_judged_as_before(light):
     undamped = eqx.tree_at(lambda s: s.damping, LIGHT, jnp.zeros((3, 3)))
     ds = sweep(undamped, {POSITION: [40.0, 50.0]})
@@ -154,7 +156,7 @@ def test_each_point_is_judged_by_its_own_machine(many):
         assert 0 < is_quiet.isel(damping=k).mean() < 1
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "select",
     [
@@ -179,7 +181,7 @@ def test_the_order_of_dimensions_does_not_matter(many):
     assert_same(found, expected)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_machine_of_a_point_does_not_depend_on_the_order_of_dimensions():
     loads = np.array([LOAD.amplitude, 2 * np.asarray(LOAD.amplitude)])
     ds = sweep(UNEVEN, {"forcing.amplitude": loads}, transient=0, record=1)

@@ -8,6 +8,8 @@ from shaken import MAGNIFIED, W, ball, table, two_masses
 
 import vijax as vx
 
+pytestmark = pytest.mark.thorough
+
 
 @pytest.fixture(scope="module")
 def swept():
@@ -76,7 +78,6 @@ def carried_by_hand(systems):
     return np.array(ends)
 
 
-@pytest.mark.thorough
 def test_where_a_stop_is_at_the_start_decides_what_is_carried():
     # At the start of every period the stop is at 1.8, far beyond its middle.
     walls = [vx.Stop(0, 0.3, "upper", 0.7, vx.Harmonic([1.5], 1.3))]

@@ -8,6 +8,8 @@ import xarray as xr
 
 import vijax as vx
 
+pytestmark = pytest.mark.thorough
+
 FREQUENCY = "forcing.frequency"
 OF_MASSES = (
     *("max_position", "min_position", "peak_to_peak", "max_velocity", "min_velocity"),
@@ -34,7 +36,6 @@ def sweep(system: vx.ImpactSystem, values: dict, quantities: list[str] = ALL, **
     return vx.sweep(system, values, quantities=quantities, **options)
 
 
-@pytest.mark.thorough
 def test_a_harmonic_response_has_its_amplitude_as_extremes_and_its_root_half_as_mean():
     system = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic([1.0], 1.0, mean=[0.25]))
     w = np.linspace(0.5, 1.5, 11)
@@ -52,7 +53,6 @@ def test_a_harmonic_response_has_its_amplitude_as_extremes_and_its_root_half_as_
         np.testing.assert_allclose(settled[name][:, 0], expected, rtol=EXACT, err_msg=name)
 
 
-@pytest.mark.thorough
 def test_an_elastic_ball_has_the_extremes_and_means_of_its_parabolas():
     """One flight a period: height h, speeds up to u = g T / 2; the squares of x and v have the means 8 h^2 / 15, u^2 / 3."""
     height, gravity = 0.8, 9.81
@@ -169,7 +169,6 @@ def test_quantities_are_those_of_single_runs_searched_by_brute_force(name):
         assert (known["max_force"] > 0.1).all()
 
 
-@pytest.mark.thorough
 def test_motions_are_the_same_whether_they_are_observed_or_not_and_stores_keep_what_is_observed(tmp_path):
     system, values = vx.models.wagg_bishop_b(0.2), {FREQUENCY: np.linspace(0.2, 0.4, 6)}
     plain, observed = (sweep(system, values, names, carry="both") for names in ([], ["max_position"]))

@@ -184,7 +184,7 @@ def test_a_swept_array_has_axes_of_its_own_and_survives_a_file(tmp_path):
     xr.testing.assert_identical(xr.load_dataset(tmp_path / "kept.nc", engine="h5netcdf"), ds)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_sweep_of_a_force_goes_along_and_is_kept_as_any_other(tmp_path):
     run = lambda values: sweep(  # noqa: E731
         spring(), {"force.cubic": values}, carry="both", store=tmp_path / "kept"

@@ -9,6 +9,8 @@ from scipy.linalg import expm
 import vijax as vx
 from vijax._system.description import build, describe
 
+pytestmark = pytest.mark.thorough
+
 XI, CHI, LAMBDA, KAPPA, SPEED = 0.01, 0.05, 0.05, 0.5, 0.8
 PERIOD = 2 * np.pi / SPEED
 # The linear motion of x, x', V.
@@ -97,7 +99,6 @@ def test_orbits_branches_exponents_and_classes_are_those_of_any_machine(settled)
     np.testing.assert_allclose(last.v0, ds["section_v"].values[1, -1], rtol=0, atol=1e-6)
 
 
-@pytest.mark.thorough
 def test_derivatives_by_the_numbers_of_the_circuit_are_those_of_differences():
     def voltage(kappa):
         beam = vx.ImpactSystem([1.0], [[2 * XI]], [[1.0]], vx.Harmonic([1.0], SPEED), [STOP])

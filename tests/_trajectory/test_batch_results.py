@@ -10,6 +10,8 @@ from outputs import FILES, assert_comes_back, names_of, show
 
 import vijax as vx
 
+pytestmark = pytest.mark.thorough
+
 END = 25.0
 FREQUENCIES, STARTS = np.array([0.3, 0.3, 1.1, 1.4]), np.array([0.0, 0.05, -0.05, 0.2])
 # The last lane starts beyond a stop.

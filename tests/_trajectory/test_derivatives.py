@@ -20,6 +20,8 @@ from problems import one_mass
 
 import vijax as vx
 
+pytestmark = pytest.mark.thorough
+
 GOLDEN = Path(__file__).parents[1] / "data" / "golden_derivatives"
 # Every shape of machine takes 10 to 20 s to compile; these two share one, and the second chatters.
 FAST = ("n1_critical", "n1_lowfreq_r07")

@@ -246,7 +246,7 @@ def _assert_impacts(solution: vx.Solution, problem: Problem) -> None:
     np.testing.assert_allclose([event.velocity for event in found], velocities, rtol=0, atol=atol)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_span_that_ends_in_the_instant_of_a_release_comes_to_its_end():
     system, span = sticking_orbit().problem.system, 5 * 4 * np.pi
     starts = np.pi + np.arange(-200, 201) * np.spacing(np.pi) / 2

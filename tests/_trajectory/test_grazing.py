@@ -11,6 +11,8 @@ import pytest
 
 import vijax as vx
 
+pytestmark = pytest.mark.thorough
+
 CLEARANCES = np.array([sign * 10.0**-k for k in range(4, 13) for sign in (1, -1)])
 # Effect on a gap of some ten roundings of a position of order one.
 GAP_ROUNDING = 2e-15
@@ -158,7 +160,6 @@ simulate_all = jax.jit(jax.vmap(simulate, in_axes=(None, 0, None)))
     "name",
     [pytest.param(m, marks=pytest.mark.slow if m.startswith("two") else ()) for m in MACHINES],
 )
-@pytest.mark.thorough
 def test_a_light_pass_has_the_right_number_of_impacts(name):
     c = case(name)
     machine = Machine(*(jnp.asarray(a) for a in c.machine))

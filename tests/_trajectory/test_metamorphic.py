@@ -135,6 +135,7 @@ def test_other_units_give_the_same_motion_in_those_units(motion, time, length, m
     assert_same(scaled, motion, time=time, length=length)
 
 
+@pytest.mark.thorough
 def test_a_motion_taken_up_again_from_its_end_goes_on_unchanged(motion):
     held = np.asarray([motion.contact_force(t).any() for t in TIMES])
     assert held.any()

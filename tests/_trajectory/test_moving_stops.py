@@ -87,7 +87,7 @@ def test_a_ball_is_thrown_off_where_the_table_falls_faster_than_it():
     assert float(solution.events.velocity_minus[1]) == pytest.approx(velocity, abs=MAGNIFIED)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_held_mass_is_held_where_a_late_trajectory_goes_on():
     whole = vx.simulate(ball(), 0.0, 302.0, [1.0], [0.5], max_events=4096)
     last = int(whole.num_events) - 1
@@ -289,7 +289,7 @@ def test_a_start_beyond_a_moving_stop_is_refused():
         vx.simulate(ball(), 0.4, 1.0, [x - 1e-6])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_stop_may_shake_at_the_natural_frequency_of_its_mass():
     """The free motion x = x0 cos(2 W t) of an undamped mass whose stop moves at 2 W, out of its reach."""
     wall = vx.Stop(0, 1.0, "upper", 0.7, vx.Harmonic([[0.0], [0.1]], W))

@@ -92,7 +92,7 @@ def test_a_chaotic_motion_over_many_periods_is_told_of():
     assert np.abs(matrix).max() > 1e20
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("derivative", [jax.jacfwd, jax.grad])
 def test_a_compiled_program_calls_back_only_where_it_does_so_anyway(derivative):
     """JAX never keeps programs that call back into Python in the folder of compiled programs."""

@@ -9,6 +9,8 @@ import pytest
 
 import vijax as vx
 
+pytestmark = pytest.mark.thorough
+
 # Some roundings of the time.
 ROUNDING = 1e-15
 LONG = 3000.0
@@ -37,7 +39,6 @@ def test_a_log_of_any_length_and_any_number_of_saved_states_are_the_same(max_eve
     assert int(ours.num_events) <= max_events
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("max_events", [2000, 20_000])
 def test_more_events_and_saved_states_than_one_call_holds_are_joined(max_events):
     ours, other = known_and_traced(LONG, max_events=max_events, ts=np.linspace(0.0, LONG, 700), throw=False)

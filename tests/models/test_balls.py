@@ -7,9 +7,10 @@ from model_roundings import EXACT, ORBIT
 
 import vijax as vx
 
+pytestmark = pytest.mark.thorough
+
 
 @pytest.mark.parametrize(("r", "n", "a"), [(1.0, 1, 0.1), (0.9, 2, 0.02)])
-@pytest.mark.thorough
 def test_a_ball_between_walls_has_the_exact_orbit_of_one_impact_at_each(r, n, a):
     w, d = 1.5, 1.0
     period, k = 2 * np.pi / w, (1 - r**2) / (2 * np.pi * n * r)

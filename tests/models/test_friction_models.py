@@ -8,6 +8,8 @@ from switching_scenes import switching_scene
 
 import vijax as vx
 
+pytestmark = pytest.mark.thorough
+
 
 def settled(system: vx.ImpactSystem, periods: int) -> vx.Solution:
     """Two periods after a long transient."""

@@ -170,6 +170,7 @@ PERIOD_DOUBLING = {"frequency": 2.8, "position": -0.068575652279, "restitution":
 DAMPED = {"frequency": 1.5, "position": 0.1, "restitution": 0.6, "damping_ratio": 0.05}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("values", [PERIOD_DOUBLING, DAMPED], ids=["undamped", "damped"])
 def test_an_impact_oscillator_has_the_exact_orbit_and_multipliers_of_one_impact_a_period(values):
     w, s, r, zeta = values.values()

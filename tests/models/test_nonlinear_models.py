@@ -175,6 +175,7 @@ def test_every_impact_on_a_wall_at_the_bottom_multiplies_the_sine_of_half_the_an
     np.testing.assert_allclose(sol.events.velocity_minus[:n], 2 * w * kappa, rtol=SOLVER)
 
 
+@pytest.mark.slow
 def test_a_pendulum_pressed_on_its_wall_by_its_weight_chatters_for_the_sum_of_its_bounces_and_stays():
     case = Case(PENDULUM, 1.3, -0.5, 0.6, 1.2)
     sol = vx.simulate(case.system, 0.0, 20.0, [-case.top])
@@ -257,10 +258,8 @@ def test_a_driven_machine_moves_as_another_solver_says(name, frequency):
     np.testing.assert_allclose([*sol.x1, *sol.v1], other.end, rtol=0, atol=SOLVER)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    "name", ["duffing_oscillator", pytest.param("impacting_pendulum", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["duffing_oscillator", "impacting_pendulum"])
 def test_a_sweep_of_the_frequency_of_the_load_is_what_another_solver_says(name):
     system = getattr(vx.models, name)(frequency=1.0, **DRIVEN[name])
     frequencies = {"forcing.frequency": FREQUENCIES}

@@ -11,6 +11,8 @@ from matplotlib.collections import LineCollection
 
 import vijax as vx
 
+pytestmark = pytest.mark.thorough
+
 END, HALF, RESTITUTION = 40.0, 0.3, 0.4
 MASSES = 1.0, 0.3
 SAMPLES = 200

@@ -352,10 +352,8 @@ def test_what_nothing_ties_to_a_place_is_seen_from_its_middle():
         np.testing.assert_allclose(gaps, scheme.limit - x @ scheme.rows.T, rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    "name", ["impact_damper", "gear_pair", pytest.param("bead_column", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["impact_damper", "gear_pair", "bead_column"])
 def test_a_film_never_shows_a_contact_passed(name):
     system = MODELS[name]()
     motion = vx.simulate(system, 0.0, 6.0)
