@@ -149,6 +149,7 @@ def test_of_a_list_of_orbits_a_list_of_branches_comes_along(stopped_after_rounds
     assert [branch.ends for branch in stopped.value.result] == [("interrupted", "interrupted")] * 2
 
 
+@pytest.mark.slow
 def test_of_all_branches_those_that_were_found_come_along(monkeypatch, stopped_after_rounds):
     monkeypatch.setattr(branches, "switch_branch", stopping(branches.switch_branch))
     with pytest.raises(vx.Interrupted) as stopped:

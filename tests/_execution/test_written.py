@@ -55,7 +55,7 @@ def test_a_sweep_that_is_written_goes_on_where_it_ended(plain, tmp_path):
     assert executor.given == 1 + 4
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["x", "result", "impact_time"])
 def test_what_was_lost_of_a_folder_is_run_again(plain, tmp_path, name):
     sweep(out=tmp_path)

@@ -228,6 +228,7 @@ def test_the_monodromy_matrix_of_a_cubic_spring_is_a_saltation_between_two_fligh
 # Sweeps
 
 
+@pytest.mark.slow
 def test_a_sweep_of_a_machine_with_a_force_is_its_trajectories():
     system = duffing(1.5, r=0.7, c=0.1, amplitude=0.6)
     frequencies = np.array([0.8, 0.9, 1.3])

@@ -254,7 +254,7 @@ def test_orbits_close_and_their_multipliers_obey_liouville():
         np.testing.assert_allclose(np.prod(orbit.multipliers), loss, rtol=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_sweep_is_its_motions_one_by_one_and_keeps_its_machine():
     ds = vx.sweep(
         damper(), {"stops[0].position": [0.1, 0.2, 0.3]}, transient=6, record=2, x0=[0.1, 0.0], progress=False

@@ -23,10 +23,9 @@ _ALONE = ("beam2_tip",)
 
 def _marks(name: str) -> list[pytest.MarkDecorator]:
     """Marks of a scene: shapes that serve few scenes, and take seconds to compile, belong to the long runs."""
-    count = _SHAPES[shape_of_scene(name)]
-    if count == 1 and name not in _ALONE:
-        return [pytest.mark.slow]
-    return [pytest.mark.thorough] if count < 5 else []
+    if _SHAPES[shape_of_scene(name)] >= 5:
+        return []
+    return [pytest.mark.thorough if name in _ALONE else pytest.mark.slow]
 
 
 _SCENES = [pytest.param(name, marks=_marks(name)) for name in contact_scene_names()]

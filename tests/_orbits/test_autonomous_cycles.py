@@ -49,6 +49,7 @@ def test_a_cycle_of_negative_damping_and_impacts_has_its_period_speed_and_multip
     np.testing.assert_allclose([sol.x1[0], sol.v1[0]], [orbit.x0[0], orbit.v0[0]], rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.slow
 def test_the_period_is_differentiable_by_the_numbers_of_the_machine():
     def of(r):
         return vx.periodic_orbit(bouncing(r), [0.5], [0.0]).period

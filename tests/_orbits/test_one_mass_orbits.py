@@ -184,7 +184,7 @@ def test_the_orbit_that_sticks_is_that_in_closed_form():
     np.testing.assert_allclose(found, [hits[t] for t in sorted(hits)], rtol=0, atol=CLOSED_FORM)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_ball_on_a_moving_table_repeats_as_known():
     table = Table(1, 0.8, 9.81, 0.6)
     start = table.later(0.3)

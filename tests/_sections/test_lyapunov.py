@@ -40,7 +40,7 @@ def swept():
     )
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_their_sum_is_the_loss_of_volume_whatever_the_motion(swept):
     free = swept.isel({FREQUENCY: slice(1, None)})
     assert (free.num_sticks == 0).all()

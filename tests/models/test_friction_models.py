@@ -54,6 +54,7 @@ def test_a_friction_damped_pair_driven_in_opposite_phases_is_two_masses_on_the_g
     np.testing.assert_allclose(sol.x1[0], -sol.x1[1], rtol=ORBIT)
 
 
+@pytest.mark.slow
 def test_a_blow_drives_the_bit_of_a_drill_as_far_as_its_energy_lasts():
     m, thrust, resistance, r, speed = 2.0, 0.3, 1.0, 0.6, 1.5
     system = vx.models.percussive_drill(
@@ -77,6 +78,7 @@ def test_a_drill_advances_while_it_vibrates():
     assert sol.x1[1] > 1.0
 
 
+@pytest.mark.slow
 def test_a_harvester_hits_its_ends_as_an_impact_pair_and_bears_the_weight_of_its_ball():
     w, a, r, half, slope, g = 2.0, 0.4, 0.6, 1.0, 0.1, 9.81
     flat = vx.models.vibro_impact_harvester(w, a, restitution=r, travel=2 * half)
@@ -114,6 +116,7 @@ def test_the_soft_oscillator_grazes_where_its_linear_motion_does():
         assert bool(np.any(np.asarray(sol.events.kind) == vx.CLOSE)) is touches
 
 
+@pytest.mark.slow
 def test_the_contact_of_the_soft_oscillator_lasts_as_long_as_known():
     sol = settled(vx.models.soft_impact_oscillator(0.85, stiffness=5.0), 500)
     (begin, _, speed), (end, _, _) = at_events(sol, vx.CLOSE), at_events(sol, vx.OPEN)
