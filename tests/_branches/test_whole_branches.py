@@ -210,6 +210,7 @@ def test_orbits_of_all_bifurcations_are_what_the_branch_says(cascade, plastic):
             check_point(point)
 
 
+@pytest.mark.slow
 def test_an_impact_that_passes_the_start_of_the_cycle_is_no_grazing():
     """The solution of the equations beyond that impact is not admissible."""
     branches = []

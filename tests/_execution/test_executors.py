@@ -128,7 +128,7 @@ def test_an_interrupt_cancels_what_waits_and_keeps_what_is_done(tmp_path):
     assert len(chunks_of(tmp_path)) == 1
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:vijax works in float32")
 def test_an_executor_of_this_process_works_in_the_precision_of_the_call():
     with jax.enable_x64(False), ThreadPoolExecutor(1) as executor:

@@ -66,7 +66,7 @@ def test_what_was_lost_of_a_folder_is_run_again(plain, tmp_path, name):
     assert executor.given == 1 + 1
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_blocks_of_several_swept_quantities_are_put_where_they_belong(tmp_path):
     pytest.importorskip("dask")
     values = {"v0[1]": [0.0, 0.1, 0.2], FREQUENCY: FREQUENCIES[:7], "x0[0]": [0.0, -0.1]}
@@ -92,7 +92,7 @@ def test_a_folder_of_another_sweep_is_not_written_to(tmp_path):
         sweep(tmp_path / "a", transient=0)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_motion_between_events_is_chosen_for_all_blocks(tmp_path):
     """The modal flow suits most points, but not those of the last block: then it runs none."""
     own = vx.models.wagg_bishop_b(1.0)

@@ -97,6 +97,7 @@ def test_a_near_miss_costs_a_bounded_number_of_steps(near_grazing):
     assert int(jnp.max(found.num_steps)) < 2 * int(jnp.max(exact.num_steps)) + 100
 
 
+@pytest.mark.slow
 def test_the_error_falls_with_the_order_of_the_solver():
     flow = lambda dt: vx.DiffraxFlow(diffrax.Tsit5(), diffrax.ConstantStepSize(), dt0=dt)  # noqa: E731
     exact = vx.simulate(driven(), 0.0, 20.0)
@@ -114,6 +115,7 @@ def test_the_error_falls_with_the_order_of_the_solver():
 # Forces
 
 
+@pytest.mark.slow
 def test_an_undamped_cubic_spring_bounces_with_the_period_of_a_quadrature():
     k3, position, top = 2.5, 0.5, -1.2
     potential = lambda x: x * x / 2 + k3 * x**4 / 4  # noqa: E731

@@ -41,6 +41,7 @@ def test_a_mass_on_negative_stiffness_meets_its_stop_at_the_exact_time():
     np.testing.assert_allclose(slope, (-np.arccosh(2.0) / k**2, np.sqrt(0.75)), rtol=0, atol=10 * ROUNDING)
 
 
+@pytest.mark.slow
 def test_a_rotor_between_stops_moves_as_an_independent_solver_says():
     end, first = 30.0, np.block([[np.zeros((2, 2)), np.eye(2)], [-STIFFNESS, -DAMPING]])
 
@@ -111,6 +112,7 @@ def test_a_negative_spring_as_strong_as_a_stop_leaves_no_shift_free():
     assert not free_shifts(numbers_of(system)).any()
 
 
+@pytest.mark.slow
 def test_quiet_is_proved_with_gyroscopic_forces_and_never_where_energy_may_grow():
     """The modes of the last machine are damped, but its vibration first grows, up to the stop."""
     gyroscopic, follower = np.array([[0.1, 0.8], [-0.8, 0.1]]), np.array([[1.0, 40.0], [0.0, 1.5]])

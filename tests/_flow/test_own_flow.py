@@ -56,7 +56,7 @@ class ExponentialFlow(SteppingFlow):
         return gained[:n], gained[n : 2 * n]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_motion_of_ones_own_needs_three_methods_and_drives_the_same_loop():
     scene = load_scene("n1_lowfreq_r07")
     sol = vx.simulate(scene.system, scene.t0, scene.t1, scene.x0, scene.v0, flow=ExponentialFlow())

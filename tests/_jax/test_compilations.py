@@ -104,7 +104,7 @@ def test_another_number_of_times_compiles_nothing(followed):
     assert compilations == []
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_harmonics_up_to_the_next_power_of_two_compile_nothing():
     vx.simulate(chain(BOTH, np.full((4, 2), 0.1)), 0.0, 20.0)
     with counted() as compilations:

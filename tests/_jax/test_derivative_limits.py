@@ -38,6 +38,7 @@ def test_forward_derivatives_have_no_bound_on_steps():
     assert float(slope) == pytest.approx(-np.sin(LONG) * LONG / 2, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_reverse_derivatives_have_no_bound_on_steps():
     slope = jax.jit(jax.grad(lambda k: light(k, 200.0, ())))
     assert float(slope(1.0)) == pytest.approx(-np.sin(200.0) * 100.0, rel=1e-11)
@@ -135,6 +136,7 @@ DERIVATIVES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("derivative", DERIVATIVES)
 @pytest.mark.parametrize("is_compiled", [False, True])
 @pytest.mark.parametrize("has_many", [False, True])

@@ -93,14 +93,14 @@ def test_it_is_also_refused_under_jit():
         jax.jit(lambda x: vx.periodic_orbit(system, x, [0.1]).x0)(np.array([-0.1], "float32"))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_chart_without_orbits_needs_no_64_bits():
     with jax.enable_x64(False):
         ds = vx.chart(made_in(32), PLANE, transient=5, record=4, stride=1, progress=False)
     assert ds.is_computed.all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_explorer_shows_a_motion_of_single_precision_without_multipliers():
     with jax.enable_x64(False):
         orbit = orbit_in(32)

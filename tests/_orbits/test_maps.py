@@ -128,7 +128,7 @@ def field(angle: float, y: np.ndarray) -> np.ndarray:
     return np.array([y[1], A * np.cos(angle) - C * y[1] - y[0]])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_by_the_phase_the_map_changes_by_its_vector_field_at_both_ends():
     start, angle = jnp.array([2.0, 0.1, -0.3]), 2.0
 

@@ -25,7 +25,7 @@ def test_a_ball_in_flight_passes_a_height_when_it_should():
     assert float(again[0]) == pytest.approx(expected, rel=1e-13)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("direction", ["up", "down"])
 def test_all_passages_of_a_trajectory_are_found(direction):
     system, place = vx.models.wagg_bishop_b(1.7), 0.02

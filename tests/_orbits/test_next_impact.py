@@ -56,7 +56,7 @@ def difference(function, spacing: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("num_impacts", [1, 4])
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_ball_comes_back_after_its_time_of_flight_and_so_do_its_derivatives(num_impacts):
     start = jnp.array([0.3, 0.0, -5.0])
     shares = R ** np.arange(1, num_impacts + 1)

@@ -73,7 +73,7 @@ def test_chaos_grows_and_a_cycle_does_not(swept):
     assert (largest[:1] < 0).all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_trajectory_has_the_exponents_of_its_point_in_a_sweep(swept):
     """The loop of one trajectory and that over lanes are compiled separately."""
     system = vx.models.wagg_bishop_b(0.8)

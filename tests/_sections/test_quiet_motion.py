@@ -84,6 +84,7 @@ def test_no_impact_comes_in_a_much_longer_run(light):
     assert (num_impacts > 0).any()
 
 
+@pytest.mark.slow
 def test_the_contraction_is_that_of_the_slowest_mode(light):
     m, c, k = matrices(LIGHT)
     first_order = np.block([[np.zeros((3, 3)), np.eye(3)], [-np.linalg.solve(m, k), -np.linalg.solve(m, c)]])
@@ -173,6 +174,7 @@ def test_a_part_is_judged_as_in_the_whole(many, select):
     assert_same(vx.classify(select(many)), select(vx.classify(many)))
 
 
+@pytest.mark.slow
 def test_the_order_of_dimensions_does_not_matter(many):
     turned = many.transpose(*reversed(list(many.dims)))
     assert turned["damping.values"].dims != many["damping.values"].dims

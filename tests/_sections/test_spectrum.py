@@ -6,7 +6,7 @@ import pytest
 import vijax as vx
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_ball_that_bounces_for_ever_has_the_coefficients_of_a_parabola():
     """x = v0 s - g s^2 / 2 between impacts: c_k = g (T / 2 pi k)^2, up to sign, and the mean is g T^2 / 12."""
     gravity, period = 2.0, 1.5

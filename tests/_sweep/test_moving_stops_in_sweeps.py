@@ -46,6 +46,7 @@ def test_a_sweep_tells_of_the_motion_in_space(swept):
     np.testing.assert_allclose(point.v, solution.v1, rtol=0, atol=magnified)
 
 
+@pytest.mark.slow
 def test_whole_motions_are_swept_and_have_no_frequency_of_their_own(swept):
     system = vx.system_of(swept)
     amplitudes = np.array([[[0.05], [0.0]], [[0.05], [0.04]]])
@@ -78,6 +79,7 @@ def carried_by_hand(systems):
     return np.array(ends)
 
 
+@pytest.mark.slow
 def test_where_a_stop_is_at_the_start_decides_what_is_carried():
     # At the start of every period the stop is at 1.8, far beyond its middle.
     walls = [vx.Stop(0, 0.3, "upper", 0.7, vx.Harmonic([1.5], 1.3))]

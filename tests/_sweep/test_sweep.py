@@ -127,7 +127,7 @@ def test_a_start_is_swept_by_its_path():
         assert_same(ds.sel({"x0[1]": x}), SYSTEM, [0.1, x])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_swept_matrix_is_labelled_by_number():
     dampings = np.array([NONPROPORTIONAL, SYSTEM.damping, 2 * np.array(NONPROPORTIONAL)])
     ds = sweep(SYSTEM, {"damping": dampings})
@@ -184,7 +184,7 @@ def test_a_stiff_machine_under_a_slow_load_has_the_steps_it_needs():
     assert ds.attrs["max_steps"] == "default"
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("run", ["simulate", "sweep"])
 def test_a_force_that_is_not_finite_at_the_start_is_told_as_that(run):
     force = lambda t, x, v, args: 0.1 / x  # noqa: E731

@@ -213,7 +213,7 @@ def test_the_machine_of_a_sweep_is_built_again_where_only_its_start_is_clear_of_
     assert float(again.stops[0].position) == 0.3
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_store_knows_a_force_whose_body_was_changed(tmp_path):
     def of_power(power):
         def force(t, x, v, args):

@@ -99,6 +99,7 @@ def test_orbits_branches_exponents_and_classes_are_those_of_any_machine(settled)
     np.testing.assert_allclose(last.v0, ds["section_v"].values[1, -1], rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_derivatives_by_the_numbers_of_the_circuit_are_those_of_differences():
     def voltage(kappa):
         beam = vx.ImpactSystem([1.0], [[2 * XI]], [[1.0]], vx.Harmonic([1.0], SPEED), [STOP])

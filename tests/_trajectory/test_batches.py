@@ -155,7 +155,7 @@ def test_a_lane_that_starts_beyond_a_stop_is_told_so_and_leaves_the_others_alone
         np.testing.assert_array_equal(unsound.events.t[k], sound.events.t[k])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_lane_that_has_ended_takes_no_more_steps():
     starts = STARTS.at[1, 1].set(0.2).at[2, 0].set(1.7e308)
     batch = of_start(0.8, END, starts)

@@ -64,7 +64,7 @@ def test_it_agrees_with_an_exact_answer_after_a_hundred_thousand_periods():
     np.testing.assert_allclose(x[:, 0], a * (np.cos(frequency * t) - np.cos(w * t)), rtol=0, atol=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_its_cost_does_not_grow_with_the_distance_from_the_last_event():
     """Steps of a loop cannot be counted from outside, but steps over a hundred million periods would take minutes."""
     end = 1e8 * PERIOD

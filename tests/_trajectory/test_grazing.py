@@ -167,6 +167,7 @@ def test_a_light_pass_has_the_right_number_of_impacts(name):
     check(c, *map(np.asarray, (sol.num_events, sol.events.stop, sol.events.velocity_minus)))
 
 
+@pytest.mark.slow
 def test_the_trajectory_tells_how_close_to_grazing_it_came():
     c = case("light_damping")
     machine = Machine(*(jnp.asarray(a) for a in c.machine))
@@ -183,6 +184,7 @@ def test_the_trajectory_tells_how_close_to_grazing_it_came():
     assert not is_near[np.abs(CLEARANCES) > 3e-8].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["light_damping", "two_masses_in_proportion"])
 def test_a_light_pass_of_one_machine_at_a_time_has_the_right_number_of_impacts(name):
     c = case(name)

@@ -135,7 +135,7 @@ def test_other_units_give_the_same_motion_in_those_units(motion, time, length, m
     assert_same(scaled, motion, time=time, length=length)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_motion_taken_up_again_from_its_end_goes_on_unchanged(motion):
     held = np.asarray([motion.contact_force(t).any() for t in TIMES])
     assert held.any()
@@ -151,7 +151,7 @@ def test_a_motion_taken_up_again_from_its_end_goes_on_unchanged(motion):
         assert joined == [e.kind for e in log_of(motion)]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_elastic_stops_without_damping_keep_the_energy():
     stops = [(i, s, side, 1.0) for i, s, side, _ in STOPS]
     silent = {"amplitude": np.zeros((2, 3)), "mean": np.zeros(3)}

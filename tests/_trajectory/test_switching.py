@@ -122,7 +122,7 @@ def test_a_batch_equals_its_trajectories():
         assert bool(ends.sticking1[k, 0]) == bool(alone.sticking1[0])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_sweep_by_paths_ends_where_its_trajectories_do():
     system, forces = oscillator(0.05, 1.5, 0.6), np.array([0.8, 1.0])
     ds = vx.sweep(system, {"friction[0].force": forces}, transient=3, record=2, progress=False)

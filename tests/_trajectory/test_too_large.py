@@ -69,7 +69,7 @@ def test_one_bad_lane_of_a_batch_is_enough():
 
 
 @pytest.mark.parametrize("derivative", [jax.jacfwd, jax.grad])
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_others_are_not_told_of_and_stay_what_they_are(derivative):
     small, large = derivative(end)(jnp.zeros(()), 1.0), None
     assert told_by(derivative(end), jnp.zeros(()), 1.0) == []

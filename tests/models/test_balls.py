@@ -41,6 +41,7 @@ def reflected(x: np.ndarray, v: np.ndarray, t: float, length: float) -> np.ndarr
     return np.where(folded > length, 2 * length - folded, folded)
 
 
+@pytest.mark.slow
 def test_elastic_beads_between_walls_are_points_that_pass_through_each_other_in_order():
     d, height = 0.1, 2.0
     column = vx.models.bead_column(position=height, diameter=d, restitution=1.0, gravity=0.0)

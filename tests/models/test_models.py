@@ -149,7 +149,7 @@ def test_the_orbit_of_a_ball_doubles_its_period_where_the_exact_map_says_so(n):
     np.testing.assert_allclose(np.sort(multipliers), [-1, -(r**2)], rtol=0, atol=DIFFERENCES)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_sweep_over_the_weight_of_a_ball_on_a_table_finds_the_exact_orbit_up_to_its_bound():
     acceleration = 12.0
     tables = [Table(1, 0.5, acceleration / strength, strength) for strength in (1.3, 1.4, 1.5, 1.56)]
@@ -256,7 +256,7 @@ SYMMETRIC = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SYMMETRIC)
 def test_a_sweep_of_a_mass_between_two_walls_settles_on_the_exact_symmetric_orbit(name):
     system, amplitudes, expected = SYMMETRIC[name]

@@ -93,7 +93,7 @@ def test_a_bifurcation_diagram_of_no_stop_is_refused(swept, stop):
         vx.plot.bifurcation(swept, stop)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     ["bifurcation", "time_series", "phase_portrait", "impact_map", "relative_motion", "sticking_region"],

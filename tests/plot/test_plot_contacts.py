@@ -81,6 +81,7 @@ def test_a_time_series_draws_where_a_contact_holds_on_the_lines_of_both_masses(s
         np.testing.assert_array_equal(x[is_held], sol.evaluate(t)[0][is_held, i])
 
 
+@pytest.mark.slow
 def test_a_contact_of_one_mass_has_a_place_on_its_axis():
     one = vx.simulate(box(vx.Contact({0: 2.0}, 2.4, 0.6)), 0.0, END)
     ax = vx.plot.time_series(one, num_samples=SAMPLES)

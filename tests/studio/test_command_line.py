@@ -165,7 +165,7 @@ def test_every_command_has_help(command, capsys):
     assert "usage: vijax" in capsys.readouterr().out
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_orbits_and_branches_are_those_of_python(tmp_path, monkeypatch, capsys):
     pytest.importorskip("h5netcdf")
     monkeypatch.chdir(tmp_path)
