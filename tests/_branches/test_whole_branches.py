@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 
 import vijax as vx
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.slow
 
 FREQUENCY, RESTITUTION, POSITION = "forcing.frequency", "stops[0].restitution", "stops[0].position"
 MEAN = "forcing.mean[0]"
@@ -63,7 +63,6 @@ def cascade():
     return orbit, follow(orbit, RESTITUTION, 0.0, 1.0)
 
 
-@pytest.mark.slow
 def test_ever_more_bounces_are_no_return_to_an_earlier_point(cascade):
     orbit, branch = cascade
     assert branch.ends == ("chatter_completion", "bounds")
@@ -74,7 +73,6 @@ def test_ever_more_bounces_are_no_return_to_an_earlier_point(cascade):
     np.testing.assert_allclose([a for _, a in told(narrow)], [a for _, a in shared], rtol=0, atol=LOCATED)
 
 
-@pytest.mark.slow
 def test_a_grazing_after_a_light_bounce_is_where_a_run_grazes(cascade):
     """The gap has a maximum and a minimum between two samples of its motion."""
     grazing = cascade[1].bifurcations[-3]
@@ -103,7 +101,6 @@ def plastic():
     return follow(orbit, FREQUENCY, 1.5, 4.0)
 
 
-@pytest.mark.slow
 def test_without_rebound_sticks_begin_where_an_impact_is_not_pulled_away(plastic):
     assert plastic.ends == ("bounds", "bounds")
     onset, doubling = plastic.bifurcations
@@ -125,7 +122,6 @@ def test_orbits_with_sticks_without_rebound_have_all_their_events(plastic):
 
 
 @pytest.mark.parametrize("position", [0.0, 0.1])
-@pytest.mark.slow
 def test_a_bound_without_rebound_is_reached_and_nothing_is_told_beyond(position):
     system = oscillator(2.8, position=position, restitution=0.3)
     sol = vx.simulate(system, 0.0, 400 * system.forcing.period, [-0.3], max_events=0, throw=False)
@@ -145,7 +141,6 @@ def test_without_damping_multipliers_on_the_circle_do_not_cross_it():
 
 
 @pytest.mark.parametrize("share", [0.7, 0.995])
-@pytest.mark.slow
 def test_a_window_of_a_narrow_resonance_is_found(share):
     """Two uncoupled masses; the second, of quality 5000, reaches its stop only near its resonance."""
     quality, natural, load = 5000.0, 1.3, 1e-3
@@ -164,7 +159,6 @@ def test_a_window_of_a_narrow_resonance_is_found(share):
     np.testing.assert_allclose(grazings, np.sort(np.sqrt(square)), rtol=0, atol=1e-11)
 
 
-@pytest.mark.slow
 def test_three_grazings_at_once_are_passed_by_an_orbit_gone_round_three_times():
     once = follow(orbit_of(undamped(-0.1), -0.257294, 0.0), MEAN, -0.3, 0.3)
     thrice = follow(orbit_of(undamped(-0.1), -0.257294, 0.0, 3), MEAN, -0.3, 0.3)
@@ -173,7 +167,6 @@ def test_three_grazings_at_once_are_passed_by_an_orbit_gone_round_three_times():
     np.testing.assert_allclose([a for _, a in told(thrice)], [a for _, a in told(once)], rtol=0, atol=LOCATED)
 
 
-@pytest.mark.slow
 def test_an_orbit_gone_round_twice_crosses_the_doubled_ones_at_the_doubling():
     orbit = follow(orbit_of(undamped(0.05), -0.44067815, 0.00474863), MEAN, 0.0, 0.12)
     (doubling,) = [point for point in orbit.bifurcations if point.kind == "pd" and point.value > 0.1]
@@ -203,14 +196,12 @@ def check_point(point):
         assert np.abs(orbit.multipliers - where[point.kind]).min() < 1e-6
 
 
-@pytest.mark.slow
 def test_orbits_of_all_bifurcations_are_what_the_branch_says(cascade, plastic):
     for branch in (cascade[1], plastic):
         for point in branch.bifurcations:
             check_point(point)
 
 
-@pytest.mark.slow
 def test_an_impact_that_passes_the_start_of_the_cycle_is_no_grazing():
     """The solution of the equations beyond that impact is not admissible."""
     branches = []
@@ -230,7 +221,6 @@ def test_an_impact_that_passes_the_start_of_the_cycle_is_no_grazing():
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
-@pytest.mark.slow
 def test_a_hop_between_two_holds_vanishes_where_the_force_touches_zero(restitution):
     """A load stronger than 0.31 pulls the mass off the stop on which the spring presses it."""
     found = []
@@ -261,7 +251,6 @@ def test_a_hop_between_two_holds_vanishes_where_the_force_touches_zero(restituti
     ],
     ids=["release", "plastic impact"],
 )
-@pytest.mark.slow
 def test_no_event_that_passes_the_start_of_the_cycle_is_a_change(numbers, n, start):
     frequency, position, damping_ratio, restitution, phase = numbers
     own = {"damping_ratio": damping_ratio, "restitution": restitution, "position": position}
@@ -280,7 +269,6 @@ def test_no_event_that_passes_the_start_of_the_cycle_is_a_change(numbers, n, sta
     np.testing.assert_allclose(values[0], values[1], rtol=0, atol=LOCATED)
 
 
-@pytest.mark.slow
 def test_a_chatter_has_room_for_its_last_bounces():
     """The cycle has nearly as many events as the capacity of its program."""
     system = vx.models.impact_oscillator(
@@ -293,7 +281,6 @@ def test_a_chatter_has_room_for_its_last_bounces():
         point.orbit.solution()
 
 
-@pytest.mark.slow
 def test_branches_and_curves_do_not_depend_on_the_phase_at_which_the_cycle_begins():
     found = []
     for phase, x, v in ((0.0, 0.14675255, 1.58969241), (1.0, -0.50656606, -0.25007669)):
@@ -331,9 +318,7 @@ def test_multipliers_do_not_depend_on_how_a_cycle_is_cut():
     np.testing.assert_allclose(np.sort_complex(twice.multipliers), squares, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("position", "num_impacts"), [(-1.2, 0), pytest.param(-0.5, 28, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("position", "num_impacts"), [(-1.2, 0), (-0.5, 28)])
 def test_a_mass_that_a_stop_holds_as_the_cycle_begins_has_no_impacts_there(position, num_impacts):
     system = vx.models.impact_oscillator(0.3, position=position, restitution=0.6)
     orbit = vx.periodic_orbit(system, [position - 0.1], [0.3])

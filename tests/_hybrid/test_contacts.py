@@ -270,7 +270,7 @@ def test_a_sweep_is_its_motions_one_by_one_and_keeps_its_machine():
         np.testing.assert_allclose(velocity, sol.events.velocity_minus[is_recorded], rtol=0, atol=1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_carried_sweep_starts_on_the_right_side_of_contacts_that_moved():
     ds = vx.sweep(
         damper(mean=[0.0, 0.1]),

@@ -41,7 +41,7 @@ with warnings.catch_warnings(record=True) as caught:
 print(json.dumps([ends, [str(w.message) for w in caught]]))
 """
 # A process of its own, which compiles all its programs.
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.slow
 
 # Without sticking, and hardly magnifying errors; one of a single mass, one of several.
 SCENES = ["n1_both_r07", "n2_r03"]
@@ -64,7 +64,6 @@ def outcome(pytestconfig):
     return json.loads(done.stdout)
 
 
-@pytest.mark.slow
 def test_it_warns_exactly_once_and_says_what_to_do(outcome):
     _, messages = outcome
     about = [m for m in messages if "float32" in m]

@@ -42,7 +42,7 @@ def test_free_decay_ends_where_coulomb_friction_stops_it():
     assert bool(sol.sticking1[0])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_multipliers_of_a_slipping_oscillator_agree_with_known_ones():
     system = oscillator(0.05, 1.5, 0.8)
     sol = vx.simulate(system, 0.0, 300 * system.forcing.period)

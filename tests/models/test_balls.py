@@ -7,7 +7,7 @@ from model_roundings import EXACT, ORBIT
 
 import vijax as vx
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize(("r", "n", "a"), [(1.0, 1, 0.1), (0.9, 2, 0.02)])
@@ -41,7 +41,6 @@ def reflected(x: np.ndarray, v: np.ndarray, t: float, length: float) -> np.ndarr
     return np.where(folded > length, 2 * length - folded, folded)
 
 
-@pytest.mark.slow
 def test_elastic_beads_between_walls_are_points_that_pass_through_each_other_in_order():
     d, height = 0.1, 2.0
     column = vx.models.bead_column(position=height, diameter=d, restitution=1.0, gravity=0.0)
@@ -56,7 +55,6 @@ def test_elastic_beads_between_walls_are_points_that_pass_through_each_other_in_
     assert float((sol.v1**2).sum()) == pytest.approx((v**2).sum(), rel=EXACT)
 
 
-@pytest.mark.slow
 def test_a_column_that_is_dropped_lies_still_and_each_contact_carries_what_is_above():
     column = vx.models.bead_column(diameter=0.1, restitution=0.5, mass=[3.0, 2.0, 0.5])
     sol = vx.simulate(column, 0.0, 3.0, x0=[0.5, 0.65, 0.8])
@@ -66,7 +64,6 @@ def test_a_column_that_is_dropped_lies_still_and_each_contact_carries_what_is_ab
     np.testing.assert_allclose(sol.contact_force(3.0), 9.81 * np.array([5.5, 2.5, 0.5]), rtol=EXACT)
 
 
-@pytest.mark.slow
 def test_a_light_ball_on_a_heavy_one_is_thrown_up():
     heavy, light, r = 4.0, 0.5, 0.9
     stack = vx.models.bead_column(num_beads=2, restitution=r, mass=[heavy, light])
@@ -83,7 +80,6 @@ def test_a_light_ball_on_a_heavy_one_is_thrown_up():
     assert float(sol.evaluate(meeting.t)[1][1]) == pytest.approx(after, rel=10 * d)
 
 
-@pytest.mark.slow
 def test_a_shaken_column_rides_on_a_floor_slower_than_its_weight():
     w, a = 3.0, 0.5
     column = vx.models.bead_column(w, a, num_beads=2, diameter=0.2, mass=2.0, phase=0.3)

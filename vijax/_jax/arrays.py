@@ -200,7 +200,7 @@ def smallest(rows: Sequence[Array] | Array) -> Array:
 def matvec(matrix: Float[Array, "m n ..."], vector: Float[Array, "n ..."]) -> Float[Array, "m ..."]:
     """Multiply over the leading axes, row by row where that is little to compile."""
     m, n = matrix.shape[:2]
-    if vector.ndim == 1:  # stacked rows would be a branch each
+    if vector.ndim == 1:  # stacked rows compile to a branch each
         products = matrix * vector[None]
         columns = [products[:, j] for j in range(n)]
         return add_up(columns) if 0 < n <= UNROLLED_ALONE else jnp.sum(products, axis=1)
