@@ -136,7 +136,6 @@ DERIVATIVES = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("derivative", DERIVATIVES)
 @pytest.mark.parametrize("is_compiled", [False, True])
 @pytest.mark.parametrize("has_many", [False, True])

@@ -64,7 +64,6 @@ def test_the_trajectory_is_as_long_as_these_tests_suppose():
     assert 2 < sol.num_events < 64
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "asked",
     [name if name in ASKED_FIRST else pytest.param(name, marks=pytest.mark.thorough) for name in ASKED],

@@ -54,7 +54,6 @@ def test_a_batch_is_evaluated_lane_by_lane(batch):
         np.testing.assert_allclose(at[k], one.evaluate_stops(t)[0])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("way", FILES)
 def test_a_batch_comes_back_from_a_file_as_it_was(tmp_path, way, batch):
     assert_comes_back(batch.to_xarray(), way, tmp_path / "file")

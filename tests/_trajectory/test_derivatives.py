@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from helpers import relative_errors
+from helpers import relative_errors, slow_except
 from problems import one_mass
 
 import vijax as vx
@@ -23,16 +23,10 @@ import vijax as vx
 pytestmark = pytest.mark.thorough
 
 GOLDEN = Path(__file__).parents[1] / "data" / "golden_derivatives"
-# Every shape of machine takes 10 to 20 s to compile; these two share one, and the second chatters.
-FAST = ("n1_critical", "n1_lowfreq_r07")
-# One of two masses for all others, both of which come to be held.
-TWO_MASSES = "n2_two_held"
-NAMES = [
-    name
-    if name in FAST
-    else pytest.param(name, marks=pytest.mark.thorough if name == TWO_MASSES else pytest.mark.slow)
-    for name in sorted(path.stem for path in GOLDEN.glob("*.json"))
-]
+# Every shape of machine takes 10 to 20 s to compile; the first two share one, and the second chatters. Of two masses one
+# scene stands for all others; both come to be held.
+SHORT = ("n1_critical", "n1_lowfreq_r07", "n2_two_held")
+NAMES = slow_except(SHORT, sorted(path.stem for path in GOLDEN.glob("*.json")))
 # Roundings of some hundred steps, 1e-15, magnified a hundred times; complete chatter adds no error.
 ROUNDING = 1e-12
 # Both modes add the same numbers in another order.

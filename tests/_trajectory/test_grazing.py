@@ -167,7 +167,6 @@ def test_a_light_pass_has_the_right_number_of_impacts(name):
     check(c, *map(np.asarray, (sol.num_events, sol.events.stop, sol.events.velocity_minus)))
 
 
-@pytest.mark.slow
 def test_the_trajectory_tells_how_close_to_grazing_it_came():
     c = case("light_damping")
     machine = Machine(*(jnp.asarray(a) for a in c.machine))

@@ -10,7 +10,7 @@ from documents import ROOT, documents, pages, pictures_of, python_of
 
 import vijax as vx
 
-# Pages that compile little. The others belong to the long runs.
+# Pages whose code runs before a change goes in. That of the others belongs to the long runs.
 SHORT = (
     "README.md",
     "docs/index.md",

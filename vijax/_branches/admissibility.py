@@ -174,8 +174,7 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns, begins: Moment | None
     nothing = _lowest(none, 0 * begin.time, jnp.asarray(sequence.mode)[0], begin, jnp.array(0))
     unread = _GapsAndForces([0 * none] * (_OF_FORCE if is_switching else _OF_GAP), [0 * none] * _OF_FORCE)
     scan = _Scan(jnp.array(0), jnp.array(0), unread, nothing, nothing, nothing)
-    scan = in_lanes_of(begin.time, scan)
-    scan = jax.lax.while_loop(lambda scan: scan.flight <= count, one, scan)
+    scan = jax.lax.while_loop(lambda scan: scan.flight <= count, one, in_lanes_of(begin.time, scan))
     (gap, force), (gap_time, force_time) = _refined(machine, flow, scan.gaps, scan.forces)
     return LeastMargins(
         gap=gap,

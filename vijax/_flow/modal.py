@@ -134,14 +134,13 @@ def _response(machine: Machine, modes: Modes) -> SteadyResponse:
     speed = waves.speeds(machine.frequency)
     stiff, drag = w2[None] - speed * speed, 2 * a[None] * speed
     scale = stiff * stiff + drag * drag
-    c, s = (jnp.sum(shape[None] * part[:, :, None], axis=1) for part in (waves.cosine, waves.sine))
-    moved = (stiff * c - drag * s) / scale, (stiff * s + drag * c) / scale
-    response = Waves(*(jnp.sum(shape[None] * part[:, None], axis=2) for part in moved))
+    c, s = (product(part, shape) for part in (waves.cosine, waves.sine))
     transposed = jnp.swapaxes(shape, 0, 1)
+    parts = (stiff * c - drag * s) / scale, (stiff * s + drag * c) / scale
+    response = Waves(*(product(part, transposed) for part in parts))
     if machine.contacts.is_switching:
         return SteadyResponse(product(shape / w2[None], transposed), response)
-    load = jnp.sum(shape * machine.mean[:, None], axis=0)
-    return SteadyResponse(jnp.sum(shape * (load / w2)[None], axis=1), response)
+    return SteadyResponse(matvec(shape, matvec(transposed, machine.mean) / w2), response)
 
 
 def _rests(machine: Machine, modes: Modes, response: SteadyResponse) -> Rests:
@@ -156,7 +155,7 @@ def _rests(machine: Machine, modes: Modes, response: SteadyResponse) -> Rests:
     x4_load = machine.frequency**4 * response.waves.bound(4)
     force = product(damping, x4) + product(stiffness, x3)
     force_load = machine.frequency**3 * machine.waves.bound(3)
-    force_load = force_load + jnp.sum(damping * x4_load[None] + stiffness * x3_load[None], axis=1)
+    force_load = force_load + matvec(damping, x4_load) + matvec(stiffness, x3_load)
     rests = x4 * (1 / 24), x4_load * (1 / 24), force * (1 / 6), force_load * (1 / 6)
     if not machine.contacts.is_switching:
         return Rests(*rests)
@@ -234,12 +233,7 @@ class PreparedModalFlow(ExpandingFlow):
     ) -> tuple[Any, ...]:
         """Tables of the set of masses held now, and of the compliant contacts closed now.
 
-        Args:
-            machine: the machine.
-            state: its state.
-            hold: the contacts held now.
-            tables: rows for every set.
-            skips: whether the selection is skipped where no mass is held; for a loop of very many steps.
+        A loop of very many steps `skips` the selection where no mass is held.
         """
         free = jax.tree.map(lambda a: a[0], tables)
         if len(self.sets) == 1:

@@ -198,7 +198,7 @@ def smallest(rows: Sequence[Array] | Array) -> Array:
 
 
 def matvec(matrix: Float[Array, "m n ..."], vector: Float[Array, "n ..."]) -> Float[Array, "m ..."]:
-    """Multiply over the leading axes, row by row where that is little to compile."""
+    """Multiply over the leading axes, term by term where that is little to compile."""
     m, n = matrix.shape[:2]
     if vector.ndim == 1:  # stacked rows compile to a branch each
         products = matrix * vector[None]
