@@ -47,6 +47,7 @@ class Functions(NamedTuple):
         smooth_many: `smooth` of a batch, a function of a layer and of flags, likewise.
         always: flags of the results whose derivatives are always computed, for `watch`.
         watch: takes and returns derivatives of all results, None where not computed, or derivatives by the arguments.
+        has_reverse: whether `smooth` is differentiable in reverse too.
         compiled: compiles a function that is not part of a larger program.
     """
 
@@ -56,6 +57,7 @@ class Functions(NamedTuple):
     smooth_many: Callable | None
     always: Flags
     watch: Callable[[Arrays, bool], Arrays] | None
+    has_reverse: bool
     compiled: Callable
 
 
@@ -127,13 +129,18 @@ def push_of(derivation: Derivation) -> Callable:
 
 def _along(smooth: Callable, moves: Flags, fixed: Arrays, x: Arrays, dx: Arrays) -> Arrays:
     """Derivative of `smooth` along tangents of the arrays that move; the others cost nothing."""
+    of_moving, moving = _of_moving(smooth, moves, fixed, x)
+    return jax.jvp(of_moving, (moving,), (dx,))[1]
+
+
+def _of_moving(smooth: Callable, moves: Flags, fixed: Arrays, x: Arrays) -> tuple[Callable, Arrays]:
+    """`smooth` as a function of the arrays that move, and these."""
 
     def of_moving(moving: Arrays) -> Arrays:
         moving = list(moving)
         return smooth(fixed, [moving.pop(0) if move else a for a, move in zip(x, moves, strict=True)])
 
-    moving = [a for a, move in zip(x, moves, strict=True) if move]
-    return jax.jvp(of_moving, (moving,), (dx,))[1]
+    return of_moving, [a for a, move in zip(x, moves, strict=True) if move]
 
 
 def _along_lanes(
@@ -182,7 +189,23 @@ def members(layers: tuple[Layer, ...], moves: Flags, dx: Arrays) -> Arrays:
 @lru_cache(CACHE_SIZE)
 def pullback_of(derivation: Derivation, shapes: tuple[tuple[int, ...], ...]) -> Callable:
     """Function of (fixed, x, cotangents) that returns those of the tangents, each of a shape, without a batch."""
-    return Traced(partial(_pull, derivation, shapes), derivation.functions.compiled)
+    pull = _reversed(derivation) if derivation.functions.has_reverse else partial(_pull, derivation, shapes)
+    return Traced(pull, derivation.functions.compiled)
+
+
+def _reversed(derivation: Derivation) -> Callable:
+    """The same by the reverse mode of JAX."""
+    functions, layers, moves, wanted = derivation
+    if not layers:
+        return partial(_back, functions.smooth(wanted), moves)
+    *inner, layer = layers
+    axes = (None, None) if layer.is_of_tangents else tuple(map(list, layer.axes))
+    return jax.vmap(_reversed(derivation._replace(layers=tuple(inner))), (*axes, 0))
+
+
+def _back(smooth: Callable, moves: Flags, fixed: Arrays, x: Arrays, cotangents: Arrays) -> Arrays:
+    of_moving, moving = _of_moving(smooth, moves, fixed, x)
+    return jax.vjp(of_moving, moving)[1](cotangents)[0]
 
 
 def _pull(

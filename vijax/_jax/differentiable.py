@@ -54,6 +54,7 @@ def with_derivatives(
     smooth_many: Callable | None = None,
     watch: Callable | None = None,
     always: Callable | None = None,
+    has_reverse: bool = False,
     compiled: Callable = jax.jit,
 ) -> PyTree:
     """Return `function(tree)`, with the derivatives of `smooth`.
@@ -71,13 +72,15 @@ def with_derivatives(
         watch: if given, takes first derivatives and returns them. They are those of the results in their tree, or a
             list of those with respect to the arguments.
         always: selects the results whose derivatives `watch` needs.
+        has_reverse: whether `smooth` is differentiable in reverse too. Otherwise the transpose is a product with the
+            derivatives along each number.
         compiled: compiles a function that is not part of a larger program.
     """
     arrays, others = eqx.partition(tree, lambda a: isinstance(a, jax.Array))
     moving, fixed = eqx.partition(arrays, eqx.is_inexact_array)
     (fixed, of_fixed), (x, of_x), (others, of_others) = map(jax.tree.flatten, (fixed, moving, others))
     functions, join = _functions(
-        (function, smooth, many, smooth_many, watch, always, compiled),
+        (function, smooth, many, smooth_many, watch, always, has_reverse, compiled),
         (of_fixed, of_x, of_others),
         tuple(others),
         *(tuple(map(kind, part)) for part in (fixed, x)),
@@ -90,7 +93,7 @@ def with_derivatives(
 @lru_cache(CACHE_SIZE)
 def _functions(given: tuple, structures: tuple, others: tuple, *kinds: tuple) -> tuple[Functions, Callable]:
     """`Functions` of lists of arrays, and a function that rebuilds the tree of results from lists."""
-    function, smooth, many, smooth_many, watch, always, compiled = given
+    function, smooth, many, smooth_many, watch, always, has_reverse, compiled = given
     found: list = []
 
     def tree_of(fixed: Arrays, x: Arrays) -> PyTree:
@@ -138,6 +141,7 @@ def _functions(given: tuple, structures: tuple, others: tuple, *kinds: tuple) ->
         else lambda layer, wanted: partial(smooth_of_many, layer, wanted),
         always=_selected(always, found[0][0]),
         watch=None if watch is None else watched,
+        has_reverse=has_reverse,
         compiled=compiled,
     )
     return functions, join
@@ -235,6 +239,7 @@ def _of_tangents(derivation: Derivation, sizes: tuple[int, ...]) -> Derivation:
         smooth_many=None,
         always=(False,) * sum(wanted),
         watch=None,
+        has_reverse=functions.has_reverse,
         compiled=functions.compiled,
     )
     layers = tuple(layer._replace(axes=(layer.axes[0], (*layer.axes[1], *[0] * num_dx))) for layer in layers)

@@ -7,8 +7,8 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .._hybrid.limits import IMPACT
 from .._jax.arrays import Scalar
-from .._jax.concrete import stop_gradients
-from .._jax.xla import compile_lightly
+from .._jax.concrete import is_traced, stop_gradients
+from .._jax.xla import compile_lightly, differentiable
 from .._trajectory.event_log import EventLog
 from .candidate_cycle import multipliers_of
 from .condensation import Pencil
@@ -41,7 +41,10 @@ def find(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> OrbitSolutio
     """Search from a guess until an orbit is found, or nothing is left to try."""
     # The search itself is not differentiated: derivatives come from the implicit function theorem. Outside of `jit` its
     # values are known even under derivatives, so that its program serves them too.
-    return tell_of_search(strobe, _search(*stop_gradients((strobe, guess))))
+    found = _search(*stop_gradients((strobe, guess)))
+    if is_traced(strobe):
+        return differentiable(_solution_of, (strobe, found), has_reverse=True)
+    return tell_of_search(strobe, found)
 
 
 @compile_lightly
@@ -82,6 +85,10 @@ def _is_stable(strobe: StroboscopicMap, multipliers: Complex[Array, " state"]) -
 
 
 tell_of_search = compile_lightly(solution_of_search)
+
+
+def _solution_of(both: tuple[StroboscopicMap, Search]) -> OrbitSolution:
+    return solution_of_search(*both)
 
 
 def _by_sequence(strobe: StroboscopicMap, search: Search) -> tuple[Array, Array, EventLog, Array]:
