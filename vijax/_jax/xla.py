@@ -9,7 +9,7 @@ import os
 from collections.abc import Callable
 from functools import cache, wraps
 from operator import attrgetter
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -19,7 +19,7 @@ from equinox.internal import unvmap_any
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, PyTree
 
-from .concrete import is_traced
+from .concrete import is_staged, is_traced
 from .programs import Programs
 
 try:
@@ -76,6 +76,24 @@ def compile_lightly(function: Callable[P, R]) -> Callable[P, R]:
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
         is_part = is_traced((args, kwargs))
         return part(*args, **kwargs) if is_part else programs(*args, **kwargs)
+
+    return wrapped
+
+
+def compile_derivatives_lightly(function: Callable[P, R]) -> Callable[P, R]:
+    """`compile_lightly` for functions whose derivatives, outside of `jax.jit`, are compiled lightly too.
+
+    They are differentiable forwards and in reverse. No rule may call them with tangents: JAX transposes them as
+    nonlinear functions.
+    """
+    compiled, plain = compile_lightly(function), cast("Callable[..., Any]", function)
+    of_arguments = lambda both: plain(*both[0], **both[1])  # noqa: E731
+
+    @wraps(function)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+        if PLAIN or with_derivatives is None or is_staged() or not is_traced((args, kwargs)):
+            return compiled(*args, **kwargs)
+        return differentiable(of_arguments, (args, kwargs), has_reverse=True)
 
     return wrapped
 

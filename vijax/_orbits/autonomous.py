@@ -26,7 +26,7 @@ from .._flow.taylor import TaylorFlow
 from .._hybrid.limits import IMPACT
 from .._jax.arrays import Scalar
 from .._jax.concrete import check_values, concrete, is_staged, stop_gradients
-from .._jax.xla import compile_lightly
+from .._jax.xla import compile_derivatives_lightly, compile_lightly
 from .._machine.numbers import numbers_of
 from .._system.forcing import Harmonic
 from .._system.system import ImpactSystem
@@ -293,7 +293,7 @@ def log_and_progression(
     return log_of_cycle(problem, middle, room), progression_of(problem, unknowns)
 
 
-@compile_lightly
+@compile_derivatives_lightly
 def _solution_of(strobe: StroboscopicMap, found: _Found) -> tuple[OrbitSolution, Scalar]:
     """Result for a cycle, as a function of the machine, and its period in units."""
     problem = _problem(strobe, found.sequence)

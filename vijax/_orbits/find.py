@@ -7,8 +7,8 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .._hybrid.limits import IMPACT
 from .._jax.arrays import Scalar
-from .._jax.concrete import is_traced, stop_gradients
-from .._jax.xla import compile_lightly, differentiable
+from .._jax.concrete import stop_gradients
+from .._jax.xla import compile_derivatives_lightly, compile_lightly
 from .._trajectory.event_log import EventLog
 from .candidate_cycle import multipliers_of
 from .condensation import Pencil
@@ -41,10 +41,7 @@ def find(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> OrbitSolutio
     """Search from a guess until an orbit is found, or nothing is left to try."""
     # The search itself is not differentiated: derivatives come from the implicit function theorem. Outside of `jit` its
     # values are known even under derivatives, so that its program serves them too.
-    found = _search(*stop_gradients((strobe, guess)))
-    if is_traced(strobe):
-        return differentiable(_solution_of, (strobe, found), has_reverse=True)
-    return tell_of_search(strobe, found)
+    return tell_of_search(strobe, _search(*stop_gradients((strobe, guess))))
 
 
 @compile_lightly
@@ -84,11 +81,7 @@ def _is_stable(strobe: StroboscopicMap, multipliers: Complex[Array, " state"]) -
     return jnp.sum(~(jnp.abs(multipliers) < 1)) == num_of(drift)
 
 
-tell_of_search = compile_lightly(solution_of_search)
-
-
-def _solution_of(both: tuple[StroboscopicMap, Search]) -> OrbitSolution:
-    return solution_of_search(*both)
+tell_of_search = compile_derivatives_lightly(solution_of_search)
 
 
 def _by_sequence(strobe: StroboscopicMap, search: Search) -> tuple[Array, Array, EventLog, Array]:

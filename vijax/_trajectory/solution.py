@@ -20,7 +20,7 @@ from .._jax.arrays import Flag, Numbers, Reals, Scalar, array_namespace
 from .._jax.concrete import concrete, is_traced
 from .._jax.errors import checked
 from .._jax.packing import Packed
-from .._jax.xla import compile_lightly, jit_lightly, padding_allowed
+from .._jax.xla import compile_derivatives_lightly, compile_lightly, jit_lightly, padding_allowed
 from .._machine.machine import Machine, in_periods, state_before_contact
 from .._machine.state import with_memory
 from .._printing import as_html, as_text, describe_solution
@@ -344,7 +344,7 @@ def _coasted(prepared: Packed, request: _Times) -> tuple[Array, Array, Array]:
     return jax.vmap(at)(request.starts, request.times)
 
 
-@compile_lightly
+@compile_derivatives_lightly
 def evaluate_all(solution: Solution, times: Float[Array, " times"]) -> tuple[Array, Array, Array]:
     """Positions, velocities and contact forces at times; NaN where the motion is unknown."""
     return jax.vmap(lambda t: _evaluate(solution, t))(times)
