@@ -98,7 +98,7 @@ def test_processes_that_begin_at_once_share_a_folder(tmp_path):
 
 
 @pytest.mark.slow
-def test_what_depends_on_a_class_of_the_user_is_not_stored(tmp_path):
+def test_what_depends_on_a_class_of_the_user_has_no_name(tmp_path):
     machine = """
 import equinox as eqx
 class Law(vx.AbstractRestitution):
@@ -169,6 +169,20 @@ def test_a_stored_program_is_used_without_a_trace(tmp_path, monkeypatch):
         np.testing.assert_array_equal(found["twice"], 2 * x)
         assert (found["factor"], found["none"]) == ("word", None)
     assert traces == ["word"]
+
+
+@pytest.mark.usefixtures("no_other_cache")
+def test_a_function_without_a_name_is_stored_by_its_text(tmp_path, monkeypatch):
+    def product(factor):
+        return lambda x, word: {"product": factor * x, "word": word}
+
+    numbers = []
+    for factor, word in [(2, "first"), (2, "again"), (3, "other")]:
+        found = programs_in(tmp_path, monkeypatch, product(factor), name=None)(np.arange(3.0), word)
+        np.testing.assert_array_equal(found["product"], factor * np.arange(3.0))
+        assert found["word"] == word
+        numbers.append(len(programs(tmp_path)))
+    assert numbers == [1, 1, 2]
 
 
 @pytest.mark.usefixtures("no_other_cache")

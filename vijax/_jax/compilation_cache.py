@@ -24,8 +24,9 @@ def keep_compiled(folder: str | os.PathLike[str] | None = None) -> Path:
     for the programs of the library, or turns that off: `VIJAX_PROGRAMS=off`.
 
     At most 1 GiB of the library's programs is kept; those not used for longest are removed. A program serves one kind
-    of processor, one release of each library and one state of the source. A program that depends on a function or a
-    class of yours, a `force=` for instance, is made in every process, as is one that calls back into Python.
+    of processor, one release of each library and one state of the source. Programs of derivatives, and those that depend
+    on a function or a class of yours, a `force=` for instance, are traced in every process, but not compiled. One that
+    calls back into Python is never stored.
 
     Args:
         folder: the folder; if left out, the user's folder for caches, `~/.cache/vijax` on Linux. It may be deleted at

@@ -3,7 +3,7 @@
 JAX's own cache keeps what XLA compiles; to look a program up there it must be traced and lowered, which takes as long.
 Here a program is looked up by what it is made from: the function, its static arguments, the shapes of its arrays,
 all source of this package, the releases of the others, and the processor. What cannot be named in this way, for
-instance a function or a class of the user, is never stored.
+instance a function or a class of the user or a derivative, is looked up by its lowered text.
 """
 
 import hashlib

@@ -70,7 +70,7 @@ class Programs:
         function: the function.
         options: returns the compiler's options; called late, as they depend on the backend, which no import may start.
         name: names all that the function depends on besides its arguments, see `key_of`. By default its module and
-            name, if these determine it. Programs without a name are not stored.
+            name, if these determine it. Programs without a name are traced in each process, and stored by their text.
         donates_last: whether the arrays of the last argument are used up.
         static_numbers: whether Python numbers are static; if not, they are arrays.
     """
@@ -141,18 +141,26 @@ class Programs:
         """Load a program, or compile and store it."""
         make_room()
         name = None if self._name is None else key_of(self._name, self._options(), *key)
-        found = None if name is None else store.load(name)
-        if found is None:
-            parts = [[jax.ShapeDtypeStruct(*kind) for kind in part] for part in (key.kept, key.donated)]
-            lowered, hits = self._plain.lower(key.static, *parts), _hits.count
-            found = StoredProgram(lowered.compile(), self._results[key.static])
-            # A program that JAX itself loaded from disk cannot be written again.
-            if name is not None and _hits.count == hits:
-                store.save(name, *found)
-        else:
-            note_program()
+        found = _load(store, name) or self._compile(key, store, name)
         self._made[key] = found.run, found.results
         return self._made[key]
+
+    def _compile(self, key: _Key, store: ProgramStore, name: str | None) -> StoredProgram:
+        """Compile a program and store it; one without a name is loaded if its text is found."""
+        parts = [[jax.ShapeDtypeStruct(*kind) for kind in part] for part in (key.kept, key.donated)]
+        lowered = self._plain.lower(key.static, *parts)
+        results = stored = self._results[key.static]
+        if name is None:
+            name = key_of(lowered.as_text(), self._options())
+            stored = None  # programs of one text may differ in what are no arrays
+            if found := _load(store, name):
+                return found._replace(results=results)
+        hits = _hits.count
+        run = lowered.compile()
+        # A program that JAX itself loaded from disk cannot be written again.
+        if name is not None and _hits.count == hits:
+            store.save(name, run, stored)
+        return StoredProgram(run, results)
 
     @cached_property
     def _plain(self) -> Any:
@@ -185,6 +193,13 @@ def _is_tracer(leaf: Any) -> bool:
     found = _are_tracers.get(type(leaf))
     if found is None:
         found = _are_tracers[type(leaf)] = isinstance(leaf, jax.core.Tracer)
+    return found
+
+
+def _load(store: ProgramStore, name: str | None) -> StoredProgram | None:
+    found = None if name is None else store.load(name)
+    if found is not None:
+        note_program()
     return found
 
 
