@@ -17,12 +17,11 @@ from functools import cache, reduce
 from typing import TYPE_CHECKING, Any, ParamSpec, SupportsFloat, SupportsIndex, TypeVar
 
 import jax
-import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from .concrete import evaluate_eagerly
+from .concrete import evaluate_eagerly, has_tracer
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -61,7 +60,7 @@ def _warn_about_lost_digits() -> None:
 @evaluate_eagerly
 def as_float(value: Numbers, name: str = "") -> Array:
     """Convert to a floating-point array of the precision that JAX is set to; an error names the argument `name`."""
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value)):
+    if has_tracer(value):
         array = jnp.asarray(value)
         wanted = _wanted(array)
         return array if array.dtype == wanted else array.astype(wanted)

@@ -22,19 +22,36 @@ T = TypeVar("T")
 
 def concrete(value: Any) -> np.ndarray | None:
     """Return the value as a NumPy array, or None while it is traced."""
-    return None if isinstance(value, jax.core.Tracer) else np.asarray(value)
+    return None if is_tracer(value) else np.asarray(value)
+
+
+def is_tracer(value: Any) -> bool:
+    """True where a value is traced."""
+    found = _are_tracers.get(type(value))
+    if found is None:
+        found = _are_tracers[type(value)] = isinstance(value, jax.core.Tracer)
+    return found
+
+
+# Whether values of a type are traced: to ask JAX takes longer than all else that is done with a leaf of a call.
+_are_tracers: dict[type, bool] = {}
+
+
+def has_tracer(tree: Any) -> bool:
+    """True where a leaf of the tree is traced."""
+    return any(map(is_tracer, jax.tree.leaves(tree)))
 
 
 def is_traced(tree: Any) -> bool:
     """True where a leaf of the tree is traced, or the current computation is staged: under `jit`, `vmap`, `grad`."""
-    return is_staged() or any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
+    return is_staged() or has_tracer(tree)
 
 
 def is_staged() -> bool:
     """True where the current computation joins a larger program: under `jit`, not under `vmap` or `grad` alone."""
     state = None if get_opaque_trace_state is None else get_opaque_trace_state()
     if state is None or state != _unstaged.get("state"):
-        if isinstance(_same(np.float32(0)), jax.core.Tracer):
+        if is_tracer(_same(np.float32(0))):
             return True
         _unstaged["state"] = state
     return False
@@ -57,7 +74,7 @@ def evaluate_eagerly(function: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(function)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
-        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((args, kwargs))):
+        if has_tracer((args, kwargs)):
             return function(*args, **kwargs)
         with concrete_evaluation():
             return function(*args, **kwargs)
@@ -79,5 +96,5 @@ def stop_gradients(tree: T) -> T:
 def check_values(tree: T) -> T:
     """Values for checks: no derivatives, NumPy where concrete. Compiles nothing where `grad` alone traces them."""
     # `stop_gradients` of a concrete array would be staged under `jit`.
-    still = jax.tree.map(lambda a: stop_gradients(a) if isinstance(a, jax.core.Tracer) else a, tree)
+    still = jax.tree.map(lambda a: stop_gradients(a) if is_tracer(a) else a, tree)
     return jax.tree.map(lambda a: a if (known := concrete(a)) is None else known, still)

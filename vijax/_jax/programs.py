@@ -9,9 +9,9 @@ from operator import attrgetter
 from typing import Any, NamedTuple
 
 import jax
-import jax.core
 import numpy as np
 
+from .concrete import is_tracer
 from .memory_maps import make_room, note_holder, note_program
 from .program_store import ProgramStore, StoredProgram, key_of, program_store
 
@@ -94,7 +94,7 @@ class Programs:
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         static, *parts = self._parts(args, kwargs)
         # Under `vmap` or `grad` alone JAX must transform the function.
-        is_traced = any([_is_tracer(a) for part in parts for a in part])
+        is_traced = any([is_tracer(a) for part in parts for a in part])
         store = None if is_traced or any(_UNUSUAL(jax.config)) else program_store()
         if store is None:
             make_room()
@@ -177,22 +177,14 @@ class Programs:
         return arrays
 
 
-# Whether values of a type are arrays, or traced: to ask JAX takes longer than all else that is done with a leaf.
+# Whether values of a type are arrays, cached as in `concrete.py`.
 _are_arrays: dict[type, bool] = {}
-_are_tracers: dict[type, bool] = {}
 
 
 def _is_array(leaf: Any) -> bool:
     found = _are_arrays.get(type(leaf))
     if found is None:
         found = _are_arrays[type(leaf)] = isinstance(leaf, jax.Array | np.ndarray | np.generic)
-    return found
-
-
-def _is_tracer(leaf: Any) -> bool:
-    found = _are_tracers.get(type(leaf))
-    if found is None:
-        found = _are_tracers[type(leaf)] = isinstance(leaf, jax.core.Tracer)
     return found
 
 
