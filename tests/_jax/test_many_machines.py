@@ -43,7 +43,7 @@ print(len(shapes), (num_maps() - before) / max(len(shapes) - 1, 1))
 """
 SWEPT = """
 first = swept(machine(0))
-most = num_maps() + 3000  # some ten sweeps
+most = num_maps() + 1000  # some ten sweeps
 memory_maps.most_maps = lambda: most
 for seed in range(1, int(sys.argv[1])):
     swept(machine(seed))
