@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import vijax as vx
+from vijax.plot._grazing_lines import grazing_values
 from vijax.plot._percent import percent
 from vijax.plot._resonances import natural_frequencies
 
@@ -39,6 +40,56 @@ def test_resonances_are_drawn_on_request_along_the_frequency_alone():
     )
     with pytest.raises(ValueError, match=r"draws natural frequencies along `forcing\.frequency`"):
         vx.plot.bifurcation(other, resonances=True)
+
+
+def oscillator(stops, **load):
+    load = {"amplitude": [1.0], "frequency": 0.5} | load
+    return vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic(**load), stops)
+
+
+def test_the_motion_without_impacts_grazes_where_its_closed_form_says():
+    # |1 - W^2 + 0.1 i W| = 1 / s: two frequencies for each stop at distance s.
+    both = oscillator([vx.Stop(0, 2.0, "upper", 0.8), vx.Stop(0, -3.0, "lower", 0.8)])
+    expected = [np.roots([1, 0.1**2 - 2, 1 - 1 / s**2]) ** 0.5 for s in (2.0, 3.0)]
+    found = grazing_values(both, "forcing.frequency", 0.1, 2.0)
+    np.testing.assert_allclose(found, np.sort(np.concatenate(expected)), rtol=1e-9)
+
+
+def test_grazing_of_a_stop_that_moves_and_of_a_mean_load():
+    moving = oscillator([vx.Stop(0, 2.0, "upper", 0.8, motion=vx.Harmonic([0.3], 0.5))])
+    # |a X - 0.3| = 2, for the response X to a unit load.
+    response = 1 / (1 - 0.25 + 0.05j)
+    expected = np.roots([abs(response) ** 2, -0.6 * response.real, 0.09 - 4]).max()
+    found = grazing_values(moving, "forcing.amplitude[0]", 0.5, 3.0)
+    np.testing.assert_allclose(found, [expected], rtol=1e-9)
+    shifted = oscillator([vx.Stop(0, 2.0, "upper", 0.8)], mean=[0.5])
+    found = grazing_values(shifted, "forcing.amplitude[0]", 0.5, 3.0)
+    np.testing.assert_allclose(found, [1.5 / abs(response)], rtol=1e-9)
+
+
+def test_grazing_of_a_contact_between_masses_separates_impacts_from_none():
+    stops = [vx.Contact({0: 1.0, 1: -1.0}, 0.4, restitution=0.7)]
+    load = vx.Harmonic(amplitude=[0.5, 0.0], frequency=0.6)
+    system = vx.chain([1.0, 1.0], [0.1, 0.1], [1.0, 1.0], load, stops)
+    (value,) = grazing_values(system, "forcing.amplitude[0]", 0.01, 2.0)
+    values = {"forcing.amplitude[0]": value * np.array([1 - 1e-3, 1 + 1e-3])}
+    ds = vx.sweep(system, values, transient=300, record=5, progress=False)
+    below, above = ds.num_impacts.sum("stop").values.astype(int)
+    assert below == 0 < above
+
+
+def test_grazing_is_drawn_on_request_and_refused_without_a_closed_form():
+    system = oscillator([vx.Stop(0, 2.0, "upper", 0.8)])
+    ds = vx.sweep(system, {"forcing.frequency": [0.5, 0.8, 1.3]}, transient=2, record=2, progress=False)
+    ax = vx.plot.bifurcation(ds, grazing=True)
+    lines = [line.get_xdata()[0] for line in ax.lines if list(line.get_ydata()) == [0, 1]]
+    np.testing.assert_allclose(lines, grazing_values(system, "forcing.frequency", 0.5, 1.3))
+    assert "grazing without impacts" in [text.get_text() for text in ax.get_legend().get_texts()]
+    with pytest.raises(ValueError, match="needs a linear machine"):
+        grazing_values(vx.models.friction_oscillator(0.8, 1.5), "forcing.frequency", 0.5, 1.0)
+    loose = vx.ImpactSystem([1.0], [[0.1]], [[0.0]], vx.Harmonic([1.0], 0.5), system.stops)
+    with pytest.raises(ValueError, match="no spring holds some of the masses"):
+        grazing_values(loose, "forcing.frequency", 0.5, 1.0)
 
 
 def test_percentages_have_the_digits_that_their_errors_leave():

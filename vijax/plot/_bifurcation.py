@@ -24,6 +24,7 @@ from ._axes import (
 )
 from ._colors import curve_colors, faded, ink, lightness_of, merge_style, point_colors
 from ._contacts import StopMasses, name_of
+from ._grazing_lines import draw_grazing
 from ._labels import ANGLE, VELOCITY, Units, swept_quantity, with_unit
 from ._orbits import STABLE, UNKNOWN, UNSTABLE, OrbitsLike, as_sweep, list_of_orbits, stability_of
 from ._ordinates import Labels, Ordinate, label_of, ordinate_of, ordinates
@@ -64,6 +65,7 @@ def bifurcation(
     mass: int = 0,
     orbits: OrbitsLike | None = None,
     resonances: bool = False,
+    grazing: bool = False,
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
@@ -79,6 +81,7 @@ def bifurcation(
     mass: int = 0,
     orbits: OrbitsLike | None = None,
     resonances: bool = False,
+    grazing: bool = False,
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
@@ -93,6 +96,7 @@ def bifurcation(
     mass: int = 0,
     orbits: OrbitsLike | None = None,
     resonances: bool = False,
+    grazing: bool = False,
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
@@ -120,6 +124,7 @@ def bifurcation(
         orbits: result of `vx.periodic_orbits(ds)`, to mark the points of the sweep that it polished; or orbits of the
             machine at any values of the swept quantity, as from `vx.find_periodic_orbits`, to draw over them.
         resonances: draw the natural frequencies of the machine without dampers and impacts, along "forcing.frequency".
+        grazing: draw where the steady motion without impacts just reaches a stop, for linear machines.
         units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
         labels: words of the axes, by the path of the swept quantity and the name of the ordinate, as in
             `{"force.mu": "Friction", "max_position": "Amplitude"}`.
@@ -174,7 +179,9 @@ def bifurcation(
             panel.set_xlim(xlim)
         if resonances:
             draw_resonances(panel, one, path)
-    _draw_legend(layers, column[0], has_lines=resonances)
+        if grazing:
+            draw_grazing(panel, one, path)
+    _draw_legend(layers, column[0], has_lines=resonances or grazing)
     column[-1].set_xlabel(label_of(path, labels, units))
     return column if stop is None else column[0]
 

@@ -30,6 +30,7 @@ from ._bifurcation import bifurcation, label_of_impacts
 from ._branch_names import checked_ordinate, named_branches, quantity_lines
 from ._colors import curve_colors, faded, ink, merge_style
 from ._contacts import masses_of_stops, name_of
+from ._grazing_lines import draw_grazing
 from ._impact_lines import OrbitImpacts, impact_lines
 from ._labels import Units, swept_paths
 from ._ordinates import Labels, Ordinate, label_of
@@ -62,6 +63,7 @@ def branch(
     ordinate: Quantity | str = "velocity",
     mass: int = 0,
     resonances: bool = False,
+    grazing: bool = False,
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
@@ -77,6 +79,7 @@ def branch(
     ordinate: Quantity | str = "velocity",
     mass: int = 0,
     resonances: bool = False,
+    grazing: bool = False,
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
@@ -91,6 +94,7 @@ def branch(
     ordinate: Quantity | str = "velocity",
     mass: int = 0,
     resonances: bool = False,
+    grazing: bool = False,
     units: Units | None = None,
     labels: Labels | None = None,
     xlim: tuple[float, float] | None = None,
@@ -112,6 +116,7 @@ def branch(
             "max_position", one panel whatever the stop; of the stop; or a number of the user's own.
         mass: the mass whose quantity is drawn.
         resonances: draw the natural frequencies of the machine without dampers and impacts, along "forcing.frequency".
+        grazing: draw where the steady motion without impacts just reaches a stop, for linear machines.
         units: of `length` and `time`, as in `{"length": "mm", "time": "s"}`; none are written if left out.
         labels: words of the axes, by the path of the parameter and the name of the ordinate, as in
             `{"force.mu": "Friction", "max_position": "Amplitude"}`.
@@ -165,6 +170,8 @@ def branch(
             panel.set_xlim(xlim)
         if resonances:
             draw_resonances(panel, several[0].points, path)
+        if grazing:
+            draw_grazing(panel, several[0].points, path)
         panel.set_xlabel(label_of(path, labels, units) if panel is column[-1] else "")
         own = quantity.label(j, masses, units) if quantity else label_of_impacts("velocity", j, masses, units)
         panel.set_ylabel((labels or {}).get(ordinate) or own)

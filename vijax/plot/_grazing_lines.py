@@ -1,0 +1,95 @@
+"""Grazing as vertical lines: where the steady motion without impacts just reaches a stop."""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Array
+from matplotlib.axes import Axes
+from scipy.optimize import brentq
+
+from .._machine.numbers import MachineNumbers, numbers_of
+from .._system.description import build_from
+from .._system.force_description import NAMED_FORCE
+from .._system.parameters import set_parameter
+from .._system.system import ImpactSystem
+from ._axes import label_if_new
+from ._colors import ink
+
+# Values at which the motion is computed at first, and phases of it; a parabola refines the least gap.
+_VALUES, _PHASES = 400, 512
+
+
+def grazing_values(system: ImpactSystem, path: str, low: float, high: float) -> np.ndarray:
+    """Values of a parameter at which the steady motion without impacts just reaches a stop, rising.
+
+    Args:
+        system: a linear machine.
+        path: the path of the parameter.
+        low: lower end of the interval that is searched.
+        high: higher end.
+
+    Raises:
+        ValueError: if the motion has no closed form, or does not exist.
+    """
+    if system.force is not None or system.friction:
+        raise ValueError(
+            "Argument `grazing` draws where the motion without impacts reaches a stop, which needs a linear machine: this one "
+            "has a `force` or friction."
+        )
+    least_gaps = _least_gaps_along(system, path)
+    values = np.linspace(low, high, _VALUES)
+    gaps = np.asarray(jax.vmap(least_gaps)(values))
+    if not np.isfinite(gaps).all():
+        raise ValueError(
+            "Argument `grazing` needs a steady motion without impacts, but no spring holds some of the masses."
+        )
+    found = []
+    for j, gap in enumerate(gaps.T):
+        for k in np.flatnonzero(gap[1:] * gap[:-1] < 0):
+            found.append(brentq(lambda p, j=j: float(least_gaps(p)[j]), values[k], values[k + 1], xtol=1e-12))
+    return np.sort(np.array(found))
+
+
+def draw_grazing(ax: Axes, ds: xr.Dataset, path: str) -> None:
+    """Draw the values among those of a dataset at which the motion without impacts grazes."""
+    values = np.asarray(ds[path].values, float)
+    style = {"color": ink("0.55", "0.55"), "linewidth": 0.8, "zorder": 0, "linestyle": (0, (6, 2))}
+    system = build_from(ds.attrs, force=NAMED_FORCE)
+    for value in grazing_values(system, path, values.min(), values.max()):
+        ax.axvline(value, label=label_if_new(ax, "grazing without impacts"), **style)
+
+
+def _least_gaps_along(system: ImpactSystem, path: str) -> Callable[[Array], Array]:
+    known = jax.tree.map(jnp.asarray, system)
+    return jax.jit(lambda value: _least_gaps(numbers_of(set_parameter(known, path, value))))
+
+
+def _least_gaps(numbers: MachineNumbers) -> Array:
+    """Least gap of each contact in the steady motion without impacts, (contacts,)."""
+    phases = 2 * jnp.pi * jnp.arange(_PHASES) / _PHASES
+    order = jnp.arange(1, len(numbers.waves.cosine) + 1)
+    turned = jnp.exp(1j * jnp.outer(order, phases))
+    mass = jnp.diag(numbers.mass) if numbers.mass.ndim == 1 else jnp.asarray(numbers.mass)
+    speed = (order * numbers.frequency)[:, None, None]
+    dynamic = numbers.stiffness[None] - speed * speed * mass[None] + 1j * speed * numbers.damping[None]
+    load = numbers.waves.cosine - 1j * numbers.waves.sine
+    response = jnp.linalg.solve(dynamic, load[..., None])[..., 0]
+    x = jnp.linalg.solve(numbers.stiffness, numbers.mean)[:, None] + jnp.real(response.T @ turned)
+    limit = numbers.limit[:, None]
+    if numbers.travel is None:
+        gaps = limit - numbers.rows @ x
+    else:
+        moved = jnp.real((numbers.travel.cosine - 1j * numbers.travel.sine).T @ turned)
+        gaps = limit - (numbers.rows @ (x - moved) if numbers.signs is None else numbers.rows @ x - moved)
+    return jax.vmap(_least)(gaps)
+
+
+def _least(gap: Array) -> Array:
+    """Least value of a periodic function, from samples, by a parabola through the lowest three."""
+    k = jnp.argmin(gap)
+    before, here, after = gap[k - 1], gap[k], gap[(k + 1) % len(gap)]
+    curvature, slope = before + after - 2 * here, (after - before) / 2
+    return here - jnp.where(curvature > 0, slope * slope / (2 * jnp.where(curvature > 0, curvature, 1)), 0)
