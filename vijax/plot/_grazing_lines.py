@@ -41,7 +41,7 @@ def grazing_values(system: ImpactSystem, path: str, low: float, high: float) -> 
         )
     least_gaps = _least_gaps_along(system, path)
     values = np.linspace(low, high, _VALUES)
-    gaps = np.asarray(jax.vmap(least_gaps)(values))
+    gaps = np.asarray(jax.vmap(least_gaps)(jnp.asarray(values)))
     if not np.isfinite(gaps).all():
         raise ValueError(
             "Argument `grazing` needs a steady motion without impacts, but no spring holds some of the masses."
