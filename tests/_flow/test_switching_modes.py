@@ -25,7 +25,7 @@ def test_a_sweep_by_modes_ends_where_taylor_series_do(stops, static):
         vx.sweep(system, values, transient=0, record=6, flow=flow, progress=False)
         for flow in (None, vx.TaylorFlow())
     )
-    assert (own.attrs["flow"], others.attrs["flow"]) == ("ModalFlow", "TaylorFlow")
+    assert (own.attrs["flow"], others.attrs["flow"]) == ("ModalFlow", "TaylorFlow()")
     np.testing.assert_allclose(own.x, others.x, rtol=0, atol=_ROUNDING)
     np.testing.assert_allclose(own.v, others.v, rtol=0, atol=_ROUNDING)
     np.testing.assert_array_equal(own.num_sticks, others.num_sticks)
