@@ -156,8 +156,8 @@ class DiffraxFlow(SteppingFlow):
         """
         del change
         still, longest = jax.lax.stop_gradient, longest_step(machine)
-        # Programs with a flow map take longer to compile than to run: the stages are a loop.
-        solver = eqx.tree_at(lambda s: s.scan_kind, self.solver, "lax", is_leaf=lambda leaf: leaf is None)
+        # Programs with a flow map take longer to compile than to run.
+        solver = self.compact().solver
 
         def one(state: _FlowMapState) -> _FlowMapState:
             here, is_last = state.state, jnp.abs(state.left) <= state.step
@@ -189,6 +189,11 @@ class DiffraxFlow(SteppingFlow):
         end = jax.lax.while_loop(is_on, one, start)
         is_there = end.left == 0
         return jnp.where(is_there, end.displacement, jnp.nan), jnp.where(is_there, end.gain, jnp.nan)
+
+    def compact(self) -> "DiffraxFlow":
+        """The same method, with its stages in a loop."""
+        dt0 = None if self.dt0 is None else self.dt0[0]
+        return DiffraxFlow(_with_loop(self.solver, "lax"), self.stepsize_controller, dt0)
 
     def step_by(
         self, machine: Machine, state: State, hold: Held, step: Scalar
@@ -229,13 +234,17 @@ class DiffraxFlow(SteppingFlow):
         self, machine: Machine, state: State, hold: Held, step: Scalar, loop: str
     ) -> tuple[_Gains, _Gains, _Gains]:
         """Gains of positions, velocities and pushes, their errors, and the gains at the nodes of `bernstein.py`."""
-        if isinstance(self.solver, diffrax.AbstractERK):
+        if isinstance(self.solver, diffrax.AbstractERK) and self.solver.scan_kind is None:
             field = lambda time, gains: compute_once(_field, time, gains, (machine, state, hold))  # noqa: E731
             nothing = _nothing_gained(machine, state)
             end, error, inside = explicit_step(self.solver, field, nothing, step, degree_inside(self.solver))
             return end, error, jax.tree.map(lambda *a: jnp.stack(a), *inside)
-        solver = eqx.tree_at(lambda s: s.scan_kind, self.solver, loop, is_leaf=lambda leaf: leaf is None)
-        return _by_diffrax(solver, machine, state, hold, step)
+        return _by_diffrax(_with_loop(self.solver, loop), machine, state, hold, step)
+
+
+def _with_loop(solver: Any, kind: str) -> Any:
+    """A solver with a loop of some kind over its stages."""
+    return eqx.tree_at(lambda s: s.scan_kind, solver, kind, is_leaf=lambda leaf: leaf is None)
 
 
 def _nothing_gained(machine: Machine, state: State) -> _Gains:

@@ -7,8 +7,9 @@ JAX that lacks them has the same effect.
 import abc
 import os
 from collections.abc import Callable
-from functools import cache, wraps
+from functools import cache, lru_cache, wraps
 from operator import attrgetter
+from types import FunctionType
 from typing import Any, ParamSpec, TypeVar, cast
 
 import equinox as eqx
@@ -16,11 +17,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from equinox.internal import unvmap_any
+from jax.core import ShapedArray
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, PyTree
 
 from .concrete import is_staged, is_traced
 from .programs import Programs
+from .traced import CACHE_SIZE
 
 try:
     from jax.experimental.xla_metadata import set_xla_metadata
@@ -149,17 +152,36 @@ def _call(function: Callable, args: tuple, **attributes: str):
     """Call `function` by an HLO call with `attributes`; the operations inside carry none."""
     if PLAIN or set_xla_metadata is None or jax.default_backend() != "cpu":
         return function(*args)
-    annotate = set_xla_metadata
     # XLA removes arrays without elements, and the call would have an argument that nothing reads.
     arrays, rest = eqx.partition(args, lambda a: isinstance(a, jax.Array) and a.size > 0)
+    leaves, structure = jax.tree.flatten(rest)
+    empty = tuple(jax.typeof(a) if isinstance(a, jax.Array) else a for a in leaves)
+    # What a function encloses, tracers for instance, must not be kept.
+    is_plain = isinstance(function, FunctionType) and function.__closure__ is None
+    given = function, structure, empty, tuple(attributes)
+    try:
+        called = _called(*given) if is_plain else _called.__wrapped__(*given)
+    except TypeError:  # an argument has no hash
+        called = _called.__wrapped__(*given)
+    with _annotated(**attributes):
+        return _not_whole(called(arrays))
 
-    def called(arrays):
-        with annotate(**dict.fromkeys(attributes)):
-            empty = jax.tree.map(lambda a: jnp.zeros_like(a) if isinstance(a, jax.Array) else a, rest)
-            return function(*eqx.combine(arrays, empty))
 
-    with annotate(**attributes):
-        return _not_whole(jax.jit(called)(arrays))
+def _annotated(**attributes: str | None) -> Any:
+    assert set_xla_metadata is not None
+    return set_xla_metadata(**attributes)
+
+
+@lru_cache(CACHE_SIZE)
+def _called(function: Callable, structure: Any, leaves: tuple, attributes: tuple[str, ...]) -> Callable:
+    """Function of the arrays among its arguments, traced once where it is called several times."""
+
+    def called(arrays: tuple) -> Any:
+        with _annotated(**dict.fromkeys(attributes)):
+            rest = [jnp.zeros(a.shape, a.dtype) if isinstance(a, ShapedArray) else a for a in leaves]
+            return function(*eqx.combine(arrays, jax.tree.unflatten(structure, rest)))
+
+    return jax.jit(called)
 
 
 def _not_whole(results: PyTree) -> PyTree:

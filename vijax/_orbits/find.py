@@ -1,5 +1,7 @@
 """Search for an orbit from a guess, and the orbit as a function of its machine."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -39,6 +41,7 @@ class OrbitSolution(eqx.Module):
 
 def find(strobe: StroboscopicMap, guess: Float[Array, " state"]) -> OrbitSolution:
     """Search from a guess until an orbit is found, or nothing is left to try."""
+    strobe = replace(strobe, flow=strobe.flow.compact())
     # The search itself is not differentiated: derivatives come from the implicit function theorem. Outside of `jit` its
     # values are known even under derivatives, so that its program serves them too.
     return tell_of_search(strobe, _search(*stop_gradients((strobe, guess))))

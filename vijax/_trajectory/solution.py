@@ -337,6 +337,7 @@ class _Times(NamedTuple):
 def _coasted(prepared: Packed, request: _Times) -> tuple[Array, Array, Array]:
     """Positions, velocities and contact forces at the times of a request."""
     machine, flow = prepared.unpacked_by_kernel()
+    flow = flow.compact()
 
     def at(start: Restarts, t: Scalar) -> tuple[Array, Array, Array]:
         return _from_restart(machine, flow, request.phase0, start, t, request.t0, request.max_steps)
@@ -365,7 +366,7 @@ def _evaluate(solution: Solution, t: Scalar) -> tuple[Array, Array, Array]:
     row = jnp.clip(jnp.searchsorted(rows.t, t, side="right") - 1, 0)
     start = jax.tree.map(lambda a: a[row], rows)
     machine, flow = solution.prepared.unpacked()
-    found = _from_restart(machine, flow, rows.phase[0], start, t, solution.t0, solution.max_steps)
+    found = _from_restart(machine, flow.compact(), rows.phase[0], start, t, solution.t0, solution.max_steps)
     x, v, force = (jnp.where(is_known, a, jnp.nan) for a in found)
     return x, v, force
 
