@@ -18,7 +18,7 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 
 import vijax as vx
-from vijax.studio.drawing.drawing import PITCH
+from vijax.studio.drawing.drawing import PITCH, layout_of
 from vijax.studio.drawing.machine import poses_of
 from vijax.studio.drawing.scheme import scheme_of_solution, scheme_of_system
 
@@ -87,12 +87,16 @@ def sol() -> vx.Solution:
 
 def boxes(ax) -> list[Rectangle]:
     """Boxes of the masses, in order."""
-    return [patch for patch in ax.patches if (patch.get_width(), patch.get_height()) == (1, 1)]
+    return [patch for patch in ax.patches if str(patch.get_gid()).startswith("mass ")]
+
+
+def middle(box: Rectangle) -> float:
+    return box.get_x() + box.get_width() / 2
 
 
 def displacements(ax) -> np.ndarray:
     """Displacements of the boxes, in lengths of the drawing."""
-    return np.array([box.get_x() + 0.5 for box in boxes(ax)]) - PITCH * np.arange(len(boxes(ax)))
+    return np.array([middle(box) for box in boxes(ax)]) - PITCH * np.arange(len(boxes(ax)))
 
 
 def called(ax, name: str) -> list:
@@ -116,7 +120,8 @@ def test_every_mass_and_coupling_is_drawn_and_no_words_overlap(name, num_springs
     assert len(called(ax, "spring")) == num_springs
     assert len(called(ax, "damper")) == num_dampers
     assert len(boxes(ax)) == system.num_masses
-    np.testing.assert_allclose(displacements(ax), 0, rtol=0, atol=ROUNDING)
+    home = layout_of(scheme_of_system(system)).home
+    np.testing.assert_allclose([middle(box) for box in boxes(ax)], home, rtol=0, atol=ROUNDING)
     assert words(ax)[: system.num_masses] == [str(i) for i in range(system.num_masses)]
     extents = [text.get_window_extent() for text in ax.texts]
     overlapping = [
@@ -181,7 +186,9 @@ def test_a_stop_that_moves_stands_where_it_is_at_the_time_and_has_an_arrow():
 
 def test_a_contact_is_a_plate_at_its_gap_on_an_arm_of_the_other_mass():
     x = np.array([0.1, 0.4])
-    ax = vx.plot.machine(vx.models.impact_damper(1.0), x)
+    ends = [vx.Contact({0: -1.0, 1: 1.0}, 1.0, 0.6), vx.Contact({0: 1.0, 1: -1.0}, 1.0, 0.6)]
+    load = vx.Harmonic([1.0, 0.0], 1.0)
+    ax = vx.plot.machine(vx.chain([1.0, 1.0], [0.0, 0.0], [1.0, 1.0], load, ends), x)
     scale = displacements(ax)[1] / x[1]
     container, free = boxes(ax)
     # Contact 0 keeps x1 - x0 below 1, contact 1 keeps x0 - x1 below it.
@@ -192,6 +199,58 @@ def test_a_contact_is_a_plate_at_its_gap_on_an_arm_of_the_other_mass():
         root = np.asarray(arm.get_xdata())[0]
         assert container.get_x() < root <= container.get_x() + 1 + ROUNDING
     assert "contact 1\ngap 1.3\n$r$ = 0.6" in words(ax)
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_loose_mass_is_drawn_in_its_container(number):
+    """Container and loose mass in either order, with ends at different distances, and a mass beside them."""
+    own, loose = number, 1 - number
+    stiffness = np.zeros((3, 3))
+    stiffness[own, own], stiffness[2, 2] = 2.0, 1.0
+    stiffness[own, 2] = stiffness[2, own] = -1.0
+    ends = [vx.Contact({loose: 1.0, own: -1.0}, 1.0, 0.6), vx.Contact({own: 1.0, loose: -1.0}, 0.5, 0.6)]
+    load = vx.Harmonic([0.0, 0.0, 1.0], 1.0)
+    system = vx.ImpactSystem([1.0, 1.0, 1.0], 0 * stiffness, stiffness, load, ends)
+    assert scheme_of_system(system).containers == {loose: own}
+    home = layout_of(scheme_of_system(system)).home
+    assert home[own] == home[loose] < home[2]
+    x = np.zeros(3)
+    x[own], x[loose] = 0.2, -0.1
+    ax = vx.plot.machine(system, x)
+    masses = boxes(ax)
+    outside, inside, beside = masses[own], masses[loose], masses[2]
+    scale = (middle(outside) - home[own]) / x[own]
+    faces = [inside.get_x() + inside.get_width(), inside.get_x()]
+    gaps = [wall_at(ax, 0) - faces[0], faces[1] - wall_at(ax, 1)]
+    np.testing.assert_allclose(gaps, scale * np.array([1 + 0.3, 0.5 - 0.3]), rtol=0, atol=ROUNDING)
+    (cavity,) = called(ax, f"cavity {loose}")
+    assert cavity.get_x() == wall_at(ax, 1)
+    assert outside.get_x() < cavity.get_x()
+    assert cavity.get_x() + cavity.get_width() < outside.get_x() + outside.get_width() < beside.get_x()
+    (line,) = (line for line in called(ax, "spring") if max(line.get_xdata()) > middle(outside))
+    assert line.get_xdata()[0] == pytest.approx(outside.get_x() + outside.get_width())
+
+
+def test_what_is_linked_loaded_or_one_of_several_is_in_no_container():
+    ends = [vx.Contact({1: 1.0, 0: -1.0}, 1.0, 0.6), vx.Contact({0: 1.0, 1: -1.0}, 1.0, 0.6)]
+    held = np.diag([1.0, 0.0])
+    known = {"linked": np.eye(2), "nothing holds it": 0 * held}
+    for stiffness in known.values():
+        system = vx.ImpactSystem([1.0, 1.0], 0 * held, stiffness, vx.Harmonic([1.0, 0.0], 1.0), ends)
+        assert not scheme_of_system(system).containers
+    loaded = vx.ImpactSystem([1.0, 1.0], 0 * held, held, vx.Harmonic([1.0, 0.0], 1.0, mean=[0.0, -1.0]), ends)
+    assert not scheme_of_system(loaded).containers
+    two = [vx.Contact({2: 1.0, 0: -1.0}, 1.0, 0.6), vx.Contact({0: 1.0, 2: -1.0}, 1.0, 0.6)]
+    several = vx.ImpactSystem(
+        [1.0] * 3,
+        np.zeros((3, 3)),
+        np.diag([1.0, 0.0, 0.0]),
+        vx.Harmonic([1.0, 0.0, 0.0], 1.0),
+        [*ends, *two],
+    )
+    assert not scheme_of_system(several).containers
+    assert scheme_of_system(vx.models.impact_damper(1.0)).containers == {1: 0}
+    assert not scheme_of_system(vx.models.gear_pair(1.0, 1.0)).containers
 
 
 def test_what_has_no_place_in_the_row_is_told_in_words():
@@ -364,7 +423,8 @@ def test_a_film_never_shows_a_contact_passed(name):
     for frame in range(7):
         film._draw_frame(frame)
         for limit in limits:
-            face = boxes(top)[limit.mass].get_x() + 0.5 + 0.5 * limit.side
+            box = boxes(top)[limit.mass]
+            face = middle(box) + box.get_width() / 2 * limit.side
             assert limit.side * (wall_at(top, limit.number) - face) > -1e-9
 
 

@@ -112,13 +112,36 @@ class Scheme(NamedTuple):
     @property
     def limits(self) -> list[DrawnLimit]:
         """Stops, and contacts of one mass or of the distance of two; others cannot be drawn."""
-        found = []
+        found, inside = [], self.containers
         for j, row in enumerate(self.rows):
             own = np.flatnonzero(row)
             if len(own) == 1 or (len(own) == 2 and row[own].sum() == 0):
                 support, mass = [None, *own.tolist()][-2:]
+                if support in inside:
+                    support, mass = mass, support
                 found.append(DrawnLimit(j, mass, int(np.sign(row[mass])), support, abs(float(row[mass]))))
         return found
+
+    @property
+    def containers(self) -> dict[int, int]:
+        """Loose masses that bounce between two ends of another mass, each with that mass.
+
+        They have no links, loads or contacts but the two with their container, which is linked to something.
+        """
+        linked = {i for link, _ in self.links for i in (link.mass, link.other)}
+        loaded = set(np.flatnonzero(abs(self.mean) + self.waves.bound()).tolist())
+        rubbing = {i for one in self.friction for i in np.flatnonzero(one.row).tolist()}
+        found = {}
+        for loose in set(range(self.num_masses)) - linked - loaded - rubbing:
+            touching = self.rows[self.rows[:, loose] != 0]
+            others = set(np.flatnonzero(touching.any(axis=0)).tolist()) - {loose}
+            is_between = (
+                len(touching) == 2 and not touching.sum(axis=0).any() and not touching.sum(axis=1).any()
+            )
+            if is_between and len(others) == 1 and others <= linked:
+                (found[loose],) = others
+        is_single = [list(found.values()).count(container) == 1 for container in found.values()]
+        return {loose: found[loose] for loose, single in zip(found, is_single, strict=True) if single}
 
     @property
     def pads(self) -> list[tuple[int, float]]:
