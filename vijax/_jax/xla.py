@@ -155,10 +155,11 @@ def _call(function: Callable, args: tuple, **attributes: str):
     # XLA removes arrays without elements, and the call would have an argument that nothing reads.
     arrays, rest = eqx.partition(args, lambda a: isinstance(a, jax.Array) and a.size > 0)
     leaves, structure = jax.tree.flatten(rest)
-    empty = tuple(jax.typeof(a) if isinstance(a, jax.Array) else a for a in leaves)
+    known = [jax.typeof(a) if isinstance(a, jax.Array) else a for a in leaves]
     # What a function encloses, tracers for instance, must not be kept.
     is_plain = isinstance(function, FunctionType) and function.__closure__ is None
-    given = function, structure, empty, tuple(attributes)
+    # With their types, as 1 and True are equal.
+    given = function, structure, tuple((type(a), a) for a in known), tuple(attributes)
     try:
         called = _called(*given) if is_plain else _called.__wrapped__(*given)
     except TypeError:  # an argument has no hash
@@ -178,7 +179,7 @@ def _called(function: Callable, structure: Any, leaves: tuple, attributes: tuple
 
     def called(arrays: tuple) -> Any:
         with _annotated(**dict.fromkeys(attributes)):
-            rest = [jnp.zeros(a.shape, a.dtype) if isinstance(a, ShapedArray) else a for a in leaves]
+            rest = [jnp.zeros(a.shape, a.dtype) if kind is ShapedArray else a for kind, a in leaves]
             return function(*eqx.combine(arrays, jax.tree.unflatten(structure, rest)))
 
     return jax.jit(called)
