@@ -39,7 +39,7 @@ PUBLIC = {
         tipping_probability uncertainty_exponent with_states
     """,
     "vijax.plot": """
-        animate basins bifurcation branch curves erosion impact_map lyapunov machine multipliers
+        animate basins bifurcation branch curves erosion impact_map inset lyapunov machine multipliers
         phase_portrait plane regions relative_motion section shares sticking_region time_series
     """,
     "vijax.models": """

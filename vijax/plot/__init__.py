@@ -19,6 +19,7 @@ _PLACES = {
     "curves": "plot._curves",
     "erosion": "plot._erosion",
     "impact_map": "plot._impact_map",
+    "inset": "plot._inset",
     "lyapunov": "plot._lyapunov",
     "machine": "studio.drawing.machine",
     "multipliers": "plot._multipliers",

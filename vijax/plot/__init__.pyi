@@ -8,6 +8,7 @@ from ._branch import branch as branch
 from ._curves import curves as curves
 from ._erosion import erosion as erosion
 from ._impact_map import impact_map as impact_map
+from ._inset import inset as inset
 from ._lyapunov import lyapunov as lyapunov
 from ._multipliers import multipliers as multipliers
 from ._plane import plane as plane
