@@ -16,7 +16,7 @@ from jax.dtypes import canonicalize_dtype
 from jaxtyping import Array, PyTree
 
 from .arrays import Reals
-from .concrete import concrete_evaluation, has_tracer
+from .concrete import concrete_evaluation, is_tracer
 from .xla import in_one_kernel
 
 
@@ -109,7 +109,7 @@ class Packed:
     def unpacked(self) -> PyTree:
         """The tree: parts of the packed arrays if these are of NumPy or traced, otherwise JAX arrays of their own."""
         arrays = self.reals, self.wholes
-        if isinstance(self.reals, np.ndarray) or has_tracer(arrays):
+        if isinstance(self.reals, np.ndarray) or any(map(is_tracer, arrays)):
             return self._cut(*arrays)
         # Slices by JAX would each be compiled, and traced where `jit` traces.
         cut = self._cut(*map(np.asarray, arrays))
@@ -228,7 +228,7 @@ def _real_parts(a: Reals) -> list[Reals]:
 
 def _joined(arrays: list[Reals], dtype: np.dtype, lead: tuple[int, ...]) -> Reals:
     """The numbers of some arrays, behind their first axes `lead`."""
-    xp = jnp if has_tracer(arrays) else np
+    xp = jnp if any(map(is_tracer, arrays)) else np
     flat = [xp.reshape(xp.asarray(a), (*lead, math.prod(a.shape[len(lead) :]))) for a in arrays]
     return xp.concatenate([xp.zeros((*lead, 0), dtype), *flat], axis=-1, dtype=dtype)
 
