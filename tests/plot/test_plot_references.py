@@ -55,6 +55,16 @@ def test_the_motion_without_impacts_grazes_where_its_closed_form_says():
     np.testing.assert_allclose(found, np.sort(np.concatenate(expected)), rtol=1e-9)
 
 
+def test_a_motion_that_reaches_no_stop_or_always_one_has_no_grazing():
+    assert (
+        grazing_values(oscillator([vx.Stop(0, 50.0, "upper", 0.8)]), "forcing.frequency", 0.1, 2.0).size == 0
+    )
+    assert (
+        grazing_values(oscillator([vx.Stop(0, 0.0, "upper", 0.8)]), "forcing.frequency", 0.1, 2.0).size == 0
+    )
+    assert grazing_values(oscillator([]), "forcing.frequency", 0.1, 2.0).size == 0
+
+
 def test_grazing_of_a_stop_that_moves_and_of_a_mean_load():
     moving = oscillator([vx.Stop(0, 2.0, "upper", 0.8, motion=vx.Harmonic([0.3], 0.5))])
     # |a X - 0.3| = 2, for the response X to a unit load.

@@ -8,7 +8,6 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array
 from matplotlib.axes import Axes
-from scipy.optimize import brentq
 
 from .._machine.numbers import MachineNumbers, numbers_of
 from .._system.description import build_from
@@ -20,6 +19,8 @@ from ._colors import ink
 
 # Values at which the motion is computed at first, and phases of it; a parabola refines the least gap.
 _VALUES, _PHASES = 400, 512
+# Halvings of the interval between two values, down to rounding.
+_HALVINGS = 44
 
 
 def grazing_values(system: ImpactSystem, path: str, low: float, high: float) -> np.ndarray:
@@ -39,18 +40,23 @@ def grazing_values(system: ImpactSystem, path: str, low: float, high: float) -> 
             "Argument `grazing` draws where the motion without impacts reaches a stop, which needs a linear machine: this one "
             "has a `force` or friction."
         )
-    least_gaps = _least_gaps_along(system, path)
+    least_gaps = jax.vmap(_least_gaps_along(system, path))
     values = np.linspace(low, high, _VALUES)
-    gaps = np.asarray(jax.vmap(least_gaps)(jnp.asarray(values)))
+    gaps = np.asarray(least_gaps(jnp.asarray(values)))
     if not np.isfinite(gaps).all():
         raise ValueError(
             "Argument `grazing` needs a steady motion without impacts, but no spring holds some of the masses."
         )
-    found = []
-    for j, gap in enumerate(gaps.T):
-        for k in np.flatnonzero(gap[1:] * gap[:-1] < 0):
-            found.append(brentq(lambda p, j=j: float(least_gaps(p)[j]), values[k], values[k + 1], xtol=1e-12))
-    return np.sort(np.array(found))
+    k, contact = np.nonzero(np.diff(gaps > 0, axis=0))
+    if not len(k):
+        return np.empty(0)
+    before, after, is_open = values[k], values[k + 1], gaps[k, contact] > 0
+    for _ in range(_HALVINGS):
+        middle = (before + after) / 2
+        gap = np.asarray(least_gaps(jnp.asarray(middle)))[np.arange(len(k)), contact]
+        is_before = (gap > 0) == is_open
+        before, after = np.where(is_before, middle, before), np.where(is_before, after, middle)
+    return np.sort((before + after) / 2)
 
 
 def draw_grazing(ax: Axes, ds: xr.Dataset, path: str) -> None:
