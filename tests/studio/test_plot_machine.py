@@ -18,7 +18,7 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 
 import vijax as vx
-from vijax.studio.drawing.drawing import PITCH, layout_of
+from vijax.studio.drawing.drawing import PITCH, arrangement_of
 from vijax.studio.drawing.machine import poses_of
 from vijax.studio.drawing.scheme import scheme_of_solution, scheme_of_system
 
@@ -120,7 +120,7 @@ def test_every_mass_and_coupling_is_drawn_and_no_words_overlap(name, num_springs
     assert len(called(ax, "spring")) == num_springs
     assert len(called(ax, "damper")) == num_dampers
     assert len(boxes(ax)) == system.num_masses
-    home = layout_of(scheme_of_system(system)).home
+    home = arrangement_of(scheme_of_system(system)).home
     np.testing.assert_allclose([middle(box) for box in boxes(ax)], home, rtol=0, atol=ROUNDING)
     assert words(ax)[: system.num_masses] == [str(i) for i in range(system.num_masses)]
     extents = [text.get_window_extent() for text in ax.texts]
@@ -212,7 +212,7 @@ def test_a_loose_mass_is_drawn_in_its_container(number):
     load = vx.Harmonic([0.0, 0.0, 1.0], 1.0)
     system = vx.ImpactSystem([1.0, 1.0, 1.0], 0 * stiffness, stiffness, load, ends)
     assert scheme_of_system(system).containers == {loose: own}
-    home = layout_of(scheme_of_system(system)).home
+    home = arrangement_of(scheme_of_system(system)).home
     assert home[own] == home[loose] < home[2]
     x = np.zeros(3)
     x[own], x[loose] = 0.2, -0.1

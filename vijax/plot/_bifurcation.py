@@ -179,8 +179,8 @@ def bifurcation(
             panel.set_xlim(xlim)
         if resonances:
             draw_resonances(panel, one, path)
-        if grazing:
-            draw_grazing(panel, one, path)
+    if grazing:
+        draw_grazing(column, one, path)
     _draw_legend(layers, column[0], has_lines=resonances or grazing)
     column[-1].set_xlabel(label_of(path, labels, units))
     return column if stop is None else column[0]

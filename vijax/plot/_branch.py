@@ -170,11 +170,11 @@ def branch(
             panel.set_xlim(xlim)
         if resonances:
             draw_resonances(panel, several[0].points, path)
-        if grazing:
-            draw_grazing(panel, several[0].points, path)
         panel.set_xlabel(label_of(path, labels, units) if panel is column[-1] else "")
         own = quantity.label(j, masses, units) if quantity else label_of_impacts("velocity", j, masses, units)
         panel.set_ylabel((labels or {}).get(ordinate) or own)
+    if grazing:
+        draw_grazing(column, several[0].points, path)
     _draw_legend(column)
     return column if stop is None else column[0]
 

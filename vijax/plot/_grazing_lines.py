@@ -1,6 +1,7 @@
 """Grazing as vertical lines: where the steady motion without impacts just reaches a stop."""
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterable
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +15,7 @@ from .._system.description import build_from
 from .._system.force_description import NAMED_FORCE
 from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem
+from .._system.waves import Waves
 from ._axes import label_if_new
 from ._colors import ink
 
@@ -59,12 +61,13 @@ def grazing_values(system: ImpactSystem, path: str, low: float, high: float) -> 
     return np.sort((before + after) / 2)
 
 
-def draw_grazing(ax: Axes, ds: xr.Dataset, path: str) -> None:
-    """Draw the values among those of a dataset at which the motion without impacts grazes."""
+def draw_grazing(panels: Iterable[Axes], ds: xr.Dataset, path: str) -> None:
+    """Draw the values among those of a dataset at which the motion without impacts grazes, in all panels."""
     values = np.asarray(ds[path].values, float)
     style = {"color": ink("0.55", "0.55"), "linewidth": 0.8, "zorder": 0, "linestyle": (0, (6, 2))}
     system = build_from(ds.attrs, force=NAMED_FORCE)
-    for value in grazing_values(system, path, values.min(), values.max()):
+    found = grazing_values(system, path, values.min(), values.max())
+    for ax, value in itertools.product(panels, found):
         ax.axvline(value, label=label_if_new(ax, "grazing without impacts"), **style)
 
 
@@ -77,18 +80,19 @@ def _least_gaps(numbers: MachineNumbers) -> Array:
     """Least gap of each contact in the steady motion without impacts, (contacts,)."""
     phases = 2 * jnp.pi * jnp.arange(_PHASES) / _PHASES
     order = jnp.arange(1, len(numbers.waves.cosine) + 1)
-    turned = jnp.exp(1j * jnp.outer(order, phases))
     mass = jnp.diag(numbers.mass) if numbers.mass.ndim == 1 else jnp.asarray(numbers.mass)
     speed = (order * numbers.frequency)[:, None, None]
     dynamic = numbers.stiffness[None] - speed * speed * mass[None] + 1j * speed * numbers.damping[None]
     load = numbers.waves.cosine - 1j * numbers.waves.sine
     response = jnp.linalg.solve(dynamic, load[..., None])[..., 0]
-    x = jnp.linalg.solve(numbers.stiffness, numbers.mean)[:, None] + jnp.real(response.T @ turned)
+    over_phases = lambda waves: jax.vmap(waves.at_angle, out_axes=1)(phases)  # noqa: E731
+    moving = over_phases(Waves(jnp.real(response), -jnp.imag(response)))
+    x = jnp.linalg.solve(numbers.stiffness, numbers.mean)[:, None] + moving
     limit = numbers.limit[:, None]
     if numbers.travel is None:
         gaps = limit - numbers.rows @ x
     else:
-        moved = jnp.real((numbers.travel.cosine - 1j * numbers.travel.sine).T @ turned)
+        moved = over_phases(numbers.travel)
         gaps = limit - (numbers.rows @ (x - moved) if numbers.signs is None else numbers.rows @ x - moved)
     return jax.vmap(_least)(gaps)
 

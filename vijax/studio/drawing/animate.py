@@ -19,7 +19,7 @@ from ...plot._colors import ink
 from ...plot._labels import Units
 from ...plot._orbits import solution_of
 from ...plot._trajectories import HELD, Span, is_event, is_held_at, span_of, time_series
-from .drawing import Drawing, Pose, draw, layout_of, place_of_limit, side_position
+from .drawing import Drawing, Pose, arrangement_of, draw, place_of_limit, side_position
 from .machine import poses_of
 from .scheme import Scheme, scheme_of_solution
 
@@ -103,7 +103,7 @@ def animate(
     top.get_subplotspec().get_gridspec().set_height_ratios([height, _HEIGHT])
     show_time = _clock(bottom, sol, times, x, units, style)
     show_contacts = _contacts(top, sol, scheme, drawing, times, max(1, round(_FADING * fps)))
-    # Layout is fixed after the first frame, so that axes do not move.
+    # Arrangement is fixed after the first frame, so that axes do not move.
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
 
@@ -222,7 +222,7 @@ def _contacts(
     ax: Axes, sol: Solution, scheme: Scheme, drawing: Drawing, times: np.ndarray, fading: int
 ) -> Callable[[int, Pose], None]:
     """Return the function that flashes impacts of a frame, on the masses for contacts not drawn, and fills held boxes."""
-    layout = layout_of(scheme)
+    arrangement = arrangement_of(scheme)
     limits = {limit.number: limit for limit in scheme.limits}
     masses = [np.flatnonzero(row).tolist() for row in scheme.rows]
     flashes = [
@@ -238,9 +238,9 @@ def _contacts(
         for j, (flash, frames) in enumerate(zip(flashes, struck, strict=True)):
             age = frame - frames[(frames <= frame) & (frames > frame - fading)]
             if j in limits:
-                x = [place_of_limit(layout, pose, limits[j])]
+                x = [place_of_limit(arrangement, pose, limits[j])]
             else:
-                x = [side_position(layout, pose, i, 0) for i in masses[j]]
+                x = [side_position(arrangement, pose, i, 0) for i in masses[j]]
             flash.set_data(x, np.full(len(x), 0.2))
             flash.set_alpha(1 - np.min(age, initial=fading) / fading)
         for box, held in zip(drawing.boxes, is_held[frame], strict=True):
