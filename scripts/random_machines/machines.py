@@ -120,6 +120,12 @@ def draw_numbers(rng: np.random.Generator, shape: Shape, count: int) -> dict[str
     force = spread(-1.5, 0.3, num_pads)
     x0, travel = np.zeros((count, n)), rng.uniform(0.0, 0.2, count)
     position = sometimes(0.1, 0.0, rng.uniform(0.02, 0.8, (count, num_stops)))
+    # Both stops of a mass cannot be at 0: the later one is moved away.
+    masses = [i for i, _ in shape.stops]
+    for j, i in enumerate(masses):
+        if i in masses[:j]:
+            is_shut = position[:, masses.index(i)] + position[:, j] == 0
+            position[:, j] = np.where(is_shut, 0.1, position[:, j])
     if shape.is_moving:  # at the start it may be anywhere on its way
         position[:, 0] += travel
     return {
