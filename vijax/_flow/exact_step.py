@@ -260,7 +260,7 @@ def _delays(
         state: state at the end of the step.
         series: Taylor coefficients of positions, forces and phase there.
         hold: contacts that hold.
-        is_root: stops on whose event the step ended, to rounding.
+        is_root: stops on whose event the step ended, to rounding, or of machines that switch close to it.
         ahead: longest time to an event.
     """
     num_terms = len(series[0])
@@ -289,7 +289,9 @@ def _delays(
     near = near * machine.timescale
     is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
     is_near = is_near & ~is_idle(state, machine) if machine.contacts.is_coupled else is_near
-    return jnp.where(is_near, delay, jnp.where(is_root, 0, jnp.inf))
+    # A step of a machine that switches ends on an estimate of the event: the event may lie behind the end of the motion.
+    is_here = is_root & ~(is_simple & (delay > ahead)) if is_switching else is_root
+    return jnp.where(is_near, delay, jnp.where(is_here, 0, jnp.inf))
 
 
 def _land(machine: Machine, state: State, series: tuple[Array, ...], delay: Scalar) -> State:
