@@ -236,3 +236,17 @@ def test_a_click_and_a_slider_show_another_motion(page, sweep):
     assert {"shown.py", "events.csv", "phase_portrait.pdf"} <= set(names)
     code = zipfile.ZipFile(download.value.path()).read("shown.py").decode()
     assert "ds.sel({'forcing.frequency': 0.5})" in code
+
+
+def test_a_single_one_of_many_points_is_drawn_as_nine_pixels():
+    holoviews = pytest.importorskip("holoviews")
+    pytest.importorskip("datashader")
+    holoviews.extension("bokeh")
+    from vijax.studio.explorer.diagram import _shaded
+
+    corners = holoviews.Points(([0.0, 0.0, 0.5, 1.0, 1.0], [0.0, 1.0, 0.5, 0.0, 1.0]))
+    image = _shaded(corners, "#1f5fa8")[()]
+    opacity = image.dimension_values(image.vdims[3], flat=False)
+    rows, columns = np.nonzero(opacity)
+    middle = opacity.shape[0] // 2
+    assert ((abs(rows - middle) < 5) & (abs(columns - middle) < 5)).sum() == 9
