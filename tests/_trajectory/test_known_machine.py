@@ -129,3 +129,11 @@ def test_a_start_is_checked_although_the_machine_is_known(options, sentence):
     vx.simulate(system, 0.0, 1.0)
     with pytest.raises(ValueError, match=sentence):
         vx.simulate(system, 0.0, **({"t1": 5.0} | options))
+
+
+def test_a_start_beyond_a_stop_at_zero_by_rounding_is_on_it():
+    system = vx.models.impact_oscillator(2.7, position=0.0, restitution=0.8)
+    at, past = (vx.simulate(system, 0.0, 3.0, [x], [0.5]) for x in (0.0, 1e-17))
+    assert float(past.x1[0]) == pytest.approx(float(at.x1[0]), abs=1e-15)
+    with pytest.raises(ValueError, match="The start lies beyond a stop"):
+        vx.simulate(system, 0.0, 3.0, [1e-14], [0.5])

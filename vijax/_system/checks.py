@@ -172,7 +172,9 @@ def validate_start(
     if ts.size:
         in_order = (ts[1:] >= ts[:-1]).all() & (ts[0] >= t0) & (ts[-1] <= t1)
         checks.append((~in_order, "Argument `ts` must be in increasing order, within [t0, t1]."))
-    checks += _beyond(stops, x0, frequency * t0, "The start lies")
+    # Where a run ended on a stop at 0, its position is a rounding error of the way there.
+    travel = abs(v0).max() / (frequency + (frequency <= 0))
+    checks += _beyond(stops, x0, frequency * t0, "The start lies", travel)
     return refuse(checks)
 
 
@@ -202,16 +204,21 @@ def is_touching(gap: Reals, size: Reals) -> Reals:
     return abs(gap) <= 8 * jnp.finfo(gap.dtype).eps * abs(size)
 
 
-def is_past(stop: Any, x: Any, angle: Any) -> Any:
-    """Test whether x lies beyond a stop, by more than rounding, at the phase `angle` of the load; lanes may be last."""
+def is_past(stop: Any, x: Any, angle: Any, travel: Any = 0.0) -> Any:
+    """Test whether x lies beyond a stop, by more than rounding, at the phase `angle` of the load; lanes may be last.
+
+    `travel` is the size of displacements that led to x.
+    """
     gap, size = stop.gap(x, angle), stop.reach(angle) + (0 if stop.slot else stop.size(x))
-    return (gap < 0) & ~is_touching(gap, size)
+    return (gap < 0) & ~is_touching(gap, size + travel)
 
 
-def _beyond(stops: Sequence[Any], x: Any, angle: Any, who: str) -> list[tuple[Any, str]]:
-    """Conditions for `refuse`, true where x lies beyond a stop at the phase `angle` of the load."""
+def _beyond(
+    stops: Sequence[Any], x: Any, angle: Any, who: str, travel: Any = 0.0
+) -> list[tuple[Any, str]]:
+    """Conditions for `refuse`, true where x lies beyond a stop at the phase `angle` of the load, see `is_past`."""
     return [
-        (is_past(stop, x, angle), f"{who} beyond a stop: {stop.remedy.format(j=j)}")
+        (is_past(stop, x, angle, travel), f"{who} beyond a stop: {stop.remedy.format(j=j)}")
         for j, stop in enumerate(stops)
         if not stop.is_compliant
     ]
