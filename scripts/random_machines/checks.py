@@ -259,11 +259,15 @@ def _energy(shape: Shape, a: dict, whole: Run, is_sound: np.ndarray) -> list[Fai
 
 
 def _growth(shape: Shape, a: dict, whole: Run, begin, end, is_sound: np.ndarray) -> np.ndarray:
-    """Growth of a disturbance of the start until the end; infinite where the events change."""
+    """Growth of a disturbance of the start and the forces until the end; infinite where the events change.
+
+    A stick erases what the start was disturbed by: forces are disturbed all the way.
+    """
     growth = np.zeros(len(begin))
     for sign in (1, -1):
-        v0 = a["v0"] * (1 + sign * DISTURBANCE)
-        near = run(shape, a, begin, end, None, v0)
+        factor = 1 + sign * DISTURBANCE
+        disturbed = {**a, "stiffness": a["stiffness"] * factor, "amplitude": a["amplitude"] / factor}
+        near = run(shape, disturbed, begin, end, None, a["v0"] * factor)
         size = DISTURBANCE * (np.abs(a["v0"]).max(axis=1) + 1e-300)
         away = np.maximum(
             np.abs(near.xs - whole.xs).max(axis=(1, 2)), np.abs(near.vs - whole.vs).max(axis=(1, 2))
