@@ -1,5 +1,6 @@
 """Checks on random machines that need no other code: laws of mechanics, and the same motion computed in two ways."""
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -16,6 +17,8 @@ SAVED, ROOM, ROUNDING = 33, 256, 1e-11
 DISTURBANCE, MOST_GROWTH = 1e-8, 1e5
 # Forcing periods after which a motion is taken to be settled, and the relative distance at which it repeats.
 SETTLED, NEARLY = 300, 1e-4
+# Range of the frequency of a branch, relative; most points of it; the largest multiplier of an orbit that a run repeats.
+AROUND, POINTS, UNSTABLE = 0.03, 150, 100.0
 
 
 class Failure(NamedTuple):
@@ -135,7 +138,45 @@ def check_alone(shape: Shape, a: dict, lanes: list[int]) -> list[Failure]:
 
 def check_orbits(shape: Shape, a: dict, lanes: list[int]) -> tuple[list[Failure], int]:
     """Orbits of those among a few driven machines that settle to a period; what failed, and the number of orbits."""
-    failures, count = [], 0
+    found = settled_orbits(shape, a, lanes)
+    failures = [
+        Failure(name, k, excess) for k, o in found.items() for name, excess in _faults(shape, a, k, o)
+    ]
+    return failures, len(found)
+
+
+def check_branches(shape: Shape, a: dict, lanes: list[int]) -> tuple[list[Failure], int]:
+    """Branches over the frequency through the orbits of a few machines; what failed, and the number of branches."""
+    failures, found = [], settled_orbits(shape, a, lanes)
+    for k, orbit in found.items():
+        frequency = float(a["frequency"][k])
+        bounds = (1 - AROUND) * frequency, (1 + AROUND) * frequency
+        follow = partial(
+            vx.continuation, path="forcing.frequency", bounds=bounds, max_points=POINTS, progress=False
+        )
+        one = follow(orbit)
+        for row in {0, len(one) // 3, len(one) - 1}:
+            own = one.orbit(row)
+            if bool(own.is_admissible) and abs(complex(own.multipliers[0])) < UNSTABLE:
+                failures += [
+                    Failure(f"branch: {name}", k, excess) for name, excess in _faults(shape, a, k, own)
+                ]
+        whole = "bounds", "bounds"
+        if one.ends != whole:
+            continue
+        other = follow(one.orbit(len(one) // 3))
+        places, again = (np.sort([point.value for point in b.bifurcations]) for b in (one, other))
+        if other.ends != whole or len(places) != len(again):
+            failures.append(Failure("branch: other bifurcations from another point", k, 1.0))
+        elif len(places) and np.abs(places - again).max() > 1e-8 * frequency:
+            away = float(np.abs(places - again).max() / (1e-8 * frequency))
+            failures.append(Failure("branch: places of bifurcations", k, away))
+    return failures, len(found)
+
+
+def settled_orbits(shape: Shape, a: dict, lanes: list[int]) -> dict[int, vx.PeriodicOrbit]:
+    """Orbits of those among a few driven machines that settle to a period."""
+    found = {}
     for k in lanes if shape.is_driven else []:
         system = machine(shape, {name: value[k] for name, value in a.items()})
         period = 2 * np.pi / float(a["frequency"][k])
@@ -149,11 +190,9 @@ def check_orbits(shape: Shape, a: dict, lanes: list[int]) -> tuple[list[Failure]
         orbit = vx.periodic_orbit(
             system, states[0, : shape.masses], states[0, shape.masses :], n, throw=False
         )
-        if not (bool(orbit.is_admissible) and float(orbit.residual) < 1e-9):
-            continue
-        count += 1
-        failures += [Failure(name, k, excess) for name, excess in _faults(shape, a, k, orbit)]
-    return failures, count
+        if bool(orbit.is_admissible) and float(orbit.residual) < 1e-9:
+            found[k] = orbit
+    return found
 
 
 def _faults(shape: Shape, a: dict, k: int, orbit: vx.PeriodicOrbit) -> list[tuple[str, float]]:

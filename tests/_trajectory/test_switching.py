@@ -46,6 +46,16 @@ def test_an_event_just_behind_a_saved_state_or_the_end_is_exact(start: float, be
     assert int(vx.simulate(system, start, event - before, x0, v0).num_events) == 0
 
 
+@pytest.mark.parametrize(("force", "end"), [(0.08, 6 * 0.08 - 0.5), (0.6, 0.5)])
+def test_friction_acts_after_an_impact_without_rebound(force: float, end: float):
+    # Three half oscillations back from the stop lose 2 F each, unless the friction exceeds the spring there.
+    load, stop = vx.Harmonic([0.0], 1.0), vx.Stop(0, 0.5, "upper", restitution=0.0)
+    system = vx.ImpactSystem([1.0], [[0.0]], [[1.0]], load, [stop], friction=[vx.Friction(0, force)])
+    sol = vx.simulate(system, 0.0, 15.0, [0.0], [1.5])
+    assert float(sol.x1[0]) == pytest.approx(end, abs=ROUNDING)
+    assert float(sol.v1[0]) == 0
+
+
 def test_free_decay_ends_where_coulomb_friction_stops_it():
     system = oscillator(0.0, 0.0, 1.0)
     sol = vx.simulate(system, 0.0, 60.0, [12.0], [6.0])

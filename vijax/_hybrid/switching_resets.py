@@ -94,6 +94,10 @@ def forces_between_events(machine: Machine, state: State) -> Float[Array, "conta
     return jnp.where(state.held, reaction, now.contacts.forces_of(state))
 
 
+# Largest sliding velocity after an impact that is a rounding error, in roundings of the velocities before it.
+_STOPPED = 64
+
+
 class Zeros(NamedTuple):
     """Zeros of the first and of the second guards, (contacts,) each."""
 
@@ -128,7 +132,10 @@ def _switch(
     if COMPLIANT in contacts.laws.kinds:
         state, at_limit = _compliant_switched(machine, state, events, is_set_off, speed)
     direction = state.mode.direction
-    arrives = friction & (direction != 0) & events.first & ~is_struck
+    # An impact without rebound may end the sliding of an element along its row.
+    size = contacts.size(jnp.abs(before.v)) + jnp.abs(contacts.laws.velocity)
+    is_stopped = friction & is_struck & (jnp.abs(speed) <= _STOPPED * float(jnp.finfo(size.dtype).eps) * size)
+    arrives = (friction & (direction != 0) & events.first & ~is_struck) | is_stopped
     new = jnp.where(friction & is_struck, jnp.sign(speed), direction)
     direction = jnp.where(arrives, 0, new).astype(jnp.int8)
     state = eqx.tree_at(lambda s: (s.mode.direction, s.held), state, (direction, stays & before.held))

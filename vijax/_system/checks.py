@@ -213,9 +213,7 @@ def is_past(stop: Any, x: Any, angle: Any, travel: Any = 0.0) -> Any:
     return (gap < 0) & ~is_touching(gap, size + travel)
 
 
-def _beyond(
-    stops: Sequence[Any], x: Any, angle: Any, who: str, travel: Any = 0.0
-) -> list[tuple[Any, str]]:
+def _beyond(stops: Sequence[Any], x: Any, angle: Any, who: str, travel: Any = 0.0) -> list[tuple[Any, str]]:
     """Conditions for `refuse`, true where x lies beyond a stop at the phase `angle` of the load, see `is_past`."""
     return [
         (is_past(stop, x, angle, travel), f"{who} beyond a stop: {stop.remedy.format(j=j)}")
