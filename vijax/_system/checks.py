@@ -172,9 +172,11 @@ def validate_start(
     if ts.size:
         in_order = (ts[1:] >= ts[:-1]).all() & (ts[0] >= t0) & (ts[-1] <= t1)
         checks.append((~in_order, "Argument `ts` must be in increasing order, within [t0, t1]."))
-    # Where a run ended on a stop at 0, its position is a rounding error of the way there.
-    travel = abs(v0).max() / (frequency + (frequency <= 0))
-    checks += _beyond(stops, x0, frequency * t0, "The start lies", travel)
+    # A run or an orbit that ends on a stop at 0 has a rounding error of the motion there, which is no size of its own.
+    angle = frequency * t0
+    travel = abs(v0).max() / (frequency + (frequency <= 0)) + abs(x0).max()
+    travel = travel + sum(stop.reach(angle) for stop in stops if not stop.is_compliant)
+    checks += _beyond(stops, x0, angle, "The start lies", 8 * travel)
     return refuse(checks)
 
 
