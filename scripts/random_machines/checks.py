@@ -156,8 +156,8 @@ def check_branches(shape: Shape, a: dict, lanes: list[int]) -> tuple[list[Failur
         )
         one = follow(orbit)
         for row in {0, len(one) // 3, len(one) - 1}:
-            own = one.orbit(row)
-            if bool(own.is_admissible) and abs(complex(own.multipliers[0])) < UNSTABLE:
+            own, is_plain = one.orbit(row), one.points["bifurcation"].values[row] == ""
+            if is_plain and bool(own.is_admissible) and abs(complex(own.multipliers[0])) < UNSTABLE:
                 failures += [
                     Failure(f"branch: {name}", k, excess) for name, excess in _faults(shape, a, k, own)
                 ]
