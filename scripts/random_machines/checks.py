@@ -136,19 +136,15 @@ def check_alone(shape: Shape, a: dict, lanes: list[int]) -> list[Failure]:
     return failures
 
 
-def check_orbits(shape: Shape, a: dict, lanes: list[int]) -> tuple[list[Failure], int]:
-    """Orbits of those among a few driven machines that settle to a period; what failed, and the number of orbits."""
-    found = settled_orbits(shape, a, lanes)
-    failures = [
-        Failure(name, k, excess) for k, o in found.items() for name, excess in _faults(shape, a, k, o)
-    ]
-    return failures, len(found)
+def check_orbits(shape: Shape, a: dict, orbits: dict[int, vx.PeriodicOrbit]) -> list[Failure]:
+    """Orbits of some lanes: their closing and their multipliers."""
+    return [Failure(name, k, excess) for k, o in orbits.items() for name, excess in _faults(shape, a, k, o)]
 
 
-def check_branches(shape: Shape, a: dict, lanes: list[int]) -> tuple[list[Failure], int]:
-    """Branches over the frequency through the orbits of a few machines; what failed, and the number of branches."""
-    failures, found = [], settled_orbits(shape, a, lanes)
-    for k, orbit in found.items():
+def check_branches(shape: Shape, a: dict, orbits: dict[int, vx.PeriodicOrbit]) -> list[Failure]:
+    """Branches over the frequency through the orbits of some lanes, followed again from another point."""
+    failures = []
+    for k, orbit in orbits.items():
         frequency = float(a["frequency"][k])
         bounds = (1 - AROUND) * frequency, (1 + AROUND) * frequency
         follow = partial(
@@ -171,7 +167,7 @@ def check_branches(shape: Shape, a: dict, lanes: list[int]) -> tuple[list[Failur
         elif len(places) and np.abs(places - again).max() > 1e-8 * frequency:
             away = float(np.abs(places - again).max() / (1e-8 * frequency))
             failures.append(Failure("branch: places of bifurcations", k, away))
-    return failures, len(found)
+    return failures
 
 
 def settled_orbits(shape: Shape, a: dict, lanes: list[int]) -> dict[int, vx.PeriodicOrbit]:

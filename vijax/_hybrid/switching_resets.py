@@ -94,10 +94,6 @@ def forces_between_events(machine: Machine, state: State) -> Float[Array, "conta
     return jnp.where(state.held, reaction, now.contacts.forces_of(state))
 
 
-# Largest sliding velocity after an impact that is a rounding error, in roundings of the velocities before it.
-_STOPPED = 64
-
-
 class Zeros(NamedTuple):
     """Zeros of the first and of the second guards, (contacts,) each."""
 
@@ -134,7 +130,7 @@ def _switch(
     direction = state.mode.direction
     # An impact without rebound may end the sliding of an element along its row.
     size = contacts.size(jnp.abs(before.v)) + jnp.abs(contacts.laws.velocity)
-    is_stopped = friction & is_struck & (jnp.abs(speed) <= _STOPPED * float(jnp.finfo(size.dtype).eps) * size)
+    is_stopped = friction & is_struck & _is_rounding(speed, size)
     arrives = (friction & (direction != 0) & events.first & ~is_struck) | is_stopped
     new = jnp.where(friction & is_struck, jnp.sign(speed), direction)
     direction = jnp.where(arrives, 0, new).astype(jnp.int8)
@@ -169,6 +165,11 @@ def _switch(
         is_any(settles), lambda: compute_once(_settled, machine, state, at_rest), lambda: state
     )
     return after, logged(machine, before, after, instant, events, chatter.duration)
+
+
+def _is_rounding(speed: Array, size: Array) -> Bool[Array, "contacts ..."]:
+    """Flags of speeds that are rounding errors of the velocities they are differences of."""
+    return jnp.abs(speed) <= 64 * float(jnp.finfo(size.dtype).eps) * size
 
 
 def _is_struck(machine: Machine, instant: Instant) -> Bool[Array, "contacts ..."]:
@@ -236,8 +237,7 @@ def _settled(machine: Machine, state: State, at_rest: AtRest) -> State:
     gap = jnp.where(held & ~friction, 0, state.gap)
     names = lambda s: (s.x, s.v, s.gap, s.held, s.contact)  # noqa: E731
     # On a belt a gap still changes.
-    speed = jnp.abs(contacts.speeds(v, machine.phase_rate(state.phase)))
-    is_still = speed <= 64 * float(jnp.finfo(v.dtype).eps) * contacts.size(jnp.abs(v))
+    is_still = _is_rounding(contacts.speeds(v, machine.phase_rate(state.phase)), contacts.size(jnp.abs(v)))
     is_frozen = found.depends & ~state.held & (is_still | friction)
     contact = jnp.where(is_frozen, jnp.int8(FROZEN), found.contact)
     return eqx.tree_at(names, state, (x, v, gap, held, contact))
