@@ -100,15 +100,18 @@ def test_a_near_miss_costs_a_bounded_number_of_steps(near_grazing):
 def test_the_error_falls_with_the_order_of_the_solver():
     flow = lambda dt: vx.DiffraxFlow(diffrax.Tsit5(), diffrax.ConstantStepSize(), dt0=dt)  # noqa: E731
     exact = vx.simulate(driven(), 0.0, 20.0)
-    steps, errors = [0.2, 0.1, 0.05], []
+    steps, errors, ends = [0.2, 0.1, 0.05], [], []
     for dt in steps:
         sol = vx.simulate(driven(), 0.0, 20.0, flow=flow(dt))
+        ends.append(sol.x1.tolist())
         assert int(sol.num_events) == int(exact.num_events) >= 2
         gaps = jnp.abs(sol.events.t - exact.events.t)[: int(exact.num_events)]
         errors.append(max(float(jnp.max(gaps)), float(jnp.abs(sol.x1 - exact.x1)[0])))
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert (orders > 4.5).all(), (errors, orders)
     assert errors[-1] < 1e-6
+    together = jax.vmap(lambda dt: vx.simulate(driven(), 0.0, 20.0, flow=flow(dt)).x1)(jnp.array(steps))
+    np.testing.assert_allclose(together, ends, rtol=1e-12)
 
 
 # Forces

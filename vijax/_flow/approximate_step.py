@@ -122,19 +122,19 @@ class SteppingFlow(AbstractFlow):
 
     def fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
         """Try one step in every lane."""
-        return over_lanes(self._fly, state.x, machine, state, remaining, resolution)
+        return over_lanes(type(self)._fly, state.x, self, machine, state, remaining, resolution)
 
     def propagate(
         self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
         """Take one step of the solver."""
-        displacement, gain = over_lanes(self.step_by, state.x, machine, state, hold, step)
+        displacement, gain = over_lanes(type(self).step_by, state.x, self, machine, state, hold, step)
         gain = machine.contacts.gain_with_hold(gain, hold)
         return displacement, state.v + gain, phase_change(machine, state.phase, step)
 
     def coast(self, machine: Machine, state: State, remaining: Scalar) -> tuple[State, Scalar]:
         """Try one step in every lane, ignoring the stops."""
-        return over_lanes(self._coast, state.x, machine, state, remaining)
+        return over_lanes(type(self)._coast, state.x, self, machine, state, remaining)
 
     def _fly(self, machine: Machine, state: State, remaining: Scalar, resolution: Scalar) -> Flight:
         hold = machine.hold(state.held)

@@ -82,7 +82,7 @@ class DiffraxFlow(SteppingFlow):
 
     solver: Any = eqx.field(static=True)
     stepsize_controller: Any = eqx.field(static=True)
-    dt0: Float[Array, " 1"] | None
+    dt0: Float[Array, "..."] | None
 
     def __init__(
         self,
@@ -192,8 +192,7 @@ class DiffraxFlow(SteppingFlow):
 
     def compact(self) -> "DiffraxFlow":
         """The same method, with its stages in a loop."""
-        dt0 = None if self.dt0 is None else self.dt0[0]
-        return DiffraxFlow(_with_loop(self.solver, "lax"), self.stepsize_controller, dt0)
+        return DiffraxFlow(_with_loop(self.solver, "lax"), self.stepsize_controller, self.dt0)
 
     def step_by(
         self, machine: Machine, state: State, hold: Held, step: Scalar
@@ -204,13 +203,12 @@ class DiffraxFlow(SteppingFlow):
     def control(self, like: Scalar) -> PyTree:
         """Initial memory of the controller."""
         zero = jnp.zeros((), like.dtype)
-        dt0 = zero + (1 if self.dt0 is None else self.dt0[0])
         _, first = self._controller(like.dtype).init(
             diffrax.ODETerm(_field),
             zero,
             zero + jnp.inf,
             zero,
-            dt0,
+            zero + (1 if self._dt0 is None else self._dt0),
             None,
             self.solver.func,
             self._error_order(),
@@ -219,7 +217,12 @@ class DiffraxFlow(SteppingFlow):
 
     def first_step(self, machine: Machine) -> Scalar:
         """`dt0`, or a tenth of the shortest time scale of the motion."""
-        return 0.1 / machine.rate if self.dt0 is None else self.dt0[0].astype(machine.rate.dtype)
+        return 0.1 / machine.rate if self._dt0 is None else self._dt0.astype(machine.rate.dtype)
+
+    @property
+    def _dt0(self) -> Scalar | None:
+        """`dt0` of one trajectory, or of all lanes."""
+        return self.dt0 if self.dt0 is None or not self.dt0.ndim else self.dt0[0]
 
     def _controller(self, dtype: jnp.dtype) -> diffrax.AbstractStepSizeController:
         if self.stepsize_controller is not None:
