@@ -5,11 +5,13 @@ its `flow_map`, steps are of no interest to them. The motion is followed without
 flights from event to event; then it is repeated with one evaluation of the flow map for each flight, by the same
 transitions. Values come from the record, so nothing drifts, and derivatives from the repetition, which is
 differentiable forward any number of times. Its cost is that of the events, not of the steps, for every direction.
+Where the flow map is a matrix exponential, a step by a Taylor series costs much less: steps are recorded and repeated.
 
 The record has room for `_ROOM` flights: both alternate until the motion ends, so there is no bound on the events.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,6 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._flow.interface import AbstractFlow, Flight
+from .._hybrid.transition import Instant
 from .._jax.arrays import Scalar
 from .._jax.concrete import stop_gradients
 from .._jax.xla import AbstractTask, compute_once, in_one_kernel, is_any, not_constant, while_any
@@ -30,13 +33,10 @@ from .loop import Carry, LoopTask, is_finite
 
 # Flights of a trajectory that are recorded before they are repeated. So many of a group of lanes fit the cache.
 _ROOM = 32
-# Longest flight, in time scales of the motion and by a period more, that is repeated at once by a flow map that loses
-# digits.
-_LONG = 64
 
 
 class Record(NamedTuple):
-    """Flights from event to event, (rows, ...).
+    """Flights from event to event, or steps, (rows, ...).
 
     Attributes:
         flight: the whole flight.
@@ -87,11 +87,9 @@ class _Recorder(AbstractTask):
         after, instant, finite = self.task.next_period(leg), leg.instant, is_finite(leg.after)
         happened = instant.happened
         duration = carry.duration + leg.flight.duration
-        # A motion that is cut ends with a flight too, and so does a period where a flow map would lose digits.
+        # A motion that is cut ends with a flight too.
         is_cut = (carry.steps + 1 >= self.task.most_steps) | ~finite
-        if not self.task.flow.flow_map_reaches_far:
-            is_cut = is_cut | (instant.arrived & (duration * self.task.machine.rate > _LONG))
-        is_row = live & (happened | leg.is_goal | is_cut)
+        is_row = live & (happened | leg.is_goal | is_cut) if self.task.flow.flow_map_reaches_far else live
         flight = eqx.tree_at(lambda f: f.duration, leg.flight, duration)
         row = jax.tree.map(lambda a: a[None], Record(flight, carry.periods))
         record, *_ = put(is_row, Writing(carry.record, row, carry.rows))
@@ -137,11 +135,16 @@ class RecordedFlow(AbstractFlow):
     def propagate(
         self, machine: Machine, state: State, hold: Held, step: Scalar
     ) -> tuple[Float[Array, "n ..."], Float[Array, "n ..."], Float[Array, "2 harmonics ..."]]:
-        """Evaluate the flow map."""
-        angle = speeds(state.phase, machine.frequency) * step
-        change = turned(state.phase, (-2 * jnp.sin(angle / 2) ** 2, jnp.sin(angle)))
-        displacement, gain = self.flow.flow_map(machine, state, hold, step, change)
-        v = state.v + gain
+        """Evaluate the flow map, or take the step again."""
+        if self.flow.flow_map_reaches_far:
+            angle = speeds(state.phase, machine.frequency) * step
+            change = turned(state.phase, (-2 * jnp.sin(angle / 2) ** 2, jnp.sin(angle)))
+            displacement, gain = self.flow.flow_map(machine, state, hold, step, change)
+            v = state.v + gain
+        else:
+            # The terms of the series are computed again for derivatives: to keep them takes longer.
+            take_step = jax.checkpoint(type(self.flow).propagate, prevent_cse=False)
+            displacement, v, change = take_step(self.flow, machine, state, hold, step)
         contacts = machine.contacts
         if not (contacts.is_coupled and machine.can_stick):
             return displacement, v, change
@@ -169,13 +172,34 @@ class Repetition(NamedTuple):
     saved: tuple[Array, Array] | None
 
 
+class _Repeated(NamedTuple):
+    """One recorded flight, repeated.
+
+    Attributes:
+        after: state after the transition at its end.
+        instant: the transition.
+        time: its time.
+        is_goal: whether it ends at a goal.
+    """
+
+    after: State
+    instant: Instant
+    time: Scalar
+    is_goal: Bool[Array, "..."]
+
+
 @eqx.filter_custom_jvp
-def _repeat(task: LoopTask, carry: Repetition, row: Record, live: Bool[Array, "..."]) -> Repetition:
-    return _repeat_once(task, carry, row, live)
+def _repeat(
+    task: LoopTask, state: State, goal: Int[Array, "..."], row: Record, call: Callable[..., Any]
+) -> _Repeated:
+    del call
+    return _repeat_once(task, state, goal, row)
 
 
 @_repeat.def_jvp
 def _repeat_jvp(primals, tangents):
+    *primals, call = primals
+    *tangents, _ = tangents
     moving, still = eqx.partition(
         primals, jax.tree.map(lambda t: t is not None, tangents, is_leaf=lambda t: t is None)
     )
@@ -188,31 +212,20 @@ def _repeat_jvp(primals, tangents):
         out, lin, rest = jax.linearize(of_moving, moving, has_aux=True)
         return (out, rest), lin
 
-    (out, rest), lin = compute_once(linearized, moving, still)
-    change = compute_once(
-        lambda lin, tangents: lin(tangents), lin, eqx.filter(tangents, lambda a: a is not None)
-    )
+    (out, rest), lin = call(linearized, moving, still)
+    change = call(lambda lin, tangents: lin(tangents), lin, eqx.filter(tangents, lambda a: a is not None))
     return eqx.combine(out, rest), change
 
 
-def _repeat_once(task: LoopTask, carry: Repetition, row: Record, live: Bool[Array, "..."]) -> Repetition:
+def _repeat_once(task: LoopTask, state: State, goal: Int[Array, "..."], row: Record) -> _Repeated:
     """Repeat one recorded flight and the transition at its end."""
-    state = carry.state
     names = lambda s: (s.periods, s.time)  # noqa: E731
     there = state.periods + row.periods, state.time - row.periods * task.machine.period
     begin = eqx.tree_at(names, state, there)
     own = eqx.tree_at(lambda t: t.flow, task, RecordedFlow(task.flow, row.flight))
-    leg = own.fly_on(begin, carry.goal)
-    is_saved, log, saved = live & leg.is_goal, carry.log, carry.saved
-    after = task.next_period(leg)
-    if log is not None:
-        time = task.t0 + begin.periods * task.machine.period + leg.instant.time
-        log = log_row(log, after, leg.instant, time, live, task.max_events)
-    if saved is not None:
-        x, v = task.machine.in_space(after)
-        (saved,) = put(is_saved, Writing(saved, (x[None], v[None]), carry.goal))
-    state = jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state)
-    return Repetition(state, carry.goal + is_saved, log, saved)
+    leg = own.fly_on(begin, goal)
+    time = task.t0 + begin.periods * task.machine.period + leg.instant.time
+    return _Repeated(task.next_period(leg), leg.instant, time, leg.is_goal)
 
 
 def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bool, in_kernel: bool) -> Carry:
@@ -230,10 +243,10 @@ def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bo
     """
     recorder = _Recorder(stop_gradients(task))
     begun = _blank_recording(stop_gradients(carry))
-    record = _record_on
+    call = compute_once
     if in_kernel:
         recorder, begun = not_constant((recorder, begun))
-        record = _record_in_kernel
+        call = _in_kernel
     first = Repetition(
         carry.state, carry.goal, carry.log if has_log else None, (carry.xs, carry.vs) if has_saved else None
     )
@@ -241,8 +254,8 @@ def repeat_flights(task: LoopTask, carry: Carry, *, has_log: bool, has_saved: bo
 
     def turn(both: tuple[_Recording, Repetition, Bool[Array, "..."]]):
         recording, repeated, _ = both
-        recording = record(recorder, recording)
-        repeated = _repeat_all(task, repeated, recording.record, recording.rows)
+        recording = call(_record_on, recorder, recording)
+        repeated = _repeat_all(task, repeated, recording.record, recording.rows, call)
         return recording, repeated, is_any(recorder.task.goes_on(recording))
 
     start = begun, first, is_any(recorder.task.goes_on(begun))
@@ -285,21 +298,35 @@ def _record_on(recorder: _Recorder, recording: _Recording) -> _Recording:
     return while_any(recorder, recording._replace(rows=jnp.zeros_like(recording.rows)))
 
 
-def _record_in_kernel(recorder: _Recorder, recording: _Recording) -> _Recording:
-    """`_record_on` as one kernel."""
-    read_all = lambda *given: (_record_on(*given), given)  # noqa: E731
-    return in_one_kernel(read_all, recorder, recording)[0]
-
-
-def _repeat_all(task: LoopTask, repeated: Repetition, record: Record, rows: Int[Array, "..."]) -> Repetition:
+def _repeat_all(
+    task: LoopTask,
+    repeated: Repetition,
+    record: Record,
+    rows: Int[Array, "..."],
+    call: Callable[..., Any],
+) -> Repetition:
     """Repeat all recorded flights, the lanes together."""
     if rows.ndim:
         record = jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), record)
 
     def one(now: tuple[Int[Array, ""], Repetition]) -> tuple[Int[Array, ""], Repetition]:
-        k, repeated = now
+        k, (state, goal, log, saved) = now
         row = jax.tree.map(lambda a: jax.lax.dynamic_index_in_dim(a, k, 0, keepdims=False), record)
-        return k + 1, _repeat(task, repeated, row, k < rows)
+        live = k < rows
+        after, instant, time, is_goal = _repeat(task, state, goal, row, call)
+        is_saved = live & is_goal
+        if log is not None:
+            log = log_row(log, after, instant, time, live, task.max_events)
+        if saved is not None:
+            x, v = task.machine.in_space(after)
+            (saved,) = put(is_saved, Writing(saved, (x[None], v[None]), goal))
+        state = jax.tree.map(lambda new, old: jnp.where(live, new, old), after, state)
+        return k + 1, Repetition(state, goal + is_saved, log, saved)
 
     is_on = lambda now: is_any(now[0] < rows)  # noqa: E731
     return jax.lax.while_loop(is_on, one, (jnp.zeros_like(rows, shape=()), repeated))[1]
+
+
+def _in_kernel(function: Callable[..., Any], *given: Any) -> Any:
+    """Call a function as one kernel, which hands back what it may not read."""
+    return in_one_kernel(lambda *given: (function(*given), given), *given)[0]
