@@ -238,13 +238,20 @@ def padded(sequence: Sequence, arguments: tuple, room: int) -> tuple:
     more = room - len(sequence.kind)
     if not more:
         return sequence, *arguments
-    kind = np.append(sequence.kind, np.full(more, NOTHING))
-    mode = np.concatenate([sequence.mode, np.repeat(sequence.mode[-1:], more, axis=0)])
-    long = Sequence(kind, np.append(sequence.stop, np.zeros(more, int)), mode)
-    return long, *(
-        a._replace(flights=np.append(a.flights, np.zeros(more))) if isinstance(a, ExtendedCycle) else a
+    kind, stop, mode = sequence
+    longer = Sequence(_longer(kind, more, NOTHING), _longer(stop, more, 0), _longer(mode, more, mode[-1]))
+    return longer, *(
+        a._replace(flights=_longer(a.flights, more, 0.0)) if isinstance(a, ExtendedCycle) else a
         for a in arguments
     )
+
+
+def _longer(rows: np.ndarray, more: int, last: Any) -> np.ndarray:
+    """Rows with more of them behind."""
+    num, rows = len(rows), np.asarray(rows)
+    found = np.empty((num + more, *rows.shape[1:]), rows.dtype)
+    found[:num], found[num:] = rows, last
+    return found
 
 
 def trimmed(tree: Any, num_events: int) -> Any:

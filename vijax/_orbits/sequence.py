@@ -1,6 +1,7 @@
 """The events of a cycle, in order, as data, so that one program serves every sequence."""
 
-import equinox as eqx
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,7 +26,7 @@ SECOND = 8
 _SAME, _TAIL = 1e-6, 1e-4
 
 
-class Sequence(eqx.Module):
+class Sequence(NamedTuple):
     """The events that end the flights of a cycle.
 
     Each zero of a guard is an event. A stick on a stop is none: it is the outcome of an impact. Likewise a release by the
