@@ -1,6 +1,8 @@
 """Admissibility of a cycle between its events: least gaps of free masses, least contact forces of held ones."""
 
-from typing import NamedTuple
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -76,33 +78,81 @@ class _GapsAndForces(NamedTuple):
     force: list[Array]
 
 
+class Course(NamedTuple):
+    """The flights of a cycle as a scan needs them, with lanes last if there are any.
+
+    Attributes:
+        sequence: events of the cycle.
+        begins: moments at which its flights begin.
+        flights: their durations, that of the flight behind the last event included, (events + 1,).
+        count: number of events.
+        skipped: part of the first flight before the cycle begins.
+        whole: duration of the cycle.
+        passed: number of the last event plus one if that lies beyond the end of the cycle, hence begins the first
+            flight; else 0.
+        last: duration of the flight after the last event.
+        density: samples per forcing period.
+        phase: phase where the cycle begins, in forcing periods.
+        is_plastic: whether impacts have no rebound, (stops,).
+    """
+
+    sequence: CycleEvents
+    begins: Moment
+    flights: Array
+    count: Array
+    skipped: Array
+    whole: Array
+    passed: Array
+    last: Array
+    density: Array
+    phase: Array
+    is_plastic: Array
+
+
+def course_of(problem: Problem, unknowns: Unknowns, begins: Moment | None = None) -> Course:
+    """The flights of a cycle, from the moments at which they begin, see `traverse`, if these are known."""
+    machine, sequence = problem.machine, problem.sequence
+    count, room = jnp.sum(sequence.is_event), len(sequence.kind)
+    begins = traverse(problem, unknowns, count)[0] if begins is None else begins
+    whole = problem.length(unknowns)
+    last = whole - jnp.sum(unknowns.flights)
+    # The event of a negative first flight lies before the start, hence ends the last flight before the cycle ends.
+    early = jnp.minimum(unknowns.flights[0], 0) if room else 0.0
+    return Course(
+        sequence=sequence,
+        begins=begins,
+        flights=jnp.append(unknowns.flights, 0).at[count].set(last + early),
+        count=count,
+        skipped=jnp.clip(-last, 0),
+        whole=whole,
+        passed=jnp.where((last < 0) | problem.is_autonomous, count, 0),
+        last=last,
+        density=machine.rate * machine.period * _DENSITY,
+        phase=problem.phase,
+        is_plastic=machine.contacts.is_plastic,
+    )
+
+
 class _Minima(NamedTuple):
     """Lowest minimum of each stop found so far.
 
     Attributes:
-        value: value at the minimum.
-        since: time of the minimum since the beginning of its flight, and the two ends of its bracket, (stops, 3).
-        mode: mode of this flight, see `Sequence`, (stops, stops).
-        z: state at the beginning of this flight, (stops, 2 n).
-        start: time of this beginning.
-        flight: number of this flight.
+        value: value at the minimum, (stops,).
+        since: time of the minimum since the beginning of its flight, and the two ends of its bracket, (3, stops).
+        flight: number of its flight, (stops,).
     """
 
     value: Array
     since: Array
-    mode: Array
-    z: Array
-    start: Array
     flight: Array
 
-    def lowered(self, is_minimum: Array, other: "_Minima") -> "_Minima":
-        """Lower minimum of both for each stop; the other counts where `is_minimum`."""
-        is_lower = is_minimum & (other.value < self.value)
+    def lowered(self, is_minimum: Array, value: Array, since: Array, flight: Array) -> "_Minima":
+        """The lower one of this and of another minimum on a flight, which counts where `is_minimum`."""
+        is_lower = is_minimum & (value < self.value)
         return _Minima(
-            *(
-                jnp.where(is_lower if a.ndim == 1 else is_lower[:, None], b, a)
-                for a, b in zip(self, other, strict=True)
-            )
+            jnp.where(is_lower, value, self.value),
+            jnp.where(is_lower, since, self.since),
+            jnp.where(is_lower, flight, self.flight),
         )
 
 
@@ -117,6 +167,10 @@ class _Scan(NamedTuple):
     rises: _Minima
 
 
+# From the beginning of a flight, its mode and the time since then, in forcing periods, to gaps and forces.
+Reading = Callable[[Moment, Array, Array], _GapsAndForces]
+
+
 def margins_of_cycle(problem: Problem, unknowns: Unknowns, begins: Moment | None = None) -> LeastMargins:
     """Scan a cycle between its events for the least gap and contact force of each stop.
 
@@ -125,69 +179,88 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns, begins: Moment | None
         unknowns: the cycle.
         begins: moments at which its flights begin, see `traverse`, if they are known.
     """
-    machine, flow, sequence = problem.machine, problem.flow, problem.sequence
-    count, room = jnp.sum(sequence.is_event), len(sequence.kind)
-    begins = traverse(problem, unknowns, count)[0] if begins is None else begins
-    radians = machine.rate * machine.period
-    whole = problem.length(unknowns)
-    last = whole - jnp.sum(unknowns.flights)
-    begins_behind = (last < 0) | problem.is_autonomous
-    # The event of a negative first flight lies before the start, hence ends the last flight before the cycle ends.
-    early = jnp.minimum(unknowns.flights[0], 0) if room else 0.0
-    flights = jnp.append(unknowns.flights, 0).at[count].set(last + early)
+    course = course_of(problem, unknowns, begins)
+    return least_margins(course, partial(read, problem.machine, problem.flow))
+
+
+def least_margins(course: Course, reading: Reading) -> LeastMargins:
+    """Scan cycles between their events, of one or of many with lanes last."""
+    sequence, count = course.sequence, course.count
 
     def one(scan: _Scan) -> _Scan:
         k, i, before = scan[:3]
-        begin, mode, duration = _at(begins, k), jnp.asarray(sequence.mode)[k], flights[k]
-        held, idle = _of_guards(machine, held_in(mode)), _idle_guards(machine, mode)
-        skipped = jnp.where(k == 0, jnp.clip(-last, 0), 0)
-        longest = jnp.clip(duration - skipped, 0, whole)
+        is_on, k = k <= count, jnp.minimum(k, count)
+        begin, mode, duration = of_flight((course.begins, sequence.mode, course.flights), k)
+        held, idle = _of_guards(sequence, held_in(mode)), _idle_guards(sequence, mode)
+        skipped = jnp.where(k == 0, course.skipped, 0)
+        longest = jnp.clip(duration - skipped, 0, course.whole)
         # A rejected Newton iterate may have zero forcing frequency, hence an infinite period.
-        num = jnp.clip(jnp.ceil(longest * radians * _DENSITY), 1, _MOST)
+        num = jnp.clip(jnp.ceil(longest * course.density), 1, _MOST)
         step = longest / num
         since = skipped + step * i
-        now = _read(machine, flow, begin, mode, since)
+        now = reading(begin, mode, since)
         is_first, is_last = i == 0, ~(i < num)  # True for NaN, which ends the scan of the flight
         # The gap is least at an interior minimum, the contact force there or where a stick begins.
-        left = _of_guards(machine, _leaving_stops(sequence, k, jnp.where(begins_behind, count, 0)))
-        has_left = (i == 1) & left
-        gap = dip(before.gap, now.gap, step, has_left)
-        force = dip(before.force, now.force, step, jnp.zeros_like(held))
-        has_length = ~is_first & (longest > 0)
+        left = _of_guards(sequence, _leaving_stops(sequence, k, course.passed))
+        gap = dip(before.gap, now.gap, step, (i == 1) & left)
+        has_length = is_on & ~is_first & (longest > 0)
         turns = has_length & ~held & gap.is_there
         turns = turns if idle is None else turns & ~idle
-        gaps = scan.gaps.lowered(turns, _lowest(gap.value, gap.times(since, step), mode, begin, k))
-        least = jnp.where(is_first, now.force[0], force.value)
-        at = jnp.where(is_first, since, force.times(since, step))
+        gaps = scan.gaps.lowered(turns, gap.value, gap.times(since, step), k)
         # A release before the start of the cycle leaves a first flight of no length, on which the stop does not hold.
-        is_begun = is_first & ((k > 0) | (longest > 0))
-        is_least = held & (is_begun | (has_length & force.is_there))
-        forces = scan.forces.lowered(is_least, _lowest(least, at, mode, begin, k))
-        # After an impact without rebound gap and speed are zero: only the acceleration can separate the mass.
-        rests = is_first & ~held & _of_guards(machine, _is_after_plastic(machine, sequence, k))
-        rises = scan.rises.lowered(rests, _lowest(now.gap[2], since, mode, begin, k))
-        return _Scan(jnp.where(is_last, k + 1, k), jnp.where(is_last, 0, i + 1), now, gaps, forces, rises)
+        is_begun = is_on & is_first & ((k > 0) | (longest > 0))
 
-    begin = _at(begins, 0)
-    is_switching = machine.contacts.is_switching
-    none = jnp.full(machine.contacts.num * (2 if is_switching else 1), jnp.inf)
-    nothing = _lowest(none, 0 * begin.time, jnp.asarray(sequence.mode)[0], begin, jnp.array(0))
-    unread = _GapsAndForces([0 * none] * (_OF_FORCE if is_switching else _OF_GAP), [0 * none] * _OF_FORCE)
-    scan = _Scan(jnp.array(0), jnp.array(0), unread, nothing, nothing, nothing)
-    scan = jax.lax.while_loop(lambda scan: scan.flight <= count, one, in_lanes_of(begin.time, scan))
-    (gap, force), (gap_time, force_time) = _refined(machine, flow, scan.gaps, scan.forces)
+        def of_held() -> _Minima:
+            force = dip(before.force, now.force, step, jnp.zeros_like(held))
+            least = jnp.where(is_first, now.force[0], force.value)
+            at = jnp.where(is_first, since, force.times(since, step))
+            is_least = held & (is_begun | (has_length & force.is_there))
+            return scan.forces.lowered(is_least, least, at, k)
+
+        forces = jax.lax.cond(is_any(held), of_held, lambda: scan.forces)
+        # After an impact without rebound gap and speed are zero: only the acceleration can separate the mass.
+        rests = is_on & is_first & ~held & _of_guards(sequence, _is_after_plastic(course, k))
+        rises = scan.rises.lowered(rests, now.gap[2], since, k)
+        following, sample = jnp.where(is_last, k + 1, k), jnp.where(is_last, 0, i + 1)
+        return _Scan(jnp.where(is_on, following, scan.flight), sample, now, gaps, forces, rises)
+
+    nothing, unread = _before_the_scan(course)
+    scan = _Scan(0 * count, 0 * count, unread, nothing, nothing, nothing)
+    is_on = lambda scan: jnp.any(scan.flight <= count)  # noqa: E731
+    scan = jax.lax.while_loop(is_on, one, in_lanes_of(course.begins.time, scan))
+    (gap, force), (gap_time, force_time) = _refined(course, reading, scan.gaps, scan.forces)
     return LeastMargins(
         gap=gap,
-        gap_time=gap_time - problem.phase,
+        gap_time=gap_time - course.phase,
         gap_flight=scan.gaps.flight,
         force=force,
-        force_time=force_time - problem.phase,
+        force_time=force_time - course.phase,
         force_flight=scan.forces.flight,
         rise=scan.rises.value,
         rise_flight=scan.rises.flight,
-        is_plastic=machine.contacts.is_plastic,
-        last=last,
+        is_plastic=course.is_plastic,
+        last=course.last,
     )
+
+
+def _before_the_scan(course: Course) -> tuple[_Minima, _GapsAndForces]:
+    """No minimum, and no reading."""
+    is_switching = course.sequence.is_switching
+    none = jnp.zeros(_of_guards(course.sequence, course.is_plastic).shape, course.whole.dtype)
+    nothing = _Minima(none + jnp.inf, jnp.stack([none] * 3), jnp.zeros(none.shape, course.count.dtype))
+    return nothing, _GapsAndForces([none] * (_OF_FORCE if is_switching else _OF_GAP), [none] * _OF_FORCE)
+
+
+def of_flight(rows: Any, flight: Array) -> Any:
+    """Rows of a flight, of one cycle or of many with lanes last."""
+    if flight.ndim == 0:
+        return _at(rows, flight)
+
+    def of_lanes(a: Array) -> Array:
+        which = flight.reshape(*[1] * (a.ndim - 1), -1)
+        return jnp.take_along_axis(a, which, axis=0)[0]
+
+    return jax.tree.map(lambda a: of_lanes(jnp.asarray(a)), rows)
 
 
 def margins_at(problem: Problem, begins: Moment, speeds: Array, watched: LeastMargins) -> Margins:
@@ -195,17 +268,17 @@ def margins_at(problem: Problem, begins: Moment, speeds: Array, watched: LeastMa
     machine, flow, sequence = problem.machine, problem.flow, problem.sequence
     stops = jnp.arange(len(watched.gap))
 
-    def read(flight: Array, time: Array) -> _GapsAndForces:
+    def at_row(flight: Array, time: Array) -> _GapsAndForces:
         begin = _at(begins, flight)
         since = jnp.maximum(time + problem.phase - jax.lax.stop_gradient(begin.time), 0)
-        return _read(machine, flow, begin, jnp.asarray(sequence.mode)[flight], since)
+        return read(machine, flow, begin, jnp.asarray(sequence.mode)[flight], since)
 
     flights = jnp.concatenate([watched.gap_flight, watched.force_flight, watched.rise_flight])
     # Rises at the beginning of their flights: earlier times are clipped to it.
     times = jnp.concatenate([watched.gap_time, watched.force_time, jnp.full_like(watched.gap_time, -jnp.inf)])
     gap, force, rise = (
         jax.tree.map(lambda a: a[stops, stops], part)
-        for part in _split_in_three(jax.vmap(read)(flights, times))
+        for part in _split_in_three(jax.vmap(at_row)(flights, times))
     )
     return Margins(speeds=speeds, gap=gap.gap[0], force=force.force[0], rise=rise.gap[2])
 
@@ -214,71 +287,67 @@ def _split_in_three(readings: _GapsAndForces) -> list[_GapsAndForces]:
     return [jax.tree.map(lambda a, k=k: jnp.split(a, 3)[k], readings) for k in range(3)]
 
 
-def _at(begins: Moment, flight: Array | int) -> Moment:
-    return jax.tree.map(lambda a: a[flight], begins)
+def _at(rows: Any, flight: Array | int) -> Any:
+    return jax.tree.map(lambda a: jnp.asarray(a)[flight], rows)
 
 
 def _leaving_stops(sequence: CycleEvents, flight: Array, passed: Array) -> Array:
-    """Flags of the stops that masses leave at the beginning of a flight, (stops,).
-
-    `passed` is the number of the last event plus one if that lies beyond the end of the cycle, hence begins the first
-    flight; else 0.
-    """
+    """Flags of the stops that masses leave at the beginning of a flight, (stops,); `passed` as in `Course`."""
     held = sequence.held
     if not len(sequence.kind):
-        return jnp.zeros(held.shape[1], bool)
+        return jnp.zeros(held.shape[1:], bool)
     event = jnp.where(flight > 0, flight, passed) - 1
     before = jnp.maximum(event, 0)
-    is_own = (jnp.arange(held.shape[1]) == sequence.stop[before]) & (sequence.kind[before] != NOTHING)
-    return (event >= 0) & ~held[flight] & (is_own | held[before])
+    kind, stop, held_before = of_flight((sequence.kind, sequence.stop, held), before)
+    is_own = (_numbers(held[0]) == stop) & (kind != NOTHING)
+    return (event >= 0) & ~of_flight(held, flight) & (is_own | held_before)
 
 
-def _is_after_plastic(machine: Machine, sequence: CycleEvents, flight: Array) -> Array:
+def _is_after_plastic(course: Course, flight: Array) -> Array:
     """Flag of the stop whose impact without rebound begins a flight, (stops,)."""
+    sequence, is_plastic = course.sequence, course.is_plastic
     if not len(sequence.kind):
-        return jnp.zeros(machine.contacts.num, bool)
-    before = jnp.maximum(flight - 1, 0)
-    is_impact = (flight > 0) & (sequence.kind[before] == IMPACT)
-    is_own = jnp.arange(machine.contacts.num) == sequence.stop[before]
-    return is_impact & is_own & machine.contacts.is_plastic
+        return jnp.zeros(is_plastic.shape, bool)
+    kind, stop = of_flight((sequence.kind, sequence.stop), jnp.maximum(flight - 1, 0))
+    return (flight > 0) & (kind == IMPACT) & (_numbers(is_plastic) == stop) & is_plastic
 
 
-def _of_guards(machine: Machine, of_stops: Array) -> Array:
+def _numbers(of_stops: Array) -> Array:
+    """Numbers of the stops, (stops,), with an axis of length one for each further one."""
+    return jnp.arange(len(of_stops)).reshape(-1, *[1] * (of_stops.ndim - 1))
+
+
+def _of_guards(sequence: CycleEvents, of_stops: Array) -> Array:
     """Flags of guards from those of their contacts: one guard a contact, two where forces switch."""
-    return jnp.concatenate([of_stops, of_stops]) if machine.contacts.is_switching else of_stops
+    return jnp.concatenate([of_stops, of_stops]) if sequence.is_switching else of_stops
 
 
-def _idle_guards(machine: Machine, mode: Array) -> Array | None:
+def _idle_guards(sequence: CycleEvents, mode: Array) -> Array | None:
     """Flags of guards of elements that others keep at rest; None if there are none."""
-    if not machine.contacts.is_switching:
-        return None
-    return _of_guards(machine, (mode >= KEPT) & (mode < STICKING))
+    return _of_guards(sequence, (mode >= KEPT) & (mode < STICKING)) if sequence.is_switching else None
 
 
-def _lowest(value: Array, since: Array, mode: Array, begin: Moment, flight: Array) -> _Minima:
-    """Minimum of each stop on one flight."""
-    rows = lambda a: jnp.broadcast_to(a, (len(value), *a.shape))  # noqa: E731
-    since = jnp.broadcast_to(since, (3, len(value))).T
-    return _Minima(value, since, rows(mode), rows(begin.z), rows(begin.time), rows(flight))
-
-
-def _refined(machine: Machine, flow: AbstractFlow, gaps: _Minima, forces: _Minima) -> tuple[Array, Array]:
+def _refined(course: Course, reading: Reading, gaps: _Minima, forces: _Minima) -> tuple[Array, Array]:
     """Values and times of the minima, (2, stops), by Newton's method on the slope within each bracket.
 
     Others stay unrefined.
     """
-    lowest = jax.tree.map(lambda *a: jnp.concatenate(a), gaps, forces)
-    if not len(gaps.value):  # no stops
-        return jnp.stack([gaps.value, forces.value]), jnp.stack([gaps.start, forces.start])
+    num = len(gaps.value)
+    if not num:  # no stops
+        return jnp.stack([gaps.value, forces.value]), jnp.stack([gaps.value, forces.value])
+    values, flights = (jnp.stack([getattr(a, name) for a in (gaps, forces)]) for name in ("value", "flight"))
+    values, flights = (a.reshape(2 * num, *a.shape[2:]) for a in (values, flights))
+    sinces = jnp.concatenate([gaps.since, forces.since], axis=1)
+    starts = jax.vmap(lambda flight: of_flight(course.begins.time, flight))(flights)
 
-    def one(low: _Minima, row: Array) -> tuple[Array, Array]:
-        begin = Moment(low.z, low.start, jnp.zeros(machine.contacts.num, gaps.value.dtype))
+    def one(row: Array, value: Array, flight: Array, since: Array) -> tuple[Array, Array]:
+        begin, mode = of_flight((course.begins, course.sequence.mode), flight)
 
         def nearer(step: Array, at: tuple[Array, ...]) -> tuple[Array, ...]:
             since, lower, upper, _ = at
-            reading = _read(machine, flow, begin, low.mode, since)
+            found = reading(begin, mode, since)
             value, slope, rate = (
-                jnp.concatenate(own)[row] for own in zip(reading.gap[:3], reading.force[:3], strict=True)
+                jnp.concatenate(own)[row] for own in zip(found.gap[:3], found.force[:3], strict=True)
             )
             lower, upper = jnp.where(slope < 0, since, lower), jnp.where(slope < 0, upper, since)
             newton = since - slope / jnp.where(rate > 0, rate, 1)
@@ -286,21 +355,21 @@ def _refined(machine: Machine, flow: AbstractFlow, gaps: _Minima, forces: _Minim
             following = jnp.where(is_inside, newton, (lower + upper) / 2)
             return jnp.where(step < _STEPS, following, since), lower, upper, value
 
-        first, lower, upper = low.since
-        since, lower, upper, value = jax.lax.fori_loop(
-            0, _STEPS + 1, nearer, (first, lower, upper, low.value)
-        )
-        is_minimum = jnp.isfinite(low.value) & (low.since[1] < low.since[2])
-        since = jnp.where(is_minimum, since, first)
-        return jnp.where(is_minimum, value, low.value), low.start + since
+        first, lower, upper = since
+        found, *_, least = jax.lax.fori_loop(0, _STEPS + 1, nearer, (first, lower, upper, value))
+        is_minimum = jnp.isfinite(value) & (lower < upper)
+        return jnp.where(is_minimum, least, value), jnp.where(is_minimum, found, first)
 
-    is_found = is_any(jnp.isfinite(lowest.value))
-    refined = lambda: jax.vmap(one)(lowest, jnp.arange(len(lowest.value)))  # noqa: E731
-    values, times = jax.lax.cond(is_found, refined, lambda: (lowest.value, lowest.start + lowest.since[:, 0]))
-    return values.reshape(2, -1), times.reshape(2, -1)
+    def refined() -> tuple[Array, Array]:
+        rows = jnp.arange(2 * num), values, flights, jnp.moveaxis(sinces, 1, 0)
+        # Readings of many cycles are vectorised over these.
+        return jax.vmap(one)(*rows) if flights.ndim == 1 else jax.lax.map(lambda row: one(*row), rows)
+
+    values, since = jax.lax.cond(is_any(jnp.isfinite(values)), refined, lambda: (values, sinces[0]))
+    return tuple(a.reshape(2, num, *a.shape[1:]) for a in (values, starts + since))
 
 
-def _read(machine: Machine, flow: AbstractFlow, begin: Moment, mode: Array, since: Array) -> _GapsAndForces:
+def read(machine: Machine, flow: AbstractFlow, begin: Moment, mode: Array, since: Array) -> _GapsAndForces:
     """Gaps and contact forces, or all guards, `since` forcing periods after the beginning of a flight."""
     x, v, phase, _ = flow_map(machine, flow, begin, mode, since)
     x, time = jnp.split(begin.z, 2)[0] + x, (begin.time + since) * machine.period

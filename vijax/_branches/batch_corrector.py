@@ -201,23 +201,35 @@ def _pruned(family: Family, sequence: Sequence, guess: ExtendedCycle) -> tuple[C
         place.flights,
     )
     flight = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[:-1], a.dtype), flights)
-    shapes, others = eqx.partition(prepared, lambda a: isinstance(a, jax.ShapeDtypeStruct))
-    leaves, structure = jax.tree.flatten(shapes)
-    is_read = arrays_read(_past_event, prepared, family.scale, place.z, flight, begun)[: len(leaves)]
-    unread = [None if yes else np.zeros(a.shape, a.dtype) for a, yes in zip(leaves, is_read, strict=True)]
+    picked, of_picked = pruned(_past_event, prepared, family.scale, place.z, flight, begun)
 
     def begin(family: Family, sequence: Sequence, place: ExtendedCycle, weights: ExtendedCycle) -> tuple:
         prepared = prepared_problem(family, sequence, place.p)
-        begun = _begun(prepared, family.scale, place, weights)
-        numbers = jax.tree.leaves(eqx.filter(prepared, eqx.is_array))
-        return [a for a, yes in zip(numbers, is_read, strict=True) if yes], begun
+        return picked(prepared), _begun(prepared, family.scale, place, weights)
 
-    def past_event(read: list, *args: Any) -> tuple[_Pass, _Kept]:
+    return begin, of_picked
+
+
+def pruned(function: Callable, tree: Any, *others: Any) -> tuple[Callable, Callable]:
+    """Function that picks those arrays of a tree that another one reads, and this other one as a function of them.
+
+    Arguments are shapes.
+    """
+    shapes, rest = eqx.partition(tree, lambda a: isinstance(a, jax.ShapeDtypeStruct))
+    leaves, structure = jax.tree.flatten(shapes)
+    is_read = arrays_read(function, tree, *others)[: len(leaves)]
+    unread = [None if yes else np.zeros(a.shape, a.dtype) for a, yes in zip(leaves, is_read, strict=True)]
+
+    def picked(tree: Any) -> list[Array]:
+        arrays = jax.tree.leaves(eqx.filter(tree, eqx.is_array))
+        return [a for a, yes in zip(arrays, is_read, strict=True) if yes]
+
+    def of_picked(read: list[Array], *others: Any) -> Any:
         given = iter(read)
-        numbers = [next(given) if a is None else jnp.asarray(a) for a in unread]
-        return _past_event(eqx.combine(jax.tree.unflatten(structure, numbers), others), *args)
+        arrays = [next(given) if a is None else jnp.asarray(a) for a in unread]
+        return function(eqx.combine(jax.tree.unflatten(structure, arrays), rest), *others)
 
-    return begin, past_event
+    return picked, of_picked
 
 
 def multipliers_of(pencils: Pencil, num_erased: Array, shifts: Array) -> Array:

@@ -21,6 +21,7 @@ from .._trajectory.single_call import run_for_log
 from .._trajectory.solution import RESULTS
 from .admissibility import LeastMargins, Margins, margins_at, margins_of_cycle
 from .batch_corrector import can_correct_many, correct_many
+from .batch_margins import margins_of_cycles
 from .corrector import Corrected, correct, evaluate_at
 from .parameter_family import ExtendedCycle, Family
 
@@ -71,8 +72,7 @@ def corrected_cycle(
 ) -> CorrectedCycle:
     """The cycle of a sequence with `weights . place = target`."""
     found = correct(family, sequence, guess, weights, target)
-    place = jax.tree.map(lambda a, b: jnp.where(found.is_converged, a, b), found.place, guess)
-    return _seen(family, sequence, found, place)
+    return _seen(family, sequence, found, _place_of(found, guess))
 
 
 def corrected_cycles(
@@ -85,15 +85,33 @@ def corrected_cycles(
     try:
         with jax.numpy_rank_promotion("allow"):  # numbers of all lanes go with those of each
             found = correct_many(*jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), given))
+        found = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), found)
+        places = jax.vmap(_place_of)(found, guesses)
+        begins = jax.vmap(_begins)(families, sequences, places)
+        watched = margins_of_cycles(families, sequences, places, begins)
     except NotImplementedError:  # a law of restitution may be made of anything
         return jax.vmap(corrected_cycle)(*given)
-    found = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), found)
 
-    def seen(family: Family, sequence: Sequence, guess: ExtendedCycle, found: Corrected) -> CorrectedCycle:
-        place = jax.tree.map(lambda a, b: jnp.where(found.is_converged, a, b), found.place, guess)
-        return _seen(family, sequence, found, place)
+    def one(
+        family: Family, sequence: Sequence, found: Corrected, place: ExtendedCycle, watched: LeastMargins
+    ) -> CorrectedCycle:
+        equations = _Equations(*family.linear_problem(sequence, place.p), place.p)
+        return _with_rates(
+            family, equations, found, place, _moments(family, equations, found, place), watched
+        )
 
-    return jax.vmap(seen)(families, sequences, guesses, found)
+    return jax.vmap(one)(families, sequences, found, places, watched)
+
+
+def _begins(family: Family, sequence: Sequence, place: ExtendedCycle) -> Moment:
+    """Moments at which the flights of a cycle begin."""
+    problem = family.problem(sequence, place.p)
+    return traverse(problem, family.unknowns(place), jnp.sum(sequence.is_event))[0]
+
+
+def _place_of(found: Corrected, guess: ExtendedCycle) -> ExtendedCycle:
+    """The corrected place, or the guess where it is none."""
+    return jax.tree.map(lambda a, b: jnp.where(found.is_converged, a, b), found.place, guess)
 
 
 def as_corrected_cycle(
@@ -104,27 +122,57 @@ def as_corrected_cycle(
 
 
 def _seen(family: Family, sequence: Sequence, found: Corrected, place: ExtendedCycle) -> CorrectedCycle:
-    problem, change = family.linear_problem(sequence, place.p)
+    equations = _Equations(*family.linear_problem(sequence, place.p), place.p)
+    moments = _moments(family, equations, found, place)
+    watched = margins_of_cycle(equations.problem, family.unknowns(place), moments[0][0])
+    return _with_rates(family, equations, found, place, moments, watched)
 
-    def problem_at(p: Scalar) -> Problem:
-        machine, flow = moved_by((problem.machine, problem.flow), change, p - place.p)
-        return eqx.tree_at(lambda own: (own.machine, own.flow), problem, (machine, flow))
+
+class _Equations(NamedTuple):
+    """Equations of a cycle, linear in the parameter."""
+
+    problem: Problem
+    change: Any
+    p: Scalar
+
+    def at(self, p: Scalar) -> Problem:
+        """The equations at a parameter."""
+        own = self.problem.machine, self.problem.flow
+        machine, flow = moved_by(own, self.change, p - self.p)
+        return eqx.tree_at(lambda problem: (problem.machine, problem.flow), self.problem, (machine, flow))
+
+
+# Moments at which the flights of a cycle begin, with the approach speeds at their ends; and their rates along the branch.
+_Moments = tuple[tuple[Moment, Array], tuple[Moment, Array]]
+
+
+def _moments(family: Family, equations: _Equations, found: Corrected, place: ExtendedCycle) -> _Moments:
+    count = jnp.sum(equations.problem.sequence.is_event)
 
     def moments_at(at: ExtendedCycle) -> tuple[Moment, Array]:
-        return traverse(problem_at(at.p), family.unknowns(at), jnp.sum(sequence.is_event))
+        return traverse(equations.at(at.p), family.unknowns(at), count)
 
-    moments, rates = jax.jvp(moments_at, (place,), (found.tangent,))
-    watched = margins_of_cycle(problem, family.unknowns(place), moments[0])
+    return jax.jvp(moments_at, (place,), (found.tangent,))
+
+
+def _with_rates(
+    family: Family,
+    equations: _Equations,
+    found: Corrected,
+    place: ExtendedCycle,
+    moments: _Moments,
+    watched: LeastMargins,
+) -> CorrectedCycle:
+    """The corrected cycle with its margins, and their rates along the branch."""
 
     def levels_at(moments: tuple[Moment, Array], p: Scalar) -> Margins:
-        return margins_at(problem_at(p), *moments, watched)
+        return margins_at(equations.at(p), *moments, watched)
 
-    rates = jax.jvp(levels_at, (moments, place.p), (rates, found.tangent.p))[1]
-    start = (
-        start_in_middle(problem, family.unknowns(place)) if family.is_autonomous else family.unknowns(place).z
-    )
-    start = start - frame_offset(problem)
-    return CorrectedCycle(found, watched, rates, start)
+    now, rates = moments
+    rates = jax.jvp(levels_at, (now, place.p), (rates, found.tangent.p))[1]
+    problem, unknowns = equations.problem, family.unknowns(place)
+    start = start_in_middle(problem, unknowns) if family.is_autonomous else unknowns.z
+    return CorrectedCycle(found, watched, rates, start - frame_offset(problem))
 
 
 def simulate_motion(

@@ -7,6 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from .._jax.arrays import append_axes
+
 # Largest slope at the first sample that counts as zero, in rounding errors of the largest value or derivative.
 _NO_SLOPE = 8.0
 # _AFTER, _BEFORE: nodes near the first and the second sample, much closer there than between: a mass that hardly leaves
@@ -16,7 +18,7 @@ _NODES = np.concatenate([[0.0], _AFTER, [0.5, 0.62], _BEFORE[::-1], [1.0]])
 
 
 class Dip(NamedTuple):
-    """Lowest minimum between two samples, of each stop.
+    """Lowest minimum between two samples, of each stop; lanes last if there are any.
 
     Attributes:
         is_there: True where there is one.
@@ -44,17 +46,17 @@ def dip(before: list[Array], now: list[Array], step: Array, has_left: Array) -> 
     stop is hit. It does not count for a mass that `has_left` its stop there.
     """
     ends = jnp.stack([a * step**order for side in (before, now) for order, a in enumerate(side)])
-    values, slopes = (jnp.asarray(m, ends.dtype) @ ends for m in _at_nodes(len(before)))
+    values, slopes = (jnp.tensordot(jnp.asarray(m, ends.dtype), ends, 1) for m in _at_nodes(len(before)))
     largest = jnp.max(jnp.abs(ends), axis=0)
     none = _NO_SLOPE * jnp.finfo(ends.dtype).eps * largest
     first = jnp.where(has_left, largest + 1, slopes[0] - none)
     slopes = jnp.concatenate([first[None], slopes[1:]])
     turns = (slopes[:-1] < 0) & (slopes[1:] >= 0)
-    widths = jnp.asarray(np.diff(_NODES), ends.dtype)[:, None]
+    widths = append_axes(jnp.asarray(np.diff(_NODES), ends.dtype), ends)
     first, last = (jnp.where(turns, widths * a, 0) for a in (slopes[:-1], slopes[1:]))
     share, depth = _minimum(first, last, jnp.diff(values, axis=0))
     lowest = jnp.where(turns, values[:-1] + depth, jnp.inf)
-    before_it = jnp.broadcast_to(jnp.asarray(_NODES[:-1], ends.dtype)[:, None], lowest.shape)
+    before_it = jnp.broadcast_to(append_axes(jnp.asarray(_NODES[:-1], ends.dtype), ends), lowest.shape)
     at = jnp.argmin(lowest, axis=0)[None]
     pick = lambda a: jnp.take_along_axis(a, at, axis=0)[0]  # noqa: E731
     begin, width = pick(before_it), pick(jnp.broadcast_to(widths, lowest.shape))
