@@ -287,7 +287,10 @@ def _delays(
     dtype = str(state.x.dtype)
     near = select_active(machine, state, lambda limit: near_of_limit(limit, dtype), guards_of_steps)
     near = near * machine.timescale
-    is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
+    if is_switching:  # a step may have ended behind the event
+        is_near = is_simple & (jnp.abs(delay) <= near) & (delay <= ahead)
+    else:
+        is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
     is_near = is_near & ~is_idle(state, machine) if machine.contacts.is_coupled else is_near
     # A step of a machine that switches ends on an estimate of the event: the event may lie behind the end of the motion.
     is_here = is_root & ~(is_simple & (delay > ahead)) if is_switching else is_root
