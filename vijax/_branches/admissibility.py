@@ -185,48 +185,11 @@ def margins_of_cycle(problem: Problem, unknowns: Unknowns, begins: Moment | None
 
 def least_margins(course: Course, reading: Reading) -> LeastMargins:
     """Scan cycles between their events, of one or of many with lanes last."""
-    sequence, count = course.sequence, course.count
-
-    def one(scan: _Scan) -> _Scan:
-        k, i, before = scan[:3]
-        is_on, k = k <= count, jnp.minimum(k, count)
-        begin, mode, duration = of_flight((course.begins, sequence.mode, course.flights), k)
-        held, idle = _of_guards(sequence, held_in(mode)), _idle_guards(sequence, mode)
-        skipped = jnp.where(k == 0, course.skipped, 0)
-        longest = jnp.clip(duration - skipped, 0, course.whole)
-        # A rejected Newton iterate may have zero forcing frequency, hence an infinite period.
-        num = jnp.clip(jnp.ceil(longest * course.density), 1, _MOST)
-        step = longest / num
-        since = skipped + step * i
-        now = reading(begin, mode, since)
-        is_first, is_last = i == 0, ~(i < num)  # True for NaN, which ends the scan of the flight
-        # The gap is least at an interior minimum, the contact force there or where a stick begins.
-        left = _of_guards(sequence, _leaving_stops(sequence, k, course.passed))
-        gap = dip(before.gap, now.gap, step, (i == 1) & left)
-        has_length = is_on & ~is_first & (longest > 0)
-        turns = has_length & ~held & gap.is_there
-        turns = turns if idle is None else turns & ~idle
-        gaps = scan.gaps.lowered(turns, gap.value, gap.times(since, step), k)
-        # A release before the start of the cycle leaves a first flight of no length, on which the stop does not hold.
-        is_begun = is_on & is_first & ((k > 0) | (longest > 0))
-
-        def of_held() -> _Minima:
-            force = dip(before.force, now.force, step, jnp.zeros_like(held))
-            least = jnp.where(is_first, now.force[0], force.value)
-            at = jnp.where(is_first, since, force.times(since, step))
-            is_least = held & (is_begun | (has_length & force.is_there))
-            return scan.forces.lowered(is_least, least, at, k)
-
-        forces = jax.lax.cond(is_any(held), of_held, lambda: scan.forces)
-        # After an impact without rebound gap and speed are zero: only the acceleration can separate the mass.
-        rests = is_on & is_first & ~held & _of_guards(sequence, _is_after_plastic(course, k))
-        rises = scan.rises.lowered(rests, now.gap[2], since, k)
-        following, sample = jnp.where(is_last, k + 1, k), jnp.where(is_last, 0, i + 1)
-        return _Scan(jnp.where(is_on, following, scan.flight), sample, now, gaps, forces, rises)
-
     nothing, unread = _before_the_scan(course)
-    scan = _Scan(0 * count, 0 * count, unread, nothing, nothing, nothing)
-    is_on = lambda scan: jnp.any(scan.flight <= count)  # noqa: E731
+    first = 0 * course.count
+    scan = _Scan(first, first, unread, nothing, nothing, nothing)
+    is_on = lambda scan: jnp.any(scan.flight <= course.count)  # noqa: E731
+    one = partial(_next_sample, course, reading)
     scan = jax.lax.while_loop(is_on, one, in_lanes_of(course.begins.time, scan))
     (gap, force), (gap_time, force_time) = _refined(course, reading, scan.gaps, scan.forces)
     return LeastMargins(
@@ -241,6 +204,46 @@ def least_margins(course: Course, reading: Reading) -> LeastMargins:
         is_plastic=course.is_plastic,
         last=course.last,
     )
+
+
+def _next_sample(course: Course, reading: Reading, scan: _Scan) -> _Scan:
+    """The scan behind its next sample."""
+    sequence, count = course.sequence, course.count
+    k, i, before = scan[:3]
+    is_on, k = k <= count, jnp.minimum(k, count)
+    begin, mode, duration = of_flight((course.begins, sequence.mode, course.flights), k)
+    held, idle = _of_guards(sequence, held_in(mode)), _idle_guards(sequence, mode)
+    skipped = jnp.where(k == 0, course.skipped, 0)
+    longest = jnp.clip(duration - skipped, 0, course.whole)
+    # A rejected Newton iterate may have zero forcing frequency, hence an infinite period.
+    num = jnp.clip(jnp.ceil(longest * course.density), 1, _MOST)
+    step = longest / num
+    since = skipped + step * i
+    now = reading(begin, mode, since)
+    is_first, is_last = i == 0, ~(i < num)  # True for NaN, which ends the scan of the flight
+    # The gap is least at an interior minimum, the contact force there or where a stick begins.
+    left = _of_guards(sequence, _leaving_stops(sequence, k, course.passed))
+    gap = dip(before.gap, now.gap, step, (i == 1) & left)
+    has_length = is_on & ~is_first & (longest > 0)
+    turns = has_length & ~held & gap.is_there
+    turns = turns if idle is None else turns & ~idle
+    gaps = scan.gaps.lowered(turns, gap.value, gap.times(since, step), k)
+    # A release before the start of the cycle leaves a first flight of no length, on which the stop does not hold.
+    is_begun = is_on & is_first & ((k > 0) | (longest > 0))
+
+    def of_held() -> _Minima:
+        force = dip(before.force, now.force, step, jnp.zeros_like(held))
+        least = jnp.where(is_first, now.force[0], force.value)
+        at = jnp.where(is_first, since, force.times(since, step))
+        is_least = held & (is_begun | (has_length & force.is_there))
+        return scan.forces.lowered(is_least, least, at, k)
+
+    forces = jax.lax.cond(is_any(held), of_held, lambda: scan.forces)
+    # After an impact without rebound gap and speed are zero: only the acceleration can separate the mass.
+    rests = is_on & is_first & ~held & _of_guards(sequence, _is_after_plastic(course, k))
+    rises = scan.rises.lowered(rests, now.gap[2], since, k)
+    following, sample = jnp.where(is_last, k + 1, k), jnp.where(is_last, 0, i + 1)
+    return _Scan(jnp.where(is_on, following, scan.flight), sample, now, gaps, forces, rises)
 
 
 def _before_the_scan(course: Course) -> tuple[_Minima, _GapsAndForces]:
