@@ -220,11 +220,11 @@ def pruned(function: Callable, tree: Any, *others: Any) -> tuple[Callable, Calla
     is_read = arrays_read(function, tree, *others)[: len(leaves)]
     unread = [None if yes else np.zeros(a.shape, a.dtype) for a, yes in zip(leaves, is_read, strict=True)]
 
-    def picked(tree: Any) -> list[Array]:
+    def picked(tree: Any) -> list:
         arrays = jax.tree.leaves(eqx.filter(tree, eqx.is_array))
         return [a for a, yes in zip(arrays, is_read, strict=True) if yes]
 
-    def of_picked(read: list[Array], *others: Any) -> Any:
+    def of_picked(read: list, *others: Any) -> Any:
         given = iter(read)
         arrays = [next(given) if a is None else jnp.asarray(a) for a in unread]
         return function(eqx.combine(jax.tree.unflatten(structure, arrays), rest), *others)

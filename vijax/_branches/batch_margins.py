@@ -29,7 +29,7 @@ def margins_of_cycles(
 
     def prepared(
         family: Family, sequence: Sequence, place: ExtendedCycle, begins: Moment
-    ) -> tuple[list[Array], Course]:
+    ) -> tuple[list, Course]:
         problem = family.problem(sequence, place.p)
         return picked(problem), course_of(problem, family.unknowns(place), begins)
 
