@@ -15,7 +15,7 @@ from .._machine.derivatives import derivatives
 from .._machine.machine import Machine
 from .._machine.state import KEPT, STICKING
 from .._orbits.cycle import Moment, Problem, Unknowns, flow_map, state_in_mode, traverse
-from .._orbits.sequence import NOTHING, Sequence as CycleEvents, held_in
+from .._orbits.sequence import NOTHING, Sequence as CycleEvents, effective, held_in
 from .minima import dip
 
 # `_DENSITY`: samples per radian of the fastest part of the motion.
@@ -221,16 +221,17 @@ def _at(begins: Moment, flight: Array | int) -> Moment:
 def _leaving_stops(sequence: CycleEvents, flight: Array, passed: Array) -> Array:
     """Flags of the stops that masses leave at the beginning of a flight, (stops,).
 
+    A contact that others kept closed is left as one that held, and so is friction that others kept at rest.
     `passed` is the number of the last event plus one if that lies beyond the end of the cycle, hence begins the first
     flight; else 0.
     """
-    held = sequence.held
+    rests = held_in(effective(sequence.mode))
     if not len(sequence.kind):
-        return jnp.zeros(held.shape[1], bool)
+        return jnp.zeros(rests.shape[1], bool)
     event = jnp.where(flight > 0, flight, passed) - 1
     before = jnp.maximum(event, 0)
-    is_own = (jnp.arange(held.shape[1]) == sequence.stop[before]) & (sequence.kind[before] != NOTHING)
-    return (event >= 0) & ~held[flight] & (is_own | held[before])
+    is_own = (jnp.arange(rests.shape[1]) == sequence.stop[before]) & (sequence.kind[before] != NOTHING)
+    return (event >= 0) & ~rests[flight] & (is_own | rests[before])
 
 
 def _is_after_plastic(machine: Machine, sequence: CycleEvents, flight: Array) -> Array:
