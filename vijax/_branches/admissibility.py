@@ -17,7 +17,7 @@ from .._machine.derivatives import derivatives
 from .._machine.machine import Machine
 from .._machine.state import KEPT, STICKING
 from .._orbits.cycle import Moment, Problem, Unknowns, flow_map, state_in_mode, traverse
-from .._orbits.sequence import NOTHING, Sequence as CycleEvents, held_in
+from .._orbits.sequence import NOTHING, Sequence as CycleEvents, effective, held_in
 from .minima import dip
 
 # `_DENSITY`: samples per radian of the fastest part of the motion.
@@ -295,15 +295,18 @@ def _at(rows: Any, flight: Array | int) -> Any:
 
 
 def _leaving_stops(sequence: CycleEvents, flight: Array, passed: Array) -> Array:
-    """Flags of the stops that masses leave at the beginning of a flight, (stops,); `passed` as in `Course`."""
-    held = sequence.held
+    """Flags of the stops that masses leave at the beginning of a flight, (stops,); `passed` as in `Course`.
+
+    A contact that others kept closed is left as one that held, and so is friction that others kept at rest.
+    """
+    rests = held_in(effective(sequence.mode))
     if not len(sequence.kind):
-        return jnp.zeros(held.shape[1:], bool)
+        return jnp.zeros(rests.shape[1:], bool)
     event = jnp.where(flight > 0, flight, passed) - 1
     before = jnp.maximum(event, 0)
-    kind, stop, held_before = of_flight((sequence.kind, sequence.stop, held), before)
-    is_own = (_numbers(held[0]) == stop) & (kind != NOTHING)
-    return (event >= 0) & ~of_flight(held, flight) & (is_own | held_before)
+    kind, stop, rested = of_flight((sequence.kind, sequence.stop, rests), before)
+    is_own = (_numbers(rests[0]) == stop) & (kind != NOTHING)
+    return (event >= 0) & ~of_flight(rests, flight) & (is_own | rested)
 
 
 def _is_after_plastic(course: Course, flight: Array) -> Array:
