@@ -46,6 +46,7 @@ def problem(name: str) -> tuple:
     """The end state and the event times of a scene with its events, the numbers they depend on, and a direction in these.
 
     Zeros of the machine stay zeros. All speeds grow by one factor, those of belts too: an element at rest would slide.
+    Static friction that is that of slip stays so: below it there is no motion to compare with.
     """
     scene, rng = switching_scene(name), np.random.default_rng(0)
     moving, still = eqx.partition(jax.tree.map(as_real, scene.system), eqx.is_inexact_array)
@@ -64,6 +65,10 @@ def problem(name: str) -> tuple:
     machine, x0, v0 = jax.tree.map(part, moving), here[3], here[4]
     belts = lambda system: [element.velocity for element in system.friction]  # noqa: E731
     machine = eqx.tree_at(belts, machine, [FASTER * v for v in belts(moving)])
+    statics = lambda system: [element.static for element in system.friction]  # noqa: E731
+    pairs = zip(moving.friction, machine.friction, strict=True)
+    kept = [way.force if own.static == own.force else way.static for own, way in pairs]
+    machine = eqx.tree_at(statics, machine, kept)
     return run, here, (machine, jnp.asarray(0.3), jnp.asarray(-0.4), jnp.ones_like(x0), FASTER * v0)
 
 

@@ -28,7 +28,8 @@ class Friction(eqx.Module):
         row: the coefficient of each mass that it concerns, `{mass: coefficient}`, counted from 0; or the number of a
             mass, for `{mass: 1.0}`.
         force: F, magnitude of the friction force of slip, not negative.
-        static: Fs, largest magnitude of the friction force of stick, not below `force`; equal to it if left out.
+        static: Fs, largest magnitude of the friction force of stick, not below `force`; equal to it if left out. Leave it
+            out where both are equal and derivatives matter: they are those by both at once.
         velocity: of the surface along the row: of a belt on which a mass lies; 0 for the ground.
 
     Raises:
