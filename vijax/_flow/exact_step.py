@@ -24,7 +24,7 @@ from .._jax.xla import compute_once, is_any
 from .._machine.contacts import Held
 from .._machine.derivatives import rates
 from .._machine.machine import Machine
-from .._machine.state import State
+from .._machine.state import FROZEN, State
 from .interface import AbstractFlow, Expansion, Flight
 from .safe_step import Bound, divided_bound, divided_bound_of_two, safe_step
 from .series import derivative, horner, sum_series, taylor_series
@@ -315,7 +315,12 @@ def state_after_step(
     kept, closed = jnp.int8(0), state.held
     if machine.contacts.is_coupled:
         kept, closed = jnp.where(state.is_frozen, state.contact, kept), closed | state.is_frozen
+    gap = machine.contacts.gap_after(state.gap, closed, displacement, change)
     if state.mode is not None:
+        # A gap is frozen for these numbers of the machine alone, not for those beside: it has a derivative.
+        beside = machine.contacts.gap_after(state.gap, state.held, displacement, change)
+        constant = jax.lax.stop_gradient(state.gap) + (beside - jax.lax.stop_gradient(beside))
+        gap = jnp.where(state.contact == FROZEN, constant, gap)
         begins = jnp.where(step > 0, jnp.int8(0), state.mode.begins)
         state = eqx.tree_at(lambda s: s.mode.begins, state, begins)
     return eqx.tree_at(
@@ -327,7 +332,7 @@ def state_after_step(
             state.phase + change,
             machine.moved(state.x, displacement),
             v,
-            machine.contacts.gap_after(state.gap, closed, displacement, change),
+            gap,
             jnp.where(step > 0, kept, state.contact),
         ),
     )
