@@ -43,10 +43,11 @@ def can_any_stick(system: ImpactSystem, x0: Array | np.ndarray, v0: Array | np.n
 def usual_speeds(machine: Machine, state: State) -> Float[Array, "stops ..."]:
     """Speeds towards each stop that the forces give to masses within a radian of the fastest motion, 0 if none can stick.
 
-    Where masses rest, their velocities are rounding errors of these.
+    Where masses rest, their velocities are rounding errors of these. With a user's `force` 0 too: one more call of it
+    takes time to compile.
     """
     contacts = machine.contacts
-    if not machine.can_stick:
+    if not machine.can_stick or machine.extra is not None:
         return jnp.zeros_like(state.gap)
     return contacts.size(jnp.abs(contacts.inverse_mass_times(machine.total_force(state)))) / machine.rate
 
