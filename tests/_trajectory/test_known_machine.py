@@ -137,3 +137,19 @@ def test_a_start_beyond_a_stop_at_zero_by_rounding_is_on_it():
     assert float(past.x1[0]) == pytest.approx(float(at.x1[0]), abs=1e-15)
     with pytest.raises(ValueError, match="The start lies beyond a stop"):
         vx.simulate(system, 0.0, 3.0, [1e-14], [0.5])
+
+
+@pytest.mark.parametrize("friction", [[], [vx.Friction(0, 0.2)]], ids=["smooth", "rubbing"])
+@pytest.mark.parametrize(
+    "stop",
+    [vx.Stop(0, 0.0, "lower", 0.3), vx.Contact({0: -1.0}, 0.0, restitution=0.3)],
+    ids=["stop", "contact"],
+)
+def test_a_mass_on_its_stop_rests_although_its_velocity_is_a_rounding_error(stop, friction):
+    # Newton's method leaves such velocities at the start of an orbit.
+    load = vx.Harmonic(amplitude=[-2.0], frequency=0.8)
+    system = vx.ImpactSystem([0.7], [[0.1]], [[1.0]], load, [stop], friction=friction)
+    for v in (0.0, 1e-40, -1e-40, 1e-18):
+        sol = vx.simulate(system, 0.0, 3.0, [0.0], [v])
+        assert int(sol.events.kind[0]) == vx.RELEASE
+        assert float(sol.events.t[0]) > 1.9

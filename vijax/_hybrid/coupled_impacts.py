@@ -26,7 +26,7 @@ from .._machine.machine import Machine, state_before_contact
 from .._machine.state import KEPT_CLOSED, State
 from .._system.checks import is_touching
 from .complementarity import solve_complementarity
-from .sticking import chatter_is_complete, chatter_time, is_light, is_pressed
+from .sticking import chatter_is_complete, chatter_time, is_light, is_pressed, usual_speeds
 from .transition import Instant
 
 
@@ -46,9 +46,10 @@ def first_state(
     touching = is_touching(contacts.gaps(x, phase), 4 * (position + contacts.size(jnp.abs(x))))
     x = contacts.with_closed_gaps(x, touching, phase)
     approach = contacts.towards(v, phase_rate)
-    at_rest = touching & is_touching(approach, 4 * (speed + contacts.size(jnp.abs(v))))
-    v = contacts.with_zero_approach(v, at_rest, phase_rate)
     state = state_before_contact(machine, phase, x, v, jnp.zeros(touching.shape, bool))
+    size = speed + contacts.size(jnp.abs(v)) + usual_speeds(machine, state)
+    at_rest = touching & is_touching(approach, 4 * size)
+    state = eqx.tree_at(lambda s: s.v, state, contacts.with_zero_approach(v, at_rest, phase_rate))
     leaving = touching & ~at_rest & (approach < 0)
     contact = jnp.where(leaving, jnp.int8(1), state.contact)
     gap = jnp.where(touching, 0, state.gap)

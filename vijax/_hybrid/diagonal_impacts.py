@@ -16,7 +16,7 @@ from .._machine.machine import Machine, state_before_contact
 from .._machine.state import State
 from .._system.checks import is_touching
 from .law import rebound
-from .sticking import chatter_is_complete, chatter_time, is_light, is_pressed
+from .sticking import chatter_is_complete, chatter_time, is_light, is_pressed, usual_speeds
 from .transition import Instant
 
 
@@ -32,11 +32,10 @@ def first_state(
     reach, speed = _rounding_sizes(machine, t0)
     touching = is_touching(machine.contacts.gaps(x, phase), reach)
     x = machine.contacts.with_closed_gaps(x, touching, phase)
-    v = machine.contacts.with_zero_approach(
-        v, touching & is_touching(machine.contacts.along(v), speed), phase
-    )
     state = state_before_contact(machine, phase, x, v, jnp.zeros(touching.shape, bool))
-    state = eqx.tree_at(lambda s: s.gap, state, jnp.where(touching, 0, state.gap))
+    is_still = is_touching(machine.contacts.along(v), speed + usual_speeds(machine, state))
+    v = machine.contacts.with_zero_approach(v, touching & is_still, phase)
+    state = eqx.tree_at(lambda s: (s.v, s.gap), state, (v, jnp.where(touching, 0, state.gap)))
     inward = machine.contacts.along(v)
     leaving, at_rest = touching & (inward < 0), touching & (inward == 0)
     contact = jnp.where(leaving, jnp.int8(1), state.contact)

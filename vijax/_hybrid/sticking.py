@@ -10,6 +10,8 @@ from jaxtyping import Array, Bool, Float
 
 from .._jax.arrays import Scalar, rounding_step
 from .._jax.concrete import concrete
+from .._machine.machine import Machine
+from .._machine.state import State
 from .._system.contact import AbstractRigidLimit
 from .._system.system import ImpactSystem
 
@@ -36,6 +38,18 @@ def can_any_stick(system: ImpactSystem, x0: Array | np.ndarray, v0: Array | np.n
         if (is_close & (concrete(stop.along(v)) == 0)).any():
             return True
     return False
+
+
+def usual_speeds(machine: Machine, state: State) -> Float[Array, "stops ..."]:
+    """Speeds towards each stop that the forces give to masses within a radian of the fastest motion, 0 if none can stick.
+
+    Where masses rest, their velocities are rounding errors of these. With a user's `force` 0 too: one more call of it
+    takes time to compile.
+    """
+    contacts = machine.contacts
+    if not machine.can_stick or machine.extra is not None:
+        return jnp.zeros_like(state.gap)
+    return contacts.size(jnp.abs(contacts.inverse_mass_times(machine.total_force(state)))) / machine.rate
 
 
 def chatter_time(

@@ -22,6 +22,7 @@ from .coupled_impacts import impact
 from .equilibrium import AtRest, settle
 from .friction_chatter import comes_to_rest, complete_chatter, no_chatter
 from .friction_limits import sliding_velocity
+from .sticking import usual_speeds
 from .transition import Instant, Switches, no_switches
 
 
@@ -42,10 +43,11 @@ def first_state(
     speeds = contacts.speeds(v, machine.phase_rate(phase))
     size = speed_size + contacts.size(jnp.abs(v)) + jnp.abs(contacts.laws.velocity)
     # Where masses rest, their velocities are rounding errors of those that the machine has elsewhere.
-    usual = jnp.where(friction, machine.rate * contacts.size(jnp.abs(x)), 0)
+    state = state_before_contact(machine, phase, x, v, jnp.zeros(touching.shape, bool))
+    usual = usual_speeds(machine, state) + jnp.where(friction, machine.rate * contacts.size(jnp.abs(x)), 0)
     at_rest = (touching | friction) & is_touching(speeds, 4 * (size + usual))
     v = contacts.without_speeds(v, at_rest, phase)
-    state = state_before_contact(machine, phase, x, v, jnp.zeros(touching.shape, bool))
+    state = eqx.tree_at(lambda s: s.v, state, v)
     gap, speeds = jnp.where(touching, 0, state.gap), jnp.where(at_rest, 0, speeds)
     past = compliant & ((gap < 0) | (touching & (speeds > 0)))
     closed = past & (_spring_force(machine, gap, speeds) > 0) | (past & touching)
