@@ -64,12 +64,17 @@ def problem(name: str) -> tuple:
         return a * (share + share.T) / 2 if a.ndim == 2 and a.shape[0] == a.shape[1] else a * share
 
     machine, x0, v0 = jax.tree.map(part, moving), here[3], here[4]
-    belts = lambda system: [element.velocity for element in system.friction]  # noqa: E731
-    machine = eqx.tree_at(belts, machine, [FASTER * v for v in belts(moving)])
-    statics = lambda system: [element.static for element in system.friction]  # noqa: E731
     pairs = zip(moving.friction, machine.friction, strict=True)
-    kept = [way.force if own.static == own.force else way.static for own, way in pairs]
-    machine = eqx.tree_at(statics, machine, kept)
+    friction = tuple(
+        eqx.tree_at(
+            lambda element: (element.velocity, element.static),
+            way,
+            (FASTER * own.velocity, way.force if own.static == own.force else way.static),
+        )
+        for own, way in pairs
+    )
+    if friction:
+        machine = eqx.tree_at(lambda system: system.friction, machine, type(moving.friction)(friction))
     return run, here, (machine, jnp.asarray(0.3), jnp.asarray(-0.4), jnp.ones_like(x0), FASTER * v0)
 
 
