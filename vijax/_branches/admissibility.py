@@ -18,6 +18,7 @@ from .._machine.machine import Machine
 from .._machine.state import KEPT, STICKING
 from .._orbits.cycle import Moment, Problem, Unknowns, flow_map, state_in_mode, traverse
 from .._orbits.sequence import NOTHING, Sequence as CycleEvents, effective, held_in
+from .._trajectory.batched import row_of_lane
 from .minima import dip
 
 # `_DENSITY`: samples per radian of the fastest part of the motion.
@@ -211,7 +212,7 @@ def _next_sample(course: Course, reading: Reading, scan: _Scan) -> _Scan:
     sequence, count = course.sequence, course.count
     k, i, before = scan[:3]
     is_on, k = k <= count, jnp.minimum(k, count)
-    begin, mode, duration = of_flight((course.begins, sequence.mode, course.flights), k)
+    begin, mode, duration = _of_flight((course.begins, sequence.mode, course.flights), k)
     held, idle = _of_guards(sequence, held_in(mode)), _idle_guards(sequence, mode)
     skipped = jnp.where(k == 0, course.skipped, 0)
     longest = jnp.clip(duration - skipped, 0, course.whole)
@@ -254,16 +255,9 @@ def _before_the_scan(course: Course) -> tuple[_Minima, _GapsAndForces]:
     return nothing, _GapsAndForces([none] * (_OF_FORCE if is_switching else _OF_GAP), [none] * _OF_FORCE)
 
 
-def of_flight(rows: Any, flight: Array) -> Any:
+def _of_flight(rows: Any, flight: Array) -> Any:
     """Rows of a flight, of one cycle or of many with lanes last."""
-    if flight.ndim == 0:
-        return _at(rows, flight)
-
-    def of_lanes(a: Array) -> Array:
-        which = flight.reshape(*[1] * (a.ndim - 1), -1)
-        return jnp.take_along_axis(a, which, axis=0)[0]
-
-    return jax.tree.map(lambda a: of_lanes(jnp.asarray(a)), rows)
+    return jax.tree.map(lambda a: row_of_lane(jnp.asarray(a), flight), rows)
 
 
 def margins_at(problem: Problem, begins: Moment, speeds: Array, watched: LeastMargins) -> Margins:
@@ -272,7 +266,7 @@ def margins_at(problem: Problem, begins: Moment, speeds: Array, watched: LeastMa
     stops = jnp.arange(len(watched.gap))
 
     def at_row(flight: Array, time: Array) -> _GapsAndForces:
-        begin = _at(begins, flight)
+        begin = _of_flight(begins, flight)
         since = jnp.maximum(time + problem.phase - jax.lax.stop_gradient(begin.time), 0)
         return read(machine, flow, begin, jnp.asarray(sequence.mode)[flight], since)
 
@@ -290,10 +284,6 @@ def _split_in_three(readings: _GapsAndForces) -> list[_GapsAndForces]:
     return [jax.tree.map(lambda a, k=k: jnp.split(a, 3)[k], readings) for k in range(3)]
 
 
-def _at(rows: Any, flight: Array | int) -> Any:
-    return jax.tree.map(lambda a: jnp.asarray(a)[flight], rows)
-
-
 def _leaving_stops(sequence: CycleEvents, flight: Array, passed: Array) -> Array:
     """Flags of the stops that masses leave at the beginning of a flight, (stops,); `passed` as in `Course`.
 
@@ -304,9 +294,9 @@ def _leaving_stops(sequence: CycleEvents, flight: Array, passed: Array) -> Array
         return jnp.zeros(rests.shape[1:], bool)
     event = jnp.where(flight > 0, flight, passed) - 1
     before = jnp.maximum(event, 0)
-    kind, stop, rested = of_flight((sequence.kind, sequence.stop, rests), before)
+    kind, stop, rested = _of_flight((sequence.kind, sequence.stop, rests), before)
     is_own = (_numbers(rests[0]) == stop) & (kind != NOTHING)
-    return (event >= 0) & ~of_flight(rests, flight) & (is_own | rested)
+    return (event >= 0) & ~_of_flight(rests, flight) & (is_own | rested)
 
 
 def _is_after_plastic(course: Course, flight: Array) -> Array:
@@ -314,7 +304,7 @@ def _is_after_plastic(course: Course, flight: Array) -> Array:
     sequence, is_plastic = course.sequence, course.is_plastic
     if not len(sequence.kind):
         return jnp.zeros(is_plastic.shape, bool)
-    kind, stop = of_flight((sequence.kind, sequence.stop), jnp.maximum(flight - 1, 0))
+    kind, stop = _of_flight((sequence.kind, sequence.stop), jnp.maximum(flight - 1, 0))
     return (flight > 0) & (kind == IMPACT) & (_numbers(is_plastic) == stop) & is_plastic
 
 
@@ -344,10 +334,10 @@ def _refined(course: Course, reading: Reading, gaps: _Minima, forces: _Minima) -
     values, flights = (jnp.stack([getattr(a, name) for a in (gaps, forces)]) for name in ("value", "flight"))
     values, flights = (a.reshape(2 * num, *a.shape[2:]) for a in (values, flights))
     sinces = jnp.concatenate([gaps.since, forces.since], axis=1)
-    starts = jax.vmap(lambda flight: of_flight(course.begins.time, flight))(flights)
+    starts = jax.vmap(lambda flight: _of_flight(course.begins.time, flight))(flights)
 
     def one(row: Array, value: Array, flight: Array, since: Array) -> tuple[Array, Array]:
-        begin, mode = of_flight((course.begins, course.sequence.mode), flight)
+        begin, mode = _of_flight((course.begins, course.sequence.mode), flight)
 
         def nearer(step: Array, at: tuple[Array, ...]) -> tuple[Array, ...]:
             since, lower, upper, _ = at

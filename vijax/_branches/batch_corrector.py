@@ -12,12 +12,10 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
 from .._flow.modal import ModalFlow
-from .._jax.xla import in_one_kernel
-from .._lanes.transform import arrays_read, lanes_last
+from .._lanes.kernels import kernel_of, pruned
 from .._orbits.condensation import Pencil, basis_of_kernel
 from .._orbits.cycle import Event, Moment, Problem, fly_to_event, initial_moment, moved_by
 from .._orbits.floquet import floquet_multipliers
@@ -165,16 +163,6 @@ def correct_many(
     )
 
 
-def kernel_of(function: Callable) -> Callable:
-    """A function of one cycle made into one kernel for many, lanes last."""
-
-    def of_lanes(*args: Any) -> Any:
-        # A kernel hands back what it may not read.
-        return in_one_kernel(lambda *args: (lanes_last(function)(*args), args), *args)[0]
-
-    return of_lanes
-
-
 def prepared_problem(family: Family, sequence: Sequence, p: Array) -> PreparedProblem:
     """Equations of a cycle at a parameter, and the derivative of the machine and its flow by it."""
     return PreparedProblem(*family.linear_problem(sequence, p))
@@ -208,28 +196,6 @@ def _pruned(family: Family, sequence: Sequence, guess: ExtendedCycle) -> tuple[C
         return picked(prepared), _begun(prepared, family.scale, place, weights)
 
     return begin, of_picked
-
-
-def pruned(function: Callable, tree: Any, *others: Any) -> tuple[Callable, Callable]:
-    """Function that picks those arrays of a tree that another one reads, and this other one as a function of them.
-
-    Arguments are shapes.
-    """
-    shapes, rest = eqx.partition(tree, lambda a: isinstance(a, jax.ShapeDtypeStruct))
-    leaves, structure = jax.tree.flatten(shapes)
-    is_read = arrays_read(function, tree, *others)[: len(leaves)]
-    unread = [None if yes else np.zeros(a.shape, a.dtype) for a, yes in zip(leaves, is_read, strict=True)]
-
-    def picked(tree: Any) -> list:
-        arrays = jax.tree.leaves(eqx.filter(tree, eqx.is_array))
-        return [a for a, yes in zip(arrays, is_read, strict=True) if yes]
-
-    def of_picked(read: list, *others: Any) -> Any:
-        given = iter(read)
-        arrays = [next(given) if a is None else jnp.asarray(a) for a in unread]
-        return function(eqx.combine(jax.tree.unflatten(structure, arrays), rest), *others)
-
-    return picked, of_picked
 
 
 def multipliers_of(pencils: Pencil, num_erased: Array, shifts: Array) -> Array:

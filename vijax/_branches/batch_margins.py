@@ -5,10 +5,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from .._lanes.kernels import kernel_of, pruned
 from .._orbits.cycle import Moment, Problem
 from .._orbits.sequence import Sequence
 from .admissibility import Course, LeastMargins, course_of, least_margins, read
-from .batch_corrector import kernel_of, pruned
 from .parameter_family import ExtendedCycle, Family
 
 

@@ -87,26 +87,23 @@ def corrected_cycles(
             found = correct_many(*jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), given))
         found = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), found)
         places = jax.vmap(_place_of)(found, guesses)
-        begins = jax.vmap(_begins)(families, sequences, places)
-        watched = margins_of_cycles(families, sequences, places, begins)
+        moments = jax.vmap(_moments_of)(families, sequences, found, places)
+        watched = margins_of_cycles(families, sequences, places, moments[0][0])
     except NotImplementedError:  # a law of restitution may be made of anything
         return jax.vmap(corrected_cycle)(*given)
 
     def one(
-        family: Family, sequence: Sequence, found: Corrected, place: ExtendedCycle, watched: LeastMargins
+        family: Family,
+        sequence: Sequence,
+        found: Corrected,
+        place: ExtendedCycle,
+        moments: _Moments,
+        watched: LeastMargins,
     ) -> CorrectedCycle:
-        equations = _Equations(*family.linear_problem(sequence, place.p), place.p)
-        return _with_rates(
-            family, equations, found, place, _moments(family, equations, found, place), watched
-        )
+        equations = _Equations.of(family, sequence, place)
+        return _with_rates(family, equations, found, place, moments, watched)
 
-    return jax.vmap(one)(families, sequences, found, places, watched)
-
-
-def _begins(family: Family, sequence: Sequence, place: ExtendedCycle) -> Moment:
-    """Moments at which the flights of a cycle begin."""
-    problem = family.problem(sequence, place.p)
-    return traverse(problem, family.unknowns(place), jnp.sum(sequence.is_event))[0]
+    return jax.vmap(one)(families, sequences, found, places, moments, watched)
 
 
 def _place_of(found: Corrected, guess: ExtendedCycle) -> ExtendedCycle:
@@ -122,7 +119,7 @@ def as_corrected_cycle(
 
 
 def _seen(family: Family, sequence: Sequence, found: Corrected, place: ExtendedCycle) -> CorrectedCycle:
-    equations = _Equations(*family.linear_problem(sequence, place.p), place.p)
+    equations = _Equations.of(family, sequence, place)
     moments = _moments(family, equations, found, place)
     watched = margins_of_cycle(equations.problem, family.unknowns(place), moments[0][0])
     return _with_rates(family, equations, found, place, moments, watched)
@@ -134,6 +131,11 @@ class _Equations(NamedTuple):
     problem: Problem
     change: Any
     p: Scalar
+
+    @classmethod
+    def of(cls, family: Family, sequence: Sequence, place: ExtendedCycle) -> "_Equations":
+        """The equations at the parameter of a cycle."""
+        return cls(*family.linear_problem(sequence, place.p), place.p)
 
     def at(self, p: Scalar) -> Problem:
         """The equations at a parameter."""
@@ -153,6 +155,10 @@ def _moments(family: Family, equations: _Equations, found: Corrected, place: Ext
         return traverse(equations.at(at.p), family.unknowns(at), count)
 
     return jax.jvp(moments_at, (place,), (found.tangent,))
+
+
+def _moments_of(family: Family, sequence: Sequence, found: Corrected, place: ExtendedCycle) -> _Moments:
+    return _moments(family, _Equations.of(family, sequence, place), found, place)
 
 
 def _with_rates(

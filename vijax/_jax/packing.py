@@ -138,34 +138,26 @@ class Packed:
         return Packed(np.asarray(self.reals), np.asarray(self.wholes), self.layout)
 
     def _cut(self, reals: Reals, wholes: Reals) -> PyTree:
-        cut = _at_in_numpy if isinstance(reals, np.ndarray) else _at
         leaves = [
-            cut(reals if at.is_real else wholes, at) if _is_place(at) else at for at in self.layout.leaves
+            _at(reals if at.is_real else wholes, at) if _is_place(at) else at for at in self.layout.leaves
         ]
         return jax.tree.unflatten(self.layout.structure, leaves)
-
-
-def _at_in_numpy(numbers: np.ndarray, place: Place) -> np.ndarray | np.generic:
-    """`_at` for NumPy arrays; a branch of orbits cuts many rows."""
-    if place.dtype.kind == "c":
-        return _at(numbers, place)
-    if not place.shape:
-        part = numbers[..., place.begin][()]  # a number, not an array without axes
-    else:
-        part = numbers[..., place.begin : place.end]
-        if len(place.shape) > 1:
-            part = part.reshape((*part.shape[:-1], *place.shape))
-    return part if part.dtype == place.dtype else part.astype(place.dtype)
 
 
 def _at(numbers: Reals, place: Place) -> Reals:
     if place.dtype.kind == "c":
         middle = (place.begin + place.end) // 2
         of_part = replace(place, dtype=numbers.dtype)
-        cut = _at_in_numpy if isinstance(numbers, np.ndarray) else _at
         real, imaginary = replace(of_part, end=middle), replace(of_part, begin=middle)
-        return _complex(cut(numbers, real), cut(numbers, imaginary)).astype(place.dtype)
+        return _complex(_at(numbers, real), _at(numbers, imaginary)).astype(place.dtype)
     lead = numbers.shape[:-1]
+    if isinstance(numbers, np.ndarray):  # in few calls: a branch of orbits cuts many rows
+        if not place.shape:
+            part = numbers[..., place.begin][()]  # a number, not an array without axes
+        else:
+            part = numbers[..., place.begin : place.end]
+            part = part.reshape((*lead, *place.shape)) if len(place.shape) > 1 else part
+        return part if part.dtype == place.dtype else part.astype(place.dtype)
     part = jax.lax.slice_in_dim(numbers, place.begin, place.end, axis=len(lead))
     return part.reshape(*lead, *place.shape).astype(place.dtype)
 

@@ -81,8 +81,10 @@ def one_by_one(function: Callable, lanes: int, last: PyTree, first: PyTree) -> A
 
 
 def row_of_lane(rows: Array, which: Int[Array, "..."]) -> Array:
-    """Select one row for each lane."""
-    return rows[which] if which.ndim == 0 else jnp.take_along_axis(rows, which[None], axis=0)[0]
+    """Select one row for each lane; lanes are the last axis, if there are any."""
+    if which.ndim == 0:
+        return rows[which]
+    return jnp.take_along_axis(rows, which.reshape(*[1] * (rows.ndim - 1), -1), axis=0)[0]
 
 
 class Writing(NamedTuple):

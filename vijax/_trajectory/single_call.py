@@ -64,7 +64,7 @@ def _repeat_whole(whole: _Whole, wanted: Solution) -> Solution:
 
 
 def _needs(wanted: Solution) -> dict[str, bool]:
-    """Flags of the results whose derivatives are wanted: the log and the saved states."""
+    """Derivatives to compute: those of the log, and those of the saved states."""
     is_any_wanted = lambda part: any(jax.tree.leaves(part))  # noqa: E731
     return {
         "has_log": is_any_wanted((wanted.events, wanted.restarts, wanted.known_until)),
