@@ -19,9 +19,9 @@ from .single import by_vijax, side_by_side
 from .timing import Compilations, memory_high_water, summary, times
 
 SIZES = (10_000, 100_000, 1_000_000, 10_000_000)
-# Trajectories at a time on a graphics card, and most points of a queue: a card hides the time of its memory by many
-# threads. The processor has the sizes that `sweep` has by itself.
-LANES, POINTS = 1 << 14, 1 << 17
+# Trajectories at a time on a graphics card, which hides the time of its memory by many threads, and room for their records:
+# at every visit of the host each lane needs a row. The processor has the sizes that `sweep` has by itself.
+LANES, ROWS = 1 << 17, 1 << 20
 # From this size on one run is timed, and memory told.
 LARGE = 1_000_000
 # Systems a second that MPGOS publishes, a program for graphics cards: with its own system, on its own card.
@@ -70,7 +70,7 @@ def settings_for(points: int, lanes: int | None) -> vx.ExecutionSettings:
     if lanes is None and jax.default_backend() == "cpu":
         return vx.ExecutionSettings()
     lanes = min(lanes or LANES, points)
-    return vx.ExecutionSettings(lanes=lanes, points=min(max(POINTS, lanes), points), cores=1)
+    return vx.ExecutionSettings(lanes=lanes, points=lanes, impact_rows=ROWS, mark_rows=ROWS, cores=1)
 
 
 def sweep_row(points: int, lanes: int | None) -> dict[str, Any]:

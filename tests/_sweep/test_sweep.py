@@ -278,6 +278,14 @@ def test_the_steps_of_a_call_bound_no_motion():
         xr.testing.assert_allclose(wide.isel({"x0[0]": k}, drop=True), whole, rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.slow
+def test_results_do_not_depend_on_the_number_of_lanes():
+    """XLA divides operations on thousands of lanes among threads, which is an error in a kernel."""
+    whole = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES})
+    many = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, settings=ExecutionSettings(lanes=5000))
+    xr.testing.assert_allclose(many, whole, rtol=0, atol=ROUNDING)
+
+
 def test_one_program_serves_every_sweep_of_a_size():
     """Another number of points, other quantities, starts, masses and sides of stops, and what is carried compile nothing."""
     sweep(SYSTEM, {"forcing.frequency": FREQUENCIES})

@@ -35,7 +35,7 @@ from .carry_start import carried_start
 from .lane_loop import EndStates, LaneTask, Progress, Work, has_room, is_live, run_turns
 from .packed import PackedPoints, PointLayout, unpack
 from .records import impact_rows, mark_rows
-from .settings import ExecutionSettings
+from .settings import DEFAULT_SETTINGS, ExecutionSettings
 
 
 class Queue(eqx.Module):
@@ -88,9 +88,19 @@ class LaneProgram(NamedTuple):
     observed: tuple[str, ...] = ()
 
 
+# Most masses, stops or harmonics times lanes of one kernel: XLA divides larger operations among threads, which a kernel
+# cannot contain. The default of lanes has room for the largest machine.
+_MOST_NUMBERS = UNROLLED * DEFAULT_SETTINGS.lanes
+
+
 def are_small(points: Points) -> bool:
-    """True for machines small enough that the loop over lanes is one kernel."""
+    """True for machines small enough that the loop over lanes is one kernel, if the lanes are few enough."""
     return steps_fit_one_kernel(points.numbers, points.flow, UNROLLED)
+
+
+def _fit_one_kernel(points: Points, num_lanes: int) -> bool:
+    """True where the loop over these lanes is one kernel."""
+    return steps_fit_one_kernel(points.numbers, points.flow, min(UNROLLED, _MOST_NUMBERS // num_lanes))
 
 
 def new_queue(program: LaneProgram, width: int, num_lanes: int, settings: ExecutionSettings) -> Queue:
@@ -181,7 +191,7 @@ def _run_lanes(
         task = _task(points, program, work, queue, last_turn)
         lanes = _started(points, task, queue)
         run = run_turns
-        if are_small(points):
+        if _fit_one_kernel(points, queue.point.size):
             run = partial(in_one_kernel, run_turns)
         progress, _ = run((eqx.tree_at(lambda p: p.lanes, queue.progress, lanes), task))
         return _refilled(task, eqx.tree_at(lambda q: q.progress, queue, progress))

@@ -100,7 +100,8 @@ def mark_rows(
 def append(rows: RecordBatch, kept: Bool[Array, "*stops lanes"], record: Impact | PeriodEnd) -> RecordBatch:
     """Append a row for each entry that is kept, those of several stops of one lane in their order.
 
-    Rows are written one after another, because a turn has few.
+    On a processor rows are written one after another, because a turn has few. Elsewhere a turn of that loop takes as
+    long as a turn of all lanes, so all are scattered at once.
 
     Args:
         rows: where to write.
@@ -109,6 +110,11 @@ def append(rows: RecordBatch, kept: Bool[Array, "*stops lanes"], record: Impact 
     """
     if kept.size == 0:
         return rows
+    return jax.lax.platform_dependent(rows, kept, record, cpu=appended_in_turn, default=appended_at_once)
+
+
+def appended_in_turn(rows: RecordBatch, kept: Bool[Array, "*stops lanes"], record: Record) -> RecordBatch:
+    """Append row by row, which a kernel can contain."""
 
     def put(place: Int[Array, ""], carry: tuple) -> tuple:
         room, size = carry
@@ -124,6 +130,21 @@ def append(rows: RecordBatch, kept: Bool[Array, "*stops lanes"], record: Impact 
         return jax.tree.map(write, room, record), size + 1
 
     return RecordBatch(*for_each(kept.ravel(), put, (rows.room, rows.size)))
+
+
+def appended_at_once(rows: RecordBatch, kept: Bool[Array, "*stops lanes"], record: Record) -> RecordBatch:
+    """Append all rows by a scatter."""
+    flags = kept.ravel()
+    ends = rows.size + jnp.cumsum(flags)
+
+    def write(room: Array, column: Array) -> Array:
+        of_entries = jnp.broadcast_to(column, (*room.shape[1:], *kept.shape)).reshape(
+            *room.shape[1:], kept.size
+        )
+        place = jnp.where(flags, ends - 1, len(room))
+        return room.at[place].set(jnp.moveaxis(of_entries, -1, 0).astype(room.dtype), mode="drop")
+
+    return RecordBatch(jax.tree.map(write, rows.room, record), ends[-1].astype(rows.size.dtype))
 
 
 def written_rows(rows: RecordBatch) -> Impact | PeriodEnd:
