@@ -3,6 +3,9 @@
 Refused arguments, and a grazing in closed form, are tested with the branches, which share their programs.
 """
 
+import os
+import subprocess
+import sys
 from functools import cache
 
 import equinox as eqx
@@ -158,11 +161,37 @@ def test_the_value_of_another_machine_is_that_of_its_branch():
 
 @pytest.mark.slow
 def test_derivatives_of_a_batch_under_jit():
+    points_of(case_a)  # branches need known numbers
     value = value_of(case_a, "gr")
     several = jnp.stack([CASE_A, CASE_A * np.array([1.01, 1.0, 1.0, 1.0])])
     values, slopes = jax.jit(jax.vmap(jax.value_and_grad(value)))(several)
     np.testing.assert_allclose(values, [float(value(numbers)) for numbers in several], rtol=1e-13)
     np.testing.assert_allclose(slopes[1], jax.grad(value)(several[1]), rtol=0, atol=1e-12)
+
+
+# On one core XLA converts a program in another order.
+ON_ONE_CORE = """
+import os
+os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+import jax
+import vijax as vx
+jax.config.update("jax_enable_x64", True)
+machine = lambda damping: vx.models.impact_oscillator(0.8, position=1.2, damping_ratio=damping)
+run = vx.simulate(machine(0.2), 0.0, 1000.0)
+orbit = vx.periodic_orbit(machine(0.2), run.x1, run.v1)
+branch = vx.continuation(orbit, "forcing.frequency", (0.4, 0.9), progress=False)
+point = next(a for a in branch.bifurcations if a.kind == "gr")
+value = lambda damping: vx.bifurcation_value(point, machine(damping))
+print(jax.jit(jax.value_and_grad(value))(0.2)[0] - point.value)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="needs the cores of a process")
+def test_values_under_jit_on_one_core():
+    run = subprocess.run([sys.executable, "-c", ON_ONE_CORE], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert abs(float(run.stdout)) < 1e-12
 
 
 @pytest.mark.slow

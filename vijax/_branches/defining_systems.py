@@ -39,8 +39,6 @@ from .parameter_family import ExtendedCycle, Family
 # Rounding of a step, as in `newton.py`.
 _SMALL, _ROUNDING = {"float64": 1e-8, "float32": 3e-4}, 4.0
 _MAX_STEPS = 16
-# Most unknowns whose linear equations are solved without LAPACK.
-_FEW = 40
 
 
 class TrialCycle(NamedTuple):
@@ -202,8 +200,13 @@ class DefiningSystem(eqx.Module):
     condition: AbstractCondition
 
     def unknowns(self, place: ExtendedCycle) -> Float[Array, " unknowns"]:
-        """Cycle and unknowns of the condition as one vector."""
-        return jnp.concatenate([jnp.ravel(a) for a in (*place, self.condition.own)])
+        """Cycle and unknowns of the condition as one vector.
+
+        Without empty parts: on one core XLA fails to convert a program that cuts an empty part out of a concatenation
+        with an empty array, says nothing, and then finds no LAPACK in what follows.
+        """
+        parts = (jnp.ravel(a) for a in (*place, self.condition.own))
+        return jnp.concatenate([a for a in parts if a.size])
 
     def place(self, y: Float[Array, " unknowns"]) -> tuple[ExtendedCycle, Float[Array, " own"]]:
         """Cycle and unknowns of the condition from one vector."""
@@ -290,42 +293,13 @@ def solve(defining: DefiningSystem, guess: Float[Array, " unknowns"], plane: Pla
         if plane is not None:
             matrix = jnp.vstack([matrix, plane.weights])
             values = jnp.append(values, plane.weights @ now.y - plane.target)
-        step = _solution(matrix, values)
+        step = jnp.linalg.solve(matrix, values)
         return _Now(now.y - step, matrix, jnp.max(jnp.abs(step)), now.step, now.num_steps + 1)
 
     big, size = jnp.asarray(jnp.finfo(guess.dtype).max, guess.dtype), len(guess)
     first = _Now(guess, jnp.zeros((size, size), guess.dtype), big, big, jnp.array(0))
     last = jax.lax.while_loop(is_on, one, first)
     return Solved(defining, last.y, last.matrix, last.num_steps, last.step < small)
-
-
-def _solution(matrix: Float[Array, "n n"], values: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Solution of linear equations, inside of a loop.
-
-    XLA makes one kernel of a loop that touches few bytes, and no kernel can call LAPACK.
-    """
-    return (_by_reflections if len(matrix) <= _FEW else jnp.linalg.solve)(matrix, values)
-
-
-def _by_reflections(matrix: Float[Array, "n n"], values: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Solution by Householder's reflections, which need no pivots."""
-    size = len(matrix)
-    rows = jnp.arange(size)
-
-    def reflect(k: Array, whole: Array) -> Array:
-        column = jnp.where(rows >= k, whole[:, k], 0)
-        length = jnp.sqrt(column @ column)
-        axis = column.at[k].add(jnp.where(column[k] < 0, -length, length))
-        square = axis @ axis
-        return whole - jnp.outer(2 / jnp.where(square > 0, square, 1) * axis, axis @ whole)
-
-    whole = jax.lax.fori_loop(0, size, reflect, jnp.column_stack([matrix, values]))
-
-    def back(step: Array, found: Array) -> Array:
-        k = size - 1 - step
-        return found.at[k].set((whole[k, -1] - whole[k, :-1] @ found) / whole[k, k])
-
-    return jax.lax.fori_loop(0, size, back, jnp.zeros_like(values))
 
 
 @eqx.filter_custom_jvp
