@@ -4,8 +4,8 @@ import pytest
 
 import vijax as vx
 from vijax._branches import membership
-from vijax._branches.membership import KnownOrbits
 from vijax._branches.kinds import End
+from vijax._branches.membership import KnownOrbits
 from vijax._branches.point import BranchEnd
 from vijax._branches.starts import starting_orbits
 
