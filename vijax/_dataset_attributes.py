@@ -13,6 +13,8 @@ from functools import cache
 import numpy as np
 
 _MEANINGS = {
+    "rotation_number": "turns round the invariant circle per cycle",
+    "num_angles": "number of angles of the invariant circle",
     "mass": "mass",
     "damping": "damping",
     "stiffness": "stiffness",

@@ -31,6 +31,7 @@ _PLACES = {
     "shares": "plot._shares",
     "sticking_region": "plot._sticking",
     "time_series": "plot._trajectories",
+    "torus": "plot._torus",
 }
 __all__ = [*_PLACES]  # pyright: ignore[reportUnsupportedDunderAll]
 

@@ -17,4 +17,5 @@ from ._relative_motion import relative_motion as relative_motion
 from ._section import section as section
 from ._shares import shares as shares
 from ._sticking import sticking_region as sticking_region
+from ._torus import torus as torus
 from ._trajectories import phase_portrait as phase_portrait, time_series as time_series

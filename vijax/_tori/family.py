@@ -1,0 +1,148 @@
+"""Family of invariant circles that begins at a Neimark-Sacker bifurcation, followed by pseudo-arclength."""
+
+from collections.abc import Callable
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from .circle import Circle, interpolation
+from .invariance import Corrected, corrected
+from .section_map import MapOfStates
+
+# Angles of the first circle, and by how much their number grows where the error is too large.
+_FIRST_ANGLES, _GROWTH = 33, 2
+# Length of the first step, the longest and the shortest one, in the scale of the states.
+_FIRST, _LONGEST, _SHORTEST = 0.02, 0.03, 1e-4
+# Newton steps up to which the next step is longer, and its factor.
+_FEW_STEPS, _LONGER = 4, 1.4
+# Least cosine between the tangents of two circles.
+_STRAIGHT = 0.8
+# Periods run to see where motions lead that were on a circle, longest period that is looked for, and distance of equal states.
+_RUN, _LONGEST_PERIOD, _EQUAL = 600, 60, 1e-7
+
+
+class TorusEnd(StrEnum):
+    """End of a family; a member is the string that users read."""
+
+    BOUNDS = "bounds"
+    LOCKED = "locked"
+    NOT_RESOLVED = "not_resolved"
+    NOT_CONVERGED = "not_converged"
+    MAX_POINTS = "max_points_reached"
+    INTERRUPTED = "interrupted"
+
+
+class Limits(NamedTuple):
+    """Limits of a family: of the scaled parameter, of the number of circles and angles, and of the error."""
+
+    low: float
+    high: float
+    max_points: int
+    max_angles: int
+    tolerance: float
+
+
+class Family:
+    """Circles of a family, in their order.
+
+    Args:
+        section: the map.
+        limits: where it ends.
+    """
+
+    def __init__(self, section: MapOfStates, limits: Limits):
+        self.section, self.limits = section, limits
+        self.found: list[Corrected] = []
+        self.end: str = TorusEnd.INTERRUPTED
+        self.locked_period = 0
+
+    def follow(self, center: Circle, way: Circle, note: Callable[[], object]) -> None:
+        """Follow the family from the circle without size at a bifurcation, along its tangent there."""
+        now, length = center, _FIRST
+        while len(self.found) < self.limits.max_points:
+            next_one = self._step(now, way, length)
+            if next_one is None:
+                length /= 2
+                if length < _SHORTEST:
+                    self.end = self._why(now, way)
+                    return
+                continue
+            if isinstance(next_one, str):
+                self.end = next_one
+                return
+            self.found.append(next_one)
+            note()
+            if next_one.circle.parameter in (self.limits.low, self.limits.high):
+                self.end = TorusEnd.BOUNDS
+                return
+            now, way = next_one.circle, next_one.tangent
+            if next_one.num_steps <= _FEW_STEPS:
+                length = min(length * _LONGER, _LONGEST)
+        self.end = TorusEnd.MAX_POINTS
+
+    def _step(self, now: Circle, way: Circle, length: float) -> Corrected | str | None:
+        """The next circle, with as many angles as it needs; None for a shorter step; the end, if there is one."""
+        found = corrected(self.section, now.moved(way, length), way)
+        if found is None or (self.found and found.tangent.along(way) < _STRAIGHT):
+            return None
+        if not self.limits.low <= found.circle.parameter <= self.limits.high:
+            found = self._at_bound(now, found)
+            if found is None:
+                return None
+        while found.error > self.limits.tolerance:
+            num = _GROWTH * len(found.circle.states) + 1
+            if num > self.limits.max_angles:
+                return None if length > 2 * _SHORTEST else TorusEnd.NOT_RESOLVED
+            finer, tangent = found.circle.resampled(num), found.tangent.resampled(num)
+            if (found := corrected(self.section, finer, tangent)) is None:
+                return None
+        return found
+
+    def _at_bound(self, now: Circle, beyond: Corrected) -> Corrected | None:
+        """The circle at the bound that lies before another circle."""
+        low, high = self.limits.low, self.limits.high
+        bound = low if beyond.circle.parameter < low else high
+        share = (bound - now.parameter) / (beyond.circle.parameter - now.parameter)
+        guess = now.moved(beyond.circle.minus(now), share)._replace(parameter=bound)
+        flat = Circle(np.zeros_like(guess.states), 0.0, 1.0)
+        found = corrected(self.section, guess, flat)
+        return found and found._replace(circle=found.circle._replace(parameter=bound))
+
+    def _why(self, now: Circle, way: Circle) -> TorusEnd:
+        """Reason why no further circle was found: the motions beyond are periodic, or it is not known."""
+        if not self.found:
+            return TorusEnd.NOT_CONVERGED
+        states = now.states[:: max(len(now.states) // 32, 1)]
+        parameter = now.parameter + np.sign(way.parameter) * _SHORTEST
+        past = []
+        for number in range(_RUN + _LONGEST_PERIOD + 1):
+            states = self.section(states, parameter).states
+            if number >= _RUN:
+                past.append(states)
+        away = np.array([np.abs(one - past[0]).max() for one in past[1:]])
+        if not (away < _EQUAL).any():
+            return TorusEnd.NOT_CONVERGED
+        self.locked_period = int(np.argmax(away < _EQUAL)) + 1
+        return TorusEnd.LOCKED
+
+
+def first_circle(
+    state: np.ndarray, mode: np.ndarray, rotation: float, parameter: float
+) -> tuple[Circle, Circle]:
+    """Circle without size at a bifurcation, and the tangent of the family there, from the eigenvector of its multiplier."""
+    angles = 2 * np.pi * np.arange(_FIRST_ANGLES) / _FIRST_ANGLES
+    states = np.real(mode * np.exp(1j * angles)[:, None])
+    way = Circle(states, 0.0, 0.0)
+    length = np.sqrt(way.along(way))
+    center = Circle(np.broadcast_to(state, states.shape).copy(), rotation, parameter)
+    return center, way._replace(states=states / length)
+
+
+def states_at(circle: Circle, num_angles: int) -> np.ndarray:
+    """Scaled states at equal angles, the first of which is reached with the largest position of the first mass."""
+    fine = interpolation(np.arange(1024) / 1024, len(circle.states)) @ circle.states[:, 0]
+    start = np.argmax(fine) / 1024
+    return (
+        interpolation((start + np.arange(num_angles) / num_angles) % 1.0, len(circle.states)) @ circle.states
+    )

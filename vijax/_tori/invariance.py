@@ -1,0 +1,100 @@
+"""Invariant circles by Newton's method on the invariance of a circle under the stroboscopic map.
+
+Unknowns are the states K(theta) at equal angles, the rotation number rho and the parameter. The equations are
+P(K(theta)) = K(theta + rho) at these angles, a phase condition that keeps the circle from turning in itself, and one more,
+which fixes the place along the family of circles.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .circle import Circle, interpolation, rates
+from .section_map import MapOfStates, Mapped
+
+# Most Newton steps, and the last step that counts as converged, relative to the scale.
+_MAX_STEPS, _SMALL = 10, 1e-9
+
+
+class Corrected(NamedTuple):
+    """Circle that satisfies the equations at its angles.
+
+    Attributes:
+        circle: the circle.
+        mapped: images of its states.
+        tangent: unit tangent of the family.
+        error: largest distance between images and circle, half way between the angles.
+        num_steps: Newton steps.
+    """
+
+    circle: Circle
+    mapped: Mapped
+    tangent: Circle
+    error: float
+    num_steps: int
+
+
+def corrected(section: MapOfStates, guess: Circle, way: Circle) -> Corrected | None:
+    """Circle in the plane through a guess that is normal to `way`; None where Newton's method fails."""
+    now, row = guess, _row(way)
+    rate = rates(guess.states)
+    for number in range(1, _MAX_STEPS + 1):
+        mapped, equations, matrix = _linearised(section, now, rate, row)
+        equations[-2] = np.sum((now.states - guess.states) * rate) / len(rate)
+        equations[-1] = now.minus(guess).along(way)
+        if not (np.isfinite(matrix).all() and np.isfinite(equations).all()):
+            return None
+        try:
+            step = np.linalg.solve(matrix, equations)
+        except np.linalg.LinAlgError:
+            return None
+        now = now.minus(_circle(step, now))
+        if np.abs(step).max() < _SMALL:
+            mapped = section(now.states, now.parameter)
+            return Corrected(now, mapped, _tangent(matrix, now), error_of(section, now), number)
+    return None
+
+
+def error_of(section: MapOfStates, circle: Circle) -> float:
+    """Largest distance between images and circle half way between its angles, in the scale of the states."""
+    num = len(circle.states)
+    between = circle.angles + 0.5 / num
+    images = section(interpolation(between, num) @ circle.states, circle.parameter).states
+    there = interpolation(between + circle.rotation, num) @ circle.states
+    return float(np.abs(images - there).max())
+
+
+def _linearised(
+    section: MapOfStates, now: Circle, rate: np.ndarray, row: np.ndarray
+) -> tuple[Mapped, np.ndarray, np.ndarray]:
+    """Images, equations without the last two, and the matrix of all."""
+    num, size = now.states.shape
+    mapped = section(now.states, now.parameter)
+    shift = interpolation(now.angles + now.rotation, num)
+    equations = np.concatenate([(mapped.states - shift @ now.states).ravel(), np.zeros(2)])
+    matrix = np.zeros((num * size + 2, num * size + 2))
+    blocks = matrix[:-2, :-2].reshape(num, size, num, size)
+    blocks[np.arange(num), :, np.arange(num)] = mapped.jacobians
+    for k in range(size):
+        blocks[:, k, :, k] -= shift
+    matrix[:-2, -2] = -(shift @ rates(now.states)).ravel()
+    matrix[:-2, -1] = mapped.slopes.ravel()
+    matrix[-2, :-2] = rate.ravel() / num
+    matrix[-1] = row
+    return mapped, equations, matrix
+
+
+def _row(way: Circle) -> np.ndarray:
+    return np.concatenate([way.states.ravel() / len(way.states), [way.rotation, way.parameter]])
+
+
+def _circle(unknowns: np.ndarray, like: Circle) -> Circle:
+    return Circle(unknowns[:-2].reshape(like.states.shape), float(unknowns[-2]), float(unknowns[-1]))
+
+
+def _tangent(matrix: np.ndarray, like: Circle) -> Circle:
+    right = np.zeros(len(matrix))
+    right[-1] = 1.0
+    way = _circle(np.linalg.solve(matrix, right), like)
+    length = np.sqrt(way.along(way))
+    return Circle(way.states / length, way.rotation / length, way.parameter / length)
