@@ -52,15 +52,17 @@ def frames_of(motion: PointMotion) -> dict[str, Any]:
     sol, times = motion.solution, np.linspace(*motion.shown, FRAMES)
     scheme, poses, _ = poses_of_solution(sol, times)
     ax = Figure(figsize=(8, 2)).subplots()
-    drawing = draw(ax, scheme, poses[0], None, {}, fits_axes=False)
+    drawing = draw(ax, scheme, poses[0], None, {}, positive="right", fits_axes=False)
     lines = [line for line in ax.lines if line.get_linestyle() != "None"]
-    walls = [patch for patch in ax.patches if isinstance(patch, Rectangle) and patch not in drawing.boxes]
+    rectangles = [patch for patch in ax.patches if isinstance(patch, Rectangle)]
+    boxes = [one for one in rectangles if one in drawing.boxes]
+    walls = [one for one in rectangles if one not in boxes]
     curves, box, wall = [], [], []
     gap = np.full((1, 2), np.nan)
     for pose in poses:
         drawing.move(pose)
         curves.append(np.concatenate([part for line in lines for part in (line.get_xydata(), gap)]))
-        box.append([one.get_x() + 0.5 for one in drawing.boxes])
+        box.append([one.get_x() + 0.5 for one in boxes])
         wall.append([one.get_x() + one.get_width() / 2 for one in walls])
     x, y = np.moveaxis(np.array(curves), -1, 0)
     return {
