@@ -85,7 +85,7 @@ def test_chaos_is_seen_on_black_and_under_the_sweep_up():
 )
 def test_motions_that_repeat_are_lines(what, repeats):
     rng = np.random.default_rng(1)
-    count = 5 if what == "few points" else 100
+    count = 2 if what == "few points" else 100
     own = {
         "orbits of 20 impacts": np.tile(rng.uniform(size=(count, 20)), 5),
         "chatter": 0.5 ** np.arange(100),

@@ -91,7 +91,7 @@ def bifurcation(
     For a sweep up and down (`carry="both"`) the points of the sweep up are small and dark, over large and light ones of
     the sweep down: where both agree, dark lies in light. A warning reports points with unrecorded impacts.
 
-    Thousands of points of chaotic motions are drawn by their density: more transparent where they overlap, larger where they
+    Many points of chaotic motions are drawn by their density: more transparent where they overlap, larger where they
     stand alone. `alpha` and `markersize` in `style` replace that.
 
     With `orbits`, the impacts of stable orbits are larger discs, those of unstable orbits are rings.

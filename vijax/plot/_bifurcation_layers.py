@@ -128,7 +128,8 @@ def draw_layer(
 def _draw_scattered(
     ax: Axes, x: np.ndarray, y: np.ndarray, spans: tuple[float, float], layer: Layer, style: dict[str, Any]
 ) -> None:
-    for points, diameter, alpha in levels_of(x, y, spans, ax):
+    size = merge_style(style).get("markersize")
+    for points, diameter, alpha in levels_of(x, y, spans, ax, size and size / _DOT):
         dots = layer._replace(size=layer.wider * diameter * _DOT)
         _draw_points(ax, x[points], y[points], UNKNOWN, dots, {"alpha": alpha, **style}, "")
 

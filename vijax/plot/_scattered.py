@@ -15,15 +15,15 @@ from ._axes import figure_of
 # Points that differ by less than this share of the range of all are one impact that repeats.
 _SAME = 1e-4
 # Fewer scattered points are drawn like others.
-_NUM_LEAST = 1000
+_NUM_LEAST = 300
 # Least number of different points of a scattered motion, their least share in its points, and the number that suffices.
 _FEW, _SHARE, _MANY = 5, 0.5, 1000
 # Wanted number of points that overlap where they are sparse, and the diameters allowed for it, in points of 1/72 inch.
-_WANTED, _DIAMETERS = 2.0, (1.0, 2.0)
+_WANTED, _DIAMETERS = 2.0, (1.0, 1.7)
 # Shares of the points that are sparser than what counts as sparse and as dense; number of levels from one to the other.
 _ENDS, _LEVELS = (0.1, 0.97), 8
 # Darkness, of 1, where points are sparse and overlap, where they are sparse and stand alone, and where they are dense.
-_LIGHT, _ALONE, _DARK = 0.6, 0.9, 0.98
+_LIGHT, _ALONE, _DARK = 0.7, 0.95, 0.985
 
 
 class Level(NamedTuple):
@@ -47,7 +47,9 @@ def is_scattered(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return scattered & (scattered.sum() >= _NUM_LEAST)
 
 
-def levels_of(x: np.ndarray, y: np.ndarray, spans: tuple[float, float], ax: Axes) -> list[Level]:
+def levels_of(
+    x: np.ndarray, y: np.ndarray, spans: tuple[float, float], ax: Axes, given: float | None = None
+) -> list[Level]:
     """Sort scattered points by their density; the darkness of the drawing grows with its logarithm.
 
     Args:
@@ -55,6 +57,7 @@ def levels_of(x: np.ndarray, y: np.ndarray, spans: tuple[float, float], ax: Axes
         y: their ordinates, (points,).
         spans: ranges of the two axes in the picture.
         ax: the axes.
+        given: diameter of the points, by their density if omitted.
     """
     box = ax.get_window_extent()
     largest = _DIAMETERS[1]
@@ -65,7 +68,7 @@ def levels_of(x: np.ndarray, y: np.ndarray, spans: tuple[float, float], ax: Axes
     _, cell, counts = np.unique(columns * (rows.max() + 1) + rows, return_inverse=True, return_counts=True)
     crowd = counts[cell]
     sparse, dense = np.quantile(crowd, _ENDS)
-    diameter = float(np.clip(largest * np.sqrt(_WANTED / sparse), *_DIAMETERS))
+    diameter = given or float(np.clip(largest * np.sqrt(_WANTED / sparse), *_DIAMETERS))
     # Mean number of points that cover a place in a cell.
     covering = np.pi / 4 * (diameter / largest) ** 2
     least = float(np.clip(_ALONE / max(sparse * covering, 1.0), _LIGHT, _ALONE))
