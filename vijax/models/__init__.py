@@ -1,6 +1,6 @@
 """Ready-made machines, each with its reference."""
 
-from .._signatures import with_short_signature as _with_short_signature
+from .._signatures import with_short_signature
 from ._balls import (
     ball_between_walls as ball_between_walls,
     ball_on_table as ball_on_table,
@@ -40,4 +40,5 @@ from ._percussion import (
 from ._pistons import multi_piston as multi_piston
 
 for _public in list(globals().values()):
-    _with_short_signature(_public)
+    with_short_signature(_public)
+del _public, with_short_signature
