@@ -285,6 +285,20 @@ def test_a_film_of_a_pendulum_is_beside_its_angles():
     assert left.get_position().x1 < right.get_position().x0
 
 
+def test_a_film_of_a_ball_moves_it_upwards_beside_its_heights():
+    sol = vx.simulate(vx.models.bouncing_ball(), 0.0, 1.0, x0=[1.0])
+    film = vx.plot.animate(sol, [0.0, 0.3])
+    left, right = axes_of(film)
+    heights = []
+    for frame in range(2):
+        film._draw_frame(frame)
+        heights.append(picture_of(left, boxes(left)[0])[1])
+    assert heights[1] < heights[0]
+    assert left.get_position().x1 < right.get_position().x0
+    level = axes_of(vx.plot.animate(sol, [0.0, 0.3], positive="right"))
+    assert level[0].get_position().y0 > level[1].get_position().y1
+
+
 def test_a_contact_is_a_plate_at_its_gap_on_an_arm_of_the_other_mass():
     x = np.array([0.1, 0.4])
     ends = [vx.Contact({0: -1.0, 1: 1.0}, 1.0, 0.6), vx.Contact({0: 1.0, 1: -1.0}, 1.0, 0.6)]
