@@ -1,6 +1,7 @@
 """The explorer: the motion of a point, and the page in a browser."""
 
 import contextlib
+import dataclasses
 import re
 import shutil
 import socket
@@ -43,6 +44,36 @@ def words(ds: xr.Dataset, frequency: float) -> str:
     one = vx.classify(ds).sel({FREQUENCY: frequency})
     impacts, n = " | ".join(f"{m:.0f}" for m in one.num_impacts.values), int(one.num_periods)
     return f"periodic, {impacts} impacts in {n} forcing period{'s' if n > 1 else ''}"
+
+
+@dataclasses.dataclass
+class Shown:
+    """As much of a motion as a film shows."""
+
+    solution: vx.Solution
+    shown: tuple[float, float]
+
+
+def test_the_film_of_the_page_has_the_rectangles_of_the_drawing():
+    pytest.importorskip("panel")
+    from vijax.studio.explorer.film import frames_of
+
+    ball = vx.simulate(vx.models.bouncing_ball(), 0.0, 0.4, x0=[1.0])
+    film = frames_of(Shown(ball, (0.0, 0.4)))  # pyright: ignore[reportArgumentType]
+    assert film["looks"] == ["hatch", 0]
+    floor, box = np.moveaxis(np.array(film["parts"]), 1, 0)
+    # It falls straight down, onto a floor that is wider.
+    assert (np.diff(box[:, 1]) < 0).all()
+    assert (np.ptp(box[:, 0]), np.ptp(floor)) == (0.0, pytest.approx(np.ptp(floor[0])))
+    assert (floor[:, 2] > box[:, 2]).all()
+    assert (floor[:, 1] + floor[:, 3] <= box[:, 1]).all()
+    damper = vx.simulate(vx.models.impact_damper(1.0), 0.0, 0.4)
+    film = frames_of(Shown(damper, (0.0, 0.4)))  # pyright: ignore[reportArgumentType]
+    assert film["looks"] == ["hatch", 0, "cavity", 1]
+    _, container, cavity, loose = np.array(film["parts"][0])
+    for inner, outer in ((loose, cavity), (cavity, container)):
+        assert outer[0] < inner[0]
+        assert inner[0] + inner[2] < outer[0] + outer[2]
 
 
 @pytest.mark.thorough

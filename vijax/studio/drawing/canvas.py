@@ -57,10 +57,14 @@ class Canvas(NamedTuple):
         return _CUSHIONS[self.is_vertical and is_outermost]
 
     @property
+    def turned(self) -> Affine2D:
+        """From along and across to the data of the axes."""
+        return Affine2D([[0, 1, 0], [self.sign, 0, 0], [0, 0, 1]]) if self.is_vertical else Affine2D()
+
+    @property
     def transform(self) -> Transform:
         """From along and across to the picture."""
-        turned = Affine2D([[0, 1, 0], [self.sign, 0, 0], [0, 0, 1]]) if self.is_vertical else Affine2D()
-        return turned + self.ax.transData
+        return self.turned + self.ax.transData
 
     def tip(self, *, is_forward: bool | np.bool_) -> str:
         """Marker of an arrow along the motion."""
