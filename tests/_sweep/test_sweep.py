@@ -279,10 +279,12 @@ def test_the_steps_of_a_call_bound_no_motion():
 
 
 @pytest.mark.slow
-def test_results_do_not_depend_on_the_number_of_lanes():
-    """XLA divides operations on thousands of lanes among threads, which is an error in a kernel."""
-    whole = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES})
-    many = sweep(SYSTEM, {"forcing.frequency": FREQUENCIES}, settings=ExecutionSettings(lanes=5000))
+@pytest.mark.parametrize("lanes", [160, 256, 5000])
+@pytest.mark.parametrize("system", [SYSTEM, vx.models.friction_oscillator(0.8, 1.0, force=0.3)])
+def test_results_do_not_depend_on_the_number_of_lanes(system, lanes):
+    """XLA divides operations on many lanes among threads, which is an error in a kernel."""
+    whole = sweep(system, {"forcing.frequency": FREQUENCIES})
+    many = sweep(system, {"forcing.frequency": FREQUENCIES}, settings=ExecutionSettings(lanes=lanes))
     xr.testing.assert_allclose(many, whole, rtol=0, atol=ROUNDING)
 
 

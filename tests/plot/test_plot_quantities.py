@@ -1,5 +1,7 @@
 """Pictures of quantities: of a sweep and of branches, by mass or by stop."""
 
+import warnings
+
 import matplotlib as mpl
 
 mpl.use("Agg")
@@ -106,3 +108,13 @@ def test_what_is_not_there_to_draw_is_refused_with_what_to_do(ds):
         vx.plot.branch(branch, ordinate="nonsense")
     with pytest.raises(ValueError, match="`mass` must lie in 0 to 1, but is 2"):
         vx.plot.bifurcation(ds, ordinate="max_position", mass=2)
+
+
+def test_an_empty_diagram_is_explained():
+    system = vx.models.soft_impact_oscillator(0.8)
+    ds = vx.sweep(system, {"forcing.frequency": [0.7, 0.8]}, transient=2, record=2, progress=False)
+    with pytest.warns(UserWarning, match=r'`ordinate="section_position"` shows the motion'):
+        vx.plot.bifurcation(ds)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        vx.plot.bifurcation(ds, ordinate="section_position")

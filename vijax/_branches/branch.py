@@ -1,7 +1,7 @@
 """Result of `continuation`: a branch of periodic orbits and its bifurcations."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -283,7 +283,8 @@ def _rows(values: list, room: int, fill: float | int) -> np.ndarray:
 def _orbit(system: ImpactSystem, point: xr.Dataset) -> PeriodicOrbit:
     """Orbit of one point of a branch."""
     system = set_parameter(system, point.attrs["path"], point[point.attrs["path"]].values)
-    sequence = _sequence_at(point, point.sizes["event"])
+    columns = {name: point[name].values for name in _OF_SEQUENCE if name in point}
+    sequence = _sequence_at(columns, point.sizes["event"])
     n, phase = int(point.attrs["num_periods"]), 2 * np.pi * point.attrs["phase"]
     flow = choose_flow(system, can_stick=True) if n else TaylorFlow()
     unknowns = Unknowns(jnp.asarray(point["start"].values), jnp.asarray(point["flight"].values))
@@ -340,18 +341,24 @@ def _log(numbers, flow, sequence, unknowns, num_periods, phase, *, room, is_auto
 
 def cycle_of(point: Bifurcation, scale: np.ndarray, p: float) -> tuple[Sequence, ExtendedCycle]:
     """Sequence and extended cycle of a bifurcation, its state divided by `scale`, its parameter set to `p`."""
-    at = point.branch.points.isel(point=point.index)
-    num_events = int(np.count_nonzero(at["event_kind"].values >= 0))
-    flights = at["flight"].values[:num_events]
-    return _sequence_at(at, num_events), ExtendedCycle(at["start"].values / scale, flights, np.asarray(p))
+    points = point.branch.points  # not `isel`, which takes milliseconds
+    names = ("start", "flight", *_OF_SEQUENCE)
+    at = {name: points[name].values[point.index] for name in names if name in points}
+    num_events = int(np.count_nonzero(at["event_kind"] >= 0))
+    flights = at["flight"][:num_events]
+    return _sequence_at(at, num_events), ExtendedCycle(at["start"] / scale, flights, np.asarray(p))
 
 
-def _sequence_at(point: xr.Dataset, num_events: int) -> Sequence:
-    """Sequence of one point of a branch."""
-    kind, stop = (point[name].values[:num_events] for name in ("event_kind", "event_stop"))
+# Columns of a sequence of events; machines that only impact have no guards and modes.
+_OF_SEQUENCE = ("event_kind", "event_stop", "event_guard", "held", "mode")
+
+
+def _sequence_at(point: Mapping[str, np.ndarray], num_events: int) -> Sequence:
+    """Sequence of one point of a branch, from its columns."""
+    kind, stop = (point[name][:num_events] for name in ("event_kind", "event_stop"))
     if "mode" not in point:
-        return Sequence(kind, np.maximum(stop, 0), point["held"].values[: num_events + 1])
-    mode = point["mode"].values[: num_events + 1].astype(np.int8)
+        return Sequence(kind, np.maximum(stop, 0), point["held"][: num_events + 1])
+    mode = point["mode"][: num_events + 1].astype(np.int8)
     last = np.count_nonzero(kind != NOTHING)
     mode[last:] = mode[last]
-    return Sequence(kind + SECOND * point["event_guard"].values[:num_events], np.maximum(stop, 0), mode)
+    return Sequence(kind + SECOND * point["event_guard"][:num_events], np.maximum(stop, 0), mode)

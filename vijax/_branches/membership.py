@@ -11,7 +11,7 @@ from .bracket import Bracket, next_trial
 from .branch import Bifurcation, Branch, cycle_of
 from .kernels import CorrectedCycle
 from .parameter_family import ExtendedCycle, Family
-from .point import BranchPoint, KernelRequests, at_parameter, corrected
+from .point import BranchEnd, BranchPoint, KernelRequests, at_parameter, corrected
 from .scheduler import drive
 from .sequence_switching import in_section
 from .starts import Start, families_of, value_of
@@ -142,8 +142,11 @@ def _between(ends: list[tuple[Sequence, ExtendedCycle]], p: float) -> KernelRequ
 
 
 def _is_same(chance: _Chance, family: Family, sequence: Sequence, seen: CorrectedCycle) -> KernelRequests:
-    """True if a cycle is the orbit."""
-    point = yield from in_section(BranchPoint.of(sequence, seen, 0.0), family.last_phase)
+    """True if a cycle is the orbit; False for one that has no state at its start, as its events are out of order."""
+    try:
+        point = yield from in_section(BranchPoint.of(sequence, seen, 0.0), family.last_phase)
+    except BranchEnd:
+        return False
     away = np.abs(chance.states - point.seen.start).max(axis=1).min()
     return bool(away < _SAME * np.abs(chance.states).max())
 

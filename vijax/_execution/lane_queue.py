@@ -88,9 +88,9 @@ class LaneProgram(NamedTuple):
     observed: tuple[str, ...] = ()
 
 
-# Most masses, stops or harmonics times lanes of one kernel: XLA divides larger operations among threads, which a kernel
-# cannot contain. The default of lanes has room for the largest machine.
-_MOST_NUMBERS = UNROLLED * DEFAULT_SETTINGS.lanes
+# Most lanes of one kernel, and most masses, stops or harmonics times lanes: XLA divides larger operations among threads,
+# which a kernel cannot contain. The default of lanes has room for the largest machine.
+_MOST_LANES, _MOST_NUMBERS = 2 * DEFAULT_SETTINGS.lanes, UNROLLED * DEFAULT_SETTINGS.lanes
 
 
 def are_small(points: Points) -> bool:
@@ -100,7 +100,8 @@ def are_small(points: Points) -> bool:
 
 def _fit_one_kernel(points: Points, num_lanes: int) -> bool:
     """True where the loop over these lanes is one kernel."""
-    return steps_fit_one_kernel(points.numbers, points.flow, min(UNROLLED, _MOST_NUMBERS // num_lanes))
+    most = min(UNROLLED, _MOST_NUMBERS // num_lanes)
+    return num_lanes <= _MOST_LANES and steps_fit_one_kernel(points.numbers, points.flow, most)
 
 
 def new_queue(program: LaneProgram, width: int, num_lanes: int, settings: ExecutionSettings) -> Queue:

@@ -1,5 +1,6 @@
 """Bifurcation diagrams: recorded impacts against a swept quantity, and the stability of their orbits."""
 
+import warnings
 from collections.abc import Sequence
 from typing import Any, overload
 
@@ -191,6 +192,12 @@ def _common(sweeps: list[xr.Dataset], ordinate: str) -> tuple[str, int]:
         )
     for ds in sweeps:
         warn_of_endings(ds, "max_impacts_reached")
+    if not any(ds["num_impacts"].values.any() for ds in sweeps):
+        warnings.warn(
+            "The diagram is empty: no impact on a rigid stop was recorded. "
+            '`ordinate="section_position"` shows the motion, as do the `quantities` of `vx.sweep`.',
+            stacklevel=3,
+        )
     return path, num_stops
 
 
