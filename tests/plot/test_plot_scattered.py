@@ -30,6 +30,7 @@ def diagram_of(seed: int = 0) -> xr.Dataset:
         {
             "impact_velocity": ((PATH, "impact"), velocity),
             "impact_stop": ((PATH, "impact"), stop),
+            "num_impacts": ((PATH, "stop"), np.full((COLUMNS, 1), RECORDED)),
             "result": (PATH, np.zeros(COLUMNS, int)),
             "stop_mass": ("stop", [0]),
         },
