@@ -1,11 +1,13 @@
-"""Signatures of public functions as `help` prints them: names of types without their modules, aliases by their names.
+"""Signatures of public functions and classes as `help` prints them: names of types without their modules, aliases by their names.
 
-A function's own annotations stay as they are. `Numbers` alone would else be 130 characters, `vx.attractors` 25 lines.
+Annotations stay as they are. `Numbers` alone would else be 130 characters, `vx.attractors` 25 lines.
 """
 
 import inspect
 from types import FunctionType, NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
+
+from jaxtyping import AbstractArray
 
 _ARRAY_LIKE = {"Array", "ndarray", "bool", "number", "int", "float", "complex"}
 _NUMBERS = {"ArrayLike", "Sequence[Any]"}
@@ -22,14 +24,24 @@ class _Words:
 
 
 def with_short_signature(public: Any) -> Any:
-    """The same object; if it is a function, `help` prints short names of its types."""
-    if isinstance(public, FunctionType) and "__signature__" not in public.__dict__:
-        whole = inspect.signature(public)
+    """The same object; if it is a function or a class, `help` prints short names of its types."""
+    if isinstance(public, FunctionType):
+        _shorten(public)
+    elif isinstance(public, type):
+        # The signature of a class of equinox is that of its `__init__`, and cannot be set on the class.
+        for name, method in vars(public).items():
+            if isinstance(method, FunctionType) and (name == "__init__" or not name.startswith("_")):
+                _shorten(method)
+    return public
+
+
+def _shorten(function: FunctionType) -> None:
+    if "__signature__" not in vars(function):
+        whole = inspect.signature(function)
         short = [one.replace(annotation=_short(one.annotation)) for one in whole.parameters.values()]
-        vars(public)["__signature__"] = whole.replace(
+        vars(function)["__signature__"] = whole.replace(
             parameters=short, return_annotation=_short(whole.return_annotation)
         )
-    return public
 
 
 def _short(annotation: Any) -> Any:
@@ -44,6 +56,8 @@ def words_of(annotation: Any) -> str:
         return str(annotation).removeprefix("typing.")
     if isinstance(annotation, list):  # arguments of a callable
         return f"[{', '.join(map(words_of, annotation))}]"
+    if isinstance(annotation, type) and issubclass(annotation, AbstractArray):
+        return f"{annotation.dtype.__name__}[{words_of(annotation.array_type)}, {annotation.dim_str!r}]"
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin in (Union, UnionType):
         return " | ".join(_without_parts([words_of(one) for one in arguments]))

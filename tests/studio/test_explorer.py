@@ -21,7 +21,7 @@ import vijax as vx
 from vijax._system.parameters import get_parameter
 from vijax.studio.explorer.address import query_of, shown_by
 from vijax.studio.explorer.code import code_of
-from vijax.studio.explorer.motion import motion_at, scalar_parameters
+from vijax.studio.explorer.motion import PointMotion, motion_at, scalar_parameters
 from vijax.studio.explorer.orbits import branch_through, orbit_near
 
 FREQUENCY = "forcing.frequency"
@@ -43,6 +43,32 @@ def words(ds: xr.Dataset, frequency: float) -> str:
     one = vx.classify(ds).sel({FREQUENCY: frequency})
     impacts, n = " | ".join(f"{m:.0f}" for m in one.num_impacts.values), int(one.num_periods)
     return f"periodic, {impacts} impacts in {n} forcing period{'s' if n > 1 else ''}"
+
+
+def shown(system: vx.ImpactSystem, end: float, x0=None) -> PointMotion:
+    return PointMotion(system, vx.simulate(system, 0.0, end, x0), (0.0, end), xr.Dataset(), None)
+
+
+def test_the_film_of_the_page_has_the_rectangles_of_the_drawing():
+    pytest.importorskip("panel")
+    from vijax.studio.explorer.film import frames_of
+
+    film = frames_of(shown(vx.models.bouncing_ball(), 0.4, [1.0]))
+    assert film["looks"] == ["hatch", 0]
+    floor, box = np.moveaxis(np.array(film["parts"]), 1, 0)
+    # It falls straight down, onto a floor that is wider.
+    assert (np.diff(box[:, 1]) <= 0).all()
+    assert box[-1, 1] < box[0, 1] - 0.2
+    assert np.ptp(box[:, 0]) == 0
+    assert (floor == floor[0]).all()
+    assert (floor[:, 2] > box[:, 2]).all()
+    assert (floor[:, 1] + floor[:, 3] <= box[:, 1]).all()
+    film = frames_of(shown(vx.models.impact_damper(1.0), 0.4))
+    assert film["looks"] == ["hatch", 0, "cavity", 1]
+    _, container, cavity, loose = np.array(film["parts"][0])
+    for inner, outer in ((loose, cavity), (cavity, container)):
+        assert outer[0] < inner[0]
+        assert inner[0] + inner[2] < outer[0] + outer[2]
 
 
 @pytest.mark.thorough
@@ -202,7 +228,7 @@ def test_a_click_and_a_slider_show_another_motion(page, sweep):
     found.filter(has_text=words(sweep, 0.5)).wait_for()
     assert "stable" in found.inner_text()
     wait_for_others(before)
-    film = page.locator("svg.film > path")
+    film = page.locator("svg.film > path").first
     drawn = film.get_attribute("d")
     page.wait_for_timeout(500)
     assert film.get_attribute("d") != drawn

@@ -18,9 +18,9 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 
 import vijax as vx
-from vijax.studio.drawing.drawing import PITCH, arrangement_of
+from vijax.studio.drawing.arrangement import PITCH, arrangement_of
 from vijax.studio.drawing.machine import poses_of
-from vijax.studio.drawing.scheme import scheme_of_solution, scheme_of_system
+from vijax.studio.drawing.reading import scheme_of_solution, scheme_of_system
 
 # Positions in a drawing are sums and products of a few numbers of size 10.
 ROUNDING = 1e-13
@@ -85,7 +85,7 @@ def sol() -> vx.Solution:
     return vx.simulate(shaken(), 0.0, END)
 
 
-def boxes(ax) -> list[Rectangle]:
+def boxes(ax) -> list:
     """Boxes of the masses, in order."""
     return [patch for patch in ax.patches if str(patch.get_gid()).startswith("mass ")]
 
@@ -178,10 +178,125 @@ def test_a_stop_that_moves_stands_where_it_is_at_the_time_and_has_an_arrow():
     for t in (0.0, np.pi / 4, 3 * np.pi / 4):  # in the middle, at the top and at the bottom
         ax = vx.plot.machine(table, x=[0.2], t=t)
         walls.append(wall_at(ax, 0))
-        arrows.append([line for line in ax.lines if line.get_marker() in "<>" and len(line.get_xdata()) == 2])
+        arrows.append(
+            [line for line in ax.lines if line.get_marker() in "<>^v" and len(line.get_xdata()) == 2]
+        )
         scale = displacements(ax)[0] / 0.2
     np.testing.assert_allclose(np.diff(walls), scale * np.array([0.1, -0.2]), rtol=0, atol=ROUNDING)
     assert [len(pair) for pair in arrows] == [2, 2, 2]
+
+
+def picture_of(ax, patch) -> np.ndarray:
+    """Middle of a rectangle in the picture, as shares of its axes."""
+    ax.figure.draw_without_rendering()
+    box = patch.get_window_extent()
+    return ax.transAxes.inverted().transform([(box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2])
+
+
+WEIGHTS = {
+    "bouncing_ball": (lambda: vx.models.bouncing_ball(), "up"),
+    "ball_on_table": (lambda: vx.models.ball_on_table(2.0, 0.1), "up"),
+    "beads of different mass": (lambda: vx.models.bead_column(mass=[1.0, 2.0, 0.5]), "up"),
+    "multi_piston": (lambda: vx.models.multi_piston(), "up"),
+    "beads without weight": (lambda: vx.models.bead_column(gravity=0.0), "right"),
+    "percussive_drill": (lambda: vx.models.percussive_drill(0.9, 0.8), "right"),
+    "a spring holds the mass": (
+        lambda: vx.chain([1.0], [0.0], [1.0], vx.Harmonic([0.0], 1.0, mean=[-1.0])),
+        "right",
+    ),
+    "weight of positive sign": (
+        lambda: vx.ImpactSystem(
+            np.array([[2.0, 1.0], [1.0, 2.0]]),
+            np.zeros((2, 2)),
+            np.zeros((2, 2)),
+            vx.Harmonic([0.0, 0.0], 1.0, mean=[3.0, 3.0]),
+            [vx.Stop(1, 20.0)],
+        ),
+        "down",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WEIGHTS)
+def test_weight_acts_downwards_in_the_picture(name):
+    build, positive = WEIGHTS[name]
+    system = build()
+    assert scheme_of_system(system).positive == positive
+    sol = vx.simulate(system, 0.0, 0.0, x0=5.0 * np.arange(1.0, 1 + system.num_masses))
+    assert scheme_of_solution(sol, np.zeros((1, system.num_stops))).positive == positive
+
+
+@pytest.mark.parametrize(("positive", "axis", "sign"), [("right", 0, 1), ("up", 1, 1), ("down", 1, -1)])
+def test_positions_grow_in_the_direction_that_is_asked_for(positive, axis, sign):
+    ax = vx.plot.machine(vx.models.percussive_drill(0.9, 0.8), positive=positive)
+    step = picture_of(ax, boxes(ax)[1]) - picture_of(ax, boxes(ax)[0])
+    assert sign * step[axis] > 0.1
+    assert abs(step[1 - axis]) < ROUNDING
+    drawn = {line.get_marker() for line in ax.lines} & set("<>^v")
+    assert drawn == {{"right": ">", "up": "^", "down": "v"}[positive]}
+
+
+@pytest.mark.parametrize("positive", ["up", "down"])
+@pytest.mark.parametrize("name", ["wagg_bishop_a", "impact_damper", "bead_column", "ring"])
+def test_words_of_a_vertical_drawing_do_not_overlap(name, positive):
+    ax = vx.plot.machine(MODELS[name](), positive=positive)
+    ax.figure.draw_without_rendering()
+    extents = [text.get_window_extent() for text in ax.texts]
+    assert not any(extents[i].overlaps(extents[j]) for i in range(len(extents)) for j in range(i))
+    whole = ax.figure.bbox
+    assert all(whole.x0 <= box.x0 and box.x1 <= whole.x1 and whole.y0 <= box.y0 for box in extents)
+
+
+def test_a_floor_is_below_its_ball_and_wider():
+    ax = vx.plot.machine(vx.models.bouncing_ball(), x=[0.1])
+    ax.figure.draw_without_rendering()
+    ball, floor = (artist.get_window_extent() for artist in (boxes(ax)[0], called(ax, "wall 0")[0]))
+    assert floor.y1 < ball.y0
+    assert floor.x0 < ball.x0 < ball.x1 < floor.x1
+
+
+@pytest.mark.parametrize("angle", [-0.4, 0.3])
+def test_a_pendulum_hangs_at_its_angle_and_touches_its_stop_there(angle):
+    ax = vx.plot.machine(vx.models.impacting_pendulum(0.7, position=0.3), x=[angle])
+    (rod,) = called(ax, "rod")
+    x, y = (np.asarray(a)[1] for a in rod.get_data())
+    assert np.arctan2(x, -y) == pytest.approx(angle, abs=ROUNDING)
+    (bob,) = boxes(ax)
+    (line,) = called(ax, "limit 0")
+    start, end = np.transpose(line.get_data())
+    along = (end - start) / np.hypot(*(end - start))
+    beside = start - np.array(bob.center)
+    away = abs(beside[0] * along[1] - beside[1] * along[0])
+    assert (away == pytest.approx(bob.radius, abs=ROUNDING)) == (angle == 0.3)
+    assert f"gap {0.3 - angle:.3g}" in words(ax)[1]
+    assert "moment $0.5\\,\\cos(0.7\\,t)$" in words(ax)
+
+
+def test_a_film_of_a_pendulum_is_beside_its_angles():
+    system = vx.models.impacting_pendulum(0.7)
+    sol = vx.simulate(system, 0.0, 6.0, x0=[-2.0])
+    film = vx.plot.animate(sol, np.linspace(0.0, 6.0, 4))
+    left, right = axes_of(film)
+    (rod,) = called(left, "rod")
+    for frame, x in enumerate(np.asarray(sol.evaluate(np.linspace(0.0, 6.0, 4))[0])):
+        film._draw_frame(frame)
+        across, down = (np.asarray(a)[1] for a in rod.get_data())
+        assert np.arctan2(across, -down) == pytest.approx(x[0], abs=ROUNDING)
+    assert left.get_position().x1 < right.get_position().x0
+
+
+def test_a_film_of_a_ball_moves_it_upwards_beside_its_heights():
+    sol = vx.simulate(vx.models.bouncing_ball(), 0.0, 1.0, x0=[1.0])
+    film = vx.plot.animate(sol, [0.0, 0.3])
+    left, right = axes_of(film)
+    heights = []
+    for frame in range(2):
+        film._draw_frame(frame)
+        heights.append(picture_of(left, boxes(left)[0])[1])
+    assert heights[1] < heights[0]
+    assert left.get_position().x1 < right.get_position().x0
+    level = axes_of(vx.plot.animate(sol, [0.0, 0.3], positive="right"))
+    assert level[0].get_position().y0 > level[1].get_position().y1
 
 
 def test_a_contact_is_a_plate_at_its_gap_on_an_arm_of_the_other_mass():
@@ -307,6 +422,8 @@ def test_machines_are_refused_with_what_to_do():
         vx.plot.machine(system, [0.0, 0.0, 0.0])
     with pytest.raises(ValueError, match="Arguments `x` and `t` must be finite"):
         vx.plot.machine(system, [0.0, np.nan])
+    with pytest.raises(ValueError, match='`positive` must be "right", "up" or "down", but is \'left\''):
+        vx.plot.machine(system, positive="left")
 
 
 def test_a_trajectory_tells_the_same_machine(sol):

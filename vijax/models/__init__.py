@@ -1,5 +1,6 @@
 """Ready-made machines, each with its reference."""
 
+from .._signatures import with_short_signature
 from ._balls import (
     ball_between_walls as ball_between_walls,
     ball_on_table as ball_on_table,
@@ -37,3 +38,7 @@ from ._percussion import (
     vibro_impact_harvester as vibro_impact_harvester,
 )
 from ._pistons import multi_piston as multi_piston
+
+for _public in list(globals().values()):
+    with_short_signature(_public)
+del _public, with_short_signature

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Sequence
-from typing import Any, NamedTuple, overload
+from typing import Any, overload
 
 import numpy as np
 import xarray as xr
@@ -10,24 +10,21 @@ from matplotlib.axes import Axes
 
 from .._sweep.literals import ImpactOrdinate, Quantity
 from .._sweep.outcomes import warn_of_endings
-from .._sweep.short_names import with_paths
 from ._axes import (
     Sweeps,
     check_index,
     column_of_axes,
     current_xlim,
     extend_xlim,
-    label_if_new,
-    legend_above,
     named_datasets,
     set_phase_axis,
     stops_to_draw,
 )
-from ._colors import curve_colors, faded, ink, lightness_of, merge_style, point_colors
+from ._bifurcation_layers import draw_layer, draw_legend, layers_of
 from ._contacts import StopMasses, name_of
 from ._grazing_lines import draw_grazing
 from ._labels import ANGLE, VELOCITY, Units, swept_quantity, with_unit
-from ._orbits import STABLE, UNKNOWN, UNSTABLE, OrbitsLike, as_sweep, list_of_orbits, stability_of
+from ._orbits import OrbitsLike
 from ._ordinates import Labels, Ordinate, label_of, ordinate_of, ordinates
 from ._resonances import draw_resonances
 
@@ -41,20 +38,6 @@ ORDINATES = {
     "phase": ("impact_phase", "Phase $\\varphi$ of impact\nat {}", ANGLE),
 }
 _OF_CONTACT = "Speed of approach before impact\nat {}"
-# Marker sizes: sweep down, single sweep, sweep up, separate orbits.
-_LARGE, _MIDDLE, _SMALL, _OVER = 4.0, 2.0, 1.8, 3.0
-# Number of swept values whose points of these sizes join into a line, and the largest factor of the sizes for fewer.
-_LINE, _LARGER = 400, 2.0
-# Marker size of the points of a sweep in the legend.
-_IN_LEGEND = 5.0
-# Share left of a style colour in the sweep down, and the difference in lightness from the ink beyond which all is left.
-_LEFT, _APART = 0.6, 0.3
-# Stability of the orbit: marker, factor of its size, width of its edge, label.
-_MARKS = {
-    UNKNOWN: (".", 1.0, 0.0, ""),
-    STABLE: (".", 2.2, 0.0, "stable orbit"),
-    UNSTABLE: ("o", 1.8, 0.7, "unstable orbit"),
-}
 
 
 @overload
@@ -109,6 +92,9 @@ def bifurcation(
     For a sweep up and down (`carry="both"`) the points of the sweep up are small and dark, over large and light ones of
     the sweep down: where both agree, dark lies in light. A warning reports points with unrecorded impacts.
 
+    Many points of chaotic motions are drawn by their density: more transparent where they overlap, larger where they
+    stand alone. `alpha` and `markersize` in `style` replace that.
+
     With `orbits`, the impacts of stable orbits are larger discs, those of unstable orbits are rings.
 
     For a contact between masses the velocity is the speed of approach, positive.
@@ -161,12 +147,12 @@ def bifurcation(
     else:
         _check_quantity(quantity, mass, min(ds.sizes["mass"] for ds in sweeps.values()), orbits)
         numbers = stops_to_draw(stop, num_stops) if quantity.axis == "stop" else [mass]
-    layers = _layers(sweeps, path, [] if orbits is None else orbits)
+    drawn = layers_of(sweeps, path, [] if orbits is None else orbits)
     column = column_of_axes(ax, len(numbers))
     for j, panel in zip(numbers, column, strict=True):
         so_far = current_xlim(panel)
-        for layer in layers:
-            _draw_layer(layer, path, j, quantity or ordinate, panel, style)
+        for layer in drawn:
+            draw_layer(layer, path, j, quantity or ORDINATES[ordinate][0], panel, style, xlim)
         panel.set_ylabel(
             (labels or {}).get(ordinate) or _label(ordinate, quantity, j, one["stop_mass"].values, units)
         )
@@ -174,7 +160,7 @@ def bifurcation(
             set_phase_axis(panel.set_ylim, panel.set_yticks)
         elif quantity is None or quantity.has_sign:
             panel.axhline(0, color="0.7", linewidth=0.8, zorder=0)
-        values = np.concatenate([layer.ds[path].values.ravel() for layer in layers])
+        values = np.concatenate([layer.ds[path].values.ravel() for layer in drawn])
         extend_xlim(panel, values, so_far)
         if xlim is not None:
             panel.set_xlim(xlim)
@@ -182,7 +168,7 @@ def bifurcation(
             draw_resonances(panel, one, path)
     if grazing:
         draw_grazing(column, one, path)
-    _draw_legend(layers, column[0], has_lines=resonances or grazing)
+    draw_legend(drawn, column[0], has_lines=resonances or grazing)
     column[-1].set_xlabel(label_of(path, labels, units))
     return column if stop is None else column[0]
 
@@ -206,7 +192,7 @@ def _common(sweeps: list[xr.Dataset], ordinate: str) -> tuple[str, int]:
         )
     for ds in sweeps:
         warn_of_endings(ds, "max_impacts_reached")
-    if not any(ds["num_impacts"].values.any() for ds in sweeps):
+    if all("num_impacts" in ds and not ds["num_impacts"].values.any() for ds in sweeps):
         warnings.warn(
             "The diagram is empty: no impact on a rigid stop was recorded. "
             '`ordinate="section_position"` shows the motion, as do the `quantities` of `vx.sweep`.',
@@ -253,102 +239,3 @@ def label_of_impacts(ordinate: str, stop: int, stop_masses: StopMasses, units: U
     _, words, unit = ORDINATES[ordinate]
     words = _OF_CONTACT if stop_masses[stop] < 0 and ordinate != "phase" else words
     return with_unit(words.format(name_of(stop, stop_masses)), unit, units)
-
-
-class _Layer(NamedTuple):
-    """Impacts in one colour: `ds` has the variables of a sweep, and the `stability` of their orbits."""
-
-    ds: xr.Dataset
-    words: str
-    color: Any
-    size: float
-    is_swept: bool = True
-
-
-def _layers(sweeps: dict[str, xr.Dataset], path: str, orbits: OrbitsLike) -> list[_Layer]:
-    """All layers, in drawing order from the lowest."""
-    if isinstance(orbits, xr.Dataset):
-        if len(sweeps) > 1:
-            raise ValueError(
-                "Argument `orbits` is of one sweep, but several are drawn: mark them one by one."
-            )
-        ((name, ds),) = sweeps.items()
-        sweeps, over = {name: ds.assign(stability=stability_of(ds, with_paths(orbits)))}, []
-    else:
-        found = list_of_orbits(orbits)
-        num_stops = next(iter(sweeps.values())).sizes["stop"]
-        over = [_Layer(as_sweep(found, path, num_stops), "", ink(), _OVER, False)] if found else []
-        sweeps = {
-            name: ds.assign(stability=xr.full_like(ds["result"], UNKNOWN)) for name, ds in sweeps.items()
-        }
-    colors = point_colors(len(sweeps)) if len(sweeps) > 1 else [ink()]
-    colored = zip(sweeps.items(), colors, strict=True)
-    return [one for (name, ds), color in colored for one in _layers_of_sweep(ds, path, name, color)] + over
-
-
-def _layers_of_sweep(ds: xr.Dataset, path: str, name: str, color: Any) -> list[_Layer]:
-    """The layers of one sweep: two if it runs up and down."""
-    larger = float(np.clip(_LINE / ds["result"].sizes[path], 1.0, _LARGER))
-    if "direction" not in ds["result"].dims:
-        return [_Layer(ds, name or "swept", color, larger * _MIDDLE)]
-    pale = faded(color, 0.5) if name else _beside_ink()
-    # Drawing order: the small points of the sweep up over the large ones of the sweep down, dark in light where both agree.
-    looks = {"down": (pale, larger * _LARGE), "up": (color, larger * _SMALL)}
-    before = f"{name}, " if name else ""
-    return [_Layer(ds.sel(direction=way), f"{before}swept {way}", *look) for way, look in looks.items()]
-
-
-def _beside_ink() -> str:
-    """A colour of the style that differs from the ink in greyscale too."""
-    color = curve_colors(2)[1][:3]
-    far = abs(lightness_of(color) - lightness_of(ink())) > _APART
-    return faded(color, 1.0 if far else _LEFT)
-
-
-def _draw_layer(
-    layer: _Layer, path: str, number: int, ordinate: Ordinate | str, ax: Axes, style: dict[str, Any]
-) -> None:
-    """Draw the impacts of a layer at a stop, or a quantity of a stop or a mass."""
-    if isinstance(ordinate, Ordinate):
-        shown = layer.ds[ordinate.variable]
-        shown = shown.isel({ordinate.axis: number}) if ordinate.axis else shown
-        is_ours = shown.notnull()
-    else:
-        shown = layer.ds[ORDINATES[ordinate][0]]
-        is_ours = layer.ds["impact_stop"] == number
-    together = xr.broadcast(layer.ds[path], shown, is_ours, layer.ds["stability"])
-    swept, drawn, is_ours, stability = (a.values for a in together)
-    for known in _MARKS:
-        is_it = is_ours & (stability == known)
-        if known == UNKNOWN or is_it.any():
-            words = layer.words if known == UNKNOWN else ""
-            look = style if layer.is_swept else {}
-            _draw_points(ax, swept[is_it], drawn[is_it], known, layer, look, words)
-
-
-def _draw_points(
-    ax: Axes, x: np.ndarray, y: np.ndarray, stability: int, layer: _Layer, style: dict[str, Any], words: str
-) -> None:
-    marker, larger, edge, _ = _MARKS[stability]
-    color = merge_style(style).get("color", layer.color)
-    own = {
-        "linestyle": "none",
-        "marker": marker,
-        "markersize": larger * layer.size,
-        "markeredgewidth": edge,
-        "markerfacecolor": "none" if edge else color,
-        "color": color,
-        "rasterized": True,
-    }
-    ax.plot(x, y, label=words, **merge_style(style, **own))
-
-
-def _draw_legend(layers: list[_Layer], ax: Axes, *, has_lines: bool) -> None:
-    """Add the legend of the colours, and of the stability markers present at any stop; `has_lines` if of lines too."""
-    present = np.concatenate([layer.ds["stability"].values.ravel() for layer in layers])
-    sample = layers[0]._replace(color=ink(), size=min(layer.size for layer in layers if layer.is_swept))
-    for stability in (STABLE, UNSTABLE):
-        if stability in present and (words := label_if_new(ax, _MARKS[stability][-1])):
-            _draw_points(ax, np.empty(0), np.empty(0), stability, sample, {}, words)
-    if len(ax.get_legend_handles_labels()[0]) > (0 if has_lines else 1):
-        legend_above(ax, markerscale=_IN_LEGEND / sample.size)

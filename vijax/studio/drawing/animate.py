@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from ..._hybrid.limits import IMPACT
 from ..._jax.arrays import Numbers
@@ -19,9 +20,12 @@ from ...plot._colors import ink
 from ...plot._labels import Units
 from ...plot._orbits import solution_of
 from ...plot._trajectories import HELD, Span, is_event, is_held_at, span_of, time_series
-from .drawing import Drawing, Pose, arrangement_of, draw, place_of_limit, side_position
-from .machine import poses_of
-from .scheme import Scheme, scheme_of_solution
+from .arrangement import Pose
+from .canvas import Canvas, Positive
+from .drawing import Drawing
+from .machine import check_positive, draw_any, poses_of
+from .reading import scheme_of_solution
+from .scheme import Scheme
 
 _ENDINGS = ".gif", ".html", ".mp4"
 _FLASH = "#e4572e"
@@ -29,8 +33,8 @@ _FLASH = "#e4572e"
 _FADING = 0.2
 # Default duration of a film in seconds.
 _DURATION = 5.0
-# Height of the time series in inches.
-_HEIGHT = 2.0
+# Height of the time series below a machine, its width, and its least height beside a machine, in inches.
+_HEIGHT, _WIDTH, _LOWEST = 2.0, 5.0, 3.0
 
 
 class Film(FuncAnimation):
@@ -52,10 +56,11 @@ def animate(
     speed: float | None = None,
     duration: float | None = None,
     file: str | os.PathLike | None = None,
+    positive: Positive | None = None,
     units: Units | None = None,
     **style: Any,
 ) -> FuncAnimation:
-    """Animate the machine of a trajectory, drawn as by `machine`, above its positions against time.
+    """Animate the machine of a trajectory, drawn as by `machine`, with its positions against time.
 
     Masses are orange while a stop or contact holds them; impacts flash. Arrows are the current loads. A machine that no
     spring or stop ties to the ground is drawn relative to the mean of its positions. In a notebook,
@@ -70,6 +75,7 @@ def animate(
         speed: units of time per second of the film.
         duration: seconds of the film, in place of `speed`; 5 if both are omitted.
         file: file to write, in the format of its suffix: `.gif`, `.html` with buttons, or `.mp4`, which needs ffmpeg.
+        positive: the direction of positive positions in the drawing, as for `machine`.
         units: units of `length` and `time`, as in `{"length": "mm", "time": "s"}`; labels show none if omitted.
         **style: properties of the curves of the positions, as for `time_series`.
 
@@ -78,7 +84,7 @@ def animate(
 
     Raises:
         ValueError: for a batch, an orbit that was not found, a span or times outside the trajectory, a rate that is not
-            positive, a file of another format, or a motion that is unknown at some of the times.
+            positive, a file of another format, an unknown direction, or a motion that is unknown at some of the times.
         RuntimeError: for a film in `.mp4` without ffmpeg.
 
     Example:
@@ -92,17 +98,14 @@ def animate(
         Wagg & Bishop (2004), Figs. 1 and 5.
     """
     path = _checked_path(file)
+    check_positive(positive)
     sol = solution_of(sol)
     _check_single(sol)
     times = _times(sol, t, span, fps, speed, duration)
     scheme, poses, x = poses_of_solution(sol, times)
-    figure, (top, bottom) = plt.subplots(2, layout="constrained")
-    drawing = draw(top, scheme, poses[0], None, {}, fits_axes=False)
-    width, height = drawing.size
-    figure.set_size_inches(max(width, 5.0), height + _HEIGHT)
-    top.get_subplotspec().get_gridspec().set_height_ratios([height, _HEIGHT])
-    show_time = _clock(bottom, sol, times, x, units, style)
-    show_contacts = _contacts(top, sol, scheme, drawing, times, max(1, round(_FADING * fps)))
+    figure, canvas, series, drawing = _figure(scheme, poses, positive)
+    show_time = _clock(series, sol, times, x, units, style)
+    show_contacts = _contacts(canvas, sol, scheme, drawing, times, max(1, round(_FADING * fps)))
     # Arrangement is fixed after the first frame, so that axes do not move.
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
@@ -117,6 +120,23 @@ def animate(
     if path is not None:
         _write(film, path, fps)
     return film
+
+
+def _figure(
+    scheme: Scheme, poses: list[Pose], positive: Positive | None
+) -> tuple[Figure, Canvas, Axes, Drawing]:
+    """A figure with the machine above the axes of its time series, or at their left if it is vertical."""
+    is_tall = (positive or scheme.positive) != "right" or scheme.is_pendulum
+    figure, (ax, series) = plt.subplots(*((1, 2) if is_tall else (2, 1)), layout="constrained")
+    canvas, drawing = draw_any(ax, scheme, poses, None, {}, positive=positive, fits_axes=False)
+    (width, height), grid = drawing.size, ax.get_subplotspec().get_gridspec()
+    if is_tall:
+        figure.set_size_inches(width + _WIDTH, max(height, _LOWEST))
+        grid.set_width_ratios([width, _WIDTH])
+    else:
+        figure.set_size_inches(max(width, _WIDTH), height + _HEIGHT)
+        grid.set_height_ratios([height, _HEIGHT])
+    return figure, canvas, series, drawing
 
 
 def _checked_path(file: str | os.PathLike | None) -> Path | None:
@@ -219,29 +239,23 @@ def _clock(
 
 
 def _contacts(
-    ax: Axes, sol: Solution, scheme: Scheme, drawing: Drawing, times: np.ndarray, fading: int
+    canvas: Canvas, sol: Solution, scheme: Scheme, drawing: Drawing, times: np.ndarray, fading: int
 ) -> Callable[[int, Pose], None]:
-    """Return the function that flashes impacts of a frame, on the masses for contacts not drawn, and fills held boxes."""
-    arrangement = arrangement_of(scheme)
-    limits = {limit.number: limit for limit in scheme.limits}
-    masses = [np.flatnonzero(row).tolist() for row in scheme.rows]
+    """Return the function that flashes impacts of a frame, and fills held boxes."""
+    numbers = range(len(scheme.rows))
     flashes = [
-        ax.plot([], [], marker=(9, 1, 0), markersize=20, color=_FLASH, linestyle="none", zorder=5)[0]
-        for _ in masses
+        canvas.line(marker=(9, 1, 0), markersize=20, color=_FLASH, linestyle="none", zorder=5)
+        for _ in numbers
     ]
     when, span = np.asarray(sol.events.t), (times[0], times[-1])
-    struck = [np.searchsorted(times, when[is_event(sol, [j], IMPACT, span)]) for j in range(len(masses))]
+    struck = [np.searchsorted(times, when[is_event(sol, [j], IMPACT, span)]) for j in numbers]
     is_held = held_masses(sol, scheme, times)
-    free = ax.get_facecolor()
+    free = canvas.ax.get_facecolor()
 
     def show(frame: int, pose: Pose) -> None:
         for j, (flash, frames) in enumerate(zip(flashes, struck, strict=True)):
             age = frame - frames[(frames <= frame) & (frames > frame - fading)]
-            if j in limits:
-                x = [place_of_limit(arrangement, pose, limits[j])]
-            else:
-                x = [side_position(arrangement, pose, i, 0) for i in masses[j]]
-            flash.set_data(x, np.full(len(x), 0.2))
+            flash.set_data(*drawing.spot(j, pose))
             flash.set_alpha(1 - np.min(age, initial=fading) / fading)
         for box, held in zip(drawing.boxes, is_held[frame], strict=True):
             box.set_facecolor(HELD if held else free)

@@ -9,8 +9,12 @@ from matplotlib.axes import Axes
 from ..._jax.arrays import Numbers
 from ..._system.system import ImpactSystem
 from ...plot._axes import create_axes, figure_of
-from .drawing import ROOM, Pose, draw
-from .scheme import Scheme, scheme_of_system
+from .arrangement import Pose
+from .canvas import TIPS, Canvas, Positive
+from .drawing import ROOM, Drawing, draw
+from .pendulum import draw_pendulum
+from .reading import scheme_of_system
+from .scheme import Scheme
 
 # Gap relative to the position of the stop below which it is rounding, and drawn closed.
 _CLOSED = 1e-12
@@ -21,6 +25,7 @@ def machine(
     x: Numbers | None = None,
     *,
     t: float = 0.0,
+    positive: Positive | None = None,
     ax: Axes | None = None,
     **style: Any,
 ) -> Axes:
@@ -31,7 +36,11 @@ def machine(
     spring of negative stiffness is dashed. With a full mass matrix the boxes are coordinates. A hatched wall is a stop,
     with a double arrow under it if it moves. A plate on an arm is the contact of two masses. A loose mass
     that bounces between two ends of another one is drawn in it. Other contacts and a
-    `force` are described in words below. Beads or gears form a row like other masses, positive to the right.
+    `force` are described in words below. Gears form a row like other masses, positive to the right.
+
+    Machines with weight are drawn vertically, with the weight downwards: those in which the mean load accelerates all
+    masses equally, and neither springs nor friction hold them. A single `vx.models.PendulumWeight` is drawn as a pendulum at
+    its true angle, unless `positive` is given.
 
     Distances are schematic: displacements and gaps have one scale, chosen so that nothing overlaps.
 
@@ -39,6 +48,8 @@ def machine(
         system: the machine.
         x: positions of the masses, (n,); zero if omitted.
         t: the time, at which moving stops are drawn.
+        positive: the direction of positive positions: "right", "up" or "down"; that in which weight acts downwards if
+            omitted, "right" without weight.
         ax: the axes to draw into; new axes in a figure of fitting size if omitted.
         **style: properties of the boxes for matplotlib's `Rectangle`: `edgecolor`, `facecolor`, `linewidth`, ...
 
@@ -46,7 +57,7 @@ def machine(
         The axes.
 
     Raises:
-        ValueError: for a batch of machines, positions of another shape, or non-finite numbers.
+        ValueError: for a batch of machines, positions of another shape, non-finite numbers, or an unknown direction.
 
     Example:
         ```python
@@ -57,6 +68,7 @@ def machine(
     References:
         Wagg & Bishop (2004), Fig. 1.
     """
+    check_positive(positive)
     system = jax.tree.map(np.asarray, system)  # NumPy arrays, so that nothing is compiled for a picture
     scheme = scheme_of_system(system)
     place = np.zeros(scheme.num_masses) if x is None else np.asarray(x, float)
@@ -70,10 +82,33 @@ def machine(
     poses, gaps = poses_of(scheme, np.tile(place, (len(angles), 1)), scheme.signs * limit)
     is_new = ax is None
     ax = create_axes() if ax is None else ax
-    drawing = draw(ax, scheme, poses[0], gaps[0], style, fits_axes=not is_new)
+    _, drawing = draw_any(ax, scheme, poses[:1], gaps[0], style, positive=positive, fits_axes=not is_new)
     if is_new:
         figure_of(ax).set_size_inches(drawing.size)
     return ax
+
+
+def check_positive(positive: Positive | None) -> None:
+    """Refuse an unknown direction of positive positions."""
+    if positive not in (None, *TIPS):
+        raise ValueError(f'Argument `positive` must be "right", "up" or "down", but is {positive!r}.')
+
+
+def draw_any(
+    ax: Axes,
+    scheme: Scheme,
+    poses: list[Pose],
+    gaps: np.ndarray | None,
+    style: dict[str, Any],
+    *,
+    positive: Positive | None,
+    fits_axes: bool,
+) -> tuple[Canvas, Drawing]:
+    """Draw a machine in the first of its poses, with boxes or as a pendulum; see `draw`."""
+    if scheme.is_pendulum and positive is None:
+        return Canvas(ax, "right"), draw_pendulum(ax, scheme, poses, gaps, style, fits_axes=fits_axes)
+    along = positive or scheme.positive
+    return Canvas(ax, along), draw(ax, scheme, poses[0], gaps, style, positive=along, fits_axes=fits_axes)
 
 
 def poses_of(
@@ -94,7 +129,7 @@ def poses_of(
     unit[drawn] = [one.unit for one in scheme.limits]
     seen = x - x.mean(axis=1, keepdims=True) if scheme.is_followed else x
     largest = max(np.max(abs(seen)), np.max(abs(limit / unit)[:, drawn], initial=0.0))
-    scale = ROOM / largest if largest > 0 else 1.0
+    scale = ROOM / largest if largest > 0 and not scheme.is_pendulum else 1.0
     if load is None:
         is_waving = scheme.waves.bound() > 0
         load = np.where(is_waving, 1.0, np.sign(scheme.mean))[None] * np.ones_like(x)

@@ -1,27 +1,15 @@
-"""Content of a drawing, taken from an `ImpactSystem` or from the machine of a trajectory."""
+"""Content of a drawing of a machine."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax
 import numpy as np
 
-from ..._machine.machine import Machine
-from ..._machine.switching import COMPLIANT, SwitchingContacts
-from ..._system.compliant import CompliantContact, CompliantStop
-from ..._system.force import name_of_force
-from ..._system.restitution import (
-    AbstractRestitution,
-    Restitution,
-    light_coefficient,
-    restitution_of_contacts,
-)
-from ..._system.system import AnyStop, ImpactSystem
 from ..._system.waves import Waves
-from ..._trajectory.solution import Solution
-from ...plot._contacts import in_symbols, masses_of_stops, name_of
+from ...plot._contacts import in_symbols, name_of
+from .canvas import Positive
 
 # Relative to the largest entry of a matrix or load: smaller entries are rounding errors of sums that should vanish.
-_NOTHING = 1e-9
+NOTHING = 1e-9
 
 
 class DrawnLimit(NamedTuple):
@@ -79,6 +67,8 @@ class Scheme(NamedTuple):
         is_damped: which of those have a damper, (stops,).
         friction: the friction elements.
         omitted: what the matrices lack, in words; empty if nothing.
+        accelerations: M^-1 times the mean load, (n,).
+        is_hung: whether the force is the weight of pendulums.
     """
 
     stiffness: np.ndarray
@@ -95,8 +85,10 @@ class Scheme(NamedTuple):
     force: str | None
     is_compliant: np.ndarray
     is_damped: np.ndarray
-    friction: tuple["Rubbing", ...] = ()
+    friction: tuple[Rubbing, ...] = ()
     omitted: str = ""
+    accelerations: np.ndarray | None = None
+    is_hung: bool = False
 
     @property
     def num_masses(self) -> int:
@@ -164,6 +156,30 @@ class Scheme(NamedTuple):
         return len(self.rows) > 0 and not is_tied and not self.rows.sum(axis=1).any()
 
     @property
+    def weight(self) -> float:
+        """Acceleration by the weight, 0 for none.
+
+        A mean load is a weight where it accelerates all masses equally, and no spring ties them to the ground and no
+        friction to a floor. No observation in the machine tells it from gravity.
+        """
+        is_tied = any(link.other is None and is_spring for link, is_spring in self.links)
+        if self.accelerations is None or is_tied or self.friction:
+            return 0.0
+        first = float(self.accelerations[0])
+        return first if np.allclose(self.accelerations, first, rtol=NOTHING, atol=0.0) else 0.0
+
+    @property
+    def is_pendulum(self) -> bool:
+        """True for one pendulum without springs and friction, all of whose stops are angles."""
+        is_bare = self.num_masses == 1 and not self.friction and not self.omitted
+        return self.is_hung and is_bare and not any(is_spring for _, is_spring in self.links)
+
+    @property
+    def positive(self) -> Positive:
+        """Direction of positive positions for which the weight acts downwards; right without weight."""
+        return "right" if self.weight == 0 else "up" if self.weight < 0 else "down"
+
+    @property
     def links(self) -> list[tuple[Link, bool]]:
         """All springs and dampers, with flags of the springs."""
         return [
@@ -189,7 +205,13 @@ class Scheme(NamedTuple):
             f"friction {k}: of ${in_symbols(one.row)}$, $F$ = {one.force:.3g}"
             for k, one in enumerate(self.friction)
         ]
-        return [*rows, *rubbing, *inertia, *([f"force: {self.force}"] if self.force else []), *negative]
+        return [
+            *rows,
+            *rubbing,
+            *inertia,
+            *([f"force: {self.force}"] if self.force and not self.is_pendulum else []),
+            *negative,
+        ]
 
     def load_at(self, t: float) -> np.ndarray:
         """The load on every mass at a time, (n,)."""
@@ -202,16 +224,16 @@ class Scheme(NamedTuple):
 
     def load_in_words(self, mass: int) -> str:
         """The load on a mass as a formula; empty for none."""
-        if abs(self.mean[mass]) + self.waves.bound()[mass] <= _NOTHING * self.largest_load:
+        if abs(self.mean[mass]) + self.waves.bound()[mass] <= NOTHING * self.largest_load:
             return ""
         terms = [] if self.mean[mass] == 0 else [_signed(float(self.mean[mass]))]
         for h, (cosine, sine) in enumerate(
             zip(self.waves.cosine[:, mass], self.waves.sine[:, mass], strict=True), 1
         ):
             size, phase = float(np.hypot(cosine, sine)), float(np.arctan2(-sine, cosine))
-            if size > _NOTHING * self.largest_load:
-                at_pi = abs(phase) > np.pi - _NOTHING
-                shift = "" if at_pi or abs(phase) < _NOTHING else f" {_signed(phase)}"
+            if size > NOTHING * self.largest_load:
+                at_pi = abs(phase) > np.pi - NOTHING
+                shift = "" if at_pi or abs(phase) < NOTHING else f" {_signed(phase)}"
                 angle = rf"{_factor(h * self.frequency)}t{shift}"
                 sign = "-" if at_pi else "+"
                 terms.append(rf"{sign} {_factor(size)}\cos({angle})")
@@ -219,143 +241,16 @@ class Scheme(NamedTuple):
         return f"${words}{' + ...' if len(terms) > 2 else ''}$"
 
 
-def scheme_of_system(system: ImpactSystem) -> Scheme:
-    """Scheme of one machine; raise for a batch."""
-    if system.stiffness.ndim != 2:
-        raise ValueError(
-            f"Machines are drawn one by one, but this is a batch of shape {system.stiffness.shape[2:]}: draw its parts."
-        )
-    n = system.num_masses
-    rows = np.array([_row(n, stop.coefficients) for stop in system.stops]).reshape(-1, n)
-    moving = [stop.motion is not None and bool(np.any(stop.motion.amplitude)) for stop in system.stops]
-    (stiffness, damping), omitted = _drawn(
-        np.asarray(system.stiffness), np.asarray(system.damping), system.num_states
-    )
-    return Scheme(
-        stiffness,
-        damping,
-        np.asarray(system.forcing.mean),
-        waves=jax.tree.map(np.asarray, system.forcing.waves()),
-        frequency=float(system.forcing.frequency),
-        rows=rows,
-        masses=masses_of_stops(system),
-        limit=np.array([float(stop.sign * stop.centre) for stop in system.stops]),
-        restitution=tuple(map(_law_in_words, system.stops)),
-        is_moving=np.array(moving, bool),
-        is_lumped=not system.has_full_mass,
-        force=None if system.force is None else _name(system.force),
-        is_compliant=np.array([stop.is_compliant for stop in system.stops], bool),
-        is_damped=np.array([bool(getattr(stop, "damping", 0) > 0) for stop in system.stops], bool),
-        friction=tuple(
-            Rubbing(_row(n, one.coefficients), float(one.force), float(one.velocity))
-            for one in system.friction
-        ),
-        omitted=omitted,
-    )
-
-
-def _row(num_masses: int, coefficients: dict[int, Any]) -> np.ndarray:
-    row = np.zeros(num_masses)
-    for i, a in coefficients.items():
-        row[i] = float(a)
-    return row
-
-
-def _law_in_words(stop: AnyStop) -> str:
-    if isinstance(stop, CompliantStop | CompliantContact):
-        return f"$k$ = {float(stop.stiffness):.3g}"
-    (words,) = _coefficients(restitution_of_contacts([stop.restitution], np.zeros(())))
-    return words
-
-
-def _coefficients(restitution: Restitution) -> tuple[str, ...]:
-    symbol = "r(0)" if isinstance(restitution, AbstractRestitution) else "r"
-    return tuple(f"${symbol}$ = {r:.3g}" for r in np.asarray(light_coefficient(restitution)))
-
-
-def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
-    """Scheme of the machine of a trajectory; `places` are the positions of its stops, (times, stops)."""
-    machine = sol.machine
-    contacts, n = machine.contacts, machine.num_masses
-    (stiffness, damping), omitted = _drawn(
-        np.asarray(machine.stiffness), np.asarray(machine.damping), machine.num_states
-    )
-    rows, num_stops = np.asarray(contacts.rows).reshape(contacts.num, n), contacts.num_stops
-    words, friction = _coefficients(contacts.restitution), ()
-    is_compliant = is_damped = np.zeros(num_stops, bool)
-    if isinstance(contacts, SwitchingContacts):
-        laws, is_compliant = contacts.laws, np.array(contacts.laws.kinds[:num_stops]) == COMPLIANT
-        added, force, velocity = (np.asarray(a) for a in (laws.stiffness, laws.force, laws.velocity))
-        is_damped = np.asarray(laws.damping)[:num_stops] > 0
-        words = tuple(f"$k$ = {added[j]:.3g}" if is_compliant[j] else words[j] for j in range(num_stops))
-        friction = tuple(
-            Rubbing(rows[j], float(force[j]), float(velocity[j])) for j in range(num_stops, contacts.num)
-        )
-    return Scheme(
-        stiffness,
-        damping,
-        np.asarray(machine.mean),
-        waves=_load_in_space(machine),
-        frequency=float(machine.frequency),
-        rows=rows[:num_stops],
-        masses=contacts.masses[:num_stops],
-        limit=np.asarray(contacts.limit)[:num_stops],
-        restitution=words,
-        is_moving=np.ptp(places, axis=0) > 0,
-        is_lumped=machine.inverse_mass.ndim == 1,
-        force=None if machine.extra is None else _name(machine.extra.force),
-        is_compliant=is_compliant,
-        is_damped=is_damped,
-        friction=friction,
-        omitted=omitted,
-    )
-
-
-def _drawn(stiffness: np.ndarray, damping: np.ndarray, num_states: int) -> tuple[list[np.ndarray], str]:
-    """Symmetric parts of the matrices, without the states, and what they lack in words."""
-    first = len(stiffness) - num_states
-    is_mass = np.arange(len(stiffness)) < first
-    between = [np.where(np.outer(is_mass, is_mass), a, 0) for a in (stiffness, damping)]
-    names = [
-        f"asymmetric part of the {name}"
-        for name, a in zip(("stiffness", "damping"), between, strict=True)
-        if np.abs(a - a.T).max() > _NOTHING * np.abs(a).max()
-    ]
-    if num_states:
-        names.append(
-            "links of the last box, a state"
-            if num_states == 1
-            else f"links of the last {num_states} boxes, states"
-        )
-    return [(a + a.T) / 2 for a in between], f"not drawn: {', '.join(names)}" if names else ""
-
-
 def _links(matrix: np.ndarray) -> list[Link]:
     """The springs of a stiffness matrix, or the dampers of a damping matrix.
 
     An off-diagonal entry -k couples two masses; the sum of a row ties its mass to the ground.
     """
-    nothing = _NOTHING * np.max(abs(matrix))
+    nothing = NOTHING * np.max(abs(matrix))
     left = matrix.sum(axis=1)
     ground = [Link(int(i), None, float(left[i])) for i in np.flatnonzero(abs(left) > nothing)]
     pairs = np.argwhere(np.triu(abs(matrix) > nothing, 1)).tolist()
     return [*ground, *(Link(i, j, -float(matrix[i, j])) for i, j in pairs)]
-
-
-def _load_in_space(machine: Machine) -> Waves:
-    """Harmonics of the load in space: without -M w'' - C w' - K w if the machine moves with its stops (`frame`)."""
-    waves, frame = jax.tree.map(np.asarray, machine.waves), machine.frame
-    if frame is not None:
-        inertia = frame.load(1 / machine.inverse_mass, machine.damping, machine.stiffness)
-        waves = jax.tree.map(
-            lambda a, b: np.where(abs(a - b) > _NOTHING * abs(b), a - b, 0.0), waves, inertia
-        )
-    return waves
-
-
-def _name(force: object) -> str:
-    """The name of a force without its parameters."""
-    return name_of_force(force).partition("(")[0].strip("<>")  # pyright: ignore[reportArgumentType]
 
 
 def _factor(size: float) -> str:

@@ -1,4 +1,4 @@
-"""Placement of words above and below a drawing without overlap."""
+"""Placement of words above and below a drawing, or on both sides of a vertical one, without overlap."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -77,6 +77,70 @@ def write_words(
     ax.set_xlim(left, right)
     ax.set_ylim(low, high)
     return scale * (right - left), scale * (high - low)
+
+
+def write_words_beside(
+    ax: Axes,
+    words: Words,
+    ends: np.ndarray,
+    sides: tuple[float, float, float],
+    scale: float,
+    *,
+    fits_axes: bool,
+) -> tuple[float, float]:
+    """Write the words of a vertical drawing: those below at its left, those above at its right.
+
+    Args:
+        ax: the axes.
+        words: the words.
+        ends: bottom and top of the drawing.
+        sides: end of the words at the left, start of the words at the right, and right end of the drawing.
+        scale: inches per length of 1.
+        fits_axes: whether the axes keep their size, and the scale is reduced to fit.
+
+    Returns:
+        Width and height in inches.
+    """
+    common = {"fontsize": _FONT, "color": ink(), "zorder": 5}
+    beside, lines = {"va": "center", "linespacing": 1.1}, {"ha": "left", "va": "top"}
+    before = [_block(ax.text(sides[0], y, text, ha="right", **beside, **common)) for y, text in words.below]
+    after = [_block(ax.text(sides[1], y, text, ha="left", **beside, **common)) for y, text in words.above]
+    notes = [_block(ax.text(0, 0, text, **lines, **common)) for text in words.notes]
+    at = [[y for y, _ in part] for part in (words.below, words.above)]
+    room = _inches(ax)
+    while True:
+        spans = [
+            ends,
+            *(_spread(part, y, scale) for part, y in zip((before, after), at, strict=True) if part),
+        ]
+        low, high = float(np.min(spans)), float(np.max(spans))
+        left = sides[0] - max((block.size[0] for block in before), default=0.0) / scale
+        right = max([sides[2], *(sides[1] + block.size[0] / scale for block in after)])
+        right = max([right, *(left + block.size[0] / scale for block in notes)])
+        low -= 0.05
+        for note in notes:
+            note.text.set_position((left, low))
+            low -= note.size[1] / scale
+        low -= 0.05
+        fitting = min(room[0] / (right - left), room[1] / (high - low))
+        if not fits_axes or fitting >= 0.999 * scale or scale < _SMALLEST:
+            break
+        scale = fitting
+    ax.set_xlim(left, right)
+    ax.set_ylim(low, high)
+    return scale * (right - left), scale * (high - low)
+
+
+def _spread(blocks: Sequence["_Block"], wished: Sequence[float], scale: float) -> tuple[float, float]:
+    """Put blocks of one column at their heights, or above the block below; return the ends of the column."""
+    end = -np.inf
+    for k in np.argsort(wished):
+        half = blocks[k].size[1] / scale / 2
+        y = max(wished[k], end + half)
+        blocks[k].text.set_y(y)
+        end = y + half
+    first = int(np.argmin(wished))
+    return wished[first] - blocks[first].size[1] / scale / 2, end
 
 
 class _Block(NamedTuple):

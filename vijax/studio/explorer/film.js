@@ -25,27 +25,39 @@ function path(x, y) {
 function drawing(svg, film, colors) {
   const [left, right, bottom, top] = film.extent
   svg.setAttribute("viewBox", `${left - 0.1} ${-top - 0.1} ${right - left + 0.2} ${top - bottom + 0.2}`)
+  svg.style.maxHeight = top - bottom > right - left ? "360px" : "220px"
   const hatch = shape(shape(svg, "defs", {}), "pattern", {id: "hatch", width: 0.08, height: 0.08,
     patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)"})
   shape(hatch, "line", {x1: 0, y1: 0, x2: 0, y2: 0.08, stroke: colors.faint, "stroke-width": 0.03})
   const line = {fill: "none", stroke: colors.ink, "stroke-width": 0.02, "stroke-linejoin": "round"}
-  const walls = film.walls.map(([height, width, middle]) =>
-    shape(svg, "rect", {width, height, y: -middle - height / 2, fill: "url(#hatch)"}))
+  const shapeOf = (look) => {
+    const fill = look === "hatch" ? "url(#hatch)" : look === "ink" ? colors.ink : colors.page
+    const edge = look === "cavity" ? colors.faint : typeof look === "number" ? colors.masses[look] : "none"
+    return shape(svg, "rect", {fill, stroke: edge, "stroke-width": look === "cavity" ? 0.02 : 0.04})
+  }
+  const isBox = (look) => typeof look === "number" || look === "cavity"
+  const parts = film.looks.map((look) => isBox(look) ? null : shapeOf(look))
   const lines = shape(svg, "path", line)
-  const boxes = colors.masses.map((color) => shape(svg, "rect",
-    {width: 1, height: 1, y: -1, stroke: color, "stroke-width": 0.04, fill: colors.page}))
-  const names = boxes.map((_, i) => {
-    const name = shape(svg, "text", {y: -0.42, "text-anchor": "middle", "font-size": 0.28, fill: colors.ink})
+  film.looks.forEach((look, i) => { if (isBox(look)) parts[i] = shapeOf(look) })
+  const over = shape(svg, "path", {...line, "stroke-width": 0.03})
+  const names = film.names[0].map((_, i) => {
+    const name = shape(svg, "text", {"text-anchor": "middle", "font-size": 0.28, fill: colors.ink})
     name.textContent = i
     return name
   })
+  const down = (y) => y.map((a) => a === null ? null : -a)
   return (k) => {
-    lines.setAttribute("d", path(film.x[k], film.y[k].map((y) => y === null ? null : -y)))
-    film.wall[k].forEach((x, i) => walls[i].setAttribute("x", x - film.walls[i][1] / 2))
-    film.box[k].forEach((x, i) => {
-      boxes[i].setAttribute("x", x - 0.5)
-      boxes[i].setAttribute("fill", film.held[k][i] ? colors.held : colors.page)
+    lines.setAttribute("d", path(film.lines[k][0], down(film.lines[k][1])))
+    over.setAttribute("d", path(film.over[k][0], down(film.over[k][1])))
+    film.parts[k].forEach(([x, y, width, height], i) => {
+      const place = {x, y: -y - height, width, height}
+      for (const [name, value] of Object.entries(place)) parts[i].setAttribute(name, value)
+      const mass = film.looks[i]
+      if (typeof mass === "number") parts[i].setAttribute("fill", film.held[k][mass] ? colors.held : colors.page)
+    })
+    film.names[k].forEach(([x, y], i) => {
       names[i].setAttribute("x", x)
+      names[i].setAttribute("y", 0.09 - y)
     })
   }
 }
@@ -53,7 +65,7 @@ function drawing(svg, film, colors) {
 export function render({model, el}) {
   const svg = document.createElementNS(SVG, "svg")
   svg.setAttribute("class", "film")
-  svg.style.cssText = "display: block; width: 100%; max-height: 220px"
+  svg.style.cssText = "display: block; width: 100%"
   const bar = document.createElement("div")
   bar.style.cssText = "display: flex; gap: 8px; align-items: center"
   const button = document.createElement("button"), slider = document.createElement("input")
@@ -75,7 +87,7 @@ export function render({model, el}) {
   const renew = () => {
     svg.replaceChildren()
     const film = model.frames
-    count = film.box ? film.box.length : 0
+    count = film.parts ? film.parts.length : 0
     show = count ? drawing(svg, film, model.colors) : () => {}
     slider.max = Math.max(0, count - 1)
     to(0)

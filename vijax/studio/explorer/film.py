@@ -1,7 +1,7 @@
 """Animation of the machine in the browser, drawn as by `vx.plot.machine`.
 
 Rendering pictures of all frames would take a minute. So the browser gets only the coordinates of all frames at once:
-the lines, concatenated with gaps between them, and the positions of boxes and walls.
+the lines, concatenated with gaps between them, and all rectangles.
 """
 
 from pathlib import Path
@@ -11,17 +11,21 @@ import numpy as np
 import param
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from panel.custom import JSComponent
 
 from ...plot._colors import curve_colors
 from ..drawing.animate import held_masses, poses_of_solution
-from ..drawing.drawing import draw
+from ..drawing.canvas import Canvas
+from ..drawing.drawing import Drawing, draw
 from .look import PageStyle
 from .motion import PointMotion
 
 FRAMES = 80
 _DIGITS = 3
+# Lines of a higher order are drawn over the boxes.
+_BOXES = 3.0
 
 
 class MachineFilm(JSComponent):
@@ -45,33 +49,63 @@ def frames_of(motion: PointMotion) -> dict[str, Any]:
     """Coordinates of a film of the shown part of a motion.
 
     Returns:
-        `x`, `y` of all lines, None between them, (frames, points); `box`, centres of the boxes, and `held`, flags of
-        the held masses, (frames, n); `wall`, horizontal centres of the hatched pieces, (frames, walls), and `walls`,
-        their heights, widths and vertical centres, (walls, 3); `extent`, the visible part: left, right, bottom, top.
+        `lines` and `over`, x and y of all lines below and above the boxes, None between them, (frames, 2, points); `parts`,
+        left, bottom, width and height of all rectangles in drawing order, (frames, parts, 4), and `looks`, the mass of
+        each, or "hatch", "ink" or "cavity", (parts,); `names`, positions of the numbers of the masses, (frames, n, 2);
+        `held`, flags of the held masses, (frames, n); `extent`, the visible part: left, right, bottom, top.
     """
     sol, times = motion.solution, np.linspace(*motion.shown, FRAMES)
     scheme, poses, _ = poses_of_solution(sol, times)
-    ax = Figure(figsize=(8, 2)).subplots()
-    drawing = draw(ax, scheme, poses[0], None, {}, fits_axes=False)
-    lines = [line for line in ax.lines if line.get_linestyle() != "None"]
-    walls = [patch for patch in ax.patches if isinstance(patch, Rectangle) and patch not in drawing.boxes]
-    curves, box, wall = [], [], []
-    gap = np.full((1, 2), np.nan)
+    canvas = Canvas(Figure(figsize=(8, 2)).subplots(), scheme.positive)
+    drawing = draw(canvas.ax, scheme, poses[0], None, {}, positive=canvas.positive, fits_axes=False)
+    lines = [line for line in canvas.ax.lines if line.get_linestyle() != "None"]
+    split = [[line for line in lines if (line.get_zorder() > _BOXES) is over] for over in (False, True)]
+    parts = [patch for patch in canvas.ax.patches if isinstance(patch, Rectangle)]
+    parts = sorted(parts, key=lambda part: part.get_zorder())
+    names = canvas.ax.texts[: scheme.num_masses]  # the numbers in the boxes come first
+    frames = []
     for pose in poses:
         drawing.move(pose)
-        curves.append(np.concatenate([part for line in lines for part in (line.get_xydata(), gap)]))
-        box.append([one.get_x() + 0.5 for one in drawing.boxes])
-        wall.append([one.get_x() + one.get_width() / 2 for one in walls])
-    x, y = np.moveaxis(np.array(curves), -1, 0)
+        frames.append(
+            (
+                *(_joined(canvas, some) for some in split),
+                np.array([_bounds(canvas, part) for part in parts]),
+                canvas.turned.transform([name.get_position() for name in names]),
+            )
+        )
+    below, over, bounds, places = (np.array(a) for a in zip(*frames, strict=True))
+    ends = np.concatenate([below, over, bounds[..., :2].swapaxes(1, 2)], axis=-1)
     return {
-        "x": _rounded(x),
-        "y": _rounded(y),
-        "box": _rounded(np.array(box)),
+        "lines": _rounded(below),
+        "over": _rounded(over),
+        "parts": _rounded(bounds),
+        "looks": [_look(part, drawing) for part in parts],
+        "names": _rounded(places),
         "held": held_masses(sol, scheme, times).tolist(),
-        "wall": _rounded(np.array(wall)),
-        "walls": [[one.get_height(), one.get_width(), one.get_y() + one.get_height() / 2] for one in walls],
-        "extent": [float(end(a)) for a in (x, y) for end in (np.nanmin, np.nanmax)],
+        "extent": [float(end(ends[:, axis])) for axis in (0, 1) for end in (np.nanmin, np.nanmax)],
     }
+
+
+def _joined(canvas: Canvas, lines: list[Line2D]) -> np.ndarray:
+    """Points of lines in the picture, each followed by NaN, (2, points)."""
+    gap = np.full((1, 2), np.nan)
+    points = [part for line in lines for part in (canvas.turned.transform(line.get_xydata()), gap)]
+    return np.concatenate([np.empty((0, 2)), *points]).T
+
+
+def _bounds(canvas: Canvas, part: Rectangle) -> np.ndarray:
+    """Left, bottom, width and height of a rectangle in the picture."""
+    (x, y), length, width = part.get_xy(), part.get_width(), part.get_height()
+    corners = canvas.turned.transform([[x, y], [x + length, y + width]])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    return np.concatenate([low, high - low])
+
+
+def _look(part: Rectangle, drawing: Drawing) -> int | str:
+    """The mass of a box; the look of another rectangle."""
+    if part in drawing.boxes:
+        return drawing.boxes.index(part)
+    return "hatch" if part.get_hatch() else "cavity" if str(part.get_gid()).startswith("cavity") else "ink"
 
 
 def _rounded(a: np.ndarray) -> list:

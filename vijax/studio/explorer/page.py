@@ -4,38 +4,25 @@ from collections.abc import Callable
 from typing import Any
 from urllib.parse import urlencode
 
-import holoviews as hv
 import panel as pn
 import xarray as xr
-from holoviews.streams import Pipe, Tap
 from matplotlib.figure import Figure
 
 from ..._branches.branch import Branch
 from ..._sweep.provenance import system_of
 from ..._sweep.short_names import with_paths
-from ...plot._branch import lines_of_branch
 from ...plot._labels import swept_paths
 from .address import Shown, query_of, shown_by
 from .code import code_of
-from .diagram import (
-    IMPACTS,
-    Ordinates,
-    axes_in,
-    branch_curves,
-    chart_image,
-    direction_near,
-    marker,
-    ordinates_in,
-    plain_label,
-    points_of,
-)
+from .diagram import IMPACTS, Ordinates, ordinates_in, plain_label
+from .diagram_pane import DiagramPane
 from .film import film_of, frames_of
 from .look import FONT, PageStyle
 from .motion import PointMotion, motion_at, nearest_value, point_at, scalar_parameters
 from .orbits import bounds_of, branch_through, orbit_near
 from .pictures import PICTURES, pictures_of
 from .saved import archive_of
-from .widgets import Changes, button, copy_button, legend, legend_of_points, select
+from .widgets import Changes, button, copy_button, select
 from .words import table_of, words_about
 
 # Time after which a browser has drawn that something long is under way, in milliseconds.
@@ -57,7 +44,7 @@ class Explorer:
     def __init__(self, ds: xr.Dataset, look: PageStyle, ordinate: str = IMPACTS, file: str = ""):
         ds = with_paths(ds)
         self.ds, self.look, self.file, self.swept = ds, look, file, swept_paths(ds["result"])
-        self.drawn = self.swept[:2]
+        self.diagram = DiagramPane(ds, self.swept, look, self._choose)
         self.motion: PointMotion | None = None
         self.branches: list[Branch] = []
         self.figures: dict[str, Figure] = {}
@@ -72,9 +59,8 @@ class Explorer:
         self._make_widgets([*numbers], {"ordinate": ordinate} | shown.chosen)
         self.film = film_of(ds.sizes["mass"], look)
         self.words = pn.pane.HTML(sizing_mode="stretch_width")
-        self.legend = pn.pane.HTML(sizing_mode="stretch_width")
         self.pictures = self._panes()
-        self.diagram = pn.pane.HoloViews(self._diagram(), sizing_mode="stretch_width", height=420)
+        self._redraw()
         self.changes.reset(shown.changes)
         self.words.object = self._words("simulating ...")
         pn.state.onload(self._compute)  # the page is there before its first motion
@@ -87,7 +73,14 @@ class Explorer:
         actions = pn.FlexBox(*self.buttons, **wide)
         code = pn.Card(self.code, copy_button(self.code), title="code", collapsed=True, **wide)
         left = pn.Column(
-            chosen, self.diagram, self.legend, actions, self.changes.panel, self.film, styles=column, **wide
+            chosen,
+            self.diagram.pane,
+            self.diagram.legend,
+            actions,
+            self.changes.panel,
+            self.film,
+            styles=column,
+            **wide,
         )
         pictures = pn.FlexBox(*self.pictures.values(), **wide)
         right = pn.Column(self.words, pictures, code, styles=column, **wide)
@@ -105,7 +98,7 @@ class Explorer:
         return shown_by(query, self.swept, numbers)
 
     def _make_widgets(self, numbers: list[str], chosen: dict[str, Any]) -> None:
-        ds, is_line = self.ds, len(self.drawn) == 1
+        ds, is_line = self.ds, len(self.diagram.drawn) == 1
         self.sliders: list[pn.widgets.Widget] = [
             pn.widgets.DiscreteSlider(
                 name=plain_label(dim), options=ds[dim].values.tolist(), value=float(self.place[dim])
@@ -179,7 +172,7 @@ class Explorer:
                 raise RuntimeError("There is no motion here.")
             motion = orbit_near(self.motion)
             assert motion.orbit is not None
-            path, name = self.drawn[0], self.ordinate.value
+            path, name = self.diagram.drawn[0], self.ordinate.value
             column = "" if name == IMPACTS else name
             self.branches.append(branch_through(motion.orbit, path, bounds_of(self.ds, path), column))
             self._redraw()
@@ -222,7 +215,7 @@ class Explorer:
         self.changes.reset({})
         if redraw:
             self._redraw()
-        self.marker.send(self._chosen())
+        self.diagram.mark(self.place)
         self._later(self._compute)
 
     def _archive(self) -> Any:
@@ -232,59 +225,8 @@ class Explorer:
     def _ordinates(self) -> Ordinates:
         return Ordinates(self.ordinate.value, self.stop.value, self.mass.value)
 
-    def _diagram(self) -> Any:
-        """The diagram with branches, the marker of the chosen point and the listener of clicks."""
-        ds, look = self.ds, self.look
-        for dim in self.swept[2:]:
-            ds = nearest_value(ds, dim, self.place[dim])
-        if len(self.drawn) == 1:
-            drawn = points_of(ds, self.drawn[0], self._ordinates(), look)
-            for lines in self._lines():
-                drawn = drawn * branch_curves(lines, look)
-            self.legend.object = legend_of_points(look, "direction" in self.place, bool(self.branches))
-        else:
-            ds = ds.sel(direction=self.place["direction"]) if "direction" in self.place else ds
-            drawn, colors = chart_image(ds, self.drawn[0], self.drawn[1], look)
-            entries = {words: ("fill", color) for words, color in colors.items()}
-            self.legend.object = legend(entries, "impacts at each stop in forcing periods", look)
-        self.marker = Pipe(data=self._chosen())
-        marked = hv.DynamicMap(lambda data: marker(data[0], data[1], look), streams=[self.marker])
-        self.tap = Tap(source=marked, x=None, y=None)
-        self.tap.add_subscriber(self._click)
-        style = {
-            "bgcolor": look.page,
-            "responsive": True,
-            "height": 420,
-            "show_grid": False,
-            "active_tools": [],
-        }
-        return (drawn * marked).opts(hv.opts.Overlay(**style, show_legend=False, hooks=[axes_in(look)]))
-
-    def _lines(self) -> list[Any]:
-        """Lines of the branches that have the ordinate, and an impact where it needs one."""
-        own = self._ordinates()
-        found = []
-        for branch in self.branches:
-            if own.name == IMPACTS or own.name in branch.points:
-                found.append(lines_of_branch(branch, own.number(self.ds), own.name))
-        return found
-
     def _redraw(self) -> None:
-        self.diagram.object = self._diagram()
-
-    def _chosen(self) -> tuple[float, float | None]:
-        x, *rest = (float(self.place[dim]) for dim in self.drawn)
-        return x, rest[0] if rest else None
-
-    def _click(self, x: float | None, y: float | None) -> None:
-        if x is None or y is None:
-            return
-        place: dict[str, Any] = {
-            dim: self._nearest(dim, value) for dim, value in zip(self.drawn, (x, y), strict=False)
-        }
-        if "direction" in self.place and len(self.drawn) == 1:
-            place["direction"] = direction_near(self.ds, self.drawn[0], self._ordinates(), {"x": x, "y": y})
-        self._choose(place)
+        self.diagram.redraw(self.place, self._ordinates(), self.branches)
 
     def _panes(self) -> dict[str, pn.pane.Matplotlib]:
         # All of one size, also the last one alone in its row.

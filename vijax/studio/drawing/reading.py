@@ -1,0 +1,158 @@
+"""Schemes of machines: an `ImpactSystem`, or the machine of a trajectory."""
+
+from typing import Any
+
+import jax
+import numpy as np
+
+from ..._machine.machine import Machine
+from ..._machine.switching import COMPLIANT, SwitchingContacts
+from ..._system.compliant import CompliantContact, CompliantStop
+from ..._system.force import name_of_force, whole_force
+from ..._system.restitution import (
+    AbstractRestitution,
+    Restitution,
+    light_coefficient,
+    restitution_of_contacts,
+)
+from ..._system.system import AnyStop, ImpactSystem
+from ..._system.waves import Waves
+from ..._trajectory.solution import Solution
+from ...models._nonlinear import PendulumWeight
+from ...plot._contacts import masses_of_stops
+from .scheme import NOTHING, Rubbing, Scheme
+
+
+def scheme_of_system(system: ImpactSystem) -> Scheme:
+    """Scheme of one machine; raise for a batch."""
+    if system.stiffness.ndim != 2:
+        raise ValueError(
+            f"Machines are drawn one by one, but this is a batch of shape {system.stiffness.shape[2:]}: draw its parts."
+        )
+    n = system.num_masses
+    rows = np.array([_row(n, stop.coefficients) for stop in system.stops]).reshape(-1, n)
+    moving = [stop.motion is not None and bool(np.any(stop.motion.amplitude)) for stop in system.stops]
+    (stiffness, damping), omitted = _drawn(
+        np.asarray(system.stiffness), np.asarray(system.damping), system.num_states
+    )
+    return Scheme(
+        stiffness,
+        damping,
+        np.asarray(system.forcing.mean),
+        waves=jax.tree.map(np.asarray, system.forcing.waves()),
+        frequency=float(system.forcing.frequency),
+        rows=rows,
+        masses=masses_of_stops(system),
+        limit=np.array([float(stop.sign * stop.centre) for stop in system.stops]),
+        restitution=tuple(map(_law_in_words, system.stops)),
+        is_moving=np.array(moving, bool),
+        is_lumped=not system.has_full_mass,
+        force=None if system.force is None else _name(system.force),
+        is_compliant=np.array([stop.is_compliant for stop in system.stops], bool),
+        is_damped=np.array([bool(getattr(stop, "damping", 0) > 0) for stop in system.stops], bool),
+        friction=tuple(
+            Rubbing(_row(n, one.coefficients), float(one.force), float(one.velocity))
+            for one in system.friction
+        ),
+        omitted=omitted,
+        accelerations=_accelerations(np.asarray(system.mass), np.asarray(system.forcing.mean)),
+        is_hung=isinstance(system.force, PendulumWeight),
+    )
+
+
+def _accelerations(mass: np.ndarray, mean: np.ndarray) -> np.ndarray:
+    return np.linalg.solve(mass, mean) if mass.ndim == 2 else mean[: len(mass)] / mass
+
+
+def _row(num_masses: int, coefficients: dict[int, Any]) -> np.ndarray:
+    row = np.zeros(num_masses)
+    for i, a in coefficients.items():
+        row[i] = float(a)
+    return row
+
+
+def _law_in_words(stop: AnyStop) -> str:
+    if isinstance(stop, CompliantStop | CompliantContact):
+        return f"$k$ = {float(stop.stiffness):.3g}"
+    (words,) = _coefficients(restitution_of_contacts([stop.restitution], np.zeros(())))
+    return words
+
+
+def _coefficients(restitution: Restitution) -> tuple[str, ...]:
+    symbol = "r(0)" if isinstance(restitution, AbstractRestitution) else "r"
+    return tuple(f"${symbol}$ = {r:.3g}" for r in np.asarray(light_coefficient(restitution)))
+
+
+def scheme_of_solution(sol: Solution, places: np.ndarray) -> Scheme:
+    """Scheme of the machine of a trajectory; `places` are the positions of its stops, (times, stops)."""
+    machine = sol.machine
+    contacts, n = machine.contacts, machine.num_masses
+    inverse, mean = np.asarray(machine.inverse_mass), np.asarray(machine.mean)
+    (stiffness, damping), omitted = _drawn(
+        np.asarray(machine.stiffness), np.asarray(machine.damping), machine.num_states
+    )
+    rows, num_stops = np.asarray(contacts.rows).reshape(contacts.num, n), contacts.num_stops
+    words, friction = _coefficients(contacts.restitution), ()
+    is_compliant = is_damped = np.zeros(num_stops, bool)
+    if isinstance(contacts, SwitchingContacts):
+        laws, is_compliant = contacts.laws, np.array(contacts.laws.kinds[:num_stops]) == COMPLIANT
+        added, force, velocity = (np.asarray(a) for a in (laws.stiffness, laws.force, laws.velocity))
+        is_damped = np.asarray(laws.damping)[:num_stops] > 0
+        words = tuple(f"$k$ = {added[j]:.3g}" if is_compliant[j] else words[j] for j in range(num_stops))
+        friction = tuple(
+            Rubbing(rows[j], float(force[j]), float(velocity[j])) for j in range(num_stops, contacts.num)
+        )
+    return Scheme(
+        stiffness,
+        damping,
+        mean,
+        waves=_load_in_space(machine),
+        frequency=float(machine.frequency),
+        rows=rows[:num_stops],
+        masses=contacts.masses[:num_stops],
+        limit=np.asarray(contacts.limit)[:num_stops],
+        restitution=words,
+        is_moving=np.ptp(places, axis=0) > 0,
+        is_lumped=machine.inverse_mass.ndim == 1,
+        force=None if machine.extra is None else _name(machine.extra.force),
+        is_compliant=is_compliant,
+        is_damped=is_damped,
+        friction=friction,
+        omitted=omitted,
+        accelerations=inverse @ mean if inverse.ndim == 2 else inverse * mean[: len(inverse)],
+        is_hung=machine.extra is not None
+        and isinstance(whole_force(machine.extra.force.force), PendulumWeight),
+    )
+
+
+def _drawn(stiffness: np.ndarray, damping: np.ndarray, num_states: int) -> tuple[list[np.ndarray], str]:
+    """Symmetric parts of the matrices, without the states, and what they lack in words."""
+    first = len(stiffness) - num_states
+    is_mass = np.arange(len(stiffness)) < first
+    between = [np.where(np.outer(is_mass, is_mass), a, 0) for a in (stiffness, damping)]
+    names = [
+        f"asymmetric part of the {name}"
+        for name, a in zip(("stiffness", "damping"), between, strict=True)
+        if np.abs(a - a.T).max() > NOTHING * np.abs(a).max()
+    ]
+    if num_states:
+        names.append(
+            "links of the last box, a state"
+            if num_states == 1
+            else f"links of the last {num_states} boxes, states"
+        )
+    return [(a + a.T) / 2 for a in between], f"not drawn: {', '.join(names)}" if names else ""
+
+
+def _load_in_space(machine: Machine) -> Waves:
+    """Harmonics of the load in space: without -M w'' - C w' - K w if the machine moves with its stops (`frame`)."""
+    waves, frame = jax.tree.map(np.asarray, machine.waves), machine.frame
+    if frame is not None:
+        inertia = frame.load(1 / machine.inverse_mass, machine.damping, machine.stiffness)
+        waves = jax.tree.map(lambda a, b: np.where(abs(a - b) > NOTHING * abs(b), a - b, 0.0), waves, inertia)
+    return waves
+
+
+def _name(force: object) -> str:
+    """The name of a force without its parameters."""
+    return name_of_force(force).partition("(")[0].strip("<>")  # pyright: ignore[reportArgumentType]
