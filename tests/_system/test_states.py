@@ -117,3 +117,18 @@ def test_it_goes_to_a_file_and_back_and_prints_its_states():
     assert again.num_states == 1
     assert repr(again) == repr(system)
     assert "1 mass, 1 first-order state and 1 stop" in repr(system)
+
+
+def test_a_second_load_is_a_pair_of_states():
+    """Without stops the motion is the sum of both responses; both phases of the second load are neutral."""
+    first, second, drag = 0.8, 0.8 * np.sqrt(2), 0.1
+    load = vx.Harmonic([0.2], first)
+    alone = vx.ImpactSystem([1.0], [[drag]], [[1.0]], load, [])
+    machine = vx.with_states(alone, [[0.0, second], [-second, 0.0]], [[0.1, 0.0]])
+    ts = np.linspace(300, 310, 50) * float(load.period)
+    sol = vx.simulate(machine, 0.0, ts[-1], v0=[0.0, 1.0, 0.0], ts=ts)
+    pairs = ((first, 0.2), (second, 0.1))
+    response = sum((a * np.exp(1j * w * ts) / (1 - w**2 + 1j * drag * w)).real for w, a in pairs)
+    np.testing.assert_allclose(sol.xs[:, 0], response, rtol=0, atol=1e-12)
+    found = vx.lyapunov_exponents(machine, v0=[0.0, 1.0, 0.0], transient=50, num_periods=100, progress=False)
+    np.testing.assert_allclose(found[:4], [0, 0, -drag / 2, -drag / 2], rtol=0, atol=1e-2)
