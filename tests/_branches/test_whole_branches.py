@@ -324,3 +324,22 @@ def test_a_mass_that_a_stop_holds_as_the_cycle_begins_has_no_impacts_there(posit
     orbit = vx.periodic_orbit(system, [position - 0.1], [0.3])
     assert abs(int(orbit.num_impacts[0]) - num_impacts) <= (num_impacts > 0)
     assert bool(orbit.is_admissible)
+
+
+def test_an_orbit_at_rest_at_0_begins_a_branch():
+    """The mean load presses the mass on a stop; where the stop is counts only by the force of the spring."""
+
+    def branch(position, mean, end):
+        load, stop = vx.Harmonic([mean / 5], 1.0, mean=[mean + position]), vx.Stop(0, position, "upper", 0.8)
+        system = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], load, [stop])
+        orbit = vx.periodic_orbit(system, [position], [0.0])
+        return vx.continuation(orbit, "forcing.amplitude[0]", (mean / 10, end), progress=False)
+
+    at_zero, elsewhere = branch(0.0, 0.5, 1.0), branch(0.1, 0.4, 0.8)
+    assert kinds(at_zero) == kinds(elsewhere) == ["force_zero", "chatter_completion"]
+    assert at_zero.ends == elsewhere.ends == ("bounds", "chatter_completion")
+    shares = [
+        [point.value / mean for point in one.bifurcations] for one, mean in ((at_zero, 0.5), (elsewhere, 0.4))
+    ]
+    assert shares[0][0] == pytest.approx(1.0, abs=LOCATED)
+    np.testing.assert_allclose(*shares, rtol=0, atol=1e-9)

@@ -11,8 +11,9 @@ import xarray as xr
 from .._flow.choose import choose_flow
 from .._flow.interface import AbstractFlow
 from .._flow.taylor import TaylorFlow
+from .._jax.arrays import Reals
 from .._jax.concrete import is_traced
-from .._machine.numbers import numbers_of
+from .._machine.numbers import MachineNumbers, numbers_of
 from .._orbits.autonomous import with_unit
 from .._orbits.orbit import PeriodicOrbit
 from .._orbits.rigid_modes import free_drifts, free_shifts
@@ -207,10 +208,8 @@ def _families_side_by_side(
     first = numbers_of(systems[0])
     shifts, drift = np.asarray(free_shifts(first)), jax.tree.map(np.asarray, free_drifts(first))
     states = np.stack([start.state for start in starts])
-    frequency, limit = (
-        np.asarray(a) for a in (numbers.frequency, np.abs(numbers.limit).max(axis=0, initial=0))
-    )
-    scales = _scales(states, np.broadcast_to(frequency, num), np.broadcast_to(limit, num))
+    sizes = np.asarray(numbers.frequency), *_lengths_of(numbers)
+    scales = _scales(states, *(np.broadcast_to(size, num) for size in sizes))
     return [
         Family(
             system=system,
@@ -234,11 +233,26 @@ def _lanes_last(*arrays: np.ndarray) -> np.ndarray:
     return whole[..., :1] if np.all(whole == whole[..., :1]) else whole
 
 
-def _scales(states: np.ndarray, frequency: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """Sizes of positions and velocities of orbits, (orbits, 2 n)."""
+# Size of an orbit, relative to the length by which the load moves free masses, below which that length is its scale.
+_SMALL = 0.1
+
+
+def _lengths_of(numbers: MachineNumbers) -> tuple[Reals, Reals]:
+    """Position of the farthest stop, and the length by which the load moves free masses; lanes last."""
+    load = np.abs(numbers.mean) + np.hypot(numbers.waves.cosine, numbers.waves.sine).sum(axis=0)
+    mass, stiffness = np.asarray(numbers.mass), np.asarray(numbers.stiffness)
+    if mass.ndim == stiffness.ndim:
+        mass = np.einsum("ii...->i...", mass)
+    resistance = np.abs(np.einsum("ii...->i...", stiffness)) + mass * np.asarray(numbers.frequency) ** 2
+    return np.abs(numbers.limit).max(axis=0, initial=0), (load / resistance).max(axis=0)
+
+
+def _scales(states: np.ndarray, frequency: np.ndarray, limit: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Sizes of positions and velocities of orbits, (orbits, 2 n); an orbit may be at rest at 0."""
     x, v = np.split(np.abs(states), 2, axis=1)
     lengths = np.max([x.max(axis=1), v.max(axis=1) / frequency, limit], axis=0)
-    lengths = np.maximum(lengths, np.finfo(states.dtype).tiny)
+    lengths = np.where(lengths < _SMALL * free, free, lengths)
+    lengths = np.where(lengths > 0, lengths, 1)
     scales = lengths[:, None] * np.stack([np.ones_like(frequency), frequency], axis=1)
     return np.repeat(scales, x.shape[1], axis=1).astype(states.dtype)
 
@@ -276,8 +290,8 @@ def family_of(start: Start, path: str, low: float, high: float, tolerance: float
     system = jax.tree.map(np.asarray, with_args(machine, start.args))
     _check_start(start, path, value_of(system, path), (low, high))
     numbers, dtype = numbers_of(system), start.state.dtype
-    limit = np.abs(np.asarray(numbers.limit)).max(initial=0)
-    (scale,) = _scales(start.state[None], np.asarray(numbers.frequency)[None], limit[None])
+    sizes = np.asarray(numbers.frequency), *_lengths_of(numbers)
+    (scale,) = _scales(start.state[None], *(size[None] for size in sizes))
     return Family(
         system=system,
         flow=TaylorFlow()
