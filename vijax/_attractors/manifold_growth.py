@@ -15,7 +15,7 @@ import numpy as np
 
 from .._orbits.reversal import StateMap
 from .._progress import tqdm
-from .manifold_points import Points, needed
+from .manifold_points import Points, is_known, needed
 
 # Largest angle between neighbouring chords, in radians, unless they are shorter than this share of the spacing.
 ANGLE, FINE = 0.2, 0.05
@@ -103,7 +103,7 @@ class Growth:
             grown = self._grown(curve)
             row = self._row(curve, is_needed[is_kept] & (grown <= remaining))[:room]
             self.rows.append(row)
-            count, added = int(np.isfinite(row).all(axis=1).sum()), float(min(grown[-1], remaining))
+            count, added = int(is_known(row).sum()), float(min(grown[-1], remaining))
             self.bar.update(count)
             remaining, room = remaining - added, room - count
             longest, away = max(longest, added), 0 if self._is_inside(curve).any() else away + 1
@@ -144,15 +144,15 @@ class Growth:
     def _parts(self, curve: Points) -> np.ndarray:
         """Parts into which each interval is to be divided, 1 for none."""
         length, chords = curve.lengths(), np.diff(curve.states, axis=0)
-        is_known = np.isfinite(length)
-        parts = np.where(length > self.spacing, np.ceil(np.where(is_known, length, 1) / self.spacing), 1)
+        is_finite = np.isfinite(length)
+        parts = np.where(length > self.spacing, np.ceil(np.where(is_finite, length, 1) / self.spacing), 1)
         with np.errstate(invalid="ignore"):
             cosine = (chords[1:] * chords[:-1]).sum(axis=1)
             is_sharp = cosine < np.cos(ANGLE) * length[1:] * length[:-1]
         is_sharp &= ~curve.is_cut[1:] & ~curve.is_cut[:-1]
         bends = np.append(is_sharp, False) | np.append(False, is_sharp)
         parts = np.where(bends & (length > FINE * self.spacing), np.maximum(parts, 2), parts)
-        is_state = np.isfinite(curve.states).all(axis=1)
+        is_state = is_known(curve.states)
         parts = np.where(is_state[1:] != is_state[:-1], _MOST_PARTS, parts)
         parts = np.clip(parts, 1, _MOST_PARTS).astype(int)
         return np.where(curve.is_cut | ~self._may_enter(curve), 1, parts)
@@ -187,5 +187,5 @@ class Growth:
         states = np.insert(states[:-1], np.flatnonzero(self._is_cut(curve)) + 1, np.nan, axis=0)
         is_between = np.insert(~is_shown[:-1], np.flatnonzero(self._is_cut(curve)) + 1, False)
         states = states[~is_between]
-        is_state = np.isfinite(states).all(axis=1)
+        is_state = is_known(states)
         return states[is_state | np.append(False, is_state[:-1])]

@@ -110,9 +110,14 @@ class Points:
         self.is_first = np.insert(self.is_first, at + 1, False)
 
 
+def is_known(states: np.ndarray) -> np.ndarray:
+    """True for states that exist, (points,)."""
+    return np.asarray(np.isfinite(states).all(axis=1))
+
+
 def needed(states: np.ndarray, is_cut: np.ndarray, spacing: float, angle: float) -> np.ndarray:
     """True for points without which neighbours would be too far apart, or turn too much; ends of pieces are among them."""
-    is_kept = np.isfinite(states).all(axis=1)
+    is_kept = is_known(states)
     is_end = np.append(is_cut, True) | np.append(True, is_cut)
     for start in (1, 2) * _PASSES:
         at = np.flatnonzero(is_kept)

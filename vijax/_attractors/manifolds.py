@@ -1,8 +1,6 @@
 """Stable and unstable manifolds of saddles of the stroboscopic map."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 import xarray as xr
@@ -12,21 +10,13 @@ from .._dataset_attributes import versions
 from .._jax.arrays import Count, real_number, refuse_single_precision, whole_number
 from .._jax.concrete import concrete
 from .._jax.xla import padding_allowed
-from .._orbits.maps import monodromy_matrix
 from .._orbits.orbit import PeriodicOrbit
-from .._orbits.reversal import StateMap, no_inverse
+from .._orbits.reversal import StateMap
 from .._progress import interrupt_with_result, tqdm
-from .manifold_growth import Growth, Seed
+from .manifold_growth import Growth
+from .manifold_points import is_known
+from .manifold_starts import Kind, Names, kinds_of, seeds_of
 
-Kind = Literal["unstable", "stable"]
-_KINDS: tuple[Kind, Kind] = ("unstable", "stable")
-# Multipliers closer to the unit circle lie on it.
-_ON_CIRCLE = 1e-6
-# Least growth of one map of the fundamental domain.
-_GROWTH = 2.0
-# Distances from the saddle at which the line may end, and the error of the best of them, relative to the size of the motion.
-_REACHES = 10.0 ** -np.arange(3, 10)
-_STRAIGHT, _BENT = 1e-9, 1e-4
 # Default length and spacing, relative to the size of the motion.
 _LENGTH, _SPACING = 20.0, 0.01
 
@@ -49,9 +39,9 @@ def manifolds(
     the boundary between basins, if the saddle does. A curve is followed if one multiplier lies outside the unit
     circle, or one inside. The stable one is followed by the machine backwards in time, and every state is checked forwards.
 
-    Every point lies on the curve to rounding, times what the map magnifies it by. Neighbours are closer than `spacing` and turn
-    by less than 0.2 rad, except at corners, which grazing impacts make. Curves are cut where they jump: at a
-    stop, where the velocity is reversed; where the machine must stick, before which the past is not known; at the bounds.
+    The map contracts onto the curve, so that errors die out along it. Neighbours are closer than `spacing` and turn by less than
+    0.2 rad, except at corners, which grazing impacts make. Curves are cut where they jump: at a stop, where the velocity is
+    reversed; where the machine must stick, before which the past is not known; at the bounds.
 
     Args:
         orbit: the saddle, result of `vx.periodic_orbit`, or `.orbit` of a point of a branch.
@@ -92,12 +82,15 @@ def manifolds(
         605; B. Krauskopf & H. M. Osinga, J. Comput. Phys. 146 (1998) 404.
     """
     _check_orbit(orbit)
-    kinds = _kinds(orbit, which)
+    kinds = kinds_of(orbit, which)
     size = _size(orbit)
-    longest, near = _positive("length", length, _LENGTH * size), _positive("spacing", spacing, _SPACING * size)
+    longest, near = (
+        _positive("length", length, _LENGTH * size),
+        _positive("spacing", spacing, _SPACING * size),
+    )
     most, box = whole_number("max_points", max_points, 2), _box(orbit, bounds)
-    seeds = [one for kind in kinds for one in _seeds(orbit, kind, size, all_points)]
-    curves: list[tuple[_Names, Growth]] = []
+    seeds = [one for kind in kinds for one in seeds_of(orbit, kind, size, all_points)]
+    curves: list[tuple[Names, Growth]] = []
 
     def result_so_far() -> xr.Dataset:
         return _dataset(orbit, curves, longest, near)
@@ -109,9 +102,6 @@ def manifolds(
     return result_so_far()
 
 
-_Names = tuple[Kind, int, float, int]
-
-
 def _check_orbit(orbit: PeriodicOrbit) -> None:
     """Refuse orbits at which the map has no saddle."""
     if not isinstance(orbit, PeriodicOrbit) or concrete(orbit.period) is None or np.ndim(orbit.period):
@@ -120,49 +110,23 @@ def _check_orbit(orbit: PeriodicOrbit) -> None:
     if not orbit.num_periods:
         raise ValueError("`manifolds` is for orbits under a load: this cycle has no stroboscopic map.")
     if not bool(orbit.is_admissible):
-        raise ValueError("The machine does not follow this orbit, so that nothing goes to it or comes from it.")
+        raise ValueError(
+            "The machine does not follow this orbit, so that nothing goes to it or comes from it."
+        )
     if not np.isfinite(orbit.multipliers).all():
         raise ValueError(
             "The orbit grazes a stop, and one of its multipliers is infinite: take an orbit beside, at another parameter."
         )
 
 
-def _kinds(orbit: PeriodicOrbit, which: Kind | Sequence[Kind] | None) -> list[Kind]:
-    """The manifolds to follow, which must be curves."""
-    given = _KINDS if which is None else (which,) if isinstance(which, str) else tuple(which)
-    if not given or not set(given) <= {*_KINDS}:
-        raise ValueError(f'Argument `which` must be "unstable", "stable" or both, but is {which!r}.')
-    reasons = {kind: _why_not(orbit, kind) for kind in _KINDS}
-    found = [kind for kind in given if not reasons[kind]]
-    if not found or (which is not None and len(found) < len(given)):
-        reason = next(reasons[kind] for kind in given if reasons[kind])
-        possible = "".join(f' Or ask for `which="{kind}"`.' for kind in _KINDS if not reasons[kind])
-        raise ValueError(reason + possible)
-    return [kind for kind in _KINDS if kind in found]
-
-
-def _why_not(orbit: PeriodicOrbit, kind: Kind) -> str:
-    """Why a manifold cannot be followed; empty if it can."""
-    size, is_stable = np.abs(np.asarray(orbit.multipliers)), kind == "stable"
-    count = int((size < 1 - _ON_CIRCLE).sum() if is_stable else (size > 1 + _ON_CIRCLE).sum())
-    if count != 1:
-        number = f"{count or 'None'} of the {len(size)} multipliers of the orbit {'lie' if count > 1 else 'lies'}"
-        manifold = f"its {kind} manifold is no curve" if count else f"it has no {kind} manifold"
-        return (
-            f"{number} {'inside' if is_stable else 'outside'} the unit circle, so that {manifold}: take an orbit with one such "
-            "multiplier, as a saddle from `vx.edge_state` or from an unstable part of a branch."
-        )
-    if is_stable and (reason := no_inverse(orbit.system)):
-        return f"The stroboscopic map has no inverse, which the stable manifold needs: {reason}."
-    if is_stable and size.min() < np.finfo(float).eps:
-        return "A mass sticks in the orbit, where the stroboscopic map has no inverse, which the stable manifold needs."
-    return ""
-
-
 def _size(orbit: PeriodicOrbit) -> float:
     """Size of an orbit, in (W x, v)."""
     speeds = np.asarray(orbit.events.velocity_minus)
-    parts = [float(orbit.system.forcing.frequency) * np.asarray(orbit.x0), np.asarray(orbit.v0), speeds[np.isfinite(speeds)]]
+    parts = [
+        float(orbit.system.forcing.frequency) * np.asarray(orbit.x0),
+        np.asarray(orbit.v0),
+        speeds[np.isfinite(speeds)],
+    ]
     return float(np.abs(np.concatenate(parts)).max())
 
 
@@ -185,75 +149,15 @@ def _box(orbit: PeriodicOrbit, bounds: Mapping[str, tuple[ArrayLike, ArrayLike]]
             raise ValueError(f"Argument `bounds` must be of {', '.join(names)}, but has {name}.")
         place, ends = names.index(name), [real_number(name, low), real_number(name, high)]
         if not ends[0] < ends[1]:
-            raise ValueError(f"Bounds of {name} must be a lower and a higher value, but are {low} and {high}.")
+            raise ValueError(
+                f"Bounds of {name} must be a lower and a higher value, but are {low} and {high}."
+            )
         box[:, place] = np.array(ends) * (rate if place < n else 1.0)
     return box
 
 
-def _seeds(orbit: PeriodicOrbit, kind: Kind, size: float, all_points: bool) -> list[tuple[_Names, Seed]]:
-    """The lines from which one manifold grows, on both sides of every point of the orbit."""
-    forward, found = StateMap.of_orbit(orbit, 1), []
-    backward = StateMap.of_orbit(orbit, -1) if kind == "stable" else None
-    state = np.concatenate([orbit.x0, orbit.v0]) * forward.scale
-    for period in range(orbit.num_periods if all_points else 1):
-        multiplier, direction = _eigenvector(orbit, forward, state, kind)
-        growth = np.log(abs(multiplier)) * (1 if kind == "unstable" else -1)
-        repeats = int(np.ceil(np.log(_GROWTH) / growth))
-        repeats += repeats % 2 if multiplier < 0 else 0
-        for side in (1, -1):
-            seed = Seed(
-                saddle=state,
-                direction=side * direction,
-                multiplier=float(np.exp(growth * repeats)),
-                reach=size,
-                map=forward if backward is None else backward,
-                inverse=None if backward is None else forward,
-                num_periods=orbit.num_periods * repeats,
-                size=size,
-            )
-            found.append(((kind, side, multiplier, period), _with_reach(seed)))
-        if all_points:
-            state = forward(state[None], 1)[0]
-    return found
-
-
-def _eigenvector(
-    orbit: PeriodicOrbit, forward: StateMap, state: np.ndarray, kind: Kind
-) -> tuple[float, np.ndarray]:
-    """The multiplier outside the unit circle, or inside, and its unit vector (W x, v), at a point of the orbit."""
-    x, v = np.split(state / forward.scale, 2)
-    matrix = np.asarray(
-        monodromy_matrix(
-            orbit.system, x, v, orbit.num_periods, phase=orbit.phase, flow=orbit.flow, args=orbit.args
-        )
-    )
-    values, vectors = np.linalg.eig(matrix * forward.scale[:, None] / forward.scale)
-    size = np.abs(values)
-    k = int(size.argmax() if kind == "unstable" else size.argmin())
-    direction = np.real(vectors[:, k]) / np.linalg.norm(np.real(vectors[:, k]))
-    first = direction[np.abs(direction) > 1e-9][0]
-    return float(np.real(values[k])), direction * np.sign(first)
-
-
-def _with_reach(seed: Seed) -> Seed:
-    """A line that ends as far from the saddle as the curve is straight."""
-    lines = [replace(seed, reach=float(seed.size * reach)) for reach in _REACHES]
-    ends = np.array([0.0, 1.0])
-    states = np.stack([line.line(ends) for line in lines])
-    off = np.linalg.norm(seed.after(states[:, 0]) - states[:, 1], axis=1) / seed.size
-    off = np.where(np.isfinite(off), off, np.inf)
-    straight = np.flatnonzero(off < _STRAIGHT)
-    best = int(straight[0] if straight.size else off.argmin())
-    if not off[best] < _BENT:
-        raise ValueError(
-            "The map is not smooth near the orbit: it nearly grazes a stop, sticks, or meets one just at its start. Take an orbit "
-            "beside, at another parameter, or another `phase` of `vx.periodic_orbit`."
-        )
-    return lines[best]
-
-
 def _dataset(
-    orbit: PeriodicOrbit, curves: list[tuple[_Names, Growth]], length: float, spacing: float
+    orbit: PeriodicOrbit, curves: list[tuple[Names, Growth]], length: float, spacing: float
 ) -> xr.Dataset:
     """The curves, one after another."""
     n, scale = orbit.system.num_masses, StateMap.of_orbit(orbit, 1).scale
@@ -261,11 +165,11 @@ def _dataset(
     shape = len(rows), max((len(one) for one in rows), default=0)
     states, arclength, piece = np.full((*shape, 2 * n), np.nan), np.full(shape, np.nan), np.full(shape, -1)
     for k, one in enumerate(rows):
-        is_state, known = np.isfinite(one).all(axis=1), slice(0, len(one))
+        is_state, filled = is_known(one), slice(0, len(one))
         step = np.linalg.norm(np.diff(one, axis=0), axis=1)
         along = np.append(0.0, np.cumsum(np.nan_to_num(step, nan=0.0)))
-        states[k, known], arclength[k, known] = one / scale, np.where(is_state, along, np.nan)
-        piece[k, known] = np.where(is_state, np.cumsum(~is_state), -1)
+        states[k, filled], arclength[k, filled] = one / scale, np.where(is_state, along, np.nan)
+        piece[k, filled] = np.where(is_state, np.cumsum(~is_state), -1)
     names = [one for one, _ in curves]
     text = np.dtypes.StringDType()
     columns = {
@@ -276,17 +180,26 @@ def _dataset(
         "kind": (("branch",), np.array([one[0] for one in names], text), "unstable or stable manifold"),
         "side": (("branch",), np.array([one[1] for one in names], int), "side of the saddle"),
         "multiplier": (("branch",), np.array([one[2] for one in names], float), "Floquet multiplier"),
-        "period": (("branch",), np.array([one[3] for one in names], int), "forcing periods since the start of the orbit"),
+        "period": (
+            ("branch",),
+            np.array([one[3] for one in names], int),
+            "forcing periods since the start of the orbit",
+        ),
         "end": (("branch",), np.array([one.end for _, one in curves], text), "why the curve ends"),
     }
     variables = {name: (dims, a, {"long_name": words}) for name, (dims, a, words) in columns.items()}
-    attrs = {"num_periods": orbit.num_periods, "length": length, "spacing": spacing, "phase": float(orbit.phase)}
+    attrs = {
+        "num_periods": orbit.num_periods,
+        "length": length,
+        "spacing": spacing,
+        "phase": float(orbit.phase),
+    }
     return xr.Dataset(variables, attrs=attrs | versions())
 
 
 def _cut_at_jumps(states: np.ndarray, spacing: float) -> np.ndarray:
     """States with one row of NaN between neighbours that are apart, as between two levels."""
-    is_state = np.isfinite(states).all(axis=1)
+    is_state = is_known(states)
     states = states[is_state | np.append(False, is_state[:-1])]
     apart = np.linalg.norm(np.diff(states, axis=0), axis=1) > 1.01 * spacing
     states = np.insert(states, np.flatnonzero(apart) + 1, np.nan, axis=0)

@@ -20,6 +20,7 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from .._flow.interface import AbstractFlow
 from .._jax.xla import compile_lightly
+from .._system.compliant import AbstractCompliantLimit
 from .._system.contact import AbstractRigidLimit
 from .._system.force import BoundForce
 from .._system.restitution import AbstractRestitution
@@ -51,8 +52,8 @@ def no_inverse(system: ImpactSystem) -> str:
         if isinstance(law, AbstractRestitution):
             return f"the restitution of `stops[{j}]` depends on the speed of impact, and is reversed only where it is a number"
         if not np.all(np.asarray(law) > 0):
-                return f"an impact on `stops[{j}]`, of restitution 0, ends alike whatever its speed"
-        if stop.is_compliant and np.any(np.asarray(stop.damping) > 0):
+            return f"an impact on `stops[{j}]`, of restitution 0, ends alike whatever its speed"
+        if isinstance(stop, AbstractCompliantLimit) and np.any(np.asarray(stop.damping) > 0):
             return f"the damper of `stops[{j}]` lets go before the stop is left, and meets it at once when it is hit"
     return ""
 
@@ -74,7 +75,11 @@ def reversed_machine(system: ImpactSystem) -> ImpactSystem:
     force = system.force
     if force is None:
         return other
-    new = BoundForce(ReversedForce(force.force), force.args) if isinstance(force, BoundForce) else ReversedForce(force)
+    new = (
+        BoundForce(ReversedForce(force.force), force.args)
+        if isinstance(force, BoundForce)
+        else ReversedForce(force)
+    )
     return eqx.tree_at(lambda s: s.force, other, new)
 
 
@@ -111,7 +116,9 @@ class StateMap(NamedTuple):
         most, count = jnp.asarray(_STEPS[self.sign]), jnp.asarray(num_periods)
         ends = []
         for part in np.split(z, range(_BATCHES[-1], len(z), _BATCHES[-1])) if len(z) else []:
-            full = np.resize(part, (next(size for size in _BATCHES if len(part) <= size), z.shape[1])) / factors
+            full = (
+                np.resize(part, (next(size for size in _BATCHES if len(part) <= size), z.shape[1])) / factors
+            )
             states = _many(self.system, full, count, self.phase, most, self.flow, self.args)
             ends.append(np.asarray(states)[: len(part)] * factors)
         return np.concatenate(ends) if ends else np.array(z, float)
@@ -128,6 +135,7 @@ def _many(
     args: object,
 ) -> Float[Array, "points state"]:
     """States (x, v) after some forcing periods; one period after another, so that no time grows."""
+
     def of_one(z: Float[Array, " state"]) -> Float[Array, " state"]:
         x, v = jnp.split(z, 2)
         ends = stroboscopic_map(system, x, v, phase=phase, flow=flow, args=args, max_steps=most, throw=False)

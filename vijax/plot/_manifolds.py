@@ -92,6 +92,4 @@ def _add_to_legend(ax: Axes) -> None:
     known = [text.get_text() for text in old.get_texts()]
     new = [(handle, text) for handle, text in zip(own, words, strict=True) if text not in known]
     ax.add_artist(old).set_clip_on(False)  # else layouts leave no room for it
-    ax.legend(
-        *zip(*new, strict=True), loc="lower left", bbox_to_anchor=(1.0, 0.0), frameon=False
-    )
+    ax.legend(*zip(*new, strict=True), loc="lower left", bbox_to_anchor=(1.0, 0.0), frameon=False)
