@@ -150,6 +150,20 @@ def test_more_masses_have_a_curve_where_one_direction_is_unstable():
         vx.manifolds(orbit, which="stable")
 
 
+@pytest.mark.slow
+def test_stops_may_move():
+    shaken = vx.Harmonic([0.05], 3.0, [1.0])
+    stops = [vx.Stop(0, 0.5, "upper", 0.8, shaken), vx.Stop(0, -0.5, "lower", 0.8, shaken)]
+    system = vx.ImpactSystem([1.0], [[0.05]], [[1.0]], vx.Harmonic([1.0], 3.0), stops)
+    orbit = vx.periodic_orbit(system, [-0.370468], [0.663303])
+    ds = vx.manifolds(orbit, length=3.0, spacing=0.05, progress=False)
+    assert ds["arclength"].max("point").values.min() > 2.9
+    towards, states = StateMap.of_orbit(orbit, 1), branch(ds, "stable", 1)[:20]
+    goal = np.array([3.0 * float(orbit.x0[0]), float(orbit.v0[0])])
+    away = [np.linalg.norm(towards(states, k) - goal, axis=1) for k in range(8)]
+    assert np.min(away, axis=0).max() < 1e-5
+
+
 def test_the_number_of_points_is_bounded(saddle):
     ds = vx.manifolds(saddle, which="unstable", spacing=1e-3, max_points=50, progress=False)
     assert list(ds["end"]) == ["points", "points"]

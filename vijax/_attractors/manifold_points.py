@@ -46,16 +46,18 @@ class Points:
 
     def map(self) -> None:
         """Go on to the next piece."""
+        before = self.lengths()
         self.past = [*self.past[1 - _MEMORY :], self.after(self.states)]
-        self.is_tested[:] = False
+        # An interval that shrinks stays tested: towards an attractor, preimages that are close lie many pieces back.
+        with np.errstate(invalid="ignore"):
+            self.is_tested &= self.lengths() <= before
 
     def keep(self, which: np.ndarray) -> None:
-        """Keep some of the points; an interval is cut if a part of it was."""
+        """Keep some of the points; an interval is cut if a part of it was, and tested if all parts were."""
         at = np.flatnonzero(which)
-        cuts = np.append(0, np.cumsum(self.is_cut))[at]
+        cuts, untested = (np.diff(np.append(0, np.cumsum(a))[at]) for a in (self.is_cut, ~self.is_tested))
         self.past = [states[at] for states in self.past]
-        self.is_cut, self.is_first = np.diff(cuts) > 0, self.is_first[at]
-        self.is_tested = np.zeros(len(at) - 1, bool)
+        self.is_cut, self.is_tested, self.is_first = cuts > 0, untested == 0, self.is_first[at]
 
     def cut_jumps(self, spacing: float, fine: float) -> None:
         """Cut intervals whose ends are apart, though their preimages are one, and those that begin or end where no state is."""

@@ -6,7 +6,6 @@ from typing import Literal
 
 import numpy as np
 
-from .._orbits.maps import monodromy_matrix
 from .._orbits.orbit import PeriodicOrbit
 from .._orbits.reversal import StateMap, no_inverse
 from .manifold_growth import Seed
@@ -89,13 +88,7 @@ def _eigenvector(
     orbit: PeriodicOrbit, forward: StateMap, state: np.ndarray, kind: Kind
 ) -> tuple[float, np.ndarray]:
     """The multiplier outside the unit circle, or inside, and its unit vector (W x, v), at a point of the orbit."""
-    x, v = np.split(state / forward.scale, 2)
-    matrix = np.asarray(
-        monodromy_matrix(
-            orbit.system, x, v, orbit.num_periods, phase=orbit.phase, flow=orbit.flow, args=orbit.args
-        )
-    )
-    values, vectors = np.linalg.eig(matrix * forward.scale[:, None] / forward.scale)
+    values, vectors = np.linalg.eig(forward.derivative(state, orbit.num_periods))
     size = np.abs(values)
     k = int(size.argmax() if kind == "unstable" else size.argmin())
     direction = np.real(vectors[:, k]) / np.linalg.norm(np.real(vectors[:, k]))

@@ -25,7 +25,7 @@ from .._system.contact import AbstractRigidLimit
 from .._system.force import BoundForce
 from .._system.restitution import AbstractRestitution
 from .._system.system import ImpactSystem
-from .maps import stroboscopic_map
+from .maps import monodromy_matrix, stroboscopic_map
 from .orbit import PeriodicOrbit
 
 # Bound on the steps of a forcing period, forwards and backwards, where impacts may accumulate without end.
@@ -123,6 +123,12 @@ class StateMap(NamedTuple):
             ends.append(np.asarray(states)[: len(part)] * factors)
         return np.concatenate(ends) if ends else np.array(z, float)
 
+    def derivative(self, z: np.ndarray, num_periods: int) -> np.ndarray:
+        """Derivative of the map forwards over some forcing periods at a state, (2 n, 2 n)."""
+        state = jnp.asarray(z / self.scale)
+        matrix = _derivative(self.system, state, self.phase, self.flow, self.args, num_periods)
+        return np.asarray(matrix) * self.scale[:, None] / self.scale
+
 
 @compile_lightly
 def _many(
@@ -142,3 +148,17 @@ def _many(
         return jnp.concatenate(ends)
 
     return jax.lax.fori_loop(0, num_periods, lambda _, z: jax.vmap(of_one)(z), jnp.asarray(states))
+
+
+@compile_lightly
+def _derivative(
+    system: ImpactSystem,
+    state: Float[Array, " state"],
+    phase: Array,
+    flow: AbstractFlow | None,
+    args: object,
+    num_periods: int,
+) -> Float[Array, "state state"]:
+    """Derivative of states (x, v) after some forcing periods."""
+    x, v = jnp.split(state, 2)
+    return monodromy_matrix(system, x, v, num_periods, phase=phase, flow=flow, args=args, throw=False)

@@ -61,7 +61,9 @@ def manifolds(
     one = curves.isel(mass=mass)
     for k, kind in enumerate(one["kind"].values.tolist()):
         words = label_if_new(ax, f"{kind} manifold")
-        look = merge_style(style, color=colors[kind], linewidth=0.9, label=words, zorder=2.5)
+        look = merge_style(
+            style, color=colors[kind], linewidth=0.9, label=words, zorder=1.9
+        )  # under attractors
         ax.plot(one["x0"].values[k], one["v0"].values[k], **look)
     ax.plot(
         one["x0"].values[:, 0],
