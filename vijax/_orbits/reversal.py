@@ -2,8 +2,8 @@
 
 With t to -t and v to -v, M x'' + C x' + K x = f(t) becomes the same machine with damping -C and the load f(-t), and an impact
 u+ = -r u- becomes one with restitution 1/r. No stop may have these numbers, so the checks of its constructor are avoided; the
-engine follows it all the same: a chatter whose bounces grow is never completed. Newton's method on the map forwards was the alternative: it needs a guess near every
-preimage, and fails where the map has corners.
+engine follows it all the same: a chatter whose bounces grow is never completed. Newton's method on the map forwards was the
+alternative: it needs a guess near every preimage, and fails where the map has corners.
 
 There is no inverse where r = 0, and where a mass sticks: many motions become one. Backwards the machine does not find them, but
 finds some other motion, or bounces ever faster. So every state before is checked by the map forwards.
