@@ -7,6 +7,7 @@ from ._attractors.critical_shock import critical_shock as critical_shock
 from ._attractors.edge_state import edge_state as edge_state
 from ._attractors.follow import follow_attractors as follow_attractors
 from ._attractors.integrity import integrity as integrity
+from ._attractors.manifolds import manifolds as manifolds
 from ._attractors.tipping import tipping_probability as tipping_probability
 from ._branches.bifurcation_value import bifurcation_value as bifurcation_value
 from ._branches.branch import Bifurcation as Bifurcation, Branch as Branch

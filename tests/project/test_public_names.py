@@ -32,14 +32,14 @@ PUBLIC = {
         SimulationError Solution StickingRegion Stop TaylorFlow attractors base_excitation basins
         bifurcation_curve bifurcation_value branches chain chart classify combine continuation critical_shock
         edge_state ensemble explore find_periodic_orbits follow_attractors follow_torus impact_configurations impact_map impacts integrity
-        keep_compiled load lyapunov_exponents modal_restitution_matrix models monodromy_matrix
+        keep_compiled load lyapunov_exponents manifolds modal_restitution_matrix models monodromy_matrix
         next_crossing next_impact periodic_orbit periodic_orbits plot power_spectrum
         restitution_matrix saltation_matrix save sensitivity simulate sticking_region stroboscopic_map
         stroboscopic_section sweep switch_branch system_of
         tipping_probability uncertainty_exponent with_states
     """,
     "vijax.plot": """
-        animate basins bifurcation branch curves erosion impact_map inset lyapunov machine multipliers
+        animate basins bifurcation branch curves erosion impact_map inset lyapunov machine manifolds multipliers
         phase_portrait plane regions relative_motion section shares sticking_region time_series torus
     """,
     "vijax.models": """

@@ -22,6 +22,7 @@ _PLACES = {
     "inset": "plot._inset",
     "lyapunov": "plot._lyapunov",
     "machine": "studio.drawing.machine",
+    "manifolds": "plot._manifolds",
     "multipliers": "plot._multipliers",
     "phase_portrait": "plot._trajectories",
     "plane": "plot._plane",

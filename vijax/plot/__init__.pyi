@@ -10,6 +10,7 @@ from ._erosion import erosion as erosion
 from ._impact_map import impact_map as impact_map
 from ._inset import inset as inset
 from ._lyapunov import lyapunov as lyapunov
+from ._manifolds import manifolds as manifolds
 from ._multipliers import multipliers as multipliers
 from ._plane import plane as plane
 from ._regions import regions as regions
