@@ -302,3 +302,16 @@ def test_a_stop_may_shake_at_the_natural_frequency_of_its_mass():
     np.testing.assert_allclose(ds.x[:, 0], ds["x0[0]"], rtol=0, atol=MAGNIFIED)
     # Velocities are larger by the natural frequency.
     np.testing.assert_allclose(ds.v[:, 0], 0.0, rtol=0, atol=natural * MAGNIFIED)
+
+
+def test_derivatives_by_the_state_between_stops_that_move_alike():
+    """Whether the stops move alike is known outside of the derivatives only."""
+    stops = [
+        vx.Stop(0, side * 0.3, name, 0.7, vx.Harmonic([0.1], 1.0))
+        for side, name in ((1, "upper"), (-1, "lower"))
+    ]
+    system = vx.ImpactSystem([1.0], [[0.1]], [[1.0]], vx.Harmonic([0.5], 1.0), stops)
+    matrix, h = vx.monodromy_matrix(system, [0.0], [0.3]), 1e-5
+    end = lambda x, v: np.concatenate(vx.stroboscopic_map(system, [x], [v]))  # noqa: E731
+    differences = [(end(h, 0.3) - end(-h, 0.3)) / (2 * h), (end(0.0, 0.3 + h) - end(0.0, 0.3 - h)) / (2 * h)]
+    np.testing.assert_allclose(matrix, np.transpose(differences), rtol=1e-6, atol=1e-6)

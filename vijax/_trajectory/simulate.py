@@ -15,6 +15,7 @@ from .._jax.concrete import check_values, concrete, evaluate_eagerly, is_traced
 from .._jax.errors import checked, none_true, number_of_doubts
 from .._jax.xla import padding_allowed
 from .._machine.machine import AUTOMATIC_MAX_STEPS
+from .._machine.numbers import numbers_of
 from .._system.checks import validate_start
 from .._system.system import ImpactSystem, with_args
 from .chunked import follow_known
@@ -155,8 +156,10 @@ def simulate_with(
     if known:
         solution = follow_known(known.packed(flow, can_stick=can_stick), request)
     else:
+        # Whether stops move alike is decided here: to the derivatives no number is known.
+        has_motions = any(stop.motion is not None for stop in system.stops)
         solution = run_single_call(
-            system,
+            numbers_of(system) if has_motions else system,
             choose_flow(system, can_stick=can_stick, wanted=flow),
             request,
             Choices(can_stick, max_events, raises=settings.allowed is not None),
