@@ -126,6 +126,10 @@ def draw_numbers(rng: np.random.Generator, shape: Shape, count: int) -> dict[str
         if i in masses[:j]:
             is_shut = position[:, masses.index(i)] + position[:, j] == 0
             position[:, j] = np.where(is_shut, 0.1, position[:, j])
+    distance = sometimes(0.1, 0.0, rng.uniform(0.02, 0.8, (count, num_contacts)))
+    for j, row in enumerate(shape.contacts):  # nor two contacts that act against each other
+        for k in (k for k, other in enumerate(shape.contacts[:j]) if other == row[::-1]):
+            distance[:, j] = np.where(distance[:, j] + distance[:, k] == 0, 0.1, distance[:, j])
     if shape.is_moving:  # at the start it may be anywhere on its way
         position[:, 0] += travel
     return {
@@ -139,7 +143,7 @@ def draw_numbers(rng: np.random.Generator, shape: Shape, count: int) -> dict[str
         "position": position,
         "restitution": _restitution(rng, (count, num_stops)),
         "travel": travel,
-        "distance": sometimes(0.1, 0.0, rng.uniform(0.02, 0.8, (count, num_contacts))),
+        "distance": distance,
         "contact_restitution": np.repeat(_restitution(rng, (count, 1)), num_contacts, axis=1),
         "cushion": rng.uniform(0.02, 0.8, (count, num_cushions)),
         "cushion_stiffness": spread(0, 3, num_cushions),

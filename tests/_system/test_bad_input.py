@@ -24,6 +24,12 @@ def says(sentence: str) -> str:
 
 
 BAD_MACHINES = {
+    "contacts without room": (
+        lambda: vx.ImpactSystem(
+            MASSES, EYE, EYE, LOAD, [vx.Contact({0: 1.0, 1: -1.0}, 0.1), vx.Contact({0: -2.0, 1: 2.0}, -0.2)]
+        ),
+        "Contacts 0 and 1 act against each other and leave no room between them",
+    ),
     "mass of two axes": (
         lambda: vx.ImpactSystem(np.ones((2, 1)), EYE, EYE, LOAD),
         "Argument `mass` must have shape (n,) or (n, n), but has shape (2, 1).",

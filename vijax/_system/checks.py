@@ -10,6 +10,7 @@ each class. No class builds the lanes of a sweep, so all conditions were needed 
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -140,6 +141,38 @@ def check_slots(stops: Sequence[Any]) -> None:
         )
 
 
+def check_room(stops: Sequence[Any]) -> None:
+    """Reject two contacts that act against each other and leave no room between them; lanes may be last."""
+    for (i, one), (j, other) in combinations(enumerate(stops), 2):
+        is_slot = one.slot is not None and other.slot is not None
+        if is_slot or one.is_compliant or other.is_compliant or _masses(one) != _masses(other):
+            continue
+        share = _against(one.coefficients, other.coefficients)
+        places = concrete(one.centre), concrete(other.centre)
+        if share is None or any(place is None for place in places):
+            continue
+        if not (places[0] + share * places[1] > 0).all():
+            raise ValueError(
+                f"Contacts {i} and {j} act against each other and leave no room between them: join the masses, or move one of the "
+                "contacts away."
+            )
+
+
+def _masses(stop: Any) -> set[int]:
+    return {stop.slot[0]} if stop.slot is not None else set(stop.masses)
+
+
+def _against(one: dict[int, Reals], other: dict[int, Reals]) -> Reals | None:
+    """Positive factor by which a row is the opposite of one of the same masses; None if it is not, or not known to be."""
+    ours, theirs = ([concrete(row[mass]) for mass in sorted(one)] for row in (one, other))
+    if any(a is None for a in (*ours, *theirs)):
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = -ours[0] / theirs[0]
+    are_opposite = [np.isclose(a, -share * b, rtol=1e-12, atol=0) for a, b in zip(ours, theirs, strict=True)]
+    return share if (share > 0).all() and np.all(are_opposite) else None
+
+
 def check_machines(system: Any, x0: Array | np.ndarray) -> None:
     """Reject invalid values of machines or of their starts, all lanes at once; lanes last."""
     if system.has_full_mass:
@@ -155,6 +188,7 @@ def check_machines(system: Any, x0: Array | np.ndarray) -> None:
         element.check_law(f"friction[{k}].", check_every)
     refuse(_beyond(system.stops, x0, 0.0, "Some points start"))
     check_slots(system.stops)
+    check_room(system.stops)
 
 
 def validate_start(

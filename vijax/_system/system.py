@@ -12,7 +12,15 @@ from .._jax.arrays import Numbers, as_float, in_full_precision, whole_number
 from .._jax.concrete import concrete
 from .._jax.errors import checked
 from .._printing import as_html, as_text, describe_system
-from .checks import POSITIVE, check_finite, check_mass_matrices, check_one, check_slots, move_alike
+from .checks import (
+    POSITIVE,
+    check_finite,
+    check_mass_matrices,
+    check_one,
+    check_room,
+    check_slots,
+    move_alike,
+)
 from .compliant import CompliantContact, CompliantStop
 from .contact import Contact
 from .force import BoundForce, as_force, bind_args, name_of_force
@@ -131,6 +139,7 @@ class ImpactSystem(eqx.Module):
             if stop.slot is not None:
                 places[stop.slot] = j
         check_slots(self.stops)
+        check_room(self.stops)
 
     def _check_friction(self):
         for k, element in enumerate(self.friction):
