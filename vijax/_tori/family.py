@@ -86,28 +86,29 @@ class Family:
         found = corrected(self.section, now.moved(way, length), way)
         if found is None or (self.found and found.tangent.along(way) < _STRAIGHT):
             return None
-        if not self.limits.low <= found.circle.parameter <= self.limits.high:
-            found = self._at_bound(now, found)
-            if found is None:
-                return None
-        while found.error > self.limits.tolerance:
+        is_last = not self.limits.low <= found.circle.parameter <= self.limits.high
+        if is_last:
+            found = self._at_bound(now, found.circle)
+        while found is not None and found.error > self.limits.tolerance:
             num = _GROWTH * len(found.circle.states) + 1
             if num > self.limits.max_angles:
                 return None if length > 2 * _SHORTEST else TorusEnd.NOT_RESOLVED
             finer, tangent = found.circle.resampled(num), found.tangent.resampled(num)
-            if (found := corrected(self.section, finer, tangent)) is None:
-                return None
+            found = self._with_parameter(finer) if is_last else corrected(self.section, finer, tangent)
         return found
 
-    def _at_bound(self, now: Circle, beyond: Corrected) -> Corrected | None:
+    def _at_bound(self, now: Circle, beyond: Circle) -> Corrected | None:
         """The circle at the bound that lies before another circle."""
         low, high = self.limits.low, self.limits.high
-        bound = low if beyond.circle.parameter < low else high
-        share = (bound - now.parameter) / (beyond.circle.parameter - now.parameter)
-        guess = now.moved(beyond.circle.minus(now), share)._replace(parameter=bound)
-        flat = Circle(np.zeros_like(guess.states), 0.0, 1.0)
-        found = corrected(self.section, guess, flat)
-        return found and found._replace(circle=found.circle._replace(parameter=bound))
+        bound = low if beyond.parameter < low else high
+        share = (bound - now.parameter) / (beyond.parameter - now.parameter)
+        return self._with_parameter(now.moved(beyond.minus(now), share)._replace(parameter=bound))
+
+    def _with_parameter(self, guess: Circle) -> Corrected | None:
+        """The circle at the parameter of a guess."""
+        fixed = Circle(np.zeros_like(guess.states), 0.0, 1.0)
+        found = corrected(self.section, guess, fixed)
+        return found and found._replace(circle=found.circle._replace(parameter=guess.parameter))
 
     def _why(self, now: Circle, way: Circle) -> TorusEnd:
         """Reason why no further circle was found: the motions beyond are periodic, or it is not known."""
