@@ -29,6 +29,10 @@ from .friction_limits import sliding_velocity
 from .sticking import chatter_is_complete, is_light
 from .transition import Instant
 
+# Largest velocity of sliding, relative to that of the bounces, that they turn: the forces change it by some tens of the
+# latter until all bounces are over.
+_TURNED = 100.0
+
 
 class Chatter(NamedTuple):
     """Bounces that are completed at once, (contacts,) each.
@@ -54,10 +58,11 @@ def complete_chatter(machine: Machine, state: State, instant: Instant) -> Chatte
     """Find light bounces that are sure to end."""
     contacts = machine.contacts
     bouncing = instant.hit & is_light(instant.velocity_plus)
-    # Friction that the bounces turn: as light as they are, and of the same masses.
-    is_linked = jnp.any((contacts.compliance != 0) & bouncing[None], axis=1)
-    direction = state.mode.direction
-    turns = contacts.are(FRICTION) & (direction != 0) & is_light(sliding_velocity(machine, state)) & is_linked
+    # Friction that the bounces turn: as light as they are, and of the same masses. It slides on where all slide together.
+    links = (contacts.compliance != 0) & bouncing[None]
+    most = _TURNED * jnp.max(jnp.where(links, jnp.abs(instant.velocity_plus)[None], 0), axis=1)
+    sliding, direction = sliding_velocity(machine, state), state.mode.direction
+    turns = contacts.are(FRICTION) & (direction != 0) & is_light(sliding) & (jnp.abs(sliding) <= most)
     both = jnp.stack([direction, jnp.where(turns, -direction, direction)])
     hold = machine.hold(state.held | bouncing)
 
