@@ -213,3 +213,22 @@ def test_printing_names_friction_and_compliance():
     shown = repr(capsule())
     assert "stiffness 15, damping 0.2" in shown
     assert "friction 0" in shown
+
+
+@pytest.mark.slow
+def test_a_slip_just_before_a_contact_closes_is_located():
+    """The steps to an event of one guard must not pass an earlier one of another; closed forms of both."""
+    random = np.random.default_rng(0)
+    for _ in range(100):
+        between = 10 ** random.uniform(-3.3, -1.3)
+        force, speed, stiffness = random.uniform(0.2, 0.9), random.uniform(0.2, 2.0), random.uniform(0.5, 3)
+        slip = np.arcsin(force)
+        close = slip + between
+        load = vx.Harmonic([0.0, 1.0], 1.0, [0.0, -np.pi / 2])
+        cushion, friction = vx.CompliantStop(0, close * speed, "upper", 10.0), vx.Friction(1, force)
+        nothing, springs = np.zeros((2, 2)), np.diag([0.0, stiffness])
+        system = vx.ImpactSystem([1.0, 1.0], nothing, springs, load, [cushion], friction=[friction])
+        sol = vx.simulate(system, 0.0, slip + 0.3, [0.0, 0.0], [speed, 0.0])
+        kinds, times = np.asarray(sol.events.kind), np.asarray(sol.events.t)
+        assert times[kinds == vx.SLIP][0] == pytest.approx(slip, abs=1e-13)
+        assert times[kinds == vx.CLOSE][0] == pytest.approx(close, abs=1e-13)
