@@ -286,11 +286,9 @@ def _delays(
     near_of_limit = near_of if is_switching else lambda limit, dtype: limit.near[dtype]
     dtype = str(state.x.dtype)
     near = select_active(machine, state, lambda limit: near_of_limit(limit, dtype), guards_of_steps)
-    near = near * machine.timescale
+    # One distance for all: an event must not be met while an earlier one of another stop is still too far.
+    near = jnp.min(near, axis=0, initial=jnp.inf) * machine.timescale
     if is_switching:  # a step may have ended behind the event
-        near = jnp.min(
-            near, axis=0
-        )  # one distance for all: an event must not be met while an earlier one is too far
         is_near = is_simple & (jnp.abs(delay) <= near) & (delay <= ahead)
     else:
         is_near = is_simple & (jnp.abs(delay) <= jnp.minimum(near, ahead))
