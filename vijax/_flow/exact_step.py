@@ -286,8 +286,10 @@ def _delays(
     near_of_limit = near_of if is_switching else lambda limit, dtype: limit.near[dtype]
     dtype = str(state.x.dtype)
     near = select_active(machine, state, lambda limit: near_of_limit(limit, dtype), guards_of_steps)
-    # One distance for all: an event must not be met while an earlier one of another stop is still too far.
-    near = jnp.min(near, axis=0, initial=jnp.inf) * machine.timescale
+    # One distance for all: an event must not be met while an earlier one of another stop is still too far. A single
+    # number where all guards are alike.
+    nearest = jnp.min(near, axis=0, initial=jnp.inf) if jnp.ndim(near) else near
+    near = nearest * machine.timescale
     if is_switching:  # a step may have ended behind the event
         is_near = is_simple & (jnp.abs(delay) <= near) & (delay <= ahead)
     else:
