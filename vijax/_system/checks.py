@@ -164,12 +164,13 @@ def _masses(stop: Any) -> set[int]:
 
 def _against(one: dict[int, Reals], other: dict[int, Reals]) -> Reals | None:
     """Positive factor by which a row is the opposite of one of the same masses; None if it is not, or not known to be."""
-    ours, theirs = ([concrete(row[mass]) for mass in sorted(one)] for row in (one, other))
-    if any(a is None for a in (*ours, *theirs)):
+    pairs = [(concrete(one[mass]), concrete(other[mass])) for mass in sorted(one)]
+    known = [(a, b) for a, b in pairs if a is not None and b is not None]
+    if len(known) < len(pairs):
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = -ours[0] / theirs[0]
-    are_opposite = [np.isclose(a, -share * b, rtol=1e-12, atol=0) for a, b in zip(ours, theirs, strict=True)]
+        share = -known[0][0] / known[0][1]
+    are_opposite = [np.isclose(a, -share * b, rtol=1e-12, atol=0) for a, b in known]
     return share if (share > 0).all() and np.all(are_opposite) else None
 
 
