@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vijax as vx
-from vijax._attractors.manifold_growth import ANGLE, Growth
+from vijax._attractors.manifold_growth import ANGLE, CurveGrowth
 from vijax._orbits.reversal import StateMap
 
 # A ball between walls, whose motion without impacts lies beside one with impacts; the saddle lies between them.
@@ -171,7 +171,7 @@ def test_the_number_of_points_is_bounded(saddle):
 
 
 def test_ctrl_c_keeps_the_part(saddle, monkeypatch):
-    whole, calls = Growth._refine, []
+    whole, calls = CurveGrowth._refine, []
 
     def interrupted(self, *args):
         calls.append(self)
@@ -179,7 +179,7 @@ def test_ctrl_c_keeps_the_part(saddle, monkeypatch):
             raise KeyboardInterrupt
         return whole(self, *args)
 
-    monkeypatch.setattr(Growth, "_refine", interrupted)
+    monkeypatch.setattr(CurveGrowth, "_refine", interrupted)
     with pytest.raises(vx.Interrupted) as stopped:
         vx.manifolds(saddle, which="unstable", progress=False)
     assert list(stopped.value.result["end"]) == ["interrupted"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vijax._tori.circle import Circle, growth_rates, interpolation, rates
-from vijax._tori.family import Family, Limits, TorusEnd, first_circle
+from vijax._tori.family import Limits, TorusEnd, TorusFamily, first_circle
 from vijax._tori.section_map import Mapped
 
 ROTATION, SHEAR = 0.2 * np.sqrt(2), 0.3
@@ -37,7 +37,7 @@ class NormalForm(NamedTuple):
 
 
 def followed(section, limits=LIMITS):
-    family = Family(section, limits)
+    family = TorusFamily(section, limits)
     family.follow(*first_circle(np.zeros(2), np.array([1.0, -1j]), section.rotation, 0.0), lambda: None)
     return family
 

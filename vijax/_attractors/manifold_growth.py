@@ -15,7 +15,7 @@ import numpy as np
 
 from .._orbits.reversal import StateMap
 from .._progress import tqdm
-from .manifold_points import Points, is_known, needed
+from .manifold_points import CurvePoints, is_known, needed
 
 # Largest angle between neighbouring chords, in radians, unless they are shorter than this share of the spacing.
 ANGLE, FINE = 0.2, 0.05
@@ -66,7 +66,7 @@ class Seed:
 
 
 @dataclass
-class Growth:
+class CurveGrowth:
     """A branch as it grows.
 
     Attributes:
@@ -92,7 +92,7 @@ class Growth:
     def run(self) -> None:
         """Let the branch grow to its end."""
         count = int(np.clip(4 * self.seed.multiplier, _LEAST, _MOST)) + 1
-        curve = Points.of_line(self.seed.line(np.linspace(0, 1, count)), self.seed.after, self.seed.size)
+        curve = CurvePoints.of_line(self.seed.line(np.linspace(0, 1, count)), self.seed.after, self.seed.size)
         self.rows.append(self._first_row())
         remaining, room, longest, away = self.length, self.most - len(self.rows[0]), 0.0, 0
         while True:
@@ -125,7 +125,7 @@ class Growth:
         count = min(int(np.ceil(near / self.spacing)), self.most)
         return self.seed.saddle + near * np.arange(count)[:, None] / count * self.seed.direction
 
-    def _refine(self, curve: Points, remaining: float) -> bool:
+    def _refine(self, curve: CurvePoints, remaining: float) -> bool:
         """Insert points until the piece is resolved as far as its length counts; False if they are too many."""
         while True:
             curve.cut_jumps(self.spacing, FINE * self.spacing)
@@ -141,7 +141,7 @@ class Growth:
                 if not curve.test_middles(~is_beyond & ~is_short & ~self._is_cut(curve), ANGLE):
                     return True
 
-    def _parts(self, curve: Points) -> np.ndarray:
+    def _parts(self, curve: CurvePoints) -> np.ndarray:
         """Parts into which each interval is to be divided, 1 for none."""
         length, chords = curve.lengths(), np.diff(curve.states, axis=0)
         is_finite = np.isfinite(length)
@@ -157,7 +157,7 @@ class Growth:
         parts = np.clip(parts, 1, _MOST_PARTS).astype(int)
         return np.where(curve.is_cut | ~self._may_enter(curve), 1, parts)
 
-    def _may_enter(self, curve: Points) -> np.ndarray:
+    def _may_enter(self, curve: CurvePoints) -> np.ndarray:
         """True for intervals that the bounds contain, or that lie beside them by less than their own length."""
         ends = curve.states[:-1], curve.states[1:]
         reach = np.nan_to_num(curve.lengths(), nan=0.0)[:, None]
@@ -165,22 +165,22 @@ class Growth:
             low, high = np.fmin(*ends) - reach, np.fmax(*ends) + reach
             return ((low <= self.box[1]) & (high >= self.box[0])).all(axis=1)
 
-    def _is_inside(self, curve: Points) -> np.ndarray:
+    def _is_inside(self, curve: CurvePoints) -> np.ndarray:
         """True for states within the bounds."""
         with np.errstate(invalid="ignore"):
             return ((curve.states >= self.box[0]) & (curve.states <= self.box[1])).all(axis=1)
 
-    def _is_cut(self, curve: Points) -> np.ndarray:
+    def _is_cut(self, curve: CurvePoints) -> np.ndarray:
         """True for intervals that are no part of the curve that is drawn."""
         is_inside = self._is_inside(curve)
         return curve.is_cut | ~np.isfinite(curve.lengths()) | ~is_inside[1:] | ~is_inside[:-1]
 
-    def _grown(self, curve: Points) -> np.ndarray:
+    def _grown(self, curve: CurvePoints) -> np.ndarray:
         """Length of a piece up to each of its points."""
         length = np.minimum(curve.lengths(), self.spacing)
         return np.append(0.0, np.cumsum(np.where(self._is_cut(curve), 0, length)))
 
-    def _row(self, curve: Points, is_shown: np.ndarray) -> np.ndarray:
+    def _row(self, curve: CurvePoints, is_shown: np.ndarray) -> np.ndarray:
         """States of a piece but its last, which is the first of the next; NaN where it is cut."""
         is_shown = is_shown & self._is_inside(curve)
         states = np.where(is_shown[:, None], curve.states, np.nan)

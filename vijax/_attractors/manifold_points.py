@@ -12,7 +12,7 @@ _STRAIGHT, _ONE = 1e-6, 1e-12
 _PASSES, _FULL = 6, 0.7
 
 
-class Points:
+class CurvePoints:
     """Points of one piece in order.
 
     Attributes:
@@ -31,7 +31,9 @@ class Points:
         self.is_first = np.ones(count, bool)
 
     @classmethod
-    def of_line(cls, states: np.ndarray, after: Callable[[np.ndarray], np.ndarray], size: float) -> "Points":
+    def of_line(
+        cls, states: np.ndarray, after: Callable[[np.ndarray], np.ndarray], size: float
+    ) -> "CurvePoints":
         """Points of the first piece."""
         return cls([states], after, size)
 

@@ -13,7 +13,7 @@ from .._jax.xla import padding_allowed
 from .._orbits.orbit import PeriodicOrbit
 from .._orbits.reversal import StateMap
 from .._progress import interrupt_with_result, tqdm
-from .manifold_growth import Growth
+from .manifold_growth import CurveGrowth
 from .manifold_points import is_known
 from .manifold_starts import Kind, Names, kinds_of, seeds_of
 
@@ -90,14 +90,14 @@ def manifolds(
     )
     most, box = whole_number("max_points", max_points, 2), _box(orbit, bounds)
     seeds = [one for kind in kinds for one in seeds_of(orbit, kind, size, all_points)]
-    curves: list[tuple[Names, Growth]] = []
+    curves: list[tuple[Names, CurveGrowth]] = []
 
     def result_so_far() -> xr.Dataset:
         return _dataset(orbit, curves, longest, near)
 
     with tqdm(unit="point", disable=not progress) as bar, interrupt_with_result(result_so_far):
         for names, seed in seeds:
-            curves.append((names, Growth(seed, longest, near, most, box, bar)))
+            curves.append((names, CurveGrowth(seed, longest, near, most, box, bar)))
             curves[-1][1].run()
     return result_so_far()
 
@@ -157,7 +157,7 @@ def _box(orbit: PeriodicOrbit, bounds: Mapping[str, tuple[ArrayLike, ArrayLike]]
 
 
 def _dataset(
-    orbit: PeriodicOrbit, curves: list[tuple[Names, Growth]], length: float, spacing: float
+    orbit: PeriodicOrbit, curves: list[tuple[Names, CurveGrowth]], length: float, spacing: float
 ) -> xr.Dataset:
     """The curves, one after another."""
     n, scale = orbit.system.num_masses, StateMap.of_orbit(orbit, 1).scale

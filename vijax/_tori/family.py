@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .circle import Circle, interpolation
-from .invariance import Corrected, corrected
+from .invariance import CorrectedCircle, corrected
 from .section_map import MapOfStates
 
 # Angles of the first circle, and by how much their number grows where the error is too large.
@@ -43,7 +43,7 @@ class Limits(NamedTuple):
     tolerance: float
 
 
-class Family:
+class TorusFamily:
     """Circles of a family, in their order.
 
     Args:
@@ -53,7 +53,7 @@ class Family:
 
     def __init__(self, section: MapOfStates, limits: Limits):
         self.section, self.limits = section, limits
-        self.found: list[Corrected] = []
+        self.found: list[CorrectedCircle] = []
         self.end: str = TorusEnd.INTERRUPTED
         self.locked_period = 0
 
@@ -81,7 +81,7 @@ class Family:
                 length = min(length * _LONGER, _LONGEST)
         self.end = TorusEnd.MAX_POINTS
 
-    def _step(self, now: Circle, way: Circle, length: float) -> Corrected | str | None:
+    def _step(self, now: Circle, way: Circle, length: float) -> CorrectedCircle | str | None:
         """The next circle, with as many angles as it needs; None for a shorter step; the end, if there is one."""
         found = corrected(self.section, now.moved(way, length), way)
         if found is None or (self.found and found.tangent.along(way) < _STRAIGHT):
@@ -97,14 +97,14 @@ class Family:
             found = self._with_parameter(finer) if is_last else corrected(self.section, finer, tangent)
         return found
 
-    def _at_bound(self, now: Circle, beyond: Circle) -> Corrected | None:
+    def _at_bound(self, now: Circle, beyond: Circle) -> CorrectedCircle | None:
         """The circle at the bound that lies before another circle."""
         low, high = self.limits.low, self.limits.high
         bound = low if beyond.parameter < low else high
         share = (bound - now.parameter) / (beyond.parameter - now.parameter)
         return self._with_parameter(now.moved(beyond.minus(now), share)._replace(parameter=bound))
 
-    def _with_parameter(self, guess: Circle) -> Corrected | None:
+    def _with_parameter(self, guess: Circle) -> CorrectedCircle | None:
         """The circle at the parameter of a guess."""
         fixed = Circle(np.zeros_like(guess.states), 0.0, 1.0)
         found = corrected(self.section, guess, fixed)

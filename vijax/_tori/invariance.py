@@ -16,7 +16,7 @@ from .section_map import MapOfStates, Mapped
 _MAX_STEPS, _SMALL = 10, 1e-9
 
 
-class Corrected(NamedTuple):
+class CorrectedCircle(NamedTuple):
     """Circle that satisfies the equations at its angles.
 
     Attributes:
@@ -34,7 +34,7 @@ class Corrected(NamedTuple):
     num_steps: int
 
 
-def corrected(section: MapOfStates, guess: Circle, way: Circle) -> Corrected | None:
+def corrected(section: MapOfStates, guess: Circle, way: Circle) -> CorrectedCircle | None:
     """Circle in the plane through a guess that is normal to `way`; None where Newton's method fails."""
     now, row = guess, _row(way)
     rate = rates(guess.states)
@@ -51,7 +51,7 @@ def corrected(section: MapOfStates, guess: Circle, way: Circle) -> Corrected | N
         now = now.minus(_circle(step, now))
         if np.abs(step).max() < _SMALL:
             mapped = section(now.states, now.parameter)
-            return Corrected(now, mapped, _tangent(matrix, now), error_of(section, now), number)
+            return CorrectedCircle(now, mapped, _tangent(matrix, now), error_of(section, now), number)
     return None
 
 

@@ -12,7 +12,7 @@ from .._orbits.orbit import PeriodicOrbit
 from .._progress import interrupt_with_result, tqdm
 from .._system.parameters import set_parameter
 from .circle import growth_rates
-from .family import Family, Limits, first_circle, states_at
+from .family import Limits, TorusFamily, first_circle, states_at
 from .section_map import SectionMap
 
 # Largest distance of a multiplier of a strong resonance from such a root of unity.
@@ -94,7 +94,7 @@ def follow_torus(
         whole_number("max_angles", max_angles, 33),
         float(tolerance),
     )
-    family = Family(section, limits)
+    family = TorusFamily(section, limits)
     with (
         tqdm(unit="circle", disable=not progress) as bar,
         interrupt_with_result(lambda: _dataset(section, family)),
@@ -141,7 +141,7 @@ def _turning_mode(section: SectionMap, state: np.ndarray, parameter: float) -> t
     return modes[:, k], float(np.angle(multipliers[k]) / (2 * np.pi))
 
 
-def _dataset(section: SectionMap, family: Family) -> xr.Dataset:
+def _dataset(section: SectionMap, family: TorusFamily) -> xr.Dataset:
     found, n = family.found, len(section.scale) // 2
     num_angles = max((len(one.circle.states) for one in found), default=0)
     states = np.reshape([states_at(one.circle, num_angles) for one in found], (len(found), num_angles, 2 * n))

@@ -1,6 +1,6 @@
 """Placement of words above and below a drawing, or on both sides of a vertical one, without overlap."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -59,24 +59,17 @@ def write_words(
     centred = {"ha": "center", "va": "top", "linespacing": 1.1}
     below = [_block(ax.text(x, 0, text, **centred, **common)) for x, text in words.below]
     notes = [_block(ax.text(float(ends[0]), 0, text, va="top", **common)) for text in words.notes]
-    room = _inches(ax)
-    while True:
+
+    def arranged(scale: float) -> tuple[float, float, float, float]:
         low = _stack(below, scale, heights[0], up=False)
         high = max(_stack(above, scale, heights[1], up=True), heights[2]) + 0.05
         for note in notes:
             note.text.set_y(low)
             low -= note.size[1] / scale
-        low -= 0.05
         spans = [ends, *(_span(block, scale) for block in [*above, *below, *notes])]
-        left, right = float(np.min(spans)), float(np.max(spans))
-        fitting = min(room[0] / (right - left), room[1] / (high - low))
-        # Iterated, since words keep their size: the smaller the drawing, the more lines they take.
-        if not fits_axes or fitting >= 0.999 * scale or scale < _SMALLEST:
-            break
-        scale = fitting
-    ax.set_xlim(left, right)
-    ax.set_ylim(low, high)
-    return scale * (right - left), scale * (high - low)
+        return float(np.min(spans)), float(np.max(spans)), low - 0.05, high
+
+    return _fit(ax, arranged, scale, fits_axes=fits_axes)
 
 
 def write_words_beside(
@@ -107,12 +100,10 @@ def write_words_beside(
     after = [_block(ax.text(sides[1], y, text, ha="left", **beside, **common)) for y, text in words.above]
     notes = [_block(ax.text(0, 0, text, **lines, **common)) for text in words.notes]
     at = [[y for y, _ in part] for part in (words.below, words.above)]
-    room = _inches(ax)
-    while True:
-        spans = [
-            ends,
-            *(_spread(part, y, scale) for part, y in zip((before, after), at, strict=True) if part),
-        ]
+
+    def arranged(scale: float) -> tuple[float, float, float, float]:
+        columns = zip((before, after), at, strict=True)
+        spans = [ends, *(_spread(part, y, scale) for part, y in columns if part)]
         low, high = float(np.min(spans)), float(np.max(spans))
         left = sides[0] - max((block.size[0] for block in before), default=0.0) / scale
         right = max([sides[2], *(sides[1] + block.size[0] / scale for block in after)])
@@ -121,8 +112,31 @@ def write_words_beside(
         for note in notes:
             note.text.set_position((left, low))
             low -= note.size[1] / scale
-        low -= 0.05
+        return left, right, low - 0.05, high
+
+    return _fit(ax, arranged, scale, fits_axes=fits_axes)
+
+
+def _fit(
+    ax: Axes,
+    arranged: Callable[[float], tuple[float, float, float, float]],
+    scale: float,
+    *,
+    fits_axes: bool,
+) -> tuple[float, float]:
+    """Arrange the words, at ever smaller scales until all fits, and set the limits of the axes; width and height in inches.
+
+    Args:
+        ax: the axes.
+        arranged: puts the words at a scale, and returns the left, right, lower and upper end of all.
+        scale: inches per length of 1.
+        fits_axes: whether the axes keep their size, and the scale is reduced to fit.
+    """
+    room = _inches(ax)
+    while True:
+        left, right, low, high = arranged(scale)
         fitting = min(room[0] / (right - left), room[1] / (high - low))
+        # Iterated, since words keep their size: the smaller the drawing, the more lines they take.
         if not fits_axes or fitting >= 0.999 * scale or scale < _SMALLEST:
             break
         scale = fitting
