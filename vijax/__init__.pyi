@@ -7,7 +7,6 @@ from ._attractors.critical_shock import critical_shock as critical_shock
 from ._attractors.edge_state import edge_state as edge_state
 from ._attractors.follow import follow_attractors as follow_attractors
 from ._attractors.integrity import integrity as integrity
-from ._attractors.manifolds import manifolds as manifolds
 from ._attractors.tipping import tipping_probability as tipping_probability
 from ._branches.bifurcation_value import bifurcation_value as bifurcation_value
 from ._branches.branch import Bifurcation as Bifurcation, Branch as Branch
@@ -40,6 +39,8 @@ from ._hybrid.sticking_region import (
 )
 from ._jax.compilation_cache import keep_compiled as keep_compiled
 from ._jax.errors import SimulationError as SimulationError
+from ._manifolds.homoclinic import homoclinic_tangencies as homoclinic_tangencies
+from ._manifolds.manifolds import manifolds as manifolds
 from ._orbits.find_many import find_periodic_orbits as find_periodic_orbits
 from ._orbits.maps import (
     monodromy_matrix as monodromy_matrix,

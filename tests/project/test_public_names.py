@@ -31,7 +31,7 @@ PUBLIC = {
         ExecutionSettings Friction Harmonic IMPACT OPEN SLIP TURN ImpactSystem Interrupted ModalFlow ORBIT_RESULTS PeriodicOrbit RELEASE RESULTS STICK
         SimulationError Solution StickingRegion Stop TaylorFlow attractors base_excitation basins
         bifurcation_curve bifurcation_value branches chain chart classify combine continuation critical_shock
-        edge_state ensemble explore find_periodic_orbits follow_attractors follow_torus impact_configurations impact_map impacts integrity
+        edge_state ensemble explore find_periodic_orbits follow_attractors follow_torus homoclinic_tangencies impact_configurations impact_map impacts integrity
         keep_compiled load lyapunov_exponents manifolds modal_restitution_matrix models monodromy_matrix
         next_crossing next_impact periodic_orbit periodic_orbits plot power_spectrum
         restitution_matrix saltation_matrix save sensitivity simulate sticking_region stroboscopic_map

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vijax as vx
-from vijax._orbits.reversal import StateMap, no_inverse, reversed_machine
+from vijax._manifolds.reversal import StateMap, no_inverse, reversed_machine
 
 LOAD = vx.Harmonic([0.5], 0.85, [0.3])
 SHAKEN = vx.Harmonic([0.1], 0.85, [0.7])

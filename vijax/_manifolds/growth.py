@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .._orbits.reversal import StateMap
 from .._progress import tqdm
-from .manifold_points import CurvePoints, is_known, needed
+from .curve_points import CurvePoints, is_known, needed
+from .reversal import StateMap
 
 # Largest angle between neighbouring chords, in radians, unless they are shorter than this share of the spacing.
 ANGLE, FINE = 0.2, 0.05

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import vijax as vx
-from vijax._attractors.manifold_growth import ANGLE, CurveGrowth
-from vijax._orbits.reversal import StateMap
+from vijax._manifolds.growth import ANGLE, CurveGrowth
+from vijax._manifolds.reversal import StateMap
 
 # A ball between walls, whose motion without impacts lies beside one with impacts; the saddle lies between them.
 BALL = vx.models.two_sided_oscillator(3.0, damping_ratio=0.025)

@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 
 from .._orbits.orbit import PeriodicOrbit
-from .._orbits.reversal import StateMap, no_inverse
-from .manifold_growth import Seed
+from .growth import Seed
+from .reversal import StateMap, no_inverse
 
 Kind = Literal["unstable", "stable"]
 _KINDS: tuple[Kind, Kind] = ("unstable", "stable")
@@ -19,6 +19,12 @@ _GROWTH = 2.0
 # Distances from the saddle at which the line may end, and the error of the best of them, relative to the size of the motion.
 _REACHES = 10.0 ** -np.arange(3, 10)
 _STRAIGHT, _BENT = 1e-9, 1e-4
+
+
+class NotSmooth(ValueError):
+    """Raised where no line fits the manifold at the saddle."""
+
+
 # Kind, side, multiplier, and forcing periods since the start of the orbit.
 Names = tuple[Kind, int, float, int]
 
@@ -106,7 +112,7 @@ def _with_reach(seed: Seed) -> Seed:
     straight = np.flatnonzero(off < _STRAIGHT)
     best = int(straight[0] if straight.size else off.argmin())
     if not off[best] < _BENT:
-        raise ValueError(
+        raise NotSmooth(
             "The map is not smooth near the orbit: it nearly grazes a stop, sticks, or meets one just at its start. Take an orbit "
             "beside, at another parameter, or another `phase` of `vx.periodic_orbit`."
         )

@@ -11,11 +11,11 @@ from .._jax.arrays import Count, real_number, refuse_single_precision, whole_num
 from .._jax.concrete import concrete
 from .._jax.xla import padding_allowed
 from .._orbits.orbit import PeriodicOrbit
-from .._orbits.reversal import StateMap
 from .._progress import interrupt_with_result, tqdm
-from .manifold_growth import CurveGrowth
-from .manifold_points import is_known
-from .manifold_starts import Kind, Names, kinds_of, seeds_of
+from .curve_points import is_known
+from .growth import CurveGrowth
+from .reversal import StateMap
+from .seeds import Kind, Names, kinds_of, seeds_of
 
 # Default length and spacing, relative to the size of the motion.
 _LENGTH, _SPACING = 20.0, 0.01
@@ -81,9 +81,9 @@ def manifolds(
         D. Hobson, J. Comput. Phys. 104 (1993) 14; Z. You, E. J. Kostelich & J. A. Yorke, Int. J. Bifurcation Chaos 1 (1991)
         605; B. Krauskopf & H. M. Osinga, J. Comput. Phys. 146 (1998) 404.
     """
-    _check_orbit(orbit)
+    check_saddle(orbit)
     kinds = kinds_of(orbit, which)
-    size = _size(orbit)
+    size = size_of(orbit)
     longest, near = (
         _positive("length", length, _LENGTH * size),
         _positive("spacing", spacing, _SPACING * size),
@@ -102,7 +102,7 @@ def manifolds(
     return result_so_far()
 
 
-def _check_orbit(orbit: PeriodicOrbit) -> None:
+def check_saddle(orbit: PeriodicOrbit) -> None:
     """Refuse orbits at which the map has no saddle."""
     if not isinstance(orbit, PeriodicOrbit) or concrete(orbit.period) is None or np.ndim(orbit.period):
         raise ValueError("Argument `orbit` must be one orbit, as `vx.periodic_orbit` returns it.")
@@ -119,7 +119,7 @@ def _check_orbit(orbit: PeriodicOrbit) -> None:
         )
 
 
-def _size(orbit: PeriodicOrbit) -> float:
+def size_of(orbit: PeriodicOrbit) -> float:
     """Size of an orbit, in (W x, v)."""
     speeds = np.asarray(orbit.events.velocity_minus)
     parts = [

@@ -20,18 +20,18 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from .._flow.interface import AbstractFlow
 from .._jax.xla import compile_lightly
+from .._orbits.maps import monodromy_matrix, stroboscopic_map
+from .._orbits.orbit import PeriodicOrbit
 from .._system.compliant import AbstractCompliantLimit
 from .._system.contact import AbstractRigidLimit
 from .._system.force import BoundForce
 from .._system.restitution import AbstractRestitution
 from .._system.system import ImpactSystem
-from .maps import monodromy_matrix, stroboscopic_map
-from .orbit import PeriodicOrbit
 
 # Bound on the steps of a forcing period, forwards and backwards, where impacts may accumulate without end.
 _STEPS = {1: 100_000, -1: 1000}
-# States are computed so many at once, so that two programs serve all calls.
-_BATCHES = 32, 512
+# States are computed so many at once, so that one program serves all calls.
+BATCH = 128
 
 
 class ReversedForce(eqx.Module):
@@ -115,10 +115,8 @@ class StateMap(NamedTuple):
         factors = self.scale * np.repeat([1.0, self.sign], len(self.scale) // 2)
         most, count = jnp.asarray(_STEPS[self.sign]), jnp.asarray(num_periods)
         ends = []
-        for part in np.split(z, range(_BATCHES[-1], len(z), _BATCHES[-1])) if len(z) else []:
-            full = (
-                np.resize(part, (next(size for size in _BATCHES if len(part) <= size), z.shape[1])) / factors
-            )
+        for part in np.split(z, range(BATCH, len(z), BATCH)) if len(z) else []:
+            full = np.resize(part, (BATCH, z.shape[1])) / factors
             states = _many(self.system, full, count, self.phase, most, self.flow, self.args)
             ends.append(np.asarray(states)[: len(part)] * factors)
         return np.concatenate(ends) if ends else np.array(z, float)
