@@ -127,10 +127,6 @@ def continuation(
 
     options = following(max_points, monitor, stop, step, tolerance)
     wanted = {}
-    if quantities and any(start.is_autonomous for start in starts):
-        raise ValueError(
-            "Argument `quantities` is for driven machines: leave it out, and use `branch.orbit(k).solution()`."
-        )
     for start in starts:
         wanted = checked_cycle_quantities(quantities, start.system) | options.watched.monitors
 

@@ -19,6 +19,7 @@ from .._execution.runner import Counts
 from .._execution.settings import DEFAULT_SETTINGS
 from .._flow.interface import AbstractFlow
 from .._jax.xla import padding_allowed
+from .._orbits.autonomous import with_unit
 from .._sweep.quantities import checked_quantities
 from .._sweep.zipped import START, sweep_zipped
 from .._system.parameters import set_parameter
@@ -32,6 +33,7 @@ Quantity = str | Callable[[Solution], Any]
 Quantities = Sequence[str] | Mapping[str, Quantity]
 # Distance of a run from its start after the cycle, relative to the motion, beyond which it has left the orbit.
 _LEFT = 1e-6
+_FREQUENCY = "forcing.frequency"
 # Room for events in a cycle beside those of the branch: a run may have other bounces of a chatter.
 _SPARE = 64
 
@@ -148,8 +150,11 @@ class _Cycles:
     """Orbits at the points of a branch that the machine follows."""
 
     def __init__(self, system: ImpactSystem, points: xr.Dataset, flow: AbstractFlow | None):
-        self.system, self.points, self.flow = system, points, flow
-        self.path, self.num_periods = points.attrs["path"], int(points.attrs["num_periods"])
+        self.points, self.flow, self.path = points, flow, points.attrs["path"]
+        self.is_autonomous = points.attrs["num_periods"] == 0
+        # A cycle without load is run as one forcing period, under a load that is constant.
+        self.system = with_unit(system, 1.0) if self.is_autonomous else system
+        self.num_periods = int(points.attrs["num_periods"]) or 1
         self.phase = 2 * np.pi * float(points.attrs["phase"])
         self.num_events = points.sizes["event"]
 
@@ -157,6 +162,8 @@ class _Cycles:
         """Quantities of all cycles, points first; NaN where the run leaves the orbit."""
         starts = self._starts()
         values = {self.path: self.points[self.path].values}
+        if self.is_autonomous:
+            values[_FREQUENCY] = 2 * np.pi / self.points["period"].values
         counts = _counts(self.num_periods, self.num_events)
         run = sweep_zipped(
             self.system,
@@ -188,6 +195,8 @@ class _Cycles:
         point = self.points.isel(point=k)
         start = np.concatenate([point["x0"].values, point["v0"].values])
         system = self._machine(point[self.path].values)
+        if self.is_autonomous:
+            system = with_unit(system, float(point["period"]))
         return run_of_cycle(system, self.num_periods, self.phase, start, self.flow, self.num_events)
 
     def _machine(self, value: Any) -> ImpactSystem:

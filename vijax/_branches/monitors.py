@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._flow.interface import AbstractFlow
+from .._orbits.autonomous import with_unit
 from .._orbits.sequence import Sequence
 from .._system.parameters import set_parameter
 from .._system.system import ImpactSystem
@@ -163,6 +164,8 @@ class WatchedWalk:
         family = self.family
         own: ImpactSystem = jax.tree.map(jnp.asarray, family.system)
         system = set_parameter(own, family.path, point.place.p * family.span)
+        if family.is_autonomous:
+            system = with_unit(system, float(np.sum(point.place.flights) * system.forcing.period))
         cycle = int(family.num_periods), 2 * np.pi * float(family.phase), np.asarray(point.seen.start)
         return run_of_cycle(system, *cycle, self.flow, room_for(len(point.sequence.kind)))
 
