@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
+import vijax as vx
 from vijax._flow.safe_step import Bound, safe_step
 
 
@@ -16,3 +17,19 @@ def test_an_event_within_a_short_step_is_found_however_loose_the_bound_of_a_long
     # The step is too short by the third order: rest * U / pull, with U the length of the trial.
     np.testing.assert_allclose(step, exact, rtol=1e-4)
     assert step < exact
+
+
+def test_a_mass_whose_motion_has_died_out_far_from_its_stop_delays_no_other_one():
+    """Its numbers are about the least that a double can hold, and their products are zero."""
+    stops = [
+        vx.Stop(0, 2.6e-4, "upper", 0.5),
+        vx.Stop(1, 6.1e-3, "upper", 0.3),
+        vx.Stop(0, -2.5e-3, "lower", 0.2),
+    ]
+    damping, stiffness = [[0.861695, 0], [0, 7.46116]], [[0.92007, 0], [0, 7.96661]]
+    system = vx.ImpactSystem([40.0407, 3.47004], damping, stiffness, vx.Harmonic([0.0, 0.0], 0.07), stops)
+    dead = vx.simulate(system, 0.0, 160.0, [-5e-7, 0.0], [5e-8, 0.0])
+    for x, v in ((-4.26e-307, 4.149e-306), (-3e-308, 0.0), (4e-307, 3e-306), (2e-306, -5e-306)):
+        sol = vx.simulate(system, 0.0, 160.0, [-5e-7, x], [5e-8, v])
+        np.testing.assert_allclose(sol.x1[0], dead.x1[0], rtol=1e-12)
+        assert sol.num_steps < 2 * dead.num_steps

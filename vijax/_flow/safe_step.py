@@ -66,6 +66,11 @@ def either(condition: Flag, a: Bound, b: Bound) -> Bound:
     return jax.tree.map(lambda new, old: jnp.where(condition, new, old), a, b)
 
 
+def lost_fall(dtype: jnp.dtype) -> float:
+    """Fall whose products underflow, so that its root is lost: a mass at rest far from its stop would seem to meet it."""
+    return float(jnp.finfo(dtype).tiny) ** 0.97
+
+
 def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]:
     """Longest step proved free of an event, and whether it ends on a root of the bound.
 
@@ -80,6 +85,7 @@ def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]
     """
     a0, a1 = bound.a0, bound.a1
     tiny = jnp.finfo(jnp.result_type(a0)).tiny
+    no_fall = lost_fall(jnp.result_type(a0))
     trial, step, is_root = limit, limit, jnp.zeros(jnp.shape(limit), bool)
     # A bound that falls by its remainder alone shows no event: a mass leaving with a jerk would seem to return.
     least = jnp.where(8 * bound.rest * short < -bound.a2, short, 0)
@@ -91,7 +97,7 @@ def safe_step(bound: Bound, limit: Scalar, short: Scalar) -> tuple[Scalar, Flag]
         # Form of the root without cancellation; one division, as divisions are slow.
         falls = a1 < 0
         over, under = jnp.where(falls, 2 * a0, a1 + root), jnp.where(falls, root - a1, 2 * fall)
-        never = (under_root < 0) | (~falls & (fall <= 0))
+        never = (under_root < 0) | (~falls & (fall <= no_fall))
         step = jnp.where(never, trial, jnp.minimum(over / jnp.maximum(under, tiny), trial))
         is_root = ~never & (step < trial) & (root > 0)
         trial = jnp.where(step > 0, jnp.minimum(limit, jnp.maximum(1.5 * step, least)), limit)

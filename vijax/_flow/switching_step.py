@@ -29,7 +29,7 @@ from .._machine.machine import Machine
 from .._machine.state import State
 from .._machine.switching import FRICTION
 from .interface import Expansion
-from .safe_step import Bound, either, safe_step
+from .safe_step import Bound, either, lost_fall, safe_step
 
 
 class Ahead(eqx.Module):
@@ -102,7 +102,8 @@ def _before_other_end(
     fall, slope = ahead.q3 * limit + ahead.h2, -ahead.h1
     square = slope * slope + 4 * jnp.maximum(fall, 0) * value
     step = (slope + jnp.sqrt(square)) / jnp.maximum(2 * fall, jnp.finfo(value.dtype).tiny)
-    return jnp.where(is_sticking(machine, state) & (fall > 0), jnp.maximum(step, nearly), limit)
+    falls = fall > lost_fall(value.dtype)
+    return jnp.where(is_sticking(machine, state) & falls, jnp.maximum(step, nearly), limit)
 
 
 def _safe_steps(
