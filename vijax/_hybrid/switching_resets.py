@@ -136,7 +136,10 @@ def _switch(
     arrives = (friction & (direction != 0) & events.first & ~is_struck) | is_stopped
     new = jnp.where(friction & is_struck, jnp.sign(speed), direction)
     direction = jnp.where(arrives, 0, new).astype(jnp.int8)
-    state = eqx.tree_at(lambda s: (s.mode.direction, s.held), state, (direction, stays & before.held))
+    # Friction beside a contact that held slides as soon as an impact tears that away.
+    contact = jnp.where(friction & is_set_off, jnp.int8(0), state.contact)
+    names = lambda s: (s.mode.direction, s.held, s.contact)  # noqa: E731
+    state = eqx.tree_at(names, state, (direction, stays & before.held, contact))
 
     chatter, none = no_chatter(state), jnp.zeros_like(hit)
     if RIGID in contacts.laws.kinds:
