@@ -26,7 +26,15 @@ from .._machine.machine import Machine, state_before_contact
 from .._machine.state import KEPT_CLOSED, State
 from .._system.checks import is_touching
 from .complementarity import solve_complementarity
-from .sticking import chatter_is_complete, chatter_time, is_light, is_pressed, usual_speeds
+from .sticking import (
+    chatter_is_complete,
+    chatter_time,
+    is_disturbed,
+    is_light,
+    is_negligible,
+    is_pressed,
+    usual_speeds,
+)
 from .transition import Instant
 
 
@@ -185,7 +193,8 @@ def _complete_chatter(
     is_linked = jnp.any((contacts.compliance != 0) & is_hit[None], axis=1)
     is_joint = jnp.any(is_near & is_linked, axis=0) & jnp.all(is_complete[0] | ~both[0], axis=0)
     completed, duration = (jnp.where(is_joint, a[0], a[1]) for a in (is_complete, durations))
-    return completed, duration
+    is_met = ~is_joint & is_disturbed(machine, state, hit, completed, duration)
+    return completed & (~is_met | is_negligible(machine, state, instant.velocity_plus)), duration
 
 
 def _chatter_completion(

@@ -26,12 +26,14 @@ from .._machine.small_matrices import diagonal
 from .._machine.state import State
 from .._machine.switching import FRICTION
 from .friction_limits import sliding_velocity
-from .sticking import chatter_is_complete, is_light
+from .sticking import chatter_is_complete, is_disturbed, is_light, is_negligible
 from .transition import Instant
 
 # Largest velocity of sliding, relative to that of the bounces, that they turn: the forces change it by some tens of the
 # latter until all bounces are over.
 _TURNED = 100.0
+# Share by which rows that are not parallel differ.
+_PARALLEL = 1e-9
 
 
 class Chatter(NamedTuple):
@@ -59,10 +61,13 @@ def complete_chatter(machine: Machine, state: State, instant: Instant) -> Chatte
     contacts = machine.contacts
     bouncing = instant.hit & is_light(instant.velocity_plus)
     # Friction that the bounces turn: as light as they are, and of the same masses. It slides on where all slide together.
-    links = (contacts.compliance != 0) & bouncing[None]
-    most = _TURNED * jnp.max(jnp.where(links, jnp.abs(instant.velocity_plus)[None], 0), axis=1)
+    square, own = contacts.compliance**2, diagonal(contacts.compliance)
+    links = (square > 0) & bouncing[None]
+    is_parallel = links & (square >= (1 - _PARALLEL) * own[:, None] * own[None])
+    most = _TURNED * jnp.max(jnp.where(is_parallel, jnp.abs(instant.velocity_plus)[None], 0), axis=1)
     sliding, direction = sliding_velocity(machine, state), state.mode.direction
-    turns = contacts.are(FRICTION) & (direction != 0) & is_light(sliding) & (jnp.abs(sliding) <= most)
+    slides = contacts.are(FRICTION) & (direction != 0)
+    turns = slides & is_light(sliding) & (jnp.abs(sliding) <= most)
     both = jnp.stack([direction, jnp.where(turns, -direction, direction)])
     hold = machine.hold(state.held | bouncing)
 
@@ -79,6 +84,14 @@ def complete_chatter(machine: Machine, state: State, instant: Instant) -> Chatte
     duration = jnp.where(is_ending, duration, jnp.inf)
     is_complete = chatter_is_complete(speed, fall, fall_rate, duration, machine.in_mode(state).rate)
     completed = bouncing & is_complete
+    in_motion = machine.in_mode(state)
+    is_met = is_disturbed(in_motion, state, instant.hit, completed, duration)
+    # Other friction that stops before they are over.
+    time = jnp.max(jnp.where(completed, duration, 0), axis=0, initial=0.0)
+    pull = contacts.free_pull(in_motion.total_force(state), state.phase)
+    stops_first = slides & ~turns & (jnp.abs(sliding) <= time * jnp.abs(pull))
+    is_met = is_met | jnp.any(stops_first & jnp.any(links & completed[None], axis=1), axis=0)
+    completed = completed & (~is_met | is_negligible(in_motion, state, speed))
     duration = jnp.where(completed, duration, 0)
     stops = turns & jnp.any((contacts.compliance != 0) & completed[None], axis=1)
     longest = jnp.max(duration, axis=0, initial=0.0)

@@ -15,6 +15,9 @@ from .._machine.state import State
 from .._system.contact import AbstractRigidLimit
 from .._system.system import ImpactSystem
 
+# Share of a light velocity that is negligible.
+_LIGHTER = 1e6
+
 
 def can_any_stick(system: ImpactSystem, x0: Array | np.ndarray, v0: Array | np.ndarray) -> bool:
     """Test whether any stop might hold its mass: r < 1, or the mass starts at rest on it.
@@ -84,9 +87,38 @@ def chatter_is_complete(
     return is_light(speed) & is_short & (approach > 0) & presses_on & jnp.isfinite(duration)
 
 
+def is_disturbed(
+    machine: Machine,
+    state: State,
+    hit: Bool[Array, "stops ..."],
+    completed: Bool[Array, "stops ..."],
+    duration: Float[Array, "stops ..."],
+) -> Bool[Array, "..."]:
+    """Test whether another contact of the same masses is met before the bounces of completed ones are over.
+
+    What they leave out is then of the order of their speed, and they are followed on until that is negligible.
+    """
+    contacts = machine.contacts
+    time = jnp.max(jnp.where(completed, duration, 0), axis=0, initial=0.0)
+    pull = contacts.free_pull(machine.total_force(state), state.phase)
+    way = time * (machine.approach(state) + time * jnp.maximum(pull, 0) / 2)
+    is_linked = jnp.any((contacts.compliance != 0) & completed[None], axis=1)
+    is_open = contacts.is_rigid & ~hit & ~state.held & ~state.is_kept_closed
+    return jnp.any(is_open & is_linked & (way > state.gap), axis=0)
+
+
 def is_light(velocity: Float[Array, "stops ..."]) -> Bool[Array, "stops ..."]:
     """Test whether an impact that leaves this velocity may be the last before sticking."""
     return jnp.abs(velocity) <= _light(velocity)
+
+
+def is_negligible(
+    machine: Machine, state: State, velocity: Float[Array, "stops ..."]
+) -> Bool[Array, "stops ..."]:
+    """Test whether an impact that leaves this velocity may be the last whatever else happens."""
+    contacts = machine.contacts
+    pull = contacts.size(jnp.abs(contacts.inverse_mass_times(machine.total_force(state))))
+    return is_light(_LIGHTER * velocity) & is_light(_LIGHTER * velocity * machine.rate / pull)
 
 
 def _light(velocity: Array) -> float:
