@@ -76,7 +76,10 @@ def switched_end(
     speed = -slope / jnp.where(jnp.any(is_friction & at_event), machine.frequency, 1)
     hit = at_event & (kind == IMPACT)
     x, v = after_event(machine, end, hit, after)
-    moved = contacts.gap_moved(gap, of_motion & ~is_friction, x - end.x)
+    # Gaps and positions agree also where the cycle is not found yet: Newton's method would solve one event after another.
+    is_met = of_motion & ~is_friction & (kind != NOTHING)
+    x = contacts.with_closed_gaps(x, is_met, end.phase)
+    moved = contacts.gap_moved(gap, is_met, x - end.x)
     gap = jnp.where((after == HELD) & ~is_friction, 0, jnp.where(is_friction, 1, moved))
     speed = jnp.where((kind != NOTHING) & jnp.any(of_motion), speed, 0)
     speed = jnp.where(kind == TURN, _push_beyond_grip(machine, end, at_event, after), speed)
