@@ -13,8 +13,10 @@ from .machines import Shape, in_other_units, machine, mirrored
 
 # Number of saved states, room for events, and relative rounding that a step may add.
 SAVED, ROOM, ROUNDING = 33, 256, 1e-11
-# A disturbance by which the growth of errors is measured; motions in which it grows more are compared no further.
-DISTURBANCE, MOST_GROWTH = 1e-8, 1e5
+# Disturbances by which the growth of errors is measured; motions in which one grows more are compared no further.
+DISTURBANCES, MOST_GROWTH = (1e-8, -1e-11), 1e5
+# Size of a motion that has died out: the squares of smaller numbers are zero.
+DEAD = 1e-150
 # Forcing periods after which a motion is taken to be settled, and the relative distance at which it repeats.
 SETTLED, NEARLY = 300, 1e-4
 # Range of the frequency of a branch, relative; most points of it; the largest multiplier of an orbit that a run repeats.
@@ -202,7 +204,8 @@ def _faults(shape: Shape, a: dict, k: int, orbit: vx.PeriodicOrbit) -> list[tupl
     lack, size = np.abs(last - start - moved).max(), 1e-9 * largest * (np.abs(start).max() + 1e-3)
     found = [] if lack <= size else [("closing of an orbit", float(lack / size))]
     kinds = np.asarray(sol.events.kind[: int(sol.num_events)])
-    if shape.is_switching or shape.is_moving or (kinds != vx.IMPACT).any():
+    is_held = bool(np.asarray(sol.stuck1).any())
+    if is_held or shape.is_switching or shape.is_moving or (kinds != vx.IMPACT).any():
         return found
     # Liouville: a flight loses volume by the damper, an impact by the square of its restitution.
     mass = a["mass"][k] if shape.is_full else np.diag(a["mass"][k])
@@ -222,7 +225,10 @@ def _codes(a: dict, whole: Run) -> list[Failure]:
     # On an elastic stop, and where a preload sets in, bounces shrink only as dampers take energy: the motion comes to
     # rest after infinitely many of them, never at once.
     is_elastic = (np.concatenate([a["restitution"], a["contact_restitution"]], axis=1) == 1).any(axis=1)
-    bounces = (is_elastic | (a["preload"] > 0).any(axis=1)) & (whole.result == _code("max_steps_reached"))
+    # A motion without load dies out until the squares of its numbers underflow.
+    is_dead = np.nanmin(np.abs(whole.vs).max(axis=2), axis=1) < DEAD
+    is_endless = is_elastic | (a["preload"] > 0).any(axis=1) | is_dead
+    bounces = is_endless & (whole.result == _code("max_steps_reached"))
     return [
         Failure(f"result {code}", int(k), 1.0)
         for k, code in enumerate(whole.result)
@@ -294,16 +300,17 @@ def _energy(shape: Shape, a: dict, whole: Run, is_sound: np.ndarray) -> list[Fai
 
 
 def _growth(shape: Shape, a: dict, whole: Run, begin, end, is_sound: np.ndarray) -> np.ndarray:
-    """Growth of a disturbance of the start and the forces until the end; infinite where the events change.
+    """Largest growth of disturbances of the start and the forces until the end; infinite where the events change.
 
-    A stick erases what the start was disturbed by: forces are disturbed all the way.
+    A stick erases what the start was disturbed by: forces are disturbed all the way. Every mass is disturbed differently: a motion
+    without load is as stable as any if all of it is scaled.
     """
-    growth = np.zeros(len(begin))
-    for sign in (1, -1):
-        factor = 1 + sign * DISTURBANCE
+    growth, shares = np.zeros(len(begin)), np.cos(1.0 + 3.0 * np.arange(shape.masses))
+    for disturbance in DISTURBANCES:
+        factor = 1 + disturbance
         disturbed = {**a, "stiffness": a["stiffness"] * factor, "amplitude": a["amplitude"] / factor}
-        near = run(shape, disturbed, begin, end, None, a["v0"] * factor)
-        size = DISTURBANCE * (np.abs(a["v0"]).max(axis=1) + 1e-300)
+        near = run(shape, disturbed, begin, end, None, a["v0"] * (1 + disturbance * shares))
+        size = abs(disturbance) * (np.abs(a["v0"]).max(axis=1) + 1e-300)
         away = np.maximum(
             np.abs(near.xs - whole.xs).max(axis=(1, 2)), np.abs(near.vs - whole.vs).max(axis=(1, 2))
         )

@@ -104,6 +104,16 @@ def test_the_value_does_not_depend_on_the_phase_of_the_section():
     np.testing.assert_allclose(*values, rtol=1e-12)
 
 
+@pytest.mark.slow
+def test_motions_that_leave_for_ever_touch_nothing():
+    load = vx.Harmonic([0.45], 1.5)
+    falling = vx.ImpactSystem([1.0], [[2 * DAMPING]], [[-1.0]], load, [vx.Stop(0, 1.0, "upper", 0.8)])
+    branch = vx.continuation(saddle_of(falling), "forcing.amplitude[0]", (0.45, 0.4575), progress=False)
+    found = vx.homoclinic_tangencies(branch, num_values=3, progress=False)
+    assert {*found["side"].values} == {1}
+    np.testing.assert_allclose(found["forcing.amplitude[0]"], touching_amplitude(1.5, 0.8), rtol=1e-13)
+
+
 def test_branches_without_saddles_are_refused():
     system = vx.ImpactSystem(
         [1.0], [[0.2]], [[1.0]], vx.Harmonic([0.1], 1.5), [vx.Stop(0, 1.0, "upper", 0.8)]

@@ -24,6 +24,8 @@ _NARROW, _MOST = 1e-10, 24
 _WIDE = 0.5
 # Distance from the saddle, relative to the farthest one, within which a turn counts.
 _NEAR = 0.5
+# Distance beyond which a motion is taken to leave for ever, relative to the size of the saddle.
+_FARTHEST = 1e3
 # Differences of offsets below which the curve is level, as where many motions stick and become one, relative to the farthest state.
 _LEVEL = 1e-9
 # The same where all of them are one number.
@@ -89,11 +91,15 @@ class Excursions:
             returns: maps beyond those that lead to the farthest states.
         """
         away = 0
-        offset, along, extent = self._offsets(self.motions(_PLACES, returns))
-        while away < self._maps_to(_NEAR * extent):
+        while True:
+            states = self.motions(_PLACES, away + returns)
+            extent = float(np.nanmax(np.linalg.norm(states - self.target, axis=-1)))
+            # Motions may leave for ever.
+            extent = min(extent, _FARTHEST * self.seed.size)
+            if away >= self._maps_to(_NEAR * extent):
+                break
             away = self._maps_to(_NEAR * extent)
-            offset, along, extent = self._offsets(self.motions(_PLACES, away + returns))
-        turns = []
+        (offset, along), turns = self._offsets(states), []
         for k in range(1, away + returns + 1):
             is_near = np.maximum(np.abs(offset[k]), along[k]) < _NEAR * extent
             is_near[1:] &= np.abs(np.diff(offset[k])) < _NEAR * extent / 2
@@ -114,7 +120,7 @@ class Excursions:
         low, high = near.place - width, near.place + width
         for _ in range(_MOST):
             places = np.linspace(low, high, BATCH)
-            offset, along, _ = self._offsets(self.ends(places, maps))
+            offset, along = self._offsets(self.ends(places, maps))
             values = near.sign * offset
             j = int(np.argmin(values))
             if not np.isfinite(values).all() or high - low > _WIDE:
@@ -144,12 +150,11 @@ class Excursions:
             return "jump"
         return "corner" if is_level.any() or (order < _SMOOTH).any() else "smooth"
 
-    def _offsets(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """Offsets from the stable manifold and distances along it, (..., places), and the largest distance of any state."""
+    def _offsets(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Offsets from the stable manifold, and distances along it, (..., places)."""
         away = states - self.target
         offset = away @ self.left
-        along = np.linalg.norm(away - offset[..., None] * self.direction, axis=-1)
-        return offset, along, float(np.nanmax(np.linalg.norm(away, axis=-1)))
+        return offset, np.linalg.norm(away - offset[..., None] * self.direction, axis=-1)
 
 
 def _minima(values: np.ndarray, level: float) -> np.ndarray:
