@@ -60,7 +60,7 @@ def complete_chatter(machine: Machine, state: State, instant: Instant) -> Chatte
     """Find light bounces that are sure to end."""
     contacts = machine.contacts
     bouncing = instant.hit & is_light(instant.velocity_plus)
-    # Friction that the bounces turn: as light as they are, and of the same masses. It slides on where all slide together.
+    # Friction that the bounces turn: as light as they are, and along the same motion. It slides on where all slide together.
     square, own = contacts.compliance**2, diagonal(contacts.compliance)
     links = (square > 0) & bouncing[None]
     is_parallel = links & (square >= (1 - _PARALLEL) * own[:, None] * own[None])
