@@ -18,7 +18,7 @@ from .._system.parameters import set_parameter
 from .excursions import Excursions, Turn
 from .growth import Seed
 from .manifolds import size_of
-from .seeds import NotSmooth, seeds_of
+from .seeds import Names, NotSmooth, seeds_of
 
 # Distance of the second value, and of that where manifolds would touch, in distances of two values.
 _BESIDE, _FORESEEN = 0.02, 1.5
@@ -76,10 +76,10 @@ class Saddles:
         order = points[np.argsort(branch.values[points], kind="stable")]
         middle = branch.orbit(int(order[len(order) // 2]))
         self.path, self.values = branch.path, branch.values[order]
-        self.names = [names for names, _ in seeds_of(middle, "unstable", size_of(middle), all_points=True)]
         self.phase = float(middle.phase)
         self._middle, self._starts = middle, _states(branch)[order]
-        self._first = _excursions(middle)
+        self.names, lines = _names_and_lines(middle)
+        self._first = _excursions(lines)
         self._known: dict[float, list[Excursions] | None] = {}
 
     @property
@@ -95,12 +95,18 @@ class Saddles:
     def at(self, value: float) -> list[Excursions] | None:
         """Motions from the saddle at a value; None if there is none on this part of the branch."""
         if value not in self._known:
-            orbit = self._orbit(value) if self.values[0] <= value <= self.values[-1] else None
-            try:
-                self._known[value] = orbit and _excursions(orbit, self._first)
-            except NotSmooth:
-                self._known[value] = None
+            self._known[value] = self._new(value) if self.values[0] <= value <= self.values[-1] else None
         return self._known[value]
+
+    def _new(self, value: float) -> list[Excursions] | None:
+        orbit = self._orbit(value)
+        if orbit is None:
+            return None
+        try:
+            lines = _names_and_lines(orbit)[1]
+        except NotSmooth:
+            return None
+        return _excursions([_like(*both) for both in zip(lines, self._first, strict=True)])
 
     def _orbit(self, value: float) -> PeriodicOrbit | None:
         k, n = max(int(np.searchsorted(self.values, value)), 1), self._starts.shape[1] // 2
@@ -266,11 +272,14 @@ def _states(branch: Branch) -> np.ndarray:
     return np.concatenate([branch.points["x0"].values, branch.points["v0"].values], axis=1)
 
 
-def _excursions(orbit: PeriodicOrbit, first: list[Excursions] | None = None) -> list[Excursions]:
-    """Motions from each side and point of a saddle, in the order of the first ones."""
-    lines = [seed for _, seed in seeds_of(orbit, "unstable", size_of(orbit), all_points=True)]
-    if first is not None:
-        lines = [_like(*both) for both in zip(lines, first, strict=True)]
+def _names_and_lines(orbit: PeriodicOrbit) -> tuple[list[Names], list[Seed]]:
+    """Each side and point of a saddle, and the line on which motions leave it there."""
+    seeds = seeds_of(orbit, "unstable", size_of(orbit), all_points=True)
+    return [names for names, _ in seeds], [seed for _, seed in seeds]
+
+
+def _excursions(lines: list[Seed]) -> list[Excursions]:
+    """Motions that leave a saddle on some lines, the first of them at its first point."""
     left = _left_eigenvector(lines[0])
     return [Excursions(line, lines[0].saddle, lines[0].direction, left) for line in lines]
 
